@@ -1,0 +1,1 @@
+"""What decides each tick: navigator, supervisor, limiter, kinematics."""

@@ -1,0 +1,1 @@
+"""What the world is: occupancy grid, distance field, map files, named places."""

@@ -1,0 +1,40 @@
+"""Where cells lie: indices are (row=y, col=x) of `OccupancyGrid.cells`, points (N, 2) [m] are in the map frame."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from waychair.geometry import transform_points
+from waychair.types import BoolArray, FloatArray, IntArray, OccupancyGrid
+
+OCCUPIED_FROM = 65
+"""Smallest value of an occupied cell [%] (map_server's default occupied_thresh)."""
+
+
+def cells_from_points(grid: OccupancyGrid, points: FloatArray) -> IntArray:
+    """(N, 2) row and column of the cells that hold the points; not limited to the grid's extent."""
+    local = transform_points(grid.map_from_grid.inverse(), np.atleast_2d(points))
+    return np.floor(local[:, ::-1] / grid.resolution).astype(np.int64)
+
+
+def points_from_cells(grid: OccupancyGrid, cells: IntArray) -> FloatArray:
+    """(N, 2) centres [m] of cells given as (N, 2) row and column."""
+    local = (np.atleast_2d(cells)[:, ::-1] + 0.5) * grid.resolution
+    return transform_points(grid.map_from_grid, local)
+
+
+def inside(grid: OccupancyGrid, cells: IntArray) -> BoolArray:
+    """(N,) whether each (row, column) lies in the grid."""
+    result: BoolArray = ((cells >= 0) & (cells < grid.cells.shape)).all(axis=1)
+    return result
+
+
+def occupied(grid: OccupancyGrid) -> BoolArray:
+    """(H, W) cells that are surely occupied."""
+    result: BoolArray = grid.cells >= OCCUPIED_FROM
+    return result
+
+
+def occupied_points(grid: OccupancyGrid) -> FloatArray:
+    """(N, 2) centres [m] of the occupied cells."""
+    return points_from_cells(grid, np.argwhere(occupied(grid)))

@@ -1,0 +1,121 @@
+"""Configuration: frozen dataclasses of `setting`s, read from YAML strictly and dumped with their units.
+
+    @dataclass(frozen=True, slots=True)
+    class GridSettings(Settings):
+        resolution: float = setting(0.05, "m", "side of a cell", low=0.005, high=1.0)
+
+An unknown key, a wrong type or an impossible value is a `ConfigError` that names the key and what would be right.
+"""
+
+from __future__ import annotations
+
+import dataclasses
+import difflib
+import math
+from collections.abc import Mapping
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any, TypeVar
+
+import msgspec
+import yaml
+
+from waychair.errors import ConfigError
+from waychair.files import write_text
+
+T = TypeVar("T")
+S = TypeVar("S", bound="Settings")
+
+
+def setting(default: T, unit: str, about: str, *, low: float = -math.inf, high: float = math.inf) -> T:
+    """A dataclass field with its unit, what it is for, and its closed range of possible values."""
+    metadata = {"unit": unit, "about": about, "low": low, "high": high}
+    return dataclasses.field(default=default, metadata=metadata)  # type: ignore[return-value]
+
+
+@dataclass(frozen=True, slots=True)
+class Settings:
+    """Base of all configurations: rejects impossible values when it is made."""
+
+    def __post_init__(self) -> None:
+        for entry in dataclasses.fields(self):
+            value = getattr(self, entry.name)
+            if isinstance(value, bool) or not isinstance(value, int | float):
+                continue
+            low, high = entry.metadata.get("low", -math.inf), entry.metadata.get("high", math.inf)
+            if not (math.isfinite(value) and low <= value <= high):
+                unit = entry.metadata.get("unit", "")
+                raise ConfigError(f"{entry.name} = {value} is impossible: it must lie in [{low:g}, {high:g}] {unit}")
+
+
+def from_mapping(cls: type[S], values: Mapping[str, Any], where: str = "configuration") -> S:
+    """Settings from nested mappings; missing keys keep their defaults.
+
+    Raises:
+        ConfigError: unknown key (with the nearest known one), wrong type, impossible value.
+    """
+    _refuse_unknown_keys(cls, values, where)
+    try:
+        return msgspec.convert(dict(values), cls)
+    except msgspec.ValidationError as error:
+        raise ConfigError(f"{where}: {error}") from error
+
+
+def load(cls: type[S], path: Path) -> S:
+    """Settings from a YAML file; an empty file gives the defaults.
+
+    Raises:
+        ConfigError: the file is missing, is not YAML, or holds what `from_mapping` refuses.
+    """
+    try:
+        values = yaml.safe_load(path.read_text(encoding="utf-8"))
+    except (OSError, UnicodeDecodeError) as error:
+        raise ConfigError(f"cannot read the configuration {path}: {error}") from error
+    except yaml.YAMLError as error:
+        raise ConfigError(f"{path} is not YAML: {' '.join(str(error).split())}") from error
+    if values is None:
+        values = {}
+    if not isinstance(values, dict):
+        raise ConfigError(f"{path} must hold `key: value` lines, not a {type(values).__name__}")
+    return from_mapping(cls, values, str(path))
+
+
+def dump(settings: Settings) -> str:
+    """YAML text of all values in force, each with its unit and meaning as a comment; `load` reads it back."""
+    return "\n".join(_lines(settings, "")) + "\n"
+
+
+def save(settings: Settings, path: Path) -> None:
+    """Write `dump` to a file."""
+    write_text(path, dump(settings))
+
+
+def _lines(settings: Settings, indent: str) -> list[str]:
+    lines = []
+    for entry in dataclasses.fields(settings):
+        value = getattr(settings, entry.name)
+        if isinstance(value, Settings):
+            lines += [f"{indent}{entry.name}:", *_lines(value, indent + "  ")]
+            continue
+        text = yaml.safe_dump(_plain(value), default_flow_style=True, width=10_000).removesuffix("...\n").strip()
+        comment = ", ".join(filter(None, (entry.metadata.get("unit"), entry.metadata.get("about"))))
+        lines.append(f"{indent}{entry.name}: {text}" + (f"  # {comment}" if comment else ""))
+    return lines
+
+
+def _plain(value: Any) -> Any:
+    return [_plain(item) for item in value] if isinstance(value, tuple) else value
+
+
+def _refuse_unknown_keys(cls: type[Settings], values: Mapping[str, Any], where: str) -> None:
+    known = {entry.name: entry for entry in dataclasses.fields(cls)}
+    for key, value in values.items():
+        if key not in known:
+            near = difflib.get_close_matches(str(key), known, n=1, cutoff=0.0)
+            hint = f"did you mean '{near[0]}'?" if near else "it takes no keys"
+            raise ConfigError(f"{where}: unknown key '{key}'; {hint}")
+        default = known[key].default_factory
+        if isinstance(default, type) and issubclass(default, Settings):
+            if not isinstance(value, Mapping):
+                raise ConfigError(f"{where}: {key} must hold `key: value` lines, not {value!r}")
+            _refuse_unknown_keys(default, value, f"{where}: {key}")

@@ -1,0 +1,86 @@
+"""Every failure a caller can act on has a name, under one root.
+
+A message says what happened, with the value, and what to do about it. The command line prints it as one sentence.
+"""
+
+from __future__ import annotations
+
+
+class WaychairError(Exception):
+    """Root of all errors that waychair raises on purpose."""
+
+
+class ConfigError(WaychairError):
+    """A configuration file or value is impossible or unknown."""
+
+
+class RecordingError(WaychairError):
+    """A recording cannot be read or written."""
+
+
+class RecordingNotFound(RecordingError):
+    """There is no recording at this path."""
+
+
+class RecordingDamaged(RecordingError):
+    """The recording is empty, truncated or not of a known format."""
+
+
+class NoScans(RecordingError):
+    """The recording holds no laser scans, so no map can be made of it."""
+
+
+class MapError(WaychairError):
+    """A map folder, image or YAML cannot be read or written."""
+
+
+class MapNotFound(MapError):
+    """There is no map at this path."""
+
+
+class PlaceError(WaychairError):
+    """A list of named places is broken."""
+
+
+class UnknownPlace(PlaceError):
+    """No place has this name."""
+
+
+class WorldError(WaychairError):
+    """A simulated world's file is broken."""
+
+
+class CalibrationError(WaychairError):
+    """A calibration cannot be used."""
+
+
+class CalibrationMismatch(CalibrationError):
+    """The calibration belongs to another chair."""
+
+
+class PlanningError(WaychairError):
+    """No path can be given."""
+
+
+class StartOutsideMap(PlanningError):
+    """The start lies outside the map."""
+
+
+class StartOccupied(PlanningError):
+    """The chair does not fit where it stands."""
+
+
+class GoalOutsideMap(PlanningError):
+    """The goal lies outside the map."""
+
+
+class GoalOccupied(PlanningError):
+    """The chair does not fit at the goal."""
+
+
+class NoPath(PlanningError):
+    """Start and goal are not connected by free space wide enough for the chair."""
+
+
+class OutputError(WaychairError):
+    """A result cannot be written where it was asked for."""

@@ -1,0 +1,74 @@
+"""Planar geometry on arrays: poses are (..., 3) float64 [m, m, rad], points (..., 2) [m]; `a_from_b` transforms."""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+
+from waychair.types import FloatArray, Pose2
+
+
+def wrap_angle(angle: float) -> float:
+    """The same angle in (-pi, pi]."""
+    wrapped = math.remainder(angle, math.tau)
+    return math.pi if wrapped == -math.pi else wrapped
+
+
+def wrap_angles(angles: FloatArray) -> FloatArray:
+    """Angles (...) wrapped to (-pi, pi]."""
+    wrapped: FloatArray = np.pi - np.mod(np.pi - angles, 2 * np.pi)
+    return wrapped
+
+
+def compose(a_from_b: FloatArray, b_from_c: FloatArray) -> FloatArray:
+    """`a_from_c` of poses (..., 3), broadcast against each other."""
+    a, b = np.broadcast_arrays(np.asarray(a_from_b, float), np.asarray(b_from_c, float))
+    c, s = np.cos(a[..., 2]), np.sin(a[..., 2])
+    return np.stack(
+        [
+            a[..., 0] + c * b[..., 0] - s * b[..., 1],
+            a[..., 1] + s * b[..., 0] + c * b[..., 1],
+            wrap_angles(a[..., 2] + b[..., 2]),
+        ],
+        axis=-1,
+    )
+
+
+def invert(a_from_b: FloatArray) -> FloatArray:
+    """`b_from_a` of poses (..., 3)."""
+    a = np.asarray(a_from_b, float)
+    c, s = np.cos(a[..., 2]), np.sin(a[..., 2])
+    return np.stack(
+        [-c * a[..., 0] - s * a[..., 1], s * a[..., 0] - c * a[..., 1], wrap_angles(-a[..., 2])], axis=-1
+    )
+
+
+def transform_points(a_from_b: Pose2, points_b: FloatArray) -> FloatArray:
+    """Points (N, 2) of frame b in frame a."""
+    return points_b @ rotation(a_from_b.theta).T + (a_from_b.x, a_from_b.y)
+
+
+def rotation(theta: float) -> FloatArray:
+    """(2, 2) rotation matrix."""
+    c, s = math.cos(theta), math.sin(theta)
+    return np.array([[c, -s], [s, c]])
+
+
+def pose_from_array(pose: FloatArray) -> Pose2:
+    """`Pose2` of an (3,) array."""
+    return Pose2(float(pose[0]), float(pose[1]), float(pose[2]))
+
+
+def interpolate(start: Pose2, end: Pose2, fraction: float) -> Pose2:
+    """Straight in x, y and the short way round in theta; fraction 0 is start, 1 is end."""
+    return Pose2(
+        start.x + fraction * (end.x - start.x),
+        start.y + fraction * (end.y - start.y),
+        wrap_angle(start.theta + fraction * wrap_angle(end.theta - start.theta)),
+    )
+
+
+def rectangle(front: float, rear: float, half_width: float) -> FloatArray:
+    """Corners (4, 2) [m], counter-clockwise, of a body reaching `front` ahead of and `rear` behind its origin."""
+    return np.array([[front, half_width], [-rear, half_width], [-rear, -half_width], [front, -half_width]])

@@ -1,0 +1,80 @@
+"""The system as a table: every message between the parts of a chair, its type, its rate and when it is stale.
+
+The names follow REP-103/105 and Nav2, so that the ROS shell publishes them as they are. Liveness is computed from the
+declared rate: a topic is stale when its last message is older than `patience` periods.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+from waychair.types import (
+    Goal,
+    Health,
+    ImuSample,
+    JoystickInput,
+    OccupancyGrid,
+    Odometry,
+    Path,
+    RgbdFrame,
+    Scan,
+    Sent,
+    SonarReadings,
+    Telemetry,
+    Twist,
+    WheelTicks,
+)
+
+
+@dataclass(frozen=True, slots=True)
+class Topic:
+    """One kind of message: its name, type and nominal rate [Hz] (0: sent when it changes)."""
+
+    name: str
+    type: type
+    rate_hz: float
+    patience: float = 3.0
+
+    def max_age_ns(self) -> int | None:
+        """Age [ns] beyond which the last message is stale; None for topics without a rate."""
+        return None if self.rate_hz == 0 else round(self.patience * 1e9 / self.rate_hz)
+
+    def is_stale(self, stamp_ns: int | None, now_ns: int) -> bool:
+        """Whether a message of that stamp (None: never received) is too old, or lies in the future by as much."""
+        limit = self.max_age_ns()
+        if limit is None:
+            return False
+        return stamp_ns is None or abs(now_ns - stamp_ns) > limit
+
+
+SCAN = Topic("scan", Scan, 10.0)
+WHEELS = Topic("wheel_ticks", WheelTicks, 50.0, patience=5.0)
+IMU = Topic("imu/data", ImuSample, 200.0, patience=10.0)
+CAMERA = Topic("camera", RgbdFrame, 15.0)
+SONAR = Topic("sonar", SonarReadings, 20.0)
+JOYSTICK = Topic("joystick", JoystickInput, 50.0, patience=5.0)
+ODOMETRY = Topic("odom", Odometry, 50.0, patience=5.0)
+MAP = Topic("map", OccupancyGrid, 0.0)
+GOAL = Topic("goal_pose", Goal, 0.0)
+PLAN = Topic("plan", Path, 0.0)
+COMMAND = Topic("cmd_vel", Twist, 20.0)
+SENT = Topic("sent", Sent, 20.0)
+TELEMETRY = Topic("telemetry", Telemetry, 50.0, patience=5.0)
+HEALTH = Topic("health", Health, 1.0)
+
+TOPICS: tuple[Topic, ...] = (
+    SCAN,
+    WHEELS,
+    IMU,
+    CAMERA,
+    SONAR,
+    JOYSTICK,
+    ODOMETRY,
+    MAP,
+    GOAL,
+    PLAN,
+    COMMAND,
+    SENT,
+    TELEMETRY,
+    HEALTH,
+)

@@ -1,0 +1,274 @@
+"""The nouns: every value that crosses a room's door is one of these frozen dataclasses.
+
+Units are metres, radians in (-pi, pi], volts; times are integer nanoseconds (`stamp_ns`). The base frame is x forward,
+y left, z up (REP-103) with its origin in the middle of the drive axle; frames are map -> odom -> base_link -> sensors
+(REP-105). A transform is named `a_from_b` and takes coordinates in b to coordinates in a. Arrays are not copied and
+must not be written to by whoever receives them.
+"""
+
+from __future__ import annotations
+
+import enum
+import math
+from dataclasses import dataclass, field
+from typing import Any, TypeAlias
+
+import numpy as np
+from numpy.typing import NDArray
+
+FloatArray: TypeAlias = NDArray[np.float64]
+Float32Array: TypeAlias = NDArray[np.float32]
+IntArray: TypeAlias = NDArray[np.int64]
+BoolArray: TypeAlias = NDArray[np.bool_]
+Bytes: TypeAlias = NDArray[np.uint8]
+Cells: TypeAlias = NDArray[np.int8]
+
+UNKNOWN = -1
+"""Value of an unknown cell in `OccupancyGrid.cells` (nav_msgs/OccupancyGrid)."""
+
+
+@dataclass(frozen=True, slots=True)
+class Pose2:
+    """Pose in the plane: x, y [m], theta [rad]."""
+
+    x: float = 0.0
+    y: float = 0.0
+    theta: float = 0.0
+
+    def __matmul__(self, other: Pose2) -> Pose2:
+        """Composition: `a_from_c = a_from_b @ b_from_c`, theta wrapped to (-pi, pi]."""
+        c, s = math.cos(self.theta), math.sin(self.theta)
+        theta = math.remainder(self.theta + other.theta, math.tau)
+        return Pose2(
+            self.x + c * other.x - s * other.y,
+            self.y + s * other.x + c * other.y,
+            math.pi if theta == -math.pi else theta,
+        )
+
+    def inverse(self) -> Pose2:
+        """`b_from_a` of `a_from_b`."""
+        c, s = math.cos(self.theta), math.sin(self.theta)
+        return Pose2(-c * self.x - s * self.y, s * self.x - c * self.y, -self.theta)
+
+    def array(self) -> FloatArray:
+        """(3,) float64: x, y, theta."""
+        return np.array([self.x, self.y, self.theta])
+
+
+@dataclass(frozen=True, slots=True)
+class Pose3:
+    """Pose in space: rotation (3, 3), translation (3,) [m]."""
+
+    rotation: FloatArray
+    translation: FloatArray
+
+    def planar(self) -> Pose2:
+        """Its x, y and yaw."""
+        yaw = math.atan2(self.rotation[1, 0], self.rotation[0, 0])
+        return Pose2(float(self.translation[0]), float(self.translation[1]), yaw)
+
+
+@dataclass(frozen=True, slots=True)
+class Trajectory:
+    """Poses over time, in the order in which they were recorded: stamps_ns (N,) int64, poses (N, 3) [m, m, rad]."""
+
+    stamps_ns: IntArray
+    poses: FloatArray
+
+
+@dataclass(frozen=True, slots=True)
+class Twist:
+    """Velocity of the base in its own frame: v [m/s] forward, omega [rad/s] to the left."""
+
+    v: float = 0.0
+    omega: float = 0.0
+
+
+@dataclass(frozen=True, slots=True)
+class WheelSpeeds:
+    """Ground speed of the drive wheels [m/s], forward positive."""
+
+    left: float = 0.0
+    right: float = 0.0
+
+
+@dataclass(frozen=True, slots=True)
+class WheelTicks:
+    """Encoder counts of the drive wheels (32 bit, wrapping), forward positive."""
+
+    stamp_ns: int
+    left: int
+    right: int
+
+
+@dataclass(frozen=True, slots=True)
+class Scan:
+    """One planar laser scan; `stamp_ns` is the time of its first beam.
+
+    Beam i points at `angle_min + i * angle_step` [rad] in the laser frame, `i * time_step` [s] after the stamp.
+    `ranges` is (N,) float32 [m] by REP-117: +inf nothing seen, -inf too close, nan invalid.
+    """
+
+    stamp_ns: int
+    ranges: Float32Array
+    angle_min: float
+    angle_step: float
+    time_step: float = 0.0
+    range_min: float = 0.0
+    range_max: float = math.inf
+
+    def angles(self) -> FloatArray:
+        """(N,) beam angles [rad] in the laser frame."""
+        return self.angle_min + self.angle_step * np.arange(len(self.ranges))
+
+
+@dataclass(frozen=True, slots=True)
+class RgbdFrame:
+    """Registered colour and depth: rgb (H, W, 3) or gray (H, W) u8, depth (H, W) f32 [m] (nan none), camera (3, 3)."""
+
+    stamp_ns: int
+    image: Bytes
+    depth: Float32Array
+    camera_matrix: FloatArray
+
+
+@dataclass(frozen=True, slots=True)
+class ImuSample:
+    """REP-145: accel (3,) [m/s^2] with +g upwards at rest, gyro (3,) [rad/s]."""
+
+    stamp_ns: int
+    accel: FloatArray
+    gyro: FloatArray
+
+
+@dataclass(frozen=True, slots=True)
+class SonarReadings:
+    """Ranges of the K sonars, (K,) f32 [m]."""
+
+    stamp_ns: int
+    ranges: Float32Array
+
+
+@dataclass(frozen=True, slots=True)
+class Odometry:
+    """Dead reckoning: pose in odom, twist in base, covariance (3, 3) of x, y, theta [m^2, m rad, rad^2]."""
+
+    stamp_ns: int
+    odom_from_base: Pose2
+    twist: Twist = Twist()
+    covariance: FloatArray | None = None
+
+
+@dataclass(frozen=True, slots=True)
+class SensorFrame:
+    """What is known at the stamp of one scan (or image), and everything else since the previous frame."""
+
+    stamp_ns: int
+    scan: Scan | None = None
+    rgbd: RgbdFrame | None = None
+    sonar: SonarReadings | None = None
+    wheels: tuple[WheelTicks | Odometry, ...] = ()
+    imu: tuple[ImuSample, ...] = ()
+
+
+class DriveMode(enum.Enum):
+    """Who drives."""
+
+    MANUAL = "manual"
+    ASSISTED = "assisted"
+    AUTONOMOUS = "autonomous"
+    STOPPED = "stopped"
+
+
+@dataclass(frozen=True, slots=True)
+class JoystickInput:
+    """What the rider asks: forward and turn (left positive), each in [-1, 1]."""
+
+    stamp_ns: int
+    forward: float = 0.0
+    turn: float = 0.0
+
+
+@dataclass(frozen=True, slots=True)
+class Sent:
+    """What really went to the joystick lines: DAC counts and volts of the forward and turn axes.
+
+    `active` is false when the computer has let go of the lines (the rider's joystick is live); `reason` then says why.
+    """
+
+    stamp_ns: int
+    wheel_speeds: WheelSpeeds
+    forward_counts: int
+    turn_counts: int
+    forward_volts: float
+    turn_volts: float
+    active: bool
+    reason: str = ""
+
+
+@dataclass(frozen=True, slots=True)
+class Telemetry:
+    """What the board reports: read-back volts of the lines, the rider's joystick, fault names."""
+
+    stamp_ns: int
+    forward_volts: float
+    turn_volts: float
+    joystick: JoystickInput
+    faults: tuple[str, ...] = ()
+
+
+@dataclass(frozen=True, slots=True)
+class Place:
+    """A named place: pose in map and how closely it must be reached [m], [rad]."""
+
+    name: str
+    pose: Pose2
+    tolerance_m: float = 0.15
+    tolerance_rad: float = math.radians(5.0)
+
+
+@dataclass(frozen=True, slots=True)
+class OccupancyGrid:
+    """Grid map: cells (H, W) int8, -1 unknown or 0..100 % occupied, `cells[row=y, col=x]`; resolution [m].
+
+    `map_from_grid` is the pose of the lower-left corner of cell (0, 0) (nav_msgs/MapMetaData origin).
+    """
+
+    cells: Cells
+    resolution: float
+    map_from_grid: Pose2 = field(default_factory=Pose2)
+
+
+@dataclass(frozen=True, slots=True)
+class Path:
+    """Poses (N, 3) float64 [m, m, rad] in map, from the start to the goal."""
+
+    poses: FloatArray
+
+    def length(self) -> float:
+        """Sum of the straight steps [m]."""
+        return float(np.hypot(*np.diff(self.poses[:, :2], axis=0).T).sum())
+
+
+@dataclass(frozen=True, slots=True)
+class Goal:
+    """Where to go: a pose in map or the name of a place, and the tolerances [m], [rad]."""
+
+    target: Pose2 | str
+    tolerance_m: float = 0.15
+    tolerance_rad: float = math.radians(5.0)
+
+
+@dataclass(frozen=True, slots=True)
+class Health:
+    """State of the chair for displays and logs; voltages by name [V]."""
+
+    stamp_ns: int
+    mode: DriveMode
+    faults: tuple[str, ...] = ()
+    heartbeat_age_ns: int = 0
+    voltages: tuple[tuple[str, float], ...] = ()
+
+
+Json: TypeAlias = dict[str, Any]
+"""A JSON object as it is written to a report."""

@@ -1,0 +1,1 @@
+"""Whole scenes: a Chair in a Simulator, run, scored and reported."""
