@@ -1,0 +1,41 @@
+# Two commands: `make demo` and `make test`. Each does all its own set-up in .venv; the second time takes no set-up.
+PYTHON_BIN := .venv/bin
+NAME ?= all
+
+.PHONY: demo test lint acceptance bench format clean
+.DEFAULT_GOAL := test
+
+demo:  ## map a real recording, then drive to three places; ends in out/demo/report.html
+	@bash .ci/setup
+	@$(PYTHON_BIN)/waychair demo
+
+test: lint  ## everything that CI runs
+	@$(PYTHON_BIN)/pytest -q
+
+lint:
+	@bash .ci/setup dev
+	@$(PYTHON_BIN)/ruff check .
+	@$(PYTHON_BIN)/ruff format --check .
+	@$(PYTHON_BIN)/mypy
+	@$(PYTHON_BIN)/lint-imports
+
+acceptance:  ## the figures an issue asks for, in full: make acceptance NAME=intel (or: make acceptance intel)
+	@bash .ci/setup dev
+	@$(PYTHON_BIN)/python -m benchmarks.acceptance $(or $(filter-out acceptance,$(MAKECMDGOALS)),$(NAME))
+
+bench:  ## speed, as medians and ratios against plain baselines
+	@bash .ci/setup dev
+	@for f in benchmarks/*.py; do [ "$$f" = benchmarks/__init__.py ] || $(PYTHON_BIN)/python -m $$(echo $${f%.py} | tr / .) || exit 1; done
+
+format:
+	@$(PYTHON_BIN)/ruff check --fix .
+	@$(PYTHON_BIN)/ruff format .
+
+clean:
+	rm -rf .venv out dist build
+
+# the word after `acceptance` is its argument, not a target
+ifneq (,$(filter acceptance,$(MAKECMDGOALS)))
+$(filter-out acceptance,$(MAKECMDGOALS)):
+	@:
+endif

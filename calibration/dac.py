@@ -1,0 +1,137 @@
+"""Wheel speeds to the counts of an 8-bit converter on the two axes of the joystick, and back.
+
+The model is that of Pai et al. (2026), Development of an Intelligent Wheelchair System, Eqs (1) and (2):
+
+    Dac_left  = 28.2122 V_left + 30.1732 V_right
+    Dac_right = 57.0194 V_left - 58.6717 V_right        (counts, m/s)
+
+What these numbers show when they are written in v = (V_left + V_right) / 2 and d = V_right - V_left:
+
+    Dac_left = 58.385 v + 0.981 d        Dac_right = -1.652 v - 57.846 d
+
+- They are the *forward* and the *turn* axis of a joystick, not a left and a right wheel; turn is positive to the right
+  (clockwise). The cross terms are 1.7 % and 2.9 %: the motors or the stick are not quite alike.
+- They hold no neutral: rest is 0 counts, and since 0..255 is all there is, the equations as printed allow no reverse,
+  no left turn and no exactly straight line (they need V_left >= 1.029 V_right). Here they are offsets from a neutral,
+  by default the middle of the converter, 127.5 counts = 1.65 V.
+- They hold no dead band: a real chair does not move until the stick has left its neutral by some counts, so a model
+  without one answers a slow command with no motion at all. `dead_band_*` adds those counts to every command but rest.
+
+One count is 12.94 mV or 17 mm/s, hence rounding to nearest: dropping the fraction would bias v by 9 mm/s.
+"""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+
+from waychair.config import Settings, setting
+from waychair.errors import CalibrationError, ConfigError
+from waychair.types import WheelSpeeds
+
+
+@dataclass(frozen=True, slots=True)
+class LinearDac(Settings):
+    """Counts of the forward and turn axes as a linear function of the wheel speeds, about a neutral."""
+
+    forward_left: float = setting(28.2122, "counts s/m", "forward axis per left wheel speed", low=-1e4, high=1e4)
+    forward_right: float = setting(30.1732, "counts s/m", "forward axis per right wheel speed", low=-1e4, high=1e4)
+    turn_left: float = setting(57.0194, "counts s/m", "turn axis per left wheel speed", low=-1e4, high=1e4)
+    turn_right: float = setting(-58.6717, "counts s/m", "turn axis per right wheel speed", low=-1e4, high=1e4)
+    neutral: float = setting(127.5, "counts", "both axes at rest", low=0.0, high=65535.0)
+    dead_band_forward: float = setting(7.3, "counts", "from neutral to where the chair starts to drive", low=0.0)
+    dead_band_turn: float = setting(7.3, "counts", "from neutral to where the chair starts to turn", low=0.0)
+    swing: float = setting(92.7, "counts", "farthest from neutral on either axis (1.2 V)", low=1.0, high=65535.0)
+    counts_max: int = setting(255, "counts", "largest value of the converter (8 bit)", low=1, high=65535)
+    volts_max: float = setting(3.3, "V", "output at the largest value", low=0.5, high=12.0)
+
+    def __post_init__(self) -> None:
+        Settings.__post_init__(self)
+        if abs(_determinant(self)) < 1e-6:
+            raise ConfigError("the four counts-per-speed coefficients cannot be inverted: measure both axes again")
+        for name, dead_band in (("forward", self.dead_band_forward), ("turn", self.dead_band_turn)):
+            if dead_band >= _reach(self):
+                raise ConfigError(
+                    f"dead_band_{name} = {dead_band} leaves no room: neutral +- swing within 0..{self.counts_max} "
+                    f"reaches only {_reach(self):g} counts"
+                )
+
+
+DEFAULT = LinearDac()
+"""The printed gains about a neutral, with the dead band and the 1.2 V swing of a common chair controller."""
+
+PAPER = LinearDac(dead_band_forward=0.0, dead_band_turn=0.0, swing=127.5)
+"""The equations as printed, about a neutral: no dead band, the converter's whole range."""
+
+
+def counts_from_wheel_speeds(model: LinearDac, speeds: WheelSpeeds) -> tuple[int, int]:
+    """Counts (forward, turn) for wheel speeds [m/s], rounded to nearest, always within 0..counts_max.
+
+    Speeds beyond an axis' reach are scaled down together, so that the chair keeps to the arc and only drives it slower.
+
+    Raises:
+        CalibrationError: a speed is not a finite number.
+    """
+    forward = model.forward_left * speeds.left + model.forward_right * speeds.right
+    turn = model.turn_left * speeds.left + model.turn_right * speeds.right
+    if not (math.isfinite(forward) and math.isfinite(turn)):
+        raise CalibrationError(f"wheel speeds {speeds.left}, {speeds.right} m/s have no counts: give finite numbers")
+    reach = _reach(model)
+    scale = min(
+        1.0,
+        (reach - model.dead_band_forward) / max(abs(forward), 1e-12),
+        (reach - model.dead_band_turn) / max(abs(turn), 1e-12),
+    )
+    return (
+        _nearest(model.neutral + _past_dead_band(scale * forward, model.dead_band_forward)),
+        _nearest(model.neutral + _past_dead_band(scale * turn, model.dead_band_turn)),
+    )
+
+
+def wheel_speeds_from_counts(model: LinearDac, forward: int, turn: int) -> WheelSpeeds:
+    """Wheel speeds [m/s] that the model expects of counts: zero on an axis within its dead band."""
+    f = _within_dead_band(forward - model.neutral, model.dead_band_forward)
+    t = _within_dead_band(turn - model.neutral, model.dead_band_turn)
+    determinant = _determinant(model)
+    return WheelSpeeds(
+        left=(model.turn_right * f - model.forward_right * t) / determinant,
+        right=(model.forward_left * t - model.turn_left * f) / determinant,
+    )
+
+
+def volts_from_counts(model: LinearDac, forward: int, turn: int) -> tuple[float, float]:
+    """Volts (forward, turn) on the lines for counts.
+
+    Raises:
+        CalibrationError: a count lies outside 0..counts_max.
+    """
+    for counts in (forward, turn):
+        if not 0 <= counts <= model.counts_max:
+            raise CalibrationError(f"{counts} counts cannot be converted: they must lie in 0..{model.counts_max}")
+    return forward * model.volts_max / model.counts_max, turn * model.volts_max / model.counts_max
+
+
+def neutral_counts(model: LinearDac) -> tuple[int, int]:
+    """Counts (forward, turn) of rest."""
+    return counts_from_wheel_speeds(model, WheelSpeeds())
+
+
+def _determinant(model: LinearDac) -> float:
+    return model.forward_left * model.turn_right - model.forward_right * model.turn_left
+
+
+def _reach(model: LinearDac) -> float:
+    """Counts from neutral that either axis may go [counts]."""
+    return min(model.swing, model.neutral, model.counts_max - model.neutral)
+
+
+def _past_dead_band(offset: float, dead_band: float) -> float:
+    return 0.0 if offset == 0.0 else math.copysign(dead_band + abs(offset), offset)
+
+
+def _within_dead_band(offset: float, dead_band: float) -> float:
+    return math.copysign(max(abs(offset) - dead_band, 0.0), offset)
+
+
+def _nearest(value: float) -> int:
+    return math.floor(value + 0.5)

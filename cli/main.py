@@ -1,0 +1,36 @@
+"""`waychair`: the commands, and how a failure is told: one sentence on standard error and a non-zero exit."""
+
+from __future__ import annotations
+
+import sys
+
+from cyclopts import App
+
+from waychair import __version__
+from waychair.errors import WaychairError
+
+app = App(
+    name="waychair",
+    help="Map a building, plan a way through it and drive an electric wheelchair along it.",
+    version=__version__,
+    help_format="plaintext",
+    result_action="return_value",
+)
+app.command("waychair.cli.mapping:map_command", name="map", help="Make a map of a recording.")
+app.command("waychair.cli.mapping:places_command", name="places", help="List the named places of a map, or add one.")
+app.command("waychair.cli.driving:demo_command", name="demo", help="Map a real recording, then drive the chair to three places in it.")
+app.command("waychair.cli.settings:config_command", name="config", help="Print all settings with their defaults, units and meaning.")
+
+
+def main() -> None:
+    """Entry point of the `waychair` script."""
+    try:
+        app()
+    except WaychairError as error:
+        print(f"waychair: {error}", file=sys.stderr)
+        sys.exit(1)
+    except BrokenPipeError:
+        sys.stderr.close()
+        sys.exit(1)
+    except KeyboardInterrupt:
+        sys.exit(130)

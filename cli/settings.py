@@ -1,0 +1,11 @@
+"""Commands about configuration."""
+
+from __future__ import annotations
+
+
+def config_command() -> None:
+    """Print all settings of `waychair map` with their defaults, units and meaning, as YAML for --config."""
+    from waychair import config
+    from waychair.runtime.mapping import MappingSettings
+
+    print(config.dump(MappingSettings()), end="")

@@ -1,0 +1,67 @@
+"""How far everything is from the nearest obstacle: the Euclidean distance transform of a grid, in metres.
+
+Convention: distances are measured between cell *centres*, so an occupied cell holds 0 and its neighbour one cell side.
+The facing side of an obstacle that fills its cell is half a cell nearer; whoever needs a guarantee subtracts what it
+does not know (`sqrt(1/2)` of a cell for an obstacle anywhere inside its cell).
+"""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass, field
+
+import cv2
+import numpy as np
+from numba import njit
+
+from waychair.maps.grid import occupied
+from waychair.types import BoolArray, Float32Array, OccupancyGrid, Pose2
+
+
+@dataclass(frozen=True, slots=True)
+class DistanceField:
+    """Distances (H, W) float32 [m], `metres[row=y, col=x]`, with the geometry of the grid they were measured on."""
+
+    metres: Float32Array
+    resolution: float
+    map_from_grid: Pose2 = field(default_factory=Pose2)
+
+
+def distance_field(grid: OccupancyGrid) -> DistanceField:
+    """Distances to the occupied cells of a grid; unknown cells are no obstacles here."""
+    return DistanceField(distances(occupied(grid), grid.resolution), grid.resolution, grid.map_from_grid)
+
+
+def distances(obstacles: BoolArray, resolution: float) -> Float32Array:
+    """(H, W) float32 [m] from every cell's centre to the centre of the nearest obstacle cell of an (H, W) mask.
+
+    Exact up to float32 rounding (Felzenszwalb and Huttenlocher 2012, as in cv2.distanceTransform's precise mask).
+    Without any obstacle every cell holds the diagonal of the grid, which is farther than anything inside it.
+    """
+    diagonal = resolution * math.hypot(*obstacles.shape)
+    if not obstacles.any():
+        return np.full(obstacles.shape, diagonal, np.float32)
+    cells = cv2.distanceTransform((~obstacles).astype(np.uint8), cv2.DIST_L2, cv2.DIST_MASK_PRECISE)
+    result: Float32Array = np.asarray(cells, np.float32) * np.float32(resolution)
+    return result
+
+
+@njit(cache=True, inline="always")
+def interpolated(metres: Float32Array, column: float, row: float) -> float:
+    """Bilinear distance [m] at a point in cell units (0.5, 0.5 is the centre of cell (0, 0)); 0 outside the grid.
+
+    Near obstacles it exceeds the true distance by at most 0.15 cells (the cone round a single obstacle, at the middle
+    of four centres); where two obstacles compete it is below the truth.
+    """
+    height, width = metres.shape
+    if not (0.0 <= column < width and 0.0 <= row < height):
+        return 0.0
+    x = min(max(column - 0.5, 0.0), width - 1.0)
+    y = min(max(row - 0.5, 0.0), height - 1.0)
+    left, below = int(x), int(y)
+    right, above = min(left + 1, width - 1), min(below + 1, height - 1)
+    x -= left
+    y -= below
+    low = metres[below, left] + x * (metres[below, right] - metres[below, left])
+    high = metres[above, left] + x * (metres[above, right] - metres[above, left])
+    return float(low + y * (high - low))

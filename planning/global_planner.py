@@ -1,0 +1,178 @@
+"""From a costmap, a start and a goal to a path in map coordinates: D* Lite on the cells, then a string pulled taut."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from waychair.config import Settings, setting
+from waychair.errors import GoalOccupied, GoalOutsideMap, NoPath, StartOccupied, StartOutsideMap
+from waychair.geometry import transform_points
+from waychair.maps.grid import cells_from_points, inside, points_from_cells
+from waychair.planning.costmap import Costmap
+from waychair.planning.dstar_lite import DStarLite
+from waychair.planning.grid_graph import Cell
+from waychair.planning.smoothing import pull_taut, round_corners
+from waychair.types import FloatArray, IntArray, Path, Pose2
+
+
+@dataclass(frozen=True, slots=True)
+class PlannerSettings(Settings):
+    """How a path is made of cells."""
+
+    start_reach: float = setting(0.3, "m", "how far off a start too close to a wall may begin", low=0.0, high=2.0)
+    spacing: float = setting(0.1, "m", "distance of the path's poses", low=0.01, high=1.0)
+    rounding: int = setting(10, "passes", "smoothing passes over the corners", low=0, high=1000)
+
+
+def plan(costmap: Costmap, start: Pose2, goal: Pose2, settings: PlannerSettings = PlannerSettings()) -> Path:
+    """Path in map from a start to a goal, planned from scratch; raises as `GlobalPlanner.replan`."""
+    return GlobalPlanner(goal, settings).replan(costmap, start)
+
+
+class GlobalPlanner:
+    """Plans to one goal again and again; keeps the search state, so that only what changed is searched anew."""
+
+    def __init__(self, goal: Pose2, settings: PlannerSettings = PlannerSettings()) -> None:
+        self.goal = goal
+        self.settings = settings
+        self.cost = 0
+        self._costmap: Costmap | None = None
+        self._search: DStarLite | None = None
+
+    @property
+    def pops(self) -> int:
+        """Cells taken from the queue since the search began, a measure of the work done."""
+        return self._search.pops if self._search is not None else 0
+
+    def replan(self, costmap: Costmap, start: Pose2) -> Path:
+        """Path in map from the start to the goal over the present costmap.
+
+        Headings follow the path; the last one is the goal's. A costmap of the geometry of the last call costs only what
+        its changed cells cost; another geometry begins anew.
+
+        Raises:
+            StartOutsideMap, StartOccupied, GoalOutsideMap, GoalOccupied, NoPath.
+        """
+        start_cell = _start_cell(costmap, start, self.settings.start_reach)
+        goal_cell = _goal_cell(costmap, self.goal)
+        search = self._updated_search(costmap, start_cell, goal_cell)
+        try:
+            self.cost = search.replan()
+        except NoPath as error:
+            raise NoPath(
+                f"no way wide enough for the chair leads from ({start.x:.2f}, {start.y:.2f}) to "
+                f"({self.goal.x:.2f}, {self.goal.y:.2f}); clear the way or choose another goal"
+            ) from error
+        return _path_from_cells(costmap, search.path(), start, self.goal, self.settings)
+
+    def _updated_search(self, costmap: Costmap, start: Cell, goal: Cell) -> DStarLite:
+        """The search over these prices, made anew only when the grid is another one."""
+        before, self._costmap = self._costmap, costmap
+        if self._search is None or before is None or not _same_geometry(before, costmap):
+            self._search = DStarLite(costmap.prices, goal, start)
+            return self._search
+        self._search.move_start(start)
+        changed = np.argwhere(costmap.prices != before.prices)
+        if len(changed):
+            self._search.update(changed, costmap.prices[changed[:, 0], changed[:, 1]])
+        return self._search
+
+
+def _same_geometry(first: Costmap, second: Costmap) -> bool:
+    return (
+        first.prices.shape == second.prices.shape
+        and first.grid.resolution == second.grid.resolution
+        and first.grid.map_from_grid == second.grid.map_from_grid
+    )
+
+
+def _start_cell(costmap: Costmap, start: Pose2, reach: float) -> Cell:
+    """The start's cell, or the nearest passable one in reach and in sight when a wall is too close for it.
+
+    A chair that stands closer to a wall than the planner would ever take it must still be able to leave.
+    """
+    cell = _cell(costmap, start)
+    if cell is None:
+        raise StartOutsideMap(
+            f"the start ({start.x:.2f}, {start.y:.2f}) lies outside the map; localise the chair or extend the map"
+        )
+    if costmap.prices[cell] != 0:
+        return cell
+    if costmap.clearance[cell] > 0:
+        for candidate in _passable_by_distance(costmap, start, reach):
+            if _in_sight(costmap, cell, candidate):
+                return candidate
+    raise StartOccupied(
+        f"the chair does not fit at its start ({start.x:.2f}, {start.y:.2f}): no free place within {reach:.2f} m; "
+        "drive it out by hand or correct its pose"
+    )
+
+
+def _goal_cell(costmap: Costmap, goal: Pose2) -> Cell:
+    cell = _cell(costmap, goal)
+    if cell is None:
+        raise GoalOutsideMap(f"the goal ({goal.x:.2f}, {goal.y:.2f}) lies outside the map; choose one inside it")
+    if costmap.prices[cell] == 0:
+        near = next(iter(_passable_by_distance(costmap, goal, 5.0)), None)
+        advice = "another place"
+        if near is not None:
+            x, y = points_from_cells(costmap.grid, np.array([near]))[0]
+            advice = f"another one, the nearest place with room is ({x:.2f}, {y:.2f})"
+        raise GoalOccupied(f"the chair does not fit at the goal ({goal.x:.2f}, {goal.y:.2f}); choose {advice}")
+    return cell
+
+
+def _cell(costmap: Costmap, pose: Pose2) -> Cell | None:
+    """Row and column under a pose, None outside the map."""
+    cells = cells_from_points(costmap.grid, np.array([[pose.x, pose.y]]))
+    return (int(cells[0, 0]), int(cells[0, 1])) if inside(costmap.grid, cells)[0] else None
+
+
+def _passable_by_distance(costmap: Costmap, pose: Pose2, reach: float) -> list[Cell]:
+    """Passable cells whose centre lies within reach [m] of a pose, the nearest first."""
+    row, column = cells_from_points(costmap.grid, np.array([[pose.x, pose.y]]))[0]
+    span = int(reach / costmap.grid.resolution) + 1
+    top, left = max(row - span, 0), max(column - span, 0)
+    window = costmap.prices[top : row + span + 1, left : column + span + 1]
+    cells = np.argwhere(window != 0) + (top, left)
+    away = np.hypot(*(points_from_cells(costmap.grid, cells) - (pose.x, pose.y)).T)
+    near = np.argsort(away, kind="stable")[: np.count_nonzero(away <= reach)]
+    return [(int(r), int(c)) for r, c in cells[near]]
+
+
+def _in_sight(costmap: Costmap, first: Cell, second: Cell) -> bool:
+    """Whether no occupied cell lies on the straight line between two cells' centres."""
+    steps = 4 * max(abs(first[0] - second[0]), abs(first[1] - second[1]), 1)
+    rows, columns = np.rint(np.linspace(first, second, steps + 1)).astype(np.int64).T
+    return bool((costmap.clearance[rows, columns] > 0).all())
+
+
+def _path_from_cells(costmap: Costmap, cells: IntArray, start: Pose2, goal: Pose2, settings: PlannerSettings) -> Path:
+    """Pull the chain of cells taut where that is no dearer, space it evenly, round its corners, give it headings."""
+    grid_from_map = costmap.grid.map_from_grid.inverse()
+    ends = transform_points(grid_from_map, np.array([[start.x, start.y], [goal.x, goal.y]])) / costmap.grid.resolution
+    chain = cells[:, ::-1] + 0.5
+    # The exact ends stand for their cells; a start too close to a wall is joined to where the plan begins.
+    chain = np.concatenate([ends[:1], chain if costmap.prices[_cell(costmap, start)] == 0 else chain[1:]])
+    chain = np.concatenate([chain[:-1] if len(chain) > 1 else chain, ends[1:]])
+    taut = chain[pull_taut(costmap.prices, chain)]
+    even = _evenly_spaced(taut, settings.spacing / costmap.grid.resolution)
+    rounded = round_corners(costmap.prices, even, settings.rounding)
+    points = transform_points(costmap.grid.map_from_grid, rounded * costmap.grid.resolution)
+    return Path(np.column_stack([points, _headings(points, goal.theta)]))
+
+
+def _evenly_spaced(points: FloatArray, spacing: float) -> FloatArray:
+    """Points along a polyline, at most `spacing` apart, its two ends included."""
+    along = np.concatenate([[0.0], np.cumsum(np.hypot(*np.diff(points, axis=0).T))])
+    count = max(int(np.ceil(along[-1] / spacing)), 1) + 1
+    at = np.linspace(0.0, along[-1], count)
+    return np.column_stack([np.interp(at, along, points[:, 0]), np.interp(at, along, points[:, 1])])
+
+
+def _headings(points: FloatArray, last: float) -> FloatArray:
+    """Direction from each point to the next; the last is given."""
+    ahead = np.diff(points, axis=0)
+    return np.append(np.arctan2(ahead[:, 1], ahead[:, 0]), last)

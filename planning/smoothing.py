@@ -1,0 +1,82 @@
+"""Straightening a chain of cells without giving up the clearance that its prices bought.
+
+Points are (N, 2) columns and rows in cell units: (0.5, 0.5) is the centre of cell (0, 0).
+"""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+from numba import njit
+
+from waychair.planning.grid_graph import FREE_PRICE, Prices
+from waychair.types import FloatArray, IntArray
+
+_SAMPLES_PER_CELL = 4
+_REACH = 400
+"""Points that a shortcut may skip: it bounds the work on long straight ways."""
+
+
+@njit(cache=True)
+def line_cost(prices: Prices, x0: float, y0: float, x1: float, y1: float) -> float:
+    """Price times length [cells of free floor] of a straight line; infinite through impassable cells.
+
+    Sampled at a quarter of a cell, each sample standing for its share of the line.
+    """
+    length = math.hypot(x1 - x0, y1 - y0)
+    count = max(int(math.ceil(length * _SAMPLES_PER_CELL)), 1)
+    total = 0
+    for i in range(count):
+        fraction = (i + 0.5) / count
+        price = prices[int(y0 + fraction * (y1 - y0)), int(x0 + fraction * (x1 - x0))]
+        if price == 0:
+            return math.inf
+        total += price
+    return length * total / (count * FREE_PRICE)
+
+
+@njit(cache=True, nogil=True)
+def pull_taut(prices: Prices, points: FloatArray) -> IntArray:
+    """Indices of the points to keep: from each one straight to the farthest that is no dearer to reach directly.
+
+    "Dearer" is measured in the costmap's own prices, so that a path in the middle of a corridor stays there. A step
+    that is impassable to begin with (leaving a wall) is kept as it is.
+    """
+    count = len(points)
+    along = np.zeros(count)
+    for i in range(1, count):
+        cost = line_cost(prices, points[i - 1, 0], points[i - 1, 1], points[i, 0], points[i, 1])
+        # An impassable step costs more than any shortcut across it could save.
+        along[i] = along[i - 1] + (cost if cost < math.inf else 0.0)
+    kept = np.zeros(count, np.int64)
+    used = 1
+    here = 0
+    while here < count - 1:
+        following = here + 1
+        for far in range(min(count - 1, here + _REACH), here + 1, -1):
+            direct = line_cost(prices, points[here, 0], points[here, 1], points[far, 0], points[far, 1])
+            if direct <= (along[far] - along[here]) * (1 + 1e-6):
+                following = far
+                break
+        kept[used] = following
+        used += 1
+        here = following
+    return kept[:used]
+
+
+@njit(cache=True, nogil=True)
+def round_corners(prices: Prices, points: FloatArray, passes: int) -> FloatArray:
+    """Move points towards the middle of their neighbours, where that is passable and no dearer; the ends stay."""
+    moved = points.copy()
+    for _ in range(passes):
+        for i in range(1, len(moved) - 1):
+            x = 0.5 * moved[i, 0] + 0.25 * (moved[i - 1, 0] + moved[i + 1, 0])
+            y = 0.5 * moved[i, 1] + 0.25 * (moved[i - 1, 1] + moved[i + 1, 1])
+            now = prices[int(moved[i, 1]), int(moved[i, 0])]
+            then = prices[int(y), int(x)]
+            before = line_cost(prices, moved[i - 1, 0], moved[i - 1, 1], x, y)
+            after = line_cost(prices, x, y, moved[i + 1, 0], moved[i + 1, 1])
+            if 0 < then <= max(now, FREE_PRICE) and before < math.inf and after < math.inf:
+                moved[i, 0], moved[i, 1] = x, y
+    return moved

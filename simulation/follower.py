@@ -1,0 +1,121 @@
+"""A rider who knows the way: follows waypoints by the true pose and answers in joystick volts.
+
+It is for recording mapping drives. Straight legs are held by pure pursuit (Coulter, Implementation of the Pure Pursuit
+Path Tracking Algorithm, 1992); at a sharp corner the chair stops and turns in place, as riders do in narrow corridors.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Iterator
+from dataclasses import dataclass
+from typing import TypeAlias
+
+from waychair.config import Settings, setting
+from waychair.errors import WorldError
+from waychair.geometry import wrap_angle
+from waychair.simulation.plant import PlantSettings, volts_from_twist
+from waychair.simulation.simulator import SensorMessage, Simulator
+from waychair.types import FloatArray, Pose2, Twist
+
+
+PATIENCE_NS = 60_000_000_000
+"""A drive that has not moved by 10 cm for so long has failed."""
+
+_Point: TypeAlias = tuple[float, float]
+
+
+@dataclass(frozen=True, slots=True)
+class FollowerSettings(Settings):
+    """How the rider drives."""
+
+    speed: float = setting(0.6, "m/s", "on straight legs", low=0.05, high=1.5)
+    turn_rate: float = setting(0.6, "rad/s", "fastest turn", low=0.05, high=2.0)
+    look_ahead: float = setting(0.6, "m", "point aimed at, ahead on the leg", low=0.1, high=3.0)
+    braking: float = setting(0.4, "m/s^2", "slows towards a waypoint by this", low=0.05, high=2.0)
+    reached: float = setting(0.08, "m", "a waypoint this near ahead is done", low=0.01, high=1.0)
+    turn_gain: float = setting(1.8, "1/s", "turn rate per radian off the aim", low=0.1, high=5.0)
+    turn_from: float = setting(0.35, "rad", "farther off the aim, it turns in place", low=0.05, high=1.5)
+    turn_until: float = setting(0.05, "rad", "turned in place well enough", low=0.005, high=0.5)
+
+
+class Follower:
+    """Keeps which leg of `route` (N, 2) [m, map] is being driven, and whether the chair is turning in place."""
+
+    def __init__(
+        self, route: FloatArray, track: float, plant: PlantSettings, settings: FollowerSettings | None = None
+    ) -> None:
+        """`track` [m] and `plant` are the chair the rider believes to sit in; the real one may differ a little."""
+        self._waypoints: list[_Point] = [(float(x), float(y)) for x, y in route]
+        self._track = track
+        self._plant = plant
+        self._settings = settings or FollowerSettings()
+        self._next = 0
+        self._begin: _Point | None = None
+        self._turning = False
+
+    @property
+    def done(self) -> bool:
+        """Whether the last waypoint has been reached."""
+        return self._next >= len(self._waypoints)
+
+    def volts(self, map_from_base: Pose2) -> tuple[float, float]:
+        """Stick volts (forward, turn) for the next tick; neutral once done."""
+        return volts_from_twist(self._plant, self._track, self._twist(map_from_base))
+
+    def _twist(self, pose: Pose2) -> Twist:
+        s = self._settings
+        begin = self._begin or (pose.x, pose.y)
+        while not self.done and _remaining(begin, self._waypoints[self._next], pose) < s.reached:
+            begin = self._waypoints[self._next]
+            self._next += 1
+        self._begin = begin
+        if self.done:
+            return Twist()
+        waypoint = self._waypoints[self._next]
+        remaining = _remaining(begin, waypoint, pose)
+        # The aim may lie beyond the waypoint, on the leg's own line: so the last metre stays straight.
+        aim = _along(begin, waypoint, s.look_ahead - remaining)
+        off = wrap_angle(math.atan2(aim[1] - pose.y, aim[0] - pose.x) - pose.theta)
+        omega = min(s.turn_rate, max(-s.turn_rate, s.turn_gain * off))
+        self._turning = abs(off) > (s.turn_until if self._turning else s.turn_from)
+        if self._turning:
+            return Twist(0.0, omega)
+        return Twist(min(s.speed, math.sqrt(2 * s.braking * remaining)) * (1.0 - 0.5 * abs(off) / s.turn_from), omega)
+
+
+def _remaining(begin: _Point, end: _Point, pose: Pose2) -> float:
+    """Distance [m] still to go in the direction of the leg; 0 on a leg of no length."""
+    x, y = end[0] - begin[0], end[1] - begin[1]
+    length = math.hypot(x, y)
+    return ((end[0] - pose.x) * x + (end[1] - pose.y) * y) / length if length > 1e-6 else 0.0
+
+
+def _along(begin: _Point, end: _Point, beyond: float) -> _Point:
+    """The point on the leg's line that lies `beyond` [m] its end."""
+    x, y = end[0] - begin[0], end[1] - begin[1]
+    part = beyond / math.hypot(x, y)
+    return end[0] + part * x, end[1] + part * y
+
+
+def follow(simulator: Simulator, follower: Follower, tick_ns: int = 50_000_000) -> Iterator[SensorMessage]:
+    """The messages of a whole drive along the follower's route, from the simulator's present state.
+
+    Raises:
+        WorldError: the chair touched something on the way, or made no way for a minute.
+    """
+    since_ns, seen = simulator.now_ns, simulator.truth()
+    try:
+        while not follower.done:
+            simulator.drive(*follower.volts(simulator.truth()))
+            yield from simulator.advance(tick_ns)
+            pose = simulator.truth()
+            at = f"({pose.x:.2f}, {pose.y:.2f})"
+            if simulator.in_contact:
+                raise WorldError(f"the chair touched something at {at}: move the route away from it")
+            if math.hypot(pose.x - seen.x, pose.y - seen.y) > 0.1:
+                since_ns, seen = simulator.now_ns, pose
+            elif simulator.now_ns - since_ns > PATIENCE_NS:
+                raise WorldError(f"the chair made no way for a minute at {at}: mend the route there")
+    finally:
+        simulator.release()

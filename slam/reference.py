@@ -1,0 +1,155 @@
+"""The reference a scan is matched against: the surfaces seen by a few key scans, on one small grid.
+
+Points fall into cells of `resolution`; a cell keeps the mean point and mean normal of up to two surfaces (the two
+sides of a thin wall face opposite ways). The same cells, smeared by a Gaussian, are the likelihood of a beam's end,
+and its sliding maxima over 2^h x 2^h cells are the bounds of the branch and bound search.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+from dataclasses import dataclass
+from typing import TypeAlias
+
+import numpy as np
+from numba import njit
+from numpy.typing import NDArray
+
+from waychair.slam.scan_points import ScanPoints, ScanStore
+from waychair.types import Bytes, FloatArray, IntArray
+
+Slots: TypeAlias = NDArray[np.int32]
+
+LEVELS = 5
+"""Levels of the bounds: 1, 2, 4, 8 and 16 cells."""
+
+
+@dataclass(frozen=True, slots=True)
+class Reference:
+    """Surfaces on a grid whose corner `origin` [m] is in the map frame.
+
+    `slots` (H, W, 2): row in `surfaces` of each side of each cell, 0 for none; `surfaces` (S, 4): mean x, y [m] and mean
+    unit normal (row 0 is unused).
+    `bounds` (LEVELS, H, W) u8: level 0 is the likelihood, level h its maximum over the 2^h x 2^h cells from there.
+    """
+
+    origin: FloatArray
+    resolution: float
+    surfaces: FloatArray
+    slots: Slots
+    bounds: Bytes
+
+
+def reference_from_scans(
+    store: ScanStore, poses: FloatArray, members: Sequence[int] | IntArray, centre: FloatArray, reach: float,
+    resolution: float, sigma: float,
+) -> Reference:  # fmt: skip
+    """Reference of the key scans `members`, at map poses `poses` (N, 3), limited to `reach` [m] round `centre` (2,)."""
+    points, normals, offsets = store.arrays
+    members = np.asarray(members, np.int64)
+    origin = np.floor((centre[:2] - reach) / resolution) * resolution
+    size = math.ceil(2 * reach / resolution)
+    surfaces, slots, hits = _gather(points, normals, offsets, members, poses[members], origin, size, resolution)
+    return Reference(origin, resolution, surfaces, slots, _bounds(_smear(hits, size, _kernel(sigma / resolution))))
+
+
+def reference_from_points(points: FloatArray, normals: FloatArray, resolution: float, sigma: float) -> Reference:
+    """Reference of points (N, 2) and normals (N, 2) that are given in the map frame already."""
+    low, high = points.min(axis=0), points.max(axis=0)
+    reach = float(max(high - low)) / 2 + 1.0
+    store = ScanStore()
+    store.append(ScanPoints(points, normals))
+    return reference_from_scans(store, np.zeros((1, 3)), [0], (low + high) / 2, reach, resolution, sigma)
+
+
+def _kernel(sigma: float) -> Bytes:
+    """Gaussian of peak 255 over +-3 sigma cells, but at least the cell itself."""
+    half = max(1, math.ceil(2.5 * sigma))
+    steps = np.arange(-half, half + 1)
+    gauss = np.exp(-0.5 * (steps[:, None] ** 2 + steps[None, :] ** 2) / sigma**2)
+    kernel: Bytes = np.round(255 * gauss).astype(np.uint8)
+    return kernel
+
+
+def _bounds(likelihood: Bytes) -> Bytes:
+    """(LEVELS, H, W) maxima over the 2^h x 2^h cells that start at each cell (Hess et al. 2016, section V.B)."""
+    levels = np.empty((LEVELS, *likelihood.shape), np.uint8)
+    levels[0] = likelihood
+    for h in range(1, LEVELS):
+        shift, below, here = 2 ** (h - 1), levels[h - 1], levels[h]
+        here[:] = below
+        np.maximum(here[:, :-shift], below[:, shift:], out=here[:, :-shift])
+        below = here.copy()
+        np.maximum(here[:-shift], below[shift:], out=here[:-shift])
+    return levels
+
+
+@njit(cache=True)  # type: ignore[untyped-decorator]
+def _gather(
+    points: FloatArray,
+    normals: FloatArray,
+    offsets: IntArray,
+    members: IntArray,
+    poses: FloatArray,
+    origin: FloatArray,
+    size: int,
+    resolution: float,
+) -> tuple[FloatArray, Slots, IntArray]:
+    """Mean surfaces, the slot of each cell's two sides in them, and the flat indices of the cells that hold a point."""
+    total = 0
+    for member in members:
+        total += offsets[member + 1] - offsets[member]
+    surfaces = np.zeros((total + 1, 4))
+    counts = np.zeros(total + 1, np.int64)
+    slots = np.zeros((size, size, 2), np.int32)
+    hits = np.empty(total, np.int64)
+    last, used = 0, 0
+    for k in range(len(members)):
+        x0, y0 = poses[k, 0], poses[k, 1]
+        c, s = math.cos(poses[k, 2]), math.sin(poses[k, 2])
+        for i in range(offsets[members[k]], offsets[members[k] + 1]):
+            x = x0 + c * points[i, 0] - s * points[i, 1]
+            y = y0 + s * points[i, 0] + c * points[i, 1]
+            col = int((x - origin[0]) / resolution)
+            row = int((y - origin[1]) / resolution)
+            if x < origin[0] or y < origin[1] or col >= size or row >= size:
+                continue
+            hits[used] = row * size + col
+            used += 1
+            nx = c * normals[i, 0] - s * normals[i, 1]
+            ny = s * normals[i, 0] + c * normals[i, 1]
+            if nx == 0.0 and ny == 0.0:
+                continue
+            slot = slots[row, col, 0]
+            side = 1 if slot > 0 and surfaces[slot, 2] * nx + surfaces[slot, 3] * ny < 0 else 0
+            slot = slots[row, col, side]
+            if slot == 0:
+                last += 1
+                slot = last
+                slots[row, col, side] = slot
+            counts[slot] += 1
+            surfaces[slot, 0] += x
+            surfaces[slot, 1] += y
+            surfaces[slot, 2] += nx
+            surfaces[slot, 3] += ny
+    for slot in range(1, last + 1):
+        norm = math.hypot(surfaces[slot, 2], surfaces[slot, 3])
+        surfaces[slot, :2] /= counts[slot]
+        surfaces[slot, 2:] /= norm
+    return surfaces[: last + 1], slots, hits[:used]
+
+
+@njit(cache=True)  # type: ignore[untyped-decorator]
+def _smear(hits: IntArray, size: int, kernel: Bytes) -> Bytes:
+    """(size, size) u8: at each cell the largest kernel value of the hit cells around it."""
+    likelihood = np.zeros((size, size), np.uint8)
+    half = len(kernel) // 2
+    for hit in hits:
+        row, col = hit // size, hit % size
+        for dr in range(max(-half, -row), min(half, size - 1 - row) + 1):
+            for dc in range(max(-half, -col), min(half, size - 1 - col) + 1):
+                value = kernel[dr + half, dc + half]
+                if value > likelihood[row + dr, col + dc]:
+                    likelihood[row + dr, col + dc] = value
+    return likelihood

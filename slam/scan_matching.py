@@ -1,0 +1,304 @@
+"""Scan matching: a branch and bound correlative search, refined by point-to-line least squares.
+
+The search (Olson 2009; Hess et al. 2016) cannot be trapped by a bad guess: it returns the best pose of its window, to
+one cell and one angle step. The refinement then minimises the distances of the points to the surfaces they lie on
+together with the distance to the odometry's guess, so that along a bare corridor, where the scan says nothing, the
+odometry decides (the weak direction of C1/C3 in the literature).
+"""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+
+import numpy as np
+from numba import njit
+
+from waychair.config import Settings, setting
+from waychair.geometry import pose_from_array, wrap_angles
+from waychair.slam.reference import LEVELS, Reference, Slots
+from waychair.slam.scan_points import ScanPoints
+from waychair.types import Bytes, FloatArray, Pose2
+
+
+@dataclass(frozen=True, slots=True)
+class MatchSettings(Settings):
+    """How a scan is matched."""
+
+    resolution: float = setting(0.05, "m", "side of a reference cell", low=0.01, high=0.5)
+    sigma: float = setting(0.06, "m", "spread of a beam's end about the surface", low=0.005, high=1.0)
+    range_max: float = setting(20.0, "m", "beams beyond this range are not matched", low=1.0, high=200.0)
+    distance_penalty: float = setting(0.15, "1/m", "score lost per metre away from the guess", low=0.0, high=10.0)
+    angle_penalty: float = setting(0.10, "1/rad", "score lost per radian away from the guess", low=0.0, high=10.0)
+    noise: float = setting(0.03, "m", "standard deviation of a point's distance to its surface", low=0.001, high=1.0)
+    inlier_distance: float = setting(0.15, "m", "a point nearer to a surface supports the match", low=0.01, high=1.0)
+    max_iterations: int = setting(20, "", "least-squares steps", low=1, high=200)
+
+
+@dataclass(frozen=True, slots=True)
+class Window:
+    """Half sizes of the search round the guess: distance [m] in x and y, angle [rad]."""
+
+    distance: float
+    angle: float
+
+
+@dataclass(frozen=True, slots=True)
+class Match:
+    """Where the scan fits best.
+
+    `response` in [0, 1]: mean likelihood of the beams' ends; `inliers` in [0, 1]: share of the points that lie on a
+    surface; `rms` [m] of those; `information` (3, 3) of x, y [1/m^2], theta [1/rad^2] in the map frame, from the scan
+    alone.
+    """
+
+    pose: Pose2
+    response: float
+    inliers: float
+    rms: float
+    information: FloatArray
+
+
+def match(
+    scan: ScanPoints,
+    reference: Reference,
+    guess: Pose2,
+    guess_information: FloatArray,
+    window: Window,
+    settings: MatchSettings,
+) -> Match:
+    """Pose in the map that fits the scan to the reference best, near a guess with information (3, 3).
+
+    A scan without points fits nowhere: response and inliers are 0 and the pose is the guess.
+    """
+    if len(scan) == 0:
+        return Match(guess, 0.0, 0.0, math.inf, np.zeros((3, 3)))
+    coarse, response = correlative_search(scan.points, reference, guess, window, settings)
+    pose, information, inliers, rms = refine(scan, reference, coarse, guess, guess_information, settings)
+    return Match(pose, response, inliers, rms, information)
+
+
+def correlative_search(
+    points: FloatArray,
+    reference: Reference,
+    guess: Pose2,
+    window: Window,
+    settings: MatchSettings,
+    *,
+    floor: float = 0.0,
+    taken: Pose2 | None = None,
+) -> tuple[Pose2, float]:
+    """Best pose of the window and its response; the guess and 0 when nothing scores above `floor`.
+
+    With `taken`, poses within 0.5 m and 15 degrees of it do not count: what is left is the runner-up, whose response
+    tells how ambiguous the winner is.
+    """
+    radii = np.hypot(points[:, 0], points[:, 1])
+    far = max(1.0, float(np.quantile(radii, 0.8)))
+    angle_step = math.acos(1 - reference.resolution**2 / (2 * far**2))
+    angle_count = max(1, math.ceil(window.angle / angle_step))
+    cells = max(1, math.ceil(window.distance / reference.resolution))
+    excluded = np.full(3, np.nan) if taken is None else taken.array()
+    pose, response = _search(
+        points, reference.bounds, reference.origin, reference.resolution, guess.array(), cells, angle_count,
+        angle_step, settings.distance_penalty, settings.angle_penalty, floor, excluded,
+    )  # fmt: skip
+    return pose_from_array(pose), response
+
+
+def refine(
+    scan: ScanPoints,
+    reference: Reference,
+    start: Pose2,
+    guess: Pose2,
+    guess_information: FloatArray,
+    settings: MatchSettings,
+) -> tuple[Pose2, FloatArray, float, float]:
+    """Pose that minimises point-to-line distances plus the distance to the guess, from `start`.
+
+    Returns the pose, the information (3, 3) of the scan alone, the share of inliers and their rms distance [m].
+    """
+    pose, information, inliers, rms = _refine(
+        scan.points, scan.normals, reference.surfaces, reference.slots, reference.origin, reference.resolution,
+        start.array(), guess.array(), guess_information, settings.noise, settings.inlier_distance,
+        settings.max_iterations,
+    )  # fmt: skip
+    pose[2] = wrap_angles(pose[2:])[0]
+    return pose_from_array(pose), information, inliers, rms
+
+
+@njit(cache=True)  # type: ignore[untyped-decorator]
+def _wrap(angle: float) -> float:
+    return angle - 2 * math.pi * math.floor(angle / (2 * math.pi) + 0.5)
+
+
+@njit(cache=True)  # type: ignore[untyped-decorator]
+def _score(level: Bytes, rows: np.ndarray, cols: np.ndarray, row: int, col: int) -> int:
+    """Sum of the level's values under the points, moved by (row, col) cells; outside the grid it is 0."""
+    height, width = level.shape
+    total = 0
+    for i in range(len(rows)):
+        r, c = rows[i] + row, cols[i] + col
+        if 0 <= r < height and 0 <= c < width:
+            total += level[r, c]
+    return total
+
+
+@njit(cache=True)  # type: ignore[untyped-decorator]
+def _search(
+    points: FloatArray,
+    bounds: Bytes,
+    origin: FloatArray,
+    resolution: float,
+    guess: FloatArray,
+    cells: int,
+    angle_count: int,
+    angle_step: float,
+    distance_penalty: float,
+    angle_penalty: float,
+    floor: float,
+    taken: FloatArray,
+) -> tuple[FloatArray, float]:
+    """Depth-first branch and bound over (angle, row, col); see `correlative_search`."""
+    full = 255.0 * len(points)
+    top = 0
+    while top < LEVELS - 1 and 2 ** (top + 1) <= cells:
+        top += 1
+    block = 2**top
+    blocks = 2 * cells // block + 1
+    angles = 2 * angle_count + 1
+    rows = np.empty((angles, len(points)), np.int32)
+    cols = np.empty((angles, len(points)), np.int32)
+    bound = np.empty(angles * blocks * blocks)
+    for a in range(angles):
+        theta = guess[2] + (a - angle_count) * angle_step
+        c, s = math.cos(theta), math.sin(theta)
+        for i in range(len(points)):
+            x = guess[0] + c * points[i, 0] - s * points[i, 1] - origin[0]
+            y = guess[1] + s * points[i, 0] + c * points[i, 1] - origin[1]
+            rows[a, i] = math.floor(y / resolution)
+            cols[a, i] = math.floor(x / resolution)
+        loss = angle_penalty * abs(a - angle_count) * angle_step
+        for br in range(blocks):
+            for bc in range(blocks):
+                value = _score(bounds[top], rows[a], cols[a], br * block - cells, bc * block - cells) / full
+                bound[(a * blocks + br) * blocks + bc] = value - loss
+    best, best_pose, best_raw = floor, guess.copy(), 0.0
+    stack = np.empty((4 * LEVELS + 8, 3), np.int64)
+    for entry in np.argsort(-bound):
+        if bound[entry] <= best:
+            break
+        a = entry // (blocks * blocks)
+        turn = (a - angle_count) * angle_step
+        near_angle = abs(_wrap(guess[2] + turn - taken[2])) < 0.26
+        loss = angle_penalty * abs(turn)
+        depth = 1
+        stack[0] = (top, (entry // blocks) % blocks * block - cells, entry % blocks * block - cells)
+        while depth > 0:
+            depth -= 1
+            h, row, col = stack[depth]
+            raw = _score(bounds[h], rows[a], cols[a], row, col) / full
+            if raw - loss <= best:
+                continue
+            if h > 0:
+                half = 2 ** (h - 1)
+                for dr in (half, 0):
+                    for dc in (half, 0):
+                        stack[depth] = (h - 1, row + dr, col + dc)
+                        depth += 1
+                continue
+            x, y = guess[0] + col * resolution, guess[1] + row * resolution
+            if near_angle and math.hypot(x - taken[0], y - taken[1]) < 0.5:
+                continue
+            value = raw - loss - distance_penalty * math.hypot(row, col) * resolution
+            if value > best:
+                best, best_raw = value, raw
+                best_pose[0], best_pose[1], best_pose[2] = x, y, guess[2] + turn
+    return best_pose, best_raw
+
+
+@njit(cache=True)  # type: ignore[untyped-decorator]
+def _nearest(
+    surfaces: FloatArray, slots: Slots, row: int, col: int, reach: int, x: float, y: float, nx: float, ny: float
+) -> int:
+    """Slot of the nearest surface (by its mean point) that faces the same way, within `reach` cells; 0 for none."""
+    best, found = 1e18, 0
+    for r in range(max(0, row - reach), min(slots.shape[0] - 1, row + reach) + 1):
+        for c in range(max(0, col - reach), min(slots.shape[1] - 1, col + reach) + 1):
+            for side in range(2):
+                slot = slots[r, c, side]
+                if slot == 0:
+                    continue
+                if surfaces[slot, 2] * nx + surfaces[slot, 3] * ny < 0.7:
+                    continue
+                distance = (surfaces[slot, 0] - x) ** 2 + (surfaces[slot, 1] - y) ** 2
+                if distance < best:
+                    best, found = distance, slot
+    return found
+
+
+@njit(cache=True)  # type: ignore[untyped-decorator]
+def _refine(
+    points: FloatArray,
+    normals: FloatArray,
+    surfaces: FloatArray,
+    slots: Slots,
+    origin: FloatArray,
+    resolution: float,
+    start: FloatArray,
+    guess: FloatArray,
+    guess_information: FloatArray,
+    noise: float,
+    inlier_distance: float,
+    max_iterations: int,
+) -> tuple[FloatArray, FloatArray, float, float]:
+    """Gauss-Newton with a Geman-McClure kernel whose width shrinks with the iterations; see `refine`."""
+    pose = start.copy()
+    information = np.zeros((3, 3))
+    step = np.ones(3)
+    usable, close, square = 0, 0, 0.0
+    for iteration in range(max_iterations):
+        kernel = max(0.1, 0.3 * 0.7**iteration)
+        reach = math.ceil(max(0.15, 2.0 * kernel / (1 + iteration)) / resolution)
+        c, s = math.cos(pose[2]), math.sin(pose[2])
+        information[:] = 0.0
+        gradient = np.zeros(3)
+        usable, close, square = 0, 0, 0.0
+        for i in range(len(points)):
+            if normals[i, 0] == 0.0 and normals[i, 1] == 0.0:
+                continue
+            usable += 1
+            rx, ry = c * points[i, 0] - s * points[i, 1], s * points[i, 0] + c * points[i, 1]
+            x, y = pose[0] + rx, pose[1] + ry
+            nx, ny = c * normals[i, 0] - s * normals[i, 1], s * normals[i, 0] + c * normals[i, 1]
+            row, col = math.floor((y - origin[1]) / resolution), math.floor((x - origin[0]) / resolution)
+            slot = _nearest(surfaces, slots, row, col, reach, x, y, nx, ny)
+            if slot == 0:
+                continue
+            mx, my = surfaces[slot, 2], surfaces[slot, 3]
+            residual = mx * (x - surfaces[slot, 0]) + my * (y - surfaces[slot, 1])
+            if abs(residual) < inlier_distance:
+                close += 1
+                square += residual * residual
+            weight = (kernel**2 / (kernel**2 + residual**2)) ** 2 / noise**2
+            turn = my * rx - mx * ry
+            information[0, 0] += weight * mx * mx
+            information[0, 1] += weight * mx * my
+            information[0, 2] += weight * mx * turn
+            information[1, 1] += weight * my * my
+            information[1, 2] += weight * my * turn
+            information[2, 2] += weight * turn * turn
+            gradient[0] += weight * mx * residual
+            gradient[1] += weight * my * residual
+            gradient[2] += weight * turn * residual
+        information[1, 0], information[2, 0] = information[0, 1], information[0, 2]
+        information[2, 1] = information[1, 2]
+        away = pose - guess
+        away[2] = _wrap(away[2])
+        step = np.linalg.solve(
+            information + guess_information + 1e-6 * np.eye(3), -(gradient + guess_information @ away)
+        )
+        pose += step
+        if iteration >= 4 and math.hypot(step[0], step[1]) < 1e-4 and abs(step[2]) < 1e-5:
+            break
+    return pose, information, close / max(1, usable), math.sqrt(square / max(1, close))

@@ -1,0 +1,122 @@
+"""A scan as points with surface normals, and the growing store of the key scans that the mapper keeps."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+
+import numpy as np
+from numba import njit
+
+from waychair.types import FloatArray, IntArray, Pose2, Scan
+
+MIN_POINTS = 20
+"""A scan with fewer usable points cannot be matched."""
+
+
+@dataclass(frozen=True, slots=True)
+class ScanPoints:
+    """Points (N, 2) [m] in the base frame, and unit normals (N, 2) turned towards the sensor; (0, 0) where the
+    neighbouring beams show no straight surface."""
+
+    points: FloatArray
+    normals: FloatArray
+
+    def __len__(self) -> int:
+        return len(self.points)
+
+    def thinned(self, most: int) -> ScanPoints:
+        """Every n-th point, so that at most `most` are left."""
+        step = -(-len(self.points) // most)
+        return self if step <= 1 else ScanPoints(self.points[::step].copy(), self.normals[::step].copy())
+
+
+def scan_points(scan: Scan, base_from_laser: Pose2, range_max: float) -> ScanPoints:
+    """Points and normals of the valid beams nearer than `range_max` [m].
+
+    Normals come from a line fitted to the nearest beams on both sides, as long as they lie on one surface.
+    """
+    ranges = scan.ranges.astype(np.float64)
+    limit = min(range_max, scan.range_max if scan.range_max > 0 else range_max)
+    usable = np.isfinite(ranges) & (ranges > max(scan.range_min, 0.05)) & (ranges <= limit)
+    angles = scan.angles()
+    ranges[~usable] = 0.0
+    laser = np.stack([ranges * np.cos(angles), ranges * np.sin(angles)], axis=1)
+    normals = _normals(laser, usable, abs(scan.angle_step))
+    c, s = math.cos(base_from_laser.theta), math.sin(base_from_laser.theta)
+    turn = np.array([[c, s], [-s, c]])
+    points = laser[usable] @ turn + (base_from_laser.x, base_from_laser.y)
+    return ScanPoints(np.ascontiguousarray(points), np.ascontiguousarray(normals[usable] @ turn))
+
+
+@njit(cache=True)  # type: ignore[untyped-decorator]
+def _normals(points: FloatArray, usable: np.ndarray, angle_step: float) -> FloatArray:
+    """Normals (N, 2) towards the origin from a total-least-squares line through up to 3 beams on either side."""
+    count = len(points)
+    normals = np.zeros((count, 2))
+    for i in range(count):
+        if not usable[i]:
+            continue
+        reach = 0.05 + 4.0 * angle_step * math.hypot(points[i, 0], points[i, 1])
+        n, mx, my, xx, xy, yy = 0, 0.0, 0.0, 0.0, 0.0, 0.0
+        for side in (-1, 1):
+            last = i
+            for step in range(0 if side == -1 else 1, 4):
+                j = i + side * step
+                if j < 0 or j >= count or not usable[j]:
+                    break
+                if math.hypot(points[j, 0] - points[last, 0], points[j, 1] - points[last, 1]) > reach:
+                    break
+                dx, dy = points[j, 0] - points[i, 0], points[j, 1] - points[i, 1]
+                n, mx, my = n + 1, mx + dx, my + dy
+                xx, xy, yy = xx + dx * dx, xy + dx * dy, yy + dy * dy
+                last = j
+        if n < 3:
+            continue
+        xx, xy, yy = xx / n - mx * mx / n**2, xy / n - mx * my / n**2, yy / n - my * my / n**2
+        spread = math.sqrt((xx - yy) ** 2 + 4 * xy * xy)
+        thin, wide = 0.5 * (xx + yy - spread), 0.5 * (xx + yy + spread)
+        if wide <= 0.0 or thin > 0.15 * wide or thin > 0.05**2:
+            continue
+        angle = 0.5 * math.atan2(2 * xy, xx - yy)
+        nx, ny = -math.sin(angle), math.cos(angle)
+        if nx * points[i, 0] + ny * points[i, 1] > 0:
+            nx, ny = -nx, -ny
+        normals[i, 0], normals[i, 1] = nx, ny
+    return normals
+
+
+class ScanStore:
+    """Points and normals of all key scans in two growing arrays; scan k owns rows `offsets[k]:offsets[k + 1]`."""
+
+    def __init__(self) -> None:
+        self._points = np.empty((1024, 2))
+        self._normals = np.empty((1024, 2))
+        self._offsets = np.zeros(64, np.int64)
+        self._count = 0
+
+    def __len__(self) -> int:
+        return self._count
+
+    def append(self, scan: ScanPoints) -> int:
+        """Keep a scan; returns its index."""
+        start = self._offsets[self._count]
+        end = start + len(scan)
+        while end > len(self._points):
+            self._points = np.concatenate([self._points, np.empty_like(self._points)])
+            self._normals = np.concatenate([self._normals, np.empty_like(self._normals)])
+        if self._count + 2 > len(self._offsets):
+            self._offsets = np.concatenate([self._offsets, np.zeros_like(self._offsets)])
+        self._points[start:end], self._normals[start:end] = scan.points, scan.normals
+        self._count += 1
+        self._offsets[self._count] = end
+        return self._count - 1
+
+    def __getitem__(self, index: int) -> ScanPoints:
+        rows = slice(self._offsets[index], self._offsets[index + 1])
+        return ScanPoints(self._points[rows], self._normals[rows])
+
+    @property
+    def arrays(self) -> tuple[FloatArray, FloatArray, IntArray]:
+        """Points, normals and offsets, as the kernels take them."""
+        return self._points, self._normals, self._offsets

@@ -1,0 +1,200 @@
+"""CARMEN logs: the text form in which most public two-dimensional laser recordings are kept.
+
+Message layouts as the Carnegie Mellon Robot Navigation Toolkit writes them (logger, messages FLASER and ROBOTLASER1):
+
+    FLASER n r_1 .. r_n  x y theta  odom_x odom_y odom_theta  stamp host logger_stamp
+    ROBOTLASER1 type start fov step max_range accuracy remission n r_1 .. r_n  m e_1 .. e_m
+                x y theta  odom_x odom_y odom_theta  v omega  forward_safety side_safety turn_axis  stamp host logger_stamp
+
+The first pose is the laser's, the second the robot's, both by dead reckoning; metres, radians, seconds.
+"""
+
+from __future__ import annotations
+
+import math
+import zlib
+from collections import Counter
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
+from decimal import Decimal, InvalidOperation
+
+import numpy as np
+
+from waychair.errors import NoScans, RecordingDamaged
+from waychair.types import Float32Array, Odometry, Pose2, Scan, SensorFrame, Twist
+
+NO_RETURN = 80.0
+"""Ranges from here on [m] mean that nothing was seen: the reach of a SICK LMS 2xx, whose overflow codes decode to
+81.83 m and 81.91 m."""
+
+GZIP_MAGIC = b"\x1f\x8b"
+_GZIP_CHUNK = 1 << 16
+_PROGRESS_EVERY = 256  # lines
+_NANOSECONDS = 9  # decimal places of a second
+_OTHER_WORDS = frozenset(
+    b"PARAM ODOM RLASER LASER1 LASER2 LASER3 LASER4 LASER5 RAWLASER1 RAWLASER2 RAWLASER3 RAWLASER4 RAWLASER5 "
+    b"ROBOTLASER2 ROBOTLASER3 ROBOTLASER4 ROBOTLASER5 TRUEPOS NEFF SYNC SONAR BUMPER IMU NMEA-GGA NMEA-RMC "
+    b"VERTEX2 EDGE2 MARKER POSITION".split()
+)
+"""First words of lines that a CARMEN log holds beside the scans that are read."""
+
+
+@dataclass(frozen=True, slots=True)
+class CarmenLog:
+    """The scans of a log in file order, the kind of message they were read from, and what was wrong with it."""
+
+    frames: tuple[SensorFrame, ...]
+    kind: str
+    warnings: tuple[str, ...]
+
+
+def read_carmen(
+    data: bytes, where: str, *, of_robot: bool = False, progress: Callable[[float], None] | None = None
+) -> CarmenLog:
+    """Every scan of a log, plain or gzipped, in the order of the file, each with the odometry logged with it.
+
+    `of_robot` takes the robot's pose as odometry, otherwise the laser's. Stamps are the log's own decimal text to the
+    nanosecond, and may step backwards. `where` names the log in messages; `progress` is told the part done, 0..1.
+
+    Raises:
+        RecordingDamaged: no line is that of a CARMEN log, or no scan is whole.
+        NoScans: it is a CARMEN log without FLASER and ROBOTLASER1.
+    """
+    text, warnings = _unzipped(data, where) if data.startswith(GZIP_MAGIC) else (data, [])
+    lines = text.split(b"\n")
+    frames: dict[bytes, list[SensorFrame]] = {word: [] for word in _READERS}
+    others: Counter[bytes] = Counter()
+    damaged: list[int] = []
+    for number, line in enumerate(lines, start=1):
+        if progress is not None and number % _PROGRESS_EVERY == 0:
+            progress(number / len(lines))
+        word, _, _ = line.partition(b" ")
+        if word not in _READERS:
+            others[word] += word in _OTHER_WORDS
+            continue
+        try:
+            frames[word].append(_READERS[word](line.split(), of_robot))
+        except (ValueError, IndexError):
+            damaged.append(number)
+    if progress is not None:
+        progress(1.0)
+    # Some loggers write every scan in both forms: one of them is enough.
+    kind = max(frames, key=lambda word: len(frames[word]))
+    if not frames[kind]:
+        raise _nothing(where, +others, damaged)
+    return CarmenLog(tuple(frames[kind]), kind.decode(), (*warnings, *_warnings(frames[kind], damaged)))
+
+
+def stamp_from_text(text: str) -> int:
+    """Nanoseconds of a decimal number of seconds, exact to the last digit of the nanosecond.
+
+    Raises:
+        ValueError: not a finite decimal number, or beyond 292 years (int64 nanoseconds).
+    """
+    try:
+        seconds = Decimal(text)
+    except InvalidOperation as error:
+        raise ValueError(f"'{text}' is not a time in seconds") from error
+    if not seconds.is_finite() or abs(seconds) >= 9_223_372_036:
+        raise ValueError(f"'{text}' is not a time in seconds")
+    return int(round(seconds.scaleb(_NANOSECONDS)))
+
+
+def _flaser(fields: Sequence[bytes], of_robot: bool) -> SensorFrame:
+    """Half a turn in front of the laser: an even number of beams leaves out the last one, at +90 degrees."""
+    count = int(fields[1])
+    tail = fields[2 + count :]
+    if count < 2 or len(tail) < 9:
+        raise ValueError("cut short")
+    stamp_ns = stamp_from_text(tail[6].decode())
+    step = math.pi / (count - count % 2)
+    scan = Scan(stamp_ns, _ranges(fields[2 : 2 + count], NO_RETURN), -math.pi / 2, step, range_max=NO_RETURN)
+    return _frame(scan, tail[3:6] if of_robot else tail[:3], Twist())
+
+
+def _robotlaser(fields: Sequence[bytes], of_robot: bool) -> SensorFrame:
+    start, _, step, max_range = (_finite(field) for field in fields[2:6])
+    count = int(fields[8])
+    remissions = int(fields[9 + count])
+    tail = fields[10 + count + remissions :]
+    if count < 2 or remissions < 0 or len(tail) < 14 or step <= 0.0:
+        raise ValueError("cut short")
+    stamp_ns = stamp_from_text(tail[11].decode())
+    reach = min(NO_RETURN, max_range) if max_range > 0.0 else NO_RETURN
+    scan = Scan(stamp_ns, _ranges(fields[9 : 9 + count], reach), start, step, range_max=reach)
+    return _frame(scan, tail[3:6] if of_robot else tail[:3], Twist(_finite(tail[6]), _finite(tail[7])))
+
+
+_READERS: dict[bytes, Callable[[Sequence[bytes], bool], SensorFrame]] = {
+    b"FLASER": _flaser,
+    b"ROBOTLASER1": _robotlaser,
+}
+
+
+def _frame(scan: Scan, pose: Sequence[bytes], twist: Twist) -> SensorFrame:
+    odometry = Odometry(scan.stamp_ns, Pose2(*(_finite(field) for field in pose)), twist)
+    return SensorFrame(scan.stamp_ns, scan=scan, wheels=(odometry,))
+
+
+def _ranges(fields: Sequence[bytes], reach: float) -> Float32Array:
+    """(N,) float32 [m] by REP-117: +inf from `reach` on, nan where the log holds no distance."""
+    ranges = np.array(fields, dtype=np.float32)
+    with np.errstate(invalid="ignore"):
+        ranges[ranges >= np.float32(reach)] = np.inf
+        ranges[ranges <= 0.0] = np.nan
+    return ranges
+
+
+def _finite(field: bytes) -> float:
+    value = float(field)
+    if not math.isfinite(value):
+        raise ValueError(f"{value} is no measurement")
+    return value
+
+
+def _unzipped(data: bytes, where: str) -> tuple[bytes, list[str]]:
+    """What can be decompressed, and a warning when that is not all."""
+    parts: list[bytes] = []
+    at = 0
+    try:
+        while data.startswith(GZIP_MAGIC, at):  # a gzip file may hold several members
+            member = zlib.decompressobj(wbits=31)
+            while not member.eof and at < len(data):
+                chunk = data[at : at + _GZIP_CHUNK]
+                parts.append(member.decompress(chunk))
+                at += len(chunk) - len(member.unused_data)
+            if not member.eof:
+                raise zlib.error("the file ends early")
+    except zlib.error as error:
+        text = b"".join(parts)
+        if not text:
+            message = f"{where} is a damaged gzip file ({error}): nothing can be read; copy it again from its source"
+            raise RecordingDamaged(message) from error
+        return text, [f"the gzip file is cut short or damaged ({error}): only what comes before was read"]
+    return b"".join(parts), []
+
+
+def _warnings(frames: Sequence[SensorFrame], damaged: Sequence[int]) -> list[str]:
+    warnings = []
+    if damaged:
+        lines = "line" if len(damaged) == 1 else "lines, the first of them line"
+        warnings.append(f"{len(damaged)} damaged scan {lines} {damaged[0]}, left out; {len(frames)} scans were read")
+    stamps = np.array([frame.stamp_ns for frame in frames], dtype=np.int64)
+    backwards = int((np.diff(stamps) < 0).sum())
+    if backwards:
+        warnings.append(f"stamps step backwards {backwards} times: the scans are kept in the order of the file")
+    return warnings
+
+
+def _nothing(where: str, others: Counter[bytes], damaged: Sequence[int]) -> RecordingDamaged | NoScans:
+    """Why not one scan was read."""
+    if damaged:
+        message = f"none of the {len(damaged)} scan lines of {where} is whole (the first is line {damaged[0]})"
+        return RecordingDamaged(f"{message}; copy the file again from its source")
+    if others:
+        kinds = ", ".join(f"{word.decode()} ({count})" for word, count in sorted(others.items()))
+        return NoScans(f"{where} holds no FLASER or ROBOTLASER1 lines but {kinds}; give a log with laser scans")
+    return RecordingDamaged(
+        f"{where} is neither a CARMEN log nor a ROS 1 or ROS 2 bag; give a .clf, .log, .bag, .mcap or .db3 file or the "
+        "folder of a ROS 2 bag"
+    )

@@ -1,0 +1,22 @@
+"""Shared fixtures: where the real recordings are."""
+
+from __future__ import annotations
+
+import os
+from pathlib import Path
+
+import pytest
+
+ROOT = Path(__file__).resolve().parent.parent
+
+
+@pytest.fixture(scope="session")
+def data_dir() -> Path:
+    """Folder of the real recordings (`WAYCHAIR_DATA`, default ../shared/data): skips without it, unless required."""
+    folder = Path(os.environ.get("WAYCHAIR_DATA", ROOT.parent / "shared" / "data"))
+    if not folder.is_dir():
+        message = f"no recordings at {folder}: set WAYCHAIR_DATA to the folder that holds lidar_intel"
+        if os.environ.get("WAYCHAIR_REQUIRE_DATA") == "1":
+            pytest.fail(message)
+        pytest.skip(message)
+    return folder

@@ -1,0 +1,157 @@
+"""Branch and bound against exhaustive search, refinement against truth, and what a scan cannot tell."""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+from tests.slam.conftest import scan_at
+from waychair.slam.reference import LEVELS, Reference, reference_from_points, reference_from_scans
+from waychair.slam.scan_matching import MatchSettings, Window, correlative_search, match, refine
+from waychair.slam.scan_points import ScanPoints, ScanStore, scan_points
+from waychair.types import FloatArray, Pose2
+
+SETTINGS = MatchSettings()
+HERE = Pose2(1.5, 1.5, 0.3)
+
+
+def points_at(pose: Pose2, noise: float = 0.0) -> ScanPoints:
+    return scan_points(scan_at(pose, noise=noise), Pose2(), 20.0)
+
+
+def reference(noise: float = 0.0) -> Reference:
+    store = ScanStore()
+    poses = np.array([[1.5, 1.5, 0.3], [1.7, 1.5, 0.2], [1.9, 1.6, 0.1]])
+    for pose in poses:
+        store.append(points_at(Pose2(*pose), noise))
+    return reference_from_scans(store, poses, [0, 1, 2], poses[0], 12.0, SETTINGS.resolution, SETTINGS.sigma)
+
+
+def exhaustive(points: FloatArray, ref: Reference, guess: Pose2, cells: int, angles: FloatArray) -> float:
+    """Best penalised score of the window, one pose after the other."""
+    best = 0.0
+    for angle in angles:
+        c, s = math.cos(guess.theta + angle), math.sin(guess.theta + angle)
+        x = guess.x + c * points[:, 0] - s * points[:, 1] - ref.origin[0]
+        y = guess.y + s * points[:, 0] + c * points[:, 1] - ref.origin[1]
+        cols, rows = np.floor(x / ref.resolution).astype(int), np.floor(y / ref.resolution).astype(int)
+        for dr in range(-cells, cells + 1):
+            for dc in range(-cells, cells + 1):
+                r, k = rows + dr, cols + dc
+                inside = (r >= 0) & (k >= 0) & (r < ref.bounds.shape[1]) & (k < ref.bounds.shape[2])
+                score = ref.bounds[0][r[inside], k[inside]].sum() / (255 * len(points))
+                away = math.hypot(dr, dc) * ref.resolution
+                best = max(best, score - SETTINGS.distance_penalty * away - SETTINGS.angle_penalty * abs(angle))
+    return best
+
+
+@settings(max_examples=15, deadline=None)
+@given(
+    dx=st.floats(-0.4, 0.4), dy=st.floats(-0.4, 0.4), turn=st.floats(-0.1, 0.1), reach=st.sampled_from([0.1, 0.3, 0.5])
+)
+def test_branch_and_bound_finds_what_exhaustive_search_finds(dx: float, dy: float, turn: float, reach: float) -> None:
+    ref = reference()
+    points = points_at(HERE).points[::6]
+    guess = Pose2(HERE.x + dx, HERE.y + dy, HERE.theta + turn)
+    found, response = correlative_search(points, ref, guess, Window(reach, 0.05), SETTINGS)
+    far = float(np.quantile(np.hypot(*points.T), 0.8))
+    step = math.acos(1 - ref.resolution**2 / (2 * far**2))
+    count = math.ceil(0.05 / step)
+    cells = math.ceil(reach / ref.resolution)
+    best = exhaustive(points, ref, guess, cells, np.arange(-count, count + 1) * step)
+    away = math.hypot(found.x - guess.x, found.y - guess.y)
+    penalised = response - SETTINGS.distance_penalty * away - SETTINGS.angle_penalty * abs(found.theta - guess.theta)
+    assert penalised == pytest.approx(best, abs=1e-9)
+
+
+def test_bounds_are_the_maxima_of_their_blocks() -> None:
+    ref = reference()
+    level0 = ref.bounds[0].astype(int)
+    rng = np.random.default_rng(0)
+    for h in range(1, LEVELS):
+        for row, col in rng.integers(0, len(level0), (200, 2)):
+            assert ref.bounds[h, row, col] == level0[row : row + 2**h, col : col + 2**h].max()
+
+
+def test_likelihood_is_one_on_a_hit_and_falls_off_as_a_gaussian() -> None:
+    ref = reference_from_points(np.array([[0.02, 0.02]]), np.array([[1.0, 0.0]]), 0.05, 0.06)
+    row, col = np.argwhere(ref.bounds[0] == 255)[0]
+    assert ref.bounds[0, row, col + 1] == round(255 * math.exp(-0.5 * (0.05 / 0.06) ** 2))
+    assert ref.bounds[0, row + 10, col] == 0
+
+
+def test_a_cell_keeps_both_sides_of_a_thin_wall() -> None:
+    points = np.array([[0.01, 0.0], [0.01, 0.0], [0.03, 0.0]])
+    ref = reference_from_points(points, np.array([[-1.0, 0.0], [-1.0, 0.0], [1.0, 0.0]]), 0.05, 0.06)
+    assert len(ref.surfaces) == 3
+    assert ref.surfaces[1:, 2].tolist() == [-1.0, 1.0]
+    assert ref.surfaces[1:, 0] == pytest.approx([0.01, 0.03])
+
+
+@pytest.mark.parametrize("noise", [0.0, 0.02])
+@pytest.mark.parametrize(("dx", "dy", "turn"), [(0.25, -0.2, 0.2), (-0.25, 0.25, -0.3), (0.0, 0.0, 0.34)])
+def test_match_recovers_the_pose_from_a_bad_guess(dx: float, dy: float, turn: float, noise: float) -> None:
+    guess = Pose2(HERE.x + dx, HERE.y + dy, HERE.theta + turn)
+    found = match(points_at(HERE, noise), reference(), guess, np.eye(3), Window(0.3, 0.35), SETTINGS)
+    assert math.hypot(found.pose.x - HERE.x, found.pose.y - HERE.y) < 0.005 + noise / 3
+    assert abs(found.pose.theta - HERE.theta) < 0.002 + noise / 10
+    assert found.inliers > 0.9
+    assert found.response > 0.6
+
+
+def corridor(length: float) -> tuple[FloatArray, FloatArray]:
+    """Points and normals of two bare walls along x."""
+    x = np.arange(-length, length, 0.02)
+    points = np.concatenate([np.stack([x, np.full_like(x, 1.0)], 1), np.stack([x, np.full_like(x, -1.0)], 1)])
+    normals = np.concatenate([np.tile([0.0, -1.0], (len(x), 1)), np.tile([0.0, 1.0], (len(x), 1))])
+    return points, normals
+
+
+def test_a_bare_corridor_leaves_the_odometry_in_charge_along_it() -> None:
+    ref = reference_from_points(*corridor(15.0), 0.05, 0.06)
+    scan = ScanPoints(*corridor(4.0))
+    guess = Pose2(0.13, 0.1, 0.05)
+    found = match(scan, ref, guess, np.diag([100.0, 100.0, 100.0]), Window(0.3, 0.2), SETTINGS)
+    assert found.pose.x == pytest.approx(0.13, abs=0.02)
+    assert found.pose.y == pytest.approx(0.0, abs=0.005)
+    assert found.pose.theta == pytest.approx(0.0, abs=0.002)
+    assert found.information[0, 0] < 1e-3 * found.information[1, 1]
+
+
+def test_a_repeating_place_has_a_runner_up_as_good_as_the_winner() -> None:
+    x = np.arange(0, 6, 0.02)
+    comb = np.concatenate([np.stack([x, np.zeros_like(x)], 1)] + [
+        np.stack([np.full(20, float(k)), np.linspace(0, 1, 20)], 1) for k in range(7)
+    ])  # fmt: skip
+    ref = reference_from_points(comb, np.tile([0.0, 1.0], (len(comb), 1)), 0.05, 0.06)
+    part = comb[(comb[:, 0] > 2.5) & (comb[:, 0] < 3.5)] - (3.0, 0.0)
+    best, response = correlative_search(part, ref, Pose2(3.0, 0.0, 0.0), Window(1.5, 0.1), SETTINGS)
+    _, runner_up = correlative_search(part, ref, Pose2(3.0, 0.0, 0.0), Window(1.5, 0.1), SETTINGS, taken=best)
+    assert response > 0.9
+    assert runner_up > 0.85 * response
+
+
+def test_nothing_above_the_floor_returns_the_guess_and_zero() -> None:
+    guess = Pose2(30.0, 30.0, 0.0)
+    assert correlative_search(points_at(HERE).points, reference(), guess, Window(0.3, 0.1), SETTINGS, floor=0.5) == (
+        guess,
+        0.0,
+    )
+
+
+def test_an_empty_scan_matches_nowhere() -> None:
+    nothing = ScanPoints(np.empty((0, 2)), np.empty((0, 2)))
+    found = match(nothing, reference(), HERE, np.eye(3), Window(0.3, 0.1), SETTINGS)
+    assert (found.pose, found.response, found.inliers) == (HERE, 0.0, 0.0)
+
+
+def test_refinement_far_from_any_surface_stays_at_the_guess() -> None:
+    away = Pose2(100.0, 100.0, 0.5)
+    pose, information, inliers, _ = refine(points_at(HERE), reference(), away, away, np.eye(3), SETTINGS)
+    assert (pose.x, pose.y, pose.theta) == pytest.approx((100.0, 100.0, 0.5), abs=1e-6)
+    assert inliers == 0.0
+    assert not information.any()

@@ -1,0 +1,69 @@
+"""Points and normals of a scan, and the store that keeps them."""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+import pytest
+
+from tests.slam.conftest import scan_at
+from waychair.slam.scan_points import ScanPoints, ScanStore, scan_points
+from waychair.types import Pose2, Scan
+
+
+def wall_ahead(beams: int = 91) -> Scan:
+    """A wall at x = 2, seen over 90 degrees."""
+    angles = np.linspace(-math.pi / 4, math.pi / 4, beams)
+    return Scan(0, (2 / np.cos(angles)).astype(np.float32), -math.pi / 4, math.pi / 2 / (beams - 1), range_max=30.0)
+
+
+def test_normals_of_a_wall_point_back_at_the_sensor() -> None:
+    scan = scan_points(wall_ahead(), Pose2(), 20.0)
+    assert scan.points[:, 0] == pytest.approx(np.full(91, 2.0), abs=1e-6)
+    assert scan.normals == pytest.approx(np.tile([-1.0, 0.0], (91, 1)), abs=1e-5)
+
+
+def test_points_and_normals_are_in_the_base_frame() -> None:
+    mount = Pose2(0.6, 0.1, math.pi / 2)
+    scan = scan_points(wall_ahead(), mount, 20.0)
+    assert scan.points[:, 1] == pytest.approx(np.full(91, 2.1), abs=1e-6)
+    assert scan.points[45] == pytest.approx([0.6, 2.1], abs=1e-6)
+    assert scan.normals == pytest.approx(np.tile([0.0, -1.0], (91, 1)), abs=1e-5)
+
+
+def test_invalid_near_and_far_beams_give_no_points() -> None:
+    ranges = np.array([np.nan, np.inf, -np.inf, 0.0, 0.01, 25.0, 31.0, 3.0], np.float32)
+    scan = Scan(0, ranges, 0.0, 0.1, range_min=0.02, range_max=30.0)
+    assert len(scan_points(scan, Pose2(), 20.0)) == 1
+    assert len(scan_points(scan, Pose2(), 100.0)) == 2
+
+
+def test_a_corner_and_a_lone_point_have_no_normal() -> None:
+    ranges = np.full(21, np.inf, np.float32)
+    ranges[10] = 2.0
+    assert not scan_points(Scan(0, ranges, 0.0, 0.02, range_max=30.0), Pose2(), 20.0).normals.any()
+
+
+def test_normals_do_not_cross_a_gap_between_surfaces() -> None:
+    scan = wall_ahead(181)
+    ranges = scan.ranges.copy()
+    ranges[90:] *= 1.5
+    stepped = scan_points(Scan(0, ranges, scan.angle_min, scan.angle_step, range_max=30.0), Pose2(), 20.0)
+    assert stepped.normals == pytest.approx(np.tile([-1.0, 0.0], (181, 1)), abs=1e-4)
+
+
+def test_store_gives_back_what_was_appended_however_much() -> None:
+    store = ScanStore()
+    scans = [scan_points(scan_at(Pose2(1.5 + 0.02 * k, 1.5, 0.0)), Pose2(), 20.0) for k in range(100)]
+    assert [store.append(scan) for scan in scans] == list(range(100))
+    assert len(store) == 100
+    for k in (0, 50, 99):
+        assert np.array_equal(store[k].points, scans[k].points)
+        assert np.array_equal(store[k].normals, scans[k].normals)
+
+
+def test_thinning_keeps_at_most_so_many_points() -> None:
+    scan = ScanPoints(np.zeros((101, 2)), np.zeros((101, 2)))
+    assert len(scan.thinned(101)) == 101
+    assert len(scan.thinned(50)) == 34

@@ -1,0 +1,89 @@
+"""The house itself: folders, links, wheel, lint bans and contracts agree, and a built wheel holds every room."""
+
+from __future__ import annotations
+
+import subprocess
+import sys
+import tomllib
+import zipfile
+from pathlib import Path
+
+import pytest
+
+ROOT = Path(__file__).resolve().parent.parent
+PYPROJECT = tomllib.loads((ROOT / "pyproject.toml").read_text())
+ROOMS = {
+    "slam",
+    "maps",
+    "planning",
+    "control",
+    "firmware_bridge",
+    "calibration",
+    "simulation",
+    "ros",
+    "runtime",
+    "ui",
+    "trials",
+    "cli",
+}
+
+
+def test_every_room_is_a_real_folder_with_a_relative_link() -> None:
+    links = {path.name: path for path in (ROOT / "src" / "waychair").iterdir() if path.is_symlink()}
+    assert set(links) == ROOMS
+    for name, link in links.items():
+        assert link.readlink() == Path("../..") / name
+        assert (ROOT / name / "__init__.py").is_file()
+        assert not (ROOT / name).is_symlink()
+
+
+def test_wheel_sdist_and_lint_bans_name_exactly_the_rooms() -> None:
+    targets = PYPROJECT["tool"]["hatch"]["build"]["targets"]
+    assert set(targets["wheel"]["only-include"]) == ROOMS | {"src/waychair"}
+    assert ROOMS | {"src/waychair"} <= set(targets["sdist"]["only-include"])
+    assert targets["wheel"]["sources"] == {"src": "", **{room: f"waychair/{room}" for room in ROOMS}}
+    bans = PYPROJECT["tool"]["ruff"]["lint"]["flake8-tidy-imports"]["banned-api"]
+    assert bans == {room: {"msg": f"import waychair.{room}"} for room in ROOMS}
+
+
+def test_every_module_stands_in_one_layer() -> None:
+    contract = PYPROJECT["tool"]["importlinter"]["contracts"][0]
+    layered = {name.strip() for layer in contract["layers"] for name in layer.replace("|", ":").split(":")}
+    modules = {path.stem for path in (ROOT / "src" / "waychair").glob("*.py")} - {"__init__"}
+    assert layered == {f"waychair.{name}" for name in ROOMS | modules}
+
+
+def test_no_python_file_lies_in_the_root() -> None:
+    assert list(ROOT.glob("*.py")) == []
+
+
+@pytest.mark.parametrize("folder", sorted(ROOMS | {"src", "tests", "benchmarks"}))
+def test_source_files_stay_under_500_lines(folder: str) -> None:
+    for path in (ROOT / folder).rglob("*"):
+        if path.suffix in {".py", ".c", ".h", ".js"} and "node_modules" not in path.parts:
+            assert len(path.read_text().splitlines()) <= 500, path
+
+
+def test_wheel_built_from_the_sdist_holds_every_room(tmp_path: Path) -> None:
+    build = [sys.executable, "-m", "build", "--no-isolation", "--outdir", str(tmp_path), str(ROOT)]
+    done = subprocess.run(build, capture_output=True, text=True, check=False)
+    assert done.returncode == 0, done.stdout[-2000:] + done.stderr[-2000:]
+    wheel = next(tmp_path.glob("*.whl"))
+    with zipfile.ZipFile(wheel) as archive:
+        names = set(archive.namelist())
+        archive.extractall(tmp_path / "site")
+    tracked = [
+        path
+        for room in ROOMS
+        for path in (ROOT / room).rglob("*")
+        if path.is_file() and "__pycache__" not in path.parts
+    ]
+    assert {f"waychair/{path.relative_to(ROOT)}" for path in tracked} <= names
+    assert {"waychair/types.py", "waychair/py.typed"} <= names
+    program = f"import sys; sys.path.insert(0, {str(tmp_path / 'site')!r})\n"
+    program += "".join(f"import waychair.{room}\n" for room in sorted(ROOMS))
+    program += f"import waychair; assert waychair.__file__.startswith({str(tmp_path)!r}), waychair.__file__"
+    done = subprocess.run(
+        [sys.executable, "-c", program], capture_output=True, text=True, check=False, cwd=tmp_path
+    )
+    assert done.returncode == 0, done.stderr
