@@ -47,14 +47,24 @@ class LinearDac(Settings):
 
     def __post_init__(self) -> None:
         Settings.__post_init__(self)
-        if abs(_determinant(self)) < 1e-6:
+        if abs(self.determinant) < 1e-6:
             raise ConfigError("the four counts-per-speed coefficients cannot be inverted: measure both axes again")
         for name, dead_band in (("forward", self.dead_band_forward), ("turn", self.dead_band_turn)):
-            if dead_band >= _reach(self):
+            if dead_band >= self.reach:
                 raise ConfigError(
                     f"dead_band_{name} = {dead_band} leaves no room: neutral +- swing within 0..{self.counts_max} "
-                    f"reaches only {_reach(self):g} counts"
+                    f"reaches only {self.reach:g} counts"
                 )
+
+    @property
+    def determinant(self) -> float:
+        """Determinant of the four coefficients [counts^2 s^2/m^2]; negative, since the turn axis is positive right."""
+        return self.forward_left * self.turn_right - self.forward_right * self.turn_left
+
+    @property
+    def reach(self) -> float:
+        """How far from neutral either axis may go [counts]: the swing, as far as the converter has room for it."""
+        return min(self.swing, self.neutral, self.counts_max - self.neutral)
 
 
 DEFAULT = LinearDac()
@@ -76,11 +86,10 @@ def counts_from_wheel_speeds(model: LinearDac, speeds: WheelSpeeds) -> tuple[int
     turn = model.turn_left * speeds.left + model.turn_right * speeds.right
     if not (math.isfinite(forward) and math.isfinite(turn)):
         raise CalibrationError(f"wheel speeds {speeds.left}, {speeds.right} m/s have no counts: give finite numbers")
-    reach = _reach(model)
     scale = min(
         1.0,
-        (reach - model.dead_band_forward) / max(abs(forward), 1e-12),
-        (reach - model.dead_band_turn) / max(abs(turn), 1e-12),
+        (model.reach - model.dead_band_forward) / max(abs(forward), 1e-12),
+        (model.reach - model.dead_band_turn) / max(abs(turn), 1e-12),
     )
     return (
         _nearest(model.neutral + _past_dead_band(scale * forward, model.dead_band_forward)),
@@ -92,7 +101,7 @@ def wheel_speeds_from_counts(model: LinearDac, forward: int, turn: int) -> Wheel
     """Wheel speeds [m/s] that the model expects of counts: zero on an axis within its dead band."""
     f = _within_dead_band(forward - model.neutral, model.dead_band_forward)
     t = _within_dead_band(turn - model.neutral, model.dead_band_turn)
-    determinant = _determinant(model)
+    determinant = model.determinant
     return WheelSpeeds(
         left=(model.turn_right * f - model.forward_right * t) / determinant,
         right=(model.forward_left * t - model.turn_left * f) / determinant,
@@ -114,15 +123,6 @@ def volts_from_counts(model: LinearDac, forward: int, turn: int) -> tuple[float,
 def neutral_counts(model: LinearDac) -> tuple[int, int]:
     """Counts (forward, turn) of rest."""
     return counts_from_wheel_speeds(model, WheelSpeeds())
-
-
-def _determinant(model: LinearDac) -> float:
-    return model.forward_left * model.turn_right - model.forward_right * model.turn_left
-
-
-def _reach(model: LinearDac) -> float:
-    """Counts from neutral that either axis may go [counts]."""
-    return min(model.swing, model.neutral, model.counts_max - model.neutral)
 
 
 def _past_dead_band(offset: float, dead_band: float) -> float:

@@ -2,14 +2,15 @@
 
 from __future__ import annotations
 
+import sys
 from pathlib import Path
 
 
 def demo_command(*, out: Path = Path("out/demo"), seed: int = 0, small: bool = False, quiet: bool = False) -> None:
     """Map a real recording, then drive the chair to three places in that map through joystick volts.
 
-    The recording is lidar_intel of WAYCHAIR_DATA; without it a small world that ships with waychair is driven and
-    mapped instead. Ends in report.html and report.json.
+    The recording is lidar_intel of WAYCHAIR_DATA (default ../shared/data); without it a small world that ships with
+    waychair is driven and mapped instead. Ends in report.html and report.json.
 
     Parameters
     ----------
@@ -22,4 +23,30 @@ def demo_command(*, out: Path = Path("out/demo"), seed: int = 0, small: bool = F
     quiet
         Print nothing but errors.
     """
-    raise SystemExit
+    from rich.console import Console
+    from rich.progress import Progress
+    from rich.table import Table
+
+    from waychair.trials.demo import real_log, run_demo
+    from waychair.trials.demo_report import HEADER, row, write_report
+
+    console = Console(stderr=True, quiet=quiet)
+    log = None if small else real_log()
+    if log is None and not small:
+        console.print(
+            "No real recording at hand (set WAYCHAIR_DATA to a folder that holds lidar_intel): "
+            "the demo uses the small world that ships with waychair.",
+            markup=False,
+        )
+    with Progress(console=console, transient=True, disable=quiet) as bar:
+        tasks = {name: bar.add_task(name, total=1.0) for name in ("record", "read", "map", "save", "drive")}
+        demo = run_demo(out, seed, log, lambda stage, share: bar.update(tasks[stage], completed=share))
+    write_report(out, demo)
+    if not quiet:
+        table = Table(*HEADER, title=demo.title)
+        for leg in demo.legs:
+            table.add_row(*row(leg))
+        Console().print(table)
+        print(f"{demo.reached} of {len(demo.legs)} goals reached; see {out / 'report.html'}")
+    if demo.reached < len(demo.legs):
+        sys.exit(1)

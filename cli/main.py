@@ -18,8 +18,16 @@ app = App(
 )
 app.command("waychair.cli.mapping:map_command", name="map", help="Make a map of a recording.")
 app.command("waychair.cli.mapping:places_command", name="places", help="List the named places of a map, or add one.")
-app.command("waychair.cli.driving:demo_command", name="demo", help="Map a real recording, then drive the chair to three places in it.")
-app.command("waychair.cli.settings:config_command", name="config", help="Print all settings with their defaults, units and meaning.")
+app.command(
+    "waychair.cli.driving:demo_command",
+    name="demo",
+    help="Map a real recording, then drive the chair to three places in it.",
+)
+app.command(
+    "waychair.cli.settings:config_command",
+    name="config",
+    help="Print all settings with their defaults, units and meaning.",
+)
 
 
 def main() -> None:

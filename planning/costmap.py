@@ -22,7 +22,7 @@ from waychair.types import UNKNOWN, Float32Array, FloatArray, OccupancyGrid
 class CostmapSettings(Settings):
     """How far to keep away from things, and what it is worth."""
 
-    margin: float = setting(0.02, "m", "kept free beside the chair's half width", low=0.0, high=0.5)
+    margin: float = setting(0.03, "m", "kept free beside the chair's half width", low=0.0, high=0.5)
     inflation_radius: float = setting(1.0, "m", "clearance from which on a cell is no dearer", low=0.0, high=5.0)
     wall_price: int = setting(5000, "per mille", "price added where the chair just fits", low=0, high=100_000)
     unknown_price: int = setting(9000, "per mille", "price added to an unknown cell", low=0, high=100_000)

@@ -75,7 +75,7 @@ class DStarLite:
     """
 
     def __init__(self, prices: Prices, goal: Cell, start: Cell) -> None:
-        self._shape = (prices.shape[0], prices.shape[1])
+        self._shape: tuple[int, int] = (prices.shape[0], prices.shape[1])
         self._goal = padded_index(goal, self._shape)
         self._start = padded_index(start, self._shape)
         self._keys_start = self._start  # the start that k_m and the queued keys were last made for

@@ -136,7 +136,7 @@ def _passable_by_distance(costmap: Costmap, pose: Pose2, reach: float) -> list[C
     span = int(reach / costmap.grid.resolution) + 1
     top, left = max(row - span, 0), max(column - span, 0)
     window = costmap.prices[top : row + span + 1, left : column + span + 1]
-    cells = np.argwhere(window != 0) + (top, left)
+    cells = np.argwhere(window != 0) + np.array([top, left])
     away = np.hypot(*(points_from_cells(costmap.grid, cells) - (pose.x, pose.y)).T)
     near = np.argsort(away, kind="stable")[: np.count_nonzero(away <= reach)]
     return [(int(r), int(c)) for r, c in cells[near]]
@@ -152,8 +152,10 @@ def _in_sight(costmap: Costmap, first: Cell, second: Cell) -> bool:
 def _path_from_cells(costmap: Costmap, cells: IntArray, start: Pose2, goal: Pose2, settings: PlannerSettings) -> Path:
     """Pull the chain of cells taut where that is no dearer, space it evenly, round its corners, give it headings."""
     grid_from_map = costmap.grid.map_from_grid.inverse()
-    ends = transform_points(grid_from_map, np.array([[start.x, start.y], [goal.x, goal.y]])) / costmap.grid.resolution
-    chain = cells[:, ::-1] + 0.5
+    ends: FloatArray = (
+        transform_points(grid_from_map, np.array([[start.x, start.y], [goal.x, goal.y]])) / costmap.grid.resolution
+    )
+    chain: FloatArray = cells[:, ::-1].astype(np.float64) + 0.5
     # The exact ends stand for their cells; a start too close to a wall is joined to where the plan begins.
     chain = np.concatenate([ends[:1], chain if costmap.prices[_cell(costmap, start)] == 0 else chain[1:]])
     chain = np.concatenate([chain[:-1] if len(chain) > 1 else chain, ends[1:]])

@@ -101,11 +101,11 @@ def step_cost(prices: Prices, cell: int, direction: int, stride: int) -> int:
     if here == 0 or there == 0:
         return UNREACHABLE
     if direction % 2 == 0:
-        return STRAIGHT * (here + there) // (2 * FREE_PRICE)
+        return int(STRAIGHT * (here + there) // (2 * FREE_PRICE))
     before, after = neighbour(direction - 1, stride), neighbour((direction + 1) % 8, stride)
     if prices[cell + before] == 0 or prices[cell + after] == 0:
         return UNREACHABLE
-    return (DIAGONAL // 2) * (here + there) // FREE_PRICE
+    return int((DIAGONAL // 2) * (here + there) // FREE_PRICE)
 
 
 @njit(cache=True, inline="always")

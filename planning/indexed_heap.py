@@ -50,7 +50,7 @@ def grown(heap: Heap) -> Heap:
 @njit(cache=True, inline="always")
 def has_room(heap: Heap) -> bool:
     """Whether a whole neighbourhood can still be inserted."""
-    return heap.size[0] + NEIGHBOURHOOD < len(heap.cells)
+    return bool(heap.size[0] + NEIGHBOURHOOD < len(heap.cells))
 
 
 @njit(cache=True, inline="always")

@@ -15,7 +15,7 @@ from waychair.types import FloatArray, IntArray
 
 _SAMPLES_PER_CELL = 4
 _REACH = 400
-"""Points that a shortcut may skip: it bounds the work on long straight ways."""
+"""Points that a shortcut may skip; shorter ones are tried next, each three quarters of the last."""
 
 
 @njit(cache=True)
@@ -25,7 +25,7 @@ def line_cost(prices: Prices, x0: float, y0: float, x1: float, y1: float) -> flo
     Sampled at a quarter of a cell, each sample standing for its share of the line.
     """
     length = math.hypot(x1 - x0, y1 - y0)
-    count = max(int(math.ceil(length * _SAMPLES_PER_CELL)), 1)
+    count = max(math.ceil(length * _SAMPLES_PER_CELL), 1)
     total = 0
     for i in range(count):
         fraction = (i + 0.5) / count
@@ -38,7 +38,7 @@ def line_cost(prices: Prices, x0: float, y0: float, x1: float, y1: float) -> flo
 
 @njit(cache=True, nogil=True)
 def pull_taut(prices: Prices, points: FloatArray) -> IntArray:
-    """Indices of the points to keep: from each one straight to the farthest that is no dearer to reach directly.
+    """Indices of the points to keep: from each one straight to a far one that is no dearer to reach directly.
 
     "Dearer" is measured in the costmap's own prices, so that a path in the middle of a corridor stays there. A step
     that is impassable to begin with (leaving a wall) is kept as it is.
@@ -53,12 +53,14 @@ def pull_taut(prices: Prices, points: FloatArray) -> IntArray:
     used = 1
     here = 0
     while here < count - 1:
-        following = here + 1
-        for far in range(min(count - 1, here + _REACH), here + 1, -1):
+        reach = min(_REACH, count - 1 - here)
+        while reach > 1:
+            far = here + reach
             direct = line_cost(prices, points[here, 0], points[here, 1], points[far, 0], points[far, 1])
             if direct <= (along[far] - along[here]) * (1 + 1e-6):
-                following = far
                 break
+            reach = 3 * reach // 4
+        following = here + max(reach, 1)
         kept[used] = following
         used += 1
         here = following

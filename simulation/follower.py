@@ -18,7 +18,6 @@ from waychair.simulation.plant import PlantSettings, volts_from_twist
 from waychair.simulation.simulator import SensorMessage, Simulator
 from waychair.types import FloatArray, Pose2, Twist
 
-
 PATIENCE_NS = 60_000_000_000
 """A drive that has not moved by 10 cm for so long has failed."""
 

@@ -144,7 +144,7 @@ def _rasterised(plan: _Plan, empty: OccupancyGrid) -> Cells:
 def _within(points: FloatArray, middle: Pose2, length: float, width: float) -> BoolArray:
     """(N,) whether points (N, 2) lie in a rectangle about `middle`."""
     local = np.abs(transform_points(middle.inverse(), points))
-    result: BoolArray = (local <= (length / 2 + 1e-9, width / 2 + 1e-9)).all(axis=1)
+    result: BoolArray = np.all(local <= np.array([length / 2, width / 2]) + 1e-9, axis=1)
     return result
 
 

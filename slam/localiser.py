@@ -43,9 +43,7 @@ class Localisation:
 class Localiser:
     """Follows the chair on a map from a known start."""
 
-    def __init__(
-        self, grid: OccupancyGrid, base_from_laser: Pose2, start: Pose2, settings: LocaliserSettings
-    ) -> None:
+    def __init__(self, grid: OccupancyGrid, base_from_laser: Pose2, start: Pose2, settings: LocaliserSettings) -> None:
         points, normals = walls(grid)
         matching = settings.matching
         self._reference = reference_from_points(points, normals, matching.resolution, matching.sigma)

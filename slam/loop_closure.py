@@ -33,11 +33,15 @@ class LoopSettings(Settings):
     max_angle: float = setting(0.7, "rad", "largest half window of the heading", low=0.05, high=math.pi)
     spacing: float = setting(0.5, "m", "distance driven between two searches", low=0.0, high=100.0)
     chains: int = setting(2, "", "candidates tried at each search", low=1, high=20)
-    chain_reach: float = setting(4.0, "m", "key scans of a chain this near to its nearest one are matched against", low=0.5, high=20.0)  # noqa: E501
+    chain_reach: float = setting(
+        4.0, "m", "key scans of a chain this near to its nearest one are matched against", low=0.5, high=20.0
+    )  # noqa: E501
     query_scans: int = setting(6, "", "latest key scans that are matched together", low=1, high=50)
     min_response: float = setting(0.5, "", "least mean likelihood", low=0.0, high=1.0)
     min_inliers: float = setting(0.7, "", "least share of points on the reference's surfaces", low=0.0, high=1.0)
-    max_chi_square: float = setting(16.3, "", "a loop that fits the optimised graph worse is taken out (99.9 % of 3 dof)", low=1.0, high=1e6)  # noqa: E501
+    max_chi_square: float = setting(
+        16.3, "", "a loop that fits the optimised graph worse is taken out (99.9 % of 3 dof)", low=1.0, high=1e6
+    )  # noqa: E501
     max_ambiguity: float = setting(0.9, "", "largest runner-up response over the winner's", low=0.0, high=1.0)
 
 
@@ -61,9 +65,7 @@ def graph_distances(poses: FloatArray, edges: Sequence[Edge], node: int) -> Floa
     return distances
 
 
-def candidates(
-    poses: FloatArray, edges: Sequence[Edge], recent: int, settings: LoopSettings
-) -> tuple[Candidate, ...]:
+def candidates(poses: FloatArray, edges: Sequence[Edge], recent: int, settings: LoopSettings) -> tuple[Candidate, ...]:
     """Chains of nodes before `recent` that the last node may have come back to, nearest first."""
     node = len(poses) - 1
     if recent < 1:

@@ -240,7 +240,9 @@ class Mapper:
             limit = self.settings.loops.max_chi_square
             poses = optimise(self.poses, self.edges, self.settings.graph)
             refuted = (chi_square(poses, self.edges) > limit).tolist()
-            sound = [edge for edge, bad in zip(self.edges, refuted, strict=True) if not bad or edge.kind is not EdgeKind.LOOP]
+            sound = [
+                edge for edge, bad in zip(self.edges, refuted, strict=True) if not bad or edge.kind is not EdgeKind.LOOP
+            ]
             if len(sound) < len(self.edges):
                 self.counts["loops_refuted"] += len(self.edges) - len(sound)
                 self.edges = sound
@@ -274,7 +276,9 @@ class Mapper:
             low, high = self._key_frames[key], self._key_frames[key + 1]
             if high - low < 2:
                 continue
-            reached = pose_from_array(self.poses[key]) @ (self._key_odometry[key].inverse() @ self._key_odometry[key + 1])
+            reached = pose_from_array(self.poses[key]) @ (
+                self._key_odometry[key].inverse() @ self._key_odometry[key + 1]
+            )
             gap = reached.inverse() @ pose_from_array(self.poses[key + 1])
             for frame in range(low + 1, high):
                 share = interpolate(Pose2(), gap, (frame - low) / (high - low))

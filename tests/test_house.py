@@ -83,7 +83,5 @@ def test_wheel_built_from_the_sdist_holds_every_room(tmp_path: Path) -> None:
     program = f"import sys; sys.path.insert(0, {str(tmp_path / 'site')!r})\n"
     program += "".join(f"import waychair.{room}\n" for room in sorted(ROOMS))
     program += f"import waychair; assert waychair.__file__.startswith({str(tmp_path)!r}), waychair.__file__"
-    done = subprocess.run(
-        [sys.executable, "-c", program], capture_output=True, text=True, check=False, cwd=tmp_path
-    )
+    done = subprocess.run([sys.executable, "-c", program], capture_output=True, text=True, check=False, cwd=tmp_path)
     assert done.returncode == 0, done.stderr

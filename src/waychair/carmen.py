@@ -31,6 +31,7 @@ GZIP_MAGIC = b"\x1f\x8b"
 _GZIP_CHUNK = 1 << 16
 _PROGRESS_EVERY = 256  # lines
 _NANOSECONDS = 9  # decimal places of a second
+_LONGEST_S = (1 << 63) // 10**_NANOSECONDS
 _OTHER_WORDS = frozenset(
     b"PARAM ODOM RLASER LASER1 LASER2 LASER3 LASER4 LASER5 RAWLASER1 RAWLASER2 RAWLASER3 RAWLASER4 RAWLASER5 "
     b"ROBOTLASER2 ROBOTLASER3 ROBOTLASER4 ROBOTLASER5 TRUEPOS NEFF SYNC SONAR BUMPER IMU NMEA-GGA NMEA-RMC "
@@ -70,7 +71,8 @@ def read_carmen(
             progress(number / len(lines))
         word, _, _ = line.partition(b" ")
         if word not in _READERS:
-            others[word] += word in _OTHER_WORDS
+            if word in _OTHER_WORDS:
+                others[word] += 1
             continue
         try:
             frames[word].append(_READERS[word](line.split(), of_robot))
@@ -81,7 +83,7 @@ def read_carmen(
     # Some loggers write every scan in both forms: one of them is enough.
     kind = max(frames, key=lambda word: len(frames[word]))
     if not frames[kind]:
-        raise _nothing(where, +others, damaged)
+        raise _nothing(where, others, damaged)
     return CarmenLog(tuple(frames[kind]), kind.decode(), (*warnings, *_warnings(frames[kind], damaged)))
 
 
@@ -95,9 +97,9 @@ def stamp_from_text(text: str) -> int:
         seconds = Decimal(text)
     except InvalidOperation as error:
         raise ValueError(f"'{text}' is not a time in seconds") from error
-    if not seconds.is_finite() or abs(seconds) >= 9_223_372_036:
+    if not seconds.is_finite() or seconds.copy_abs() >= _LONGEST_S:
         raise ValueError(f"'{text}' is not a time in seconds")
-    return int(round(seconds.scaleb(_NANOSECONDS)))
+    return round(seconds.scaleb(_NANOSECONDS))
 
 
 def _flaser(fields: Sequence[bytes], of_robot: bool) -> SensorFrame:

@@ -39,9 +39,7 @@ def invert(a_from_b: FloatArray) -> FloatArray:
     """`b_from_a` of poses (..., 3)."""
     a = np.asarray(a_from_b, float)
     c, s = np.cos(a[..., 2]), np.sin(a[..., 2])
-    return np.stack(
-        [-c * a[..., 0] - s * a[..., 1], s * a[..., 0] - c * a[..., 1], wrap_angles(-a[..., 2])], axis=-1
-    )
+    return np.stack([-c * a[..., 0] - s * a[..., 1], s * a[..., 0] - c * a[..., 1], wrap_angles(-a[..., 2])], axis=-1)
 
 
 def transform_points(a_from_b: Pose2, points_b: FloatArray) -> FloatArray:

@@ -23,7 +23,9 @@ def test_a_goal_and_a_quiet_rider_let_the_computer_drive() -> None:
 
 
 @pytest.mark.parametrize("mode", list(DriveMode))
-@pytest.mark.parametrize(("forward", "turn"), [(0.11, 0), (-0.11, 0), (0, 0.11), (0, -1.0), (math.nan, 0), (0, math.nan)])
+@pytest.mark.parametrize(
+    ("forward", "turn"), [(0.11, 0), (-0.11, 0), (0, 0.11), (0, -1.0), (math.nan, 0), (0, math.nan)]
+)
 def test_joystick_overrides_every_mode_within_one_tick(mode: DriveMode, forward: float, turn: float) -> None:
     assert supervise(mode, situation(forward, turn), SETTINGS).mode is DriveMode.MANUAL
 

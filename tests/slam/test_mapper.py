@@ -71,7 +71,8 @@ def test_scans_that_see_nothing_leave_the_odometry_in_charge(drive: Drive) -> No
     frames = drive[0][:80]
     blind = [
         dataclasses.replace(
-            frame, scan=dataclasses.replace(frame.scan, ranges=np.full(181, np.inf, np.float32))  # type: ignore[arg-type]
+            frame,
+            scan=dataclasses.replace(frame.scan, ranges=np.full(181, np.inf, np.float32)),  # type: ignore[arg-type]
         )
         for frame in frames
     ]

@@ -1,0 +1,230 @@
+"""Occupancy grids as map_server writes and reads them: `map.yaml` beside an image whose first row is the top.
+
+Formats and thresholds follow the documentation of ROS map_server and of nav2_map_server (trinary, scale, raw).
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable, Iterator, Mapping
+from contextlib import contextmanager
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any, Literal, get_args
+
+import cv2
+import numpy as np
+import yaml
+
+from waychair.errors import MapError, MapNotFound
+from waychair.files import write_bytes, write_text
+from waychair.maps.grid import OCCUPIED_FROM
+from waychair.types import UNKNOWN, Bytes, Cells, FloatArray, OccupancyGrid, Pose2
+
+MAP_YAML, MAP_IMAGE = "map.yaml", "map.pgm"
+OCCUPIED_PIXEL, FREE_PIXEL, UNKNOWN_PIXEL = 0, 254, 205
+RAW_UNKNOWN_PIXEL = 255
+FREE_BELOW = 50
+"""Cells below this value [%] are drawn as free: they are less likely occupied than not. Between it and OCCUPIED_FROM a
+cell is drawn as unknown."""
+
+OCCUPIED_THRESH = 0.65
+FREE_THRESH = 0.196
+"""map_server's thresholds. nav2's saver writes 0.25 for the second, but the grey of an unknown cell stands for
+(255 - 205) / 255 = 0.19608: with 0.25 every loader takes the unknown for free (SteveMacenski/slam_toolbox#587)."""
+
+Mode = Literal["trinary", "scale", "raw"]
+_REQUIRED = ("image", "resolution", "origin", "negate", "occupied_thresh", "free_thresh")
+
+
+@dataclass(frozen=True, slots=True)
+class MapInfo:
+    """What a map's YAML says: image path, resolution [m], pose of the image's lower left corner, how to read pixels."""
+
+    image: Path
+    resolution: float
+    map_from_grid: Pose2
+    mode: Mode
+    negate: bool
+    occupied_thresh: float
+    free_thresh: float
+
+
+def save_map(folder: Path, grid: OccupancyGrid, *, mode: Literal["trinary", "raw"] = "trinary") -> None:
+    """Write map.pgm and then map.yaml into a folder, each whole or not at all.
+
+    Trinary keeps occupied (from 65 %), free (below 50 %) and unknown; raw keeps every value.
+
+    Raises:
+        OutputError: the folder cannot be made or written to.
+    """
+    pixels = _trinary_pixels(grid.cells) if mode == "trinary" else _raw_pixels(grid.cells)
+    height, width = grid.cells.shape
+    header = f"P5\n# {grid.resolution!r} m/pix\n{width} {height}\n255\n"
+    origin = grid.map_from_grid
+    values = {
+        "image": MAP_IMAGE,
+        "mode": mode,
+        "resolution": float(grid.resolution),
+        "origin": [float(origin.x), float(origin.y), float(origin.theta)],
+        "negate": 0,
+        "occupied_thresh": OCCUPIED_THRESH,
+        "free_thresh": FREE_THRESH,
+    }
+    write_bytes(folder / MAP_IMAGE, header.encode() + np.flipud(pixels).tobytes())
+    write_text(folder / MAP_YAML, yaml.safe_dump(values, sort_keys=False, default_flow_style=None))
+
+
+def load_map(path: Path) -> OccupancyGrid:
+    """The grid of a map folder or of its YAML file; the image may be anything OpenCV reads (PGM, PNG, BMP).
+
+    Raises:
+        MapNotFound: the YAML or the image it names is not there.
+        MapError: the YAML or the image is broken; the message says where.
+    """
+    info = load_info(yaml_path(path))
+    cells = _CELLS_FROM_IMAGE[info.mode](_read_image(info.image), info)
+    return OccupancyGrid(np.ascontiguousarray(np.flipud(cells)), info.resolution, info.map_from_grid)
+
+
+def yaml_path(path: Path) -> Path:
+    """The YAML file of a map that is given by its folder or by that file."""
+    return path / MAP_YAML if path.is_dir() else path
+
+
+def load_info(path: Path) -> MapInfo:
+    """The YAML file of a map, checked.
+
+    Raises:
+        MapNotFound: there is no such file.
+        MapError: it is not YAML, lacks a key, or holds an impossible value.
+    """
+    if not path.is_file():
+        raise MapNotFound(f"there is no map at {path}; give a folder with a {MAP_YAML}, or the .yaml file itself")
+    try:
+        values = yaml.safe_load(path.read_text(encoding="utf-8"))
+    except (OSError, UnicodeDecodeError) as error:
+        raise MapError(f"cannot read {path}: {error}; give the .yaml file of a map, not its image") from error
+    except (yaml.YAMLError, ValueError) as error:
+        raise MapError(f"{path} is not YAML: {' '.join(str(error).split())}") from error
+    if not isinstance(values, dict):
+        raise MapError(f"{path} must hold `key: value` lines, with {', '.join(_REQUIRED)}")
+    missing = [key for key in _REQUIRED if values.get(key) is None]
+    if missing:
+        raise MapError(f"{path} lacks {', '.join(missing)}; add {'it' if len(missing) == 1 else 'them'}")
+    mode = values.get("mode", "trinary")
+    if mode not in get_args(Mode):
+        raise MapError(f"{path}: mode is {mode!r}; it must be one of {', '.join(get_args(Mode))}")
+    low, high = (_number(path, values, key, 0.0, 1.0) for key in ("free_thresh", "occupied_thresh"))
+    if low >= high:
+        raise MapError(f"{path}: free_thresh {low} must be less than occupied_thresh {high}")
+    return MapInfo(
+        path.parent / str(values["image"]),
+        _number(path, values, "resolution", 1e-6, 1e6),
+        _origin(path, values["origin"]),
+        mode,
+        _number(path, values, "negate", 0.0, 1.0) != 0.0,
+        high,
+        low,
+    )
+
+
+def _number(path: Path, values: Mapping[str, Any], key: str, low: float, high: float) -> float:
+    try:
+        value = float(values[key])
+    except (TypeError, ValueError) as error:
+        raise MapError(f"{path}: {key} is {values[key]!r}; it must be a number") from error
+    if not low <= value <= high:
+        raise MapError(f"{path}: {key} is {value}; it must lie in [{low:g}, {high:g}]")
+    return value
+
+
+def _origin(path: Path, origin: Any) -> Pose2:
+    try:
+        x, y, theta = (float(value) for value in origin)
+    except (TypeError, ValueError) as error:
+        raise MapError(f"{path}: origin is {origin!r}; it must be [x, y, yaw] in metres and radians") from error
+    if not math.isfinite(x + y + theta):
+        raise MapError(f"{path}: origin is {origin!r}; its three numbers must be finite")
+    return Pose2(x, y, theta)
+
+
+def _trinary_pixels(cells: Cells) -> Bytes:
+    pixels = np.full(cells.shape, UNKNOWN_PIXEL, np.uint8)
+    pixels[(cells >= 0) & (cells < FREE_BELOW)] = FREE_PIXEL
+    pixels[cells >= OCCUPIED_FROM] = OCCUPIED_PIXEL
+    return pixels
+
+
+def _raw_pixels(cells: Cells) -> Bytes:
+    pixels: Bytes = np.where(cells < 0, RAW_UNKNOWN_PIXEL, cells).astype(np.uint8)
+    return pixels
+
+
+def _read_image(path: Path) -> FloatArray:
+    """(H, W, channels) in [0, 1], top row first."""
+    if not path.is_file():
+        raise MapNotFound(f"the map's image {path} is not there; put it there or correct `image` in the map's YAML")
+    try:
+        data = np.fromfile(path, np.uint8)
+        with _quiet_opencv():
+            image = cv2.imdecode(data, cv2.IMREAD_UNCHANGED) if len(data) else None
+    except (OSError, cv2.error) as error:
+        raise MapError(f"cannot read the map's image {path}: {' '.join(str(error).split())}") from error
+    if image is None:
+        raise MapError(f"the map's image {path} is cut short or no image (PGM, PNG, BMP); copy it again")
+    brightest = {np.dtype(np.uint8): 255.0, np.dtype(np.uint16): 65535.0}.get(image.dtype)
+    if brightest is None:
+        raise MapError(f"the map's image {path} holds {image.dtype} pixels; save it with 8 or 16 bits")
+    return np.asarray(image.reshape(*image.shape[:2], -1) / brightest, np.float64)
+
+
+@contextmanager
+def _quiet_opencv() -> Iterator[None]:
+    """Without OpenCV's own lines on stderr about a damaged file."""
+    level = cv2.utils.logging.getLogLevel()
+    cv2.utils.logging.setLogLevel(cv2.utils.logging.LOG_LEVEL_SILENT)
+    try:
+        yield
+    finally:
+        cv2.utils.logging.setLogLevel(level)
+
+
+def _trinary_cells(image: FloatArray, info: MapInfo) -> Cells:
+    """100 above the occupied threshold, 0 below the free one, else unknown; transparency is one more channel."""
+    occupancy = _occupancy(image, info)
+    cells = np.full(occupancy.shape, UNKNOWN, np.int8)
+    cells[occupancy > info.occupied_thresh] = 100
+    cells[occupancy < info.free_thresh] = 0
+    return cells
+
+
+def _scale_cells(image: FloatArray, info: MapInfo) -> Cells:
+    """0..100 linearly between the thresholds; a pixel that is not opaque is unknown."""
+    transparent = image.shape[2] in (2, 4)
+    occupancy = _occupancy(image[..., :-1] if transparent else image, info)
+    span = info.occupied_thresh - info.free_thresh
+    cells = np.clip(np.rint((occupancy - info.free_thresh) / span * 100.0), 0, 100).astype(np.int8)
+    if transparent:
+        cells[image[..., -1] < 1.0] = UNKNOWN
+    return cells
+
+
+def _occupancy(image: FloatArray, info: MapInfo) -> FloatArray:
+    """(H, W) probability that a cell is occupied: dark pixels unless negated."""
+    shade: FloatArray = image.mean(axis=2)
+    return shade if info.negate else 1.0 - shade
+
+
+def _raw_cells(image: FloatArray, _: MapInfo) -> Cells:
+    """The pixel is the value; beyond 100 the cell is unknown."""
+    values = np.rint(image[..., 0] * 255.0)
+    cells: Cells = np.where(values <= 100.0, values, UNKNOWN).astype(np.int8)
+    return cells
+
+
+_CELLS_FROM_IMAGE: dict[Mode, Callable[[FloatArray, MapInfo], Cells]] = {
+    "trinary": _trinary_cells,
+    "scale": _scale_cells,
+    "raw": _raw_cells,
+}

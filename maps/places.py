@@ -1,0 +1,157 @@
+"""Named places of a map: `places.yaml` beside `map.yaml`.
+
+    lift: [12.4, 3.1, 1.5708]
+    desk: [2.0, 5.5, 3.1416, 0.05, 0.02]
+
+A place is x, y [m], yaw [rad] in map, and where it matters the tolerances of arrival [m], [rad].
+"""
+
+from __future__ import annotations
+
+import difflib
+import math
+from collections.abc import Mapping
+from pathlib import Path
+
+import numpy as np
+import yaml
+
+from waychair.errors import PlaceError, UnknownPlace
+from waychair.files import write_text
+from waychair.geometry import wrap_angle
+from waychair.maps.grid import OCCUPIED_FROM, cells_from_points, inside
+from waychair.types import OccupancyGrid, Place, Pose2
+
+PLACES_YAML = "places.yaml"
+
+_DEFAULT = Place("", Pose2())
+_SHAPE = "[x, y, yaw] or [x, y, yaw, tolerance_m, tolerance_rad]"
+
+
+def places_path(folder: Path) -> Path:
+    """The places of a map that is given by its folder or by its YAML file."""
+    is_yaml = folder.suffix in (".yaml", ".yml") and not folder.is_dir()
+    return (folder.parent if is_yaml else folder) / PLACES_YAML
+
+
+def load_places(folder: Path) -> dict[str, Place]:
+    """The places of a map by name, in the order of the file; none when there is no such file yet.
+
+    Raises:
+        PlaceError: the file is broken; the message names the line and the place.
+    """
+    path = places_path(folder)
+    if not path.exists():
+        return {}
+    try:
+        root = yaml.compose(path.read_text(encoding="utf-8"), Loader=yaml.SafeLoader)
+    except (OSError, UnicodeDecodeError) as error:
+        raise PlaceError(f"cannot read the places {path}: {error}") from error
+    except (yaml.YAMLError, ValueError) as error:
+        raise PlaceError(f"{path} is not YAML: {' '.join(str(error).split())}") from error
+    if root is None:
+        return {}
+    if not isinstance(root, yaml.MappingNode):
+        raise PlaceError(f"{path} must hold `name: [x, y, yaw]` lines")
+    places: dict[str, Place] = {}
+    for key, value in root.value:
+        place = _place(path, key, value)
+        if place.name in places:
+            line = key.start_mark.line + 1
+            raise PlaceError(f"{path} line {line}: the place '{place.name}' is there twice; rename or remove one")
+        places[place.name] = place
+    return places
+
+
+def save_places(folder: Path, places: Mapping[str, Place]) -> None:
+    """Write the places of a map, whole or not at all; tolerances only where they are not the usual ones.
+
+    Raises:
+        PlaceError: a name or a number is impossible.
+        OutputError: the folder cannot be made or written to.
+    """
+    values = {place.name: _values(_checked(place)) for place in places.values()}
+    text = yaml.safe_dump(values, sort_keys=False, default_flow_style=None, allow_unicode=True, width=10_000)
+    write_text(places_path(folder), text if values else "")
+
+
+def add_place(folder: Path, name: str, pose: Pose2, *, replace: bool = False) -> Place:
+    """Add a place to a map's file and return it; `replace` moves a place of that name.
+
+    Raises:
+        PlaceError: the name is taken or impossible, the pose is not finite, or the file is broken.
+        OutputError: the folder cannot be made or written to.
+    """
+    places = load_places(folder)
+    place = _checked(Place(name.strip(), pose))
+    if place.name in places and not replace:
+        raise PlaceError(f"there is a place '{place.name}' already; choose another name or replace it")
+    save_places(folder, {**places, place.name: place})
+    return place
+
+
+def find(places: Mapping[str, Place], name: str) -> Place:
+    """The place of this name.
+
+    Raises:
+        UnknownPlace: there is none; the message gives the names that come nearest.
+    """
+    if name in places:
+        return places[name]
+    if not places:
+        raise UnknownPlace(f"there is no place '{name}': the map has no places yet; add one")
+    by_folded = {known.casefold(): known for known in places}
+    near = difflib.get_close_matches(name.casefold(), by_folded, n=3, cutoff=0.0)
+    raise UnknownPlace(f"there is no place '{name}'; did you mean {', '.join(by_folded[match] for match in near)}?")
+
+
+def check_place(grid: OccupancyGrid, place: Place) -> None:
+    """Refuse a place that lies outside the map or in a wall.
+
+    Raises:
+        PlaceError: it does.
+    """
+    at = f"the place '{place.name}' at ({place.pose.x:.2f}, {place.pose.y:.2f})"
+    cell = cells_from_points(grid, np.array([[place.pose.x, place.pose.y]]))
+    if not inside(grid, cell)[0]:
+        height, width = (count * grid.resolution for count in grid.cells.shape)
+        raise PlaceError(f"{at} lies outside the map of {width:.1f} x {height:.1f} m; choose a point in it")
+    if grid.cells[tuple(cell[0])] >= OCCUPIED_FROM:
+        raise PlaceError(f"{at} lies in a wall; choose a point in free space")
+
+
+def _checked(place: Place) -> Place:
+    if not place.name or place.name != place.name.strip() or not place.name.isprintable():
+        raise PlaceError(f"{place.name!r} cannot be the name of a place; use letters, digits and single spaces")
+    if not all(math.isfinite(value) for value in (place.pose.x, place.pose.y, place.pose.theta)):
+        raise PlaceError(f"the place '{place.name}' has no finite pose ({place.pose}); give x, y and yaw")
+    if not (0.0 < place.tolerance_m < math.inf and 0.0 < place.tolerance_rad < math.inf):
+        raise PlaceError(f"the tolerances of the place '{place.name}' must be greater than 0 and finite")
+    return place
+
+
+def _values(place: Place) -> list[float]:
+    pose = [float(place.pose.x), float(place.pose.y), float(place.pose.theta)]
+    tolerances = (place.tolerance_m, place.tolerance_rad)
+    if tolerances == (_DEFAULT.tolerance_m, _DEFAULT.tolerance_rad):
+        return pose
+    return [*pose, *map(float, tolerances)]
+
+
+def _place(path: Path, key: yaml.Node, value: yaml.Node) -> Place:
+    """A place from its YAML nodes; names stay as they are written, so that room 007 keeps its zeros."""
+    where = f"{path} line {key.start_mark.line + 1}"
+    if not isinstance(key, yaml.ScalarNode):
+        raise PlaceError(f"{where}: a place's name must be a word; write `name: [x, y, yaw]`")
+    items = value.value if isinstance(value, yaml.SequenceNode) else []
+    try:
+        numbers = [float(item.value) for item in items]
+    except (TypeError, ValueError) as error:
+        raise PlaceError(f"{where}: '{key.value}' must be {_SHAPE}, all numbers") from error
+    if len(numbers) not in (3, 5):
+        raise PlaceError(f"{where}: '{key.value}' must be {_SHAPE}")
+    x, y, yaw, *tolerances = numbers
+    try:
+        return _checked(Place(key.value, Pose2(x, y, wrap_angle(yaw) if math.isfinite(yaw) else yaw), *tolerances))
+    except PlaceError as error:
+        raise PlaceError(f"{where}: {error}") from error

@@ -1,0 +1,84 @@
+"""What a good arc is: measures of the candidates, and two ways to weigh them.
+
+`comfortable_score` is what the chair drives with; `paper_score` is Eq. (11) of the source paper as it stands.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from waychair.config import Settings, setting
+from waychair.types import BoolArray, FloatArray
+
+
+@dataclass(frozen=True, slots=True)
+class Features:
+    """Measures of N candidate arcs; all (N,) float64 unless said otherwise.
+
+    candidates (N, 2): v [m/s], omega [rad/s]. admissible: bool. free_time [s]: until the first contact or the horizon.
+    clearance [m]: least distance beside the body on the way. path_error [m]: mean distance of the arc from the path.
+    heading_error [rad]: |end's heading - path's direction there|. bearing [rad]: |direction from the end to the target
+    - end's heading|. progress [m]: way along the path to the point nearest to the end. target_distance [m]: least
+    distance to the target on the way. change [0..1]: size of the step from the last command.
+    """
+
+    candidates: FloatArray
+    admissible: BoolArray
+    free_time: FloatArray
+    clearance: FloatArray
+    path_error: FloatArray
+    heading_error: FloatArray
+    bearing: FloatArray
+    progress: FloatArray
+    target_distance: FloatArray
+    change: FloatArray
+
+
+@dataclass(frozen=True, slots=True)
+class Weights(Settings):
+    """Weights of the critics; each critic is 1 for the best arc there can be and falls by 1 over its scale."""
+
+    path: float = setting(1.5, "", "nearness to the path, per 0.5 m", low=0.0, high=100.0)
+    heading: float = setting(0.4, "", "direction of the path at the end, per half turn", low=0.0, high=100.0)
+    progress: float = setting(2.0, "", "way made along the path, per longest way", low=0.0, high=100.0)
+    target: float = setting(1.0, "", "nearness to the target, per longest way", low=0.0, high=100.0)
+    clearance: float = setting(0.3, "", "distance beside the body, per 0.3 m", low=0.0, high=100.0)
+    speed: float = setting(0.3, "", "forward speed, per highest speed", low=0.0, high=100.0)
+    smoothness: float = setting(0.1, "", "small change of the command", low=0.0, high=100.0)
+
+
+def comfortable_score(features: Features, weights: Weights, longest: float, highest: float) -> FloatArray:
+    """(N,) weighted sum of the critics; `longest` [m] is the way of the fastest arc, `highest` [m/s] its speed.
+
+    The critics are divided by fixed scales and not by what the candidates of this moment reach: a difference of
+    millimetres between arcs in an empty hall stays one, and there is no 0/0.
+    """
+    score: FloatArray = (
+        -weights.path * features.path_error / 0.5
+        - weights.heading * features.heading_error / np.pi
+        + weights.progress * features.progress / longest
+        - weights.target * features.target_distance / longest
+        + weights.clearance * np.minimum(features.clearance, 0.3) / 0.3
+        + weights.speed * features.candidates[:, 0] / highest
+        - weights.smoothness * features.change
+    )
+    return score
+
+
+def paper_score(features: Features, alpha: float = 1.0, beta: float = 1.0, gamma: float = 1.0) -> FloatArray:
+    """(N,) Eq. (11) of the source paper, alpha * heading + beta * dist + gamma * vel, each normalised by eta.
+
+    heading is pi less the bearing of the target, dist the free way on the arc, vel the speed. eta divides each term by
+    its sum over the admissible candidates (Fox, Burgard and Thrun 1997 smooth and normalise alike); a term that is 0
+    for all of them, where the paper's eta is 0/0, contributes 0.
+    """
+    speed = np.abs(features.candidates[:, 0])
+    terms = (np.pi - features.bearing, speed * features.free_time, speed)
+    score = np.zeros(len(speed))
+    for weight, term in zip((alpha, beta, gamma), terms, strict=True):
+        total = term[features.admissible].sum()
+        if total > 0:
+            score += weight * term / total
+    return score

@@ -1,0 +1,286 @@
+"""Dynamic window approach: the next (v, omega), chosen among arcs that the chair can reach and can stop on.
+
+Fox, Burgard and Thrun, "The Dynamic Window Approach to Collision Avoidance", IEEE Robotics & Automation Magazine 4(1),
+1997; Eqs. (8)-(11) of the source paper (intelligent wheelchair, D* Lite and DWA), with these differences:
+
+- The window lies round the last *command*, never round the measured speed: a drive with a dead band does not follow
+  small commands, and a window round its standstill would offer the same too small ones for ever.
+- Eq. (10) bounds omega by sqrt(2 dist brake) with dist in metres; the units only agree with the *angle* left to turn.
+  Both bounds together are one condition on time: the chair brakes v and omega in proportion, stays on its arc and
+  needs half the longer braking time at full speed, so the arc must be free for that long.
+- eta of Eq. (11) is 0/0 where a term vanishes for all candidates; see `critics`.
+
+A candidate is a speed to go for; what is commanded is the first control period of the way there, and that too must be
+able to stop. Hence, in a world that stands still, a full stop from any commanded speed touches nothing.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable
+from dataclasses import dataclass, field
+
+import numpy as np
+
+from waychair.calibration.chair import ChairBody
+from waychair.config import Settings, setting
+from waychair.geometry import wrap_angle
+from waychair.maps.distance_field import DistanceField
+from waychair.planning.critics import Features, Weights, comfortable_score
+from waychair.planning.dwa_kernels import local_section, measure
+from waychair.planning.footprint import Footprint, along_arc, footprint, free_time, in_cells
+from waychair.types import BoolArray, FloatArray, Path, Pose2, Twist
+
+Score = Callable[[Features], FloatArray]
+
+_STANDING_V, _STANDING_OMEGA = 0.01, 0.02
+"""Speeds [m/s], [rad/s] below which a command counts as standing still."""
+
+
+@dataclass(frozen=True, slots=True)
+class DwaSettings(Settings):
+    """Limits of the motion (engineering choices for comfort, no standard), sampling and weights."""
+
+    max_speed: float = setting(0.8, "m/s", "highest forward speed", low=0.05, high=3.0)
+    max_reverse: float = setting(0.2, "m/s", "highest reverse speed", low=0.0, high=1.0)
+    max_omega: float = setting(0.8, "rad/s", "highest turning speed", low=0.05, high=3.0)
+    acceleration: float = setting(0.5, "m/s^2", "speeding up", low=0.05, high=3.0)
+    braking: float = setting(0.6, "m/s^2", "slowing down", low=0.05, high=3.0)
+    alpha: float = setting(0.8, "rad/s^2", "change of the turning speed, both ways", low=0.05, high=5.0)
+    max_lateral: float = setting(0.5, "m/s^2", "sideways acceleration v * omega", low=0.05, high=5.0)
+    max_wheel_speed: float = setting(1.0, "m/s", "highest speed of a drive wheel", low=0.05, high=5.0)
+    period: float = setting(0.05, "s", "time between two commands", low=0.005, high=1.0)
+    reaction_time: float = setting(0.15, "s", "from a command to the motion", low=0.0, high=2.0)
+    window_time: float = setting(1.0, "s", "how far ahead in time the window reaches", low=0.005, high=5.0)
+    horizon: float = setting(2.5, "s", "length of the arcs", low=2.0, high=10.0)
+    v_samples: int = setting(21, "", "speeds tried", low=3, high=101)
+    omega_samples: int = setting(31, "", "turning speeds tried", low=3, high=201)
+    margin: float = setting(0.01, "m", "kept free round the chair's outline", low=0.0, high=0.5)
+    turn_in_place_from: float = setting(1.1, "rad", "path this far off the heading: turn first", low=0.2, high=math.pi)
+    goal_tolerance: float = setting(0.10, "m", "how near to the goal is there", low=0.01, high=1.0)
+    heading_tolerance: float = setting(0.05, "rad", "how near to its heading is there", low=0.005, high=math.pi)
+    weights: Weights = field(default_factory=Weights)
+
+
+@dataclass(frozen=True, slots=True)
+class DwaResult:
+    """The command, and why: candidates (N, 2) [m/s, rad/s], scores (N,) (-inf: not admissible).
+
+    `blocked`: nothing that moves is possible, the twist brakes along the present arc and then stands. `arrived`: at the
+    goal, in position and heading, standing still. `arc` (M, 3) [m, m, rad] in map is the chosen candidate's way.
+    """
+
+    twist: Twist
+    candidates: FloatArray
+    scores: FloatArray
+    arc: FloatArray
+    blocked: bool = False
+    arrived: bool = False
+
+
+def choose(
+    pose: Pose2,
+    command: Twist,
+    path: Path,
+    distances: DistanceField,
+    body: ChairBody,
+    settings: DwaSettings = DwaSettings(),
+    score: Score | None = None,
+) -> DwaResult:
+    """The next command on a path.
+
+    pose: map_from_base now; command: the last one sent; path: in map, its last pose is the goal; distances: around
+    the chair, in map (what lies outside counts as occupied); score: another critic, such as `critics.paper_score`.
+    """
+    shape = footprint(body, settings.margin, distances)
+    # What is commanded now moves the chair only after the reaction time, until then the last command does.
+    ahead = Pose2(*along_arc(pose.x, pose.y, pose.theta, command.v, command.omega, settings.reaction_time))
+    section, remaining = local_section(path.poses, ahead.array(), settings.max_speed * settings.horizon + 0.5)
+
+    if _in_position(ahead, command, path, settings):
+        return _rotate(ahead, command, float(path.poses[-1, 2]), shape, distances, settings)
+    off_path = wrap_angle(float(section[min(10, len(section) - 1), 2]) - ahead.theta)
+    if abs(off_path) > settings.turn_in_place_from and remaining > settings.goal_tolerance:
+        turn = _rotate(ahead, command, ahead.theta + off_path, shape, distances, settings)
+        if not turn.blocked:
+            return turn
+
+    candidates = _window(command, remaining, body, settings)
+    features = _features(candidates, ahead, command, section, shape, distances, settings)
+    longest = settings.max_speed * settings.horizon
+    scores = score(features) if score else comfortable_score(features, settings.weights, longest, settings.max_speed)
+    scores = np.where(features.admissible, scores, -np.inf)
+    return _best(candidates, scores, ahead, command, shape, distances, settings)
+
+
+def rotate_to_heading(
+    pose: Pose2,
+    command: Twist,
+    heading: float,
+    distances: DistanceField,
+    body: ChairBody,
+    settings: DwaSettings = DwaSettings(),
+) -> DwaResult:
+    """Turn in place to a heading [rad] in map, the short way round if it is free, else the long way.
+
+    The whole sweep of the rectangle is checked before it begins and at every call. `arrived` when the heading is
+    reached and the chair stands; `blocked` when neither way round is free.
+    """
+    shape = footprint(body, settings.margin, distances)
+    ahead = Pose2(*along_arc(pose.x, pose.y, pose.theta, command.v, command.omega, settings.reaction_time))
+    return _rotate(ahead, command, heading, shape, distances, settings)
+
+
+def braking(command: Twist, settings: DwaSettings) -> Twist:
+    """One control period of braking on the same arc: v and omega fall in proportion."""
+    left = 1.0 - settings.period / max(_stop_time(command, settings), settings.period)
+    return Twist(command.v * left, command.omega * left)
+
+
+def _in_position(ahead: Pose2, command: Twist, path: Path, settings: DwaSettings) -> bool:
+    """Whether the goal's position is reached; turning there may drift a little without giving it up."""
+    turning = abs(command.v) < _STANDING_V < abs(command.omega)
+    tolerance = settings.goal_tolerance * (1.5 if turning else 1.0)
+    return math.hypot(path.poses[-1, 0] - ahead.x, path.poses[-1, 1] - ahead.y) <= tolerance
+
+
+def _stop_time(twist: Twist, settings: DwaSettings) -> float:
+    """Time [s] to brake v and omega in proportion."""
+    return max(abs(twist.v) / settings.braking, abs(twist.omega) / settings.alpha)
+
+
+def _can_stop(twist: Twist, start: FloatArray, shape: Footprint, settings: DwaSettings) -> bool:
+    """Eq. (10): one period at this speed and the stop after it stay free."""
+    needed = settings.period + _stop_time(twist, settings) / 2
+    return bool(free_time(shape, start, twist.v / shape.cell, twist.omega, needed, needed) >= needed)
+
+
+def _standing(twist: Twist) -> bool:
+    return abs(twist.v) < _STANDING_V and abs(twist.omega) < _STANDING_OMEGA
+
+
+def _window(command: Twist, remaining: float, body: ChairBody, settings: DwaSettings) -> FloatArray:
+    """(N, 2) candidates: Eqs. (8) and (9) round the command, wheel speed and sideways acceleration, 0 among them."""
+    time = settings.window_time
+    # Slow enough to stop at the goal, with half the braking held back.
+    fastest = min(settings.max_speed, max(math.sqrt(settings.braking * remaining), 0.05))
+    faster = settings.acceleration if command.v >= 0 else settings.braking
+    slower = settings.braking if command.v >= 0 else settings.acceleration
+    v_high = min(fastest, command.v + faster * time)
+    v_low = max(-settings.max_reverse, command.v - slower * time)
+    omega_high = min(settings.max_omega, command.omega + settings.alpha * time)
+    omega_low = max(-settings.max_omega, command.omega - settings.alpha * time)
+    v = _samples(min(v_low, v_high), max(v_low, v_high), settings.v_samples)
+    omega = _samples(min(omega_low, omega_high), max(omega_low, omega_high), settings.omega_samples)
+    pairs = np.stack(np.meshgrid(v, omega, indexing="ij"), axis=-1).reshape(-1, 2)
+    wheels = np.abs(pairs[:, 0]) + np.abs(pairs[:, 1]) * body.track / 2
+    possible = (wheels <= settings.max_wheel_speed) & (np.abs(pairs[:, 0] * pairs[:, 1]) <= settings.max_lateral)
+    # A command beyond the limits, say after they were lowered, leaves nothing possible: slow down whatever it takes.
+    return np.ascontiguousarray(pairs[possible]) if possible.any() else np.zeros((1, 2))
+
+
+def _samples(low: float, high: float, count: int) -> FloatArray:
+    """Evenly spaced, the one nearest to 0 moved onto it where 0 lies between: straight on and standing are tried."""
+    values = np.linspace(low, high, count)
+    if low < 0.0 < high:
+        values[np.argmin(np.abs(values))] = 0.0
+    return values
+
+
+def _features(
+    candidates: FloatArray,
+    ahead: Pose2,
+    command: Twist,
+    section: FloatArray,
+    shape: Footprint,
+    distances: DistanceField,
+    settings: DwaSettings,
+) -> Features:
+    """Roll every candidate out and measure it against the path and the obstacles."""
+    stop = np.maximum(np.abs(candidates[:, 0]) / settings.braking, np.abs(candidates[:, 1]) / settings.alpha)
+    needed = np.minimum(settings.period + stop / 2, settings.horizon)
+    start = in_cells(distances, ahead)
+    rows = measure(shape, start, ahead.array(), candidates, section, needed, settings.horizon)
+    admissible: BoolArray = rows[:, 0] >= needed
+    change = np.abs(candidates - (command.v, command.omega)) / (settings.max_speed, settings.max_omega)
+    return Features(
+        candidates=candidates,
+        admissible=admissible,
+        free_time=rows[:, 0],
+        clearance=rows[:, 1],
+        path_error=rows[:, 2],
+        heading_error=rows[:, 3],
+        bearing=rows[:, 4],
+        progress=rows[:, 5],
+        target_distance=rows[:, 6],
+        change=change.mean(axis=1),
+    )
+
+
+def _best(
+    candidates: FloatArray,
+    scores: FloatArray,
+    ahead: Pose2,
+    command: Twist,
+    shape: Footprint,
+    distances: DistanceField,
+    settings: DwaSettings,
+) -> DwaResult:
+    """The best candidate whose first step can stop; braking when there is none."""
+    start = in_cells(distances, ahead)
+    for i in np.argsort(-scores, kind="stable"):
+        if scores[i] == -np.inf:
+            break
+        twist = _towards(command, Twist(*map(float, candidates[i])), settings)
+        if _can_stop(twist, start, shape, settings):
+            stuck = _standing(twist) and _standing(Twist(*candidates[i]))
+            return DwaResult(twist, candidates, scores, _arc(ahead, candidates[i], settings.horizon), blocked=stuck)
+    return DwaResult(braking(command, settings), candidates, scores, ahead.array()[None], blocked=True)
+
+
+def _towards(command: Twist, target: Twist, settings: DwaSettings) -> Twist:
+    """One control period from the command to the target, on a straight line in (v, omega)."""
+    dv, domega = target.v - command.v, target.omega - command.omega
+    speeding_up = dv * command.v > 0 or command.v == 0
+    longest = max(abs(dv) / (settings.acceleration if speeding_up else settings.braking), abs(domega) / settings.alpha)
+    share = min(1.0, settings.period / longest) if longest > 0 else 1.0
+    return Twist(command.v + share * dv, command.omega + share * domega)
+
+
+def _arc(start: Pose2, candidate: FloatArray, horizon: float) -> FloatArray:
+    """(26, 3) poses along a candidate."""
+    times = np.linspace(0.0, horizon, 26)
+    return np.array([along_arc(start.x, start.y, start.theta, candidate[0], candidate[1], t) for t in times])
+
+
+def _rotate(
+    ahead: Pose2, command: Twist, heading: float, shape: Footprint, distances: DistanceField, settings: DwaSettings
+) -> DwaResult:
+    """Brake v, then turn: as fast as the angle left allows to stop."""
+    none = np.zeros((0, 2))
+    here = ahead.array()[None]
+    if abs(command.v) >= _STANDING_V:
+        return DwaResult(braking(command, settings), none, np.zeros(0), here)
+    error = wrap_angle(heading - ahead.theta)
+    if abs(error) <= settings.heading_tolerance:
+        slower = braking(command, settings)
+        return DwaResult(slower, none, np.zeros(0), here, arrived=_standing(slower))
+    start = in_cells(distances, ahead)
+    for angle in _ways_round(error, command.omega):
+        needed = abs(angle) / settings.max_omega
+        if free_time(shape, start, 0.0, math.copysign(settings.max_omega, angle), needed, needed) < needed:
+            continue
+        omega = math.copysign(min(settings.max_omega, math.sqrt(1.4 * settings.alpha * abs(angle))), angle)
+        step = settings.alpha * settings.period
+        twist = Twist(0.0, min(max(omega, command.omega - step), command.omega + step))
+        if _can_stop(twist, start, shape, settings):
+            target = np.array([[0.0, omega]])
+            return DwaResult(twist, target, np.zeros(1), _arc(ahead, target[0], needed))
+    return DwaResult(braking(command, settings), none, np.zeros(0), here, blocked=True)
+
+
+def _ways_round(error: float, omega: float) -> tuple[float, float]:
+    """Angles [rad] to turn, the preferred first: the short way, unless the chair already turns the other way at half."""
+    other = error - math.copysign(math.tau, error)
+    turning_back = error * omega < 0 and abs(omega) > _STANDING_OMEGA
+    return (other, error) if turning_back and abs(error) > 0.8 * math.pi else (error, other)

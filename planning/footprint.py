@@ -1,0 +1,174 @@
+"""Does the chair's rectangle fit, here and along an arc? Exact enough for doors, and never a false "free".
+
+The rectangle is halved again and again into a tree of smaller ones, each wrapped by a disc. Where the distance field
+shows that a disc is free, everything below it in the tree is free; only beside obstacles does the walk go down to
+leaves, whose discs overhang the rectangle by at most a fifth of a cell. The rectangle is the chair's own, not symmetric
+about the drive axle: the swing-out of its front in a turn is the usual contact at a door.
+
+Lengths inside the kernels are in cells. An obstacle may lie anywhere in its cell (0.71 cells from its centre), the
+interpolated distance may be 0.15 cells too large, and what a rectangle sweeps between two poses `_STEP` apart lies no
+deeper than 0.14 cells (0.35 steps, a diagonal move) outside both: together `SLACK`, one cell.
+"""
+
+from __future__ import annotations
+
+import math
+from functools import lru_cache
+from typing import NamedTuple
+
+import numpy as np
+from numba import njit
+from numpy.typing import NDArray
+
+from waychair.calibration.chair import ChairBody
+from waychair.maps.distance_field import DistanceField, interpolated
+from waychair.types import Float32Array, FloatArray, Pose2
+
+SLACK = 1.0
+"""Clearance [cells] that a disc needs beyond its radius."""
+
+_STEP = 0.4
+"""Movement [cells] of any point of the body between two poses that are checked."""
+
+_GLANCE = 3.0
+"""The same beyond the time that must be certain, where an arc is only judged and not yet relied on."""
+
+
+class Footprint(NamedTuple):
+    """A body on a field, in cells.
+
+    discs (N, 4) float64: x and y ahead and left of the drive axle, radius round its part, radius inside its part;
+    depth-first. skip (N,) int32: the next disc when this one is free; the disc after it, for a leaf.
+    metres: the field (H, W) float32 [m], `cell` [m] its resolution.
+    """
+
+    discs: FloatArray
+    skip: NDArray[np.int32]
+    metres: Float32Array
+    cell: float
+
+
+def footprint(body: ChairBody, margin: float, field: DistanceField) -> Footprint:
+    """The body, grown by a margin [m] on all sides, on a distance field."""
+    discs, skip = _disc_tree(body, margin, field.resolution)
+    return Footprint(discs, skip, field.metres, field.resolution)
+
+
+@lru_cache(maxsize=16)
+def _disc_tree(body: ChairBody, margin: float, cell: float) -> tuple[FloatArray, NDArray[np.int32]]:
+    """`discs` and `skip` of a body; the same few are asked for at every tick."""
+    front, rear, half = (body.front + margin) / cell, (body.rear + margin) / cell, (body.width / 2 + margin) / cell
+    discs: list[tuple[float, float, float, float]] = []
+    skip: list[int] = []
+    _halve((front - rear) / 2, 0.0, (front + rear) / 2, half, discs, skip)
+    return np.array(discs), np.array(skip, np.int32)
+
+
+def _halve(
+    x: float, y: float, a: float, b: float, discs: list[tuple[float, float, float, float]], skip: list[int]
+) -> None:
+    """Append the rectangle of half sides a, b at (x, y) and everything below it."""
+    radius = math.hypot(a, b)
+    here = len(discs)
+    discs.append((x, y, radius, min(a, b)))
+    skip.append(0)
+    if radius > 0.5:  # a leaf's disc is no larger than a cell
+        if a >= b:
+            _halve(x - a / 2, y, a / 2, b, discs, skip)
+            _halve(x + a / 2, y, a / 2, b, discs, skip)
+        else:
+            _halve(x, y - b / 2, a, b / 2, discs, skip)
+            _halve(x, y + b / 2, a, b / 2, discs, skip)
+    skip[here] = len(discs)
+
+
+def in_cells(field: DistanceField, pose: Pose2) -> FloatArray:
+    """A pose in map as (3,) column, row [cells], theta [rad] on the field's grid."""
+    local = field.map_from_grid.inverse() @ pose
+    return np.array([local.x / field.resolution, local.y / field.resolution, local.theta])
+
+
+def fits(body: ChairBody, margin: float, field: DistanceField, pose: Pose2) -> bool:
+    """Whether the body, grown by a margin [m], is surely free of obstacles at a pose in map."""
+    at = in_cells(field, pose)
+    return bool(room(footprint(body, margin, field), at[0], at[1], at[2]) >= 0.0)
+
+
+@njit(cache=True, nogil=True)
+def room(shape: Footprint, x: float, y: float, theta: float, wanted: float = 0.0) -> float:
+    """How far [cells] every point of the body may move from here and stay free, at least; negative when it may touch.
+
+    Looks no closer than to find the room wanted.
+    """
+    discs, skip, metres, cell = shape
+    c, s = math.cos(theta), math.sin(theta)
+    least = math.inf
+    i = 0
+    while i < len(skip):
+        u, v = discs[i, 0], discs[i, 1]
+        distance = interpolated(metres, x + c * u - s * v, y + s * u + c * v) / cell
+        spare = distance - discs[i, 2] - SLACK
+        leaf = skip[i] == i + 1
+        if spare >= wanted or (leaf and spare >= 0.0):
+            least = min(least, spare)
+            i = skip[i]
+        elif leaf or distance < discs[i, 3] - SLACK:
+            return -1.0
+        else:
+            i += 1
+    return least
+
+
+@njit(cache=True, inline="always")
+def along_arc(x: float, y: float, theta: float, v: float, omega: float, t: float) -> tuple[float, float, float]:
+    """Pose after t seconds at constant v [lengths/s] and omega [rad/s]; theta is not wrapped."""
+    turned = omega * t
+    if abs(turned) < 1e-6:
+        middle = theta + 0.5 * turned
+        return x + v * t * math.cos(middle), y + v * t * math.sin(middle), theta + turned
+    radius = v / omega
+    return (
+        x + radius * (math.sin(theta + turned) - math.sin(theta)),
+        y - radius * (math.cos(theta + turned) - math.cos(theta)),
+        theta + turned,
+    )
+
+
+@njit(cache=True, nogil=True)
+def free_time(shape: Footprint, start: FloatArray, v: float, omega: float, certain: float, horizon: float) -> float:
+    """How long [s] the body can follow an arc from a pose, up to the horizon; 0 when it does not fit there either.
+
+    `start` (3,) is in cells, v in cells/s. Steps are as long as the room found allows (conservative advancement), so
+    nothing is jumped over up to the time `certain` [s]; after it, steps are at least `_GLANCE`.
+    """
+    # The root's disc reaches farther than any point of the body.
+    reach = math.hypot(shape.discs[0, 0], shape.discs[0, 1]) + shape.discs[0, 2]
+    fastest = max(abs(v) + abs(omega) * reach, 1e-9)
+    before, t = 0.0, 0.0
+    while True:
+        x, y, theta = along_arc(start[0], start[1], start[2], v, omega, t)
+        spare = room(shape, x, y, theta, _STEP if t < certain else 0.0)
+        if spare < 0.0:
+            return before
+        if t >= horizon:
+            return horizon
+        before = t
+        if t < certain:
+            t = min(t + max(spare, _STEP) / fastest, max(certain, t + spare / fastest), horizon)
+        else:
+            t = min(t + max(spare, _GLANCE) / fastest, horizon)
+
+
+@njit(cache=True)
+def beside(shape: Footprint, x: float, y: float, theta: float) -> float:
+    """Distance [m] from the body's sides to the nearest obstacle centre, measured from three points on its long axis.
+
+    A smooth measure for comparing poses that fit; whether one fits is `room`'s to say.
+    """
+    middle, half = shape.discs[0, 0], shape.discs[0, 3]
+    length = math.sqrt(shape.discs[0, 2] ** 2 - half**2)
+    least = math.inf
+    for share in (-1.0, 0.0, 1.0):
+        along = middle + share * max(length - half, 0.0)
+        least = min(least, interpolated(shape.metres, x + along * math.cos(theta), y + along * math.sin(theta)))
+    return float(max(least - half * shape.cell, 0.0))

@@ -1,0 +1,147 @@
+"""Pictures and pages of what was mapped and driven: one self-contained HTML file, nothing loaded from elsewhere."""
+
+from __future__ import annotations
+
+import base64
+import html
+import io
+from collections.abc import Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+
+from waychair.files import replacing, write_text
+from waychair.geometry import transform_points
+from waychair.types import UNKNOWN, FloatArray, OccupancyGrid, Place, Pose2
+
+if TYPE_CHECKING:
+    from matplotlib.axes import Axes
+    from matplotlib.figure import Figure
+
+COLOURS = ("#0072b2", "#d55e00", "#009e73", "#cc79a7", "#56b4e9", "#e69f00")
+"""Told apart by colour-blind eyes too (Okabe and Ito)."""
+
+STYLE = """
+:root { color-scheme: light dark; }
+body { font: 16px/1.5 system-ui, sans-serif; max-width: 70rem; margin: 2rem auto; padding: 0 1rem; }
+h1 { font-size: 1.6rem; margin-bottom: 0.2rem; } h2 { font-size: 1.2rem; margin-top: 2rem; }
+figure { margin: 1rem 0; } img { max-width: 100%; background: white; } figcaption { opacity: 0.8; }
+table { border-collapse: collapse; } th, td { padding: 0.3rem 0.8rem; text-align: left; border-bottom: 1px solid #8886; }
+td.number, th.number { text-align: right; font-variant-numeric: tabular-nums; }
+"""
+
+
+@dataclass(frozen=True, slots=True)
+class Table:
+    """A table of text; cells that start with a digit or a sign are set as numbers."""
+
+    title: str
+    header: tuple[str, ...]
+    rows: tuple[tuple[str, ...], ...]
+
+
+@dataclass(frozen=True, slots=True)
+class Picture:
+    """A PNG and what is to be seen on it."""
+
+    title: str
+    caption: str
+    png: bytes
+
+
+def new_figure(width: float, height: float, rows: int = 1, columns: int = 1, **kwargs: Any) -> tuple[Figure, Any]:
+    """An empty figure of a size in inches and its axes, drawn without a display."""
+    from matplotlib.figure import Figure
+
+    figure = Figure(figsize=(width, height), dpi=110, layout="constrained")
+    return figure, figure.subplots(rows, columns, **kwargs)
+
+
+def png_from_figure(figure: Figure) -> bytes:
+    """The figure as a PNG."""
+    buffer = io.BytesIO()
+    figure.savefig(buffer, format="png")
+    return buffer.getvalue()
+
+
+def draw_map(axes: Axes, grid: OccupancyGrid, around: FloatArray | None = None) -> None:
+    """The grid in grey on metric axes: white free, black occupied; limited to what is known or to points (N, 2)."""
+    shades = np.select([grid.cells == UNKNOWN, grid.cells >= 65], [0.82, 0.0], 1.0)
+    height, width = np.array(grid.cells.shape) * grid.resolution
+    corner = grid.map_from_grid
+    image = axes.imshow(
+        shades, cmap="gray", vmin=0, vmax=1, origin="lower", extent=(0, width, 0, height), interpolation="none"
+    )
+    from matplotlib.transforms import Affine2D
+
+    placed = Affine2D().rotate(corner.theta).translate(corner.x, corner.y)
+    image.set_transform(placed + axes.transData)
+    if around is None:
+        known = np.argwhere(grid.cells != UNKNOWN)[:, ::-1] * grid.resolution
+        around = transform_points(corner, known) if len(known) else np.array([[0.0, 0.0], [width, height]])
+    low, high = around.min(axis=0) - 1.0, around.max(axis=0) + 1.0
+    axes.set_xlim(low[0], high[0])
+    axes.set_ylim(low[1], high[1])
+    axes.set_aspect("equal")
+    axes.set_xlabel("x [m]")
+    axes.set_ylabel("y [m]")
+
+
+def draw_places(axes: Axes, places: Sequence[Place]) -> None:
+    """Each place as a flag with its name and heading."""
+    for place in places:
+        pose = place.pose
+        tip = pose @ Pose2(0.8, 0.0, 0.0)
+        axes.annotate("", (tip.x, tip.y), (pose.x, pose.y), arrowprops={"arrowstyle": "-|>", "color": "#333"})
+        axes.plot(pose.x, pose.y, "o", color="#333", markersize=5)
+        axes.annotate(
+            place.name, (pose.x, pose.y), xytext=(6, 6), textcoords="offset points", fontsize=9,
+            bbox={"boxstyle": "round,pad=0.2", "facecolor": "white", "edgecolor": "#999", "alpha": 0.85},
+        )  # fmt: skip
+
+
+def draw_outline(axes: Axes, outline: FloatArray, pose: Pose2, colour: str) -> None:
+    """A body's outline (4, 2) at a pose."""
+    corners = transform_points(pose, np.concatenate([outline, outline[:1]]))
+    axes.plot(corners[:, 0], corners[:, 1], color=colour, linewidth=1.0)
+
+
+def write_page(path: Path, title: str, lead: str, tables: Sequence[Table], pictures: Sequence[Picture]) -> None:
+    """One HTML page with everything inside it."""
+    parts = [f"<h1>{html.escape(title)}</h1>", f"<p>{html.escape(lead)}</p>"]
+    parts += [_table(table) for table in tables]
+    for picture in pictures:
+        data = base64.b64encode(picture.png).decode()
+        alternative = html.escape(f"{picture.title}: {picture.caption}")
+        parts.append(
+            f'<h2>{html.escape(picture.title)}</h2><figure><img src="data:image/png;base64,{data}" '
+            f'alt="{alternative}"><figcaption>{html.escape(picture.caption)}</figcaption></figure>'
+        )
+    head = (
+        f'<meta charset="utf-8"><meta name="viewport" content="width=device-width"><title>{html.escape(title)}</title>'
+    )
+    body = "\n".join(parts)
+    write_text(
+        path,
+        f'<!doctype html>\n<html lang="en"><head>{head}<style>{STYLE}</style></head>\n<body>{body}</body></html>\n',
+    )
+
+
+def write_png(path: Path, picture: Picture) -> None:
+    """The picture alone, whole or not at all."""
+    with replacing(path) as aside:
+        aside.write_bytes(picture.png)
+
+
+def _table(table: Table) -> str:
+    def row(cells: Sequence[str], tag: str) -> str:
+        return "<tr>" + "".join(f"<{tag}{_kind(cell)}>{html.escape(cell)}</{tag}>" for cell in cells) + "</tr>"
+
+    rows = "".join(row(cells, "td") for cells in table.rows)
+    return f"<h2>{html.escape(table.title)}</h2><table>{row(table.header, 'th')}{rows}</table>"
+
+
+def _kind(cell: str) -> str:
+    return ' class="number"' if cell[:1].isdigit() or cell[:1] in "+-" else ""

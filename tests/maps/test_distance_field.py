@@ -1,0 +1,66 @@
+"""Distances to the nearest obstacle, against brute force."""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+from waychair.maps.distance_field import distance_field, distances, interpolated
+from waychair.types import BoolArray, FloatArray, OccupancyGrid, Pose2
+
+
+def brute_force(obstacles: BoolArray, resolution: float) -> FloatArray:
+    cells = np.argwhere(obstacles)
+    rows, columns = np.indices(obstacles.shape)
+    away = np.hypot(rows[..., None] - cells[:, 0], columns[..., None] - cells[:, 1])
+    result: FloatArray = away.min(axis=-1) * resolution
+    return result
+
+
+@given(st.integers(0, 2**32 - 1), st.integers(1, 25), st.integers(1, 25), st.floats(0.001, 0.9))
+@settings(max_examples=60, deadline=None)
+def test_distances_equal_brute_force(seed: int, height: int, width: int, density: float) -> None:
+    rng = np.random.default_rng(seed)
+    obstacles = rng.random((height, width)) < density
+    obstacles[rng.integers(height), rng.integers(width)] = True
+    np.testing.assert_allclose(distances(obstacles, 0.05), brute_force(obstacles, 0.05), rtol=1e-5, atol=1e-6)
+
+
+def test_a_grid_without_obstacles_is_its_diagonal_away_from_everything() -> None:
+    np.testing.assert_allclose(distances(np.zeros((30, 40), bool), 0.1), 5.0, rtol=1e-6)
+
+
+def test_unknown_cells_are_no_obstacles_and_the_geometry_is_kept() -> None:
+    cells = np.full((3, 5), -1, np.int8)
+    cells[1, 0] = 100
+    field = distance_field(OccupancyGrid(cells, 0.5, Pose2(1.0, 2.0, 0.3)))
+    np.testing.assert_allclose(field.metres[1], [0.0, 0.5, 1.0, 1.5, 2.0])
+    assert (field.resolution, field.map_from_grid) == (0.5, Pose2(1.0, 2.0, 0.3))
+
+
+@given(st.integers(0, 2**32 - 1))
+@settings(max_examples=30, deadline=None)
+def test_interpolation_is_at_most_015_cells_above_the_truth(seed: int) -> None:
+    rng = np.random.default_rng(seed)
+    obstacles = rng.random((12, 12)) < rng.choice([0.02, 0.1, 0.4])
+    obstacles[rng.integers(12), rng.integers(12)] = True
+    field = distances(obstacles, 1.0)
+    centres = np.argwhere(obstacles) + 0.5
+    for row, column in rng.uniform(0.5, 11.5, (100, 2)):
+        truth = np.hypot(*(centres - (row, column)).T).min()
+        assert interpolated(field, column, row) <= truth + 0.15
+
+
+def test_the_interpolation_bound_is_nearly_reached_between_four_centres() -> None:
+    obstacles = np.zeros((3, 3), bool)
+    obstacles[0, 0] = True
+    worst = interpolated(distances(obstacles, 1.0), 1.0, 1.0) - math.sqrt(0.5)
+    assert worst == pytest.approx(0.146, abs=1e-3)
+
+
+@pytest.mark.parametrize(("column", "row"), [(-0.01, 1.0), (1.0, -0.01), (4.0, 1.0), (1.0, 3.0), (math.nan, 1.0)])
+def test_outside_the_grid_nothing_is_free(column: float, row: float) -> None:
+    assert interpolated(np.full((3, 4), 9.0, np.float32), column, row) == 0.0

@@ -1,0 +1,229 @@
+"""Maps as map_server writes and reads them: round trips, modes, real maps, and broken files."""
+
+from __future__ import annotations
+
+import shutil
+from pathlib import Path
+from typing import Any
+
+import cv2
+import numpy as np
+import pytest
+import yaml
+from hypothesis import given, settings
+from hypothesis import strategies as st
+from hypothesis.extra import numpy as hnp
+
+from waychair.errors import MapError, MapNotFound, OutputError
+from waychair.maps.map_files import load_map, save_map
+from waychair.types import OccupancyGrid, Pose2
+
+GOOD: dict[str, Any] = {
+    "image": "map.pgm",
+    "resolution": 0.1,
+    "origin": [1.0, 2.0, 0.5],
+    "negate": 0,
+    "occupied_thresh": 0.65,
+    "free_thresh": 0.2,
+}
+
+
+def write_map(folder: Path, pixels: np.ndarray, image: str = "map.pgm", **changes: Any) -> Path:
+    """A map with this image (top row first), through OpenCV; keys set to ... are left out."""
+    values = {**GOOD, "image": image, **changes}
+    (folder / "map.yaml").write_text(yaml.safe_dump({key: value for key, value in values.items() if value is not ...}))
+    assert cv2.imwrite(str(folder / image), pixels)
+    return folder
+
+
+def test_the_files_are_the_ones_map_server_expects(tmp_path: Path) -> None:
+    cells = np.array([[0, 100, -1], [49, 65, 50]], np.int8)
+    save_map(tmp_path / "office", OccupancyGrid(cells, 0.05, Pose2(-1.25, 1e-7, 0.1)))
+    assert sorted(path.name for path in (tmp_path / "office").iterdir()) == ["map.pgm", "map.yaml"]
+    values = yaml.safe_load((tmp_path / "office" / "map.yaml").read_text())
+    assert values == {
+        "image": "map.pgm",
+        "mode": "trinary",
+        "resolution": 0.05,
+        "origin": [-1.25, 1e-7, 0.1],
+        "negate": 0,
+        "occupied_thresh": 0.65,
+        "free_thresh": 0.196,
+    }
+    data = (tmp_path / "office" / "map.pgm").read_bytes()
+    assert data.startswith(b"P5\n")
+    assert data.endswith(bytes([254, 0, 205, 254, 0, 205])), "the last row of the grid is the first of the image"
+
+
+def test_an_unknown_cell_is_not_taken_for_free_by_the_thresholds_that_are_written(tmp_path: Path) -> None:
+    save_map(tmp_path, OccupancyGrid(np.full((2, 2), -1, np.int8), 0.05))
+    values = yaml.safe_load((tmp_path / "map.yaml").read_text())
+    assert values["free_thresh"] <= (255 - 205) / 255 <= values["occupied_thresh"]
+
+
+cells_of_any_value = hnp.arrays(
+    np.int8, st.tuples(st.integers(1, 12), st.integers(1, 12)), elements=st.integers(-1, 100)
+)
+metres = st.floats(-1e4, 1e4)
+
+
+@settings(max_examples=40, deadline=None)
+@given(cells_of_any_value, st.floats(0.001, 10.0), metres, metres, st.floats(-3.14, 3.14))
+def test_a_map_survives_its_files(
+    tmp_path_factory: pytest.TempPathFactory, cells: np.ndarray, resolution: float, x: float, y: float, theta: float
+) -> None:
+    folder = tmp_path_factory.mktemp("map")
+    grid = OccupancyGrid(cells, resolution, Pose2(x, y, theta))
+    save_map(folder, grid, mode="raw")
+    raw = load_map(folder)
+    assert (raw.resolution, raw.map_from_grid) == (grid.resolution, grid.map_from_grid)
+    np.testing.assert_array_equal(raw.cells, cells)
+    save_map(folder, grid)
+    trinary = load_map(folder / "map.yaml")
+    expected = np.full(cells.shape, -1)
+    expected[cells >= 65] = 100
+    expected[(cells >= 0) & (cells < 50)] = 0
+    np.testing.assert_array_equal(trinary.cells, expected)
+
+
+@pytest.mark.parametrize(("name", "shape"), [("brsu-c069", (544, 576)), ("wrs20-arena", (416, 192))])
+def test_real_maps_are_read_like_their_pixels_say(
+    data_dir: Path, tmp_path: Path, name: str, shape: tuple[int, int]
+) -> None:
+    shutil.copy(data_dir / "maps_real" / f"{name}.pgm", tmp_path / "map.pgm")
+    shutil.copy(data_dir / "maps_real" / f"{name}.yaml", tmp_path / "map.yaml")
+    grid = load_map(tmp_path)
+    pixels = np.frombuffer((tmp_path / "map.pgm").read_bytes()[-shape[0] * shape[1] :], np.uint8).reshape(shape)
+    assert grid.resolution == 0.05
+    assert grid.map_from_grid in (Pose2(-8.0, -8.0, 0.0), Pose2(-5.0, -5.0, 0.0))
+    np.testing.assert_array_equal(grid.cells[::-1] == 100, pixels < 89)
+    np.testing.assert_array_equal(grid.cells[::-1] == 0, pixels > 205)
+    assert (grid.cells == -1).any()
+    save_map(tmp_path / "again", grid)
+    np.testing.assert_array_equal(load_map(tmp_path / "again").cells, grid.cells)
+
+
+def test_the_first_row_of_the_image_is_the_top(tmp_path: Path) -> None:
+    folder = write_map(tmp_path, np.array([[0, 254], [254, 254], [205, 254]], np.uint8))
+    np.testing.assert_array_equal(load_map(folder).cells, [[-1, 0], [0, 0], [100, 0]])
+
+
+def test_negate_makes_bright_pixels_occupied(tmp_path: Path) -> None:
+    folder = write_map(tmp_path, np.array([[255, 0, 128]], np.uint8), negate=1)
+    np.testing.assert_array_equal(load_map(folder).cells, [[100, 0, -1]])
+
+
+def test_scale_spreads_the_values_between_the_thresholds(tmp_path: Path) -> None:
+    folder = write_map(tmp_path, np.array([[0, 89, 102, 153, 204, 255]], np.uint8), mode="scale")
+    expected = [100, 100, round((0.6 - 0.2) / 0.45 * 100), round((0.4 - 0.2) / 0.45 * 100), 0, 0]
+    np.testing.assert_array_equal(load_map(folder).cells, [expected])
+
+
+def test_transparency_is_unknown_in_scale_and_a_channel_in_trinary(tmp_path: Path) -> None:
+    pixels = np.array([[[0, 0, 0, 255], [0, 0, 0, 254], [255, 255, 255, 255], [0, 0, 0, 0]]], np.uint8)
+    folder = write_map(tmp_path, pixels, "map.png", mode="scale")
+    np.testing.assert_array_equal(load_map(folder).cells, [[100, -1, 0, -1]])
+    folder = write_map(tmp_path, pixels, "map.png")
+    np.testing.assert_array_equal(load_map(folder).cells, [[100, 100, 0, 100]])
+
+
+def test_raw_pixels_are_the_values_and_beyond_100_unknown(tmp_path: Path) -> None:
+    folder = write_map(tmp_path, np.array([[0, 1, 99, 100, 101, 255]], np.uint8), mode="raw")
+    np.testing.assert_array_equal(load_map(folder).cells, [[0, 1, 99, 100, -1, -1]])
+
+
+@pytest.mark.parametrize("image", ["map.png", "map.bmp", "map.pgm"])
+def test_colour_and_grey_images_of_any_kind_are_the_same_map(tmp_path: Path, image: str) -> None:
+    pixels = np.array([[0, 254], [205, 254]], np.uint8)
+    grey = load_map(write_map(tmp_path, pixels, image)).cells
+    if image != "map.pgm":
+        colour = load_map(write_map(tmp_path, np.repeat(pixels[..., None], 3, axis=2), image)).cells
+        np.testing.assert_array_equal(colour, grey)
+    np.testing.assert_array_equal(grey, [[-1, 0], [100, 0]])
+
+
+def test_sixteen_bits_are_scaled_by_their_own_white(tmp_path: Path) -> None:
+    folder = write_map(tmp_path, np.array([[0, 65535, 205 * 257]], np.uint16), "map.png", free_thresh=0.196)
+    np.testing.assert_array_equal(load_map(folder).cells, [[100, 0, -1]])
+
+
+def test_a_text_pgm_with_comments_is_read(tmp_path: Path) -> None:
+    folder = write_map(tmp_path, np.zeros((1, 1), np.uint8))
+    (folder / "map.pgm").write_text("P2\n# made by hand\n3 1\n# white\n255\n0 254 205\n")
+    np.testing.assert_array_equal(load_map(folder).cells, [[100, 0, -1]])
+
+
+@pytest.mark.parametrize(
+    ("changes", "message"),
+    [
+        ({"resolution": ...}, "lacks resolution; add it"),
+        ({"image": None, "origin": ...}, "lacks image, origin; add them"),
+        ({"free_thresh": ...}, "lacks free_thresh"),
+        ({"resolution": 0.0}, "resolution is 0.0"),
+        ({"resolution": -0.05}, "resolution is -0.05"),
+        ({"resolution": float("nan")}, "resolution is nan"),
+        ({"resolution": "fine"}, "resolution is 'fine'; it must be a number"),
+        ({"resolution": [1]}, "must be a number"),
+        ({"origin": [1.0, 2.0]}, r"must be \[x, y, yaw\]"),
+        ({"origin": 3}, r"must be \[x, y, yaw\]"),
+        ({"origin": [0.0, float("inf"), 0.0]}, "must be finite"),
+        ({"mode": "colour"}, "one of trinary, scale, raw"),
+        ({"mode": ["raw"]}, "one of trinary, scale, raw"),
+        ({"free_thresh": 0.7}, "must be less than occupied_thresh"),
+        ({"occupied_thresh": 65}, "occupied_thresh is 65.0"),
+        ({"negate": 2}, "negate is 2.0"),
+    ],
+)
+def test_an_impossible_yaml_is_refused_by_its_key(tmp_path: Path, changes: dict[str, Any], message: str) -> None:
+    folder = write_map(tmp_path, np.zeros((2, 2), np.uint8))
+    values = {key: value for key, value in {**GOOD, **changes}.items() if value is not ...}
+    (folder / "map.yaml").write_text(yaml.safe_dump(values))
+    with pytest.raises(MapError, match=message):
+        load_map(folder)
+
+
+@pytest.mark.parametrize("text", ["", "just words", "a: [1", "- 1\n- 2\n", "a: 2024-99-99\n"])
+def test_what_is_no_map_yaml_is_refused(tmp_path: Path, text: str) -> None:
+    (tmp_path / "map.yaml").write_text(text)
+    with pytest.raises(MapError) as caught:
+        load_map(tmp_path)
+    assert "\n" not in str(caught.value)
+
+
+def test_an_image_given_as_the_map_is_refused_with_advice(tmp_path: Path) -> None:
+    folder = write_map(tmp_path, np.full((4, 4), 205, np.uint8))
+    with pytest.raises(MapError):
+        load_map(folder / "map.pgm")
+
+
+def test_missing_files_are_not_found(tmp_path: Path) -> None:
+    with pytest.raises(MapNotFound, match=r"there is no map at .*map\.yaml"):
+        load_map(tmp_path)
+    with pytest.raises(MapNotFound):
+        load_map(tmp_path / "nowhere")
+    folder = write_map(tmp_path, np.zeros((2, 2), np.uint8))
+    (folder / "map.pgm").unlink()
+    with pytest.raises(MapNotFound, match=r"map\.pgm is not there"):
+        load_map(folder)
+
+
+def test_an_image_cut_anywhere_is_refused_quietly(tmp_path: Path, capfd: pytest.CaptureFixture[str]) -> None:
+    save_map(tmp_path, OccupancyGrid(np.zeros((9, 7), np.int8), 0.05))
+    data = (tmp_path / "map.pgm").read_bytes()
+    for end in range(len(data)):
+        (tmp_path / "map.pgm").write_bytes(data[:end])
+        with pytest.raises(MapError, match="cut short or no image|cannot read the map's image"):
+            load_map(tmp_path)
+    assert capfd.readouterr() == ("", "")
+
+
+def test_an_image_of_floats_is_refused(tmp_path: Path) -> None:
+    folder = write_map(tmp_path, np.zeros((2, 2), np.float32), "map.tiff")
+    with pytest.raises(MapError, match="float32 pixels"):
+        load_map(folder)
+
+
+def test_a_folder_that_cannot_be_made_is_an_output_error(tmp_path: Path) -> None:
+    (tmp_path / "file").touch()
+    with pytest.raises(OutputError):
+        save_map(tmp_path / "file" / "map", OccupancyGrid(np.zeros((2, 2), np.int8), 0.05))

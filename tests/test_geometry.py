@@ -1,0 +1,95 @@
+"""Planar poses: composition, inverse, wrapping."""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+
+from waychair.geometry import (
+    compose,
+    interpolate,
+    invert,
+    pose_from_array,
+    rectangle,
+    rotation,
+    transform_points,
+    wrap_angle,
+    wrap_angles,
+)
+from waychair.types import Path, Pose2, Pose3
+
+metres = st.floats(-100, 100)
+angles = st.floats(-10, 10)
+poses = st.builds(Pose2, metres, metres, angles)
+
+
+@given(angles)
+def test_wrapped_angles_lie_in_the_half_open_circle_and_point_the_same_way(angle: float) -> None:
+    wrapped = wrap_angle(angle)
+    assert -math.pi < wrapped <= math.pi
+    assert math.cos(wrapped) == pytest.approx(math.cos(angle), abs=1e-9)
+    assert math.sin(wrapped) == pytest.approx(math.sin(angle), abs=1e-9)
+    assert wrap_angles(np.array([angle]))[0] == pytest.approx(wrapped, abs=1e-9)
+
+
+@pytest.mark.parametrize("angle", [math.pi, -math.pi, 3 * math.pi])
+def test_half_a_turn_is_plus_pi(angle: float) -> None:
+    assert wrap_angle(angle) == pytest.approx(math.pi)
+    assert wrap_angles(np.array([angle]))[0] == pytest.approx(math.pi)
+
+
+@given(poses, poses, poses)
+def test_composition_is_associative(a: Pose2, b: Pose2, c: Pose2) -> None:
+    left, right = (a @ b) @ c, a @ (b @ c)
+    assert (left.x, left.y) == pytest.approx((right.x, right.y), abs=1e-6)
+    assert wrap_angle(left.theta - right.theta) == pytest.approx(0.0, abs=1e-6)
+
+
+@given(poses)
+def test_a_pose_and_its_inverse_cancel(a: Pose2) -> None:
+    unit = a @ a.inverse()
+    assert unit.array() == pytest.approx(np.zeros(3), abs=1e-6)
+
+
+@given(st.lists(st.tuples(poses, poses), min_size=1, max_size=5))
+def test_arrays_of_poses_compose_and_invert_as_single_ones(pairs: list[tuple[Pose2, Pose2]]) -> None:
+    a = np.array([first.array() for first, _ in pairs])
+    b = np.array([second.array() for _, second in pairs])
+    for row, (first, second) in zip(compose(a, b), pairs, strict=True):
+        expected = first @ second
+        assert row[:2] == pytest.approx([expected.x, expected.y], abs=1e-6)
+        assert wrap_angle(row[2] - expected.theta) == pytest.approx(0.0, abs=1e-6)
+    assert compose(a, invert(a)) == pytest.approx(np.zeros_like(a), abs=1e-6)
+
+
+@given(poses, metres, metres)
+def test_points_transform_as_the_origins_of_poses(a: Pose2, x: float, y: float) -> None:
+    moved = a @ Pose2(x, y, 0.0)
+    assert transform_points(a, np.array([[x, y]]))[0] == pytest.approx([moved.x, moved.y], abs=1e-9)
+
+
+def test_interpolation_takes_the_short_way_round() -> None:
+    middle = interpolate(Pose2(0, 0, math.radians(170)), Pose2(2, 4, math.radians(-170)), 0.5)
+    assert (middle.x, middle.y) == (1.0, 2.0)
+    assert abs(middle.theta) == pytest.approx(math.pi)
+
+
+def test_planar_of_a_pose_in_space_is_its_yaw() -> None:
+    turn = np.eye(3)
+    turn[:2, :2] = rotation(0.7)
+    assert Pose3(turn, np.array([1.0, 2.0, 3.0])).planar().array() == pytest.approx([1.0, 2.0, 0.7])
+
+
+def test_length_of_a_path_is_that_of_its_steps() -> None:
+    assert Path(np.array([[0, 0, 0], [3, 4, 0], [3, 5, 1]], float)).length() == pytest.approx(6.0)
+
+
+def test_rectangle_is_counter_clockwise() -> None:
+    corners = rectangle(0.75, 0.25, 0.3)
+    x, y = corners.T
+    assert 0.5 * np.sum(x * np.roll(y, -1) - np.roll(x, -1) * y) == pytest.approx(0.6)
+    assert pose_from_array(np.array([1.0, 2.0, 3.0])) == Pose2(1.0, 2.0, 3.0)

@@ -1,0 +1,395 @@
+"""ROS bags in and out: round trips, odometry at the scans' stamps, mounts from /tf_static, and damage."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+from rosbags.rosbag1 import Writer as Writer1
+from rosbags.rosbag2 import Writer as Writer2
+from rosbags.typesys import Stores, get_typestore
+
+from waychair.errors import NoScans, OutputError, RecordingDamaged, RecordingError
+from waychair.recording import Recording, RecordingWriter, read_recording
+from waychair.types import Odometry, Pose2, Scan, Twist
+
+SECOND = 1_000_000_000
+START_NS = 1_700_000_000 * SECOND
+MOUNT = Pose2(0.6, -0.1, 0.25)
+TYPES = {1: get_typestore(Stores.ROS1_NOETIC), 2: get_typestore(Stores.ROS2_JAZZY)}
+
+
+def scan_at(stamp_ns: int, beams: int = 90) -> Scan:
+    rng = np.random.default_rng(stamp_ns % 1000)
+    ranges = rng.uniform(0.2, 9.0, beams).astype(np.float32)
+    ranges[:3] = [np.inf, -np.inf, np.nan]
+    return Scan(stamp_ns, ranges, -1.5, 3.0 / beams, 1e-4, 0.05, 12.0)
+
+
+def odometry_at(stamp_ns: int) -> Odometry:
+    t = (stamp_ns - START_NS) / SECOND
+    covariance = np.diag([0.01, 0.02, 0.03]) + 0.001
+    return Odometry(stamp_ns, Pose2(0.5 * t, -0.1 * t, 0.2 * t), Twist(0.5, 0.2), covariance)
+
+
+def write_drive(path: Path, scans: int = 10, **options: Any) -> list[Scan]:
+    """10 scans a second, odometry at each and once between."""
+    written = [scan_at(START_NS + k * SECOND // 10) for k in range(scans)]
+    with RecordingWriter(path, MOUNT, **options) as writer:
+        for scan in written:
+            writer.write(odometry_at(scan.stamp_ns - SECOND // 20))
+            writer.write(odometry_at(scan.stamp_ns))
+            writer.write(scan)
+    return written
+
+
+class Bag:
+    """Messages of any kind into a bag of ROS 1 or 2, as other programs write them."""
+
+    def __init__(self, path: Path, ros: int = 2) -> None:
+        self.types = TYPES[ros].types
+        self._ros = ros
+        self._writer: Any = Writer1(path) if ros == 1 else Writer2(path, version=9)
+        self._writer.open()
+        self._connections: dict[str, Any] = {}
+
+    def put(self, topic: str, stamp_ns: int, message: Any) -> None:
+        kind = message.__msgtype__
+        if topic not in self._connections:
+            self._connections[topic] = self._writer.add_connection(topic, kind, typestore=TYPES[self._ros])
+        store = TYPES[self._ros]
+        data = store.serialize_ros1(message, kind) if self._ros == 1 else store.serialize_cdr(message, kind)
+        self._writer.write(self._connections[topic], stamp_ns, data)
+
+    def header(self, stamp_ns: int, frame: str) -> Any:
+        stamp = self.types["builtin_interfaces/msg/Time"](*divmod(stamp_ns, SECOND))
+        return self.types["std_msgs/msg/Header"](*([0] if self._ros == 1 else []), stamp, frame)
+
+    def scan(self, stamp_ns: int, ranges: list[float], topic: str = "/scan", *, step: float = 0.1) -> None:
+        message = self.types["sensor_msgs/msg/LaserScan"](
+            self.header(stamp_ns, "/laser"), 0.5, 0.5 + step * (len(ranges) - 1), step, 0.01, 0.1, 0.1, 8.0,
+            np.array(ranges, np.float32), np.zeros(0, np.float32),
+        )  # fmt: skip
+        self.put(topic, stamp_ns, message)
+
+    def odometry(self, stamp_ns: int, x: float, theta: float = 0.0, topic: str = "/odom") -> None:
+        make = self.types
+        vector = make["geometry_msgs/msg/Vector3"]
+        turn = make["geometry_msgs/msg/Quaternion"](0.0, 0.0, math.sin(theta / 2), math.cos(theta / 2))
+        pose = make["geometry_msgs/msg/Pose"](make["geometry_msgs/msg/Point"](x, 0.0, 0.0), turn)
+        twist = make["geometry_msgs/msg/Twist"](vector(x, 0.0, 0.0), vector(0.0, 0.0, theta))
+        message = make["nav_msgs/msg/Odometry"](
+            self.header(stamp_ns, "odom"),
+            "base_link",
+            make["geometry_msgs/msg/PoseWithCovariance"](pose, np.zeros(36)),
+            make["geometry_msgs/msg/TwistWithCovariance"](twist, np.zeros(36)),
+        )
+        self.put(topic, stamp_ns, message)
+
+    def mount(self, stamp_ns: int, *chain: tuple[str, str, tuple[float, float, float], tuple[float, ...]]) -> None:
+        make = self.types
+        transforms = [
+            make["geometry_msgs/msg/TransformStamped"](
+                self.header(stamp_ns, parent),
+                child,
+                make["geometry_msgs/msg/Transform"](
+                    make["geometry_msgs/msg/Vector3"](*xyz), make["geometry_msgs/msg/Quaternion"](*xyzw)
+                ),
+            )
+            for parent, child, xyz, xyzw in chain
+        ]
+        self.put("/tf_static", stamp_ns, make["tf2_msgs/msg/TFMessage"](transforms))
+
+    def close(self) -> None:
+        self._writer.close()
+
+
+def made(path: Path, fill: Callable[[Bag], None], ros: int = 2) -> Recording:
+    bag = Bag(path, ros)
+    fill(bag)
+    bag.close()
+    return read_recording(path)
+
+
+@pytest.mark.parametrize(
+    ("name", "options", "files"),
+    [
+        ("drive.mcap", {}, {"drive.mcap"}),
+        ("drive.db3", {}, {"drive.db3"}),
+        ("drive", {}, {"drive", "drive/drive.mcap", "drive/metadata.yaml"}),
+        ("drive", {"storage": "sqlite3"}, {"drive", "drive/drive.db3", "drive/metadata.yaml"}),
+    ],
+)
+def test_what_is_written_is_read_back(tmp_path: Path, name: str, options: dict[str, Any], files: set[str]) -> None:
+    written = write_drive(tmp_path / name, **options)
+    assert {str(path.relative_to(tmp_path)) for path in tmp_path.rglob("*")} == files
+    recording = read_recording(tmp_path / name)
+    assert recording.warnings == ()
+    np.testing.assert_allclose(recording.base_from_laser.array(), MOUNT.array(), atol=1e-12)
+    assert len(recording.frames) == len(written)
+    for frame, scan in zip(recording.frames, written, strict=True):
+        assert frame.scan is not None
+        assert frame.stamp_ns == frame.scan.stamp_ns == scan.stamp_ns
+        np.testing.assert_array_equal(frame.scan.ranges, scan.ranges)
+        np.testing.assert_allclose(frame.scan.angles(), scan.angles(), atol=1e-5)
+        assert (frame.scan.range_min, frame.scan.range_max) == (pytest.approx(0.05), 12.0)
+        assert [reading.stamp_ns for reading in frame.wheels] == [scan.stamp_ns - SECOND // 20, scan.stamp_ns]
+        for reading in frame.wheels:
+            assert isinstance(reading, Odometry)
+            expected = odometry_at(reading.stamp_ns)
+            np.testing.assert_allclose(reading.odom_from_base.array(), expected.odom_from_base.array(), atol=1e-12)
+            assert reading.twist == expected.twist
+            assert reading.covariance is not None
+            np.testing.assert_array_equal(reading.covariance, expected.covariance)
+
+
+def test_an_existing_recording_is_never_overwritten(tmp_path: Path) -> None:
+    (tmp_path / "drive.mcap").write_text("precious")
+    with pytest.raises(OutputError, match="exists already; remove it or choose another name"):
+        write_drive(tmp_path / "drive.mcap")
+    assert (tmp_path / "drive.mcap").read_text() == "precious"
+
+
+def test_a_recording_that_fails_leaves_nothing_behind(tmp_path: Path) -> None:
+    def fails_halfway() -> None:
+        with RecordingWriter(tmp_path / "drive", MOUNT) as writer:
+            writer.write(scan_at(START_NS))
+            raise ZeroDivisionError
+
+    with pytest.raises(ZeroDivisionError):
+        fails_halfway()
+    assert list(tmp_path.iterdir()) == []
+
+
+def test_an_empty_recording_is_refused_and_leaves_nothing_behind(tmp_path: Path) -> None:
+    with pytest.raises(RecordingError, match="nothing was written"), RecordingWriter(tmp_path / "drive.db3", MOUNT):
+        pass
+    assert list(tmp_path.iterdir()) == []
+
+
+def test_a_target_that_cannot_be_made_is_an_output_error(tmp_path: Path) -> None:
+    (tmp_path / "file").touch()
+    with pytest.raises(OutputError, match="cannot write"):
+        write_drive(tmp_path / "file" / "drive.mcap")
+    with pytest.raises(OutputError, match=r"ends in \.db3 but mcap"):
+        RecordingWriter(tmp_path / "drive.db3", MOUNT, storage="mcap")
+
+
+@pytest.mark.parametrize("stamp_ns", [-1, (1 << 31) * SECOND])
+def test_a_stamp_that_ros_cannot_express_is_refused(tmp_path: Path, stamp_ns: int) -> None:
+    with (
+        pytest.raises(RecordingError, match="cannot be expressed"),
+        RecordingWriter(tmp_path / "drive.mcap", MOUNT) as writer,
+    ):
+        writer.write(scan_at(stamp_ns))
+    assert list(tmp_path.iterdir()) == []
+
+
+@pytest.mark.parametrize(("ros", "name"), [(1, "drive.bag"), (2, "drive")])
+def test_odometry_is_interpolated_at_the_scan_and_kept_since_the_one_before(
+    tmp_path: Path, ros: int, name: str
+) -> None:
+    def fill(bag: Bag) -> None:
+        for k in range(6):
+            bag.odometry(k * SECOND, float(k), math.pi - 0.1 + 0.1 * k)
+        bag.scan(SECOND // 2, [1.0, 2.0])
+        bag.scan(3 * SECOND + SECOND // 4, [1.0, 2.0])
+        bag.scan(4 * SECOND, [1.0, 2.0])
+
+    recording = made(tmp_path / name, fill, ros)
+    assert recording.source == f"ROS {ros} bag, scans /scan, odometry /odom"
+    wheels = [[(w.stamp_ns, w.odom_from_base.x) for w in f.wheels if isinstance(w, Odometry)] for f in recording.frames]
+    assert wheels == [
+        [(0, 0.0), (SECOND // 2, 0.5)],
+        [(SECOND, 1.0), (2 * SECOND, 2.0), (3 * SECOND, 3.0), (3 * SECOND + SECOND // 4, 3.25)],
+        [(4 * SECOND, 4.0)],
+    ]
+    second = recording.frames[1].wheels[-1]
+    assert isinstance(second, Odometry)
+    assert second.odom_from_base.theta == pytest.approx(-math.pi + 0.225)
+    assert (second.twist.v, second.covariance) == (pytest.approx(3.25), None)
+
+
+def test_scans_outside_the_odometry_are_left_out_with_a_warning(tmp_path: Path) -> None:
+    def fill(bag: Bag) -> None:
+        for second in (5, 8):
+            bag.odometry(second * SECOND, 1.0)
+        for second in (4, 6, 9):
+            bag.scan(second * SECOND, [1.0, 2.0])
+
+    recording = made(tmp_path / "drive", fill)
+    assert [frame.stamp_ns for frame in recording.frames] == [6 * SECOND]
+    assert any(warning.startswith("2 scans before the first") for warning in recording.warnings)
+
+
+@pytest.mark.parametrize("late_s", [None, 1000])
+def test_a_bag_without_odometry_at_its_scans_gives_frames_without_wheels(tmp_path: Path, late_s: int | None) -> None:
+    def fill(bag: Bag) -> None:
+        bag.scan(SECOND, [1.0, 2.0])
+        if late_s is not None:
+            bag.odometry(late_s * SECOND, 1.0)
+
+    recording = made(tmp_path / "drive", fill)
+    assert [frame.wheels for frame in recording.frames] == [()]
+    assert any("matching the scans alone" in warning for warning in recording.warnings)
+
+
+def test_the_topic_can_be_chosen_and_a_choice_made_for_the_user_is_named(tmp_path: Path) -> None:
+    def fill(bag: Bag) -> None:
+        for k in range(3):
+            bag.odometry(k * SECOND, 1.0, topic="/wheels/odom")
+            bag.scan(k * SECOND, [1.0, 2.0], "/front/scan")
+        bag.scan(SECOND, [7.0, 8.0], "/rear/scan")
+
+    recording = made(tmp_path / "drive", fill)
+    assert recording.source == "ROS 2 bag, scans /front/scan, odometry /wheels/odom"
+    assert any("there are also /rear/scan" in warning for warning in recording.warnings)
+    (rear,) = read_recording(tmp_path / "drive", scan_topic="rear/scan").frames
+    assert rear.scan is not None
+    assert rear.scan.ranges.tolist() == [7.0, 8.0]
+    with pytest.raises(NoScans, match=r"on /scan, only .*/front/scan.*; choose another scan topic"):
+        read_recording(tmp_path / "drive", scan_topic="/scan")
+    with pytest.raises(RecordingError, match=r"on /odom, only .*/wheels/odom"):
+        read_recording(tmp_path / "drive", odom_topic="/odom")
+
+
+def test_the_mount_is_chained_through_static_transforms_in_both_directions(tmp_path: Path) -> None:
+    quarter = (0.0, 0.0, math.sin(math.pi / 4), math.cos(math.pi / 4))
+
+    def fill(bag: Bag) -> None:
+        bag.mount(0, ("base_footprint", "base_link", (0.0, 0.0, 0.1), (0.0, 0.0, 0.0, 1.0)))
+        bag.mount(
+            0,
+            ("base_footprint", "mast", (1.0, 2.0, 0.5), quarter),
+            ("mast", "/laser", (0.5, 0.0, 0.0), (0.0, 0.0, 0.0, 1.0)),
+        )
+        bag.odometry(0, 0.0)
+        bag.scan(0, [1.0, 2.0])
+
+    recording = made(tmp_path / "drive", fill)
+    assert recording.warnings == ()
+    np.testing.assert_allclose(recording.base_from_laser.array(), [1.0, 2.5, math.pi / 2], atol=1e-12)
+    given = read_recording(tmp_path / "drive", base_from_laser=Pose2(9.0, 0.0, 0.0))
+    assert given.base_from_laser == Pose2(9.0, 0.0, 0.0)
+
+
+def test_an_unknown_mount_is_the_identity_with_a_warning(tmp_path: Path) -> None:
+    def fill(bag: Bag) -> None:
+        bag.odometry(0, 0.0)
+        bag.scan(0, [1.0, 2.0])
+
+    recording = made(tmp_path / "drive", fill)
+    assert recording.base_from_laser == Pose2()
+    assert any("give its mount as base_from_laser" in warning for warning in recording.warnings)
+
+
+def test_beams_that_turn_right_are_put_in_order_with_their_own_times(tmp_path: Path) -> None:
+    def fill(bag: Bag) -> None:
+        bag.scan(SECOND, [1.0, 2.0, 3.0], step=-0.1)
+
+    (frame,) = made(tmp_path / "drive", fill).frames
+    scan = frame.scan
+    assert scan is not None
+    assert scan.ranges.tolist() == [3.0, 2.0, 1.0]
+    np.testing.assert_allclose(scan.angles(), [0.3, 0.4, 0.5], atol=1e-6)
+    first_measured = scan.stamp_ns + round(2 * scan.time_step * 1e9)
+    assert first_measured == SECOND
+
+
+def test_a_laser_that_hangs_upside_down_sees_the_world_the_right_way_round(tmp_path: Path) -> None:
+    def fill(bag: Bag) -> None:
+        bag.mount(0, ("base_link", "laser", (0.3, 0.0, 1.0), (1.0, 0.0, 0.0, 0.0)))  # half a turn about x
+        bag.odometry(0, 0.0)
+        bag.scan(0, [1.0, 2.0, 3.0])
+        bag.odometry(SECOND, 0.0)
+
+    recording = made(tmp_path / "drive", fill)
+    scan = recording.frames[0].scan
+    assert scan is not None
+    assert recording.base_from_laser.array().tolist() == pytest.approx([0.3, 0.0, 0.0])
+    assert dict(zip(np.round(scan.angles(), 3).tolist(), scan.ranges.tolist(), strict=True)) == {
+        -0.5: 1.0,
+        -0.6: 2.0,
+        -0.7: 3.0,
+    }
+
+
+def test_scans_without_beams_are_left_out_and_alone_are_no_scans(tmp_path: Path) -> None:
+    def fill(bag: Bag) -> None:
+        bag.scan(0, [])
+        bag.scan(SECOND, [1.0, 2.0])
+
+    recording = made(tmp_path / "drive", fill)
+    assert len(recording.frames) == 1
+    assert any(warning.startswith("1 scans without beams") for warning in recording.warnings)
+    with pytest.raises(NoScans, match="no usable scan"):
+        made(tmp_path / "empty", lambda bag: bag.scan(0, []))
+
+
+@pytest.mark.parametrize("name", ["drive.mcap", "drive.db3", "drive.bag"])
+def test_a_bag_cut_or_corrupted_anywhere_is_an_error_or_a_warning(tmp_path: Path, name: str) -> None:
+    path = tmp_path / name
+    if name == "drive.bag":
+
+        def fill(bag: Bag) -> None:
+            for k in range(30):
+                bag.odometry(k * SECOND, 1.0)
+                bag.scan(k * SECOND, [1.0, 2.0, 3.0])
+
+        made(path, fill, ros=1)
+    else:
+        write_drive(path, scans=10)
+    data = path.read_bytes()
+    whole = len(read_recording(path).frames)
+    damaged = [data[:end] for end in np.linspace(20, len(data) - 1, 40).astype(int).tolist()]
+    for at in np.linspace(20, len(data) - 9, 40).astype(int).tolist():
+        damaged.append(data[:at] + bytes(byte ^ 0xFF for byte in data[at : at + 8]) + data[at + 8 :])
+    outcomes = []
+    for bad in damaged:
+        path.write_bytes(bad)
+        try:
+            recording = read_recording(path)
+        except RecordingError as error:
+            outcomes.append(error)
+        else:
+            assert len(recording.frames) <= whole
+    assert any(isinstance(error, RecordingDamaged) for error in outcomes)
+    assert not any("\n" in str(error) for error in outcomes)
+
+
+def test_a_bag_folder_whose_storage_is_missing_is_damaged(tmp_path: Path) -> None:
+    write_drive(tmp_path / "drive")
+    (tmp_path / "drive" / "drive.mcap").unlink()
+    with pytest.raises(RecordingDamaged, match="is a damaged bag"):
+        read_recording(tmp_path / "drive")
+
+
+def test_what_comes_before_the_damage_is_kept_with_a_warning(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    write_drive(tmp_path / "drive.mcap", scans=10)
+    from rosbags.highlevel import AnyReader
+
+    whole, read = AnyReader.deserialize, []
+
+    def failing(reader: AnyReader, data: bytes, kind: str) -> object:
+        read.append(kind)
+        if len(read) > 16:
+            raise KeyError("chunk")
+        return whole(reader, data, kind)
+
+    monkeypatch.setattr(AnyReader, "deserialize", failing)
+    recording = read_recording(tmp_path / "drive.mcap")
+    assert len(recording.frames) == 5
+    assert any("only what comes before the damage was read" in warning for warning in recording.warnings)
+
+
+def test_an_error_of_the_progress_callback_is_the_callers_own(tmp_path: Path) -> None:
+    def stop(_: float) -> None:
+        raise KeyError("stop")
+
+    write_drive(tmp_path / "drive.mcap")
+    with pytest.raises(KeyError, match="stop"):
+        read_recording(tmp_path / "drive.mcap", progress=stop)

@@ -1,0 +1,27 @@
+"""The table of topics and their liveness."""
+
+from __future__ import annotations
+
+import pytest
+
+from waychair.topics import COMMAND, GOAL, SCAN, TOPICS
+
+
+def test_names_are_unique_and_relative() -> None:
+    names = [topic.name for topic in TOPICS]
+    assert len(set(names)) == len(names)
+    assert not any(name.startswith("/") for name in names)
+
+
+@pytest.mark.parametrize(
+    ("age_ms", "stale"), [(0, False), (299, False), (300, False), (301, True), (-300, False), (-301, True)]
+)
+def test_a_scan_is_stale_after_three_periods_and_so_is_one_from_the_future(age_ms: int, stale: bool) -> None:
+    now = 10**12
+    assert SCAN.is_stale(now - age_ms * 10**6, now) is stale
+
+
+def test_a_topic_never_heard_is_stale_unless_it_has_no_rate() -> None:
+    assert COMMAND.is_stale(None, 0)
+    assert not GOAL.is_stale(None, 0)
+    assert COMMAND.max_age_ns() == 150_000_000

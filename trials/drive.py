@@ -1,0 +1,140 @@
+"""A chair in a simulator drives to places, one after the other; everything that a report or a score needs is kept."""
+
+from __future__ import annotations
+
+import math
+import time
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass
+
+import numpy as np
+
+from waychair.calibration.chair import ChairBody
+from waychair.calibration.dac import LinearDac
+from waychair.control.navigator import Stage
+from waychair.geometry import wrap_angle
+from waychair.runtime.chair import Chair, ChairSettings, ChairState
+from waychair.simulation.simulator import Simulator
+from waychair.topics import COMMAND
+from waychair.types import DriveMode, FloatArray, Goal, OccupancyGrid, Place, Pose2
+
+TICK_NS = round(1e9 / COMMAND.rate_hz)
+
+
+@dataclass(frozen=True, slots=True)
+class Leg:
+    """One drive to a place.
+
+    `reached`: the chair says so and, by the truth, stands within the place's tolerances, `error_m` and `error_rad`
+    away. `planned` (N, 3) is the first path, `truth` (T, 3) the way driven, `estimate` (T, 3) where the chair believed
+    to be, all in map; `times_s` (T,), `volts` (T, 2) of the forward and turn lines (those of a released line are the
+    neutral), `commands` (T, 2) [m/s, rad/s], `clearance` (T,) [m] from the outline to the nearest wall.
+    """
+
+    place: str
+    reached: bool
+    reason: str
+    error_m: float
+    error_rad: float
+    contacts: int
+    plans: int
+    planned: FloatArray
+    times_s: FloatArray
+    truth: FloatArray
+    estimate: FloatArray
+    volts: FloatArray
+    commands: FloatArray
+    clearance: FloatArray
+    tick_ms: FloatArray
+
+    @property
+    def distance_m(self) -> float:
+        """Way driven [m]."""
+        return float(np.hypot(*np.diff(self.truth[:, :2], axis=0).T).sum())
+
+    @property
+    def duration_s(self) -> float:
+        """Time from the goal to the end [s]."""
+        return float(self.times_s[-1] - self.times_s[0])
+
+    @property
+    def localisation_error_m(self) -> float:
+        """Root mean square distance of the believed to the true position [m]."""
+        return float(np.sqrt((np.hypot(*(self.truth - self.estimate)[:, :2].T) ** 2).mean()))
+
+
+@dataclass(frozen=True, slots=True)
+class Setting:
+    """What a drive takes place in: the map the chair knows, its places, the chair, and `map_from_world` of the truth."""
+
+    grid: OccupancyGrid
+    places: Mapping[str, Place]
+    body: ChairBody
+    calibration: LinearDac
+    map_from_world: Pose2 = Pose2()
+    chair: ChairSettings = ChairSettings()
+
+
+def drive_to_places(
+    setting: Setting,
+    simulator: Simulator,
+    goals: Sequence[str],
+    time_limit_s: float = 300.0,
+    progress: Callable[[float], None] | None = None,
+) -> tuple[Leg, ...]:
+    """Drives to the named places in turn, each leg at most `time_limit_s` of simulated time.
+
+    Raises:
+        UnknownPlace: a goal is not among the places.
+    """
+    start = setting.map_from_world @ simulator.truth()
+    chair = Chair(setting.grid, setting.places, setting.body, setting.calibration, simulator, start, setting.chair)
+    legs = []
+    for index, goal in enumerate(goals):
+        legs.append(_leg(setting, simulator, chair, goal, time_limit_s))
+        if progress is not None:
+            progress((index + 1) / len(goals))
+    return tuple(legs)
+
+
+def _leg(setting: Setting, simulator: Simulator, chair: Chair, goal: str, time_limit_s: float) -> Leg:
+    chair.go(Goal(goal))
+    began_ns, contacts = simulator.now_ns, simulator.contacts
+    states: list[ChairState] = []
+    truth, clearance, ticks, planned = [], [], [], np.empty((0, 3))
+    while simulator.now_ns - began_ns < time_limit_s * 1e9:
+        messages = (*simulator.advance(TICK_NS), simulator.rider)
+        started = time.perf_counter()
+        state = chair.step(simulator.now_ns, messages)
+        ticks.append(1e3 * (time.perf_counter() - started))
+        states.append(state)
+        truth.append((setting.map_from_world @ simulator.truth()).array())
+        clearance.append(simulator.clearance())
+        if not len(planned) and state.navigation.path is not None:
+            planned = state.navigation.path.poses
+        if state.navigation.stage in (Stage.ARRIVED, Stage.FAILED):
+            break
+    place, last = setting.places[goal], states[-1]
+    error_m = math.hypot(truth[-1][0] - place.pose.x, truth[-1][1] - place.pose.y)
+    error_rad = abs(wrap_angle(truth[-1][2] - place.pose.theta))
+    arrived = last.navigation.stage is Stage.ARRIVED
+    reason = last.navigation.reason if last.navigation.stage is not Stage.DRIVING else "the time is up"
+    if last.verdict.mode is not DriveMode.AUTONOMOUS and not arrived:
+        reason = last.verdict.reason or reason
+    return Leg(
+        place=goal,
+        reached=arrived and error_m <= place.tolerance_m and error_rad <= place.tolerance_rad,
+        reason=reason,
+        error_m=error_m,
+        error_rad=error_rad,
+        contacts=simulator.contacts - contacts,
+        plans=last.navigation.plans,
+        planned=planned,
+        times_s=np.array([state.stamp_ns for state in states]) * 1e-9,
+        truth=np.array(truth),
+        estimate=np.array([state.map_from_base.array() for state in states]),
+        volts=np.array([[state.sent.forward_volts, state.sent.turn_volts] for state in states]),
+        commands=np.array([[state.navigation.twist.v, state.navigation.twist.omega] for state in states]),
+        clearance=np.array(clearance),
+        tick_ms=np.array(ticks),
+    )
