@@ -263,8 +263,8 @@ def _rotate(
         return DwaResult(braking(command, settings), none, np.zeros(0), here)
     error = wrap_angle(heading - ahead.theta)
     if abs(error) <= settings.heading_tolerance:
-        slower = braking(command, settings)
-        return DwaResult(slower, none, np.zeros(0), here, arrived=_standing(slower))
+        there = _standing(command)
+        return DwaResult(Twist() if there else braking(command, settings), none, np.zeros(0), here, arrived=there)
     start = in_cells(distances, ahead)
     for angle in _ways_round(error, command.omega):
         needed = abs(angle) / settings.max_omega

@@ -94,19 +94,27 @@ def fits(body: ChairBody, margin: float, field: DistanceField, pose: Pose2) -> b
     return bool(room(footprint(body, margin, field), at[0], at[1], at[2]) >= 0.0)
 
 
+@njit(cache=True, inline="always")
+def _distance(shape: Footprint, column: float, row: float) -> float:
+    """Distance [cells] to the nearest obstacle centre, or to the field's border, beyond which nothing is known."""
+    height, width = shape.metres.shape
+    border = min(min(column, width - column), min(row, height - row))
+    return float(min(interpolated(shape.metres, column, row) / shape.cell, border))
+
+
 @njit(cache=True, nogil=True)
 def room(shape: Footprint, x: float, y: float, theta: float, wanted: float = 0.0) -> float:
     """How far [cells] every point of the body may move from here and stay free, at least; negative when it may touch.
 
     Looks no closer than to find the room wanted.
     """
-    discs, skip, metres, cell = shape
+    discs, skip = shape.discs, shape.skip
     c, s = math.cos(theta), math.sin(theta)
     least = math.inf
     i = 0
     while i < len(skip):
         u, v = discs[i, 0], discs[i, 1]
-        distance = interpolated(metres, x + c * u - s * v, y + s * u + c * v) / cell
+        distance = _distance(shape, x + c * u - s * v, y + s * u + c * v)
         spare = distance - discs[i, 2] - SLACK
         leaf = skip[i] == i + 1
         if spare >= wanted or (leaf and spare >= 0.0):
@@ -170,5 +178,5 @@ def beside(shape: Footprint, x: float, y: float, theta: float) -> float:
     least = math.inf
     for share in (-1.0, 0.0, 1.0):
         along = middle + share * max(length - half, 0.0)
-        least = min(least, interpolated(shape.metres, x + along * math.cos(theta), y + along * math.sin(theta)))
-    return float(max(least - half * shape.cell, 0.0))
+        least = min(least, _distance(shape, x + along * math.cos(theta), y + along * math.sin(theta)))
+    return float(max(least - half, 0.0) * shape.cell)

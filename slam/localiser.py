@@ -73,9 +73,10 @@ class Localiser:
 
 
 def walls(grid: OccupancyGrid) -> tuple[FloatArray, FloatArray]:
-    """Points (N, 2) [m] and normals (N, 2) in the map of the faces between occupied cells and known free ones.
+    """Points (N, 2) [m] and normals (N, 2) in the map of the occupied cells that border on known free ones.
 
-    A point is the middle of a face; its normal is that of a line through the nearest faces, on the free side.
+    A point is the centre of its cell: a lidar's hits are spread over the cells they made occupied, so the centre is
+    where the surface is on average. The normal is that of a line through the nearest such cells, on the free side.
     """
     solid = np.pad(occupied(grid), 1)
     free = np.pad((grid.cells >= 0) & ~occupied(grid), 1)
@@ -85,7 +86,7 @@ def walls(grid: OccupancyGrid) -> tuple[FloatArray, FloatArray]:
         centres = points_from_cells(grid, cells)
         normal = grid.map_from_grid @ Pose2(col, row)
         normal_xy = np.array([normal.x - grid.map_from_grid.x, normal.y - grid.map_from_grid.y])
-        points.append(centres + normal_xy * grid.resolution / 2)
+        points.append(centres)
         facing.append(np.broadcast_to(normal_xy, centres.shape))
     every, normals = np.concatenate(points), np.concatenate(facing)
     if len(every) < 3:

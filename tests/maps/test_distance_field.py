@@ -8,6 +8,7 @@ import numpy as np
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
+
 from waychair.maps.distance_field import distance_field, distances, interpolated
 from waychair.types import BoolArray, FloatArray, OccupancyGrid, Pose2
 

@@ -6,6 +6,7 @@ import numpy as np
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
+
 from waychair.errors import NoPath
 from waychair.planning.dstar_lite import Consistency, DStarLite
 from waychair.planning.grid_graph import Cell, Prices
@@ -32,7 +33,7 @@ def path_cost(prices: Prices, path: IntArray) -> int:
     total = 0
     for (r0, c0), (r1, c1) in zip(path[:-1].tolist(), path[1:].tolist(), strict=True):
         assert max(abs(r1 - r0), abs(c1 - c0)) == 1
-        assert prices[r0, c0] and prices[r1, c1] and prices[r0, c1] and prices[r1, c0]
+        assert all((prices[r0, c0], prices[r1, c1], prices[r0, c1], prices[r1, c0]))
         both = int(prices[r0, c0]) + int(prices[r1, c1])
         total += 7071 * both // 1000 if r0 != r1 and c0 != c1 else 5 * both
     return total

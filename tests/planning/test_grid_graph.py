@@ -6,6 +6,7 @@ import numpy as np
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
+
 from waychair.planning.grid_graph import (
     UNREACHABLE,
     cells_from_padded,

@@ -5,6 +5,7 @@ from __future__ import annotations
 import numpy as np
 from hypothesis import given, settings
 from hypothesis import strategies as st
+
 from waychair.planning.indexed_heap import empty_heap, grown, has_room, put, remove
 
 OPERATIONS = st.lists(
