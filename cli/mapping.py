@@ -79,7 +79,7 @@ def map_command(
 
 def places_command(
     *,
-    map: Path,  # noqa: A002 (the option's name)
+    map: Path,
     add: Annotated[tuple[str, str] | None, Parameter(allow_leading_hyphen=True)] = None,
 ) -> None:
     """List the named places of a map, or add one.
@@ -96,14 +96,13 @@ def places_command(
     from waychair.maps.places import add_place, check_place, load_places
     from waychair.types import Place
 
-    folder = map.parent if map.suffix in (".yaml", ".yml") else map
     grid = load_map(map)
     if add is not None:
         name, text = add
         place = Place(name, pose_from_text(text, "--add"))
         check_place(grid, place)
-        add_place(folder, place)
-    places = load_places(folder)
+        add_place(map, name, place.pose, replace=True)
+    places = load_places(map)
     for place in places.values():
         pose = place.pose
         print(f"{place.name}: {pose.x:.2f}, {pose.y:.2f}, {pose.theta:.2f}")

@@ -15,7 +15,7 @@ import numpy as np
 from waychair.calibration.chair import ChairBody
 from waychair.config import Settings, setting
 from waychair.errors import PlanningError
-from waychair.maps.distance_field import DistanceField, distance_field, distances
+from waychair.maps.distance_field import DistanceField, distances
 from waychair.maps.grid import cells_from_points, inside, occupied
 from waychair.maps.places import find
 from waychair.planning.costmap import CostmapSettings, costmap_from_grid
@@ -43,6 +43,7 @@ class NavigatorSettings(Settings):
     )
     known_within: float = setting(0.15, "m", "a point this near to a wall of the map is that wall", low=0.0, high=1.0)
     local_reach: float = setting(4.0, "m", "half side of the window the local planner sees", low=2.0, high=20.0)
+    local_resolution: float = setting(0.025, "m", "cells of that window, half the map's in doors", low=0.01, high=0.1)
     look_ahead: float = setting(5.0, "m", "part of the path that must be free", low=0.5, high=50.0)
     off_path: float = setting(0.5, "m", "farther from the path than this: plan anew", low=0.1, high=5.0)
     replan_period: float = setting(1.0, "s", "shortest time between two plans", low=0.05, high=60.0)
@@ -57,7 +58,7 @@ class Navigation:
     """The twist of this tick, the stage, why in a plain sentence, and the path that is followed."""
 
     stage: Stage
-    twist: Twist = Twist()
+    twist: Twist = field(default_factory=Twist)
     reason: str = ""
     path: Path | None = None
     plans: int = 0
@@ -83,14 +84,18 @@ class Navigator:
         self._places = places
         self._body = body
         self._settings = settings or NavigatorSettings()
-        self._static = distance_field(grid)
+        self._walls = occupied(grid)
+        self._static = distances(self._walls, grid.resolution)
         self._obstacles = np.empty((0, 2))
         self._local: DistanceField | None = None
         self._command = Twist()
         self._stage, self._reason = Stage.IDLE, "no goal"
         self._planner: GlobalPlanner | None = None
         self._dwa = self._settings.dwa
-        self._forget()
+        self._path: Path | None = None
+        self._planned_ns: int | None = None
+        self._waiting_since: int | None = None
+        self._plans = 0
 
     @property
     def active(self) -> bool:
@@ -148,10 +153,7 @@ class Navigator:
         return self._navigation(choice.twist, choice)
 
     def _forget(self) -> None:
-        self._path: Path | None = None
-        self._planned_ns: int | None = None
-        self._waiting_since: int | None = None
-        self._plans = 0
+        self._path, self._planned_ns, self._waiting_since, self._plans = None, None, None, 0
 
     def _navigation(self, twist: Twist, choice: DwaResult | None = None) -> Navigation:
         self._command = twist
@@ -173,18 +175,20 @@ class Navigator:
     def _surroundings(self, pose: Pose2) -> DistanceField:
         """Distances in a window round the chair, to the map's walls and to what the lidar sees now."""
         grid, reach = self._grid, self._settings.local_reach
+        finer = max(1, round(grid.resolution / self._settings.local_resolution))
         size = math.ceil(2 * reach / grid.resolution)
         row, col = (cells_from_points(grid, np.array([[pose.x, pose.y]]))[0] - size // 2).tolist()
         window = np.zeros((size, size), np.bool_)
         top, left = max(row, 0), max(col, 0)
-        part = occupied(OccupancyGrid(grid.cells[top : max(row + size, 0), left : max(col + size, 0)], grid.resolution))
+        part = self._walls[top : max(row + size, 0), left : max(col + size, 0)]
         window[top - row : top - row + part.shape[0], left - col : left - col + part.shape[1]] = part
+        window = window.repeat(finer, axis=0).repeat(finer, axis=1)
         corner = grid.map_from_grid @ Pose2(col * grid.resolution, row * grid.resolution, 0.0)
-        local = OccupancyGrid(np.zeros((size, size), np.int8), grid.resolution, corner)
+        local = OccupancyGrid(np.zeros(window.shape, np.int8), grid.resolution / finer, corner)
         cells = cells_from_points(local, self._obstacles)
         rows, cols = cells[inside(local, cells)].T
         window[rows, cols] = True
-        return DistanceField(distances(window, grid.resolution), grid.resolution, corner)
+        return DistanceField(distances(window, local.resolution), local.resolution, corner)
 
     def _needs_plan(self, now_ns: int, pose: Pose2) -> bool:
         if self._planned_ns is None:
@@ -210,7 +214,8 @@ class Navigator:
         cells = cells_from_points(self._grid, self._obstacles)
         within = inside(self._grid, cells)
         rows, cols = cells[within].T
-        return self._obstacles[within][self._static.metres[rows, cols] > self._settings.known_within]
+        news: FloatArray = self._obstacles[within][self._static[rows, cols] > self._settings.known_within]
+        return news
 
     def _plan(self, now_ns: int, pose: Pose2) -> None:
         """A new path over the map and what is in the way now; without one the chair waits, or fails at the start."""

@@ -19,13 +19,15 @@ def cells_from_points(grid: OccupancyGrid, points: FloatArray) -> IntArray:
 
 def points_from_cells(grid: OccupancyGrid, cells: IntArray) -> FloatArray:
     """(N, 2) centres [m] of cells given as (N, 2) row and column."""
-    local = (np.atleast_2d(cells)[:, ::-1] + 0.5) * grid.resolution
+    local = (np.atleast_2d(cells)[:, ::-1].astype(np.float64) + 0.5) * grid.resolution
     return transform_points(grid.map_from_grid, local)
 
 
 def inside(grid: OccupancyGrid, cells: IntArray) -> BoolArray:
     """(N,) whether each (row, column) lies in the grid."""
-    result: BoolArray = ((cells >= 0) & (cells < grid.cells.shape)).all(axis=1)
+    rows, cols = cells.T
+    height, width = grid.cells.shape
+    result: BoolArray = (rows >= 0) & (rows < height) & (cols >= 0) & (cols < width)
     return result
 
 

@@ -18,7 +18,7 @@ class Features:
     """Measures of N candidate arcs; all (N,) float64 unless said otherwise.
 
     candidates (N, 2): v [m/s], omega [rad/s]. admissible: bool. free_time [s]: until the first contact or the horizon.
-    clearance [m]: least distance beside the body on the way. path_error [m]: mean distance of the arc from the path.
+    clearance [m]: least distance beside the body on the way. path_error [m]: mean distance of the drive axle and of the front from the path.
     heading_error [rad]: |end's heading - path's direction there|. bearing [rad]: |direction from the end to the target
     - end's heading|. progress [m]: way along the path to the point nearest to the end. target_distance [m]: least
     distance to the target on the way. change [0..1]: size of the step from the last command.
@@ -40,7 +40,7 @@ class Features:
 class Weights(Settings):
     """Weights of the critics; each critic is 1 for the best arc there can be and falls by 1 over its scale."""
 
-    path: float = setting(1.5, "", "nearness to the path, per 0.5 m", low=0.0, high=100.0)
+    path: float = setting(4.0, "", "nearness to the path, per 0.5 m", low=0.0, high=100.0)
     heading: float = setting(0.4, "", "direction of the path at the end, per half turn", low=0.0, high=100.0)
     progress: float = setting(2.0, "", "way made along the path, per longest way", low=0.0, high=100.0)
     target: float = setting(1.0, "", "nearness to the target, per longest way", low=0.0, high=100.0)

@@ -57,13 +57,15 @@ def measure(
     start_cells (3,) and start (3,) are the same pose on the field's grid and in map; section (M, 3) in map. certain (N,)
     [s]: how long each arc must be known for sure, `horizon` [s]: how long it is.
     """
+    # A point near the front end of the long axis; led along the path, it lines the chair up with doors early.
+    nose = (shape.discs[0, 0] + shape.discs[0, 3]) * shape.cell
     rows = np.empty((len(candidates), 7))
     for i in range(len(candidates)):
         v, omega = candidates[i, 0], candidates[i, 1]
         free = free_time(shape, start_cells, v / shape.cell, omega, certain[i], horizon)
         rows[i, 0] = free
         rows[i, 1] = _clearance(shape, start_cells, v / shape.cell, omega, free)
-        _compare(start, v, omega, free, section, rows[i])
+        _compare(start, v, omega, free, nose, section, rows[i])
     return rows
 
 
@@ -78,7 +80,9 @@ def _clearance(shape: Footprint, start: FloatArray, v: float, omega: float, free
 
 
 @njit(cache=True)
-def _compare(start: FloatArray, v: float, omega: float, free: float, section: FloatArray, row: FloatArray) -> None:
+def _compare(
+    start: FloatArray, v: float, omega: float, free: float, nose: float, section: FloatArray, row: FloatArray
+) -> None:
     """Fill path_error, heading_error, bearing, progress and target_distance of an arc as far as it is free."""
     last = len(section) - 1
     path_error, target = 0.0, math.inf
@@ -86,19 +90,34 @@ def _compare(start: FloatArray, v: float, omega: float, free: float, section: Fl
     nearest = 0
     for look in range(1, _LOOKS + 1):
         x, y, theta = along_arc(start[0], start[1], start[2], v, omega, free * look / _LOOKS)
-        least = math.inf
+        front_x, front_y = x + nose * math.cos(theta), y + nose * math.sin(theta)
+        least, front = math.inf, math.inf
         for j in range(last + 1):
             square = (section[j, 0] - x) ** 2 + (section[j, 1] - y) ** 2
             if square < least:
                 least = square
                 nearest = j
-        path_error += math.sqrt(least) / _LOOKS
+            front = min(front, (section[j, 0] - front_x) ** 2 + (section[j, 1] - front_y) ** 2)
+        front = min(front, _beyond(section[last], front_x, front_y))
+        path_error += (math.sqrt(least) + math.sqrt(front)) / (2 * _LOOKS)
         target = min(target, math.hypot(section[last, 0] - x, section[last, 1] - y))
     row[2] = path_error
     row[3] = abs(_wrapped(theta - section[nearest, 2]))
     row[4] = abs(_wrapped(math.atan2(section[last, 1] - y, section[last, 0] - x) - theta))
     row[5] = math.hypot(section[1, 0] - section[0, 0], section[1, 1] - section[0, 1]) * nearest if last > 0 else 0.0
     row[6] = target
+
+
+@njit(cache=True, inline="always")
+def _beyond(end: FloatArray, x: float, y: float) -> float:
+    """Square of the distance [m^2] from the path prolonged straight past its end; infinite before the end.
+
+    The front of a chair that stops at the end lies beyond it, which is no error.
+    """
+    c, s = math.cos(end[2]), math.sin(end[2])
+    if (x - end[0]) * c + (y - end[1]) * s < 0.0:
+        return math.inf
+    return float(((y - end[1]) * c - (x - end[0]) * s) ** 2)
 
 
 @njit(cache=True, inline="always")

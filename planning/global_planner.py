@@ -13,6 +13,7 @@ from waychair.maps.grid import cells_from_points, inside, points_from_cells
 from waychair.planning.costmap import Costmap
 from waychair.planning.dstar_lite import DStarLite
 from waychair.planning.grid_graph import Cell
+from waychair.planning.narrows import line_up
 from waychair.planning.smoothing import pull_taut, round_corners
 from waychair.types import FloatArray, IntArray, Path, Pose2
 
@@ -24,6 +25,8 @@ class PlannerSettings(Settings):
     start_reach: float = setting(0.3, "m", "how far off a start too close to a wall may begin", low=0.0, high=2.0)
     spacing: float = setting(0.1, "m", "distance of the path's poses", low=0.01, high=1.0)
     rounding: int = setting(10, "passes", "smoothing passes over the corners", low=0, high=1000)
+    narrow: float = setting(0.6, "m", "clearance below which a place is lined up with, as a door", low=0.0, high=2.0)
+    run_up: float = setting(1.0, "m", "straight way before the middle of a door", low=0.1, high=3.0)
 
 
 def plan(costmap: Costmap, start: Pose2, goal: Pose2, settings: PlannerSettings = PlannerSettings()) -> Path:
@@ -150,7 +153,7 @@ def _in_sight(costmap: Costmap, first: Cell, second: Cell) -> bool:
 
 
 def _path_from_cells(costmap: Costmap, cells: IntArray, start: Pose2, goal: Pose2, settings: PlannerSettings) -> Path:
-    """Pull the chain of cells taut where that is no dearer, space it evenly, round its corners, give it headings."""
+    """Pull the chain of cells taut where that is no dearer, line it up with doors, round its corners, add headings."""
     grid_from_map = costmap.grid.map_from_grid.inverse()
     ends: FloatArray = (
         transform_points(grid_from_map, np.array([[start.x, start.y], [goal.x, goal.y]])) / costmap.grid.resolution
@@ -160,7 +163,9 @@ def _path_from_cells(costmap: Costmap, cells: IntArray, start: Pose2, goal: Pose
     chain = np.concatenate([ends[:1], chain if costmap.prices[_cell(costmap, start)] == 0 else chain[1:]])
     chain = np.concatenate([chain[:-1] if len(chain) > 1 else chain, ends[1:]])
     taut = chain[pull_taut(costmap.prices, chain)]
-    even = _evenly_spaced(taut, settings.spacing / costmap.grid.resolution)
+    spacing = settings.spacing / costmap.grid.resolution
+    lined_up = line_up(costmap, _evenly_spaced(taut, spacing), settings.narrow, settings.run_up)
+    even = _evenly_spaced(lined_up, spacing)
     rounded = round_corners(costmap.prices, even, settings.rounding)
     points = transform_points(costmap.grid.map_from_grid, rounded * costmap.grid.resolution)
     return Path(np.column_stack([points, _headings(points, goal.theta)]))

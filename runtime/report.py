@@ -79,7 +79,7 @@ def draw_map(axes: Axes, grid: OccupancyGrid, around: FloatArray | None = None) 
     placed = Affine2D().rotate(corner.theta).translate(corner.x, corner.y)
     image.set_transform(placed + axes.transData)
     if around is None:
-        known = np.argwhere(grid.cells != UNKNOWN)[:, ::-1] * grid.resolution
+        known = np.argwhere(grid.cells != UNKNOWN)[:, ::-1].astype(np.float64) * grid.resolution
         around = transform_points(corner, known) if len(known) else np.array([[0.0, 0.0], [width, height]])
     low, high = around.min(axis=0) - 1.0, around.max(axis=0) + 1.0
     axes.set_xlim(low[0], high[0])

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 import time
-from collections import Counter
+from collections import Counter, defaultdict
 from collections.abc import Iterator
 from contextlib import contextmanager
 from dataclasses import dataclass, field
@@ -36,6 +36,11 @@ class MapperSettings(Settings):
     match_angle_noise: float = setting(0.004, "rad", "least standard deviation of a match", low=1e-5, high=1.0)
     search_distance: float = setting(0.3, "m", "half window of the search round the odometry", low=0.05, high=5.0)
     search_angle: float = setting(0.35, "rad", "half window of the search round the odometry", low=0.02, high=3.1)
+    good_response: float = setting(
+        0.7, "", "a match below this is searched for in the window of a slip", low=0.0, high=1.0
+    )
+    slip_distance: float = setting(1.2, "m", "half window where the odometry may have slipped", low=0.05, high=10.0)
+    slip_angle: float = setting(0.6, "rad", "half window where the odometry may have slipped", low=0.02, high=3.1)
     min_inliers: float = setting(0.3, "", "a match with fewer points on surfaces is not used", low=0.0, high=1.0)
     matching: MatchSettings = field(default_factory=MatchSettings)
     loops: LoopSettings = field(default_factory=LoopSettings)
@@ -68,7 +73,7 @@ class Mapper:
         self.poses = np.empty((0, 3))
         self.edges: list[Edge] = []
         self.counts: Counter[str] = Counter()
-        self.seconds: Counter[str] = Counter()
+        self.seconds: defaultdict[str, float] = defaultdict(float)
         self._key_frames: list[int] = []
         self._key_odometry: list[Pose2] = []
         self._frames: list[tuple[int, int, Pose2]] = []  # stamp_ns, key scan, key_from_base by odometry
@@ -157,7 +162,14 @@ class Mapper:
             guess = pose_from_array(self.poses[-1]) @ key_from_base
             prior = _turned(self._odometry_information(key_from_base), guess.theta)
             window = Window(settings.search_distance, settings.search_angle)
-            found = match(scan, self._running(guess), guess, prior, window, settings.matching)
+            reference = self._running(guess)
+            found = match(scan, reference, guess, prior, window, settings.matching)
+            if found.response < settings.good_response:  # the odometry slipped, or this place is new
+                window = Window(settings.slip_distance, settings.slip_angle)
+                wide = match(scan, reference, guess, prior / 100, window, settings.matching)
+                if wide.response > 1.1 * found.response:
+                    found, prior = wide, prior / 100
+                    self.counts["slips"] += 1
             if len(scan) < MIN_POINTS or found.inliers < settings.min_inliers:
                 own = self._odometry_information(key_from_base)
                 return Edge(node - 1, node, key_from_base, own, EdgeKind.ODOMETRY)

@@ -85,7 +85,7 @@ def _bounds(likelihood: Bytes) -> Bytes:
     return levels
 
 
-@njit(cache=True)  # type: ignore[untyped-decorator]
+@njit(cache=True)
 def _gather(
     points: FloatArray,
     normals: FloatArray,
@@ -140,7 +140,7 @@ def _gather(
     return surfaces[: last + 1], slots, hits[:used]
 
 
-@njit(cache=True)  # type: ignore[untyped-decorator]
+@njit(cache=True)
 def _smear(hits: IntArray, size: int, kernel: Bytes) -> Bytes:
     """(size, size) u8: at each cell the largest kernel value of the hit cells around it."""
     likelihood = np.zeros((size, size), np.uint8)
@@ -149,7 +149,6 @@ def _smear(hits: IntArray, size: int, kernel: Bytes) -> Bytes:
         row, col = hit // size, hit % size
         for dr in range(max(-half, -row), min(half, size - 1 - row) + 1):
             for dc in range(max(-half, -col), min(half, size - 1 - col) + 1):
-                value = kernel[dr + half, dc + half]
-                if value > likelihood[row + dr, col + dc]:
-                    likelihood[row + dr, col + dc] = value
+                here = likelihood[row + dr, col + dc]
+                likelihood[row + dr, col + dc] = max(here, kernel[dr + half, dc + half])
     return likelihood

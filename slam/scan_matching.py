@@ -127,12 +127,12 @@ def refine(
     return pose_from_array(pose), information, inliers, rms
 
 
-@njit(cache=True)  # type: ignore[untyped-decorator]
+@njit(cache=True)
 def _wrap(angle: float) -> float:
     return angle - 2 * math.pi * math.floor(angle / (2 * math.pi) + 0.5)
 
 
-@njit(cache=True)  # type: ignore[untyped-decorator]
+@njit(cache=True)
 def _score(level: Bytes, rows: np.ndarray, cols: np.ndarray, row: int, col: int) -> int:
     """Sum of the level's values under the points, moved by (row, col) cells; outside the grid it is 0."""
     height, width = level.shape
@@ -144,7 +144,7 @@ def _score(level: Bytes, rows: np.ndarray, cols: np.ndarray, row: int, col: int)
     return total
 
 
-@njit(cache=True)  # type: ignore[untyped-decorator]
+@njit(cache=True)
 def _search(
     points: FloatArray,
     bounds: Bytes,
@@ -197,6 +197,8 @@ def _search(
         while depth > 0:
             depth -= 1
             h, row, col = stack[depth]
+            if row > cells or col > cells:  # the last block may reach beyond the window
+                continue
             raw = _score(bounds[h], rows[a], cols[a], row, col) / full
             if raw - loss <= best:
                 continue
@@ -217,7 +219,7 @@ def _search(
     return best_pose, best_raw
 
 
-@njit(cache=True)  # type: ignore[untyped-decorator]
+@njit(cache=True)
 def _nearest(
     surfaces: FloatArray, slots: Slots, row: int, col: int, reach: int, x: float, y: float, nx: float, ny: float
 ) -> int:
@@ -237,7 +239,7 @@ def _nearest(
     return found
 
 
-@njit(cache=True)  # type: ignore[untyped-decorator]
+@njit(cache=True)
 def _refine(
     points: FloatArray,
     normals: FloatArray,
@@ -295,9 +297,8 @@ def _refine(
         information[2, 1] = information[1, 2]
         away = pose - guess
         away[2] = _wrap(away[2])
-        step = np.linalg.solve(
-            information + guess_information + 1e-6 * np.eye(3), -(gradient + guess_information @ away)
-        )
+        pull = -(gradient + guess_information @ away)
+        step[:] = np.linalg.solve(information + guess_information + 1e-6 * np.eye(3), pull)
         pose += step
         if iteration >= 4 and math.hypot(step[0], step[1]) < 1e-4 and abs(step[2]) < 1e-5:
             break

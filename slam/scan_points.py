@@ -49,7 +49,7 @@ def scan_points(scan: Scan, base_from_laser: Pose2, range_max: float) -> ScanPoi
     return ScanPoints(np.ascontiguousarray(points), np.ascontiguousarray(normals[usable] @ turn))
 
 
-@njit(cache=True)  # type: ignore[untyped-decorator]
+@njit(cache=True)
 def _normals(points: FloatArray, usable: np.ndarray, angle_step: float) -> FloatArray:
     """Normals (N, 2) towards the origin from a total-least-squares line through up to 3 beams on either side."""
     count = len(points)

@@ -6,6 +6,11 @@ import os
 from pathlib import Path
 
 import pytest
+from hypothesis import settings
+
+# the first call of a kernel loads or compiles it, which is no slow test
+settings.register_profile("waychair", deadline=None)
+settings.load_profile("waychair")
 
 ROOT = Path(__file__).resolve().parent.parent
 

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import json
 import math
-import os
 from pathlib import Path
 
 import pytest
@@ -18,18 +17,23 @@ def test_a_file_is_written_with_the_folders_it_needs(tmp_path: Path) -> None:
     write_text(path, "one\n")
     write_text(path, "two\n")
     assert path.read_text() == "two\n"
-    assert os.listdir(path.parent) == ["c.txt"]
+    assert list(path.parent.iterdir()) == [path]
     assert path.stat().st_mode & 0o777 == 0o644
 
 
 def test_a_failure_half_way_leaves_the_old_file_and_nothing_else(tmp_path: Path) -> None:
     path = tmp_path / "map.pgm"
     write_bytes(path, b"old")
-    with pytest.raises(ZeroDivisionError), replacing(path) as aside:
-        aside.write_bytes(b"half")
-        raise ZeroDivisionError
+
+    def fail_half_way() -> None:
+        with replacing(path) as aside:
+            aside.write_bytes(b"half")
+            raise ZeroDivisionError
+
+    with pytest.raises(ZeroDivisionError):
+        fail_half_way()
     assert path.read_bytes() == b"old"
-    assert os.listdir(tmp_path) == ["map.pgm"]
+    assert list(tmp_path.iterdir()) == [path]
 
 
 def test_a_report_with_a_nan_is_refused_and_the_old_one_stays(tmp_path: Path) -> None:

@@ -5,7 +5,7 @@ from __future__ import annotations
 import math
 import time
 from collections.abc import Callable, Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 
 import numpy as np
 
@@ -71,8 +71,8 @@ class Setting:
     places: Mapping[str, Place]
     body: ChairBody
     calibration: LinearDac
-    map_from_world: Pose2 = Pose2()
-    chair: ChairSettings = ChairSettings()
+    map_from_world: Pose2 = field(default_factory=Pose2)
+    chair: ChairSettings = field(default_factory=ChairSettings)
 
 
 def drive_to_places(

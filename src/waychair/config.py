@@ -30,7 +30,7 @@ S = TypeVar("S", bound="Settings")
 def setting(default: T, unit: str, about: str, *, low: float = -math.inf, high: float = math.inf) -> T:
     """A dataclass field with its unit, what it is for, and its closed range of possible values."""
     metadata = {"unit": unit, "about": about, "low": low, "high": high}
-    return dataclasses.field(default=default, metadata=metadata)  # type: ignore[return-value]
+    return dataclasses.field(default=default, metadata=metadata)
 
 
 @dataclass(frozen=True, slots=True)

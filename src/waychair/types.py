@@ -119,7 +119,7 @@ class Scan:
 
     def angles(self) -> FloatArray:
         """(N,) beam angles [rad] in the laser frame."""
-        return self.angle_min + self.angle_step * np.arange(len(self.ranges))
+        return self.angle_min + self.angle_step * np.arange(len(self.ranges), dtype=np.float64)
 
 
 @dataclass(frozen=True, slots=True)

@@ -57,12 +57,12 @@ def test_a_place_that_is_not_on_the_map_is_not_believed(flat: OccupancyGrid) -> 
     assert localiser.process(scan, Pose2()).inliers < 0.5
 
 
-def test_faces_of_walls_lie_on_the_free_side_and_their_normals_point_there() -> None:
+def test_walls_are_the_cells_that_border_on_free_ground_and_their_normals_point_there() -> None:
     cells = np.full((20, 20), -1, np.int8)
     cells[:, 10:] = 0
     cells[:, 9] = 100
     points, normals = walls(OccupancyGrid(cells, 0.1, Pose2(2.0, 3.0, 0.0)))
-    assert points[:, 0] == pytest.approx(np.full(20, 3.0))
+    assert points[:, 0] == pytest.approx(np.full(20, 2.95))
     assert normals == pytest.approx(np.tile([1.0, 0.0], (20, 1)), abs=1e-6)
 
 

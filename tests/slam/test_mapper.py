@@ -104,3 +104,18 @@ def test_poses_between_key_scans_share_out_what_the_match_corrected(drive: Drive
     sparse = mapped(drive[0][:200], settings)
     assert sparse.counts["key_scans"] < 30
     assert errors(sparse, drive[1][:200]).max() < 0.08
+
+
+def test_a_slip_of_the_wheels_is_found_by_the_scan(drive: Drive) -> None:
+    frames, truth = list(drive[0][:150]), drive[1][:150]
+    for k in range(70, 150):  # a jump of 0.7 m that the chair did not make
+        odometry = frames[k].wheels[-1]
+        assert isinstance(odometry, Odometry)
+        pose = odometry.odom_from_base
+        jumped = dataclasses.replace(odometry, odom_from_base=Pose2(pose.x + 0.6, pose.y - 0.35, pose.theta))
+        frames[k] = dataclasses.replace(frames[k], wheels=(jumped,))
+    result = mapped(frames)
+    assert result.counts["slips"] >= 1
+    away = errors(result, truth)
+    assert away[-1] < 0.01
+    assert (away > 0.02).sum() <= 1  # the frame between the two key scans that the slip lies between

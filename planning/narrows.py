@@ -1,0 +1,99 @@
+"""Lining the path up with doors: a chair whose front reaches far ahead of its axle must be straight before it enters.
+
+Points are (N, 2) columns and rows in cell units, spaced evenly: (0.5, 0.5) is the centre of cell (0, 0).
+"""
+
+from __future__ import annotations
+
+import math
+from itertools import pairwise
+
+import numpy as np
+
+from waychair.maps.grid import occupied
+from waychair.planning.costmap import Costmap
+from waychair.planning.smoothing import line_cost
+from waychair.types import FloatArray
+
+_LONGEST = 1.6
+"""A narrow stretch longer than this [m] is a corridor, along which the path is straight already."""
+
+
+def line_up(costmap: Costmap, points: FloatArray, narrow: float, run_up: float) -> FloatArray:
+    """The points with a straight run through every narrow place, along its axis.
+
+    A place is narrow where the clearance is below `narrow` [m] and obstacles stand on both sides; the run begins
+    `run_up` [m] before its middle and ends two thirds of that after it, shorter where there is no room. Places too near
+    to the path's ends for a run are left as they are.
+    """
+    rows, columns = np.floor(points[:, ::-1]).astype(np.int64).T
+    clearance = costmap.clearance[rows, columns]
+    cell = costmap.grid.resolution
+    lined = points
+    # From the last to the first, so that the indices of those still to come stay right.
+    for first, last in reversed(_stretches(clearance < narrow)):
+        length = math.dist(points[first], points[last]) * cell
+        middle = first + int(np.argmin(clearance[first : last + 1]))
+        axis = _passage(costmap, points[middle], narrow / cell) if length < _LONGEST else None
+        if axis is None:
+            continue
+        centre, direction = axis
+        if direction @ (points[last] - points[first]) < 0:
+            direction = -direction
+        for share in (1.0, 0.75, 0.5):
+            run = run_up * share / cell
+            begin, end = centre - run * direction, centre + 2 / 3 * run * direction
+            joined = _joined(costmap, lined, middle, begin, end)
+            if joined is not None:
+                lined = joined
+                break
+    return lined
+
+
+def _stretches(narrow: np.ndarray[tuple[int, ...], np.dtype[np.bool_]]) -> list[tuple[int, int]]:
+    """First and last index of every run of true values."""
+    edges = np.flatnonzero(np.diff(np.concatenate([[0], narrow.astype(np.int8), [0]])))
+    return [(int(first), int(last) - 1) for first, last in edges.reshape(-1, 2)]
+
+
+def _passage(costmap: Costmap, point: FloatArray, reach: float) -> tuple[FloatArray, FloatArray] | None:
+    """Centre and direction of the passage between the nearest obstacles on opposite sides; None beside a single one."""
+    span = math.ceil(reach * 1.5)
+    row, column = int(point[1]), int(point[0])
+    top, left = max(row - span, 0), max(column - span, 0)
+    window = occupied(costmap.grid)[top : row + span + 1, left : column + span + 1]
+    offsets = np.argwhere(window)[:, ::-1] + np.array([left + 0.5, top + 0.5]) - point
+    away = np.hypot(offsets[:, 0], offsets[:, 1])
+    near = _nearest(offsets, away)
+    if near is None:
+        return None
+    opposite = offsets @ near < -0.5 * away * np.hypot(*near)
+    far = _nearest(offsets[opposite], away[opposite])
+    if far is None:
+        return None
+    across = (far - near) / np.hypot(*(far - near))
+    return point + (near + far) / 2, np.array([-across[1], across[0]])
+
+
+def _nearest(offsets: FloatArray, away: FloatArray) -> FloatArray | None:
+    """Mean of the nearest obstacles (a post's face is several cells), None without any."""
+    if len(away) == 0:
+        return None
+    mean: FloatArray = offsets[away <= away.min() + 0.25].mean(axis=0)
+    return mean
+
+
+def _joined(costmap: Costmap, points: FloatArray, middle: int, begin: FloatArray, end: FloatArray) -> FloatArray | None:
+    """The points before `begin`, the straight run, the points after `end`; None where any part of it is barred."""
+    before = int(np.argmin(np.hypot(*(points[: middle + 1] - begin).T)))
+    after = middle + int(np.argmin(np.hypot(*(points[middle:] - end).T)))
+    # Join a little away from the run, so that the bend is gentle.
+    before, after = max(before - 4, 0), min(after + 4, len(points) - 1)
+    legs = (points[before], begin, end, points[after])
+    ahead = end - begin
+    if (begin - points[before]) @ ahead < 0 or (points[after] - end) @ ahead < 0:
+        return None
+    for start, stop in pairwise(legs):
+        if line_cost(costmap.prices, start[0], start[1], stop[0], stop[1]) == math.inf:
+            return None
+    return np.concatenate([points[: before + 1], [begin, end], points[after:]])
