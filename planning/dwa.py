@@ -233,7 +233,7 @@ def _best(
             break
         twist = _towards(command, Twist(*map(float, candidates[i])), settings)
         if _can_stop(twist, start, shape, settings):
-            stuck = _standing(twist) and _standing(Twist(*candidates[i]))
+            stuck = bool(_standing(twist) and _standing(Twist(*candidates[i])))
             return DwaResult(twist, candidates, scores, _arc(ahead, candidates[i], settings.horizon), blocked=stuck)
     return DwaResult(braking(command, settings), candidates, scores, ahead.array()[None], blocked=True)
 

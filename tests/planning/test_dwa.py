@@ -265,19 +265,34 @@ def test_measures_equal_a_plain_reference() -> None:
     shape = footprint(CHAIR_A, 0.01, field)
     start = in_cells(field, pose)
     rows = measure(shape, start, pose.array(), candidates, section, np.full(4, 2.5), 2.5)
+    nose = (shape.discs[0, 0] + shape.discs[0, 3]) * CELL
     for (v, omega), row in zip(candidates, rows, strict=True):
         free = free_time(shape, start, v / CELL, omega, 2.5, 2.5)
         arc = np.array([along_arc(pose.x, pose.y, pose.theta, v, omega, free * k / 10) for k in range(1, 11)])
         away = np.hypot(arc[:, None, 0] - section[:, 0], arc[:, None, 1] - section[:, 1])
+        front = arc[:, :2] + nose * np.column_stack([np.cos(arc[:, 2]), np.sin(arc[:, 2])])
+        front_away = np.hypot(front[:, None, 0] - section[:, 0], front[:, None, 1] - section[:, 1]).min(axis=1)
         nearest = away[-1].argmin()
         bearing = math.atan2(section[-1, 1] - arc[-1, 1], section[-1, 0] - arc[-1, 0])
         spacing = math.dist(section[0, :2], section[1, :2])
         assert row[0] == pytest.approx(free)
-        assert row[2] == pytest.approx(away.min(axis=1).mean())
+        assert row[2] == pytest.approx((away.min(axis=1).mean() + front_away.mean()) / 2)
         assert row[3] == pytest.approx(abs(wrap_angle(arc[-1, 2] - section[nearest, 2])))
         assert row[4] == pytest.approx(abs(wrap_angle(bearing - arc[-1, 2])))
         assert row[5] == pytest.approx(spacing * nearest)
         assert row[6] == pytest.approx(np.hypot(*(arc[:, :2] - section[-1, :2]).T).min())
+
+
+def test_a_front_past_the_end_of_the_path_is_no_error() -> None:
+    """At the goal, the front reaches over it; only its distance from the prolonged path counts."""
+    field = distance_field(hall())
+    path = straight(Pose2(2.0, 4.0), 2.0)
+    section, _ = local_section(path.poses, np.array([4.0, 4.0, 0.0]), 2.5)
+    for theta, error in ((0.0, 0.0), (0.3, 0.55 * math.sin(0.3) / 2)):
+        shape = footprint(CHAIR_A, 0.0, field)
+        pose = Pose2(4.0, 4.0, theta)
+        rows = measure(shape, in_cells(field, pose), pose.array(), np.zeros((1, 2)), section, np.array([2.5]), 2.5)
+        assert rows[0, 2] == pytest.approx(error, abs=1e-9)
 
 
 def test_a_section_begins_at_the_nearest_point_and_ends_after_its_length() -> None:

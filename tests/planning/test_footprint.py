@@ -142,7 +142,9 @@ def test_room_equals_its_plain_reference(seed: int) -> None:
     for x, y, theta in rng.uniform((24, 24, -4), (56, 56, 4), (20, 3)):
         c, s = math.cos(theta), math.sin(theta)
         at = np.column_stack([x + c * leaves[:, 0] - s * leaves[:, 1], y + s * leaves[:, 0] + c * leaves[:, 1]])
-        plain = plain_bilinear(field.metres.astype(float), at) / CELL - leaves[:, 2] - 1.0
+        border = np.minimum(at, SIZE - at).min(axis=1)
+        distance = np.minimum(plain_bilinear(field.metres.astype(float), at) / CELL, border)
+        plain = distance - leaves[:, 2] - 1.0
         found = room(shape, x, y, theta, 99.0)
         assert (found < 0) == (plain.min() < 0)
         assert found < 0 or found == pytest.approx(plain.min(), abs=1e-6)

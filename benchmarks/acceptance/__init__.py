@@ -1,0 +1,1 @@
+"""The figures an issue asks for, in full: `make acceptance [NAME]` writes out/acceptance/NAME.json."""

@@ -1,0 +1,43 @@
+"""`python -m benchmarks.acceptance [NAME ...]`: runs the named figures, or all, and says whether each bar is met."""
+
+from __future__ import annotations
+
+import sys
+from collections.abc import Callable
+from pathlib import Path
+
+from benchmarks.acceptance import demo, dstar_lite, logs, start_up
+from waychair.files import write_json
+from waychair.types import Json
+
+FIGURES: dict[str, Callable[[Path], Json]] = {
+    "intel": logs.intel,
+    "fr079": logs.fr079,
+    "sena": logs.sena,
+    "demo": demo.run,
+    "demo_small": demo.run_small,
+    "dstar_lite": dstar_lite.run,
+    "help": start_up.run,
+}
+
+
+def main(names: list[str]) -> int:
+    """Exit status: 0 when every bar that was measured is met."""
+    wanted = list(FIGURES) if names in ([], ["all"]) else names
+    unknown = [name for name in wanted if name not in FIGURES]
+    if unknown:
+        print(f"there is no figure '{unknown[0]}'; choose among {', '.join(FIGURES)}", file=sys.stderr)
+        return 2
+    met = True
+    for name in wanted:
+        out = Path("out") / "acceptance" / f"{name}.json"
+        figures = FIGURES[name](out)
+        write_json(out, figures)
+        met = met and bool(figures["passed"])
+        facts = ", ".join(f"{key} {value}" for key, value in figures.items() if not isinstance(value, list | dict))
+        print(f"{name}: {facts}", flush=True)
+    return 0 if met else 1
+
+
+if __name__ == "__main__":
+    sys.exit(main(sys.argv[1:]))
