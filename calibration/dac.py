@@ -126,7 +126,8 @@ def neutral_counts(model: LinearDac) -> tuple[int, int]:
 
 
 def _past_dead_band(offset: float, dead_band: float) -> float:
-    return 0.0 if offset == 0.0 else math.copysign(dead_band + abs(offset), offset)
+    """Beyond the dead band, unless less than half a count is asked for: that is rest, and not worth the jump."""
+    return 0.0 if dead_band and abs(offset) < 0.5 else math.copysign(dead_band + abs(offset), offset)
 
 
 def _within_dead_band(offset: float, dead_band: float) -> float:

@@ -7,6 +7,7 @@ from __future__ import annotations
 
 import enum
 import math
+from collections import deque
 from collections.abc import Mapping
 from dataclasses import dataclass, field, replace
 
@@ -20,6 +21,7 @@ from waychair.maps.grid import cells_from_points, inside, occupied
 from waychair.maps.places import find
 from waychair.planning.costmap import CostmapSettings, costmap_from_grid
 from waychair.planning.dwa import DwaResult, DwaSettings, braking, choose
+from waychair.planning.escape import back_up
 from waychair.planning.global_planner import GlobalPlanner, PlannerSettings
 from waychair.types import FloatArray, Goal, OccupancyGrid, Path, Place, Pose2, Twist
 
@@ -47,6 +49,10 @@ class NavigatorSettings(Settings):
     look_ahead: float = setting(5.0, "m", "part of the path that must be free", low=0.5, high=50.0)
     off_path: float = setting(0.5, "m", "farther from the path than this: plan anew", low=0.1, high=5.0)
     replan_period: float = setting(1.0, "s", "shortest time between two plans", low=0.05, high=60.0)
+    back_up_after: float = setting(2.0, "s", "standing still this long before backing out", low=0.1, high=3600.0)
+    back_up_way: float = setting(0.4, "m", "how far to back out", low=0.05, high=5.0)
+    progress_time: float = setting(8.0, "s", "coming no nearer this long: back out and try again", low=1.0, high=600.0)
+    max_back_ups: int = setting(6, "", "giving up after so many tries", low=0, high=100)
     patience: float = setting(20.0, "s", "standing still this long before giving up", low=1.0, high=3600.0)
     costmap: CostmapSettings = field(default_factory=CostmapSettings)
     planner: PlannerSettings = field(default_factory=PlannerSettings)
@@ -96,6 +102,11 @@ class Navigator:
         self._planned_ns: int | None = None
         self._waiting_since: int | None = None
         self._plans = 0
+        self._trail: deque[tuple[float, float, float]] = deque(maxlen=100)
+        self._backing_from: Pose2 | None = None
+        self._back_ups = 0
+        self._in_position = False
+        self._nearest: tuple[int, float] | None = None  # when, and how near to the goal [m]
 
     @property
     def active(self) -> bool:
@@ -117,7 +128,7 @@ class Navigator:
         self._dwa = replace(
             self._settings.dwa,
             goal_tolerance=min(self._settings.dwa.goal_tolerance, goal.tolerance_m / 1.5),
-            heading_tolerance=min(self._settings.dwa.heading_tolerance, goal.tolerance_rad / 1.5),
+            heading_tolerance=min(self._settings.dwa.heading_tolerance, goal.tolerance_rad / 2),
         )
         self._stage, self._reason = Stage.DRIVING, ""
         self._forget()
@@ -143,7 +154,11 @@ class Navigator:
             self._plan(now_ns, pose)
         if self._path is None or not self.active:
             return self._halt(now_ns, "no way is known")
-        choice = choose(pose, self._command, self._path, self._local, self._body, self._dwa)
+        choice = self._choose(now_ns, pose, self._path, self._local)
+        if self._back_ups > self._settings.max_back_ups:
+            self._stage = Stage.FAILED
+            self._reason = f"no way through after {self._back_ups - 1} tries: clear the way or choose another goal"
+            return self._navigation(braking(self._command, self._dwa), choice)
         if choice.arrived:
             self._stage, self._reason = Stage.ARRIVED, "arrived"
             return self._navigation(Twist(), choice)
@@ -152,8 +167,54 @@ class Navigator:
         self._stage, self._reason, self._waiting_since = Stage.DRIVING, "", None
         return self._navigation(choice.twist, choice)
 
+    def _choose(self, now_ns: int, pose: Pose2, path: Path, local: DistanceField) -> DwaResult:
+        """Follow the path; where that has been impossible for a while, first back out the way the chair came."""
+        self._trail_grows(pose)
+        if self._backing_from is None and self._stuck(now_ns, pose, path):
+            self._backing_from, self._back_ups = pose, self._back_ups + 1
+        if self._backing_from is not None:
+            backed = math.hypot(pose.x - self._backing_from.x, pose.y - self._backing_from.y)
+            choice = back_up(pose, self._command, np.array(self._trail), local, self._body, self._dwa)
+            if backed < self._settings.back_up_way and not choice.blocked:
+                return choice
+            self._backing_from, self._planned_ns, self._nearest = (
+                None,
+                None,
+                None,
+            )  # far enough, or no farther: plan anew from here
+        choice = choose(pose, self._command, path, local, self._body, self._dwa, in_position=self._in_position)
+        self._in_position = choice.in_position
+        return choice
+
+    def _stuck(self, now_ns: int, pose: Pose2, path: Path) -> bool:
+        """Whether the chair has stood still, or come no nearer to the goal, for long enough to try something else."""
+        if self._waiting_since is not None:
+            return (now_ns - self._waiting_since) * 1e-9 >= self._settings.back_up_after * (1 + self._back_ups)
+        away = np.hypot(*(path.poses[:, :2] - (pose.x, pose.y)).T)
+        remaining = (len(away) - 1 - int(np.argmin(away))) * self._settings.planner.spacing + float(away.min())
+        if self._in_position or self._nearest is None or remaining < self._nearest[1] - 0.1:
+            self._nearest = (now_ns, remaining)
+        if (now_ns - self._nearest[0]) * 1e-9 < self._settings.progress_time:
+            return False
+        self._nearest = None
+        return True
+
+    def _trail_grows(self, pose: Pose2) -> None:
+        """Remember the way driven forwards; backing out takes it back."""
+        if self._backing_from is not None:
+            while (
+                len(self._trail) > 1
+                and (self._trail[-1][0] - pose.x) * math.cos(pose.theta)
+                + (self._trail[-1][1] - pose.y) * math.sin(pose.theta)
+                > 0
+            ):
+                self._trail.pop()
+        elif not self._trail or math.hypot(self._trail[-1][0] - pose.x, self._trail[-1][1] - pose.y) > 0.05:
+            self._trail.append((pose.x, pose.y, pose.theta))
+
     def _forget(self) -> None:
         self._path, self._planned_ns, self._waiting_since, self._plans = None, None, None, 0
+        self._backing_from, self._back_ups, self._in_position, self._nearest = None, 0, False, None
 
     def _navigation(self, twist: Twist, choice: DwaResult | None = None) -> Navigation:
         self._command = twist

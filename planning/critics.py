@@ -44,7 +44,7 @@ class Weights(Settings):
     heading: float = setting(0.4, "", "direction of the path at the end, per half turn", low=0.0, high=100.0)
     progress: float = setting(2.0, "", "way made along the path, per longest way", low=0.0, high=100.0)
     target: float = setting(1.0, "", "nearness to the target, per longest way", low=0.0, high=100.0)
-    clearance: float = setting(0.3, "", "distance beside the body, per 0.3 m", low=0.0, high=100.0)
+    clearance: float = setting(1.0, "", "distance beside the body, per 0.3 m", low=0.0, high=100.0)
     speed: float = setting(0.3, "", "forward speed, per highest speed", low=0.0, high=100.0)
     smoothness: float = setting(0.1, "", "small change of the command", low=0.0, high=100.0)
 

@@ -18,7 +18,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 
 import numpy as np
 
@@ -28,10 +28,13 @@ from waychair.geometry import wrap_angle
 from waychair.maps.distance_field import DistanceField
 from waychair.planning.critics import Features, Weights, comfortable_score
 from waychair.planning.dwa_kernels import local_section, measure
-from waychair.planning.footprint import Footprint, along_arc, footprint, free_time, in_cells
+from waychair.planning.footprint import Footprint, along_arc, eased_footprint, footprint, free_time, in_cells
 from waychair.types import BoolArray, FloatArray, Path, Pose2, Twist
 
 Score = Callable[[Features], FloatArray]
+
+CRAWL_V, CRAWL_OMEGA = 0.15, 0.4
+"""Speeds [m/s], [rad/s] at which the chair gets out of a tight spot."""
 
 _STANDING_V, _STANDING_OMEGA = 0.01, 0.02
 """Speeds [m/s], [rad/s] below which a command counts as standing still."""
@@ -43,6 +46,7 @@ class DwaSettings(Settings):
 
     max_speed: float = setting(0.8, "m/s", "highest forward speed", low=0.05, high=3.0)
     max_reverse: float = setting(0.2, "m/s", "highest reverse speed", low=0.0, high=1.0)
+    min_speed: float = setting(0.06, "m/s", "slower than this a chair's dead band may swallow", low=0.0, high=0.3)
     max_omega: float = setting(0.8, "rad/s", "highest turning speed", low=0.05, high=3.0)
     acceleration: float = setting(0.5, "m/s^2", "speeding up", low=0.05, high=3.0)
     braking: float = setting(0.6, "m/s^2", "slowing down", low=0.05, high=3.0)
@@ -55,9 +59,9 @@ class DwaSettings(Settings):
     horizon: float = setting(2.5, "s", "length of the arcs", low=2.0, high=10.0)
     v_samples: int = setting(21, "", "speeds tried", low=3, high=101)
     omega_samples: int = setting(31, "", "turning speeds tried", low=3, high=201)
-    margin: float = setting(0.01, "m", "kept free round the chair's outline", low=0.0, high=0.5)
+    margin: float = setting(0.03, "m", "kept free round the chair's outline", low=0.0, high=0.5)
     turn_in_place_from: float = setting(1.1, "rad", "path this far off the heading: turn first", low=0.2, high=math.pi)
-    goal_tolerance: float = setting(0.10, "m", "how near to the goal is there", low=0.01, high=1.0)
+    goal_tolerance: float = setting(0.08, "m", "how near to the goal is there", low=0.01, high=1.0)
     heading_tolerance: float = setting(0.05, "rad", "how near to its heading is there", low=0.005, high=math.pi)
     weights: Weights = field(default_factory=Weights)
 
@@ -66,7 +70,7 @@ class DwaSettings(Settings):
 class DwaResult:
     """The command, and why: candidates (N, 2) [m/s, rad/s], scores (N,) (-inf: not admissible).
 
-    `blocked`: nothing that moves is possible, the twist brakes along the present arc and then stands. `arrived`: at the
+    `in_position`: at the goal, but for the heading. `blocked`: nothing that moves is possible, the twist brakes along the present arc and then stands. `arrived`: at the
     goal, in position and heading, standing still. `arc` (M, 3) [m, m, rad] in map is the chosen candidate's way.
     """
 
@@ -76,6 +80,7 @@ class DwaResult:
     arc: FloatArray
     blocked: bool = False
     arrived: bool = False
+    in_position: bool = False
 
 
 def choose(
@@ -86,19 +91,24 @@ def choose(
     body: ChairBody,
     settings: DwaSettings = DwaSettings(),
     score: Score | None = None,
+    in_position: bool = False,
 ) -> DwaResult:
     """The next command on a path.
 
     pose: map_from_base now; command: the last one sent; path: in map, its last pose is the goal; distances: around
-    the chair, in map (what lies outside counts as occupied); score: another critic, such as `critics.paper_score`.
+    the chair, in map (what lies outside counts as occupied); score: another critic, such as `critics.paper_score`;
+    in_position: what the last result said, so that turning at the goal may drift a little without giving it up.
     """
-    shape = footprint(body, settings.margin, distances)
+    shape, ease = eased_footprint(body, settings.margin, distances, pose)
+    settings = crawling(settings) if ease else settings
     # What is commanded now moves the chair only after the reaction time, until then the last command does.
     ahead = Pose2(*along_arc(pose.x, pose.y, pose.theta, command.v, command.omega, settings.reaction_time))
     section, remaining = local_section(path.poses, ahead.array(), settings.max_speed * settings.horizon + 0.5)
 
-    if _in_position(ahead, command, path, settings):
-        return _rotate(ahead, command, float(path.poses[-1, 2]), shape, distances, settings)
+    tolerance = settings.goal_tolerance * (1.3 if in_position else 1.0)
+    if math.hypot(path.poses[-1, 0] - ahead.x, path.poses[-1, 1] - ahead.y) <= tolerance:
+        turn = _rotate(ahead, command, float(path.poses[-1, 2]), shape, distances, settings)
+        return replace(turn, in_position=True)
     off_path = wrap_angle(float(section[min(10, len(section) - 1), 2]) - ahead.theta)
     if abs(off_path) > settings.turn_in_place_from and remaining > settings.goal_tolerance:
         turn = _rotate(ahead, command, ahead.theta + off_path, shape, distances, settings)
@@ -131,27 +141,30 @@ def rotate_to_heading(
     return _rotate(ahead, command, heading, shape, distances, settings)
 
 
+def crawling(settings: DwaSettings) -> DwaSettings:
+    """The same limits, but slow: for leaving a place that is too narrow for the margin."""
+    return replace(
+        settings,
+        max_speed=min(settings.max_speed, CRAWL_V),
+        max_reverse=min(settings.max_reverse, CRAWL_V),
+        max_omega=min(settings.max_omega, CRAWL_OMEGA),
+    )
+
+
 def braking(command: Twist, settings: DwaSettings) -> Twist:
     """One control period of braking on the same arc: v and omega fall in proportion."""
-    left = 1.0 - settings.period / max(_stop_time(command, settings), settings.period)
+    left = 1.0 - settings.period / max(stop_time(command, settings), settings.period)
     return Twist(command.v * left, command.omega * left)
 
 
-def _in_position(ahead: Pose2, command: Twist, path: Path, settings: DwaSettings) -> bool:
-    """Whether the goal's position is reached; turning there may drift a little without giving it up."""
-    turning = abs(command.v) < _STANDING_V < abs(command.omega)
-    tolerance = settings.goal_tolerance * (1.5 if turning else 1.0)
-    return math.hypot(path.poses[-1, 0] - ahead.x, path.poses[-1, 1] - ahead.y) <= tolerance
-
-
-def _stop_time(twist: Twist, settings: DwaSettings) -> float:
+def stop_time(twist: Twist, settings: DwaSettings) -> float:
     """Time [s] to brake v and omega in proportion."""
     return max(abs(twist.v) / settings.braking, abs(twist.omega) / settings.alpha)
 
 
 def _can_stop(twist: Twist, start: FloatArray, shape: Footprint, settings: DwaSettings) -> bool:
     """Eq. (10): one period at this speed and the stop after it stay free."""
-    needed = settings.period + _stop_time(twist, settings) / 2
+    needed = settings.period + stop_time(twist, settings) / 2
     return bool(free_time(shape, start, twist.v / shape.cell, twist.omega, needed, needed) >= needed)
 
 
@@ -163,7 +176,7 @@ def _window(command: Twist, remaining: float, body: ChairBody, settings: DwaSett
     """(N, 2) candidates: Eqs. (8) and (9) round the command, wheel speed and sideways acceleration, 0 among them."""
     time = settings.window_time
     # Slow enough to stop at the goal, with half the braking held back.
-    fastest = min(settings.max_speed, max(math.sqrt(settings.braking * remaining), 0.05))
+    fastest = min(settings.max_speed, max(math.sqrt(settings.braking * remaining), settings.min_speed))
     faster = settings.acceleration if command.v >= 0 else settings.braking
     slower = settings.braking if command.v >= 0 else settings.acceleration
     v_high = min(fastest, command.v + faster * time)
@@ -171,6 +184,7 @@ def _window(command: Twist, remaining: float, body: ChairBody, settings: DwaSett
     omega_high = min(settings.max_omega, command.omega + settings.alpha * time)
     omega_low = max(-settings.max_omega, command.omega - settings.alpha * time)
     v = _samples(min(v_low, v_high), max(v_low, v_high), settings.v_samples)
+    v = np.where(v == 0.0, 0.0, np.copysign(np.maximum(np.abs(v), settings.min_speed), v))
     omega = _samples(min(omega_low, omega_high), max(omega_low, omega_high), settings.omega_samples)
     pairs = np.stack(np.meshgrid(v, omega, indexing="ij"), axis=-1).reshape(-1, 2)
     wheels = np.abs(pairs[:, 0]) + np.abs(pairs[:, 1]) * body.track / 2
@@ -231,14 +245,14 @@ def _best(
     for i in np.argsort(-scores, kind="stable"):
         if scores[i] == -np.inf:
             break
-        twist = _towards(command, Twist(*map(float, candidates[i])), settings)
+        twist = towards(command, Twist(*map(float, candidates[i])), settings)
         if _can_stop(twist, start, shape, settings):
             stuck = bool(_standing(twist) and _standing(Twist(*candidates[i])))
             return DwaResult(twist, candidates, scores, _arc(ahead, candidates[i], settings.horizon), blocked=stuck)
     return DwaResult(braking(command, settings), candidates, scores, ahead.array()[None], blocked=True)
 
 
-def _towards(command: Twist, target: Twist, settings: DwaSettings) -> Twist:
+def towards(command: Twist, target: Twist, settings: DwaSettings) -> Twist:
     """One control period from the command to the target, on a straight line in (v, omega)."""
     dv, domega = target.v - command.v, target.omega - command.omega
     speeding_up = dv * command.v > 0 or command.v == 0

@@ -34,6 +34,10 @@ _GLANCE = 3.0
 """The same beyond the time that must be certain, where an arc is only judged and not yet relied on."""
 
 
+_EASES = (0.0, 0.015, 0.03, 0.05)
+"""By how much [m] the margin may be eased, step by step."""
+
+
 class Footprint(NamedTuple):
     """A body on a field, in cells.
 
@@ -52,6 +56,21 @@ def footprint(body: ChairBody, margin: float, field: DistanceField) -> Footprint
     """The body, grown by a margin [m] on all sides, on a distance field."""
     discs, skip = _disc_tree(body, margin, field.resolution)
     return Footprint(discs, skip, field.metres, field.resolution)
+
+
+def eased_footprint(body: ChairBody, margin: float, field: DistanceField, pose: Pose2) -> tuple[Footprint, float]:
+    """The body with its margin or, where it stands too near to something for that, with as much less as it takes.
+
+    Noise of a scan or of the localisation can put an obstacle's cell inside the margin, and then nothing would be
+    admissible for ever. Eased by at most 5 cm, a chair can leave, but not come nearer than it is. Also returns by how
+    much [m] the margin was eased; when even 5 cm do not help, the body with its full margin and 0.
+    """
+    at = in_cells(field, pose)
+    for ease in _EASES:
+        shape = footprint(body, margin - ease, field)
+        if room(shape, at[0], at[1], at[2]) >= 0.0:
+            return shape, ease
+    return footprint(body, margin, field), 0.0
 
 
 @lru_cache(maxsize=16)

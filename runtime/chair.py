@@ -15,6 +15,7 @@ from waychair.calibration.dac import LinearDac
 from waychair.config import Settings
 from waychair.control.kinematics import wheel_speeds_from_twist
 from waychair.control.navigator import Navigation, Navigator, NavigatorSettings
+from waychair.control.speed_loop import SpeedLoop, SpeedLoopSettings
 from waychair.control.supervisor import Situation, SupervisorSettings, Verdict, supervise
 from waychair.firmware_bridge.bridge import Bridge, BridgeSettings, Lines
 from waychair.geometry import transform_points
@@ -46,6 +47,7 @@ class ChairSettings(Settings):
 
     localiser: LocaliserSettings = field(default_factory=LocaliserSettings)
     navigator: NavigatorSettings = field(default_factory=NavigatorSettings)
+    speed_loop: SpeedLoopSettings = field(default_factory=SpeedLoopSettings)
     supervisor: SupervisorSettings = field(default_factory=SupervisorSettings)
     bridge: BridgeSettings = field(default_factory=BridgeSettings)
 
@@ -81,6 +83,7 @@ class Chair:
         self.navigator = Navigator(grid, places, body, self.settings.navigator)
         self._odometry = WheelOdometry(body)
         self._localiser = Localiser(grid, body.base_from_laser, start, self.settings.localiser)
+        self._speed_loop = SpeedLoop(self.settings.speed_loop)
         self._bridge = Bridge(lines, calibration, self.settings.bridge)
         self._start = start
         self._mode = DriveMode.MANUAL
@@ -110,12 +113,13 @@ class Chair:
         self._mode = verdict.mode
         navigation = self.navigator.step(now_ns, pose, obstacles)
         driving = verdict.mode is DriveMode.AUTONOMOUS and navigation.driving
-        speeds = wheel_speeds_from_twist(navigation.twist, self.body.track) if driving else None
+        measured = self._wheels.twist if self._wheels is not None else Twist()
+        trimmed = self._speed_loop.step(navigation.twist if driving else None, measured, now_ns)
+        speeds = wheel_speeds_from_twist(trimmed, self.body.track) if driving else None
         sent = self._bridge.send(speeds, now_ns, now_ns)
         if not sent.active:
             self.navigator.at_rest()
-        twist = self._wheels.twist if self._wheels is not None else Twist()
-        return ChairState(now_ns, pose, twist, self._localisation, verdict, navigation, sent)
+        return ChairState(now_ns, pose, measured, self._localisation, verdict, navigation, sent)
 
     def _take_in(self, messages: Iterable[Message]) -> FloatArray | None:
         """Odometry and localisation up to date; what the latest of these scans saw, (N, 2) [m] in map."""

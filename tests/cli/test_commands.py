@@ -13,7 +13,7 @@ import pytest
 
 from waychair.maps.map_files import load_map, save_map
 from waychair.recording import RecordingWriter, read_tum
-from waychair.types import Odometry, OccupancyGrid, Pose2, Scan
+from waychair.types import OccupancyGrid, Odometry, Pose2, Scan
 
 WAYCHAIR = Path(sys.executable).parent / "waychair"
 

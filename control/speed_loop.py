@@ -1,0 +1,69 @@
+"""Speeds as they were asked for: an integral trim over a chair controller that nobody documents.
+
+A calibration is never quite right (dead band, gain, asymmetry), and the planner corrects positions, not speeds: without
+a trim a chair that turns too little passes its goal at a hand's breadth. The measured speeds are compared with what the
+command would have done through the chair's delay and lag, so that the trim does not fight the lag itself.
+"""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+
+from waychair.config import Settings, setting
+from waychair.types import Twist
+
+
+@dataclass(frozen=True, slots=True)
+class SpeedLoopSettings(Settings):
+    """How fast and how far the trim goes."""
+
+    lag: float = setting(0.25, "s", "time constant of the chair, its delay included", low=0.01, high=2.0)
+    gain: float = setting(1.5, "1/s", "trim per second and unit of error; 0 switches it off", low=0.0, high=5.0)
+    max_v: float = setting(0.1, "m/s", "largest trim", low=0.0, high=0.5)
+    max_omega: float = setting(0.25, "rad/s", "largest trim", low=0.0, high=1.0)
+
+
+class SpeedLoop:
+    """Keeps the trims and the speeds the chair should have by now."""
+
+    def __init__(self, settings: SpeedLoopSettings) -> None:
+        self._settings = settings
+        self._last_ns: int | None = None
+        self._expected = Twist()
+        self._trim = Twist()
+
+    def step(self, command: Twist | None, measured: Twist, now_ns: int) -> Twist:
+        """The command plus its trim; None means that nobody drives, and the trim is forgotten.
+
+        An axis that is to rest gets exactly 0, and its trim decays instead of growing: there is nothing to learn in a
+        dead band. A measurement that is not finite changes nothing.
+        """
+        if command is None:
+            self._last_ns, self._expected, self._trim = None, measured, Twist()
+            return Twist()
+        seconds = 0.0 if self._last_ns is None else min(max((now_ns - self._last_ns) * 1e-9, 0.0), 0.2)
+        self._last_ns = now_ns
+        s = self._settings
+        share = 1.0 - math.exp(-seconds / s.lag)
+        self._expected = Twist(
+            self._expected.v + share * (command.v - self._expected.v),
+            self._expected.omega + share * (command.omega - self._expected.omega),
+        )
+        if math.isfinite(measured.v) and math.isfinite(measured.omega):
+            gain = s.gain * seconds
+            self._trim = Twist(
+                _trim(self._trim.v, command.v, self._expected.v - measured.v, gain, s.max_v),
+                _trim(self._trim.omega, command.omega, self._expected.omega - measured.omega, gain, s.max_omega),
+            )
+        return Twist(
+            0.0 if command.v == 0.0 else command.v + self._trim.v,
+            0.0 if command.omega == 0.0 else command.omega + self._trim.omega,
+        )
+
+
+def _trim(trim: float, command: float, error: float, gain: float, limit: float) -> float:
+    """One axis' trim after a tick."""
+    if command == 0.0:
+        return trim * (1.0 - gain)
+    return max(-limit, min(limit, trim + gain * error))

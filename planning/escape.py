@@ -1,0 +1,61 @@
+"""Backing out of a tight spot the way the chair came in: the one way that is known to have been free."""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+
+from waychair.calibration.chair import ChairBody
+from waychair.geometry import wrap_angle
+from waychair.maps.distance_field import DistanceField
+from waychair.planning.dwa import CRAWL_OMEGA, CRAWL_V, DwaResult, DwaSettings, braking, stop_time, towards
+from waychair.planning.footprint import along_arc, eased_footprint, free_time, in_cells
+from waychair.types import FloatArray, Pose2, Twist
+
+_TURNS = 17
+"""Turning speeds tried."""
+
+
+def back_up(
+    pose: Pose2,
+    command: Twist,
+    trail: FloatArray,
+    distances: DistanceField,
+    body: ChairBody,
+    settings: DwaSettings,
+    way: float = 0.5,
+) -> DwaResult:
+    """The next command backwards, along `trail` (M, 3) [m, m, rad] in map, the chair's latest poses, the last one last.
+
+    Of the reverse arcs at walking-stick pace that are free and can be stopped on, the one that ends nearest to where
+    the chair was `way` [m] ago; straight back without a trail. `blocked` when there is none.
+    """
+    shape, _ = eased_footprint(body, settings.margin, distances, pose)
+    ahead = Pose2(*along_arc(pose.x, pose.y, pose.theta, command.v, command.omega, settings.reaction_time))
+    target = _behind(ahead, trail, way)
+    v, start, longest = -CRAWL_V, in_cells(distances, ahead), way / CRAWL_V
+    candidates = np.column_stack([np.full(_TURNS, v), np.linspace(-CRAWL_OMEGA, CRAWL_OMEGA, _TURNS)])
+    scores = np.full(_TURNS, -np.inf)
+    for i, (_, omega) in enumerate(candidates):
+        needed = settings.period + stop_time(Twist(v, float(omega)), settings) / 2
+        free = free_time(shape, start, v / shape.cell, omega, needed, longest)
+        if free >= needed:
+            x, y, theta = along_arc(ahead.x, ahead.y, ahead.theta, v, omega, free)
+            off = abs(wrap_angle(theta - target.theta))
+            scores[i] = -math.hypot(x - target.x, y - target.y) - 0.3 * off
+    best = int(np.argmax(scores))
+    if scores[best] == -np.inf:
+        return DwaResult(braking(command, settings), candidates, scores, ahead.array()[None], blocked=True)
+    twist = towards(command, Twist(v, float(candidates[best, 1])), settings)
+    return DwaResult(twist, candidates, scores, ahead.array()[None])
+
+
+def _behind(pose: Pose2, trail: FloatArray, way: float) -> Pose2:
+    """Where the chair was `way` [m] ago, or straight behind it."""
+    if len(trail) > 1:
+        along = np.hypot(*np.diff(trail[::-1, :2], axis=0).T).cumsum()
+        k = int(np.searchsorted(along, way))
+        if k < len(along):
+            return Pose2(*trail[::-1][k + 1])
+    return pose @ Pose2(-way, 0.0, 0.0)
