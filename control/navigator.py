@@ -19,7 +19,7 @@ from waychair.errors import PlanningError
 from waychair.maps.distance_field import DistanceField, distances
 from waychair.maps.grid import cells_from_points, inside, occupied
 from waychair.maps.places import find
-from waychair.planning.costmap import CostmapSettings, costmap_from_grid
+from waychair.planning.costmap import Costmap, CostmapSettings, costmap_from_grid
 from waychair.planning.dwa import DwaResult, DwaSettings, braking, choose
 from waychair.planning.escape import back_up
 from waychair.planning.global_planner import GlobalPlanner, PlannerSettings
@@ -102,8 +102,10 @@ class Navigator:
         self._planned_ns: int | None = None
         self._waiting_since: int | None = None
         self._plans = 0
+        self._no_way = ""
         self._trail: deque[tuple[float, float, float]] = deque(maxlen=100)
         self._backing_from: Pose2 | None = None
+        self._backing_since = 0
         self._back_ups = 0
         self._in_position = False
         self._nearest: tuple[int, float] | None = None  # when, and how near to the goal [m]
@@ -153,7 +155,7 @@ class Navigator:
         if self._needs_plan(now_ns, pose):
             self._plan(now_ns, pose)
         if self._path is None or not self.active:
-            return self._halt(now_ns, "no way is known")
+            return self._halt(now_ns, self._no_way)
         choice = self._choose(now_ns, pose, self._path, self._local)
         if self._back_ups > self._settings.max_back_ups:
             self._stage = Stage.FAILED
@@ -171,11 +173,12 @@ class Navigator:
         """Follow the path; where that has been impossible for a while, first back out the way the chair came."""
         self._trail_grows(pose)
         if self._backing_from is None and self._stuck(now_ns, pose, path):
-            self._backing_from, self._back_ups = pose, self._back_ups + 1
+            self._backing_from, self._backing_since, self._back_ups = pose, now_ns, self._back_ups + 1
         if self._backing_from is not None:
             backed = math.hypot(pose.x - self._backing_from.x, pose.y - self._backing_from.y)
             choice = back_up(pose, self._command, np.array(self._trail), local, self._body, self._dwa)
-            if backed < self._settings.back_up_way and not choice.blocked:
+            lasted = (now_ns - self._backing_since) * 1e-9
+            if backed < self._settings.back_up_way and lasted < self._settings.progress_time and not choice.blocked:
                 return choice
             self._backing_from, self._planned_ns, self._nearest = (
                 None,
@@ -225,7 +228,7 @@ class Navigator:
         if self.active:
             self._waiting_since = now_ns if self._waiting_since is None else self._waiting_since
             waited = (now_ns - self._waiting_since) * 1e-9
-            self._stage, self._reason = Stage.WAITING, f"{self._reason or why}; waiting"
+            self._stage, self._reason = Stage.WAITING, f"{why}; waiting"
             if waited > self._settings.patience:
                 self._stage, self._reason = (
                     Stage.FAILED,
@@ -279,15 +282,22 @@ class Navigator:
         return news
 
     def _plan(self, now_ns: int, pose: Pose2) -> None:
-        """A new path over the map and what is in the way now; without one the chair waits, or fails at the start."""
+        """A new path over the map and what is in the way now; while there is none, the chair waits."""
         assert self._planner is not None
         self._planned_ns = now_ns
-        costmap = costmap_from_grid(self._grid, self._body, self._settings.costmap, self._unexpected())
         try:
-            self._path = self._planner.replan(costmap, pose)
-            self._plans += 1
+            if self._plans == 0:  # a goal that the map alone rules out is refused, not waited for
+                self._path = self._planner.replan(self._costmap(None), pose)
         except PlanningError as error:
-            self._path = None
-            self._reason = str(error)
-            if self._plans == 0:
-                self._stage = Stage.FAILED
+            self._stage, self._reason = Stage.FAILED, str(error)
+            return
+        try:
+            path = self._planner.replan(self._costmap(self._unexpected()), pose)
+            if self._path is None:  # having waited for a way is no reason to back out now that there is one
+                self._waiting_since = None
+            self._path, self._plans = path, self._plans + 1
+        except PlanningError as error:
+            self._path, self._no_way = None, str(error)
+
+    def _costmap(self, obstacles: FloatArray | None) -> Costmap:
+        return costmap_from_grid(self._grid, self._body, self._settings.costmap, obstacles)

@@ -20,8 +20,8 @@ class SpeedLoopSettings(Settings):
 
     lag: float = setting(0.25, "s", "time constant of the chair, its delay included", low=0.01, high=2.0)
     gain: float = setting(1.5, "1/s", "trim per second and unit of error; 0 switches it off", low=0.0, high=5.0)
-    max_v: float = setting(0.1, "m/s", "largest trim", low=0.0, high=0.5)
-    max_omega: float = setting(0.25, "rad/s", "largest trim", low=0.0, high=1.0)
+    max_v: float = setting(0.2, "m/s", "largest trim", low=0.0, high=0.5)
+    max_omega: float = setting(0.4, "rad/s", "largest trim", low=0.0, high=1.0)
 
 
 class SpeedLoop:

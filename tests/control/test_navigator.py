@@ -1,0 +1,149 @@
+"""The navigator in a hall with an ideal chair: goals, obstacles that appear, and reasons that can be read."""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+import pytest
+
+from waychair.calibration.chair import CHAIR_A
+from waychair.control.navigator import Navigation, Navigator, NavigatorSettings, Stage
+from waychair.errors import UnknownPlace
+from waychair.planning.footprint import along_arc
+from waychair.types import FloatArray, Goal, OccupancyGrid, Place, Pose2
+
+TICK_NS = 50_000_000
+NOTHING = np.empty((0, 2))
+
+
+def hall(*boxes: tuple[float, float, float, float]) -> OccupancyGrid:
+    """12 x 8 m with walls round it and boxes (x0, y0, x1, y1) [m] in it."""
+    cells = np.zeros((160, 240), np.int8)
+    cells[[0, -1]], cells[:, [0, -1]] = 100, 100
+    for x0, y0, x1, y1 in boxes:
+        cells[round(y0 / 0.05) : round(y1 / 0.05), round(x0 / 0.05) : round(x1 / 0.05)] = 100
+    return OccupancyGrid(cells, 0.05, Pose2())
+
+
+def segment(x0: float, y0: float, x1: float, y1: float) -> FloatArray:
+    """Points every 2 cm, as a lidar would see a board."""
+    count = round(math.hypot(x1 - x0, y1 - y0) / 0.02) + 1
+    return np.column_stack([np.linspace(x0, x1, count), np.linspace(y0, y1, count)])
+
+
+def drive(
+    navigator: Navigator, pose: Pose2, seconds: float, obstacles: FloatArray = NOTHING, start_ns: int = 0
+) -> tuple[list[Navigation], list[Pose2]]:
+    """Ticks of an ideal chair until the drive ends or the time is up."""
+    states, poses = [], [pose]
+    for k in range(round(seconds * 20)):
+        states.append(navigator.step(start_ns + k * TICK_NS, poses[-1], obstacles if k % 2 == 0 else None))
+        if states[-1].stage in (Stage.ARRIVED, Stage.FAILED):
+            break
+        v, omega = states[-1].twist.v, states[-1].twist.omega
+        p = poses[-1]
+        poses.append(Pose2(*along_arc(p.x, p.y, p.theta, v, omega, 0.05)))
+    return states, poses
+
+
+def navigator(grid: OccupancyGrid, settings: NavigatorSettings | None = None) -> Navigator:
+    return Navigator(grid, {"lift": Place("lift", Pose2(9.0, 5.0, 1.0))}, CHAIR_A, settings)
+
+
+def test_a_named_place_is_reached_within_its_tolerances() -> None:
+    pilot = navigator(hall())
+    pilot.go(Goal("lift"))
+    states, poses = drive(pilot, Pose2(2.0, 2.0, 0.0), 40)
+    assert states[-1].stage is Stage.ARRIVED
+    assert math.hypot(poses[-1].x - 9.0, poses[-1].y - 5.0) < 0.15
+    assert abs(poses[-1].theta - 1.0) < math.radians(5)
+    assert not pilot.active
+
+
+def test_an_unknown_place_is_refused_at_once() -> None:
+    with pytest.raises(UnknownPlace, match="lift"):
+        navigator(hall()).go(Goal("lfit"))
+
+
+@pytest.mark.parametrize(
+    ("goal", "start", "said"),
+    [
+        (Pose2(50.0, 3.0), Pose2(2.0, 2.0), "outside the map"),
+        (Pose2(6.0, 4.0), Pose2(2.0, 2.0), "does not fit at the goal"),
+        (Pose2(9.0, 3.0), Pose2(-5.0, 2.0), "outside the map"),
+        (Pose2(9.0, 3.0), Pose2(6.0, 4.0), "does not fit at its start"),
+    ],
+)
+def test_impossible_goals_and_starts_fail_with_a_reason_and_no_motion(goal: Pose2, start: Pose2, said: str) -> None:
+    pilot = navigator(hall((5.5, 3.5, 6.5, 4.5)))
+    pilot.go(Goal(goal))
+    state = pilot.step(0, start, NOTHING)
+    assert state.stage is Stage.FAILED
+    assert said in state.reason
+    assert (state.twist.v, state.twist.omega) == (0.0, 0.0)
+
+
+def test_a_start_walled_in_has_no_path_and_says_what_to_do() -> None:
+    pilot = navigator(hall((4.0, 0.0, 4.1, 8.0)))
+    pilot.go(Goal("lift"))
+    state = pilot.step(0, Pose2(2.0, 2.0), NOTHING)
+    assert state.stage is Stage.FAILED
+    assert "clear the way" in state.reason
+
+
+def test_a_board_across_the_planned_way_is_driven_round() -> None:
+    pilot = navigator(hall())
+    pilot.go(Goal(Pose2(10.0, 4.0, 0.0)))
+    board = segment(5.0, 3.0, 5.0, 5.0)
+    states, poses = drive(pilot, Pose2(1.5, 4.0, 0.0), 60, board)
+    assert states[-1].stage is Stage.ARRIVED
+    nearest = min(np.hypot(*(board - (pose.x, pose.y)).T).min() for pose in poses)
+    assert nearest > CHAIR_A.width / 2
+
+
+def test_a_closed_way_is_waited_at_and_then_given_up_with_a_reason() -> None:
+    grid = hall((6.0, 0.0, 6.1, 3.0), (6.0, 5.0, 6.1, 8.0))
+    pilot = navigator(grid, NavigatorSettings(patience=5.0))
+    pilot.go(Goal(Pose2(10.0, 4.0, 0.0)))
+    moving, poses = drive(pilot, Pose2(2.0, 4.0, 0.0), 2.0)
+    assert moving[-1].stage is Stage.DRIVING
+    states, poses = drive(pilot, poses[-1], 120, segment(6.05, 3.0, 6.05, 5.0), start_ns=2_000_000_000)
+    assert any(state.stage is Stage.WAITING and "waiting" in state.reason for state in states)
+    assert states[-1].stage is Stage.FAILED
+    assert "choose another goal" in states[-1].reason
+    assert max(pose.x for pose in poses) + CHAIR_A.front < 6.05
+
+
+def test_a_way_that_opens_again_is_driven_on() -> None:
+    grid = hall((6.0, 0.0, 6.1, 3.0), (6.0, 5.0, 6.1, 8.0))
+    pilot = navigator(grid)
+    pilot.go(Goal(Pose2(10.0, 4.0, 0.0)))
+    states, poses = drive(pilot, Pose2(2.0, 4.0, 0.0), 12.0, segment(6.05, 3.0, 6.05, 5.0))
+    assert states[-1].stage is Stage.WAITING
+    assert states[-1].reason.count("waiting") == 1
+    states, poses = drive(pilot, poses[-1], 60, NOTHING, start_ns=12_000_000_000)
+    assert states[-1].stage is Stage.ARRIVED
+    assert all(state.twist.v >= 0.0 for state in states)
+
+
+def test_cancelling_stops_and_nothing_resumes() -> None:
+    pilot = navigator(hall())
+    pilot.go(Goal("lift"))
+    _, poses = drive(pilot, Pose2(2.0, 2.0, 0.0), 3.0)
+    pilot.cancel("the rider drives by joystick")
+    state = pilot.step(10**10, poses[-1], NOTHING)
+    assert (state.stage, state.twist.v, state.driving) == (Stage.FAILED, 0.0, False)
+    assert state.reason == "the rider drives by joystick"
+
+
+def test_a_chair_that_does_not_move_backs_out_and_gives_up_in_the_end() -> None:
+    pilot = navigator(hall(), NavigatorSettings(progress_time=2.0, max_back_ups=2))
+    pilot.go(Goal("lift"))
+    here = Pose2(2.0, 2.0, 0.0)
+    for k in range(20 * 120):
+        state = pilot.step(k * TICK_NS, here, NOTHING)
+        if state.stage is Stage.FAILED:
+            break
+    assert state.stage is Stage.FAILED
+    assert "2 tries" in state.reason

@@ -1,0 +1,86 @@
+"""Getting out of a tight spot: backwards along the way in, never nearer to anything."""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+import pytest
+
+from waychair.calibration.chair import CHAIR_A
+from waychair.maps.distance_field import DistanceField, distances
+from waychair.planning.dwa import DwaSettings, choose
+from waychair.planning.escape import back_up
+from waychair.planning.footprint import along_arc, eased_footprint, fits
+from waychair.types import FloatArray, Path, Pose2, Twist
+
+SETTINGS = DwaSettings(reaction_time=0.0)
+CELL = 0.025
+
+
+def hall(*boxes: tuple[float, float, float, float]) -> DistanceField:
+    """8 x 6 m with walls round it and boxes (x0, y0, x1, y1) [m] in it."""
+    mask = np.zeros((240, 320), np.bool_)
+    mask[[0, -1]], mask[:, [0, -1]] = True, True
+    for x0, y0, x1, y1 in boxes:
+        mask[round(y0 / CELL) : round(y1 / CELL), round(x0 / CELL) : round(x1 / CELL)] = True
+    return DistanceField(distances(mask, CELL), CELL, Pose2())
+
+
+def backed(pose: Pose2, trail: FloatArray, field: DistanceField, ticks: int) -> tuple[list[Pose2], bool]:
+    """Poses of an ideal chair that backs up, and whether it was blocked in the end."""
+    poses, command, blocked = [pose], Twist(), False
+    for _ in range(ticks):
+        result = back_up(poses[-1], command, trail, field, CHAIR_A, SETTINGS)
+        command, blocked = result.twist, result.blocked
+        p = poses[-1]
+        poses.append(Pose2(*along_arc(p.x, p.y, p.theta, command.v, command.omega, 0.05)))
+    return poses, blocked
+
+
+def test_the_chair_backs_out_along_the_arc_it_came_in_on() -> None:
+    arc = np.array([along_arc(2.0, 2.0, 0.0, 0.3, 0.3, t) for t in np.linspace(0, 4, 40)])
+    poses, blocked = backed(Pose2(*arc[-1]), arc, hall(), 60)
+    assert not blocked
+    gone = math.hypot(poses[-1].x - arc[-1, 0], poses[-1].y - arc[-1, 1])
+    assert 0.3 < gone < 0.5
+    off = [np.hypot(*(arc[:, :2] - (pose.x, pose.y)).T).min() for pose in poses]
+    assert max(off) < 0.06
+
+
+def test_without_a_trail_it_backs_straight() -> None:
+    poses, _ = backed(Pose2(4.0, 3.0, 1.0), np.empty((0, 3)), hall(), 40)
+    assert abs(poses[-1].theta - 1.0) < 0.05
+    assert (poses[-1].x - 4.0) * math.cos(1.0) + (poses[-1].y - 3.0) * math.sin(1.0) < -0.15
+
+
+def test_a_wall_behind_stops_it_before_it_touches() -> None:
+    field = hall((2.0, 0.0, 2.3, 6.0))
+    poses, blocked = backed(Pose2(2.75, 3.0, 0.0), np.empty((0, 3)), field, 200)
+    assert blocked
+    assert all(fits(CHAIR_A, 0.0, field, pose) for pose in poses)
+    assert poses[-1].x < 2.74
+
+
+def test_a_margin_that_is_broken_is_eased_just_enough() -> None:
+    field = hall((3.0, 3.36, 5.0, 3.5))  # 6 cm beside the chair, of which one cell is slack
+    for margin, expected in ((0.0, 0.0), (0.03, 0.0), (0.06, 0.03)):
+        shape, ease = eased_footprint(CHAIR_A, margin, field, Pose2(4.0, 3.0, 0.0))
+        assert ease == pytest.approx(expected)
+        assert shape.cell == CELL
+
+
+def test_a_chair_deep_inside_an_obstacle_is_not_let_go() -> None:
+    field = hall((3.9, 2.9, 4.1, 3.1))
+    inside = Pose2(4.0, 3.0, 0.0)
+    assert eased_footprint(CHAIR_A, 0.03, field, inside)[1] == 0.0
+    assert back_up(inside, Twist(), np.empty((0, 3)), field, CHAIR_A, SETTINGS).blocked
+
+
+def test_a_chair_beside_a_wall_crawls_away_from_it() -> None:
+    field = hall((3.0, 3.33, 5.0, 3.5))  # 3 cm beside the chair
+    path = Path(np.column_stack([np.linspace(4.0, 6.5, 26), np.linspace(3.0, 1.5, 26), np.full(26, -0.54)]))
+    result = choose(Pose2(4.0, 3.0, 0.0), Twist(), path, field, CHAIR_A, SETTINGS)
+    assert not result.blocked
+    assert result.candidates[:, 0].max() <= 0.15 + 1e-9
+    assert abs(result.twist.v) + abs(result.twist.omega) > 0.0
