@@ -287,7 +287,7 @@ class Navigator:
         self._planned_ns = now_ns
         try:
             if self._plans == 0:  # a goal that the map alone rules out is refused, not waited for
-                self._path = self._planner.replan(self._costmap(None), pose)
+                self._planner.replan(self._costmap(None), pose)
         except PlanningError as error:
             self._stage, self._reason = Stage.FAILED, str(error)
             return
