@@ -24,11 +24,11 @@ def demo_command(*, out: Path = Path("out/demo"), seed: int = 0, small: bool = F
         Print nothing but errors.
     """
     from rich.console import Console
-    from rich.progress import Progress
+    from rich.progress import Progress, TaskID
     from rich.table import Table
 
     from waychair.trials.demo import real_log, run_demo
-    from waychair.trials.demo_report import HEADER, row, write_report
+    from waychair.trials.demo_report import HEADER, IN_TERMINAL, row, write_report
 
     console = Console(stderr=True, quiet=quiet)
     log = None if small else real_log()
@@ -39,13 +39,19 @@ def demo_command(*, out: Path = Path("out/demo"), seed: int = 0, small: bool = F
             markup=False,
         )
     with Progress(console=console, transient=True, disable=quiet) as bar:
-        tasks = {name: bar.add_task(name, total=1.0) for name in ("record", "read", "map", "save", "drive")}
-        demo = run_demo(out, seed, log, lambda stage, share: bar.update(tasks[stage], completed=share))
+        tasks: dict[str, TaskID] = {}
+
+        def show(stage: str, share: float) -> None:
+            if stage not in tasks:
+                tasks[stage] = bar.add_task(stage, total=1.0)
+            bar.update(tasks[stage], completed=share)
+
+        demo = run_demo(out, seed, log, show)
     write_report(out, demo)
     if not quiet:
-        table = Table(*HEADER, title=demo.title)
+        table = Table(*HEADER[:IN_TERMINAL], title=demo.title)
         for leg in demo.legs:
-            table.add_row(*row(leg))
+            table.add_row(*row(leg)[:IN_TERMINAL])
         Console().print(table)
         print(f"{demo.reached} of {len(demo.legs)} goals reached; see {out / 'report.html'}")
     if demo.reached < len(demo.legs):

@@ -26,6 +26,8 @@ from waychair.trials.drive import Leg
 from waychair.types import Json, Pose2
 
 HEADER = ("place", "reached", "way", "time", "off by", "contacts", "clearance", "plans", "localised within")
+IN_TERMINAL = 7
+"""Columns that fit into 80 characters."""
 
 
 def row(leg: Leg) -> tuple[str, ...]:
