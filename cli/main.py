@@ -18,6 +18,10 @@ app = App(
 )
 app.command("waychair.cli.mapping:map_command", name="map", help="Make a map of a recording.")
 app.command("waychair.cli.mapping:places_command", name="places", help="List the named places of a map, or add one.")
+app.command("waychair.cli.planning:plan_command", name="plan", help="Plan a path for the chair on a map.")
+app.command(
+    "waychair.cli.planning:navigate_command", name="navigate", help="Drive a simulated chair to places on a map."
+)
 app.command(
     "waychair.cli.driving:demo_command",
     name="demo",

@@ -22,7 +22,7 @@ from waychair.maps.places import find
 from waychair.planning.costmap import Costmap, CostmapSettings, costmap_from_grid
 from waychair.planning.dwa import DwaResult, DwaSettings, braking, choose
 from waychair.planning.escape import back_up
-from waychair.planning.global_planner import GlobalPlanner, PlannerSettings
+from waychair.planning.global_planner import GlobalPlanner, PlannerSettings, check_goal
 from waychair.types import FloatArray, Goal, OccupancyGrid, Path, Place, Pose2, Twist
 
 
@@ -287,7 +287,9 @@ class Navigator:
         self._planned_ns = now_ns
         try:
             if self._plans == 0:  # a goal that the map alone rules out is refused, not waited for
-                self._planner.replan(self._costmap(None), pose)
+                costmap = self._costmap(None)
+                check_goal(costmap, self._body, self._planner.goal)
+                self._planner.replan(costmap, pose)
         except PlanningError as error:
             self._stage, self._reason = Stage.FAILED, str(error)
             return

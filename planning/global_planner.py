@@ -6,12 +6,14 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from waychair.calibration.chair import ChairBody
 from waychair.config import Settings, setting
 from waychair.errors import GoalOccupied, GoalOutsideMap, NoPath, StartOccupied, StartOutsideMap
 from waychair.geometry import transform_points
 from waychair.maps.grid import cells_from_points, inside, points_from_cells
 from waychair.planning.costmap import Costmap
 from waychair.planning.dstar_lite import DStarLite
+from waychair.planning.footprint import fits
 from waychair.planning.grid_graph import Cell
 from waychair.planning.narrows import line_up
 from waychair.planning.smoothing import pull_taut, round_corners
@@ -32,6 +34,20 @@ class PlannerSettings(Settings):
 def plan(costmap: Costmap, start: Pose2, goal: Pose2, settings: PlannerSettings = PlannerSettings()) -> Path:
     """Path in map from a start to a goal, planned from scratch; raises as `GlobalPlanner.replan`."""
     return GlobalPlanner(goal, settings).replan(costmap, start)
+
+
+def check_goal(costmap: Costmap, body: ChairBody, goal: Pose2) -> None:
+    """Refuse a goal at which the whole chair, turned to the goal's heading, would touch something.
+
+    Raises:
+        GoalOutsideMap, GoalOccupied.
+    """
+    _goal_cell(costmap, goal)
+    if not fits(body, 0.0, costmap.field, goal):
+        raise GoalOccupied(
+            f"the chair does not fit at the goal ({goal.x:.2f}, {goal.y:.2f}) with the heading {goal.theta:.2f} rad; "
+            "turn the heading or choose a place with more room"
+        )
 
 
 class GlobalPlanner:

@@ -7,14 +7,14 @@ import html
 import io
 from collections.abc import Sequence
 from dataclasses import dataclass
-from pathlib import Path
+from pathlib import Path as FilePath
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
 from waychair.files import replacing, write_text
 from waychair.geometry import transform_points
-from waychair.types import UNKNOWN, FloatArray, OccupancyGrid, Place, Pose2
+from waychair.types import UNKNOWN, FloatArray, OccupancyGrid, Path, Place, Pose2
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
@@ -108,7 +108,16 @@ def draw_outline(axes: Axes, outline: FloatArray, pose: Pose2, colour: str) -> N
     axes.plot(corners[:, 0], corners[:, 1], color=colour, linewidth=1.0)
 
 
-def write_page(path: Path, title: str, lead: str, tables: Sequence[Table], pictures: Sequence[Picture]) -> None:
+def path_picture(grid: OccupancyGrid, path: Path, places: Sequence[Place]) -> Picture:
+    """A planned path on its map."""
+    figure, axes = new_figure(8, 8)
+    draw_map(axes, grid)
+    axes.plot(*path.poses[:, :2].T, color=COLOURS[1], linewidth=1.6)
+    draw_places(axes, places)
+    return Picture("The path", f"{path.length():.1f} m", png_from_figure(figure))
+
+
+def write_page(path: FilePath, title: str, lead: str, tables: Sequence[Table], pictures: Sequence[Picture]) -> None:
     """One HTML page with everything inside it."""
     parts = [f"<h1>{html.escape(title)}</h1>", f"<p>{html.escape(lead)}</p>"]
     parts += [_table(table) for table in tables]
@@ -129,7 +138,7 @@ def write_page(path: Path, title: str, lead: str, tables: Sequence[Table], pictu
     )
 
 
-def write_png(path: Path, picture: Picture) -> None:
+def write_png(path: FilePath, picture: Picture) -> None:
     """The picture alone, whole or not at all."""
     with replacing(path) as aside:
         aside.write_bytes(picture.png)

@@ -16,7 +16,7 @@ from waychair.geometry import wrap_angle
 from waychair.runtime.chair import Chair, ChairSettings, ChairState
 from waychair.simulation.simulator import Simulator
 from waychair.topics import COMMAND
-from waychair.types import DriveMode, FloatArray, Goal, OccupancyGrid, Place, Pose2
+from waychair.types import FloatArray, Goal, OccupancyGrid, Place, Pose2
 
 TICK_NS = round(1e9 / COMMAND.rate_hz)
 
@@ -118,9 +118,8 @@ def _leg(setting: Setting, simulator: Simulator, chair: Chair, goal: str, time_l
     error_m = math.hypot(truth[-1][0] - place.pose.x, truth[-1][1] - place.pose.y)
     error_rad = abs(wrap_angle(truth[-1][2] - place.pose.theta))
     arrived = last.navigation.stage is Stage.ARRIVED
-    reason = last.navigation.reason if last.navigation.stage is not Stage.DRIVING else "the time is up"
-    if last.verdict.mode is not DriveMode.AUTONOMOUS and not arrived:
-        reason = last.verdict.reason or reason
+    ended = last.navigation.stage in (Stage.ARRIVED, Stage.FAILED)
+    reason = last.navigation.reason if ended else last.verdict.reason or "the time is up"
     return Leg(
         place=goal,
         reached=arrived and error_m <= place.tolerance_m and error_rad <= place.tolerance_rad,
