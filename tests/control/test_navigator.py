@@ -9,6 +9,7 @@ import pytest
 
 from waychair.calibration.chair import CHAIR_A
 from waychair.control.navigator import Navigation, Navigator, NavigatorSettings, Stage
+from waychair.control.recovery import RecoverySettings
 from waychair.errors import UnknownPlace
 from waychair.planning.footprint import along_arc
 from waychair.types import FloatArray, Goal, OccupancyGrid, Place, Pose2
@@ -104,7 +105,7 @@ def test_a_board_across_the_planned_way_is_driven_round() -> None:
 
 def test_a_closed_way_is_waited_at_and_then_given_up_with_a_reason() -> None:
     grid = hall((6.0, 0.0, 6.1, 3.0), (6.0, 5.0, 6.1, 8.0))
-    pilot = navigator(grid, NavigatorSettings(patience=5.0))
+    pilot = navigator(grid, NavigatorSettings(recovery=RecoverySettings(patience=5.0)))
     pilot.go(Goal(Pose2(10.0, 4.0, 0.0)))
     moving, poses = drive(pilot, Pose2(2.0, 4.0, 0.0), 2.0)
     assert moving[-1].stage is Stage.DRIVING
@@ -138,7 +139,7 @@ def test_cancelling_stops_and_nothing_resumes() -> None:
 
 
 def test_a_chair_that_does_not_move_backs_out_and_gives_up_in_the_end() -> None:
-    pilot = navigator(hall(), NavigatorSettings(progress_time=2.0, max_back_ups=2))
+    pilot = navigator(hall(), NavigatorSettings(recovery=RecoverySettings(progress_time=2.0, tries=2)))
     pilot.go(Goal("lift"))
     here = Pose2(2.0, 2.0, 0.0)
     for k in range(20 * 120):

@@ -1,0 +1,110 @@
+"""What to do when the chair makes no way: wait first, then back out the way it came, then give up.
+
+Standing still and coming no nearer to the goal are both noticed by time. Backing out takes back the way that was
+driven, the only one that is known to have been free.
+"""
+
+from __future__ import annotations
+
+import math
+from collections import deque
+from dataclasses import dataclass
+
+import numpy as np
+
+from waychair.calibration.chair import ChairBody
+from waychair.config import Settings, setting
+from waychair.maps.distance_field import DistanceField
+from waychair.planning.dwa import DwaResult, DwaSettings
+from waychair.planning.escape import back_up
+from waychair.types import Pose2, Twist
+
+
+@dataclass(frozen=True, slots=True)
+class RecoverySettings(Settings):
+    """How long to wait, how far to back out, and how often."""
+
+    wait: float = setting(
+        2.0, "s", "standing still this long before backing out, longer at each try", low=0.1, high=600
+    )
+    progress_time: float = setting(8.0, "s", "coming no nearer this long: back out and try again", low=1.0, high=600.0)
+    progress: float = setting(0.1, "m", "nearer by this much is progress", low=0.01, high=5.0)
+    way: float = setting(0.4, "m", "how far to back out", low=0.05, high=5.0)
+    tries: int = setting(6, "", "giving up after so many", low=0, high=100)
+    patience: float = setting(20.0, "s", "standing still this long before giving up", low=1.0, high=3600.0)
+
+
+class Recovery:
+    """Keeps the clocks, the trail of the chair, and whether it is backing out."""
+
+    def __init__(self, settings: RecoverySettings) -> None:
+        self._settings = settings
+        self._trail: deque[Pose2] = deque(maxlen=100)
+        self.tries = 0
+        self._standing_since: int | None = None
+        self._nearest: tuple[int, float] | None = None  # when, and how near to the goal [m]
+        self._backing: tuple[int, Pose2] | None = None  # since when, and from where
+
+    @property
+    def exhausted(self) -> bool:
+        """Whether all tries have been made."""
+        return self.tries > self._settings.tries
+
+    def reset(self) -> None:
+        """A new goal: only the trail is kept."""
+        self.tries, self._standing_since, self._nearest, self._backing = 0, None, None, None
+
+    def stands(self, now_ns: int) -> float:
+        """Told that nothing is possible in this tick; how long [s] that has been so."""
+        self._standing_since = now_ns if self._standing_since is None else self._standing_since
+        return (now_ns - self._standing_since) * 1e-9
+
+    def moves(self) -> None:
+        """Told that there is something to do."""
+        self._standing_since = None
+
+    def step(
+        self,
+        now_ns: int,
+        pose: Pose2,
+        remaining: float | None,
+        command: Twist,
+        local: DistanceField,
+        body: ChairBody,
+        settings: DwaSettings,
+    ) -> DwaResult | None:
+        """A command for backing out, or None while following the path is right; `remaining` [m] to the goal, None while turning at it."""
+        if self._backing is None:
+            self._remember(pose)
+            if not self._stuck(now_ns, remaining):
+                return None
+            self._backing, self.tries = (now_ns, pose), self.tries + 1
+        self._take_back(pose)
+        since, origin = self._backing
+        trail = np.array([passed.array() for passed in self._trail])
+        choice = back_up(pose, command, trail, local, body, settings, self._settings.way + 0.1)
+        backed = math.hypot(pose.x - origin.x, pose.y - origin.y)
+        lasted = (now_ns - since) * 1e-9
+        if backed < self._settings.way and lasted < self._settings.progress_time and not choice.blocked:
+            return choice
+        self._backing, self._nearest = None, None
+        return None
+
+    def _stuck(self, now_ns: int, remaining: float | None) -> bool:
+        if self._standing_since is not None:
+            return (now_ns - self._standing_since) * 1e-9 >= self._settings.wait * (1 + self.tries)
+        if remaining is None:
+            self._nearest = None
+            return False
+        if self._nearest is None or remaining < self._nearest[1] - self._settings.progress:
+            self._nearest = (now_ns, remaining)
+        return (now_ns - self._nearest[0]) * 1e-9 >= self._settings.progress_time
+
+    def _remember(self, pose: Pose2) -> None:
+        if not self._trail or math.hypot(self._trail[-1].x - pose.x, self._trail[-1].y - pose.y) > 0.05:
+            self._trail.append(pose)
+
+    def _take_back(self, pose: Pose2) -> None:
+        """Drop what of the trail now lies ahead of the chair."""
+        while len(self._trail) > 1 and (pose.inverse() @ self._trail[-1]).x > 0:
+            self._trail.pop()
