@@ -36,8 +36,9 @@ class SpeedLoop:
     def step(self, command: Twist | None, measured: Twist, now_ns: int) -> Twist:
         """The command plus its trim; None means that nobody drives, and the trim is forgotten.
 
-        An axis that is to rest gets exactly 0, and its trim decays instead of growing: there is nothing to learn in a
-        dead band. A measurement that is not finite changes nothing.
+        A chair that is to stand gets exactly 0, and the trims decay instead of growing: there is nothing to learn in a
+        dead band. While either axis moves, both are trimmed: driving straight on is a turning speed of 0 that a chair
+        with unlike motors does not keep by itself. A measurement that is not finite changes nothing.
         """
         if command is None:
             self._last_ns, self._expected, self._trim = None, measured, Twist()
@@ -50,20 +51,17 @@ class SpeedLoop:
             self._expected.v + share * (command.v - self._expected.v),
             self._expected.omega + share * (command.omega - self._expected.omega),
         )
+        gain = s.gain * seconds
+        if command == Twist():
+            self._trim = Twist(self._trim.v * (1.0 - gain), self._trim.omega * (1.0 - gain))
+            return Twist()
         if math.isfinite(measured.v) and math.isfinite(measured.omega):
-            gain = s.gain * seconds
             self._trim = Twist(
-                _trim(self._trim.v, command.v, self._expected.v - measured.v, gain, s.max_v),
-                _trim(self._trim.omega, command.omega, self._expected.omega - measured.omega, gain, s.max_omega),
+                _limited(self._trim.v + gain * (self._expected.v - measured.v), s.max_v),
+                _limited(self._trim.omega + gain * (self._expected.omega - measured.omega), s.max_omega),
             )
-        return Twist(
-            0.0 if command.v == 0.0 else command.v + self._trim.v,
-            0.0 if command.omega == 0.0 else command.omega + self._trim.omega,
-        )
+        return Twist(command.v + self._trim.v, command.omega + self._trim.omega)
 
 
-def _trim(trim: float, command: float, error: float, gain: float, limit: float) -> float:
-    """One axis' trim after a tick."""
-    if command == 0.0:
-        return trim * (1.0 - gain)
-    return max(-limit, min(limit, trim + gain * error))
+def _limited(value: float, limit: float) -> float:
+    return max(-limit, min(limit, value))

@@ -62,7 +62,7 @@ def new_figure(width: float, height: float, rows: int = 1, columns: int = 1, **k
 def png_from_figure(figure: Figure) -> bytes:
     """The figure as a PNG."""
     buffer = io.BytesIO()
-    figure.savefig(buffer, format="png")
+    figure.savefig(buffer, format="png", bbox_inches="tight", pad_inches=0.1)
     return buffer.getvalue()
 
 

@@ -47,12 +47,19 @@ def test_a_step_is_not_overshot_by_more_than_a_tenth() -> None:
     assert fastest < 0.55
 
 
-def test_an_axis_at_rest_gets_exactly_nothing() -> None:
+def test_a_chair_that_is_to_stand_gets_exactly_nothing() -> None:
     loop = SpeedLoop(SpeedLoopSettings())
     for k in range(50):
         loop.step(Twist(0.3, 0.2), Twist(0.1, 0.0), k * TICK)
-    assert loop.step(Twist(0.0, 0.2), Twist(), 50 * TICK).v == 0.0
-    assert loop.step(Twist(0.3, 0.0), Twist(), 51 * TICK).omega == 0.0
+    assert loop.step(Twist(), Twist(0.1, 0.0), 50 * TICK) == Twist()
+
+
+def test_a_chair_with_unlike_motors_is_made_to_drive_straight() -> None:
+    loop, plant = SpeedLoop(SpeedLoopSettings()), Plant(1.0, 0.0)
+    for k in range(200):
+        sent = loop.step(Twist(0.5, 0.0), Twist(plant.twist.v, plant.twist.omega + 0.1 * plant.twist.v), k * TICK)
+        plant.step(sent)
+    assert plant.twist.omega == pytest.approx(-0.1 * plant.twist.v, abs=0.005)
 
 
 def test_the_trim_stays_within_its_limits_and_is_forgotten_when_nobody_drives() -> None:
