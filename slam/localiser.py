@@ -25,7 +25,7 @@ class LocaliserSettings(Settings):
     angle_noise: float = setting(0.02, "rad", "trust in the odometry since the last scan", low=0.001, high=1.0)
     ok_inliers: float = setting(0.5, "", "share of points on the map's walls when all is well", low=0.0, high=1.0)
     lost_inliers: float = setting(0.25, "", "below this share the scan says nothing about the pose", low=0.0, high=1.0)
-    lost_scans: int = setting(10, "", "so many scans in a row that say nothing: lost", low=1, high=1000)
+    lost_scans: int = setting(5, "", "so many scans in a row that say nothing: lost", low=1, high=1000)
     max_points: int = setting(360, "", "points of a scan that are matched", low=20, high=10_000)
     matching: MatchSettings = field(default_factory=MatchSettings)
 

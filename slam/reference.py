@@ -103,6 +103,7 @@ def _gather(
     surfaces = np.zeros((total + 1, 4))
     counts = np.zeros(total + 1, np.int64)
     slots = np.zeros((size, size, 2), np.int32)
+    seen = np.zeros((size, size), np.bool_)
     hits = np.empty(total, np.int64)
     last, used = 0, 0
     for k in range(len(members)):
@@ -115,8 +116,10 @@ def _gather(
             row = int((y - origin[1]) / resolution)
             if x < origin[0] or y < origin[1] or col >= size or row >= size:
                 continue
-            hits[used] = row * size + col
-            used += 1
+            if not seen[row, col]:
+                seen[row, col] = True
+                hits[used] = row * size + col
+                used += 1
             nx = c * normals[i, 0] - s * normals[i, 1]
             ny = s * normals[i, 0] + c * normals[i, 1]
             if nx == 0.0 and ny == 0.0:
