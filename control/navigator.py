@@ -115,7 +115,8 @@ class Navigator:
         # what remains of the tolerance is left to the localisation's own error
         self._dwa = replace(
             self._settings.dwa,
-            goal_tolerance=min(self._settings.dwa.goal_tolerance, goal.tolerance_m / 1.5),
+            goal_tolerance=min(self._settings.dwa.goal_tolerance, 0.6 * goal.tolerance_m),
+            goal_release=min(self._settings.dwa.goal_release, 0.9 * goal.tolerance_m),
             heading_tolerance=min(self._settings.dwa.heading_tolerance, goal.tolerance_rad / 2),
         )
         self._stage, self._reason = Stage.DRIVING, ""

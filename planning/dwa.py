@@ -62,6 +62,9 @@ class DwaSettings(Settings):
     margin: float = setting(0.03, "m", "kept free round the chair's outline", low=0.0, high=0.5)
     turn_in_place_from: float = setting(1.1, "rad", "path this far off the heading: turn first", low=0.2, high=math.pi)
     goal_tolerance: float = setting(0.08, "m", "how near to the goal is there", low=0.01, high=1.0)
+    goal_release: float = setting(
+        0.13, "m", "turning at the goal may drift this far before it is given up", low=0.01, high=1.5
+    )
     heading_tolerance: float = setting(0.05, "rad", "how near to its heading is there", low=0.005, high=math.pi)
     weights: Weights = field(default_factory=Weights)
 
@@ -105,7 +108,7 @@ def choose(
     ahead = Pose2(*along_arc(pose.x, pose.y, pose.theta, command.v, command.omega, settings.reaction_time))
     section, remaining = local_section(path.poses, ahead.array(), settings.max_speed * settings.horizon + 0.5)
 
-    tolerance = settings.goal_tolerance * (1.3 if in_position else 1.0)
+    tolerance = settings.goal_release if in_position else settings.goal_tolerance
     if math.hypot(path.poses[-1, 0] - ahead.x, path.poses[-1, 1] - ahead.y) <= tolerance:
         turn = _rotate(ahead, command, float(path.poses[-1, 2]), shape, distances, settings)
         return replace(turn, in_position=True)
