@@ -2,7 +2,7 @@
 
 The controller is modelled as a rider feels it: a dead band about neutral, a gain per axis, ramps, a delay and a
 first-order lag, with a left and a right motor that are not quite alike. There is no mass, slope or caster here; the
-chair does what its wheels do, but for a little slip.
+chair does what its wheels do, but for a little slip. The physical chair (`mujoco_chair`) has the same controller.
 """
 
 from __future__ import annotations
@@ -12,12 +12,13 @@ import math
 from collections import deque
 from collections.abc import Callable
 from dataclasses import dataclass
+from typing import Protocol
 
 import numpy as np
 
 from waychair.calibration.chair import ChairBody
 from waychair.config import Settings, setting
-from waychair.types import Pose2, Twist
+from waychair.types import Pose2, Twist, WheelSpeeds
 
 
 @dataclass(frozen=True, slots=True)
@@ -100,34 +101,45 @@ def volts_from_joystick(settings: PlantSettings, forward: float, turn: float) ->
     )
 
 
-class KinematicChair:
-    """True pose in map, true twist, and the angles the drive wheels have turned by."""
+class Plant(Protocol):
+    """What a chair is to the simulator: volts in, motion and encoder counts out, one `PlantSettings.step_ms` a step."""
 
-    def __init__(
-        self, body: ChairBody, settings: PlantSettings, rng: np.random.Generator, pose: Pose2 | None = None
-    ) -> None:
-        self.pose = pose or Pose2()
-        self.twist = Twist()
-        self._body = body
+    @property
+    def pose(self) -> Pose2:
+        """True map_from_base."""
+
+    @property
+    def twist(self) -> Twist:
+        """True twist over the ground, base frame."""
+
+    @property
+    def ticks(self) -> tuple[int, int]:
+        """Encoder counts (left, right), wrapping as signed 32-bit numbers."""
+
+    def step(self, forward_volts: float, turn_volts: float, is_free: Callable[[Pose2], bool]) -> bool:
+        """Move on by one step at these volts, a turn above neutral being right; whether nothing was touched.
+
+        `is_free` tells where the chair may stand; a plant that has walls of its own need not ask.
+        """
+
+
+class MotorController:
+    """The chair's own electronics: stick volts in, the speeds its motors turn the wheels at out.
+
+    Keeps the volts on their way, the axes after the ramps and the wheels after the lag.
+    """
+
+    def __init__(self, track: float, settings: PlantSettings) -> None:
+        self._track = track
         self._settings = settings
         self._dt = settings.step_ms / 1000.0
         neutral = (settings.neutral_volts, settings.neutral_volts)
         self._on_the_way = deque([neutral] * round(settings.delay_s / self._dt))
         self._axes = (0.0, 0.0)  # speed [m/s] and wheel speed difference [m/s] after the ramps
-        self._wheels = (0.0, 0.0)  # rim speeds [m/s] after the lag
-        self._angles = (0.0, 0.0)  # [rad]
-        self._noise = _Noise(rng, math.exp(-self._dt / settings.noise_s))
+        self._wheels = WheelSpeeds()
 
-    @property
-    def ticks(self) -> tuple[int, int]:
-        """Encoder counts (left, right), wrapping as signed 32-bit numbers."""
-        return _ticks(self._angles[0], self._body.ticks_per_turn), _ticks(self._angles[1], self._body.ticks_per_turn)
-
-    def step(self, forward_volts: float, turn_volts: float, is_free: Callable[[Pose2], bool]) -> bool:
-        """Move on by one step at these volts on the stick's lines; whether the way was free.
-
-        Where it was not, the chair stays at its last free pose and its wheels stall. A turn above neutral is right.
-        """
+    def step(self, forward_volts: float, turn_volts: float) -> WheelSpeeds:
+        """Rim speeds [m/s] after one step at these volts on the stick's lines; a turn above neutral is right."""
         s = self._settings
         self._on_the_way.append((forward_volts, turn_volts))
         forward_volts, turn_volts = self._on_the_way.popleft()
@@ -136,26 +148,16 @@ class KinematicChair:
             -s.turn_gain * _axis(turn_volts - s.neutral_volts, s.turn_dead_band, s.swing_volts),
         )
         self._lag()
-        left_ripple, right_ripple, left_slip, right_slip = self._noise.draw()
-        left = self._wheels[0] * (1.0 + s.speed_noise * left_ripple)
-        right = self._wheels[1] * (1.0 + s.speed_noise * right_ripple)
-        left_ground = left * s.left_wheel_scale * (1.0 - s.slip_noise * left_slip)
-        right_ground = right * s.right_wheel_scale * (1.0 - s.slip_noise * right_slip)
-        twist = Twist(
-            0.5 * (left_ground + right_ground), (right_ground - left_ground) / (self._body.track * s.track_scale)
-        )
-        pose = moved(self.pose, twist, self._dt)
-        if not is_free(pose):
-            self._stall()
-            return False
-        self.pose, self.twist = pose, twist
-        turned = self._dt / self._body.wheel_radius
-        self._angles = (self._angles[0] + left * turned, self._angles[1] + right * turned)
-        return True
+        return self._wheels
+
+    def stall(self) -> None:
+        """The wheels are held: the ramps begin anew from rest."""
+        self._axes = (0.0, 0.0)
+        self._wheels = WheelSpeeds()
 
     def _ramp(self, speed: float, difference: float) -> None:
         s = self._settings
-        turn_ramp = s.turn_acceleration * self._body.track
+        turn_ramp = s.turn_acceleration * self._track
         self._axes = (
             _ramped(self._axes[0], speed, s.acceleration * self._dt, s.deceleration * self._dt),
             _ramped(self._axes[1], difference, turn_ramp * self._dt, turn_ramp * self._dt),
@@ -167,28 +169,71 @@ class KinematicChair:
         left = speed * (1.0 + s.forward_skew) - half * (1.0 + s.turn_skew)
         right = speed * (1.0 - s.forward_skew) + half * (1.0 - s.turn_skew)
         part = 1.0 - math.exp(-self._dt / s.lag_s)
-        self._wheels = (
-            self._wheels[0] + part * (left - self._wheels[0]),
-            self._wheels[1] + part * (right - self._wheels[1]),
+        wheels = self._wheels
+        self._wheels = WheelSpeeds(
+            wheels.left + part * (left - wheels.left), wheels.right + part * (right - wheels.right)
         )
 
-    def _stall(self) -> None:
+
+class KinematicChair:
+    """True pose in map, true twist, and the angles the drive wheels have turned by."""
+
+    def __init__(
+        self, body: ChairBody, settings: PlantSettings, rng: np.random.Generator, pose: Pose2 | None = None
+    ) -> None:
+        self.pose = pose or Pose2()
         self.twist = Twist()
-        self._axes = (0.0, 0.0)
-        self._wheels = (0.0, 0.0)
+        self._body = body
+        self._settings = settings
+        self._dt = settings.step_ms / 1000.0
+        self._controller = MotorController(body.track, settings)
+        self._angles = (0.0, 0.0)  # [rad]
+        self._noise = WheelNoise(rng, settings)
+
+    @property
+    def ticks(self) -> tuple[int, int]:
+        """Encoder counts (left, right), wrapping as signed 32-bit numbers."""
+        per_turn = self._body.ticks_per_turn
+        return ticks_from_angle(self._angles[0], per_turn), ticks_from_angle(self._angles[1], per_turn)
+
+    def step(self, forward_volts: float, turn_volts: float, is_free: Callable[[Pose2], bool]) -> bool:
+        """Move on by one step at these volts on the stick's lines; whether the way was free.
+
+        Where it was not, the chair stays at its last free pose and its wheels stall. A turn above neutral is right.
+        """
+        s = self._settings
+        wheels = self._controller.step(forward_volts, turn_volts)
+        left_ripple, right_ripple, left_slip, right_slip = self._noise.draw()
+        left = wheels.left * (1.0 + s.speed_noise * left_ripple)
+        right = wheels.right * (1.0 + s.speed_noise * right_ripple)
+        left_ground = left * s.left_wheel_scale * (1.0 - s.slip_noise * left_slip)
+        right_ground = right * s.right_wheel_scale * (1.0 - s.slip_noise * right_slip)
+        twist = Twist(
+            0.5 * (left_ground + right_ground), (right_ground - left_ground) / (self._body.track * s.track_scale)
+        )
+        pose = moved(self.pose, twist, self._dt)
+        if not is_free(pose):
+            self.twist = Twist()
+            self._controller.stall()
+            return False
+        self.pose, self.twist = pose, twist
+        turned = self._dt / self._body.wheel_radius
+        self._angles = (self._angles[0] + left * turned, self._angles[1] + right * turned)
+        return True
 
 
-class _Noise:
-    """Four independent first-order Gauss-Markov sequences of unit variance."""
+class WheelNoise:
+    """Ripple and slip of the two wheels: four independent first-order Gauss-Markov sequences of unit variance."""
 
-    def __init__(self, rng: np.random.Generator, keep: float) -> None:
+    def __init__(self, rng: np.random.Generator, settings: PlantSettings) -> None:
         self._rng = rng
-        self._keep = keep
-        self._fresh = math.sqrt(1.0 - keep * keep)
+        self._keep = math.exp(-settings.step_ms / 1000.0 / settings.noise_s)
+        self._fresh = math.sqrt(1.0 - self._keep * self._keep)
         self._values = (0.0, 0.0, 0.0, 0.0)
         self._stock: list[list[float]] = []
 
     def draw(self) -> tuple[float, float, float, float]:
+        """Values of the next step: ripple left and right, slip left and right."""
         if not self._stock:
             self._stock = (self._fresh * self._rng.standard_normal((1024, 4))).tolist()
         a, b, c, d = self._values
@@ -206,6 +251,12 @@ def moved(pose: Pose2, twist: Twist, seconds: float) -> Pose2:
     return pose @ Pose2(chord * math.cos(half), chord * math.sin(half), turn)
 
 
+def ticks_from_angle(angle: float, ticks_per_turn: int) -> int:
+    """Encoder count of a wheel that has turned by `angle` [rad], wrapping as a signed 32-bit number."""
+    count = math.floor(angle / math.tau * ticks_per_turn)
+    return (count + 2**31) % 2**32 - 2**31
+
+
 def _axis(volts: float, dead_band: float, swing: float) -> float:
     """Volts beyond the dead band, saturated at the swing."""
     return math.copysign(max(min(abs(volts), swing) - dead_band, 0.0), volts)
@@ -218,8 +269,3 @@ def _volts(beyond: float, dead_band: float, swing: float) -> float:
 def _ramped(current: float, target: float, up: float, down: float) -> float:
     limit = up if current * target >= 0.0 and abs(target) > abs(current) else down
     return current + min(limit, max(-limit, target - current))
-
-
-def _ticks(angle: float, ticks_per_turn: int) -> int:
-    count = math.floor(angle / math.tau * ticks_per_turn)
-    return (count + 2**31) % 2**32 - 2**31

@@ -17,12 +17,17 @@ from waychair.config import Settings, setting
 from waychair.errors import ConfigError, WorldError
 from waychair.simulation.contact import clearance, in_contact, solid_from_grid
 from waychair.simulation.lidar import Lidar, LidarSettings
-from waychair.simulation.plant import KinematicChair, PlantSettings, volts_from_joystick
+from waychair.simulation.mujoco_chair import MujocoChair, substeps
+from waychair.simulation.mujoco_model import MujocoSettings
+from waychair.simulation.plant import KinematicChair, Plant, PlantSettings, volts_from_joystick
 from waychair.simulation.world import World
 from waychair.topics import WHEELS
 from waychair.types import JoystickInput, Pose2, Scan, Twist, WheelTicks
 
 SensorMessage: TypeAlias = WheelTicks | Scan
+
+PLANT_MODELS = ("kinematic", "mujoco")
+"""Bare wheels that do as they are told, or mass, motors, casters and slip."""
 
 CONTACT_ENDS = 0.02
 """A contact is over once the chair is this far [m] from everything, so that pushing on counts once."""
@@ -32,12 +37,18 @@ CONTACT_ENDS = 0.02
 class SimulatorSettings(Settings):
     """Plant, sensors and their rates; every period must be a whole number of the plant's steps."""
 
+    plant_model: str = setting("kinematic", "", "kinematic or mujoco")
     plant: PlantSettings = field(default_factory=PlantSettings)
+    mujoco: MujocoSettings = field(default_factory=MujocoSettings)
     lidar: LidarSettings = field(default_factory=LidarSettings)
     wheels_hz: float = setting(WHEELS.rate_hz, "Hz", "encoder readings per second", low=1.0, high=1000.0)
 
     def __post_init__(self) -> None:
         Settings.__post_init__(self)
+        if self.plant_model not in PLANT_MODELS:
+            raise ConfigError(f"plant_model = '{self.plant_model}' is unknown: take {' or '.join(PLANT_MODELS)}")
+        if self.plant_model == "mujoco":
+            substeps(self.plant, self.mujoco)
         for name, rate in (("wheels_hz", self.wheels_hz), ("lidar rate_hz", self.lidar.rate_hz)):
             steps = 1000.0 / (rate * self.plant.step_ms)
             if steps < 1.0 or not math.isclose(steps, round(steps), rel_tol=1e-9):
@@ -54,6 +65,7 @@ class Simulator:
         """
         Raises:
             WorldError: the chair does not fit at the world's start.
+            MissingExtra: the plant is MuJoCo's, which is not installed.
         """
         settings = settings or SimulatorSettings()
         self.world = world
@@ -64,7 +76,6 @@ class Simulator:
         self._body = body
         self._settings = settings
         self._solid = solid_from_grid(world.grid)
-        self._chair = KinematicChair(body, settings.plant, _stream(seed, 0), world.start)
         self._lidar = Lidar(settings.lidar, body.base_from_laser, _stream(seed, 1))
         self._lines: tuple[float, float] | None = None
         self._step_ns = settings.plant.step_ms * 1_000_000
@@ -75,6 +86,7 @@ class Simulator:
                 f"chair {body.chair_id} does not fit at the start of '{world.name}', "
                 f"({world.start.x:g}, {world.start.y:g}, {world.start.theta:g}): move the start"
             )
+        self._chair = _plant(world, body, settings, _stream(seed, 0))
 
     def drive(self, forward_volts: float, turn_volts: float) -> None:
         """Hold the lines at these volts (turn above neutral is right) until the next call of this or `release`."""
@@ -129,6 +141,12 @@ class Simulator:
 
     def _is_free(self, pose: Pose2) -> bool:
         return not in_contact(self._solid, self._body, pose)
+
+
+def _plant(world: World, body: ChairBody, settings: SimulatorSettings, rng: np.random.Generator) -> Plant:
+    if settings.plant_model == "mujoco":
+        return MujocoChair(world.grid, body, settings.plant, settings.mujoco, rng, world.start)
+    return KinematicChair(body, settings.plant, rng, world.start)
 
 
 def _stream(seed: int, sensor: int) -> np.random.Generator:

@@ -14,6 +14,10 @@ class ConfigError(WaychairError):
     """A configuration file or value is impossible or unknown."""
 
 
+class MissingExtra(WaychairError):
+    """A part of waychair that was not installed is needed."""
+
+
 class RecordingError(WaychairError):
     """A recording cannot be read or written."""
 
