@@ -6,7 +6,14 @@ import sys
 from pathlib import Path
 
 
-def demo_command(*, out: Path = Path("out/demo"), seed: int = 0, small: bool = False, quiet: bool = False) -> None:
+def demo_command(
+    *,
+    out: Path = Path("out/demo"),
+    seed: int = 0,
+    small: bool = False,
+    world: str | None = None,
+    quiet: bool = False,
+) -> None:
     """Map a real recording, then drive the chair to three places in that map through joystick volts.
 
     The recording is lidar_intel of WAYCHAIR_DATA (default ../shared/data); without it a small world that ships with
@@ -20,6 +27,8 @@ def demo_command(*, out: Path = Path("out/demo"), seed: int = 0, small: bool = F
         Seed of the simulated chair, its sensors and its noise.
     small
         Use the small world even where the recording is there.
+    world
+        Use this world instead: one of `waychair worlds`, or a plan's .yaml file.
     quiet
         Print nothing but errors.
     """
@@ -27,12 +36,12 @@ def demo_command(*, out: Path = Path("out/demo"), seed: int = 0, small: bool = F
     from rich.progress import Progress, TaskID
     from rich.table import Table
 
-    from waychair.trials.demo import real_log, run_demo
+    from waychair.trials.demo import SMALL_WORLD, real_log, run_demo
     from waychair.trials.demo_report import HEADER, IN_TERMINAL, row, write_report
 
     console = Console(stderr=True, quiet=quiet)
-    log = None if small else real_log()
-    if log is None and not small:
+    log = None if small or world else real_log()
+    if log is None and not (small or world):
         console.print(
             "No real recording at hand (set WAYCHAIR_DATA to a folder that holds lidar_intel): "
             "the demo uses the small world that ships with waychair.",
@@ -46,7 +55,7 @@ def demo_command(*, out: Path = Path("out/demo"), seed: int = 0, small: bool = F
                 tasks[stage] = bar.add_task(stage, total=1.0)
             bar.update(tasks[stage], completed=share)
 
-        demo = run_demo(out, seed, log, show)
+        demo = run_demo(out, seed, log, show, world or SMALL_WORLD)
     write_report(out, demo)
     if not quiet:
         table = Table(*HEADER[:IN_TERMINAL], title=demo.title)

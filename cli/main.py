@@ -27,6 +27,12 @@ app.command(
     name="demo",
     help="Map a real recording, then drive the chair to three places in it.",
 )
+app.command("waychair.cli.simulating:worlds_command", name="worlds", help="List the simulated worlds.")
+app.command(
+    "waychair.cli.simulating:simulate_command",
+    name="simulate",
+    help="Drive a simulated chair along a route of a world, and record it.",
+)
 app.command(
     "waychair.cli.settings:config_command",
     name="config",

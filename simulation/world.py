@@ -1,26 +1,23 @@
-"""A world to drive in: the true grid, where the chair starts, named places, and a route that sees everything.
+"""A world to drive in: the true grid, where the chair starts, named places and doors, and routes to drive.
 
-A world comes from a floor plan (a small YAML file, see `worlds/small_clinic.yaml`) or is raised from a mapped grid.
+A world comes from a floor plan (see `floor_plan.py`), from a mapped grid, or from another benchmark (`imports.py`).
 """
 
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass, field
+from collections.abc import Callable, Iterable, Mapping
+from dataclasses import dataclass, field, replace
+from itertools import pairwise
 from pathlib import Path
-from typing import Annotated
 
-import msgspec
 import numpy as np
-import yaml
 
 from waychair.errors import WorldError
-from waychair.geometry import transform_points
-from waychair.maps.grid import cells_from_points, inside, occupied, points_from_cells
-from waychair.types import BoolArray, Cells, FloatArray, OccupancyGrid, Place, Pose2
-
-RESOLUTION = 0.05
-"""Side of a cell [m] of a world made from a floor plan."""
+from waychair.geometry import rectangle, transform_points
+from waychair.maps.grid import OCCUPIED_FROM, cells_from_points, inside, points_from_cells
+from waychair.simulation.floor_plan import FloorPlan, PlanWall, load_plan
+from waychair.types import Cells, FloatArray, OccupancyGrid, Place, Pose2
 
 MARGIN = 0.5
 """Free ground [m] kept round a floor plan, so that walls may stand on its edge."""
@@ -28,78 +25,109 @@ MARGIN = 0.5
 WORLDS = Path(__file__).resolve().parent / "worlds"
 """Folder of the worlds that are shipped."""
 
+MAPPING_ROUTE = "mapping"
+"""Name of the route that sees all of a world and comes back over places seen before."""
 
-def _no_route() -> FloatArray:
-    return np.empty((0, 2))
+_Refuse = Callable[[tuple[str | int, ...], str], WorldError]
+
+
+@dataclass(frozen=True, slots=True)
+class Door:
+    """An open door that can be closed: `middle` is its pose in map, theta along its wall; width, thickness in [m]."""
+
+    name: str
+    middle: Pose2
+    width: float
+    thickness: float
 
 
 @dataclass(frozen=True, slots=True)
 class World:
-    """`grid` is the truth, without unknown cells where it comes from a plan; poses and `route` (N, 2) [m] are in map."""
+    """`grid` is the truth, without unknown cells where it comes from a plan; poses and routes (N, 2) [m] are in map."""
 
     name: str
     grid: OccupancyGrid
     start: Pose2
     places: tuple[Place, ...] = ()
-    route: FloatArray = field(default_factory=_no_route)
+    routes: Mapping[str, FloatArray] = field(default_factory=dict)
+    doors: tuple[Door, ...] = ()
+
+    def route(self, name: str = MAPPING_ROUTE) -> FloatArray:
+        """Waypoints (N, 2) [m] of a route.
+
+        Raises:
+            WorldError: there is none of this name; the message gives those that exist.
+        """
+        if name not in self.routes:
+            known = f"take one of {', '.join(self.routes)}" if self.routes else "it has no routes"
+            raise WorldError(f"'{self.name}' has no route '{name}': {known}")
+        return self.routes[name]
+
+    def with_closed(self, names: Iterable[str]) -> World:
+        """The same world with these doors shut: they are solid, as if their wall went through.
+
+        Raises:
+            WorldError: there is no door of such a name, or the start or a place lies in it.
+        """
+        doors, cells = {door.name: door for door in self.doors}, self.grid.cells.copy()
+        for name in names:
+            if name not in doors:
+                known = f"take one of {', '.join(doors)}" if doors else "it has no doors with names"
+                raise WorldError(f"'{self.name}' has no door '{name}': {known}")
+            _fill(cells, self.grid, doors[name].middle, doors[name].width, doors[name].thickness)
+        closed = replace(self, grid=replace(self.grid, cells=cells))
+        _refuse_poses_in_walls(closed, _refusal(self.name))
+        return closed
 
 
-_Point = tuple[float, float]
-_Planar = tuple[float, float, float]
-_Length = Annotated[float, msgspec.Meta(gt=0.0, le=500.0)]
-
-
-class _Wall(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
-    """A straight wall between two points; at least two cells thick, so that no beam slips through a slanted one."""
-
-    start: _Point
-    end: _Point
-    thickness: Annotated[float, msgspec.Meta(ge=2 * RESOLUTION, le=5.0)] = 2 * RESOLUTION
-
-
-class _Box(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
-    """A piece of furniture: its size along its own x and y, turned by `yaw` [rad]."""
-
-    centre: _Point
-    size: tuple[_Length, _Length]
-    yaw: float = 0.0
-
-
-class _Plan(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
-    """The floor plan as it is written: lengths in metres, angles in radians, origin in the lower left corner."""
-
-    name: str
-    size: tuple[_Length, _Length]
-    start: _Planar
-    walls: list[_Wall]
-    boxes: list[_Box] = []
-    places: dict[str, _Planar] = {}
-    route: list[_Point] = []
+def shipped_worlds() -> tuple[str, ...]:
+    """Names of the worlds that are shipped, in order."""
+    return tuple(sorted(path.stem for path in WORLDS.glob("*.yaml")))
 
 
 def load_world(name_or_path: str | Path) -> World:
     """World of a shipped plan's name, or of a plan's path.
 
     Raises:
-        WorldError: there is no such world, its YAML is broken (with the line), a key is unknown, missing or of the
-            wrong type (with the key), or the start, a place or the route lies outside or in something solid.
+        WorldError: there is no such world, its plan is broken (`load_plan`), or the start, a place or a route lies
+            outside or in something solid; with the line.
     """
     path = Path(name_or_path)
     if path.suffix not in (".yaml", ".yml"):
-        path = WORLDS / f"{name_or_path}.yaml"
-        if not path.is_file():
-            known = ", ".join(sorted(entry.stem for entry in WORLDS.glob("*.yaml")))
+        if str(name_or_path) not in shipped_worlds():
+            known = ", ".join(shipped_worlds())
             raise WorldError(f"there is no world '{name_or_path}': take one of {known}, or a .yaml file")
-    try:
-        values = yaml.safe_load(path.read_text(encoding="utf-8"))
-        plan = msgspec.convert(values, _Plan)
-    except (OSError, UnicodeDecodeError) as error:
-        raise WorldError(f"cannot read the world {path}: {error}") from error
-    except yaml.YAMLError as error:
-        raise WorldError(f"{path} is not YAML: {' '.join(str(error).split())}") from error
-    except msgspec.ValidationError as error:
-        raise WorldError(f"{path}: {error}") from error
-    return _world_from_plan(plan, path)
+        path = WORLDS / f"{name_or_path}.yaml"
+    plan, source = load_plan(path)
+    world = world_from_plan(plan)
+    _refuse_poses_in_walls(world, source.error)
+    _refuse_routes_in_walls(world, source.error)
+    return world
+
+
+def world_from_plan(plan: FloorPlan) -> World:
+    """World of a plan that `load_plan` has let pass: a cell is solid when its centre lies in a wall or a box."""
+    # round() first: 15.0 / 0.05 must not become 301 cells by an error in the last place
+    shape = tuple(math.ceil(round((length + 2 * MARGIN) / plan.resolution, 6)) for length in reversed(plan.size))
+    grid = OccupancyGrid(np.zeros(shape, np.int8), plan.resolution, Pose2(-MARGIN, -MARGIN, 0.0))
+    for wall in plan.walls:
+        for begin, end in _solid_pieces(wall):
+            _fill(grid.cells, grid, _on_wall(wall, (begin + end) / 2), end - begin, wall.thickness)
+    for box in plan.boxes:
+        _fill(grid.cells, grid, Pose2(*box.centre, box.yaw), *box.size)
+    return World(
+        plan.name,
+        grid,
+        Pose2(*plan.start),
+        tuple(Place(name, Pose2(*pose)) for name, pose in plan.places.items()),
+        {name: np.array(route, float).reshape(-1, 2) for name, route in plan.routes.items()},
+        tuple(
+            Door(door.name, _on_wall(wall, door.at), door.width, wall.thickness)
+            for wall in plan.walls
+            for door in wall.doors
+            if door.name
+        ),
+    )
 
 
 def world_from_grid(grid: OccupancyGrid, start: Pose2, places: tuple[Place, ...] = (), name: str = "grid") -> World:
@@ -109,68 +137,63 @@ def world_from_grid(grid: OccupancyGrid, start: Pose2, places: tuple[Place, ...]
         WorldError: the start or a place lies outside the grid or in an occupied cell.
     """
     world = World(name, grid, start, places)
-    _refuse_points_in_walls(world, name)
+    _refuse_poses_in_walls(world, _refusal(name))
     return world
 
 
-def _world_from_plan(plan: _Plan, path: Path) -> World:
-    _refuse_not_finite(plan, path)
-    shape = tuple(math.ceil((length + 2 * MARGIN) / RESOLUTION) for length in reversed(plan.size))
-    empty = OccupancyGrid(np.zeros(shape, np.int8), RESOLUTION, Pose2(-MARGIN, -MARGIN, 0.0))
-    world = World(
-        plan.name,
-        OccupancyGrid(_rasterised(plan, empty), RESOLUTION, empty.map_from_grid),
-        Pose2(*plan.start),
-        tuple(Place(name, Pose2(*pose)) for name, pose in plan.places.items()),
-        np.array(plan.route, float).reshape(-1, 2),
-    )
-    _refuse_points_in_walls(world, str(path))
-    return world
+def _solid_pieces(wall: PlanWall) -> list[tuple[float, float]]:
+    """Where the wall stands, as stretches [m] from its start: all of it but its doors."""
+    doors = sorted(wall.doors, key=lambda door: door.at)
+    begins = [0.0, *(door.at + door.width / 2 for door in doors)]
+    ends = [*(door.at - door.width / 2 for door in doors), wall.length]
+    return [(begin, end) for begin, end in zip(begins, ends, strict=True) if end - begin > 1e-6]
 
 
-def _rasterised(plan: _Plan, empty: OccupancyGrid) -> Cells:
-    """(H, W) cells: 100 where a cell's centre lies in a wall or a box, 0 elsewhere."""
-    centres = points_from_cells(empty, np.argwhere(empty.cells == 0))
-    solid = np.zeros(len(centres), np.bool_)
-    for wall in plan.walls:
-        (ax, ay), (bx, by) = wall.start, wall.end
-        middle = Pose2((ax + bx) / 2, (ay + by) / 2, math.atan2(by - ay, bx - ax))
-        solid |= _within(centres, middle, math.hypot(bx - ax, by - ay), wall.thickness)
-    for box in plan.boxes:
-        solid |= _within(centres, Pose2(*box.centre, box.yaw), *box.size)
-    return np.where(solid, 100, 0).astype(np.int8).reshape(empty.cells.shape)
+def _on_wall(wall: PlanWall, at: float) -> Pose2:
+    """The pose on the wall's middle line, `at` [m] from its start, looking along it."""
+    (ax, ay), (bx, by) = wall.start, wall.end
+    theta = math.atan2(by - ay, bx - ax)
+    return Pose2(ax + at * math.cos(theta), ay + at * math.sin(theta), theta)
 
 
-def _within(points: FloatArray, middle: Pose2, length: float, width: float) -> BoolArray:
-    """(N,) whether points (N, 2) lie in a rectangle about `middle`."""
-    local = np.abs(transform_points(middle.inverse(), points))
-    result: BoolArray = np.all(local <= np.array([length / 2, width / 2]) + 1e-9, axis=1)
-    return result
+def _fill(cells: Cells, grid: OccupancyGrid, middle: Pose2, length: float, width: float) -> None:
+    """Makes solid every one of `cells` whose centre lies in the rectangle; touches only the window about it."""
+    corners = cells_from_points(grid, transform_points(middle, rectangle(length / 2, length / 2, width / 2)))
+    low = np.maximum(corners.min(axis=0) - 1, 0)
+    high = np.maximum(np.minimum(corners.max(axis=0) + 2, cells.shape), low)
+    window = low + np.argwhere(np.ones(high - low, np.bool_))
+    local = np.abs(transform_points(middle.inverse(), points_from_cells(grid, window)))
+    solid = np.all(local <= np.array([length / 2, width / 2]) + 1e-9, axis=1)
+    cells[tuple(window[solid].T)] = 100
 
 
-def _refuse_not_finite(plan: _Plan, path: Path) -> None:
-    for key, value in msgspec.to_builtins(plan).items():
-        numbers = [number for number in _numbers(value) if not math.isfinite(number)]
-        if numbers:
-            raise WorldError(f"{path}: {key} holds {numbers[0]}: give finite numbers")
+def _refusal(name: str) -> _Refuse:
+    """The error of a world that has no file, and so no lines."""
+    return lambda keys, problem: WorldError(f"{name}: {' '.join(map(str, keys))}: {problem}")
 
 
-def _numbers(value: object) -> list[float]:
-    if isinstance(value, dict):
-        value = list(value.values())
-    if isinstance(value, list | tuple):
-        return [number for item in value for number in _numbers(item)]
-    return [value] if isinstance(value, float) else []
+def _refuse_poses_in_walls(world: World, refuse: _Refuse) -> None:
+    named: list[tuple[tuple[str | int, ...], Pose2]] = [(("start",), world.start)]
+    named += [(("places", place.name), place.pose) for place in world.places]
+    for keys, pose in named:
+        _refuse_points_in_walls(world, np.array([[pose.x, pose.y]]), keys, refuse)
 
 
-def _refuse_points_in_walls(world: World, where: str) -> None:
-    named = [("start", world.start.x, world.start.y)]
-    named += [(f"places: {place.name}", place.pose.x, place.pose.y) for place in world.places]
-    named += [(f"route[{i}]", x, y) for i, (x, y) in enumerate(world.route.tolist())]
-    cells = cells_from_points(world.grid, np.array([(x, y) for _, x, y in named]))
-    solid = occupied(world.grid)
-    for (key, x, y), cell, within in zip(named, cells, inside(world.grid, cells), strict=True):
-        if not within:
-            raise WorldError(f"{where}: {key} at ({x:g}, {y:g}) lies outside the world: move it in")
-        if solid[tuple(cell)]:
-            raise WorldError(f"{where}: {key} at ({x:g}, {y:g}) lies in something solid: move it to free ground")
+def _refuse_routes_in_walls(world: World, refuse: _Refuse) -> None:
+    for name, route in world.routes.items():
+        _refuse_points_in_walls(world, route[:1], ("routes", name, 0), refuse)
+        for i, (begin, end) in enumerate(pairwise(route)):
+            count = math.ceil(math.dist(begin, end) / (world.grid.resolution / 2)) + 2
+            _refuse_points_in_walls(world, np.linspace(begin, end, count), ("routes", name, i + 1), refuse)
+
+
+def _refuse_points_in_walls(world: World, points: FloatArray, keys: tuple[str | int, ...], refuse: _Refuse) -> None:
+    cells = cells_from_points(world.grid, points)
+    within = inside(world.grid, cells)
+    if not within.all():
+        x, y = points[~within][0]
+        raise refuse(keys, f"({x:g}, {y:g}) lies outside the world; move it in")
+    solid = world.grid.cells[tuple(cells.T)] >= OCCUPIED_FROM
+    if solid.any():
+        x, y = points[solid][0]
+        raise refuse(keys, f"({x:g}, {y:g}) lies in something solid; move it to free ground")

@@ -1,35 +1,32 @@
 """The demo: a recording becomes a map, and a simulated chair drives to three places in it through joystick volts.
 
 With the real recording at hand, the building is the one that was recorded: the world is raised from its map. Without
-it, the small world that ships is first driven along its mapping route, recorded to a bag, and mapped from that bag;
-the chair then drives in the true world, by the map it made.
+it, a world that ships is first driven along its mapping route, recorded to a bag, and mapped from that bag; the chair
+then drives in the true world, by the map it made.
 """
 
 from __future__ import annotations
 
 import os
-import shutil
 import time
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from pathlib import Path
-from typing import TypeVar
 
-from waychair.calibration.chair import CHAIR_A, ChairBody
+from waychair.calibration.chair import CHAIR_A
 from waychair.calibration.dac import DEFAULT
 from waychair.geometry import wrap_angle
 from waychair.maps.map_files import load_map
 from waychair.maps.places import load_places, save_places
-from waychair.recording import RecordingWriter, read_recording
+from waychair.recording import read_recording
 from waychair.runtime.mapping import Mapping, MappingSettings, map_recording, save_mapping
-from waychair.simulation.follower import Follower, follow
 from waychair.simulation.plant import PlantSettings, randomised
 from waychair.simulation.simulator import Simulator, SimulatorSettings
 from waychair.simulation.world import World, load_world, world_from_grid
-from waychair.slam.odometry import WheelOdometry
 from waychair.trials.drive import Leg, Setting, drive_to_places
-from waychair.types import Odometry, Place, Pose2, Scan, WheelTicks
+from waychair.trials.record import drive_route
+from waychair.types import Place, Pose2
 
 REAL_LOG = Path("lidar_intel") / "intel_first1088s.clf.gz"
 """Intel Research Lab, Seattle, recorded by D. Haehnel: within the folder of recordings."""
@@ -42,10 +39,10 @@ REAL_PLACES = (
 """Poses in the frame of the log's first scan, put where the recording robot went; the names are ours."""
 
 SMALL_WORLD = "small_clinic"
-SMALL_PLACES = ("bath", "ward", "reception")
+MOST_GOALS = 3
+"""A world with more places than these is driven to its first ones only."""
 
 Progress = Callable[[str, float], None]
-_Stamped = TypeVar("_Stamped", Scan, Odometry)
 
 
 @dataclass(frozen=True, slots=True)
@@ -72,38 +69,66 @@ def real_log() -> Path | None:
     return path if path.is_file() else None
 
 
-def run_demo(out: Path, seed: int = 0, log: Path | None = None, progress: Progress = lambda stage, share: None) -> Demo:
-    """Maps `log`, or the small world without one, into `out`/map and drives to three places there."""
-    seconds: dict[str, float] = {}
-    stage = _Stages(seconds, progress)
+def run_demo(
+    out: Path,
+    seed: int = 0,
+    log: Path | None = None,
+    progress: Progress = lambda stage, share: None,
+    world: str | Path = SMALL_WORLD,
+) -> Demo:
+    """Maps `log`, or without one a drive through `world`, into `out`/map and drives to up to three places there.
+
+    Raises:
+        WorldError: there is no such world, or it has no mapping route.
+    """
+    stage = _Stages(progress)
+    scene = _recorded_scene(out, log, stage) if log else _simulated_scene(out, load_world(world), seed, stage)
     folder = out / "map"
-    if log is not None:
-        title, lead = "Intel Research Lab, from a real recording", f"Mapped from {log.name}; driven in a world raised from that map."  # fmt: skip
-        mapping = _mapped(log, folder, stage)
-        save_places(folder, {place.name: place for place in REAL_PLACES})
-        world, map_from_world = world_from_grid(load_map(folder), Pose2()), Pose2()
-        goals = tuple(place.name for place in REAL_PLACES)
-    else:
-        world = load_world(SMALL_WORLD)
-        title = "The small clinic, a world that ships with waychair"
-        lead = "No real recording was found (set WAYCHAIR_DATA to a folder that holds lidar_intel), so a simulated drive was recorded, mapped, and driven in."  # fmt: skip
-        bag = out / "drive.mcap"
-        with stage("record"):
-            _record(world, bag, seed, CHAIR_A)
-        mapping = _mapped(bag, folder, stage)
-        map_from_world = world.start.inverse()
-        save_places(folder, {place.name: _in_map(place, map_from_world) for place in world.places})
-        goals = SMALL_PLACES
-    setting = Setting(load_map(folder), load_places(folder), CHAIR_A, DEFAULT, map_from_world)
+    save_places(folder, {place.name: _in_map(place, scene.map_from_world) for place in scene.world.places})
+    setting = Setting(load_map(folder), load_places(folder), CHAIR_A, DEFAULT, scene.map_from_world)
+    goals = [place.name for place in scene.world.places[:MOST_GOALS]]
     with stage("drive"):
-        simulator = Simulator(world, CHAIR_A, chair_of(seed), seed)
+        simulator = Simulator(scene.world, CHAIR_A, chair_of(seed), seed)
         legs = drive_to_places(setting, simulator, goals, progress=lambda share: progress("drive", share))
-    return Demo(title, lead, mapping, setting, legs, seconds, seed)
+    return Demo(scene.title, scene.lead, scene.mapping, setting, legs, stage.seconds, seed)
 
 
 def chair_of(seed: int) -> SimulatorSettings:
     """A chair whose drive differs from what the calibration believes, another one for each seed."""
     return SimulatorSettings(plant=randomised(PlantSettings(), seed))
+
+
+@dataclass(frozen=True, slots=True)
+class _Scene:
+    """A world to drive in, with the map that was made of it."""
+
+    title: str
+    lead: str
+    world: World
+    mapping: Mapping
+    map_from_world: Pose2
+
+
+def _recorded_scene(out: Path, log: Path, stage: _Stages) -> _Scene:
+    """The building of a real recording: the world is raised from its map."""
+    mapping = _mapped(log, out / "map", stage)
+    world = world_from_grid(load_map(out / "map"), Pose2(), REAL_PLACES)
+    lead = f"Mapped from {log.name}; driven in a world raised from that map."
+    return _Scene("Intel Research Lab, from a real recording", lead, world, mapping, Pose2())
+
+
+def _simulated_scene(out: Path, world: World, seed: int, stage: _Stages) -> _Scene:
+    """A world of a floor plan: driven along its mapping route, recorded, and mapped from that bag."""
+    route = world.route()
+    bag = out / "drive.mcap"
+    bag.unlink(missing_ok=True)
+    with stage("record"):
+        simulator = Simulator(world, CHAIR_A, chair_of(seed), seed)
+        drive_route(simulator, CHAIR_A, route, bag, lambda share: stage.progress("record", share))
+    mapping = _mapped(bag, out / "map", stage)
+    title = f"{world.name}, a simulated world"
+    lead = "A simulated drive was recorded, mapped, and driven in; the chair knows the map only."
+    return _Scene(title, lead, world, mapping, world.start.inverse())
 
 
 def _mapped(log: Path, folder: Path, stage: _Stages) -> Mapping:
@@ -117,31 +142,11 @@ def _mapped(log: Path, folder: Path, stage: _Stages) -> Mapping:
     return mapping
 
 
-def _record(world: World, bag: Path, seed: int, body: ChairBody) -> None:
-    """Drives the world's mapping route by joystick and records scans and wheel odometry as a ROS 2 bag."""
-    simulator = Simulator(world, body, chair_of(seed), seed)
-    odometry = WheelOdometry(body)
-    epoch_ns = 1_700_000_000 * 10**9  # bags of a robot carry wall-clock stamps
-    if bag.is_dir():
-        shutil.rmtree(bag)
-    bag.unlink(missing_ok=True)
-    with RecordingWriter(bag, body.base_from_laser) as writer:
-        for message in follow(simulator, Follower(world.route, body.track, PlantSettings())):
-            if isinstance(message, WheelTicks):
-                writer.write(_later(odometry.update(message), epoch_ns))
-            else:
-                writer.write(_later(message, epoch_ns))
-
-
-def _later(message: _Stamped, offset_ns: int) -> _Stamped:
-    return replace(message, stamp_ns=message.stamp_ns + offset_ns)
-
-
 class _Stages:
     """Times the stages by the clock on the wall and tells which one has begun."""
 
-    def __init__(self, seconds: dict[str, float], progress: Progress) -> None:
-        self._seconds = seconds
+    def __init__(self, progress: Progress) -> None:
+        self.seconds: dict[str, float] = {}
         self.progress = progress
 
     @contextmanager
@@ -149,7 +154,7 @@ class _Stages:
         self.progress(name, 0.0)
         started = time.perf_counter()
         yield
-        self._seconds[name] = time.perf_counter() - started
+        self.seconds[name] = time.perf_counter() - started
         self.progress(name, 1.0)
 
 

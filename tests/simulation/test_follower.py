@@ -22,8 +22,8 @@ def test_the_clinics_route_is_finished_without_contact(body: ChairBody, seed: in
     world = load_world("small_clinic")
     plant = randomised(NOMINAL, seed) if seed else NOMINAL
     simulator = Simulator(world, body, SimulatorSettings(plant=plant), seed=seed)
-    follower = Follower(world.route, body.track, NOMINAL)
-    left = [tuple(waypoint) for waypoint in world.route.tolist()]
+    follower = Follower(world.route(), body.track, NOMINAL)
+    left = [tuple(waypoint) for waypoint in world.route().tolist()]
     scans = 0
     for message in follow(simulator, follower):
         scans += isinstance(message, Scan)

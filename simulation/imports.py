@@ -1,0 +1,108 @@
+"""Worlds from elsewhere: maps as map_server writes them, and the environments of the BARN benchmark."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Mapping
+from pathlib import Path
+
+import numpy as np
+
+from waychair.errors import WorldError
+from waychair.maps.map_files import load_map, yaml_path
+from waychair.maps.places import load_places
+from waychair.simulation.world import World, world_from_grid
+from waychair.types import BoolArray, FloatArray, OccupancyGrid, Place, Pose2
+
+BARN_RESOLUTION = 0.025
+"""Side of a cell [m]: a cylinder of 7.5 cm radius is six cells wide."""
+
+BARN_MARGIN = 2.0
+"""Free ground [m] kept about the cylinders, the start and the goal of a BARN world."""
+
+
+def world_from_map(path: Path, start: Pose2) -> World:
+    """World raised from a map folder or its map.yaml, with the places that lie beside it.
+
+    Raises:
+        MapError: the map cannot be read.
+        PlaceError: its places cannot be read.
+        WorldError: the start or a place lies outside the map or in an occupied cell.
+    """
+    folder = yaml_path(path).parent
+    return world_from_grid(load_map(path), start, tuple(load_places(folder).values()), folder.resolve().name)
+
+
+def world_from_barn(path: Path, scale: float = 1.0) -> World:
+    """World of one BARN environment: a text of `key value` lines, then `grid` and its lines, the largest y on top.
+
+    Every `#` is a cylinder on a lattice (Perille, Truong, Xiao, Stone, Benchmarking Metric Ground Navigation, SSRR
+    2020); poses and sizes come from the header, and `scale` multiplies all of them, for robots of another size. The
+    only walls are cylinders: the ground about them is free for two metres beyond the outermost of them, the start and
+    the goal, and past that nothing is solid either. The goal is the place `goal`; its heading is the start's.
+
+    Raises:
+        WorldError: the file cannot be read, lacks something or holds impossible numbers; or `scale` is not in [0.1, 10].
+    """
+    if not 0.1 <= scale <= 10.0:
+        raise WorldError(f"a scale of {scale:g} is impossible: give one in [0.1, 10]")
+    try:
+        lines = path.read_text(encoding="utf-8").splitlines()
+    except (OSError, UnicodeDecodeError) as error:
+        raise WorldError(f"cannot read the BARN world {path}: {error}") from error
+    if "grid" not in lines:
+        raise WorldError(f"{path} has no line `grid`: give a BARN text grid")
+    begin = lines.index("grid")
+    header = {key: values for key, *values in (line.split() for line in lines[:begin] if line.strip())}
+    start, goal = _numbers(path, header, "start", 3), _numbers(path, header, "goal", 2)
+    (cell,), (radius,) = _numbers(path, header, "cell", 1), _numbers(path, header, "radius", 1)
+    origin = np.array([*_numbers(path, header, "origin_x", 1), *_numbers(path, header, "origin_y", 1)])
+    if min(cell, radius) <= 0.0:
+        raise WorldError(f"{path}: cell {cell:g} and radius {radius:g} must be greater than 0; mend the header")
+    rows, cols = np.nonzero(_lattice(path, header, lines, begin))
+    centres = scale * (origin + cell * np.column_stack([cols, rows]))
+    poses = scale * np.array([start[:2], goal])
+    (start_x, start_y), (goal_x, goal_y) = poses.tolist()
+    return world_from_grid(
+        _cylinders(centres, scale * radius, poses),
+        Pose2(start_x, start_y, start[2]),
+        (Place("goal", Pose2(goal_x, goal_y, start[2])),),
+        path.stem,
+    )
+
+
+def _numbers(path: Path, header: Mapping[str, list[str]], key: str, count: int) -> list[float]:
+    try:
+        values = [float(text) for text in header.get(key, [])]
+    except ValueError:
+        values = []
+    if len(values) != count or not all(math.isfinite(value) for value in values):
+        given = " ".join(header.get(key, [])) or "missing"
+        raise WorldError(f"{path}: `{key}` is {given}: give {count} finite number{'s' * (count > 1)}")
+    return values
+
+
+def _lattice(path: Path, header: Mapping[str, list[str]], lines: list[str], begin: int) -> BoolArray:
+    """(rows, cols) where cylinders stand, row 0 at the bottom."""
+    rows, cols = (_numbers(path, header, key, 1)[0] for key in ("rows", "cols"))
+    drawn = [line for line in lines[begin + 1 :] if line.strip()]
+    if len(drawn) != rows:
+        raise WorldError(f"{path}: the grid has {len(drawn)} lines instead of {rows:g}; give all of it")
+    for i, line in enumerate(drawn):
+        if len(line) != cols or set(line) - {"#", "."}:
+            raise WorldError(f"{path}, line {begin + 2 + i}: '{line}' is no row; give {cols:g} characters of # and .")
+    return np.array([[char == "#" for char in line] for line in reversed(drawn)])
+
+
+def _cylinders(centres: FloatArray, radius: float, poses: FloatArray) -> OccupancyGrid:
+    """Grid about all cylinders (N, 2) and poses (M, 2) [m]: solid where a cell's centre lies in a cylinder."""
+    every = np.concatenate([centres, poses])
+    low, high = every.min(axis=0) - BARN_MARGIN - radius, every.max(axis=0) + BARN_MARGIN + radius
+    cells = np.zeros(np.ceil((high - low)[::-1] / BARN_RESOLUTION).astype(int), np.int8)
+    reach = math.ceil(radius / BARN_RESOLUTION)
+    window = np.argwhere(np.ones((2 * reach + 1, 2 * reach + 1), np.bool_)) - reach
+    for x, y in (centres - low) / BARN_RESOLUTION:
+        near = window + np.array([int(y), int(x)])
+        solid = np.hypot(near[:, 0] + 0.5 - y, near[:, 1] + 0.5 - x) <= radius / BARN_RESOLUTION
+        cells[tuple(near[solid].T)] = 100
+    return OccupancyGrid(cells, BARN_RESOLUTION, Pose2(float(low[0]), float(low[1]), 0.0))
