@@ -50,10 +50,10 @@ class WheelOdometry:
 
 def arc(distance: float, turn: float) -> Pose2:
     """Motion along a circular arc of length `distance` [m] that turns by `turn` [rad]."""
-    if abs(turn) < 1e-9:
-        return Pose2(distance, 0.0, turn)
-    radius = distance / turn
-    return Pose2(radius * math.sin(turn), radius * (1 - math.cos(turn)), turn)
+    half = turn / 2
+    # the chord is free of the cancellation in 1 - cos(turn)
+    chord = distance * math.sin(half) / half if abs(half) > 1e-12 else distance
+    return Pose2(chord * math.cos(half), chord * math.sin(half), turn)
 
 
 def _difference(now: int, before: int) -> int:
