@@ -45,11 +45,6 @@ class ChairBody(Settings):
         return Pose2(self.laser_x, self.laser_y, self.laser_theta)
 
     @property
-    def inscribed_radius(self) -> float:
-        """Largest circle round the base origin inside the outline [m]."""
-        return min(self.front, self.rear, self.width / 2)
-
-    @property
     def circumscribed_radius(self) -> float:
         """Distance of the farthest corner from the base origin [m]: the disc swept by turning in place."""
         return math.hypot(max(self.front, self.rear), self.width / 2)

@@ -11,7 +11,7 @@ import os
 import time
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 
 from waychair.calibration.chair import CHAIR_A
@@ -160,4 +160,4 @@ class _Stages:
 
 def _in_map(place: Place, map_from_world: Pose2) -> Place:
     pose = map_from_world @ place.pose
-    return Place(place.name, Pose2(round(pose.x, 3), round(pose.y, 3), round(wrap_angle(pose.theta), 4)))
+    return replace(place, pose=Pose2(round(pose.x, 3), round(pose.y, 3), round(wrap_angle(pose.theta), 4)))

@@ -58,10 +58,6 @@ class CalibrationError(WaychairError):
     """A calibration cannot be used."""
 
 
-class CalibrationMismatch(CalibrationError):
-    """The calibration belongs to another chair."""
-
-
 class PlanningError(WaychairError):
     """No path can be given."""
 
