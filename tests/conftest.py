@@ -8,8 +8,10 @@ from pathlib import Path
 import pytest
 from hypothesis import settings
 
-# the first call of a kernel loads or compiles it, which is no slow test
-settings.register_profile("waychair", deadline=None)
+# The first call of a kernel loads or compiles it, which is no slow test. The same examples every time, so that a run
+# says the same twice; `pytest --hypothesis-profile=search` draws new ones.
+settings.register_profile("waychair", deadline=None, derandomize=True)
+settings.register_profile("search", deadline=None)
 settings.load_profile("waychair")
 
 ROOT = Path(__file__).resolve().parent.parent
