@@ -1,7 +1,7 @@
-"""One chair's body and drive as data: the same file serves plant, footprint and calibration.
+"""One chair's body, drive and sensor mounts as data: the same file serves plant, footprint and calibration.
 
 Body A (default) and B are the two chairs of DESIGN.md section 3; lengths in metres, base frame (origin in the middle
-of the drive axle).
+of the drive axle). Heights of mounts are above the floor.
 """
 
 from __future__ import annotations
@@ -9,14 +9,20 @@ from __future__ import annotations
 import math
 from dataclasses import dataclass
 
+import numpy as np
+
 from waychair.config import Settings, setting
+from waychair.errors import ConfigError
 from waychair.geometry import rectangle
-from waychair.types import FloatArray, Pose2
+from waychair.types import FloatArray, Pose2, Pose3
+
+DRIVES = ("rear", "mid", "front")
+"""Where the drive wheels are: casters in front of them, on both sides, or behind them."""
 
 
 @dataclass(frozen=True, slots=True)
 class ChairBody(Settings):
-    """Outline, wheels and lidar mount of a rear-drive chair."""
+    """Outline, wheels and sensor mounts."""
 
     chair_id: str = setting("A", "", "name of the chair these numbers belong to")
     length: float = setting(1.00, "m", "overall length", low=0.3, high=2.5)
@@ -28,6 +34,21 @@ class ChairBody(Settings):
     laser_x: float = setting(0.60, "m", "lidar ahead of the drive axle", low=-2.0, high=2.0)
     laser_y: float = setting(0.0, "m", "lidar left of the middle", low=-1.0, high=1.0)
     laser_theta: float = setting(0.0, "rad", "direction of the lidar's x axis", low=-math.pi, high=math.pi)
+    drive: str = setting("rear", "", "drive wheels at the rear, mid or front")
+    laser_z: float = setting(0.30, "m", "lidar above the floor", low=0.02, high=2.0)
+    camera_x: float = setting(0.40, "m", "camera ahead of the drive axle", low=-2.0, high=2.0)
+    camera_y: float = setting(0.20, "m", "camera left of the middle", low=-1.0, high=1.0)
+    camera_z: float = setting(0.95, "m", "camera above the floor", low=0.05, high=2.5)
+    camera_yaw: float = setting(0.0, "rad", "camera turned to the left", low=-math.pi, high=math.pi)
+    camera_pitch: float = setting(0.05, "rad", "camera tilted down", low=-1.5, high=1.5)
+    imu_x: float = setting(0.10, "m", "IMU ahead of the drive axle, axes as base", low=-2.0, high=2.0)
+    imu_y: float = setting(0.0, "m", "IMU left of the middle", low=-1.0, high=1.0)
+    imu_z: float = setting(0.35, "m", "IMU above the floor", low=0.0, high=2.0)
+
+    def __post_init__(self) -> None:
+        Settings.__post_init__(self)
+        if self.drive not in DRIVES:
+            raise ConfigError(f"drive = '{self.drive}' is unknown: take {', '.join(DRIVES[:-1])} or {DRIVES[-1]}")
 
     @property
     def front(self) -> float:
@@ -43,6 +64,15 @@ class ChairBody(Settings):
     def base_from_laser(self) -> Pose2:
         """Mount of the lidar."""
         return Pose2(self.laser_x, self.laser_y, self.laser_theta)
+
+    @property
+    def base_from_camera(self) -> Pose3:
+        """Mount of the camera's optical frame (REP-103: z forward, x right, y down); base at floor height."""
+        optical = np.array([[0.0, 0.0, 1.0], [-1.0, 0.0, 0.0], [0.0, -1.0, 0.0]])
+        (sy, cy), (sp, cp) = ((math.sin(a), math.cos(a)) for a in (self.camera_yaw, self.camera_pitch))
+        yaw = np.array([[cy, -sy, 0.0], [sy, cy, 0.0], [0.0, 0.0, 1.0]])
+        pitch = np.array([[cp, 0.0, sp], [0.0, 1.0, 0.0], [-sp, 0.0, cp]])
+        return Pose3(yaw @ pitch @ optical, np.array([self.camera_x, self.camera_y, self.camera_z]))
 
     @property
     def circumscribed_radius(self) -> float:

@@ -17,6 +17,7 @@ from waychair.errors import WorldError
 from waychair.geometry import rectangle, transform_points
 from waychair.maps.grid import OCCUPIED_FROM, cells_from_points, inside, points_from_cells
 from waychair.simulation.floor_plan import FloorPlan, PlanWall, load_plan
+from waychair.simulation.scene import Block, Finish, Lamp, Lift, PersonPlan, Pit, Poster, Slope
 from waychair.types import Cells, FloatArray, OccupancyGrid, Place, Pose2
 
 MARGIN = 0.5
@@ -43,7 +44,11 @@ class Door:
 
 @dataclass(frozen=True, slots=True)
 class World:
-    """`grid` is the truth, without unknown cells where it comes from a plan; poses and routes (N, 2) [m] are in map."""
+    """One level of a building; poses and routes (N, 2) [m] are in its map.
+
+    `grid` is the truth of where a chair cannot be, without unknown cells where it comes from a plan; `blocks` are all
+    that is solid, at its height.
+    """
 
     name: str
     grid: OccupancyGrid
@@ -51,6 +56,15 @@ class World:
     places: tuple[Place, ...] = ()
     routes: Mapping[str, FloatArray] = field(default_factory=dict)
     doors: tuple[Door, ...] = ()
+    level: str = ""
+    blocks: tuple[Block, ...] = ()
+    slopes: tuple[Slope, ...] = ()
+    pits: tuple[Pit, ...] = ()
+    posters: tuple[Poster, ...] = ()
+    lamps: tuple[Lamp, ...] = ()
+    finish: Finish = field(default_factory=Finish)
+    people: tuple[PersonPlan, ...] = ()
+    lifts: tuple[Lift, ...] = ()
 
     def route(self, name: str = MAPPING_ROUTE) -> FloatArray:
         """Waypoints (N, 2) [m] of a route.

@@ -115,7 +115,7 @@ def test_the_kernel_does_what_plain_python_does(
 ) -> None:
     chosen = replace(SETTINGS, range_max=5.0, open_range=3.0 if traces_open else 0.0)
     # Off the cells' borders, where the last bit of a sine decides which cell a beam ends in.
-    poses = np.array([pose for pose, _ in rows]) + [0.0371, 0.0437, 0.0]
+    poses = np.array([(x + 0.0371, y + 0.0437, theta) for (x, y, theta), _ in rows])
     scans = [scan_of(ranges, -1.5, 0.1, 8.0) for _, ranges in rows]
     assume(all(off_borders(pose, scan, chosen) for pose, scan in zip(poses.tolist(), scans, strict=True)))
     assert by_cell(build_grid(poses, scans, chosen)) == reference(poses, scans, chosen)
