@@ -16,6 +16,7 @@ from numpy.typing import NDArray
 
 from waychair.config import Settings, setting
 from waychair.errors import MapError
+from waychair.geometry import wrap_angles
 from waychair.types import UNKNOWN, Cells, Float32Array, FloatArray, IntArray, OccupancyGrid, Pose2, Scan
 
 _SKIP, _FREE, _HIT = 0, 1, 2  # what a beam tells: nothing, free up to its end, occupied at its end
@@ -42,7 +43,10 @@ class OccupancySettings(Settings):
 
 
 def build_grid(
-    poses_laser: FloatArray, scans: Sequence[Scan], settings: OccupancySettings | None = None
+    poses_laser: FloatArray,
+    scans: Sequence[Scan],
+    settings: OccupancySettings | None = None,
+    last_poses_laser: FloatArray | None = None,
 ) -> OccupancyGrid:
     """The grid of all scans, each taken at its pose.
 
@@ -50,6 +54,8 @@ def build_grid(
         poses_laser: (N, 3) [m, m, rad] of the laser in map.
         scans: the N scans; nan, -inf and ranges outside the scan's own limits tell nothing of the distance.
         settings: resolution, probabilities and limits.
+        last_poses_laser: (N, 3) of the laser at each scan's last beam, where it moved meanwhile; beams between are
+            taken from poses between, in even steps.
 
     Returns:
         Cells hold the probability of being occupied in percent, -1 where no beam passed. Its axes are those of map,
@@ -61,7 +67,8 @@ def build_grid(
     settings = settings or OccupancySettings()
     poses = _checked(poses_laser, scans)
     first_beam = np.concatenate([[0], np.cumsum([len(scan.ranges) for scan in scans])])
-    ends, kinds = _beams(poses, scans, settings)
+    last = poses if last_poses_laser is None else _checked(last_poses_laser, scans)
+    ends, kinds = _beams(poses, last, scans, settings)
     seen = np.concatenate([poses[:, :2], ends[kinds != _SKIP]])
     lowest = np.floor(seen.min(axis=0) / settings.resolution) - settings.margin
     highest = np.floor(seen.max(axis=0) / settings.resolution) + settings.margin
@@ -72,7 +79,8 @@ def build_grid(
             "for jumps, or choose larger cells"
         )
     low = lowest.astype(np.int64)
-    origins = np.floor(poses[:, :2] / settings.resolution).astype(np.int64) - low
+    middles = 0.5 * (poses[:, :2] + last[:, :2])
+    origins = np.floor(middles / settings.resolution).astype(np.int64) - low
     end_cells = np.floor(ends / settings.resolution).astype(np.int64) - low
     log_odds = np.zeros((int(height), int(width)), np.float32)
     marks = np.full(log_odds.shape, -1, np.int32)
@@ -93,14 +101,19 @@ def _checked(poses_laser: FloatArray, scans: Sequence[Scan]) -> FloatArray:
     return poses
 
 
-def _beams(poses: FloatArray, scans: Sequence[Scan], settings: OccupancySettings) -> tuple[FloatArray, _Kinds]:
+def _beams(
+    poses: FloatArray, last: FloatArray, scans: Sequence[Scan], settings: OccupancySettings
+) -> tuple[FloatArray, _Kinds]:
     """Ends (B, 2) [m] in map of all beams of all scans, and what each tells (B,)."""
     counts = [len(scan.ranges) for scan in scans]
     per_scan = np.array([[s.angle_min, s.angle_step, s.range_min, s.range_max] for s in scans])
     ends = np.zeros((sum(counts), 2))
     kinds = np.zeros(len(ends), np.int8)
     ranges = np.concatenate([scan.ranges for scan in scans]).astype(np.float32, copy=False)
-    _trace_ends(ends, kinds, ranges, np.array(counts), poses, per_scan, settings.range_max, settings.open_range)
+    steps = last - poses
+    steps[:, 2] = wrap_angles(steps[:, 2])
+    steps /= np.maximum(np.array(counts) - 1, 1)[:, None]
+    _trace_ends(ends, kinds, ranges, np.array(counts), poses, steps, per_scan, settings.range_max, settings.open_range)
     return ends, kinds
 
 
@@ -111,6 +124,7 @@ def _trace_ends(
     ranges: Float32Array,
     counts: IntArray,
     poses: FloatArray,
+    steps: FloatArray,
     per_scan: FloatArray,
     range_max: float,
     open_range: float,
@@ -129,9 +143,9 @@ def _trace_ends(
                 kind = _FREE
                 r = range_max
             if r > 0.0 and (kind == _FREE or r >= nearest):  # false for nan
-                angle = poses[scan, 2] + angle_min + i * angle_step
-                ends[beam, 0] = poses[scan, 0] + r * math.cos(angle)
-                ends[beam, 1] = poses[scan, 1] + r * math.sin(angle)
+                angle = poses[scan, 2] + i * steps[scan, 2] + angle_min + i * angle_step
+                ends[beam, 0] = poses[scan, 0] + i * steps[scan, 0] + r * math.cos(angle)
+                ends[beam, 1] = poses[scan, 1] + i * steps[scan, 1] + r * math.sin(angle)
                 kinds[beam] = kind
             beam += 1
 

@@ -131,8 +131,11 @@ class Chair:
                 self._joystick = message
             elif self._wheels is not None:
                 self._scan = message
-                self._localisation = self._localiser.process(message, self._odom_from_base(message.stamp_ns))
-                points = scan_points(message, self.body.base_from_laser, self.settings.navigator.obstacle_range).points
+                self._localisation = self._localiser.process(
+                    message, self._odom_from_base(message.stamp_ns), self._wheels.twist
+                )
+                reach = self.settings.navigator.obstacle_range
+                points = scan_points(message, self.body.base_from_laser, reach, self._wheels.twist).points
                 seen = transform_points(self._localisation.map_from_base, points)
         return seen
 

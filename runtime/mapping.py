@@ -20,8 +20,9 @@ from waychair.maps.map_files import save_map
 from waychair.maps.occupancy import OccupancySettings, build_grid
 from waychair.recording import Recording, write_tum
 from waychair.slam.graph import EdgeKind, write_g2o
-from waychair.slam.mapper import Mapper, MapperResult, MapperSettings
-from waychair.types import Json, OccupancyGrid
+from waychair.slam.mapper import Mapper, MapperResult, MapperSettings, twist_of
+from waychair.slam.scan_points import motion_of_beams
+from waychair.types import Json, OccupancyGrid, Twist
 
 
 @dataclass(frozen=True, slots=True)
@@ -60,9 +61,11 @@ def map_recording(
             progress((index + 1) / len(frames))
     result = mapper.result()
     grid_started = time.process_time()
-    lasers = compose(result.key_poses, recording.base_from_laser.array())
-    scans = [scan for scan in (frames[index].scan for index in result.key_frames) if scan is not None]
-    grid = build_grid(lasers, scans, settings.grid)
+    mount, keys = recording.base_from_laser.array(), [frames[index] for index in result.key_frames]
+    scans = [frame.scan for frame in keys if frame.scan is not None]
+    sweeps = [motion_of_beams(scan, twist_of(frame) or Twist())[-1] for scan, frame in zip(scans, keys, strict=True)]
+    last = compose(compose(result.key_poses, np.array(sweeps)), mount)
+    grid = build_grid(compose(result.key_poses, mount), scans, settings.grid, last)
     seconds = {**result.seconds, "grid": time.process_time() - grid_started, "total": time.process_time() - cpu}
     report = _report(recording, result, grid, seconds, time.perf_counter() - started)
     return Mapping(grid, result, report)

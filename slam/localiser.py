@@ -12,7 +12,7 @@ from waychair.maps.grid import occupied, points_from_cells
 from waychair.slam.reference import reference_from_points
 from waychair.slam.scan_matching import MatchSettings, Window, match
 from waychair.slam.scan_points import scan_points
-from waychair.types import FloatArray, OccupancyGrid, Pose2, Scan
+from waychair.types import FloatArray, OccupancyGrid, Pose2, Scan, Twist
 
 
 @dataclass(frozen=True, slots=True)
@@ -53,13 +53,13 @@ class Localiser:
         self._map_from_odom = Pose2()
         self._silent_scans = 0
 
-    def process(self, scan: Scan, odom_from_base: Pose2) -> Localisation:
-        """Corrects `map_from_odom` by a scan taken where the odometry says `odom_from_base`."""
+    def process(self, scan: Scan, odom_from_base: Pose2, twist: Twist | None = None) -> Localisation:
+        """Corrects `map_from_odom` by a scan that began where the odometry says `odom_from_base`, at this twist."""
         settings = self._settings
         if self._start is not None:
             self._map_from_odom, self._start = self._start @ odom_from_base.inverse(), None
         guess = self._map_from_odom @ odom_from_base
-        points = scan_points(scan, self._base_from_laser, settings.matching.range_max)
+        points = scan_points(scan, self._base_from_laser, settings.matching.range_max, twist)
         points = points.thinned(settings.max_points)
         trust = np.diag([settings.position_noise**-2, settings.position_noise**-2, settings.angle_noise**-2])
         window = Window(settings.search_distance, settings.search_angle)

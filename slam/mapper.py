@@ -18,7 +18,7 @@ from waychair.slam.loop_closure import Candidate, LoopSettings, candidates
 from waychair.slam.reference import Reference, reference_from_scans
 from waychair.slam.scan_matching import MatchSettings, Window, correlative_search, match, refine
 from waychair.slam.scan_points import MIN_POINTS, ScanPoints, ScanStore, scan_points
-from waychair.types import FloatArray, Odometry, Pose2, Scan, SensorFrame, Trajectory
+from waychair.types import FloatArray, Odometry, Pose2, SensorFrame, Trajectory, Twist
 
 
 @dataclass(frozen=True, slots=True)
@@ -87,7 +87,7 @@ class Mapper:
         key_from_base = self._key_odometry[-1].inverse() @ odometry if self._key_odometry else Pose2()
         if not self._is_key(key_from_base):
             return self._remember(frame, key_from_base)
-        scan = self._points(frame.scan)
+        scan = self._points(frame)
         edge = self._match(scan, key_from_base)  # where the scan says it is
         self._add(frame, scan, odometry, edge)
         closed = [self._close(candidate) for candidate in self._candidates()]  # has it been here before?
@@ -120,7 +120,7 @@ class Mapper:
         guess = pose_from_array(self.poses[key]) @ key_from_last @ self._motion
         settings = self.settings
         found = match(
-            self._points(frame.scan), self._running(guess), guess, np.diag([1.0, 1.0, 1.0]),
+            self._points(frame), self._running(guess), guess, np.diag([1.0, 1.0, 1.0]),
             Window(settings.search_distance, settings.search_angle), settings.matching,
         )  # fmt: skip
         pose = found.pose if found.inliers >= settings.min_inliers else guess
@@ -139,9 +139,10 @@ class Mapper:
         self._frames.append((frame.stamp_ns, key, key_from_base))
         return pose_from_array(self.poses[key]) @ key_from_base
 
-    def _points(self, scan: Scan) -> ScanPoints:
+    def _points(self, frame: SensorFrame) -> ScanPoints:
+        assert frame.scan is not None
         with self._timed("points"):
-            return scan_points(scan, self.base_from_laser, self.settings.matching.range_max)
+            return scan_points(frame.scan, self.base_from_laser, self.settings.matching.range_max, twist_of(frame))
 
     def _running(self, guess: Pose2) -> Reference:
         """The surfaces of the latest key scans round the chair."""
@@ -302,6 +303,12 @@ class Mapper:
         started = time.process_time()
         yield
         self.seconds[stage] += time.process_time() - started
+
+
+def twist_of(frame: SensorFrame) -> Twist | None:
+    """Twist of the base at the frame's stamp by its own odometry, if it has any."""
+    own = [reading for reading in frame.wheels if isinstance(reading, Odometry)]
+    return own[-1].twist if own else None
 
 
 def _turned(information: FloatArray, theta: float) -> FloatArray:

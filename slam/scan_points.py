@@ -8,7 +8,8 @@ from dataclasses import dataclass
 import numpy as np
 from numba import njit
 
-from waychair.types import FloatArray, IntArray, Pose2, Scan
+from waychair.geometry import rotation
+from waychair.types import FloatArray, IntArray, Pose2, Scan, Twist
 
 MIN_POINTS = 20
 """A scan with fewer usable points cannot be matched."""
@@ -31,10 +32,11 @@ class ScanPoints:
         return self if step <= 1 else ScanPoints(self.points[::step].copy(), self.normals[::step].copy())
 
 
-def scan_points(scan: Scan, base_from_laser: Pose2, range_max: float) -> ScanPoints:
-    """Points and normals of the valid beams nearer than `range_max` [m].
+def scan_points(scan: Scan, base_from_laser: Pose2, range_max: float, twist: Twist | None = None) -> ScanPoints:
+    """Points and normals of the valid beams nearer than `range_max` [m], in the base frame at the scan's stamp.
 
-    Normals come from a line fitted to the nearest beams on both sides, as long as they lie on one surface.
+    Normals come from a line fitted to the nearest beams on both sides, as long as they lie on one surface. A scan whose
+    beams are taken one after another (`time_step`) is straightened by the chair's `twist` meanwhile, when it is given.
     """
     ranges = scan.ranges.astype(np.float64)
     limit = min(range_max, scan.range_max if scan.range_max > 0 else range_max)
@@ -42,11 +44,26 @@ def scan_points(scan: Scan, base_from_laser: Pose2, range_max: float) -> ScanPoi
     angles = scan.angles()
     ranges[~usable] = 0.0
     laser = np.stack([ranges * np.cos(angles), ranges * np.sin(angles)], axis=1)
-    normals = _normals(laser, usable, abs(scan.angle_step))
-    c, s = math.cos(base_from_laser.theta), math.sin(base_from_laser.theta)
-    turn = np.array([[c, s], [-s, c]])
-    points = laser[usable] @ turn + (base_from_laser.x, base_from_laser.y)
-    return ScanPoints(np.ascontiguousarray(points), np.ascontiguousarray(normals[usable] @ turn))
+    points = laser @ rotation(base_from_laser.theta).T + (base_from_laser.x, base_from_laser.y)
+    if twist is not None and scan.time_step != 0.0:
+        points = _straightened(points, motion_of_beams(scan, twist))
+    normals = _normals(points - (base_from_laser.x, base_from_laser.y), usable, abs(scan.angle_step))
+    return ScanPoints(np.ascontiguousarray(points[usable]), np.ascontiguousarray(normals[usable]))
+
+
+def motion_of_beams(scan: Scan, twist: Twist) -> FloatArray:
+    """Pose of the base at each beam's time in the base at the scan's stamp, (N, 3) [m, m, rad], at a constant twist."""
+    seconds = scan.time_step * np.arange(len(scan.ranges))
+    half = 0.5 * twist.omega * seconds
+    chord = twist.v * seconds * np.sinc(half / math.pi)
+    return np.stack([chord * np.cos(half), chord * np.sin(half), 2.0 * half], axis=1)
+
+
+def _straightened(points: FloatArray, motion: FloatArray) -> FloatArray:
+    """Points (N, 2), each seen from its own pose (N, 3), in the frame that these poses are in."""
+    x, y = points.T
+    c, s = np.cos(motion[:, 2]), np.sin(motion[:, 2])
+    return np.stack([motion[:, 0] + c * x - s * y, motion[:, 1] + s * x + c * y], axis=1)
 
 
 @njit(cache=True)

@@ -228,3 +228,17 @@ def test_a_real_log_gives_a_map_in_which_its_own_scans_end_on_walls(data_dir: Pa
     driven = grid.cells[tuple(cells_from_points(grid, np.array(poses)[:, :2]).T)]
     assert (driven < 50).all()
     assert (driven >= 0).all()
+
+
+def test_a_sweep_on_the_move_is_drawn_from_where_each_beam_was_taken() -> None:
+    """A laser that drives 1 m along x while it sweeps: beam i of 11 leaves at 0.1 i, straight to the left."""
+    scan = Scan(0, np.full(11, 2.0, np.float32), math.pi / 2, 1e-9, range_min=0.05, range_max=30.0)
+    first, last = np.array([[0.05, 0.05, 0.0]]), np.array([[1.05, 0.05, 0.0]])
+    hits = {cell for cell, value in by_cell(build_grid(first, [scan], SETTINGS, last)).items() if value == 70}
+    assert hits == {(i, 20) for i in range(11)}
+
+
+def test_a_turn_through_half_a_circle_is_the_short_one() -> None:
+    scan = Scan(0, np.full(3, 2.0, np.float32), 0.0, 1e-9, range_min=0.05, range_max=30.0)
+    first, last = np.array([[0.05, 0.05, math.pi - 0.1]]), np.array([[0.05, 0.05, 0.1 - math.pi]])
+    assert value_at(build_grid(first, [scan], SETTINGS, last), -1.95, 0.05) == 70

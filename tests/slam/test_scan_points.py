@@ -6,10 +6,13 @@ import math
 
 import numpy as np
 import pytest
+from hypothesis import given
+from hypothesis import strategies as st
 
 from tests.slam.conftest import scan_at
+from waychair.slam.odometry import arc
 from waychair.slam.scan_points import ScanPoints, ScanStore, scan_points
-from waychair.types import Pose2, Scan
+from waychair.types import Pose2, Scan, Twist
 
 
 def wall_ahead(beams: int = 91) -> Scan:
@@ -67,3 +70,27 @@ def test_thinning_keeps_at_most_so_many_points() -> None:
     scan = ScanPoints(np.zeros((101, 2)), np.zeros((101, 2)))
     assert len(scan.thinned(101)) == 101
     assert len(scan.thinned(50)) == 34
+
+
+@given(st.floats(-0.8, 0.8), st.floats(-1.2, 1.2), st.floats(1e-5, 1.5e-4), st.booleans())
+def test_a_sweep_taken_on_the_move_shows_the_same_wall_as_a_snapshot(
+    v: float, omega: float, time_step: float, backwards: bool
+) -> None:
+    """Beams cast one by one at a wall x = 3 m from where the chair really is at each beam's time."""
+    time_step = -time_step if backwards else time_step
+    laser, step = Pose2(0.6, 0.1, 0.05), math.radians(0.25)
+    ranges = []
+    for i in range(241):
+        at = arc(v * time_step * i, omega * time_step * i) @ laser
+        ranges.append((3.0 - at.x) / math.cos(at.theta - math.radians(30) + i * step))
+    scan = Scan(0, np.array(ranges, np.float32), -math.radians(30), step, time_step, 0.05, 30.0)
+    seen = scan_points(scan, laser, 20.0, Twist(v, omega))
+    assert np.abs(seen.points[:, 0] - 3.0).max() < 1e-5
+    assert seen.normals == pytest.approx(np.tile([-1.0, 0.0], (241, 1)), abs=1e-3)
+
+
+def test_a_snapshot_is_not_straightened() -> None:
+    assert (
+        scan_points(wall_ahead(), Pose2(), 10.0, Twist(1.0, 1.0)).points
+        == scan_points(wall_ahead(), Pose2(), 10.0).points
+    ).all()
