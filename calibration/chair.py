@@ -1,13 +1,16 @@
 """One chair's body, drive and sensor mounts as data: the same file serves plant, footprint and calibration.
 
-Body A (default) and B are the two chairs of DESIGN.md section 3; lengths in metres, base frame (origin in the middle
-of the drive axle). Heights of mounts are above the floor.
+Lengths in metres, base frame (origin on the floor under the middle of the drive axle). A is the default, B a larger
+chair; A_mid and A_front are A with its drive wheels elsewhere and its sensors at the same places of the seat; robot is
+the small disc of benchmarks among moving people, as the square that holds it.
 """
 
 from __future__ import annotations
 
 import math
+from collections.abc import Mapping
 from dataclasses import dataclass
+from types import MappingProxyType
 
 import numpy as np
 
@@ -86,3 +89,28 @@ class ChairBody(Settings):
 
 CHAIR_A = ChairBody()
 CHAIR_B = ChairBody(chair_id="B", length=1.10, width=0.70, track=0.62)
+CHAIR_A_MID = ChairBody(chair_id="A_mid", drive="mid", axle_from_rear=0.50, laser_x=0.35, camera_x=0.15, imu_x=-0.15)
+CHAIR_A_FRONT = ChairBody(
+    chair_id="A_front", drive="front", axle_from_rear=0.75, laser_x=0.10, camera_x=-0.10, imu_x=-0.40
+)
+ROBOT = ChairBody(
+    chair_id="robot",
+    drive="mid",
+    length=0.30,
+    width=0.30,
+    axle_from_rear=0.15,
+    track=0.24,
+    wheel_radius=0.05,
+    laser_x=0.0,
+    laser_z=0.20,
+    camera_x=0.10,
+    camera_y=0.0,
+    camera_z=0.22,
+    imu_x=0.0,
+    imu_z=0.10,
+)
+
+BODIES: Mapping[str, ChairBody] = MappingProxyType(
+    {body.chair_id: body for body in (CHAIR_A, CHAIR_B, CHAIR_A_MID, CHAIR_A_FRONT, ROBOT)}
+)
+"""By name, the bodies that are built in."""

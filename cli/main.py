@@ -15,6 +15,7 @@ app = App(
     version=__version__,
     help_format="plaintext",
     result_action="return_value",
+    suppress_keyboard_interrupt=False,  # `main` says what an interrupt has left behind
 )
 app.command("waychair.cli.mapping:map_command", name="map", help="Make a map of a recording.")
 app.command("waychair.cli.mapping:places_command", name="places", help="List the named places of a map, or add one.")
@@ -27,7 +28,7 @@ app.command(
     name="demo",
     help="Map a real recording, then drive the chair to three places in it.",
 )
-app.command("waychair.cli.simulating:worlds_command", name="worlds", help="List the simulated worlds.")
+app.command("waychair.cli.simulating:worlds_command", name="worlds", help="List the simulated worlds, or draw one.")
 app.command(
     "waychair.cli.simulating:simulate_command",
     name="simulate",
@@ -37,6 +38,11 @@ app.command(
     "waychair.cli.settings:config_command",
     name="config",
     help="Print all settings with their defaults, units and meaning.",
+)
+app.command(
+    "waychair.cli.doctor:doctor_command",
+    name="doctor",
+    help="Say what is missing on this machine, and the command that mends it.",
 )
 
 
@@ -50,5 +56,7 @@ def main() -> None:
     except BrokenPipeError:
         sys.stderr.close()
         sys.exit(1)
-    except KeyboardInterrupt:
+    except KeyboardInterrupt as stop:
+        for note in getattr(stop, "__notes__", ()):  # such as where an interrupted recording is
+            print(f"waychair: stopped; {note}", file=sys.stderr)
         sys.exit(130)

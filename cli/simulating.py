@@ -3,69 +3,159 @@
 from __future__ import annotations
 
 import sys
+from dataclasses import replace
 from pathlib import Path
+from typing import TYPE_CHECKING, Literal
+
+from waychair.cli.arguments import BadArgument
+
+if TYPE_CHECKING:
+    from waychair.simulation.pacing import Pacer
+    from waychair.simulation.world import World
 
 
-def worlds_command() -> None:
-    """List the simulated worlds that ship: their size, places, doors that can be closed, and routes."""
-    from rich.console import Console
-    from rich.table import Table
+def worlds_command(name: str | None = None, /, *, level: str | None = None, picture: Path | None = None) -> None:
+    """List the simulated worlds that ship, each level with its size, places, doors that can be closed, routes, hazards.
 
-    from waychair.simulation.world import MARGIN, load_world, shipped_worlds
+    Parameters
+    ----------
+    name
+        Only this one, with the names of its doors: one of those listed without it, or a plan's .yaml file.
+    level
+        Only this level of it.
+    picture
+        Draw the plan of that level (without --level: the first) into this .png file.
+    """
+    from rich.table import Column, Table
+
+    from waychair.cli.tables import print_table
+    from waychair.runtime.report import write_png
+    from waychair.simulation.world import levels_of, load_world, shipped_worlds
+    from waychair.trials.world_plan import world_picture
+
+    if name is None and (level is not None or picture is not None):
+        raise BadArgument("--level and --picture are about one world: give its name first")
+    names = shipped_worlds() if name is None else (name,)
+    levels = [(each, one) for each in names for one in ((level,) if level else levels_of(each))]
+    if picture is not None:
+        write_png(picture, world_picture(load_world(*levels[0])))
+    table = Table(
+        Column("world", no_wrap=True), "size, m", "places", "doors, m", "routes, m", "hazards", show_lines=True
+    )
+    for each, one in levels:
+        table.add_row(*_row(load_world(each, one), brief=name is None))
+    print_table(table)
+    if picture is not None:
+        print(picture)
+
+
+def _row(world: World, brief: bool) -> tuple[str, ...]:
+    """One level; `brief` when it stands among many, where doors are counted rather than named."""
+    from waychair.simulation.world import MARGIN
     from waychair.trials.record import route_length
+    from waychair.trials.world_plan import hazards
 
-    table = Table("world", "size, m", "places", "doors, m", "routes, m", show_lines=True)
-    for name in shipped_worlds():
-        world = load_world(name)
-        height, width = (count * world.grid.resolution - 2 * MARGIN for count in world.grid.cells.shape)
-        table.add_row(
-            name,
-            f"{width:.4g} x {height:.4g}",
-            ", ".join(place.name for place in world.places),
-            ", ".join(f"{door.name} {door.width:.4g}" for door in world.doors),
-            ", ".join(f"{route} {route_length(points, world.start):.0f}" for route, points in world.routes.items()),
-        )
-    Console().print(table)
+    doors = ", ".join(f"{door.name} {door.width:.4g}" for door in world.doors)
+    if brief and len(world.doors) > 1:
+        widths = [door.width for door in world.doors]
+        doors = f"{len(widths)}: {min(widths):.4g} to {max(widths):.4g}"
+    height, width = (count * world.grid.resolution - 2 * MARGIN for count in world.grid.cells.shape)
+    return (
+        world.name if world.level in ("", world.name) else f"{world.name}, {world.level}",
+        f"{width:.4g} x {height:.4g}",
+        ", ".join(place.name for place in world.places),
+        doors,
+        ", ".join(f"{route} {route_length(points, world.start):.0f}" for route, points in world.routes.items()),
+        ", ".join(hazards(world)),
+    )
 
 
 def simulate_command(
-    *, world: str, route: str = "mapping", record: Path | None = None, seed: int = 0, quiet: bool = False
+    *,
+    world: str,
+    level: str | None = None,
+    route: str = "mapping",
+    record: Path | None = None,
+    seed: int = 0,
+    mode: Literal["lockstep", "fast", "realtime"] = "fast",
+    camera: bool | None = None,
+    people: bool = True,
+    chair: str = "A",
+    plant: Literal["kinematic", "mujoco"] = "kinematic",
+    quiet: bool = False,
 ) -> None:
     """Drive a simulated chair along a route of a world, and record it.
 
-    A rider who sees the truth holds the joystick. Scans and wheel odometry are recorded as a ROS 2 bag, which
-    `waychair map` reads.
+    A rider who sees the truth holds the joystick. What the sensors say, wheel odometry and the truth are recorded as a
+    ROS 2 bag, which `waychair map` reads; pictures make it about 1 GB a minute. When the disk fills up or you interrupt it, what was recorded so far stays,
+    as NAME.part.
 
     Parameters
     ----------
     world
         One of `waychair worlds`, or a plan's .yaml file.
+    level
+        Level of it, the first unless given.
     route
-        Name of one of the world's routes.
+        Name of one of the level's routes.
     record
         Where to write the bag: a new .mcap or .db3 file, or a new folder.
     seed
         Seed of the simulated chair, its sensors and its noise.
+    mode
+        fast: as fast as it can; realtime: with the clock on the wall; lockstep: one tick for each answer of the driver
+        (the rider of a route answers at once).
+    camera
+        Whether there is a camera; unless told, there is one when the drive is recorded and this machine can render.
+    people
+        Whether the people of the plan are there.
+    chair
+        One of the chairs that are built in (A, B, ...), or a chair's .yaml file.
+    plant
+        kinematic: wheels that do as they are told; mujoco: mass, motors, casters and slip.
     quiet
-        Print nothing but errors.
+        Print nothing but errors and warnings.
     """
     from rich.console import Console
     from rich.progress import Progress
 
-    from waychair.calibration.chair import CHAIR_A
-    from waychair.simulation.simulator import Simulator
+    from waychair.simulation.camera import CameraSettings
+    from waychair.simulation.chair_file import load_chair, randomised_chair
+    from waychair.simulation.pacing import PaceMode, Pacer
+    from waychair.simulation.simulator import Simulator, SimulatorSettings, with_all_sensors
     from waychair.simulation.world import load_world
-    from waychair.trials.demo import chair_of
     from waychair.trials.record import drive_route
 
-    place = load_world(world)
+    place = load_world(world, level)
+    place = place if people else place.without_people()
     waypoints = place.route(route)
-    simulator = Simulator(place, CHAIR_A, chair_of(seed), seed)
+    made = randomised_chair(load_chair(chair), seed)
+    settings = SimulatorSettings(plant_model=plant, plant=made.plant, mujoco=made.mujoco)
+    if record is not None or camera:
+        settings = with_all_sensors(settings)
+    if camera is False:
+        settings = replace(settings, camera=CameraSettings())
+    simulator = Simulator(place, made.body, settings, seed)
+    if simulator.camera_problem is not None:
+        print(f"waychair: simulating without the camera: {simulator.camera_problem}", file=sys.stderr)
+    pacer = Pacer(PaceMode(mode))
     with Progress(console=Console(file=sys.stderr, quiet=quiet), transient=True, disable=quiet) as bar:
         task = bar.add_task("driving", total=1.0)
-        drive = drive_route(simulator, CHAIR_A, waypoints, record, lambda share: bar.update(task, completed=share))
+        drive = drive_route(
+            simulator, made.body, waypoints, record, lambda share: bar.update(task, completed=share), pacer
+        )
+    if pacer.lost_s > 0.0:
+        print(f"waychair: {_lateness(pacer)}", file=sys.stderr)
     if not quiet:
         print(
-            f"{drive.distance_m:.1f} m in {drive.duration_s:.0f} s, {drive.scans} scans, no contacts; wheel odometry "
-            f"ended {drive.odometry_error_m:.1f} m off" + (f": {record}" if record else "")
+            f"{drive.distance_m:.1f} m in {drive.duration_s:.0f} s, {drive.scans} scans, no contacts; "
+            f"{pacer.real_time_factor:.3g} times real time; wheel odometry ended {drive.odometry_error_m:.1f} m off"
+            + (f": {record}" if record else "")
         )
+
+
+def _lateness(pacer: Pacer) -> str:
+    return (
+        f"this machine could not hold real time: it is {pacer.lost_s:.1f} s behind, "
+        f"{pacer.real_time_factor:.2f} times as fast as the clock"
+    )

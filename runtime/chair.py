@@ -27,18 +27,22 @@ from waychair.types import (
     DriveMode,
     FloatArray,
     Goal,
+    ImuSample,
     JoystickInput,
     OccupancyGrid,
     Odometry,
     Place,
     Pose2,
+    RgbdFrame,
     Scan,
     Sent,
+    SonarReadings,
     Twist,
     WheelTicks,
 )
 
-Message: TypeAlias = WheelTicks | Scan | JoystickInput
+Message: TypeAlias = WheelTicks | Scan | JoystickInput | ImuSample | SonarReadings | RgbdFrame
+"""What a chair's sensors say; it drives by its wheels and its lidar, the rest is not used yet."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -129,7 +133,7 @@ class Chair:
                 self._wheels = self._odometry.update(message)
             elif isinstance(message, JoystickInput):
                 self._joystick = message
-            elif self._wheels is not None:
+            elif isinstance(message, Scan) and self._wheels is not None:
                 self._scan = message
                 self._localisation = self._localiser.process(
                     message, self._odom_from_base(message.stamp_ns), self._wheels.twist

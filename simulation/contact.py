@@ -1,112 +1,161 @@
-"""The chair's rectangle against the solid cells of a world: exact contact and exact distance.
+"""The chair's rectangle against all that is solid and all who are about: exact contact and exact distance.
 
-Both are closed-form on convex shapes: contact by separating axes, distance from the corners of one to the other.
+What is solid are upright boxes, so both are closed-form: contact by separating axes, distance from the corners of one
+to the other. People are discs.
 """
 
 from __future__ import annotations
 
+import enum
 import math
+from collections.abc import Iterable
 from dataclasses import dataclass
+from typing import NamedTuple
 
 import numpy as np
 from numba import njit
 
 from waychair.calibration.chair import ChairBody
-from waychair.maps.grid import occupied
-from waychair.types import BoolArray, OccupancyGrid, Pose2
+from waychair.simulation.boxes import Bins, bins_of, nearest_points, span, touch
+from waychair.simulation.scene import Block, PersonState, Pit
+from waychair.types import FloatArray, Pose2
+
+LOWEST, HIGHEST = 0.03, 1.20
+"""A chair rolls over what ends below the one, and passes under what begins above the other [m]."""
+
+
+class ContactKind(enum.Enum):
+    """What a chair can run into."""
+
+    SOLID = "solid"
+    PERSON = "person"
+    FALL = "fall"
 
 
 @dataclass(frozen=True, slots=True)
-class Solid:
-    """What bodies and beams run into: cells (H, W) bool, `resolution` [m], and the pose of the map in the grid."""
+class Contact:
+    """The chair has run into something at (x, y) [m, map], at `speed` [m/s] over the ground."""
 
-    cells: BoolArray
-    resolution: float
-    grid_from_map: Pose2
+    stamp_ns: int
+    kind: ContactKind
+    x: float
+    y: float
+    speed: float
 
 
-def solid_from_grid(grid: OccupancyGrid) -> Solid:
-    """Occupied cells are solid; free and unknown ones, and all beyond the grid, are not."""
-    return Solid(np.ascontiguousarray(occupied(grid)), grid.resolution, grid.map_from_grid.inverse())
+class Solid(NamedTuple):
+    """What a chair runs into, as boxes (N, 6) (see `boxes.py`) and their bins."""
+
+    boxes: FloatArray
+    bins: Bins
+
+
+def solid_from_blocks(blocks: Iterable[Block], pits: Iterable[Pit] = ()) -> Solid:
+    """The blocks that a chair can run into, and the pits, as if there were a wall about them."""
+    solid: list[Block | Pit] = [block for block in blocks if block.low < HIGHEST and block.high > LOWEST]
+    boxes = np.array(
+        [
+            (s.middle.x, s.middle.y, math.cos(s.middle.theta), math.sin(s.middle.theta), s.length / 2, s.width / 2)
+            for s in (*solid, *pits)
+        ],
+        np.float64,
+    ).reshape(-1, 6)
+    return Solid(boxes, bins_of(boxes))
 
 
 def in_contact(solid: Solid, body: ChairBody, map_from_base: Pose2) -> bool:
-    """Whether the outline and a solid cell share a point."""
-    return bool(_touches(solid.cells, *_box(solid, body, map_from_base)))
+    """Whether the outline and a box share a point."""
+    return bool(_touches(solid, *_outline(body, map_from_base)))
 
 
 def clearance(solid: Solid, body: ChairBody, map_from_base: Pose2) -> float:
-    """Smallest distance [m] from the outline to a solid cell: 0 in contact, +inf in a world without solid cells."""
-    box = _box(solid, body, map_from_base)
-    if _touches(solid.cells, *box):
+    """Smallest distance [m] from the outline to a box: 0 in contact, +inf where nothing is solid."""
+    if in_contact(solid, body, map_from_base):
         return 0.0
-    return float(_distance(solid.cells, *box)) * solid.resolution
+    return float(_nearest(solid, *_outline(body, map_from_base))[0])
 
 
-def _box(solid: Solid, body: ChairBody, map_from_base: Pose2) -> tuple[float, float, float, float, float, float]:
-    """The outline in units of cells: centre x, y, cosine and sine of its heading, half length and half width."""
-    pose = solid.grid_from_map @ map_from_base
-    c, s = math.cos(pose.theta), math.sin(pose.theta)
+def nearest_point(solid: Solid, body: ChairBody, map_from_base: Pose2) -> tuple[float, float]:
+    """The point [m, map] of what is solid that is nearest to the outline, where the chair is about to touch it.
+
+    In contact it is a corner of either rectangle near the other; (nan, nan) where nothing is solid.
+    """
+    _, x, y = _nearest(solid, *_outline(body, map_from_base))
+    return float(x), float(y)
+
+
+def nearest_person(body: ChairBody, map_from_base: Pose2, people: Iterable[PersonState]) -> tuple[float, float, float]:
+    """Distance [m] from the outline to the nearest person's disc, 0 in contact, and where that person is [m, map].
+
+    +inf and (nan, nan) where nobody is.
+    """
+    x, y, c, s, half_length, half_width = _outline(body, map_from_base)
+    best, best_x, best_y = math.inf, math.nan, math.nan
+    for person in people:
+        dx, dy = person.pose.x - x, person.pose.y - y
+        beyond_end = max(abs(dx * c + dy * s) - half_length, 0.0)
+        beyond_side = max(abs(dy * c - dx * s) - half_width, 0.0)
+        distance = math.hypot(beyond_end, beyond_side) - person.radius
+        if distance < best:
+            best, best_x, best_y = distance, person.pose.x, person.pose.y
+    return max(best, 0.0), best_x, best_y
+
+
+def person_distance(body: ChairBody, map_from_base: Pose2, people: Iterable[PersonState]) -> float:
+    """Smallest distance [m] from the outline to a person's disc: 0 in contact, +inf where nobody is."""
+    return nearest_person(body, map_from_base, people)[0]
+
+
+def _outline(body: ChairBody, map_from_base: Pose2) -> tuple[float, float, float, float, float, float]:
+    """The outline as a box: the origin is not its middle."""
+    c, s = math.cos(map_from_base.theta), math.sin(map_from_base.theta)
     ahead = (body.front - body.rear) / 2
-    scale = 1.0 / solid.resolution
     return (
-        (pose.x + ahead * c) * scale,
-        (pose.y + ahead * s) * scale,
+        map_from_base.x + ahead * c,
+        map_from_base.y + ahead * s,
         c,
         s,
-        (body.front + body.rear) / 2 * scale,
-        body.width / 2 * scale,
+        body.length / 2,
+        body.width / 2,
     )
 
 
 @njit(cache=True, nogil=True)
-def _touches(cells: BoolArray, x: float, y: float, c: float, s: float, half_length: float, half_width: float) -> bool:
+def _touches(solid: Solid, x: float, y: float, c: float, s: float, half_length: float, half_width: float) -> bool:
+    bins, box = solid.bins, np.array([x, y, c, s, half_length, half_width])
     reach_x = half_length * abs(c) + half_width * abs(s)
     reach_y = half_length * abs(s) + half_width * abs(c)
-    cell = 0.5 * (abs(c) + abs(s))  # half a cell's extent along either side of the outline
-    for row in range(max(0, math.ceil(y - reach_y) - 1), min(cells.shape[0], math.floor(y + reach_y) + 1)):
-        for col in range(max(0, math.ceil(x - reach_x) - 1), min(cells.shape[1], math.floor(x + reach_x) + 1)):
-            if not cells[row, col]:
-                continue
-            dx, dy = col + 0.5 - x, row + 0.5 - y
-            if abs(dx * c + dy * s) <= half_length + cell and abs(dy * c - dx * s) <= half_width + cell:
-                return True
+    first_col, last_col = span(x - bins.x, reach_x, bins.side, bins.cols)
+    first_row, last_row = span(y - bins.y, reach_y, bins.side, bins.rows)
+    for row in range(first_row, last_row + 1):
+        for number in range(row * bins.cols + first_col, row * bins.cols + last_col + 1):
+            for k in range(bins.starts[number], bins.starts[number + 1]):
+                if touch(box, solid.boxes[bins.items[k]]):
+                    return True
     return False
 
 
 @njit(cache=True, nogil=True)
-def _distance(cells: BoolArray, x: float, y: float, c: float, s: float, half_length: float, half_width: float) -> float:
-    """Smallest distance [cells] of a box that touches none, looking ever farther round it."""
-    rows, cols = cells.shape
-    radius = math.hypot(half_length, half_width) + math.sqrt(0.5)
-    look = 16.0
+def _nearest(
+    solid: Solid, x: float, y: float, c: float, s: float, half_length: float, half_width: float
+) -> tuple[float, float, float]:
+    """Distance [m] of the nearest box and its nearest point, looking ever farther round; +inf and nan without boxes."""
+    bins, box = solid.bins, np.array([x, y, c, s, half_length, half_width])
+    radius = math.hypot(half_length, half_width)
+    left, low = x - bins.x, y - bins.y
+    best, best_x, best_y = math.inf, math.nan, math.nan
+    look = bins.side
     while True:
-        best = math.inf
         reach = radius + look
-        for row in range(max(0, math.floor(y - reach)), min(rows, math.floor(y + reach) + 1)):
-            for col in range(max(0, math.floor(x - reach)), min(cols, math.floor(x + reach) + 1)):
-                if cells[row, col] and math.hypot(col + 0.5 - x, row + 0.5 - y) - radius < best:
-                    best = min(best, _apart(col - x, row - y, c, s, half_length, half_width))
-        everything = y - reach < 0 and x - reach < 0 and y + reach > rows and x + reach > cols
+        first_col, last_col = span(left, reach, bins.side, bins.cols)
+        first_row, last_row = span(low, reach, bins.side, bins.rows)
+        for row in range(first_row, last_row + 1):
+            for number in range(row * bins.cols + first_col, row * bins.cols + last_col + 1):
+                for k in range(bins.starts[number], bins.starts[number + 1]):
+                    distance, px, py = nearest_points(box, solid.boxes[bins.items[k]])
+                    if distance < best:
+                        best, best_x, best_y = distance, px, py
+        everything = last_col - first_col == bins.cols - 1 and last_row - first_row == bins.rows - 1
         if best <= look or everything:
-            return best
+            return best, best_x, best_y
         look *= 2.0
-
-
-@njit(cache=True, nogil=True)
-def _apart(left: float, low: float, c: float, s: float, half_length: float, half_width: float) -> float:
-    """Distance of the unit square with this lower-left corner from a box about the origin that it does not meet."""
-    best = math.inf
-    for i in range(2):
-        for j in range(2):
-            # A corner of the square to the box, then a corner of the box to the square.
-            px, py = left + i, low + j
-            dx = max(abs(px * c + py * s) - half_length, 0.0)
-            dy = max(abs(py * c - px * s) - half_width, 0.0)
-            best = min(best, math.hypot(dx, dy))
-            along, across = (2 * i - 1) * half_length, (2 * j - 1) * half_width
-            qx, qy = along * c - across * s, along * s + across * c
-            dx = max(left - qx, 0.0, qx - left - 1.0)
-            dy = max(low - qy, 0.0, qy - low - 1.0)
-            best = min(best, math.hypot(dx, dy))
-    return best

@@ -1,59 +1,86 @@
-"""Floor plans as they are written: one small YAML file for a world, read strictly, refused by file and line.
+"""Floor plans as they are written: one small YAML file for a building, refused by file and line (`plan_file.py`).
 
     name: flat
     size: [6.0, 4.0]            # x and y; the origin is the lower left corner
     start: [1.0, 1.0, 0.0]      # x, y, yaw
+    finish: {floor: wood, walls: plaster, ceiling: panels, height: 2.6}
+    light: {ambient: 0.3, power: 1.0, spacing: 3.0}
+    poster_density: 0.2         # per metre of wall, on both of its sides
     walls:
       - {start: [0.0, 2.0], end: [6.0, 2.0], doors: [{name: kitchen, at: 4.0, width: 0.9}]}
     boxes:
-      - {centre: [3.0, 1.0], size: [0.8, 0.4], yaw: 0.3}
+      - {centre: [3.0, 0.4], size: [0.8, 0.4], yaw: 0.3, high: 1.8, material: wood}
     places:
       sink: [4.0, 3.0, 1.57]
     routes:
       mapping: [[1.0, 1.0], [4.0, 1.0], [4.0, 3.0]]
+    people:
+      - {behaviour: path, path: [[2.5, 1.5], [5.0, 1.5]], speed: 0.8}
 
-Metres and radians throughout.
+Further sections are `tables`, `ramps`, `thresholds`, `stairs`, `pits`, `lamps` and `lifts`. A building of several levels
+has a `name` and `levels`, a list of such plans, each with a name of its own. Metres and radians throughout; materials
+are those of `scene.MATERIALS`, behaviours those of `scene.Behaviour`.
 """
 
 from __future__ import annotations
 
-import difflib
 import math
-import re
-from collections.abc import Hashable, Iterator
-from dataclasses import dataclass
-from pathlib import Path
-from typing import Annotated, Any, TypeAlias
+from typing import Annotated, Literal, TypeAlias
 
 import msgspec
-import yaml
+from msgspec import Meta
 
-from waychair.errors import WorldError
+from waychair.simulation.scene import Finish
 
-MOST_CELLS = 50_000_000
-"""Largest world that is rasterised, in cells."""
+Keys: TypeAlias = tuple[str | int, ...]
+"""The way to a value in a plan, such as ("walls", 0, "start")."""
 
-_Keys: TypeAlias = tuple[str | int, ...]
-_Point: TypeAlias = tuple[float, float]
-_Planar: TypeAlias = tuple[float, float, float]
-_Length: TypeAlias = Annotated[float, msgspec.Meta(gt=0.0, le=500.0)]
+Point: TypeAlias = tuple[float, float]
+Planar: TypeAlias = tuple[float, float, float]
+Length: TypeAlias = Annotated[float, Meta(gt=0.0, le=500.0)]
+Height: TypeAlias = Annotated[float, Meta(ge=0.0, le=20.0)]
+Share: TypeAlias = Annotated[float, Meta(ge=0.0, le=1.0)]
+Power: TypeAlias = Annotated[float, Meta(ge=0.0, le=100.0)]
 
 
 class PlanDoor(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
-    """An opening in a wall: its middle is `at` [m] from the wall's start. One that has a name can be closed."""
+    """An opening in a wall: its middle is `at` [m] from the wall's start.
+
+    One that has a name can be closed; `closed` ones always are, by a leaf of `material`.
+    """
 
     at: float
-    width: _Length
+    width: Length
     name: str = ""
+    closed: bool = False
+    material: str = "wood"
+
+
+class PlanPoster(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
+    """A picture on a wall: its middle is `at` [m] from the wall's start, on the `left` or `right` as one looks along.
+
+    Its `size` is along the wall and upwards; posters of one `seed` look alike.
+    """
+
+    at: float
+    side: Literal["left", "right"] = "left"
+    height: Height = 1.4
+    size: tuple[Length, Length] = (0.6, 0.8)
+    seed: int | None = None
 
 
 class PlanWall(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
-    """A straight wall between two points; at least two cells thick, so that no beam slips through a slanted one."""
+    """A straight wall between two points, up to the ceiling; at least two cells thick, as a slanted one must have no
+    holes. `material` is the finish's where it is not given; walls of one `seed` look alike.
+    """
 
-    start: _Point
-    end: _Point
-    thickness: Annotated[float, msgspec.Meta(gt=0.0, le=5.0)] = 0.1
+    start: Point
+    end: Point
+    thickness: Annotated[float, Meta(gt=0.0, le=5.0)] = 0.1
     doors: list[PlanDoor] = []
+    posters: list[PlanPoster] = []
+    material: str = ""
+    seed: int | None = None
 
     @property
     def length(self) -> float:
@@ -62,183 +89,142 @@ class PlanWall(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
 
 
 class PlanBox(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
-    """A piece of furniture: its size along its own x and y, turned by `yaw` [rad]."""
+    """A piece of furniture: its size along its own x and y, turned by `yaw` [rad], from `low` to `high` [m]."""
 
-    centre: _Point
-    size: tuple[_Length, _Length]
+    centre: Point
+    size: tuple[Length, Length]
     yaw: float = 0.0
+    low: Height = 0.0
+    high: Height = 0.9
+    material: str = "wood"
+    seed: int | None = None
+
+
+class PlanTable(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
+    """A table: a top of thickness `top` whose upper face is at `height`, on four legs of side `legs` [m]."""
+
+    centre: Point
+    size: tuple[Length, Length]
+    yaw: float = 0.0
+    height: Height = 0.74
+    top: Length = 0.04
+    legs: Length = 0.05
+    material: str = "wood"
+    seed: int | None = None
+
+
+class PlanRamp(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
+    """A slope to drive on, from `low` [m] at its start to `high` at its end; one of equal heights is a platform."""
+
+    start: Point
+    end: Point
+    width: Length
+    high: Height
+    low: Height = 0.0
+    material: str = "concrete"
+
+
+class PlanThreshold(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
+    """A sill on the floor that wheels climb."""
+
+    centre: Point
+    size: tuple[Length, Length]
+    yaw: float = 0.0
+    height: Annotated[float, Meta(gt=0.0, le=0.03)] = 0.02
+    material: str = "metal"
+
+
+class PlanStairs(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
+    """A stairway down from its start to its end: `steps` of `rise` [m] each, the last onto the floor below."""
+
+    start: Point
+    end: Point
+    width: Length
+    steps: Annotated[int, Meta(ge=1, le=50)] = 8
+    rise: Annotated[float, Meta(gt=0.0, le=0.5)] = 0.17
+    material: str = "concrete"
+
+
+class PlanPit(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
+    """A hole in the floor, `depth` [m] deep."""
+
+    centre: Point
+    size: tuple[Length, Length]
+    yaw: float = 0.0
+    depth: Length = 1.0
+
+
+class PlanLamp(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
+    """A lamp; just under the ceiling where no `height` is given."""
+
+    at: Point
+    height: Height | None = None
+    power: Power = 1.0
+
+
+class PlanLight(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
+    """Light from everywhere, and the lattice on which lamps hang where none is given one by one."""
+
+    ambient: Share = 0.35
+    power: Power = 1.0
+    spacing: Annotated[float, Meta(ge=0.5, le=100.0)] = 3.6
+
+
+class PlanFinish(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
+    """Materials of floor, walls and ceiling, and the height of the rooms [m]."""
+
+    floor: str = Finish().floor
+    walls: str = "plaster"
+    ceiling: str = Finish().ceiling
+    height: Annotated[float, Meta(ge=1.5, le=20.0)] = Finish().height
+
+
+class PlanPerson(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
+    """A person, or `count` movers that bounce: those may leave out their path and are then strewn over free ground."""
+
+    behaviour: str
+    path: list[Point] = []
+    speed: Annotated[float, Meta(gt=0.0, le=1.5)] = 1.0
+    yields: bool = True
+    radius: Annotated[float, Meta(ge=0.05, le=0.6)] = 0.25
+    trigger: Annotated[float, Meta(gt=0.0, le=20.0)] = 3.0
+    count: Annotated[int, Meta(ge=1, le=200)] = 1
+
+
+class PlanLift(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
+    """A lift's cabin: `middle` its pose (x, y, yaw) looking out of its door, `size` along that and across."""
+
+    name: str
+    middle: Planar
+    size: tuple[Length, Length]
 
 
 class FloorPlan(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
-    """A whole plan; `resolution` [m] is the side of a cell of the world that is made of it."""
+    """One level; `resolution` [m] is the side of a cell of the grid that is made of it."""
 
     name: str
-    size: tuple[_Length, _Length]
-    start: _Planar
+    size: tuple[Length, Length]
+    start: Planar
     walls: list[PlanWall]
-    resolution: Annotated[float, msgspec.Meta(ge=0.005, le=0.1)] = 0.05
+    resolution: Annotated[float, Meta(ge=0.005, le=0.1)] = 0.05
+    finish: PlanFinish = PlanFinish()
+    light: PlanLight = PlanLight()
+    lamps: list[PlanLamp] = []
+    poster_density: Annotated[float, Meta(ge=0.0, le=2.0)] = 0.0
     boxes: list[PlanBox] = []
-    places: dict[str, _Planar] = {}
-    routes: dict[str, list[_Point]] = {}
+    tables: list[PlanTable] = []
+    ramps: list[PlanRamp] = []
+    thresholds: list[PlanThreshold] = []
+    stairs: list[PlanStairs] = []
+    pits: list[PlanPit] = []
+    people: list[PlanPerson] = []
+    lifts: list[PlanLift] = []
+    places: dict[str, Planar] = {}
+    routes: dict[str, list[Point]] = {}
 
 
-_NAMED: dict[str, Any] = {"places": _Planar, "routes": list[_Point]}
+class BuildingPlan(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
+    """Several levels, the first of them the one that a chair begins on."""
 
-
-@dataclass(frozen=True, slots=True)
-class PlanSource:
-    """Where a plan was read: says of each key on which line it stands."""
-
-    path: Path
-    root: yaml.Node
-
-    def error(self, keys: _Keys, problem: str) -> WorldError:
-        """The error about the value at `keys`, such as ("walls", 0, "start"), with its line."""
-        where = "".join(f"[{key}]" if isinstance(key, int) else f".{key}" for key in keys).lstrip(".")
-        return WorldError(f"{self.path}, line {self._line(keys)}: {where + ': ' if where else ''}{problem}")
-
-    def _line(self, keys: _Keys) -> int:
-        """Line of the innermost node on the way along `keys` that is written out."""
-        node, line = self.root, self.root.start_mark.line
-        for key in keys:
-            if isinstance(node, yaml.MappingNode):
-                found = [(name.start_mark.line, value) for name, value in node.value if name.value == key]
-            elif isinstance(node, yaml.SequenceNode) and isinstance(key, int) and key < len(node.value):
-                found = [(node.value[key].start_mark.line, node.value[key])]
-            else:
-                found = []
-            if not found:
-                break
-            line, node = found[0]
-        return line + 1
-
-
-def load_plan(path: Path) -> tuple[FloorPlan, PlanSource]:
-    """The plan in a file, checked in itself: types, numbers, walls and doors; and where it stands, for later checks.
-
-    Raises:
-        WorldError: the file cannot be read or is not YAML; a key is unknown, missing, given twice or of the wrong type;
-            a number is not finite; a wall, a box or a door is impossible. With the line, and what would be right.
-    """
-    try:
-        text = path.read_text(encoding="utf-8")
-    except (OSError, UnicodeDecodeError) as error:
-        raise WorldError(f"cannot read the world {path}: {error}") from error
-    loader = _Loader(text)
-    try:
-        root = loader.get_single_node()
-        values = None if root is None else loader.construct_document(root)
-    except yaml.MarkedYAMLError as error:
-        line = f", line {error.problem_mark.line + 1}" if error.problem_mark else ""
-        raise WorldError(f"{path}{line}: {error.problem}; mend the YAML there") from error
-    except (yaml.YAMLError, ValueError) as error:
-        raise WorldError(f"{path} is not YAML: {' '.join(str(error).split())}") from error
-    finally:
-        loader.dispose()
-    if root is None:
-        raise WorldError(f"{path}, line 1: the file is empty; give an object of name, size, start and walls")
-    source = PlanSource(path, root)
-    plan = _converted(values, source)
-    for keys, problem in _problems(plan):
-        raise source.error(keys, problem)
-    return plan, source
-
-
-class _Loader(yaml.SafeLoader):
-    """Refuses a key that is given twice, where YAML's own would silently keep the last."""
-
-    def construct_mapping(self, node: yaml.MappingNode, deep: bool = False) -> dict[Hashable, Any]:
-        seen: set[str] = set()
-        for key, _ in node.value:
-            if str(key.value) in seen:
-                raise yaml.MarkedYAMLError(problem=f"'{key.value}' is given twice", problem_mark=key.start_mark)
-            seen.add(str(key.value))
-        return super().construct_mapping(node, deep)
-
-
-def _converted(values: Any, source: PlanSource) -> FloorPlan:
-    if not isinstance(values, dict):
-        raise source.error((), "a world is an object; give `key: value` lines: name, size, start and walls")
-    # Entries with names of their own come first, one by one: msgspec does not say which of them it refuses.
-    for section, kind in _NAMED.items():
-        entries = values.get(section)
-        for name, entry in entries.items() if isinstance(entries, dict) else ():
-            try:
-                msgspec.convert(entry, kind)
-            except msgspec.ValidationError as error:
-                raise _refusal(source, (section, str(name)), str(error)) from error
-    try:
-        return msgspec.convert(values, FloorPlan)
-    except msgspec.ValidationError as error:
-        raise _refusal(source, (), str(error)) from error
-
-
-def _refusal(source: PlanSource, prefix: _Keys, message: str) -> WorldError:
-    """The error of a validation message, which ends in the path of the value."""
-    problem, _, at = message.partition(" - at ")
-    path = at.partition("$")[2].rstrip("`")
-    keys = (*prefix, *(int(i) if i else name for name, i in re.findall(r"\.([^.\[]+)|\[(\d+)\]", path)))
-    unknown = re.search("unknown field `(.*)`", problem)
-    if unknown is None:
-        return source.error(keys, f"{problem[:1].lower()}{problem[1:]}; write it so")
-    kind = FloorPlan if not keys else {"walls": PlanWall, "boxes": PlanBox}[str(keys[0])]
-    known = (PlanDoor if "doors" in keys else kind).__struct_fields__
-    near = difflib.get_close_matches(unknown[1], known, n=1, cutoff=0.0)
-    return source.error((*keys, unknown[1]), f"unknown key; did you mean '{near[0]}'?")
-
-
-def _problems(plan: FloorPlan) -> Iterator[tuple[_Keys, str]]:
-    """What types cannot say, in the order of importance: the keys and the sentence."""
-    for keys, number in _numbers(msgspec.to_builtins(plan), ()):
-        if not math.isfinite(number):
-            yield keys, f"{number} is not finite; give a finite number"
-    if plan.size[0] * plan.size[1] / plan.resolution**2 > MOST_CELLS:
-        yield ("size",), f"{plan.size[0]:g} x {plan.size[1]:g} m in cells of {plan.resolution:g} m is too large; make the size smaller or the cells larger"  # fmt: skip
-    for i, wall in enumerate(plan.walls):
-        yield from ((("walls", i, *keys), problem) for keys, problem in _wall_problems(wall, plan))
-    for i, box in enumerate(plan.boxes):
-        if not _on_plan(box.centre, plan):
-            yield ("boxes", i, "centre"), f"({box.centre[0]:g}, {box.centre[1]:g}) lies outside; move it in"
-    first: dict[str, int] = {}
-    for i, wall in enumerate(plan.walls):
-        for k, door in enumerate(wall.doors):
-            if door.name and door.name in first:
-                yield ("walls", i, "doors", k, "name"), f"walls[{first[door.name]}] has a door '{door.name}' already; rename one"  # fmt: skip
-            first[door.name] = i
-    for name, route in plan.routes.items():
-        if not route:
-            yield ("routes", name), "a route without points; give at least one"
-
-
-def _wall_problems(wall: PlanWall, plan: FloorPlan) -> Iterator[tuple[_Keys, str]]:
-    for key, point in (("start", wall.start), ("end", wall.end)):
-        if not _on_plan(point, plan):
-            yield (key,), f"({point[0]:g}, {point[1]:g}) lies outside; move it into {plan.size[0]:g} x {plan.size[1]:g} m"  # fmt: skip
-    if wall.length < plan.resolution:
-        yield ("end",), "the wall has no length; move its end away from its start"
-    if wall.thickness < 2 * plan.resolution - 1e-9:
-        yield ("thickness",), f"{wall.thickness:g} m lets beams through; make it at least {2 * plan.resolution:g} m, two cells"  # fmt: skip
-    for k, door in enumerate(wall.doors):
-        if door.width > wall.length + 1e-9:
-            yield ("doors", k, "width"), f"a door of {door.width:g} m is wider than its wall of {wall.length:g} m; make it narrower"  # fmt: skip
-        if door.at - door.width / 2 < -1e-9 or door.at + door.width / 2 > wall.length + 1e-9:
-            yield ("doors", k, "at"), f"a door of {door.width:g} m at {door.at:g} m lies outside its wall of {wall.length:g} m; move it in"  # fmt: skip
-        for other in wall.doors[:k]:
-            if abs(door.at - other.at) < (door.width + other.width) / 2 - 1e-9:
-                yield ("doors", k, "at"), f"the doors at {other.at:g} and {door.at:g} m overlap; move one"
-
-
-def _on_plan(point: _Point, plan: FloorPlan) -> bool:
-    return all(-1e-9 <= value <= length + 1e-9 for value, length in zip(point, plan.size, strict=True))
-
-
-def _numbers(value: object, keys: _Keys) -> Iterator[tuple[_Keys, float]]:
-    """Every float in nested lists and dictionaries, with the keys that lead to it."""
-    if isinstance(value, dict):
-        for key, item in value.items():
-            yield from _numbers(item, (*keys, key))
-    elif isinstance(value, list | tuple):
-        for i, item in enumerate(value):
-            yield from _numbers(item, (*keys, i))
-    elif isinstance(value, float):
-        yield keys, value
+    name: str
+    levels: list[FloorPlan]

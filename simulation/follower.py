@@ -1,4 +1,4 @@
-"""A rider who knows the way: follows waypoints by the true pose and answers in joystick volts.
+"""A rider who knows the way: follows waypoints by the true pose, waits for people, and answers in joystick volts.
 
 It is for recording mapping drives. Straight legs are held by pure pursuit (Coulter, Implementation of the Pure Pursuit
 Path Tracking Algorithm, 1992); at a sharp corner the chair stops and turns in place, as riders do in narrow corridors.
@@ -7,14 +7,20 @@ Path Tracking Algorithm, 1992); at a sharp corner the chair stops and turns in p
 from __future__ import annotations
 
 import math
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 from typing import TypeAlias
 
+import numpy as np
+
+from waychair.calibration.chair import ChairBody
 from waychair.config import Settings, setting
 from waychair.errors import WorldError
 from waychair.geometry import wrap_angle
+from waychair.simulation.contact import person_distance
+from waychair.simulation.kinematic_chair import moved
 from waychair.simulation.plant import PlantSettings, volts_from_twist
+from waychair.simulation.scene import PersonState
 from waychair.simulation.simulator import SensorMessage, Simulator
 from waychair.types import FloatArray, Pose2, Twist
 
@@ -36,6 +42,8 @@ class FollowerSettings(Settings):
     turn_gain: float = setting(1.8, "1/s", "turn rate per radian off the aim", low=0.1, high=5.0)
     turn_from: float = setting(0.35, "rad", "farther off the aim, it turns in place", low=0.05, high=1.5)
     turn_until: float = setting(0.05, "rad", "turned in place well enough", low=0.005, high=0.5)
+    look_s: float = setting(1.5, "s", "waits for people it would come near to within this time", low=0.0, high=5.0)
+    room: float = setting(0.12, "m", "this near", low=0.0, high=1.0)
 
 
 class Follower:
@@ -58,9 +66,21 @@ class Follower:
         """Whether the last waypoint has been reached."""
         return self._next >= len(self._waypoints)
 
-    def volts(self, map_from_base: Pose2) -> tuple[float, float]:
-        """Stick volts (forward, turn) for the next tick; neutral once done."""
-        return volts_from_twist(self._plant, self._track, self._twist(map_from_base))
+    def volts(
+        self, map_from_base: Pose2, body: ChairBody | None = None, people: Sequence[PersonState] = ()
+    ) -> tuple[float, float]:
+        """Stick volts (forward, turn) for the next tick; neutral once done, and while people are in the way of `body`."""
+        twist = self._twist(map_from_base)
+        if body and people and self._comes_near(map_from_base, twist, body, people):
+            twist = Twist()
+        return volts_from_twist(self._plant, self._track, twist)
+
+    def _comes_near(self, pose: Pose2, twist: Twist, body: ChairBody, people: Sequence[PersonState]) -> bool:
+        """Whether the chair would soon be nearer to a person than it should, and than it is."""
+        s = self._settings
+        limit = min(s.room, person_distance(body, pose, people))
+        times = np.arange(1, 7) * s.look_s / 6
+        return any(person_distance(body, moved(pose, twist, float(t)), people) < limit for t in times)
 
     def _twist(self, pose: Pose2) -> Twist:
         s = self._settings
@@ -106,7 +126,7 @@ def follow(simulator: Simulator, follower: Follower, tick_ns: int = 50_000_000) 
     since_ns, seen = simulator.now_ns, simulator.truth()
     try:
         while not follower.done:
-            simulator.drive(*follower.volts(simulator.truth()))
+            simulator.drive(*follower.volts(simulator.truth(), simulator.body, simulator.people))
             yield from simulator.advance(tick_ns)
             pose = simulator.truth()
             at = f"({pose.x:.2f}, {pose.y:.2f})"

@@ -1,119 +1,267 @@
-"""A planar lidar in a grid world: exact rays, then the faults of a real one.
+"""A planar lidar that turns while the chair drives: exact rays, what surfaces do to them, and the faults of a real one.
 
-A scan is a snapshot: all beams are cast from one pose (`time_step` 0).
+A sweep takes time: each beam leaves from where the chair is at its own moment, and the scan is there when the last
+beam is through. Glass lets beams pass, mirrors send them on, dark surfaces swallow them from a few metres off.
 """
 
 from __future__ import annotations
 
 import math
+from collections.abc import Sequence
 from dataclasses import dataclass
+from typing import NamedTuple
 
 import numpy as np
 from numba import njit
 
+from waychair.calibration.chair import ChairBody
 from waychair.config import Settings, setting
-from waychair.simulation.contact import Solid
+from waychair.errors import ConfigError
+from waychair.simulation.rays import NOBODY, Scenery, cosine_of_incidence, nearest_circle, nearest_segment
+from waychair.simulation.scene import PersonState, Reflection
+from waychair.simulation.silhouettes import legs, rider_legs
 from waychair.topics import SCAN
-from waychair.types import BoolArray, FloatArray, Pose2, Scan
+from waychair.types import FloatArray, IntArray, Pose2, Scan
+
+MOST_MIRRORS = 2
+"""A beam that meets more mirrors than this is lost."""
+
+_MOST_SURFACES = 16  # so that a beam between two panes comes to an end
+_ONWARD = 1e-7  # [m], so that a beam that goes on does not meet the same surface again
+_DARK, _GLASS, _MIRROR = (int(kind) for kind in (Reflection.DARK, Reflection.GLASS, Reflection.MIRROR))
 
 
 @dataclass(frozen=True, slots=True)
 class LidarSettings(Settings):
-    """Field of view, range and noise of the lidar; beams are spread evenly from one edge of the view to the other."""
+    """Field of view, range and faults of the lidar; beams are spread evenly from one edge of the view to the other.
+
+    The ranges at which surfaces vanish and the faults' shares are plausible for a small indoor lidar, not measured.
+    """
 
     rate_hz: float = setting(SCAN.rate_hz, "Hz", "scans per second", low=1.0, high=100.0)
     beams: int = setting(720, "", "beams per scan", low=2, high=10_000)
     field_of_view: float = setting(math.radians(270.0), "rad", "centred on the laser's x axis", low=0.1, high=6.28)
+    sweep_s: float = setting(0.075, "s", "from the first beam to the last; 0: all at once", low=0.0, high=1.0)
     range_min: float = setting(0.05, "m", "anything nearer reads -inf", low=0.0, high=1.0)
     range_max: float = setting(25.0, "m", "anything farther reads +inf", low=1.0, high=200.0)
-    sigma: float = setting(0.01, "m", "noise of a range (one sigma)", low=0.0, high=0.2)
+    sigma: float = setting(0.01, "m", "noise of a short range (one sigma)", low=0.0, high=0.2)
+    sigma_per_metre: float = setting(0.0005, "", "by which the noise grows with the range", low=0.0, high=0.02)
     drop_out: float = setting(0.002, "", "part of the beams that read nan", low=0.0, high=1.0)
+    mixed: float = setting(0.05, "", "part of the beams on an edge that fall between near and far", low=0.0, high=1.0)
+    edge: float = setting(0.2, "m", "step from beam to beam that is an edge", low=0.01, high=5.0)
+    dark_range: float = setting(4.0, "m", "to see a dark surface straight on", low=0.1, high=200.0)
+    glass_angle: float = setting(math.radians(3.0), "rad", "off its normal, to see glass itself", low=0.0, high=1.6)
+    legs: bool = setting(False, "", "whether the rider's legs and the leg rests are in the way")
+
+    def __post_init__(self) -> None:
+        Settings.__post_init__(self)
+        if self.sweep_s * self.rate_hz > 1.0 + 1e-9:
+            raise ConfigError(
+                f"sweep_s = {self.sweep_s:g} is impossible: at {self.rate_hz:g} Hz a sweep has {1.0 / self.rate_hz:g} s"
+            )
+
+
+class Optics(NamedTuple):
+    """Farthest ranges [m] of any and of a dark surface, and the cosine of incidence from which glass is seen."""
+
+    reach: float
+    dark_reach: float
+    straight: float
 
 
 class Lidar:
-    """Keeps its own random stream, of which every scan uses equally much, whatever it sees."""
+    """Keeps the sweep in progress, and its own random stream, of which every scan uses equally much."""
 
-    def __init__(self, settings: LidarSettings, base_from_laser: Pose2, rng: np.random.Generator) -> None:
+    def __init__(self, settings: LidarSettings, body: ChairBody, rng: np.random.Generator) -> None:
         self._settings = settings
-        self._base_from_laser = base_from_laser
+        self._mount = body.base_from_laser.array()
         self._rng = rng
+        self._period_ns = round(1e9 / settings.rate_hz)
+        self._sweep_ns = round(1e9 * settings.sweep_s)
         half = settings.field_of_view / 2
         self._angles = np.linspace(-half, half, settings.beams)
+        self._delays = np.linspace(0.0, settings.sweep_s, settings.beams)
+        self._legs = _ranges_of_own(body, self._angles) if settings.legs else np.full(settings.beams, math.inf)
+        self._optics = Optics(settings.range_max, settings.dark_range, math.cos(settings.glass_angle))
+        self._times_ns: list[int] = []
+        self._poses: list[tuple[float, float, float]] = []
+        self._people = NOBODY
 
-    def scan(self, solid: Solid, map_from_base: Pose2, stamp_ns: int) -> Scan:
-        """Scan from a pose of the chair; ranges by REP-117: +inf nothing seen, -inf too close, nan dropped out."""
+    def step(self, scenery: Scenery, map_from_base: Pose2, people: Sequence[PersonState], now_ns: int) -> Scan | None:
+        """The scan whose last beam has left by now, if there is one; called at every step of the chair.
+
+        A sweep begins at every whole period; `people` are those of this moment.
+        """
+        scan = None
+        if self._times_ns:
+            self._note(map_from_base, now_ns)
+            scan = self._finished(scenery, people, now_ns)
+        if now_ns % self._period_ns == 0:
+            self._people = legs(people)
+            self._note(map_from_base, now_ns)
+            # A snapshot is through as soon as it begins.
+            scan = self._finished(scenery, people, now_ns) or scan
+        return scan
+
+    def scan(
+        self,
+        scenery: Scenery,
+        times_ns: IntArray,
+        poses: FloatArray,
+        stamp_ns: int,
+        circles_begin: FloatArray = NOBODY,
+        circles_end: FloatArray = NOBODY,
+    ) -> Scan:
+        """Scan whose first beam leaves at `stamp_ns`, from a chair that has poses (M, 3) in map at times_ns (M,).
+
+        Between the times poses are interpolated, beyond them held. Circles (K, 3) move from where they are at the
+        first beam to where they are at the last. Ranges by REP-117: +inf nothing seen, -inf too close, nan dropped out.
+        """
         s = self._settings
-        laser = solid.grid_from_map @ map_from_base @ self._base_from_laser
-        ranges = cast_rays(solid.cells, solid.resolution, laser.x, laser.y, self._angles + laser.theta, s.range_max)
-        ranges += s.sigma * self._rng.standard_normal(s.beams)
-        ranges[ranges > s.range_max] = math.inf
-        ranges[ranges < s.range_min] = -math.inf
-        ranges[self._rng.random(s.beams) < s.drop_out] = math.nan
+        seconds = ((np.asarray(times_ns, np.int64) - stamp_ns) * 1e-9).astype(np.float64)
+        ranges = cast_sweep(
+            scenery,
+            np.ascontiguousarray(circles_begin, np.float64),
+            np.ascontiguousarray(circles_end, np.float64),
+            seconds,
+            np.ascontiguousarray(poses, np.float64),
+            self._mount,
+            self._angles,
+            self._delays,
+            self._optics,
+        )
+        np.minimum(ranges, self._legs, out=ranges)
         return Scan(
             stamp_ns=stamp_ns,
-            ranges=ranges.astype(np.float32),
+            ranges=self._faulty(ranges).astype(np.float32),
             angle_min=-s.field_of_view / 2,
             angle_step=s.field_of_view / (s.beams - 1),
+            time_step=s.sweep_s / (s.beams - 1),
             range_min=s.range_min,
             range_max=s.range_max,
         )
 
+    def scan_at_rest(self, scenery: Scenery, map_from_base: Pose2, stamp_ns: int, circles: FloatArray = NOBODY) -> Scan:
+        """Scan of a chair and of circles (K, 3) that stay where they are."""
+        return self.scan(scenery, np.array([stamp_ns]), map_from_base.array()[None], stamp_ns, circles, circles)
+
+    def _note(self, pose: Pose2, now_ns: int) -> None:
+        self._times_ns.append(now_ns)
+        self._poses.append((pose.x, pose.y, pose.theta))
+
+    def _finished(self, scenery: Scenery, people: Sequence[PersonState], now_ns: int) -> Scan | None:
+        begun_ns = self._times_ns[0]
+        if now_ns < begun_ns + self._sweep_ns:
+            return None
+        scan = self.scan(scenery, np.array(self._times_ns), np.array(self._poses), begun_ns, self._people, legs(people))
+        self._times_ns, self._poses = [], []
+        return scan
+
+    def _faulty(self, ranges: FloatArray) -> FloatArray:
+        """True ranges (N,) as the instrument reads them."""
+        s = self._settings
+        normal = self._rng.standard_normal(s.beams)
+        dropped, mixed, blend = self._rng.random((3, s.beams))
+        # A beam on an edge lights both sides, and reads something between (mixed pixels: Hebert and Krotkov 1992).
+        with np.errstate(invalid="ignore"):
+            step = np.append(ranges[1:] - ranges[:-1], 0.0)
+            on_edge = np.isfinite(step) & (np.abs(step) > s.edge) & (mixed < s.mixed)
+        read = np.where(on_edge, ranges + blend * np.where(on_edge, step, 0.0), ranges)
+        finite = np.isfinite(read)
+        read[finite] += (s.sigma + s.sigma_per_metre * read[finite]) * normal[finite]
+        read[read > s.range_max] = math.inf
+        read[read < s.range_min] = -math.inf
+        read[dropped < s.drop_out] = math.nan
+        return read
+
+
+def _ranges_of_own(body: ChairBody, angles: FloatArray) -> FloatArray:
+    """Ranges (N,) [m] at which the beams end on the rider's legs and the leg rests; +inf for those that pass."""
+    circles, mount = rider_legs(body), body.base_from_laser
+    ranges = [
+        nearest_circle(
+            circles, circles, 0.0, mount.x, mount.y, math.cos(mount.theta + angle), math.sin(mount.theta + angle), 0.0
+        )
+        for angle in angles
+    ]
+    return np.array(ranges)
+
 
 @njit(cache=True, nogil=True)
-def cast_rays(
-    cells: BoolArray, resolution: float, x: float, y: float, angles: FloatArray, range_max: float
+def cast_sweep(
+    scenery: Scenery,
+    circles_begin: FloatArray,
+    circles_end: FloatArray,
+    times: FloatArray,
+    poses: FloatArray,
+    mount: FloatArray,
+    angles: FloatArray,
+    delays: FloatArray,
+    optics: Optics,
 ) -> FloatArray:
-    """Distance [m] from (x, y) [m] in the grid to the face of the first solid cell along each angle [rad], (N,).
+    """True ranges (N,) [m] along beams at `angles` [rad], each leaving `delays` [s] after the scan's stamp.
 
-    +inf where there is none within `range_max`; 0 from inside a solid cell. The cells on a ray are visited in order,
-    one face crossing at a time (Amanatides and Woo, A Fast Voxel Traversal Algorithm, 1987).
+    `poses` (M, 3) are those of the chair at `times` (M,) [s], ascending; `mount` (3,) is base_from_laser.
     """
     ranges = np.empty(angles.shape[0])
+    last = times.shape[0] - 1
+    sweep = delays[-1]
+    k = 0
     for i in range(angles.shape[0]):
-        distance = _cast(cells, x / resolution, y / resolution, math.cos(angles[i]), math.sin(angles[i]))
-        ranges[i] = distance * resolution
-        if ranges[i] > range_max:
-            ranges[i] = math.inf
+        while k < last - 1 and times[k + 1] < delays[i]:
+            k += 1
+        nxt = min(k + 1, last)
+        span = times[nxt] - times[k]
+        part = min(max((delays[i] - times[k]) / span, 0.0), 1.0) if span > 0.0 else 0.0
+        turn = poses[nxt, 2] - poses[k, 2]
+        turn -= 2.0 * math.pi * math.floor(turn / (2.0 * math.pi) + 0.5)
+        theta = poses[k, 2] + part * turn
+        c, s = math.cos(theta), math.sin(theta)
+        x = poses[k, 0] + part * (poses[nxt, 0] - poses[k, 0]) + c * mount[0] - s * mount[1]
+        y = poses[k, 1] + part * (poses[nxt, 1] - poses[k, 1]) + s * mount[0] + c * mount[1]
+        moved = delays[i] / sweep if sweep > 0.0 else 0.0
+        beam = theta + mount[2] + angles[i]
+        ranges[i] = _trace(scenery, circles_begin, circles_end, moved, x, y, math.cos(beam), math.sin(beam), optics)
     return ranges
 
 
 @njit(cache=True, nogil=True)
-def _cast(cells: BoolArray, x: float, y: float, dx: float, dy: float) -> float:
-    """Distance [cells] along one ray."""
-    rows, cols = cells.shape
-    per_x = 1.0 / dx if dx != 0.0 else math.inf
-    per_y = 1.0 / dy if dy != 0.0 else math.inf
-    entry = max(_entry(x, per_x, cols), _entry(y, per_y, rows), 0.0)
-    if entry == math.inf:
-        return math.inf
-    col = min(max(math.floor(x + entry * dx), 0), cols - 1)
-    row = min(max(math.floor(y + entry * dy), 0), rows - 1)
-    # A ray that misses the grid is clamped to its rim above, and must not hit what is there.
-    if abs(x + entry * dx - col - 0.5) > 0.5 + 1e-6 or abs(y + entry * dy - row - 0.5) > 0.5 + 1e-6:
-        return math.inf
-    step_x, step_y = (1 if dx > 0 else -1), (1 if dy > 0 else -1)
-    ahead_x, ahead_y = (1 if dx > 0 else 0), (1 if dy > 0 else 0)
-    distance = entry
-    while not cells[row, col]:
-        to_x = (col + ahead_x - x) * per_x if dx != 0.0 else math.inf
-        to_y = (row + ahead_y - y) * per_y if dy != 0.0 else math.inf
-        if to_x < to_y:
-            distance = to_x
-            col += step_x
-            if col < 0 or col >= cols:
-                return math.inf
-        else:
-            distance = to_y
-            row += step_y
-            if row < 0 or row >= rows:
-                return math.inf
-    return distance
+def _trace(
+    scenery: Scenery,
+    begin: FloatArray,
+    end: FloatArray,
+    moved: float,
+    x: float,
+    y: float,
+    dx: float,
+    dy: float,
+    optics: Optics,
+) -> float:
+    """Length of one beam's way through glass and over mirrors to what sends it back; +inf if nothing does.
 
-
-@njit(cache=True, nogil=True)
-def _entry(start: float, per: float, size: int) -> float:
-    """Distance to where a coordinate enters [0, size]: 0 from within, +inf if it never does."""
-    if 0.0 <= start <= size:
-        return 0.0
-    distance = -start * per if start < 0.0 else (size - start) * per
-    return distance if distance >= 0.0 else math.inf
+    A diffuse surface sends back light by the cosine of incidence and the inverse square of the range (Lambert), so the
+    range from which a dark one is still seen goes with the root of that cosine. Glass answers only straight on (Foster
+    et al., VisAGGE, ICRA 2013).
+    """
+    way, after, mirrors = 0.0, 0.0, 0
+    for _ in range(_MOST_SURFACES):
+        circle = nearest_circle(begin, end, moved, x, y, dx, dy, after)
+        distance, hit = nearest_segment(scenery, x, y, dx, dy, after, min(optics.reach - way, circle))
+        if hit < 0:
+            return way + circle if way + circle <= optics.reach else math.inf
+        way += distance
+        segment, kind = scenery.segments[hit], scenery.reflections[hit]
+        cosine = cosine_of_incidence(segment, dx, dy)
+        if kind == _DARK and way > optics.dark_reach * math.sqrt(cosine):
+            return math.inf
+        if kind != _MIRROR and (kind != _GLASS or cosine >= optics.straight):
+            return way
+        x, y, after = x + distance * dx, y + distance * dy, _ONWARD
+        if kind == _MIRROR:
+            mirrors += 1
+            if mirrors > MOST_MIRRORS:
+                return math.inf
+            ex, ey = segment[2] - segment[0], segment[3] - segment[1]
+            twice = 2.0 * (dx * ex + dy * ey) / (ex * ex + ey * ey)
+            dx, dy = twice * ex - dx, twice * ey - dy
+    return math.inf

@@ -13,35 +13,43 @@ import numpy as np
 
 from waychair.calibration.chair import ChairBody
 from waychair.errors import ConfigError, MissingExtra, WorldError
-from waychair.simulation.mujoco_model import WALL, MujocoSettings, mjcf
-from waychair.simulation.plant import MotorController, PlantSettings, WheelNoise, ticks_from_angle
-from waychair.types import OccupancyGrid, Pose2, Twist
+from waychair.simulation.motor_controller import MotorController, WheelNoise
+from waychair.simulation.mujoco_model import MujocoSettings, mjcf
+from waychair.simulation.plant import PlantSettings, ticks_from_angle
+from waychair.simulation.world import World
+from waychair.types import FloatArray, Pose2, Pose3, Twist
 
 SETTLING_S = 0.5
 """How long the chair sinks into its wheels' contacts before time begins."""
+
+TIPPED = math.radians(25.0)
+"""A chair that leans over this far has tipped: five times a ramp of 1:12, and short of a staircase."""
 
 
 class MujocoChair:
     """A `Plant` in MuJoCo, integrated at `settings.timestep_ms`; slip, droop and casters come from the physics.
 
-    Of `plant` the slip noise is not used, and a wheel's scale and the track's are those of the model's geometry.
+    Of `plant` the slip noise and the swing of the casters are not used, and a wheel's scale and the track's are those of
+    the model's geometry. The IMU gives the mean over a step, as the filter in front of its converter does.
     """
 
     def __init__(
         self,
-        grid: OccupancyGrid,
+        world: World,
         body: ChairBody,
         plant: PlantSettings,
         settings: MujocoSettings,
         rng: np.random.Generator,
         pose: Pose2,
     ) -> None:
-        """A chair at rest at `pose` (map_from_base), with the occupied cells of `grid` for walls.
+        """A chair at rest at `pose` (map_from_base) on the world's floor.
 
         Raises:
             ConfigError: the plant's step is not a whole number of time steps.
             MissingExtra: MuJoCo is not installed.
+            WorldError: the world's pits cannot be cut out of its floor.
         """
+        self.upright = True
         self._substeps = substeps(plant, settings)
         self._mujoco = _import_mujoco()
         self._body = body
@@ -49,24 +57,14 @@ class MujocoChair:
         self._settings = settings
         self._controller = MotorController(body.track, plant)
         self._noise = WheelNoise(rng, plant)
-        self._model = self._mujoco.MjModel.from_xml_string(mjcf(grid, body, plant, settings, pose))
+        self._model = self._mujoco.MjModel.from_xml_string(mjcf(world, body, plant, settings, pose))
         self._data = self._mujoco.MjData(self._model)
-        self._is_wall = self._model.geom_conaffinity == WALL
+        self._outline = self._model.geom("outline").id
         self._joints = [int(self._model.joint(name).qposadr[0]) for name in ("left", "right")]
+        self._axles = [int(self._model.joint(name).dofadr[0]) for name in ("left", "right")]
+        self._drive_limits = (-1.0, -1.0)  # torque of the motors and friction of the brakes in force
         self._settle(round(SETTLING_S * 1000.0 / settings.timestep_ms), pose)
-
-    @property
-    def pose(self) -> Pose2:
-        """True map_from_base: the middle of the drive axle seen from above."""
-        x, y, _, qw, qx, qy, qz = self._data.qpos[:7].tolist()
-        return Pose2(x, y, math.atan2(2.0 * (qw * qz + qx * qy), 1.0 - 2.0 * (qy * qy + qz * qz)))
-
-    @property
-    def twist(self) -> Twist:
-        """True twist over the ground, base frame."""
-        vx, vy, _, _, _, omega = self._data.qvel[:6].tolist()
-        theta = self.pose.theta
-        return Twist(vx * math.cos(theta) + vy * math.sin(theta), omega)
+        self._felt: FloatArray = self._data.sensordata.copy()
 
     @property
     def ticks(self) -> tuple[int, int]:
@@ -74,46 +72,86 @@ class MujocoChair:
         left, right = (float(self._data.qpos[joint]) for joint in self._joints)
         return ticks_from_angle(left, self._body.ticks_per_turn), ticks_from_angle(right, self._body.ticks_per_turn)
 
-    def step(self, forward_volts: float, turn_volts: float, is_free: Callable[[Pose2], bool] | None = None) -> bool:
-        """Move on by the plant's step at these volts on the stick's lines; whether no wall was touched meanwhile.
+    @property
+    def specific_force(self) -> FloatArray:
+        """(3,) [m/s^2] at the IMU's mount, axes as base, mean over the last step; +g upwards at rest (REP-145)."""
+        return self._felt[:3]
 
-        A turn above neutral is right. The walls are in the model: `is_free` is not asked.
+    @property
+    def angular_rate(self) -> FloatArray:
+        """(3,) [rad/s], axes as base, mean over the last step."""
+        return self._felt[3:]
+
+    def step(self, forward_volts: float, turn_volts: float, is_free: Callable[[Pose2], bool] | None = None) -> bool:
+        """Move on by the plant's step at these volts on the stick's lines; whether the outline touched nothing.
+
+        A turn above neutral is right. What can be touched is in the model, the floor under a chair that has tipped
+        over included: `is_free` is not asked.
 
         Raises:
             WorldError: the physics became unstable, by settings that stand no such time step.
         """
-        wheels = self._controller.step(forward_volts, turn_volts)
-        left_ripple, right_ripple, _, _ = self._noise.draw()
-        per_radius = 1.0 / self._body.wheel_radius
-        self._data.ctrl[0] = wheels.left * (1.0 + self._plant.speed_noise * left_ripple) * per_radius
-        self._data.ctrl[1] = wheels.right * (1.0 + self._plant.speed_noise * right_ripple) * per_radius
-        began, free = self._data.time, True
+        data = self._data
+        self._command(forward_volts, turn_volts)
+        began, free, felt = data.time, True, np.zeros(6)
         for _ in range(self._substeps):
-            self._mujoco.mj_step(self._model, self._data)
-            free = free and not self._touches_wall()
-        if self._data.time <= began:  # MuJoCo begins anew, at the start and at time 0, when numbers run away
+            self._mujoco.mj_step(self._model, data)
+            felt += data.sensordata
+            free = free and self._outline not in data.contact.geom.ravel().tolist()
+        if data.time <= began:  # MuJoCo begins anew, at the start and at time 0, when numbers run away
             raise WorldError(
                 f"the physics became unstable at timestep_ms = {self._settings.timestep_ms:g}: choose a smaller one, "
                 "or settings nearer to the defaults"
             )
+        self._felt = felt / self._substeps
+        self._look()
+        self.upright = self.upright and bool(self.pose3.rotation[2, 2] > math.cos(TIPPED))
         return free
 
-    def _touches_wall(self) -> bool:
-        return bool(self._is_wall[self._data.contact.geom].any())
+    def _look(self) -> None:
+        """Pose and twist from the state itself: what MuJoCo derives from it, `xmat` and the like, is one step old.
+
+        The base's origin is a wheel's radius below the axle, square to the seat.
+        """
+        flat = np.empty(9)
+        self._mujoco.mju_quat2Mat(flat, self._data.qpos[3:7])
+        rotation = flat.reshape(3, 3)
+        self.pose3 = Pose3(rotation, self._data.qpos[:3] - self._body.wheel_radius * rotation[:, 2])
+        self.pose = self.pose3.planar()
+        self.twist = Twist(float(rotation[:, 0] @ self._data.qvel[:3]), float(self._data.qvel[5]))
+
+    def _command(self, forward_volts: float, turn_volts: float) -> None:
+        """What the controller makes of the volts and of the motors' load goes to motors and brakes."""
+        data, model, torque = self._data, self._model, self._settings.motor_torque
+        left, right = data.actuator_force.tolist()
+        load = min(1.0, 0.5 * (abs(left) + abs(right)) / torque)
+        wheels = self._controller.step(forward_volts, turn_volts, load)
+        left_ripple, right_ripple, _, _ = self._noise.draw()
+        per_radius = 1.0 / self._body.wheel_radius
+        data.ctrl[0] = wheels.left * (1.0 + self._plant.speed_noise * left_ripple) * per_radius
+        data.ctrl[1] = wheels.right * (1.0 + self._plant.speed_noise * right_ripple) * per_radius
+        limits = torque * self._controller.power, self._settings.brake_torque if self._controller.braked else 0.0
+        if limits != self._drive_limits:
+            self._drive_limits = limits
+            model.actuator_forcerange[:] = -limits[0], limits[0]
+            model.dof_frictionloss[self._axles] = limits[1]
 
     def _settle(self, steps: int, pose: Pose2) -> None:
         """Let the wheels find their load, then put chair and encoders back to where they started."""
         data = self._data
         self._mujoco.mj_step(self._model, data, nstep=steps)
+        self._look()
         # Only the heading is set back: the pitch at which the chair has come to rest must stay.
         back = 0.5 * (pose.theta - self.pose.theta)
         c, s = math.cos(back), math.sin(back)
         qw, qx, qy, qz = data.qpos[3:7].tolist()
         data.qpos[3:7] = c * qw - s * qz, c * qx - s * qy, c * qy + s * qx, c * qz + s * qw
-        data.qpos[:2] = pose.x, pose.y
         data.qpos[self._joints] = 0.0
         data.qvel[:] = 0.0
+        self._look()
+        data.qpos[:2] += pose.x - self.pose.x, pose.y - self.pose.y
         self._mujoco.mj_forward(self._model, data)
+        self._look()
 
 
 def substeps(plant: PlantSettings, settings: MujocoSettings) -> int:

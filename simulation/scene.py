@@ -147,7 +147,7 @@ class Behaviour(enum.Enum):
     PATH = "path"  # to and fro along a path, whatever comes; stops only for what stands in the way if it yields
     SOCIAL = "social"  # along a path, pushed aside by walls, people and the chair (social force)
     SEATED = "seated"  # stays where it is
-    SUDDEN = "sudden"  # steps out along its path when the chair comes near
+    SUDDEN = "sudden"  # steps out along its path when the chair comes near, and back after a while
     BOUNCE = "bounce"  # a disc with a new heading every 2 s, thrown back by walls
 
 

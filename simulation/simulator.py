@@ -1,13 +1,14 @@
 """A chair in a world, in lockstep: joystick lines in, stamped messages out, the same bytes for the same seed.
 
 The simulator stands where the cable does: it implements the bridge's `Lines`, and time passes only in `advance`. Truth
-(pose, twist, contact, clearance) is for scores and reports; what drives the chair must not read it.
+(pose, twist, contacts, clearance, people) is for scores and reports; what drives the chair must not read it.
 """
 
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass, field
+from collections.abc import Callable
+from dataclasses import dataclass, field, replace
 from typing import TypeAlias
 
 import numpy as np
@@ -15,16 +16,34 @@ import numpy as np
 from waychair.calibration.chair import ChairBody
 from waychair.config import Settings, setting
 from waychair.errors import ConfigError, WorldError
-from waychair.simulation.contact import clearance, in_contact, solid_from_grid
+from waychair.simulation.camera import Camera, CameraSettings
+from waychair.simulation.contact import (
+    Contact,
+    ContactKind,
+    clearance,
+    in_contact,
+    nearest_person,
+    nearest_point,
+    person_distance,
+    solid_from_blocks,
+)
+from waychair.simulation.imu import Imu, ImuSettings
+from waychair.simulation.kinematic_chair import KinematicChair
 from waychair.simulation.lidar import Lidar, LidarSettings
 from waychair.simulation.mujoco_chair import MujocoChair, substeps
 from waychair.simulation.mujoco_model import MujocoSettings
-from waychair.simulation.plant import KinematicChair, Plant, PlantSettings, volts_from_joystick
+from waychair.simulation.people import CONTACT_GAP, People
+from waychair.simulation.plant import Plant, PlantSettings, volts_from_joystick
+from waychair.simulation.rays import scenery_of
+from waychair.simulation.renderer import Renderer, camera_matrix, renderer_problem
+from waychair.simulation.scene import PersonState
+from waychair.simulation.slices import slice_at
+from waychair.simulation.sonar import Sonars, SonarSettings
 from waychair.simulation.world import World
-from waychair.topics import WHEELS
-from waychair.types import JoystickInput, Pose2, Scan, Twist, WheelTicks
+from waychair.topics import CAMERA, IMU, SONAR, WHEELS
+from waychair.types import ImuSample, JoystickInput, Pose2, RgbdFrame, Scan, SonarReadings, Twist, WheelTicks
 
-SensorMessage: TypeAlias = WheelTicks | Scan
+SensorMessage: TypeAlias = WheelTicks | Scan | ImuSample | RgbdFrame | SonarReadings
 
 PLANT_MODELS = ("kinematic", "mujoco")
 """Bare wheels that do as they are told, or mass, motors, casters and slip."""
@@ -32,15 +51,21 @@ PLANT_MODELS = ("kinematic", "mujoco")
 CONTACT_ENDS = 0.02
 """A contact is over once the chair is this far [m] from everything, so that pushing on counts once."""
 
+PEOPLE_STEP_NS = 50_000_000
+"""People move on, and contact with them is looked for, in steps of this."""
+
 
 @dataclass(frozen=True, slots=True)
 class SimulatorSettings(Settings):
-    """Plant, sensors and their rates; every period must be a whole number of the plant's steps."""
+    """Plant, sensors and their rates; the periods of encoders, lidar and IMU must be whole numbers of plant steps."""
 
     plant_model: str = setting("kinematic", "", "kinematic or mujoco")
     plant: PlantSettings = field(default_factory=PlantSettings)
     mujoco: MujocoSettings = field(default_factory=MujocoSettings)
     lidar: LidarSettings = field(default_factory=LidarSettings)
+    imu: ImuSettings = field(default_factory=ImuSettings)
+    sonar: SonarSettings = field(default_factory=SonarSettings)
+    camera: CameraSettings = field(default_factory=CameraSettings)
     wheels_hz: float = setting(WHEELS.rate_hz, "Hz", "encoder readings per second", low=1.0, high=1000.0)
 
     def __post_init__(self) -> None:
@@ -49,8 +74,9 @@ class SimulatorSettings(Settings):
             raise ConfigError(f"plant_model = '{self.plant_model}' is unknown: take {' or '.join(PLANT_MODELS)}")
         if self.plant_model == "mujoco":
             substeps(self.plant, self.mujoco)
-        for name, rate in (("wheels_hz", self.wheels_hz), ("lidar rate_hz", self.lidar.rate_hz)):
-            steps = 1000.0 / (rate * self.plant.step_ms)
+        rates = {"wheels_hz": self.wheels_hz, "lidar rate_hz": self.lidar.rate_hz, "imu rate_hz": self.imu.rate_hz}
+        for name, rate in rates.items():
+            steps = 1000.0 / (rate * self.plant.step_ms) if rate else 1.0
             if steps < 1.0 or not math.isclose(steps, round(steps), rel_tol=1e-9):
                 raise ConfigError(
                     f"{name} = {rate:g} is impossible: its period must be a whole number of steps of "
@@ -58,8 +84,18 @@ class SimulatorSettings(Settings):
                 )
 
 
+def with_all_sensors(settings: SimulatorSettings) -> SimulatorSettings:
+    """The same chair with IMU, sonars and camera switched on, at the rates of `topics`."""
+    return replace(
+        settings,
+        imu=replace(settings.imu, rate_hz=IMU.rate_hz),
+        sonar=replace(settings.sonar, rate_hz=SONAR.rate_hz),
+        camera=replace(settings.camera, rate_hz=CAMERA.rate_hz),
+    )
+
+
 class Simulator:
-    """One chair in one world; starts at `world.start`, at rest, at time 0, with the lines released."""
+    """One chair on one level; starts at `world.start`, at rest, at time 0, with the lines released."""
 
     def __init__(self, world: World, body: ChairBody, settings: SimulatorSettings | None = None, seed: int = 0) -> None:
         """
@@ -67,26 +103,42 @@ class Simulator:
             WorldError: the chair does not fit at the world's start.
             MissingExtra: the plant is MuJoCo's, which is not installed.
         """
-        settings = settings or SimulatorSettings()
-        self.world = world
+        self.settings = settings or SimulatorSettings()
+        self.body = body
         self.rider = JoystickInput(0)
         self.now_ns = 0
-        self.in_contact = False
-        self.contacts = 0
-        self._body = body
-        self._settings = settings
-        self._solid = solid_from_grid(world.grid)
-        self._lidar = Lidar(settings.lidar, body.base_from_laser, _stream(seed, 1))
+        self.world = world
+        self.contact_reports: list[Contact] = []
+        self._seed = seed
+        self._step_ns = self.settings.plant.step_ms * 1_000_000
         self._lines: tuple[float, float] | None = None
-        self._step_ns = settings.plant.step_ms * 1_000_000
-        self._wheels_ns = round(1e9 / settings.wheels_hz)
-        self._scan_ns = round(1e9 / settings.lidar.rate_hz)
-        if not self._is_free(world.start):
-            raise WorldError(
-                f"chair {body.chair_id} does not fit at the start of '{world.name}', "
-                f"({world.start.x:g}, {world.start.y:g}, {world.start.theta:g}): move the start"
-            )
-        self._chair = _plant(world, body, settings, _stream(seed, 0))
+        self._touching: set[ContactKind] = set()
+        self._lidar = Lidar(self.settings.lidar, body, _stream(seed, 1))
+        self._imu = Imu(self.settings.imu, _stream(seed, 2))
+        self._sonars = Sonars(self.settings.sonar, body, _stream(seed, 3))
+        self._ticks_before = (0, 0)
+        self._plant_stream = _stream(seed, 0)
+        self._place(world, world.start)
+
+    @property
+    def camera_problem(self) -> str | None:
+        """Why there are no pictures although the settings ask for them; None when there are, or none are asked for."""
+        return renderer_problem() if self.settings.camera.rate_hz > 0.0 and self._camera is None else None
+
+    @property
+    def in_contact(self) -> bool:
+        """Whether the chair touches something solid or a person, or has fallen."""
+        return bool(self._touching)
+
+    @property
+    def contacts(self) -> int:
+        """Contacts so far: each is counted once, however long it lasts."""
+        return len(self.contact_reports)
+
+    @property
+    def people(self) -> tuple[PersonState, ...]:
+        """Everybody on this level, now."""
+        return self._people_now
 
     def drive(self, forward_volts: float, turn_volts: float) -> None:
         """Hold the lines at these volts (turn above neutral is right) until the next call of this or `release`."""
@@ -98,8 +150,33 @@ class Simulator:
         """Let go of the lines: `rider` moves the chair."""
         self._lines = None
 
+    def close(self, *doors: str) -> None:
+        """Shut doors of this level.
+
+        Raises:
+            WorldError: there is no door of such a name, or the chair stands in it.
+        """
+        self._place(self.world.with_closed(doors), self.truth())
+
+    def ride(self, level: World) -> None:
+        """Take the lift to another level of the building: the chair comes out where it stands in the cabin, at rest.
+
+        Raises:
+            WorldError: no lift stops at both levels, or the chair is not within its cabin.
+        """
+        pose = self.truth()
+        shared = [lift for lift in self.world.lifts if lift in level.lifts]
+        if not shared:
+            raise WorldError(f"no lift goes from {self.world.level or self.world.name} to {level.level or level.name}")
+        for lift in shared:
+            inside = lift.middle.inverse() @ pose
+            if abs(inside.x) <= lift.length / 2 and abs(inside.y) <= lift.width / 2:
+                return self._place(level, pose)
+        names = ", ".join(lift.name for lift in shared)
+        raise WorldError(f"the chair at ({pose.x:.2f}, {pose.y:.2f}) is not in {names}: drive it into the cabin first")
+
     def advance(self, duration_ns: int) -> tuple[SensorMessage, ...]:
-        """Let time pass, a whole number of steps; the messages of that time in order, ticks before a scan of one stamp.
+        """Let time pass, a whole number of steps; the messages of that time in the order in which they come.
 
         Raises:
             ValueError: the duration is negative or not a multiple of the plant's step.
@@ -109,10 +186,7 @@ class Simulator:
         messages: list[SensorMessage] = []
         for _ in range(duration_ns // self._step_ns):
             self._step()
-            if self.now_ns % self._wheels_ns == 0:
-                messages.append(WheelTicks(self.now_ns, *self._chair.ticks))
-            if self.now_ns % self._scan_ns == 0:
-                messages.append(self._lidar.scan(self._solid, self._chair.pose, self.now_ns))
+            self._sense(messages)
         return tuple(messages)
 
     def truth(self) -> Pose2:
@@ -124,29 +198,110 @@ class Simulator:
         return self._chair.twist
 
     def clearance(self) -> float:
-        """True distance [m] from the outline to the nearest solid cell."""
-        return clearance(self._solid, self._body, self._chair.pose)
+        """True distance [m] from the outline to what is solid."""
+        return clearance(self._solid, self.body, self._chair.pose)
+
+    def person_distance(self) -> float:
+        """True distance [m] from the outline to the nearest person; +inf where there is nobody."""
+        return person_distance(self.body, self._chair.pose, self._people_now)
+
+    def _place(self, world: World, pose: Pose2) -> None:
+        """Put the chair, at rest, into a world."""
+        solid = solid_from_blocks(world.blocks, world.pits)
+        if in_contact(solid, self.body, pose):
+            raise WorldError(
+                f"chair {self.body.chair_id} does not fit at ({pose.x:g}, {pose.y:g}, {pose.theta:g}) in "
+                f"'{world.name}': move it to free ground"
+            )
+        if self.now_ns:
+            self._ticks_before = self._ticks()
+        if not self.now_ns or world.level != self.world.level:
+            self._people = People(world.people, world.grid, self.body, _stream(self._seed, 4))
+            self._people_now = self._people.states
+        self.world, self._solid = world, solid
+        self._scenery = scenery_of(slice_at(world.blocks, self.body.laser_z))
+        self._sonar_scenery = scenery_of(slice_at(world.blocks, self.settings.sonar.height))
+        self._camera = self._camera_for(world)
+        self._chair = _plant(world, pose, self.body, self.settings, self._plant_stream)
+
+    def _camera_for(self, world: World) -> Camera | None:
+        camera = self.settings.camera
+        if camera.rate_hz == 0.0 or renderer_problem() is not None:
+            return None
+        matrix = camera_matrix(camera.width, camera.height, camera.field_of_view)
+        renderer = Renderer(world, matrix, camera.width, camera.height)
+        return Camera(camera, self.body.base_from_camera, _stream(self._seed, 5), renderer)
 
     def _step(self) -> None:
         volts = self._lines
         if volts is None:
-            volts = volts_from_joystick(self._settings.plant, self.rider.forward, self.rider.turn)
+            volts = volts_from_joystick(self.settings.plant, self.rider.forward, self.rider.turn)
+        speed = abs(self._chair.twist.v)
         free = self._chair.step(*volts, self._is_free)
         self.now_ns += self._step_ns
-        if not free:
-            self.contacts += not self.in_contact
-            self.in_contact = True
-        elif self.in_contact and self.clearance() > CONTACT_ENDS:
-            self.in_contact = False
+        if self._people_now and self.now_ns % PEOPLE_STEP_NS == 0:
+            self._people.step(PEOPLE_STEP_NS, self._chair.pose, self._chair.twist)
+            self._people_now = self._people.states
+            self._note_people(speed)
+        self._note_contacts(free, speed)
+
+    def _sense(self, messages: list[SensorMessage]) -> None:
+        """Add what the sensors say after a step."""
+        now_ns, chair, settings = self.now_ns, self._chair, self.settings
+        if self._is_due(settings.imu.rate_hz):
+            messages.append(self._imu.sample(now_ns, chair.specific_force, chair.angular_rate))
+        if self._is_due(settings.wheels_hz):
+            messages.append(WheelTicks(now_ns, *self._ticks()))
+        if self._is_due(settings.sonar.rate_hz):
+            messages.append(self._sonars.read(self._sonar_scenery, chair.pose, self._people_now, now_ns))
+        scan = self._lidar.step(self._scenery, chair.pose, self._people_now, now_ns)
+        if scan is not None:
+            messages.append(scan)
+        if self._camera is not None and self._is_due(settings.camera.rate_hz):
+            messages.append(self._camera.frame(now_ns, chair.pose3, chair.twist, self._people_now))
+
+    def _is_due(self, rate_hz: float) -> bool:
+        """Whether a sample falls into the step that has just ended; half a nanosecond stands against rounding."""
+        before, now = (self.now_ns - self._step_ns + 0.5) * rate_hz * 1e-9, (self.now_ns + 0.5) * rate_hz * 1e-9
+        return math.floor(now) > math.floor(before)
+
+    def _ticks(self) -> tuple[int, int]:
+        """Encoder counts, which go on when the chair is put into another world."""
+        left, right = (sum(pair) for pair in zip(self._ticks_before, self._chair.ticks, strict=True))
+        return (left + 2**31) % 2**32 - 2**31, (right + 2**31) % 2**32 - 2**31
+
+    def _note_contacts(self, free: bool, speed: float) -> None:
+        """A contact is reported as it begins, at the `speed` before it, and ends once the chair is well away again."""
+        pose = self._chair.pose
+        if self._begins(ContactKind.SOLID, not free, self.clearance):
+            self._report(ContactKind.SOLID, nearest_point(self._solid, self.body, pose), speed)
+        if self._begins(ContactKind.FALL, not self._chair.upright, lambda: math.inf):
+            self._report(ContactKind.FALL, (pose.x, pose.y), speed)
+
+    def _note_people(self, speed: float) -> None:
+        distance, x, y = nearest_person(self.body, self._chair.pose, self._people_now)
+        if self._begins(ContactKind.PERSON, distance < 0.5 * CONTACT_GAP, lambda: distance):
+            self._report(ContactKind.PERSON, (x, y), speed)
+
+    def _begins(self, kind: ContactKind, touches: bool, distance: Callable[[], float]) -> bool:
+        if touches and kind not in self._touching:
+            self._touching.add(kind)
+            return True
+        if not touches and kind in self._touching and distance() > CONTACT_ENDS:
+            self._touching.discard(kind)
+        return False
+
+    def _report(self, kind: ContactKind, at: tuple[float, float], speed: float) -> None:
+        self.contact_reports.append(Contact(self.now_ns, kind, *at, speed))
 
     def _is_free(self, pose: Pose2) -> bool:
-        return not in_contact(self._solid, self._body, pose)
+        return not in_contact(self._solid, self.body, pose)
 
 
-def _plant(world: World, body: ChairBody, settings: SimulatorSettings, rng: np.random.Generator) -> Plant:
+def _plant(world: World, pose: Pose2, body: ChairBody, settings: SimulatorSettings, rng: np.random.Generator) -> Plant:
     if settings.plant_model == "mujoco":
-        return MujocoChair(world.grid, body, settings.plant, settings.mujoco, rng, world.start)
-    return KinematicChair(body, settings.plant, rng, world.start)
+        return MujocoChair(world, body, settings.plant, settings.mujoco, rng, pose)
+    return KinematicChair(body, settings.plant, rng, pose)
 
 
 def _stream(seed: int, sensor: int) -> np.random.Generator:

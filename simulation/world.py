@@ -6,19 +6,33 @@ A world comes from a floor plan (see `floor_plan.py`), from a mapped grid, or fr
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Iterable, Mapping
+from collections.abc import Iterable, Mapping
 from dataclasses import dataclass, field, replace
-from itertools import pairwise
 from pathlib import Path
 
 import numpy as np
 
 from waychair.errors import WorldError
-from waychair.geometry import rectangle, transform_points
-from waychair.maps.grid import OCCUPIED_FROM, cells_from_points, inside, points_from_cells
-from waychair.simulation.floor_plan import FloorPlan, PlanWall, load_plan
+from waychair.maps.distance_field import distance_field
+from waychair.maps.grid import OCCUPIED_FROM, cells_from_points
+from waychair.simulation.floor_plan import FloorPlan, Keys
+from waychair.simulation.free_ground import Refuse, refuse_solid_point, refuse_solid_way, samples
+from waychair.simulation.plan_blocks import (
+    blocks_from_plan,
+    cells_in,
+    door_block,
+    fill,
+    grid_of,
+    on_wall,
+    pits_from_plan,
+    slopes_from_plan,
+)
+from waychair.simulation.plan_file import load_building
+from waychair.simulation.plan_fittings import CLEAR_OF_START, finish_of, lamps_of, people_of, posters_of
+from waychair.simulation.rectangles import blocks_from_grid
 from waychair.simulation.scene import Block, Finish, Lamp, Lift, PersonPlan, Pit, Poster, Slope
-from waychair.types import Cells, FloatArray, OccupancyGrid, Place, Pose2
+from waychair.simulation.seeds import seed_of
+from waychair.types import FloatArray, OccupancyGrid, Place, Pose2
 
 MARGIN = 0.5
 """Free ground [m] kept round a floor plan, so that walls may stand on its edge."""
@@ -28,8 +42,6 @@ WORLDS = Path(__file__).resolve().parent / "worlds"
 
 MAPPING_ROUTE = "mapping"
 """Name of the route that sees all of a world and comes back over places seen before."""
-
-_Refuse = Callable[[tuple[str | int, ...], str], WorldError]
 
 
 @dataclass(frozen=True, slots=True)
@@ -77,6 +89,10 @@ class World:
             raise WorldError(f"'{self.name}' has no route '{name}': {known}")
         return self.routes[name]
 
+    def without_people(self) -> World:
+        """The same world with nobody in it."""
+        return replace(self, people=())
+
     def with_closed(self, names: Iterable[str]) -> World:
         """The same world with these doors shut: they are solid, as if their wall went through.
 
@@ -84,12 +100,15 @@ class World:
             WorldError: there is no door of such a name, or the start or a place lies in it.
         """
         doors, cells = {door.name: door for door in self.doors}, self.grid.cells.copy()
-        for name in names:
+        leaves = []
+        for name in dict.fromkeys(names):
             if name not in doors:
                 known = f"take one of {', '.join(doors)}" if doors else "it has no doors with names"
                 raise WorldError(f"'{self.name}' has no door '{name}': {known}")
-            _fill(cells, self.grid, doors[name].middle, doors[name].width, doors[name].thickness)
-        closed = replace(self, grid=replace(self.grid, cells=cells))
+            door, seed = doors[name], seed_of(self.name, self.level, "doors", name)
+            fill(cells, self.grid, door.middle, door.width, door.thickness)
+            leaves.append(door_block(door.middle, door.width, door.thickness, self.finish.height, "wood", seed))
+        closed = replace(self, grid=replace(self.grid, cells=cells), blocks=(*self.blocks, *leaves))
         _refuse_poses_in_walls(closed, _refusal(self.name))
         return closed
 
@@ -99,48 +118,80 @@ def shipped_worlds() -> tuple[str, ...]:
     return tuple(sorted(path.stem for path in WORLDS.glob("*.yaml")))
 
 
-def load_world(name_or_path: str | Path) -> World:
-    """World of a shipped plan's name, or of a plan's path.
+def levels_of(name_or_path: str | Path) -> tuple[str, ...]:
+    """Names of a world's levels, the first of which is where one begins; a world of one level has its own name there.
 
     Raises:
-        WorldError: there is no such world, its plan is broken (`load_plan`), or the start, a place or a route lies
-            outside or in something solid; with the line.
+        WorldError: as `load_world`, but for what depends on the grid.
     """
-    path = Path(name_or_path)
-    if path.suffix not in (".yaml", ".yml"):
-        if str(name_or_path) not in shipped_worlds():
-            known = ", ".join(shipped_worlds())
-            raise WorldError(f"there is no world '{name_or_path}': take one of {known}, or a .yaml file")
-        path = WORLDS / f"{name_or_path}.yaml"
-    plan, source = load_plan(path)
-    world = world_from_plan(plan)
-    _refuse_poses_in_walls(world, source.error)
-    _refuse_routes_in_walls(world, source.error)
+    return tuple(level.plan.name for level in load_building(_path(name_or_path)).levels)
+
+
+def load_world(name_or_path: str | Path, level: str | None = None) -> World:
+    """World of a shipped plan's name, or of a plan's path; its first level, or that of the name `level`.
+
+    Raises:
+        WorldError: there is no such world or level, its plan is broken (`load_building`), or the start, a place, a
+            route, a lift or a person's path lies outside or in something solid; with the line.
+    """
+    building = load_building(_path(name_or_path))
+    levels = {each.plan.name: each for each in building.levels}
+    if level is not None and level not in levels:
+        raise WorldError(f"'{building.name}' has no level '{level}': take one of {', '.join(levels)}")
+    chosen = building.levels[0] if level is None else levels[level]
+    lifts = tuple(
+        Lift(
+            lift.name,
+            Pose2(*lift.middle),
+            *lift.size,
+            tuple(name for name, each in levels.items() if lift.name in (other.name for other in each.plan.lifts)),
+        )
+        for lift in chosen.plan.lifts
+    )
+    world = world_from_plan(chosen.plan, building.name, lifts)
+    _refuse_poses_in_walls(world, chosen.source.error)
+    for name, route in world.routes.items():
+        refuse_solid_way(world.grid, world.pits, route, ("routes", name), chosen.source.error)
+    _refuse_blocked_lifts(world, chosen.source.error)
+    _refuse_blocked_people(world, chosen.plan, chosen.source.error)
     return world
 
 
-def world_from_plan(plan: FloorPlan) -> World:
-    """World of a plan that `load_plan` has let pass: a cell is solid when its centre lies in a wall or a box."""
-    # round() first: 15.0 / 0.05 must not become 301 cells by an error in the last place
-    shape = tuple(math.ceil(round((length + 2 * MARGIN) / plan.resolution, 6)) for length in reversed(plan.size))
-    grid = OccupancyGrid(np.zeros(shape, np.int8), plan.resolution, Pose2(-MARGIN, -MARGIN, 0.0))
-    for wall in plan.walls:
-        for begin, end in _solid_pieces(wall):
-            _fill(grid.cells, grid, _on_wall(wall, (begin + end) / 2), end - begin, wall.thickness)
-    for box in plan.boxes:
-        _fill(grid.cells, grid, Pose2(*box.centre, box.yaw), *box.size)
+def _path(name_or_path: str | Path) -> Path:
+    path = Path(name_or_path)
+    if path.suffix in (".yaml", ".yml"):
+        return path
+    if str(name_or_path) not in shipped_worlds():
+        known = ", ".join(shipped_worlds())
+        raise WorldError(f"there is no world '{name_or_path}': take one of {known}, or a .yaml file")
+    return WORLDS / f"{name_or_path}.yaml"
+
+
+def world_from_plan(plan: FloorPlan, building: str, lifts: tuple[Lift, ...] = ()) -> World:
+    """World of one level of a building, whose plan and whose `lifts` `load_building` has let pass."""
+    blocks, slopes, pits = blocks_from_plan(plan, building), slopes_from_plan(plan, building), pits_from_plan(plan)
+    grid = grid_of(plan, MARGIN, blocks, slopes, pits)
     return World(
-        plan.name,
-        grid,
-        Pose2(*plan.start),
-        tuple(Place(name, Pose2(*pose)) for name, pose in plan.places.items()),
-        {name: np.array(route, float).reshape(-1, 2) for name, route in plan.routes.items()},
-        tuple(
-            Door(door.name, _on_wall(wall, door.at), door.width, wall.thickness)
+        name=building,
+        level=plan.name,
+        grid=grid,
+        start=Pose2(*plan.start),
+        places=tuple(Place(name, Pose2(*pose)) for name, pose in plan.places.items()),
+        routes={name: np.array(route, float).reshape(-1, 2) for name, route in plan.routes.items()},
+        doors=tuple(
+            Door(door.name, on_wall(wall, door.at), door.width, wall.thickness)
             for wall in plan.walls
             for door in wall.doors
-            if door.name
+            if door.name and not door.closed
         ),
+        blocks=blocks,
+        slopes=slopes,
+        pits=pits,
+        posters=posters_of(plan, building, blocks),
+        lamps=lamps_of(plan, blocks),
+        finish=finish_of(plan),
+        people=people_of(plan, building, grid),
+        lifts=lifts,
     )
 
 
@@ -150,64 +201,50 @@ def world_from_grid(grid: OccupancyGrid, start: Pose2, places: tuple[Place, ...]
     Raises:
         WorldError: the start or a place lies outside the grid or in an occupied cell.
     """
-    world = World(name, grid, start, places)
+    world = World(name, grid, start, places, blocks=blocks_from_grid(grid, name, Finish()))
     _refuse_poses_in_walls(world, _refusal(name))
     return world
 
 
-def _solid_pieces(wall: PlanWall) -> list[tuple[float, float]]:
-    """Where the wall stands, as stretches [m] from its start: all of it but its doors."""
-    doors = sorted(wall.doors, key=lambda door: door.at)
-    begins = [0.0, *(door.at + door.width / 2 for door in doors)]
-    ends = [*(door.at - door.width / 2 for door in doors), wall.length]
-    return [(begin, end) for begin, end in zip(begins, ends, strict=True) if end - begin > 1e-6]
-
-
-def _on_wall(wall: PlanWall, at: float) -> Pose2:
-    """The pose on the wall's middle line, `at` [m] from its start, looking along it."""
-    (ax, ay), (bx, by) = wall.start, wall.end
-    theta = math.atan2(by - ay, bx - ax)
-    return Pose2(ax + at * math.cos(theta), ay + at * math.sin(theta), theta)
-
-
-def _fill(cells: Cells, grid: OccupancyGrid, middle: Pose2, length: float, width: float) -> None:
-    """Makes solid every one of `cells` whose centre lies in the rectangle; touches only the window about it."""
-    corners = cells_from_points(grid, transform_points(middle, rectangle(length / 2, length / 2, width / 2)))
-    low = np.maximum(corners.min(axis=0) - 1, 0)
-    high = np.maximum(np.minimum(corners.max(axis=0) + 2, cells.shape), low)
-    window = low + np.argwhere(np.ones(high - low, np.bool_))
-    local = np.abs(transform_points(middle.inverse(), points_from_cells(grid, window)))
-    solid = np.all(local <= np.array([length / 2, width / 2]) + 1e-9, axis=1)
-    cells[tuple(window[solid].T)] = 100
-
-
-def _refusal(name: str) -> _Refuse:
+def _refusal(name: str) -> Refuse:
     """The error of a world that has no file, and so no lines."""
     return lambda keys, problem: WorldError(f"{name}: {' '.join(map(str, keys))}: {problem}")
 
 
-def _refuse_poses_in_walls(world: World, refuse: _Refuse) -> None:
-    named: list[tuple[tuple[str | int, ...], Pose2]] = [(("start",), world.start)]
+def _refuse_poses_in_walls(world: World, refuse: Refuse) -> None:
+    named: list[tuple[Keys, Pose2]] = [(("start",), world.start)]
     named += [(("places", place.name), place.pose) for place in world.places]
     for keys, pose in named:
-        _refuse_points_in_walls(world, np.array([[pose.x, pose.y]]), keys, refuse)
+        refuse_solid_point(world.grid, world.pits, pose.array()[:2], keys, refuse)
 
 
-def _refuse_routes_in_walls(world: World, refuse: _Refuse) -> None:
-    for name, route in world.routes.items():
-        _refuse_points_in_walls(world, route[:1], ("routes", name, 0), refuse)
-        for i, (begin, end) in enumerate(pairwise(route)):
-            count = math.ceil(math.dist(begin, end) / (world.grid.resolution / 2)) + 2
-            _refuse_points_in_walls(world, np.linspace(begin, end, count), ("routes", name, i + 1), refuse)
+def _refuse_blocked_lifts(world: World, refuse: Refuse) -> None:
+    for i, lift in enumerate(world.lifts):
+        # A cell less on either side: the cabin may touch the walls of its shaft.
+        length, width = (max(side - 2 * world.grid.resolution, 0.0) for side in (lift.length, lift.width))
+        cells, _ = cells_in(world.grid, lift.middle, length, width)
+        if (world.grid.cells[tuple(cells.T)] >= OCCUPIED_FROM).any():
+            raise refuse(("lifts", i), f"the lift '{lift.name}' is blocked by something solid; clear its cabin")
 
 
-def _refuse_points_in_walls(world: World, points: FloatArray, keys: tuple[str | int, ...], refuse: _Refuse) -> None:
-    cells = cells_from_points(world.grid, points)
-    within = inside(world.grid, cells)
-    if not within.all():
-        x, y = points[~within][0]
-        raise refuse(keys, f"({x:g}, {y:g}) lies outside the world; move it in")
-    solid = world.grid.cells[tuple(cells.T)] >= OCCUPIED_FROM
-    if solid.any():
-        x, y = points[solid][0]
-        raise refuse(keys, f"({x:g}, {y:g}) lies in something solid; move it to free ground")
+def _refuse_blocked_people(world: World, plan: FloorPlan, refuse: Refuse) -> None:
+    """Their paths must be free by their radius, and they must stand off the start."""
+    room = distance_field(world.grid).metres
+    for i, person in enumerate(plan.people):
+        keys, path = ("people", i, "path"), np.array(person.path, float).reshape(-1, 2)
+        if not len(path):
+            continue
+        refuse_solid_way(world.grid, world.pits, path, keys, refuse)
+        if math.dist(path[0], plan.start[:2]) < CLEAR_OF_START + person.radius:
+            raise refuse((*keys, 0), f"({path[0, 0]:g}, {path[0, 1]:g}) is where the chair starts; stand farther off")
+        for k, point in enumerate(path):
+            way = samples(world.grid, path[max(k - 1, 0)], point)
+            tight = way[room[tuple(cells_from_points(world.grid, way).T)] < person.radius]
+            if len(tight):
+                x, y = tight[0]
+                raise refuse(
+                    (*keys, k), f"({x:g}, {y:g}) is nearer to something solid than {person.radius:g} m; keep off"
+                )
+    wanted = sum(person.count for person in plan.people)
+    if len(world.people) < wanted:
+        raise refuse(("people",), f"only {len(world.people)} of {wanted} find room; make them fewer or smaller")

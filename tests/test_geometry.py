@@ -11,6 +11,7 @@ from hypothesis import strategies as st
 
 from waychair.geometry import (
     compose,
+    in_space,
     interpolate,
     invert,
     pose_from_array,
@@ -93,3 +94,13 @@ def test_rectangle_is_counter_clockwise() -> None:
     x, y = corners.T
     assert 0.5 * np.sum(x * np.roll(y, -1) - np.roll(x, -1) * y) == pytest.approx(0.6)
     assert pose_from_array(np.array([1.0, 2.0, 3.0])) == Pose2(1.0, 2.0, 3.0)
+
+
+@given(poses, poses, st.floats(0.0, 3.0))
+def test_poses_in_space_compose_and_invert_as_planar_ones_do(a: Pose2, b: Pose2, height: float) -> None:
+    both = in_space(a, height) @ in_space(b)
+    assert both.translation == pytest.approx([*(a @ b).array()[:2], height], abs=1e-9)
+    assert wrap_angle(both.planar().theta - (a @ b).theta) == pytest.approx(0.0, abs=1e-9)
+    home = both.inverse() @ both
+    assert home.rotation == pytest.approx(np.eye(3), abs=1e-9)
+    assert home.translation == pytest.approx(np.zeros(3), abs=1e-9)

@@ -6,23 +6,38 @@ import math
 from collections.abc import Callable
 from contextlib import nullcontext
 from dataclasses import dataclass, replace
+from itertools import groupby
 from pathlib import Path
 from typing import TypeVar
 
 import numpy as np
 
 from waychair.calibration.chair import ChairBody
+from waychair.geometry import in_space
 from waychair.recording import RecordingWriter
+from waychair.ros_messages import CAMERA_FRAME, CAMERA_FROM_OPTICAL, IMU_FRAME, LASER_FRAME, SONAR_FRAME
 from waychair.simulation.follower import Follower, follow
+from waychair.simulation.pacing import Pacer
 from waychair.simulation.plant import PlantSettings
 from waychair.simulation.simulator import Simulator
+from waychair.simulation.sonar import mounts as sonar_mounts
 from waychair.slam.odometry import WheelOdometry
-from waychair.types import FloatArray, Odometry, Pose2, Scan, WheelTicks
+from waychair.types import (
+    FloatArray,
+    ImuSample,
+    Odometry,
+    Pose2,
+    Pose3,
+    RgbdFrame,
+    Scan,
+    SonarReadings,
+    WheelTicks,
+)
 
 EPOCH_NS = 1_700_000_000 * 10**9
 """Bags of a robot carry wall-clock stamps; a simulated drive begins at this one."""
 
-_Stamped = TypeVar("_Stamped", Scan, Odometry)
+_Stamped = TypeVar("_Stamped", bound=Scan | Odometry | ImuSample | WheelTicks | RgbdFrame | SonarReadings)
 
 
 @dataclass(frozen=True, slots=True)
@@ -41,30 +56,41 @@ def drive_route(
     route: FloatArray,
     bag: Path | None = None,
     progress: Callable[[float], None] = lambda share: None,
+    pacer: Pacer | None = None,
 ) -> RouteDrive:
-    """Drives along `route` (N, 2) [m, map] by joystick; scans and wheel odometry go to a ROS 2 bag, if one is given.
+    """Drives along `route` (N, 2) [m, map] by joystick, at the pace of `pacer` (without one, as fast as it can).
+
+    All that the sensors say, wheel odometry and the truth once a tick go to a ROS 2 bag, if one is given; when its disk
+    fills up or the user interrupts, what was recorded so far stays beside it (see `RecordingWriter`).
 
     Raises:
         WorldError: the chair touched something on the way, or made no way for a minute.
-        OutputError: there is something at the bag's path already, or it cannot be written to.
+        OutputError: there is something at the bag's path already, it cannot be written to, or its disk is full.
     """
-    odometry, origin = WheelOdometry(body), simulator.truth()
+    odometry, origin, pacer = WheelOdometry(body), simulator.truth(), pacer or Pacer()
     began_ns, last, believed = simulator.now_ns, origin, Pose2()
     whole, distance, scans = max(route_length(route, origin), 1e-3), 0.0, 0
-    with RecordingWriter(bag, body.base_from_laser) if bag else nullcontext() as writer:
-        for message in follow(simulator, Follower(route, body.track, PlantSettings())):
-            if isinstance(message, WheelTicks):
-                reading = odometry.update(message)
-                believed = reading.odom_from_base
+    drive = follow(simulator, Follower(route, body.track, PlantSettings()))
+    mounts = mounts_of(body, simulator.settings.sonar.height)
+    recording = RecordingWriter(bag, mounts, ticks_per_turn=body.ticks_per_turn) if bag else nullcontext()
+    with recording as writer:
+        # The messages of one tick come once the simulator stands at its end, where the truth is taken.
+        for now_ns, messages in groupby(drive, lambda _: simulator.now_ns):
+            pose, twist = simulator.truth(), simulator.twist()
+            for message in messages:
+                scans += isinstance(message, Scan)
                 if writer:
-                    writer.write(_later(reading))
-                continue
+                    writer.write(_later(message))
+                if isinstance(message, WheelTicks):
+                    reading = odometry.update(message)
+                    believed = reading.odom_from_base
+                    if writer:
+                        writer.write(_later(reading))
             if writer:
-                writer.write(_later(message))
-            scans += 1
-            pose = simulator.truth()
+                writer.write_truth(now_ns + EPOCH_NS, pose, twist)
             distance, last = distance + math.dist((pose.x, pose.y), (last.x, last.y)), pose
             progress(min(1.0, distance / whole))
+            pacer.pace(now_ns)
     true = origin.inverse() @ simulator.truth()
     error = math.dist((true.x, true.y), (believed.x, believed.y))
     return RouteDrive(distance, (simulator.now_ns - began_ns) * 1e-9, scans, error)
@@ -74,6 +100,20 @@ def route_length(route: FloatArray, start: Pose2) -> float:
     """Length [m] of the straight legs from the start along the waypoints (N, 2) [m, map]."""
     points = np.concatenate([[[start.x, start.y]], route])
     return float(np.hypot(*np.diff(points, axis=0).T).sum())
+
+
+def mounts_of(body: ChairBody, sonar_height: float) -> dict[str, Pose3]:
+    """Where a body carries its sensors, in the base frame at floor height, by the names of their frames.
+
+    `sonar_height` [m] is that of the sonars above the floor.
+    """
+    optical = body.base_from_camera
+    return {
+        LASER_FRAME: in_space(body.base_from_laser, body.laser_z),
+        IMU_FRAME: Pose3(np.eye(3), np.array([body.imu_x, body.imu_y, body.imu_z])),
+        CAMERA_FRAME: Pose3(optical.rotation @ CAMERA_FROM_OPTICAL.rotation.T, optical.translation),
+        **{SONAR_FRAME.format(k): in_space(at, sonar_height) for k, at in enumerate(sonar_mounts(body))},
+    }
 
 
 def _later(message: _Stamped) -> _Stamped:

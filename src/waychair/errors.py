@@ -58,6 +58,34 @@ class CalibrationError(WaychairError):
     """A calibration cannot be used."""
 
 
+class ThinData(CalibrationError):
+    """Too little was measured to calibrate from."""
+
+
+class NotMonotone(CalibrationError):
+    """More stick gives less speed, which no inverse can undo."""
+
+
+class CalibrationMismatch(CalibrationError):
+    """The calibration belongs to another chair."""
+
+
+class CalibrationDamaged(CalibrationError):
+    """The calibration file was altered, is broken, or is of an unknown schema."""
+
+
+class BridgeError(WaychairError):
+    """The board that holds the joystick lines cannot be used."""
+
+
+class TransportError(BridgeError):
+    """The cable to the board cannot be opened or was lost."""
+
+
+class BoardBuildError(BridgeError):
+    """The firmware cannot be built or started on this computer."""
+
+
 class PlanningError(WaychairError):
     """No path can be given."""
 
@@ -84,3 +112,7 @@ class NoPath(PlanningError):
 
 class OutputError(WaychairError):
     """A result cannot be written where it was asked for."""
+
+
+class DriverSilent(WaychairError):
+    """What drives a simulated chair has not answered in time."""

@@ -6,7 +6,7 @@ import math
 
 import numpy as np
 
-from waychair.types import FloatArray, Pose2
+from waychair.types import FloatArray, Pose2, Pose3
 
 
 def wrap_angle(angle: float) -> float:
@@ -51,6 +51,12 @@ def rotation(theta: float) -> FloatArray:
     """(2, 2) rotation matrix."""
     c, s = math.cos(theta), math.sin(theta)
     return np.array([[c, -s], [s, c]])
+
+
+def in_space(pose: Pose2, height: float = 0.0) -> Pose3:
+    """A planar pose as one in space: upright, `height` [m] above the plane."""
+    c, s = math.cos(pose.theta), math.sin(pose.theta)
+    return Pose3(np.array([[c, -s, 0.0], [s, c, 0.0], [0.0, 0.0, 1.0]]), np.array([pose.x, pose.y, height]))
 
 
 def pose_from_array(pose: FloatArray) -> Pose2:

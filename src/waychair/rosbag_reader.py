@@ -28,6 +28,8 @@ SCAN_TYPE = "sensor_msgs/msg/LaserScan"
 ODOMETRY_TYPE = "nav_msgs/msg/Odometry"
 TRANSFORMS_TYPE = "tf2_msgs/msg/TFMessage"
 STATIC_TRANSFORMS = "/tf_static"
+GROUND_TRUTH = "/ground_truth/"
+"""Simulators tell the truth on topics that begin so; nothing may be made of them unless they are asked for by name."""
 BASE_FRAMES = ("base_link", "base_footprint")
 """Names of the base (REP-105, REP-120) when the odometry does not give it."""
 
@@ -132,6 +134,7 @@ def _chosen(
     counts = _of_type(reader, msgtype)
     if asked is not None:
         return next((topic for topic in counts if topic.strip("/") == asked.strip("/")), None)
+    counts = {topic: count for topic, count in counts.items() if not topic.startswith(GROUND_TRUTH)}
     if not counts:
         return None
     if (name := f"/{usual}") in counts:

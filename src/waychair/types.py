@@ -62,6 +62,14 @@ class Pose3:
     rotation: FloatArray
     translation: FloatArray
 
+    def __matmul__(self, other: Pose3) -> Pose3:
+        """Composition: `a_from_c = a_from_b @ b_from_c`."""
+        return Pose3(self.rotation @ other.rotation, self.rotation @ other.translation + self.translation)
+
+    def inverse(self) -> Pose3:
+        """`b_from_a` of `a_from_b`."""
+        return Pose3(self.rotation.T, -self.rotation.T @ self.translation)
+
     def planar(self) -> Pose2:
         """Its x, y and yaw."""
         yaw = math.atan2(self.rotation[1, 0], self.rotation[0, 0])

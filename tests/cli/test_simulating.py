@@ -3,13 +3,20 @@
 from __future__ import annotations
 
 import json
+import os
+import re
+import signal
 import subprocess
 import sys
+import time
 from pathlib import Path
 
+import cv2
 import pytest
+from rosbags.highlevel import AnyReader
 
 from waychair.recording import read_recording
+from waychair.simulation.renderer import renderer_problem
 from waychair.simulation.world import shipped_worlds
 from waychair.trials.demo import run_demo
 from waychair.types import Odometry
@@ -55,24 +62,126 @@ def refused(done: subprocess.CompletedProcess[str]) -> str:
     return sentence
 
 
-def test_worlds_lists_every_world_with_its_size_doors_and_route_lengths() -> None:
+def test_worlds_lists_every_world_with_its_size_doors_routes_and_hazards() -> None:
     done = waychair("worlds")
     assert done.returncode == 0, done.stderr
     assert all(name in done.stdout for name in shipped_worlds())
-    for fact in ("56 x 25", "mapping 203", "mapping 140", "bath 0.815", "fire_door"):
+    for fact in (
+        "56 x 25",
+        "mapping 203",
+        "mapping 140",
+        "4: 0.8 to",
+        "ramp 1:12",
+        "two_floors, upper",
+        "glass",
+        "pit",
+    ):
         assert fact in done.stdout
+
+
+def test_worlds_tells_one_world_with_the_names_of_its_doors_and_draws_it(tmp_path: Path) -> None:
+    picture = tmp_path / "plan.png"
+    done = waychair("worlds", "apartment", "--picture", picture)
+    assert done.returncode == 0, done.stderr
+    assert "0.815" in done.stdout
+    assert "second_floor" not in done.stdout
+    height, width = cv2.imread(str(picture)).shape[:2]
+    assert min(height, width) > 500
+    upper = waychair("worlds", "two_floors", "--level", "upper")
+    assert "two_floors, upper" in upper.stdout
+    assert "ground" not in upper.stdout
+
+
+def test_a_level_or_picture_of_no_world_and_a_level_that_is_not_there_are_refused(tmp_path: Path) -> None:
+    assert "give its name first" in refused(waychair("worlds", "--picture", tmp_path / "plan.png"))
+    assert "ground, upper" in refused(waychair("worlds", "two_floors", "--level", "attic"))
+    assert "ground, upper" in refused(waychair("simulate", "--world", "two_floors", "--level", "attic"))
+    assert list(tmp_path.iterdir()) == []
+
+
+def topics(bag: Path) -> dict[str, int]:
+    with AnyReader([bag]) as reader:
+        return {connection.topic: connection.msgcount for connection in reader.connections}
+
+
+@pytest.mark.skipif(renderer_problem() is not None, reason=f"no camera: {renderer_problem()}")
+def test_a_recording_holds_all_sensors_at_their_rates(plan: Path, tmp_path: Path) -> None:
+    bag = tmp_path / "drive.mcap"
+    done = waychair("simulate", "--world", plan, "--route", "short", "--record", bag)
+    assert (done.returncode, "without the camera" in done.stderr) == (0, False), done.stderr
+    counts = topics(bag)
+    seconds = counts["/odom"] / 50.0
+    rates = {topic: count / seconds for topic, count in counts.items() if topic != "/tf_static"}
+    expected = {"/scan": 10, "/odom": 50, "/tf": 50, "/joint_states": 50, "/imu/data": 200, "/ground_truth/odom": 20}
+    expected |= {f"/sonar/{k}": 20 for k in range(8)}
+    expected |= {
+        f"/camera/{kind}/{what}": 15
+        for kind in ("color", "aligned_depth_to_color")
+        for what in ("image_raw", "camera_info")
+    }
+    assert rates == pytest.approx(expected, abs=2.5 / seconds)  # the ends of so short a drive cut samples off
+
+
+def test_a_machine_that_cannot_render_simulates_without_a_camera_and_says_so(plan: Path, tmp_path: Path) -> None:
+    bag = tmp_path / "drive.mcap"
+    command = [str(WAYCHAIR), "simulate", "--world", str(plan), "--route", "short", "--record", str(bag), "--quiet"]
+    nothing = {"__EGL_VENDOR_LIBRARY_FILENAMES": "/none", "__EGL_VENDOR_LIBRARY_DIRS": "/none"}
+    done = subprocess.run(command, capture_output=True, text=True, check=False, env=os.environ | nothing)
+    assert (done.returncode, done.stdout) == (0, "")
+    (line,) = done.stderr.splitlines()
+    assert line.startswith("waychair: simulating without the camera: ")
+    assert "/imu/data" in topics(bag)
+    assert not [topic for topic in topics(bag) if topic.startswith("/camera")]
 
 
 def test_simulate_records_a_bag_that_can_be_read_again(plan: Path, tmp_path: Path) -> None:
     bag = tmp_path / "drive.mcap"
-    done = waychair("simulate", "--world", plan, "--route", "short", "--record", bag, "--seed", "4")
+    done = waychair("simulate", "--world", plan, "--route", "short", "--record", bag, "--no-camera", "--seed", "4")
     assert done.returncode == 0, done.stderr
+    assert not [topic for topic in topics(bag) if topic.startswith("/camera")]
     assert "no contacts" in done.stdout
     assert str(bag) in done.stdout
     frames = read_recording(bag).frames
     assert len(frames) > 20
     last = [reading for frame in frames for reading in frame.wheels if isinstance(reading, Odometry)][-1].odom_from_base
     assert (last.x, last.y) == pytest.approx((1.0, 0.0), abs=0.15)
+
+
+def test_realtime_takes_the_time_that_is_simulated(plan: Path) -> None:
+    done = waychair("simulate", "--world", plan, "--route", "short", "--mode", "realtime")
+    assert done.returncode == 0, done.stderr
+    found = re.search(r"([\d.]+) times real time", done.stdout)
+    assert found is not None, done.stdout
+    assert 0.3 < float(found[1]) <= 1.03
+    assert (float(found[1]) < 0.9) <= ("could not hold real time" in done.stderr)
+    assert waychair("simulate", "--world", plan, "--mode", "slow").returncode != 0
+
+
+def test_an_interrupted_simulation_keeps_its_recording_and_says_where(plan: Path, tmp_path: Path) -> None:
+    bag = tmp_path / "drive.mcap"
+    command = [str(WAYCHAIR), "simulate", "--world", str(plan), "--mode", "realtime", "--record", str(bag)]
+    command.append("--no-camera")
+    run = subprocess.Popen(command, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True)
+    deadline = time.monotonic() + 60.0
+    while not list(tmp_path.glob(".drive.*")) and time.monotonic() < deadline:
+        time.sleep(0.05)
+    time.sleep(1.5)
+    run.send_signal(signal.SIGINT)
+    _, said = run.communicate(timeout=30)
+    assert run.returncode == 130
+    assert f"waychair: stopped; what was recorded so far is in {tmp_path / 'drive.part.mcap'}" in said
+    assert len(read_recording(tmp_path / "drive.part.mcap").frames) >= 5
+    assert sorted(path.name for path in tmp_path.iterdir()) == ["drive.part.mcap", "hall.yaml"]
+
+
+def test_another_chair_and_the_physical_plant_can_be_chosen(plan: Path, tmp_path: Path) -> None:
+    bag = tmp_path / "drive.mcap"
+    arguments = ("simulate", "--world", plan, "--route", "short", "--record", bag, "--no-people", "--no-camera")
+    done = waychair(*arguments, "--chair", "B", "--plant", "mujoco", "--seed", "2")
+    assert done.returncode == 0, done.stderr
+    assert "no contacts" in done.stdout
+    assert len(read_recording(bag).frames) > 20
+    assert "there is no chair 'Z'" in refused(waychair("simulate", "--world", plan, "--chair", "Z"))
 
 
 def test_simulate_without_a_bag_writes_nothing_and_quiet_says_nothing(plan: Path, tmp_path: Path) -> None:

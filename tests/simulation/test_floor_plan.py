@@ -2,13 +2,15 @@
 
 from __future__ import annotations
 
+import textwrap
 from pathlib import Path
 
 import pytest
 
 from waychair.errors import WorldError
 from waychair.maps.grid import occupied_points
-from waychair.simulation.floor_plan import load_plan
+from waychair.simulation import floor_plan
+from waychair.simulation.plan_file import load_building
 from waychair.simulation.world import World, load_world, world_from_plan
 
 PLAN = """\
@@ -62,6 +64,12 @@ def test_only_doors_with_names_can_be_closed(tmp_path: Path) -> None:
     assert (door.middle.x, door.middle.y, door.middle.theta) == pytest.approx((1.5, 2.0, 0.0))
 
 
+def test_the_plan_that_the_documentation_shows_is_a_world(tmp_path: Path) -> None:
+    example = textwrap.dedent((floor_plan.__doc__ or "").split("\n\n")[1])
+    world = _world(tmp_path, example)
+    assert (world.name, len(world.people), [door.name for door in world.doors]) == ("flat", 1, ["kitchen"])
+
+
 def test_a_route_is_found_by_its_name(tmp_path: Path) -> None:
     world = _world(tmp_path)
     assert world.route().tolist() == [[1.5, 1.0], [1.5, 3.0]]
@@ -72,8 +80,8 @@ def test_a_route_is_found_by_its_name(tmp_path: Path) -> None:
 
 def test_an_unchecked_plan_and_its_world_are_the_same_figures(tmp_path: Path) -> None:
     path = _written(tmp_path, PLAN.replace("size: [6.0", "resolution: 0.025\nsize: [6.0"))
-    plan, _ = load_plan(path)
-    grid = world_from_plan(plan).grid
+    (level,) = load_building(path).levels
+    grid = world_from_plan(level.plan, "flat").grid
     assert (grid.resolution, grid.cells.shape) == (0.025, (200, 280))
 
 

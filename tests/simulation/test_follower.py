@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 
@@ -9,6 +11,7 @@ from waychair.calibration.chair import CHAIR_A, CHAIR_B, ChairBody
 from waychair.errors import WorldError
 from waychair.simulation.follower import Follower, follow
 from waychair.simulation.plant import PlantSettings, randomised
+from waychair.simulation.scene import Behaviour, PersonPlan, PersonState
 from waychair.simulation.simulator import Simulator, SimulatorSettings
 from waychair.simulation.world import load_world, world_from_grid
 from waychair.types import OccupancyGrid, Pose2, Scan
@@ -75,3 +78,36 @@ def test_a_chair_that_cannot_move_is_given_up() -> None:
     timid = PlantSettings(forward_dead_band=0.0, turn_dead_band=0.0)
     with pytest.raises(WorldError, match="no way"):
         list(follow(simulator, Follower(np.array([[2.0, 1.0]]), CHAIR_A.track, timid)))
+
+
+def test_the_rider_waits_for_who_is_ahead_or_would_be_brushed_in_a_turn_and_for_nobody_else() -> None:
+    def drives(place: Pose2, goal: tuple[float, float]) -> bool:
+        """Whether a chair at the origin sets out for the goal with a person standing at a place."""
+        person = PersonState(place, 0.0, 0.0, 0.25, Behaviour.SEATED)
+        volts = Follower(np.array([goal]), CHAIR_A.track, NOMINAL).volts(Pose2(), CHAIR_A, (person,))
+        return volts != (1.65, 1.65)
+
+    ahead, aside = (3.0, 0.0), (0.0, 3.0)
+    assert not drives(Pose2(CHAIR_A.front + 0.25 + 0.3, 0.0), ahead)
+    assert not drives(Pose2(1.2, CHAIR_A.width / 2 + 0.25 + 0.05), ahead)
+    assert drives(Pose2(1.2, CHAIR_A.width / 2 + 0.25 + 0.2), ahead)
+    assert drives(Pose2(CHAIR_A.front + 0.25 + 1.5, 0.0), ahead)
+    assert drives(Pose2(-CHAIR_A.rear - 0.26, 0.0), ahead), "who is behind, however near, is left behind"
+    assert not drives(Pose2(0.5, 0.65), aside), "the front corner would come round into them"
+    assert drives(Pose2(0.5, -0.65), aside), "away from them"
+
+
+def test_a_walker_in_a_corridor_and_the_chair_get_past_each_other() -> None:
+    cells = np.zeros((60, 300), np.int8)
+    cells[:4], cells[-4:] = 100, 100
+    hall = world_from_grid(OccupancyGrid(cells, 0.05), Pose2(1.0, 1.1, 0.0))
+    walkers = tuple(
+        PersonPlan(behaviour, np.array([[12.0, y], [2.0, y]]))
+        for behaviour, y in ((Behaviour.SOCIAL, 1.3), (Behaviour.PATH, 2.4))
+    )
+    simulator = Simulator(replace(hall, people=walkers), CHAIR_A)
+    nearest = 1.0
+    for _ in follow(simulator, Follower(np.array([[13.0, 1.1]]), CHAIR_A.track, NOMINAL)):
+        nearest = min(nearest, simulator.person_distance())
+    assert simulator.contacts == 0
+    assert 0.02 < nearest < 0.6, "they did meet"

@@ -13,7 +13,7 @@ from waychair.errors import MapNotFound, WorldError
 from waychair.maps.grid import cells_from_points, occupied, occupied_points
 from waychair.maps.map_files import save_map
 from waychair.maps.places import save_places
-from waychair.simulation.contact import in_contact, solid_from_grid
+from waychair.simulation.contact import in_contact, solid_from_blocks
 from waychair.simulation.imports import world_from_barn, world_from_map
 from waychair.simulation.world import World
 from waychair.types import OccupancyGrid, Place, Pose2
@@ -98,7 +98,7 @@ def test_a_real_barn_world_holds_every_cylinder_and_a_chair_at_its_start(data_di
     world = world_from_barn(path, 1.63)
     area = occupied(world.grid).sum() * world.grid.resolution**2
     assert area == pytest.approx(drawn * math.pi * (0.075 * 1.63) ** 2, rel=0.05)
-    solid = solid_from_grid(world.grid)
+    solid = solid_from_blocks(world.blocks, world.pits)
     assert not in_contact(solid, CHAIR_A, world.start)
     assert not in_contact(solid, CHAIR_A, world.places[0].pose)
 

@@ -13,17 +13,27 @@ import pytest
 
 from waychair.calibration.chair import CHAIR_A, CHAIR_B, ChairBody
 from waychair.errors import ConfigError, MissingExtra, WorldError
+from waychair.simulation.chair_file import CHAIRS
 from waychair.simulation.follower import Follower, follow
+from waychair.simulation.kinematic_chair import KinematicChair
 from waychair.simulation.mujoco_chair import MujocoChair
 from waychair.simulation.mujoco_model import MujocoSettings
-from waychair.simulation.plant import KinematicChair, PlantSettings, volts_from_twist
+from waychair.simulation.plant import GRAVITY, PlantSettings, volts_from_twist
+from waychair.simulation.plant_families import FamilySettings
 from waychair.simulation.simulator import Simulator, SimulatorSettings
-from waychair.simulation.world import world_from_grid
+from waychair.simulation.world import World, world_from_grid
 from waychair.slam.odometry import WheelOdometry
 from waychair.types import OccupancyGrid, Pose2, Twist, WheelTicks
 
-EVEN = PlantSettings(speed_noise=0.0, slip_noise=0.0, forward_skew=0.0, turn_skew=0.0)
-EMPTY = OccupancyGrid(np.zeros((4, 4), np.int8), 0.05)
+EVEN = PlantSettings(
+    speed_noise=0.0,
+    slip_noise=0.0,
+    forward_skew=0.0,
+    turn_skew=0.0,
+    left_wheel_scale=1.0,
+    right_wheel_scale=1.0,
+)
+EMPTY = world_from_grid(OccupancyGrid(np.zeros((4, 4), np.int8), 0.05), Pose2(0.1, 0.1, 0.0))
 NEUTRAL = (1.65, 1.65)
 
 
@@ -36,12 +46,12 @@ class Drive:
         plant: PlantSettings = EVEN,
         settings: MujocoSettings | None = None,
         start: Pose2 | None = None,
-        grid: OccupancyGrid = EMPTY,
+        world: World = EMPTY,
         seed: int = 0,
     ) -> None:
         self.start = start or Pose2(5.0, -3.0, 0.4)
         self.chair = MujocoChair(
-            grid, body, plant, settings or MujocoSettings(), np.random.default_rng(seed), self.start
+            world, body, plant, settings or MujocoSettings(), np.random.default_rng(seed), self.start
         )
         self.body, self.plant = body, plant
         self.turned = 0.0
@@ -53,13 +63,13 @@ class Drive:
         """Holds the stick where a chair without mass would do this; whether no wall was touched."""
         volts = volts_from_twist(self.plant, self.body.track, twist)
         free = True
-        for _ in range(round(seconds * 100)):
+        for _ in range(round(seconds * 200)):
             before = self.chair.pose.theta
             free = self.chair.step(*volts) and free
             self.turned += math.remainder(self.chair.pose.theta - before, math.tau)
             self._steps += 1
-            if self._steps % 2 == 0:
-                stamp_ns = self._steps * 10_000_000
+            if self._steps % 4 == 0:
+                stamp_ns = self._steps * 5_000_000
                 self.odom = self._odometry.update(WheelTicks(stamp_ns, *self.chair.ticks)).odom_from_base
         return free
 
@@ -158,15 +168,15 @@ def test_a_larger_wheel_drives_a_curve_that_the_encoders_do_not_see() -> None:
     assert -drive.odometry_error().theta == pytest.approx(unseen, rel=0.05)
 
 
-def _walled(distance: float) -> OccupancyGrid:
+def _walled(distance: float) -> World:
     """A wall across the way of a chair at the origin that looks along x, on a grid that is not at the origin."""
     cells = np.zeros((120, 120), np.int8)
     cells[:, 60 + round(distance / 0.05) :] = 100
-    return OccupancyGrid(cells, 0.05, Pose2(-3.0, -3.0, 0.0))
+    return world_from_grid(OccupancyGrid(cells, 0.05, Pose2(-3.0, -3.0, 0.0)), Pose2())
 
 
 def test_a_wall_stops_the_chair_and_is_reported_and_its_motors_stall() -> None:
-    drive = Drive(start=Pose2(), grid=_walled(2.0))
+    drive = Drive(start=Pose2(), world=_walled(2.0))
     assert drive.hold(Twist(0.6, 0.0), 1.5)
     assert not drive.hold(Twist(0.6, 0.0), 4.0)
     before, ticks = drive.chair.pose, drive.chair.ticks
@@ -185,8 +195,8 @@ def test_a_wall_beside_the_chair_is_met_where_its_outline_is(side: float) -> Non
     cells = np.zeros((60, 120), np.int8)
     row = 30 + round(side * 0.5 / 0.05) - (side < 0)
     cells[row] = 100
-    grid = OccupancyGrid(cells, 0.05, Pose2(-3.0, -1.5, 0.0))
-    drive = Drive(start=Pose2(), grid=grid)
+    world = world_from_grid(OccupancyGrid(cells, 0.05, Pose2(-3.0, -1.5, 0.0)), Pose2())
+    drive = Drive(start=Pose2(), world=world)
     assert drive.hold(Twist(), 0.5)
     assert not drive.hold(Twist(0.3, side * 0.6), 3.0)
     outline_y = [(drive.chair.pose @ Pose2(x, y)).y for x, y in CHAIR_A.outline().tolist()]
@@ -208,15 +218,117 @@ def test_both_plants_share_one_controller_and_differ_by_what_mass_does() -> None
     bare = KinematicChair(CHAIR_A, EVEN, np.random.default_rng(0))
     volts = volts_from_twist(EVEN, CHAIR_A.track, Twist(0.6, 0.0))
     speeds = []
-    for _ in range(300):
+    for _ in range(600):
         bare.step(*volts, lambda _pose: True)
         drive.chair.step(*volts)
         speeds.append((bare.twist.v, drive.chair.twist.v))
-    assert speeds[4][0] == 0.0
-    assert abs(speeds[4][1]) < 1e-6  # the delay is the same
+    assert speeds[9][0] == 0.0
+    assert abs(speeds[9][1]) < 1e-6  # the delay is the same
     physical = np.array(speeds)[:, 1]
-    assert physical[50] < speeds[50][0]  # mass lags behind
+    assert physical[100] < speeds[100][0]  # mass lags behind
     assert physical[-1] == pytest.approx(0.6, rel=0.05)
+
+
+@pytest.mark.parametrize("name", ["A", "B", "A_mid", "A_front"])
+def test_every_drive_goes_straight_at_the_same_volts_and_turns_in_place_upright(name: str) -> None:
+    chair = CHAIRS[name]
+    straight = Drive(chair.body, settings=chair.mujoco)
+    assert straight.hold(Twist(0.6, 0.0), 5.0)
+    assert straight.moved().x == pytest.approx(2.62, abs=0.03)
+    assert abs(straight.moved().y) < 0.005
+    spin = Drive(chair.body, settings=chair.mujoco)
+    assert spin.hold(Twist(0.0, 0.8), 8.0)
+    assert spin.turned > 5.0
+    assert math.hypot(spin.moved().x, spin.moved().y) < 0.06
+    for drive in (straight, spin):
+        assert drive.chair.upright
+        assert abs(drive.chair.pose3.translation[2]) < 0.003
+
+
+def test_the_small_robot_drives_and_turns_as_it_is_told() -> None:
+    chair = CHAIRS["robot"]
+    drive = Drive(chair.body, settings=chair.mujoco)
+    assert drive.hold(Twist(0.2, 0.0), 5.0)
+    assert drive.moved().x == pytest.approx(0.9, abs=0.06)
+    assert drive.hold(Twist(0.0, 0.8), 5.0)
+    assert drive.turned == pytest.approx(3.2, rel=0.15)
+    assert drive.chair.upright
+
+
+@pytest.mark.parametrize("name", ["A", "A_mid", "A_front"])
+def test_at_rest_the_imu_feels_gravity_along_the_true_vertical(name: str) -> None:
+    drive = Drive(CHAIRS[name].body, settings=CHAIRS[name].mujoco)
+    drive.hold(Twist(), 1.0)
+    up = drive.chair.pose3.rotation[2]
+    assert drive.chair.specific_force == pytest.approx(GRAVITY * up, abs=0.02)
+    assert drive.chair.angular_rate == pytest.approx(np.zeros(3), abs=1e-3)
+
+
+def test_the_imu_feels_what_the_chair_does() -> None:
+    drive, felt, turned = Drive(), [], []
+    volts = volts_from_twist(EVEN, CHAIR_A.track, Twist(0.8, 0.5))
+    before = drive.chair.twist
+    for _ in range(800):
+        drive.chair.step(*volts)
+        felt.append(drive.chair.specific_force)
+        turned.append(drive.chair.angular_rate[2])
+    forces, after = np.array(felt), drive.chair.twist
+    assert sum(turned) * 0.005 == pytest.approx(drive.chair.pose.theta - drive.start.theta, abs=2e-3)
+    # Ahead of the axle the way round the curve pulls to its middle, so the speed is what is left over of the sum.
+    centripetal = np.array(turned) ** 2 * CHAIR_A.imu_x
+    assert (forces[:, 0] + centripetal).sum() * 0.005 == pytest.approx(after.v - before.v, abs=0.02)
+    assert forces[-200:, 1].mean() == pytest.approx(after.v * after.omega, rel=0.05)
+    assert forces[:, 2].mean() == pytest.approx(GRAVITY, abs=0.05)
+
+
+def test_pose_and_pose_in_space_agree_and_the_base_stands_on_the_floor() -> None:
+    drive = Drive()
+    drive.hold(Twist(0.5, 0.3), 3.0)
+    pose = drive.chair.pose3
+    assert pose.planar() == drive.chair.pose
+    assert abs(pose.translation[2]) < 0.002
+    assert pose.rotation @ pose.rotation.T == pytest.approx(np.eye(3), abs=1e-9)
+
+
+def test_pose_and_twist_are_of_the_same_instant() -> None:
+    drive, way = Drive(settings=MujocoSettings(timestep_ms=5.0)), 0.0
+    volts = volts_from_twist(EVEN, CHAIR_A.track, Twist(1.0, 0.0))
+    for _ in range(400):
+        drive.chair.step(*volts)
+        way += 0.005 * drive.chair.twist.v
+    assert drive.moved().x == pytest.approx(way, abs=0.001)  # a time step is 5 mm
+
+
+def test_casters_that_swing_round_shove_the_chair_about_as_it_sets_off_backwards() -> None:
+    drive = Drive()
+    drive.hold(Twist(0.5, 0.2), 2.0)
+    drive.hold(Twist(), 1.5)
+    rates = []
+    for _ in range(1000):
+        drive.chair.step(*volts_from_twist(EVEN, CHAIR_A.track, Twist(-0.4, 0.0)))
+        rates.append(abs(drive.chair.twist.omega))
+    assert max(rates[:400]) > 0.03
+    assert max(rates[-100:]) < 0.005
+
+
+def test_locked_wheels_hold_the_chair_until_the_brake_opens() -> None:
+    plant = dataclasses.replace(EVEN, family=FamilySettings(brake_release_s=0.4))
+    drive, prompt = Drive(plant=plant), Drive()
+    for chair in (drive, prompt):
+        chair.hold(Twist(0.6, 0.0), 0.4)
+    assert abs(drive.moved().x) < 1e-4
+    assert prompt.moved().x > 0.02
+    drive.hold(Twist(0.6, 0.0), 2.0)
+    assert drive.moved().x > 0.5
+
+
+def test_motors_that_fade_slow_the_chair_by_as_much() -> None:
+    fading = FamilySettings(thermal_fade=0.5, thermal_from=0.0, thermal_full=0.01, thermal_s=1.0)
+    tired = Drive(plant=dataclasses.replace(EVEN, family=fading))
+    fresh = Drive()
+    for drive in (tired, fresh):
+        drive.hold(Twist(1.2, 0.0), 6.0)
+    assert 0.5 * fresh.chair.twist.v < tired.chair.twist.v < 0.95 * fresh.chair.twist.v
 
 
 def test_a_plant_step_that_is_not_whole_time_steps_is_refused() -> None:

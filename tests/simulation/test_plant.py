@@ -10,18 +10,23 @@ import pytest
 
 from waychair.calibration.chair import CHAIR_A
 from waychair.calibration.dac import DEFAULT, PAPER, counts_from_wheel_speeds, volts_from_counts
+from waychair.geometry import rotation
+from waychair.simulation.follower import Follower
+from waychair.simulation.kinematic_chair import KinematicChair, moved
 from waychair.simulation.plant import (
-    KinematicChair,
+    GRAVITY,
     PlantSettings,
-    moved,
+    families,
     randomised,
     volts_from_joystick,
     volts_from_twist,
 )
-from waychair.types import Pose2, Twist, WheelSpeeds
+from waychair.slam.odometry import WheelOdometry
+from waychair.types import Pose2, Twist, WheelSpeeds, WheelTicks
 
 NOMINAL = PlantSettings()
-QUIET = PlantSettings(speed_noise=0.0, slip_noise=0.0)
+QUIET = PlantSettings(speed_noise=0.0, slip_noise=0.0, left_wheel_scale=1.0, right_wheel_scale=1.0)
+STEP_S = QUIET.step_ms / 1000.0
 
 
 def _free(_pose: Pose2) -> bool:
@@ -34,7 +39,7 @@ def _chair(settings: PlantSettings = QUIET, seed: int = 0) -> KinematicChair:
 
 def _settled(settings: PlantSettings, forward_volts: float, turn_volts: float) -> Twist:
     chair = _chair(settings)
-    for _ in range(400):
+    for _ in range(800):
         chair.step(forward_volts, turn_volts, _free)
     return chair.twist
 
@@ -107,16 +112,17 @@ def test_volts_of_a_twist_hold_it_on_a_chair_without_skew() -> None:
 def test_nothing_happens_before_the_delay_and_then_no_more_than_the_ramp_allows() -> None:
     chair = _chair()
     speeds = [0.0]
-    for _ in range(200):
+    for _ in range(400):
         chair.step(1.65 + 0.7, 1.65, _free)
         speeds.append(chair.twist.v)
-    assert speeds[:6] == [0.0] * 6
-    assert speeds[6] > 0.0
-    assert max(np.diff(speeds)) <= NOMINAL.acceleration * 0.01 + 1e-12
-    for _ in range(200):
+    waiting = round(NOMINAL.delay_s / STEP_S) + 1
+    assert speeds[:waiting] == [0.0] * waiting
+    assert speeds[waiting] > 0.0
+    assert max(np.diff(speeds)) <= NOMINAL.acceleration * STEP_S + 1e-12
+    for _ in range(400):
         chair.step(1.65, 1.65, _free)
         speeds.append(chair.twist.v)
-    assert min(np.diff(speeds)) >= -NOMINAL.deceleration * 0.01 - 1e-12
+    assert min(np.diff(speeds)) >= -NOMINAL.deceleration * STEP_S - 1e-12
     assert speeds[-1] == pytest.approx(0.0, abs=1e-4)
 
 
@@ -136,7 +142,7 @@ def test_a_quarter_circle_is_an_exact_arc_however_it_is_cut() -> None:
 
 def test_ticks_measure_the_way_of_each_wheel() -> None:
     chair = _chair()
-    for _ in range(500):
+    for _ in range(1000):
         chair.step(2.2, 1.75, _free)
     left, right = (ticks * math.tau * CHAIR_A.wheel_radius / CHAIR_A.ticks_per_turn for ticks in chair.ticks)
     assert (right - left) / CHAIR_A.track == pytest.approx(chair.pose.theta, abs=2e-3)
@@ -145,7 +151,7 @@ def test_ticks_measure_the_way_of_each_wheel() -> None:
 
 def test_ticks_wrap_as_signed_32_bit_numbers() -> None:
     body = dataclasses.replace(CHAIR_A, ticks_per_turn=1_000_000, wheel_radius=0.02)
-    chair = KinematicChair(body, QUIET, np.random.default_rng(0))
+    chair = KinematicChair(body, dataclasses.replace(QUIET, step_ms=10), np.random.default_rng(0))
     seen = []
     for _ in range(30_000):
         chair.step(3.0, 1.65, _free)
@@ -167,7 +173,7 @@ def test_a_blocked_chair_stays_where_it_was_and_its_wheels_stall() -> None:
 def test_slip_is_not_seen_by_the_encoders_but_ripple_is() -> None:
     def straight(settings: PlantSettings) -> tuple[float, float]:
         chair = _chair(dataclasses.replace(settings, forward_skew=0.0))
-        for _ in range(1000):
+        for _ in range(2000):
             chair.step(2.2, 1.65, _free)
         return chair.pose.theta, (chair.ticks[1] - chair.ticks[0]) * math.tau * 0.165 / 4096 / CHAIR_A.track
 
@@ -188,3 +194,74 @@ def test_randomised_chairs_differ_within_the_stated_ranges() -> None:
     assert 1.06 < max(gains) <= 1.08
     assert -0.010 <= min(neutrals) < -0.008
     assert 0.008 < max(neutrals) <= 0.010
+
+
+def test_no_randomised_chair_has_two_equal_tyres_and_either_may_be_the_larger() -> None:
+    chairs = [randomised(NOMINAL, seed) for seed in range(100)]
+    differences = [chair.left_wheel_scale / chair.right_wheel_scale - 1.0 for chair in chairs]
+    assert 0.0009 < min(map(abs, differences)) <= max(map(abs, differences)) < 0.0015
+    assert 30 < sum(difference > 0.0 for difference in differences) < 70
+
+
+def test_odometry_of_a_loop_of_200_m_goes_astray_by_metres_on_every_chair() -> None:
+    for seed in range(2):
+        chair, odometry = _chair(randomised(NOMINAL, seed), seed), WheelOdometry(CHAIR_A)
+        believed = odometry.update(WheelTicks(0, *chair.ticks)).odom_from_base
+        follower = Follower(np.array([[25.0, 0.0], [25.0, 25.0], [0.0, 25.0], [0.0, 0.0]] * 2), CHAIR_A.track, NOMINAL)
+        stamp_ns = 0
+        while not follower.done:
+            volts = follower.volts(chair.pose)
+            for _ in range(10):
+                chair.step(*volts, _free)
+            stamp_ns += 50_000_000
+            believed = odometry.update(WheelTicks(stamp_ns, *chair.ticks)).odom_from_base
+        assert 1.0 < math.dist((believed.x, believed.y), (chair.pose.x, chair.pose.y)) < 15.0
+
+
+def test_at_rest_the_imu_feels_gravity_upwards_and_nothing_else() -> None:
+    chair = _chair()
+    chair.step(1.65, 1.65, _free)
+    assert chair.specific_force.tolist() == [0.0, 0.0, GRAVITY]
+    assert chair.angular_rate.tolist() == [0.0, 0.0, 0.0]
+
+
+@pytest.mark.parametrize(("x", "y"), [(0.0, 0.0), (0.4, -0.2), (-0.3, 0.25)])
+def test_the_imu_feels_what_the_way_of_its_mount_through_the_map_tells(x: float, y: float) -> None:
+    body = dataclasses.replace(CHAIR_A, imu_x=x, imu_y=y)
+    chair = KinematicChair(body, dataclasses.replace(QUIET, step_ms=1), np.random.default_rng(0), Pose2(1.0, 2.0, 0.5))
+    poses, forces, rates = [], [], []
+    for step in range(1500):
+        chair.step(2.3, 1.35 if step < 700 else 2.0, _free)
+        poses.append(chair.pose)
+        forces.append(chair.specific_force)
+        rates.append(chair.angular_rate)
+    mounts = np.array([(pose @ Pose2(x, y)).array()[:2] for pose in poses])
+    accelerations = np.diff(mounts, n=2, axis=0) / 0.001**2
+    for i in range(100, len(accelerations), 50):
+        # the second difference lies about poses[i + 1], from which the force of the step after tells the change
+        expected = rotation(poses[i + 1].theta).T @ accelerations[i]
+        assert forces[i + 2][:2] == pytest.approx(expected, abs=0.01)
+        assert rates[i + 1][2] == pytest.approx((poses[i + 1].theta - poses[i].theta) / 0.001, abs=1e-6)
+    assert np.ptp(np.array(forces)[:, 1]) > 0.3
+
+
+def test_its_pose_in_space_lies_flat_on_the_floor() -> None:
+    chair = KinematicChair(CHAIR_A, QUIET, np.random.default_rng(0), Pose2(1.0, 2.0, 0.5))
+    assert chair.pose3.planar().array() == pytest.approx(chair.pose.array())
+    assert chair.pose3.translation.tolist() == [1.0, 2.0, 0.0]
+    assert chair.upright
+
+
+def test_families_are_eight_chairs_that_differ_from_the_nominal_one_by_their_family_alone() -> None:
+    named = families(QUIET)
+    assert len(named) == 8
+    for settings in named.values():
+        assert settings != QUIET
+        assert dataclasses.replace(settings, family=QUIET.family) == QUIET
+
+
+def test_what_is_drawn_at_the_edge_of_what_is_possible_stays_possible() -> None:
+    edge = dataclasses.replace(NOMINAL, forward_dead_band=0.5, delay_s=0.5, lag_s=1.0)
+    drawn = [randomised(edge, seed) for seed in range(20)]
+    assert max(chair.forward_dead_band for chair in drawn) == 0.5
+    assert min(chair.forward_dead_band for chair in drawn) < 0.5

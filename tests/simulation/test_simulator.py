@@ -54,7 +54,8 @@ def test_time_cut_into_ticks_gives_the_same_messages() -> None:
 
 
 def test_scans_come_at_10_hz_and_ticks_at_50_hz_in_order_of_time() -> None:
-    messages = Simulator(_hall(), CHAIR_A).advance(SECOND)
+    snapshots = SimulatorSettings(lidar=LidarSettings(sweep_s=0.0))
+    messages = Simulator(_hall(), CHAIR_A, snapshots).advance(SECOND)
     assert [m.stamp_ns for m in messages if isinstance(m, Scan)] == list(range(SECOND // 10, SECOND + 1, SECOND // 10))
     assert [m.stamp_ns for m in messages if isinstance(m, WheelTicks)] == list(
         range(SECOND // 50, SECOND + 1, SECOND // 50)
@@ -160,13 +161,13 @@ def test_volts_that_are_not_finite_are_refused(volts: float) -> None:
         Simulator(_hall(), CHAIR_A).drive(volts, 1.65)
 
 
-@pytest.mark.parametrize("duration", [-10_000_000, 1, 15_000_000])
+@pytest.mark.parametrize("duration", [-10_000_000, 1, 12_000_000])
 def test_time_passes_in_whole_steps_only(duration: int) -> None:
     with pytest.raises(ValueError, match="multiple"):
         Simulator(_hall(), CHAIR_A).advance(duration)
 
 
-@pytest.mark.parametrize("rate", [30.0, 200.0])
+@pytest.mark.parametrize("rate", [30.0, 400.0])
 def test_a_rate_that_does_not_fit_the_step_is_refused(rate: float) -> None:
     with pytest.raises(ConfigError, match="whole number of steps"):
         SimulatorSettings(wheels_hz=rate)

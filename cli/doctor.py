@@ -1,0 +1,222 @@
+"""`waychair doctor`: what is missing on this machine, what for, and the command that mends it."""
+
+from __future__ import annotations
+
+import enum
+import os
+import platform
+import re
+import shutil
+import subprocess
+import sys
+from collections.abc import Callable
+from dataclasses import dataclass
+from importlib import metadata
+from importlib.util import find_spec
+from pathlib import Path
+
+GIGABYTE = 1e9
+LEAST_DISK = 2 * GIGABYTE
+LEAST_MEMORY = 1.5 * GIGABYTE
+"""Free bytes that mapping a building and recording a drive through it take; pictures take about 1 GB a minute."""
+
+LEAST_CORES = 2
+"""The stack in one, the simulator in another."""
+
+
+class State(enum.Enum):
+    """How a part is."""
+
+    OK = "ok"
+    MISSING = "missing"  # and the main job needs it: to map, to plan, and to drive in simulation
+    OPTIONAL = "optional"  # missing, and only what it is for does without
+
+
+@dataclass(frozen=True, slots=True)
+class Check:
+    """One part of the machine; `remedy` is the command that mends it, empty when it is well."""
+
+    part: str
+    state: State
+    purpose: str
+    remedy: str = ""
+
+
+def doctor_command() -> None:
+    """Say what is missing on this machine and the command that mends it.
+
+    Ends with 1 when something is missing that mapping, planning or driving in simulation needs; what is optional is
+    only told.
+    """
+    from rich.markup import escape
+    from rich.table import Column, Table
+
+    from waychair.cli.tables import print_table
+
+    found = examine()
+    table = Table("part", "state", "for", Column("command", overflow="fold"))
+    colours = {State.OK: "green", State.MISSING: "red", State.OPTIONAL: "yellow"}
+    for check in found:
+        state = f"[{colours[check.state]}]{check.state.value}[/]"
+        table.add_row(escape(check.part), state, check.purpose, escape(check.remedy))
+    print_table(table)
+    if any(check.state is State.MISSING for check in found):
+        sys.exit(1)
+
+
+def examine() -> tuple[Check, ...]:
+    """Every part, in the order in which one would mend them."""
+    return tuple(look() for look in _LOOKS)
+
+
+def _well(part: str, purpose: str, remedy: str, well: bool, otherwise: State) -> Check:
+    return Check(part, State.OK, purpose) if well else Check(part, otherwise, purpose, remedy)
+
+
+def _python() -> Check:
+    part = f"Python {platform.python_version()}"
+    return _well(part, "everything", "sudo apt-get install python3.11", sys.version_info >= (3, 11), State.MISSING)
+
+
+def _core() -> Check:
+    return _packages("packages", None, "everything", State.MISSING)
+
+
+def _physics() -> Check:
+    return _packages("packages [sim]", "sim", "simulated physics and camera", State.OPTIONAL)
+
+
+def _web() -> Check:
+    return _packages("packages [ui]", "ui", "the web page", State.OPTIONAL)
+
+
+def _ros() -> Check:
+    purpose = "ROS 2 nodes (bags need none)"
+    if find_spec("rclpy") is not None:
+        return Check("ROS 2", State.OK, purpose)
+    installed = sorted(Path("/opt/ros").glob("*/setup.bash"))
+    if installed:
+        return Check("ROS 2", State.OPTIONAL, purpose, f"source {installed[-1]}")
+    if platform.machine() != "x86_64":
+        return Check("ROS 2", State.OPTIONAL, purpose, "sudo apt-get install ros-jazzy-ros-base")
+    return _packages("ROS 2", "ros", purpose, State.OPTIONAL)
+
+
+def _packages(part: str, extra: str | None, purpose: str, otherwise: State) -> Check:
+    """Whether all that waychair, or one of its extras, requires is installed."""
+    missing = []
+    for requirement in metadata.requires("waychair") or []:
+        needed, _, marker = requirement.partition(";")
+        of_extra = re.search(r"extra == ['\"](\w+)['\"]", marker)
+        if (of_extra[1] if of_extra else None) == extra and not _installed(needed):
+            missing.append(f"'{needed.strip()}'")
+    return _well(part, purpose, f"pip install {' '.join(missing)}", not missing, otherwise)
+
+
+def _installed(requirement: str) -> bool:
+    name = re.match(r"[\w.-]+", requirement.strip())
+    assert name is not None
+    try:
+        metadata.version(name[0])
+    except metadata.PackageNotFoundError:
+        return False
+    return True
+
+
+def _camera() -> Check:
+    """Tried in a process of its own: a broken driver takes that one down only."""
+    program = "import sys; from waychair.simulation.renderer import renderer_problem; sys.exit(renderer_problem())"
+    purpose, remedy = "simulated camera", "sudo apt-get install libegl1 libgl1-mesa-dri"
+    if find_spec("moderngl") is None:
+        return Check("EGL", State.OPTIONAL, purpose, "pip install moderngl")
+    try:
+        done = subprocess.run([sys.executable, "-c", program], capture_output=True, check=False, timeout=60)
+    except subprocess.TimeoutExpired:
+        return Check("EGL", State.OPTIONAL, purpose, remedy)
+    return _well("EGL", purpose, remedy, done.returncode == 0, State.OPTIONAL)
+
+
+def _compiler() -> Check:
+    found = any(shutil.which(name) for name in ("cc", "gcc", "clang"))
+    purpose = "the microcontroller's program, tested on this machine"
+    return _well("C compiler", purpose, "sudo apt-get install gcc libc6-dev", found, State.OPTIONAL)
+
+
+def _serial_ports() -> Check:
+    """Debian gives serial ports to the group dialout."""
+    import grp
+
+    try:
+        allowed = os.geteuid() == 0 or grp.getgrnam("dialout").gr_gid in os.getgroups()
+    except KeyError:
+        allowed = False
+    remedy = "sudo usermod -aG dialout $USER, then log in again"
+    return _well("serial ports", "a real chair", remedy, allowed, State.OPTIONAL)
+
+
+def _recordings() -> Check:
+    folder = Path(os.environ.get("WAYCHAIR_DATA", "../shared/data"))
+    there = (folder / "lidar_intel").is_dir()
+    remedy = "export WAYCHAIR_DATA=/path/to/recordings (a folder that holds lidar_intel)"
+    return _well("recordings", "the demo on a real building", remedy, there, State.OPTIONAL)
+
+
+def _disk() -> Check:
+    free = shutil.disk_usage(Path.cwd()).free
+    remedy = f"make {LEAST_DISK / GIGABYTE:g} GB free (du -h --max-depth=1 ~), or work in another folder"
+    part = f"disk, {free / GIGABYTE:.1f} GB free here"
+    return _well(part, "recordings and maps", remedy, free >= LEAST_DISK, State.MISSING)
+
+
+def _memory() -> Check:
+    free = os.sysconf("SC_AVPHYS_PAGES") * os.sysconf("SC_PAGE_SIZE")
+    meminfo = Path("/proc/meminfo")
+    if meminfo.exists():  # counts what caches would give back
+        available = re.search(r"MemAvailable:\s+(\d+) kB", meminfo.read_text(encoding="utf-8"))
+        free = int(available[1]) * 1024 if available else free
+    part = f"memory, {free / GIGABYTE:.1f} GB free"
+    remedy = "close programs (top -o %MEM shows the largest)"
+    return _well(part, "mapping", remedy, free >= LEAST_MEMORY, State.MISSING)
+
+
+def _cores() -> Check:
+    count = len(os.sched_getaffinity(0))
+    purpose = "simulating in real time beside the stack"
+    remedy = "give this machine another core (taskset -p $$ shows those that are allowed)"
+    return _well(f"processor, {count} cores", purpose, remedy, count >= LEAST_CORES, State.OPTIONAL)
+
+
+def _kernel_cache() -> Check:
+    """Where compiled kernels are kept: numba refuses to cache when neither its folder nor the sources' is writable."""
+    import waychair.planning
+
+    folders = [Path(folder) for folder in waychair.planning.__path__]
+    if chosen := os.environ.get("NUMBA_CACHE_DIR"):
+        folders = [Path(chosen)]
+    elif "HOME" in os.environ:
+        folders.append(Path.home() / ".cache")
+    writable = any(os.access(_existing(folder), os.W_OK) for folder in folders)
+    purpose, remedy = "compiled kernels (without it each start takes a minute)", "export NUMBA_CACHE_DIR=/tmp/numba"
+    return _well("cache of kernels", purpose, remedy, writable, State.MISSING)
+
+
+def _existing(folder: Path) -> Path:
+    """The folder, or the nearest above it that is there, where it would be made."""
+    return next(path for path in (folder, *folder.absolute().parents) if path.exists())
+
+
+_LOOKS: tuple[Callable[[], Check], ...] = (
+    _python,
+    _core,
+    _kernel_cache,
+    _disk,
+    _memory,
+    _cores,
+    _physics,
+    _camera,
+    _recordings,
+    _compiler,
+    _serial_ports,
+    _ros,
+    _web,
+)

@@ -1,0 +1,153 @@
+"""Upright boxes seen from above, and the bins that find those near a place: what contact, lidar and sonars look up.
+
+Boxes are (N, 6) float64: x, y of the middle [m, map], cosine and sine of the heading, half length and half width [m].
+A wall's face is a box of no width, so that one kind of bin serves bodies and beams.
+"""
+
+from __future__ import annotations
+
+import math
+from typing import NamedTuple
+
+import numpy as np
+from numba import njit
+
+from waychair.types import FloatArray, IntArray
+
+SMALLEST_BIN = 0.25
+"""Side [m] below which smaller bins cost more to cross than they save."""
+
+REACH_OVER = 1e-6
+"""A box counts in a bin that it comes this near to [m], so that rounding on a bin's border loses none."""
+
+
+class Bins(NamedTuple):
+    """Boxes by the square bins that they reach into, all bins of a row together; what lies outside is empty.
+
+    Bin (row, col) begins at (x + col side, y + row side) [m] and holds `items[starts[k]:starts[k + 1]]`, the numbers of
+    its boxes, for k = row cols + col.
+    """
+
+    x: float
+    y: float
+    side: float
+    rows: int
+    cols: int
+    starts: IntArray
+    items: IntArray
+
+
+def bins_of(boxes: FloatArray) -> Bins:
+    """Bins of boxes (N, 6), a few for every box."""
+    if not len(boxes):
+        return Bins(0.0, 0.0, 1.0, 1, 1, np.zeros(2, np.int64), np.zeros(0, np.int64))
+    c, s = np.abs(boxes[:, 2:4].T)
+    reach = np.stack([boxes[:, 4] * c + boxes[:, 5] * s, boxes[:, 4] * s + boxes[:, 5] * c], axis=1)
+    low = (boxes[:, :2] - reach).min(axis=0) - REACH_OVER
+    size = (boxes[:, :2] + reach).max(axis=0) + REACH_OVER - low
+    side = float(max(SMALLEST_BIN, math.sqrt(size[0] * size[1] / len(boxes)) / 2, size.max() / 1000.0))
+    cols, rows = (int(count) for count in np.floor(size / side) + 1)
+    empty = Bins(float(low[0]), float(low[1]), side, rows, cols, np.zeros(0, np.int64), np.zeros(0, np.int64))
+    starts, items = _filled(boxes, empty)
+    return empty._replace(starts=starts, items=items)
+
+
+def boxes_of_segments(segments: FloatArray) -> FloatArray:
+    """Boxes (N, 6) of no width along segments (N, 4), x0 y0 x1 y1 [m, map]."""
+    ends = np.asarray(segments, np.float64).reshape(-1, 4)
+    along = ends[:, 2:] - ends[:, :2]
+    theta = np.arctan2(along[:, 1], along[:, 0])
+    half = np.hypot(along[:, 0], along[:, 1]) / 2
+    return np.column_stack([(ends[:, :2] + ends[:, 2:]) / 2, np.cos(theta), np.sin(theta), half, np.zeros(len(ends))])
+
+
+@njit(cache=True)
+def touch(a: FloatArray, b: FloatArray) -> bool:
+    """Whether two boxes (6,) share a point: no side of either separates them (separating axis theorem)."""
+    dx, dy = b[0] - a[0], b[1] - a[1]
+    c, s = abs(a[2] * b[2] + a[3] * b[3]), abs(a[2] * b[3] - a[3] * b[2])  # of the angle between them
+    return bool(
+        abs(dx * a[2] + dy * a[3]) <= a[4] + b[4] * c + b[5] * s
+        and abs(dy * a[2] - dx * a[3]) <= a[5] + b[4] * s + b[5] * c
+        and abs(dx * b[2] + dy * b[3]) <= b[4] + a[4] * c + a[5] * s
+        and abs(dy * b[2] - dx * b[3]) <= b[5] + a[4] * s + a[5] * c
+    )
+
+
+@njit(cache=True)
+def nearest_points(a: FloatArray, b: FloatArray) -> tuple[float, float, float]:
+    """Distance [m] of two boxes (6,) that do not meet, and the point (x, y) [m, map] of `b` where it is.
+
+    At least one end of the shortest way between two convex polygons is a corner.
+    """
+    best, x, y = math.inf, 0.0, 0.0
+    for corner in range(4):
+        px, py = _corner(b, corner)
+        qx, qy = _clamped(a, px, py)
+        distance = math.hypot(px - qx, py - qy)
+        if distance < best:
+            best, x, y = distance, px, py
+        px, py = _corner(a, corner)
+        qx, qy = _clamped(b, px, py)
+        distance = math.hypot(px - qx, py - qy)
+        if distance < best:
+            best, x, y = distance, qx, qy
+    return best, x, y
+
+
+@njit(cache=True)
+def _corner(box: FloatArray, number: int) -> tuple[float, float]:
+    along = box[4] if number & 1 else -box[4]
+    across = box[5] if number & 2 else -box[5]
+    return box[0] + along * box[2] - across * box[3], box[1] + along * box[3] + across * box[2]
+
+
+@njit(cache=True)
+def _clamped(box: FloatArray, x: float, y: float) -> tuple[float, float]:
+    """The point of the box that is nearest to (x, y)."""
+    dx, dy = x - box[0], y - box[1]
+    along = min(max(dx * box[2] + dy * box[3], -box[4]), box[4])
+    across = min(max(dy * box[2] - dx * box[3], -box[5]), box[5])
+    return box[0] + along * box[2] - across * box[3], box[1] + along * box[3] + across * box[2]
+
+
+@njit(cache=True)
+def _filled(boxes: FloatArray, bins: Bins) -> tuple[IntArray, IntArray]:
+    """`starts` and `items` of the bins: count, then put each box where it was counted."""
+    starts = np.zeros(bins.rows * bins.cols + 1, np.int64)
+    for i in range(boxes.shape[0]):
+        for row, col in _bins_reached(boxes[i], bins):
+            starts[row * bins.cols + col + 1] += 1
+    starts = np.cumsum(starts)
+    items = np.empty(starts[-1], np.int64)
+    filled = starts[:-1].copy()
+    for i in range(boxes.shape[0]):
+        for row, col in _bins_reached(boxes[i], bins):
+            items[filled[row * bins.cols + col]] = i
+            filled[row * bins.cols + col] += 1
+    return starts, items
+
+
+@njit(cache=True)
+def _bins_reached(box: FloatArray, bins: Bins) -> list[tuple[int, int]]:
+    """Row and column of the bins that the box comes near to."""
+    reach_x = box[4] * abs(box[2]) + box[5] * abs(box[3]) + REACH_OVER
+    reach_y = box[4] * abs(box[3]) + box[5] * abs(box[2]) + REACH_OVER
+    first_col, last_col = span(box[0] - bins.x, reach_x, bins.side, bins.cols)
+    first_row, last_row = span(box[1] - bins.y, reach_y, bins.side, bins.rows)
+    half = bins.side / 2 + REACH_OVER
+    reached = [(0, 0) for _ in range(0)]
+    for row in range(first_row, last_row + 1):
+        for col in range(first_col, last_col + 1):
+            square = np.array(
+                [bins.x + (col + 0.5) * bins.side, bins.y + (row + 0.5) * bins.side, 1.0, 0.0, half, half]
+            )
+            if touch(box, square):
+                reached.append((row, col))
+    return reached
+
+
+@njit(cache=True)
+def span(middle: float, reach: float, side: float, count: int) -> tuple[int, int]:
+    """First and last of the `count` bins that the stretch of half length `reach` lies in; none: last before first."""
+    return max(0, math.floor((middle - reach) / side)), min(count - 1, math.floor((middle + reach) / side))

@@ -1,0 +1,224 @@
+"""An RGB-D camera: what the renderer draws, exposed, blurred and noisy as a real one would have it.
+
+Colours are square roots of light (a display's gamma of 2), so that shot noise is the same at all brightnesses. The depth
+noise grows with the square of the distance, as it must for stereo depth; `CameraSettings.depth_sigma` is plausible for
+a camera with a baseline of 5 cm.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import cv2
+import numpy as np
+from numba import njit
+from numpy.typing import NDArray
+
+from waychair.config import Settings, setting
+from waychair.errors import ConfigError
+from waychair.simulation.renderer import Picture, Renderer
+from waychair.simulation.scene import PersonState
+from waychair.types import Bytes, Float32Array, IntArray, Pose3, RgbdFrame, Twist
+
+SENSITIVITY = 75.0
+"""Exposed light per second of exposure of a surface of brightness 1 in the light of an office; 1 is white."""
+
+FULL_WELL = 10_000.0
+"""Electrons of a pixel that is white at gain 1."""
+
+NOISE_STEP = 1.0 / 32.0
+"""Standard deviations per count in the bank of noise."""
+
+SETTLED = 0.05
+"""A camera that has been on for a while sees its target brightness within this part of it."""
+
+
+@dataclass(frozen=True, slots=True)
+class CameraSettings(Settings):
+    """Picture, exposure and faults of the camera; its view and depth range are those of common stereo depth cameras."""
+
+    rate_hz: float = setting(0.0, "Hz", "frames per second; 0: no camera", low=0.0, high=100.0)
+    width: int = setting(640, "pixels", "columns", low=16, high=4096)
+    height: int = setting(480, "pixels", "rows", low=16, high=4096)
+    field_of_view: float = setting(math.radians(69.0), "rad", "from left to right", low=0.2, high=2.5)
+    target_grey: float = setting(0.18, "", "mean light aimed at, white is 1", low=0.01, high=0.9)
+    exposure_min: float = setting(0.0002, "s", "shortest exposure", low=1e-6, high=0.1)
+    exposure_max: float = setting(0.015, "s", "longest exposure; darker scenes take gain", low=1e-5, high=0.2)
+    gain_max: float = setting(16.0, "", "highest gain", low=1.0, high=1000.0)
+    adaptation: float = setting(0.2, "s", "time constant of exposure", low=0.001, high=10.0)
+    shot_noise: float = setting(1.0, "", "noise of light itself, 1 as physics has it", low=0.0, high=10.0)
+    read_noise: float = setting(6.0, "electrons", "noise of reading a pixel (one sigma)", low=0.0, high=1000.0)
+    depth_min: float = setting(0.3, "m", "nearer things have no depth", low=0.0, high=5.0)
+    depth_max: float = setting(8.0, "m", "farther things have no depth", low=0.1, high=100.0)
+    depth_sigma: float = setting(0.0012, "1/m", "depth noise at 1 m (one sigma); grows as z^2", low=0.0, high=0.1)
+    depth_slope: float = setting(8.0, "", "steepest surface measured, tangent from facing", low=0.5, high=1000.0)
+    depth_speckle: float = setting(0.004, "", "part of the depths lost by chance", low=0.0, high=1.0)
+    vibration: float = setting(0.0015, "rad", "pitch and roll at 1 m/s (one sigma)", low=0.0, high=0.1)
+    vibration_hz: float = setting(8.0, "Hz", "frequency of that", low=0.0, high=100.0)
+
+    def __post_init__(self) -> None:
+        Settings.__post_init__(self)
+        for low, high in (("exposure_min", "exposure_max"), ("depth_min", "depth_max")):
+            if getattr(self, low) >= getattr(self, high):
+                raise ConfigError(f"{low} = {getattr(self, low):g} is impossible: it must be less than {high}")
+
+
+class Camera:
+    """Keeps its exposure and its own random stream, of which every frame uses equally much, whatever it sees."""
+
+    def __init__(
+        self, settings: CameraSettings, base_from_camera: Pose3, rng: np.random.Generator, renderer: Renderer
+    ) -> None:
+        """The optical frame's mount, and a renderer of the size that the settings give."""
+        self._settings = settings
+        self._base_from_camera = base_from_camera
+        self._rng = rng
+        self._renderer = renderer
+        # Drawing two million normal numbers for every frame would cost more than rendering it.
+        most = 3 * settings.width * (settings.height // 2 + 1)
+        self._normal = np.clip(np.rint(rng.standard_normal(most) / NOISE_STEP), -127, 127).astype(np.int8)
+        self._uniform = rng.integers(0, 1 << 16, most, np.uint16)
+        self._light = math.sqrt(settings.exposure_min * settings.exposure_max)
+        self._stamp_ns: int | None = None
+
+    @property
+    def exposure(self) -> float:
+        """Time [s] the next frame is exposed."""
+        return min(max(self._light, self._settings.exposure_min), self._settings.exposure_max)
+
+    @property
+    def gain(self) -> float:
+        """Gain of the next frame, from 1: what the exposure cannot give."""
+        return max(self._light / self.exposure, 1.0)
+
+    def frame(self, stamp_ns: int, map_from_base: Pose3, twist: Twist, people: Sequence[PersonState] = ()) -> RgbdFrame:
+        """Colour and depth at one moment; depth is along the optical axis, nan where there is none."""
+        s = self._settings
+        jitter = self._rng.standard_normal(3) * s.vibration * abs(twist.v)
+        rows = self._rng.integers(0, len(self._normal) - 3 * s.width, (3, s.height))
+        map_from_camera = map_from_base @ self._base_from_camera @ _tilted(jitter[0], jitter[1])
+        picture = self._picture(map_from_camera, people)
+        rates = twist.omega, math.tau * s.vibration_hz * jitter[2]
+        colour = blurred(picture.colour, *(self._pixels_swept(rate) for rate in rates))
+        sigma = noise_by_level(s, self.gain)
+        image = noisy_image(colour, sigma, self._normal, rows[0])
+        focal = float(self._renderer.camera_matrix[0, 0])
+        depth = measured_depth(
+            picture.depth, picture.colour[..., 3], self._normal, self._uniform, rows[1:],
+            s.depth_min, s.depth_max, s.depth_sigma, s.depth_slope / focal, 1.0 - s.depth_speckle,
+        )  # fmt: skip
+        self._adapt(picture, stamp_ns)
+        return RgbdFrame(stamp_ns, image, depth, self._renderer.camera_matrix)
+
+    def _picture(self, map_from_camera: Pose3, people: Sequence[PersonState]) -> Picture:
+        """What the sensor gets; before its first frame the camera has been on for a while."""
+        picture = self._renderer.render(map_from_camera, people, SENSITIVITY * self.exposure * self.gain)
+        for _ in range(8 if self._stamp_ns is None else 0):
+            if abs(self._wanted(picture) - 1.0) < SETTLED:
+                break
+            self._expose(self._wanted(picture))
+            picture = self._renderer.render(map_from_camera, people, SENSITIVITY * self.exposure * self.gain)
+        return picture
+
+    def _adapt(self, picture: Picture, stamp_ns: int) -> None:
+        """Goes a part of the way to the wanted exposure, by the time since the last frame."""
+        elapsed = 0.0 if self._stamp_ns is None else (stamp_ns - self._stamp_ns) * 1e-9
+        self._stamp_ns = stamp_ns
+        self._expose(self._wanted(picture) ** (1.0 - math.exp(-elapsed / self._settings.adaptation)))
+
+    def _wanted(self, picture: Picture) -> float:
+        """By how much more the scene should have been exposed, from a coarse sample of it."""
+        light = np.square(picture.colour[4::8, 4::8, :3] * np.float32(1.0 / 255.0)).mean()
+        return float(self._settings.target_grey / max(light, 1e-3))
+
+    def _expose(self, factor: float) -> None:
+        s = self._settings
+        self._light = min(max(self._light * factor, s.exposure_min), s.exposure_max * s.gain_max)
+
+    def _pixels_swept(self, rate: float) -> float:
+        """How far the picture's middle moves while exposed, at a turn rate [rad/s]."""
+        return float(abs(rate)) * self.exposure * float(self._renderer.camera_matrix[0, 0])
+
+
+def blurred(colour: Bytes, across: float, down: float) -> Bytes:
+    """A picture (H, W, 4) as smeared over so many pixels, if more than one, by a camera that turns while exposed."""
+    width, height = (2 * round((length - 1.0) / 2.0) + 1 if length > 1.0 else 1 for length in (across, down))
+    if width == 1 and height == 1:
+        return colour
+    return np.asarray(cv2.blur(colour, (width, height)), np.uint8)
+
+
+def noise_by_level(settings: CameraSettings, gain: float) -> Float32Array:
+    """(256,) deviation of a pixel of each value, in values: shot and read noise through gain and square root."""
+    light = np.square(np.maximum(np.arange(256), 4) / 255.0)
+    electrons = light * FULL_WELL / gain
+    noise = np.sqrt(settings.shot_noise**2 * electrons + settings.read_noise**2)
+    return (255.0 * noise / electrons * np.sqrt(light) / 2.0).astype(np.float32)
+
+
+@njit(cache=True, nogil=True)
+def noisy_image(colour: Bytes, sigma: Float32Array, normal: NDArray[np.int8], starts: IntArray) -> Bytes:
+    """(H, W, 3) of `colour` (H, W, 4) with noise from a bank of normal counts, row i's from `starts[i]` on."""
+    height, width = colour.shape[:2]
+    image = np.empty((height, width, 3), np.uint8)
+    step = np.float32(NOISE_STEP)
+    half = np.float32(0.5)
+    for row in range(height):
+        start = starts[row]
+        for column in range(width):
+            for channel in range(3):
+                value = colour[row, column, channel]
+                noise = sigma[value] * (step * normal[start + 3 * column + channel])
+                image[row, column, channel] = np.uint8(
+                    min(max(value + noise + half, np.float32(0.0)), np.float32(255.0))
+                )
+    return image
+
+
+@njit(cache=True, nogil=True)
+def measured_depth(
+    depth: Float32Array,
+    returns: Bytes,
+    normal: NDArray[np.int8],
+    uniform: NDArray[np.uint16],
+    starts: IntArray,
+    nearest: float,
+    farthest: float,
+    sigma: float,
+    slope: float,
+    kept: float,
+) -> Float32Array:
+    """(H, W) [m] of a true depth: noise of `sigma` z^2, and nan where a stereo camera finds nothing.
+
+    That is out of range, where depth changes by more than `slope` z from one pixel to the next (edges, surfaces seen at
+    a grazing angle), and by chance: `returns` / 255 times `kept` of the pixels are left. Row i takes its numbers from
+    `normal` and `uniform` from `starts[0, i]` and `starts[1, i]` on.
+    """
+    height, width = depth.shape
+    measured = np.empty((height, width), np.float32)
+    step = np.float32(sigma * NOISE_STEP)
+    least = np.float32(kept * 65536.0 / 255.0)
+    steepest, low, high = np.float32(slope), np.float32(nearest), np.float32(farthest)
+    for row in range(height):
+        above, below = max(row - 1, 0), min(row + 1, height - 1)
+        first, second = starts[0, row], starts[1, row]
+        for column in range(width):
+            z = depth[row, column]
+            change = max(
+                max(abs(z - depth[above, column]), abs(z - depth[below, column])),
+                max(abs(z - depth[row, max(column - 1, 0)]), abs(z - depth[row, min(column + 1, width - 1)])),
+            )
+            found = z >= low and z <= high and change <= steepest * z
+            found = found and uniform[second + column] < least * returns[row, column]
+            measured[row, column] = z + step * normal[first + column] * z * z if found else np.float32(np.nan)
+    return measured
+
+
+def _tilted(pitch: float, roll: float) -> Pose3:
+    """A camera turned about its own x and z axes by small angles [rad]."""
+    (sp, cp), (sr, cr) = ((math.sin(angle), math.cos(angle)) for angle in (pitch, roll))
+    about_x = np.array([[1.0, 0.0, 0.0], [0.0, cp, -sp], [0.0, sp, cp]])
+    about_z = np.array([[cr, -sr, 0.0], [sr, cr, 0.0], [0.0, 0.0, 1.0]])
+    return Pose3(about_x @ about_z, np.zeros(3))

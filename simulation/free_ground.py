@@ -1,0 +1,56 @@
+"""Whether what must be on free ground is: points and ways against a world's grid and pits."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable, Sequence
+from itertools import pairwise
+from typing import TypeAlias
+
+import numpy as np
+
+from waychair.errors import WorldError
+from waychair.geometry import transform_points
+from waychair.maps.grid import OCCUPIED_FROM, cells_from_points, inside
+from waychair.simulation.floor_plan import Keys
+from waychair.simulation.scene import Pit
+from waychair.types import FloatArray, OccupancyGrid
+
+Refuse: TypeAlias = Callable[[Keys, str], WorldError]
+"""Makes the error about the value at these keys, from a sentence."""
+
+
+def refuse_solid_point(grid: OccupancyGrid, pits: Sequence[Pit], point: FloatArray, keys: Keys, refuse: Refuse) -> None:
+    """Raises what `refuse` makes where a point (2,) [m] lies outside the grid, in something solid or over a pit."""
+    _refuse_solid(grid, pits, np.atleast_2d(point), keys, refuse)
+
+
+def refuse_solid_way(grid: OccupancyGrid, pits: Sequence[Pit], way: FloatArray, keys: Keys, refuse: Refuse) -> None:
+    """The same for all points of a polyline (N, 2) [m]; the keys of the point where a leg ends are added."""
+    _refuse_solid(grid, pits, way[:1], (*keys, 0), refuse)
+    for i, (begin, end) in enumerate(pairwise(way)):
+        _refuse_solid(grid, pits, samples(grid, begin, end), (*keys, i + 1), refuse)
+
+
+def samples(grid: OccupancyGrid, begin: FloatArray, end: FloatArray) -> FloatArray:
+    """Points (N, 2) [m] from begin to end, two to a cell."""
+    count = math.ceil(math.dist(begin, end) / (grid.resolution / 2)) + 2
+    return np.linspace(begin, end, count)
+
+
+def _refuse_solid(grid: OccupancyGrid, pits: Sequence[Pit], points: FloatArray, keys: Keys, refuse: Refuse) -> None:
+    cells = cells_from_points(grid, points)
+    within = inside(grid, cells)
+    if not within.all():
+        x, y = points[~within][0]
+        raise refuse(keys, f"({x:g}, {y:g}) lies outside the world; move it in")
+    for pit in pits:
+        local = np.abs(transform_points(pit.middle.inverse(), points))
+        over = np.all(local <= np.array([pit.length, pit.width]) / 2, axis=1)
+        if over.any():
+            x, y = points[over][0]
+            raise refuse(keys, f"({x:g}, {y:g}) lies over a pit; move it to the floor")
+    solid = grid.cells[tuple(cells.T)] >= OCCUPIED_FROM
+    if solid.any():
+        x, y = points[solid][0]
+        raise refuse(keys, f"({x:g}, {y:g}) lies in something solid; move it to free ground")

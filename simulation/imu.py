@@ -1,0 +1,95 @@
+"""An inertial unit: the true motion at its mount, with the errors of a MEMS sensor."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+
+import numpy as np
+from numba import njit
+
+from waychair.config import Settings, setting
+from waychair.types import FloatArray, ImuSample
+
+_BANK = 1024
+"""Samples whose errors are drawn at once."""
+
+
+@dataclass(frozen=True, slots=True)
+class ImuSettings(Settings):
+    """Errors of accelerometer and gyroscope, the same on all three axes.
+
+    The figures are plausible for a MEMS unit of the class of Bosch's BMI088 or TDK's ICM-20948 that was calibrated
+    once and then mounted: 16 bits over +-3 g and +-2000 deg/s, noise of about 0.2 mg and 0.014 deg/s per root Hz.
+    The drift stands for warming up and cooling down too, and so is larger than the bias instability of a data sheet.
+    """
+
+    rate_hz: float = setting(0.0, "Hz", "samples per second; 0: there is none", low=0.0, high=1000.0)
+    accel_noise: float = setting(0.0018, "m/s^2/sqrt(Hz)", "density of the white noise", low=0.0, high=1.0)
+    gyro_noise: float = setting(0.00024, "rad/s/sqrt(Hz)", "density of the white noise", low=0.0, high=0.1)
+    accel_start_bias: float = setting(0.05, "m/s^2", "bias when switched on (one sigma)", low=0.0, high=5.0)
+    gyro_start_bias: float = setting(0.003, "rad/s", "bias when switched on (one sigma)", low=0.0, high=0.5)
+    accel_drift: float = setting(0.003, "m/s^2", "by which the bias wanders (one sigma)", low=0.0, high=1.0)
+    gyro_drift: float = setting(0.0002, "rad/s", "by which the bias wanders (one sigma)", low=0.0, high=0.1)
+    drift_s: float = setting(200.0, "s", "how long a drift persists", low=1.0, high=100_000.0)
+    scale: float = setting(0.003, "", "error of each axis' scale (one sigma)", low=0.0, high=0.1)
+    accel_range: float = setting(29.4, "m/s^2", "largest reading", low=10.0, high=500.0)
+    gyro_range: float = setting(34.9, "rad/s", "largest reading", low=1.0, high=100.0)
+    bits: int = setting(16, "", "of a reading, with its sign", low=8, high=24)
+
+
+class Imu:
+    """Keeps what was drawn when it was switched on, the drifting biases, and its own random stream."""
+
+    def __init__(self, settings: ImuSettings, rng: np.random.Generator) -> None:
+        s = settings
+        self._rng = rng
+        self._scale = 1.0 + s.scale * rng.standard_normal(6)
+        self._start_bias = np.repeat([s.accel_start_bias, s.gyro_start_bias], 3) * rng.standard_normal(6)
+        self._white = np.repeat([s.accel_noise, s.gyro_noise], 3) * math.sqrt(s.rate_hz)
+        self._drift = np.repeat([s.accel_drift, s.gyro_drift], 3)
+        self._wandering = rng.standard_normal(6)
+        self._keep = math.exp(-1.0 / (s.drift_s * s.rate_hz)) if s.rate_hz > 0.0 else 0.0
+        self._largest = np.repeat([s.accel_range, s.gyro_range], 3)
+        self._step = self._largest / 2 ** (s.bits - 1)
+        self._errors = np.empty((0, 6))
+        self._next = 0
+
+    def sample(self, stamp_ns: int, specific_force: FloatArray, angular_rate: FloatArray) -> ImuSample:
+        """Reading by REP-145 of a true specific force (3,) [m/s^2], +g upwards at rest, and rate (3,) [rad/s]."""
+        if self._next == len(self._errors):
+            self._draw()
+        read = np.empty(6)
+        read[:3] = specific_force
+        read[3:] = angular_rate
+        read *= self._scale
+        read += self._errors[self._next]
+        self._next += 1
+        np.rint(read / self._step, out=read)
+        read *= self._step
+        np.minimum(np.maximum(read, -self._largest, out=read), self._largest, out=read)
+        return ImuSample(stamp_ns, read[:3], read[3:])
+
+    def _draw(self) -> None:
+        """The errors of the next samples: white noise, and biases that wander as first-order Gauss-Markov sequences."""
+        white, fresh = self._rng.standard_normal((2, _BANK, 6))
+        wandered = gauss_markov(self._wandering, fresh, self._keep)
+        self._wandering = wandered[-1]
+        self._errors = self._white * white + self._drift * wandered + self._start_bias
+        self._next = 0
+
+
+@njit(cache=True)
+def gauss_markov(start: FloatArray, fresh: FloatArray, keep: float) -> FloatArray:
+    """The next N values (N, K) of K sequences of unit variance that were at `start` (K,), from unit normals (N, K).
+
+    Each value keeps `keep` of the one before it (first-order Gauss-Markov).
+    """
+    values = np.empty_like(fresh)
+    gain = math.sqrt(1.0 - keep * keep)
+    for k in range(fresh.shape[1]):
+        value = start[k]
+        for i in range(fresh.shape[0]):
+            value = keep * value + gain * fresh[i, k]
+            values[i, k] = value
+    return values

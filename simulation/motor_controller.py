@@ -1,0 +1,116 @@
+"""The chair's own electronics: what its motors are told when the stick's lines are at so many volts."""
+
+from __future__ import annotations
+
+import math
+from collections import deque
+
+import numpy as np
+
+from waychair.simulation.plant import PlantSettings
+from waychair.simulation.plant_families import Heat, ParkingBrake, cut_by_each_other, stick_response, voltage
+from waychair.types import WheelSpeeds
+
+
+class MotorController:
+    """Stick volts in, the speeds its motors turn the wheels at out.
+
+    Keeps the volts on their way, the axes after the ramps, the wheels after the lag, the brake and the heat. `power` is
+    the part of the full battery's cold motors that is left; `braked` whether the wheels are locked.
+    """
+
+    def __init__(self, track: float, settings: PlantSettings) -> None:
+        self._track = track
+        self._settings = settings
+        self._dt = settings.step_ms / 1000.0
+        neutral = (settings.neutral_volts, settings.neutral_volts)
+        self._on_the_way = deque([neutral] * round(settings.delay_s / self._dt))
+        self._axes = (0.0, 0.0)  # speed [m/s] and wheel speed difference [m/s] after the ramps
+        self._wheels = WheelSpeeds()
+        self._brake = ParkingBrake(settings.family, self._dt)
+        self._heat = Heat(settings.family, self._dt)
+        self.braked = self._brake.shut
+        self.power = 1.0
+
+    def step(self, forward_volts: float, turn_volts: float, load: float = 0.0) -> WheelSpeeds:
+        """Rim speeds [m/s] after one step at these volts on the stick's lines; a turn above neutral is right.
+
+        `load` in [0, 1] is what the motors had to give in the last step, as a part of the most that they can.
+        """
+        self._on_the_way.append((forward_volts, turn_volts))
+        speed, difference = self._targets(*self._on_the_way.popleft())
+        self.power = voltage(load, self._settings.family) * self._heat.step(load)
+        self.braked = self._brake.step(
+            speed != 0.0 or difference != 0.0, max(abs(self._wheels.left), abs(self._wheels.right))
+        )
+        if self.braked:
+            self.stall()
+            return self._wheels
+        self._ramp(speed * self.power, difference * self.power)
+        self._lag()
+        return self._wheels
+
+    def stall(self) -> None:
+        """The wheels are held: the ramps begin anew from rest."""
+        self._axes = (0.0, 0.0)
+        self._wheels = WheelSpeeds()
+
+    def _targets(self, forward_volts: float, turn_volts: float) -> tuple[float, float]:
+        """Speed [m/s] and wheel speed difference [m/s] that the stick asks of a full battery."""
+        s, family = self._settings, self._settings.family
+        forward_span, turn_span = s.swing_volts - s.forward_dead_band, s.swing_volts - s.turn_dead_band
+        forward = _axis(forward_volts - s.neutral_volts, s.forward_dead_band, s.swing_volts) / forward_span
+        turn = -_axis(turn_volts - s.neutral_volts, s.turn_dead_band, s.swing_volts) / turn_span
+        forward, turn = stick_response(forward, family.stick_curve), stick_response(turn, family.stick_curve)
+        forward, turn = cut_by_each_other(forward, turn, family)
+        return s.forward_gain * forward_span * forward * family.speed, s.turn_gain * turn_span * turn * family.speed
+
+    def _ramp(self, speed: float, difference: float) -> None:
+        s, step = self._settings, self._dt * self._settings.family.profile_ramp
+        turn_step = s.turn_acceleration * self._track * step
+        self._axes = (
+            _ramped(self._axes[0], speed, s.acceleration * step, s.deceleration * step),
+            _ramped(self._axes[1], difference, turn_step, turn_step),
+        )
+
+    def _lag(self) -> None:
+        s = self._settings
+        speed, half = self._axes[0], 0.5 * self._axes[1]
+        left = speed * (1.0 + s.forward_skew) - half * (1.0 + s.turn_skew)
+        right = speed * (1.0 - s.forward_skew) + half * (1.0 - s.turn_skew)
+        part = 1.0 - math.exp(-self._dt / s.lag_s)
+        wheels = self._wheels
+        self._wheels = WheelSpeeds(
+            wheels.left + part * (left - wheels.left), wheels.right + part * (right - wheels.right)
+        )
+
+
+class WheelNoise:
+    """Ripple and slip of the two wheels: four independent first-order Gauss-Markov sequences of unit variance."""
+
+    def __init__(self, rng: np.random.Generator, settings: PlantSettings) -> None:
+        self._rng = rng
+        self._keep = math.exp(-settings.step_ms / 1000.0 / settings.noise_s)
+        self._fresh = math.sqrt(1.0 - self._keep * self._keep)
+        self._values = (0.0, 0.0, 0.0, 0.0)
+        self._stock: list[list[float]] = []
+
+    def draw(self) -> tuple[float, float, float, float]:
+        """Values of the next step: ripple left and right, slip left and right."""
+        if not self._stock:
+            self._stock = (self._fresh * self._rng.standard_normal((1024, 4))).tolist()
+        a, b, c, d = self._values
+        p, q, r, s = self._stock.pop()
+        keep = self._keep
+        self._values = (keep * a + p, keep * b + q, keep * c + r, keep * d + s)
+        return self._values
+
+
+def _axis(volts: float, dead_band: float, swing: float) -> float:
+    """Volts beyond the dead band, saturated at the swing."""
+    return math.copysign(max(min(abs(volts), swing) - dead_band, 0.0), volts)
+
+
+def _ramped(current: float, target: float, up: float, down: float) -> float:
+    limit = up if current * target >= 0.0 and abs(target) > abs(current) else down
+    return current + min(limit, max(-limit, target - current))

@@ -1,0 +1,129 @@
+"""The people of a world: where they stand, and how they walk on as time passes and the chair comes near.
+
+Five behaviours (`scene.Behaviour`): to and fro along a path, with social forces, seated, suddenly stepping out, and
+discs that drift about. Each is a disc that never enters a wall, nor of itself the chair or another; how they do it is in
+`walking.py`, `rails.py` and `social_force.py`.
+
+Every random number but the headings of the drifting discs is drawn in the beginning, and those every HEADING_NS, one per
+disc: their number depends on the plan and the time alone, never on what the chair does.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+
+import numpy as np
+
+from waychair.calibration.chair import ChairBody
+from waychair.errors import WorldError
+from waychair.geometry import wrap_angle
+from waychair.maps.grid import cells_from_points, inside
+from waychair.simulation.rails import rail_from_path
+from waychair.simulation.scene import Behaviour, PersonPlan, PersonState
+from waychair.simulation.surroundings import Walls, nearest_wall, outline_of, walls_of
+from waychair.simulation.walking import BOUNCE, PERSON, TOP_SPEED, Stage, live
+from waychair.types import OccupancyGrid, Pose2, Twist
+
+LONGEST_STEP_NS = 50_000_000
+"""Longer times pass in steps of this."""
+
+HEADING_NS = 2_000_000_000
+"""A drifting disc takes a new heading every 2 s."""
+
+STRIDE = 1.4
+"""Length [m] of a stride, two steps: a turn of `PersonState.stride`."""
+
+CONTACT_GAP = 1e-3
+"""A person comes no nearer to the chair than this by itself [m] without touching it; nearer is contact."""
+
+VEER = (math.radians(6.0), math.radians(2.0))
+"""Mean and deviation [rad] of how far social walkers keep to the right (`social_force.veered`)."""
+
+
+class People:
+    """Those of one level, about one chair; at time 0 each stands where its path begins, looking along it."""
+
+    def __init__(
+        self, plans: Sequence[PersonPlan], grid: OccupancyGrid, body: ChairBody, rng: np.random.Generator
+    ) -> None:
+        """
+        Raises:
+            WorldError: a person who is to walk stands outside the grid or too near to something solid, or is to walk
+                faster than TOP_SPEED.
+        """
+        self._plans = tuple(plans)
+        self._body = body
+        self._rng = rng
+        self._now_ns = 0
+        self._walls = walls_of(grid)
+        rails = [rail_from_path(plan.path, plan.speed) for plan in self._plans]
+        self._rails = np.concatenate([np.zeros((0, 5)), *rails])
+        self._people = np.zeros(len(rails), PERSON)
+        self._people["last"] = np.cumsum([len(rail) for rail in rails])
+        self._people["first"] = self._people["last"] - [len(rail) for rail in rails]
+        for number, (plan, rail) in enumerate(zip(self._plans, rails, strict=True)):
+            _refuse_impossible(number, plan, grid, self._walls)
+            person = self._people[number]
+            person["behaviour"] = tuple(Behaviour).index(plan.behaviour)
+            for name in ("yields", "radius", "speed", "trigger"):
+                person[name] = getattr(plan, name)
+            person["way"], person["x"], person["y"], person["heading"] = 1.0, *rail[0, 1:4]
+        self._phases = rng.uniform(0.0, math.tau, len(rails))
+        self._people["veer"] = rng.normal(*VEER, len(rails))
+        self._seeds = rng.integers(2**31, size=len(rails))
+        self._take_new_headings()
+
+    def step(self, duration_ns: int, map_from_base: Pose2, twist: Twist) -> None:
+        """Let time pass, with the chair at this pose and of this twist for all of it.
+
+        Raises:
+            ValueError: the duration is negative.
+        """
+        if duration_ns < 0:
+            raise ValueError(f"people cannot live for {duration_ns} ns: give a duration that is not negative")
+        stage = Stage(self._rails, self._walls, outline_of(self._body, map_from_base, twist))
+        end_ns = self._now_ns + duration_ns
+        while self._now_ns < end_ns:
+            to_heading_ns = HEADING_NS - self._now_ns % HEADING_NS
+            step_ns = min(end_ns - self._now_ns, LONGEST_STEP_NS, to_heading_ns)
+            live(self._people, stage, step_ns * 1e-9)
+            self._now_ns += step_ns
+            if step_ns == to_heading_ns:
+                self._take_new_headings()
+
+    @property
+    def states(self) -> tuple[PersonState, ...]:
+        """Everybody now, in the order of the plans."""
+        return tuple(
+            PersonState(
+                Pose2(float(person["x"]), float(person["y"]), wrap_angle(float(person["heading"]))),
+                math.hypot(person["vx"], person["vy"]),
+                float((phase + person["walked"] * math.tau / STRIDE) % math.tau),
+                plan.radius,
+                plan.behaviour,
+                int(seed),
+            )
+            for plan, person, phase, seed in zip(self._plans, self._people, self._phases, self._seeds, strict=True)
+        )
+
+    def _take_new_headings(self) -> None:
+        drifting = self._people["behaviour"] == BOUNCE
+        self._people["heading"][drifting] = self._rng.uniform(-math.pi, math.pi, int(drifting.sum()))
+
+
+def _refuse_impossible(number: int, plan: PersonPlan, grid: OccupancyGrid, walls: Walls) -> None:
+    who = f"person {number + 1} ({plan.behaviour.value})"
+    if not 0.0 < plan.speed <= TOP_SPEED:
+        raise WorldError(f"{who} is to walk at {plan.speed:g} m/s: give a speed above 0 and up to {TOP_SPEED:g} m/s")
+    if plan.behaviour is Behaviour.SEATED:
+        return
+    x, y = (float(value) for value in plan.path[0])
+    if not inside(grid, cells_from_points(grid, plan.path[:1])).all():
+        raise WorldError(f"{who} stands at ({x:g}, {y:g}), outside the world: move the begin of its path in")
+    distance = nearest_wall(walls, x, y, plan.radius)[0]
+    if distance < plan.radius:
+        raise WorldError(
+            f"{who} stands at ({x:g}, {y:g}), {distance:.2f} m from something solid, but is {plan.radius:g} m in radius: "
+            "move the begin of its path to free ground"
+        )

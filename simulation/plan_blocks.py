@@ -1,0 +1,184 @@
+"""What a floor plan is built of: blocks, slopes and pits, and the grid of where a chair cannot be."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Iterable, Sequence
+from dataclasses import replace
+
+import numpy as np
+
+from waychair.geometry import rectangle, transform_points
+from waychair.maps.grid import cells_from_points, points_from_cells
+from waychair.simulation.contact import HIGHEST, LOWEST
+from waychair.simulation.floor_plan import FloorPlan, PlanBox, PlanStairs, PlanTable, PlanThreshold, PlanWall, Point
+from waychair.simulation.scene import DOOR_HEIGHT, Block, Pit, Slope
+from waychair.simulation.seeds import seed_of
+from waychair.types import BoolArray, Cells, FloatArray, IntArray, OccupancyGrid, Pose2
+
+
+def blocks_from_plan(plan: FloorPlan, building: str) -> tuple[Block, ...]:
+    """All that is solid and stands still: walls, lintels, closed doors, furniture, sills, steps of stairways.
+
+    Seeds are made of the names of building and level and the number of the thing, unless the plan gives one.
+    """
+    parts: list[tuple[str, int, int | None, list[Block]]] = []
+    for i, wall in enumerate(plan.walls):
+        parts.append(("walls", i, wall.seed, _wall(wall, wall.material or plan.finish.walls, plan.finish.height)))
+    parts += [("boxes", i, box.seed, [_box(box)]) for i, box in enumerate(plan.boxes)]
+    parts += [("tables", i, table.seed, _table(table)) for i, table in enumerate(plan.tables)]
+    parts += [("thresholds", i, None, [_threshold(sill)]) for i, sill in enumerate(plan.thresholds)]
+    parts += [("stairs", i, None, _steps(stairs)) for i, stairs in enumerate(plan.stairs)]
+    blocks = []
+    for section, i, seed, pieces in parts:
+        names = (building, plan.name, section, i) if seed is None else ("seed", seed)
+        blocks += [replace(piece, seed=seed_of(*names, k)) for k, piece in enumerate(pieces)]
+    return tuple(blocks)
+
+
+def slopes_from_plan(plan: FloorPlan, building: str) -> tuple[Slope, ...]:
+    """Ramps and platforms."""
+    return tuple(
+        Slope(*_strip(r.start, r.end), r.width, r.low, r.high, r.material, seed_of(building, plan.name, "ramps", i))
+        for i, r in enumerate(plan.ramps)
+    )
+
+
+def pits_from_plan(plan: FloorPlan) -> tuple[Pit, ...]:
+    """Stairways and other holes in the floor."""
+    stairs = [Pit(*_strip(s.start, s.end), s.width, s.steps * s.rise) for s in plan.stairs]
+    return (*stairs, *(Pit(Pose2(*pit.centre, pit.yaw), *pit.size, pit.depth) for pit in plan.pits))
+
+
+def solid_pieces(wall: PlanWall) -> list[tuple[float, float]]:
+    """Where the wall stands, as stretches [m] from its start: all of it but its doors, closed ones too."""
+    doors = sorted(wall.doors, key=lambda door: door.at)
+    begins = [0.0, *(door.at + door.width / 2 for door in doors)]
+    ends = [*(door.at - door.width / 2 for door in doors), wall.length]
+    return [(begin, end) for begin, end in zip(begins, ends, strict=True) if end - begin > 1e-6]
+
+
+def on_wall(wall: PlanWall, at: float) -> Pose2:
+    """The pose on the wall's middle line, `at` [m] from its start, looking along it."""
+    (ax, ay), (bx, by) = wall.start, wall.end
+    theta = math.atan2(by - ay, bx - ax)
+    return Pose2(ax + at * math.cos(theta), ay + at * math.sin(theta), theta)
+
+
+def door_block(middle: Pose2, width: float, thickness: float, ceiling: float, material: str, seed: int = 0) -> Block:
+    """The leaf of a closed door, as thick as its wall."""
+    return Block(middle, width, thickness, 0.0, min(DOOR_HEIGHT, ceiling), material, seed)
+
+
+def _wall(wall: PlanWall, material: str, ceiling: float) -> list[Block]:
+    """Its pieces between the doors, then a lintel above each door, then the leaves of closed ones."""
+    blocks = [
+        Block(on_wall(wall, (begin + end) / 2), end - begin, wall.thickness, 0.0, ceiling, material)
+        for begin, end in solid_pieces(wall)
+    ]
+    if ceiling > DOOR_HEIGHT:
+        blocks += [
+            Block(on_wall(wall, door.at), door.width, wall.thickness, DOOR_HEIGHT, ceiling, material)
+            for door in wall.doors
+        ]
+    return blocks + [
+        door_block(on_wall(wall, door.at), door.width, wall.thickness, ceiling, door.material)
+        for door in wall.doors
+        if door.closed
+    ]
+
+
+def _box(box: PlanBox) -> Block:
+    return Block(Pose2(*box.centre, box.yaw), *box.size, box.low, box.high, box.material)
+
+
+def _threshold(sill: PlanThreshold) -> Block:
+    return Block(Pose2(*sill.centre, sill.yaw), *sill.size, 0.0, sill.height, sill.material)
+
+
+def _table(table: PlanTable) -> list[Block]:
+    """The top, then the legs at its corners."""
+    middle, under = Pose2(*table.centre, table.yaw), table.height - table.top
+    out_x, out_y = ((side - table.legs) / 2 for side in table.size)
+    return [
+        Block(middle, *table.size, under, table.height, table.material),
+        *(
+            Block(middle @ Pose2(x, y), table.legs, table.legs, 0.0, under, table.material)
+            for x in (-out_x, out_x)
+            for y in (-out_y, out_y)
+        ),
+    ]
+
+
+def _steps(stairs: PlanStairs) -> list[Block]:
+    """All steps but the last, which is the floor of the pit."""
+    middle, length = _strip(stairs.start, stairs.end)
+    tread, depth = length / stairs.steps, stairs.steps * stairs.rise
+    return [
+        Block(
+            middle @ Pose2((k + 0.5) * tread - length / 2, 0.0),
+            tread,
+            stairs.width,
+            -depth,
+            -(k + 1) * stairs.rise,
+            stairs.material,
+        )
+        for k in range(stairs.steps - 1)
+    ]
+
+
+def _strip(start: Point, end: Point) -> tuple[Pose2, float]:
+    """Middle and length of what runs from start to end."""
+    (ax, ay), (bx, by) = start, end
+    return Pose2((ax + bx) / 2, (ay + by) / 2, math.atan2(by - ay, bx - ax)), math.dist(start, end)
+
+
+def grid_of(
+    plan: FloorPlan, margin: float, blocks: Iterable[Block], slopes: Sequence[Slope], pits: Iterable[Pit]
+) -> OccupancyGrid:
+    """The grid, without unknown cells, of where a chair cannot be; it reaches `margin` [m] beyond the plan.
+
+    A cell is occupied when its centre lies in a block that stands between `LOWEST` and `HIGHEST` above the floor, or
+    in a pit, or on the upper side of an edge of a slope that is higher than `LOWEST`.
+    """
+    # round() first: 15.0 / 0.05 must not become 301 cells by an error in the last place
+    shape = tuple(math.ceil(round((length + 2 * margin) / plan.resolution, 6)) for length in reversed(plan.size))
+    grid = OccupancyGrid(np.zeros(shape, np.int8), plan.resolution, Pose2(-margin, -margin, 0.0))
+    for block in blocks:
+        if block.high > LOWEST and block.low < HIGHEST:
+            fill(grid.cells, grid, block.middle, block.length, block.width)
+    for pit in pits:
+        fill(grid.cells, grid, pit.middle, pit.length, pit.width)
+    if slopes:
+        grid.cells[_edges(grid, slopes)] = 100
+    return grid
+
+
+def fill(cells: Cells, grid: OccupancyGrid, middle: Pose2, length: float, width: float) -> None:
+    """Makes solid every one of `cells` whose centre lies in the rectangle."""
+    covered, _ = cells_in(grid, middle, length, width)
+    cells[tuple(covered.T)] = 100
+
+
+def cells_in(grid: OccupancyGrid, middle: Pose2, length: float, width: float) -> tuple[IntArray, FloatArray]:
+    """Row and column (N, 2) of the cells whose centres lie in a rectangle, and these centres (N, 2) [m] in its frame."""
+    corners = cells_from_points(grid, transform_points(middle, rectangle(length / 2, length / 2, width / 2)))
+    low = np.maximum(corners.min(axis=0) - 1, 0)
+    high = np.maximum(np.minimum(corners.max(axis=0) + 2, grid.cells.shape), low)
+    window = low + np.argwhere(np.ones(high - low, np.bool_))  # only these can lie in it
+    local = transform_points(middle.inverse(), points_from_cells(grid, window))
+    within = np.all(np.abs(local) <= np.array([length / 2, width / 2]) + 1e-9, axis=1)
+    return window[within], local[within]
+
+
+def _edges(grid: OccupancyGrid, slopes: Sequence[Slope]) -> BoolArray:
+    """(H, W) cells from which the ground falls by more than `LOWEST` to one of the four next to it."""
+    ground = np.zeros(grid.cells.shape)
+    for slope in slopes:
+        cells, local = cells_in(grid, slope.middle, slope.length, slope.width)
+        tops = slope.low + (local[:, 0] / slope.length + 0.5) * (slope.high - slope.low)
+        ground[tuple(cells.T)] = np.maximum(ground[tuple(cells.T)], tops)
+    padded = np.pad(ground, 1, mode="edge")
+    lowest = np.minimum.reduce([padded[:-2, 1:-1], padded[2:, 1:-1], padded[1:-1, :-2], padded[1:-1, 2:]])
+    falls: BoolArray = ground - lowest > LOWEST + 1e-9
+    return falls

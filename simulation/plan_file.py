@@ -1,0 +1,180 @@
+"""Reading floor plans: YAML to `FloorPlan`s, strictly; each mistake is refused with its file, its line and advice."""
+
+from __future__ import annotations
+
+import difflib
+import re
+from collections.abc import Hashable
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any, TypeVar
+
+import msgspec
+import yaml
+
+from waychair.errors import WorldError
+from waychair.simulation import floor_plan
+from waychair.simulation.floor_plan import BuildingPlan, FloorPlan, Keys, Planar, Point
+from waychair.simulation.floor_plan_checks import building_problems, plan_problems
+
+_Plan = TypeVar("_Plan", FloorPlan, BuildingPlan)
+_NAMED: dict[str, Any] = {"places": Planar, "routes": list[Point]}
+_SECTIONS: dict[str, type[msgspec.Struct]] = {
+    "levels": FloorPlan,
+    "walls": floor_plan.PlanWall,
+    "doors": floor_plan.PlanDoor,
+    "posters": floor_plan.PlanPoster,
+    "boxes": floor_plan.PlanBox,
+    "tables": floor_plan.PlanTable,
+    "ramps": floor_plan.PlanRamp,
+    "thresholds": floor_plan.PlanThreshold,
+    "stairs": floor_plan.PlanStairs,
+    "pits": floor_plan.PlanPit,
+    "lamps": floor_plan.PlanLamp,
+    "light": floor_plan.PlanLight,
+    "finish": floor_plan.PlanFinish,
+    "people": floor_plan.PlanPerson,
+    "lifts": floor_plan.PlanLift,
+}
+
+
+@dataclass(frozen=True, slots=True)
+class PlanSource:
+    """Where a plan was read: says of each key on which line it stands. `prefix` leads from the file's top to it."""
+
+    path: Path
+    root: yaml.Node
+    prefix: Keys = ()
+
+    def error(self, keys: Keys, problem: str) -> WorldError:
+        """The error about the value at `keys`, such as ("walls", 0, "start"), with its line."""
+        keys = (*self.prefix, *keys)
+        where = "".join(f"[{key}]" if isinstance(key, int) else f".{key}" for key in keys).lstrip(".")
+        return WorldError(f"{self.path}, line {self._line(keys)}: {where + ': ' if where else ''}{problem}")
+
+    def _line(self, keys: Keys) -> int:
+        """Line of the innermost node on the way along `keys` that is written out."""
+        node, line = self.root, self.root.start_mark.line
+        for key in keys:
+            if isinstance(node, yaml.MappingNode):
+                found = [(name.start_mark.line, value) for name, value in node.value if name.value == key]
+            elif isinstance(node, yaml.SequenceNode) and isinstance(key, int) and key < len(node.value):
+                found = [(node.value[key].start_mark.line, node.value[key])]
+            else:
+                found = []
+            if not found:
+                break
+            line, node = found[0]
+        return line + 1
+
+
+@dataclass(frozen=True, slots=True)
+class Level:
+    """The plan of one level and where it stands in its file."""
+
+    plan: FloorPlan
+    source: PlanSource
+
+
+@dataclass(frozen=True, slots=True)
+class Building:
+    """What a file holds: at least one level; that of a plan without `levels` has the name of the building."""
+
+    name: str
+    levels: tuple[Level, ...]
+
+
+def load_building(path: Path) -> Building:
+    """The plans in a file, each checked in itself and against the others, but not yet against the grid they make.
+
+    Raises:
+        WorldError: the file cannot be read or is not YAML; a key is unknown, missing, given twice or of the wrong type;
+            a number is not finite; a wall, a door or anything else is impossible. With the line, and what would be
+            right.
+    """
+    source, values = _parsed(path)
+    if not isinstance(values, dict):
+        raise source.error((), "a world is an object; give `key: value` lines: name, size, start and walls")
+    if "levels" in values:
+        plan = _converted(values, BuildingPlan, source)
+        levels = tuple(Level(p, PlanSource(path, source.root, ("levels", i))) for i, p in enumerate(plan.levels))
+        building = Building(plan.name, levels)
+    else:
+        single = _converted(values, FloorPlan, source)
+        building = Building(single.name, (Level(single, source),))
+    for level in building.levels:
+        for keys, problem in plan_problems(level.plan):
+            raise level.source.error(keys, problem)
+    for keys, problem in building_problems([level.plan for level in building.levels]):
+        raise source.error(keys if "levels" in values else keys[2:], problem)
+    return building
+
+
+class _Loader(yaml.SafeLoader):
+    """Refuses a key that is given twice, where YAML's own would silently keep the last."""
+
+    def construct_mapping(self, node: yaml.MappingNode, deep: bool = False) -> dict[Hashable, Any]:
+        seen: set[str] = set()
+        for key, _ in node.value:
+            if str(key.value) in seen:
+                raise yaml.MarkedYAMLError(problem=f"'{key.value}' is given twice", problem_mark=key.start_mark)
+            seen.add(str(key.value))
+        return super().construct_mapping(node, deep)
+
+
+def _parsed(path: Path) -> tuple[PlanSource, Any]:
+    try:
+        text = path.read_text(encoding="utf-8")
+    except (OSError, UnicodeDecodeError) as error:
+        raise WorldError(f"cannot read the world {path}: {error}") from error
+    try:
+        loader = _Loader(text)
+        try:
+            root = loader.get_single_node()
+            values = None if root is None else loader.construct_document(root)
+        finally:
+            loader.dispose()
+    except yaml.MarkedYAMLError as error:
+        line = f", line {error.problem_mark.line + 1}" if error.problem_mark else ""
+        raise WorldError(f"{path}{line}: {error.problem}; mend the YAML there") from error
+    except (yaml.YAMLError, ValueError) as error:
+        raise WorldError(f"{path} is not YAML: {' '.join(str(error).split())}") from error
+    if root is None:
+        raise WorldError(f"{path}, line 1: the file is empty; give an object of name, size, start and walls")
+    return PlanSource(path, root), values
+
+
+def _converted(values: dict[str, Any], kind: type[_Plan], source: PlanSource) -> _Plan:
+    levels = values.get("levels")
+    for i, level in enumerate(levels) if isinstance(levels, list) else ():
+        _refuse_named(level, ("levels", i), source, kind)
+    _refuse_named(values, (), source, kind)
+    try:
+        return msgspec.convert(values, kind)
+    except msgspec.ValidationError as error:
+        raise _refusal(source, (), str(error), kind) from error
+
+
+def _refuse_named(plan: object, prefix: Keys, source: PlanSource, kind: type[msgspec.Struct]) -> None:
+    """Checks entries with names of their own one by one: msgspec does not say which of them it refuses."""
+    for section, entry_kind in _NAMED.items():
+        entries = plan.get(section) if isinstance(plan, dict) else None
+        for name, entry in entries.items() if isinstance(entries, dict) else ():
+            try:
+                msgspec.convert(entry, entry_kind)
+            except msgspec.ValidationError as error:
+                raise _refusal(source, (*prefix, section, str(name)), str(error), kind) from error
+
+
+def _refusal(source: PlanSource, prefix: Keys, message: str, kind: type[msgspec.Struct]) -> WorldError:
+    """The error of a validation message, which ends in the path of the value."""
+    problem, _, at = message.partition(" - at ")
+    path = at.partition("$")[2].rstrip("`")
+    keys = (*prefix, *(int(i) if i else name for name, i in re.findall(r"\.([^.\[]+)|\[(\d+)\]", path)))
+    unknown = re.search("unknown field `(.*)`", problem)
+    if unknown is None:
+        return source.error(keys, f"{problem[:1].lower()}{problem[1:]}; write it so")
+    sections = [_SECTIONS[key] for key in keys if isinstance(key, str) and key in _SECTIONS]
+    known = (sections[-1] if sections else kind).__struct_fields__
+    near = difflib.get_close_matches(unknown[1], known, n=1, cutoff=0.0)
+    return source.error((*keys, unknown[1]), f"unknown key; did you mean '{near[0]}'?")

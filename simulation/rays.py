@@ -1,0 +1,130 @@
+"""Straight rays among the segments of a slice and circles: the nearest hit, exactly.
+
+Segments are found through bins that the ray crosses in order, one border at a time (Amanatides and Woo, A Fast Voxel
+Traversal Algorithm for Ray Tracing, 1987). Circles (K, 3), x, y, radius [m, map], are what moves: legs and bodies.
+"""
+
+from __future__ import annotations
+
+import math
+from typing import NamedTuple
+
+import numpy as np
+from numba import njit
+
+from waychair.simulation.boxes import Bins, bins_of, boxes_of_segments
+from waychair.simulation.scene import Slice
+from waychair.types import FloatArray, IntArray
+
+NOBODY: FloatArray = np.zeros((0, 3))
+"""No circles at all."""
+
+_PAST_THE_END = 1e-9
+"""Part of its length by which a segment is taken longer, so that no ray slips through where two of them meet."""
+
+
+class Scenery(NamedTuple):
+    """A slice made ready for rays: segments (N, 4) x0 y0 x1 y1 [m, map], `Reflection`s (N,) and the segments' bins."""
+
+    segments: FloatArray
+    reflections: IntArray
+    bins: Bins
+
+
+def scenery_of(view: Slice) -> Scenery:
+    """The slice with its bins; made once for a world."""
+    segments = np.ascontiguousarray(view.segments, np.float64).reshape(-1, 4)
+    reflections = np.ascontiguousarray(view.reflections, np.int64)
+    return Scenery(segments, reflections, bins_of(boxes_of_segments(segments)))
+
+
+@njit(cache=True, nogil=True)
+def nearest_segment(
+    scenery: Scenery, x: float, y: float, dx: float, dy: float, after: float, limit: float
+) -> tuple[float, int]:
+    """Distance [m] from (x, y) along the unit vector (dx, dy) to the first segment hit, and its number.
+
+    Hits nearer than `after` do not count; (+inf, -1) if there is none until `limit` [m].
+    """
+    bins, segments = scenery.bins, scenery.segments
+    per_x = 1.0 / dx if dx != 0.0 else math.inf
+    per_y = 1.0 / dy if dy != 0.0 else math.inf
+    left, low = x - bins.x, y - bins.y
+    entry = max(_entry(left, per_x, bins.cols * bins.side), _entry(low, per_y, bins.rows * bins.side))
+    best, hit = math.inf, -1
+    if entry > limit or entry == math.inf:
+        return best, hit
+    col = min(max(math.floor((left + entry * dx) / bins.side), 0), bins.cols - 1)
+    row = min(max(math.floor((low + entry * dy) / bins.side), 0), bins.rows - 1)
+    step_x, step_y = (1 if dx > 0 else -1), (1 if dy > 0 else -1)
+    ahead_x, ahead_y = (1 if dx > 0 else 0), (1 if dy > 0 else 0)
+    while 0 <= col < bins.cols and 0 <= row < bins.rows:
+        to_x = ((col + ahead_x) * bins.side - left) * per_x if dx != 0.0 else math.inf
+        to_y = ((row + ahead_y) * bins.side - low) * per_y if dy != 0.0 else math.inf
+        number = row * bins.cols + col
+        for k in range(bins.starts[number], bins.starts[number + 1]):
+            distance = _meeting(segments[bins.items[k]], x, y, dx, dy)
+            if after <= distance < best:
+                best, hit = distance, bins.items[k]
+        # What lies beyond this bin is for the bins behind it, where something may be nearer.
+        if min(best, limit) <= min(to_x, to_y):
+            break
+        if to_x < to_y:
+            col += step_x
+        else:
+            row += step_y
+    return (best, hit) if best <= limit else (math.inf, -1)
+
+
+@njit(cache=True, nogil=True)
+def nearest_circle(
+    begin: FloatArray, end: FloatArray, part: float, x: float, y: float, dx: float, dy: float, after: float
+) -> float:
+    """Distance [m] along a ray to the first circle, at `part` (0 to 1) of the way of all from `begin` to `end` (K, 3).
+
+    0 from within a circle; hits nearer than `after` do not count, +inf if there is none.
+    """
+    best = math.inf
+    for i in range(begin.shape[0]):
+        cx = begin[i, 0] + part * (end[i, 0] - begin[i, 0]) - x
+        cy = begin[i, 1] + part * (end[i, 1] - begin[i, 1]) - y
+        along, across = cx * dx + cy * dy, cy * dx - cx * dy
+        half_chord = begin[i, 2] * begin[i, 2] - across * across
+        if half_chord < 0.0:
+            continue
+        half_chord = math.sqrt(half_chord)
+        if along + half_chord >= 0.0 and after <= max(along - half_chord, 0.0) < best:
+            best = max(along - half_chord, 0.0)
+    return best
+
+
+@njit(cache=True, nogil=True)
+def cosine_of_incidence(segment: FloatArray, dx: float, dy: float) -> float:
+    """Of the angle between a ray and the normal of the segment (4,): 1 straight on, 0 along it."""
+    ex, ey = segment[2] - segment[0], segment[3] - segment[1]
+    cosine: float = abs(dx * ey - dy * ex) / math.hypot(ex, ey)
+    return cosine
+
+
+@njit(cache=True, nogil=True)
+def _meeting(segment: FloatArray, x: float, y: float, dx: float, dy: float) -> float:
+    """Distance along the ray to where it meets the segment, behind it negative; +inf if they miss or are parallel."""
+    ax, ay = segment[0] - x, segment[1] - y
+    ex, ey = segment[2] - segment[0], segment[3] - segment[1]
+    cross = dx * ey - dy * ex
+    if cross == 0.0:
+        return math.inf
+    part = (ax * dy - ay * dx) / cross
+    if part < -_PAST_THE_END or part > 1.0 + _PAST_THE_END:
+        return math.inf
+    distance: float = (ax * ey - ay * ex) / cross
+    return distance
+
+
+@njit(cache=True, nogil=True)
+def _entry(start: float, per: float, size: float) -> float:
+    """Distance to where a coordinate enters [0, size]: 0 from within, +inf if it never does."""
+    if 0.0 <= start <= size:
+        return 0.0
+    distance = -start * per if start < 0.0 else (size - start) * per
+    return distance if distance >= 0.0 else math.inf

@@ -1,0 +1,82 @@
+"""What lidar and sonars see of people: circles (K, 3), x, y, radius [m].
+
+Measures are those of a grown person of common size; they are plausible, not taken from a table.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Iterable
+
+import numpy as np
+
+from waychair.calibration.chair import ChairBody
+from waychair.geometry import transform_points
+from waychair.simulation.rays import NOBODY
+from waychair.simulation.scene import Behaviour, PersonState
+from waychair.types import FloatArray, Pose2
+
+LEG_RADIUS = 0.06
+"""A trousered leg below the knee [m]."""
+
+HIP = 0.09
+"""From the middle of a person to the middle of either leg [m]."""
+
+SWING = 0.25
+"""How far a leg swings ahead of and behind the hip [m] at shin height, in steps of 0.7 m."""
+
+FULL_STRIDE_SPEED = 0.6
+"""Walking slower than this [m/s], people take shorter steps; standing, their legs are side by side."""
+
+CHAIR_LEG_RADIUS = 0.015
+CHAIR_LEGS = ((0.2, 0.2), (-0.2, 0.2), (-0.2, -0.2), (0.2, -0.2))
+SHINS = ((0.4, HIP), (0.4, -HIP))
+"""Legs of a chair about the middle of its seat, and the shins of who sits on it [m]."""
+
+FROM_FRONT = 0.20
+TUBE_FROM_FRONT = 0.10
+TUBE_RADIUS = 0.015
+"""The rider's shins and the tubes of the leg rests, behind the front end of a wheelchair [m]."""
+
+
+def legs_of(person: PersonState) -> FloatArray:
+    """A person at the height of a lidar, (K, 3) in map; K depends on its behaviour only.
+
+    Who walks has two legs, which swing by the sine of the stride's phase, one ahead while the other is behind (phase 0:
+    side by side, the left one going ahead). Who sits has two shins and the chair's four legs. A BOUNCE mover is a disc.
+    """
+    if person.behaviour is Behaviour.BOUNCE:
+        return _placed(person.pose, [(0.0, 0.0, person.radius)])
+    if person.behaviour is Behaviour.SEATED:
+        shins = [(x, y, LEG_RADIUS) for x, y in SHINS]
+        return _placed(person.pose, shins + [(x, y, CHAIR_LEG_RADIUS) for x, y in CHAIR_LEGS])
+    ahead = SWING * min(1.0, abs(person.speed) / FULL_STRIDE_SPEED) * math.sin(person.stride)
+    return _placed(person.pose, [(ahead, HIP, LEG_RADIUS), (-ahead, -HIP, LEG_RADIUS)])
+
+
+def legs(people: Iterable[PersonState]) -> FloatArray:
+    """All their legs, (K, 3) in map, in order."""
+    return np.concatenate([NOBODY, *(legs_of(person) for person in people)])
+
+
+def bodies(people: Iterable[PersonState]) -> FloatArray:
+    """Everybody as one disc of its radius, (K, 3) in map: what sonars meet above the knee."""
+    return np.array([(p.pose.x, p.pose.y, p.radius) for p in people], np.float64).reshape(-1, 3)
+
+
+def rider_legs(body: ChairBody) -> FloatArray:
+    """The rider's shins and the tubes of the leg rests, (4, 3) in the base frame."""
+    shin, tube = body.front - FROM_FRONT, body.front - TUBE_FROM_FRONT
+    return np.array(
+        [
+            (shin, 0.2 * body.width, LEG_RADIUS),
+            (shin, -0.2 * body.width, LEG_RADIUS),
+            (tube, 0.35 * body.width, TUBE_RADIUS),
+            (tube, -0.35 * body.width, TUBE_RADIUS),
+        ]
+    )
+
+
+def _placed(map_from_person: Pose2, circles: list[tuple[float, float, float]]) -> FloatArray:
+    own = np.array(circles)
+    return np.column_stack([transform_points(map_from_person, own[:, :2]), own[:, 2]])

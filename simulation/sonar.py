@@ -1,0 +1,111 @@
+"""Eight sonars round the chair: the first echo out of a cone, from whatever sends sound back.
+
+Sound does not care for what light does: glass and mirrors are walls. But a smooth surface far off the normal throws the
+ping away, and one sonar may hear another's.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Iterable
+from dataclasses import dataclass
+
+import numpy as np
+from numba import njit
+
+from waychair.calibration.chair import ChairBody
+from waychair.config import Settings, setting
+from waychair.geometry import compose
+from waychair.simulation.rays import Scenery, cosine_of_incidence, nearest_circle, nearest_segment
+from waychair.simulation.scene import PersonState
+from waychair.simulation.silhouettes import bodies
+from waychair.types import FloatArray, Pose2, SonarReadings
+
+_RAY_STEP = math.radians(0.5)
+"""Between the rays of a cone: a chair's leg of 3 cm is met up to 3.4 m away."""
+
+
+@dataclass(frozen=True, slots=True)
+class SonarSettings(Settings):
+    """Cone, range and faults, plausible for the cheap 40 kHz transducers that wheelchairs are fitted with."""
+
+    rate_hz: float = setting(0.0, "Hz", "readings per second of all sonars; 0: there are none", low=0.0, high=100.0)
+    height: float = setting(0.40, "m", "of the sonars above the floor", low=0.02, high=2.0)
+    half_cone: float = setting(math.radians(15.0), "rad", "from the axis to the edge", low=0.01, high=1.5)
+    range_min: float = setting(0.02, "m", "anything nearer reads -inf", low=0.0, high=1.0)
+    range_max: float = setting(4.0, "m", "anything farther reads +inf", low=0.1, high=20.0)
+    incidence: float = setting(math.radians(60.0), "rad", "farther off its normal, a face is deaf", low=0.1, high=1.57)
+    sigma: float = setting(0.01, "m", "noise of a range (one sigma)", low=0.0, high=0.5)
+    cross_talk: float = setting(0.005, "", "part of the readings that are another's ping", low=0.0, high=1.0)
+
+
+def mounts(body: ChairBody) -> tuple[Pose2, ...]:
+    """`base_from_sonar` of the eight, on the outline and looking straight out of it.
+
+    Counter-clockwise from the left one ahead: one ahead, two on the left, two behind, two on the right, one ahead.
+    """
+    front, rear, side, quarter = body.front, -body.rear, body.width / 2, body.width / 4
+    fore, aft = front - body.length / 4, rear + body.length / 4
+    left, back, right = math.pi / 2, math.pi, -math.pi / 2
+    return (
+        Pose2(front, quarter, 0.0),
+        Pose2(fore, side, left),
+        Pose2(aft, side, left),
+        Pose2(rear, quarter, back),
+        Pose2(rear, -quarter, back),
+        Pose2(aft, -side, right),
+        Pose2(fore, -side, right),
+        Pose2(front, -quarter, 0.0),
+    )
+
+
+class Sonars:
+    """Keeps its own random stream, of which every reading uses equally much."""
+
+    def __init__(self, settings: SonarSettings, body: ChairBody, rng: np.random.Generator) -> None:
+        self._settings = settings
+        self._rng = rng
+        self._mounts = np.array([mount.array() for mount in mounts(body)])
+        rays = 2 * math.ceil(settings.half_cone / _RAY_STEP) + 1
+        self._fan = np.linspace(-settings.half_cone, settings.half_cone, rays)
+
+    def read(
+        self, scenery: Scenery, map_from_base: Pose2, people: Iterable[PersonState], stamp_ns: int
+    ) -> SonarReadings:
+        """Ranges (8,) in the order of `mounts`, by REP-117: +inf no echo, -inf too close."""
+        s = self._settings
+        sonars = compose(map_from_base.array(), self._mounts)
+        ranges = first_echoes(scenery, bodies(people), sonars, self._fan, math.cos(s.incidence), s.range_max)
+        noise = self._rng.standard_normal(len(ranges))
+        heard, place = self._rng.random((2, len(ranges)))
+        ranges += s.sigma * noise
+        # Another's ping comes at any time; it counts where it is the first to come.
+        alien = np.where(heard < s.cross_talk, s.range_min + place * (s.range_max - s.range_min), math.inf)
+        np.minimum(ranges, alien, out=ranges)
+        ranges[ranges > s.range_max] = math.inf
+        ranges[ranges < s.range_min] = -math.inf
+        return SonarReadings(stamp_ns, ranges.astype(np.float32))
+
+
+@njit(cache=True, nogil=True)
+def first_echoes(
+    scenery: Scenery, circles: FloatArray, sonars: FloatArray, fan: FloatArray, straight: float, reach: float
+) -> FloatArray:
+    """Ranges (K,) [m] of the first echo in each sonar's cone, poses (K, 3) in map; +inf if none within `reach`.
+
+    A cone is a `fan` of rays [rad]; a face echoes where the cosine of incidence is at least `straight`, a circle
+    (people are round and rough) always. What throws the ping away still hides what is behind it.
+    """
+    ranges = np.full(sonars.shape[0], math.inf)
+    for i in range(sonars.shape[0]):
+        x, y = sonars[i, 0], sonars[i, 1]
+        for angle in fan:
+            dx, dy = math.cos(sonars[i, 2] + angle), math.sin(sonars[i, 2] + angle)
+            circle = nearest_circle(circles, circles, 0.0, x, y, dx, dy, 0.0)
+            distance, hit = nearest_segment(scenery, x, y, dx, dy, 0.0, min(reach, circle, ranges[i]))
+            if hit < 0:
+                if circle <= reach:
+                    ranges[i] = min(ranges[i], circle)
+            elif cosine_of_incidence(scenery.segments[hit], dx, dy) >= straight:
+                ranges[i] = distance
+    return ranges

@@ -1,0 +1,128 @@
+"""What stands about a person: the solid cells of its level, and the chair's rectangle; exact distances to both."""
+
+from __future__ import annotations
+
+import math
+from typing import NamedTuple
+
+import numpy as np
+from numba import njit
+
+from waychair.calibration.chair import ChairBody
+from waychair.maps.grid import occupied
+from waychair.types import BoolArray, FloatArray, OccupancyGrid, Pose2, Twist
+
+FAR = 1e9
+"""Distance [m] of what is not there."""
+
+
+class Walls(NamedTuple):
+    """Cells (H, W), solid all round the edge, `resolution` [m], and x, y [m], cosine, sine of cells_from_map."""
+
+    solid: BoolArray
+    resolution: float
+    x: float
+    y: float
+    cosine: float
+    sine: float
+
+
+class Outline(NamedTuple):
+    """The chair's rectangle: pose in map, its reach about its base [m], and the base's velocity in map [m/s], [rad/s]."""
+
+    x: float
+    y: float
+    cosine: float
+    sine: float
+    front: float
+    rear: float
+    half_width: float
+    vx: float
+    vy: float
+    omega: float
+
+
+def walls_of(grid: OccupancyGrid) -> Walls:
+    """The occupied cells of a grid, and its border, which nobody may cross."""
+    solid = np.pad(occupied(grid), 1, constant_values=True)
+    grid_from_padded = Pose2(-grid.resolution, -grid.resolution, 0.0)
+    padded_from_map = (grid.map_from_grid @ grid_from_padded).inverse()
+    c, s = math.cos(padded_from_map.theta), math.sin(padded_from_map.theta)
+    return Walls(solid, grid.resolution, padded_from_map.x, padded_from_map.y, c, s)
+
+
+def outline_of(body: ChairBody, map_from_base: Pose2, twist: Twist) -> Outline:
+    """The chair where it is and as it moves."""
+    c, s = math.cos(map_from_base.theta), math.sin(map_from_base.theta)
+    reach = (body.front, body.rear, body.width / 2)
+    return Outline(map_from_base.x, map_from_base.y, c, s, *reach, twist.v * c, twist.v * s, twist.omega)
+
+
+@njit(cache=True)
+def nearest_walls(walls: Walls, x: float, y: float, reach: float) -> FloatArray:
+    """(4, 2) vectors [m, map] to (x, y) from the nearest point of a solid cell in each quarter of the compass.
+
+    A quarter spans 45 degrees to both sides of an axis of the grid; (FAR, FAR) where it holds nothing within `reach`.
+    One point in each, rather than the nearest of all, lets the two sides of a door or a corridor balance.
+    """
+    left = walls.cosine * x - walls.sine * y + walls.x
+    low = walls.sine * x + walls.cosine * y + walls.y
+    nearest = np.full((4, 2), FAR)
+    squares = np.full(4, reach * reach)
+    size, (rows, cols) = walls.resolution, walls.solid.shape
+    for row in range(max(0, math.floor((low - reach) / size)), min(rows, math.floor((low + reach) / size) + 1)):
+        dy = low - min(max(low, row * size), (row + 1) * size)
+        for col in range(max(0, math.floor((left - reach) / size)), min(cols, math.floor((left + reach) / size) + 1)):
+            if not walls.solid[row, col]:
+                continue
+            dx = left - min(max(left, col * size), (col + 1) * size)
+            quarter = (0 if dx > 0.0 else 1) if abs(dx) >= abs(dy) else (2 if dy > 0.0 else 3)
+            square = dx * dx + dy * dy
+            if square <= squares[quarter]:
+                squares[quarter] = square
+                nearest[quarter, 0] = walls.cosine * dx + walls.sine * dy
+                nearest[quarter, 1] = walls.cosine * dy - walls.sine * dx
+    return nearest
+
+
+@njit(cache=True)
+def nearest_wall(walls: Walls, x: float, y: float, reach: float) -> tuple[float, float, float]:
+    """Distance [m] to the nearest solid cell and the unit vector (x, y) away from it; FAR if none is within `reach`.
+
+    In a solid cell the distance is 0, and so is the vector.
+    """
+    best, away_x, away_y = FAR, 0.0, 0.0
+    for vector in nearest_walls(walls, x, y, reach):
+        distance = math.hypot(vector[0], vector[1])
+        if distance < best:
+            best, away_x, away_y = distance, vector[0], vector[1]
+    return (best, away_x / best, away_y / best) if 0.0 < best < FAR else (best, 0.0, 0.0)
+
+
+@njit(cache=True)
+def nearest_on_chair(chair: Outline, x: float, y: float) -> tuple[float, float, float]:
+    """Distance [m] from (x, y) to the chair's rectangle, and the unit vector (x, y) [map] by which that grows most.
+
+    Inside, the distance is negative, that to the nearest side, and the vector points out through this side.
+    """
+    dx, dy = x - chair.x, y - chair.y
+    ahead, aside = dx * chair.cosine + dy * chair.sine, dy * chair.cosine - dx * chair.sine
+    past_end = ahead - min(max(ahead, -chair.rear), chair.front)
+    past_side = aside - min(max(aside, -chair.half_width), chair.half_width)
+    distance = math.hypot(past_end, past_side)
+    if distance > 0.0:
+        along, across = past_end / distance, past_side / distance
+    else:
+        to_end, to_side = min(chair.front - ahead, chair.rear + ahead), chair.half_width - abs(aside)
+        distance = -min(to_end, to_side)
+        if to_end < to_side:
+            along, across = (1.0 if chair.front - ahead <= chair.rear + ahead else -1.0), 0.0
+        else:
+            along, across = 0.0, (1.0 if aside >= 0.0 else -1.0)
+    return distance, along * chair.cosine - across * chair.sine, along * chair.sine + across * chair.cosine
+
+
+@njit(cache=True)
+def velocity_at(chair: Outline, x: float, y: float) -> tuple[float, float]:
+    """Velocity [m/s, map] of the point of the chair at (x, y)."""
+    return chair.vx - chair.omega * (y - chair.y), chair.vy + chair.omega * (x - chair.x)

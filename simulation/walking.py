@@ -1,0 +1,373 @@
+"""One short moment of everybody's life, one person after the other: where each goes, and that nobody goes through.
+
+People are rows of PERSON, discs of their radius, and move in place. A move never makes an overlap with a wall, the
+chair or another person, nor one that the chair has made by driving on any deeper; so what moves may touch, and waits.
+"""
+
+from __future__ import annotations
+
+import math
+from typing import Any, NamedTuple, TypeAlias
+
+import numpy as np
+from numba import njit
+from numpy.typing import NDArray
+
+from waychair.simulation import social_force
+from waychair.simulation.rails import ACCELERATION, SPACING, on_rail
+from waychair.simulation.scene import Behaviour
+from waychair.simulation.social_force import capped, goal_force, repulsion, veered, wall_repulsion, weight
+from waychair.simulation.surroundings import (
+    FAR,
+    Outline,
+    Walls,
+    nearest_on_chair,
+    nearest_wall,
+    nearest_walls,
+    velocity_at,
+)
+from waychair.types import FloatArray
+
+PERSON = np.dtype(
+    [
+        ("behaviour", np.int64),  # its number in Behaviour
+        ("yields", np.bool_),
+        ("radius", np.float64),  # m
+        ("speed", np.float64),  # m/s, the one it likes
+        ("trigger", np.float64),  # m
+        ("veer", np.float64),  # rad, see social_force.veered
+        ("first", np.int64),  # rows of its rail
+        ("last", np.int64),
+        ("along", np.float64),  # m along its rail, of itself or of the point that it makes for
+        ("way", np.float64),  # 1 along the rail, -1 back
+        ("x", np.float64),  # m, map
+        ("y", np.float64),
+        ("heading", np.float64),  # rad
+        ("vx", np.float64),  # m/s, map
+        ("vy", np.float64),
+        ("walked", np.float64),  # m in all
+        ("waited", np.float64),  # s on the spot
+        ("startled", np.bool_),  # SUDDEN: has stepped out
+    ],
+    align=True,
+)
+"""One person."""
+
+Crowd: TypeAlias = NDArray[np.void]
+"""(N,) of PERSON."""
+
+Person: TypeAlias = Any
+"""A row of a Crowd; numba reads and writes its fields as attributes."""
+
+PATH, SOCIAL, SEATED, SUDDEN, BOUNCE = (
+    tuple(Behaviour).index(behaviour)
+    for behaviour in (Behaviour.PATH, Behaviour.SOCIAL, Behaviour.SEATED, Behaviour.SUDDEN, Behaviour.BOUNCE)
+)
+
+TURN_RATE = 3.0
+"""How fast a person turns about [rad/s]: a second for the half turn at the end of its path."""
+
+BRAKING = 2.5
+"""Of a person before whom something appears [m/s^2]."""
+
+STAND_OFF = 0.4
+"""How far from the chair or another person one who yields comes to a stop [m], along its rail."""
+
+SIDE_ROOM = 0.1
+"""How near one who yields goes past the chair or another person [m]."""
+
+BERTH = 0.05
+"""Who yields leaves this much [m] to the chair, however narrow the way."""
+
+LINGERS = 5.0
+"""How long somebody who has stepped out suddenly stays there [s] before going back, for good."""
+
+PATIENCE = 8.0
+"""How long a person waits before something in its way [s] until it turns back."""
+
+LOOKAHEAD = 1.0
+"""A social walker makes for the point of its rail that is this far away [m]."""
+
+ARRIVED = 0.3
+"""How near to the end of its rail a social walker turns back [m]."""
+
+WALLS_MATTER = 0.8
+"""Distance [m] beyond which the repulsion of walls is less than 0.04 m/s^2."""
+
+ROUNDING = 1e-9
+"""Overlaps up to this [m] are none, so that one in contact can move along what it touches."""
+
+TOP_SPEED = 1.5
+"""Nobody runs [m/s]."""
+
+
+class Stage(NamedTuple):
+    """What people move among: the rails of them all, one after the other, the walls and the chair."""
+
+    rails: FloatArray
+    walls: Walls
+    chair: Outline
+
+
+@njit(cache=True, nogil=True)
+def live(people: Crowd, stage: Stage, seconds: float) -> None:
+    """Let everybody go on for a moment [s] with the chair where it is, in the order of `people`."""
+    for i in range(len(people)):
+        person = people[i]
+        before_x, before_y = person.x, person.y
+        if person.behaviour == SOCIAL:
+            _mingle(people, i, stage, seconds)
+        elif person.behaviour == BOUNCE:
+            _drift(people, i, stage, seconds)
+        elif person.behaviour == PATH:
+            _walk(people, i, stage, seconds)
+        elif person.behaviour == SUDDEN:
+            person.startled = person.startled or startles(person, stage)
+            if person.startled:
+                _walk(people, i, stage, seconds)
+        moved = math.hypot(person.x - before_x, person.y - before_y)
+        person.walked += moved
+        person.waited = 0.0 if moved > 0.1 * person.speed * seconds else person.waited + seconds
+
+
+@njit(cache=True)
+def obstruction(people: Crowd, i: int, stage: Stage, x: float, y: float) -> tuple[bool, float, float]:
+    """Whether person `i` cannot be at (x, y) [m, map], and the unit vector away from what is most in its way there.
+
+    What it overlaps already is in the way only of moves that make this worse. From the chair and from people the vector
+    is that of where the person still is: square to it one gets past anything round or cornered without cutting in.
+    """
+    person = people[i]
+    deepest, away_x, away_y = -ROUNDING, 0.0, 0.0
+    distance, nx, ny = nearest_wall(stage.walls, x, y, person.radius)
+    if distance - person.radius < deepest:
+        before, _, _ = nearest_wall(stage.walls, person.x, person.y, person.radius)
+        if distance < before:
+            deepest, away_x, away_y = distance - person.radius, nx, ny
+    keep = person.radius + (BERTH if person.yields and person.behaviour != BOUNCE else 0.0)
+    distance, _, _ = nearest_on_chair(stage.chair, x, y)
+    if distance - keep < deepest:
+        before, nx, ny = nearest_on_chair(stage.chair, person.x, person.y)
+        if distance < before:
+            deepest, away_x, away_y = distance - keep, nx, ny
+    for j in range(len(people)):
+        other = people[j]
+        distance = math.hypot(x - other.x, y - other.y)
+        if j != i and distance - person.radius - other.radius < deepest:
+            dx, dy = person.x - other.x, person.y - other.y
+            before = math.hypot(dx, dy)
+            if distance < before:
+                deepest, away_x, away_y = distance - person.radius - other.radius, dx / before, dy / before
+    return deepest < -ROUNDING, away_x, away_y
+
+
+@njit(cache=True)
+def startles(person: Person, stage: Stage) -> bool:
+    """Whether the chair is within the person's `trigger` [m] of its rail, and coming nearer."""
+    best, to_x, to_y, at_x, at_y = FAR, 0.0, 0.0, 0.0, 0.0
+    for row in range(person.first, person.last):
+        x, y = stage.rails[row, 1], stage.rails[row, 2]
+        distance, nx, ny = nearest_on_chair(stage.chair, x, y)
+        if distance < best:
+            best, to_x, to_y, at_x, at_y = distance, nx, ny, x - distance * nx, y - distance * ny
+    vx, vy = velocity_at(stage.chair, at_x, at_y)
+    return best <= person.trigger and vx * to_x + vy * to_y > 0.0
+
+
+@njit(cache=True)
+def _walk(people: Crowd, i: int, stage: Stage, seconds: float) -> None:
+    """Along the rail, as fast as it allows and what stands ahead; about at its end, or after waiting too long."""
+    person = people[i]
+    length = stage.rails[person.last - 1, 0]
+    if length == 0.0:
+        return
+    if person.behaviour == PATH and (person.waited > PATIENCE or person.along == (length if person.way > 0.0 else 0.0)):
+        person.way, person.waited = -person.way, 0.0
+    if person.behaviour == SUDDEN and person.along == length and person.waited > LINGERS:
+        person.way = -1.0
+    _, _, direction, limit = on_rail(stage.rails, person.first, person.last, person.along)
+    off = _face(person, direction if person.way > 0.0 else direction + math.pi, seconds)
+    speed = math.hypot(person.vx, person.vy)
+    # Nobody walks backwards: first the half turn, then the first step.
+    wanted = min(limit, math.sqrt(2.0 * ACCELERATION * _free_way(people, i, stage, speed))) if off < 1.0 else 0.0
+    speed = min(max(wanted, speed - BRAKING * seconds), speed + ACCELERATION * seconds)
+    begin = person.along
+    end = min(max(begin + person.way * speed * seconds, 0.0), length)
+    x, y, _, _ = on_rail(stage.rails, person.first, person.last, end)
+    if obstruction(people, i, stage, x, y)[0]:
+        # Up to contact, to 0.1 mm, and no farther.
+        free, blocked = begin, end
+        while abs(blocked - free) > 1e-4:
+            middle = 0.5 * (free + blocked)
+            x, y, _, _ = on_rail(stage.rails, person.first, person.last, middle)
+            if obstruction(people, i, stage, x, y)[0]:
+                blocked = middle
+            else:
+                free = middle
+        end = free
+        x, y, _, _ = on_rail(stage.rails, person.first, person.last, end)
+    person.vx, person.vy = (x - person.x) / seconds, (y - person.y) / seconds
+    person.x, person.y, person.along = x, y, end
+
+
+@njit(cache=True)
+def _free_way(people: Crowd, i: int, stage: Stage, speed: float) -> float:
+    """How far [m] person `i` may go on along its rail: up to a wall, and short of whom it yields to; FAR if far enough.
+
+    What it only passes with SIDE_ROOM to spare, or comes away from, is not in its way.
+    """
+    person = people[i]
+    here = _room(people, i, stage, person.x, person.y)
+    reach = STAND_OFF + 2.0 * SPACING + speed * speed / (2.0 * ACCELERATION)
+    for step in range(1, math.ceil(reach / SPACING) + 1):
+        along = person.along + person.way * step * SPACING
+        if not 0.0 <= along <= stage.rails[person.last - 1, 0]:
+            break
+        x, y, _, _ = on_rail(stage.rails, person.first, person.last, along)
+        if nearest_wall(stage.walls, x, y, person.radius)[0] < person.radius:
+            return (step - 1) * SPACING
+        if person.yields and _room(people, i, stage, x, y) < min(SIDE_ROOM, here):
+            return max(0.0, (step - 1) * SPACING - STAND_OFF)
+    return FAR
+
+
+@njit(cache=True)
+def _room(people: Crowd, i: int, stage: Stage, x: float, y: float) -> float:
+    """Distance [m] from person `i`, were it at (x, y), to the chair or whoever is nearest."""
+    person = people[i]
+    room = nearest_on_chair(stage.chair, x, y)[0] - person.radius
+    for j in range(len(people)):
+        if j != i:
+            gap = math.hypot(x - people[j].x, y - people[j].y) - person.radius - people[j].radius
+            room = min(room, gap)
+    return float(room)
+
+
+@njit(cache=True)
+def _mingle(people: Crowd, i: int, stage: Stage, seconds: float) -> None:
+    """Where the social forces push; along what cannot be walked through."""
+    person = people[i]
+    if person.waited > PATIENCE:
+        person.way, person.waited = -person.way, 0.0
+    goal_x, goal_y = _goal(person, stage.rails)
+    fx, fy = _social_forces(people, i, stage, goal_x - person.x, goal_y - person.y)
+    vx, vy = capped(
+        person.vx + fx * seconds, person.vy + fy * seconds, min(TOP_SPEED, social_force.FASTEST * person.speed)
+    )
+    for _ in range(3):
+        x, y = person.x + vx * seconds, person.y + vy * seconds
+        blocked, nx, ny = obstruction(people, i, stage, x, y)
+        if not blocked:
+            person.x, person.y = x, y
+            break
+        into = min(vx * nx + vy * ny, 0.0)
+        vx, vy = vx - into * nx, vy - into * ny
+    else:
+        vx, vy = 0.0, 0.0
+    person.vx, person.vy = vx, vy
+    if math.hypot(vx, vy) > 0.1:
+        _face(person, math.atan2(vy, vx), seconds)
+
+
+@njit(cache=True)
+def _goal(person: Person, rails: FloatArray) -> tuple[float, float]:
+    """The point that runs ahead of a social walker along its rail, there and back, LOOKAHEAD from it."""
+    length = rails[person.last - 1, 0]
+    x, y, _, _ = on_rail(rails, person.first, person.last, person.along)
+    if person.along == (length if person.way > 0.0 else 0.0) and math.hypot(x - person.x, y - person.y) < ARRIVED:
+        person.way = -person.way
+    while math.hypot(x - person.x, y - person.y) < LOOKAHEAD and person.along != (length if person.way > 0.0 else 0.0):
+        person.along = min(max(person.along + person.way * SPACING, 0.0), length)
+        x, y, _, _ = on_rail(rails, person.first, person.last, person.along)
+    return x, y
+
+
+@njit(cache=True)
+def _social_forces(people: Crowd, i: int, stage: Stage, to_x: float, to_y: float) -> tuple[float, float]:
+    """Acceleration [m/s^2] of person `i`, whose goal is (x, y) [m] away."""
+    person = people[i]
+    fx, fy = goal_force(to_x, to_y, person.vx, person.vy, person.speed)
+    for j in range(len(people)):
+        if j != i:
+            other = people[j]
+            x, y = veered(person.x - other.x, person.y - other.y, person.veer)
+            px, py = repulsion(x, y, other.vx - person.vx, other.vy - person.vy, person.radius + other.radius)
+            part = weight(to_x, to_y, px, py)
+            fx, fy = fx + part * px, fy + part * py
+    if person.yields:
+        # The chair acts from the point of its outline that is nearest, with the velocity of that point.
+        distance, nx, ny = nearest_on_chair(stage.chair, person.x, person.y)
+        cx, cy = velocity_at(stage.chair, person.x - distance * nx, person.y - distance * ny)
+        # Who is under the chair is pushed out as if just before it.
+        distance = max(distance, 0.01)
+        x, y = veered(distance * nx, distance * ny, person.veer)
+        px, py = repulsion(x, y, cx - person.vx, cy - person.vy, person.radius)
+        part = weight(to_x, to_y, px, py)
+        fx, fy = fx + part * px, fy + part * py
+    for vector in nearest_walls(stage.walls, person.x, person.y, WALLS_MATTER):
+        wx, wy = wall_repulsion(vector[0], vector[1])
+        fx, fy = fx + wx, fy + wy
+    return capped(fx, fy, social_force.STRONGEST)
+
+
+@njit(cache=True)
+def _drift(people: Crowd, i: int, stage: Stage, seconds: float) -> None:
+    """Straight on, and at every contact back like a ball, at an unchanging speed; so is another disc that is hit."""
+    person = people[i]
+    vx, vy = person.speed * math.cos(person.heading), person.speed * math.sin(person.heading)
+    left = seconds
+    for _ in range(4):
+        part = _free_part(people, i, stage, vx * left, vy * left)
+        person.x, person.y = person.x + part * vx * left, person.y + part * vy * left
+        left *= 1.0 - part
+        if left == 0.0:
+            break
+        _, nx, ny = obstruction(people, i, stage, person.x + vx * left, person.y + vy * left)
+        vx, vy = _reflected(vx, vy, nx, ny)
+        _throw_back(people, i, nx, ny)
+    person.vx, person.vy = vx, vy
+    person.heading = math.atan2(vy, vx)
+
+
+@njit(cache=True)
+def _free_part(people: Crowd, i: int, stage: Stage, dx: float, dy: float) -> float:
+    """How much of the move (dx, dy) [m] person `i` can make: all of it, or up to contact, to 0.1 % of it."""
+    if not obstruction(people, i, stage, people[i].x + dx, people[i].y + dy)[0]:
+        return 1.0
+    free, blocked = 0.0, 1.0
+    while blocked - free > 1e-3:
+        middle = 0.5 * (free + blocked)
+        if obstruction(people, i, stage, people[i].x + middle * dx, people[i].y + middle * dy)[0]:
+            blocked = middle
+        else:
+            free = middle
+    return free
+
+
+@njit(cache=True)
+def _throw_back(people: Crowd, i: int, nx: float, ny: float) -> None:
+    """Turn about the disc that person `i` has hit, away from which (nx, ny) points, if it came on."""
+    for j in range(len(people)):
+        other = people[j]
+        dx, dy = people[i].x - other.x, people[i].y - other.y
+        distance = math.hypot(dx, dy)
+        touching = distance < people[i].radius + other.radius + 1e-3 and dx * nx + dy * ny > 0.99 * distance
+        if j != i and other.behaviour == BOUNCE and touching:
+            vx, vy = _reflected(math.cos(other.heading), math.sin(other.heading), -nx, -ny)
+            other.heading = math.atan2(vy, vx)
+
+
+@njit(cache=True)
+def _reflected(vx: float, vy: float, nx: float, ny: float) -> tuple[float, float]:
+    """A velocity after it met something away from which the unit vector (nx, ny) points."""
+    into = min(vx * nx + vy * ny, 0.0)
+    return vx - 2.0 * into * nx, vy - 2.0 * into * ny
+
+
+@njit(cache=True)
+def _face(person: Person, direction: float, seconds: float) -> float:
+    """Turn towards a direction [rad] at TURN_RATE at most; how far off [rad] it is still."""
+    off = (direction - person.heading + math.pi) % math.tau - math.pi
+    turn = min(max(off, -TURN_RATE * seconds), TURN_RATE * seconds)
+    person.heading = (person.heading + turn + math.pi) % math.tau - math.pi
+    return float(abs(off - turn))

@@ -1,0 +1,221 @@
+"""Nouns as ROS 2 messages, without ROS: frames by REP-103 and REP-105, ranges by REP-117, IMU by REP-145.
+
+The message classes are those of a `rosbags` typestore; nothing here reads a clock or a file.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Mapping, Sequence
+from typing import Any
+
+import numpy as np
+from rosbags.typesys import Stores, get_typestore
+
+from waychair.geometry import in_space
+from waychair.types import FloatArray, ImuSample, Pose2, Pose3, RgbdFrame, Scan, Twist, WheelTicks
+
+MAP_FRAME, ODOM_FRAME, BASE_FRAME = "map", "odom", "base_link"
+LASER_FRAME, IMU_FRAME = "laser", "imu_link"
+CAMERA_FRAME, OPTICAL_FRAME = "camera_link", "camera_color_optical_frame"
+"""Frames of the headers. `base_link` lies on the floor below the middle of the drive axle."""
+
+SONAR_FRAME = "sonar_{}"
+WHEEL_JOINTS = ("left_wheel_joint", "right_wheel_joint")
+
+CAMERA_FROM_OPTICAL = Pose3(np.array([[0.0, 0.0, 1.0], [-1.0, 0.0, 0.0], [0.0, -1.0, 0.0]]), np.zeros(3))
+"""REP-103: an optical frame looks along z, x to the right; a body frame looks along x, y to the left."""
+
+UNREPORTED = np.concatenate([[-1.0], np.zeros(8)])
+"""Covariance (9,) of a field that a message has but its sensor does not measure (REP-145)."""
+
+SONAR_CONE = math.radians(30.0)
+SONAR_RANGE = (0.02, 4.0)
+"""Full opening angle [rad] and range [m] of small ultrasonic sensors, as the simulated ones have them."""
+
+TYPES = get_typestore(Stores.ROS2_JAZZY)
+"""Definitions of the messages, for writers to declare their topics with."""
+
+_ULTRASOUND = 0
+
+
+def serialised(message: Any) -> bytes | memoryview:
+    """The message's CDR bytes."""
+    return TYPES.serialize_cdr(message, message.__msgtype__)
+
+
+def laser_scan(scan: Scan) -> Any:
+    """sensor_msgs/LaserScan."""
+    angle_max = scan.angle_min + scan.angle_step * (len(scan.ranges) - 1)
+    angles = (scan.angle_min, angle_max, scan.angle_step)
+    sweep_time = abs(scan.time_step) * len(scan.ranges)
+    return _make(
+        "sensor_msgs/msg/LaserScan",
+        _header(scan.stamp_ns, LASER_FRAME),
+        *angles,
+        scan.time_step,
+        sweep_time,
+        scan.range_min,
+        scan.range_max,
+        scan.ranges.astype(np.float32, copy=False),
+        np.zeros(0, np.float32),
+    )
+
+
+def odometry(
+    stamp_ns: int, parent: str, parent_from_base: Pose2, twist: Twist, covariance: FloatArray | None = None
+) -> Any:
+    """nav_msgs/Odometry of the base in frame `parent`; covariance (3, 3) of x, y, theta, zeros when none is known."""
+    at = parent_from_base
+    pose = _make("geometry_msgs/msg/Pose", _point(np.array([at.x, at.y, 0.0])), _quaternion(in_space(at).rotation))
+    speed = _make("geometry_msgs/msg/Twist", _vector((twist.v, 0.0, 0.0)), _vector((0.0, 0.0, twist.omega)))
+    return _make(
+        "nav_msgs/msg/Odometry",
+        _header(stamp_ns, parent),
+        BASE_FRAME,
+        _make("geometry_msgs/msg/PoseWithCovariance", pose, _in_space(covariance)),
+        _make("geometry_msgs/msg/TwistWithCovariance", speed, _in_space(None)),
+    )
+
+
+def imu(sample: ImuSample) -> Any:
+    """sensor_msgs/Imu: rates and specific force with unknown covariances (zeros), orientation not reported."""
+    return _make(
+        "sensor_msgs/msg/Imu",
+        _header(sample.stamp_ns, IMU_FRAME),
+        _make("geometry_msgs/msg/Quaternion", 0.0, 0.0, 0.0, 1.0),
+        UNREPORTED,
+        _vector(sample.gyro),
+        np.zeros(9),
+        _vector(sample.accel),
+        np.zeros(9),
+    )
+
+
+def colour_image(frame: RgbdFrame) -> Any:
+    """sensor_msgs/Image, rgb8 or mono8."""
+    encoding = "rgb8" if frame.image.ndim == 3 else "mono8"
+    return _image(frame.stamp_ns, frame.image, encoding)
+
+
+def depth_image(frame: RgbdFrame) -> Any:
+    """sensor_msgs/Image, 16UC1 in millimetres with 0 for none (REP-118), as RealSense cameras send it.
+
+    It is half the size of 32FC1, and a millimetre is less than the noise of such cameras beyond their nearest range.
+    """
+    millimetres = frame.depth * np.float32(1000.0)
+    told = (millimetres >= 0.0) & (millimetres < 65535.5)  # false for nan
+    return _image(frame.stamp_ns, np.where(told, millimetres + np.float32(0.5), 0.0).astype("<u2"), "16UC1")
+
+
+def camera_info(frame: RgbdFrame) -> Any:
+    """sensor_msgs/CameraInfo of a rectified picture: no distortion, projection of the camera matrix."""
+    height, width = frame.depth.shape
+    k = np.asarray(frame.camera_matrix, np.float64)
+    return _make(
+        "sensor_msgs/msg/CameraInfo",
+        _header(frame.stamp_ns, OPTICAL_FRAME),
+        height,
+        width,
+        "plumb_bob",
+        np.zeros(5),
+        k.ravel(),
+        np.eye(3).ravel(),
+        np.hstack([k, np.zeros((3, 1))]).ravel(),
+        0,
+        0,
+        _make("sensor_msgs/msg/RegionOfInterest", 0, 0, 0, 0, False),
+    )
+
+
+def sonar_range(stamp_ns: int, index: int, distance: float) -> Any:
+    """sensor_msgs/Range of one sonar, REP-117 codes kept."""
+    return _make(
+        "sensor_msgs/msg/Range",
+        _header(stamp_ns, SONAR_FRAME.format(index)),
+        _ULTRASOUND,
+        SONAR_CONE,
+        *SONAR_RANGE,
+        distance,
+        0.0,
+    )
+
+
+def joint_states(ticks: WheelTicks, ticks_per_turn: int) -> Any:
+    """sensor_msgs/JointState: angles [rad] of the drive wheels, of counts that wrap as signed 32-bit numbers."""
+    counts = [(count + (1 << 31)) % (1 << 32) - (1 << 31) for count in (ticks.left, ticks.right)]
+    angles = np.array(counts) * (math.tau / ticks_per_turn)
+    nothing = np.zeros(0)
+    header = _header(ticks.stamp_ns, "")
+    return _make("sensor_msgs/msg/JointState", header, list(WHEEL_JOINTS), angles, nothing, nothing)
+
+
+def transforms(stamp_ns: int, parent_from_child: Mapping[tuple[str, str], Pose3]) -> Any:
+    """tf2_msgs/TFMessage of transforms by (parent, child)."""
+    stamped = [
+        _make(
+            "geometry_msgs/msg/TransformStamped",
+            _header(stamp_ns, parent),
+            child,
+            _make("geometry_msgs/msg/Transform", _vector(pose.translation), _quaternion(pose.rotation)),
+        )
+        for (parent, child), pose in parent_from_child.items()
+    ]
+    return _make("tf2_msgs/msg/TFMessage", stamped)
+
+
+def _image(stamp_ns: int, pixels: Any, encoding: str) -> Any:
+    height, width = pixels.shape[:2]
+    row = pixels.nbytes // height
+    data = np.ascontiguousarray(pixels).view(np.uint8).ravel()
+    return _make("sensor_msgs/msg/Image", _header(stamp_ns, OPTICAL_FRAME), height, width, encoding, 0, row, data)
+
+
+def _make(name: str, *fields: Any) -> Any:
+    """A message of the given type from its fields in their order."""
+    return TYPES.types[name](*fields)
+
+
+def _header(stamp_ns: int, frame: str) -> Any:
+    stamp = _make("builtin_interfaces/msg/Time", *divmod(stamp_ns, 1_000_000_000))
+    return _make("std_msgs/msg/Header", stamp, frame)
+
+
+def _vector(xyz: FloatArray | Sequence[float]) -> Any:
+    return _make("geometry_msgs/msg/Vector3", *map(float, xyz))
+
+
+def _point(xyz: FloatArray) -> Any:
+    return _make("geometry_msgs/msg/Point", *map(float, xyz))
+
+
+def _quaternion(rotation: FloatArray) -> Any:
+    """geometry_msgs/Quaternion with w >= 0, by the largest component first (Shepperd 1978: no cancellation)."""
+    m = rotation
+    squares = np.array(
+        [
+            1 + m[0, 0] - m[1, 1] - m[2, 2],
+            1 - m[0, 0] + m[1, 1] - m[2, 2],
+            1 - m[0, 0] - m[1, 1] + m[2, 2],
+            1 + m[0, 0] + m[1, 1] + m[2, 2],
+        ]
+    )
+    products = np.array(
+        [
+            [squares[0], m[1, 0] + m[0, 1], m[0, 2] + m[2, 0], m[2, 1] - m[1, 2]],
+            [m[1, 0] + m[0, 1], squares[1], m[2, 1] + m[1, 2], m[0, 2] - m[2, 0]],
+            [m[0, 2] + m[2, 0], m[2, 1] + m[1, 2], squares[2], m[1, 0] - m[0, 1]],
+            [m[2, 1] - m[1, 2], m[0, 2] - m[2, 0], m[1, 0] - m[0, 1], squares[3]],
+        ]
+    )
+    largest = int(np.argmax(squares))
+    xyzw = products[largest] / (2 * math.sqrt(squares[largest]))
+    return _make("geometry_msgs/msg/Quaternion", *map(float, xyzw if xyzw[3] >= 0 else -xyzw))
+
+
+def _in_space(covariance: FloatArray | None) -> FloatArray:
+    """(36,) covariance of x, y, z, roll, pitch, yaw from that of x, y, yaw (3, 3); zeros when none is known."""
+    full = np.zeros((6, 6))
+    if covariance is not None:
+        full[np.ix_([0, 1, 5], [0, 1, 5])] = covariance
+    return full.ravel()
