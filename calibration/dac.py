@@ -24,10 +24,42 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass
+from typing import Protocol
 
 from waychair.config import Settings, setting
 from waychair.errors import CalibrationError, ConfigError
 from waychair.types import WheelSpeeds
+
+
+class DacModel(Protocol):
+    """What every model of a chair's joystick lines answers; axes are always in the order forward, turn."""
+
+    @property
+    def counts_max(self) -> int:
+        """Largest value of the converter."""
+
+    def counts_from_wheel_speeds(self, speeds: WheelSpeeds) -> tuple[int, int]:
+        """Counts for wheel speeds [m/s], rounded to nearest, always within 0..counts_max.
+
+        Speeds beyond an axis' reach are scaled down together, so that the chair keeps to the arc and only drives it
+        slower.
+
+        Raises:
+            CalibrationError: a speed is not a finite number.
+        """
+
+    def wheel_speeds_from_counts(self, forward: int, turn: int) -> WheelSpeeds:
+        """Wheel speeds [m/s] that the model expects of counts: zero on an axis within its dead band."""
+
+    def volts_from_counts(self, forward: int, turn: int) -> tuple[float, float]:
+        """Volts on the lines for counts.
+
+        Raises:
+            CalibrationError: a count lies outside 0..counts_max.
+        """
+
+    def neutral_counts(self) -> tuple[int, int]:
+        """Counts of rest."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -66,6 +98,40 @@ class LinearDac(Settings):
         """How far from neutral either axis may go [counts]: the swing, as far as the converter has room for it."""
         return min(self.swing, self.neutral, self.counts_max - self.neutral)
 
+    def counts_from_wheel_speeds(self, speeds: WheelSpeeds) -> tuple[int, int]:
+        """Counts for wheel speeds [m/s]; see `DacModel`."""
+        forward = self.forward_left * speeds.left + self.forward_right * speeds.right
+        turn = self.turn_left * speeds.left + self.turn_right * speeds.right
+        refuse_unless_finite(speeds, forward, turn)
+        scale = min(
+            1.0,
+            (self.reach - self.dead_band_forward) / max(abs(forward), 1e-12),
+            (self.reach - self.dead_band_turn) / max(abs(turn), 1e-12),
+        )
+        return (
+            nearest(self.neutral + _past_dead_band(scale * forward, self.dead_band_forward)),
+            nearest(self.neutral + _past_dead_band(scale * turn, self.dead_band_turn)),
+        )
+
+    def wheel_speeds_from_counts(self, forward: int, turn: int) -> WheelSpeeds:
+        """Wheel speeds [m/s] for counts; see `DacModel`."""
+        f = _within_dead_band(forward - self.neutral, self.dead_band_forward)
+        t = _within_dead_band(turn - self.neutral, self.dead_band_turn)
+        determinant = self.determinant
+        return WheelSpeeds(
+            left=(self.turn_right * f - self.forward_right * t) / determinant,
+            right=(self.forward_left * t - self.turn_left * f) / determinant,
+        )
+
+    def volts_from_counts(self, forward: int, turn: int) -> tuple[float, float]:
+        """Volts for counts; see `DacModel`."""
+        refuse_outside(self.counts_max, forward, turn)
+        return forward * self.volts_max / self.counts_max, turn * self.volts_max / self.counts_max
+
+    def neutral_counts(self) -> tuple[int, int]:
+        """Counts of rest."""
+        return self.counts_from_wheel_speeds(WheelSpeeds())
+
 
 DEFAULT = LinearDac()
 """The printed gains about a neutral, with the dead band and the 1.2 V swing of a common chair controller."""
@@ -74,55 +140,42 @@ PAPER = LinearDac(dead_band_forward=0.0, dead_band_turn=0.0, swing=127.5)
 """The equations as printed, about a neutral: no dead band, the converter's whole range."""
 
 
-def counts_from_wheel_speeds(model: LinearDac, speeds: WheelSpeeds) -> tuple[int, int]:
-    """Counts (forward, turn) for wheel speeds [m/s], rounded to nearest, always within 0..counts_max.
-
-    Speeds beyond an axis' reach are scaled down together, so that the chair keeps to the arc and only drives it slower.
-
-    Raises:
-        CalibrationError: a speed is not a finite number.
-    """
-    forward = model.forward_left * speeds.left + model.forward_right * speeds.right
-    turn = model.turn_left * speeds.left + model.turn_right * speeds.right
-    if not (math.isfinite(forward) and math.isfinite(turn)):
-        raise CalibrationError(f"wheel speeds {speeds.left}, {speeds.right} m/s have no counts: give finite numbers")
-    scale = min(
-        1.0,
-        (model.reach - model.dead_band_forward) / max(abs(forward), 1e-12),
-        (model.reach - model.dead_band_turn) / max(abs(turn), 1e-12),
-    )
-    return (
-        _nearest(model.neutral + _past_dead_band(scale * forward, model.dead_band_forward)),
-        _nearest(model.neutral + _past_dead_band(scale * turn, model.dead_band_turn)),
-    )
+def counts_from_wheel_speeds(model: DacModel, speeds: WheelSpeeds) -> tuple[int, int]:
+    """Counts (forward, turn) for wheel speeds [m/s]; see `DacModel`."""
+    return model.counts_from_wheel_speeds(speeds)
 
 
-def wheel_speeds_from_counts(model: LinearDac, forward: int, turn: int) -> WheelSpeeds:
-    """Wheel speeds [m/s] that the model expects of counts: zero on an axis within its dead band."""
-    f = _within_dead_band(forward - model.neutral, model.dead_band_forward)
-    t = _within_dead_band(turn - model.neutral, model.dead_band_turn)
-    determinant = model.determinant
-    return WheelSpeeds(
-        left=(model.turn_right * f - model.forward_right * t) / determinant,
-        right=(model.forward_left * t - model.turn_left * f) / determinant,
-    )
+def wheel_speeds_from_counts(model: DacModel, forward: int, turn: int) -> WheelSpeeds:
+    """Wheel speeds [m/s] that the model expects of counts; see `DacModel`."""
+    return model.wheel_speeds_from_counts(forward, turn)
 
 
-def volts_from_counts(model: LinearDac, forward: int, turn: int) -> tuple[float, float]:
-    """Volts (forward, turn) on the lines for counts.
-
-    Raises:
-        CalibrationError: a count lies outside 0..counts_max.
-    """
-    for counts in (forward, turn):
-        if not 0 <= counts <= model.counts_max:
-            raise CalibrationError(f"{counts} counts cannot be converted: they must lie in 0..{model.counts_max}")
-    return forward * model.volts_max / model.counts_max, turn * model.volts_max / model.counts_max
+def volts_from_counts(model: DacModel, forward: int, turn: int) -> tuple[float, float]:
+    """Volts (forward, turn) on the lines for counts; see `DacModel`."""
+    return model.volts_from_counts(forward, turn)
 
 
-def neutral_counts(model: LinearDac) -> tuple[int, int]:
+def neutral_counts(model: DacModel) -> tuple[int, int]:
     """Counts (forward, turn) of rest."""
-    return counts_from_wheel_speeds(model, WheelSpeeds())
+    return model.neutral_counts()
+
+
+def refuse_unless_finite(speeds: WheelSpeeds, *derived: float) -> None:
+    """Raises `CalibrationError` for wheel speeds, or numbers that came of them, that are not finite."""
+    if not all(math.isfinite(value) for value in (speeds.left, speeds.right, *derived)):
+        raise CalibrationError(f"wheel speeds {speeds.left}, {speeds.right} m/s have no counts: give finite numbers")
+
+
+def refuse_outside(counts_max: int, *counts: int) -> None:
+    """Raises `CalibrationError` for counts that a converter up to `counts_max` has not."""
+    for count in counts:
+        if not 0 <= count <= counts_max:
+            raise CalibrationError(f"{count} counts cannot be converted: they must lie in 0..{counts_max}")
+
+
+def nearest(value: float) -> int:
+    """The nearest count, halves upwards."""
+    return math.floor(value + 0.5)
 
 
 def _past_dead_band(offset: float, dead_band: float) -> float:
@@ -132,7 +185,3 @@ def _past_dead_band(offset: float, dead_band: float) -> float:
 
 def _within_dead_band(offset: float, dead_band: float) -> float:
     return math.copysign(max(abs(offset) - dead_band, 0.0), offset)
-
-
-def _nearest(value: float) -> int:
-    return math.floor(value + 0.5)

@@ -12,6 +12,7 @@ def demo_command(
     seed: int = 0,
     small: bool = False,
     world: str | None = None,
+    people: bool = False,
     quiet: bool = False,
 ) -> None:
     """Map a real recording, then drive the chair to three places in that map through joystick volts.
@@ -29,6 +30,8 @@ def demo_command(
         Use the small world even where the recording is there.
     world
         Use this world instead: one of `waychair worlds`, or a plan's .yaml file.
+    people
+        With the people of that world, whom the chair avoids as obstacles but does not foresee.
     quiet
         Print nothing but errors.
     """
@@ -55,7 +58,7 @@ def demo_command(
                 tasks[stage] = bar.add_task(stage, total=1.0)
             bar.update(tasks[stage], completed=share)
 
-        demo = run_demo(out, seed, log, show, world or SMALL_WORLD)
+        demo = run_demo(out, seed, log, show, world or SMALL_WORLD, people)
     write_report(out, demo)
     if not quiet:
         table = Table(*HEADER[:IN_TERMINAL], title=demo.title)

@@ -21,7 +21,7 @@ from waychair.maps.distance_field import DistanceField
 from waychair.maps.places import find
 from waychair.planning.costmap import Costmap, CostmapSettings, costmap_from_grid
 from waychair.planning.dwa import DwaResult, DwaSettings, braking, choose
-from waychair.planning.global_planner import GlobalPlanner, PlannerSettings, check_goal
+from waychair.planning.global_planner import GlobalPlanner, PlannerSettings, check_goal, legs_of
 from waychair.types import FloatArray, Goal, OccupancyGrid, Path, Place, Pose2, Twist
 
 
@@ -44,6 +44,7 @@ class NavigatorSettings(Settings):
     )
     look_ahead: float = setting(5.0, "m", "part of the path that must be free", low=0.5, high=50.0)
     off_path: float = setting(0.5, "m", "farther from the path than this: plan anew", low=0.1, high=5.0)
+    corner_tolerance: float = setting(0.05, "m", "how exactly it stops to turn before a door", low=0.01, high=0.5)
     replan_period: float = setting(1.0, "s", "shortest time between two plans", low=0.05, high=60.0)
     surroundings: SurroundingsSettings = field(default_factory=SurroundingsSettings)
     recovery: RecoverySettings = field(default_factory=RecoverySettings)
@@ -91,6 +92,7 @@ class Navigator:
         self._planner: GlobalPlanner | None = None
         self._dwa = self._settings.dwa
         self._path: Path | None = None
+        self._legs: list[Path] = []
         self._no_way = ""
         self._planned_ns: int | None = None
         self._plans = 0
@@ -167,7 +169,18 @@ class Navigator:
             self._planned_ns = None  # once backed out, plan anew from there
         if backing is not None:
             return backing
-        choice = choose(pose, self._command, path, local, self._body, self._dwa, in_position=self._in_position)
+        choice = self._follow(pose, local)
+        if choice.arrived and len(self._legs) > 1:  # stopped and turned: on with the next leg
+            self._legs, self._in_position = self._legs[1:], False
+            choice = self._follow(pose, local)
+        return choice
+
+    def _follow(self, pose: Pose2, local: DistanceField) -> DwaResult:
+        """The next command on the present leg."""
+        limits = self._dwa
+        if len(self._legs) > 1:
+            limits = replace(limits, goal_tolerance=self._settings.corner_tolerance)
+        choice = choose(pose, self._command, self._legs[0], local, self._body, limits, in_position=self._in_position)
         self._in_position = choice.in_position
         return choice
 
@@ -219,7 +232,9 @@ class Navigator:
             path = self._planner.replan(self._costmap(self._surroundings.unexpected()), pose)
             if self._path is None:  # having waited for a way is no reason to back out now that there is one
                 self._recovery.moves()
-            self._path, self._plans = path, self._plans + 1
+            legs = legs_of(path)
+            self._in_position = self._in_position and len(legs) == len(self._legs) == 1
+            self._path, self._legs, self._plans = path, legs, self._plans + 1
         except PlanningError as error:
             self._path, self._no_way = None, str(error)
 

@@ -11,7 +11,7 @@ from dataclasses import dataclass
 from typing import Protocol
 
 from waychair.calibration.dac import (
-    LinearDac,
+    DacModel,
     counts_from_wheel_speeds,
     neutral_counts,
     volts_from_counts,
@@ -44,7 +44,7 @@ class BridgeSettings(Settings):
 class Bridge:
     """From wheel speeds to the lines, one call a tick. Starts with the lines released."""
 
-    def __init__(self, lines: Lines, calibration: LinearDac, settings: BridgeSettings | None = None) -> None:
+    def __init__(self, lines: Lines, calibration: DacModel, settings: BridgeSettings | None = None) -> None:
         self._lines = lines
         self._calibration = calibration
         self._settings = settings or BridgeSettings()

@@ -33,12 +33,14 @@ class Costmap:
     """Prices (H, W) int32 and clearance (H, W) float32 [m] of a grid's cells.
 
     Prices are per mille of a free cell's, 0 is impassable. Clearance is measured between cell centres (see
-    `maps.distance_field`) to occupied cells, static or live. `grid` holds the live obstacles too, and the geometry.
+    `maps.distance_field`) to occupied cells, static or live. `grid` holds the live obstacles too, and the geometry;
+    `body` is the chair that the prices are for.
     """
 
     prices: Prices
     clearance: Float32Array
     grid: OccupancyGrid
+    body: ChairBody
 
     @property
     def field(self) -> DistanceField:
@@ -66,7 +68,7 @@ def costmap_from_grid(
     prices[grid.cells == UNKNOWN] += settings.unknown_price
     # Clearances are float32: a hair of slack lets a cell at exactly the needed distance pass.
     prices[clearance < needed - 1e-5] = 0
-    return Costmap(np.rint(prices).astype(np.int32), clearance, grid)
+    return Costmap(np.rint(prices).astype(np.int32), clearance, grid, body)
 
 
 def _with_obstacles(grid: OccupancyGrid, points: FloatArray | None) -> OccupancyGrid:

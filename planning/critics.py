@@ -5,12 +5,16 @@
 
 from __future__ import annotations
 
+import math
 from dataclasses import dataclass
 
 import numpy as np
 
 from waychair.config import Settings, setting
 from waychair.types import BoolArray, FloatArray
+
+ENOUGH, LEAST = 0.3, 0.12
+"""Clearance [m] beyond which more is worth nothing, and up to which it always is."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -21,7 +25,8 @@ class Features:
     clearance [m]: least distance beside the body on the way. path_error [m]: mean distance of the drive axle and of the front from the path.
     heading_error [rad]: |end's heading - path's direction there|. bearing [rad]: |direction from the end to the target
     - end's heading|. progress [m]: way along the path to the point nearest to the end. target_distance [m]: least
-    distance to the target on the way. change [0..1]: size of the step from the last command.
+    distance to the target on the way. change [0..1]: size of the step from the last command. offered [m]: clearance that
+    the path itself has in its next stretch.
     """
 
     candidates: FloatArray
@@ -34,6 +39,7 @@ class Features:
     progress: FloatArray
     target_distance: FloatArray
     change: FloatArray
+    offered: float = math.inf
 
 
 @dataclass(frozen=True, slots=True)
@@ -53,14 +59,16 @@ def comfortable_score(features: Features, weights: Weights, longest: float, high
     """(N,) weighted sum of the critics; `longest` [m] is the way of the fastest arc, `highest` [m/s] its speed.
 
     The critics are divided by fixed scales and not by what the candidates of this moment reach: a difference of
-    millimetres between arcs in an empty hall stays one, and there is no 0/0.
+    millimetres between arcs in an empty hall stays one, and there is no 0/0. Clearance beyond what the path offers is
+    worth nothing: before a door, or a goal beside a wall, the chair would else rather stand where there is room.
     """
+    worth = min(ENOUGH, max(features.offered, LEAST))
     score: FloatArray = (
         -weights.path * features.path_error / 0.5
         - weights.heading * features.heading_error / np.pi
         + weights.progress * features.progress / longest
         - weights.target * features.target_distance / longest
-        + weights.clearance * np.minimum(features.clearance, 0.3) / 0.3
+        + weights.clearance * np.minimum(features.clearance, worth) / ENOUGH
         + weights.speed * features.candidates[:, 0] / highest
         - weights.smoothness * features.change
     )

@@ -24,10 +24,10 @@ import numpy as np
 
 from waychair.calibration.chair import ChairBody
 from waychair.config import Settings, setting
-from waychair.geometry import wrap_angle
+from waychair.geometry import compose, wrap_angle
 from waychair.maps.distance_field import DistanceField
 from waychair.planning.critics import Features, Weights, comfortable_score
-from waychair.planning.dwa_kernels import local_section, measure
+from waychair.planning.dwa_kernels import SPACING, local_section, measure, offered_clearance
 from waychair.planning.footprint import Footprint, along_arc, eased_footprint, footprint, free_time, in_cells
 from waychair.types import BoolArray, FloatArray, Path, Pose2, Twist
 
@@ -35,6 +35,9 @@ Score = Callable[[Features], FloatArray]
 
 CRAWL_V, CRAWL_OMEGA = 0.15, 0.4
 """Speeds [m/s], [rad/s] at which the chair gets out of a tight spot."""
+
+_STRETCH = 1.5
+"""Length [m] of the path ahead whose clearance is what one can expect."""
 
 _STANDING_V, _STANDING_OMEGA = 0.01, 0.02
 """Speeds [m/s], [rad/s] below which a command counts as standing still."""
@@ -219,6 +222,8 @@ def _features(
     start = in_cells(distances, ahead)
     rows = measure(shape, start, ahead.array(), candidates, section, needed, settings.horizon)
     admissible: BoolArray = rows[:, 0] >= needed
+    grid_from_map, cell = distances.map_from_grid.inverse(), distances.resolution
+    stretch = compose(grid_from_map.array(), section[: round(_STRETCH / SPACING) + 1]) / (cell, cell, 1.0)
     change = np.abs(candidates - (command.v, command.omega)) / (settings.max_speed, settings.max_omega)
     return Features(
         candidates=candidates,
@@ -231,6 +236,7 @@ def _features(
         progress=rows[:, 5],
         target_distance=rows[:, 6],
         change=change.mean(axis=1),
+        offered=offered_clearance(shape, stretch),
     )
 
 

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
+from itertools import pairwise
 
 import numpy as np
 
@@ -15,7 +16,7 @@ from waychair.planning.costmap import Costmap
 from waychair.planning.dstar_lite import DStarLite
 from waychair.planning.footprint import fits
 from waychair.planning.grid_graph import Cell
-from waychair.planning.narrows import line_up
+from waychair.planning.narrows import legs_between_turns, line_up
 from waychair.planning.smoothing import pull_taut, round_corners
 from waychair.types import FloatArray, IntArray, Path, Pose2
 
@@ -29,6 +30,7 @@ class PlannerSettings(Settings):
     rounding: int = setting(10, "passes", "smoothing passes over the corners", low=0, high=1000)
     narrow: float = setting(0.6, "m", "clearance below which a place is lined up with, as a door", low=0.0, high=2.0)
     run_up: float = setting(1.0, "m", "straight way before the middle of a door", low=0.1, high=3.0)
+    turn_from: float = setting(0.7, "rad", "sharper corners at a door are turned in place", low=0.2, high=3.2)
 
 
 def plan(costmap: Costmap, start: Pose2, goal: Pose2, settings: PlannerSettings = PlannerSettings()) -> Path:
@@ -68,7 +70,8 @@ class GlobalPlanner:
     def replan(self, costmap: Costmap, start: Pose2) -> Path:
         """Path in map from the start to the goal over the present costmap.
 
-        Headings follow the path; the last one is the goal's. A costmap of the geometry of the last call costs only what
+        Headings follow the path; the last one is the goal's. Two poses at one place: the chair stops there and turns to
+        the heading of the second (`legs_of`). A costmap of the geometry of the last call costs only what
         its changed cells cost; another geometry begins anew.
 
         Raises:
@@ -169,7 +172,10 @@ def _in_sight(costmap: Costmap, first: Cell, second: Cell) -> bool:
 
 
 def _path_from_cells(costmap: Costmap, cells: IntArray, start: Pose2, goal: Pose2, settings: PlannerSettings) -> Path:
-    """Pull the chain of cells taut where that is no dearer, line it up with doors, round its corners, add headings."""
+    """Pull the chain of cells taut where that is no dearer, line it up with doors, round its corners, add headings.
+
+    Corners at which the chair is to turn in place are not rounded, and stand in the path twice.
+    """
     grid_from_map = costmap.grid.map_from_grid.inverse()
     ends: FloatArray = (
         transform_points(grid_from_map, np.array([[start.x, start.y], [goal.x, goal.y]])) / costmap.grid.resolution
@@ -180,11 +186,23 @@ def _path_from_cells(costmap: Costmap, cells: IntArray, start: Pose2, goal: Pose
     chain = np.concatenate([chain[:-1] if len(chain) > 1 else chain, ends[1:]])
     taut = chain[pull_taut(costmap.prices, chain)]
     spacing = settings.spacing / costmap.grid.resolution
-    lined_up = line_up(costmap, _evenly_spaced(taut, spacing), settings.narrow, settings.run_up)
-    even = _evenly_spaced(lined_up, spacing)
-    rounded = round_corners(costmap.prices, even, settings.rounding)
-    points = transform_points(costmap.grid.map_from_grid, rounded * costmap.grid.resolution)
-    return Path(np.column_stack([points, _headings(points, goal.theta)]))
+    lined_up, run_ends = line_up(costmap, _evenly_spaced(taut, spacing), settings.narrow, settings.run_up)
+    legs = []
+    for leg in legs_between_turns(costmap, lined_up, run_ends, settings.turn_from):
+        rounded = round_corners(costmap.prices, _evenly_spaced(leg, spacing), settings.rounding)
+        points = transform_points(costmap.grid.map_from_grid, rounded * costmap.grid.resolution)
+        legs.append(np.column_stack([points, _headings(points)]))
+    legs[-1][-1, 2] = goal.theta
+    return Path(np.concatenate(legs))
+
+
+def legs_of(path: Path) -> list[Path]:
+    """The path cut where it turns in place; each leg ends with the heading in which the next one begins."""
+    turns = np.flatnonzero((np.diff(path.poses[:, :2], axis=0) == 0.0).all(axis=1)) + 1
+    legs = [leg.copy() for leg in np.split(path.poses, turns)]
+    for leg, following in pairwise(legs):
+        leg[-1, 2] = following[0, 2]
+    return [Path(leg) for leg in legs]
 
 
 def _evenly_spaced(points: FloatArray, spacing: float) -> FloatArray:
@@ -195,7 +213,8 @@ def _evenly_spaced(points: FloatArray, spacing: float) -> FloatArray:
     return np.column_stack([np.interp(at, along, points[:, 0]), np.interp(at, along, points[:, 1])])
 
 
-def _headings(points: FloatArray, last: float) -> FloatArray:
-    """Direction from each point to the next; the last is given."""
+def _headings(points: FloatArray) -> FloatArray:
+    """Direction from each point to the next; the last goes on in that before."""
     ahead = np.diff(points, axis=0)
-    return np.append(np.arctan2(ahead[:, 1], ahead[:, 0]), last)
+    headings = np.arctan2(ahead[:, 1], ahead[:, 0])
+    return np.append(headings, headings[-1:] if len(headings) else [0.0])

@@ -1,5 +1,8 @@
 """Lining the path up with doors: a chair whose front reaches far ahead of its axle must be straight before it enters.
 
+Where a door lies round a sharp corner, no arc leads into it: the chair drives to the door's axis, stops, turns in place
+and goes straight through.
+
 Points are (N, 2) columns and rows in cell units, spaced evenly: (0.5, 0.5) is the centre of cell (0, 0).
 """
 
@@ -10,17 +13,22 @@ from itertools import pairwise
 
 import numpy as np
 
+from waychair.geometry import wrap_angle
 from waychair.maps.grid import occupied
 from waychair.planning.costmap import Costmap
+from waychair.planning.footprint import footprint, free_time
 from waychair.planning.smoothing import line_cost
-from waychair.types import FloatArray
+from waychair.types import BoolArray, FloatArray
 
 _LONGEST = 1.6
 """A narrow stretch longer than this [m] is a corridor, along which the path is straight already."""
 
+_SHORTEST = 0.2
+"""A leg shorter than this [m] is not worth a stop."""
 
-def line_up(costmap: Costmap, points: FloatArray, narrow: float, run_up: float) -> FloatArray:
-    """The points with a straight run through every narrow place, along its axis.
+
+def line_up(costmap: Costmap, points: FloatArray, narrow: float, run_up: float) -> tuple[FloatArray, BoolArray]:
+    """The points with a straight run through every narrow place, along its axis; and which points begin or end a run.
 
     A place is narrow where the clearance is below `narrow` [m] and obstacles stand on both sides; the run begins
     `run_up` [m] before its middle and ends two thirds of that after it, shorter where there is no room. Places too near
@@ -29,7 +37,7 @@ def line_up(costmap: Costmap, points: FloatArray, narrow: float, run_up: float) 
     rows, columns = np.floor(points[:, ::-1]).astype(np.int64).T
     clearance = costmap.clearance[rows, columns]
     cell = costmap.grid.resolution
-    lined = points
+    lined, run_ends = points, np.zeros(len(points), np.bool_)
     # From the last to the first, so that the indices of those still to come stay right.
     for first, last in reversed(_stretches(clearance < narrow)):
         length = math.dist(points[first], points[last]) * cell
@@ -43,11 +51,44 @@ def line_up(costmap: Costmap, points: FloatArray, narrow: float, run_up: float) 
         for share in (1.0, 0.75, 0.5):
             run = run_up * share / cell
             begin, end = centre - run * direction, centre + 2 / 3 * run * direction
-            joined = _joined(costmap, lined, middle, begin, end)
-            if joined is not None:
-                lined = joined
+            ends = _joined(costmap, lined, middle, begin, end)
+            if ends is not None:
+                before, after = ends
+                lined = np.concatenate([lined[: before + 1], [begin, end], lined[after:]])
+                run_ends = np.concatenate([run_ends[: before + 1], [True, True], run_ends[after:]])
                 break
-    return lined
+    return lined, run_ends
+
+
+def legs_between_turns(costmap: Costmap, points: FloatArray, run_ends: BoolArray, turn_from: float) -> list[FloatArray]:
+    """The points cut where the chair is to stop and turn in place: at ends of runs, onto or off them, by `turn_from`.
+
+    `turn_from` [rad] is the least change of direction that is worth it; where the chair cannot turn, the corner stays.
+    """
+    legs, begin = [], 0
+    for i in np.flatnonzero(run_ends).tolist():
+        into, out_of = (
+            float(math.atan2(*step[::-1])) for step in (points[i] - points[i - 1], points[i + 1] - points[i])
+        )
+        too_short = min(_length(points[begin : i + 1]), _length(points[i:])) * costmap.grid.resolution < _SHORTEST
+        if abs(wrap_angle(out_of - into)) < turn_from or too_short:
+            continue
+        if _can_turn(costmap, points[i], into, out_of):
+            legs.append(points[begin : i + 1])
+            begin = i
+    return [*legs, points[begin:]]
+
+
+def _can_turn(costmap: Costmap, point: FloatArray, into: float, out_of: float) -> bool:
+    """Whether the body can be turned in place from one direction to the other, the short way round."""
+    shape, turn = footprint(costmap.body, 0.0, costmap.field), wrap_angle(out_of - into)
+    return bool(
+        free_time(shape, np.array([*point, into]), 0.0, math.copysign(1.0, turn), abs(turn), abs(turn)) >= abs(turn)
+    )
+
+
+def _length(points: FloatArray) -> float:
+    return float(np.hypot(*np.diff(points, axis=0).T).sum())
 
 
 def _stretches(narrow: np.ndarray[tuple[int, ...], np.dtype[np.bool_]]) -> list[tuple[int, int]]:
@@ -83,8 +124,10 @@ def _nearest(offsets: FloatArray, away: FloatArray) -> FloatArray | None:
     return mean
 
 
-def _joined(costmap: Costmap, points: FloatArray, middle: int, begin: FloatArray, end: FloatArray) -> FloatArray | None:
-    """The points before `begin`, the straight run, the points after `end`; None where any part of it is barred."""
+def _joined(
+    costmap: Costmap, points: FloatArray, middle: int, begin: FloatArray, end: FloatArray
+) -> tuple[int, int] | None:
+    """The points to go to `begin` from, and from `end` to; None where any part of the way is barred."""
     before = int(np.argmin(np.hypot(*(points[: middle + 1] - begin).T)))
     after = middle + int(np.argmin(np.hypot(*(points[middle:] - end).T)))
     # Join a little away from the run, so that the bend is gentle.
@@ -96,4 +139,4 @@ def _joined(costmap: Costmap, points: FloatArray, middle: int, begin: FloatArray
     for start, stop in pairwise(legs):
         if line_cost(costmap.prices, start[0], start[1], stop[0], stop[1]) == math.inf:
             return None
-    return np.concatenate([points[: before + 1], [begin, end], points[after:]])
+    return before, after

@@ -59,17 +59,28 @@ class MujocoChair:
         self._noise = WheelNoise(rng, plant)
         self._model = self._mujoco.MjModel.from_xml_string(mjcf(world, body, plant, settings, pose))
         self._data = self._mujoco.MjData(self._model)
+        # Views of MuJoCo's own arrays: to ask for one anew in every step costs more than to read it.
+        self._qpos, self._qvel, self._control = self._data.qpos, self._data.qvel, self._data.ctrl
+        self._torques, self._sensed = self._data.actuator_force, self._data.sensordata
         self._outline = self._model.geom("outline").id
         self._joints = [int(self._model.joint(name).qposadr[0]) for name in ("left", "right")]
         self._axles = [int(self._model.joint(name).dofadr[0]) for name in ("left", "right")]
         self._drive_limits = (-1.0, -1.0)  # torque of the motors and friction of the brakes in force
         self._settle(round(SETTLING_S * 1000.0 / settings.timestep_ms), pose)
-        self._felt: FloatArray = self._data.sensordata.copy()
+        self._felt: FloatArray = self._sensed.copy()
+
+    @property
+    def pose3(self) -> Pose3:
+        """True map_from_base in space: the base's origin is a wheel's radius below the axle, square to the seat."""
+        flat = np.empty(9)
+        self._mujoco.mju_quat2Mat(flat, self._qpos[3:7])
+        rotation = flat.reshape(3, 3)
+        return Pose3(rotation, self._qpos[:3] - self._body.wheel_radius * rotation[:, 2])
 
     @property
     def ticks(self) -> tuple[int, int]:
         """Encoder counts (left, right) of the wheels' joints, wrapping as signed 32-bit numbers."""
-        left, right = (float(self._data.qpos[joint]) for joint in self._joints)
+        left, right = (float(self._qpos[joint]) for joint in self._joints)
         return ticks_from_angle(left, self._body.ticks_per_turn), ticks_from_angle(right, self._body.ticks_per_turn)
 
     @property
@@ -93,11 +104,10 @@ class MujocoChair:
         """
         data = self._data
         self._command(forward_volts, turn_volts)
-        began, free, felt = data.time, True, np.zeros(6)
+        began, felt = data.time, np.zeros(6)
         for _ in range(self._substeps):
             self._mujoco.mj_step(self._model, data)
-            felt += data.sensordata
-            free = free and self._outline not in data.contact.geom.ravel().tolist()
+            felt += self._sensed
         if data.time <= began:  # MuJoCo begins anew, at the start and at time 0, when numbers run away
             raise WorldError(
                 f"the physics became unstable at timestep_ms = {self._settings.timestep_ms:g}: choose a smaller one, "
@@ -105,31 +115,33 @@ class MujocoChair:
             )
         self._felt = felt / self._substeps
         self._look()
-        self.upright = self.upright and bool(self.pose3.rotation[2, 2] > math.cos(TIPPED))
-        return free
+        return self._outline not in data.contact.geom.ravel().tolist()
 
     def _look(self) -> None:
-        """Pose and twist from the state itself: what MuJoCo derives from it, `xmat` and the like, is one step old.
-
-        The base's origin is a wheel's radius below the axle, square to the seat.
-        """
-        flat = np.empty(9)
-        self._mujoco.mju_quat2Mat(flat, self._data.qpos[3:7])
-        rotation = flat.reshape(3, 3)
-        self.pose3 = Pose3(rotation, self._data.qpos[:3] - self._body.wheel_radius * rotation[:, 2])
-        self.pose = self.pose3.planar()
-        self.twist = Twist(float(rotation[:, 0] @ self._data.qvel[:3]), float(self._data.qvel[5]))
+        """Pose and twist from the state itself: what MuJoCo derives from it, `xmat` and the like, is one step old."""
+        x, y, _, qw, qx, qy, qz = self._qpos[:7].tolist()
+        vx, vy, vz, _, _, omega = self._qvel[:6].tolist()
+        ahead_x, ahead_y, ahead_z = (
+            1.0 - 2.0 * (qy * qy + qz * qz),
+            2.0 * (qx * qy + qw * qz),
+            2.0 * (qx * qz - qw * qy),
+        )
+        up_x, up_y, up_z = 2.0 * (qx * qz + qw * qy), 2.0 * (qy * qz - qw * qx), 1.0 - 2.0 * (qx * qx + qy * qy)
+        radius = self._body.wheel_radius
+        self.pose = Pose2(x - radius * up_x, y - radius * up_y, math.atan2(ahead_y, ahead_x))
+        self.twist = Twist(ahead_x * vx + ahead_y * vy + ahead_z * vz, omega)
+        self.upright = self.upright and up_z > math.cos(TIPPED)
 
     def _command(self, forward_volts: float, turn_volts: float) -> None:
         """What the controller makes of the volts and of the motors' load goes to motors and brakes."""
-        data, model, torque = self._data, self._model, self._settings.motor_torque
-        left, right = data.actuator_force.tolist()
+        model, torque = self._model, self._settings.motor_torque
+        left, right = self._torques.tolist()
         load = min(1.0, 0.5 * (abs(left) + abs(right)) / torque)
         wheels = self._controller.step(forward_volts, turn_volts, load)
         left_ripple, right_ripple, _, _ = self._noise.draw()
         per_radius = 1.0 / self._body.wheel_radius
-        data.ctrl[0] = wheels.left * (1.0 + self._plant.speed_noise * left_ripple) * per_radius
-        data.ctrl[1] = wheels.right * (1.0 + self._plant.speed_noise * right_ripple) * per_radius
+        self._control[0] = wheels.left * (1.0 + self._plant.speed_noise * left_ripple) * per_radius
+        self._control[1] = wheels.right * (1.0 + self._plant.speed_noise * right_ripple) * per_radius
         limits = torque * self._controller.power, self._settings.brake_torque if self._controller.braked else 0.0
         if limits != self._drive_limits:
             self._drive_limits = limits

@@ -262,6 +262,8 @@ class Simulator:
 
     def _is_due(self, rate_hz: float) -> bool:
         """Whether a sample falls into the step that has just ended; half a nanosecond stands against rounding."""
+        if rate_hz == 0.0:
+            return False
         before, now = (self.now_ns - self._step_ns + 0.5) * rate_hz * 1e-9, (self.now_ns + 0.5) * rate_hz * 1e-9
         return math.floor(now) > math.floor(before)
 

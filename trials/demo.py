@@ -75,14 +75,17 @@ def run_demo(
     log: Path | None = None,
     progress: Progress = lambda stage, share: None,
     world: str | Path = SMALL_WORLD,
+    people: bool = False,
 ) -> Demo:
     """Maps `log`, or without one a drive through `world`, into `out`/map and drives to up to three places there.
+
+    `people` are those of the world; the chair sees them as obstacles, and does not foresee where they go.
 
     Raises:
         WorldError: there is no such world, or it has no mapping route.
     """
     stage = _Stages(progress)
-    scene = _recorded_scene(out, log, stage) if log else _simulated_scene(out, load_world(world), seed, stage)
+    scene = _recorded_scene(out, log, stage) if log else _simulated_scene(out, _world(world, people), seed, stage)
     folder = out / "map"
     save_places(folder, {place.name: _in_map(place, scene.map_from_world) for place in scene.world.places})
     setting = Setting(load_map(folder), load_places(folder), CHAIR_A, DEFAULT, scene.map_from_world)
@@ -91,6 +94,11 @@ def run_demo(
         simulator = Simulator(scene.world, CHAIR_A, chair_of(seed), seed)
         legs = drive_to_places(setting, simulator, goals, progress=lambda share: progress("drive", share))
     return Demo(scene.title, scene.lead, scene.mapping, setting, legs, stage.seconds, seed)
+
+
+def _world(name: str | Path, people: bool) -> World:
+    world = load_world(name)
+    return world if people else world.without_people()
 
 
 def chair_of(seed: int) -> SimulatorSettings:

@@ -6,7 +6,7 @@ import sys
 from collections.abc import Callable
 from pathlib import Path
 
-from benchmarks.acceptance import demo, dstar_lite, logs, start_up
+from benchmarks.acceptance import demo, dstar_lite, logs, simulation, start_up
 from waychair.files import write_json
 from waychair.types import Json
 
@@ -18,6 +18,12 @@ FIGURES: dict[str, Callable[[Path], Json]] = {
     "demo_small": demo.run_small,
     "dstar_lite": dstar_lite.run,
     "help": start_up.run,
+    "sim_speed": simulation.run_speed,
+    "sim_bytes": simulation.run_bytes,
+    "sim_odometry": simulation.run_odometry,
+    "sim_features": simulation.run_features,
+    "sim_bag": simulation.run_bag,
+    "sim_thin_stack": simulation.run_thin_stack,
 }
 
 

@@ -66,6 +66,10 @@ class NotMonotone(CalibrationError):
     """More stick gives less speed, which no inverse can undo."""
 
 
+class NotRepeatable(CalibrationError):
+    """The chair answered the same stick differently at the beginning and at the end."""
+
+
 class CalibrationMismatch(CalibrationError):
     """The calibration belongs to another chair."""
 

@@ -1,0 +1,108 @@
+"""One axis of the joystick: line volts to the speed the chair settles at, and back in closed form.
+
+On either side of neutral there is a dead band up to an edge, then a monotone quadratic up to a greatest speed:
+
+    |speed| = min(gain s + curve s^2, limit),   s = |volts - neutral| - dead band > 0
+
+Plain polynomials and lines through neutral miss a chair's dead band by far more than its noise; this form does not.
+Which neutral the chair's electronics believe in cannot be seen in speeds, only where the edges are: the neutral is
+measured on the original stick at rest, and the edges are kept relative to it.
+"""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass, field
+
+from waychair.config import Settings, setting
+from waychair.errors import NotMonotone
+
+WITHIN_LIMIT = 0.98
+"""Part of the greatest speed that is asked for at most: beyond it, the stick's volts say little about the speed."""
+
+
+@dataclass(frozen=True, slots=True)
+class AxisSide(Settings):
+    """One direction of an axis; its speeds are in m/s (forward) or rad/s (turn), all positive."""
+
+    dead_band: float = setting(0.0945, "V", "from neutral to where it starts to move", low=0.0, high=5.0)
+    gain: float = setting(1.3, "speed/V", "slope at the edge of the dead band", low=1e-3, high=1e3)
+    curve: float = setting(0.0, "speed/V^2", "half the change of slope per volt", low=-1e3, high=1e3)
+    limit: float = setting(1.4, "speed", "greatest speed", low=1e-3, high=100.0)
+
+    def __post_init__(self) -> None:
+        Settings.__post_init__(self)
+        if self.gain * self.gain + 4.0 * self.curve * self.limit <= 0.0:
+            raise NotMonotone(
+                f"gain = {self.gain:g} and curve = {self.curve:g} turn back before the speed of {self.limit:g} is "
+                "reached, so it has no volts: sweep this side of the axis again"
+            )
+
+    def speed(self, beyond_neutral: float) -> float:
+        """Speed at so many volts from neutral, towards this side."""
+        s = beyond_neutral - self.dead_band
+        if s <= 0.0:
+            return 0.0
+        return self.gain * s + self.curve * s * s if s < self.knee else self.limit
+
+    def beyond_neutral(self, speed: float) -> float:
+        """Volts from neutral at which this speed is held, at most `WITHIN_LIMIT` of the limit.
+
+        The root of the quadratic that is also right where the curve vanishes.
+        """
+        a = min(speed, WITHIN_LIMIT * self.limit)
+        return self.dead_band + 2.0 * a / (self.gain + math.sqrt(self.gain * self.gain + 4.0 * self.curve * a))
+
+    @property
+    def knee(self) -> float:
+        """Volts beyond the edge at which the limit is reached."""
+        root = math.sqrt(self.gain * self.gain + 4.0 * self.curve * self.limit)
+        return 2.0 * self.limit / (self.gain + root)
+
+
+@dataclass(frozen=True, slots=True)
+class AxisModel(Settings):
+    """Both directions of one axis, and how it follows a step of the stick: a delay, a ramp and a first-order lag.
+
+    `sign` is 1 where volts above neutral drive forward or turn left, and -1 where they do the opposite.
+    """
+
+    neutral: float = setting(1.65, "V", "measured on the original stick at rest", low=0.0, high=12.0)
+    sign: int = setting(1, "", "1: volts above neutral are forward or left; -1: below", low=-1, high=1)
+    above: AxisSide = field(default_factory=AxisSide)
+    below: AxisSide = field(default_factory=AxisSide)
+    delay_s: float = setting(0.0, "s", "from the stick to the first effect", low=0.0, high=1.0)
+    lag_s: float = setting(0.0, "s", "time constant after the ramp", low=0.0, high=2.0)
+    ramp: float = setting(100.0, "speed/s", "steepest change of speed when speeding up", low=0.01, high=100.0)
+
+    def __post_init__(self) -> None:
+        Settings.__post_init__(self)
+        if self.sign == 0:
+            raise NotMonotone("sign = 0 gives the axis no direction: it must be 1 or -1")
+
+    def speed(self, volts: float) -> float:
+        """Speed that line volts settle at, [m/s] or [rad/s], forward and left positive."""
+        beyond = volts - self.neutral
+        return self.sign * (self.above.speed(beyond) if beyond > 0.0 else -self.below.speed(-beyond))
+
+    def volts(self, speed: float) -> float:
+        """Line volts that hold a speed; neutral for none, the edge of the dead band for next to none."""
+        beyond = 0.0 if speed == 0.0 else self.side(speed).beyond_neutral(abs(speed))
+        return self.neutral + self.sign * math.copysign(beyond, speed)
+
+    def edge(self, direction: float) -> float:
+        """Line volts at which the axis begins to move in this direction (its sign)."""
+        return self.neutral + self.sign * math.copysign(self.side(direction).dead_band, direction)
+
+    def side(self, direction: float) -> AxisSide:
+        """The side on which speeds of this sign are."""
+        return self.above if direction * self.sign > 0.0 else self.below
+
+    def reach(self, speed: float) -> float:
+        """Greatest speed to be asked for in the direction of `speed`, positive."""
+        return WITHIN_LIMIT * self.side(speed).limit
+
+    @property
+    def margin(self) -> float:
+        """Volts that the neutral may drift before the chair creeps, to the nearer edge."""
+        return min(self.above.dead_band, self.below.dead_band)

@@ -1,0 +1,158 @@
+"""One JSON file per chair: everything that was measured on it, with a hash that shows when it was altered.
+
+A calibration of another chair, or one that somebody has touched up by hand, makes a chair lurch: it is refused, not
+repaired.
+"""
+
+from __future__ import annotations
+
+import dataclasses
+import hashlib
+import json
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import Any
+
+import msgspec
+import numpy as np
+
+from waychair.calibration.camera import Extrinsics
+from waychair.calibration.chair import CHAIR_A, ChairBody
+from waychair.calibration.fitted_dac import FittedDac
+from waychair.calibration.imu import ImuCalibration
+from waychair.calibration.stopping import StopTable
+from waychair.calibration.wheels import WheelCalibration
+from waychair.config import Settings, setting
+from waychair.errors import CalibrationDamaged, CalibrationError, CalibrationMismatch, ConfigError
+from waychair.files import write_json
+from waychair.types import Json, Pose3
+
+SCHEMA = 1
+"""Version of the file's form; a file of another one is not guessed at."""
+
+
+@dataclass(frozen=True, slots=True)
+class CameraMount(Settings):
+    """`camera_from_laser` in numbers: rows of the rotation, and the translation."""
+
+    rotation: tuple[tuple[float, float, float], ...] = setting((), "", "rows of the rotation")
+    translation: tuple[float, float, float] = setting((0.0, 0.0, 0.0), "m", "the laser's origin in the camera's frame")
+    rms_m: float = setting(0.0, "m", "of the points about their planes", low=0.0, high=1.0)
+
+    @property
+    def camera_from_laser(self) -> Pose3:
+        """As a pose."""
+        return Pose3(np.array(self.rotation), np.array(self.translation))
+
+
+@dataclass(frozen=True, slots=True)
+class ChairCalibration:
+    """What is known of one chair; what was not measured yet is None. `date` is ISO 8601."""
+
+    chair_id: str
+    date: str
+    body: ChairBody = field(default_factory=lambda: CHAIR_A)
+    dac: FittedDac | None = None
+    stops: StopTable | None = None
+    wheels: WheelCalibration | None = None
+    imu: ImuCalibration | None = None
+    camera: CameraMount | None = None
+
+
+def mount_from_extrinsics(extrinsics: Extrinsics) -> CameraMount:
+    """The fitted camera's place as numbers for the file."""
+    pose = extrinsics.camera_from_laser
+    rows = tuple((float(a), float(b), float(c)) for a, b, c in pose.rotation)
+    x, y, z = (float(value) for value in pose.translation)
+    return CameraMount(rotation=rows, translation=(x, y, z), rms_m=extrinsics.rms_m)
+
+
+def content_hash(calibration: ChairCalibration) -> str:
+    """SHA-256, in hexadecimal, of all that the file holds; the bridge and the board compare it before they arm."""
+    return _hash(_content(calibration))
+
+
+def save_calibration(path: Path, calibration: ChairCalibration) -> None:
+    """Write the file whole or not at all.
+
+    Raises:
+        OutputError: it cannot be written.
+        CalibrationError: the chair has no name.
+    """
+    if not calibration.chair_id.strip():
+        raise CalibrationError("a calibration needs a chair's name: give the number on its type plate, say")
+    content = _content(calibration)
+    write_json(path, {**content, "hash": _hash(content)})
+
+
+def load_calibration(path: Path, chair_id: str | None = None) -> ChairCalibration:
+    """What is known of the chair `chair_id`, or of whichever chair the file is of.
+
+    Raises:
+        CalibrationError: there is no such file.
+        CalibrationDamaged: the file is not JSON, of another schema, altered (by its hash), or holds what cannot be.
+        CalibrationMismatch: it is the file of another chair.
+    """
+    try:
+        text = path.read_text(encoding="utf-8")
+    except OSError as error:
+        raise CalibrationError(f"cannot read {path}: {error.strerror}; run `waychair calibrate dac` first") from error
+    except UnicodeDecodeError as error:
+        raise CalibrationDamaged(f"{path} is not text: calibrate the chair again") from error
+    values = _refuse_altered(path, text)
+    if chair_id is not None and values.get("chair_id") != chair_id:
+        raise CalibrationMismatch(
+            f"{path} belongs to chair '{values.get('chair_id')}', not '{chair_id}': take that chair's own file"
+        )
+    try:
+        calibration = msgspec.convert(values, ChairCalibration)
+    except (msgspec.ValidationError, ConfigError, CalibrationError) as error:
+        raise CalibrationDamaged(f"{path} holds what cannot be ({error}): calibrate the chair again") from error
+    if json.loads(json.dumps(msgspec.to_builtins(calibration))) != values:
+        raise CalibrationDamaged(f"{path} holds entries that schema {SCHEMA} does not know: update waychair")
+    return calibration
+
+
+def update_calibration(path: Path, measured: ChairCalibration) -> ChairCalibration:
+    """Add what was measured to a chair's file, which is made if there is none; what the file holds now.
+
+    The parts of `measured` that are None stay as they were in the file.
+
+    Raises:
+        CalibrationMismatch: it is the file of another chair.
+        CalibrationDamaged: see `load_calibration`.
+        OutputError: it cannot be written.
+    """
+    if path.exists():
+        known = load_calibration(path, measured.chair_id)
+        kept = {entry.name: getattr(known, entry.name) for entry in dataclasses.fields(measured)}
+        measured = dataclasses.replace(
+            measured, **{name: value for name, value in kept.items() if getattr(measured, name) is None}
+        )
+    save_calibration(path, measured)
+    return measured
+
+
+def _refuse_altered(path: Path, text: str) -> dict[str, Any]:
+    """The content of a file that is JSON, of this schema, and as it was written."""
+    try:
+        values = json.loads(text)
+    except ValueError as error:
+        raise CalibrationDamaged(f"{path} is not JSON ({error}): calibrate the chair again") from error
+    if not isinstance(values, dict) or values.get("schema") != SCHEMA:
+        schema = values.get("schema") if isinstance(values, dict) else None
+        raise CalibrationDamaged(f"{path} is of schema {schema}, this waychair reads {SCHEMA}: calibrate again")
+    found = values.pop("hash", None)
+    if found != _hash(values):
+        raise CalibrationDamaged(f"{path} was altered since it was written (its hash differs): calibrate again")
+    del values["schema"]
+    return values
+
+
+def _content(calibration: ChairCalibration) -> Json:
+    return {"schema": SCHEMA, **msgspec.to_builtins(calibration)}
+
+
+def _hash(content: Json) -> str:
+    canonical = json.dumps(content, sort_keys=True, separators=(",", ":"), allow_nan=False)
+    return hashlib.sha256(canonical.encode()).hexdigest()

@@ -1,0 +1,259 @@
+"""Fits `FittedDac` to the log of a sweep, robustly, and refuses what cannot be fitted.
+
+All figures of both axes are fitted at once to the speeds that the holds settled at, with a loss that grows only
+linearly for outliers (soft l1). Each side of an axis is written by its slopes at the edge and at the farthest level,
+both kept positive: so it is monotone as far as it was measured, and the greatest speed is kept to what it reaches.
+The dead band's edges begin between the last level at rest and the first that moves.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from scipy.optimize import least_squares
+
+from waychair.calibration.axis_model import AxisModel, AxisSide
+from waychair.calibration.drive_log import DriveLog, Holds, steady_holds
+from waychair.calibration.fit_steps import AXES, StepResponse, fit_steps
+from waychair.calibration.fitted_dac import LEAST_TURN_LEFT, FittedDac
+from waychair.calibration.levels import MOVING, Level, SideLevels, levels_of, refuse_creeping, sides_of
+from waychair.calibration.sweep import NEAR_NEUTRAL
+from waychair.config import Settings, setting
+from waychair.errors import NotRepeatable, ThinData
+from waychair.types import FloatArray
+
+_PER_SIDE = 4  # edge, slope at the edge, slope at the far end, limit
+_BRISK = 0.25  # part of the greatest speed
+_COMPARED = 4  # levels
+_MOST_DRIFT = 0.10
+_COUPLING = slice(4 * _PER_SIDE, 4 * _PER_SIDE + 3)
+
+
+@dataclass(frozen=True, slots=True)
+class FitSettings(Settings):
+    """What is enough to fit, and how much noise is expected."""
+
+    min_levels: int = setting(45, "", "levels on each axis alone", low=5, high=1001)
+    min_repetitions: int = setting(3, "", "times that each of them was driven, on average", low=1, high=100)
+    measure_s: float = setting(1.0, "s", "last part of each hold that is averaged", low=0.1, high=10.0)
+    steady_v: float = setting(
+        0.08, "m/s", "change within that part of a chair that has not settled", low=1e-3, high=1.0
+    )
+    steady_omega: float = setting(0.20, "rad/s", "as above, of turning", low=1e-3, high=2.0)
+    noise_v: float = setting(0.012, "m/s", "beyond this a speed begins to count as an outlier", low=1e-4, high=1.0)
+    noise_omega: float = setting(0.025, "rad/s", "as above, of turning", low=1e-4, high=1.0)
+
+
+@dataclass(frozen=True, slots=True)
+class LevelResidual:
+    """One level of one axis alone: volts, how often it was driven, mean speed, and what the model misses of it."""
+
+    axis: str
+    volts: float
+    repetitions: int
+    speed: float
+    residual: float
+
+
+@dataclass(frozen=True, slots=True)
+class DacFit:
+    """The model and how well it fits: levels one by one, rms of all holds (m/s, rad/s), holds used and left out.
+
+    `outliers`: holds that are off by more than five times the noise; `rms` leaves them out.
+    """
+
+    model: FittedDac
+    levels: tuple[LevelResidual, ...]
+    rms: tuple[float, float]
+    holds: int
+    unsettled: int
+    outliers: int
+    steps: tuple[StepResponse, StepResponse]
+
+    @property
+    def margins(self) -> tuple[float, float]:
+        """Volts that the neutral of each axis may drift before the chair creeps."""
+        return self.model.forward.margin, self.model.turn.margin
+
+
+def fit_dac(log: DriveLog, neutral: tuple[float, float], track: float, settings: FitSettings | None = None) -> DacFit:
+    """Model of a chair whose neutral (forward, turn) [V] was measured on the original stick, driven on the floor.
+
+    Raises:
+        ThinData: too few levels, repetitions, or steps out of rest.
+        NotMonotone: more stick gave less speed.
+        NotRepeatable: the chair was faster or slower at the beginning or the end of the sweep than in between.
+        CalibrationError: the chair moves at its neutral, or an axis does not move at all.
+    """
+    settings = settings or FitSettings()
+    refuse_creeping(log, neutral, NEAR_NEUTRAL)
+    holds = steady_holds(log, settings.measure_s, (settings.steady_v, settings.steady_omega))
+    levels = tuple(levels_of(holds, axis, neutral, NEAR_NEUTRAL) for axis in (0, 1))
+    for axis, found in enumerate(levels):
+        _refuse_thin(axis, found, holds, settings)
+    sides = [side for axis in (0, 1) for side in sides_of(levels[axis], axis, neutral[axis])]
+    start, low, high = _bounds(sides)
+    noise = np.array([settings.noise_v, settings.noise_omega])
+
+    def residuals(p: FloatArray) -> FloatArray:
+        missed: FloatArray = ((_predicted(p, sides, holds.volts, neutral) - holds.twists) / noise).ravel()
+        return missed
+
+    fit = least_squares(residuals, start, bounds=(low, high), x_scale=high - low, loss="soft_l1")
+    steps = (fit_steps(log, 0, neutral, NEAR_NEUTRAL), fit_steps(log, 1, neutral, NEAR_NEUTRAL))
+    model = _model(fit.x, sides, log, neutral, track, steps)
+    _refuse_drift(model, holds, neutral)
+    return _report(model, levels, holds, neutral, noise, steps)
+
+
+def _refuse_drift(model: FittedDac, holds: Holds, neutral: tuple[float, float]) -> None:
+    """Compares the first and the last brisk levels of each axis with the model, which is of the whole sweep.
+
+    Motors that grow hot settle at less power within minutes: nearly all levels then agree with each other, and a model
+    of them would send a cold chair off too fast.
+    """
+    expected = np.array([_twist(model, volts) for volts in holds.volts])
+    beyond = np.abs(holds.volts - np.asarray(neutral)) > NEAR_NEUTRAL
+    for axis in (0, 1):
+        brisk = ~beyond[:, 1 - axis] & (np.abs(expected[:, axis]) > _BRISK * np.abs(expected[:, axis]).max())
+        ratios = holds.twists[brisk, axis] / expected[brisk, axis]
+        for when, part in (("beginning", ratios[:_COMPARED]), ("end", ratios[-_COMPARED:])):
+            off = float(np.median(part)) - 1.0
+            if abs(off) > _MOST_DRIFT:
+                raise NotRepeatable(
+                    f"at the {when} of the sweep the {AXES[axis]} axis was {100 * abs(off):.0f} % "
+                    f"{'faster' if off > 0.0 else 'slower'} than in between: charge the battery, let the motors cool, "
+                    "keep to one drive profile, and sweep again"
+                )
+
+
+def _refuse_thin(axis: int, levels: tuple[Level, ...], holds: Holds, settings: FitSettings) -> None:
+    if len(levels) < settings.min_levels:
+        raise ThinData(
+            f"{len(levels)} levels on the {AXES[axis]} axis alone are too few ({holds.unsettled} stretches of "
+            f"{holds.unsettled + len(holds)} were too short or had not settled): drive at least {settings.min_levels}"
+        )
+    driven = sum(level.repetitions for level in levels) / len(levels)
+    if driven < settings.min_repetitions - 0.2:  # the steps that a sweep begins with are driven once
+        raise ThinData(
+            f"each level of the {AXES[axis]} axis was driven {driven:.1f} times on average: drive it at least "
+            f"{settings.min_repetitions} times"
+        )
+
+
+def _bounds(sides: list[SideLevels]) -> tuple[FloatArray, FloatArray, FloatArray]:
+    """First guess and bounds of all parameters: four of each side, then the three of the coupling."""
+    start, low, high = [], [], []
+    for side in sides:
+        start += [side.edge, side.gain, side.gain, side.limit]
+        # Just beyond its edge an axis is slower than what counts as moving.
+        unseen = 1.5 * MOVING[side.axis] / side.gain
+        low += [max(side.still - unseen, 1e-3), 0.02 * side.gain, 0.02 * side.gain, 0.5 * side.limit]
+        high += [side.moving, 10.0 * side.gain, 10.0 * side.gain, 1.5 * side.limit]
+    most_fade = (1.0 - 1.1 * LEAST_TURN_LEFT) / (1.5 * max(side.limit for side in sides if side.axis == 0))
+    return (
+        np.array([*start, 0.0, 0.0, 0.0]),
+        np.array([*low, -0.4, -1.5, -most_fade]),
+        np.array([*high, 0.4, 1.5, most_fade]),
+    )
+
+
+def _predicted(p: FloatArray, sides: list[SideLevels], volts: FloatArray, neutral: tuple[float, float]) -> FloatArray:
+    """Twists (K, 2) that parameters `p` give for volts (K, 2): `FittedDac.twist_from_volts` on arrays."""
+    speeds = np.zeros_like(volts)
+    for k, side in enumerate(sides):
+        edge, near, far, limit = p[_PER_SIDE * k : _PER_SIDE * (k + 1)]
+        beyond = side.direction * (volts[:, side.axis] - neutral[side.axis]) - edge
+        s = np.maximum(beyond, 0.0)
+        amount = np.minimum(near * s + _curve(near, far, side, edge) * s * s, limit)
+        speeds[:, side.axis] += side.sign * amount
+    v_per_turn, turn_per_v, fade = p[_COUPLING]
+    v, omega = speeds[:, 0], speeds[:, 1] * (1.0 - fade * np.abs(speeds[:, 0]))
+    return np.stack([v + v_per_turn * omega, omega + turn_per_v * v], axis=1)
+
+
+def _curve(near: float, far: float, side: SideLevels, edge: float) -> float:
+    return (far - near) / (2.0 * (side.farthest - edge))
+
+
+def _model(
+    p: FloatArray,
+    sides: list[SideLevels],
+    log: DriveLog,
+    neutral: tuple[float, float],
+    track: float,
+    steps: tuple[StepResponse, StepResponse],
+) -> FittedDac:
+    fitted = []
+    for k, side in enumerate(sides):
+        edge, near, far, limit = (float(value) for value in p[_PER_SIDE * k : _PER_SIDE * (k + 1)])
+        curve, span = _curve(near, far, side, edge), side.farthest - edge
+        # Beyond the farthest level nothing is known: the greatest speed is the one that was reached there.
+        reached = min(limit, near * span + curve * span * span)
+        fitted.append(AxisSide(dead_band=edge, gain=near, curve=curve, limit=reached))
+    axes = [
+        AxisModel(
+            neutral=neutral[axis],
+            sign=sides[2 * axis].sign * sides[2 * axis].direction,
+            above=fitted[2 * axis],
+            below=fitted[2 * axis + 1],
+            delay_s=steps[axis].delay_s,
+            lag_s=steps[axis].lag_s,
+            ramp=min(steps[axis].ramp, 100.0),
+        )
+        for axis in (0, 1)
+    ]
+    v_per_turn, turn_per_v, fade = (float(value) for value in p[_COUPLING])
+    return FittedDac(
+        bits=log.bits,
+        volts_max=log.volts_max,
+        track=track,
+        forward=axes[0],
+        turn=axes[1],
+        v_per_turn=v_per_turn,
+        turn_per_v=turn_per_v,
+        turn_fade=fade,
+    )
+
+
+def _report(
+    model: FittedDac,
+    levels: tuple[tuple[Level, ...], ...],
+    holds: Holds,
+    neutral: tuple[float, float],
+    noise: FloatArray,
+    steps: tuple[StepResponse, StepResponse],
+) -> DacFit:
+    expected = np.array([_twist(model, volts) for volts in holds.volts])
+    missed = holds.twists - expected
+    outlier = (np.abs(missed) > 5.0 * noise).any(axis=1)
+    rms = np.sqrt((missed[~outlier] ** 2).mean(axis=0)) if (~outlier).any() else np.full(2, np.inf)
+    rows = []
+    for axis, found in enumerate(levels):
+        for level in found:
+            volts = np.array(neutral)
+            volts[axis] = level.volts
+            rows.append(
+                LevelResidual(
+                    AXES[axis],
+                    level.volts,
+                    level.repetitions,
+                    level.speed,
+                    level.speed - float(_twist(model, volts)[axis]),
+                )
+            )
+    return DacFit(
+        model=model,
+        levels=tuple(rows),
+        rms=(float(rms[0]), float(rms[1])),
+        holds=len(holds),
+        unsettled=holds.unsettled,
+        outliers=int(outlier.sum()),
+        steps=steps,
+    )
+
+
+def _twist(model: FittedDac, volts: FloatArray) -> FloatArray:
+    twist = model.twist_from_volts(float(volts[0]), float(volts[1]))
+    return np.array([twist.v, twist.omega])

@@ -1,0 +1,174 @@
+"""The levels of a sweep, one axis at a time: where it begins to move, which way, and whether more stick means more."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from waychair.calibration.drive_log import DriveLog, Holds, steady_holds
+from waychair.calibration.fit_steps import AXES
+from waychair.config import Settings, setting
+from waychair.errors import CalibrationError, NotMonotone, ThinData
+from waychair.types import FloatArray
+
+MOVING = (0.015, 0.025)
+"""Mean speeds [m/s], [rad/s] of a hold above which the axis moves."""
+
+_FALLS = (0.05, 0.10)  # m/s, rad/s: less speed by this much than at a smaller level is no noise
+
+
+@dataclass(frozen=True, slots=True)
+class Level:
+    """One level of an axis alone: its volts, how often it was held, and the median speed [m/s] or [rad/s]."""
+
+    volts: float
+    repetitions: int
+    speed: float
+
+
+@dataclass(frozen=True, slots=True)
+class SideLevels:
+    """One side of an axis as its levels show it, in volts beyond neutral and speeds, all positive.
+
+    `direction` is 1 above neutral and -1 below; `sign` that of the speeds there. The axis rests at `still`, moves at
+    `moving`, begins in between, at `edge`, and was driven up to `farthest`; `gain` and `limit` are first guesses.
+    """
+
+    axis: int
+    direction: int
+    sign: int
+    still: float
+    edge: float
+    moving: float
+    farthest: float
+    gain: float
+    limit: float
+
+
+def refuse_creeping(log: DriveLog, neutral: tuple[float, float], near: float) -> None:
+    """Raises `CalibrationError` for a chair that never rests at its neutral, or is never there between its levels."""
+    there = (np.abs(log.volts - np.asarray(neutral)) <= near).all(axis=1)
+    leaving = np.flatnonzero(there[:-1] & ~there[1:])
+    advice = "measure it again on the original stick at rest"
+    if not len(leaving):
+        raise CalibrationError(f"the chair is never at its neutral of {neutral[0]:.3f}, {neutral[1]:.3f} V: {advice}")
+    # With its sign, so that what is left of levels to either side, and noise, cancel out.
+    creeping = np.median([log.twists[max(k - 4, 0) : k + 1].mean(axis=0) for k in leaving], axis=0)
+    for axis, last in enumerate(np.abs(creeping).tolist()):
+        if last > MOVING[axis]:
+            raise CalibrationError(
+                f"the {AXES[axis]} axis still moves at its neutral of {neutral[axis]:.3f} V, by {last:.3f}: {advice}"
+            )
+
+
+def levels_of(holds: Holds, axis: int, neutral: tuple[float, float], near: float) -> tuple[Level, ...]:
+    """Levels of an axis (0 forward, 1 turn), rising by volts, from the holds whose other axis is `near` [V] neutral."""
+    other = 1 - axis
+    alone = np.abs(holds.volts[:, other] - neutral[other]) <= near
+    volts, speeds = holds.volts[alone, axis], holds.twists[alone, axis]
+    levels = []
+    for value in np.unique(volts):
+        held = speeds[volts == value]
+        levels.append(Level(float(value), len(held), float(np.median(held))))
+    return tuple(levels)
+
+
+def sides_of(levels: tuple[Level, ...], axis: int, neutral: float) -> tuple[SideLevels, SideLevels]:
+    """The sides above and below neutral.
+
+    Raises:
+        CalibrationError: the axis drives the same way on both sides.
+        NotMonotone: more stick gives less speed.
+        ThinData: a side does not move, or has too few levels that do.
+    """
+    above, below = _side(levels, axis, neutral, 1), _side(levels, axis, neutral, -1)
+    if above.sign == below.sign:
+        raise CalibrationError(
+            f"the {AXES[axis]} axis drives the same way on both sides of its neutral of {neutral:.3f} V: measure the "
+            "neutral again, and check that speeds have their signs"
+        )
+    return above, below
+
+
+def _side(levels: tuple[Level, ...], axis: int, neutral: float, direction: int) -> SideLevels:
+    where = f"{AXES[axis]} axis {'above' if direction > 0 else 'below'} neutral"
+    here = sorted((direction * (level.volts - neutral), level.speed) for level in levels)
+    beyond = np.array([row[0] for row in here])
+    speeds = np.array([row[1] for row in here])
+    beyond, speeds = beyond[beyond > 0.0], speeds[beyond > 0.0]
+    sign = -1 if len(speeds) and speeds[np.abs(speeds).argmax()] < 0.0 else 1
+    amounts = sign * speeds
+    moving = np.flatnonzero(amounts > MOVING[axis])
+    if len(moving) < 2:
+        raise ThinData(f"only {len(moving)} levels of the {where} move the chair: sweep farther")
+    _refuse_falling(where, axis, beyond, amounts)
+    first = int(moving[0])
+    still = float(beyond[first - 1]) if first else 0.0
+    edge, limit, farthest = 0.5 * (still + float(beyond[first])), float(amounts.max()), float(beyond[-1])
+    middle = int(moving[len(moving) // 2])
+    return SideLevels(
+        axis=axis,
+        direction=direction,
+        sign=sign,
+        still=still,
+        edge=edge,
+        moving=float(beyond[first]),
+        farthest=farthest,
+        gain=float(amounts[middle]) / max(float(beyond[middle]) - edge, 1e-3),
+        limit=limit,
+    )
+
+
+def _refuse_falling(where: str, axis: int, beyond: FloatArray, amounts: FloatArray) -> None:
+    around = np.pad(amounts, 1, mode="edge")
+    smooth = np.median([around[:-2], amounts, around[2:]], axis=0)  # a single wrong level is no fall
+    fastest = np.maximum.accumulate(smooth)
+    falls = fastest - smooth
+    worst = int(falls.argmax())
+    if falls[worst] > max(_FALLS[axis], 0.05 * float(fastest[-1])):
+        raise NotMonotone(
+            f"the {where} gives {smooth[worst]:.3f} at {beyond[worst]:.3f} V but {fastest[worst]:.3f} at fewer volts: "
+            "charge the battery, let the motors cool, keep to one drive profile, and sweep again"
+        )
+
+
+@dataclass(frozen=True, slots=True)
+class BlocksSettings(Settings):
+    """How a sweep on blocks is read."""
+
+    measure_s: float = setting(0.5, "s", "last part of each hold that is averaged", low=0.1, high=10.0)
+    min_levels: int = setting(10, "", "levels on each axis alone", low=4, high=1001)
+
+
+@dataclass(frozen=True, slots=True)
+class OnBlocks:
+    """What raised wheels tell of one axis: its direction and both dead bands [V]; nothing about speeds on the floor."""
+
+    neutral: float
+    sign: int
+    dead_band_above: float
+    dead_band_below: float
+
+
+def on_blocks(
+    log: DriveLog, neutral: tuple[float, float], near: float, settings: BlocksSettings | None = None
+) -> tuple[OnBlocks, OnBlocks]:
+    """Neutral, direction and dead bands of both axes from wheels that turn in the air.
+
+    Their speeds carry no load and no ground, so they are only asked whether the wheels turn, and which way.
+
+    Raises:
+        ThinData, NotMonotone, CalibrationError: as `sides_of` and `refuse_creeping`; fewer levels than `min_levels`.
+    """
+    settings = settings or BlocksSettings()
+    refuse_creeping(log, neutral, near)
+    holds = steady_holds(log, settings.measure_s, (0.3, 1.0))
+    found = []
+    for axis in (0, 1):
+        levels = levels_of(holds, axis, neutral, near)
+        if len(levels) < settings.min_levels:
+            raise ThinData(f"{len(levels)} levels on the {AXES[axis]} axis are too few: drive {settings.min_levels}")
+        above, below = sides_of(levels, axis, neutral[axis])
+        found.append(OnBlocks(neutral[axis], above.sign, above.edge, below.edge))
+    return found[0], found[1]

@@ -1,0 +1,183 @@
+"""How far a chair goes on after Stop, measured, and how fast it may therefore be driven.
+
+A chair that was never measured is held at a crawl. One that was may go as fast as it was measured, and no faster than
+lets it stop within the way that is free.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Iterable, Iterator
+from dataclasses import dataclass
+
+import numpy as np
+
+from waychair.config import Settings, setting
+from waychair.errors import CalibrationError, ThinData
+from waychair.types import FloatArray
+
+UNMEASURED_SPEED = 0.3
+"""Greatest speed [m/s] of a chair whose stops were not measured."""
+
+_AT_REST = (0.03, 0.06)  # m/s, rad/s
+_SPINNING = 0.02  # m/s: slower than this, a chair only turns
+_BEGUN = 0.95  # part of the speed that is left when a stop begins to show
+
+
+@dataclass(frozen=True, slots=True)
+class StopSettings(Settings):
+    """Which stops are measured, and the margin on the worst of them."""
+
+    slowest: float = setting(0.2, "m/s", "first speed", low=0.05, high=1.0)
+    step: float = setting(0.2, "m/s", "between speeds", low=0.05, high=1.0)
+    fastest: float = setting(1.2, "m/s", "last speed", low=0.2, high=4.0)
+    turn_rate: float = setting(0.6, "rad/s", "of the stops while turning", low=0.1, high=3.0)
+    repetitions: int = setting(3, "", "stops of each kind", low=1, high=50)
+    margin: float = setting(0.2, "", "added to the worst distance, part of it", low=0.0, high=2.0)
+    margin_m: float = setting(0.03, "m", "added as well", low=0.0, high=1.0)
+
+
+@dataclass(frozen=True, slots=True)
+class Stop:
+    """One stop: twist before it [m/s, rad/s], delay [s] to the first effect, way of the axle [m] and turn [rad] to rest."""
+
+    v: float
+    omega: float
+    delay_s: float
+    distance_m: float
+    angle_rad: float
+
+
+@dataclass(frozen=True, slots=True)
+class StopTable(Settings):
+    """Worst stops, margin included: `distances` [m] that any part of the chair goes on from `speeds` [m/s], rising.
+
+    `turn_angle` is how far it turns on from spinning at `turn_rate`; `delay_s` the worst delay.
+    """
+
+    speeds: tuple[float, ...] = setting((), "m/s", "measured, of the axle")
+    distances: tuple[float, ...] = setting((), "m", "worst way to rest, with margin")
+    turn_rate: float = setting(0.0, "rad/s", "fastest spin whose stop was measured", low=0.0, high=10.0)
+    turn_angle: float = setting(0.0, "rad", "worst turn to rest from it, with margin", low=0.0, high=20.0)
+    delay_s: float = setting(0.0, "s", "worst time from Stop to the first effect", low=0.0, high=5.0)
+
+    def __post_init__(self) -> None:
+        Settings.__post_init__(self)
+        values = (*self.speeds, *self.distances)
+        rising = all(a < b for a, b in zip(self.speeds, self.speeds[1:], strict=False))
+        longer = all(a <= b for a, b in zip(self.distances, self.distances[1:], strict=False))
+        if not (self.speeds and len(self.speeds) == len(self.distances) and rising and longer):
+            raise CalibrationError("the table of stops has gaps or falls: measure the stops again")
+        if not all(math.isfinite(value) and value > 0.0 for value in values):
+            raise CalibrationError("the table of stops holds a value that is not a positive number: measure again")
+
+    def distance(self, speed: float) -> float:
+        """Worst way to rest [m] from a speed [m/s] in any direction, straight lines between the measured ones.
+
+        Raises:
+            CalibrationError: so fast a stop was never measured.
+        """
+        if not abs(speed) <= self.speeds[-1]:
+            raise CalibrationError(
+                f"no stop from {speed:g} m/s was measured: drive at most {self.speeds[-1]:g} m/s, or measure it"
+            )
+        return float(np.interp(abs(speed), (0.0, *self.speeds), (0.0, *self.distances)))
+
+
+def permitted_speed(stops: StopTable | None, free_m: float = math.inf) -> float:
+    """Greatest speed [m/s] at which the chair stops within `free_m`; a crawl for a chair whose stops are unknown.
+
+    Without a table it is `UNMEASURED_SPEED` whatever is free: how far that chair goes on is not known.
+    """
+    if stops is None:
+        return UNMEASURED_SPEED
+    if free_m >= stops.distances[-1]:
+        return stops.speeds[-1]
+    return float(np.interp(max(free_m, 0.0), *_strictly_rising((0.0, *stops.distances), (0.0, *stops.speeds))))
+
+
+def _strictly_rising(distances: tuple[float, ...], speeds: tuple[float, ...]) -> tuple[list[float], list[float]]:
+    """Where two speeds have one distance, the slower one is kept."""
+    kept: list[tuple[float, float]] = []
+    for distance, speed in zip(distances, speeds, strict=True):
+        if not kept or distance > kept[-1][0]:
+            kept.append((distance, speed))
+    return [row[0] for row in kept], [row[1] for row in kept]
+
+
+def stop_from_motion(seconds: FloatArray, twists: FloatArray) -> Stop:
+    """One stop from speeds (N, 2) [m/s, rad/s] at `seconds` (N,), rising, of which 0 is the moment of Stop.
+
+    The delay ends when the speed, of turning for a spin, has lost 5 % of what it was in the last half second before; way
+    and turn are the integrals of the speeds from 0 on (trapezoids), the chair being at rest at the end.
+
+    Raises:
+        ThinData: nothing was measured before or after Stop, or the chair did not come to rest.
+    """
+    before, after = (seconds > -0.5) & (seconds <= 0.0), seconds >= 0.0
+    if before.sum() < 2 or after.sum() < 2:
+        raise ThinData("a stop needs half a second before it and the time until rest: log both")
+    v, omega = (float(value) for value in twists[before].mean(axis=0))
+    if (np.abs(twists[-1]) > _AT_REST).any():
+        raise ThinData(
+            f"the chair was still moving at {twists[-1, 0]:.2f} m/s, {twists[-1, 1]:.2f} rad/s at the log's end: "
+            "log until it rests"
+        )
+    axis = 0 if abs(v) > _SPINNING else 1
+    part = twists[after, axis] / (v if axis == 0 else omega)
+    fallen = np.flatnonzero(part < _BEGUN)
+    delay = float(seconds[after][fallen[0]]) if len(fallen) else 0.0
+    going, steps = twists[after], np.diff(seconds[after])
+    way = np.abs(0.5 * ((going[1:] + going[:-1]) * steps[:, None]).sum(axis=0) + going[0] * seconds[after][0])
+    return Stop(v, omega, max(delay, 0.0), float(way[0]), float(way[1]))
+
+
+def stop_table(stops: Iterable[Stop], corner_m: float, settings: StopSettings | None = None) -> StopTable:
+    """Worst case of measured stops plus the margin, for a chair whose farthest corner is `corner_m` [m] off its axle.
+
+    Every part of the chair must stop, so the turn of a stop counts as the corner's way. Speeds within 5 % are one row,
+    that of the slowest.
+
+    Raises:
+        ThinData: fewer than two speeds, or no spin.
+    """
+    settings = settings or StopSettings()
+    stops = tuple(stops)
+    spins = [s for s in stops if abs(s.v) < 0.5 * settings.slowest]
+    rows = sorted((abs(s.v), s.distance_m + s.angle_rad * corner_m) for s in stops if s not in spins)
+    speeds: list[float] = []
+    distances: list[float] = []
+    for speed, distance in rows:
+        if not speeds or speed > 1.05 * speeds[-1]:
+            speeds.append(speed)
+            distances.append(0.0)
+        distances[-1] = max(distances[-1], distance)
+    if len(speeds) < 2 or not spins:
+        raise ThinData(
+            f"stops from {len(speeds)} speeds and {len(spins)} spins are too few: measure at least two speeds and a spin"
+        )
+    more = 1.0 + settings.margin
+    return StopTable(
+        speeds=tuple(speeds),
+        distances=tuple((np.maximum.accumulate(distances) * more + settings.margin_m).tolist()),
+        turn_rate=max(abs(s.omega) for s in spins),
+        turn_angle=max(s.angle_rad for s in spins) * more + settings.margin_m / corner_m,
+        delay_s=max(s.delay_s for s in stops),
+    )
+
+
+def stops_to_measure(settings: StopSettings, fastest: float) -> Iterator[tuple[float, float]]:
+    """Twists (v, omega) to stop from, at most `fastest` [m/s]: forward, in reverse, and turning to both sides.
+
+    Each is followed by its opposite, which brings the chair back; not quite, in a curve, where turning stops before
+    driving does. So every other pair of curves begins in reverse.
+    """
+    fastest = min(settings.fastest, fastest)
+    count = max(1, math.ceil((fastest - settings.slowest) / settings.step - 1e-9))
+    speeds = np.linspace(min(settings.slowest, 0.5 * fastest), fastest, count + 1).tolist()
+    w = settings.turn_rate
+    for _ in range(settings.repetitions):
+        pairs = [pair for v in speeds for pair in ((v, 0.0), (v, w), (-v, w))]
+        for v, omega in (*pairs, (0.0, w), (0.0, 1.5 * w)):
+            yield v, omega
+            yield -v, -omega

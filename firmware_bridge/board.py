@@ -1,0 +1,306 @@
+"""The shipped firmware as a process on this computer: build it, start it on a pseudo-terminal, step it in lockstep.
+
+`HostBoard` is the board's place in a simulation. The bridge talks to `HostBoard.transport` (or opens `HostBoard.path`
+from another process), the simulator calls `step` with its time and the rider's stick and gets what the chair's lines
+read. The C code that runs is the code that is flashed; only the hardware around it is a model
+(`firmware/host/hardware.c`), which can be broken on purpose.
+"""
+
+from __future__ import annotations
+
+import enum
+import hashlib
+import os
+import select
+import shutil
+import signal
+import struct
+import subprocess
+from dataclasses import dataclass
+from pathlib import Path
+from types import TracebackType
+from typing import Self
+
+from waychair.config import Settings, setting
+from waychair.errors import BoardBuildError, BridgeError
+from waychair.files import replacing
+from waychair.firmware_bridge.protocol import BoardFault, BoardState, Family, Holder
+from waychair.firmware_bridge.transports import DescriptorTransport, open_pseudo_terminal
+
+FIRMWARE = Path(__file__).resolve().parent / "firmware"
+
+C_FLAGS = ("-std=c99", "-D_POSIX_C_SOURCE=200809L", "-O2", "-Wall", "-Wextra", "-Werror", "-pedantic")
+
+PATIENCE_S = 2.0
+"""Real time within which the program must answer a step."""
+
+_REQUEST = struct.Struct("<IIHHHBBBxh")
+_ANSWER = struct.Struct("<IIHHBBH")
+
+
+class Defect(enum.IntEnum):
+    """What can be broken around the microcontroller; axis 0 is forward, 1 turn."""
+
+    NONE = 0
+    STUCK = 1  # the converter keeps its last voltage on the axis
+    OFFSET = 2  # `value` mV are added to the converter's axis
+    OPEN = 3  # the axis' wire is off: pulled to the reference
+    LOW = 4  # the axis is shorted to ground
+    HIGH = 5  # the axis is shorted to the supply
+    SWAP = 6  # the lines are exchanged
+    BRIDGE = 7  # the lines touch each other
+    STICK_OPEN = 8  # the rider's stick lost the axis' wire
+    CONVERTER_SILENT = 9  # the converter answers no more and keeps its voltages
+    WELDED = 10  # the line switch stays where it is
+    FROZEN = 11  # the firmware hangs
+    BROWN_OUT = 12  # the board has no power; it boots afterwards
+
+
+@dataclass(frozen=True, slots=True)
+class BoardSettings(Settings):
+    """What is stored on the board: its chair, its joystick family, its limits; the computer cannot change them."""
+
+    chair_id: str = setting("A", "", "the chair this board is built into")
+    family: int = setting(Family.HALL_5V, "", "joystick family, see firmware/families.c", low=0, high=255)
+    dac_bits: int = setting(12, "bits", "resolution of the converter", low=8, high=16)
+    neutral_per_mille: int = setting(100, "1/1000 swing", "a stick within this is at rest", low=20, high=200)
+    override_per_mille: int = setting(200, "1/1000 swing", "a stick beyond this takes over", low=21, high=800)
+    override_ms: int = setting(10, "ms", "for at least this long; raise both for tremor or spasm", low=0, high=500)
+    slew_ms: int = setting(200, "ms", "fastest way of a line from neutral to full swing", low=100, high=1000)
+
+
+@dataclass(frozen=True, slots=True)
+class BoardInputs:
+    """What is around the board: the rider's stick and the chair's reference line [mV], the e-stop, one defect."""
+
+    joystick_forward_mv: int
+    joystick_turn_mv: int
+    reference_mv: int
+    estop_released: bool = True
+    defect: Defect = Defect.NONE
+    defect_axis: int = 0
+    defect_value: int = 0
+
+
+@dataclass(frozen=True, slots=True)
+class LineState:
+    """What the chair's controller sees [mV], who is on the lines, and what the firmware says about itself."""
+
+    forward_mv: int
+    turn_mv: int
+    holder: Holder
+    state: BoardState
+    faults: BoardFault
+
+
+def at_rest(reference_mv: int = 2500) -> BoardInputs:
+    """Everything in order and the rider's hand off the stick; 2500 mV is the 5 V Hall family's reference."""
+    return BoardInputs(reference_mv, reference_mv, reference_mv)
+
+
+def build_board(folder: Path) -> Path:
+    """The program `waychair_board`, built into `folder` unless it holds one of the same sources already.
+
+    Raises:
+        BoardBuildError: there is no C compiler, or it refuses the sources.
+        OutputError: the folder cannot be written to.
+    """
+    sources = sorted([*FIRMWARE.glob("*.c"), *(FIRMWARE / "host").glob("*.c")])
+    headers = sorted([*FIRMWARE.glob("*.h"), *(FIRMWARE / "host").glob("*.h")])
+    digest = hashlib.sha256(" ".join(C_FLAGS).encode())
+    for path in (*sources, *headers):
+        digest.update(path.name.encode() + path.read_bytes())
+    program = folder / f"waychair_board-{digest.hexdigest()[:16]}"
+    if program.exists():
+        return program
+    with replacing(program) as aside:
+        compile_c([*C_FLAGS, *map(str, sources), "-o", str(aside)])
+    program.chmod(0o755)
+    return program
+
+
+def compile_c(arguments: list[str]) -> None:
+    """Run the system's C compiler.
+
+    Raises:
+        BoardBuildError: there is none, or it reports an error.
+    """
+    compiler = os.environ.get("CC") or shutil.which("cc") or shutil.which("gcc") or shutil.which("clang")
+    if compiler is None:
+        raise BoardBuildError("no C compiler was found: install gcc or clang, or name one in the variable CC")
+    try:
+        done = subprocess.run([compiler, *arguments], capture_output=True, text=True, check=False)
+    except OSError as error:
+        raise BoardBuildError(f"the C compiler {compiler} cannot be run: {error.strerror}; set CC") from error
+    if done.returncode != 0:
+        raise BoardBuildError(f"{compiler} refused the firmware: {done.stderr.strip()[-2000:]}; repair the sources")
+
+
+class LockstepTransport(DescriptorTransport):
+    """The computer's end of a board's terminal that counts: what it wrote, and what it must still have received.
+
+    A pseudo-terminal delivers a little later than it accepts; the counts make each side wait for the other's bytes.
+    """
+
+    def __init__(self, descriptor: int) -> None:
+        super().__init__(descriptor)
+        self.written = 0
+        self.expected = 0
+        self._received = 0
+
+    def write(self, data: bytes) -> bool:
+        """Send all of it; a part that found no room counts for nothing."""
+        accepted = super().write(data)
+        if accepted:
+            self.written = (self.written + len(data)) & 0xFFFFFFFF
+        return accepted
+
+    def read(self) -> bytes:
+        """All that the board had sent at its last step."""
+        data = b""
+        while (missing := (self.expected - self._received) & 0xFFFFFFFF) and not self.closed:
+            ready, _, _ = select.select([self], [], [], PATIENCE_S)
+            part = super().read() if ready else b""
+            if not part or missing > 0x7FFFFFFF:
+                break
+            self._received = (self._received + len(part)) & 0xFFFFFFFF
+            data += part
+        return data
+
+
+class HostBoard:
+    """A running board; a context manager. Starts with the joystick live, as every board does.
+
+    Nothing of it raises for a board that died: without power its switch falls back to the joystick.
+    """
+
+    def __init__(self, program: Path, settings: BoardSettings | None = None) -> None:
+        """
+        Raises:
+            BoardBuildError: the program cannot be started.
+            TransportError: the system has no pseudo-terminal left.
+        """
+        self.settings = settings or BoardSettings()
+        board, computer, self.path = open_pseudo_terminal()
+        self._requests, self._answers = os.pipe(), os.pipe()
+        self._computer = computer
+        self.transport = LockstepTransport(os.dup(computer))
+        try:
+            self._process = self._start(program, board)
+        except OSError as error:
+            self._release()
+            raise BoardBuildError(f"cannot start {program}: {error.strerror}; build the board again") from error
+        finally:
+            for descriptor in (board, self._requests[0], self._answers[1]):
+                os.close(descriptor)
+
+    def __enter__(self) -> Self:
+        return self
+
+    def __exit__(
+        self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
+    ) -> None:
+        self.close()
+
+    @property
+    def alive(self) -> bool:
+        """Whether the board has power: its program runs."""
+        return self._process.poll() is None
+
+    def step(self, now_ms: int, inputs: BoardInputs) -> LineState:
+        """Let the board live until `now_ms` (taken modulo 2^32), a millisecond at a time; the lines at that moment.
+
+        Waits for the bytes that `transport` was given before, so that the same calls give the same answers. A jump by
+        nothing, backwards, or by more than a second is a jump of the board's clock. What the computer does on `path`
+        from another process arrives when it arrives.
+
+        Raises:
+            BridgeError: the program runs but does not answer, or a voltage lies outside 0..65535 mV.
+        """
+        answer = self._exchange(_request(now_ms, self.transport.written, inputs))
+        if answer is None:
+            return _unpowered(inputs)
+        sent, _, forward, turn, holder, state, faults = _ANSWER.unpack(answer)
+        self.transport.expected = sent
+        return LineState(forward, turn, Holder(holder), BoardState(state), BoardFault(faults))
+
+    def kill(self) -> None:
+        """Take its power away, at once and for good."""
+        self._process.send_signal(signal.SIGKILL)
+        self._process.wait()
+
+    def close(self) -> None:
+        """End the program and give back its descriptors."""
+        if self._process.poll() is None:
+            self.kill()
+        self._release()
+
+    def _release(self) -> None:
+        self.transport.close()
+        for descriptor in (self._computer, self._requests[1], self._answers[0]):
+            os.close(descriptor)
+
+    def _start(self, program: Path, board: int) -> subprocess.Popen[bytes]:
+        settings, requests, answers = self.settings, self._requests[0], self._answers[1]
+        options = {
+            "--serial-fd": board,
+            "--lockstep": f"{requests},{answers}",
+            "--family": settings.family,
+            "--chair": settings.chair_id,
+            "--dac-bits": settings.dac_bits,
+            "--neutral": settings.neutral_per_mille,
+            "--override": settings.override_per_mille,
+            "--override-ms": settings.override_ms,
+            "--slew-ms": settings.slew_ms,
+        }
+        os.set_blocking(board, False)
+        words = [str(word) for option in options.items() for word in option]
+        return subprocess.Popen(
+            [str(program), *words],
+            pass_fds=(board, requests, answers),
+            stdin=subprocess.DEVNULL,
+            stdout=subprocess.DEVNULL,
+        )
+
+    def _exchange(self, request: bytes) -> bytes | None:
+        """The program's answer; None when it is gone."""
+        answer = b""
+        try:
+            os.write(self._requests[1], request)
+            while len(answer) < _ANSWER.size:
+                ready, _, _ = select.select([self._answers[0]], [], [], PATIENCE_S)
+                if not ready:
+                    raise BridgeError(f"the board's program did not answer within {PATIENCE_S:g} s: start it again")
+                part = os.read(self._answers[0], _ANSWER.size - len(answer))
+                if not part:
+                    return None
+                answer += part
+        except BrokenPipeError:
+            return None
+        return answer
+
+
+def _request(now_ms: int, written: int, inputs: BoardInputs) -> bytes:
+    try:
+        return _REQUEST.pack(
+            now_ms & 0xFFFFFFFF,
+            written,
+            inputs.joystick_forward_mv,
+            inputs.joystick_turn_mv,
+            inputs.reference_mv,
+            inputs.estop_released,
+            inputs.defect,
+            inputs.defect_axis,
+            inputs.defect_value,
+        )
+    except struct.error as error:
+        raise BridgeError(f"{inputs} cannot be given to the board: {error}; give whole millivolts") from error
+
+
+def _unpowered(inputs: BoardInputs) -> LineState:
+    """A board without power: its switch is at the joystick, unless the e-stop's own contact has cut the lines."""
+    if not inputs.estop_released:
+        reference = inputs.reference_mv
+        return LineState(reference, reference, Holder.CUT, BoardState.SILENT, BoardFault(0))
+    forward, turn = inputs.joystick_forward_mv, inputs.joystick_turn_mv
+    return LineState(forward, turn, Holder.JOYSTICK, BoardState.SILENT, BoardFault(0))

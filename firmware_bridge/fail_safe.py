@@ -1,0 +1,165 @@
+"""Proof by killing: the computer, or the board itself, dies at random moments of a drive, and the joystick must be live.
+
+Everything is the real thing but time and the hardware's model: a process that is killed by SIGKILL, a pseudo-terminal,
+the shipped firmware as a program. Time is simulated, so that a busy machine changes nothing.
+"""
+
+from __future__ import annotations
+
+import os
+import random
+import subprocess
+import sys
+from collections.abc import Callable
+from dataclasses import dataclass, replace
+from pathlib import Path
+
+from waychair.errors import BridgeError
+from waychair.firmware_bridge.board import BoardInputs, Defect, HostBoard, LineState, at_rest
+from waychair.firmware_bridge.protocol import BoardState, Family, Holder, encode, hello
+from waychair.firmware_bridge.steady_computer import DRIVE_FROM_MS, PERIOD_MS, TICK, WRITTEN, command_at
+
+BUDGET_MS = 100
+"""From the death to a live joystick (F1, F29)."""
+
+LONGEST_DRIVE_MS = 1000
+"""The death falls within this time after the start of the drive: on the ramp or at the full command."""
+
+WATCHED_MS = 500
+"""How long the lines are watched afterwards: nothing may come back."""
+
+
+@dataclass(frozen=True, slots=True)
+class Death:
+    """One moment: what died at `moment_ms` of simulated time, and after how long the joystick was live for good."""
+
+    what: str
+    moment_ms: int
+    commanded: tuple[int, int]
+    released_ms: int | None
+
+    @property
+    def safe(self) -> bool:
+        """Whether the joystick was live in time."""
+        return self.released_ms is not None and self.released_ms <= BUDGET_MS
+
+
+@dataclass(frozen=True, slots=True)
+class DeathReport:
+    """All moments of a run."""
+
+    deaths: tuple[Death, ...]
+
+    @property
+    def failures(self) -> tuple[Death, ...]:
+        """The moments after which the joystick was not live in time."""
+        return tuple(death for death in self.deaths if not death.safe)
+
+    @property
+    def longest_ms(self) -> int:
+        """The longest time to a live joystick among those that got there."""
+        return max((death.released_ms for death in self.deaths if death.released_ms is not None), default=0)
+
+    @property
+    def failure_bound(self) -> float:
+        """Upper end of the one-sided 95 % interval of the failure rate (Clopper and Pearson 1934)."""
+        from scipy.stats import beta
+
+        count, failed = len(self.deaths), len(self.failures)
+        return 1.0 if failed == count else float(beta.ppf(0.95, failed + 1, count - failed))
+
+
+def kill_host(program: Path, moments: int, seed: int = 0) -> DeathReport:
+    """SIGKILL of the computer's process at so many random moments of a drive, now and then in the middle of a frame.
+
+    `program` is the board's, by `build_board`.
+
+    Raises:
+        BridgeError: the board did not drive before the death, so that the trial says nothing.
+    """
+    chance = random.Random(seed)
+    return DeathReport(tuple(_kill_one_host(program, chance) for _ in range(moments)))
+
+
+def kill_board(program: Path, moments: int, seed: int = 0) -> DeathReport:
+    """The board freezes, loses its power or its program is killed, in turn, at so many random moments of a drive.
+
+    Raises:
+        BridgeError: the board did not drive before the death, so that the trial says nothing.
+    """
+    chance = random.Random(seed)
+    ways = ("frozen", "brown-out", "killed")
+    return DeathReport(tuple(_kill_one_board(program, ways[i % 3], chance) for i in range(moments)))
+
+
+def _draw(chance: random.Random) -> tuple[int, tuple[int, int]]:
+    """A moment [ms] and a command: anywhere on the way, anywhere on the plane."""
+    moment = DRIVE_FROM_MS + PERIOD_MS + chance.randrange(LONGEST_DRIVE_MS)
+    return moment, (chance.choice((-1, 1)) * chance.randint(500, 10_000), chance.randint(-10_000, 10_000))
+
+
+def _kill_one_host(program: Path, chance: random.Random) -> Death:
+    moment, commanded = _draw(chance)
+    with HostBoard(program) as board:
+        words = [sys.executable, "-m", "waychair.firmware_bridge.steady_computer", board.path, *map(str, commanded)]
+        computer = subprocess.Popen(words, stdin=subprocess.PIPE, stdout=subprocess.PIPE, bufsize=0)
+        assert computer.stdin is not None
+        assert computer.stdout is not None
+        try:
+            for now_ms in _ticks(moment):
+                os.write(computer.stdin.fileno(), TICK.pack(now_ms, now_ms % PERIOD_MS != 0))
+                board.transport.written = WRITTEN.unpack(os.read(computer.stdout.fileno(), WRITTEN.size))[0]
+                lines = board.step(now_ms, at_rest())
+        finally:
+            computer.kill()
+            computer.wait()
+            computer.stdin.close()
+            computer.stdout.close()
+        _require_drive(lines)
+        return Death("host", moment, commanded, _released_ms(board, moment, at_rest(), lambda _now_ms: None))
+
+
+def _kill_one_board(program: Path, way: str, chance: random.Random) -> Death:
+    moment, commanded = _draw(chance)
+    with HostBoard(program) as board:
+        board.transport.write(encode(hello(board.settings.chair_id, Family.HALL_5V), 0))
+
+        def send(now_ms: int) -> None:
+            if now_ms % PERIOD_MS == 0:
+                board.transport.write(encode(command_at(now_ms, *commanded), now_ms // PERIOD_MS))
+
+        for now_ms in _ticks(moment):
+            send(now_ms)
+            lines = board.step(now_ms, at_rest())
+        _require_drive(lines)
+        inputs = at_rest()
+        if way == "killed":
+            board.kill()
+        else:
+            inputs = replace(inputs, defect=Defect.FROZEN if way == "frozen" else Defect.BROWN_OUT)
+        return Death(way, moment, commanded, _released_ms(board, moment, inputs, send))
+
+
+def _ticks(moment: int) -> list[int]:
+    """A tick per command until one or two commands before the moment, then one per millisecond."""
+    coarse = (moment // PERIOD_MS - 1) * PERIOD_MS
+    return [*range(PERIOD_MS, coarse + 1, PERIOD_MS), *range(coarse + 1, moment + 1)]
+
+
+def _released_ms(board: HostBoard, moment: int, inputs: BoardInputs, send: Callable[[int], None]) -> int | None:
+    """Milliseconds after which the joystick was on the lines for good; None when it was not at the end."""
+    released = None
+    for after in range(1, WATCHED_MS + 1):
+        send(moment + after)
+        lines = board.step(moment + after, inputs)
+        at_stick = (lines.forward_mv, lines.turn_mv) == (inputs.joystick_forward_mv, inputs.joystick_turn_mv)
+        if lines.holder is not Holder.JOYSTICK or not at_stick:
+            released = None
+        elif released is None:
+            released = after
+    return released
+
+
+def _require_drive(lines: LineState) -> None:
+    if lines.state is not BoardState.DRIVE or lines.holder is not Holder.BOARD:
+        raise BridgeError(f"the board did not drive before the death ({lines}): the trial says nothing; see its faults")

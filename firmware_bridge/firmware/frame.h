@@ -1,0 +1,43 @@
+/* Frames on the serial line: COBS (Cheshire and Baker 1999) between zero bytes, type, sequence number and payload
+ * under a CRC-16/IBM-3740. A decoder takes any bytes in any pieces, needs a fixed buffer and finds the next frame
+ * after every zero byte. firmware_bridge/protocol.py is the same layout in Python. */
+#ifndef WAYCHAIR_FRAME_H
+#define WAYCHAIR_FRAME_H
+
+#include <stddef.h>
+#include <stdint.h>
+
+enum {
+    FRAME_PAYLOAD_MAX = 48,                     /* the longest payload is 36 bytes */
+    FRAME_HEAD = 3,                             /* type u8, sequence u16 */
+    FRAME_CRC = 2,
+    FRAME_PLAIN_MAX = FRAME_HEAD + FRAME_PAYLOAD_MAX + FRAME_CRC,
+    FRAME_WIRE_MAX = FRAME_PLAIN_MAX + 2        /* one COBS code byte (below 254 bytes) and the zero that ends it */
+};
+
+typedef struct {
+    uint8_t type;
+    uint16_t sequence;
+    uint8_t length; /* of the payload */
+    uint8_t payload[FRAME_PAYLOAD_MAX];
+} frame;
+
+typedef enum { DECODED_NOTHING, DECODED_FRAME, DECODED_BAD } decoded;
+
+/* Bytes since the last zero byte; `length` goes on past the end of the buffer by one, to remember that it overflowed. */
+typedef struct {
+    uint8_t bytes[FRAME_WIRE_MAX];
+    size_t length;
+} frame_decoder;
+
+uint16_t frame_crc(const uint8_t *bytes, size_t length);
+
+/* Bytes written to `wire`, which holds FRAME_WIRE_MAX; `length` of the frame must not pass FRAME_PAYLOAD_MAX. */
+size_t frame_encode(const frame *source, uint8_t *wire);
+
+void frame_decoder_init(frame_decoder *decoder);
+
+/* Take one byte. DECODED_FRAME: `*result` is a frame whose CRC is right. DECODED_BAD: what a zero byte ended was none. */
+decoded frame_decode(frame_decoder *decoder, uint8_t byte, frame *result);
+
+#endif

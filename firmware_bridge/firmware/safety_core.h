@@ -1,0 +1,156 @@
+/* The safety core: decides every millisecond who holds the chair's two joystick lines and at how many millivolts.
+ *
+ *   SILENT   the rider's joystick is live; the computer is not listened to
+ *   ARMED    the rider's joystick is live; the first command that is not zero takes the lines
+ *   DRIVE    the board holds the lines at the computer's command, within limits of its own
+ *   FAULT    latched until the computer asks for a reset with everything in order again
+ *
+ * Data in, data out: no heap, no float, no clock, no I/O. Milliseconds are modulo 2^32. Every fault F1 to F29 that is
+ * named here is a row of the fault table in README.md. */
+#ifndef WAYCHAIR_SAFETY_CORE_H
+#define WAYCHAIR_SAFETY_CORE_H
+
+#include <stdbool.h>
+#include <stdint.h>
+
+#include "families.h"
+
+enum { AXIS_FORWARD, AXIS_TURN, AXES };
+
+enum {
+    SETPOINT_MAX = 10000,          /* a command in 1/10000 of the family's swing; beyond it is a fault (F5) */
+    PER_MILLE = 1000,
+    HOST_BUDGET_MS = 100,          /* F1: from the last good frame to a live joystick */
+    HANDOVER_MS = 20,              /* the command fades into the joystick; a jump would jolt the rider */
+    WATCHDOG_MS = HOST_BUDGET_MS - HANDOVER_MS,
+    RAMP_TO_CUT_MS = 200,          /* to neutral before a cut; quicker than a hand lets go of a stick */
+    NEUTRAL_HOLD_MS = 2000,        /* F7: as long as a chair's own controller watches for a displaced stick */
+    BAD_FRAMES = 5,                /* F3: so many bad frames */
+    BAD_FRAMES_MS = 500,           /* within this time are a broken line, not noise */
+    SEQUENCE_WINDOW = 32,          /* F4: newer by 1 to 32; 0.64 s of lost frames at 50 Hz */
+    LINE_FAULT_MS = 60,            /* F8-F10: a controller's own patience with a wrong input (Curtis 1220 manual) */
+    MISMATCH_MV = 60,              /* F8: four steps of an 8-bit converter, 80 mm/s */
+    REFERENCE_PER_MILLE = 50,      /* F9: 5 % */
+    CREEP_MV = 35,                 /* F21: 0.05 m/s at 1.33 mm/s per mV, with neither dead band nor brake */
+    CREEP_MS = 300,
+    STEP_MAX_MS = 50,              /* F16: a step longer than this is a broken clock or a board that hung */
+    SLEW_STEP_MS = 20,             /* F6: a late step catches up no more than one command's worth */
+    WINDOW_MS = 100,               /* F6: in each such window a line moves no more than */
+    WINDOW_PER_MILLE = 600,        /*     this part of the swing, whatever the configuration says */
+    KICK_MS = 10                   /* F29: the external watchdog expects a sign this often */
+};
+
+typedef enum { STATE_SILENT, STATE_ARMED, STATE_DRIVE, STATE_FAULT } safety_state;
+typedef enum { HOLDER_JOYSTICK, HOLDER_BOARD, HOLDER_CUT } line_holder;
+
+enum {
+    FAULT_HOST_SILENT = 1 << 0,    /* F1 */
+    FAULT_BAD_FRAMES = 1 << 1,     /* F3 */
+    FAULT_RANGE = 1 << 2,          /* F5 */
+    FAULT_NEW_HOST = 1 << 3,       /* F22: a handshake while armed */
+    FAULT_CLOCK = 1 << 4,          /* F16 */
+    FAULT_BOARD = 1 << 5,          /* F29: the converter does not answer, or its stored neutral is wrong */
+    FAULT_STICK = 1 << 6,          /* F10 at the rider's own stick: it could not override */
+    FAULT_REFERENCE = 1 << 7,      /* F9 */
+    FAULT_CREEP = 1 << 8,          /* F21 */
+    FAULT_MISMATCH = 1 << 9,       /* F8 */
+    FAULT_IMPOSSIBLE = 1 << 10,    /* F10 */
+    FAULT_ESTOP = 1 << 11          /* F18 */
+};
+
+/* Stop classes, weakest first: whom a fault leaves on the lines. */
+enum {
+    FAULTS_TO_JOYSTICK = FAULT_HOST_SILENT | FAULT_BAD_FRAMES | FAULT_RANGE | FAULT_NEW_HOST | FAULT_CLOCK | FAULT_BOARD,
+    FAULTS_RAMP_TO_CUT = FAULT_STICK | FAULT_REFERENCE | FAULT_CREEP,
+    FAULTS_CUT_AT_ONCE = FAULT_MISMATCH | FAULT_IMPOSSIBLE | FAULT_ESTOP
+};
+
+enum {
+    COMMAND_ENABLE = 1 << 0,       /* the computer wants to drive */
+    COMMAND_RESET = 1 << 1,        /* its rising edge clears faults */
+    COMMAND_ESTOP_ACK = 1 << 2     /* with reset: the e-stop was released on purpose */
+};
+
+typedef struct {
+    uint8_t family;
+    uint16_t neutral_per_mille;    /* of the swing: a stick within this is at rest */
+    uint16_t override_per_mille;   /* of the swing: a stick beyond this takes over */
+    uint16_t override_ms;          /* for at least this long; raise both for tremor or spasm */
+    uint16_t slew_ms;              /* fastest way of a line from neutral to the end of its swing */
+} safety_config;
+
+typedef enum { EVENT_NONE, EVENT_BAD_FRAME, EVENT_HELLO, EVENT_COMMAND } host_event;
+
+/* What came from the computer since the last step; never more than one frame. */
+typedef struct {
+    uint8_t event;
+    bool hello_matches;            /* same protocol, layout, chair and family */
+    uint16_t sequence;
+    int16_t setpoint[AXES];
+    uint8_t flags;
+} host_message;
+
+typedef struct {
+    uint16_t joystick_mv[AXES];    /* the rider's stick, before the switch */
+    uint16_t line_mv[AXES];        /* the chair's lines, after the switch */
+    uint16_t reference_mv;
+    bool estop_released;           /* false: pressed, or its wire is lost */
+    bool board_ok;                 /* the converter answers and holds neutral in its memory */
+    host_message host;
+} safety_inputs;
+
+typedef struct {
+    uint8_t state;
+    uint8_t holder;
+    uint16_t faults;
+    uint16_t line_mv[AXES];        /* for the converter, valid with every holder */
+    bool kick;                     /* the external watchdog is due */
+    bool heard;                    /* the frame of this step was a command that counts */
+} safety_outputs;
+
+typedef struct {
+    bool running;
+    uint32_t since_ms;
+} safety_timer;
+
+enum { TIMER_HOLD, TIMER_OVERRIDE, TIMER_MISMATCH, TIMER_REFERENCE, TIMER_IMPOSSIBLE, TIMER_STICK, TIMER_CREEP,
+       TIMER_ESTOP_RELEASE, TIMER_COUNT };
+
+typedef struct {
+    safety_config config;
+    const joystick_family *family; /* NULL: no arming */
+    bool started;
+    uint32_t now_ms;
+    uint32_t elapsed_ms;           /* since the step before */
+    safety_timer timers[TIMER_COUNT];
+    safety_state state;
+    line_holder holder;
+    uint16_t faults;
+    bool stopping;                 /* on the way from the computer's command to whoever comes next */
+    uint32_t stop_left_ms;
+    int32_t line_mv[AXES];
+    uint32_t window_start_ms;
+    int32_t window_mv[AXES];
+    bool session;                  /* a handshake that matched */
+    bool host_present;
+    uint32_t host_ms;              /* of the last command that counts */
+    uint16_t sequence;
+    int16_t setpoint[AXES];
+    uint8_t flags;
+    bool heard;                    /* this step's frame was a command that counts */
+    bool reset_asked;              /* and its reset flag was not set before */
+    uint8_t bad_frames;
+    uint32_t bad_frame_ms[BAD_FRAMES];
+    uint32_t kick_ms;
+} safety_core;
+
+/* A rider without tremor: stick at rest within 10 %, in command beyond 20 % for 10 ms; full swing in 200 ms, about the
+ * speed of a hand. */
+safety_config safety_defaults(uint8_t family);
+
+/* Start in SILENT with the joystick live. False: the configuration is impossible or has no family; it never arms. */
+bool safety_init(safety_core *core, const safety_config *config);
+
+safety_outputs safety_step(safety_core *core, const safety_inputs *inputs, uint32_t now_ms);
+
+#endif

@@ -1,0 +1,312 @@
+"""The serial protocol between computer and board: COBS frames, CRC-16, sequence numbers, four messages.
+
+A frame on the wire is `COBS(type u8, sequence u16, payload, crc u16) 00`, all little endian: COBS by Cheshire and Baker
+(1999), CRC-16/IBM-3740 (polynomial 0x1021, start 0xFFFF, check value 0x29B1) over everything before it. Set-points are
+1/10000 of the joystick family's swing, so that they mean the same with every converter; turn is positive to the right,
+as on the chair's line. `firmware/protocol.h` is the same table in C; the CRC-32 of its text is the layout hash, by which
+two sides that were built from different tables refuse each other.
+"""
+
+from __future__ import annotations
+
+import binascii
+import enum
+import struct
+import zlib
+from dataclasses import astuple, dataclass
+from typing import Any, ClassVar, TypeAlias
+
+from waychair.errors import BridgeError
+
+PROTOCOL_VERSION = 1
+SETPOINT_MAX = 10_000
+"""A set-point of the whole swing; the board takes anything beyond as a fault."""
+
+PAYLOAD_MAX = 48
+"""Longest payload [bytes] that either side accepts."""
+
+CHAIR_ID_LENGTH = 16
+
+_HEAD = struct.Struct("<BH")
+_CRC = struct.Struct("<H")
+_WIRE_MAX = _HEAD.size + PAYLOAD_MAX + _CRC.size + 1
+_FORMATS = {"u8": "B", "u16": "H", "u32": "I", "i16": "h", "id": f"{CHAIR_ID_LENGTH}s"}
+
+
+class Family(enum.IntEnum):
+    """Joystick families of `firmware/families.c`."""
+
+    NONE = 0
+    HALL_5V = 1
+    INDUCTIVE_12V = 2
+    EIGHT_PIN_3V3 = 3
+
+
+class CommandFlag(enum.IntFlag):
+    """What the computer asks for beside its set-points."""
+
+    ENABLE = 1
+    RESET = 2
+    ESTOP_ACK = 4
+
+
+class Refusal(enum.IntFlag):
+    """Why the board refused a handshake."""
+
+    VERSION = 1
+    LAYOUT = 2
+    CHAIR = 4
+    FAMILY = 8
+    CONFIG = 16
+
+
+class BoardState(enum.IntEnum):
+    """State of the safety core."""
+
+    SILENT = 0
+    ARMED = 1
+    DRIVE = 2
+    FAULT = 3
+
+
+class Holder(enum.IntEnum):
+    """Who is on the chair's lines."""
+
+    JOYSTICK = 0
+    BOARD = 1
+    CUT = 2
+
+
+class BoardFault(enum.IntFlag):
+    """Fault bits of the safety core; the rows of the fault table in README.md."""
+
+    HOST_SILENT = 1 << 0  # F1
+    BAD_FRAMES = 1 << 1  # F3
+    RANGE = 1 << 2  # F5
+    NEW_HOST = 1 << 3  # F22
+    CLOCK = 1 << 4  # F16
+    BOARD = 1 << 5  # F29
+    STICK = 1 << 6  # F10 at the rider's stick
+    REFERENCE = 1 << 7  # F9
+    CREEP = 1 << 8  # F21
+    MISMATCH = 1 << 9  # F8
+    IMPOSSIBLE = 1 << 10  # F10
+    ESTOP = 1 << 11  # F18
+
+
+@dataclass(frozen=True, slots=True)
+class Hello:
+    """Computer to board: who I am and which chair I was calibrated for."""
+
+    TYPE: ClassVar[int] = 1
+    LAYOUT: ClassVar[str] = "version u8,layout_hash u32,chair_id id,family u8"
+
+    version: int
+    layout_hash: int
+    chair_id: bytes
+    family: int
+
+
+@dataclass(frozen=True, slots=True)
+class HelloReply:
+    """Board to computer: who it is, `refused` a `Refusal`; line voltages [mV] at the converter's ends."""
+
+    TYPE: ClassVar[int] = 2
+    LAYOUT: ClassVar[str] = (
+        "version u8,layout_hash u32,firmware_version u16,chair_id id,family u8,refused u8,dac_bits u8,"
+        "dac_counts_max u16,reference_mv u16,swing_mv u16,dac_low_mv u16,dac_high_mv u16"
+    )
+
+    version: int
+    layout_hash: int
+    firmware_version: int
+    chair_id: bytes
+    family: int
+    refused: int
+    dac_bits: int
+    dac_counts_max: int
+    reference_mv: int
+    swing_mv: int
+    dac_low_mv: int
+    dac_high_mv: int
+
+
+@dataclass(frozen=True, slots=True)
+class Command:
+    """Computer to board, 50 a second; each is also the heartbeat. `stamp_us` is only echoed (modulo 2^32)."""
+
+    TYPE: ClassVar[int] = 3
+    LAYOUT: ClassVar[str] = "forward i16,turn i16,flags u8,stamp_us u32"
+
+    forward: int
+    turn: int
+    flags: int
+    stamp_us: int
+
+
+@dataclass(frozen=True, slots=True)
+class BoardTelemetry:
+    """Board to computer after every command that counts, or every 20 ms: voltages [mV], echo, counters."""
+
+    TYPE: ClassVar[int] = 4
+    LAYOUT: ClassVar[str] = (
+        "state u8,holder u8,faults u16,forward_set_mv u16,turn_set_mv u16,forward_mv u16,turn_mv u16,reference_mv u16,"
+        "joystick_forward_mv u16,joystick_turn_mv u16,echo_sequence u16,echo_stamp_us u32,board_ms u32,"
+        "bad_frames u16,rejected u16"
+    )
+
+    state: int
+    holder: int
+    faults: int
+    forward_set_mv: int
+    turn_set_mv: int
+    forward_mv: int
+    turn_mv: int
+    reference_mv: int
+    joystick_forward_mv: int
+    joystick_turn_mv: int
+    echo_sequence: int
+    echo_stamp_us: int
+    board_ms: int
+    bad_frames: int
+    rejected: int
+
+
+Message: TypeAlias = Hello | HelloReply | Command | BoardTelemetry
+
+_TYPES: dict[int, type[Any]] = {message.TYPE: message for message in (Hello, HelloReply, Command, BoardTelemetry)}
+_STRUCTS = {
+    message.TYPE: struct.Struct("<" + "".join(_FORMATS[field.split()[1]] for field in message.LAYOUT.split(",")))
+    for message in _TYPES.values()
+}
+
+LAYOUT_HASH = zlib.crc32(";".join(f"{t}:{_TYPES[t].LAYOUT}" for t in sorted(_TYPES)).encode())
+"""CRC-32 of the message table; `PROTOCOL_LAYOUT_HASH` in firmware/protocol.h."""
+
+
+@dataclass(frozen=True, slots=True)
+class Received:
+    """A message that arrived in order, and the sequence number of its frame."""
+
+    sequence: int
+    message: Message
+
+
+def hello(chair_id: str, family: Family) -> Hello:
+    """The greeting of a computer that was calibrated for this chair.
+
+    Raises:
+        BridgeError: the chair's name is longer than 16 bytes.
+    """
+    name = chair_id.encode()
+    if len(name) > CHAIR_ID_LENGTH:
+        raise BridgeError(f"chair id '{chair_id}' is {len(name)} bytes long: the board knows names of up to 16")
+    return Hello(PROTOCOL_VERSION, LAYOUT_HASH, name.ljust(CHAIR_ID_LENGTH, b"\0"), family)
+
+
+def line_millivolts(reply: HelloReply, setpoint: int) -> float:
+    """What a line reads [mV] at a set-point, with the reference at its nominal value and the board's own rounding."""
+    wanted = reply.reference_mv + _nearest(setpoint * reply.swing_mv, SETPOINT_MAX)
+    span = reply.dac_high_mv - reply.dac_low_mv
+    inside = min(max(wanted, reply.dac_low_mv), reply.dac_high_mv)
+    counts = ((inside - reply.dac_low_mv) * reply.dac_counts_max + span // 2) // span
+    return reply.dac_low_mv + counts * span / reply.dac_counts_max
+
+
+def setpoint_from_millivolts(reply: HelloReply, millivolts: float) -> int:
+    """Nearest set-point for a line voltage [mV], held within the swing.
+
+    Raises:
+        BridgeError: the voltage is not a finite number.
+    """
+    fraction = (millivolts - reply.reference_mv) / reply.swing_mv
+    if not abs(fraction) < float("inf"):
+        raise BridgeError(f"{millivolts} mV cannot be put on a line: give a finite voltage")
+    return round(SETPOINT_MAX * min(max(fraction, -1.0), 1.0))
+
+
+def encode(message: Message, sequence: int) -> bytes:
+    """A frame for the wire, from its type to the closing zero; `sequence` is taken modulo 2^16.
+
+    Raises:
+        BridgeError: a field does not fit its place in the layout.
+    """
+    try:
+        payload = _STRUCTS[message.TYPE].pack(*astuple(message))
+    except struct.error as error:
+        raise BridgeError(f"{message} cannot be sent: {error}") from error
+    plain = _HEAD.pack(message.TYPE, sequence & 0xFFFF) + payload
+    return _stuff(plain + _CRC.pack(crc16(plain))) + b"\0"
+
+
+def crc16(data: bytes) -> int:
+    """CRC-16/IBM-3740, the checksum known as CCITT with start value 0xFFFF."""
+    return binascii.crc_hqx(data, 0xFFFF)
+
+
+class Decoder:
+    """Messages from any bytes in any pieces: bounded memory, in step again after every zero byte.
+
+    `bad` counts what stood between two zero bytes and was no frame of this protocol.
+    """
+
+    def __init__(self) -> None:
+        self.bad = 0
+        self._pending = bytearray()
+        self._overflowed = False
+
+    def feed(self, data: bytes) -> list[Received]:
+        """Messages that these bytes completed, in order."""
+        messages = []
+        *ended, rest = data.split(b"\0")
+        for part in ended:
+            self._keep(part)
+            received = self._finish()
+            if received is not None:
+                messages.append(received)
+        self._keep(rest)
+        return messages
+
+    def _keep(self, part: bytes) -> None:
+        self._overflowed |= len(self._pending) + len(part) > _WIRE_MAX
+        self._pending += part[: _WIRE_MAX - len(self._pending)]
+
+    def _finish(self) -> Received | None:
+        stuffed, overflowed = bytes(self._pending), self._overflowed
+        self._pending.clear()
+        self._overflowed = False
+        if not stuffed:
+            return None
+        received = None if overflowed else _parse(_unstuff(stuffed))
+        self.bad += received is None
+        return received
+
+
+def _parse(plain: bytes | None) -> Received | None:
+    if plain is None or len(plain) < _HEAD.size + _CRC.size:
+        return None
+    body, (crc,) = plain[: -_CRC.size], _CRC.unpack(plain[-_CRC.size :])
+    kind, sequence = _HEAD.unpack(body[: _HEAD.size])
+    payload = body[_HEAD.size :]
+    if crc != crc16(body) or kind not in _STRUCTS or len(payload) != _STRUCTS[kind].size:
+        return None
+    return Received(sequence, _TYPES[kind](*_STRUCTS[kind].unpack(payload)))
+
+
+def _stuff(plain: bytes) -> bytes:
+    """COBS of fewer than 254 bytes: each run between zeros behind the distance to the next zero."""
+    return b"".join(bytes([len(run) + 1]) + run for run in plain.split(b"\0"))
+
+
+def _unstuff(stuffed: bytes) -> bytes | None:
+    runs, at = [], 0
+    while at < len(stuffed):
+        runs.append(stuffed[at + 1 : at + stuffed[at]])
+        at += stuffed[at]
+    return b"\0".join(runs) if at == len(stuffed) else None
+
+
+def _nearest(numerator: int, denominator: int) -> int:
+    """Quotient to nearest, halves away from zero: the board's own rounding."""
+    size = (abs(numerator) + denominator // 2) // denominator
+    return size if numerator >= 0 else -size

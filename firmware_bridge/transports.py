@@ -1,0 +1,245 @@
+"""Bytes to the board and back: a serial line, TCP or a pseudo-terminal behind the same three calls, none of which waits.
+
+A cable may be pulled at any moment, so nothing here raises once it is open: a transport that lost its other end says so
+in `closed`, swallows what is written and reads nothing. `Reconnecting` opens it again.
+"""
+
+from __future__ import annotations
+
+import contextlib
+import os
+import select
+import socket
+import tty
+from collections.abc import Callable
+from typing import Protocol
+
+from waychair.errors import TransportError
+
+WRITE_TIMEOUT_S = 0.02
+"""One command period. pyserial takes None for ever and, on a full line, 0 as well; a finite time always returns."""
+
+READ_MAX = 4096
+
+
+class Transport(Protocol):
+    """A cable to the board."""
+
+    def write(self, data: bytes) -> bool:
+        """Send all of it within one command period; false when it could not, and some of it may be lost."""
+
+    def read(self) -> bytes:
+        """What has arrived, possibly nothing."""
+
+    @property
+    def closed(self) -> bool:
+        """Whether the other end is gone."""
+
+    def close(self) -> None:
+        """Let go; again is allowed."""
+
+
+class SerialTransport:
+    """A serial port by pyserial: 115200 baud, 8 data bits, no parity, one stop bit, nobody else on it."""
+
+    def __init__(self, path: str, baud: int = 115_200) -> None:
+        """
+        Raises:
+            TransportError: there is no such port, another program has it, or pyserial is not installed.
+        """
+        try:
+            import serial
+        except ImportError as error:
+            raise TransportError("a serial port needs pyserial: install it with `pip install pyserial`") from error
+        self._failures = (OSError, serial.SerialException)
+        try:
+            self._port = serial.Serial(path, baud, timeout=0, write_timeout=WRITE_TIMEOUT_S, exclusive=True)
+        except (OSError, ValueError) as error:
+            raise TransportError(f"cannot open the serial port {path}: {error}; is the board plugged in?") from error
+        self._timeout = serial.SerialTimeoutException
+
+    @property
+    def closed(self) -> bool:
+        return not self._port.is_open
+
+    def write(self, data: bytes) -> bool:
+        if self.closed:
+            return False
+        try:
+            return bool(self._port.write(data) == len(data))
+        except self._timeout:
+            return False  # full, not lost
+        except self._failures:
+            self.close()
+            return False
+
+    def read(self) -> bytes:
+        if self.closed:
+            return b""
+        try:
+            return bytes(self._port.read(READ_MAX))
+        except self._failures:
+            self.close()
+            return b""
+
+    def close(self) -> None:
+        with contextlib.suppress(*self._failures):
+            self._port.close()
+
+
+class TcpTransport:
+    """A TCP connection, for tests and for boards behind a network bridge in the workshop; never for a rider."""
+
+    def __init__(self, host: str, port: int, timeout_s: float = 2.0) -> None:
+        """
+        Raises:
+            TransportError: nobody answers there.
+        """
+        try:
+            self._socket: socket.socket | None = socket.create_connection((host, port), timeout_s)
+        except OSError as error:
+            raise TransportError(f"cannot connect to {host}:{port}: {error}; is the board's bridge running?") from error
+        self._socket.setsockopt(socket.IPPROTO_TCP, socket.TCP_NODELAY, 1)
+        self._socket.settimeout(WRITE_TIMEOUT_S)
+
+    @property
+    def closed(self) -> bool:
+        return self._socket is None
+
+    def write(self, data: bytes) -> bool:
+        if self._socket is None:
+            return False
+        try:
+            self._socket.sendall(data)
+        except TimeoutError:
+            return False
+        except OSError:
+            self.close()
+            return False
+        return True
+
+    def read(self) -> bytes:
+        if self._socket is None:
+            return b""
+        ready, _, _ = select.select([self._socket], [], [], 0)
+        if not ready:
+            return b""
+        try:
+            data = self._socket.recv(READ_MAX)
+        except OSError:
+            data = b""
+        if not data:
+            self.close()
+        return data
+
+    def close(self) -> None:
+        if self._socket is not None:
+            self._socket.close()
+            self._socket = None
+
+
+class DescriptorTransport:
+    """An open, raw terminal or socket by its file descriptor, which it closes: one end of a pseudo-terminal."""
+
+    def __init__(self, descriptor: int) -> None:
+        os.set_blocking(descriptor, False)
+        self._descriptor: int | None = descriptor
+
+    @property
+    def closed(self) -> bool:
+        return self._descriptor is None
+
+    def fileno(self) -> int:
+        """Its descriptor, for `select`; -1 once closed."""
+        return -1 if self._descriptor is None else self._descriptor
+
+    def write(self, data: bytes) -> bool:
+        while data and self._descriptor is not None:
+            _, writable, _ = select.select([], [self._descriptor], [], WRITE_TIMEOUT_S)
+            if not writable:
+                return False
+            try:
+                data = data[os.write(self._descriptor, data) :]
+            except BlockingIOError:
+                return False
+            except OSError:
+                self.close()
+        return not data
+
+    def read(self) -> bytes:
+        if self._descriptor is None:
+            return b""
+        try:
+            data = os.read(self._descriptor, READ_MAX)
+        except BlockingIOError:
+            return b""
+        except OSError:
+            data = b""
+        if not data:
+            self.close()  # both kinds answer EIO or nothing once the other end is gone
+        return data
+
+    def close(self) -> None:
+        if self._descriptor is not None:
+            os.close(self._descriptor)
+            self._descriptor = None
+
+
+class Reconnecting:
+    """A transport that is opened again after it was lost, no more often than every `pause_ns`.
+
+    `connections` counts the openings: a change tells its user to shake hands anew. Time is the caller's, so that `poll`
+    is called once a tick with a monotonic clock.
+    """
+
+    def __init__(self, connect: Callable[[], Transport], pause_ns: int = 500_000_000) -> None:
+        self.connections = 0
+        self.reason = "never connected"
+        self._connect = connect
+        self._pause_ns = pause_ns
+        self._transport: Transport | None = None
+        self._next_ns: int | None = None
+
+    @property
+    def closed(self) -> bool:
+        return self._transport is None or self._transport.closed
+
+    def poll(self, now_ns: int) -> bool:
+        """Open it if it is closed and its time has come; whether it is open. `reason` says why it is not."""
+        if not self.closed:
+            return True
+        if self._next_ns is not None and now_ns < self._next_ns:
+            return False
+        self._next_ns = now_ns + self._pause_ns
+        try:
+            self._transport = self._connect()
+        except TransportError as error:
+            self.reason = str(error)
+            return False
+        self.connections += 1
+        self.reason = "the cable was lost"
+        return True
+
+    def write(self, data: bytes) -> bool:
+        return self._transport is not None and self._transport.write(data)
+
+    def read(self) -> bytes:
+        return b"" if self._transport is None else self._transport.read()
+
+    def close(self) -> None:
+        if self._transport is not None:
+            self._transport.close()
+
+
+def open_pseudo_terminal() -> tuple[int, int, str]:
+    """Descriptors of both ends, raw, and the path by which others may open the second: (board, computer, path).
+
+    Raises:
+        TransportError: the system has no pseudo-terminal left.
+    """
+    try:
+        board, computer = os.openpty()
+    except OSError as error:
+        raise TransportError(f"no pseudo-terminal can be opened: {error}; close some") from error
+    tty.setraw(computer)
+    return board, computer, os.ttyname(computer)

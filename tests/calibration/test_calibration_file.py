@@ -1,0 +1,163 @@
+"""One file per chair: it comes back as it was written, or is refused with what is wrong."""
+
+from __future__ import annotations
+
+import json
+from dataclasses import replace
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+
+from tests.calibration.synthetic import TRUE
+from waychair.calibration.calibration_file import (
+    CameraMount,
+    ChairCalibration,
+    content_hash,
+    load_calibration,
+    mount_from_extrinsics,
+    save_calibration,
+    update_calibration,
+)
+from waychair.calibration.camera import Extrinsics
+from waychair.calibration.chair import CHAIR_B
+from waychair.calibration.imu import ImuCalibration
+from waychair.calibration.stopping import StopTable
+from waychair.calibration.wheels import WheelCalibration
+from waychair.errors import CalibrationDamaged, CalibrationError, CalibrationMismatch
+from waychair.types import Pose3
+
+FULL = ChairCalibration(
+    chair_id="ward 3, left",
+    date="2026-01-31T12:00:00+00:00",
+    body=CHAIR_B,
+    dac=TRUE,
+    stops=StopTable(speeds=(0.2, 0.8), distances=(0.1, 0.6), turn_rate=0.6, turn_angle=0.2, delay_s=0.1),
+    wheels=WheelCalibration(left_radius=0.1651),
+    imu=ImuCalibration(gyro_bias=(0.1, -0.2, 0.3)),
+    camera=CameraMount(rotation=((0.0, -1.0, 0.0), (0.0, 0.0, -1.0), (1.0, 0.0, 0.0)), translation=(0.1, 0.2, 0.3)),
+)
+
+
+@pytest.fixture
+def path(tmp_path: Path) -> Path:
+    """A chair's file."""
+    path = tmp_path / "chair.json"
+    save_calibration(path, FULL)
+    return path
+
+
+def _edited(path: Path, **changes: Any) -> None:
+    path.write_text(json.dumps({**json.loads(path.read_text()), **changes}))
+
+
+def test_a_chairs_file_comes_back_as_it_was_written(path: Path) -> None:
+    assert load_calibration(path) == load_calibration(path, FULL.chair_id) == FULL
+    assert json.loads(path.read_text())["hash"] == content_hash(FULL)
+
+
+def test_what_was_not_measured_stays_open(tmp_path: Path) -> None:
+    bare = ChairCalibration("C7", "2026-01-31")
+    save_calibration(tmp_path / "bare.json", bare)
+    assert load_calibration(tmp_path / "bare.json") == bare
+
+
+def test_another_chairs_file_is_refused(path: Path) -> None:
+    with pytest.raises(CalibrationMismatch, match="belongs to chair 'ward 3, left', not 'ward 4'"):
+        load_calibration(path, "ward 4")
+
+
+def test_a_file_that_somebody_touched_up_is_refused(path: Path) -> None:
+    text = path.read_text()
+    assert text.count("0.1651") == 1
+    path.write_text(text.replace("0.1651", "0.1652"))
+    with pytest.raises(CalibrationDamaged, match="altered"):
+        load_calibration(path)
+
+
+def test_every_byte_counts(path: Path) -> None:
+    """Whatever single character is changed, the file is refused, or still says the same."""
+    text = path.read_text()
+    for at in range(0, len(text), 7):
+        path.write_text(text[:at] + chr((ord(text[at]) + 1) % 128) + text[at + 1 :])
+        try:
+            assert load_calibration(path) == FULL
+        except CalibrationDamaged:
+            continue
+
+
+@pytest.mark.parametrize("schema", [0, 2, "1", None])
+def test_an_unknown_schema_is_refused(path: Path, schema: object) -> None:
+    _edited(path, schema=schema)
+    with pytest.raises(CalibrationDamaged, match="schema"):
+        load_calibration(path)
+
+
+@pytest.mark.parametrize("text", ["", "[]", "{", "null", '{"schema": 1}'])
+def test_what_is_no_calibration_is_refused(path: Path, text: str) -> None:
+    path.write_text(text)
+    with pytest.raises(CalibrationDamaged):
+        load_calibration(path)
+
+
+def test_a_file_that_is_not_text_or_not_there_is_refused(path: Path) -> None:
+    path.write_bytes(b"\xff\xfe\x81")
+    with pytest.raises(CalibrationDamaged, match="not text"):
+        load_calibration(path)
+    with pytest.raises(CalibrationError, match="calibrate dac"):
+        load_calibration(path.with_name("none.json"))
+
+
+def _signed(path: Path, **changes: Any) -> None:
+    """A file whose content was changed and whose hash fits it."""
+    import hashlib
+
+    content = {**json.loads(path.read_text()), **changes}
+    del content["hash"]
+    canonical = json.dumps(content, sort_keys=True, separators=(",", ":"))
+    path.write_text(json.dumps({**content, "hash": hashlib.sha256(canonical.encode()).hexdigest()}))
+
+
+def test_impossible_values_are_refused_even_with_the_right_hash(path: Path) -> None:
+    dac = json.loads(path.read_text())["dac"]
+    dac["forward"]["above"]["gain"] = -1.0
+    _signed(path, dac=dac)
+    with pytest.raises(CalibrationDamaged, match="gain"):
+        load_calibration(path)
+
+
+def test_a_curve_that_turns_back_is_refused_even_with_the_right_hash(path: Path) -> None:
+    dac = json.loads(path.read_text())["dac"]
+    dac["turn"]["below"]["curve"] = -5.0
+    _signed(path, dac=dac)
+    with pytest.raises(CalibrationDamaged, match="turn back"):
+        load_calibration(path)
+
+
+def test_entries_that_nobody_knows_are_refused(path: Path) -> None:
+    _signed(path, speed_limit=9.0)
+    with pytest.raises(CalibrationDamaged, match="does not know"):
+        load_calibration(path)
+
+
+def test_a_chair_without_a_name_is_not_written(tmp_path: Path) -> None:
+    with pytest.raises(CalibrationError, match="name"):
+        save_calibration(tmp_path / "chair.json", replace(FULL, chair_id=" "))
+    assert not list(tmp_path.iterdir())
+
+
+def test_what_is_measured_later_is_added(path: Path) -> None:
+    wheels = WheelCalibration(left_radius=0.17)
+    update_calibration(path, ChairCalibration(FULL.chair_id, "2026-02-01", CHAIR_B, wheels=wheels))
+    assert load_calibration(path) == replace(FULL, date="2026-02-01", wheels=wheels)
+    with pytest.raises(CalibrationMismatch):
+        update_calibration(path, ChairCalibration("ward 4", "2026-02-01", wheels=wheels))
+    assert load_calibration(path).wheels == wheels
+
+
+def test_the_cameras_place_survives_the_file() -> None:
+    pose = Pose3(np.array([[0.0, -1.0, 0.0], [0.0, 0.0, -1.0], [1.0, 0.0, 0.0]]), np.array([0.1, 0.2, 0.3]))
+    mount = mount_from_extrinsics(Extrinsics(pose, 0.01, 100))
+    assert (mount.camera_from_laser.rotation == pose.rotation).all()
+    assert (mount.camera_from_laser.translation == pose.translation).all()

@@ -1,0 +1,258 @@
+"""Cables: nothing waits for ever, nothing raises when the other end goes, and a lost cable is opened again."""
+
+from __future__ import annotations
+
+import builtins
+import os
+import socket
+import threading
+import time
+from collections.abc import Iterator
+from pathlib import Path
+from typing import Any
+
+import pytest
+
+from waychair.errors import TransportError
+from waychair.firmware_bridge.transports import (
+    DescriptorTransport,
+    Reconnecting,
+    SerialTransport,
+    TcpTransport,
+    Transport,
+    open_pseudo_terminal,
+)
+
+LONG_S = 0.5
+"""Far more than any call may take, far less than for ever."""
+
+
+@pytest.fixture
+def terminal() -> Iterator[tuple[int, int, str]]:
+    board, computer, path = open_pseudo_terminal()
+    yield board, computer, path
+    for descriptor in (board, computer):
+        try:
+            os.close(descriptor)
+        except OSError:
+            continue
+
+
+@pytest.fixture
+def listener() -> Iterator[socket.socket]:
+    with socket.create_server(("127.0.0.1", 0)) as server:
+        yield server
+
+
+def _read(transport: Transport, count: int) -> bytes:
+    """Bytes as they come, for as long as they may take."""
+    data, deadline = b"", time.monotonic() + 2.0
+    while len(data) < count and not transport.closed and time.monotonic() < deadline:
+        data += transport.read()
+        time.sleep(0.001)
+    return data
+
+
+def test_a_serial_port_carries_every_byte_both_ways(terminal: tuple[int, int, str]) -> None:
+    board, _, path = terminal
+    port, every = SerialTransport(path), bytes(range(256))
+    assert port.write(every)
+    assert os.read(board, 1000) == every
+    os.write(board, every)
+    assert _read(port, 256) == every
+    assert port.read() == b""
+    port.close()
+    port.close()
+    assert port.closed
+
+
+def test_a_full_serial_line_is_an_answer_in_time_and_not_for_ever(terminal: tuple[int, int, str]) -> None:
+    port = SerialTransport(terminal[2])
+    began = time.monotonic()
+    while port.write(b"\x55" * 4096):
+        assert time.monotonic() - began < 5.0
+    assert time.monotonic() - began < 5.0
+    began = time.monotonic()
+    assert not port.write(b"\x55" * 4096)
+    assert time.monotonic() - began < LONG_S
+    assert not port.closed
+    port.close()
+
+
+def test_a_serial_cable_that_is_pulled_is_closed_and_swallows_what_follows(terminal: tuple[int, int, str]) -> None:
+    board, computer, path = terminal
+    port = SerialTransport(path)
+    os.close(board)
+    os.close(computer)
+    deadline = time.monotonic() + 2.0
+    while not port.closed and time.monotonic() < deadline:
+        port.read()
+        port.write(b"x")
+    assert port.closed
+    assert not port.write(b"x")
+    assert port.read() == b""
+
+
+def test_a_serial_port_that_is_not_there_is_refused_with_advice(tmp_path: Path) -> None:
+    with pytest.raises(TransportError, match="is the board plugged in"):
+        SerialTransport(str(tmp_path / "ttyUSB0"))
+
+
+def test_a_serial_port_belongs_to_one_program(terminal: tuple[int, int, str]) -> None:
+    first = SerialTransport(terminal[2])
+    with pytest.raises(TransportError, match=terminal[2]):
+        SerialTransport(terminal[2])
+    first.close()
+
+
+def test_without_pyserial_a_serial_port_is_refused_with_advice(monkeypatch: pytest.MonkeyPatch) -> None:
+    real = builtins.__import__
+
+    def missing(name: str, *rest: Any, **named: Any) -> Any:
+        if name == "serial":
+            raise ImportError(name)
+        return real(name, *rest, **named)
+
+    monkeypatch.setattr(builtins, "__import__", missing)
+    with pytest.raises(TransportError, match="pip install pyserial"):
+        SerialTransport("/dev/ttyUSB0")
+
+
+def test_a_tcp_connection_carries_bytes_and_notices_its_end(listener: socket.socket) -> None:
+    transport = TcpTransport(*listener.getsockname())
+    peer, _ = listener.accept()
+    assert transport.read() == b""
+    assert transport.write(b"\0ab\xff")
+    assert peer.recv(10) == b"\0ab\xff"
+    peer.sendall(b"back")
+    assert _read(transport, 4) == b"back"
+    peer.close()
+    _read(transport, 1)
+    assert transport.closed
+    assert not transport.write(b"x")
+    assert transport.read() == b""
+    transport.close()
+
+
+def test_a_tcp_peer_that_does_not_read_costs_no_more_than_a_command(listener: socket.socket) -> None:
+    transport = TcpTransport(*listener.getsockname())
+    peer, _ = listener.accept()
+    while transport.write(b"x" * 100_000):
+        pass
+    began = time.monotonic()
+    assert not transport.write(b"x" * 10_000_000)
+    assert time.monotonic() - began < LONG_S
+    peer.close()
+    deadline = time.monotonic() + 2.0
+    while not transport.closed and time.monotonic() < deadline:
+        transport.write(b"x" * 1000)
+    assert transport.closed
+
+
+def test_nobody_listening_is_refused_with_advice(listener: socket.socket) -> None:
+    host, port = listener.getsockname()
+    listener.close()
+    with pytest.raises(TransportError, match="cannot connect"):
+        TcpTransport(host, port)
+
+
+def test_a_descriptor_carries_bytes_and_notices_its_end() -> None:
+    ours, theirs = socket.socketpair()
+    transport = DescriptorTransport(ours.detach())
+    assert transport.write(b"there")
+    assert theirs.recv(10) == b"there"
+    assert transport.read() == b""
+    theirs.sendall(b"back")
+    assert _read(transport, 4) == b"back"
+    theirs.close()
+    assert transport.read() == b""
+    assert transport.closed
+    assert transport.fileno() == -1
+    assert not transport.write(b"x")
+    assert transport.write(b"") is True
+    transport.close()
+
+
+def test_a_full_descriptor_costs_no_more_than_a_command() -> None:
+    ours, theirs = socket.socketpair()
+    transport = DescriptorTransport(ours.detach())
+    while transport.write(b"x" * 10_000):
+        pass
+    began = time.monotonic()
+    assert not transport.write(b"x" * 10_000)
+    assert time.monotonic() - began < LONG_S
+    theirs.close()
+    assert not transport.write(b"x")
+    assert transport.closed
+
+
+def test_a_slow_reader_still_gets_every_byte() -> None:
+    ours, theirs = socket.socketpair()
+    theirs.settimeout(2.0)
+    transport, got = DescriptorTransport(ours.detach()), bytearray()
+
+    def drain() -> None:
+        while part := theirs.recv(65536):
+            got.extend(part)
+
+    reader = threading.Thread(target=drain)
+    reader.start()
+    assert transport.write(bytes(range(256)) * 4000)
+    transport.close()
+    reader.join(5.0)
+    theirs.close()
+    assert bytes(got) == bytes(range(256)) * 4000
+
+
+class Cable:
+    """A connection that tests pull and plug."""
+
+    def __init__(self) -> None:
+        self.plugged = False
+        self.tried = 0
+        self.ends: list[socket.socket] = []
+
+    def connect(self) -> Transport:
+        self.tried += 1
+        if not self.plugged:
+            raise TransportError("no board")
+        ours, theirs = socket.socketpair()
+        self.ends.append(theirs)
+        return DescriptorTransport(ours.detach())
+
+
+def test_a_lost_cable_is_opened_again_no_more_often_than_asked() -> None:
+    cable = Cable()
+    line = Reconnecting(cable.connect, pause_ns=500)
+    assert line.closed
+    assert not line.write(b"x")
+    assert line.read() == b""
+    assert [line.poll(now) for now in (0, 100, 499, 500, 999)] == [False] * 5
+    assert cable.tried == 2
+    assert line.reason == "no board"
+    cable.plugged = True
+    assert not line.poll(999)
+    assert line.poll(1000)
+    assert line.connections == 1
+    assert line.write(b"hello")
+    assert cable.ends[0].recv(10) == b"hello"
+    cable.ends[0].close()
+    assert line.read() == b""
+    assert line.closed
+    assert "lost" in line.reason
+    assert line.poll(2000)
+    assert line.connections == 2
+    cable.ends[1].sendall(b"again")
+    assert _read(line, 5) == b"again"
+    line.close()
+    assert line.closed
+    cable.ends[1].close()
+
+
+def test_no_pseudo_terminal_left_is_an_error_with_advice(monkeypatch: pytest.MonkeyPatch) -> None:
+    def none_left() -> tuple[int, int]:
+        raise OSError(28, "No space left on device")
+
+    monkeypatch.setattr(os, "openpty", none_left)
+    with pytest.raises(TransportError, match="close some"):
+        open_pseudo_terminal()

@@ -1,0 +1,211 @@
+"""Calibrates a simulated chair as one would a real one, and scores what came of it against the chair's truth."""
+
+from __future__ import annotations
+
+import dataclasses
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass
+from types import MappingProxyType
+
+import numpy as np
+
+from waychair.calibration.chair import CHAIR_A, ChairBody
+from waychair.calibration.dac import DEFAULT, DacModel
+from waychair.calibration.fit_dac import DacFit, FitSettings, fit_dac
+from waychair.calibration.fit_steps import StepResponse
+from waychair.calibration.fitted_dac import FittedDac
+from waychair.calibration.stopping import Stop, StopSettings, StopTable, stop_from_motion, stop_table, stops_to_measure
+from waychair.calibration.sweep import Drive, SweepSettings, sweep
+from waychair.control.kinematics import wheel_speeds_from_twist
+from waychair.errors import CalibrationError
+from waychair.simulation.kinematic_chair import KinematicChair
+from waychair.simulation.plant import PlantSettings, families, randomised, volts_from_joystick
+from waychair.simulation.plant_families import FamilySettings
+from waychair.simulation.simulator import Simulator, SimulatorSettings
+from waychair.trials.halls import open_hall
+from waychair.trials.simulated_drive import EncoderDrive, ScanDrive, with_few_beams, with_gyro
+from waychair.types import FloatArray, Pose2, Twist
+
+_READING_SIGMA = 0.003  # [V] of a reading of the stick's lines
+_READINGS = 50
+_SETTLED_S = 5.0
+_REST_S = 4.0
+_ROUNDING = 0.05  # [m/s]: a wheel farther off than this was not rounded but held back
+
+
+def neutral_of(plant: PlantSettings, seed: int) -> tuple[float, float]:
+    """Neutral (forward, turn) [V] as a meter reads it on the original stick at rest."""
+    readings = np.random.default_rng(seed).normal(volts_from_joystick(plant, 0.0, 0.0), _READING_SIGMA, (_READINGS, 2))
+    forward, turn = readings.mean(axis=0).tolist()
+    return forward, turn
+
+
+@dataclass(frozen=True, slots=True)
+class ChairUnderTest:
+    """A simulated chair on its way through calibration: how it can be driven, and its neutral as measured."""
+
+    drive: Drive
+    neutral: tuple[float, float]
+    body: ChairBody
+
+
+def chair_in_hall(settings: SimulatorSettings, body: ChairBody, seed: int, *, encoders: bool = True) -> ChairUnderTest:
+    """A chair in an open hall, whose speeds come from its encoders or, without those, from lidar and gyro."""
+    neutral = neutral_of(settings.plant, seed)
+    if encoders:
+        return ChairUnderTest(
+            EncoderDrive(Simulator(open_hall(), body, with_few_beams(settings), seed), body), neutral, body
+        )
+    return ChairUnderTest(ScanDrive(Simulator(open_hall(24.0), body, with_gyro(settings), seed), body), neutral, body)
+
+
+def calibrate_dac(
+    chair: ChairUnderTest,
+    plan: SweepSettings | None = None,
+    fitting: FitSettings | None = None,
+    progress: Callable[[float], None] = lambda share: None,
+) -> DacFit:
+    """Sweeps a chair and fits the model to it.
+
+    Raises:
+        CalibrationError: the sweep cannot be fitted; see `fit_dac`.
+    """
+    log = sweep(chair.drive, chair.neutral, plan, progress)
+    return fit_dac(log, chair.neutral, chair.body.track, fitting)
+
+
+def calibrate_stops(
+    chair: ChairUnderTest,
+    model: FittedDac,
+    settings: StopSettings | None = None,
+    progress: Callable[[float], None] = lambda share: None,
+) -> tuple[StopTable, tuple[Stop, ...]]:
+    """Drives a chair by its model, lets the stick go to neutral, and measures until it rests; worst case and all stops.
+
+    Raises:
+        ThinData: see `stop_from_motion` and `stop_table`.
+    """
+    settings = settings or StopSettings()
+    plan = list(stops_to_measure(settings, min(model.forward.reach(1.0), model.forward.reach(-1.0))))
+    stops = []
+    for done, (v, omega) in enumerate(plan):
+        stops.append(_stop(chair, model, Twist(v, omega)))
+        progress((done + 1) / len(plan))
+    return stop_table(stops, chair.body.circumscribed_radius, settings), tuple(stops)
+
+
+def _stop(chair: ChairUnderTest, model: FittedDac, twist: Twist) -> Stop:
+    counts = model.counts_from_wheel_speeds(wheel_speeds_from_twist(twist, chair.body.track))
+    seconds = 1.0 + max(
+        StepResponse(axis.delay_s, axis.lag_s, axis.ramp).settling_s(speed)
+        for axis, speed in ((model.forward, twist.v), (model.turn, twist.omega))
+    )
+    samples = chair.drive.hold(*model.volts_from_counts(*counts), seconds)
+    stopped_ns = chair.drive.now_ns
+    samples += chair.drive.hold(*model.volts_from_counts(*model.neutral_counts()), _REST_S)
+    since = np.array([(sample.stamp_ns - stopped_ns) * 1e-9 for sample in samples])
+    return stop_from_motion(since, np.array([(sample.v, sample.omega) for sample in samples]))
+
+
+@dataclass(frozen=True, slots=True)
+class InverseError:
+    """How far a chair's settled speeds are from what was commanded: greatest and rms, m/s and rad/s.
+
+    `commands` were within the model's reach, `beyond` were not and do not count.
+    """
+
+    max_v: float
+    max_omega: float
+    rms_v: float
+    rms_omega: float
+    commands: int
+    beyond: int
+
+
+def command_grid() -> FloatArray:
+    """(N, 2) commands [m/s, rad/s]: crawling to brisk, both ways, with turns to either side."""
+    v = [-0.8, -0.5, -0.25, -0.1, -0.05, 0.0, 0.05, 0.1, 0.25, 0.5, 0.8, 1.1]
+    omega = [-1.2, -0.8, -0.4, -0.15, 0.0, 0.15, 0.4, 0.8, 1.2]
+    return np.array([(a, b) for a in v for b in omega])
+
+
+def inverse_error(
+    model: DacModel,
+    plant: PlantSettings,
+    body: ChairBody,
+    commands: FloatArray | None = None,
+    within: DacModel | None = None,
+) -> InverseError:
+    """Error of a chair without ripple and slip, commanded through the inverse of `model`.
+
+    `commands` (N, 2) [m/s, rad/s]; those count that `within` (by default the model) can hold: which it expects, from
+    the counts it gives, to within its own rounding.
+    """
+    commands = command_grid() if commands is None else commands
+    quiet = dataclasses.replace(plant, speed_noise=0.0, slip_noise=0.0)
+    missed = []
+    for v, omega in commands.tolist():
+        command = Twist(v, omega)
+        if not _can_hold(within or model, command, body.track):
+            continue
+        counts = model.counts_from_wheel_speeds(wheel_speeds_from_twist(command, body.track))
+        settled = settled_twist(quiet, body, *model.volts_from_counts(*counts))
+        missed.append((settled.v - v, settled.omega - omega))
+    off = np.abs(np.array(missed).reshape(-1, 2))
+    largest = off.max(axis=0, initial=0.0)
+    rms = np.sqrt((off**2).mean(axis=0)) if len(off) else np.zeros(2)
+    return InverseError(
+        float(largest[0]), float(largest[1]), float(rms[0]), float(rms[1]), len(off), len(commands) - len(off)
+    )
+
+
+def _can_hold(model: DacModel, command: Twist, track: float) -> bool:
+    speeds = wheel_speeds_from_twist(command, track)
+    expected = model.wheel_speeds_from_counts(*model.counts_from_wheel_speeds(speeds))
+    return max(abs(expected.left - speeds.left), abs(expected.right - speeds.right)) < _ROUNDING
+
+
+def settled_twist(plant: PlantSettings, body: ChairBody, forward_volts: float, turn_volts: float) -> Twist:
+    """Twist of a chair on a level floor after five seconds at these volts."""
+    chair = KinematicChair(body, plant, np.random.default_rng(0))
+    for _ in range(round(_SETTLED_S * 1000.0 / plant.step_ms)):
+        chair.step(forward_volts, turn_volts, _anywhere)
+    return chair.twist
+
+
+def _anywhere(pose: Pose2) -> bool:
+    return True
+
+
+@dataclass(frozen=True, slots=True)
+class ChairScore:
+    """One chair of the acceptance: the fitted model's error and the linear model's, on the same commands.
+
+    `inside`: whether its electronics are of the form that is fitted. A chair whose sweep was refused has no `fitted`,
+    but the reason.
+    """
+
+    name: str
+    inside: bool
+    fitted: InverseError | None
+    linear: InverseError
+    refused: str = ""
+
+
+def acceptance_chairs(inside: int = 12) -> Mapping[str, PlantSettings]:
+    """By name, `inside` chairs of the form that is fitted, and one of each plant family outside it."""
+    chairs = {f"chair {seed}": randomised(PlantSettings(), seed) for seed in range(inside)}
+    for index, (name, plant) in enumerate(families().items()):
+        chairs[name] = randomised(plant, inside + index)
+    return MappingProxyType(chairs)
+
+
+def score_chair(name: str, plant: PlantSettings, seed: int, bits: int, body: ChairBody = CHAIR_A) -> ChairScore:
+    """Calibrates one chair with a converter of so many bits, and commands it through its model's inverse."""
+    inside = plant.family == FamilySettings()
+    try:
+        fit = calibrate_dac(chair_in_hall(SimulatorSettings(plant=plant), body, seed), SweepSettings(bits=bits))
+    except CalibrationError as error:
+        return ChairScore(name, inside, None, inverse_error(DEFAULT, plant, body), str(error))
+    linear = inverse_error(DEFAULT, plant, body, within=fit.model)
+    return ChairScore(name, inside, inverse_error(fit.model, plant, body), linear)

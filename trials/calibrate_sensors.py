@@ -1,0 +1,238 @@
+"""Calibrates a simulated chair's wheels, inertial unit and camera from drives and recordings of its own sensors."""
+
+from __future__ import annotations
+
+import dataclasses
+import math
+from collections.abc import Sequence
+
+import numpy as np
+
+from waychair.calibration.camera import Extrinsics, PlaneView, extrinsics_from_planes
+from waychair.calibration.chair import ChairBody
+from waychair.calibration.imu import ImuCalibration, imu_at_rest
+from waychair.calibration.planes import Plane, planes_from_depth
+from waychair.calibration.wheels import WheelCalibration, wheels_from_drive
+from waychair.errors import CalibrationError, MissingExtra
+from waychair.geometry import transform_points
+from waychair.simulation.follower import Follower, FollowerSettings, follow
+from waychair.simulation.simulator import Simulator, SimulatorSettings, with_all_sensors
+from waychair.slam.localiser import Localiser, LocaliserSettings
+from waychair.slam.odometry import WheelOdometry, arc
+from waychair.trials.halls import open_hall
+from waychair.types import (
+    BoolArray,
+    FloatArray,
+    ImuSample,
+    IntArray,
+    OccupancyGrid,
+    Pose2,
+    Pose3,
+    RgbdFrame,
+    Scan,
+    WheelTicks,
+)
+
+STRETCH_NS = 500_000_000
+"""Time between the poses that the wheels are compared with."""
+
+_NEAR = 0.15  # [m]: a tape measure is right to within this
+_LEAN = math.sin(math.radians(15.0))
+_LEAST_BEAMS = 10
+_FLOOR_POINTS = np.array([[1.0, 1.0, 0.0], [1.0, -1.0, 0.0], [3.0, 1.0, 0.0], [3.0, -1.0, 0.0]])
+_DIRECTIONS = 8
+WHEELS_HALL = 14.0
+"""Side [m] of a hall in which the square of `calibrate_wheels` has room, and its walls are in sight."""
+
+_SIDE = 3.0  # [m] of the square
+_SQUARE_SPEED = 0.5  # [m/s]
+
+
+def square_both_ways(start: Pose2, side: float = _SIDE) -> FloatArray:
+    """Waypoints (N, 2) [m] of a square to the left of the start's heading, driven round to the left, then to the right."""
+    corners = np.array([[side, 0.0], [side, side], [0.0, side], [0.0, 0.0]])
+    back = np.array([[0.0, side], [side, side], [side, 0.0], [0.0, 0.0]])
+    return transform_points(start, np.concatenate([corners, back]))
+
+
+def calibrate_wheels(simulator: Simulator, *, mapped: bool = False, rounds: int = 2) -> WheelCalibration:
+    """Drives a square both ways round, and compares the encoders with the truth or, if `mapped`, with the lidar's poses.
+
+    Raises:
+        CalibrationError: see `wheels_from_drive`; also when the lidar loses its place on the way.
+        WorldError: the square does not fit into the world.
+    """
+    body, start = simulator.body, simulator.truth()
+    route = np.concatenate([square_both_ways(start)] * rounds)
+    follower = Follower(route, body.track, simulator.settings.plant, FollowerSettings(speed=_SQUARE_SPEED))
+    ticks: list[WheelTicks] = []
+    truth: list[tuple[int, Pose2]] = []
+    scans: list[Scan] = []
+    for message in follow(simulator, follower):
+        if isinstance(message, Scan):
+            scans.append(message)
+        elif isinstance(message, WheelTicks):
+            ticks.append(message)
+            if message.stamp_ns == simulator.now_ns:  # the truth is that of the tick's end
+                truth.append((message.stamp_ns, simulator.truth()))
+    known = poses_from_scans(simulator.world.grid, body, start, ticks, scans) if mapped else truth
+    apart = thinned(known, STRETCH_NS * (4 if mapped else 1))
+    stamps = np.array([stamp for stamp, _ in apart], np.int64)
+    poses = np.array([pose.array() for _, pose in apart])
+    return wheels_from_drive(counts_at(ticks, stamps), poses, body.ticks_per_turn)
+
+
+def poses_from_scans(
+    grid: OccupancyGrid, body: ChairBody, start: Pose2, ticks: Sequence[WheelTicks], scans: Sequence[Scan]
+) -> list[tuple[int, Pose2]]:
+    """`map_from_base` at each scan's stamp on a known map, by the localiser and nominal odometry.
+
+    Raises:
+        CalibrationError: the lidar has lost its place.
+    """
+    odometry = WheelOdometry(body)
+    reckoned = [odometry.update(reading) for reading in ticks]
+    stamps = np.array([reading.stamp_ns for reading in reckoned])
+    localiser = Localiser(grid, body.base_from_laser, start, LocaliserSettings())
+    poses = []
+    for scan in scans:
+        before = reckoned[max(int(np.searchsorted(stamps, scan.stamp_ns, side="right")) - 1, 0)]
+        seconds = (scan.stamp_ns - before.stamp_ns) * 1e-9
+        odom_from_base = before.odom_from_base @ arc(before.twist.v * seconds, before.twist.omega * seconds)
+        found = localiser.process(scan, odom_from_base, before.twist)
+        if found.lost:
+            raise CalibrationError("the lidar has lost its place on the map: calibrate where the map is right")
+        poses.append((scan.stamp_ns, found.map_from_base))
+    return poses
+
+
+def thinned(known: Sequence[tuple[int, Pose2]], apart_ns: int) -> list[tuple[int, Pose2]]:
+    """Poses at least so far apart in time."""
+    kept: list[tuple[int, Pose2]] = []
+    for stamp, pose in known:
+        if not kept or stamp - kept[-1][0] >= apart_ns:
+            kept.append((stamp, pose))
+    return kept
+
+
+def counts_at(ticks: Sequence[WheelTicks], stamps: IntArray) -> IntArray:
+    """(N, 2) encoder counts at these stamps, on straight lines between readings; unwrapped."""
+    known = np.array([reading.stamp_ns for reading in ticks], np.int64)
+    counts = np.array([(reading.left, reading.right) for reading in ticks], np.int64)
+    steps = (np.diff(counts, axis=0, prepend=counts[:1]) + 2**31) % 2**32 - 2**31
+    whole = np.cumsum(steps, axis=0)
+    at = [np.interp(stamps, known, whole[:, wheel]) for wheel in (0, 1)]
+    return np.round(np.stack(at, axis=1)).astype(np.int64)
+
+
+def calibrate_imu(simulator: Simulator, seconds: float = 60.0) -> ImuCalibration:
+    """Records a chair's inertial unit at rest.
+
+    Raises:
+        CalibrationError: see `imu_at_rest`; too short, or no unit at all.
+    """
+    simulator.release()
+    messages = simulator.advance(round(seconds * 100) * 10_000_000)
+    return imu_at_rest([message for message in messages if isinstance(message, ImuSample)])
+
+
+def views_of_planes(
+    frame: RgbdFrame, scan: Scan, body: ChairBody, nominal: Pose3, seed: int = 0
+) -> tuple[PlaneView, ...]:
+    """What a camera and a lidar that stand still see alike: walls with the beams that end on them, and the floor.
+
+    `nominal` is `camera_from_laser` by the tape measure: a beam belongs to the one plane that it ends near, where the
+    camera has seen it. No beam ends on the floor, but the laser's height above it is known.
+    """
+    points = _beam_ends(scan)
+    planes = planes_from_depth(frame.depth, frame.camera_matrix, np.random.default_rng(seed))
+    upright = [abs(float(plane.normal @ nominal.rotation[:, 2])) for plane in planes]
+    walls = [plane for plane, up in zip(planes, upright, strict=True) if up < _LEAN]
+    on = np.array([_near_plane(points, plane, nominal) for plane in walls]).reshape(len(walls), len(points))
+    alone = on.sum(axis=0) == 1  # in a corner, a beam could be of either wall
+    views = [
+        PlaneView(plane.normal, plane.distance, points[mine & alone])
+        for plane, mine in zip(walls, on, strict=True)
+        if (mine & alone).sum() >= _LEAST_BEAMS
+    ]
+    floor = _FLOOR_POINTS - (0.0, 0.0, body.laser_z)
+    floors = [plane for plane, up in zip(planes, upright, strict=True) if up > math.sqrt(1.0 - _LEAN**2)]
+    return (*views, *(PlaneView(plane.normal, plane.distance, floor) for plane in floors))
+
+
+def _beam_ends(scan: Scan) -> FloatArray:
+    """(N, 3) [m] in the laser frame, of the beams that have hit something."""
+    hit = np.isfinite(scan.ranges) & (scan.ranges > max(scan.range_min, 0.05))
+    ranges, angles = scan.ranges[hit].astype(float), scan.angles()[hit]
+    return np.stack([ranges * np.cos(angles), ranges * np.sin(angles), np.zeros(len(ranges))], axis=1)
+
+
+def _near_plane(points: FloatArray, plane: Plane, camera_from_laser: Pose3) -> BoolArray:
+    """(N,) which points (N, 3) end near a plane by the nominal mount, between the sides of what was seen of it."""
+    there = points @ camera_from_laser.rotation.T + camera_from_laser.translation
+    between = (there > plane.extent[0] - _NEAR) & (there < plane.extent[1] + _NEAR)
+    near: BoolArray = (np.abs(there @ plane.normal - plane.distance) < _NEAR) & between[:, 0] & between[:, 2]
+    return near
+
+
+def nominal_mount(body: ChairBody) -> Pose3:
+    """`camera_from_laser` by the tape measure."""
+    laser = body.base_from_laser
+    c, s = math.cos(laser.theta), math.sin(laser.theta)
+    rotation = np.array([[c, -s, 0.0], [s, c, 0.0], [0.0, 0.0, 1.0]])
+    origin = np.array([laser.x, laser.y, body.laser_z])
+    camera = body.base_from_camera
+    back = camera.rotation.T
+    return Pose3(back @ rotation, back @ (origin - camera.translation))
+
+
+def with_displaced_camera(body: ChairBody, seed: int) -> ChairBody:
+    """A chair whose camera was mounted by hand: up to 3 cm and 2 degrees from where it should be."""
+    rng = np.random.default_rng(seed)
+    x, y, z = (float(value) for value in rng.uniform(-0.03, 0.03, 3))
+    yaw, pitch = (float(value) for value in rng.uniform(-0.035, 0.035, 2))
+    return dataclasses.replace(
+        body,
+        camera_x=body.camera_x + x,
+        camera_y=body.camera_y + y,
+        camera_z=body.camera_z + z,
+        camera_yaw=body.camera_yaw + yaw,
+        camera_pitch=body.camera_pitch + pitch,
+    )
+
+
+def calibrate_camera(
+    body: ChairBody, nominal: Pose3, settings: SimulatorSettings, seed: int = 0, room: float = 6.0
+) -> Extrinsics:
+    """Extrinsics from what a chair sees that stands in a bare room, once in each of eight directions.
+
+    `body` carries the camera where it really is; `nominal` is `camera_from_laser` by the tape measure.
+
+    Raises:
+        MissingExtra: there is nothing to render pictures with.
+        CalibrationError: see `extrinsics_from_planes`.
+    """
+    world = open_hall(room, 0.05)
+    views: list[PlaneView] = []
+    for direction in range(_DIRECTIONS):
+        pose = Pose2(world.start.x, world.start.y, math.tau * (direction + 0.5) / _DIRECTIONS)
+        simulator = Simulator(dataclasses.replace(world, start=pose), body, with_all_sensors(settings), seed)
+        if simulator.camera_problem:
+            raise MissingExtra(f"no pictures can be made: {simulator.camera_problem}")
+        views += views_of_planes(*frame_and_scan(simulator), body, nominal)
+    return extrinsics_from_planes(views, nominal)
+
+
+def frame_and_scan(simulator: Simulator) -> tuple[RgbdFrame, Scan]:
+    """The last frame and scan of half a second at rest.
+
+    Raises:
+        CalibrationError: there is none.
+    """
+    simulator.release()
+    messages = simulator.advance(500_000_000)
+    frames = [message for message in messages if isinstance(message, RgbdFrame)]
+    scans = [message for message in messages if isinstance(message, Scan)]
+    if not (frames and scans):
+        raise CalibrationError("half a second at rest gave no frame or no scan: switch camera and lidar on")
+    return frames[-1], scans[-1]
