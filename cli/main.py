@@ -40,6 +40,11 @@ app.command(
     help="Print all settings with their defaults, units and meaning.",
 )
 app.command(
+    "waychair.cli.calibrating:calibrate_app",
+    name="calibrate",
+    help="Measure a chair, and keep what is found in its file.",
+)
+app.command(
     "waychair.cli.doctor:doctor_command",
     name="doctor",
     help="Say what is missing on this machine, and the command that mends it.",

@@ -25,8 +25,8 @@ class Features:
     clearance [m]: least distance beside the body on the way. path_error [m]: mean distance of the drive axle and of the front from the path.
     heading_error [rad]: |end's heading - path's direction there|. bearing [rad]: |direction from the end to the target
     - end's heading|. progress [m]: way along the path to the point nearest to the end. target_distance [m]: least
-    distance to the target on the way. change [0..1]: size of the step from the last command. offered [m]: clearance that
-    the path itself has in its next stretch.
+    distance to the target on the way. change [0..1]: size of the step from the last command. end_clearance [m]:
+    clearance at the path's end where that is near.
     """
 
     candidates: FloatArray
@@ -39,7 +39,7 @@ class Features:
     progress: FloatArray
     target_distance: FloatArray
     change: FloatArray
-    offered: float = math.inf
+    end_clearance: float = math.inf
 
 
 @dataclass(frozen=True, slots=True)
@@ -59,10 +59,10 @@ def comfortable_score(features: Features, weights: Weights, longest: float, high
     """(N,) weighted sum of the critics; `longest` [m] is the way of the fastest arc, `highest` [m/s] its speed.
 
     The critics are divided by fixed scales and not by what the candidates of this moment reach: a difference of
-    millimetres between arcs in an empty hall stays one, and there is no 0/0. Clearance beyond what the path offers is
-    worth nothing: before a door, or a goal beside a wall, the chair would else rather stand where there is room.
+    millimetres between arcs in an empty hall stays one, and there is no 0/0. Near a path's end, clearance beyond what
+    there is at the end is worth nothing: before a goal beside a wall the chair would else rather stand where it is.
     """
-    worth = min(ENOUGH, max(features.offered, LEAST))
+    worth = min(ENOUGH, max(features.end_clearance, LEAST))
     score: FloatArray = (
         -weights.path * features.path_error / 0.5
         - weights.heading * features.heading_error / np.pi

@@ -24,11 +24,21 @@ import numpy as np
 
 from waychair.calibration.chair import ChairBody
 from waychair.config import Settings, setting
-from waychair.geometry import compose, wrap_angle
+from waychair.geometry import pose_from_array, wrap_angle
 from waychair.maps.distance_field import DistanceField
 from waychair.planning.critics import Features, Weights, comfortable_score
-from waychair.planning.dwa_kernels import SPACING, local_section, measure, offered_clearance
-from waychair.planning.footprint import Footprint, along_arc, eased_footprint, footprint, free_time, in_cells
+from waychair.planning.dwa_kernels import SPACING, local_section, measure
+from waychair.planning.footprint import (
+    EASE_STEP,
+    Footprint,
+    along_arc,
+    beside,
+    eased_footprint,
+    footprint,
+    free_time,
+    in_cells,
+    room,
+)
 from waychair.types import BoolArray, FloatArray, Path, Pose2, Twist
 
 Score = Callable[[Features], FloatArray]
@@ -36,8 +46,11 @@ Score = Callable[[Features], FloatArray]
 CRAWL_V, CRAWL_OMEGA = 0.15, 0.4
 """Speeds [m/s], [rad/s] at which the chair gets out of a tight spot."""
 
-_STRETCH = 1.5
-"""Length [m] of the path ahead whose clearance is what one can expect."""
+_LEAVING = 2.5
+"""Within this time [s] there must be more room, where there is far too little."""
+
+_NEAR_END = 1.5
+"""On the last stretch [m] no more clearance is asked for than there is at the end."""
 
 _STANDING_V, _STANDING_OMEGA = 0.01, 0.02
 """Speeds [m/s], [rad/s] below which a command counts as standing still."""
@@ -123,6 +136,9 @@ def choose(
 
     candidates = _window(command, remaining, body, settings)
     features = _features(candidates, ahead, command, section, shape, distances, settings)
+    if ease > settings.margin:  # the outline itself may be too near: only where there is more room
+        roomier = footprint(body, settings.margin - ease + EASE_STEP, distances)
+        features = replace(features, admissible=features.admissible & _leaves(features, ahead, roomier, distances))
     longest = settings.max_speed * settings.horizon
     scores = score(features) if score else comfortable_score(features, settings.weights, longest, settings.max_speed)
     scores = np.where(features.admissible, scores, -np.inf)
@@ -222,8 +238,8 @@ def _features(
     start = in_cells(distances, ahead)
     rows = measure(shape, start, ahead.array(), candidates, section, needed, settings.horizon)
     admissible: BoolArray = rows[:, 0] >= needed
-    grid_from_map, cell = distances.map_from_grid.inverse(), distances.resolution
-    stretch = compose(grid_from_map.array(), section[: round(_STRETCH / SPACING) + 1]) / (cell, cell, 1.0)
+    end_is_near = (len(section) - 1) * SPACING <= _NEAR_END
+    end = in_cells(distances, pose_from_array(section[-1]))
     change = np.abs(candidates - (command.v, command.omega)) / (settings.max_speed, settings.max_omega)
     return Features(
         candidates=candidates,
@@ -236,8 +252,18 @@ def _features(
         progress=rows[:, 5],
         target_distance=rows[:, 6],
         change=change.mean(axis=1),
-        offered=offered_clearance(shape, stretch),
+        end_clearance=float(beside(shape, end[0], end[1], end[2])) if end_is_near else math.inf,
     )
+
+
+def _leaves(features: Features, ahead: Pose2, roomier: Footprint, distances: DistanceField) -> BoolArray:
+    """(N,) whether a candidate stands still or leads to where the body has more room than it has here."""
+    leaves = np.zeros(len(features.candidates), np.bool_)
+    for i, (v, omega) in enumerate(features.candidates.tolist()):
+        time = min(_LEAVING, float(features.free_time[i]))
+        end = in_cells(distances, Pose2(*along_arc(ahead.x, ahead.y, ahead.theta, v, omega, time)))
+        leaves[i] = (v == 0.0 and omega == 0.0) or room(roomier, end[0], end[1], end[2]) >= 0.0
+    return leaves
 
 
 def _best(

@@ -43,15 +43,6 @@ def local_section(poses: FloatArray, at: FloatArray, length: float) -> tuple[Flo
 
 
 @njit(cache=True, nogil=True)
-def offered_clearance(shape: Footprint, poses: FloatArray) -> float:
-    """Least distance [m] beside the body at poses (N, 3) on the field's grid [cells, cells, rad]."""
-    least = math.inf
-    for i in range(len(poses)):
-        least = min(least, beside(shape, poses[i, 0], poses[i, 1], poses[i, 2]))
-    return least
-
-
-@njit(cache=True, nogil=True)
 def measure(
     shape: Footprint,
     start_cells: FloatArray,

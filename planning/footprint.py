@@ -34,8 +34,9 @@ _GLANCE = 3.0
 """The same beyond the time that must be certain, where an arc is only judged and not yet relied on."""
 
 
-_EASES = (0.0, 0.015, 0.03, 0.05)
-"""By how much [m] the margin may be eased, step by step."""
+EASE_STEP = 0.002
+_EASES = tuple(EASE_STEP * step for step in range(26))
+"""By how much [m] the margin may be eased, step by step: what a tight spot is eased by is what it takes, no more."""
 
 
 class Footprint(NamedTuple):
@@ -62,18 +63,18 @@ def eased_footprint(body: ChairBody, margin: float, field: DistanceField, pose: 
     """The body with its margin or, where it stands too near to something for that, with as much less as it takes.
 
     Noise of a scan or of the localisation can put an obstacle's cell inside the margin, and then nothing would be
-    admissible for ever. Eased by at most 5 cm, a chair can leave, but not come nearer than it is. Also returns by how
-    much [m] the margin was eased; when even 5 cm do not help, the body with its full margin and 0.
+    admissible for ever. Eased by just what it takes, at most 5 cm, a chair can go on and leave, but on no way that has less room. Also returns by how
+    much [m] the margin was eased; when even that does not help, the body with its full margin and 0.
     """
     at = in_cells(field, pose)
     for ease in _EASES:
         shape = footprint(body, margin - ease, field)
-        if room(shape, at[0], at[1], at[2]) >= 0.0:
+        if room(shape, at[0], at[1], at[2], _STEP) >= 0.0:  # as closely as `free_time` will look
             return shape, ease
     return footprint(body, margin, field), 0.0
 
 
-@lru_cache(maxsize=16)
+@lru_cache(maxsize=64)
 def _disc_tree(body: ChairBody, margin: float, cell: float) -> tuple[FloatArray, NDArray[np.int32]]:
     """`discs` and `skip` of a body; the same few are asked for at every tick."""
     front, rear, half = (body.front + margin) / cell, (body.rear + margin) / cell, (body.width / 2 + margin) / cell

@@ -30,7 +30,7 @@ class PlannerSettings(Settings):
     rounding: int = setting(10, "passes", "smoothing passes over the corners", low=0, high=1000)
     narrow: float = setting(0.6, "m", "clearance below which a place is lined up with, as a door", low=0.0, high=2.0)
     run_up: float = setting(1.0, "m", "straight way before the middle of a door", low=0.1, high=3.0)
-    turn_from: float = setting(0.7, "rad", "sharper corners at a door are turned in place", low=0.2, high=3.2)
+    turn_from: float = setting(1.2, "rad", "sharper corners at a door are turned in place", low=0.2, high=3.2)
 
 
 def plan(costmap: Costmap, start: Pose2, goal: Pose2, settings: PlannerSettings = PlannerSettings()) -> Path:

@@ -23,6 +23,15 @@ from waychair.types import BoolArray, FloatArray
 _LONGEST = 1.6
 """A narrow stretch longer than this [m] is a corridor, along which the path is straight already."""
 
+_SLIDES = (0.0, 0.05, -0.05, 0.1, -0.1, 0.15, -0.15, 0.2, -0.2)
+"""How far [m] along the run from its end the chair may turn as well."""
+
+_TURN_MARGIN = 0.06
+"""Kept free round the body [m] where it is to turn: the local planner's own margin, and that it stops not quite there."""
+
+_AWAY = 1.0
+"""Where the chair comes from and goes to is seen this far away [m]: the bend itself is short, and says little."""
+
 _SHORTEST = 0.2
 """A leg shorter than this [m] is not worth a stop."""
 
@@ -65,26 +74,46 @@ def legs_between_turns(costmap: Costmap, points: FloatArray, run_ends: BoolArray
 
     `turn_from` [rad] is the least change of direction that is worth it; where the chair cannot turn, the corner stays.
     """
-    legs, begin = [], 0
+    points, legs, begin = points.copy(), [], 0
     for i in np.flatnonzero(run_ends).tolist():
-        into, out_of = (
-            float(math.atan2(*step[::-1])) for step in (points[i] - points[i - 1], points[i + 1] - points[i])
-        )
-        too_short = min(_length(points[begin : i + 1]), _length(points[i:])) * costmap.grid.resolution < _SHORTEST
-        if abs(wrap_angle(out_of - into)) < turn_from or too_short:
+        if min(_length(points[begin : i + 1]), _length(points[i:])) * costmap.grid.resolution < _SHORTEST:
             continue
-        if _can_turn(costmap, points[i], into, out_of):
-            legs.append(points[begin : i + 1])
+        spot = _turning_spot(costmap, points, i, points[i + 1] if run_ends[i + 1] else points[i - 1], turn_from)
+        if spot is not None:
+            points[i] = spot
+            legs.append(points[begin : i + 1].copy())
             begin = i
     return [*legs, points[begin:]]
 
 
+def _turning_spot(
+    costmap: Costmap, points: FloatArray, i: int, other_end: FloatArray, turn_from: float
+) -> FloatArray | None:
+    """Where to turn in place about point i: there or, for more room, a little up or down the run to its other end."""
+    axis = (other_end - points[i]) / np.hypot(*(other_end - points[i]))
+    cell = costmap.grid.resolution
+    come_from, go_to = _at_distance(points[i::-1], _AWAY / cell), _at_distance(points[i:], _AWAY / cell)
+    for slide in _SLIDES:
+        spot: FloatArray = points[i] + slide / cell * axis
+        into, out_of = (float(math.atan2(y, x)) for x, y in (spot - come_from, go_to - spot))
+        if abs(wrap_angle(out_of - into)) >= turn_from and _can_turn(costmap, spot, into, out_of):
+            return spot
+    return None
+
+
 def _can_turn(costmap: Costmap, point: FloatArray, into: float, out_of: float) -> bool:
     """Whether the body can be turned in place from one direction to the other, the short way round."""
-    shape, turn = footprint(costmap.body, 0.0, costmap.field), wrap_angle(out_of - into)
+    shape, turn = footprint(costmap.body, _TURN_MARGIN, costmap.field), wrap_angle(out_of - into)
     return bool(
         free_time(shape, np.array([*point, into]), 0.0, math.copysign(1.0, turn), abs(turn), abs(turn)) >= abs(turn)
     )
+
+
+def _at_distance(points: FloatArray, distance: float) -> FloatArray:
+    """The first of the points that is this far along them, or the last."""
+    along = np.hypot(*np.diff(points, axis=0).T).cumsum()
+    point: FloatArray = points[min(int(np.searchsorted(along, distance)) + 1, len(points) - 1)]
+    return point
 
 
 def _length(points: FloatArray) -> float:

@@ -3,15 +3,16 @@
 from __future__ import annotations
 
 import math
+from dataclasses import replace
 
 import numpy as np
-import pytest
 
 from waychair.calibration.chair import CHAIR_A
+from waychair.geometry import transform_points
 from waychair.maps.distance_field import DistanceField, distances
 from waychair.planning.dwa import DwaSettings, choose
 from waychair.planning.escape import back_up
-from waychair.planning.footprint import along_arc, eased_footprint, fits
+from waychair.planning.footprint import EASE_STEP, along_arc, eased_footprint, fits
 from waychair.types import FloatArray, Path, Pose2, Twist
 
 SETTINGS = DwaSettings(reaction_time=0.0)
@@ -63,11 +64,27 @@ def test_a_wall_behind_stops_it_before_it_touches() -> None:
 
 
 def test_a_margin_that_is_broken_is_eased_just_enough() -> None:
-    field = hall((3.0, 3.36, 5.0, 3.5))  # 6 cm beside the chair, of which one cell is slack
-    for margin, expected in ((0.0, 0.0), (0.03, 0.0), (0.06, 0.03)):
-        shape, ease = eased_footprint(CHAIR_A, margin, field, Pose2(4.0, 3.0, 0.0))
-        assert ease == pytest.approx(expected)
+    field, pose = hall((3.0, 3.36, 5.0, 3.5)), Pose2(4.0, 3.0, 0.0)  # 6 cm beside the chair
+    for margin in (0.0, 0.03, 0.05, 0.06):
+        shape, ease = eased_footprint(CHAIR_A, margin, field, pose)
         assert shape.cell == CELL
+        assert fits(CHAIR_A, margin - ease, field, pose)
+        # the discs of the tree overhang the outline by up to a fifth of a cell
+        assert ease == 0.0 or not fits(CHAIR_A, margin - ease + EASE_STEP + 0.2 * CELL, field, pose)
+    assert ease > 0.01
+
+
+def test_beside_a_wall_the_chair_goes_on_but_comes_no_nearer_however_often_it_is_asked() -> None:
+    field = hall((2.0, 3.38, 7.0, 3.5))
+    path = Path(np.column_stack([np.linspace(3.0, 6.0, 31), np.linspace(3.0, 3.12, 31), np.zeros(31)]))
+    pose, command, gaps = Pose2(3.0, 3.0, 0.0), Twist(), []
+    for _ in range(200):
+        command = choose(pose, command, path, field, CHAIR_A, replace(SETTINGS, margin=0.06)).twist
+        pose = Pose2(*along_arc(pose.x, pose.y, pose.theta, command.v, command.omega, 0.05))
+        corners = transform_points(pose, CHAIR_A.outline())
+        gaps.append(3.38 - corners[:, 1].max())
+    assert min(gaps) > gaps[0] - 0.006
+    assert pose.x > 3.3
 
 
 def test_a_chair_deep_inside_an_obstacle_is_not_let_go() -> None:

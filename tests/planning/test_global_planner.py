@@ -49,7 +49,9 @@ def test_a_path_leads_from_the_start_through_the_door_to_the_goals_heading(origi
     np.testing.assert_allclose(poses[-1], goal.array(), atol=1e-9)
     ahead = np.diff(poses[:, :2], axis=0)
     assert np.hypot(*ahead.T).max() <= 0.1 + 1e-6
-    np.testing.assert_allclose(poses[:-1, 2], np.arctan2(ahead[:, 1], ahead[:, 0]), atol=1e-9)
+    # Headings follow the path, but for the first of two poses at one place: there the chair turns.
+    goes = np.hypot(*ahead.T) > 0.0
+    np.testing.assert_allclose(poses[:-1, 2][goes], np.arctan2(ahead[goes, 1], ahead[goes, 0]), atol=1e-9)
     assert clearances(costmap, poses[:, :2]).min() >= 0.35
     assert plan(costmap, start, goal).length() < 1.15 * (math.hypot(3.1, 2.0) + math.hypot(2.9, 2.0))
 
