@@ -10,7 +10,7 @@ demo:  ## map a real recording, then drive to three places; ends in out/demo/rep
 	@$(PYTHON_BIN)/waychair demo
 
 test: lint  ## everything that CI runs
-	@$(PYTHON_BIN)/pytest -q
+	@$(PYTHON_BIN)/pytest -q -n auto
 
 lint:
 	@bash .ci/setup dev
