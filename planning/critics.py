@@ -13,7 +13,7 @@ import numpy as np
 from waychair.config import Settings, setting
 from waychair.types import BoolArray, FloatArray
 
-ENOUGH, LEAST = 0.3, 0.12
+ENOUGH, LEAST = 0.3, 0.05
 """Clearance [m] beyond which more is worth nothing, and up to which it always is."""
 
 
