@@ -23,7 +23,7 @@ def flat(tmp_path_factory: pytest.TempPathFactory) -> Path:
     folder = tmp_path_factory.mktemp("flat")
     save_map(folder, OccupancyGrid(cells, 0.05, Pose2(-1.0, -1.0, 0.0)))
     add_place(folder, "kitchen", Pose2(6.5, 1.0, 0.0))
-    add_place(folder, "nook", Pose2(-0.2, 4.0, -1.57))
+    add_place(folder, "nook", Pose2(0.0, 4.0, -1.57))  # room to turn in place: 0.95 m to the wall
     return folder
 
 
