@@ -20,7 +20,9 @@ from waychair.calibration.camera import Extrinsics
 from waychair.calibration.chair import CHAIR_A, ChairBody
 from waychair.calibration.fitted_dac import FittedDac
 from waychair.calibration.imu import ImuCalibration
+from waychair.calibration.self_mask import SelfMask
 from waychair.calibration.stopping import StopTable
+from waychair.calibration.time_offset import SensorDelays
 from waychair.calibration.wheels import WheelCalibration
 from waychair.config import Settings, setting
 from waychair.errors import CalibrationDamaged, CalibrationError, CalibrationMismatch, ConfigError
@@ -57,6 +59,8 @@ class ChairCalibration:
     wheels: WheelCalibration | None = None
     imu: ImuCalibration | None = None
     camera: CameraMount | None = None
+    sensor_delays: SensorDelays | None = None
+    self_mask: SelfMask | None = None
 
 
 def mount_from_extrinsics(extrinsics: Extrinsics) -> CameraMount:
@@ -108,8 +112,11 @@ def load_calibration(path: Path, chair_id: str | None = None) -> ChairCalibratio
         calibration = msgspec.convert(values, ChairCalibration)
     except (msgspec.ValidationError, ConfigError, CalibrationError) as error:
         raise CalibrationDamaged(f"{path} holds what cannot be ({error}): calibrate the chair again") from error
-    if json.loads(json.dumps(msgspec.to_builtins(calibration))) != values:
-        raise CalibrationDamaged(f"{path} holds entries that schema {SCHEMA} does not know: update waychair")
+    unknown = _unknown_entry(values, msgspec.to_builtins(calibration))
+    if unknown is not None:
+        raise CalibrationDamaged(
+            f"{path} holds the entry {unknown}, which schema {SCHEMA} does not know: update waychair"
+        )
     return calibration
 
 
@@ -131,6 +138,20 @@ def update_calibration(path: Path, measured: ChairCalibration) -> ChairCalibrati
         )
     save_calibration(path, measured)
     return measured
+
+
+def _unknown_entry(values: Any, known: Any) -> str | None:
+    """Name of the first entry of a file that was not understood; those that an older file lacks have their defaults."""
+    pairs: list[tuple[str, Any, Any]] = []
+    if isinstance(values, dict) and isinstance(known, dict):
+        strange = [name for name in values if name not in known]
+        if strange:
+            return str(strange[0])
+        pairs = [(name, values[name], known[name]) for name in values]
+    elif isinstance(values, list) and isinstance(known, list | tuple):
+        pairs = [(str(index), *pair) for index, pair in enumerate(zip(values, known, strict=False))]
+    found = ((name, _unknown_entry(value, here)) for name, value, here in pairs)
+    return next((f"{name}.{deeper}" for name, deeper in found if deeper is not None), None)
 
 
 def _refuse_altered(path: Path, text: str) -> dict[str, Any]:

@@ -10,6 +10,7 @@ from pathlib import Path
 import numpy as np
 
 from waychair.errors import CalibrationError, ThinData
+from waychair.files import replacing
 from waychair.types import FloatArray, IntArray
 
 COLUMNS = ("stamp_ns", "forward_counts", "turn_counts", "v", "omega")
@@ -30,11 +31,13 @@ class DriveLog:
     twists: FloatArray
     bits: int
     volts_max: float
+    volts_min: float = 0.0
 
     @property
     def volts(self) -> FloatArray:
         """(N, 2) volts on the lines."""
-        volts: FloatArray = self.counts * (self.volts_max / (2**self.bits - 1))
+        span = self.volts_max - self.volts_min
+        volts: FloatArray = self.volts_min + self.counts * (span / (2**self.bits - 1))
         return volts
 
 
@@ -42,20 +45,22 @@ class DriveLog:
 class Holds:
     """Stretches of constant counts at which the chair settled: volts (K, 2), mean twists (K, 2) of their last part.
 
-    `first`, `last` (K,): rows of the log, the last one exclusive; `unsettled`: stretches that were left out.
+    `first`, `last` (K,): rows of the log, the last one exclusive. Left out are `short` stretches, such as the rests
+    between levels, and `unsettled` ones.
     """
 
     volts: FloatArray
     twists: FloatArray
     first: IntArray
     last: IntArray
+    short: int
     unsettled: int
 
     def __len__(self) -> int:
         return len(self.first)
 
 
-def read_drive_log(path: Path, bits: int, volts_max: float) -> DriveLog:
+def read_drive_log(path: Path, bits: int, volts_max: float, volts_min: float = 0.0) -> DriveLog:
     """Log from a CSV file whose first line names `COLUMNS`, in any order; other columns are ignored.
 
     Raises:
@@ -76,7 +81,20 @@ def read_drive_log(path: Path, bits: int, volts_max: float) -> DriveLog:
     if (back := np.flatnonzero(np.diff(stamps) <= 0)).size:
         raise CalibrationError(f"{path}, sample {back[0] + 2}: the stamp does not rise; sort the lines by time")
     counts = np.array([row[1:3] for row in rows], np.int64)
-    return DriveLog(stamps, counts, np.array([row[3:] for row in rows], float), bits, volts_max)
+    return DriveLog(stamps, counts, np.array([row[3:] for row in rows], float), bits, volts_max, volts_min)
+
+
+def write_drive_log(path: Path, log: DriveLog) -> None:
+    """Write a log as the CSV file that `read_drive_log` reads, whole or not at all.
+
+    Raises:
+        OutputError: it cannot be written.
+    """
+    with replacing(path) as aside, aside.open("w", encoding="utf-8", newline="") as file:
+        writer = csv.writer(file)
+        writer.writerow(COLUMNS)
+        for stamp, counts, twist in zip(log.stamps_ns.tolist(), log.counts.tolist(), log.twists.tolist(), strict=True):
+            writer.writerow((stamp, *counts, *(f"{speed:.5f}" for speed in twist)))
 
 
 def _row(path: Path, line: int, row: dict[str, str | None], counts_max: int) -> tuple[int, int, int, float, float]:
@@ -104,14 +122,14 @@ def steady_holds(log: DriveLog, measure_s: float, steady: tuple[float, float]) -
     """
     changed = np.flatnonzero((np.diff(log.counts, axis=0) != 0).any(axis=1)) + 1
     starts, ends = np.append(0, changed), np.append(changed, len(log.stamps_ns))
-    rows, twists = [], []
+    rows, twists, short = [], [], 0
     for first, last in zip(starts.tolist(), ends.tolist(), strict=True):
         seconds = (log.stamps_ns[first:last] - log.stamps_ns[last - 1]) * 1e-9
         part = log.twists[first:last][seconds > -measure_s - 1e-9]
         half = len(part) // 2
         if -seconds[0] < 2.0 * measure_s - 0.1 or half < 2:
-            continue
-        if (np.abs(part[:half].mean(axis=0) - part[half:].mean(axis=0)) <= steady).all():
+            short += 1
+        elif (np.abs(part[:half].mean(axis=0) - part[half:].mean(axis=0)) <= steady).all():
             rows.append((first, last))
             twists.append(part.mean(axis=0))
     bounds = np.array(rows, np.int64).reshape(-1, 2)
@@ -120,5 +138,6 @@ def steady_holds(log: DriveLog, measure_s: float, steady: tuple[float, float]) -
         twists=np.array(twists, float).reshape(-1, 2),
         first=bounds[:, 0],
         last=bounds[:, 1],
-        unsettled=len(starts) - len(rows),
+        short=short,
+        unsettled=len(starts) - len(rows) - short,
     )

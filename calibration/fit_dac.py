@@ -16,7 +16,7 @@ from scipy.optimize import least_squares
 from waychair.calibration.axis_model import AxisModel, AxisSide
 from waychair.calibration.drive_log import DriveLog, Holds, steady_holds
 from waychair.calibration.fit_steps import AXES, StepResponse, fit_steps
-from waychair.calibration.fitted_dac import LEAST_TURN_LEFT, FittedDac
+from waychair.calibration.fitted_dac import LEAST_LEFT, FittedDac
 from waychair.calibration.levels import MOVING, Level, SideLevels, levels_of, refuse_creeping, sides_of
 from waychair.calibration.sweep import NEAR_NEUTRAL
 from waychair.config import Settings, setting
@@ -27,7 +27,7 @@ _PER_SIDE = 4  # edge, slope at the edge, slope at the far end, limit
 _BRISK = 0.25  # part of the greatest speed
 _COMPARED = 4  # levels
 _MOST_DRIFT = 0.10
-_COUPLING = slice(4 * _PER_SIDE, 4 * _PER_SIDE + 3)
+_COUPLING = slice(4 * _PER_SIDE, 4 * _PER_SIDE + 4)  # v_per_turn, turn_per_v, turn_fade, speed_cut
 
 
 @dataclass(frozen=True, slots=True)
@@ -58,8 +58,9 @@ class LevelResidual:
 
 @dataclass(frozen=True, slots=True)
 class DacFit:
-    """The model and how well it fits: levels one by one, rms of all holds (m/s, rad/s), holds used and left out.
+    """The model and how well it fits: levels one by one, rms of all holds (m/s, rad/s), number of holds.
 
+    `unsettled`: holds that were left out because the chair was still speeding up when they ended.
     `outliers`: holds that are off by more than five times the noise; `rms` leaves them out.
     """
 
@@ -111,28 +112,43 @@ def _refuse_drift(model: FittedDac, holds: Holds, neutral: tuple[float, float]) 
     """Compares the first and the last brisk levels of each axis with the model, which is of the whole sweep.
 
     Motors that grow hot settle at less power within minutes: nearly all levels then agree with each other, and a model
-    of them would send a cold chair off too fast.
+    of them would send a cold chair off too fast. The few levels of the cold chair are no basis for a model either.
     """
     expected = np.array([_twist(model, volts) for volts in holds.volts])
     beyond = np.abs(holds.volts - np.asarray(neutral)) > NEAR_NEUTRAL
     for axis in (0, 1):
         brisk = ~beyond[:, 1 - axis] & (np.abs(expected[:, axis]) > _BRISK * np.abs(expected[:, axis]).max())
         ratios = holds.twists[brisk, axis] / expected[brisk, axis]
-        for when, part in (("beginning", ratios[:_COMPARED]), ("end", ratios[-_COMPARED:])):
-            off = float(np.median(part)) - 1.0
-            if abs(off) > _MOST_DRIFT:
-                raise NotRepeatable(
-                    f"at the {when} of the sweep the {AXES[axis]} axis was {100 * abs(off):.0f} % "
-                    f"{'faster' if off > 0.0 else 'slower'} than in between: charge the battery, let the motors cool, "
-                    "keep to one drive profile, and sweep again"
-                )
+        first, last = (float(np.median(part)) for part in (ratios[:_COMPARED], ratios[-_COMPARED:]))
+        if max(abs(first - 1.0), abs(last - 1.0)) > _MOST_DRIFT:
+            raise NotRepeatable(f"the {AXES[axis]} axis {_drift(first, last)}")
+
+
+def _drift(first: float, last: float) -> str:
+    """What speeds that were off by these factors at the beginning and at the end mean."""
+    gained = last / first - 1.0
+    if gained < -0.5 * _MOST_DRIFT:
+        return (
+            f"was {-100 * gained:.0f} % slower at the end of the sweep than at its beginning, as motors that grow hot "
+            "or a battery that sinks are, so that no one model holds: charge the battery, let the motors cool, and sweep "
+            "again with longer rests or less swing"
+        )
+    if gained > 0.5 * _MOST_DRIFT:
+        return (
+            f"was {100 * gained:.0f} % faster at the end of the sweep than at its beginning, as if its speed dial or "
+            "drive profile had been changed meanwhile: set them to where they will stay, and sweep again"
+        )
+    return (
+        f"was {100 * abs(first - 1.0):.0f} % {'faster' if first > 1.0 else 'slower'} at both ends of the sweep than in "
+        "between: keep to one drive profile and one floor, and sweep again"
+    )
 
 
 def _refuse_thin(axis: int, levels: tuple[Level, ...], holds: Holds, settings: FitSettings) -> None:
     if len(levels) < settings.min_levels:
         raise ThinData(
-            f"{len(levels)} levels on the {AXES[axis]} axis alone are too few ({holds.unsettled} stretches of "
-            f"{holds.unsettled + len(holds)} were too short or had not settled): drive at least {settings.min_levels}"
+            f"{len(levels)} levels on the {AXES[axis]} axis alone are too few ({holds.unsettled} holds had not "
+            f"settled, {holds.short} stretches were too short for one): drive at least {settings.min_levels}"
         )
     driven = sum(level.repetitions for level in levels) / len(levels)
     if driven < settings.min_repetitions - 0.2:  # the steps that a sweep begins with are driven once
@@ -143,7 +159,7 @@ def _refuse_thin(axis: int, levels: tuple[Level, ...], holds: Holds, settings: F
 
 
 def _bounds(sides: list[SideLevels]) -> tuple[FloatArray, FloatArray, FloatArray]:
-    """First guess and bounds of all parameters: four of each side, then the three of the coupling."""
+    """First guess and bounds of all parameters: four of each side, then the four of the coupling."""
     start, low, high = [], [], []
     for side in sides:
         start += [side.edge, side.gain, side.gain, side.limit]
@@ -151,11 +167,13 @@ def _bounds(sides: list[SideLevels]) -> tuple[FloatArray, FloatArray, FloatArray
         unseen = 1.5 * MOVING[side.axis] / side.gain
         low += [max(side.still - unseen, 1e-3), 0.02 * side.gain, 0.02 * side.gain, 0.5 * side.limit]
         high += [side.moving, 10.0 * side.gain, 10.0 * side.gain, 1.5 * side.limit]
-    most_fade = (1.0 - 1.1 * LEAST_TURN_LEFT) / (1.5 * max(side.limit for side in sides if side.axis == 0))
+    most_fade, most_cut = (
+        (1.0 - 1.1 * LEAST_LEFT) / (1.5 * max(side.limit for side in sides if side.axis == axis)) for axis in (0, 1)
+    )
     return (
-        np.array([*start, 0.0, 0.0, 0.0]),
-        np.array([*low, -0.4, -1.5, -most_fade]),
-        np.array([*high, 0.4, 1.5, most_fade]),
+        np.array([*start, 0.0, 0.0, 0.0, 0.0]),
+        np.array([*low, -0.4, -1.5, -most_fade, -most_cut]),
+        np.array([*high, 0.4, 1.5, most_fade, most_cut]),
     )
 
 
@@ -168,8 +186,9 @@ def _predicted(p: FloatArray, sides: list[SideLevels], volts: FloatArray, neutra
         s = np.maximum(beyond, 0.0)
         amount = np.minimum(near * s + _curve(near, far, side, edge) * s * s, limit)
         speeds[:, side.axis] += side.sign * amount
-    v_per_turn, turn_per_v, fade = p[_COUPLING]
-    v, omega = speeds[:, 0], speeds[:, 1] * (1.0 - fade * np.abs(speeds[:, 0]))
+    v_per_turn, turn_per_v, fade, cut = p[_COUPLING]
+    v = speeds[:, 0] * (1.0 - cut * np.abs(speeds[:, 1]))
+    omega = speeds[:, 1] * (1.0 - fade * np.abs(speeds[:, 0]))
     return np.stack([v + v_per_turn * omega, omega + turn_per_v * v], axis=1)
 
 
@@ -204,16 +223,18 @@ def _model(
         )
         for axis in (0, 1)
     ]
-    v_per_turn, turn_per_v, fade = (float(value) for value in p[_COUPLING])
+    v_per_turn, turn_per_v, fade, cut = (float(value) for value in p[_COUPLING])
     return FittedDac(
         bits=log.bits,
         volts_max=log.volts_max,
+        volts_min=log.volts_min,
         track=track,
         forward=axes[0],
         turn=axes[1],
         v_per_turn=v_per_turn,
         turn_per_v=turn_per_v,
         turn_fade=fade,
+        speed_cut=cut,
     )
 
 

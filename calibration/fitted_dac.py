@@ -2,10 +2,14 @@
 
 With v_f and w_t the speeds that the two axes ask for by themselves (`AxisModel`),
 
-    w = w_t (1 - turn_fade |v_f|)         a controller turns less at speed
-    [v, omega] = [v_f + v_per_turn w, w + turn_per_v v_f]       unlike motors: a curve when driving straight
+    v = v_f (1 - speed_cut |w_t|)         a controller slows down into a turn
+    w = w_t (1 - turn_fade |v_f|)         and turns less at speed
+    [v, omega] = [v + v_per_turn w, w + turn_per_v v]       unlike motors: a curve when driving straight
 
-Both steps are undone exactly: the 2x2 system first, then the fade, whose v_f is known by then.
+Both steps are undone exactly: the 2x2 system first, then the two cuts. With a = |v_f| and b = |w_t|, putting
+b = |w| / (1 - turn_fade a) into the first line leaves a quadratic in a, whose smaller root is the one that is a = |v|
+without cuts. There is one answer as long as 1 - speed_cut b - turn_fade a, the determinant of the two lines'
+derivatives, stays positive up to both limits (Gale and Nikaido, 1965), which is what a model must fulfil.
 """
 
 from __future__ import annotations
@@ -17,11 +21,15 @@ from typing import TypeAlias
 from waychair.calibration.axis_model import AxisModel, AxisSide
 from waychair.calibration.dac import nearest, refuse_outside, refuse_unless_finite
 from waychair.config import Settings, setting
-from waychair.errors import NotMonotone
+from waychair.errors import ConfigError, NotMonotone
 from waychair.types import Twist, WheelSpeeds
 
-LEAST_TURN_LEFT = 0.2
-"""Part of the turn that must be left at the greatest speed: a model that leaves less was fitted to something else."""
+LEAST_LEFT = 0.2
+"""Part of the turn that must be left at the greatest speed, and of the speed at the sharpest turn: a model that leaves
+less was fitted to something else."""
+
+LEAST_TOGETHER = 0.05
+"""What 1 - speed_cut |w_t| - turn_fade |v_f| must be at least, at both limits: at 0 more stick gives no more motion."""
 
 Sides: TypeAlias = tuple[int, int]
 """Direction (1, -1 or 0: neither) in which the forward and the turn axis are beyond their dead bands."""
@@ -35,21 +43,37 @@ class FittedDac(Settings):
 
     bits: int = setting(12, "", "resolution of the converter", low=8, high=16)
     volts_max: float = setting(3.3, "V", "output at the largest count", low=0.5, high=12.0)
+    volts_min: float = setting(0.0, "V", "output at count 0: above 0 behind a gain stage", low=0.0, high=11.0)
     track: float = setting(0.54, "m", "between the wheels whose speeds are given", low=0.1, high=1.5)
     forward: AxisModel = field(default_factory=AxisModel)
     turn: AxisModel = field(default_factory=lambda: AxisModel(sign=-1, above=_TURN, below=_TURN))
     v_per_turn: float = setting(0.0, "m", "speed that comes with each rad/s of turning", low=-0.5, high=0.5)
     turn_per_v: float = setting(0.0, "rad/m", "turning that comes with each m/s of driving", low=-2.0, high=2.0)
     turn_fade: float = setting(0.0, "s/m", "part of the turn lost per m/s of driving", low=-2.0, high=2.0)
+    speed_cut: float = setting(0.0, "s/rad", "part of the speed lost per rad/s of turning", low=-2.0, high=2.0)
 
     def __post_init__(self) -> None:
         Settings.__post_init__(self)
-        if abs(1.0 - self.v_per_turn * self.turn_per_v) < LEAST_TURN_LEFT:
+        if self.volts_min >= self.volts_max:
+            raise ConfigError(f"volts_min = {self.volts_min:g} V must lie below volts_max = {self.volts_max:g} V")
+        if abs(1.0 - self.v_per_turn * self.turn_per_v) < LEAST_LEFT:
             raise NotMonotone("the axes' effects on each other cannot be told apart: sweep both axes again")
         fastest = max(self.forward.above.limit, self.forward.below.limit)
-        if 1.0 - self.turn_fade * fastest < LEAST_TURN_LEFT:
+        sharpest = max(self.turn.above.limit, self.turn.below.limit)
+        turn_lost, speed_lost = self.turn_fade * fastest, self.speed_cut * sharpest
+        if 1.0 - turn_lost < LEAST_LEFT:
             raise NotMonotone(
                 f"turn_fade = {self.turn_fade:g} s/m leaves no turn at {fastest:g} m/s: sweep both axes together again"
+            )
+        if 1.0 - speed_lost < LEAST_LEFT:
+            raise NotMonotone(
+                f"speed_cut = {self.speed_cut:g} s/rad leaves no speed at {sharpest:g} rad/s: sweep both axes together "
+                "again"
+            )
+        if 1.0 - turn_lost - speed_lost < LEAST_TOGETHER:
+            raise NotMonotone(
+                f"turn_fade = {self.turn_fade:g} s/m and speed_cut = {self.speed_cut:g} s/rad together leave nothing "
+                f"at {fastest:g} m/s and {sharpest:g} rad/s: sweep both axes together again, with less swing"
             )
 
     @property
@@ -60,12 +84,15 @@ class FittedDac(Settings):
     @property
     def volts_per_count(self) -> float:
         """Step of the converter [V]."""
-        return self.volts_max / self.counts_max
+        return (self.volts_max - self.volts_min) / self.counts_max
 
     def twist_from_volts(self, forward: float, turn: float) -> Twist:
         """Twist [m/s, rad/s] that line volts settle at."""
-        v = self.forward.speed(forward)
-        omega = self.turn.speed(turn) * (1.0 - self.turn_fade * abs(v))
+        return self.twist_from_axis_speeds(self.forward.speed(forward), self.turn.speed(turn))
+
+    def twist_from_axis_speeds(self, v_f: float, w_t: float) -> Twist:
+        """Twist [m/s, rad/s] of what the axes ask for by themselves."""
+        v, omega = v_f * (1.0 - self.speed_cut * abs(w_t)), w_t * (1.0 - self.turn_fade * abs(v_f))
         return Twist(v + self.v_per_turn * omega, omega + self.turn_per_v * v)
 
     def axis_speeds(self, twist: Twist) -> tuple[float, float]:
@@ -76,14 +103,22 @@ class FittedDac(Settings):
         determinant = 1.0 - self.v_per_turn * self.turn_per_v
         v = (twist.v - self.v_per_turn * twist.omega) / determinant
         omega = (twist.omega - self.turn_per_v * twist.v) / determinant
-        # The fade depends on the scaled speed: k |omega| = reach (1 - fade k |v|) is linear in k all the same.
-        reach = self.turn.reach(omega)
+        fastest, sharpest = self.forward.reach(v), self.turn.reach(omega)
+        # With one axis at its reach, the other one's cut is known: then both lines are linear in the scale.
+        speed_kept, turn_kept = 1.0 - self.speed_cut * sharpest, 1.0 - self.turn_fade * fastest
         scale = min(
             1.0,
-            self.forward.reach(v) / max(abs(v), 1e-12),
-            reach / max(abs(omega) + reach * self.turn_fade * abs(v), 1e-12),
+            fastest / max(abs(v) + fastest * self.speed_cut * abs(omega) / turn_kept, 1e-12),
+            sharpest / max(abs(omega) + sharpest * self.turn_fade * abs(v) / speed_kept, 1e-12),
         )
-        return scale * v, scale * omega / (1.0 - self.turn_fade * scale * abs(v))
+        return self._before_cuts(scale * v, scale * omega)
+
+    def _before_cuts(self, v: float, omega: float) -> tuple[float, float]:
+        """What the axes must ask for (m/s, rad/s) so that these speeds are left."""
+        b = 1.0 - self.speed_cut * abs(omega) + self.turn_fade * abs(v)
+        root = math.sqrt(max(b * b - 4.0 * self.turn_fade * abs(v), 0.0))
+        v_f = 2.0 * v / (b + root)
+        return v_f, omega / (1.0 - self.turn_fade * abs(v_f))
 
     def counts_from_axis_speeds(self, v: float, omega: float, sides: Sides | None = None) -> tuple[int, int]:
         """Counts for what is asked of the axes, each on its side of its dead band.
@@ -103,7 +138,7 @@ class FittedDac(Settings):
 
     def wheel_speeds_from_counts(self, forward: int, turn: int) -> WheelSpeeds:
         """Wheel speeds [m/s] for counts; see `DacModel`."""
-        twist = self.twist_from_volts(forward * self.volts_per_count, turn * self.volts_per_count)
+        twist = self.twist_from_volts(self._volts(forward), self._volts(turn))
         half = 0.5 * twist.omega * self.track
         return WheelSpeeds(twist.v - half, twist.v + half)
 
@@ -114,7 +149,7 @@ class FittedDac(Settings):
     def volts_from_counts(self, forward: int, turn: int) -> tuple[float, float]:
         """Volts for counts; see `DacModel`."""
         refuse_outside(self.counts_max, forward, turn)
-        return forward * self.volts_per_count, turn * self.volts_per_count
+        return self._volts(forward), self._volts(turn)
 
     def neutral_counts(self) -> tuple[int, int]:
         """Counts of rest."""
@@ -130,11 +165,14 @@ class FittedDac(Settings):
             return self._count(axis.neutral)
         if side * speed > 0.0:
             return self._count(axis.volts(speed))
-        edge = axis.edge(side) / self.volts_per_count
+        edge = (axis.edge(side) - self.volts_min) / self.volts_per_count
         return self._within(math.floor(edge) if axis.edge(side) > axis.neutral else math.ceil(edge))
 
+    def _volts(self, count: int) -> float:
+        return self.volts_min + count * self.volts_per_count
+
     def _count(self, volts: float) -> int:
-        return self._within(nearest(volts / self.volts_per_count))
+        return self._within(nearest((volts - self.volts_min) / self.volts_per_count))
 
     def _within(self, count: int) -> int:
         return min(max(count, 0), self.counts_max)

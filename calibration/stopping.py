@@ -20,6 +20,7 @@ UNMEASURED_SPEED = 0.3
 """Greatest speed [m/s] of a chair whose stops were not measured."""
 
 _AT_REST = (0.03, 0.06)  # m/s, rad/s
+_STEADY = (0.10, 0.20)  # m/s, rad/s: a speed that is held changes by less within half a second
 _SPINNING = 0.02  # m/s: slower than this, a chair only turns
 _BEGUN = 0.95  # part of the speed that is left when a stop begins to show
 
@@ -30,7 +31,7 @@ class StopSettings(Settings):
 
     slowest: float = setting(0.2, "m/s", "first speed", low=0.05, high=1.0)
     step: float = setting(0.2, "m/s", "between speeds", low=0.05, high=1.0)
-    fastest: float = setting(1.2, "m/s", "last speed", low=0.2, high=4.0)
+    fastest: float = setting(4.0, "m/s", "last speed, if the chair is so fast", low=0.2, high=4.0)
     turn_rate: float = setting(0.6, "rad/s", "of the stops while turning", low=0.1, high=3.0)
     repetitions: int = setting(3, "", "stops of each kind", low=1, high=50)
     margin: float = setting(0.2, "", "added to the worst distance, part of it", low=0.0, high=2.0)
@@ -112,12 +113,18 @@ def stop_from_motion(seconds: FloatArray, twists: FloatArray) -> Stop:
     and turn are the integrals of the speeds from 0 on (trapezoids), the chair being at rest at the end.
 
     Raises:
-        ThinData: nothing was measured before or after Stop, or the chair did not come to rest.
+        ThinData: nothing was measured before or after Stop, or the chair was not steady before or at rest after it.
     """
     before, after = (seconds > -0.5) & (seconds <= 0.0), seconds >= 0.0
     if before.sum() < 2 or after.sum() < 2:
         raise ThinData("a stop needs half a second before it and the time until rest: log both")
     v, omega = (float(value) for value in twists[before].mean(axis=0))
+    early, late = (part.mean(axis=0) for part in np.array_split(twists[before], 2))
+    if (np.abs(late - early) > _STEADY).any():
+        raise ThinData(
+            f"the chair was still changing its speed, from {early[0]:.2f} to {late[0]:.2f} m/s and {early[1]:.2f} to "
+            f"{late[1]:.2f} rad/s, when it was stopped: hold the speed for longer"
+        )
     if (np.abs(twists[-1]) > _AT_REST).any():
         raise ThinData(
             f"the chair was still moving at {twists[-1, 0]:.2f} m/s, {twists[-1, 1]:.2f} rad/s at the log's end: "

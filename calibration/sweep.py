@@ -52,6 +52,7 @@ class SweepSettings(Settings):
 
     bits: int = setting(12, "", "resolution of the converter", low=8, high=16)
     volts_max: float = setting(3.3, "V", "output at the largest count", low=0.5, high=12.0)
+    volts_min: float = setting(0.0, "V", "output at count 0: above 0 behind a gain stage", low=0.0, high=11.0)
     swing: float = setting(1.2, "V", "farthest from neutral on either axis", low=0.2, high=5.0)
     levels: int = setting(89, "", "levels on each axis, both directions together", low=5, high=1001)
     repetitions: int = setting(3, "", "times that each level is driven", low=1, high=100)
@@ -73,25 +74,31 @@ def sweep(
             a step.
     """
     settings = settings or SweepSettings()
-    reach = min(settings.swing, *neutral, *(settings.volts_max - volts for volts in neutral))
-    if reach < 0.2:
-        raise CalibrationError(
-            f"neutral = {neutral} V leaves {reach:.2f} V of swing within 0..{settings.volts_max:g} V: the converter "
-            "needs a gain stage for this stick"
-        )
-    recorder = _Recorder(drive, neutral, reach, settings)
+    runner = _Runner(drive, neutral, _reach(neutral, settings), settings)
     for axis in (0, 1):
         for part in (0.35, 0.7):
-            recorder.pair(part * (1 - axis), part * axis, 4.0)
-    log = recorder.log()
+            runner.pair(part * (1 - axis), part * axis, 4.0)
+    log = runner.recorder.log()
     refuse_creeping(log, neutral, NEAR_NEUTRAL)
     responses = [fit_steps(log, axis, neutral, NEAR_NEUTRAL) for axis in (0, 1)]
     fastest = np.abs(log.twists).max(axis=0) / 0.6
     plan = list(_levels(settings))
     for done, (forward, turn) in enumerate(plan):
-        recorder.pair(forward, turn, _settling_s(responses, fastest.tolist(), forward, turn) + settings.measure_s)
+        runner.pair(forward, turn, _settling_s(responses, fastest.tolist(), forward, turn) + settings.measure_s)
         progress((done + 1) / len(plan))
-    return recorder.log()
+    return runner.recorder.log()
+
+
+def _reach(neutral: tuple[float, float], settings: SweepSettings) -> float:
+    """Farthest from neutral [V] that the converter goes on both axes and to both sides."""
+    low, high = settings.volts_min, settings.volts_max
+    reach = min(settings.swing, *(volts - low for volts in neutral), *(high - volts for volts in neutral))
+    if reach < 0.2:
+        raise CalibrationError(
+            f"neutral = {neutral} V leaves {reach:.2f} V of swing within {low:g}..{high:g} V: the converter needs a "
+            "gain stage for this stick"
+        )
+    return reach
 
 
 def _levels(settings: SweepSettings) -> Iterator[tuple[float, float]]:
@@ -121,45 +128,73 @@ def _settling_s(responses: list[StepResponse], fastest: list[float], forward: fl
     )
 
 
-class _Recorder:
-    """Keeps what was put on the lines and measured."""
+class Recorder:
+    """A `Drive` that keeps what was put on the lines of another one, and what was measured.
 
-    def __init__(self, drive: Drive, neutral: tuple[float, float], reach: float, settings: SweepSettings) -> None:
+    So a drive that is broken off leaves its log behind. Volts are kept as counts of a converter.
+    """
+
+    def __init__(self, drive: Drive, bits: int, volts_max: float, volts_min: float = 0.0) -> None:
         self._drive = drive
-        self._neutral = neutral
-        self._reach = reach
-        self._settings = settings
+        self._bits = bits
+        self._range = (volts_min, volts_max)
         self._began: list[tuple[int, int, int]] = []
         self._samples: list[Sample] = []
-        self.hold(0.0, 0.0, settings.rest_s)
 
-    def pair(self, forward: float, turn: float, seconds: float) -> None:
-        """A level, given in parts of the swing, and its opposite, with a rest after each."""
-        for direction in (1.0, -1.0):
-            self.hold(direction * forward, direction * turn, max(seconds, 2.0 * self._settings.measure_s))
-            self.hold(0.0, 0.0, self._settings.rest_s)
+    @property
+    def now_ns(self) -> int:
+        """The other one's time."""
+        return self._drive.now_ns
 
-    def hold(self, forward: float, turn: float, seconds: float) -> None:
-        """Hold a level, given in parts of the swing."""
-        per_count = self._settings.volts_max / (2**self._settings.bits - 1)
-        forward_counts, turn_counts = (
-            min(max(nearest((neutral + part * self._reach) / per_count), 0), 2**self._settings.bits - 1)
-            for neutral, part in zip(self._neutral, (forward, turn), strict=True)
-        )
-        self._began.append((self._drive.now_ns, forward_counts, turn_counts))
-        self._samples += self._drive.hold(
-            forward_counts * per_count, turn_counts * per_count, math.ceil(seconds * 10.0) / 10.0
-        )
+    def hold(self, forward_volts: float, turn_volts: float, seconds: float) -> list[Sample]:
+        """Hold the lines at these volts; see `Drive`."""
+        self._began.append((self.now_ns, self._count(forward_volts), self._count(turn_volts)))
+        samples = self._drive.hold(forward_volts, turn_volts, seconds)
+        self._samples += samples
+        return samples
 
     def log(self) -> DriveLog:
-        """All that was recorded so far, each sample with the counts of its own moment."""
-        began = np.array(self._began, np.int64)
+        """All that was measured so far, each sample with the counts of its own moment."""
+        began = np.array(self._began, np.int64).reshape(-1, 3)
         stamps = np.array([sample.stamp_ns for sample in self._samples], np.int64)
         held = np.maximum(np.searchsorted(began[:, 0], stamps, side="right") - 1, 0)
         return DriveLog(
             stamps_ns=stamps,
             counts=began[held, 1:],
-            twists=np.array([(sample.v, sample.omega) for sample in self._samples], float),
-            bits=self._settings.bits,
-            volts_max=self._settings.volts_max,
+            twists=np.array([(sample.v, sample.omega) for sample in self._samples], float).reshape(-1, 2),
+            bits=self._bits,
+            volts_max=self._range[1],
+            volts_min=self._range[0],
         )
+
+    def _count(self, volts: float) -> int:
+        low, high = self._range
+        most = int(2**self._bits - 1)
+        return min(max(nearest((volts - low) / (high - low) * most), 0), most)
+
+
+class _Runner:
+    """Puts levels, given in parts of the swing, on the lines, on counts of the converter."""
+
+    def __init__(self, drive: Drive, neutral: tuple[float, float], reach: float, settings: SweepSettings) -> None:
+        self.recorder = Recorder(drive, settings.bits, settings.volts_max, settings.volts_min)
+        self._neutral = neutral
+        self._reach = reach
+        self._settings = settings
+        self.hold(0.0, 0.0, settings.rest_s)
+
+    def pair(self, forward: float, turn: float, seconds: float) -> None:
+        """A level and its opposite, with a rest after each."""
+        for direction in (1.0, -1.0):
+            self.hold(direction * forward, direction * turn, max(seconds, 2.0 * self._settings.measure_s))
+            self.hold(0.0, 0.0, self._settings.rest_s)
+
+    def hold(self, forward: float, turn: float, seconds: float) -> None:
+        """Hold a level for at least so long."""
+        low, most = self._settings.volts_min, 2**self._settings.bits - 1
+        per_count = (self._settings.volts_max - low) / most
+        volts = [
+            low + per_count * min(max(nearest((neutral + part * self._reach - low) / per_count), 0), most)
+            for neutral, part in zip(self._neutral, (forward, turn), strict=True)
+        ]
+        self.recorder.hold(volts[0], volts[1], math.ceil(seconds * 10.0) / 10.0)

@@ -2,246 +2,345 @@
 
 from __future__ import annotations
 
-import sys
-from collections.abc import Iterator
-from contextlib import contextmanager
+from dataclasses import dataclass, replace
 from pathlib import Path
-from typing import TYPE_CHECKING, Literal, Protocol
+from typing import TYPE_CHECKING, Literal
 
 from cyclopts import App
 
+from waychair.cli.arguments import BadArgument
+from waychair.cli.chair_options import ChairOptions, PlantName, PortOptions, SweepOptions
+
 if TYPE_CHECKING:
-    from waychair.calibration.calibration_file import ChairCalibration
     from waychair.calibration.chair import ChairBody
+    from waychair.calibration.drive_log import DriveLog
     from waychair.calibration.fit_dac import DacFit
-    from waychair.simulation.simulator import SimulatorSettings
+    from waychair.calibration.fitted_dac import FittedDac
+    from waychair.calibration.levels import OnBlocks
+    from waychair.calibration.stopping import Stop, StopSettings, StopTable
+    from waychair.calibration.sweep import SweepSettings
+    from waychair.trials.calibrate import ChairUnderTest
 
 calibrate_app = App(name="calibrate", help="Measure a chair, and keep what is found in its file.")
+calibrate_app.command("waychair.cli.calibrating_sensors:time_command", name="time", help="Find late stamps of sensors.")
+calibrate_app.command(
+    "waychair.cli.calibrating_sensors:mask_command", name="mask", help="Learn what it sees of itself."
+)
 
 _MANY_OUTLIERS = 0.02
+_CHAIR, _REAL, _SWEEP = ChairOptions(), PortOptions(), SweepOptions()
 
-Plant = Literal["kinematic", "mujoco"]
 
+@dataclass(frozen=True, slots=True)
+class _Sweep:
+    """What a sweep is fitted with: the chair's name and body, its neutral [V], and the log."""
 
-class _Progress(Protocol):
-    def __call__(self, share: float) -> None:
-        """`share` of the work is done."""
+    name: str
+    body: ChairBody
+    neutral: tuple[float, float]
+    log: DriveLog
 
 
 @calibrate_app.command(name="dac")
 def dac_command(
     *,
-    out: Path = Path("chair.json"),
-    chair_sim: int | None = None,
+    options: ChairOptions = _CHAIR,
+    real: PortOptions = _REAL,
+    plan: SweepOptions = _SWEEP,
     csv: Path | None = None,
     neutral: tuple[float, float] | None = None,
     chair_id: str | None = None,
-    chair: str = "A",
-    plant: Plant = "kinematic",
-    bits: int = 12,
-    volts_max: float = 3.3,
-    levels: int = 89,
-    repetitions: int = 3,
-    encoders: bool = True,
+    plant: PlantName = "kinematic",
     blocks: bool = False,
+    log: Path | None = None,
     plot: Path | None = None,
-    quiet: bool = False,
 ) -> None:
     """Fit the joystick's volts to the chair's speeds: dead bands, gains, limits, coupling, delay and lag.
 
-    Drives a simulated chair through a sweep, or reads the CSV file of one. Its columns are stamp_ns, forward_counts,
-    turn_counts, v (m/s, forward positive) and omega (rad/s, left positive); levels are held for two seconds or more
-    each, with rests at neutral between them.
+    Drives a simulated chair, or with --port a real one, through a sweep, or reads the CSV file of one. Its columns are
+    stamp_ns, forward_counts, turn_counts, v (m/s, forward positive) and omega (rad/s, left positive); levels are held
+    for two seconds or more each, with rests at neutral between them.
 
     Parameters
     ----------
-    out
-        File of the chair; what is in it already stays.
-    chair_sim
-        Seed of the simulated chair (0 unless --csv is given).
     csv
-        Log of a sweep, instead of a simulated chair.
+        Log of a sweep, instead of a drive.
     neutral
-        Volts of the forward and the turn line with the original stick at rest, for --csv.
+        Volts of the forward and the turn line with the original stick at rest, for --csv; a real chair's board reads
+        them itself.
     chair_id
-        Name of the chair, for --csv; a simulated one is called sim-SEED.
-    chair
-        One of the chairs that are built in (A, B, ...), or a simulated chair's .yaml file.
+        Name of the chair, for --csv and --port; a simulated one is called sim-SEED.
     plant
         kinematic: wheels that do as they are told; mujoco: mass, motors, casters and slip.
-    bits
-        Resolution of the converter, 8 to 16.
-    volts_max
-        Output of the converter at its largest count.
-    levels
-        Levels on each axis.
-    repetitions
-        Times that each level is driven.
-    encoders
-        Speeds from encoders; --no-encoders: from lidar and gyro.
     blocks
         The wheels are off the ground: find neutral, dead bands and directions only, and write nothing.
+    log
+        Where to keep the sweep as a CSV file, for --port beside the chair's file unless given; one that is broken off
+        stays as NAME.part.
     plot
         Where to write a picture of the fit.
-    quiet
-        Print nothing but errors.
     """
     from waychair.calibration.dac_plot import plot_fit
-    from waychair.calibration.drive_log import read_drive_log
     from waychair.calibration.fit_dac import fit_dac
     from waychair.calibration.levels import on_blocks
-    from waychair.calibration.sweep import NEAR_NEUTRAL, SweepSettings, sweep
-    from waychair.cli.arguments import BadArgument
-    from waychair.trials.calibrate import chair_in_hall
+    from waychair.calibration.sweep import NEAR_NEUTRAL
 
-    body, settings = _simulated(chair, chair_sim or 0, plant)
     if csv is not None:
-        if chair_sim is not None or neutral is None or chair_id is None:
-            raise BadArgument("--csv needs --neutral F T and --chair-id NAME, and no --chair-sim")
-        log, name = read_drive_log(csv, bits, volts_max), chair_id
+        if neutral is None or chair_id is None or options.chair_sim is not None or real.port is not None:
+            raise BadArgument("--csv needs --neutral F T and --chair-id NAME, and no --chair-sim or --port")
+        swept = _sweep_from_csv(options, plan, csv, neutral, chair_id)
+    elif real.port is not None:
+        if chair_id is None or options.chair_sim is not None or neutral is not None:
+            raise BadArgument("--port needs --chair-id NAME, as its board was flashed, and no --chair-sim or --neutral")
+        swept = _sweep_of_real(options, real, plan.settings(blocks), chair_id, log)
     else:
-        name = f"sim-{chair_sim or 0}"
-        driven = chair_in_hall(settings, body, chair_sim or 0, encoders=encoders)
-        neutral = driven.neutral
-        plan = SweepSettings(bits=bits, volts_max=volts_max, levels=levels, repetitions=repetitions)
-        with _progress("sweeping", quiet) as show:
-            log = sweep(driven.drive, neutral, plan, show)
+        swept = _sweep_of_simulated(options, real, plan.settings(blocks), plant, log)
     if blocks:
-        for axis, found in zip(("forward", "turn"), on_blocks(log, neutral, NEAR_NEUTRAL), strict=True):
-            print(
-                f"{axis}: neutral {found.neutral:.3f} V, dead band {1e3 * found.dead_band_below:.0f} mV below and "
-                f"{1e3 * found.dead_band_above:.0f} mV above, {'above' if found.sign > 0 else 'below'} is positive"
-            )
+        _print_blocks(on_blocks(swept.log, swept.neutral, NEAR_NEUTRAL))
         return
-    fit = fit_dac(log, neutral, body.track)
-    _keep(out, name, body, quiet, dac=fit.model)
+    fit = fit_dac(swept.log, swept.neutral, swept.body.track)
+    options.keep(swept.name, swept.body, dac=fit.model)
     if plot is not None:
         plot_fit(fit, plot)
-    if not quiet:
-        _print_fit(fit)
+    _print_fit(options, fit)
+
+
+def _sweep_from_csv(
+    options: ChairOptions, plan: SweepOptions, csv: Path, neutral: tuple[float, float], name: str
+) -> _Sweep:
+    from waychair.calibration.drive_log import read_drive_log
+
+    options.refuse_other_chair(name)
+    return _Sweep(name, options.body(), neutral, read_drive_log(csv, plan.bits, plan.volts_max, plan.volts_min))
+
+
+def _sweep_of_simulated(
+    options: ChairOptions, real: PortOptions, plan: SweepSettings, plant: PlantName, log: Path | None
+) -> _Sweep:
+    from waychair.trials.calibrate import chair_in_hall
+
+    options.refuse_other_chair(options.simulated_name)
+    body, settings = options.simulated(plant)
+    chair = chair_in_hall(settings, body, options.seed, encoders=real.speeds_from == "encoders")
+    return _Sweep(options.simulated_name, body, chair.neutral, _swept(options, chair, plan, log))
+
+
+def _sweep_of_real(
+    options: ChairOptions, real: PortOptions, plan: SweepSettings, name: str, log: Path | None
+) -> _Sweep:
+    from waychair.cli.real_chair import armed_chair
+    from waychair.trials.board_drive import plan_for_board
+    from waychair.trials.calibrate import ChairUnderTest
+
+    options.refuse_other_chair(name)
+    body = options.body()
+    with armed_chair(real, body, name) as drive:
+        chair = ChairUnderTest(drive, drive.neutral, body)
+        kept, suited = log or options.out.with_suffix(".sweep.csv"), plan_for_board(plan, drive)
+        swept = _swept(options, chair, suited, kept)
+    options.say(
+        f"{kept}: neutral {chair.neutral[0]:.3f} {chair.neutral[1]:.3f} V, {suited.bits} bits from "
+        f"{suited.volts_min:g} to {suited.volts_max:g} V"
+    )
+    return _Sweep(name, body, chair.neutral, swept)
+
+
+def _swept(options: ChairOptions, chair: ChairUnderTest, plan: SweepSettings, log: Path | None) -> DriveLog:
+    from waychair.calibration.sweep import Recorder, sweep
+    from waychair.cli.real_chair import keeping
+
+    recorder = Recorder(chair.drive, plan.bits, plan.volts_max, plan.volts_min)
+    with keeping(log, recorder), options.progress("sweeping") as show:
+        return sweep(recorder, chair.neutral, plan, show)
+
+
+def _print_blocks(axes: tuple[OnBlocks, OnBlocks]) -> None:
+    for axis, found in zip(("forward", "turn"), axes, strict=True):
+        print(
+            f"{axis}: neutral {found.neutral:.3f} V, dead band {1e3 * found.dead_band_below:.0f} mV below and "
+            f"{1e3 * found.dead_band_above:.0f} mV above, {'above' if found.sign > 0 else 'below'} is positive"
+        )
+
+
+def _print_fit(options: ChairOptions, fit: DacFit) -> None:
+    for axis, model, step, unit in zip(
+        ("forward", "turn"), (fit.model.forward, fit.model.turn), fit.steps, ("m/s", "rad/s"), strict=True
+    ):
+        options.say(
+            f"{axis}: dead band {1e3 * model.below.dead_band:.0f} mV below and {1e3 * model.above.dead_band:.0f} mV "
+            f"above neutral, up to {model.below.limit:.2f} and {model.above.limit:.2f} {unit}, delay "
+            f"{1e3 * step.delay_s:.0f} ms, lag {1e3 * step.lag_s:.0f} ms"
+        )
+    options.say(
+        f"{fit.holds} holds, {fit.unsettled} more had not settled, {fit.outliers} outliers; rms "
+        f"{1e3 * fit.rms[0]:.1f} mm/s and {1e3 * fit.rms[1]:.1f} mrad/s"
+    )
+    if fit.outliers > _MANY_OUTLIERS * fit.holds:
+        options.say(
+            "many holds do not fit: this chair's electronics do something that the model has no figure for; see --plot"
+        )
 
 
 @calibrate_app.command(name="stop")
 def stop_command(
-    *, out: Path = Path("chair.json"), chair_sim: int = 0, chair: str = "A", plant: Plant = "kinematic",
-    fastest: float = 1.2, repetitions: int = 3, quiet: bool = False,
-) -> None:  # fmt: skip
+    *,
+    options: ChairOptions = _CHAIR,
+    real: PortOptions = _REAL,
+    plant: PlantName = "kinematic",
+    fastest: float | None = None,
+    repetitions: int = 3,
+    log: Path | None = None,
+) -> None:
     """Measure how far the chair goes on after Stop, forward, in reverse and turning; the worst case is kept.
 
     A chair whose stops were never measured is held at 0.3 m/s. Needs what `waychair calibrate dac` has found.
 
     Parameters
     ----------
-    out
-        File of the chair.
-    chair_sim
-        Seed of the simulated chair.
-    chair
-        One of the chairs that are built in (A, B, ...), or a simulated chair's .yaml file.
     plant
         kinematic: wheels that do as they are told; mujoco: mass, motors, casters and slip.
     fastest
-        Fastest speed to stop from, in m/s.
+        Fastest speed to stop from, in m/s; as fast as the chair goes unless given.
     repetitions
         Stops of each kind.
-    quiet
-        Print nothing but errors.
+    log
+        Where to keep the drive as a CSV file, for --port beside the chair's file unless given; one that is broken off
+        stays as NAME.part.
     """
     from waychair.calibration.calibration_file import load_calibration
-    from waychair.calibration.stopping import StopSettings, permitted_speed
+    from waychair.calibration.stopping import StopSettings
+    from waychair.cli.real_chair import armed_chair
     from waychair.errors import CalibrationError
-    from waychair.trials.calibrate import calibrate_stops, chair_in_hall
+    from waychair.trials.calibrate import ChairUnderTest, chair_in_hall
 
-    name = f"sim-{chair_sim}"
-    model = load_calibration(out, name).dac
-    if model is None:
-        raise CalibrationError(f"{out} has no model of the joystick yet: run `waychair calibrate dac` first")
-    body, settings = _simulated(chair, chair_sim, plant)
-    driven = chair_in_hall(settings, body, chair_sim)
-    with _progress("stopping", quiet) as show:
-        table, stops = calibrate_stops(driven, model, StopSettings(fastest=fastest, repetitions=repetitions), show)
-    _keep(out, name, body, quiet, stops=table)
-    if not quiet:
-        for speed, distance in zip(table.speeds, table.distances, strict=True):
-            print(f"from {speed:.2f} m/s within {distance:.2f} m")
-        print(
-            f"{len(stops)} stops, worst delay {table.delay_s:.2f} s; up to {permitted_speed(table):.2f} m/s permitted"
-        )
+    known = load_calibration(options.out, None if real.port else options.simulated_name)
+    if known.dac is None:
+        raise CalibrationError(f"{options.out} has no model of the joystick yet: run `waychair calibrate dac` first")
+    plan = StopSettings(fastest=fastest or StopSettings().fastest, repetitions=repetitions)
+    if real.port is not None:
+        with armed_chair(real, known.body, known.chair_id) as drive:
+            chair = ChairUnderTest(drive, drive.neutral, known.body)
+            kept = log or options.out.with_suffix(".stops.csv")
+            table, stops = _stopped(options, chair, known.dac, plan, kept)
+    else:
+        body, settings = options.simulated(plant)
+        chair = chair_in_hall(settings, body, options.seed, encoders=real.speeds_from == "encoders")
+        table, stops = _stopped(options, chair, known.dac, plan, log)
+    options.keep(known.chair_id, chair.body, stops=table)
+    _print_stops(options, table, stops)
+
+
+def _stopped(
+    options: ChairOptions, chair: ChairUnderTest, model: FittedDac, plan: StopSettings, log: Path | None
+) -> tuple[StopTable, tuple[Stop, ...]]:
+    from waychair.calibration.sweep import Recorder
+    from waychair.cli.real_chair import keeping
+    from waychair.trials.calibrate import calibrate_stops
+
+    recorder = Recorder(chair.drive, model.bits, model.volts_max, model.volts_min)
+    with keeping(log, recorder), options.progress("stopping") as show:
+        return calibrate_stops(replace(chair, drive=recorder), model, plan, show)
+
+
+def _print_stops(options: ChairOptions, table: StopTable, stops: tuple[Stop, ...]) -> None:
+    from waychair.calibration.stopping import permitted_speed
+
+    for speed, distance in zip(table.speeds, table.distances, strict=True):
+        options.say(f"from {speed:.2f} m/s within {distance:.2f} m")
+    options.say(
+        f"{len(stops)} stops, worst delay {table.delay_s:.2f} s; up to {permitted_speed(table):.2f} m/s permitted"
+    )
 
 
 @calibrate_app.command(name="wheels")
 def wheels_command(
-    *, out: Path = Path("chair.json"), chair_sim: int = 0, chair: str = "A", plant: Plant = "kinematic",
-    against: Literal["truth", "map"] = "truth", quiet: bool = False,
-) -> None:  # fmt: skip
+    *,
+    options: ChairOptions = _CHAIR,
+    plant: PlantName = "kinematic",
+    against: Literal["truth", "map"] = "truth",
+    recording: Path | None = None,
+    trajectory: Path | None = None,
+    chair_id: str | None = None,
+) -> None:
     """Find the radius of each drive wheel and the track, from a square that is driven both ways round.
+
+    With --recording and --trajectory from a real drive: encoders out of the bag, poses out of the trajectory.tum that
+    `waychair map` wrote of it; drive two squares to the left and two to the right, or spin to both sides on the way.
 
     Parameters
     ----------
-    out
-        File of the chair.
-    chair_sim
-        Seed of the simulated chair.
-    chair
-        One of the chairs that are built in (A, B, ...), or a simulated chair's .yaml file.
     plant
         kinematic: wheels that do as they are told; mujoco: mass, motors, casters and slip.
     against
         truth: the simulator's own poses; map: those that the lidar finds on a map.
-    quiet
-        Print nothing but errors.
+    recording
+        Bag of a real drive with joint states of both drive wheels.
+    trajectory
+        Poses of the same drive: trajectory.tum.
+    chair_id
+        Name of the chair, for --recording.
     """
-    from waychair.simulation.simulator import Simulator
-    from waychair.trials.calibrate_sensors import WHEELS_HALL, calibrate_wheels
-    from waychair.trials.halls import open_hall
+    from waychair.trials.calibrate_sensors import WHEELS_HALL, calibrate_wheels, wheels_from_recording
 
-    body, settings = _simulated(chair, chair_sim, plant)
-    simulator = Simulator(open_hall(WHEELS_HALL, 0.05), body, settings, chair_sim)
-    wheels = calibrate_wheels(simulator, mapped=against == "map")
-    _keep(out, f"sim-{chair_sim}", body, quiet, wheels=wheels)
-    if not quiet:
-        print(
-            f"radius {1e3 * wheels.left_radius:.2f} mm left, {1e3 * wheels.right_radius:.2f} mm right; "
-            f"track {1e3 * wheels.track:.1f} mm"
-        )
+    if recording is not None or trajectory is not None:
+        if recording is None or trajectory is None:
+            raise BadArgument("--recording and --trajectory go together: the encoders of a drive and its poses")
+        name, body = _recorded_chair(options, chair_id)
+        wheels = wheels_from_recording(recording, trajectory, body)
+    else:
+        from waychair.simulation.simulator import Simulator
+        from waychair.trials.halls import open_hall
+
+        name, (body, settings) = options.simulated_name, options.simulated(plant)
+        simulator = Simulator(open_hall(WHEELS_HALL, 0.05), body, settings, options.seed)
+        wheels = calibrate_wheels(simulator, mapped=against == "map")
+    options.keep(name, body, wheels=wheels)
+    options.say(
+        f"radius {1e3 * wheels.left_radius:.2f} mm left, {1e3 * wheels.right_radius:.2f} mm right; "
+        f"track {1e3 * wheels.track:.1f} mm"
+    )
 
 
 @calibrate_app.command(name="imu")
 def imu_command(
-    *, out: Path = Path("chair.json"), chair_sim: int = 0, chair: str = "A", seconds: float = 60.0, quiet: bool = False
+    *,
+    options: ChairOptions = _CHAIR,
+    seconds: float = 60.0,
+    recording: Path | None = None,
+    chair_id: str | None = None,
 ) -> None:
     """Find bias and noise of the inertial unit while the chair stands still on a level floor.
 
     Parameters
     ----------
-    out
-        File of the chair.
-    chair_sim
-        Seed of the simulated chair.
-    chair
-        One of the chairs that are built in (A, B, ...), or a simulated chair's .yaml file.
     seconds
         How long to record; 20 or more.
-    quiet
-        Print nothing but errors.
+    recording
+        Bag of a real chair at rest, instead of a simulated one; --seconds does not matter then.
+    chair_id
+        Name of the chair, for --recording.
     """
-    from waychair.simulation.simulator import Simulator
-    from waychair.trials.calibrate_sensors import calibrate_imu
-    from waychair.trials.halls import open_hall
-    from waychair.trials.simulated_drive import with_gyro
+    from waychair.trials.calibrate_sensors import calibrate_imu, imu_from_recording
 
-    body, settings = _simulated(chair, chair_sim, "kinematic")
-    imu = calibrate_imu(Simulator(open_hall(), body, with_gyro(settings), chair_sim), seconds)
-    _keep(out, f"sim-{chair_sim}", body, quiet, imu=imu)
-    if not quiet:
-        rates, forces = (" ".join(f"{value:+.4f}" for value in bias) for bias in (imu.gyro_bias, imu.accel_bias))
-        print(f"gyro bias {rates} rad/s, noise {imu.gyro_noise:.2g} rad/s/sqrt(Hz)")
-        print(f"accel bias {forces} m/s^2, noise {imu.accel_noise:.2g} m/s^2/sqrt(Hz)")
+    if recording is not None:
+        name, body = _recorded_chair(options, chair_id)
+        imu = imu_from_recording(recording)
+    else:
+        from waychair.simulation.simulator import Simulator
+        from waychair.trials.halls import open_hall
+        from waychair.trials.simulated_drive import with_gyro
+
+        name, (body, settings) = options.simulated_name, options.simulated()
+        imu = calibrate_imu(Simulator(open_hall(), body, with_gyro(settings), options.seed), seconds)
+    options.keep(name, body, imu=imu)
+    rates, forces = (" ".join(f"{value:+.4f}" for value in bias) for bias in (imu.gyro_bias, imu.accel_bias))
+    options.say(f"gyro bias {rates} rad/s, noise {imu.gyro_noise:.2g} rad/s/sqrt(Hz)")
+    options.say(f"accel bias {forces} m/s^2, noise {imu.accel_noise:.2g} m/s^2/sqrt(Hz)")
 
 
 @calibrate_app.command(name="camera")
 def camera_command(
-    *, out: Path = Path("chair.json"), chair_sim: int = 0, chair: str = "A", quiet: bool = False
+    *, options: ChairOptions = _CHAIR, recording: Path | None = None, chair_id: str | None = None
 ) -> None:
     """Find where the camera is, seen from the lidar, from walls and floor that both see.
 
@@ -249,74 +348,38 @@ def camera_command(
 
     Parameters
     ----------
-    out
-        File of the chair.
-    chair_sim
-        Seed of the simulated chair.
-    chair
-        One of the chairs that are built in (A, B, ...), or a simulated chair's .yaml file.
-    quiet
-        Print nothing but errors.
+    recording
+        Bag with scans, pictures and depth of a real chair that was turned and stood still by turns, in a room with bare
+        walls; lidar and camera are where --chair says, to within some centimetres.
+    chair_id
+        Name of the chair, for --recording.
     """
     from waychair.calibration.calibration_file import mount_from_extrinsics
-    from waychair.trials.calibrate_sensors import calibrate_camera, nominal_mount, with_displaced_camera
-
-    body, settings = _simulated(chair, chair_sim, "kinematic")
-    true = with_displaced_camera(body, chair_sim)
-    found = calibrate_camera(true, nominal_mount(body), settings, chair_sim)
-    _keep(out, f"sim-{chair_sim}", body, quiet, camera=mount_from_extrinsics(found))
-    if not quiet:
-        x, y, z = found.camera_from_laser.translation
-        print(
-            f"the lidar is at ({x:.3f}, {y:.3f}, {z:.3f}) m in the camera's frame; {found.points} points lie on their "
-            f"planes to {1e3 * found.rms_m:.0f} mm"
-        )
-
-
-def _simulated(chair: str, seed: int, plant: Plant) -> tuple[ChairBody, SimulatorSettings]:
-    from waychair.simulation.chair_file import load_chair, randomised_chair
-    from waychair.simulation.simulator import SimulatorSettings
-
-    made = randomised_chair(load_chair(chair), seed)
-    return made.body, SimulatorSettings(plant_model=plant, plant=made.plant, mujoco=made.mujoco)
-
-
-def _keep(out: Path, name: str, body: ChairBody, quiet: bool, **parts: object) -> None:
-    """Add what was measured to the chair's file."""
-    from datetime import UTC, datetime
-
-    from waychair.calibration.calibration_file import ChairCalibration, update_calibration
-
-    date = datetime.now(UTC).isoformat(timespec="seconds")
-    kept: ChairCalibration = update_calibration(out, ChairCalibration(name, date, body, **parts))  # type: ignore[arg-type]
-    if not quiet:
-        print(f"{out}: chair {kept.chair_id}")
-
-
-def _print_fit(fit: DacFit) -> None:
-    for axis, model, step, unit in zip(
-        ("forward", "turn"), (fit.model.forward, fit.model.turn), fit.steps, ("m/s", "rad/s"), strict=True
-    ):
-        print(
-            f"{axis}: dead band {1e3 * model.below.dead_band:.0f} mV below and {1e3 * model.above.dead_band:.0f} mV above "
-            f"neutral, up to {model.below.limit:.2f} and {model.above.limit:.2f} {unit}, delay "
-            f"{1e3 * step.delay_s:.0f} ms, lag {1e3 * step.lag_s:.0f} ms"
-        )
-    print(
-        f"{fit.holds} holds, {fit.unsettled} stretches left out, {fit.outliers} outliers; rms "
-        f"{1e3 * fit.rms[0]:.1f} mm/s and {1e3 * fit.rms[1]:.1f} mrad/s"
+    from waychair.trials.calibrate_sensors import (
+        calibrate_camera,
+        camera_from_recording,
+        nominal_mount,
+        with_displaced_camera,
     )
-    if fit.outliers > _MANY_OUTLIERS * fit.holds:
-        print(
-            "many holds do not fit: this chair's electronics do something that the model has no figure for; see --plot"
-        )
+
+    if recording is not None:
+        name, body = _recorded_chair(options, chair_id)
+        found = camera_from_recording(recording, body)
+    else:
+        name, (body, settings) = options.simulated_name, options.simulated()
+        true = with_displaced_camera(body, options.seed)
+        found = calibrate_camera(true, nominal_mount(body), settings, options.seed)
+    options.keep(name, body, camera=mount_from_extrinsics(found))
+    x, y, z = found.camera_from_laser.translation
+    options.say(
+        f"the lidar is at ({x:.3f}, {y:.3f}, {z:.3f}) m in the camera's frame; {found.points} points lie on their "
+        f"planes to {1e3 * found.rms_m:.0f} mm"
+    )
 
 
-@contextmanager
-def _progress(what: str, quiet: bool) -> Iterator[_Progress]:
-    from rich.console import Console
-    from rich.progress import Progress
-
-    with Progress(console=Console(file=sys.stderr, quiet=quiet), transient=True, disable=quiet) as bar:
-        task = bar.add_task(what, total=1.0)
-        yield lambda share: bar.update(task, completed=share)
+def _recorded_chair(options: ChairOptions, chair_id: str | None) -> tuple[str, ChairBody]:
+    """Name and body of the chair of a recording; the file must not be another one's."""
+    if chair_id is None or options.chair_sim is not None:
+        raise BadArgument("--recording needs --chair-id NAME and no --chair-sim")
+    options.refuse_other_chair(chair_id)
+    return chair_id, options.body()

@@ -138,7 +138,7 @@ def _camera() -> Check:
 
 def _compiler() -> Check:
     found = any(shutil.which(name) for name in ("cc", "gcc", "clang"))
-    purpose = "the microcontroller's program, tested on this machine"
+    purpose = "driving in the simulator, with the board's own program between"
     return _well("C compiler", purpose, "sudo apt-get install gcc libc6-dev", found, State.OPTIONAL)
 
 

@@ -19,6 +19,10 @@ app = App(
 )
 app.command("waychair.cli.mapping:map_command", name="map", help="Make a map of a recording.")
 app.command("waychair.cli.mapping:places_command", name="places", help="List the named places of a map, or add one.")
+app.command(
+    "waychair.cli.evaluating:localize_command", name="localize", help="Follow the chair of a recording on a map."
+)
+app.command("waychair.cli.evaluating:evaluate_command", name="evaluate", help="Say how good a trajectory is.")
 app.command("waychair.cli.planning:plan_command", name="plan", help="Plan a path for the chair on a map.")
 app.command(
     "waychair.cli.planning:navigate_command", name="navigate", help="Drive a simulated chair to places on a map."

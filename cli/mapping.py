@@ -2,11 +2,15 @@
 
 from __future__ import annotations
 
-import sys
+import time
 from pathlib import Path
 from typing import Annotated
 
 from cyclopts import Parameter
+
+from waychair.cli.recordings import RecordingOptions, stages
+
+AS_RECORDED = RecordingOptions()
 
 
 def map_command(
@@ -14,16 +18,15 @@ def map_command(
     /,
     *,
     out: Path,
-    base_from_laser: Annotated[str | None, Parameter(allow_leading_hyphen=True)] = None,
-    scan: str | None = None,
-    odom: str | None = None,
+    reading: RecordingOptions = AS_RECORDED,
     config: Path | None = None,
     quiet: bool = False,
 ) -> None:
     """Make a map of a recording.
 
-    Reads CARMEN logs (.clf, .log, gzipped or not), ROS 1 bags and ROS 2 bags (folder, .mcap, .db3); writes map.yaml,
-    map.pgm, trajectory.tum, graph.g2o, config.yaml and report.json.
+    Reads CARMEN logs (.clf, .log) and CoreSLAM logs (.dat), gzipped or not, ROS 1 bags, and ROS 2 bags (folder, .mcap,
+    .db3), told apart by their content; writes map.yaml, map.pgm, trajectory.tum, graph.g2o, config.yaml, report.json
+    and report.html. When it is stopped, the same command goes on near where it was.
 
     Parameters
     ----------
@@ -31,43 +34,25 @@ def map_command(
         The log or bag.
     out
         Folder for the map.
-    base_from_laser
-        Where the lidar is mounted, X,Y,THETA in metres and radians; for a CARMEN log it also makes the robot's own
-        pose the odometry (without it the base is the laser).
-    scan
-        Topic of the laser scans in a bag.
-    odom
-        Topic of the odometry in a bag.
     config
         YAML file with settings that differ from the defaults (see `waychair config`).
     quiet
         Print nothing but errors.
     """
-    from rich.console import Console
-    from rich.progress import Progress
+    from dataclasses import replace
 
     from waychair import config as configuration
-    from waychair.cli.arguments import pose_from_text
-    from waychair.recording import read_recording
     from waychair.runtime.mapping import MappingSettings, map_recording, save_mapping
 
     settings = MappingSettings() if config is None else configuration.load(MappingSettings, config)
-    mount = None if base_from_laser is None else pose_from_text(base_from_laser, "--base-from-laser")
-    console = Console(file=sys.stderr, quiet=quiet)
-    with Progress(console=console, transient=True, disable=quiet) as bar:
-        reading = bar.add_task("reading", total=1.0)
-        log = read_recording(
-            recording,
-            base_from_laser=mount,
-            scan_topic=scan,
-            odom_topic=odom,
-            progress=lambda share: bar.update(reading, completed=share),
-        )
-        for warning in log.warnings:
-            console.print(f"warning: {warning}", markup=False, highlight=False)
-        mapping_task = bar.add_task("mapping", total=1.0)
-        mapping = map_recording(log, settings, lambda share: bar.update(mapping_task, completed=share))
+    settings = replace(settings, input=reading.over(settings.input))
+    with stages(quiet) as progress:
+        started = time.process_time()
+        log = progress.read(recording, settings.input)
+        reading_s = time.process_time() - started
+        mapping = map_recording(log, settings, progress.stage("mapping"), keep_in=out, reading_s=reading_s)
         save_mapping(out, mapping, settings)
+        progress.warn(mapping.report["warnings"][len(log.warnings) :])
     if not quiet:
         report = mapping.report
         print(

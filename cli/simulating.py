@@ -8,10 +8,14 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Literal
 
 from waychair.cli.arguments import BadArgument
+from waychair.cli.chair_options import PlantName
 
 if TYPE_CHECKING:
     from waychair.simulation.pacing import Pacer
+    from waychair.simulation.simulator import Simulator
     from waychair.simulation.world import World
+    from waychair.trials.record import RouteDrive
+    from waychair.types import FloatArray
 
 
 def worlds_command(name: str | None = None, /, *, level: str | None = None, picture: Path | None = None) -> None:
@@ -81,14 +85,14 @@ def simulate_command(
     camera: bool | None = None,
     people: bool = True,
     chair: str = "A",
-    plant: Literal["kinematic", "mujoco"] = "kinematic",
+    plant: PlantName = "kinematic",
     quiet: bool = False,
 ) -> None:
     """Drive a simulated chair along a route of a world, and record it.
 
     A rider who sees the truth holds the joystick. What the sensors say, wheel odometry and the truth are recorded as a
-    ROS 2 bag, which `waychair map` reads; pictures make it about 1 GB a minute. When the disk fills up or you interrupt it, what was recorded so far stays,
-    as NAME.part.
+    ROS 2 bag, which `waychair map` reads; pictures make it about 1 GB a minute. When the disk fills up or you interrupt
+    it, what was recorded so far stays, as NAME.part.
 
     Parameters
     ----------
@@ -116,34 +120,15 @@ def simulate_command(
     quiet
         Print nothing but errors and warnings.
     """
-    from rich.console import Console
-    from rich.progress import Progress
-
-    from waychair.simulation.camera import CameraSettings
-    from waychair.simulation.chair_file import load_chair, randomised_chair
     from waychair.simulation.pacing import PaceMode, Pacer
-    from waychair.simulation.simulator import Simulator, SimulatorSettings, with_all_sensors
     from waychair.simulation.world import load_world
-    from waychair.trials.record import drive_route
 
     place = load_world(world, level)
     place = place if people else place.without_people()
     waypoints = place.route(route)
-    made = randomised_chair(load_chair(chair), seed)
-    settings = SimulatorSettings(plant_model=plant, plant=made.plant, mujoco=made.mujoco)
-    if record is not None or camera:
-        settings = with_all_sensors(settings)
-    if camera is False:
-        settings = replace(settings, camera=CameraSettings())
-    simulator = Simulator(place, made.body, settings, seed)
-    if simulator.camera_problem is not None:
-        print(f"waychair: simulating without the camera: {simulator.camera_problem}", file=sys.stderr)
+    simulator = _simulator(place, chair, plant, seed, sensors=record is not None or bool(camera), camera=camera)
     pacer = Pacer(PaceMode(mode))
-    with Progress(console=Console(file=sys.stderr, quiet=quiet), transient=True, disable=quiet) as bar:
-        task = bar.add_task("driving", total=1.0)
-        drive = drive_route(
-            simulator, made.body, waypoints, record, lambda share: bar.update(task, completed=share), pacer
-        )
+    drive = _driven(simulator, waypoints, record, pacer, quiet)
     if pacer.lost_s > 0.0:
         print(f"waychair: {_lateness(pacer)}", file=sys.stderr)
     if not quiet:
@@ -151,6 +136,40 @@ def simulate_command(
             f"{drive.distance_m:.1f} m in {drive.duration_s:.0f} s, {drive.scans} scans, no contacts; "
             f"{pacer.real_time_factor:.3g} times real time; wheel odometry ended {drive.odometry_error_m:.1f} m off"
             + (f": {record}" if record else "")
+        )
+
+
+def _simulator(
+    place: World, chair: str, plant: PlantName, seed: int, *, sensors: bool, camera: bool | None
+) -> Simulator:
+    """The chair of this seed in its world; says on standard error when there is no camera although one is wanted."""
+    from waychair.simulation.camera import CameraSettings
+    from waychair.simulation.chair_file import load_chair, randomised_chair
+    from waychair.simulation.simulator import Simulator, SimulatorSettings, with_all_sensors
+
+    made = randomised_chair(load_chair(chair), seed)
+    settings = SimulatorSettings(plant_model=plant, plant=made.plant, mujoco=made.mujoco)
+    if sensors:
+        settings = with_all_sensors(settings)
+    if camera is False:
+        settings = replace(settings, camera=CameraSettings())
+    simulator = Simulator(place, made.body, settings, seed)
+    if simulator.camera_problem is not None:
+        print(f"waychair: simulating without the camera: {simulator.camera_problem}", file=sys.stderr)
+    return simulator
+
+
+def _driven(simulator: Simulator, waypoints: FloatArray, record: Path | None, pacer: Pacer, quiet: bool) -> RouteDrive:
+    """The drive along the route, with a bar on standard error."""
+    from rich.console import Console
+    from rich.progress import Progress
+
+    from waychair.trials.record import drive_route
+
+    with Progress(console=Console(file=sys.stderr, quiet=quiet), transient=True, disable=quiet) as bar:
+        task = bar.add_task("driving", total=1.0)
+        return drive_route(
+            simulator, simulator.body, waypoints, record, lambda share: bar.update(task, completed=share), pacer
         )
 
 

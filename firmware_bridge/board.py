@@ -16,9 +16,10 @@ import shutil
 import signal
 import struct
 import subprocess
+from collections.abc import Mapping
 from dataclasses import dataclass
 from pathlib import Path
-from types import TracebackType
+from types import MappingProxyType, TracebackType
 from typing import Self
 
 from waychair.config import Settings, setting
@@ -93,8 +94,15 @@ class LineState:
     faults: BoardFault
 
 
-def at_rest(reference_mv: int = 2500) -> BoardInputs:
-    """Everything in order and the rider's hand off the stick; 2500 mV is the 5 V Hall family's reference."""
+REFERENCE_MV: Mapping[int, int] = MappingProxyType(
+    {Family.NONE: 2500, Family.HALL_5V: 2500, Family.INDUCTIVE_12V: 5800, Family.EIGHT_PIN_3V3: 1650}
+)
+"""Nominal voltage of each family's reference line, as in `firmware/families.c`."""
+
+
+def at_rest(family: int = Family.HALL_5V) -> BoardInputs:
+    """Everything in order and the rider's hand off the stick."""
+    reference_mv = REFERENCE_MV[family]
     return BoardInputs(reference_mv, reference_mv, reference_mv)
 
 
@@ -111,12 +119,23 @@ def build_board(folder: Path) -> Path:
     for path in (*sources, *headers):
         digest.update(path.name.encode() + path.read_bytes())
     program = folder / f"waychair_board-{digest.hexdigest()[:16]}"
-    if program.exists():
+    if os.access(program, os.X_OK):
         return program
     with replacing(program) as aside:
         compile_c([*C_FLAGS, *map(str, sources), "-o", str(aside)])
     program.chmod(0o755)
     return program
+
+
+def board_program() -> Path:
+    """The program, built on its first use into the user's cache (`XDG_CACHE_HOME`, else ~/.cache).
+
+    Raises:
+        BoardBuildError: there is no C compiler, or it refuses the sources.
+        OutputError: the cache cannot be written to.
+    """
+    cache = os.environ.get("XDG_CACHE_HOME")
+    return build_board((Path(cache) if cache else Path.home() / ".cache") / "waychair")
 
 
 def compile_c(arguments: list[str]) -> None:
@@ -127,7 +146,10 @@ def compile_c(arguments: list[str]) -> None:
     """
     compiler = os.environ.get("CC") or shutil.which("cc") or shutil.which("gcc") or shutil.which("clang")
     if compiler is None:
-        raise BoardBuildError("no C compiler was found: install gcc or clang, or name one in the variable CC")
+        raise BoardBuildError(
+            "no C compiler was found to build the board's firmware with: install gcc or clang "
+            "(`sudo apt install gcc`), or name one in the variable CC"
+        )
     try:
         done = subprocess.run([compiler, *arguments], capture_output=True, text=True, check=False)
     except OSError as error:

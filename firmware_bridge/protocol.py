@@ -19,6 +19,9 @@ from typing import Any, ClassVar, TypeAlias
 from waychair.errors import BridgeError
 
 PROTOCOL_VERSION = 1
+FIRMWARE_VERSION = 0x0100
+"""Major and minor of the firmware that this computer was tested with; another major is refused."""
+
 SETPOINT_MAX = 10_000
 """A set-point of the whole swing; the board takes anything beyond as a fault."""
 

@@ -5,72 +5,88 @@ from __future__ import annotations
 import os
 import subprocess
 import time
+from collections.abc import Callable, Iterator
+from concurrent.futures import ThreadPoolExecutor
+from contextlib import contextmanager
+from functools import partial
 from pathlib import Path
 
 import numpy as np
 
+from waychair.calibration.dac import DEFAULT
 from waychair.errors import BridgeError
-from waychair.firmware_bridge.protocol import (
-    BoardTelemetry,
-    Command,
-    CommandFlag,
-    Decoder,
-    Family,
-    HelloReply,
-    encode,
-    hello,
-)
-from waychair.firmware_bridge.transports import SerialTransport, open_pseudo_terminal
-from waychair.types import FloatArray
+from waychair.firmware_bridge.bridge import Bridge
+from waychair.firmware_bridge.heartbeat import urgent
+from waychair.firmware_bridge.protocol import Family
+from waychair.firmware_bridge.transports import Reconnecting, SerialTransport, open_pseudo_terminal
+from waychair.types import FloatArray, Telemetry, WheelSpeeds
 
 PERIOD_S = 0.02
-PATIENCE_S = 1.0
-POLL_S = 0.0002
+PATIENCE_S = 5.0
+CHAIR = "A"
 
 
-def round_trips_ms(program: Path, count: int = 500) -> FloatArray:
-    """Times (count,) [ms] from writing a command to reading the telemetry that echoes it, at 50 Hz by pyserial.
+@contextmanager
+def board_in_real_time(program: Path) -> Iterator[tuple[str, int]]:
+    """The board's program by `build_board`, living by the real clock: its terminal's path and its process."""
+    board, computer, path = open_pseudo_terminal()
+    words = ["--serial-fd", str(board), "--realtime", "--chair", CHAIR, "--family", str(int(Family.EIGHT_PIN_3V3))]
+    os.set_blocking(board, False)
+    process = subprocess.Popen([str(program), *words], pass_fds=(board,), stdin=subprocess.DEVNULL)
+    try:
+        yield path, process.pid
+    finally:
+        process.kill()
+        process.wait()
+        os.close(board)
+        os.close(computer)
 
-    `program` is the board's, by `build_board`; it runs in real time with a loop of one millisecond.
+
+def round_trips_ms(program: Path, count: int = 500, *, urgently: bool = True) -> tuple[FloatArray, bool]:
+    """Times (count,) [ms] from sending a command to taking in its echo: the bridge at 50 Hz, over pyserial.
+
+    Between two commands the bridge sleeps until a byte arrives, so the times are those of the path: the terminal, the
+    board's loop of a millisecond, and whenever the operating system lets either process run. `urgently` asks for
+    real-time priority for both, as a board has a processor to itself; the second answer says whether it was granted.
 
     Raises:
         BridgeError: the board stops answering.
         TransportError: pyserial is missing, or no pseudo-terminal is left.
     """
-    board, computer, path = open_pseudo_terminal()
-    words = [str(program), "--serial-fd", str(board), "--realtime", "--chair", "A"]
-    os.set_blocking(board, False)
-    process = subprocess.Popen(words, pass_fds=(board,), stdin=subprocess.DEVNULL)
-    port = SerialTransport(path)
-    try:
-        decoder = Decoder()
-        port.write(encode(hello("A", Family.HALL_5V), 0))
-        _wait(port, decoder, None)
-        times = np.empty(count)
-        for index in range(count):
-            sent = time.perf_counter()
-            port.write(encode(Command(0, 0, CommandFlag.ENABLE, index), index + 1))
-            _wait(port, decoder, index)
-            times[index] = 1e3 * (time.perf_counter() - sent)
-            time.sleep(max(0.0, PERIOD_S - (time.perf_counter() - sent)))
-        return times
-    finally:
-        process.kill()
-        process.wait()
-        port.close()
-        os.close(board)
-        os.close(computer)
+    with board_in_real_time(program) as (path, process), ThreadPoolExecutor(1) as own_thread:
+        granted = urgently and urgent(process) and own_thread.submit(urgent).result()
+        return own_thread.submit(_measure, path, count).result(), granted
 
 
-def _wait(port: SerialTransport, decoder: Decoder, stamp_us: int | None) -> None:
-    """Until the telemetry that echoes this stamp, or with None the answer to the greeting, has come."""
-    deadline = time.perf_counter() + PATIENCE_S
-    while time.perf_counter() < deadline:
-        for received in decoder.feed(port.read()):
-            message = received.message
-            if stamp_us is None and isinstance(message, HelloReply):
-                return
-            if isinstance(message, BoardTelemetry) and message.echo_stamp_us == stamp_us and message.echo_sequence > 0:
-                return
-        time.sleep(POLL_S)
+def _measure(path: str, count: int) -> FloatArray:
+    times = np.empty(count)
+    cable = Reconnecting(lambda: SerialTransport(path))
+    bridge = Bridge(cable, DEFAULT, CHAIR)
+    _live_until(bridge, cable, lambda report: True)
+    for index in range(count):
+        began_ns = time.monotonic_ns()
+        bridge.send(WheelSpeeds(), began_ns, began_ns)
+        _live_until(bridge, cable, partial(_echoes_since, began_ns))
+        times[index] = (time.monotonic_ns() - began_ns) / 1e6
+        while (left_s := PERIOD_S - (time.monotonic_ns() - began_ns) * 1e-9) > 0.0:
+            cable.wait(left_s)
+            bridge.listen(time.monotonic_ns())
+    cable.close()
+    return times
+
+
+def _echoes_since(since_ns: int, report: Telemetry) -> bool:
+    """Whether a report is the answer to a command that was sent at this time or later."""
+    return report.round_trip_ns is not None and report.stamp_ns - report.round_trip_ns >= since_ns
+
+
+def _live_until(bridge: Bridge, cable: Reconnecting, done: Callable[[Telemetry], bool]) -> None:
+    """Beat, and sleep until bytes come, until there is such a report."""
+    deadline_s = time.monotonic() + PATIENCE_S
+    while time.monotonic() < deadline_s:
+        bridge.beat(time.monotonic_ns())
+        report = bridge.telemetry
+        if report is not None and done(report):
+            return
+        cable.wait(PERIOD_S / 2)
     raise BridgeError(f"the board did not answer within {PATIENCE_S:g} s: is its program still running?")

@@ -10,6 +10,7 @@ import contextlib
 import os
 import select
 import socket
+import time
 import tty
 from collections.abc import Callable
 from typing import Protocol
@@ -30,6 +31,9 @@ class Transport(Protocol):
 
     def read(self) -> bytes:
         """What has arrived, possibly nothing."""
+
+    def fileno(self) -> int:
+        """Its descriptor, for `select`; -1 once closed."""
 
     @property
     def closed(self) -> bool:
@@ -61,6 +65,9 @@ class SerialTransport:
     @property
     def closed(self) -> bool:
         return not self._port.is_open
+
+    def fileno(self) -> int:
+        return -1 if self.closed else int(self._port.fileno())
 
     def write(self, data: bytes) -> bool:
         if self.closed:
@@ -106,6 +113,9 @@ class TcpTransport:
     def closed(self) -> bool:
         return self._socket is None
 
+    def fileno(self) -> int:
+        return -1 if self._socket is None else self._socket.fileno()
+
     def write(self, data: bytes) -> bool:
         if self._socket is None:
             return False
@@ -150,7 +160,6 @@ class DescriptorTransport:
         return self._descriptor is None
 
     def fileno(self) -> int:
-        """Its descriptor, for `select`; -1 once closed."""
         return -1 if self._descriptor is None else self._descriptor
 
     def write(self, data: bytes) -> bool:
@@ -194,11 +203,11 @@ class Reconnecting:
 
     def __init__(self, connect: Callable[[], Transport], pause_ns: int = 500_000_000) -> None:
         self.connections = 0
-        self.reason = "never connected"
+        self.reason = "the cable to the board was not opened yet"
         self._connect = connect
         self._pause_ns = pause_ns
         self._transport: Transport | None = None
-        self._next_ns: int | None = None
+        self._tried_ns: int | None = None
 
     @property
     def closed(self) -> bool:
@@ -208,16 +217,16 @@ class Reconnecting:
         """Open it if it is closed and its time has come; whether it is open. `reason` says why it is not."""
         if not self.closed:
             return True
-        if self._next_ns is not None and now_ns < self._next_ns:
+        if self._tried_ns is not None and 0 <= now_ns - self._tried_ns < self._pause_ns:
             return False
-        self._next_ns = now_ns + self._pause_ns
+        self._tried_ns = now_ns
         try:
             self._transport = self._connect()
         except TransportError as error:
             self.reason = str(error)
             return False
         self.connections += 1
-        self.reason = "the cable was lost"
+        self.reason = "the cable to the board was lost: plug it in again"
         return True
 
     def write(self, data: bytes) -> bool:
@@ -225,6 +234,16 @@ class Reconnecting:
 
     def read(self) -> bytes:
         return b"" if self._transport is None else self._transport.read()
+
+    def wait(self, timeout_s: float) -> None:
+        """Return as soon as something has arrived, at the latest after this time; at once for a time that is over."""
+        timeout_s = max(timeout_s, 0.0)
+        descriptor = -1 if self._transport is None else self._transport.fileno()
+        if descriptor < 0:
+            time.sleep(timeout_s)
+            return
+        with contextlib.suppress(OSError, ValueError):  # closed by another thread meanwhile
+            select.select([descriptor], [], [], timeout_s)
 
     def close(self) -> None:
         if self._transport is not None:

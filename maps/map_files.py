@@ -10,18 +10,19 @@ from collections.abc import Callable, Iterator, Mapping
 from contextlib import contextmanager
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any, Literal, get_args
+from typing import Any, Literal, TypeAlias, get_args
 
 import cv2
 import numpy as np
 import yaml
+from numpy.typing import NDArray
 
 from waychair.errors import MapError, MapNotFound
 from waychair.files import write_bytes, write_text
 from waychair.maps.grid import OCCUPIED_FROM
 from waychair.types import UNKNOWN, Bytes, Cells, FloatArray, OccupancyGrid, Pose2
 
-MAP_YAML, MAP_IMAGE = "map.yaml", "map.pgm"
+MAP_YAML, MAP_IMAGE, MAP_PNG = "map.yaml", "map.pgm", "map.png"
 OCCUPIED_PIXEL, FREE_PIXEL, UNKNOWN_PIXEL = 0, 254, 205
 RAW_UNKNOWN_PIXEL = 255
 FREE_BELOW = 50
@@ -33,6 +34,7 @@ FREE_THRESH = 0.196
 """map_server's thresholds. nav2's saver writes 0.25 for the second, but the grey of an unknown cell stands for
 (255 - 205) / 255 = 0.19608: with 0.25 every loader takes the unknown for free (SteveMacenski/slam_toolbox#587)."""
 
+Pixels: TypeAlias = NDArray[Any]
 Mode = Literal["trinary", "scale", "raw"]
 _REQUIRED = ("image", "resolution", "origin", "negate", "occupied_thresh", "free_thresh")
 
@@ -50,29 +52,43 @@ class MapInfo:
     free_thresh: float
 
 
-def save_map(folder: Path, grid: OccupancyGrid, *, mode: Literal["trinary", "raw"] = "trinary") -> None:
-    """Write map.pgm and then map.yaml into a folder, each whole or not at all.
+def save_map(folder: Path, grid: OccupancyGrid, *, mode: Mode = "trinary") -> None:
+    """Write the image (map.pgm, for scale map.png) and then map.yaml into a folder, each whole or not at all.
 
-    Trinary keeps occupied (from 65 %), free (below 50 %) and unknown; raw keeps every value.
+    Trinary keeps occupied (from 65 %), free (below 50 %) and unknown; raw and scale keep every value. Scale has
+    thresholds of its own, 0 and 1, so that a percent is a percent, and the unknown is transparent.
 
     Raises:
         OutputError: the folder cannot be made or written to.
     """
-    pixels = _trinary_pixels(grid.cells) if mode == "trinary" else _raw_pixels(grid.cells)
-    height, width = grid.cells.shape
-    header = f"P5\n# {grid.resolution!r} m/pix\n{width} {height}\n255\n"
+    name, image = (MAP_PNG, _scale_image(grid)) if mode == "scale" else (MAP_IMAGE, _pgm(grid, mode))
     origin = grid.map_from_grid
     values = {
-        "image": MAP_IMAGE,
+        "image": name,
         "mode": mode,
         "resolution": float(grid.resolution),
         "origin": [float(origin.x), float(origin.y), float(origin.theta)],
         "negate": 0,
-        "occupied_thresh": OCCUPIED_THRESH,
-        "free_thresh": FREE_THRESH,
+        "occupied_thresh": 1.0 if mode == "scale" else OCCUPIED_THRESH,
+        "free_thresh": 0.0 if mode == "scale" else FREE_THRESH,
     }
-    write_bytes(folder / MAP_IMAGE, header.encode() + np.flipud(pixels).tobytes())
+    write_bytes(folder / name, image)
     write_text(folder / MAP_YAML, yaml.safe_dump(values, sort_keys=False, default_flow_style=None))
+
+
+def _pgm(grid: OccupancyGrid, mode: Mode) -> bytes:
+    pixels = _trinary_pixels(grid.cells) if mode == "trinary" else _raw_pixels(grid.cells)
+    height, width = grid.cells.shape
+    header = f"P5\n# {grid.resolution!r} m/pix\n{width} {height}\n255\n"
+    return header.encode() + np.flipud(pixels).tobytes()
+
+
+def _scale_image(grid: OccupancyGrid) -> bytes:
+    """A PNG: black is 100 %, white 0 %, and what is unknown is transparent, as nav2's map saver draws it."""
+    known = grid.cells >= 0
+    shades = np.where(known, np.rint(255.0 * (1.0 - grid.cells / 100.0)), UNKNOWN_PIXEL).astype(np.uint8)
+    pixels = np.dstack([shades, shades, shades, np.where(known, 255, 0).astype(np.uint8)])
+    return bytes(cv2.imencode(".png", np.ascontiguousarray(np.flipud(pixels)))[1].tobytes())
 
 
 def load_map(path: Path) -> OccupancyGrid:
@@ -83,7 +99,13 @@ def load_map(path: Path) -> OccupancyGrid:
         MapError: the YAML or the image is broken; the message says where.
     """
     info = load_info(yaml_path(path))
-    cells = _CELLS_FROM_IMAGE[info.mode](_read_image(info.image), info)
+    image, brightest = _read_image(info.image)
+    cells_from_image = _CELLS_FROM_IMAGE[info.mode]
+    if image.shape[2] == 1:  # every shade is looked at once, so that large maps take little memory
+        shades = np.arange(brightest + 1.0).reshape(1, -1, 1) / brightest
+        cells = cells_from_image(shades, info)[0][image[..., 0]]
+    else:
+        cells = cells_from_image(image / float(brightest), info)
     return OccupancyGrid(np.ascontiguousarray(np.flipud(cells)), info.resolution, info.map_from_grid)
 
 
@@ -161,8 +183,8 @@ def _raw_pixels(cells: Cells) -> Bytes:
     return pixels
 
 
-def _read_image(path: Path) -> FloatArray:
-    """(H, W, channels) in [0, 1], top row first."""
+def _read_image(path: Path) -> tuple[Pixels, int]:
+    """(H, W, channels) of whole numbers, top row first, and the number that is white."""
     if not path.is_file():
         raise MapNotFound(f"the map's image {path} is not there; put it there or correct `image` in the map's YAML")
     try:
@@ -173,10 +195,10 @@ def _read_image(path: Path) -> FloatArray:
         raise MapError(f"cannot read the map's image {path}: {' '.join(str(error).split())}") from error
     if image is None:
         raise MapError(f"the map's image {path} is cut short or no image (PGM, PNG, BMP); copy it again")
-    brightest = {np.dtype(np.uint8): 255.0, np.dtype(np.uint16): 65535.0}.get(image.dtype)
+    brightest = {np.dtype(np.uint8): 255, np.dtype(np.uint16): 65535}.get(image.dtype)
     if brightest is None:
         raise MapError(f"the map's image {path} holds {image.dtype} pixels; save it with 8 or 16 bits")
-    return np.asarray(image.reshape(*image.shape[:2], -1) / brightest, np.float64)
+    return image.reshape(*image.shape[:2], -1), brightest
 
 
 @contextmanager

@@ -68,7 +68,7 @@ def build_grid(
     poses = _checked(poses_laser, scans)
     first_beam = np.concatenate([[0], np.cumsum([len(scan.ranges) for scan in scans])])
     last = poses if last_poses_laser is None else _checked(last_poses_laser, scans)
-    ends, kinds = _beams(poses, last, scans, settings)
+    ends, kinds = beam_ends(poses, last, scans, settings)
     seen = np.concatenate([poses[:, :2], ends[kinds != _SKIP]])
     lowest = np.floor(seen.min(axis=0) / settings.resolution) - settings.margin
     highest = np.floor(seen.max(axis=0) / settings.resolution) + settings.margin
@@ -84,8 +84,8 @@ def build_grid(
     end_cells = np.floor(ends / settings.resolution).astype(np.int64) - low
     log_odds = np.zeros((int(height), int(width)), np.float32)
     marks = np.full(log_odds.shape, -1, np.int32)
-    limits = [_logit(p) for p in (settings.prob_hit, settings.prob_miss, settings.prob_min, settings.prob_max)]
-    _fuse(log_odds, marks, origins, end_cells, kinds, first_beam, *limits)
+    limits = [log_odds_of(p) for p in (settings.prob_hit, settings.prob_miss, settings.prob_min, settings.prob_max)]
+    fuse_scans(log_odds, marks, origins, end_cells, kinds, first_beam, *limits)
     x, y = (low * settings.resolution).tolist()
     return OccupancyGrid(_percent(log_odds, marks), settings.resolution, Pose2(x, y, 0.0))
 
@@ -101,10 +101,10 @@ def _checked(poses_laser: FloatArray, scans: Sequence[Scan]) -> FloatArray:
     return poses
 
 
-def _beams(
+def beam_ends(
     poses: FloatArray, last: FloatArray, scans: Sequence[Scan], settings: OccupancySettings
 ) -> tuple[FloatArray, _Kinds]:
-    """Ends (B, 2) [m] in map of all beams of all scans, and what each tells (B,)."""
+    """Ends (B, 2) [m] in map of all beams of all scans, and what each tells (B,): see `fuse_scans`."""
     counts = [len(scan.ranges) for scan in scans]
     per_scan = np.array([[s.angle_min, s.angle_step, s.range_min, s.range_max] for s in scans])
     ends = np.zeros((sum(counts), 2))
@@ -151,7 +151,7 @@ def _trace_ends(
 
 
 @njit(cache=True, nogil=True)
-def _fuse(
+def fuse_scans(
     log_odds: Float32Array,
     marks: _Marks,
     origins: IntArray,
@@ -202,5 +202,6 @@ def _percent(log_odds: Float32Array, marks: _Marks) -> Cells:
     return cells
 
 
-def _logit(probability: float) -> float:
+def log_odds_of(probability: float) -> float:
+    """Natural logarithm of the odds of a probability in (0, 1)."""
     return math.log(probability / (1.0 - probability))

@@ -31,16 +31,23 @@ from waychair.planning.grid_graph import (
     UNREACHABLE,
     Cell,
     Prices,
+    Records,
     cells_from_padded,
-    check_prices,
-    neighbour,
+    check_changes,
+    least_step,
     octile,
+    offsets,
     padded,
     padded_index,
+    price_of,
+    set_prices,
     step_cost,
 )
 from waychair.planning.indexed_heap import Heap, empty_heap, grown, has_room, less, put, remove
-from waychair.types import IntArray
+from waychair.types import Bytes, IntArray
+
+CELL = np.dtype([("g", np.int64), ("rhs", np.int64), ("ground", np.int32), ("place", np.int32)])
+"""What the search keeps of a cell, 24 bytes: its two estimates, its ground and its place in the queue."""
 
 
 class Consistency(enum.IntEnum):
@@ -56,16 +63,19 @@ OVERCONSISTENT = int(Consistency.OVERCONSISTENT)
 UNDERCONSISTENT = int(Consistency.UNDERCONSISTENT)
 
 
-class _State(NamedTuple):
-    """Flat padded arrays: prices int32, g and rhs int64; 24 bytes a cell with the heap's `place`, plus the queue."""
+class _Aim(NamedTuple):
+    """What the keys are made for: flat indices of goal and start, the start's padded row and column, k_m, the stride."""
 
-    prices: Prices
-    g: IntArray
-    rhs: IntArray
+    goal: int
+    start: int
+    row: int
+    column: int
+    k_m: int
+    stride: int
 
 
 class DStarLite:
-    """Search state for one goal. Cells are (row, column); prices (H, W) int32 as in `grid_graph`.
+    """Search state for one goal. Cells are (row, column); prices (H, W) int32 and barred (H, W) as in `grid_graph`.
 
     `pops` counts the cells taken from the queue since construction. A change of prices or start takes effect at the
     next `replan`; until then there is no path.
@@ -74,19 +84,22 @@ class DStarLite:
         ValueError: a cell outside the grid, an impossible price.
     """
 
-    def __init__(self, prices: Prices, goal: Cell, start: Cell) -> None:
+    def __init__(self, prices: Prices, goal: Cell, start: Cell, barred: Bytes | None = None) -> None:
         self._shape: tuple[int, int] = (prices.shape[0], prices.shape[1])
         self._goal = padded_index(goal, self._shape)
         self._start = padded_index(start, self._shape)
         self._keys_start = self._start  # the start that k_m and the queued keys were last made for
         self._k_m = 0
-        flat = padded(prices)
-        self._state = _State(flat, np.full(len(flat), UNREACHABLE, np.int64), np.full(len(flat), UNREACHABLE, np.int64))
-        self._heap = empty_heap(len(flat))
+        grounds = padded(prices, barred)
+        self._cells = np.empty(len(grounds), CELL)
+        self._cells[:] = (UNREACHABLE, UNREACHABLE, 0, 0)
+        self._cells["ground"] = grounds
+        self._steps = offsets(self._stride)
+        self._heap = empty_heap(self._cells)
         self.pops = 0
         self._cost = UNREACHABLE  # of the plan in force
-        self._state.rhs[self._goal] = 0
-        put(self._heap, self._goal, octile(self._start, self._goal, self._stride), 0)
+        self._cells["rhs"][self._goal] = 0
+        _update_vertex(self._heap, self._goal, self._aim)
 
     @property
     def start(self) -> Cell:
@@ -97,7 +110,7 @@ class DStarLite:
     @property
     def nbytes(self) -> int:
         """Memory held in arrays [bytes]."""
-        return sum(array.nbytes for array in (*self._state, *self._heap))
+        return self._cells.nbytes + self._heap.entries.nbytes
 
     def move_start(self, cell: Cell) -> None:
         """The chair has moved: any cell of the grid, not only one on the path.
@@ -114,21 +127,14 @@ class DStarLite:
         Raises:
             ValueError: a cell outside the grid, an impossible price, arrays of different length.
         """
-        cells = np.asarray(cells, np.int64).reshape(-1, 2)
-        prices = np.asarray(prices, np.int32)
-        if len(cells) != len(prices):
-            raise ValueError(f"{len(cells)} cells but {len(prices)} prices")
-        if ((cells < 0) | (cells >= self._shape)).any():
-            raise ValueError(f"changed cells must lie in the {self._shape[0]} x {self._shape[1]} grid")
-        check_prices(prices)
+        flat, prices = check_changes(cells, prices, self._shape)
         self._cost = UNREACHABLE
         self._account_for_motion()
-        flat = ((cells[:, 0] + 1) * self._stride + cells[:, 1] + 1).astype(np.int32)
         # All prices first: the lookahead of a cell must see the new prices of all its neighbours.
-        self._state.prices[flat] = prices
+        set_prices(self._cells, flat, prices)
         done = 0
         while done < len(flat):
-            done = _look_again(self._state, self._heap, flat, done, self._goal, self._start, self._k_m, self._stride)
+            done = _look_again(self._heap, self._steps, flat, done, self._aim)
             if done < len(flat):
                 self._heap = grown(self._heap)
 
@@ -140,19 +146,17 @@ class DStarLite:
         """
         self._account_for_motion()
         while True:
-            pops, finished = _compute_shortest_path(
-                self._state, self._heap, self._goal, self._start, self._k_m, self._stride
-            )
+            pops, cost, finished = _compute_shortest_path(self._heap, self._steps, self._aim)
             self.pops += pops
             if finished:
                 break
             self._heap = grown(self._heap)
-        if self._state.prices[self._start] == 0 or self._state.rhs[self._start] >= UNREACHABLE:
+        if cost >= UNREACHABLE:
             goal = cells_from_padded(np.array([self._goal], np.int32), self._shape)[0]
             raise NoPath(
                 f"cells {self.start} and ({goal[0]}, {goal[1]}) are not connected; choose another goal or clear the way"
             )
-        self._cost = int(self._state.rhs[self._start])
+        self._cost = int(cost)
         return self._cost
 
     def path(self) -> IntArray:
@@ -163,21 +167,27 @@ class DStarLite:
         """
         if self._cost >= UNREACHABLE:
             raise NoPath(f"there is no plan from cell {self.start}; replan first, or choose another goal")
-        flat = _descend(self._state, self._start, self._goal, self._stride)
+        flat = _descend(self._cells, self._steps, self._start, self._goal)
         return cells_from_padded(flat, self._shape)
 
     def consistency(self, cell: Cell) -> Consistency:
         """State of a cell in the sense of the paper's Fig. 6."""
-        index = padded_index(cell, self._shape)
-        return Consistency(_consistency(self._state.g[index], self._state.rhs[index]))
+        record = self._cells[padded_index(cell, self._shape)]
+        return Consistency(_consistency(record["g"], record["rhs"]))
 
     @property
     def _stride(self) -> int:
         return self._shape[1] + 2
 
+    @property
+    def _aim(self) -> _Aim:
+        row, column = divmod(self._start, self._stride)
+        return _Aim(self._goal, self._start, row, column, self._k_m, self._stride)
+
     def _account_for_motion(self) -> None:
         """Raise k_m by the heuristic distance moved, so that all queued keys stay lower bounds without reordering."""
-        self._k_m += octile(self._keys_start, self._start, self._stride)
+        row, column = divmod(self._keys_start, self._stride)
+        self._k_m += octile(row, column, self._start, self._stride)
         self._keys_start = self._start
 
 
@@ -190,110 +200,110 @@ def _consistency(g: int, rhs: int) -> int:
 
 
 @njit(cache=True)
-def _update_vertex(state: _State, heap: Heap, cell: int, start: int, k_m: int, stride: int) -> None:
+def _update_vertex(heap: Heap, cell: int, aim: _Aim) -> None:
     """Queue a cell with its key when it is not consistent, else take it out."""
-    g, rhs = state.g[cell], state.rhs[cell]
+    g, rhs = heap.cells[cell].g, heap.cells[cell].rhs
     if _consistency(g, rhs) == CONSISTENT:
         remove(heap, cell)
     else:
         nearest = min(g, rhs)
-        put(heap, cell, nearest + octile(start, cell, stride) + k_m, nearest)
+        put(heap, cell, nearest + octile(aim.row, aim.column, cell, aim.stride) + aim.k_m, nearest)
 
 
 @njit(cache=True)
-def _lookahead(state: _State, cell: int, stride: int) -> int:
+def _lookahead(cells: Records, steps: IntArray, cell: int) -> int:
     """rhs of Eq. (4), over the successors."""
     best = UNREACHABLE
-    if state.prices[cell] != 0:
+    if price_of(cells[cell].ground) != 0:
         for direction in range(8):
-            g = state.g[cell + neighbour(direction, stride)]
-            if g < best:
-                best = min(best, g + step_cost(state.prices, cell, direction, stride))
+            g = cells[cell + steps[direction]].g
+            if g + least_step(direction) < best:
+                best = min(best, g + step_cost(cells, cell, direction, steps, False))
     return best
 
 
 @njit(cache=True, nogil=True)
-def _look_again(
-    state: _State,
-    heap: Heap,
-    cells: NDArray[np.int32],
-    done: int,
-    goal: int,
-    start: int,
-    k_m: int,
-    stride: int,
-) -> int:
+def _look_again(heap: Heap, steps: IntArray, changed: NDArray[np.int32], done: int, aim: _Aim) -> int:
     """New lookahead for the changed cells from index `done` on; how many are done when the heap is full.
 
     A changed price touches only steps whose ends both lie in the 3 x 3 cells round it, diagonal steps past it included.
     """
-    for i in range(done, len(cells)):
+    for i in range(done, len(changed)):
         if not has_room(heap):
             return i
         for row in range(-1, 2):
             for column in range(-1, 2):
-                cell = cells[i] + row * stride + column
-                if cell != goal:
-                    state.rhs[cell] = _lookahead(state, cell, stride)
-                    _update_vertex(state, heap, cell, start, k_m, stride)
-    return len(cells)
+                cell = changed[i] + row * aim.stride + column
+                if cell != aim.goal:
+                    rhs = _lookahead(heap.cells, steps, cell)
+                    if rhs != heap.cells[cell].rhs:
+                        heap.cells[cell].rhs = rhs
+                        _update_vertex(heap, cell, aim)
+    return len(changed)
 
 
 @njit(cache=True, nogil=True)
-def _compute_shortest_path(state: _State, heap: Heap, goal: int, start: int, k_m: int, stride: int) -> tuple[int, bool]:
-    """Make cells consistent until the start's cost is certain; (cells popped, false when the heap must grow)."""
-    g, rhs = state.g, state.rhs
+def _compute_shortest_path(heap: Heap, steps: IntArray, aim: _Aim) -> tuple[int, int, bool]:
+    """Make cells consistent until the start's cost is certain; (cells popped, cost, false when the heap must grow)."""
+    start = heap.cells[aim.start]
     pops = 0
     while heap.size[0] > 0:
-        nearest = min(g[start], rhs[start])
-        first, second = heap.keys[1, 0], heap.keys[1, 1]
-        if not less(first, second, nearest + k_m, nearest) and rhs[start] <= g[start]:
+        first, second, cell = heap.entries[1].first, heap.entries[1].second, heap.entries[1].cell
+        nearest = min(start.g, start.rhs)
+        if not less(first, second, nearest + aim.k_m, nearest) and start.rhs <= start.g:
             break
         if not has_room(heap):
-            return pops, False
-        cell = heap.cells[1]
+            return pops, UNREACHABLE, False
         pops += 1
-        nearest = min(g[cell], rhs[cell])
-        now_first = nearest + octile(start, cell, stride) + k_m
+        g, rhs = heap.cells[cell].g, heap.cells[cell].rhs
+        nearest = min(g, rhs)
+        now_first = nearest + octile(aim.row, aim.column, cell, aim.stride) + aim.k_m
         if less(first, second, now_first, nearest):
             # The key was made for an earlier start.
             put(heap, cell, now_first, nearest)
-        elif _consistency(g[cell], rhs[cell]) == OVERCONSISTENT:
-            _settle(state, heap, cell, goal, start, k_m, stride)
+        elif _consistency(g, rhs) == OVERCONSISTENT:
+            _settle(heap, steps, cell, aim)
         else:
-            _forget(state, heap, cell, goal, start, k_m, stride)
-    return pops, True
+            _forget(heap, steps, cell, aim)
+    return pops, start.rhs if price_of(start.ground) != 0 else UNREACHABLE, True
 
 
 @njit(cache=True)
-def _settle(state: _State, heap: Heap, cell: int, goal: int, start: int, k_m: int, stride: int) -> None:
+def _settle(heap: Heap, steps: IntArray, cell: int, aim: _Aim) -> None:
     """Overconsistent: the lookahead found a cheaper way, g takes it and the neighbours may go through this cell."""
-    state.g[cell] = state.rhs[cell]
+    cells = heap.cells
+    g = cells[cell].rhs
+    cells[cell].g = g
     remove(heap, cell)
     for direction in range(8):
-        other = cell + neighbour(direction, stride)
-        step = step_cost(state.prices, cell, direction, stride)
-        if other != goal and step != UNREACHABLE and state.g[cell] + step < state.rhs[other]:
-            state.rhs[other] = state.g[cell] + step
-            _update_vertex(state, heap, other, start, k_m, stride)
+        other = cell + steps[direction]
+        # Most neighbours have a way that no step could better; the goal's costs nothing.
+        if g + least_step(direction) < cells[other].rhs:
+            through = g + step_cost(cells, cell, direction, steps, True)
+            if through < cells[other].rhs:
+                cells[other].rhs = through
+                _update_vertex(heap, other, aim)
 
 
 @njit(cache=True)
-def _forget(state: _State, heap: Heap, cell: int, goal: int, start: int, k_m: int, stride: int) -> None:
+def _forget(heap: Heap, steps: IntArray, cell: int, aim: _Aim) -> None:
     """Underconsistent: the way got dearer, g is given up and whoever relied on it looks ahead again."""
-    before = state.g[cell]
-    state.g[cell] = UNREACHABLE
-    _update_vertex(state, heap, cell, start, k_m, stride)
+    cells = heap.cells
+    before = cells[cell].g
+    cells[cell].g = UNREACHABLE
+    _update_vertex(heap, cell, aim)
     for direction in range(8):
-        other = cell + neighbour(direction, stride)
-        step = step_cost(state.prices, cell, direction, stride)
-        if other != goal and step != UNREACHABLE and state.rhs[other] == before + step:
-            state.rhs[other] = _lookahead(state, other, stride)
-            _update_vertex(state, heap, other, start, k_m, stride)
+        other = cell + steps[direction]
+        rhs = cells[other].rhs
+        if rhs < before + least_step(direction) or rhs == UNREACHABLE or other == aim.goal:
+            continue
+        if rhs == before + step_cost(cells, cell, direction, steps, True):
+            cells[other].rhs = _lookahead(cells, steps, other)
+            _update_vertex(heap, other, aim)
 
 
 @njit(cache=True)
-def _descend(state: _State, start: int, goal: int, stride: int) -> NDArray[np.int32]:
+def _descend(cells: Records, steps: IntArray, start: int, goal: int) -> NDArray[np.int32]:
     """Cells from start to goal, each the successor that Eq. (3) takes its minimum from."""
     path = np.empty(1024, np.int32)
     path[0] = start
@@ -302,10 +312,10 @@ def _descend(state: _State, start: int, goal: int, stride: int) -> NDArray[np.in
     while cell != goal:
         best, following = UNREACHABLE, cell
         for direction in range(8):
-            other = cell + neighbour(direction, stride)
-            g = state.g[other]
+            other = cell + steps[direction]
+            g = cells[other].g
             if g < best:
-                through = g + step_cost(state.prices, cell, direction, stride)
+                through = g + step_cost(cells, cell, direction, steps, False)
                 if through < best:
                     best, following = through, other
         if count == len(path):

@@ -3,28 +3,34 @@
 A price is an integer per mille of a free cell's price: 0 is impassable, 1000 a free cell, more is dearer. A straight
 step between two free cells costs 10000, a diagonal one 14142; between dearer cells the cost grows with the mean of
 both prices, so that it is the same in both directions. A diagonal step needs both orthogonal neighbours passable.
+In a one-way zone the steps against its heading are barred: one bit a direction, in either cell of the step.
 
 Costs are integers because planners that order a queue by sums of costs must see ties as ties: with floating point, keys
 that are equal in theory differ by rounding, and D* Lite then silently keeps a path through a closed door.
 
 Kernels see the grid with a border of impassable cells, flattened row by row, so that no neighbour needs a bounds check.
+What a search knows of a cell lies together in one record: a step to a neighbour costs one line of memory, not four.
 """
 
 from __future__ import annotations
 
-from typing import TypeAlias
+import math
+from typing import Any, TypeAlias
 
 import numpy as np
 from numba import njit
 from numpy.typing import NDArray
 
-from waychair.types import IntArray
+from waychair.types import Bytes, IntArray
 
 Prices: TypeAlias = NDArray[np.int32]
 """(H, W) int32, per mille of a free cell's price; 0 is impassable."""
 
 Cell: TypeAlias = tuple[int, int]
 """Row and column."""
+
+Records: TypeAlias = NDArray[Any]
+"""Structured array; its fields are named where its dtype is made."""
 
 FREE_PRICE = 1000
 MAX_PRICE = 1_000_000
@@ -33,15 +39,41 @@ DIAGONAL = 14_142
 UNREACHABLE = 1 << 61
 """A cost above all sums of costs; twice it still fits an int64."""
 
+_BARRED_SHIFT = 20
+_PRICE_BITS = (1 << _BARRED_SHIFT) - 1
+"""A record's `ground` holds the price in its low bits and the barred directions in the eight above them."""
 
-def padded(prices: Prices) -> Prices:
-    """Flat copy ((H + 2) * (W + 2),) of an (H, W) grid inside a border of impassable cells.
+
+def padded(prices: Prices, barred: Bytes | None = None) -> Prices:
+    """Flat grounds ((H + 2) * (W + 2),) int32 of an (H, W) grid inside a border of impassable cells.
+
+    `barred` (H, W) has bit d set where no step may lead in direction d (see `offsets`), into or out of the cell.
 
     Raises:
         ValueError: a price that is neither 0 nor in [1000, 1000000]; cheaper ones would break the heuristic.
     """
     check_prices(prices)
-    return np.pad(prices.astype(np.int32, copy=False), 1).ravel()
+    grounds = np.zeros((prices.shape[0] + 2, prices.shape[1] + 2), np.int32)
+    grounds[1:-1, 1:-1] = prices
+    if barred is not None:
+        grounds[1:-1, 1:-1] |= barred.astype(np.int32) << _BARRED_SHIFT
+    return grounds.ravel()
+
+
+def check_changes(cells: IntArray, prices: Prices, shape: tuple[int, int]) -> tuple[NDArray[np.int32], Prices]:
+    """Flat indices (N,) of cells (N, 2) of an (H, W) grid in its padded copy, and their new prices (N,) int32.
+
+    Raises:
+        ValueError: a cell outside the grid, an impossible price, arrays of different length.
+    """
+    cells = np.asarray(cells, np.int64).reshape(-1, 2)
+    prices = np.asarray(prices, np.int32)
+    if len(cells) != len(prices):
+        raise ValueError(f"{len(cells)} cells but {len(prices)} prices")
+    if ((cells < 0) | (cells >= shape)).any():
+        raise ValueError(f"changed cells must lie in the {shape[0]} x {shape[1]} grid")
+    check_prices(prices)
+    return ((cells[:, 0] + 1) * (shape[1] + 2) + cells[:, 1] + 1).astype(np.int32), prices
 
 
 def check_prices(prices: Prices) -> None:
@@ -73,44 +105,64 @@ def cells_from_padded(indices: NDArray[np.int32], shape: tuple[int, int]) -> Int
     return np.stack([rows - 1, columns - 1], axis=-1)
 
 
-@njit(cache=True, inline="always")
-def neighbour(direction: int, stride: int) -> int:
-    """Offset of one of the eight neighbours in a flat grid of rows `stride` long; even directions are straight."""
-    if direction == 0:
-        return 1
-    if direction == 1:
-        return 1 + stride
-    if direction == 2:
-        return stride
-    if direction == 3:
-        return stride - 1
-    if direction == 4:
-        return -1
-    if direction == 5:
-        return -1 - stride
-    if direction == 6:
-        return -stride
-    return 1 - stride
+def offsets(stride: int) -> IntArray:
+    """(9,) steps to the neighbours in a flat grid of rows `stride` long: direction d points d * 45 degrees from +column
+    to +row, even ones are straight, and the first comes again at the end."""
+    return np.array([1, 1 + stride, stride, stride - 1, -1, -1 - stride, -stride, 1 - stride, 1])
+
+
+def directions_against(heading: float) -> int:
+    """The directions, as bits, that lead back against a heading [rad] in the grid's frame; sideways is not against."""
+    return sum(1 << d for d in range(8) if math.cos(d * math.pi / 4 - heading) < -1e-9)
 
 
 @njit(cache=True, inline="always")
-def step_cost(prices: Prices, cell: int, direction: int, stride: int) -> int:
-    """Cost of the step from a cell in a direction, the same as that of the step back; UNREACHABLE when it is barred."""
-    offset = neighbour(direction, stride)
-    here, there = np.int64(prices[cell]), np.int64(prices[cell + offset])
-    if here == 0 or there == 0:
+def price_of(ground: int) -> int:
+    """The price in a ground."""
+    return np.int64(ground) & _PRICE_BITS
+
+
+@njit(cache=True)
+def set_prices(cells: Records, changed: NDArray[np.int32], prices: Prices) -> None:
+    """Give cells at flat indices (N,) new prices (N,); which directions are barred stays."""
+    for i in range(len(changed)):
+        cell = cells[changed[i]]
+        cell.ground = (cell.ground & ~_PRICE_BITS) | prices[i]
+
+
+@njit(cache=True, inline="always")
+def least_step(direction: int) -> int:
+    """What a step in a direction costs at least."""
+    return STRAIGHT if direction % 2 == 0 else DIAGONAL
+
+
+@njit(cache=True, inline="always")
+def step_cost(cells: Records, cell: int, direction: int, steps: IntArray, backward: bool) -> int:
+    """Cost of the step from a cell in a direction, or of the step `backward` from there into the cell.
+
+    UNREACHABLE when it is barred. `cells` are records with a `ground`, `steps` are the `offsets`.
+    """
+    ground, ground_there = cells[cell].ground, cells[cell + steps[direction]].ground
+    price, price_there = price_of(ground), price_of(ground_there)
+    if price == 0 or price_there == 0:
+        return UNREACHABLE
+    barred = (ground | ground_there) >> _BARRED_SHIFT
+    if barred != 0 and barred >> ((direction ^ 4) if backward else direction) & 1:
         return UNREACHABLE
     if direction % 2 == 0:
-        return int(STRAIGHT * (here + there) // (2 * FREE_PRICE))
-    before, after = neighbour(direction - 1, stride), neighbour((direction + 1) % 8, stride)
-    if prices[cell + before] == 0 or prices[cell + after] == 0:
+        return int(STRAIGHT // (2 * FREE_PRICE) * (price + price_there))
+    before, after = cells[cell + steps[direction - 1]].ground, cells[cell + steps[direction + 1]].ground
+    if price_of(before) == 0 or price_of(after) == 0:
         return UNREACHABLE
-    return int((DIAGONAL // 2) * (here + there) // FREE_PRICE)
+    return int(DIAGONAL // 2 * (price + price_there) // FREE_PRICE)
 
 
 @njit(cache=True, inline="always")
-def octile(first: int, second: int, stride: int) -> int:
-    """Cost of the cheapest way between two cells of an empty, free grid: a consistent heuristic for prices >= 1000."""
-    rows = abs(first // stride - second // stride)
-    columns = abs(first % stride - second % stride)
-    return STRAIGHT * abs(rows - columns) + DIAGONAL * min(rows, columns)
+def octile(row: int, column: int, cell: int, stride: int) -> int:
+    """Cost of the cheapest way over free floor between a row and column and a flat index, all of the padded grid.
+
+    A consistent heuristic for prices >= 1000.
+    """
+    cell_row = np.int64(np.uint64(cell) // np.uint64(stride))  # unsigned division is the faster one
+    rows, columns = abs(cell_row - row), abs(cell - cell_row * stride - column)
+    return STRAIGHT * max(rows, columns) + (DIAGONAL - STRAIGHT) * min(rows, columns)

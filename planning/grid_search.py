@@ -7,7 +7,6 @@ the cell nearer to the goal among equals; Dijkstra (1959) leaves the heuristic o
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import NamedTuple
 
 import numpy as np
 from numba import njit
@@ -18,15 +17,21 @@ from waychair.planning.grid_graph import (
     UNREACHABLE,
     Cell,
     Prices,
+    Records,
     cells_from_padded,
-    neighbour,
+    check_changes,
+    least_step,
     octile,
+    offsets,
     padded,
     padded_index,
     step_cost,
 )
 from waychair.planning.indexed_heap import Heap, empty_heap, grown, has_room, put, remove
-from waychair.types import IntArray
+from waychair.types import Bytes, IntArray
+
+CELL = np.dtype([("cost", np.int64), ("parent", np.int32), ("ground", np.int32), ("place", np.int32)], align=True)
+"""What a search keeps of a cell, 24 bytes."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -38,10 +43,55 @@ class GridPath:
     pops: int
 
 
-class _Search(NamedTuple):
-    prices: Prices
-    cost: IntArray
-    parent: NDArray[np.int32]
+class FromScratch:
+    """The interface of `DStarLite` over a search that keeps nothing from one `replan` to the next.
+
+    Raises (constructor):
+        ValueError: a cell outside the grid, an impossible price.
+    """
+
+    informed = True
+
+    def __init__(self, prices: Prices, goal: Cell, start: Cell, barred: Bytes | None = None) -> None:
+        self._prices, self._barred = prices.copy(), barred
+        self._goal = goal
+        padded(prices, barred), padded_index(goal, prices.shape), padded_index(start, prices.shape)
+        self.start = start
+        self.pops = 0
+        self._found: GridPath | None = None
+
+    def move_start(self, cell: Cell) -> None:
+        """As `DStarLite.move_start`."""
+        padded_index(cell, (self._prices.shape[0], self._prices.shape[1]))
+        self.start, self._found = cell, None
+
+    def update(self, cells: IntArray, prices: Prices) -> None:
+        """As `DStarLite.update`."""
+        check_changes(cells, prices, (self._prices.shape[0], self._prices.shape[1]))
+        self._prices[tuple(np.asarray(cells).reshape(-1, 2).T)] = prices
+        self._found = None
+
+    def replan(self) -> int:
+        """As `DStarLite.replan`."""
+        self._found = search(self._prices, self.start, self._goal, informed=self.informed, barred=self._barred)
+        self.pops += self._found.pops
+        return self._found.cost
+
+    def path(self) -> IntArray:
+        """As `DStarLite.path`."""
+        if self._found is None:
+            raise NoPath(f"there is no plan from cell {self.start}; replan first, or choose another goal")
+        return self._found.cells
+
+
+class AStar(FromScratch):
+    """A*, anew each time."""
+
+
+class Dijkstra(FromScratch):
+    """Dijkstra's search, anew each time."""
+
+    informed = False
 
 
 def shortest_cost(prices: Prices, start: Cell, goal: Cell, *, informed: bool = True) -> int:
@@ -59,66 +109,72 @@ def shortest_path(prices: Prices, start: Cell, goal: Cell, *, informed: bool = T
     return search(prices, start, goal, informed=informed).cells
 
 
-def search(prices: Prices, start: Cell, goal: Cell, *, informed: bool = True) -> GridPath:
-    """The cheapest way with its cost and the work it took; raises as `shortest_cost`."""
+def search(
+    prices: Prices, start: Cell, goal: Cell, *, informed: bool = True, barred: Bytes | None = None
+) -> GridPath:
+    """The cheapest way with its cost and the work it took; `barred` as in `grid_graph`; raises as `shortest_cost`."""
     shape = (prices.shape[0], prices.shape[1])
     first, last = padded_index(start, shape), padded_index(goal, shape)
-    flat = padded(prices)
-    state = _Search(flat, np.full(len(flat), UNREACHABLE, np.int64), np.full(len(flat), -1, np.int32))
-    heap = empty_heap(len(flat))
-    if flat[first]:
-        state.cost[first] = 0
+    grounds = padded(prices, barred)
+    cells = np.empty(len(grounds), CELL)
+    cells[:] = (UNREACHABLE, -1, 0, 0)
+    cells["ground"] = grounds
+    heap, steps = empty_heap(cells), offsets(shape[1] + 2)
+    if prices[start] != 0:
+        cells["cost"][first] = 0
         put(heap, first, 0, 0)
     pops = 0
     while True:
-        popped, finished = _expand(state, heap, last, shape[1] + 2, informed)
+        popped, finished = _expand(heap, steps, last, shape[1] + 2, informed)
         pops += popped
         if finished:
             break
         heap = grown(heap)
-    if state.cost[last] >= UNREACHABLE:
+    cost = int(cells["cost"][last])
+    if cost >= UNREACHABLE:
         raise NoPath(f"cells {start} and {goal} are not connected; choose another goal or clear the way")
-    return GridPath(int(state.cost[last]), cells_from_padded(_trace(state.parent, last), shape), pops)
+    return GridPath(cost, cells_from_padded(_trace(cells, last), shape), pops)
 
 
 @njit(cache=True, nogil=True)
-def _expand(state: _Search, heap: Heap, goal: int, stride: int, informed: bool) -> tuple[int, bool]:
+def _expand(heap: Heap, steps: IntArray, goal: int, stride: int, informed: bool) -> tuple[int, bool]:
     """Expand cells until the goal is taken from the queue; (cells popped, false when the heap must grow)."""
-    prices, cost, parent = state
+    cells = heap.cells
+    goal_row, goal_column = goal // stride, goal % stride
     pops = 0
     while heap.size[0] > 0:
         if not has_room(heap):
             return pops, False
-        cell = heap.cells[1]
+        cell = heap.entries[1].cell
         remove(heap, cell)
         pops += 1
         if cell == goal:
             break
+        cost = cells[cell].cost
         for direction in range(8):
-            step = step_cost(prices, cell, direction, stride)
-            if step == UNREACHABLE:
+            other = cell + steps[direction]
+            if cost + least_step(direction) >= cells[other].cost:
                 continue
-            other = cell + neighbour(direction, stride)
-            through = cost[cell] + step
-            if through < cost[other]:
-                cost[other] = through
-                parent[other] = cell
-                ahead = octile(other, goal, stride) if informed else 0
+            through = cost + step_cost(cells, cell, direction, steps, False)
+            if through < cells[other].cost:
+                cells[other].cost = through
+                cells[other].parent = cell
+                ahead = octile(goal_row, goal_column, other, stride) if informed else 0
                 put(heap, other, through + ahead, ahead)
     return pops, True
 
 
 @njit(cache=True)
-def _trace(parent: NDArray[np.int32], goal: int) -> NDArray[np.int32]:
+def _trace(cells: Records, goal: int) -> NDArray[np.int32]:
     """Cells from the start (the one without parent) to the goal."""
     count = 1
     cell = goal
-    while parent[cell] >= 0:
-        cell = parent[cell]
+    while cells[cell].parent >= 0:
+        cell = cells[cell].parent
         count += 1
     path = np.empty(count, np.int32)
     cell = goal
     for i in range(count - 1, -1, -1):
         path[i] = cell
-        cell = parent[cell]
+        cell = cells[cell].parent
     return path

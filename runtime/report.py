@@ -29,17 +29,37 @@ body { font: 16px/1.5 system-ui, sans-serif; max-width: 70rem; margin: 2rem auto
 h1 { font-size: 1.6rem; margin-bottom: 0.2rem; } h2 { font-size: 1.2rem; margin-top: 2rem; }
 figure { margin: 1rem 0; } img { max-width: 100%; background: white; } figcaption { opacity: 0.8; }
 table { border-collapse: collapse; } th, td { padding: 0.3rem 0.8rem; text-align: left; border-bottom: 1px solid #8886; }
-td.number, th.number { text-align: right; font-variant-numeric: tabular-nums; }
+section.warnings { border-left: 4px solid #e69f00; padding: 0.1rem 1rem; margin: 1rem 0; background: #e69f0018; }
+svg { width: 100%; max-height: 85vh; } .bar { background: #0072b2; height: 0.8rem; border-radius: 2px; min-width: 1px; }
+td.bars { width: 20rem; } td.number, th.number { text-align: right; font-variant-numeric: tabular-nums; }
 """
 
 
 @dataclass(frozen=True, slots=True)
 class Table:
-    """A table of text; cells that start with a digit or a sign are set as numbers."""
+    """A table of text; unless it is `plain`, cells that start with a digit or a sign are set as numbers."""
 
     title: str
     header: tuple[str, ...]
     rows: tuple[tuple[str, ...], ...]
+    plain: bool = False
+
+
+@dataclass(frozen=True, slots=True)
+class Bars:
+    """Values beside bars of their length: name, value, and the value as text."""
+
+    title: str
+    rows: tuple[tuple[str, float, str], ...]
+
+
+@dataclass(frozen=True, slots=True)
+class Drawing:
+    """An SVG element and what is to be seen on it."""
+
+    title: str
+    caption: str
+    svg: str
 
 
 @dataclass(frozen=True, slots=True)
@@ -117,17 +137,22 @@ def path_picture(grid: OccupancyGrid, path: Path, places: Sequence[Place]) -> Pi
     return Picture("The path", f"{path.length():.1f} m", png_from_figure(figure))
 
 
-def write_page(path: FilePath, title: str, lead: str, tables: Sequence[Table], pictures: Sequence[Picture]) -> None:
-    """One HTML page with everything inside it."""
+def write_page(
+    path: FilePath,
+    title: str,
+    lead: str,
+    tables: Sequence[Table | Bars],
+    pictures: Sequence[Picture | Drawing],
+    warnings: Sequence[str] = (),
+) -> None:
+    """One HTML page with everything inside it: drawings first, then tables, then pictures."""
     parts = [f"<h1>{html.escape(title)}</h1>", f"<p>{html.escape(lead)}</p>"]
-    parts += [_table(table) for table in tables]
-    for picture in pictures:
-        data = base64.b64encode(picture.png).decode()
-        alternative = html.escape(f"{picture.title}: {picture.caption}")
-        parts.append(
-            f'<h2>{html.escape(picture.title)}</h2><figure><img src="data:image/png;base64,{data}" '
-            f'alt="{alternative}"><figcaption>{html.escape(picture.caption)}</figcaption></figure>'
-        )
+    if warnings:
+        items = "".join(f"<li>{html.escape(warning)}</li>" for warning in warnings)
+        parts.append(f'<section class="warnings"><h2>Warnings</h2><ul>{items}</ul></section>')
+    parts += [_drawing(drawing) for drawing in pictures if isinstance(drawing, Drawing)]
+    parts += [_table(table) if isinstance(table, Table) else _bars(table) for table in tables]
+    parts += [_picture(picture) for picture in pictures if isinstance(picture, Picture)]
     head = (
         f'<meta charset="utf-8"><meta name="viewport" content="width=device-width"><title>{html.escape(title)}</title>'
     )
@@ -138,6 +163,30 @@ def write_page(path: FilePath, title: str, lead: str, tables: Sequence[Table], p
     )
 
 
+def _picture(picture: Picture) -> str:
+    data = base64.b64encode(picture.png).decode()
+    alternative = html.escape(f"{picture.title}: {picture.caption}")
+    return _figure(picture.title, picture.caption, f'<img src="data:image/png;base64,{data}" alt="{alternative}">')
+
+
+def _drawing(drawing: Drawing) -> str:
+    return _figure(drawing.title, drawing.caption, drawing.svg)
+
+
+def _figure(title: str, caption: str, inside: str) -> str:
+    return f"<h2>{html.escape(title)}</h2><figure>{inside}<figcaption>{html.escape(caption)}</figcaption></figure>"
+
+
+def _bars(bars: Bars) -> str:
+    most = max((value for _, value, _ in bars.rows), default=0.0) or 1.0
+    rows = "".join(
+        f'<tr><td>{html.escape(name)}</td><td class="number">{html.escape(text)}</td>'
+        f'<td class="bars"><div class="bar" style="width:{100 * value / most:.1f}%"></div></td></tr>'
+        for name, value, text in bars.rows
+    )
+    return f"<h2>{html.escape(bars.title)}</h2><table>{rows}</table>"
+
+
 def write_png(path: FilePath, picture: Picture) -> None:
     """The picture alone, whole or not at all."""
     with replacing(path) as aside:
@@ -146,10 +195,14 @@ def write_png(path: FilePath, picture: Picture) -> None:
 
 def _table(table: Table) -> str:
     def row(cells: Sequence[str], tag: str) -> str:
-        return "<tr>" + "".join(f"<{tag}{_kind(cell)}>{html.escape(cell)}</{tag}>" for cell in cells) + "</tr>"
+        kinds = ["" if table.plain else _kind(cell) for cell in cells]
+        return (
+            "<tr>" + "".join(f"<{tag}{k}>{html.escape(c)}</{tag}>" for k, c in zip(kinds, cells, strict=True)) + "</tr>"
+        )
 
+    head = row(table.header, "th") if any(table.header) else ""
     rows = "".join(row(cells, "td") for cells in table.rows)
-    return f"<h2>{html.escape(table.title)}</h2><table>{row(table.header, 'th')}{rows}</table>"
+    return f"<h2>{html.escape(table.title)}</h2><table>{head}{rows}</table>"
 
 
 def _kind(cell: str) -> str:

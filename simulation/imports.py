@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Mapping
+from dataclasses import dataclass
 from pathlib import Path
 
 import numpy as np
@@ -33,13 +34,25 @@ def world_from_map(path: Path, start: Pose2) -> World:
     return world_from_grid(load_map(path), start, tuple(load_places(folder).values()), folder.resolve().name)
 
 
-def world_from_barn(path: Path, scale: float = 1.0) -> World:
-    """World of one BARN environment: a text of `key value` lines, then `grid` and its lines, the largest y on top.
+@dataclass(frozen=True, slots=True)
+class BarnEnvironment:
+    """One BARN environment: cylinders (N, 3) of x, y, radius, and poses [m, rad]; the goal has the start's heading.
+
+    `path_length` [m] is that of the benchmark's own reference path, from which its score takes the optimal time.
+    """
+
+    name: str
+    cylinders: FloatArray
+    start: Pose2
+    goal: Pose2
+    path_length: float
+
+
+def read_barn(path: Path, scale: float = 1.0) -> BarnEnvironment:
+    """One BARN environment: a text of `key value` lines, then `grid` and its lines, the largest y on top.
 
     Every `#` is a cylinder on a lattice (Perille, Truong, Xiao, Stone, Benchmarking Metric Ground Navigation, SSRR
-    2020); poses and sizes come from the header, and `scale` multiplies all of them, for robots of another size. The
-    only walls are cylinders: the ground about them is free for two metres beyond the outermost of them, the start and
-    the goal, and past that nothing is solid either. The goal is the place `goal`; its heading is the start's.
+    2020); poses and sizes come from the header, and `scale` multiplies all of them, for robots of another size.
 
     Raises:
         WorldError: the file cannot be read, lacks something or holds impossible numbers; or `scale` is not in [0.1, 10].
@@ -54,21 +67,38 @@ def world_from_barn(path: Path, scale: float = 1.0) -> World:
         raise WorldError(f"{path} has no line `grid`: give a BARN text grid")
     begin = lines.index("grid")
     header = {key: values for key, *values in (line.split() for line in lines[:begin] if line.strip())}
-    start, goal = _numbers(path, header, "start", 3), _numbers(path, header, "goal", 2)
-    (cell,), (radius,) = _numbers(path, header, "cell", 1), _numbers(path, header, "radius", 1)
+    (x, y, theta), goal = _numbers(path, header, "start", 3), _numbers(path, header, "goal", 2)
+    (cell,), (radius,), (length,) = (_numbers(path, header, key, 1) for key in ("cell", "radius", "path_length"))
     origin = np.array([*_numbers(path, header, "origin_x", 1), *_numbers(path, header, "origin_y", 1)])
-    if min(cell, radius) <= 0.0:
-        raise WorldError(f"{path}: cell {cell:g} and radius {radius:g} must be greater than 0; mend the header")
+    if min(cell, radius, length) <= 0.0:
+        raise WorldError(
+            f"{path}: cell {cell:g}, radius {radius:g} and path_length {length:g} must be greater than 0; mend the header"
+        )
     rows, cols = np.nonzero(_lattice(path, header, lines, begin))
-    centres = scale * (origin + cell * np.column_stack([cols, rows]))
-    poses = scale * np.array([start[:2], goal])
-    (start_x, start_y), (goal_x, goal_y) = poses.tolist()
-    return world_from_grid(
-        _cylinders(centres, scale * radius, poses),
-        Pose2(start_x, start_y, start[2]),
-        (Place("goal", Pose2(goal_x, goal_y, start[2])),),
+    centres = origin + cell * np.column_stack([cols, rows])
+    return BarnEnvironment(
         path.stem,
+        scale * np.column_stack([centres, np.full(len(centres), radius)]),
+        Pose2(scale * x, scale * y, theta),
+        Pose2(scale * goal[0], scale * goal[1], theta),
+        scale * length,
     )
+
+
+def world_from_barn(path: Path, scale: float = 1.0) -> World:
+    """World of one BARN environment, as `read_barn` reads it.
+
+    The only walls are cylinders: the ground about them is free for two metres beyond the outermost of them, the start
+    and the goal, and past that nothing is solid either. The goal is the place `goal`.
+
+    Raises:
+        WorldError: as `read_barn`.
+    """
+    barn = read_barn(path, scale)
+    poses = np.array([[barn.start.x, barn.start.y], [barn.goal.x, barn.goal.y]])
+    radius = float(barn.cylinders[0, 2]) if len(barn.cylinders) else 0.0
+    grid = _cylinders(barn.cylinders[:, :2], radius, poses)
+    return world_from_grid(grid, barn.start, (Place("goal", barn.goal),), barn.name)
 
 
 def _numbers(path: Path, header: Mapping[str, list[str]], key: str, count: int) -> list[float]:

@@ -1,7 +1,8 @@
 """A planar lidar that turns while the chair drives: exact rays, what surfaces do to them, and the faults of a real one.
 
 A sweep takes time: each beam leaves from where the chair is at its own moment, and the scan is there when the last
-beam is through. Glass lets beams pass, mirrors send them on, dark surfaces swallow them from a few metres off.
+beam is through. Glass lets beams pass, mirrors send them on, dark surfaces swallow them from a few metres off. Where a level has
+ramps, the plane of the beams tilts with the chair.
 """
 
 from __future__ import annotations
@@ -17,9 +18,11 @@ from numba import njit
 from waychair.calibration.chair import ChairBody
 from waychair.config import Settings, setting
 from waychair.errors import ConfigError
+from waychair.geometry import in_space
 from waychair.simulation.rays import NOBODY, Scenery, cosine_of_incidence, nearest_circle, nearest_segment
 from waychair.simulation.scene import PersonState, Reflection
 from waychair.simulation.silhouettes import legs, rider_legs
+from waychair.simulation.tilted_rays import Leaning, Terrain, cast_tilted, row_of
 from waychair.topics import SCAN
 from waychair.types import FloatArray, IntArray, Pose2, Scan
 
@@ -85,20 +88,29 @@ class Lidar:
         self._optics = Optics(settings.range_max, settings.dark_range, math.cos(settings.glass_angle))
         self._times_ns: list[int] = []
         self._poses: list[tuple[float, float, float]] = []
+        self._leaning: list[Leaning] = []
+        self._mount_in_space = row_of(in_space(body.base_from_laser, body.laser_z))
         self._people = NOBODY
 
-    def step(self, scenery: Scenery, map_from_base: Pose2, people: Sequence[PersonState], now_ns: int) -> Scan | None:
+    def step(
+        self,
+        scenery: Scenery,
+        map_from_base: Pose2,
+        people: Sequence[PersonState],
+        now_ns: int,
+        leaning: Leaning | None = None,
+    ) -> Scan | None:
         """The scan whose last beam has left by now, if there is one; called at every step of the chair.
 
-        A sweep begins at every whole period; `people` are those of this moment.
+        A sweep begins at every whole period; `people` are those of this moment. With `leaning` beams are cast in space.
         """
         scan = None
         if self._times_ns:
-            self._note(map_from_base, now_ns)
+            self._note(map_from_base, leaning, now_ns)
             scan = self._finished(scenery, people, now_ns)
         if now_ns % self._period_ns == 0:
             self._people = legs(people)
-            self._note(map_from_base, now_ns)
+            self._note(map_from_base, leaning, now_ns)
             # A snapshot is through as soon as it begins.
             scan = self._finished(scenery, people, now_ns) or scan
         return scan
@@ -117,7 +129,6 @@ class Lidar:
         Between the times poses are interpolated, beyond them held. Circles (K, 3) move from where they are at the
         first beam to where they are at the last. Ranges by REP-117: +inf nothing seen, -inf too close, nan dropped out.
         """
-        s = self._settings
         seconds = ((np.asarray(times_ns, np.int64) - stamp_ns) * 1e-9).astype(np.float64)
         ranges = cast_sweep(
             scenery,
@@ -130,6 +141,35 @@ class Lidar:
             self._delays,
             self._optics,
         )
+        return self._scan_of(ranges, stamp_ns)
+
+    def scan_in_space(
+        self,
+        terrain: Terrain,
+        times_ns: IntArray,
+        poses: FloatArray,
+        stamp_ns: int,
+        circles_begin: FloatArray = NOBODY,
+        circles_end: FloatArray = NOBODY,
+    ) -> Scan:
+        """`scan` of a chair that tilts: poses (M, 12) are those of `row_of` at times_ns (M,)."""
+        ranges = cast_tilted(
+            terrain,
+            np.ascontiguousarray(circles_begin, np.float64),
+            np.ascontiguousarray(circles_end, np.float64),
+            ((np.asarray(times_ns, np.int64) - stamp_ns) * 1e-9).astype(np.float64),
+            np.ascontiguousarray(poses, np.float64),
+            self._mount_in_space,
+            self._angles,
+            self._delays,
+            self._optics,
+            MOST_MIRRORS,
+        )
+        return self._scan_of(ranges, stamp_ns)
+
+    def _scan_of(self, ranges: FloatArray, stamp_ns: int) -> Scan:
+        """True ranges (N,) with the rider's legs before them and the instrument's faults."""
+        s = self._settings
         np.minimum(ranges, self._legs, out=ranges)
         return Scan(
             stamp_ns=stamp_ns,
@@ -145,16 +185,24 @@ class Lidar:
         """Scan of a chair and of circles (K, 3) that stay where they are."""
         return self.scan(scenery, np.array([stamp_ns]), map_from_base.array()[None], stamp_ns, circles, circles)
 
-    def _note(self, pose: Pose2, now_ns: int) -> None:
+    def _note(self, pose: Pose2, leaning: Leaning | None, now_ns: int) -> None:
         self._times_ns.append(now_ns)
         self._poses.append((pose.x, pose.y, pose.theta))
+        if leaning is not None:
+            self._leaning.append(leaning)
 
     def _finished(self, scenery: Scenery, people: Sequence[PersonState], now_ns: int) -> Scan | None:
         begun_ns = self._times_ns[0]
         if now_ns < begun_ns + self._sweep_ns:
             return None
-        scan = self.scan(scenery, np.array(self._times_ns), np.array(self._poses), begun_ns, self._people, legs(people))
-        self._times_ns, self._poses = [], []
+        times_ns, people_then, people_now = np.array(self._times_ns), self._people, legs(people)
+        if len(self._leaning) == len(times_ns):
+            poses = np.array([row_of(leaning.map_from_base) for leaning in self._leaning])
+            terrain = self._leaning[-1].terrain
+            scan = self.scan_in_space(terrain, times_ns, poses, begun_ns, people_then, people_now)
+        else:
+            scan = self.scan(scenery, times_ns, np.array(self._poses), begun_ns, people_then, people_now)
+        self._times_ns, self._poses, self._leaning = [], [], []
         return scan
 
     def _faulty(self, ranges: FloatArray) -> FloatArray:

@@ -1,6 +1,8 @@
 """A chair in a world, in lockstep: joystick lines in, stamped messages out, the same bytes for the same seed.
 
-The simulator stands where the cable does: it implements the bridge's `Lines`, and time passes only in `advance`. Truth
+Time passes only in `advance`. What holds the joystick lines is the board that was wired in: the shipped firmware, which
+gets the rider's stick and is commanded over its own cable. Without a board it is the rider, or whoever clips a
+laboratory supply to the lines by `drive`, as a calibration on the bench does. Truth
 (pose, twist, contacts, clearance, people) is for scores and reports; what drives the chair must not read it.
 """
 
@@ -16,6 +18,7 @@ import numpy as np
 from waychair.calibration.chair import ChairBody
 from waychair.config import Settings, setting
 from waychair.errors import ConfigError, WorldError
+from waychair.firmware_bridge.board import BoardInputs, HostBoard, at_rest
 from waychair.simulation.camera import Camera, CameraSettings
 from waychair.simulation.contact import (
     Contact,
@@ -39,6 +42,7 @@ from waychair.simulation.renderer import Renderer, camera_matrix, renderer_probl
 from waychair.simulation.scene import PersonState
 from waychair.simulation.slices import slice_at
 from waychair.simulation.sonar import Sonars, SonarSettings
+from waychair.simulation.tilted_rays import Leaning, terrain_of
 from waychair.simulation.world import World
 from waychair.topics import CAMERA, IMU, SONAR, WHEELS
 from waychair.types import ImuSample, JoystickInput, Pose2, RgbdFrame, Scan, SonarReadings, Twist, WheelTicks
@@ -108,10 +112,13 @@ class Simulator:
         self.rider = JoystickInput(0)
         self.now_ns = 0
         self.world = world
+        self.around_board: BoardInputs = at_rest()
         self.contact_reports: list[Contact] = []
         self._seed = seed
         self._step_ns = self.settings.plant.step_ms * 1_000_000
         self._lines: tuple[float, float] | None = None
+        self._board: HostBoard | None = None
+        self._board_volts = (0.0, 0.0)
         self._touching: set[ContactKind] = set()
         self._lidar = Lidar(self.settings.lidar, body, _stream(seed, 1))
         self._imu = Imu(self.settings.imu, _stream(seed, 2))
@@ -140,8 +147,24 @@ class Simulator:
         """Everybody on this level, now."""
         return self._people_now
 
+    def wire(self, board: HostBoard | None) -> None:
+        """Put a board between the rider's stick and the chair's lines, or take it out; it lives by this clock.
+
+        `around_board` says what else is around it (its reference line, the e-stop, a defect) and may be replaced.
+        """
+        self._board = board
+        if board is not None:
+            self.around_board = at_rest(board.settings.family)
+            self._step_board(board)
+
     def drive(self, forward_volts: float, turn_volts: float) -> None:
-        """Hold the lines at these volts (turn above neutral is right) until the next call of this or `release`."""
+        """Hold the lines at these volts (turn above neutral is right) until the next call of this or `release`.
+
+        Raises:
+            ValueError: the volts are not finite, or a board holds the lines.
+        """
+        if self._board is not None:
+            raise ValueError("a board holds the joystick lines: command it, or take it out with `wire(None)`")
         if not (math.isfinite(forward_volts) and math.isfinite(turn_volts)):
             raise ValueError(f"{forward_volts}, {turn_volts} V cannot be put on the lines: give finite volts")
         self._lines = (forward_volts, turn_volts)
@@ -221,6 +244,7 @@ class Simulator:
         self.world, self._solid = world, solid
         self._scenery = scenery_of(slice_at(world.blocks, self.body.laser_z))
         self._sonar_scenery = scenery_of(slice_at(world.blocks, self.settings.sonar.height))
+        self._terrain = terrain_of(world) if self.settings.plant_model == "mujoco" else None  # the other cannot tilt
         self._camera = self._camera_for(world)
         self._chair = _plant(world, pose, self.body, self.settings, self._plant_stream)
 
@@ -233,17 +257,27 @@ class Simulator:
         return Camera(camera, self.body.base_from_camera, _stream(self._seed, 5), renderer)
 
     def _step(self) -> None:
-        volts = self._lines
-        if volts is None:
-            volts = volts_from_joystick(self.settings.plant, self.rider.forward, self.rider.turn)
+        volts = self._lines or self._stick_volts()
         speed = abs(self._chair.twist.v)
-        free = self._chair.step(*volts, self._is_free)
+        free = self._chair.step(*(self._board_volts if self._board is not None else volts), self._is_free)
         self.now_ns += self._step_ns
+        if self._board is not None:
+            self._step_board(self._board)
         if self._people_now and self.now_ns % PEOPLE_STEP_NS == 0:
             self._people.step(PEOPLE_STEP_NS, self._chair.pose, self._chair.twist)
             self._people_now = self._people.states
             self._note_people(speed)
         self._note_contacts(free, speed)
+
+    def _stick_volts(self) -> tuple[float, float]:
+        return volts_from_joystick(self.settings.plant, self.rider.forward, self.rider.turn)
+
+    def _step_board(self, board: HostBoard) -> None:
+        """The board lives until now; what it leaves on the lines drives the chair from now on."""
+        forward, turn = (round(1000.0 * volts) for volts in self._stick_volts())
+        inputs = replace(self.around_board, joystick_forward_mv=forward, joystick_turn_mv=turn)
+        lines = board.step(self.now_ns // 1_000_000, inputs)
+        self._board_volts = lines.forward_mv / 1000.0, lines.turn_mv / 1000.0
 
     def _sense(self, messages: list[SensorMessage]) -> None:
         """Add what the sensors say after a step."""
@@ -254,7 +288,8 @@ class Simulator:
             messages.append(WheelTicks(now_ns, *self._ticks()))
         if self._is_due(settings.sonar.rate_hz):
             messages.append(self._sonars.read(self._sonar_scenery, chair.pose, self._people_now, now_ns))
-        scan = self._lidar.step(self._scenery, chair.pose, self._people_now, now_ns)
+        leaning = Leaning(self._terrain, chair.pose3) if self._terrain is not None else None
+        scan = self._lidar.step(self._scenery, chair.pose, self._people_now, now_ns, leaning)
         if scan is not None:
             messages.append(scan)
         if self._camera is not None and self._is_due(settings.camera.rate_hz):

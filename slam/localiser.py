@@ -1,17 +1,29 @@
-"""Where the chair is on a saved map: odometry between scans, each scan matched against the map's walls."""
+"""Where the chair is on a saved map: odometry between scans, each scan matched against the map's walls.
+
+A localiser that knows where it is follows; one that does not, because it was never told, or because what it sees has
+stopped fitting, looks for itself over the whole map (`waychair.slam.recovery`) and says LOST until one place stands
+alone. What it publishes moves smoothly: while it follows, `map_from_odom` changes by a little per scan at most.
+"""
 
 from __future__ import annotations
 
+import enum
+import math
+from collections import deque
 from dataclasses import dataclass, field
 
 import numpy as np
 from scipy.spatial import cKDTree
 
 from waychair.config import Settings, setting
+from waychair.geometry import wrap_angle
 from waychair.maps.grid import occupied, points_from_cells
+from waychair.slam.beam_model import HealthSettings, beam_classes, beam_map, log_odds
+from waychair.slam.recovery import Candidate, Recovery, RecoveryParts, RecoverySettings, SavedMap
 from waychair.slam.reference import reference_from_points
-from waychair.slam.scan_matching import MatchSettings, Window, match
-from waychair.slam.scan_points import scan_points
+from waychair.slam.relocaliser import RelocaliserSettings, pyramid_from_grid
+from waychair.slam.scan_matching import Match, MatchSettings, Window, match
+from waychair.slam.scan_points import MIN_POINTS, ScanPoints, scan_points
 from waychair.types import FloatArray, OccupancyGrid, Pose2, Scan, Twist
 
 
@@ -21,55 +33,171 @@ class LocaliserSettings(Settings):
 
     search_distance: float = setting(0.25, "m", "half window of the search round the odometry", low=0.05, high=5.0)
     search_angle: float = setting(0.15, "rad", "half window of the search round the odometry", low=0.02, high=3.1)
+    start_distance: float = setting(0.75, "m", "half window of the search round a given start", low=0.05, high=5.0)
+    start_angle: float = setting(0.4, "rad", "half window of the search round a given start", low=0.02, high=3.1)
     position_noise: float = setting(0.03, "m", "trust in the odometry since the last scan", low=0.001, high=1.0)
     angle_noise: float = setting(0.02, "rad", "trust in the odometry since the last scan", low=0.001, high=1.0)
-    ok_inliers: float = setting(0.5, "", "share of points on the map's walls when all is well", low=0.0, high=1.0)
-    lost_inliers: float = setting(0.25, "", "below this share the scan says nothing about the pose", low=0.0, high=1.0)
-    lost_scans: int = setting(5, "", "so many scans in a row that say nothing: lost", low=1, high=1000)
+    ok_health: float = setting(0.9, "", "least health when all is well", low=0.0, high=1.0)
+    lost_health: float = setting(0.5, "", "a scan with a health below this does not fit the map", low=0.0, high=1.0)
+    lost_scans: int = setting(5, "", "so many scans in a row that do not fit: lost", low=1, high=1000)
+    surprise_distance: float = setting(0.15, "m", "a larger correction contradicts the odometry", low=0.01, high=5.0)
+    surprise_angle: float = setting(0.1, "rad", "a larger correction contradicts the odometry", low=0.01, high=3.1)
+    surprises: int = setting(
+        3, "", "contradictions among the last 10 scans: the chair was moved by hand", low=1, high=10
+    )
+    degraded_way: float = setting(4.0, "m", "way driven in doubt after which the chair is lost", low=0.1, high=100.0)
+    step_distance: float = setting(0.05, "m", "most that map_from_odom moves the chair per scan", low=0.001, high=10.0)
+    step_angle: float = setting(0.05, "rad", "most that map_from_odom turns the chair per scan", low=0.001, high=3.2)
     max_points: int = setting(360, "", "points of a scan that are matched", low=20, high=10_000)
     matching: MatchSettings = field(default_factory=MatchSettings)
+    health: HealthSettings = field(default_factory=HealthSettings)
+    search: RelocaliserSettings = field(default_factory=RelocaliserSettings)
+    recovery: RecoverySettings = field(default_factory=RecoverySettings)
+
+
+class LocalisationState(enum.Enum):
+    """Whether the pose can be driven by: yes; yes, but what is seen fits badly; no."""
+
+    OK = "ok"
+    DEGRADED = "degraded"
+    LOST = "lost"
 
 
 @dataclass(frozen=True, slots=True)
 class Localisation:
-    """Pose at a scan, the share of its points on the map's walls, and whether the chair still knows where it is."""
+    """Pose at a scan and how far it can be trusted.
+
+    `map_from_base` = `map_from_odom` @ the odometry. `inliers`: share of the scan's points on the map's walls. `health`
+    in [0, 1]: probability that the pose is within 0.3 m and 5 degrees of the truth. `covariance` (3, 3) of the pose
+    [m^2, m rad, rad^2] in the map frame, None while nothing fits. `remaining` is the correction still to come, in the
+    base frame: map_from_base @ remaining is where the scans say the chair is. `jumped`: this time the pose was moved at
+    once, because the chair has just found out where it is. `candidates`: places a lost chair may be at, best first.
+    """
 
     map_from_base: Pose2
     map_from_odom: Pose2
     inliers: float
-    lost: bool
+    state: LocalisationState
+    health: float
+    covariance: FloatArray | None = None
+    remaining: Pose2 = field(default_factory=Pose2)
+    jumped: bool = False
+    candidates: tuple[Candidate, ...] = ()
+
+    @property
+    def lost(self) -> bool:
+        """Whether the pose must not be driven by."""
+        return self.state is LocalisationState.LOST
 
 
 class Localiser:
-    """Follows the chair on a map from a known start."""
+    """Follows the chair on a map, from a known start or from nowhere."""
 
-    def __init__(self, grid: OccupancyGrid, base_from_laser: Pose2, start: Pose2, settings: LocaliserSettings) -> None:
-        points, normals = walls(grid)
+    def __init__(
+        self, grid: OccupancyGrid, base_from_laser: Pose2, start: Pose2 | None, settings: LocaliserSettings
+    ) -> None:
+        """`start` is a pose in the map, known to the settings' start window, or None: then the chair finds itself."""
         matching = settings.matching
-        self._reference = reference_from_points(points, normals, matching.resolution, matching.sigma)
-        self._base_from_laser = base_from_laser
-        self._settings = settings
-        self._start: Pose2 | None = start
-        self._map_from_odom = Pose2()
-        self._silent_scans = 0
+        reference = reference_from_points(*walls(grid), matching.resolution, matching.sigma)
+        self._saved = SavedMap(reference, beam_map(grid), pyramid_from_grid(grid, settings.search))
+        self._base_from_laser, self._settings = base_from_laser, settings
+        self._parts = RecoveryParts(settings.recovery, settings.search, settings.health, matching)
+        self._sensor = np.array([base_from_laser.x, base_from_laser.y])
+        self._estimate = self._published = Pose2()  # map_from_odom as the scans say, and as it is given out
+        self.restart(start)
+
+    def restart(self, start: Pose2 | None) -> None:
+        """Begin anew at a pose that the rider gives, or with no idea where (None)."""
+        self._start = start
+        self._state = LocalisationState.LOST if start is None else LocalisationState.DEGRADED
+        self._recovery = Recovery(self._saved, self._sensor, self._parts)
+        self._silent_scans, self._doubtful_way = 0, 0.0
+        self._surprises: deque[bool] = deque(maxlen=10)
+        self._last_odometry: Pose2 | None = None
 
     def process(self, scan: Scan, odom_from_base: Pose2, twist: Twist | None = None) -> Localisation:
-        """Corrects `map_from_odom` by a scan that began where the odometry says `odom_from_base`, at this twist."""
-        settings = self._settings
+        """Pose at a scan that began where the odometry says `odom_from_base`, at this twist."""
+        points = scan_points(scan, self._base_from_laser, self._settings.matching.range_max, twist)
+        if self._state is LocalisationState.LOST:
+            return self._look(points, odom_from_base)
+        return self._follow(points, odom_from_base)
+
+    def _look(self, scan: ScanPoints, odom_from_base: Pose2) -> Localisation:
+        """One scan of a chair that is lost."""
+        pose = self._recovery.process(scan, odom_from_base)
+        health = self._recovery.probability()
+        candidates = self._recovery.candidates
+        if pose is None:
+            here = self._published @ odom_from_base
+            return Localisation(here, self._published, 0.0, self._state, 0.0, candidates=candidates)
+        self.restart(pose)
+        self._start, self._state, self._last_odometry = None, LocalisationState.OK, odom_from_base
+        self._estimate = self._published = pose @ odom_from_base.inverse()
+        return Localisation(pose, self._published, 1.0, self._state, health, jumped=True, candidates=candidates)
+
+    def _follow(self, scan: ScanPoints, odom_from_base: Pose2) -> Localisation:
+        """One scan of a chair that knows where it is."""
+        settings, starts = self._settings, self._start is not None
         if self._start is not None:
-            self._map_from_odom, self._start = self._start @ odom_from_base.inverse(), None
-        guess = self._map_from_odom @ odom_from_base
-        points = scan_points(scan, self._base_from_laser, settings.matching.range_max, twist)
-        points = points.thinned(settings.max_points)
+            self._estimate, self._start = self._start @ odom_from_base.inverse(), None
+        guess = self._estimate @ odom_from_base
+        found, health = self._matched(scan, guess, starts)
+        correction = guess.inverse() @ found.pose
+        fits = health >= settings.lost_health
+        self._surprises.append(fits and not starts and self._surprising(correction))
+        if fits:
+            self._estimate = found.pose @ odom_from_base.inverse()
+        self._note(odom_from_base, fits, health)
+        if starts:
+            self._published = self._estimate
+        here = self._approach(odom_from_base)
+        remaining = here.inverse() @ (self._estimate @ odom_from_base)
+        covariance = found.covariance if fits else None
+        return Localisation(here, self._published, found.inliers, self._state, health, covariance, remaining, starts)
+
+    def _matched(self, scan: ScanPoints, guess: Pose2, starts: bool) -> tuple[Match, float]:
+        """The best fit near the guess, and the probability that it is right."""
+        settings = self._settings
         trust = np.diag([settings.position_noise**-2, settings.position_noise**-2, settings.angle_noise**-2])
         window = Window(settings.search_distance, settings.search_angle)
-        found = match(points, self._reference, guess, trust, window, settings.matching)
-        if found.inliers < settings.lost_inliers:
-            self._silent_scans += 1
-            return Localisation(guess, self._map_from_odom, found.inliers, self._silent_scans >= settings.lost_scans)
-        self._silent_scans = 0 if found.inliers >= settings.ok_inliers else self._silent_scans
-        self._map_from_odom = found.pose @ odom_from_base.inverse()
-        return Localisation(found.pose, self._map_from_odom, found.inliers, False)
+        if starts:
+            trust, window = np.eye(3), Window(settings.start_distance, settings.start_angle)
+        found = match(scan.thinned(settings.max_points), self._saved.reference, guess, trust, window, settings.matching)
+        if len(scan) < MIN_POINTS:
+            return found, 0.0
+        sensors = np.broadcast_to(self._sensor, scan.points.shape)
+        shares = beam_classes(scan.points, np.ascontiguousarray(sensors), found.pose.array(), self._saved.beams)
+        odds = float(np.clip(log_odds(shares, settings.health)[0], -50.0, 50.0))
+        return found, 1.0 / (1.0 + math.exp(-odds))
+
+    def _surprising(self, correction: Pose2) -> bool:
+        settings = self._settings
+        moved = math.hypot(correction.x, correction.y)
+        return moved > settings.surprise_distance or abs(correction.theta) > settings.surprise_angle
+
+    def _note(self, odom_from_base: Pose2, fits: bool, health: float) -> None:
+        """What this scan does to the state."""
+        settings = self._settings
+        step = Pose2() if self._last_odometry is None else self._last_odometry.inverse() @ odom_from_base
+        self._last_odometry = odom_from_base
+        self._silent_scans = 0 if fits else self._silent_scans + 1
+        well = health >= settings.ok_health and not any(self._surprises)
+        self._doubtful_way = 0.0 if well else self._doubtful_way + math.hypot(step.x, step.y)
+        self._state = LocalisationState.OK if well else LocalisationState.DEGRADED
+        contradicted = sum(self._surprises) >= settings.surprises
+        if self._silent_scans >= settings.lost_scans or contradicted or self._doubtful_way > settings.degraded_way:
+            self.restart(None)
+
+    def _approach(self, odom_from_base: Pose2) -> Pose2:
+        """Moves what is published a step towards what the scans say; returns the published `map_from_base`."""
+        settings = self._settings
+        here = self._published @ odom_from_base
+        gap = here.inverse() @ (self._estimate @ odom_from_base)
+        away = math.hypot(gap.x, gap.y)
+        share = min(1.0, settings.step_distance / max(away, 1e-9), settings.step_angle / max(abs(gap.theta), 1e-9))
+        here = here @ Pose2(share * gap.x, share * gap.y, share * wrap_angle(gap.theta))
+        self._published = here @ odom_from_base.inverse()
+        return here
 
 
 def walls(grid: OccupancyGrid) -> tuple[FloatArray, FloatArray]:

@@ -39,9 +39,6 @@ class LoopSettings(Settings):
     query_scans: int = setting(6, "", "latest key scans that are matched together", low=1, high=50)
     min_response: float = setting(0.5, "", "least mean likelihood", low=0.0, high=1.0)
     min_inliers: float = setting(0.7, "", "least share of points on the reference's surfaces", low=0.0, high=1.0)
-    max_chi_square: float = setting(
-        16.3, "", "a loop that fits the optimised graph worse is taken out (99.9 % of 3 dof)", low=1.0, high=1e6
-    )
     max_ambiguity: float = setting(0.9, "", "largest runner-up response over the winner's", low=0.0, high=1.0)
 
 

@@ -12,12 +12,13 @@ from dataclasses import dataclass, field
 import numpy as np
 
 from waychair.config import Settings, setting
-from waychair.geometry import compose, interpolate, pose_from_array, rotation, transform_points
-from waychair.slam.graph import Edge, EdgeKind, GraphSettings, chi_square, optimise
+from waychair.geometry import compose, interpolate, rotation
+from waychair.slam.graph import Edge, EdgeKind, GraphSettings, Rejected
+from waychair.slam.key_graph import KeyGraph
 from waychair.slam.loop_closure import Candidate, LoopSettings, candidates
-from waychair.slam.reference import Reference, reference_from_scans
+from waychair.slam.reference import Reference
 from waychair.slam.scan_matching import MatchSettings, Window, correlative_search, match, refine
-from waychair.slam.scan_points import MIN_POINTS, ScanPoints, ScanStore, scan_points
+from waychair.slam.scan_points import MIN_POINTS, ScanPoints, scan_points
 from waychair.types import FloatArray, Odometry, Pose2, SensorFrame, Trajectory, Twist
 
 
@@ -27,6 +28,12 @@ class MapperSettings(Settings):
 
     key_distance: float = setting(0.2, "m", "distance between key scans", low=0.0, high=5.0)
     key_angle: float = setting(math.radians(10), "rad", "turn between key scans", low=0.0, high=math.pi)
+    cover_distance: float = setting(0.3, "m", "an earlier key scan this near stands for a new one", low=0.0, high=5.0)
+    cover_angle: float = setting(math.radians(15), "rad", "the same for the heading", low=0.0, high=math.pi)
+    cover_way: float = setting(1.5, "m", "if the way there along the edges is shorter", low=0.0, high=50.0)
+    covered_scans: int = setting(
+        3, "", "latest scans that are kept for the grid beside each key scan that stands for them", low=1, high=100
+    )
     running_scans: int = setting(40, "", "latest key scans a new one is matched against", low=1, high=1000)
     running_reach: float = setting(12.0, "m", "size of the reference round the chair", low=2.0, high=60.0)
     odometry_distance_noise: float = setting(0.1, "m/m", "standard deviation per metre driven", low=1e-4, high=1.0)
@@ -42,6 +49,9 @@ class MapperSettings(Settings):
     slip_distance: float = setting(1.2, "m", "half window where the odometry may have slipped", low=0.05, high=10.0)
     slip_angle: float = setting(0.6, "rad", "half window where the odometry may have slipped", low=0.02, high=3.1)
     min_inliers: float = setting(0.3, "", "a match with fewer points on surfaces is not used", low=0.0, high=1.0)
+    track_inliers: float = setting(
+        0.5, "", "between key scans a scan with fewer points on surfaces leaves it to the odometry", low=0.0, high=1.0
+    )
     matching: MatchSettings = field(default_factory=MatchSettings)
     loops: LoopSettings = field(default_factory=LoopSettings)
     graph: GraphSettings = field(default_factory=GraphSettings)
@@ -52,118 +62,146 @@ class MapperResult:
     """What a recording became.
 
     `trajectory` has one pose per frame, in the order of the input; key scan k stands at `key_poses[k]` (N, 3) and is
-    the scan of frame `key_frames[k]`; `counts` and `seconds` (CPU) by stage are for the report.
+    the scan of frame `key_frames[k]`. The grid is to be drawn from `scan_frames`: the key scans and the latest scans
+    that they stood for, in their order in time. `counts` and `seconds` (CPU) by stage are for the report.
     """
 
     trajectory: Trajectory
     key_poses: FloatArray
     key_frames: tuple[int, ...]
+    scan_frames: tuple[int, ...]
     edges: tuple[Edge, ...]
+    rejected: tuple[Rejected, ...]
     counts: dict[str, int]
     seconds: dict[str, float]
 
 
+@dataclass(frozen=True, slots=True)
+class HungFrame:
+    """A frame hangs on a key scan and moves with it: its stamp, the key scan, and where it is from there."""
+
+    stamp_ns: int
+    key: int
+    key_from_base: Pose2
+
+
 class Mapper:
-    """Graph SLAM over key scans; feed it frames in the order of the recording, then ask for the `result`."""
+    """Graph SLAM over key scans; feed it frames in the order of the recording, then ask for the `result`.
+
+    Every frame is drawn onto the surfaces of the key scans round it; every 0.2 m or 10 degrees it is matched with care.
+    It becomes a key scan itself only where no earlier one stands for it: the graph grows with the building, not with
+    the time spent in it.
+    """
 
     def __init__(self, settings: MapperSettings, base_from_laser: Pose2) -> None:
         self.settings = settings
         self.base_from_laser = base_from_laser
-        self.store = ScanStore()
-        self.poses = np.empty((0, 3))
-        self.edges: list[Edge] = []
+        self.keys = KeyGraph(settings.graph)
+        self.frames: list[HungFrame] = []
+        self.key_frames: list[int] = []
+        self.covered_frames: list[list[int]] = []  # of each key scan: the latest frames that it stood for
         self.counts: Counter[str] = Counter()
         self.seconds: defaultdict[str, float] = defaultdict(float)
-        self._key_frames: list[int] = []
-        self._key_odometry: list[Pose2] = []
-        self._frames: list[tuple[int, int, Pose2]] = []  # stamp_ns, key scan, key_from_base by odometry
-        self._since_search = math.inf
+        self._visited: list[int] = []  # latest key scans that the chair was at; the frames hang on the last one
+        self._reference: Reference | None = None
+        self._odometry: Pose2 | None = None
         self._motion = Pose2()
+        self._anchored = Pose2()  # where the chair was in `here` when it was last matched with care
+        self._reckoned = Pose2()  # where the odometry alone puts it since then
+        self._loose = 0  # frames since the last one that its scan has placed
+        self._since_search = math.inf
 
     def process(self, frame: SensorFrame) -> Pose2:
         """`map_from_base` at the stamp of the frame's scan."""
-        assert frame.scan is not None
-        odometry = self._reckon(frame)  # where the wheels say the chair is
-        key_from_base = self._key_odometry[-1].inverse() @ odometry if self._key_odometry else Pose2()
-        if not self._is_key(key_from_base):
-            return self._remember(frame, key_from_base)
+        last_from_base = self._reckon(frame)  # how far the wheels say the chair went
         scan = self._points(frame)
-        edge = self._match(scan, key_from_base)  # where the scan says it is
-        self._add(frame, scan, odometry, edge)
-        closed = [self._close(candidate) for candidate in self._candidates()]  # has it been here before?
-        if any(closed):
-            self._optimise()
-        return pose_from_array(self.poses[-1])
+        here_from_base = self._track(scan, last_from_base)  # where the scan says that is
+        if self._is_far(here_from_base):
+            edge = self._match(scan, here_from_base)  # the same with care, every few steps
+            if not self._is_covered(frame, edge):
+                self._add(frame, scan, edge)  # a place not seen before from here
+                self._close_loops()  # or was it?
+        else:
+            self._hang(frame, here_from_base)
+        return self.pose()
+
+    def pose(self) -> Pose2:
+        """`map_from_base` of the latest frame."""
+        last = self.frames[-1]
+        return self.keys.pose(last.key) @ last.key_from_base
 
     def result(self) -> MapperResult:
         """The map so far, its graph optimised once more."""
-        self._optimise()
+        with self._timed("optimisation"):
+            self.keys.finish()
+        stamps = np.array([frame.stamp_ns for frame in self.frames], np.int64)
+        keys = np.array([frame.key for frame in self.frames], np.int64)
+        key_from_base = np.array([frame.key_from_base.array() for frame in self.frames])
         return MapperResult(
-            self._trajectory(),
-            self.poses.copy(),
-            tuple(self._key_frames),
-            tuple(self.edges),
+            Trajectory(stamps, compose(self.keys.poses[keys], key_from_base)),
+            self.keys.poses.copy(),
+            tuple(self.key_frames),
+            tuple(sorted(self.key_frames + [frame for latest in self.covered_frames for frame in latest])),
+            self.keys.edges,
+            self.keys.rejected,
             dict(self.counts),
             dict(self.seconds),
         )
 
     def _reckon(self, frame: SensorFrame) -> Pose2:
-        """`odom_from_base` of the frame: its own odometry, else the last motion repeated and matched."""
+        """`last_from_base`: the motion since the frame before by the odometry, else the last motion once more."""
         self.counts["frames"] += 1
         own = [reading for reading in frame.wheels if isinstance(reading, Odometry)]
-        if own:
-            return own[-1].odom_from_base
-        if not self._key_odometry:
-            return Pose2()
-        assert frame.scan is not None
-        _, key, key_from_last = self._frames[-1]
-        guess = pose_from_array(self.poses[key]) @ key_from_last @ self._motion
-        settings = self.settings
-        found = match(
-            self._points(frame), self._running(guess), guess, np.diag([1.0, 1.0, 1.0]),
-            Window(settings.search_distance, settings.search_angle), settings.matching,
-        )  # fmt: skip
-        pose = found.pose if found.inliers >= settings.min_inliers else guess
-        key_from_base = pose_from_array(self.poses[key]).inverse() @ pose
-        self._motion = key_from_last.inverse() @ key_from_base
-        return self._key_odometry[-1] @ key_from_base
-
-    def _is_key(self, key_from_base: Pose2) -> bool:
-        if not self._key_odometry:
-            return True
-        distance = math.hypot(key_from_base.x, key_from_base.y)
-        return distance >= self.settings.key_distance or abs(key_from_base.theta) >= self.settings.key_angle
-
-    def _remember(self, frame: SensorFrame, key_from_base: Pose2) -> Pose2:
-        key = len(self.poses) - 1
-        self._frames.append((frame.stamp_ns, key, key_from_base))
-        return pose_from_array(self.poses[key]) @ key_from_base
+        if not own:
+            return self._motion
+        before, self._odometry = self._odometry, own[-1].odom_from_base
+        return Pose2() if before is None else before.inverse() @ self._odometry
 
     def _points(self, frame: SensorFrame) -> ScanPoints:
         assert frame.scan is not None
         with self._timed("points"):
             return scan_points(frame.scan, self.base_from_laser, self.settings.matching.range_max, twist_of(frame))
 
-    def _running(self, guess: Pose2) -> Reference:
-        """The surfaces of the latest key scans round the chair."""
-        members = np.arange(max(0, len(self.poses) - self.settings.running_scans), len(self.poses))
-        near = np.hypot(*(self.poses[members, :2] - (guess.x, guess.y)).T) < self.settings.running_reach
-        matching = self.settings.matching
-        return reference_from_scans(
-            self.store, self.poses, members[near], guess.array(), self.settings.running_reach, matching.resolution,
-            matching.sigma,
-        )  # fmt: skip
+    def _track(self, scan: ScanPoints, last_from_base: Pose2) -> Pose2:
+        """Where the frame is beside the key scan it hangs on: the odometry, drawn onto the surfaces."""
+        if not self.frames:
+            return Pose2()
+        with self._timed("tracking"):
+            settings, key, last = self.settings, self.keys.pose(self._here), self.frames[-1].key_from_base
+            self._reckoned = self._reckoned @ last_from_base
+            guess = key @ last @ last_from_base
+            if self._odometry is not None:
+                prior = _turned(self._odometry_information(last_from_base), guess.theta)
+                pose, _, inliers, _ = refine(scan, self._running(), guess, guess, prior, settings.matching)
+            else:
+                window = Window(settings.search_distance, settings.search_angle)
+                found = match(scan, self._running(), guess, np.eye(3), window, settings.matching)
+                pose, inliers = found.pose, found.inliers
+            placed = len(scan) >= MIN_POINTS and inliers >= settings.track_inliers
+            self._loose = 0 if placed else self._loose + 1
+            here_from_base = key.inverse() @ pose if placed else last @ last_from_base
+            self._motion = last.inverse() @ here_from_base
+            if self._odometry is None:
+                self._reckoned = here_from_base
+            return here_from_base
 
-    def _match(self, scan: ScanPoints, key_from_base: Pose2) -> Edge | None:
-        """Edge from the last key scan to the new one: odometry, improved by the match where the scan can tell."""
-        if not len(self.poses):
+    def _is_far(self, here_from_base: Pose2) -> bool:
+        """Whether the chair went far enough since it was last matched with care."""
+        moved = self._anchored.inverse() @ here_from_base
+        distance, turn = math.hypot(moved.x, moved.y), abs(moved.theta)
+        return not self.frames or distance >= self.settings.key_distance or turn >= self.settings.key_angle
+
+    def _match(self, scan: ScanPoints, here_from_base: Pose2) -> Edge | None:
+        """Edge from the key scan the chair hangs on to where it is: odometry, improved where the scan can tell."""
+        if not self.frames:
             return None
         with self._timed("matching"):
-            settings, node = self.settings, len(self.poses)
-            guess = pose_from_array(self.poses[-1]) @ key_from_base
-            prior = _turned(self._odometry_information(key_from_base), guess.theta)
+            settings, here, node = self.settings, self._here, len(self.keys)
+            guess = self.keys.pose(here) @ here_from_base
+            by_odometry = self._odometry_information(self._anchored.inverse() @ self._reckoned)
+            prior = _turned(by_odometry, guess.theta)
             window = Window(settings.search_distance, settings.search_angle)
-            reference = self._running(guess)
+            reference = self._running()
             found = match(scan, reference, guess, prior, window, settings.matching)
             if found.response < settings.good_response:  # the odometry slipped, or this place is new
                 window = Window(settings.slip_distance, settings.slip_angle)
@@ -172,45 +210,97 @@ class Mapper:
                     found, prior = wide, prior / 100
                     self.counts["slips"] += 1
             if len(scan) < MIN_POINTS or found.inliers < settings.min_inliers:
-                own = self._odometry_information(key_from_base)
-                return Edge(node - 1, node, key_from_base, own, EdgeKind.ODOMETRY)
+                return Edge(here, node, here_from_base, by_odometry, EdgeKind.ODOMETRY)
             self.counts["matches"] += 1
             information = _turned(self._floored(found.information) + prior, -found.pose.theta)
-            return Edge(node - 1, node, self._from_node(node - 1, found.pose), information, EdgeKind.MATCH)
+            return Edge(here, node, self._from_node(here, found.pose), information, EdgeKind.MATCH)
 
-    def _add(self, frame: SensorFrame, scan: ScanPoints, odometry: Pose2, edge: Edge | None) -> None:
-        pose = Pose2()
+    def _is_covered(self, frame: SensorFrame, edge: Edge | None) -> bool:
+        """Hangs the frame on an earlier key scan that saw what is to be seen from here, if there is one."""
+        if edge is None or edge.kind is EdgeKind.ODOMETRY:
+            return False
+        settings, here = self.settings, self._here
+        pose = self.keys.pose(here) @ edge.i_from_j
+        key = self.keys.covering(here, pose, settings.cover_way, settings.cover_distance, settings.cover_angle)
+        if key is None:
+            return False
+        self.counts["covered"] += 1
+        self._share_out(edge.i_from_j)
+        self.covered_frames[key] = [*self.covered_frames[key], len(self.frames)][-settings.covered_scans :]
+        self._arrive(key, self._from_node(key, pose))
+        self._hang(frame, self._anchored)
+        return True
+
+    def _add(self, frame: SensorFrame, scan: ScanPoints, edge: Edge | None) -> None:
         if edge is not None:
-            pose = pose_from_array(self.poses[-1]) @ edge.i_from_j
-            self.edges.append(edge)
+            self._share_out(edge.i_from_j)
             self._since_search += math.hypot(edge.i_from_j.x, edge.i_from_j.y)
-        self.poses = np.concatenate([self.poses, pose.array()[None]])
-        self.store.append(scan)
-        self._key_frames.append(len(self._frames))
-        self._key_odometry.append(odometry)
-        self._frames.append((frame.stamp_ns, len(self.poses) - 1, Pose2()))
         self.counts["key_scans"] += 1
+        self.key_frames.append(len(self.frames))
+        self.covered_frames.append([])
+        self._arrive(self.keys.add(scan, edge), Pose2())
+        self._hang(frame, Pose2())
+
+    def _arrive(self, key: int, key_from_base: Pose2) -> None:
+        """From now on the frames hang on this key scan."""
+        if not self._visited or key != self._here:
+            before = [node for node in self._visited if node != key]
+            self._visited = [*before, key][-self.settings.running_scans :]
+            self._reference = None
+        self._anchored = self._reckoned = key_from_base
+
+    def _hang(self, frame: SensorFrame, here_from_base: Pose2) -> None:
+        self.frames.append(HungFrame(frame.stamp_ns, self._here, here_from_base))
+
+    def _share_out(self, here_from_base: Pose2) -> None:
+        """Spreads what a match corrected over the frames before it that only the odometry has placed."""
+        loose, self._loose = self._loose, 0
+        if loose < 2:
+            return
+        reached = self.frames[-1].key_from_base @ self._motion
+        gap = reached.inverse() @ here_from_base
+        for k in range(1, loose):
+            frame = self.frames[k - loose]
+            moved = frame.key_from_base @ interpolate(Pose2(), gap, k / loose)
+            self.frames[k - loose] = HungFrame(frame.stamp_ns, frame.key, moved)
+
+    @property
+    def _here(self) -> int:
+        return self._visited[-1]
+
+    def _running(self) -> Reference:
+        """The surfaces of the latest key scans round the chair."""
+        if self._reference is None:
+            here, members = self.keys.poses[self._here], np.sort(self._visited)
+            near = np.hypot(*(self.keys.poses[members, :2] - here[:2]).T) < self.settings.running_reach
+            self._reference = self.keys.reference(
+                members[near], here, self.settings.running_reach, self.settings.matching
+            )
+        return self._reference
+
+    def _close_loops(self) -> None:
+        """Whether the chair was here before, and the graph bent accordingly."""
+        closed = [self._close(candidate) for candidate in self._candidates()]
+        if any(closed):
+            self._optimise()
 
     def _candidates(self) -> tuple[Candidate, ...]:
-        if self._since_search < self.settings.loops.spacing or len(self.poses) < 2:
+        if self._since_search < self.settings.loops.spacing or len(self.keys) < 2:
             return ()
         self._since_search = 0.0
         with self._timed("loops"):
-            recent = len(self.poses) - self.settings.running_scans
-            return candidates(self.poses, self.edges, recent, self.settings.loops)
+            recent = len(self.keys) - self.settings.running_scans
+            return candidates(self.keys.poses, self.keys.edges, recent, self.settings.loops)
 
     def _close(self, candidate: Candidate) -> bool:
         """Whether the latest key scans, taken together, fit the candidate's surfaces at one pose only."""
         with self._timed("loops"):
             self.counts["loops_tried"] += 1
-            loops, matching, node = self.settings.loops, self.settings.matching, len(self.poses) - 1
-            guess = pose_from_array(self.poses[-1])
-            query = self._query(guess)
+            loops, matching, node = self.settings.loops, self.settings.matching, len(self.keys) - 1
+            guess = self.keys.pose(node)
+            query = self.keys.joined(self._visited[-loops.query_scans :], guess, 0.1)
             reach = candidate.window + loops.chain_reach + self.settings.running_reach
-            reference = reference_from_scans(
-                self.store, self.poses, candidate.members, self.poses[candidate.nearest], reach,
-                matching.resolution, matching.sigma,
-            )  # fmt: skip
+            reference = self.keys.reference(candidate.members, self.keys.poses[candidate.nearest], reach, matching)
             window = Window(candidate.window, candidate.angle)
             coarse, response = correlative_search(
                 query.points, reference, guess, window, matching, floor=loops.min_response
@@ -226,44 +316,21 @@ class Mapper:
                 self.counts["loops_rejected"] += 1
                 return False
             information = _turned(self._floored(information), -pose.theta)
-            self.edges.append(
+            self.keys.link(
                 Edge(candidate.nearest, node, self._from_node(candidate.nearest, pose), information, EdgeKind.LOOP)
             )
             self.counts["loops_closed"] += 1
             return True
 
-    def _query(self, base: Pose2) -> ScanPoints:
-        """The latest key scans in the frame of the last one, thinned to one point per reference cell."""
-        points, normals = [], []
-        for node in range(max(0, len(self.poses) - self.settings.loops.query_scans), len(self.poses)):
-            base_from_node = base.inverse() @ pose_from_array(self.poses[node])
-            scan = self.store[node]
-            points.append(transform_points(base_from_node, scan.points))
-            normals.append(scan.normals @ rotation(base_from_node.theta).T)
-        every, facing = np.concatenate(points), np.concatenate(normals)
-        _, first = np.unique(np.floor(every / 0.1).astype(np.int64), axis=0, return_index=True)
-        return ScanPoints(np.ascontiguousarray(every[first]), np.ascontiguousarray(facing[first]))
-
     def _optimise(self) -> None:
-        """Spreads the loops over the graph; a loop that the rest of the graph contradicts is taken out again."""
-        if all(edge.kind is not EdgeKind.LOOP for edge in self.edges):
-            return
+        """Spreads the loops over the graph."""
         with self._timed("optimisation"):
             self.counts["optimisations"] += 1
-            limit = self.settings.loops.max_chi_square
-            poses = optimise(self.poses, self.edges, self.settings.graph)
-            refuted = (chi_square(poses, self.edges) > limit).tolist()
-            sound = [
-                edge for edge, bad in zip(self.edges, refuted, strict=True) if not bad or edge.kind is not EdgeKind.LOOP
-            ]
-            if len(sound) < len(self.edges):
-                self.counts["loops_refuted"] += len(self.edges) - len(sound)
-                self.edges = sound
-                poses = optimise(self.poses, self.edges, self.settings.graph)
-            self.poses = poses
+            self.keys.settle()
+            self._reference = None
 
     def _from_node(self, node: int, pose: Pose2) -> Pose2:
-        return pose_from_array(self.poses[node]).inverse() @ pose
+        return self.keys.pose(node).inverse() @ pose
 
     def _odometry_information(self, motion: Pose2) -> FloatArray:
         """(3, 3) information of a motion by the wheels, in its own frame."""
@@ -278,25 +345,6 @@ class Mapper:
         s = self.settings
         floor = np.diag([s.match_position_noise**2, s.match_position_noise**2, s.match_angle_noise**2])
         return np.linalg.inv(np.linalg.inv(information + 1e-6 * np.eye(3)) + floor)
-
-    def _trajectory(self) -> Trajectory:
-        """Poses of all frames: by odometry from their key scan, the gap to the next key scan shared out evenly."""
-        stamps = np.array([stamp for stamp, _, _ in self._frames], np.int64)
-        keys = np.array([key for _, key, _ in self._frames], np.int64)
-        by_odometry = np.array([pose.array() for _, _, pose in self._frames])
-        poses = compose(self.poses[keys], by_odometry)
-        for key in range(len(self.poses) - 1):
-            low, high = self._key_frames[key], self._key_frames[key + 1]
-            if high - low < 2:
-                continue
-            reached = pose_from_array(self.poses[key]) @ (
-                self._key_odometry[key].inverse() @ self._key_odometry[key + 1]
-            )
-            gap = reached.inverse() @ pose_from_array(self.poses[key + 1])
-            for frame in range(low + 1, high):
-                share = interpolate(Pose2(), gap, (frame - low) / (high - low))
-                poses[frame] = (pose_from_array(poses[frame]) @ share).array()
-        return Trajectory(stamps, poses)
 
     @contextmanager
     def _timed(self, stage: str) -> Iterator[None]:

@@ -1,59 +1,352 @@
-"""Dead reckoning from the drive wheels' encoders."""
+"""Dead reckoning: a Kalman filter over drive wheels and gyro, and over measured motions where somebody matches scans.
+
+The gyro leads the turn wherever there is one, and the wheels' turn is a measurement of it, whose innovations teach the
+gyro's bias and the wheels' constants, and show slip. Wheels that stand still say that the chair does not turn, so that
+all that the gyro reads is bias (zero-velocity update; Skog et al., IEEE T-BME 2010). The state and its motion are those
+of `odometry_model`; filterpy carries the filter.
+"""
 
 from __future__ import annotations
 
 import math
+from bisect import bisect_left
+from collections import deque
 
 import numpy as np
 
 from waychair.calibration.chair import ChairBody
-from waychair.types import Odometry, Pose2, Twist, WheelTicks
+from waychair.errors import CalibrationError
+from waychair.geometry import arc as arc  # noqa: PLC0414
+from waychair.geometry import interpolate, wrap_angle
+from waychair.slam.odometry_model import (
+    BIAS,
+    MARK,
+    POSE,
+    SIZE,
+    OdometrySettings,
+    Step,
+    forward,
+    initial_covariance,
+    motion_since_mark,
+    moved,
+    turn_by_wheels,
+)
+from waychair.slam.slip import SpeedWatch
+from waychair.types import FloatArray, ImuSample, Odometry, Pose2, Twist, WheelTicks
 
 COUNTS = 2**32
 """Encoder counters wrap here."""
 
+REACH_NS = 100_000_000
+"""The pose is extrapolated by no more, and a gyro that is silent for longer is not used."""
 
-class WheelOdometry:
-    """Pose in odom from encoder counts, by exact arcs.
+_CLOCK_NS = 1_000_000_000  # a stamp older by more comes from a clock that was set back, by less it is late
+_KEPT = 200  # outputs that `predict` can go back to
+_COAST_NS = 500_000_000  # wheels that are silent for longer are done without
+_SHOWN_NS = 300_000_000  # slip is shown for this long
+_LEAST_GRIP_S = 0.5  # how long the error of a slipping wheel persists
+_MOTION_GATE = 25.0  # squared sigmas beyond which a measured motion is believed less
+_FASTEST_TURN = 10.0  # [rad/s]; no chair turns so fast
 
-    The covariance grows with the way driven: 2 % of each metre and 3 % of each radian, as standard deviations that
-    add up in quadrature (what a differential drive on indoor floors shows: the 214 m floor route ended 10.8 m off).
+
+class OdometryFilter:
+    """Pose of the base in odom, which starts at the origin, with its twist and a covariance that can be believed.
+
+    It runs on what it is given: wheels only, wheels and gyro, measured motions only, or any mix that changes meanwhile.
+    Readings that are not finite, repeat a stamp or come too late are left out; a clock that was set back, and wheels
+    that have lost count, begin anew where the chair is.
     """
 
-    def __init__(self, body: ChairBody) -> None:
-        self._track = body.track
-        self._metres_per_count = math.tau * body.wheel_radius / body.ticks_per_turn
-        self._last: WheelTicks | None = None
-        self._pose = Pose2()
+    def __init__(self, body: ChairBody | None = None, settings: OdometrySettings | None = None) -> None:
+        """Counts of encoders need the chair's `body`."""
+        from filterpy.kalman import ExtendedKalmanFilter
+
+        self.settings = settings or OdometrySettings()
+        self._body = body
+        self._filter = ExtendedKalmanFilter(SIZE, 1)
+        self._filter.x = np.zeros(SIZE)
+        self._filter.P = initial_covariance(self.settings)
+        self._watch = SpeedWatch(self.settings.slip_speed)
+        self._pose, self._twist, self._bias = Pose2(), Twist(), 0.0  # of the state, for the outputs
         self._covariance = np.zeros((3, 3))
+        self._now_ns: int | None = None  # the state's moment
+        self._outputs: deque[Odometry] = deque(maxlen=_KEPT)
+        self._wheels: WheelTicks | Odometry | None = None
+        self._imu_ns: int | None = None
+        self._rate = self._rate_before = 0.0  # the gyro's last reading, and that of the step before [rad/s]
+        self._turned = 0.0  # by the gyro from the state's moment to its last reading [rad]
+        self._gyro_whole = True  # whether it has told all of that
+        self._still_s = 0.0
+        self._slipped_ns: int | None = None
+        self.innovation: float | None = None
+        """By how many sigmas the wheels' last turn was off the gyro's; None if there was nothing to compare."""
+        self._mark_ns: int | None = None
+        self._mark_to = Pose2()  # from the marked pose to where the last measured motion ended
+
+    @property
+    def slipping(self) -> bool:
+        """Whether the wheels have slipped within the last 0.3 s, as gyro or accelerometer show."""
+        return self._slipped_ns is not None and self._outputs[-1].stamp_ns - self._slipped_ns < _SHOWN_NS
+
+    @property
+    def gyro_bias(self) -> tuple[float, float]:
+        """What the gyro reads at rest about z [rad/s], and its standard deviation."""
+        return float(self._filter.x[BIAS]), math.sqrt(self._filter.P[BIAS, BIAS])
+
+    def update_wheels(self, reading: WheelTicks | Odometry) -> Odometry:
+        """Odometry with a reading of the wheels; of an `Odometry` only the motion since the one before is used.
+
+        Raises:
+            CalibrationError: counts of encoders were given to a filter without the chair's body.
+        """
+        if isinstance(reading, WheelTicks) and self._body is None:
+            raise CalibrationError("counts of encoders say nothing without the chair's wheels: give the chair's body")
+        if isinstance(reading, Odometry) and not np.isfinite(reading.odom_from_base.array()).all():
+            return self._last(reading.stamp_ns)
+        before = self._wheels
+        if before is not None and reading.stamp_ns <= before.stamp_ns:
+            if before.stamp_ns - reading.stamp_ns < _CLOCK_NS:
+                return self._last(reading.stamp_ns)
+            self._begin(reading.stamp_ns)
+            before = None
+        if self._now_ns is None or (before is None and self._mark_ns is None):
+            self._begin(reading.stamp_ns)  # until the wheels are heard, the chair is taken to stand
+        self._wheels = reading
+        if before is None or type(before) is not type(reading) or reading.stamp_ns <= self._moment:
+            return self._output(reading.stamp_ns)
+        motion, seconds = self._motion_between(before, reading), (reading.stamp_ns - before.stamp_ns) * 1e-9
+        too_far = math.hypot(motion.x, motion.y) > self.settings.fastest * seconds
+        if too_far or abs(motion.theta) > _FASTEST_TURN * seconds:
+            self._advance(reading.stamp_ns, None)
+        else:
+            self._advance(reading.stamp_ns, self._rest_of(motion, before.stamp_ns, reading.stamp_ns))
+        return self._output(reading.stamp_ns)
+
+    def update_imu(self, sample: ImuSample) -> Odometry:
+        """Odometry at the stamp of a sample of the IMU, whose axes are the base's.
+
+        A sample tells the motion since the one before. One that is more than a second ahead of all else has another
+        clock, and is left out until the wheels catch up.
+        """
+        rate, accel, stamp_ns = float(sample.gyro[2]), float(sample.accel[0]), sample.stamp_ns
+        if not math.isfinite(rate + accel) or abs(rate) > _FASTEST_TURN:
+            return self._last(stamp_ns)
+        if self._now_ns is None:
+            self._begin(stamp_ns)
+        if self._imu_ns is not None and stamp_ns <= self._imu_ns:
+            if self._imu_ns - stamp_ns < _CLOCK_NS:
+                return self._last(stamp_ns)
+            self._begin(stamp_ns)
+        since = self._moment if self._imu_ns is None else max(self._imu_ns, self._moment)
+        if self._wheels is not None and stamp_ns - since > _CLOCK_NS:
+            return self._last(stamp_ns)
+        fresh_ns = max(stamp_ns - since, 0)
+        fresh = self._imu_ns is None or self._imu_ns <= self._moment
+        self._gyro_whole = (fresh or self._gyro_whole) and fresh_ns <= REACH_NS
+        self._turned += rate * fresh_ns * 1e-9
+        self._watch.feel(accel, fresh_ns * 1e-9)
+        self._imu_ns, self._rate = stamp_ns, rate
+        if stamp_ns - self._moment > _COAST_NS:
+            self._advance(stamp_ns, None)
+        return self._output(stamp_ns)
+
+    def update_motion(self, begin_ns: int, end_ns: int, begin_from_end: Pose2, covariance: FloatArray) -> Odometry:
+        """Odometry with a motion of the base that was measured between two moments, as by matching scans.
+
+        Args:
+            begin_ns: its begin, which is the end of the motion given before; otherwise only `end_ns` is kept, as the
+                begin of the next one.
+            end_ns: its end.
+            begin_from_end: pose of the base at the end, in the base at the begin.
+            covariance: (3, 3) of x, y, theta [m^2, m rad, rad^2] in the base at the begin.
+        """
+        values = np.concatenate([begin_from_end.array(), np.ravel(covariance)])
+        if end_ns <= begin_ns or not np.isfinite(values).all():
+            return self._last(end_ns)
+        if self._now_ns is None:
+            self._begin(begin_ns)
+            self._set_mark(begin_ns)
+        if self._wheels is None or end_ns - self._wheels.stamp_ns > _COAST_NS:
+            self._advance(end_ns, None)
+        if begin_ns == self._mark_ns:
+            self._compare(begin_from_end, np.asarray(covariance, float), end_ns)
+        self._set_mark(end_ns)
+        return self._output(end_ns)
+
+    def predict(self, stamp_ns: int) -> Odometry:
+        """Odometry at a stamp, between the outputs so far or at most 0.1 s after the last or before the first of them."""
+        if not self._outputs:
+            return Odometry(stamp_ns, Pose2(), Twist(), self._covariance)
+        last = self._outputs[-1]
+        index = bisect_left(self._outputs, stamp_ns, key=lambda output: output.stamp_ns)
+        if 0 < index < len(self._outputs):
+            before, after = self._outputs[index - 1], self._outputs[index]
+            part = (stamp_ns - before.stamp_ns) / (after.stamp_ns - before.stamp_ns)
+            pose = interpolate(before.odom_from_base, after.odom_from_base, part)
+            return Odometry(stamp_ns, pose, after.twist, after.covariance)
+        nearest = self._outputs[0] if index == 0 else last
+        seconds = min(max(stamp_ns - nearest.stamp_ns, -REACH_NS), REACH_NS) * 1e-9
+        ahead = arc(nearest.twist.v * seconds, nearest.twist.omega * seconds)
+        return Odometry(stamp_ns, nearest.odom_from_base @ ahead, nearest.twist, nearest.covariance)
+
+    @property
+    def _moment(self) -> int:
+        assert self._now_ns is not None
+        return self._now_ns
+
+    def _begin(self, stamp_ns: int) -> None:
+        """The clock begins, or begins anew, at this stamp; the pose stays."""
+        self._now_ns = stamp_ns
+        self._outputs.clear()
+        self._wheels = self._imu_ns = self._mark_ns = self._slipped_ns = None
+        self._turned, self._gyro_whole, self._still_s = 0.0, True, 0.0
+
+    def _motion_between(self, before: WheelTicks | Odometry, after: WheelTicks | Odometry) -> Pose2:
+        """Motion of the base by two readings of the same kind."""
+        if isinstance(before, Odometry) and isinstance(after, Odometry):
+            return before.odom_from_base.inverse() @ after.odom_from_base
+        assert isinstance(before, WheelTicks)
+        assert isinstance(after, WheelTicks)
+        assert self._body is not None
+        per_count = math.tau * self._body.wheel_radius / self._body.ticks_per_turn
+        left, right = (_difference(now, then) * per_count for now, then in _pairs(after, before))
+        return arc((left + right) / 2, (right - left) / self._body.track)
+
+    def _rest_of(self, motion: Pose2, begin_ns: int, end_ns: int) -> Pose2:
+        """The part of a motion that comes after the state's moment, which may have gone on without the wheels."""
+        if begin_ns >= self._moment:
+            return motion
+        part = (end_ns - self._moment) / (end_ns - begin_ns)
+        return arc(part * forward(motion), part * motion.theta)
+
+    def _advance(self, end_ns: int, wheels: Pose2 | None) -> None:
+        """The state moves on to `end_ns`: by the wheels' motion if there is one, and by the gyro if it is alive."""
+        seconds = (end_ns - self._moment) * 1e-9
+        if seconds <= 0.0:
+            return
+        gyro, slip, self.innovation = self._gyro_until(end_ns), None, None
+        if wheels is not None and gyro is not None:
+            slip = self._watch.compare(forward(wheels) / seconds, seconds)
+        way = wheels if slip is None or wheels is None else arc(slip * seconds, wheels.theta)
+        self._move(moved(self._filter.x, seconds, way, gyro, self.settings))
+        if wheels is not None:
+            self._note_rest(wheels, seconds)
+            if slip is not None or (gyro is not None and not self._agrees(wheels, seconds)):
+                self._slipped_ns = end_ns
+                self._doubt(wheels, slip, seconds)
+        self._now_ns, self._rate_before = end_ns, self._rate
+        self._take_out()
+
+    def _gyro_until(self, end_ns: int) -> float | None:
+        """What the gyro's readings add up to since the state's moment [rad], the last one held up to `end_ns`; None if
+        it has missed some of that. What comes after `end_ns` is kept for the next step."""
+        alive = self._imu_ns is not None and end_ns - self._imu_ns <= REACH_NS
+        whole, self._gyro_whole = self._gyro_whole and alive, True
+        if self._imu_ns is None:
+            return None
+        ahead = (self._imu_ns - end_ns) * 1e-9
+        held = self._rate * (ahead if self._imu_ns > self._moment else (self._moment - end_ns) * 1e-9)
+        turned, self._turned = self._turned - held, max(held, 0.0) if ahead > 0.0 else 0.0
+        return turned if whole else None
+
+    def _note_rest(self, wheels: Pose2, seconds: float) -> None:
+        limit = self.settings.still_speed * seconds
+        still = math.hypot(wheels.x, wheels.y) <= limit and abs(wheels.theta) <= 4.0 * limit
+        self._still_s = self._still_s + seconds if still else 0.0
+
+    def _agrees(self, wheels: Pose2, seconds: float) -> bool:
+        """Takes in the wheels' turn beside the gyro's, unless they slip."""
+        s = self.settings
+        expected, row, variance = turn_by_wheels(self._filter.x, seconds, wheels, s)
+        variance += (s.stamp_error * (self._rate - self._rate_before)) ** 2
+        if self._still_s >= s.still_s:
+            variance = (s.still_turn * seconds) ** 2
+        off = wheels.theta - expected
+        self.innovation = off / math.sqrt(row @ self._filter.P @ row + variance)
+        if abs(self.innovation) > s.slip_gate:
+            return False
+        self._filter.update(np.array([wheels.theta]), lambda _: row[None], lambda _: np.array([expected]), variance)
+        return True
+
+    def _doubt(self, wheels: Pose2, slip: float | None, seconds: float) -> None:
+        """The way of wheels that slip may be wrong, and stays so while they do: its errors add up like the way."""
+        wrong = abs(forward(wheels)) if slip is None else max(abs(forward(wheels)), abs(slip * seconds))
+        grip_steps = max(2.0 * _LEAST_GRIP_S / seconds, 1.0)
+        self._filter.P[[0, 1], [0, 1]] += (self.settings.slip_way * wrong) ** 2 * grip_steps
+
+    def _move(self, step: Step) -> None:
+        self._filter.F, self._filter.Q = step.jacobian, step.noise
+        self._filter.predict()
+        self._filter.x = step.state
+
+    def _compare(self, measured: Pose2, covariance: FloatArray, end_ns: int) -> None:
+        """Takes in a motion since the mark; one that is far off what the filter thinks is believed less."""
+        base_to = self._pose.inverse() @ self._pose_at(end_ns)
+        expected, jacobian = motion_since_mark(self._filter.x, self._mark_to, base_to)
+        off = measured.array() - expected
+        off[2] = wrap_angle(off[2])
+        spread = jacobian @ self._filter.P @ jacobian.T + covariance
+        surprise = float(off @ np.linalg.solve(spread, off))
+        if surprise > _MOTION_GATE:
+            covariance = covariance + (surprise / _MOTION_GATE - 1.0) * spread
+        self._filter.update(off, lambda _: jacobian, lambda _: np.zeros(3), covariance)
+        self._take_out()
+
+    def _set_mark(self, stamp_ns: int) -> None:
+        """The state's pose is kept beside it, with all that ties it to the rest."""
+        x, p = self._filter.x, self._filter.P
+        x[MARK] = x[POSE]
+        p[MARK] = p[POSE]
+        p[:, MARK] = p[:, POSE]
+        self._mark_ns, self._mark_to = stamp_ns, self._pose.inverse() @ self._pose_at(stamp_ns)
+
+    def _pose_at(self, stamp_ns: int) -> Pose2:
+        if stamp_ns < self._moment and self._outputs:
+            return self.predict(stamp_ns).odom_from_base
+        return self._pose_after(stamp_ns)
+
+    def _pose_after(self, stamp_ns: int) -> Pose2:
+        """The pose from the state's moment on: at its speed, and turning as the gyro says."""
+        seconds = (stamp_ns - self._moment) * 1e-9
+        turn = self._twist.omega * seconds
+        if self._imu_ns is not None and self._moment < self._imu_ns <= stamp_ns:
+            turn = self._turned - self._bias * (self._imu_ns - self._moment) * 1e-9
+            turn += (self._rate - self._bias) * (stamp_ns - self._imu_ns) * 1e-9
+        return self._pose @ arc(self._twist.v * seconds, turn)
+
+    def _take_out(self) -> None:
+        """Pose, twist, bias and covariance of the state, as the outputs need them."""
+        x, y, theta, v, omega, bias = self._filter.x[:6].tolist()
+        self._pose, self._twist, self._bias = Pose2(x, y, wrap_angle(theta)), Twist(v, omega), bias
+        self._covariance = self._filter.P[POSE, POSE].copy()
+
+    def _output(self, stamp_ns: int) -> Odometry:
+        """Odometry at the latest moment known, which is `stamp_ns` unless a reading came late."""
+        latest_ns = max(stamp_ns, self._moment)
+        if self._outputs:
+            latest_ns = max(latest_ns, self._outputs[-1].stamp_ns)
+            if latest_ns == self._outputs[-1].stamp_ns:
+                self._outputs.pop()
+        fresh = self._imu_ns is not None and self._imu_ns > self._moment
+        twist = Twist(self._twist.v, self._rate - self._bias) if fresh else self._twist
+        self._outputs.append(Odometry(latest_ns, self._pose_after(latest_ns), twist, self._covariance))
+        return self._outputs[-1]
+
+    def _last(self, stamp_ns: int) -> Odometry:
+        """The last output again, for a reading that says nothing."""
+        return self._outputs[-1] if self._outputs else Odometry(stamp_ns, Pose2(), Twist(), self._covariance)
+
+
+class WheelOdometry(OdometryFilter):
+    """The filter with wheels only."""
 
     def update(self, ticks: WheelTicks) -> Odometry:
-        """Odometry at the stamp of the counts; the first counts start it at rest at the origin."""
-        last, self._last = self._last, ticks
-        if last is None or ticks.stamp_ns <= last.stamp_ns:
-            return Odometry(ticks.stamp_ns, self._pose, Twist(), self._covariance)
-        left = _difference(ticks.left, last.left) * self._metres_per_count
-        right = _difference(ticks.right, last.right) * self._metres_per_count
-        distance, turn = (left + right) / 2, (right - left) / self._track
-        self._pose = self._pose @ arc(distance, turn)
-        self._grow(distance, turn)
-        seconds = (ticks.stamp_ns - last.stamp_ns) * 1e-9
-        return Odometry(ticks.stamp_ns, self._pose, Twist(distance / seconds, turn / seconds), self._covariance)
-
-    def _grow(self, distance: float, turn: float) -> None:
-        c, s = math.cos(self._pose.theta), math.sin(self._pose.theta)
-        motion = np.array([[1.0, 0.0, -s * distance], [0.0, 1.0, c * distance], [0.0, 0.0, 1.0]])
-        along = 0.02**2 * abs(distance)
-        noise = np.diag([along, along, 0.03**2 * abs(turn) + 0.01**2 * abs(distance)])
-        self._covariance = motion @ self._covariance @ motion.T + noise
+        """Odometry at the stamp of the counts."""
+        return self.update_wheels(ticks)
 
 
-def arc(distance: float, turn: float) -> Pose2:
-    """Motion along a circular arc of length `distance` [m] that turns by `turn` [rad]."""
-    half = turn / 2
-    # the chord is free of the cancellation in 1 - cos(turn)
-    chord = distance * math.sin(half) / half if abs(half) > 1e-12 else distance
-    return Pose2(chord * math.cos(half), chord * math.sin(half), turn)
+def _pairs(now: WheelTicks, before: WheelTicks) -> tuple[tuple[int, int], tuple[int, int]]:
+    return (now.left, before.left), (now.right, before.right)
 
 
 def _difference(now: int, before: int) -> int:

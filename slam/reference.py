@@ -49,18 +49,26 @@ def reference_from_scans(
     points, normals, offsets = store.arrays
     members = np.asarray(members, np.int64)
     origin = np.floor((centre[:2] - reach) / resolution) * resolution
-    size = math.ceil(2 * reach / resolution)
-    surfaces, slots, hits = _gather(points, normals, offsets, members, poses[members], origin, size, resolution)
-    return Reference(origin, resolution, surfaces, slots, _bounds(_smear(hits, size, _kernel(sigma / resolution))))
+    size, kernel = math.ceil(2 * reach / resolution), _kernel(sigma / resolution)
+    margin = _margin(kernel)
+    surfaces, slots, hits = _gather(points, normals, offsets, members, poses[members], origin, size, margin, resolution)
+    likelihood = _smear(hits, size, kernel)
+    return Reference(origin, resolution, surfaces, slots, block_maxima(likelihood, LEVELS))
 
 
 def reference_from_points(points: FloatArray, normals: FloatArray, resolution: float, sigma: float) -> Reference:
     """Reference of points (N, 2) and normals (N, 2) that are given in the map frame already."""
-    low, high = points.min(axis=0), points.max(axis=0)
-    reach = float(max(high - low)) / 2 + 1.0
+    low, high = (points.min(axis=0), points.max(axis=0)) if len(points) else (np.zeros(2), np.zeros(2))
+    reach = float(max(high - low)) / 2 + (_margin(_kernel(sigma / resolution)) + 2) * resolution
     store = ScanStore()
     store.append(ScanPoints(points, normals))
     return reference_from_scans(store, np.zeros((1, 3)), [0], (low + high) / 2, reach, resolution, sigma)
+
+
+def _margin(kernel: Bytes) -> int:
+    """Cells without a likelihood along the grid's lower edges: a block that begins outside the grid may reach into it,
+    and counts as 0 there, which bounds its cells only if those are 0."""
+    return int(2 ** (LEVELS - 1)) + len(kernel) // 2
 
 
 def _kernel(sigma: float) -> Bytes:
@@ -72,11 +80,12 @@ def _kernel(sigma: float) -> Bytes:
     return kernel
 
 
-def _bounds(likelihood: Bytes) -> Bytes:
-    """(LEVELS, H, W) maxima over the 2^h x 2^h cells that start at each cell (Hess et al. 2016, section V.B)."""
-    levels = np.empty((LEVELS, *likelihood.shape), np.uint8)
+def block_maxima(likelihood: Bytes, count: int) -> Bytes:
+    """(count, H, W): level h holds the maxima over the 2^h x 2^h cells that start at each cell, as far as they lie on
+    the grid (Hess et al. 2016, section V.B)."""
+    levels = np.empty((count, *likelihood.shape), np.uint8)
     levels[0] = likelihood
-    for h in range(1, LEVELS):
+    for h in range(1, count):
         shift, below, here = 2 ** (h - 1), levels[h - 1], levels[h]
         here[:] = below
         np.maximum(here[:, :-shift], below[:, shift:], out=here[:, :-shift])
@@ -94,9 +103,11 @@ def _gather(
     poses: FloatArray,
     origin: FloatArray,
     size: int,
+    margin: int,
     resolution: float,
 ) -> tuple[FloatArray, Slots, IntArray]:
-    """Mean surfaces, the slot of each cell's two sides in them, and the flat indices of the cells that hold a point."""
+    """Mean surfaces, the slot of each cell's two sides in them, and the flat indices of the cells that hold a point,
+    but for those nearer than `margin` to the lower edges."""
     total = 0
     for member in members:
         total += offsets[member + 1] - offsets[member]
@@ -112,11 +123,11 @@ def _gather(
         for i in range(offsets[members[k]], offsets[members[k] + 1]):
             x = x0 + c * points[i, 0] - s * points[i, 1]
             y = y0 + s * points[i, 0] + c * points[i, 1]
-            col = int((x - origin[0]) / resolution)
-            row = int((y - origin[1]) / resolution)
-            if x < origin[0] or y < origin[1] or col >= size or row >= size:
+            col = math.floor((x - origin[0]) / resolution)
+            row = math.floor((y - origin[1]) / resolution)
+            if not (0 <= col < size and 0 <= row < size):
                 continue
-            if not seen[row, col]:
+            if col >= margin and row >= margin and not seen[row, col]:
                 seen[row, col] = True
                 hits[used] = row * size + col
                 used += 1

@@ -8,7 +8,8 @@ from dataclasses import dataclass
 import numpy as np
 from numba import njit
 
-from waychair.geometry import rotation
+from waychair.calibration.self_mask import SelfMask
+from waychair.geometry import arcs, rotation
 from waychair.types import FloatArray, IntArray, Pose2, Scan, Twist
 
 MIN_POINTS = 20
@@ -32,15 +33,20 @@ class ScanPoints:
         return self if step <= 1 else ScanPoints(self.points[::step].copy(), self.normals[::step].copy())
 
 
-def scan_points(scan: Scan, base_from_laser: Pose2, range_max: float, twist: Twist | None = None) -> ScanPoints:
+def scan_points(
+    scan: Scan, base_from_laser: Pose2, range_max: float, twist: Twist | None = None, mask: SelfMask | None = None
+) -> ScanPoints:
     """Points and normals of the valid beams nearer than `range_max` [m], in the base frame at the scan's stamp.
 
     Normals come from a line fitted to the nearest beams on both sides, as long as they lie on one surface. A scan whose
     beams are taken one after another (`time_step`) is straightened by the chair's `twist` meanwhile, when it is given.
+    Beams that `mask` hides are invalid: they end on the chair itself.
     """
     ranges = scan.ranges.astype(np.float64)
     limit = min(range_max, scan.range_max if scan.range_max > 0 else range_max)
     usable = np.isfinite(ranges) & (ranges > max(scan.range_min, 0.05)) & (ranges <= limit)
+    if mask is not None:
+        usable &= ~mask.hides(scan)
     angles = scan.angles()
     ranges[~usable] = 0.0
     laser = np.stack([ranges * np.cos(angles), ranges * np.sin(angles)], axis=1)
@@ -53,10 +59,8 @@ def scan_points(scan: Scan, base_from_laser: Pose2, range_max: float, twist: Twi
 
 def motion_of_beams(scan: Scan, twist: Twist) -> FloatArray:
     """Pose of the base at each beam's time in the base at the scan's stamp, (N, 3) [m, m, rad], at a constant twist."""
-    seconds = scan.time_step * np.arange(len(scan.ranges))
-    half = 0.5 * twist.omega * seconds
-    chord = twist.v * seconds * np.sinc(half / math.pi)
-    return np.stack([chord * np.cos(half), chord * np.sin(half), 2.0 * half], axis=1)
+    seconds: FloatArray = scan.time_step * np.arange(len(scan.ranges), dtype=np.float64)
+    return arcs(twist.v * seconds, twist.omega * seconds)
 
 
 def _straightened(points: FloatArray, motion: FloatArray) -> FloatArray:

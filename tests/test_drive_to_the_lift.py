@@ -3,17 +3,23 @@
 from __future__ import annotations
 
 import json
+from collections.abc import Iterator
+from contextlib import ExitStack
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
 import pytest
 
 from waychair.control.navigator import Stage
-from waychair.runtime.chair import Chair, ChairState
+from waychair.control.supervisor import SupervisorSettings
+from waychair.firmware_bridge.board import Defect
+from waychair.runtime.chair import ChairSettings, ChairState
 from waychair.simulation.simulator import Simulator
+from waychair.simulation.world import load_world
 from waychair.trials.demo import Demo, chair_of, run_demo
 from waychair.trials.demo_report import write_report
-from waychair.trials.drive import TICK_NS
+from waychair.trials.drive import advance_tick, chair_in
 from waychair.types import DriveMode, Goal, JoystickInput, Pose2
 
 
@@ -58,34 +64,48 @@ def test_report_holds_what_was_driven(demo: Demo, out: Path) -> None:
 
 
 class Ride:
-    """A chair under way in the small world, on the map the demo made."""
+    """A chair under way in the small world, on the map the demo made, with the shipped firmware on its lines."""
 
-    def __init__(self, demo: Demo, goal: str = "bath") -> None:
-        from waychair.simulation.world import load_world
-
-        setting = demo.setting
-        self.simulator = Simulator(load_world("small_clinic"), setting.body, chair_of(1), 1)
-        self.chair = Chair(
-            setting.grid, setting.places, setting.body, setting.calibration, self.simulator, Pose2(), setting.chair
+    def __init__(self, demo: Demo, stack: ExitStack, goal: str = "bath", chair: ChairSettings | None = None) -> None:
+        setting = demo.setting if chair is None else replace(demo.setting, chair=chair)
+        world = load_world("small_clinic")
+        self.simulator = Simulator(world, setting.body, chair_of(1), 1)
+        self.chair = stack.enter_context(
+            chair_in(replace(setting, map_from_world=world.start.inverse()), self.simulator)
         )
         self.chair.go(Goal(goal))
         self.deaf = False
 
     def tick(self, count: int = 1) -> ChairState:
         for _ in range(count):
-            messages = self.simulator.advance(TICK_NS)
-            heard = () if self.deaf else (*messages, self.simulator.rider)
-            state = self.chair.step(self.simulator.now_ns, heard)
+            messages = advance_tick(self.simulator, self.chair)
+            state = self.chair.step(self.simulator.now_ns, () if self.deaf else messages)
+        return state
+
+    def under_way(self) -> ChairState:
+        """Past greeting and the two seconds of rest."""
+        state = self.tick(90)
+        assert (state.verdict.mode, state.sent.active) == (DriveMode.AUTONOMOUS, True)
+        assert state.telemetry is not None
+        assert (state.telemetry.state, state.telemetry.holder) == ("DRIVE", "BOARD")
         return state
 
 
-def test_joystick_overrides_autonomous_within_one_tick_and_nothing_resumes(demo: Demo) -> None:
-    ride = Ride(demo)
-    assert ride.tick(60).verdict.mode is DriveMode.AUTONOMOUS
+@pytest.fixture
+def stack() -> Iterator[ExitStack]:
+    with ExitStack() as stack:
+        yield stack
+
+
+def test_f19_joystick_overrides_autonomous_within_one_tick_and_nothing_resumes(demo: Demo, stack: ExitStack) -> None:
+    ride = Ride(demo, stack)
+    ride.under_way()
     ride.simulator.rider = JoystickInput(ride.simulator.now_ns, 0.0, 0.8)
     state = ride.tick()
     assert state.verdict.mode is DriveMode.MANUAL
     assert not state.sent.active
+    assert state.telemetry is not None
+    assert state.telemetry.holder == "JOYSTICK"
     ride.tick(20)
     assert ride.simulator.twist().omega > 0.2  # the rider really turns the chair
     ride.simulator.rider = JoystickInput(ride.simulator.now_ns)
@@ -94,32 +114,106 @@ def test_joystick_overrides_autonomous_within_one_tick_and_nothing_resumes(demo:
     assert abs(ride.simulator.twist().v) < 1e-3
 
 
-def test_stop_lets_go_at_once_and_a_new_goal_drives_on(demo: Demo) -> None:
-    ride = Ride(demo)
-    ride.tick(60)
+def test_stop_lets_go_at_once_and_a_new_goal_drives_on(demo: Demo, stack: ExitStack) -> None:
+    ride = Ride(demo, stack)
+    ride.under_way()
     ride.chair.stop()
     state = ride.tick()
     assert (state.verdict.mode, state.sent.active) == (DriveMode.STOPPED, False)
     assert ride.tick(100).verdict.mode is DriveMode.STOPPED
     assert abs(ride.simulator.twist().v) < 1e-3
     ride.chair.go(Goal("bath"))
-    assert ride.tick(40).sent.active
-
-
-def test_silent_sensors_make_the_computer_let_go(demo: Demo) -> None:
-    ride = Ride(demo)
     assert ride.tick(60).sent.active
+
+
+def test_silent_sensors_make_the_computer_let_go(demo: Demo, stack: ExitStack) -> None:
+    ride = Ride(demo, stack)
+    ride.under_way()
     ride.deaf = True
     states = [ride.tick() for _ in range(8)]
     assert not states[-1].sent.active
     assert "silent" in states[-1].verdict.reason
     assert states[-1].navigation.stage is Stage.FAILED
     ride.deaf = False
-    assert not ride.tick(40).sent.active  # back, but nothing resumes by itself
+    assert not ride.tick(60).sent.active  # back, but nothing resumes by itself
 
 
-def test_an_unreachable_place_is_refused_with_a_reason_and_the_chair_stands(demo: Demo) -> None:
-    ride = Ride(demo)
+def test_f1_a_dead_board_ends_the_drive_with_a_remedy(demo: Demo, stack: ExitStack) -> None:
+    ride = Ride(demo, stack)
+    ride.under_way()
+    ride.simulator.around_board = replace(ride.simulator.around_board, defect=Defect.FROZEN)
+    state = ride.tick(4)
+    assert (state.verdict.mode, state.sent.active, state.telemetry) == (DriveMode.MANUAL, False, None)
+    assert "check its cable" in state.verdict.reason
+    ride.tick(60)
+    assert abs(ride.simulator.twist().v) < 1e-3
+
+
+def test_f17_a_control_loop_that_hangs_behind_its_heartbeat_ends_the_drive_for_good(
+    demo: Demo, stack: ExitStack
+) -> None:
+    ride = Ride(demo, stack)
+    ride.under_way()
+    for _ in range(4):
+        advance_tick(ride.simulator, ride.chair)
+    state = ride.tick()
+    assert not state.sent.active
+    assert "no command" in state.sent.reason or "old" in state.sent.reason
+    assert ride.tick().navigation.stage is Stage.FAILED
+    assert not ride.tick(60).sent.active
+
+
+def test_f18_the_e_stop_is_named_and_takes_a_deliberate_reset(demo: Demo, stack: ExitStack) -> None:
+    ride = Ride(demo, stack)
+    ride.under_way()
+    ride.simulator.around_board = replace(ride.simulator.around_board, estop_released=False)
+    assert "emergency stop" in ride.tick(2).verdict.reason
+    ride.simulator.around_board = replace(ride.simulator.around_board, estop_released=True)
+    ride.chair.go(Goal("bath"))
+    assert "emergency stop" in ride.tick(60).verdict.reason
+    ride.chair.reset()
+    ride.tick(10)
+    ride.chair.go(Goal("bath"))
+    assert ride.tick(60).sent.active
+
+
+def test_a_hand_on_the_stick_slows_an_assisted_drive_and_a_push_ends_it(demo: Demo, stack: ExitStack) -> None:
+    chair = ChairSettings(supervisor=SupervisorSettings(override=0.6, override_ms=100, assist=True))
+    ride = Ride(demo, stack, chair=chair)
+    ride.under_way()
+    ride.tick(20)
+    before = ride.simulator.twist().v
+    assert before > 0.3
+    ride.simulator.rider = JoystickInput(0, 0.5, 0.0)
+    state = ride.tick(30)
+    assert (state.verdict.mode, state.sent.active) == (DriveMode.ASSISTED, True)
+    assert 0.0 < ride.simulator.twist().v < 0.5 * before
+    ride.simulator.rider = JoystickInput(0, 0.7, 0.0)
+    assert ride.tick(5).verdict.mode is DriveMode.MANUAL
+
+
+def test_f20_a_chair_that_does_not_follow_is_stopped_until_somebody_resets_it(
+    demo: Demo, stack: ExitStack, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    ride = Ride(demo, stack)
+    ride.under_way()
+    ride.tick(20)
+    assert ride.simulator.twist().v > 0.4
+    monkeypatch.setattr(ride.simulator, "_is_free", lambda pose: False)  # something unseen holds it
+    state = ride.tick(30)
+    assert (state.verdict.mode, state.sent.active) == (DriveMode.MANUAL, False)
+    assert "follow" in state.verdict.reason or "stands" in state.verdict.reason, state.verdict.reason
+    monkeypatch.undo()
+    ride.chair.go(Goal("bath"))
+    assert not ride.tick(60).sent.active
+    ride.chair.reset()
+    assert not ride.tick(60).sent.active  # to reset is not to drive on
+    ride.chair.go(Goal("bath"))
+    assert ride.tick(60).sent.active
+
+
+def test_an_unreachable_place_is_refused_with_a_reason_and_the_chair_stands(demo: Demo, stack: ExitStack) -> None:
+    ride = Ride(demo, stack)
     ride.chair.go(Goal(Pose2(500.0, 0.0, 0.0)))
     state = ride.tick(10)
     assert state.navigation.stage is Stage.FAILED
@@ -127,8 +221,8 @@ def test_an_unreachable_place_is_refused_with_a_reason_and_the_chair_stands(demo
     assert not state.sent.active
 
 
-def test_same_seed_drives_the_same_volts(demo: Demo) -> None:
-    first, second = Ride(demo), Ride(demo)
+def test_same_seed_drives_the_same_volts(demo: Demo, stack: ExitStack) -> None:
+    first, second = Ride(demo, stack), Ride(demo, stack)
     a = [first.tick().sent for _ in range(100)]
     b = [second.tick().sent for _ in range(100)]
     assert a == b

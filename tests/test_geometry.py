@@ -10,6 +10,8 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from waychair.geometry import (
+    arc,
+    arcs,
     compose,
     in_space,
     interpolate,
@@ -104,3 +106,19 @@ def test_poses_in_space_compose_and_invert_as_planar_ones_do(a: Pose2, b: Pose2,
     home = both.inverse() @ both
     assert home.rotation == pytest.approx(np.eye(3), abs=1e-9)
     assert home.translation == pytest.approx(np.zeros(3), abs=1e-9)
+
+
+@given(st.floats(-5, 5), st.floats(-3, 3))
+def test_an_arc_driven_in_two_halves_is_the_same_arc(distance: float, turn: float) -> None:
+    whole, half = arc(distance, turn), arc(distance / 2, turn / 2)
+    assert (half @ half).array() == pytest.approx(whole.array(), abs=1e-9)
+
+
+@given(st.lists(st.tuples(st.floats(-5, 5), st.floats(-3, 3)), min_size=1))
+def test_many_arcs_at_once_are_the_same_as_one_by_one(motions: list[tuple[float, float]]) -> None:
+    distances, turns = np.array(motions).T
+    assert arcs(distances, turns) == pytest.approx(np.array([arc(*motion).array() for motion in motions]), abs=1e-12)
+
+
+def test_a_quarter_circle_ends_beside_its_middle() -> None:
+    assert arc(math.pi, math.pi / 2).array() == pytest.approx([2.0, 2.0, math.pi / 2])

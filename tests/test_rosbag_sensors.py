@@ -17,8 +17,9 @@ from rosbags.interfaces import QosDurability, QosReliability
 from scipy.spatial.transform import Rotation
 
 from waychair.geometry import in_space
-from waychair.recording import RecordingWriter, read_recording
+from waychair.recording import InputSettings, RecordingWriter, read_recording
 from waychair.ros_messages import depth_image, transforms
+from waychair.rosbag_reader import BagSettings
 from waychair.types import ImuSample, Odometry, Pose2, Pose3, RgbdFrame, Scan, SonarReadings, Twist, WheelTicks
 
 SECOND = 1_000_000_000
@@ -200,7 +201,7 @@ def test_the_truth_is_told_in_map_and_taken_for_odometry_by_nobody(tmp_path: Pat
             writer.write_truth(stamp, Pose2(1.0, 2.0, 0.0), Twist())
             writer.write(Scan(stamp, np.full(90, 2.0, np.float32), -1.5, 3.0 / 90))
     assert [frame.wheels for frame in read_recording(path).frames] == [()] * 5
-    asked = read_recording(path, odom_topic="/ground_truth/odom")
+    asked = read_recording(path, InputSettings(bag=BagSettings(odom_topic="/ground_truth/odom")))
     assert all(frame.wheels for frame in asked.frames)
 
 

@@ -23,7 +23,8 @@ from waychair.simulation.plant import PlantSettings, families, randomised, volts
 from waychair.simulation.plant_families import FamilySettings
 from waychair.simulation.simulator import Simulator, SimulatorSettings
 from waychair.trials.halls import open_hall
-from waychair.trials.simulated_drive import EncoderDrive, ScanDrive, with_few_beams, with_gyro
+from waychair.trials.measured_speeds import EncoderSpeeds, ScanSpeeds
+from waychair.trials.simulated_drive import SimulatedDrive, with_few_beams, with_gyro
 from waychair.types import FloatArray, Pose2, Twist
 
 _READING_SIGMA = 0.003  # [V] of a reading of the stick's lines
@@ -51,12 +52,11 @@ class ChairUnderTest:
 
 def chair_in_hall(settings: SimulatorSettings, body: ChairBody, seed: int, *, encoders: bool = True) -> ChairUnderTest:
     """A chair in an open hall, whose speeds come from its encoders or, without those, from lidar and gyro."""
-    neutral = neutral_of(settings.plant, seed)
     if encoders:
-        return ChairUnderTest(
-            EncoderDrive(Simulator(open_hall(), body, with_few_beams(settings), seed), body), neutral, body
-        )
-    return ChairUnderTest(ScanDrive(Simulator(open_hall(24.0), body, with_gyro(settings), seed), body), neutral, body)
+        drive = SimulatedDrive(Simulator(open_hall(), body, with_few_beams(settings), seed), EncoderSpeeds(body))
+    else:
+        drive = SimulatedDrive(Simulator(open_hall(24.0), body, with_gyro(settings), seed), ScanSpeeds(body))
+    return ChairUnderTest(drive, neutral_of(settings.plant, seed), body)
 
 
 def calibrate_dac(
@@ -86,7 +86,7 @@ def calibrate_stops(
         ThinData: see `stop_from_motion` and `stop_table`.
     """
     settings = settings or StopSettings()
-    plan = list(stops_to_measure(settings, min(model.forward.reach(1.0), model.forward.reach(-1.0))))
+    plan = list(stops_to_measure(settings, max(model.forward.reach(1.0), model.forward.reach(-1.0))))
     stops = []
     for done, (v, omega) in enumerate(plan):
         stops.append(_stop(chair, model, Twist(v, omega)))
@@ -95,11 +95,14 @@ def calibrate_stops(
 
 
 def _stop(chair: ChairUnderTest, model: FittedDac, twist: Twist) -> Stop:
+    """One stop. A chair that is slower in reverse takes its time for the way back, so that it stays where it is."""
     counts = model.counts_from_wheel_speeds(wheel_speeds_from_twist(twist, chair.body.track))
+    expected = model.twist_from_wheel_speeds(model.wheel_speeds_from_counts(*counts))
     seconds = 1.0 + max(
         StepResponse(axis.delay_s, axis.lag_s, axis.ramp).settling_s(speed)
         for axis, speed in ((model.forward, twist.v), (model.turn, twist.omega))
     )
+    seconds *= max(1.0, abs(twist.v) / abs(expected.v) if expected.v else 1.0)
     samples = chair.drive.hold(*model.volts_from_counts(*counts), seconds)
     stopped_ns = chair.drive.now_ns
     samples += chair.drive.hold(*model.volts_from_counts(*model.neutral_counts()), _REST_S)

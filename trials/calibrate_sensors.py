@@ -5,6 +5,8 @@ from __future__ import annotations
 import dataclasses
 import math
 from collections.abc import Sequence
+from itertools import pairwise
+from pathlib import Path
 
 import numpy as np
 
@@ -14,12 +16,14 @@ from waychair.calibration.imu import ImuCalibration, imu_at_rest
 from waychair.calibration.planes import Plane, planes_from_depth
 from waychair.calibration.wheels import WheelCalibration, wheels_from_drive
 from waychair.errors import CalibrationError, MissingExtra
-from waychair.geometry import transform_points
+from waychair.geometry import arc, pose_from_array, transform_points
+from waychair.recording import read_recording, read_tum
 from waychair.simulation.follower import Follower, FollowerSettings, follow
 from waychair.simulation.simulator import Simulator, SimulatorSettings, with_all_sensors
 from waychair.slam.localiser import Localiser, LocaliserSettings
-from waychair.slam.odometry import WheelOdometry, arc
 from waychair.trials.halls import open_hall
+from waychair.trials.measured_speeds import EncoderSpeeds
+from waychair.trials.recorded_sensors import imu_samples_of, wheel_ticks_of
 from waychair.types import (
     BoolArray,
     FloatArray,
@@ -30,17 +34,22 @@ from waychair.types import (
     Pose3,
     RgbdFrame,
     Scan,
+    Twist,
     WheelTicks,
 )
 
 STRETCH_NS = 500_000_000
 """Time between the poses that the wheels are compared with."""
 
+_MAPPED_STRETCH_NS = 4 * STRETCH_NS  # a lidar's pose is good to a centimetre, which a longer way makes less of
 _NEAR = 0.15  # [m]: a tape measure is right to within this
 _LEAN = math.sin(math.radians(15.0))
 _LEAST_BEAMS = 10
 _FLOOR_POINTS = np.array([[1.0, 1.0, 0.0], [1.0, -1.0, 0.0], [3.0, 1.0, 0.0], [3.0, -1.0, 0.0]])
 _DIRECTIONS = 8
+_STILL = 0.05  # [m]: so little do most beams of two scans at rest differ
+_PAUSE_NS = 500_000_000  # scans farther apart in time say nothing about rest
+_VIEWS_APART_NS = 500_000_000
 WHEELS_HALL = 14.0
 """Side [m] of a hall in which the square of `calibrate_wheels` has room, and its walls are in sight."""
 
@@ -49,7 +58,7 @@ _SQUARE_SPEED = 0.5  # [m/s]
 
 
 def square_both_ways(start: Pose2, side: float = _SIDE) -> FloatArray:
-    """Waypoints (N, 2) [m] of a square to the left of the start's heading, driven round to the left, then to the right."""
+    """Waypoints (N, 2) [m] of a square to the left of the start's heading, round to the left, then to the right."""
     corners = np.array([[side, 0.0], [side, side], [0.0, side], [0.0, 0.0]])
     back = np.array([[0.0, side], [side, side], [side, 0.0], [0.0, 0.0]])
     return transform_points(start, np.concatenate([corners, back]))
@@ -76,7 +85,7 @@ def calibrate_wheels(simulator: Simulator, *, mapped: bool = False, rounds: int 
             if message.stamp_ns == simulator.now_ns:  # the truth is that of the tick's end
                 truth.append((message.stamp_ns, simulator.truth()))
     known = poses_from_scans(simulator.world.grid, body, start, ticks, scans) if mapped else truth
-    apart = thinned(known, STRETCH_NS * (4 if mapped else 1))
+    apart = thinned(known, _MAPPED_STRETCH_NS if mapped else STRETCH_NS)
     stamps = np.array([stamp for stamp, _ in apart], np.int64)
     poses = np.array([pose.array() for _, pose in apart])
     return wheels_from_drive(counts_at(ticks, stamps), poses, body.ticks_per_turn)
@@ -90,20 +99,64 @@ def poses_from_scans(
     Raises:
         CalibrationError: the lidar has lost its place.
     """
-    odometry = WheelOdometry(body)
-    reckoned = [odometry.update(reading) for reading in ticks]
-    stamps = np.array([reading.stamp_ns for reading in reckoned])
+    stamps, odom_from_base, twists = reckoned(body, ticks)
     localiser = Localiser(grid, body.base_from_laser, start, LocaliserSettings())
     poses = []
     for scan in scans:
-        before = reckoned[max(int(np.searchsorted(stamps, scan.stamp_ns, side="right")) - 1, 0)]
-        seconds = (scan.stamp_ns - before.stamp_ns) * 1e-9
-        odom_from_base = before.odom_from_base @ arc(before.twist.v * seconds, before.twist.omega * seconds)
-        found = localiser.process(scan, odom_from_base, before.twist)
+        last = max(int(np.searchsorted(stamps, scan.stamp_ns, side="right")) - 1, 0)
+        seconds, twist = (scan.stamp_ns - int(stamps[last])) * 1e-9, twists[last]
+        found = localiser.process(scan, odom_from_base[last] @ arc(twist.v * seconds, twist.omega * seconds), twist)
         if found.lost:
             raise CalibrationError("the lidar has lost its place on the map: calibrate where the map is right")
         poses.append((scan.stamp_ns, found.map_from_base))
     return poses
+
+
+def reckoned(body: ChairBody, ticks: Sequence[WheelTicks]) -> tuple[IntArray, list[Pose2], list[Twist]]:
+    """Stamps (N,), poses since the first reading and twists of each, on the nominal wheels and track."""
+    meter, pose = EncoderSpeeds(body), Pose2()
+    stamps, poses, twists = [ticks[0].stamp_ns], [pose], [Twist()]
+    for before, reading in pairwise(ticks):
+        for sample in meter.take_in((before, reading)):
+            seconds = (reading.stamp_ns - stamps[-1]) * 1e-9
+            pose = pose @ arc(sample.v * seconds, sample.omega * seconds)
+            stamps.append(reading.stamp_ns)
+            poses.append(pose)
+            twists.append(Twist(sample.v, sample.omega))
+    return np.array(stamps, np.int64), poses, twists
+
+
+def wheels_from_recording(recording: Path, trajectory: Path, body: ChairBody) -> WheelCalibration:
+    """Wheels from the encoders of a recorded drive and the poses that a mapping of it found, such as trajectory.tum.
+
+    Raises:
+        RecordingError: one of the files cannot be read, or the recording holds no wheels.
+        CalibrationError: see `wheels_from_drive`; also when the two are of different times.
+    """
+    ticks = wheel_ticks_of(recording, body.ticks_per_turn)
+    path = read_tum(trajectory)
+    order = np.argsort(path.stamps_ns, kind="stable")
+    known = [(int(path.stamps_ns[k]), pose_from_array(path.poses[k])) for k in order]
+    shared = [(stamp, pose) for stamp, pose in known if ticks[0].stamp_ns <= stamp <= ticks[-1].stamp_ns]
+    if len(shared) < 2:
+        raise CalibrationError(
+            f"{trajectory} and {recording} have no time in common: give the trajectory that was made of this recording"
+        )
+    apart = thinned(shared, _MAPPED_STRETCH_NS)
+    stamps = np.array([stamp for stamp, _ in apart], np.int64)
+    return wheels_from_drive(
+        counts_at(ticks, stamps), np.array([pose.array() for _, pose in apart]), body.ticks_per_turn
+    )
+
+
+def imu_from_recording(recording: Path) -> ImuCalibration:
+    """Bias and noise of a recorded inertial unit, whose axes are the base's, of a chair at rest.
+
+    Raises:
+        RecordingError: the file cannot be read, or holds no inertial unit.
+        CalibrationError: see `imu_at_rest`.
+    """
+    return imu_at_rest(imu_samples_of(recording))
 
 
 def thinned(known: Sequence[tuple[int, Pose2]], apart_ns: int) -> list[tuple[int, Pose2]]:
@@ -221,6 +274,46 @@ def calibrate_camera(
             raise MissingExtra(f"no pictures can be made: {simulator.camera_problem}")
         views += views_of_planes(*frame_and_scan(simulator), body, nominal)
     return extrinsics_from_planes(views, nominal)
+
+
+def camera_from_recording(path: Path, body: ChairBody) -> Extrinsics:
+    """Extrinsics from a recording of a chair that was turned and stood still by turns, in a room with bare walls.
+
+    `body` says where lidar and camera are by the tape measure. Pictures count that were taken while the chair stood
+    still: the scans before and after them are alike.
+
+    Raises:
+        RecordingError: it cannot be read.
+        CalibrationError: it holds no pictures with depth, or none of a chair at rest; see `extrinsics_from_planes`.
+    """
+    recording = read_recording(path)
+    scans = sorted((frame.scan for frame in recording.frames if frame.scan), key=lambda scan: scan.stamp_ns)
+    stamps = np.array([scan.stamp_ns for scan in scans], np.int64)
+    nominal = nominal_mount(body)
+    views: list[PlaneView] = []
+    pictures = next_ns = 0
+    for picture in recording.pictures():
+        pictures += 1
+        at = int(np.searchsorted(stamps, picture.stamp_ns, side="right")) - 1
+        if picture.stamp_ns < next_ns or not 0 <= at < len(scans) - 1 or not _alike(scans[at], scans[at + 1]):
+            continue
+        next_ns = picture.stamp_ns + _VIEWS_APART_NS
+        views += views_of_planes(picture, scans[at], body, nominal)
+    if not views:
+        raise CalibrationError(
+            f"none of the {pictures} pictures with depth in {path} shows a wall or the floor from a chair at rest: "
+            "turn it, let it stand for a second, and so on, in a room with bare walls"
+        )
+    return extrinsics_from_planes(views, nominal)
+
+
+def _alike(before: Scan, after: Scan) -> bool:
+    """Whether two scans, one shortly after the other, are those of a chair at rest."""
+    if len(before.ranges) != len(after.ranges) or after.stamp_ns - before.stamp_ns > _PAUSE_NS:
+        return False
+    both = np.isfinite(before.ranges) & np.isfinite(after.ranges)
+    off = np.abs(after.ranges[both] - before.ranges[both])
+    return bool(both.sum() >= _LEAST_BEAMS and np.percentile(off, 80.0) < _STILL)
 
 
 def frame_and_scan(simulator: Simulator) -> tuple[RgbdFrame, Scan]:

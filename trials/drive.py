@@ -1,24 +1,32 @@
-"""A chair in a simulator drives to places, one after the other; everything that a report or a score needs is kept."""
+"""A chair in a simulator drives to places, one after the other; everything that a report or a score needs is kept.
+
+Between the chair and the simulated lines stands the shipped firmware as a program: what drives here is what would.
+"""
 
 from __future__ import annotations
 
 import math
 import time
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
+from contextlib import contextmanager
 from dataclasses import dataclass, field
 
 import numpy as np
 
 from waychair.calibration.chair import ChairBody
-from waychair.calibration.dac import LinearDac
+from waychair.calibration.dac import DacModel
 from waychair.control.navigator import Stage
+from waychair.firmware_bridge.board import BoardSettings, HostBoard, board_program
+from waychair.firmware_bridge.transports import Reconnecting
 from waychair.geometry import wrap_angle
 from waychair.runtime.chair import Chair, ChairSettings, ChairState
-from waychair.simulation.simulator import Simulator
+from waychair.simulation.simulator import SensorMessage, Simulator
 from waychair.topics import COMMAND
 from waychair.types import FloatArray, Goal, OccupancyGrid, Place, Pose2
 
 TICK_NS = round(1e9 / COMMAND.rate_hz)
+BEAT_NS = 10_000_000
+"""The board is kept company this often; a tick is a whole number of them."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -70,7 +78,7 @@ class Setting:
     grid: OccupancyGrid
     places: Mapping[str, Place]
     body: ChairBody
-    calibration: LinearDac
+    calibration: DacModel
     map_from_world: Pose2 = field(default_factory=Pose2)
     chair: ChairSettings = field(default_factory=ChairSettings)
 
@@ -86,15 +94,54 @@ def drive_to_places(
 
     Raises:
         UnknownPlace: a goal is not among the places.
+        BoardBuildError: the firmware cannot be built here, for want of a C compiler.
+    """
+    legs = []
+    with chair_in(setting, simulator) as chair:
+        for index, goal in enumerate(goals):
+            legs.append(_leg(setting, simulator, chair, goal, time_limit_s))
+            if progress is not None:
+                progress((index + 1) / len(goals))
+    return tuple(legs)
+
+
+@contextmanager
+def chair_in(setting: Setting, simulator: Simulator) -> Iterator[Chair]:
+    """A chair where the simulated one stands, cabled to a board that is wired into it for as long as the block lasts.
+
+    Raises:
+        BoardBuildError: the firmware cannot be built here, for want of a C compiler.
     """
     start = setting.map_from_world @ simulator.truth()
-    chair = Chair(setting.grid, setting.places, setting.body, setting.calibration, simulator, start, setting.chair)
-    legs = []
-    for index, goal in enumerate(goals):
-        legs.append(_leg(setting, simulator, chair, goal, time_limit_s))
-        if progress is not None:
-            progress((index + 1) / len(goals))
-    return tuple(legs)
+    with HostBoard(board_program(), board_settings(setting)) as board:
+        simulator.wire(board)
+        cable = Reconnecting(lambda: board.transport)
+        try:
+            yield Chair(setting.grid, setting.places, setting.body, setting.calibration, cable, start, setting.chair)
+        finally:
+            simulator.wire(None)
+
+
+def board_settings(setting: Setting) -> BoardSettings:
+    """The board that belongs to a chair: its name, joystick family, converter, and the rider's way of taking over."""
+    supervisor = setting.chair.supervisor
+    return BoardSettings(
+        chair_id=setting.body.chair_id,
+        family=setting.chair.bridge.family,
+        dac_bits=max(8, setting.calibration.counts_max.bit_length()),
+        neutral_per_mille=round(1000 * supervisor.at_rest),
+        override_per_mille=round(1000 * supervisor.override),
+        override_ms=supervisor.override_ms,
+    )
+
+
+def advance_tick(simulator: Simulator, chair: Chair) -> tuple[SensorMessage, ...]:
+    """The messages of one tick, during which the board is kept company."""
+    messages: list[SensorMessage] = []
+    for _ in range(TICK_NS // BEAT_NS):
+        chair.beat(simulator.now_ns)
+        messages += simulator.advance(BEAT_NS)
+    return tuple(messages)
 
 
 def _leg(setting: Setting, simulator: Simulator, chair: Chair, goal: str, time_limit_s: float) -> Leg:
@@ -103,7 +150,7 @@ def _leg(setting: Setting, simulator: Simulator, chair: Chair, goal: str, time_l
     states: list[ChairState] = []
     truth, clearance, ticks, planned = [], [], [], np.empty((0, 3))
     while simulator.now_ns - began_ns < time_limit_s * 1e9:
-        messages = (*simulator.advance(TICK_NS), simulator.rider)
+        messages = advance_tick(simulator, chair)
         started = time.perf_counter()
         state = chair.step(simulator.now_ns, messages)
         ticks.append(1e3 * (time.perf_counter() - started))

@@ -21,7 +21,7 @@ from waychair.simulation.pacing import Pacer
 from waychair.simulation.plant import PlantSettings
 from waychair.simulation.simulator import Simulator
 from waychair.simulation.sonar import mounts as sonar_mounts
-from waychair.slam.odometry import WheelOdometry
+from waychair.slam.odometry import OdometryFilter
 from waychair.types import (
     FloatArray,
     ImuSample,
@@ -67,7 +67,7 @@ def drive_route(
         WorldError: the chair touched something on the way, or made no way for a minute.
         OutputError: there is something at the bag's path already, it cannot be written to, or its disk is full.
     """
-    odometry, origin, pacer = WheelOdometry(body), simulator.truth(), pacer or Pacer()
+    odometry, origin, pacer = OdometryFilter(body), simulator.truth(), pacer or Pacer()
     began_ns, last, believed = simulator.now_ns, origin, Pose2()
     whole, distance, scans = max(route_length(route, origin), 1e-3), 0.0, 0
     drive = follow(simulator, Follower(route, body.track, PlantSettings()))
@@ -82,7 +82,7 @@ def drive_route(
                 if writer:
                     writer.write(_later(message))
                 if isinstance(message, WheelTicks):
-                    reading = odometry.update(message)
+                    reading = odometry.update_wheels(message)
                     believed = reading.odom_from_base
                     if writer:
                         writer.write(_later(reading))

@@ -6,7 +6,19 @@ import sys
 from collections.abc import Callable
 from pathlib import Path
 
-from benchmarks.acceptance import demo, dstar_lite, logs, simulation, start_up
+from benchmarks.acceptance import (
+    bridge,
+    calibration,
+    closed_loop,
+    demo,
+    dstar_lite,
+    logs,
+    odometry,
+    posegraphs,
+    sensor_time,
+    simulation,
+    start_up,
+)
 from waychair.files import write_json
 from waychair.types import Json
 
@@ -14,10 +26,25 @@ FIGURES: dict[str, Callable[[Path], Json]] = {
     "intel": logs.intel,
     "fr079": logs.fr079,
     "sena": logs.sena,
+    "coreslam": logs.coreslam,
+    "posegraphs": posegraphs.posegraphs,
+    "false_loops": posegraphs.false_loops,
     "demo": demo.run,
     "demo_small": demo.run_small,
     "dstar_lite": dstar_lite.run,
     "help": start_up.run,
+    "inverse": calibration.inverse,
+    "straight": closed_loop.straight,
+    "closed_loop_margins": closed_loop.closed_loop_margins,
+    "gain_watch": closed_loop.gain_watch,
+    "host_killed": bridge.host_killed,
+    "board_killed": bridge.board_killed,
+    "round_trip": bridge.round_trip,
+    "fuzz": bridge.run_fuzz,
+    "sensor_time": sensor_time.sensor_time,
+    "self_mask": sensor_time.self_mask,
+    "odometry": odometry.run,
+    "odometry_husky": odometry.run_husky,
     "sim_speed": simulation.run_speed,
     "sim_bytes": simulation.run_bytes,
     "sim_odometry": simulation.run_odometry,

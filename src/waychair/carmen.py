@@ -11,6 +11,7 @@ The first pose is the laser's, the second the robot's, both by dead reckoning; m
 
 from __future__ import annotations
 
+import io
 import math
 import zlib
 from collections import Counter
@@ -61,15 +62,15 @@ def read_carmen(
         RecordingDamaged: no line is that of a CARMEN log, or no scan is whole.
         NoScans: it is a CARMEN log without FLASER and ROBOTLASER1.
     """
-    text, warnings = _unzipped(data, where) if data.startswith(GZIP_MAGIC) else (data, [])
-    lines = text.split(b"\n")
+    text, warnings = unzipped(data, where)
     frames: dict[bytes, list[SensorFrame]] = {word: [] for word in _READERS}
     others: Counter[bytes] = Counter()
     damaged: list[int] = []
+    lines = io.BytesIO(text)
     for number, line in enumerate(lines, start=1):
         if progress is not None and number % _PROGRESS_EVERY == 0:
-            progress(number / len(lines))
-        word, _, _ = line.partition(b" ")
+            progress(lines.tell() / len(text))
+        word, _, _ = line.rstrip().partition(b" ")
         if word not in _READERS:
             if word in _OTHER_WORDS:
                 others[word] += 1
@@ -154,8 +155,14 @@ def _finite(field: bytes) -> float:
     return value
 
 
-def _unzipped(data: bytes, where: str) -> tuple[bytes, list[str]]:
-    """What can be decompressed, and a warning when that is not all."""
+def unzipped(data: bytes, where: str) -> tuple[bytes, list[str]]:
+    """The text of a file that may be gzipped, and a warning when not all of it can be decompressed.
+
+    Raises:
+        RecordingDamaged: nothing can be.
+    """
+    if not data.startswith(GZIP_MAGIC):
+        return data, []
     parts: list[bytes] = []
     at = 0
     try:
@@ -197,6 +204,6 @@ def _nothing(where: str, others: Counter[bytes], damaged: Sequence[int]) -> Reco
         kinds = ", ".join(f"{word.decode()} ({count})" for word, count in sorted(others.items()))
         return NoScans(f"{where} holds no FLASER or ROBOTLASER1 lines but {kinds}; give a log with laser scans")
     return RecordingDamaged(
-        f"{where} is neither a CARMEN log nor a ROS 1 or ROS 2 bag; give a .clf, .log, .bag, .mcap or .db3 file or the "
-        "folder of a ROS 2 bag"
+        f"{where} is neither a CARMEN or CoreSLAM log nor a ROS 1 or ROS 2 bag; give a .clf, .log, .dat, .bag, .mcap or "
+        ".db3 file or the folder of a ROS 2 bag"
     )

@@ -42,6 +42,10 @@ class MapNotFound(MapError):
     """There is no map at this path."""
 
 
+class GraphError(WaychairError):
+    """A pose graph cannot be read or solved."""
+
+
 class PlaceError(WaychairError):
     """A list of named places is broken."""
 
@@ -120,3 +124,7 @@ class OutputError(WaychairError):
 
 class DriverSilent(WaychairError):
     """What drives a simulated chair has not answered in time."""
+
+
+class SensorError(WaychairError):
+    """Messages of a sensor do not go together."""

@@ -64,6 +64,21 @@ def pose_from_array(pose: FloatArray) -> Pose2:
     return Pose2(float(pose[0]), float(pose[1]), float(pose[2]))
 
 
+def arc(distance: float, turn: float) -> Pose2:
+    """Motion along a circular arc of length `distance` [m] that turns by `turn` [rad], in the frame of its beginning."""
+    half = turn / 2
+    # the chord is free of the cancellation in 1 - cos(turn)
+    chord = distance * math.sin(half) / half if abs(half) > 1e-12 else distance
+    return Pose2(chord * math.cos(half), chord * math.sin(half), turn)
+
+
+def arcs(distances: FloatArray, turns: FloatArray) -> FloatArray:
+    """`arc` for distances (...) [m] and turns (...) [rad]: poses (..., 3), whose theta is the turn, not wrapped."""
+    half = 0.5 * turns
+    chords = distances * np.sinc(half / np.pi)
+    return np.stack([chords * np.cos(half), chords * np.sin(half), turns], axis=-1)
+
+
 def interpolate(start: Pose2, end: Pose2, fraction: float) -> Pose2:
     """Straight in x, y and the short way round in theta; fraction 0 is start, 1 is end."""
     return Pose2(

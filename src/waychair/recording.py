@@ -1,30 +1,59 @@
-"""Recorded drives: CARMEN logs and ROS 1 or ROS 2 bags in, ROS 2 bags out, and trajectories as TUM text."""
+"""Recorded drives: CARMEN and CoreSLAM logs, rows of scans, ROS 1 and 2 bags in, ROS 2 bags out, trajectories as TUM."""
 
 from __future__ import annotations
 
 import math
-from collections.abc import Callable
-from dataclasses import dataclass
+import zlib
+from collections.abc import Callable, Iterator
+from dataclasses import dataclass, field, replace
+from functools import partial
 from pathlib import Path
 
 import numpy as np
 
-from waychair.carmen import read_carmen, stamp_from_text
-from waychair.errors import RecordingDamaged, RecordingError, RecordingNotFound
+from waychair.carmen import GZIP_MAGIC, read_carmen, stamp_from_text, unzipped
+from waychair.config import Settings, setting
+from waychair.coreslam import CoreslamSettings, is_coreslam, read_coreslam
+from waychair.errors import NoScans, RecordingDamaged, RecordingError, RecordingNotFound
 from waychair.files import write_text
-from waychair.rosbag_reader import bag_suffix, read_bag
+from waychair.laser_text import is_laser_text, read_laser_text
+from waychair.rosbag_file import bag_suffix
+from waychair.rosbag_pictures import read_pictures
+from waychair.rosbag_reader import BagSettings, read_bag
 from waychair.rosbag_writer import RecordingWriter
-from waychair.types import Pose2, SensorFrame, Trajectory
+from waychair.scans import LaserMount, mirrored, mount_from_text, silent
+from waychair.types import Pose2, RgbdFrame, SensorFrame, Trajectory
 
-__all__ = ["Recording", "RecordingWriter", "read_recording", "read_tum", "write_tum"]
+__all__ = ["InputSettings", "Recording", "RecordingWriter", "read_recording", "read_tum", "write_tum"]
+
+_HEAD = 1 << 16  # bytes in which the first lines of a text are looked for
+
+
+@dataclass(frozen=True, slots=True)
+class InputSettings(Settings):
+    """What is read of a recording, and what it does not say itself."""
+
+    mounts: tuple[str, ...] = setting(
+        (), "m, rad", "X,Y,YAW[,upside-down] of the laser on the base, one for each scan topic; empty: as recorded"
+    )
+    bag: BagSettings = field(default_factory=BagSettings)
+    coreslam: CoreslamSettings = field(default_factory=CoreslamSettings)
+
+    def laser_mounts(self) -> tuple[LaserMount, ...]:
+        """
+        Raises:
+            ConfigError: a mount cannot be understood.
+        """
+        return tuple(mount_from_text(text) for text in self.mounts)
 
 
 @dataclass(frozen=True, slots=True)
 class Recording:
-    """A recorded drive: each frame holds a scan, and in `wheels` the odometry since the frame before.
+    """A recorded drive: each frame holds a scan, and in `wheels` and `imu` what came since the frame before.
 
     Frames are in the order in which they were recorded; their stamps may step backwards. `source` says which format
-    and topics they came from, `warnings` what was wrong with them, one sentence each.
+    and topics they came from, `warnings` what was wrong with them, one sentence each. `pictures()` reads the recording
+    again for its pictures with depth and decodes one at a time, so that whoever needs none pays for none.
     """
 
     path: Path
@@ -32,50 +61,108 @@ class Recording:
     base_from_laser: Pose2
     source: str
     warnings: tuple[str, ...] = ()
+    pictures: Callable[[], Iterator[RgbdFrame]] = lambda: iter(())
 
 
 def read_recording(
     path: Path,
+    settings: InputSettings | None = None,
     *,
     base_from_laser: Pose2 | None = None,
-    scan_topic: str | None = None,
-    odom_topic: str | None = None,
     progress: Callable[[float], None] | None = None,
 ) -> Recording:
-    """A CARMEN log (plain or gzipped) or a ROS 1 or ROS 2 bag (file or folder), told apart by its content.
+    """A CARMEN or CoreSLAM log or rows of scans (plain or gzipped), or a ROS 1 or ROS 2 bag, told apart by its content.
 
-    Without `base_from_laser` a bag's mount comes from its /tf_static, and a CARMEN log's base is the laser itself,
-    with the laser's pose as odometry; with it the log's robot pose is the odometry. The topics are those of a bag
-    (/scan and /odom when there is a choice). `progress` is told the part read, 0..1.
+    `base_from_laser` stands for one upright mount in the settings. Without a mount a bag's comes from its /tf, and a
+    CARMEN log's base is the laser itself, with the laser's pose as odometry; with it the log's robot pose is the
+    odometry. `progress` is told the part read, 0..1.
 
     Raises:
         RecordingNotFound: there is nothing at this path.
-        RecordingDamaged: it is empty, of an unknown format, or damaged before its first scan.
-        NoScans: it is whole but holds no laser scans; the message lists what it holds.
-        RecordingError: it cannot be opened, or the odometry topic asked for is not there.
+        RecordingDamaged: it is empty, of an unknown format, or damaged so that no scan can be read.
+        NoScans: it is whole but holds no laser scans, or none that saw anything; the message lists what it holds.
+        RecordingError: it cannot be opened, or a topic that was asked for is not there.
     """
-    if path.is_dir():
-        if not (path / "metadata.yaml").is_file():
-            raise RecordingDamaged(
-                f"{path} is no ROS 2 bag: it has no metadata.yaml; give the .mcap or .db3 file in it"
-            )
-        suffix: str | None = ""
-    else:
-        suffix = bag_suffix(_first_bytes(path))
+    settings = settings or InputSettings()
+    mounts = settings.laser_mounts() if base_from_laser is None else (LaserMount(base_from_laser),)
+    suffix = _bag_suffix(path)
     if suffix is not None:
-        bag = read_bag(
-            path,
-            suffix,
-            base_from_laser=base_from_laser,
-            scan_topic=scan_topic,
-            odom_topic=odom_topic,
-            progress=progress,
+        bag = read_bag(path, suffix, settings.bag, mounts, progress)
+        pictures = partial(read_pictures, path, suffix, settings.bag)
+        return _checked(Recording(path, bag.frames, bag.base_from_laser, bag.source, bag.warnings, pictures))
+    if len(mounts) > 1:
+        raise RecordingError(f"{len(mounts)} mounts are given for the one laser of {path}; give one")
+    recording = _read_text(path, settings, mounts[0] if mounts else None, progress)
+    if mounts and mounts[0].upside_down:
+        turned = [replace(frame, scan=mirrored(frame.scan)) for frame in recording.frames if frame.scan is not None]
+        recording = replace(recording, frames=tuple(turned))
+    return _checked(recording)
+
+
+def _read_text(
+    path: Path, settings: InputSettings, mount: LaserMount | None, progress: Callable[[float], None] | None
+) -> Recording:
+    """The logs that are text, by their first line that is no comment."""
+    data = path.read_bytes()
+    first = _first_line(data)
+    base_from_laser = mount.base_from_laser if mount is not None else Pose2()
+    if is_laser_text(first):
+        text, warnings = unzipped(data, str(path))
+        rows = read_laser_text(text, str(path), progress)
+        return Recording(path, rows.frames, base_from_laser, "rows of scans, no odometry", (*warnings, *rows.warnings))
+    if is_coreslam(first):
+        text, warnings = unzipped(data, str(path))
+        log = read_coreslam(text, str(path), settings.coreslam, progress)
+        at = base_from_laser if mount is not None else log.base_from_laser
+        return Recording(path, log.frames, at, "CoreSLAM log, odometry of its encoders", (*warnings, *log.warnings))
+    carmen = read_carmen(data, str(path), of_robot=mount is not None, progress=progress)
+    pose = "laser's" if mount is None else "robot's"
+    source = f"CARMEN log, {carmen.kind} with the {pose} pose as odometry"
+    return Recording(path, carmen.frames, base_from_laser, source, carmen.warnings)
+
+
+def _checked(recording: Recording) -> Recording:
+    """The recording with a warning about scans that saw nothing.
+
+    Raises:
+        NoScans: none saw anything.
+    """
+    count = len(recording.frames)
+    blind = silent([frame.scan for frame in recording.frames if frame.scan is not None])
+    if blind == count:
+        raise NoScans(
+            f"none of the {count} scans of {recording.path} holds a distance (all are nan, infinite or zero): "
+            "check the laser and its driver"
         )
-        return Recording(path, bag.frames, bag.base_from_laser, bag.source, bag.warnings)
-    log = read_carmen(path.read_bytes(), str(path), of_robot=base_from_laser is not None, progress=progress)
-    pose = "laser's" if base_from_laser is None else "robot's"
-    source = f"CARMEN log, {log.kind} with the {pose} pose as odometry"
-    return Recording(path, log.frames, base_from_laser or Pose2(), source, log.warnings)
+    warnings = list(recording.warnings)
+    if blind:
+        warnings.append(f"{blind} of {count} scans hold no distance at all (nan, infinite or zero)")
+    stamps = np.array([frame.stamp_ns for frame in recording.frames], np.int64)
+    backwards = int((np.diff(stamps) < 0).sum())
+    if backwards and not any("step backwards" in warning for warning in warnings):
+        warnings.append(f"stamps step backwards {backwards} times: the scans are kept in the order of the recording")
+    return replace(recording, warnings=tuple(warnings))
+
+
+def _bag_suffix(path: Path) -> str | None:
+    """The kind of bag ('' for a folder), None for a file that is no bag."""
+    if not path.is_dir():
+        return bag_suffix(_first_bytes(path))
+    storages = [file for file in path.iterdir() if file.suffix in (".mcap", ".db3")]
+    if not (path / "metadata.yaml").is_file() and not storages:
+        raise RecordingDamaged(f"{path} is no ROS 2 bag: it has no metadata.yaml; give the .mcap or .db3 file in it")
+    return ""
+
+
+def _first_line(data: bytes) -> bytes:
+    head = data[:_HEAD]
+    if head.startswith(GZIP_MAGIC):
+        try:
+            head = zlib.decompressobj(wbits=31).decompress(head, _HEAD)
+        except zlib.error:
+            return b""
+    lines = (line for line in head.split(b"\n") if line.strip() and not line.startswith(b"#"))
+    return next(lines, b"")
 
 
 def write_tum(path: Path, trajectory: Trajectory) -> None:

@@ -1,49 +1,73 @@
-"""ROS 1 and ROS 2 bags read without ROS: laser scans, odometry and the laser's mount.
+"""ROS 1 and ROS 2 bags read without ROS: scans of one or several lasers or clouds, odometry, IMU, and the mounts.
 
-Messages are sensor_msgs/LaserScan, nav_msgs/Odometry and tf2_msgs/TFMessage; frames follow REP-105, ranges REP-117.
+Messages are sensor_msgs/LaserScan, PointCloud2 and Imu, nav_msgs/Odometry and tf2_msgs/TFMessage; frames follow
+REP-105, ranges REP-117. Pictures are read by `rosbag_pictures`, when they are asked for.
 """
 
 from __future__ import annotations
 
 import math
-import tempfile
 from bisect import bisect_right
-from collections.abc import Callable, Iterator, Sequence
-from contextlib import ExitStack, contextmanager
+from collections import Counter
+from collections.abc import Callable, Collection, Sequence
 from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import Any
 
 import numpy as np
-from rosbags.highlevel import AnyReader
 from rosbags.interfaces import Connection
-from rosbags.typesys import Stores, get_typestore
 
+from waychair.config import Settings, setting
 from waychair.errors import NoScans, RecordingDamaged, RecordingError
-from waychair.geometry import interpolate
-from waychair.topics import ODOMETRY, SCAN
-from waychair.types import FloatArray, Odometry, Pose2, Pose3, Scan, SensorFrame, Twist
+from waychair.geometry import in_space, interpolate
+from waychair.ros_decoding import cloud_from_message, imu_from_message, odometry_from_message, scan_from_message
+from waychair.ros_transforms import BASE_FRAMES, TransformTree, frame_name, planar, stamp_ns
+from waychair.rosbag_file import BagFile, counts_by_topic, listing, messages, opened, salvaged
+from waychair.scan_merging import Track, merged_scans
+from waychair.scans import LaserMount, mirrored, scan_from_points
+from waychair.topics import IMU, ODOMETRY, SCAN
+from waychair.types import FloatArray, ImuSample, Odometry, Pose2, Scan, SensorFrame, Twist
 
-SCAN_TYPE = "sensor_msgs/msg/LaserScan"
-ODOMETRY_TYPE = "nav_msgs/msg/Odometry"
-TRANSFORMS_TYPE = "tf2_msgs/msg/TFMessage"
-STATIC_TRANSFORMS = "/tf_static"
+SCAN_TYPE, CLOUD_TYPE = "sensor_msgs/msg/LaserScan", "sensor_msgs/msg/PointCloud2"
+ODOMETRY_TYPE, IMU_TYPE = "nav_msgs/msg/Odometry", "sensor_msgs/msg/Imu"
+TRANSFORM_TYPES = ("tf2_msgs/msg/TFMessage", "tf/msg/tfMessage")
 GROUND_TRUTH = "/ground_truth/"
 """Simulators tell the truth on topics that begin so; nothing may be made of them unless they are asked for by name."""
-BASE_FRAMES = ("base_link", "base_footprint")
-"""Names of the base (REP-105, REP-120) when the odometry does not give it."""
 
-SUFFIXES = {b"#ROSBAG V2.0": ".bag", b"\x89MCAP": ".mcap", b"SQLite format 3": ".db3"}
-"""First bytes of the files that hold bags, and the ending each must have."""
-
-_PLANAR = [0, 1, 5]  # x, y and yaw among x, y, z, roll, pitch, yaw
+_LEVEL = math.cos(math.radians(5.0))
 _PROGRESS_EVERY = 256  # messages
-_LONGEST_REASON = 200  # characters
+
+
+@dataclass(frozen=True, slots=True)
+class BagSettings(Settings):
+    """What is taken from a bag; empty names mean the usual ones, guessed from what it holds."""
+
+    scan_topics: tuple[str, ...] = setting((), "", "scans or point clouds that are mapped; several are merged into one")
+    odom_topic: str = setting("", "", "odometry; without any it is taken from /tf")
+    imu_topic: str = setting("", "", "inertial unit")
+    colour_topic: str = setting("", "", "pictures in colour or grey")
+    depth_topic: str = setting("", "", "depth registered to the pictures")
+    camera_info_topic: str = setting("", "", "calibration of the pictures' camera")
+    base_frame: str = setting("", "", "frame of the chair, where the mounts are measured from")
+    odom_frame: str = setting("", "", "frame in which /tf moves the base, where no odometry topic does")
+    cloud_low: float = setting(
+        0.3, "m", "points of a cloud below this height over the base are left out", low=-10, high=10
+    )
+    cloud_high: float = setting(1.2, "m", "points of a cloud above this height are left out", low=-10, high=10)
+    cloud_range_min: float = setting(0.3, "m", "points of a cloud nearer than this are left out", low=0.0, high=100)
+    cloud_range_max: float = setting(30.0, "m", "points of a cloud farther than this are left out", low=0.1, high=500)
+    beam_step: float = setting(
+        math.radians(0.25), "rad", "between beams of scans made of clouds or of several lasers", low=1e-3, high=0.1
+    )
+    scan_spread: float = setting(0.1, "s", "scans of several lasers this far apart are merged", low=0.0, high=10.0)
+    picture_spread: float = setting(
+        0.02, "s", "a picture and a depth this far apart belong together", low=0.0, high=1.0
+    )
 
 
 @dataclass(frozen=True, slots=True)
 class BagContents:
-    """The scans of a bag with the odometry since the one before, the laser's mount, and what was wrong with it."""
+    """The scans of a bag with odometry and IMU since the one before, the laser's mount, and what was wrong with it."""
 
     frames: tuple[SensorFrame, ...]
     base_from_laser: Pose2
@@ -51,88 +75,129 @@ class BagContents:
     warnings: tuple[str, ...]
 
 
+@dataclass(frozen=True, slots=True)
+class _Topics:
+    scans: tuple[str, ...]
+    clouds: tuple[str, ...]
+    odom: str | None
+    imu: str | None
+
+
 @dataclass(slots=True)
-class _Messages:
-    """What one pass through a bag collects, in the order of the bag."""
+class _Found:
+    """What passes through a bag have collected, in the order of the bag."""
 
-    scans: list[Scan] = field(default_factory=list)
-    scan_frame: str = ""
+    tree: TransformTree = field(default_factory=TransformTree)
+    scans: dict[str, list[Scan]] = field(default_factory=dict)
+    scan_frames: dict[str, str] = field(default_factory=dict)
+    slices_at: dict[str, Pose2] = field(default_factory=dict)
     odometry: list[Odometry] = field(default_factory=list)
-    base_frame: str = ""
-    transforms: list[tuple[str, str, FloatArray]] = field(default_factory=list)  # parent, child, parent_from_child
+    odometry_base: str = ""
+    imu: list[ImuSample] = field(default_factory=list)
+    imu_frame: str = ""
     skipped: int = 0
-    damage: str = ""
-
-
-def bag_suffix(head: bytes) -> str | None:
-    """`.bag`, `.mcap` or `.db3` by the first bytes of a file, None for anything else."""
-    return next((suffix for magic, suffix in SUFFIXES.items() if head.startswith(magic)), None)
+    unstamped: int = 0
 
 
 def read_bag(
     path: Path,
     suffix: str,
-    *,
-    base_from_laser: Pose2 | None = None,
-    scan_topic: str | None = None,
-    odom_topic: str | None = None,
+    settings: BagSettings,
+    mounts: Sequence[LaserMount] = (),
     progress: Callable[[float], None] | None = None,
 ) -> BagContents:
     """Every scan of a bag of the given kind ('' for the folder of a ROS 2 bag), in the order of the bag.
 
     A frame's `wheels` are the odometry messages since the previous frame, and last the odometry interpolated to the
-    scan's stamp. Stamps are those of the headers. The mount comes from /tf_static unless it is given.
+    scan's stamp; its `imu` the samples since then, turned into the axes of the base where /tf knows the mount. Stamps
+    are those of the headers. Mounts come from /tf_static and /tf unless they are given, one for each scan topic.
 
     Raises:
-        NoScans: no topic holds laser scans, or not the one that was asked for; the topics are listed.
-        RecordingDamaged: the bag cannot be opened or ends before its first scan.
-        RecordingError: the odometry topic that was asked for is not there.
+        NoScans: no topic holds scans, or not the one that was asked for; the topics are listed.
+        RecordingDamaged: the bag is damaged, and no scan in it can be read.
+        RecordingError: a topic that was asked for is not there.
     """
-    warnings: list[str] = []
-    with _opened(path, suffix) as reader:
-        scan = _chosen(path, reader, SCAN_TYPE, scan_topic, SCAN.name, warnings)
-        if scan is None:
-            asked = f"no {SCAN_TYPE} on {scan_topic}" if scan_topic else f"no {SCAN_TYPE}"
-            advice = "choose another scan topic" if _of_type(reader, SCAN_TYPE) else "give a bag with laser scans"
-            raise NoScans(f"{path} holds {asked}, only {_listing(reader)}; {advice}")
-        odom = _chosen(path, reader, ODOMETRY_TYPE, odom_topic, ODOMETRY.name, warnings)
-        if odom is None and odom_topic is not None:
-            raise RecordingError(f"{path} holds no {ODOMETRY_TYPE} on {odom_topic}, only {_listing(reader)}")
-        messages = _collect(path, reader, scan, odom, progress)
-    if messages.damage:
-        warnings.append(f"only what comes before the damage was read: {messages.damage}")
-    if messages.skipped:
-        warnings.append(f"{messages.skipped} scans without beams or angles, or odometry without a pose, were left out")
-    mount = _mount(messages, warnings) if base_from_laser is None else base_from_laser
-    frames = _frames(messages, warnings)
-    source = f"ROS {'2' if reader.is2 else '1'} bag, scans {scan}, odometry {odom or 'none'}"
-    return BagContents(frames, mount, source, tuple(warnings))
-
-
-@contextmanager
-def _opened(path: Path, suffix: str) -> Iterator[AnyReader]:
-    """The bag, open; the library goes by the file's ending, so another ending gets a link with the right one."""
-    with ExitStack() as stack:
-        if path.suffix != suffix and not path.is_dir():
-            link = Path(stack.enter_context(tempfile.TemporaryDirectory())) / f"bag{suffix}"
-            link.symlink_to(path.resolve())
-        else:
-            link = path
+    try:
+        with opened(path, suffix) as bag:
+            return _read(path, bag, settings, mounts, progress)
+    except RecordingDamaged as damage:
+        rest = salvaged(path, suffix, damage)
+        lost: Counter[str] = Counter()
         try:
-            reader = AnyReader([link], default_typestore=get_typestore(Stores.ROS2_JAZZY))
-            stack.enter_context(reader)
-        # Damaged bytes raise whatever the parser stumbles over: struct, key, index, decode, sqlite and its own errors.
-        except Exception as error:
-            raise _damaged(path, error) from error
-        yield reader
+            contents = _read(path, rest, settings, mounts, progress, lost)
+        except NoScans:
+            raise damage from None
+        # The end is missed wherever the index was to be; it is the reason, not a loss.
+        losses = [f"{count} damaged {kind}" for kind, count in sorted((lost + rest.lost).items()) if kind != "end"]
+        left_out = f", without {' and '.join(losses)}" if losses else ""
+        reason = str(damage).partition(" is a damaged bag ")[2].partition("; ")[0]
+        warning = (
+            f"{path} is damaged {reason}: only the {len(contents.frames)} scans that can be read are used{left_out}"
+        )
+        return replace(contents, warnings=(warning, *contents.warnings))
 
 
-def _chosen(
-    path: Path, reader: AnyReader, msgtype: str, asked: str | None, usual: str, warnings: list[str]
-) -> str | None:
-    """The topic that was asked for, else the usual one, else the fullest; None when there is none of this type."""
-    counts = _of_type(reader, msgtype)
-    if asked is not None:
+def _read(
+    path: Path,
+    bag: BagFile,
+    settings: BagSettings,
+    mounts: Sequence[LaserMount],
+    progress: Callable[[float], None] | None,
+    lost: Counter[str] | None = None,
+) -> BagContents:
+    warnings: list[str] = []
+    topics = _choose(path, bag, settings, warnings)
+    if len(mounts) > len(topics.scans):
+        raise RecordingError(
+            f"{len(mounts)} mounts are given for the {len(topics.scans)} scan topics of {path}; give one for each"
+        )
+    found = _collect(path, bag, topics, settings, mounts, progress, lost)
+    if found.skipped:
+        warnings.append(f"{found.skipped} scans without beams or angles, or odometry without a pose, were left out")
+    if found.unstamped:
+        warnings.append(f"{found.unstamped} messages have no stamp: the time of their recording was taken instead")
+    base = _base_frame(found, settings)
+    odometry, name = _odometry(found, topics, base, settings)
+    scans, mount = _scans(found, topics, base, odometry, mounts, settings, warnings)
+    frames = _frames(scans, odometry, _in_base_axes(found, base, warnings), warnings)
+    source = f"ROS {'2' if bag.is2 else '1'} bag, scans {' and '.join(topics.scans)}, odometry {name}"
+    return BagContents(frames, mount, source + (f", IMU {topics.imu}" if found.imu else ""), tuple(warnings))
+
+
+def _choose(path: Path, bag: BagFile, settings: BagSettings, warnings: list[str]) -> _Topics:
+    """The topics that were asked for, else the usual ones, else the fullest."""
+    scans = _chosen_scans(path, bag, settings.scan_topics, warnings)
+    odom = _chosen(path, bag, ODOMETRY_TYPE, settings.odom_topic, ODOMETRY.name, warnings)
+    imu = _chosen(path, bag, IMU_TYPE, settings.imu_topic, IMU.name, warnings)
+    for asked, chosen, kind in ((settings.odom_topic, odom, ODOMETRY_TYPE), (settings.imu_topic, imu, IMU_TYPE)):
+        if asked and chosen is None:
+            raise RecordingError(f"{path} holds no {kind} on {asked}, only {listing(bag)}")
+    clouds = counts_by_topic(bag, CLOUD_TYPE)
+    return _Topics(scans, tuple(topic for topic in scans if topic in clouds), odom, imu)
+
+
+def _chosen_scans(path: Path, bag: BagFile, asked: Sequence[str], warnings: list[str]) -> tuple[str, ...]:
+    if not asked:
+        usual = _chosen(path, bag, SCAN_TYPE, "", SCAN.name, warnings) or _chosen(
+            path, bag, CLOUD_TYPE, "", "", warnings
+        )
+        if usual is None:
+            raise NoScans(f"{path} holds no {SCAN_TYPE}, only {listing(bag)}; give a bag with laser scans")
+        return (usual,)
+    known = counts_by_topic(bag, SCAN_TYPE, CLOUD_TYPE)
+    chosen = []
+    for name in asked:
+        topic = next((topic for topic in known if topic.strip("/") == name.strip("/")), None)
+        if topic is None:
+            advice = "choose another scan topic" if known else "give a bag with laser scans"
+            raise NoScans(f"{path} holds no {SCAN_TYPE} on {name}, only {listing(bag)}; {advice}")
+        chosen.append(topic)
+    return tuple(dict.fromkeys(chosen))
+
+
+def _chosen(path: Path, bag: BagFile, msgtype: str, asked: str, usual: str, warnings: list[str]) -> str | None:
+    counts = counts_by_topic(bag, msgtype)
+    if asked:
         return next((topic for topic in counts if topic.strip("/") == asked.strip("/")), None)
     counts = {topic: count for topic, count in counts.items() if not topic.startswith(GROUND_TRUTH)}
     if not counts:
@@ -146,228 +211,213 @@ def _chosen(
     return best
 
 
-def _of_type(reader: AnyReader, msgtype: str) -> dict[str, int]:
-    """Number of messages by topic."""
-    counts: dict[str, int] = {}
-    for connection in reader.connections:
-        if connection.msgtype == msgtype:
-            counts[connection.topic] = counts.get(connection.topic, 0) + connection.msgcount
-    return counts
-
-
-def _listing(reader: AnyReader) -> str:
-    topics = sorted({f"{connection.topic} ({connection.msgtype})" for connection in reader.connections})
-    return ", ".join(topics) or "no topics at all"
-
-
 def _collect(
-    path: Path, reader: AnyReader, scan: str, odom: str | None, progress: Callable[[float], None] | None
-) -> _Messages:
-    """One pass through the bag; what was read before a damaged place is kept."""
-    wanted = {(scan, SCAN_TYPE), (odom, ODOMETRY_TYPE), (STATIC_TRANSFORMS, TRANSFORMS_TYPE)}
-    connections = [c for c in reader.connections if (c.topic, c.msgtype) in wanted]
-    total = max(1, sum(connection.msgcount for connection in connections))
-    found = _Messages()
-    try:
-        for count, (connection, message) in enumerate(_messages(path, reader, connections)):
-            _take(found, connection, message)
-            if progress is not None and count % _PROGRESS_EVERY == 0:
-                progress(min(1.0, count / total))
-    except RecordingDamaged as error:
-        if not found.scans:
-            raise
-        found.damage = str(error)
-    if not found.scans:
-        raise NoScans(f"the topic {scan} of {path} holds no usable scan; choose another one: {_listing(reader)}")
+    path: Path,
+    bag: BagFile,
+    topics: _Topics,
+    settings: BagSettings,
+    mounts: Sequence[LaserMount],
+    progress: Callable[[float], None] | None,
+    lost: Counter[str] | None,
+) -> _Found:
+    """One pass through the bag, or two where clouds can only be sliced once all mounts are known."""
+    small = [c for c in bag.connections if c.msgtype in TRANSFORM_TYPES or c.topic in (topics.odom, topics.imu)]
+    scans = [c for c in bag.connections if c.topic in topics.scans and c.msgtype in (SCAN_TYPE, CLOUD_TYPE)]
+    passes: list[Collection[Connection]] = [small, scans] if topics.clouds else [[*small, *scans]]
+    total, done, found = max(1, sum(c.msgcount for c in [*small, *scans])), 0, _Found()
+    found.scans = {topic: [] for topic in topics.scans}
+    for connections in passes:
+        for connection, log_ns, message in messages(path, bag, connections, lost):
+            if connection.msgtype not in TRANSFORM_TYPES and stamp_ns(message.header.stamp) == 0 and log_ns > 0:
+                message.header.stamp.sec, message.header.stamp.nanosec = divmod(log_ns, 1_000_000_000)
+                found.unstamped += 1
+            if connection.msgtype == CLOUD_TYPE:
+                _take_cloud(found, connection.topic, message, topics, settings, mounts)
+            else:
+                _take(found, connection, message)
+            done += 1
+            if progress is not None and done % _PROGRESS_EVERY == 0:
+                progress(min(1.0, done / total))
+    if not any(found.scans.values()):
+        names = " and ".join(topics.scans)
+        raise NoScans(f"the topic {names} of {path} holds no usable scan; choose another one: {listing(bag)}")
     if progress is not None:
         progress(1.0)
     return found
 
 
-def _messages(path: Path, reader: AnyReader, connections: Sequence[Connection]) -> Iterator[tuple[Connection, Any]]:
-    """The messages of some connections in the order of the bag."""
-    raw = reader.messages(connections)
-    while True:
-        try:
-            connection, _, data = next(raw)
-            message = reader.deserialize(data, connection.msgtype)
-        except StopIteration:
-            return
-        # As when it is opened: damaged bytes raise anything.
-        except Exception as error:
-            raise _damaged(path, error) from error
-        yield connection, message
-
-
-def _take(found: _Messages, connection: Connection, message: Any) -> None:
-    if connection.msgtype == SCAN_TYPE:
-        found.scan_frame = found.scan_frame or _frame_name(message.header.frame_id)
+def _take(found: _Found, connection: Connection, message: Any) -> None:
+    if connection.msgtype in TRANSFORM_TYPES:
+        found.tree.add(message)
+    elif connection.msgtype == SCAN_TYPE:
+        found.scan_frames.setdefault(connection.topic, frame_name(message.header.frame_id))
         scan = scan_from_message(message)
-        found.scans += [scan] if scan else []
+        found.scans[connection.topic] += [scan] if scan else []
         found.skipped += not scan
     elif connection.msgtype == ODOMETRY_TYPE:
-        found.base_frame = found.base_frame or _frame_name(message.child_frame_id)
+        found.odometry_base = found.odometry_base or frame_name(message.child_frame_id)
         odometry = odometry_from_message(message)
         found.odometry += [odometry] if odometry else []
         found.skipped += not odometry
-    else:
-        for transform in message.transforms:
-            pose = transform.transform
-            parent, child = _frame_name(transform.header.frame_id), _frame_name(transform.child_frame_id)
-            found.transforms.append((parent, child, _matrix(pose.translation, pose.rotation)))
+    elif connection.msgtype == IMU_TYPE:
+        found.imu_frame = found.imu_frame or frame_name(message.header.frame_id)
+        sample = imu_from_message(message)
+        found.imu += [sample] if sample else []
+        found.skipped += not sample
 
 
-def scan_from_message(message: Any) -> Scan | None:
-    """A sensor_msgs/LaserScan with its angles turned to ascend; None when it has no beams or no angles."""
-    step = float(message.angle_increment)
-    ranges = np.array(message.ranges, dtype=np.float32)
-    if len(ranges) < 2 or step == 0.0 or not math.isfinite(step + message.angle_min):
-        return None
-    scan = Scan(
-        _stamp_ns(message.header.stamp),
-        ranges,
-        float(message.angle_min),
-        step,
-        float(message.time_increment),
-        float(message.range_min),
-        float(message.range_max),
+def _take_cloud(
+    found: _Found, topic: str, message: Any, topics: _Topics, settings: BagSettings, mounts: Sequence[LaserMount]
+) -> None:
+    """The band of heights of a cloud as a level scan from where its sensor is."""
+    frame = found.scan_frames.setdefault(topic, frame_name(message.header.frame_id))
+    stamp = stamp_ns(message.header.stamp)
+    points = cloud_from_message(message)
+    index = topics.scans.index(topic)
+    chain = found.tree.chain(_base_frame(found, settings), frame, stamp)
+    matrix = _given_matrix(mounts[index]) if index < len(mounts) else np.eye(4) if chain is None else chain
+    in_base = points @ matrix[:3, :3].T + matrix[:3, 3]
+    sensor = matrix[:2, 3]
+    inside = (in_base[:, 2] >= settings.cloud_low) & (in_base[:, 2] <= settings.cloud_high)
+    flat = in_base[:, :2] - sensor
+    scan = scan_from_points(
+        stamp, flat[inside], flat[~inside], settings.beam_step, settings.cloud_range_min, settings.cloud_range_max
     )
-    return scan if step > 0 else _reversed(scan)
+    found.slices_at.setdefault(topic, Pose2(float(sensor[0]), float(sensor[1])))
+    found.scans[topic].append(scan)
 
 
-def _reversed(scan: Scan) -> Scan:
-    """The same beams in the opposite order: the stamp moves to the beam that is now the first."""
-    last = len(scan.ranges) - 1
-    return replace(
-        scan,
-        stamp_ns=scan.stamp_ns + round(last * scan.time_step * 1e9),
-        ranges=scan.ranges[::-1].copy(),
-        angle_min=scan.angle_min + last * scan.angle_step,
-        angle_step=-scan.angle_step,
-        time_step=-scan.time_step if scan.time_step else 0.0,
+def _given_matrix(mount: LaserMount) -> FloatArray:
+    matrix = np.eye(4)
+    matrix[:3, :3] = in_space(mount.base_from_laser).rotation
+    matrix[:2, 3] = mount.base_from_laser.x, mount.base_from_laser.y
+    if mount.upside_down:
+        matrix[:3, :3] = matrix[:3, :3] @ np.diag([1.0, -1.0, -1.0])
+    return matrix
+
+
+def _base_frame(found: _Found, settings: BagSettings) -> str:
+    if settings.base_frame or found.odometry_base:
+        return frame_name(settings.base_frame) or found.odometry_base
+    return next((name for name in BASE_FRAMES if name in found.tree), BASE_FRAMES[0])
+
+
+def _odometry(found: _Found, topics: _Topics, base: str, settings: BagSettings) -> tuple[list[Odometry], str]:
+    """Readings by stamp and where they come from: a topic, else the chain of /tf from odom to the base."""
+    if topics.odom is not None and not settings.odom_frame:
+        return sorted(found.odometry, key=lambda reading: reading.stamp_ns), topics.odom
+    frame = frame_name(settings.odom_frame) or found.tree.odometry_frame(base)
+    readings = found.tree.odometry(frame, base) if frame else []
+    return readings, f"/tf from {frame} to {base}" if readings else "none"
+
+
+def _scans(
+    found: _Found,
+    topics: _Topics,
+    base: str,
+    odometry: Sequence[Odometry],
+    mounts: Sequence[LaserMount],
+    settings: BagSettings,
+    warnings: list[str],
+) -> tuple[list[Scan], Pose2]:
+    """The scans in the order of the bag and the pose in the base of the laser, real or thought, that made them."""
+    sources = []
+    for index, topic in enumerate(topics.scans):
+        if not found.scans[topic]:
+            warnings.append(f"{topic} holds no usable scan and is left out")
+            continue
+        given = mounts[index] if index < len(mounts) else None
+        if topic in found.slices_at:
+            if given is None and found.tree.chain(base, found.scan_frames[topic], 0) is None:
+                warnings.append(_unknown_mount(base, found.scan_frames[topic]))
+            mount = LaserMount(found.slices_at[topic])
+        else:
+            mount = given or _mount(found, base, topic, warnings)
+        scans = [mirrored(scan) for scan in found.scans[topic]] if mount.upside_down else found.scans[topic]
+        sources.append((scans, mount.base_from_laser))
+    if len(sources) == 1:
+        return list(sources[0][0]), sources[0][1]
+    track = Track(odometry) if odometry else None
+    return merged_scans(sources, track, settings.beam_step, settings.scan_spread), Pose2()
+
+
+def _mount(found: _Found, base: str, topic: str, warnings: list[str]) -> LaserMount:
+    """Where a laser is mounted, along the chain of transforms."""
+    laser, first = found.scan_frames[topic], found.scans[topic][0].stamp_ns
+    matrix = found.tree.chain(base, laser, first)
+    if matrix is None:
+        warnings.append(_unknown_mount(base, laser))
+        return LaserMount()
+    if found.tree.moves_between(base, laser):
+        warnings.append(f"the laser '{laser}' moves on the base by /tf: its pose at the first scan is taken for all")
+    upright = float(matrix[2, 2])
+    if abs(upright) < _LEVEL:
+        tilt = math.degrees(math.acos(min(1.0, abs(upright))))
+        warnings.append(f"the laser '{laser}' is tilted by {tilt:.0f} degrees: its scans are taken as if it were level")
+    return LaserMount(planar(matrix), upright < 0.0)
+
+
+def _unknown_mount(base: str, laser: str) -> str:
+    return (
+        f"/tf and /tf_static have no way from {base} to '{laser}': the laser is taken to sit at the base; "
+        "give its mount with --base-from-laser X,Y,YAW (and ,upside-down if it hangs so)"
     )
 
 
-def _mirrored(scan: Scan) -> Scan:
-    """The scan of a laser mounted upside down as one that stands upright would have made it."""
-    return _reversed(replace(scan, angle_min=-scan.angle_min, angle_step=-scan.angle_step))
+def _in_base_axes(found: _Found, base: str, warnings: list[str]) -> list[ImuSample]:
+    """The samples by stamp, turned into the axes of the base."""
+    samples = sorted(found.imu, key=lambda sample: sample.stamp_ns)
+    if not samples or found.imu_frame == base:
+        return samples
+    matrix = found.tree.chain(base, found.imu_frame, samples[0].stamp_ns)
+    if matrix is None:
+        warnings.append(f"/tf has no way from {base} to the IMU '{found.imu_frame}': it is taken to be mounted level")
+        return samples
+    turn = matrix[:3, :3]
+    return [replace(sample, accel=turn @ sample.accel, gyro=turn @ sample.gyro) for sample in samples]
 
 
-def odometry_from_message(message: Any) -> Odometry | None:
-    """A nav_msgs/Odometry in the plane, None when its pose is no number; zeros as covariance mean that none is known."""
-    twist = message.twist.twist
-    pose = _pose3(_matrix(message.pose.pose.position, message.pose.pose.orientation)).planar()
-    if not math.isfinite(pose.x + pose.y + pose.theta):
-        return None
-    covariance = np.array(message.pose.covariance, dtype=np.float64).reshape(6, 6)[np.ix_(_PLANAR, _PLANAR)]
-    return Odometry(
-        _stamp_ns(message.header.stamp),
-        pose,
-        Twist(float(twist.linear.x), float(twist.angular.z)),
-        covariance if covariance.any() else None,
-    )
-
-
-def _frames(messages: _Messages, warnings: list[str]) -> tuple[SensorFrame, ...]:
+def _frames(
+    scans: Sequence[Scan], odometry: Sequence[Odometry], imu: Sequence[ImuSample], warnings: list[str]
+) -> tuple[SensorFrame, ...]:
     """A frame per scan with its odometry; scans outside the odometry's time are left out."""
-    odometry = sorted(messages.odometry, key=lambda reading: reading.stamp_ns)
-    stamps = [reading.stamp_ns for reading in odometry]
-    scans = [scan for scan in messages.scans if odometry and stamps[0] <= scan.stamp_ns <= stamps[-1]]
-    if not scans:
-        why = "no odometry at the time of the scans" if odometry else f"no {ODOMETRY_TYPE}"
-        warnings.append(f"the bag holds {why}: the motion must come from matching the scans alone")
-        return tuple(SensorFrame(scan.stamp_ns, scan=scan) for scan in messages.scans)
-    if len(scans) < len(messages.scans):
-        missing = len(messages.scans) - len(scans)
+    stamps, imu_stamps = [reading.stamp_ns for reading in odometry], [sample.stamp_ns for sample in imu]
+    inside = [scan for scan in scans if stamps and stamps[0] <= scan.stamp_ns <= stamps[-1]]
+    if not inside:
+        warnings.append(_no_odometry(scans, stamps))
+    elif len(inside) < len(scans):
+        missing = len(scans) - len(inside)
         warnings.append(f"{missing} scans before the first or after the last odometry were left out")
-    frames, done = [], 0
-    for scan in scans:
-        until = bisect_right(stamps, scan.stamp_ns)
-        wheels = odometry[done:until]
-        if stamps[until - 1] != scan.stamp_ns:
-            wheels.append(_between(odometry[until - 1], odometry[until], scan.stamp_ns))
-        elif not wheels:
-            wheels = [odometry[until - 1]]  # two scans at one stamp
-        frames.append(SensorFrame(scan.stamp_ns, scan=scan, wheels=tuple(wheels)))
-        done = max(done, until)
+    frames, done, imu_done = [], 0, 0
+    for scan in inside or scans:
+        imu_until = max(imu_done, bisect_right(imu_stamps, scan.stamp_ns))
+        wheels: list[Odometry] = []
+        if inside:
+            until = bisect_right(stamps, scan.stamp_ns)
+            wheels = list(odometry[done:until])
+            if stamps[until - 1] != scan.stamp_ns:
+                wheels.append(_between(odometry[until - 1], odometry[until], scan.stamp_ns))
+            elif not wheels:
+                wheels = [odometry[until - 1]]  # two scans at one stamp
+            done = max(done, until)
+        samples = tuple(imu[imu_done:imu_until])
+        frames.append(SensorFrame(scan.stamp_ns, scan=scan, wheels=tuple(wheels), imu=samples))
+        imu_done = imu_until
     return tuple(frames)
 
 
-def _between(before: Odometry, after: Odometry, stamp_ns: int) -> Odometry:
+def _no_odometry(scans: Sequence[Scan], stamps: Sequence[int]) -> str:
+    why = f"no {ODOMETRY_TYPE} and no /tf that moves the base"
+    if stamps:
+        late = (stamps[0] - scans[0].stamp_ns) * 1e-9
+        why = f"no odometry at the time of the scans (its first stamp is {late:+.1f} s from theirs)"
+    return f"the bag holds {why}: the motion must come from matching the scans alone"
+
+
+def _between(before: Odometry, after: Odometry, at_ns: int) -> Odometry:
     """Odometry at a stamp between two readings: the pose and the speeds linearly, the later covariance."""
-    part = (stamp_ns - before.stamp_ns) / (after.stamp_ns - before.stamp_ns)
+    part = (at_ns - before.stamp_ns) / (after.stamp_ns - before.stamp_ns)
     v = before.twist.v + part * (after.twist.v - before.twist.v)
     omega = before.twist.omega + part * (after.twist.omega - before.twist.omega)
     pose = interpolate(before.odom_from_base, after.odom_from_base, part)
-    return Odometry(stamp_ns, pose, Twist(v, omega), after.covariance)
-
-
-def _mount(messages: _Messages, warnings: list[str]) -> Pose2:
-    """`base_from_laser` along the chain of static transforms; turns the scans of a laser that hangs upside down."""
-    bases = (messages.base_frame,) if messages.base_frame else BASE_FRAMES
-    laser = messages.scan_frame
-    chains = [_chain(messages.transforms, base, laser) for base in bases]
-    matrix = next((chain for chain in chains if chain is not None), None)
-    if matrix is None:
-        warnings.append(
-            f"{STATIC_TRANSFORMS} has no way from {bases[0]} to '{laser}': the laser is taken to sit at the base; "
-            "give its mount as base_from_laser"
-        )
-        return Pose2()
-    upright = float(matrix[2, 2])
-    if abs(upright) < math.cos(math.radians(5.0)):
-        tilt = math.degrees(math.acos(min(1.0, abs(upright))))
-        warnings.append(f"the laser '{laser}' is tilted by {tilt:.0f} degrees: its scans are taken as if it were level")
-    if upright < 0.0:
-        messages.scans = [_mirrored(scan) for scan in messages.scans]
-    return _pose3(matrix).planar()
-
-
-def _chain(transforms: Sequence[tuple[str, str, FloatArray]], base: str, laser: str) -> FloatArray | None:
-    """`base_from_laser` (4, 4) through the tree of frames, walked from the base; None when they are not connected."""
-    neighbours: dict[str, list[tuple[str, FloatArray]]] = {}
-    for parent, child, parent_from_child in transforms:
-        neighbours.setdefault(parent, []).append((child, parent_from_child))
-        neighbours.setdefault(child, []).append((parent, np.asarray(np.linalg.inv(parent_from_child), np.float64)))
-    known = {base: np.eye(4)}
-    waiting = [base]
-    while waiting and laser not in known:
-        frame = waiting.pop()
-        for other, frame_from_other in neighbours.get(frame, []):
-            if other not in known:
-                known[other] = known[frame] @ frame_from_other
-                waiting.append(other)
-    return known.get(laser)
-
-
-def _matrix(translation: Any, rotation: Any) -> FloatArray:
-    """(4, 4) homogeneous transform of a geometry_msgs vector and quaternion; a zero quaternion is no rotation."""
-    x, y, z, w = rotation.x, rotation.y, rotation.z, rotation.w
-    norm = math.sqrt(x * x + y * y + z * z + w * w)
-    x, y, z, w = (x / norm, y / norm, z / norm, w / norm) if norm > 0.0 else (0.0, 0.0, 0.0, 1.0)
-    return np.array(
-        [
-            [1 - 2 * (y * y + z * z), 2 * (x * y - z * w), 2 * (x * z + y * w), translation.x],
-            [2 * (x * y + z * w), 1 - 2 * (x * x + z * z), 2 * (y * z - x * w), translation.y],
-            [2 * (x * z - y * w), 2 * (y * z + x * w), 1 - 2 * (x * x + y * y), translation.z],
-            [0.0, 0.0, 0.0, 1.0],
-        ]
-    )
-
-
-def _pose3(matrix: FloatArray) -> Pose3:
-    return Pose3(matrix[:3, :3], matrix[:3, 3])
-
-
-def _stamp_ns(stamp: Any) -> int:
-    return int(stamp.sec) * 1_000_000_000 + int(stamp.nanosec)
-
-
-def _frame_name(name: str) -> str:
-    return name.lstrip("/")  # ROS 1 allowed a leading slash
-
-
-def _damaged(path: Path, error: Exception) -> RecordingDamaged:
-    reason = " ".join(f"{type(error).__name__}: {error}".split())[:_LONGEST_REASON].rstrip(":. ")
-    repair = "repair it (rosbag reindex, ros2 bag reindex, mcap recover) or copy it again from its source"
-    return RecordingDamaged(f"{path} is a damaged bag ({reason}); {repair}")
+    return Odometry(at_ns, pose, Twist(v, omega), after.covariance)

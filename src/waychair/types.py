@@ -216,13 +216,19 @@ class Sent:
 
 @dataclass(frozen=True, slots=True)
 class Telemetry:
-    """What the board reports: read-back volts of the lines, the rider's joystick, fault names."""
+    """What the board reports: read-back volts of the lines, the rider's joystick, fault names, state, line holder.
+
+    `round_trip_ns` is the time from the last command that was echoed to its echo, None before the first.
+    """
 
     stamp_ns: int
     forward_volts: float
     turn_volts: float
     joystick: JoystickInput
     faults: tuple[str, ...] = ()
+    state: str = ""
+    holder: str = ""
+    round_trip_ns: int | None = None
 
 
 @dataclass(frozen=True, slots=True)

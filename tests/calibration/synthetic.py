@@ -71,10 +71,7 @@ class SyntheticChair:
         return samples
 
     def _sample(self) -> Sample:
-        model = self._model
-        v, omega = self._reached[0], self._reached[1] * (1.0 - model.turn_fade * abs(self._reached[0]))
+        twist = self._model.twist_from_axis_speeds(self._reached[0], self._reached[1])
         a, b = self._rng.standard_normal(2) * self._noise
         # stamped in the middle of its 20 ms, like the speed of an encoder
-        return Sample(
-            self.now_ns - round(STEP_S * 1e9), v + model.v_per_turn * omega + a, omega + model.turn_per_v * v + b
-        )
+        return Sample(self.now_ns - round(STEP_S * 1e9), twist.v + a, twist.omega + b)

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import hashlib
 import json
 from dataclasses import replace
 from pathlib import Path
@@ -23,7 +24,9 @@ from waychair.calibration.calibration_file import (
 from waychair.calibration.camera import Extrinsics
 from waychair.calibration.chair import CHAIR_B
 from waychair.calibration.imu import ImuCalibration
+from waychair.calibration.self_mask import SelfMask
 from waychair.calibration.stopping import StopTable
+from waychair.calibration.time_offset import SensorDelays
 from waychair.calibration.wheels import WheelCalibration
 from waychair.errors import CalibrationDamaged, CalibrationError, CalibrationMismatch
 from waychair.types import Pose3
@@ -161,3 +164,43 @@ def test_the_cameras_place_survives_the_file() -> None:
     mount = mount_from_extrinsics(Extrinsics(pose, 0.01, 100))
     assert (mount.camera_from_laser.rotation == pose.rotation).all()
     assert (mount.camera_from_laser.translation == pose.translation).all()
+
+
+def test_a_file_from_before_the_newest_figures_is_read_with_their_defaults(path: Path) -> None:
+    content = json.loads(path.read_text())
+    del content["hash"], content["dac"]["speed_cut"], content["dac"]["volts_min"], content["self_mask"]
+    _rehashed(path, content)
+    assert load_calibration(path) == FULL
+
+
+@pytest.mark.parametrize(("place", "name"), [((), "colour"), (("dac", "turn", "above"), "dac.turn.above.colour")])
+def test_an_entry_that_nobody_knows_is_named(path: Path, place: tuple[str, ...], name: str) -> None:
+    content = json.loads(path.read_text())
+    del content["hash"]
+    part = content
+    for key in place:
+        part = part[key]
+    part["colour"] = "red"
+    _rehashed(path, content)
+    with pytest.raises(CalibrationDamaged, match=f"holds the entry {name}, which schema 1 does not know"):
+        load_calibration(path)
+
+
+def _rehashed(path: Path, content: dict[str, Any]) -> None:
+    """As somebody with another version would have written it."""
+    canonical = json.dumps(content, sort_keys=True, separators=(",", ":"))
+    path.write_text(json.dumps({**content, "hash": hashlib.sha256(canonical.encode()).hexdigest()}))
+
+
+def test_delays_and_the_self_mask_come_back_as_they_were_written(path: Path) -> None:
+    delays = SensorDelays(lidar_ns=40_000_000, wheels_ns=-3, camera_ns=7)
+    mask = SelfMask(begins=(-1.4, 1.3), ends=(-1.3, 1.4), reaches=(0.3, 0.25))
+    update_calibration(path, replace(FULL, sensor_delays=delays, self_mask=mask))
+    kept = load_calibration(path)
+    assert (kept.sensor_delays, kept.self_mask) == (delays, mask)
+
+
+def test_a_mask_that_cannot_be_is_refused_even_with_the_right_hash(path: Path) -> None:
+    _signed(path, self_mask={"begins": [1.0], "ends": [0.5], "reaches": [0.3], "margin": 0.05})
+    with pytest.raises(CalibrationDamaged, match="sectors"):
+        load_calibration(path)

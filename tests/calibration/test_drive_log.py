@@ -7,7 +7,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from waychair.calibration.drive_log import COLUMNS, DriveLog, read_drive_log, steady_holds
+from waychair.calibration.drive_log import COLUMNS, DriveLog, read_drive_log, steady_holds, write_drive_log
 from waychair.errors import CalibrationError, ThinData
 
 HEADER = ",".join(COLUMNS)
@@ -82,7 +82,7 @@ def _log(*parts: tuple[int, float, float]) -> DriveLog:
 def test_only_long_and_settled_stretches_are_holds() -> None:
     holds = steady_holds(_log((100, 3.0, 0.0), (120, 1.0, 0.0), (140, 3.0, 0.5), (160, 2.2, 0.0)), 1.0, (0.05, 0.1))
     assert len(holds) == 2
-    assert holds.unsettled == 2
+    assert (holds.short, holds.unsettled) == (1, 1)
     assert holds.volts[:, 0].tolist() == pytest.approx([100 * 3.3 / 255, 160 * 3.3 / 255])
     assert holds.twists[:, 0].tolist() == pytest.approx([1.0, 1.6])
 
@@ -90,3 +90,16 @@ def test_only_long_and_settled_stretches_are_holds() -> None:
 def test_a_hold_is_the_mean_of_its_last_part() -> None:
     holds = steady_holds(_log((100, 4.0, 0.01)), 1.0, (0.05, 0.1))
     assert holds.twists[0, 0] == pytest.approx(1.0 + 0.01 * 3.48, abs=0.0003)
+
+
+def test_a_log_that_was_written_is_read_again(tmp_path: Path) -> None:
+    log = DriveLog(
+        np.array([5, 10, 15], np.int64), np.array([[0, 4095], [7, 8], [2048, 1]], np.int64),
+        np.array([[0.1, -0.2], [0.0, 0.0], [1.25, 3.14159]]), 12, 3.9, 1.1,
+    )  # fmt: skip
+    write_drive_log(tmp_path / "sweep.csv", log)
+    again = read_drive_log(tmp_path / "sweep.csv", 12, 3.9, 1.1)
+    assert again.stamps_ns.tolist() == log.stamps_ns.tolist()
+    assert again.counts.tolist() == log.counts.tolist()
+    assert again.twists == pytest.approx(log.twists)
+    assert again.volts[0].tolist() == pytest.approx([1.1, 3.9])

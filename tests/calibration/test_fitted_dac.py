@@ -13,8 +13,7 @@ from hypothesis import strategies as st
 from tests.calibration.synthetic import TRUE
 from waychair.calibration.dac import DEFAULT, DacModel
 from waychair.calibration.fitted_dac import DeadBand, DeadBandSettings, FittedDac
-from waychair.errors import CalibrationError, NotMonotone
-from waychair.firmware_bridge.bridge import Bridge, Lines
+from waychair.errors import CalibrationError, ConfigError, NotMonotone
 from waychair.types import Twist, WheelSpeeds
 
 EIGHT_BITS = replace(TRUE, bits=8)
@@ -150,17 +149,58 @@ def test_memory_changes_a_speed_by_less_than_what_it_takes_to_change_sides(deman
 
 
 @pytest.mark.parametrize("model", [DEFAULT, TRUE, DeadBand(TRUE)])
-def test_the_bridge_takes_any_model(model: DacModel) -> None:
-    class Recorded(Lines):
-        volts: tuple[float, float] | None = None
+def test_all_models_answer_to_the_same_calls(model: DacModel) -> None:
+    counts = model.counts_from_wheel_speeds(WheelSpeeds(0.05, 0.05))
+    assert counts != model.neutral_counts()
+    assert model.wheel_speeds_from_counts(*counts).left > 0.0
+    assert all(volts > 0.0 for volts in model.volts_from_counts(*counts))
 
-        def drive(self, forward_volts: float, turn_volts: float) -> None:
-            self.volts = (forward_volts, turn_volts)
 
-        def release(self) -> None:
-            self.volts = None
+cuts = st.builds(
+    lambda fade, cut: replace(TRUE, turn_fade=fade, speed_cut=cut), st.floats(-0.3, 0.3), st.floats(-0.2, 0.2)
+)
 
-    lines = Recorded()
-    sent = Bridge(lines, model).send(WheelSpeeds(0.05, 0.05), 0, 0)
-    assert sent.active
-    assert lines.volts == model.volts_from_counts(sent.forward_counts, sent.turn_counts)
+
+@given(cuts, st.floats(-1.2, 1.2), st.floats(-2.0, 2.0))
+def test_speed_cut_with_turn_and_turn_cut_with_speed_are_undone_together(
+    model: FittedDac, v_f: float, w_t: float
+) -> None:
+    v_f, w_t = (max(-model.forward.reach(-1.0), v_f), max(-model.turn.reach(-1.0), w_t))
+    back = model.axis_speeds(model.twist_from_axis_speeds(v_f, w_t))
+    assert back == pytest.approx((v_f, w_t), abs=1e-9)
+
+
+@given(cuts, st.floats(-1.0, 1.0), st.floats(0.5, 50.0))
+def test_with_both_cuts_too_fast_a_command_keeps_its_arc_and_no_axis_leaves_its_reach(
+    model: FittedDac, ratio: float, factor: float
+) -> None:
+    v, omega = factor * 2.0 * ratio, factor * 3.0
+    a, b = model.axis_speeds(Twist(v, omega))
+    assert abs(a) <= model.forward.reach(a) * (1 + 1e-9)
+    assert abs(b) <= model.turn.reach(b) * (1 + 1e-9)
+    reached = model.twist_from_axis_speeds(a, b)
+    assert reached.v * omega == pytest.approx(reached.omega * v, abs=1e-6 * factor)
+    at_reach = max(abs(a) / model.forward.reach(a), abs(b) / model.turn.reach(b))
+    assert at_reach == pytest.approx(1.0) or (reached.v, reached.omega) == pytest.approx((v, omega))
+
+
+def test_cuts_that_leave_nothing_of_both_axes_are_refused() -> None:
+    with pytest.raises(NotMonotone, match="speed_cut"):
+        replace(TRUE, speed_cut=0.4)
+    with pytest.raises(NotMonotone, match="together leave nothing"):
+        replace(TRUE, speed_cut=0.25, turn_fade=0.4)
+
+
+@pytest.mark.parametrize("bits", [8, 12])
+def test_a_converter_behind_a_gain_stage_begins_above_zero(bits: int) -> None:
+    staged = replace(TRUE, bits=bits, volts_min=0.4, volts_max=2.9)
+    assert staged.volts_from_counts(0, staged.counts_max) == pytest.approx((0.4, 2.9))
+    assert staged.volts_from_counts(*staged.neutral_counts()) == pytest.approx(
+        (1.64, 1.66), abs=0.5 * staged.volts_per_count
+    )
+    back = staged.twist_from_wheel_speeds(
+        staged.wheel_speeds_from_counts(*staged.counts_from_wheel_speeds(_wheels(0.3, 0.5)))
+    )
+    assert (back.v, back.omega) == pytest.approx((0.3, 0.5), abs=4.0 * staged.volts_per_count)
+    with pytest.raises(ConfigError, match="volts_min"):
+        replace(TRUE, volts_min=3.3)

@@ -50,6 +50,13 @@ def test_a_log_that_ends_before_rest_is_refused() -> None:
         stop_from_motion(times[times < 1.0], twists[times < 1.0])
 
 
+def test_a_stop_out_of_a_speed_that_was_not_reached_yet_is_refused() -> None:
+    times, twists = _braking(1.0, 0.0, 0.1)
+    speeding_up = np.clip(1.0 + times, 0.0, 1.0)[:, None]
+    with pytest.raises(ThinData, match=r"still changing its speed, from 0\.\d+ to 0\.\d+ m/s"):
+        stop_from_motion(times, twists * speeding_up)
+
+
 def test_a_stop_needs_what_was_before_it() -> None:
     times, twists = _braking(1.0, 0.0, 0.1)
     with pytest.raises(ThinData, match="half a second"):

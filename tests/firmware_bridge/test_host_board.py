@@ -40,7 +40,6 @@ from waychair.firmware_bridge.protocol import (
     hello,
     line_millivolts,
 )
-from waychair.firmware_bridge.round_trip import round_trips_ms
 from waychair.firmware_bridge.transports import DescriptorTransport, open_pseudo_terminal
 
 FORWARD, TURN = 8000, -4000
@@ -326,12 +325,6 @@ def test_a_dead_board_answers_with_the_joystick_or_the_e_stop(computer: Computer
     assert computer.run(1, FORWARD, TURN).forward_mv == 2600
     computer.inputs = replace(computer.inputs, estop_released=False)
     assert computer.run(1, FORWARD, TURN).holder is Holder.CUT
-
-
-def test_in_real_time_every_command_is_echoed(board_program: Path) -> None:
-    times = round_trips_ms(board_program, 20)
-    assert times.shape == (20,)
-    assert (times > 0.0).all()
 
 
 def test_a_board_that_does_not_answer_is_an_error_with_advice(

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import shutil
 from pathlib import Path
-from typing import Any
+from typing import Any, Literal
 
 import cv2
 import numpy as np
@@ -78,6 +78,10 @@ def test_a_map_survives_its_files(
     raw = load_map(folder)
     assert (raw.resolution, raw.map_from_grid) == (grid.resolution, grid.map_from_grid)
     np.testing.assert_array_equal(raw.cells, cells)
+    save_map(folder / "scale", grid, mode="scale")
+    scale = load_map(folder / "scale")
+    assert (scale.resolution, scale.map_from_grid) == (grid.resolution, grid.map_from_grid)
+    np.testing.assert_array_equal(scale.cells, cells)
     save_map(folder, grid)
     trinary = load_map(folder / "map.yaml")
     expected = np.full(cells.shape, -1)
@@ -101,6 +105,53 @@ def test_real_maps_are_read_like_their_pixels_say(
     assert (grid.cells == -1).any()
     save_map(tmp_path / "again", grid)
     np.testing.assert_array_equal(load_map(tmp_path / "again").cells, grid.cells)
+
+
+@pytest.mark.parametrize("name", ["E5/E5_01.png", "E5/E5_layout.png", "HIH/HIH_02.png"])
+def test_maps_drawn_by_other_programs_survive_every_mode(data_dir: Path, tmp_path: Path, name: str) -> None:
+    image = data_dir / "maps_halmstad" / name
+    (tmp_path / "map.yaml").write_text(yaml.safe_dump({**GOOD, "image": str(image)}))
+    grid = load_map(tmp_path)
+    pixels = cv2.imread(str(image), cv2.IMREAD_UNCHANGED)
+    assert grid.cells.shape == pixels.shape[:2]
+    assert {0, 100} <= set(np.unique(grid.cells).tolist()) <= {-1, 0, 100}
+    modes: tuple[Literal["trinary", "scale", "raw"], ...] = ("trinary", "scale", "raw")
+    for mode in modes:
+        save_map(tmp_path / mode, grid, mode=mode)
+        np.testing.assert_array_equal(load_map(tmp_path / mode).cells, grid.cells)
+
+
+@settings(max_examples=30, deadline=None)
+@given(
+    st.sampled_from(["trinary", "scale", "raw"]),
+    st.booleans(),
+    st.floats(0.0, 0.49),
+    st.floats(0.5, 1.0),
+)
+def test_every_shade_is_read_as_map_server_reads_it(
+    tmp_path_factory: pytest.TempPathFactory, mode: str, negate: bool, low: float, high: float
+) -> None:
+    """Against the rules of map_server and nav2_map_server, written out for one pixel at a time."""
+
+    def rule(pixel: int) -> int:
+        if mode == "raw":
+            return pixel if pixel <= 100 else -1
+        occupancy = pixel / 255 if negate else (255 - pixel) / 255
+        if occupancy > high:
+            return 100
+        if occupancy < low:
+            return 0
+        return -1 if mode == "trinary" else round((occupancy - low) / (high - low) * 100)
+
+    folder = tmp_path_factory.mktemp("shades")
+    pixels = np.arange(256, dtype=np.uint8)[None]
+    write_map(folder, pixels, mode=mode, negate=int(negate), free_thresh=low, occupied_thresh=high)
+    cells = load_map(folder).cells[0].tolist()
+    expected = [rule(pixel) for pixel in range(256)]
+    assert max(abs(a - b) for a, b in zip(cells, expected, strict=True)) <= (mode == "scale"), (
+        "a half may round either way"
+    )
+    assert sum(a != b for a, b in zip(cells, expected, strict=True)) <= 3
 
 
 def test_the_first_row_of_the_image_is_the_top(tmp_path: Path) -> None:

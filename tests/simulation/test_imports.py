@@ -28,6 +28,7 @@ origin_y 0.075
 radius 0.075
 start -2.25 3.0 1.5708
 goal -2.25 13.0
+path_length 11.5
 path 0,0
 grid
 #...

@@ -22,7 +22,7 @@ from waychair.simulation.plant import GRAVITY, PlantSettings, volts_from_twist
 from waychair.simulation.plant_families import FamilySettings
 from waychair.simulation.simulator import Simulator, SimulatorSettings
 from waychair.simulation.world import World, world_from_grid
-from waychair.slam.odometry import WheelOdometry
+from waychair.slam.odometry import OdometryFilter
 from waychair.types import OccupancyGrid, Pose2, Twist, WheelTicks
 
 EVEN = PlantSettings(
@@ -55,9 +55,9 @@ class Drive:
         )
         self.body, self.plant = body, plant
         self.turned = 0.0
-        self._odometry = WheelOdometry(body)
+        self._odometry = OdometryFilter(body)
         self._steps = 0
-        self.odom = self._odometry.update(WheelTicks(0, *self.chair.ticks)).odom_from_base
+        self.odom = self._odometry.update_wheels(WheelTicks(0, *self.chair.ticks)).odom_from_base
 
     def hold(self, twist: Twist, seconds: float) -> bool:
         """Holds the stick where a chair without mass would do this; whether no wall was touched."""
@@ -70,7 +70,7 @@ class Drive:
             self._steps += 1
             if self._steps % 4 == 0:
                 stamp_ns = self._steps * 5_000_000
-                self.odom = self._odometry.update(WheelTicks(stamp_ns, *self.chair.ticks)).odom_from_base
+                self.odom = self._odometry.update_wheels(WheelTicks(stamp_ns, *self.chair.ticks)).odom_from_base
         return free
 
     def moved(self) -> Pose2:
@@ -124,12 +124,12 @@ def test_odometry_of_a_five_metre_square_driven_twice_is_within_30_centimetres_a
     start = Pose2(5.0, 5.0, 0.0)
     world = world_from_grid(OccupancyGrid(np.zeros((300, 300), np.int8), 0.05), start)
     simulator = Simulator(world, CHAIR_A, SimulatorSettings(plant_model="mujoco", plant=EVEN))
-    odometry = WheelOdometry(CHAIR_A)
-    odom = odometry.update(WheelTicks(0, 0, 0)).odom_from_base
+    odometry = OdometryFilter(CHAIR_A)
+    odom = odometry.update_wheels(WheelTicks(0, 0, 0)).odom_from_base
     square = np.array([[10.0, 5.0], [10.0, 10.0], [5.0, 10.0], [5.0, 5.0]] * 2)
     for message in follow(simulator, Follower(square, CHAIR_A.track, EVEN)):
         if isinstance(message, WheelTicks):
-            odom = odometry.update(message).odom_from_base
+            odom = odometry.update_wheels(message).odom_from_base
     truth = start.inverse() @ simulator.truth()
     assert math.hypot(truth.x, truth.y) < 0.15
     error = truth.inverse() @ odom

@@ -21,7 +21,7 @@ from waychair.simulation.plant import (
     volts_from_joystick,
     volts_from_twist,
 )
-from waychair.slam.odometry import WheelOdometry
+from waychair.slam.odometry import OdometryFilter
 from waychair.types import Pose2, Twist, WheelSpeeds, WheelTicks
 
 NOMINAL = PlantSettings()
@@ -205,8 +205,8 @@ def test_no_randomised_chair_has_two_equal_tyres_and_either_may_be_the_larger() 
 
 def test_odometry_of_a_loop_of_200_m_goes_astray_by_metres_on_every_chair() -> None:
     for seed in range(2):
-        chair, odometry = _chair(randomised(NOMINAL, seed), seed), WheelOdometry(CHAIR_A)
-        believed = odometry.update(WheelTicks(0, *chair.ticks)).odom_from_base
+        chair, odometry = _chair(randomised(NOMINAL, seed), seed), OdometryFilter(CHAIR_A)
+        believed = odometry.update_wheels(WheelTicks(0, *chair.ticks)).odom_from_base
         follower = Follower(np.array([[25.0, 0.0], [25.0, 25.0], [0.0, 25.0], [0.0, 0.0]] * 2), CHAIR_A.track, NOMINAL)
         stamp_ns = 0
         while not follower.done:
@@ -214,7 +214,7 @@ def test_odometry_of_a_loop_of_200_m_goes_astray_by_metres_on_every_chair() -> N
             for _ in range(10):
                 chair.step(*volts, _free)
             stamp_ns += 50_000_000
-            believed = odometry.update(WheelTicks(stamp_ns, *chair.ticks)).odom_from_base
+            believed = odometry.update_wheels(WheelTicks(stamp_ns, *chair.ticks)).odom_from_base
         assert 1.0 < math.dist((believed.x, believed.y), (chair.pose.x, chair.pose.y)) < 15.0
 
 

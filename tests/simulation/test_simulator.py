@@ -8,14 +8,11 @@ import numpy as np
 import pytest
 
 from waychair.calibration.chair import CHAIR_A, CHAIR_B, ChairBody
-from waychair.calibration.dac import DEFAULT
 from waychair.errors import ConfigError, WorldError
-from waychair.firmware_bridge.bridge import Bridge
 from waychair.simulation.lidar import LidarSettings
-from waychair.simulation.plant import PlantSettings
 from waychair.simulation.simulator import CONTACT_ENDS, SensorMessage, Simulator, SimulatorSettings
 from waychair.simulation.world import World, load_world, world_from_grid
-from waychair.types import JoystickInput, OccupancyGrid, Pose2, Scan, Twist, WheelSpeeds, WheelTicks
+from waychair.types import JoystickInput, OccupancyGrid, Pose2, Scan, Twist, WheelTicks
 
 SECOND = 1_000_000_000
 
@@ -126,21 +123,6 @@ def test_no_driving_at_random_ever_puts_the_chair_into_a_wall(body: ChairBody) -
         simulator.advance(SECOND // 2)
         assert simulator.clearance() > 0.0
     assert simulator.contacts > 3
-
-
-def test_the_bridge_drives_the_simulated_chair_at_the_commanded_speed() -> None:
-    quiet = SimulatorSettings(plant=PlantSettings(speed_noise=0.0, slip_noise=0.0))
-    simulator = Simulator(_hall(6.0), CHAIR_A, quiet)
-    bridge = Bridge(simulator, DEFAULT)
-    for _ in range(60):
-        sent = bridge.send(WheelSpeeds(0.4, 0.6), simulator.now_ns, simulator.now_ns)
-        simulator.advance(SECOND // 20)
-    assert sent.active
-    assert simulator.twist().v == pytest.approx(0.5, abs=0.015)
-    assert simulator.twist().omega == pytest.approx(0.2 / CHAIR_A.track, abs=0.03)
-    bridge.send(None, simulator.now_ns, simulator.now_ns)
-    simulator.advance(2 * SECOND)
-    assert simulator.twist().v == pytest.approx(0.0, abs=1e-4)
 
 
 def test_stopping_from_walking_speed_takes_less_than_a_metre() -> None:

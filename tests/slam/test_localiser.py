@@ -1,16 +1,18 @@
-"""Following the chair on a map: drift is corrected, blindness is named."""
+"""Following the chair on a map and finding it there: drift is corrected, doubt is named, lookalikes are not believed."""
 
 from __future__ import annotations
 
 import math
+from pathlib import Path
 
 import numpy as np
 import pytest
 
 from tests.slam.conftest import WALLS, cast, scan_at
 from waychair.maps.grid import cells_from_points
-from waychair.slam.localiser import Localiser, LocaliserSettings, walls
-from waychair.types import OccupancyGrid, Pose2, Scan
+from waychair.recording import read_recording
+from waychair.slam.localiser import Localisation, LocalisationState, Localiser, LocaliserSettings, walls
+from waychair.types import OccupancyGrid, Odometry, Pose2, Scan
 
 
 @pytest.fixture(scope="module")
@@ -44,8 +46,117 @@ def test_a_blind_lidar_is_lost_after_the_stated_number_of_scans(flat: OccupancyG
     blind = Scan(0, np.full(181, np.inf, np.float32), -math.pi / 2, math.pi / 180, range_max=30.0)
     lost = [localiser.process(blind, Pose2(0.05 * k, 0, 0)).lost for k in range(6)]
     assert lost == [False] * 4 + [True] * 2
-    found = localiser.process(scan_at(Pose2(1.75, 1.5, 0.0)), Pose2(0.25, 0, 0))
-    assert not found.lost
+
+
+def drive_on(
+    localiser: Localiser, truth: list[Pose2], odom_from_map: Pose2, beams: int = 181
+) -> list[tuple[Localisation, float]]:
+    """What the localiser says along true poses, with the distance [m] to them."""
+    said = []
+    for k, pose in enumerate(truth):
+        found = localiser.process(scan_at(pose, noise=0.01, seed=k, beams=beams + k % 2), odom_from_map @ pose)
+        said.append((found, math.hypot(found.map_from_base.x - pose.x, found.map_from_base.y - pose.y)))
+    return said
+
+
+def straight(start: Pose2, metres: float, step: float = 0.05) -> list[Pose2]:
+    return [start @ Pose2(step * k, 0, 0) for k in range(round(metres / step))]
+
+
+@pytest.mark.parametrize("start", [Pose2(1.5, 1.5, 0.0), Pose2(10.5, 7.5, math.pi), Pose2(10.3, 2.0, math.pi / 2)])
+def test_a_chair_from_nowhere_finds_itself_within_three_metres_and_says_ok_only_where_it_is(
+    flat: OccupancyGrid, start: Pose2
+) -> None:
+    localiser = Localiser(flat, Pose2(), None, LocaliserSettings())
+    said = drive_on(localiser, straight(start, 3.0), Pose2(-3.0, 8.0, 2.0))
+    assert said[0][0].lost
+    assert said[0][0].health == 0.0
+    assert said[-1][0].state is LocalisationState.OK
+    assert all(error < 0.1 for found, error in said if found.state is LocalisationState.OK)
+    assert sum(found.jumped for found, _ in said) == 1
+
+
+def test_a_blinded_chair_that_drove_on_looks_for_itself_and_finds_itself(flat: OccupancyGrid) -> None:
+    localiser = Localiser(flat, Pose2(), Pose2(1.5, 1.5, 0.0), LocaliserSettings())
+    blind = Scan(0, np.full(181, np.inf, np.float32), -math.pi / 2, math.pi / 180, range_max=30.0)
+    for k in range(20):
+        localiser.process(blind, Pose2(1.5 + 0.05 * k, 1.5, 0))
+    said = drive_on(localiser, straight(Pose2(2.5, 1.5, 0.0), 3.0), Pose2())
+    assert said[0][0].lost
+    assert said[-1][0].state is LocalisationState.OK
+    assert said[-1][1] < 0.1
+
+
+def test_a_chair_that_is_lifted_to_another_place_is_never_ok_with_a_wrong_pose(flat: OccupancyGrid) -> None:
+    localiser = Localiser(flat, Pose2(), Pose2(1.5, 1.5, 0.0), LocaliserSettings())
+    before = straight(Pose2(1.5, 1.5, 0.0), 1.0)
+    drive_on(localiser, before, Pose2())
+    there = Pose2(10.5, 7.5, math.pi)
+    said = drive_on(localiser, straight(there, 3.0), before[-1] @ there.inverse())
+    assert all(error < 0.3 for found, error in said if found.state is LocalisationState.OK)
+    assert any(found.lost for found, _ in said)
+    assert said[-1][0].state is LocalisationState.OK
+
+
+def test_a_room_that_looks_the_same_from_both_ends_is_never_believed() -> None:
+    grid = OccupancyGrid(np.zeros((120, 160), np.int8), 0.05)
+    for edge in (grid.cells[:2], grid.cells[-2:], grid.cells[:, :2], grid.cells[:, -2:]):
+        edge[:] = 100
+    room = np.array(
+        [[0.05, 0.05, 7.95, 0.05], [7.95, 0.05, 7.95, 5.95], [7.95, 5.95, 0.05, 5.95], [0.05, 5.95, 0.05, 0.05]]
+    )
+    angles = np.linspace(-math.pi / 2, math.pi / 2, 181)
+    localiser = Localiser(grid, Pose2(), None, LocaliserSettings())
+    for pose in straight(Pose2(2.0, 2.0, 0.3), 3.0):
+        ranges = cast(room, pose, angles).astype(np.float32)
+        found = localiser.process(Scan(0, ranges, -math.pi / 2, math.pi / 180, range_max=30.0), pose)
+        assert found.lost
+    assert len(found.candidates) >= 2
+
+
+def test_another_building_is_never_believed(flat: OccupancyGrid, data_dir: Path) -> None:
+    localiser = Localiser(flat, Pose2(), None, LocaliserSettings())
+    for frame in read_recording(data_dir / "lidar_fr079" / "fr079_laser.clf.gz").frames[:120]:
+        odometry = frame.wheels[-1]
+        assert isinstance(odometry, Odometry)
+        assert frame.scan is not None
+        assert localiser.process(frame.scan, odometry.odom_from_base).lost
+
+
+def test_a_map_without_walls_leaves_the_chair_lost_and_says_so() -> None:
+    for start in (None, Pose2()):
+        localiser = Localiser(OccupancyGrid(np.zeros((50, 50), np.int8), 0.05), Pose2(), start, LocaliserSettings())
+        said = drive_on(localiser, straight(Pose2(1.0, 1.0, 0.0), 1.0), Pose2())
+        assert said[-1][0].lost
+        assert all(found.state is not LocalisationState.OK for found, _ in said)
+
+
+def test_what_is_published_moves_by_a_small_step_at_most_and_reports_what_remains(flat: OccupancyGrid) -> None:
+    settings = LocaliserSettings(step_distance=0.01, step_angle=0.005)
+    localiser = Localiser(flat, Pose2(), Pose2(1.5, 1.5, 0.0), settings)
+    slip, before, remaining = Pose2(0.12, -0.05, 0.05), None, []
+    for k, pose in enumerate(straight(Pose2(1.5, 1.5, 0.0), 2.0)):
+        odometry = pose if k < 10 else pose @ slip
+        found = localiser.process(scan_at(pose, noise=0.01, seed=k), odometry)
+        if before is not None:
+            moved = (before @ odometry).inverse() @ found.map_from_base
+            assert math.hypot(moved.x, moved.y) <= 0.01 + 1e-9
+            assert abs(moved.theta) <= 0.005 + 1e-9
+        told = found.map_from_base @ found.remaining
+        assert math.hypot(told.x - pose.x, told.y - pose.y) < 0.05
+        before = found.map_from_odom
+        remaining.append(math.hypot(found.remaining.x, found.remaining.y))
+    assert max(remaining) > 0.05
+    assert remaining[-1] < 0.02
+
+
+def test_a_start_that_is_half_a_metre_off_is_mended_at_once(flat: OccupancyGrid) -> None:
+    localiser = Localiser(flat, Pose2(), Pose2(1.9, 1.2, 0.3), LocaliserSettings())
+    (first, error), *_ = drive_on(localiser, [Pose2(1.5, 1.5, 0.0)], Pose2())
+    assert error < 0.05
+    assert first.jumped
+    assert first.state is LocalisationState.OK
+    assert first.covariance is not None
 
 
 def test_a_place_that_is_not_on_the_map_is_not_believed(flat: OccupancyGrid) -> None:

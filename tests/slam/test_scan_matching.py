@@ -3,6 +3,8 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Iterable
+from pathlib import Path
 
 import numpy as np
 import pytest
@@ -10,10 +12,13 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from tests.slam.conftest import scan_at
+from waychair.geometry import pose_from_array, wrap_angle
+from waychair.recording import read_recording
+from waychair.slam.mapper import Mapper, MapperSettings
 from waychair.slam.reference import LEVELS, Reference, reference_from_points, reference_from_scans
 from waychair.slam.scan_matching import MatchSettings, Window, correlative_search, match, refine
 from waychair.slam.scan_points import ScanPoints, ScanStore, scan_points
-from waychair.types import FloatArray, Pose2
+from waychair.types import FloatArray, Pose2, Scan
 
 SETTINGS = MatchSettings()
 HERE = Pose2(1.5, 1.5, 0.3)
@@ -66,6 +71,24 @@ def test_branch_and_bound_finds_what_exhaustive_search_finds(dx: float, dy: floa
     away = math.hypot(found.x - guess.x, found.y - guess.y)
     penalised = response - SETTINGS.distance_penalty * away - SETTINGS.angle_penalty * abs(found.theta - guess.theta)
     assert penalised == pytest.approx(best, abs=1e-9)
+
+
+def test_the_search_is_exact_where_walls_touch_the_reference_s_edges() -> None:
+    rng = np.random.default_rng(4)
+    for _ in range(20):
+        store = ScanStore()
+        walls = rng.uniform(-1.2, 1.2, (60, 2))
+        store.append(ScanPoints(walls, np.zeros_like(walls)))
+        ref = reference_from_scans(store, np.zeros((1, 3)), [0], np.zeros(2), 1.0, SETTINGS.resolution, SETTINGS.sigma)
+        points, guess = rng.uniform(-1.5, 1.5, (8, 2)), Pose2(*rng.uniform(-0.5, 0.5, 3))
+        found, response = correlative_search(points, ref, guess, Window(0.8, 0.01), SETTINGS)
+        away = math.hypot(found.x - guess.x, found.y - guess.y)
+        turned = abs(math.remainder(found.theta - guess.theta, math.tau))
+        value = response - SETTINGS.distance_penalty * away - SETTINGS.angle_penalty * turned
+        far = max(1.0, float(np.quantile(np.hypot(*points.T), 0.8)))
+        step = math.acos(1 - ref.resolution**2 / (2 * far**2))
+        count = math.ceil(0.01 / step)
+        assert value == pytest.approx(exhaustive(points, ref, guess, 16, np.arange(-count, count + 1) * step), abs=1e-9)
 
 
 def test_bounds_are_the_maxima_of_their_blocks() -> None:
@@ -122,6 +145,39 @@ def test_a_bare_corridor_leaves_the_odometry_in_charge_along_it() -> None:
     assert found.information[0, 0] < 1e-3 * found.information[1, 1]
 
 
+@pytest.mark.parametrize("noise", [0.0, 0.01])
+def test_crooked_normals_in_a_bare_corridor_are_no_knowledge_of_the_way_along_it(noise: float) -> None:
+    rng = np.random.default_rng(3)
+    angles = np.linspace(-math.pi / 2, math.pi / 2, 361)
+
+    def seen(x: float, y: float, theta: float) -> ScanPoints:
+        sines = np.sin(angles + theta)
+        with np.errstate(divide="ignore"):
+            ranges = np.where(sines > 0, (1.0 - y) / sines, (-1.0 - y) / sines) + noise * rng.standard_normal(361)
+        scan = Scan(0, ranges.astype(np.float32), -math.pi / 2, math.pi / 360, range_max=30.0)
+        return scan_points(scan, Pose2(), 8.0)
+
+    store, poses = ScanStore(), np.array([[0.2 * k, 0.0, 0.02 * math.cos(k)] for k in range(20)])
+    for x, y, theta in poses:
+        store.append(seen(x, y, theta))
+    ref = reference_from_scans(store, poses, range(20), poses[-1], 12.0, SETTINGS.resolution, SETTINGS.sigma)
+    found = match(seen(4.0, 0.0, 0.0), ref, Pose2(4.1, 0.05, 0.02), np.eye(3), Window(0.3, 0.2), SETTINGS)
+    assert found.degenerate
+    assert found.pose.x == pytest.approx(4.1, abs=0.01)
+    assert found.pose.y == pytest.approx(0.0, abs=0.01)
+    assert math.sqrt(found.covariance[0, 0]) > 1.0
+    assert math.sqrt(found.covariance[1, 1]) < 0.05
+
+
+def test_a_room_is_not_degenerate_and_has_no_rival() -> None:
+    found = match(
+        points_at(HERE, 0.01), reference(0.01), HERE, np.eye(3), Window(0.8, 0.35), SETTINGS, with_runner_up=True
+    )
+    assert not found.degenerate
+    assert found.complexity > 0.05
+    assert 0.0 < found.runner_up < 0.8
+
+
 def test_a_repeating_place_has_a_runner_up_as_good_as_the_winner() -> None:
     x = np.arange(0, 6, 0.02)
     comb = np.concatenate([np.stack([x, np.zeros_like(x)], 1)] + [
@@ -155,3 +211,52 @@ def test_refinement_far_from_any_surface_stays_at_the_guess() -> None:
     assert (pose.x, pose.y, pose.theta) == pytest.approx((100.0, 100.0, 0.5), abs=1e-6)
     assert inliers == 0.0
     assert not information.any()
+
+
+def disagreement(store: ScanStore, poses: FloatArray, nodes: Iterable[int], settings: MatchSettings) -> FloatArray:
+    """Squared Mahalanobis distances (M,) between two matches of each key scan that have no beam in common.
+
+    One is of the even beams against the even ones of the 40 key scans before, the other of the odd ones, each from its
+    own perturbed guess. With honest covariances their mean is 3. Degenerate and failed matches are left out.
+    """
+    rng, squares = np.random.default_rng(0), []
+    for node in nodes:
+        earlier, found = np.arange(max(0, node - 40), node), []
+        for half in range(2):
+            scan = store[node]
+            mine = ScanPoints(scan.points[half::2].copy(), scan.normals[half::2].copy())
+            reference = reference_from_scans(
+                store, poses, earlier[half::2], poses[node], 12.0, settings.resolution, settings.sigma
+            )
+            guess = pose_from_array(poses[node] + rng.normal(size=3) * (0.1, 0.1, 0.05))
+            found.append(match(mine, reference, guess, np.eye(3), Window(0.3, 0.35), settings))
+        if any(one.degenerate or one.inliers < 0.5 for one in found):
+            continue
+        apart = found[0].pose.array() - found[1].pose.array()
+        apart[2] = wrap_angle(float(apart[2]))
+        squares.append(float(apart @ np.linalg.solve(found[0].covariance + found[1].covariance, apart)))
+    return np.array(squares)
+
+
+@pytest.mark.parametrize("log", ["lidar_intel/intel_first1088s.clf.gz", "lidar_fr079/fr079_laser.clf.gz"])
+def test_the_covariance_covers_what_disjoint_halves_of_real_scans_disagree_by(data_dir: Path, log: str) -> None:
+    frames = read_recording(data_dir / log).frames[:600]
+    mapper = Mapper(MapperSettings(), Pose2())
+    for frame in frames:
+        mapper.process(frame)
+    result, store = mapper.result(), ScanStore()
+    for index in result.key_frames:
+        scan = frames[index].scan
+        assert scan is not None
+        store.append(scan_points(scan, Pose2(), SETTINGS.range_max))
+    squares = disagreement(store, result.key_poses, range(20, len(store)), SETTINGS)
+    assert len(squares) > 20
+    assert np.mean(squares) / 3.0 < 1.5  # not optimistic
+    assert np.mean(squares) / 3.0 > 0.02  # nor without meaning
+
+
+@pytest.mark.parametrize("beams", [359, 360, 361])
+def test_scans_of_any_length_match_a_reference_of_another(beams: int) -> None:
+    scan = scan_points(scan_at(HERE, beams=beams), Pose2(), 20.0)
+    found = match(scan, reference(), Pose2(1.6, 1.4, 0.35), np.eye(3), Window(0.3, 0.35), SETTINGS)
+    assert math.hypot(found.pose.x - HERE.x, found.pose.y - HERE.y) < 0.01

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from dataclasses import replace
 
 import numpy as np
 import pytest
@@ -10,7 +11,8 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from tests.slam.conftest import scan_at
-from waychair.slam.odometry import arc
+from waychair.calibration.self_mask import SelfMask
+from waychair.geometry import arc
 from waychair.slam.scan_points import ScanPoints, ScanStore, scan_points
 from waychair.types import Pose2, Scan, Twist
 
@@ -94,3 +96,13 @@ def test_a_snapshot_is_not_straightened() -> None:
         scan_points(wall_ahead(), Pose2(), 10.0, Twist(1.0, 1.0)).points
         == scan_points(wall_ahead(), Pose2(), 10.0).points
     ).all()
+
+
+def test_beams_that_end_on_the_chair_itself_give_no_points_and_spoil_no_normals() -> None:
+    scan = wall_ahead()
+    ranges = scan.ranges.copy()
+    ranges[:10] = 0.2
+    own = SelfMask(begins=(scan.angle_min - 0.001,), ends=(scan.angle_min + 9.5 * scan.angle_step,), reaches=(0.3,))
+    points = scan_points(replace(scan, ranges=ranges), Pose2(), 20.0, mask=own)
+    assert len(points) == 81
+    assert points.points[:, 0] == pytest.approx(np.full(81, 2.0), abs=1e-6)

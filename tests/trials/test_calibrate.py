@@ -4,20 +4,24 @@ from __future__ import annotations
 
 import math
 from dataclasses import replace
+from pathlib import Path
 
 import numpy as np
 import pytest
 from scipy.spatial.transform import Rotation
 
+from waychair.calibration.axis_model import AxisModel, AxisSide
 from waychair.calibration.chair import CHAIR_A
 from waychair.calibration.dac import DEFAULT
 from waychair.calibration.fit_dac import DacFit, FitSettings
+from waychair.calibration.fitted_dac import FittedDac
 from waychair.calibration.stopping import StopSettings, permitted_speed
 from waychair.calibration.sweep import SweepSettings
 from waychair.errors import WorldError
+from waychair.recording import RecordingWriter
 from waychair.simulation.camera import CameraSettings
 from waychair.simulation.plant import PlantSettings, randomised
-from waychair.simulation.simulator import Simulator, SimulatorSettings
+from waychair.simulation.simulator import Simulator, SimulatorSettings, with_all_sensors
 from waychair.trials.calibrate import (
     ChairUnderTest,
     acceptance_chairs,
@@ -34,11 +38,14 @@ from waychair.trials.calibrate_sensors import (
     calibrate_camera,
     calibrate_imu,
     calibrate_wheels,
+    camera_from_recording,
     nominal_mount,
     with_displaced_camera,
 )
 from waychair.trials.halls import open_hall
-from waychair.trials.simulated_drive import EncoderDrive, with_gyro
+from waychair.trials.measured_speeds import EncoderSpeeds
+from waychair.trials.simulated_drive import SimulatedDrive, with_gyro
+from waychair.types import Pose2, RgbdFrame, Scan
 
 SEED = 4
 PLANT = randomised(PlantSettings(), SEED)
@@ -87,7 +94,7 @@ def test_a_chair_without_encoders_is_calibrated_by_lidar_and_gyro() -> None:
 
 
 def test_a_hall_that_is_too_small_spoils_the_measurement_and_is_refused() -> None:
-    drive = EncoderDrive(Simulator(open_hall(4.0), CHAIR_A, SETTINGS, SEED), CHAIR_A)
+    drive = SimulatedDrive(Simulator(open_hall(4.0), CHAIR_A, SETTINGS, SEED), EncoderSpeeds(CHAIR_A))
     assert drive.hold(PLANT.neutral_volts + 0.5, PLANT.neutral_volts, 1.0)
     with pytest.raises(WorldError, match="larger hall"):
         drive.hold(PLANT.neutral_volts + 1.2, PLANT.neutral_volts, 5.0)
@@ -153,8 +160,36 @@ def test_a_camera_that_was_mounted_by_hand_is_found_by_walls_and_floor() -> None
     assert Rotation.from_matrix(found.rotation @ expected.rotation.T).magnitude() < math.radians(0.3)
 
 
+def test_a_camera_is_found_from_a_recording_of_a_chair_that_stood_still_by_turns(tmp_path: Path) -> None:
+    if Simulator(open_hall(), CHAIR_A, SimulatorSettings(), 0).camera_problem is not None:
+        pytest.skip("nothing to render with")
+    true, path = with_displaced_camera(CHAIR_A, SEED), tmp_path / "turns.mcap"
+    small = with_all_sensors(SETTINGS)
+    small = replace(small, camera=replace(small.camera, width=320, height=240, rate_hz=5.0))
+    with RecordingWriter(path, {}) as writer:
+        for turn in range(6):
+            world = replace(open_hall(6.0, 0.05), start=Pose2(3.0, 3.0, math.tau * (turn + 0.5) / 6))
+            for message in Simulator(world, true, small, SEED).advance(600_000_000):
+                if isinstance(message, Scan | RgbdFrame):
+                    writer.write(replace(message, stamp_ns=message.stamp_ns + (turn + 1) * 10**9))
+    found = camera_from_recording(path, CHAIR_A).camera_from_laser
+    expected = nominal_mount(true)
+    assert np.linalg.norm(found.translation - expected.translation) < 0.015
+    assert Rotation.from_matrix(found.rotation @ expected.rotation.T).magnitude() < math.radians(0.4)
+
+
 def test_the_acceptance_has_twelve_chairs_inside_the_form_and_eight_outside() -> None:
     chairs = acceptance_chairs()
     assert len(chairs) == 20
     assert sum(plant.family == PLANT.family for plant in chairs.values()) == 12
     assert len({plant.forward_gain for plant in chairs.values()}) == 20
+
+
+def test_a_chair_that_is_slower_in_reverse_is_stopped_from_its_fastest_forward(chair: ChairUnderTest) -> None:
+    """The model says half in reverse; what was never reached is not in the table's favour."""
+    fast = AxisSide(gain=PLANT.forward_gain, dead_band=PLANT.forward_dead_band, limit=1.0)
+    forward = AxisModel(neutral=chair.neutral[0], above=fast, below=replace(fast, limit=0.5))
+    model = FittedDac(forward=replace(forward, delay_s=PLANT.delay_s, lag_s=PLANT.lag_s, ramp=PLANT.acceleration))
+    table, stops = calibrate_stops(chair, model, StopSettings(repetitions=1, step=0.4))
+    assert table.speeds[-1] == pytest.approx(0.98, abs=0.05)
+    assert min(stop.v for stop in stops) == pytest.approx(-0.49, abs=0.05)

@@ -1,0 +1,172 @@
+"""What the lidar sees of the chair itself and of its rider: legs, leg rests, a bag, learnt while the chair turns.
+
+Whatever moves with the chair stays at its angle and its range while everything else goes by. Only what lies within the
+chair's outline, or a hand's breadth beyond it, can be masked: a mask never hides a wall or a person standing off.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+
+from waychair.calibration.chair import ChairBody
+from waychair.config import Settings, setting
+from waychair.errors import CalibrationError, ConfigError, ThinData
+from waychair.types import BoolArray, FloatArray, Scan
+
+
+@dataclass(frozen=True, slots=True)
+class SelfMask(Settings):
+    """Sectors of the lidar's view that the chair itself takes up; by angle, so that they hold for any number of beams.
+
+    Sector k is from `begins[k]` to `ends[k]` [rad, laser frame] and sees the chair within `reaches[k]` [m]. Its beams say
+    nothing at all. Beside it, as far as `margin`, those that end within the reach are trousers in the wind or a moved
+    knee, and say nothing either; the others pass.
+    """
+
+    begins: tuple[float, ...] = setting((), "rad", "where each sector begins, ascending")
+    ends: tuple[float, ...] = setting((), "rad", "where it ends")
+    reaches: tuple[float, ...] = setting((), "m", "how far the chair reaches in it")
+    margin: float = setting(math.radians(3.0), "rad", "beside each sector", low=0.0, high=0.5)
+
+    def __post_init__(self) -> None:
+        Settings.__post_init__(self)
+        edges = [edge for sector in zip(self.begins, self.ends, strict=False) for edge in sector]
+        if not len(self.begins) == len(self.ends) == len(self.reaches) or edges != sorted(edges):
+            raise ConfigError("a self-mask's sectors are impossible: they must ascend, each with its end and its reach")
+        if not all(math.isfinite(value) for value in (*edges, *self.reaches)) or any(r <= 0.0 for r in self.reaches):
+            raise ConfigError("a self-mask's sectors are impossible: angles must be finite and reaches above 0 m")
+
+    def hides(self, scan: Scan) -> BoolArray:
+        """(N,) the beams of a scan that see the chair itself, or may."""
+        angles = scan.angles()
+        hidden = np.zeros(len(angles), bool)
+        for begin, end, reach in zip(self.begins, self.ends, self.reaches, strict=True):
+            hidden |= (angles >= begin) & (angles <= end)
+            beside = (angles >= begin - self.margin) & (angles <= end + self.margin)
+            hidden |= beside & (scan.ranges <= reach)
+        return hidden
+
+
+@dataclass(frozen=True, slots=True)
+class SelfMaskSettings(Settings):
+    """When a beam is taken to end on the chair itself."""
+
+    beyond: float = setting(0.15, "m", "own parts may stick out of the chair's outline by this", low=0.0, high=1.0)
+    spread: float = setting(0.06, "m", "ranges of an own part stay within this, but for outliers", low=0.005, high=0.5)
+    often: float = setting(0.7, "", "part of the scans in which an own part is seen", low=0.5, high=1.0)
+    sometimes: float = setting(0.15, "", "beside an own part, what is seen so often belongs to it", low=0.02, high=1.0)
+    grow: float = setting(math.radians(5.0), "rad", "how far it may go on beside", low=0.0, high=0.5)
+    slack: float = setting(0.05, "m", "added to the reach that was seen", low=0.0, high=0.5)
+    margin: float = setting(math.radians(3.0), "rad", "beside each sector, near readings are masked", low=0.0, high=0.5)
+    most: float = setting(0.7, "", "a lidar that sees more than this part of itself is of no use", low=0.1, high=1.0)
+    moved: float = setting(0.3, "m", "ranges of the surroundings must change by this", low=0.05, high=5.0)
+    least_scans: int = setting(50, "", "fewest scans", low=10, high=100_000)
+
+
+def learn_self_mask(scans: Sequence[Scan], body: ChairBody, settings: SelfMaskSettings | None = None) -> SelfMask:
+    """The mask of a lidar from scans of a chair that turns, the best a full circle, or drives about.
+
+    Scans may differ in their number of beams.
+
+    Raises:
+        ThinData: there are too few scans, or the chair stood still.
+        CalibrationError: nearly all that the lidar sees is the chair.
+    """
+    s = settings or SelfMaskSettings()
+    if len(scans) < s.least_scans:
+        raise ThinData(f"{len(scans)} scans are too few to tell the chair from a room: record {s.least_scans} or more")
+    angles, ranges = _by_angle(scans)
+    limits = _limits(angles, body, s.beyond)
+    near = (ranges <= limits) & ~np.isnan(ranges)  # -inf is too close to be anything else
+    ends = np.maximum(ranges, 0.0)
+    typical = _medians(ends, near)
+    steady = near & (np.abs(ends - typical) <= s.spread)
+    told = np.maximum((~np.isnan(ranges)).sum(axis=0), 1)
+    own = steady.sum(axis=0) / told >= s.often
+    _refuse_standstill(ranges, own, s)
+    own = _grown(own, near.sum(axis=0) / told >= s.sometimes, round(s.grow / (angles[1] - angles[0])))
+    if (share := float(own.mean())) > s.most:
+        raise CalibrationError(f"{share:.0%} of the lidar's beams end on the chair itself: mount it where it sees more")
+    farthest = np.where(near, ranges, -math.inf).max(axis=0) + s.slack
+    # Nothing but the chair is within its outline, so its parts' mixed readings, between them and a wall, are no room.
+    reaches = np.clip(farthest, np.maximum(_limits(angles, body, 0.0), s.slack), np.maximum(limits, s.slack))
+    return _sectors(angles, own, reaches, s.margin)
+
+
+def _by_angle(scans: Sequence[Scan]) -> tuple[FloatArray, FloatArray]:
+    """Angles (N,) [rad] of the scan with the finest beams, and the ranges (S, N) of all scans at the nearest of theirs."""
+    finest = min(scans, key=lambda scan: abs(scan.angle_step))
+    angles = np.sort(finest.angles())
+    ranges = np.full((len(scans), len(angles)), np.nan)
+    for row, scan in zip(ranges, scans, strict=True):
+        index = np.rint((angles - scan.angle_min) / scan.angle_step).astype(np.int64)
+        there = (index >= 0) & (index < len(scan.ranges))
+        row[there] = scan.ranges[index[there]]
+    return angles, ranges
+
+
+def _medians(values: FloatArray, chosen: BoolArray) -> FloatArray:
+    """(N,) median of the chosen values of each column of (S, N); 0 where none is."""
+    ordered = np.sort(np.where(chosen, values, math.inf), axis=0)
+    counts = chosen.sum(axis=0)
+    columns = np.arange(values.shape[1])
+    low, high = (
+        ordered[np.maximum(counts - 1, 0) // 2, columns],
+        ordered[np.minimum(counts // 2, len(values) - 1), columns],
+    )
+    return np.where(counts > 0, 0.5 * (low + high), 0.0)
+
+
+def _limits(angles: FloatArray, body: ChairBody, beyond: float) -> FloatArray:
+    """(N,) [m] how far from the laser the chair's outline, widened by `beyond`, ends at each angle.
+
+    A laser that is mounted outside of that sees nothing of the chair within it: the limit is 0 there.
+    """
+    mount = body.base_from_laser
+    x, y = np.cos(angles + mount.theta), np.sin(angles + mount.theta)
+    ahead = np.where(x > 0.0, body.front + beyond - mount.x, -body.rear - beyond - mount.x)
+    aside = np.where(y > 0.0, body.width / 2 + beyond, -body.width / 2 - beyond) - mount.y
+    with np.errstate(divide="ignore", invalid="ignore"):
+        limits = np.minimum(np.where(x == 0.0, math.inf, ahead / x), np.where(y == 0.0, math.inf, aside / y))
+    return np.maximum(limits, 0.0)
+
+
+def _refuse_standstill(ranges: FloatArray, own: BoolArray, s: SelfMaskSettings) -> None:
+    """The surroundings must have gone by: else a wall beside a parked chair would be taken for its rider."""
+    others = np.where(np.isfinite(ranges), ranges, np.nan)[:, ~own]
+    told = others[:, (~np.isnan(others)).sum(axis=0) > 0.5 * len(ranges)]
+    if not told.size:
+        raise ThinData("the lidar sees nothing but the chair: record in a room whose walls it sees")
+    swing = np.nanquantile(told, 0.9, axis=0) - np.nanquantile(told, 0.1, axis=0)
+    if (part := float((swing > s.moved).mean())) < 0.5:
+        raise ThinData(
+            f"only {part:.0%} of what the lidar sees went by: turn the chair a full circle while it is recorded"
+        )
+
+
+def _grown(own: BoolArray, sometimes: BoolArray, most: int) -> BoolArray:
+    """Own beams with those beside them, at most so many, that sometimes are."""
+    grown = own.copy()
+    for _ in range(most):
+        beside = np.zeros_like(grown)
+        beside[1:] |= grown[:-1]
+        beside[:-1] |= grown[1:]
+        grown |= beside & sometimes
+    return grown
+
+
+def _sectors(angles: FloatArray, own: BoolArray, reaches: FloatArray, margin: float) -> SelfMask:
+    """Runs of own beams as sectors that end half a beam beyond."""
+    edges = np.flatnonzero(np.diff(np.concatenate([[False], own, [False]]).astype(np.int8))).tolist()
+    half = 0.5 * float(angles[1] - angles[0])
+    runs = list(zip(edges[::2], edges[1::2], strict=True))
+    return SelfMask(
+        begins=tuple(round(float(angles[i]) - half, 6) for i, _ in runs),
+        ends=tuple(round(float(angles[j - 1]) + half, 6) for _, j in runs),
+        reaches=tuple(round(float(reaches[i:j].max()), 3) for i, j in runs),
+        margin=margin,
+    )

@@ -1,0 +1,169 @@
+"""`waychair calibrate time` and `mask`: what a chair's sensors say late, and what its lidar sees of the chair."""
+
+from __future__ import annotations
+
+import sys
+from dataclasses import replace
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+from waychair.cli.arguments import BadArgument
+from waychair.cli.chair_options import ChairOptions
+
+if TYPE_CHECKING:
+    from waychair.calibration.chair import ChairBody
+    from waychair.recording import Recording
+    from waychair.trials.calibrate_time import TimeCalibrator
+    from waychair.types import Scan
+
+
+def time_command(
+    recording: Path | None = None,
+    /,
+    *,
+    options: ChairOptions = ChairOptions(),  # noqa: B008
+    chair_id: str | None = None,
+    seconds: float = 30.0,
+    camera: bool = True,
+    inject: tuple[float, float, float] = (0.0, 0.0, 0.0),
+) -> None:
+    """Find by how much the stamps of lidar, encoders and camera are late, against the gyro's.
+
+    Turns a simulated chair to and fro, or reads a recording of a chair that was turned left and right by turns for half a
+    minute in a room that stands still.
+
+    Parameters
+    ----------
+    recording
+        A ROS bag with an IMU, instead of a simulated chair.
+    chair_id
+        Name of the chair, for a recording; a simulated one is called sim-SEED.
+    seconds
+        How long the simulated chair turns.
+    camera
+        Whether the camera's delay is looked for too.
+    inject
+        Delays in ms that the stamps of the simulated lidar, encoders and camera are given, to see them found.
+    """
+    from waychair.calibration.calibration_file import load_calibration
+    from waychair.trials.calibrate_time import TimeCalibrator, merged, milliseconds
+
+    if recording is not None:
+        name, read = _recorded(recording, chair_id, options)
+        if any(inject):
+            raise BadArgument("--inject is for a simulated chair: leave it out, or leave the recording out")
+        body = _with_laser_of(read, options.body())
+        calibrator = TimeCalibrator(body)
+        for frame in read.frames:
+            for message in (*frame.imu, *frame.wheels, *([frame.scan] if frame.scan is not None else [])):
+                calibrator.add(message)
+        for picture in read.pictures() if camera else ():
+            calibrator.add(picture)
+    else:
+        name = options.simulated_name
+        body, calibrator = _turned(options, seconds, camera, inject)
+    found = calibrator.result()
+    for problem in found.problems:
+        print(f"waychair: {problem}", file=sys.stderr)
+    known = load_calibration(options.out, name).sensor_delays if options.out.exists() else None
+    options.keep(name, body, sensor_delays=merged(known, found))
+    for sensor, offset in found.offsets.items():
+        options.say(f"{sensor}: {milliseconds(offset)} by {offset.turns} turns, correlation {offset.correlation:.4f}")
+
+
+def mask_command(
+    recording: Path | None = None,
+    /,
+    *,
+    options: ChairOptions = ChairOptions(),  # noqa: B008
+    chair_id: str | None = None,
+) -> None:
+    """Learn what the lidar sees of the chair itself (legs, leg rests, a bag), so that it is no obstacle.
+
+    Turns a simulated chair, whose legs the lidar sees, once round, or reads a recording of a chair that was turned or
+    driven about with its rider in it.
+
+    Parameters
+    ----------
+    recording
+        Any recording that `waychair map` reads, instead of a simulated chair.
+    chair_id
+        Name of the chair, for a recording; a simulated one is called sim-SEED.
+    """
+    import math
+
+    from waychair.calibration.self_mask import learn_self_mask
+
+    if recording is not None:
+        name, read = _recorded(recording, chair_id, options)
+        body = _with_laser_of(read, options.body())
+        scans = [frame.scan for frame in read.frames if frame.scan is not None]
+    else:
+        name = options.simulated_name
+        body, scans = _seen_while_turning(options)
+    mask = learn_self_mask(scans, body)
+    options.keep(name, body, self_mask=mask)
+    for begin, end, reach in zip(mask.begins, mask.ends, mask.reaches, strict=True):
+        options.say(f"{math.degrees(begin):+.1f} to {math.degrees(end):+.1f} degrees: within {reach:.2f} m")
+    if not mask.begins:
+        options.say("the lidar sees nothing of the chair itself: no beam is masked")
+    hidden = sum(int(mask.hides(scan).sum()) for scan in scans) / sum(len(scan.ranges) for scan in scans)
+    options.say(f"{hidden:.1%} of all readings are the chair itself, of {len(scans)} scans")
+
+
+def _recorded(path: Path, chair_id: str | None, options: ChairOptions) -> tuple[str, Recording]:
+    """The chair's name, and its recording."""
+    from waychair.recording import read_recording
+
+    if chair_id is None or options.chair_sim is not None:
+        raise BadArgument("a recording needs --chair-id NAME, the chair's, and no --chair-sim")
+    options.refuse_other_chair(chair_id)
+    with options.progress("reading") as show:
+        return chair_id, read_recording(path, progress=show)
+
+
+def _with_laser_of(recording: Recording, body: ChairBody) -> ChairBody:
+    """The body with its lidar where the recording says it is; one that says nothing has it where the body has it."""
+    from waychair.types import Pose2
+
+    at = recording.base_from_laser
+    return body if at == Pose2() else replace(body, laser_x=at.x, laser_y=at.y, laser_theta=at.theta)
+
+
+def _turned(
+    options: ChairOptions, seconds: float, camera: bool, inject: tuple[float, float, float]
+) -> tuple[ChairBody, TimeCalibrator]:
+    """What the sensors of a simulated chair have seen while it was turned to and fro."""
+    from waychair.calibration.time_offset import SensorDelays, without_delay
+    from waychair.simulation.simulator import Simulator, with_all_sensors
+    from waychair.trials.calibrate_time import TIME_HALL, TimeCalibrator, turns_to_and_fro
+    from waychair.trials.halls import open_hall
+    from waychair.trials.simulated_drive import with_gyro
+
+    options.refuse_other_chair(options.simulated_name)
+    body, settings = options.simulated()
+    settings = with_all_sensors(settings) if camera else with_gyro(settings)
+    simulator = Simulator(open_hall(TIME_HALL, 0.05), body, settings, options.seed)
+    if simulator.camera_problem is not None:
+        print(f"waychair: the camera is left out: {simulator.camera_problem}", file=sys.stderr)
+    late = [round(-1e6 * delay) for delay in inject]
+    delays = SensorDelays(*late)
+    calibrator = TimeCalibrator(body)
+    with options.progress("turning") as show:
+        for message in turns_to_and_fro(simulator, seconds, options.seed):
+            calibrator.add(without_delay(message, delays))
+            show(min(1.0, simulator.now_ns * 1e-9 / seconds))
+    return body, calibrator
+
+
+def _seen_while_turning(options: ChairOptions) -> tuple[ChairBody, list[Scan]]:
+    """The scans of a simulated chair that turns once round."""
+    from waychair.simulation.simulator import Simulator
+    from waychair.trials.halls import open_hall
+    from waychair.trials.learn_mask import MASK_HALL, scans_while_turning, with_legs
+
+    options.refuse_other_chair(options.simulated_name)
+    body, settings = options.simulated()
+    simulator = Simulator(open_hall(MASK_HALL, 0.05), body, with_legs(settings), options.seed)
+    with options.progress("turning"):
+        return body, scans_while_turning(simulator)

@@ -1,0 +1,145 @@
+"""Commands that say where the chair was on a map, and how good a trajectory is."""
+
+from __future__ import annotations
+
+import math
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated
+
+from cyclopts import Parameter
+
+from waychair.cli.recordings import RecordingOptions, stages
+
+if TYPE_CHECKING:
+    from waychair.slam.evaluation import Errors
+
+AS_RECORDED = RecordingOptions()
+
+
+def localize_command(
+    recording: Path,
+    /,
+    *,
+    map: Path,
+    out: Path,
+    start: Annotated[str | None, Parameter(allow_leading_hyphen=True)] = None,
+    reading: RecordingOptions = AS_RECORDED,
+    config: Path | None = None,
+    quiet: bool = False,
+) -> None:
+    """Follow the chair of a recording on a map.
+
+    Writes trajectory.tum, config.yaml and report.json.
+
+    Parameters
+    ----------
+    recording
+        The log or bag, of any kind that `waychair map` reads.
+    map
+        Map folder or its map.yaml.
+    out
+        Folder for the trajectory and the report.
+    start
+        X,Y,YAW: where the chair is at the first scan, in metres and radians in the map; without it that is found out.
+    config
+        YAML file with settings that differ from the defaults.
+    quiet
+        Print nothing but errors.
+    """
+    from dataclasses import replace
+
+    from waychair import config as configuration
+    from waychair.cli.arguments import BadArgument, pose_from_text
+    from waychair.maps.map_files import load_map
+    from waychair.runtime.localising import LocalisingSettings, localise_recording, save_localised
+
+    settings = LocalisingSettings() if config is None else configuration.load(LocalisingSettings, config)
+    settings = replace(settings, input=reading.over(settings.input))
+    begin = None if start is None else pose_from_text(start, "--start")
+    grid = load_map(map)
+    if out.resolve() in (map.resolve(), map.resolve().parent):
+        raise BadArgument(f"--out {out} is the map's own folder, whose files would be lost; choose another one")
+    with stages(quiet) as progress:
+        log = progress.read(recording, settings.input)
+        localised = localise_recording(log, grid, settings, begin, progress.stage("localising"))
+        save_localised(out, localised, settings)
+    if not quiet:
+        report = localised.report
+        states = ", ".join(f"{count} {state}" for state, count in report["states"].items())
+        print(
+            f"{report['frames']} scans over {report['distance_m']:.0f} m: {states}, "
+            f"{100 * report['mean_inliers']:.0f} % of the points on walls, "
+            f"{report['cpu_seconds']:.1f} s of CPU: {out}/trajectory.tum"
+        )
+
+
+def evaluate_command(
+    trajectory: Path,
+    /,
+    *,
+    relations: Path | None = None,
+    truth: Path | None = None,
+    base_from_laser: Annotated[str | None, Parameter(allow_leading_hyphen=True)] = None,
+    json: bool = False,
+) -> None:
+    """Say how good a trajectory is.
+
+    Parameters
+    ----------
+    trajectory
+        TUM text, as `waychair map` writes it.
+    relations
+        Published relations between its poses (Kuemmerle et al. 2009), gzipped or not: errors in metres and degrees,
+        those that cross a loop (stamps more than 60 s apart) apart from local ones.
+    truth
+        The true trajectory, TUM text: absolute trajectory error after laying one onto the other in the plane.
+    base_from_laser
+        X,Y,YAW: mount of the laser, where the relations are of the laser and the trajectory is of the base.
+    json
+        Print JSON.
+    """
+    import json as text
+    from dataclasses import asdict
+
+    from waychair.cli.arguments import BadArgument, pose_from_text
+    from waychair.recording import read_tum
+    from waychair.slam.evaluation import read_relations, relation_errors, truth_errors
+
+    if (relations is None) == (truth is None):
+        raise BadArgument("give either --relations or --truth to evaluate against")
+    poses = read_tum(trajectory)
+    if relations is not None:
+        mount = None if base_from_laser is None else pose_from_text(base_from_laser, "--base-from-laser")
+        found = relation_errors(poses, read_relations(relations), mount)
+        lines = [
+            f"{found.every.count} of {found.of} relations",
+            _line("all", found.every),
+            _line("local", found.local),
+            _line("across loops", found.loop),
+        ]
+        values = asdict(found)
+    else:
+        assert truth is not None
+        errors = truth_errors(poses, read_tum(truth))
+        lines = [
+            f"{errors.errors.count} of {errors.of} poses, RMSE {errors.rmse_m:.4f} m",
+            _line("absolute", errors.errors),
+        ]
+        values = asdict(errors)
+    print(text.dumps(_without_nan(values)) if json else "\n".join(lines))
+
+
+def _line(name: str, errors: Errors) -> str:
+    if errors.count == 0:
+        return f"{name:>13}: none"
+    return (
+        f"{name:>13}: {errors.count:5d}, {errors.mean_m:.4f} +- {errors.std_m:.4f} m (largest {errors.max_m:.3f}), "
+        f"{errors.mean_deg:.3f} +- {errors.std_deg:.3f} degrees (largest {errors.max_deg:.2f})"
+    )
+
+
+def _without_nan(values: object) -> object:
+    """JSON has no nan: what is not known is null."""
+    if isinstance(values, dict):
+        return {key: _without_nan(value) for key, value in values.items()}
+    return None if isinstance(values, float) and math.isnan(values) else values

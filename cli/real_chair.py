@@ -1,0 +1,113 @@
+"""A real chair on the command line: open its ports, ask whoever stands beside it, arm its board."""
+
+from __future__ import annotations
+
+import sys
+from collections.abc import Iterator
+from contextlib import closing, contextmanager
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+from waychair.calibration.drive_log import write_drive_log
+from waychair.calibration.sweep import Recorder
+from waychair.cli.arguments import BadArgument
+from waychair.cli.chair_options import PortOptions
+from waychair.errors import WaychairError
+
+if TYPE_CHECKING:
+    from waychair.calibration.chair import ChairBody
+    from waychair.firmware_bridge.transports import Transport
+    from waychair.trials.board_drive import BoardDrive
+    from waychair.trials.measured_speeds import SpeedMeter
+
+GO = "drive"
+"""What is typed to let a chair drive by itself."""
+
+
+def transport_from_text(text: str, option: str) -> Transport:
+    """The open port of /dev/ttyUSB0, pty:PATH or tcp:HOST:PORT.
+
+    Raises:
+        BadArgument: it is none of these.
+        TransportError: it cannot be opened.
+    """
+    from waychair.firmware_bridge.transports import SerialTransport, TcpTransport
+
+    kind, _, rest = text.partition(":")
+    if kind == "tcp":
+        host, _, port = rest.rpartition(":")
+        if not host or not port.isdecimal():
+            raise BadArgument(f"{option} tcp:HOST:PORT needs a host and a number, not '{text}'")
+        return TcpTransport(host, int(port))
+    path = rest if kind == "pty" else text
+    if not path.startswith("/"):
+        raise BadArgument(f"{option} must be /dev/..., pty:/dev/pts/N or tcp:HOST:PORT, not '{text}'")
+    return SerialTransport(path)
+
+
+@contextmanager
+def armed_chair(real: PortOptions, body: ChairBody, name: str) -> Iterator[BoardDrive]:
+    """The chair behind `real`, armed after it was confirmed on standard input; its lines are let go afterwards.
+
+    Raises:
+        BadArgument: no port is given, or nobody confirmed.
+        BridgeError, TransportError, CalibrationError: see `BoardDrive`.
+    """
+    from waychair.firmware_bridge.protocol import Family
+    from waychair.trials.board_drive import BoardDrive, BoardDriveSettings
+
+    if real.port is None or real.sensors is None:
+        raise BadArgument("a real chair needs --port of its board and --sensors of what measures its speeds")
+    settings = BoardDriveSettings(room=real.room)
+    family = Family[real.family.upper()]
+    with (
+        closing(transport_from_text(real.port, "--port")) as board,
+        closing(transport_from_text(real.sensors, "--sensors")) as sensors,
+        BoardDrive(board, sensors, _meter(real, body), name, family=family, settings=settings) as drive,
+    ):
+        _confirm(name, real.room)
+        drive.arm()
+        yield drive
+
+
+def _meter(real: PortOptions, body: ChairBody) -> SpeedMeter:
+    from waychair.trials.measured_speeds import EncoderSpeeds, ScanSpeeds
+
+    return EncoderSpeeds(body) if real.speeds_from == "encoders" else ScanSpeeds(body)
+
+
+def _confirm(name: str, room: float) -> None:
+    print(
+        f"Chair '{name}' is about to drive by itself, to and fro, up to {room:g} m from where it stands.\n"
+        "- The floor must be free that far all round; somebody must be within reach of its e-stop.\n"
+        "- Take your hand off the joystick. Touching it gives you the chair at once; Ctrl-C stops as well.\n"
+        f"Type '{GO}' and press Enter to begin: ",
+        end="",
+        file=sys.stderr,
+        flush=True,
+    )
+    if sys.stdin.readline().strip().lower() != GO:
+        raise BadArgument(f"nobody typed '{GO}', so that the chair stays where it is")
+
+
+@contextmanager
+def keeping(log: Path | None, recorder: Recorder) -> Iterator[Recorder]:
+    """Writes what was recorded to `log` when the block ends; to NAME.part when it is broken off.
+
+    Raises:
+        WaychairError: that of the block, with where the part is.
+    """
+    try:
+        yield recorder
+    except (WaychairError, KeyboardInterrupt) as error:
+        if log is None or not len(recorder.log().stamps_ns):
+            raise
+        part = log.with_name(f"{log.name}.part")
+        write_drive_log(part, recorder.log())
+        kept = f"what was measured until then is in {part}"
+        if isinstance(error, KeyboardInterrupt):
+            error.add_note(kept)
+            raise
+        raise type(error)(f"{error}; {kept}") from error
+    if log is not None:
+        write_drive_log(log, recorder.log())

@@ -1,0 +1,91 @@
+"""How an axis of the chair follows its command: a delay, a ramp and a first-order lag, in time and as figures.
+
+The same three figures that a calibration identifies from steps (`calibration.fit_steps`). What the chair should be
+doing by now is compared with what it does, so that no loop fights the chair's own slowness.
+"""
+
+from __future__ import annotations
+
+import math
+from collections import deque
+from dataclasses import dataclass
+
+from waychair.calibration.axis_model import AxisModel
+from waychair.config import Settings, setting
+
+_SUBSTEP_S = 0.005
+LONGEST_S = 0.2
+"""After a longer pause the model goes on as if no more time had passed: nobody knows what the chair did meanwhile."""
+
+
+@dataclass(frozen=True, slots=True)
+class AxisResponse(Settings):
+    """Delay, lag and ramp of one axis; the defaults are those of a common chair that nobody has measured."""
+
+    delay_s: float = setting(0.06, "s", "from the command to the first effect", low=0.0, high=1.0)
+    lag_s: float = setting(0.18, "s", "time constant of the motors after the ramp", low=0.005, high=2.0)
+    ramp: float = setting(100.0, "speed/s", "steepest change of speed [m/s^2] or [rad/s^2]", low=0.01, high=1000.0)
+    doubt_s: float = setting(0.2, "s", "that the delay may be longer; 0 once it was measured", low=0.0, high=1.0)
+
+
+def response_from_axis(axis: AxisModel, longest_s: float = math.inf) -> AxisResponse | None:
+    """What a calibration identified of an axis, its delay at most `longest_s`; None where it has seen no step of it."""
+    if axis.lag_s == 0.0:
+        return None
+    return AxisResponse(min(axis.delay_s, longest_s), max(axis.lag_s, 0.005), axis.ramp, doubt_s=0.0)
+
+
+class ExpectedSpeed:
+    """The speed that one axis should have by now.
+
+    A command holds from the moment it was given until the next one, and comes into effect `delay_s` later; the speed
+    asked for then follows it along the ramp, and the chair's speed follows that with the lag.
+    """
+
+    def __init__(self, response: AxisResponse) -> None:
+        self._response = response
+        self.restart(0.0, 0.0)
+
+    @property
+    def now(self) -> float:
+        """Speed at the last moment that `advance` was called for."""
+        return self._speed
+
+    @property
+    def asked(self) -> float:
+        """The command that is in effect, after the delay and before the ramp."""
+        return self._in_effect
+
+    def restart(self, speed: float, in_effect: float) -> None:
+        """Begin again at a speed, with a command that is in effect already."""
+        self._speed, self._ramped, self._in_effect = speed, speed, in_effect
+        self._on_the_way: deque[tuple[int, float]] = deque()
+        self._now_ns: int | None = None
+
+    def command(self, value: float, now_ns: int) -> None:
+        """From now on the axis is asked for this speed; a second command of the same moment replaces the first."""
+        if self._on_the_way and self._on_the_way[-1][0] >= now_ns:
+            self._on_the_way.pop()
+        self._on_the_way.append((now_ns, value))
+
+    def advance(self, now_ns: int) -> float:
+        """Mean speed since the last call, which is what encoders measure over a tick; the speed now is `now`."""
+        last_ns, self._now_ns = self._now_ns, now_ns
+        seconds = 0.0 if last_ns is None else min(max((now_ns - last_ns) * 1e-9, 0.0), LONGEST_S)
+        steps = math.ceil(seconds / _SUBSTEP_S - 1e-9)
+        if steps == 0:
+            return self._speed
+        step_s = seconds / steps
+        delay_ns = round(self._response.delay_s * 1e9)
+        share = -math.expm1(-step_s / self._response.lag_s)
+        total = 0.0
+        for k in range(steps):
+            middle_ns = now_ns - round((steps - k - 0.5) * step_s * 1e9)
+            while self._on_the_way and self._on_the_way[0][0] + delay_ns <= middle_ns:
+                self._in_effect = self._on_the_way.popleft()[1]
+            reach = self._response.ramp * step_s
+            self._ramped += min(reach, max(-reach, self._in_effect - self._ramped))
+            before = self._speed
+            self._speed += share * (self._ramped - self._speed)
+            total += 0.5 * (before + self._speed)
+        return total / steps

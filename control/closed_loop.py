@@ -1,0 +1,100 @@
+"""From the twist that is wanted to the twist that is asked for, and whether the chair may be driven at all.
+
+One tick: the speed loop trims the command, and two watches compare what was sent with what the chair does. A fault
+stops the chair, exactly, until somebody acknowledges it.
+"""
+
+from __future__ import annotations
+
+import dataclasses
+from dataclasses import dataclass, field
+
+from waychair.calibration.dac import DacModel
+from waychair.calibration.stopping import StopTable
+from waychair.config import Settings
+from waychair.control.following import FollowingSettings, FollowingWatch
+from waychair.control.gain_watch import GainWatch, GainWatchSettings
+from waychair.control.kinematics import twist_from_wheel_speeds
+from waychair.control.speed_loop import SpeedLoop, SpeedLoopSettings, tuned
+from waychair.types import Sent, Twist
+
+
+@dataclass(frozen=True, slots=True)
+class ClosedLoopSettings(Settings):
+    """The parts' own settings."""
+
+    speed_loop: SpeedLoopSettings = field(default_factory=SpeedLoopSettings)
+    gain_watch: GainWatchSettings = field(default_factory=GainWatchSettings)
+    following: FollowingSettings = field(default_factory=FollowingSettings)
+
+
+class ClosedLoop:
+    """The speed loop and its watches."""
+
+    def __init__(
+        self,
+        model: DacModel,
+        track: float,
+        settings: ClosedLoopSettings | None = None,
+        stops: StopTable | None = None,
+    ) -> None:
+        """Delays and lags are those of the calibration, `model` and `stops`, as far as there is one; see `tuned`.
+
+        `track` [m] is the chair's.
+        """
+        settings = settings or ClosedLoopSettings()
+        self._settings = dataclasses.replace(settings, speed_loop=tuned(settings.speed_loop, model, stops))
+        self._track = track
+        self._loop = SpeedLoop(self._settings.speed_loop, track)
+        self.acknowledge()
+
+    @property
+    def fault(self) -> str:
+        """Why the chair must not be driven, and what to do about it; empty when it may."""
+        return self._following.fault or self._gain_watch.fault
+
+    @property
+    def speed_limit(self) -> float:
+        """Greatest speed [m/s] for now; +inf without doubts."""
+        return self._gain_watch.speed_limit
+
+    @property
+    def gains(self) -> tuple[float, float]:
+        """Estimated gains of the forward and the turn axis; 1 as calibrated."""
+        return self._gain_watch.gains
+
+    def acknowledge(self) -> None:
+        """Somebody has seen to the fault: begin anew."""
+        s = self._settings
+        self._gain_watch = GainWatch(s.speed_loop.forward, s.speed_loop.turn, s.gain_watch)
+        self._following = FollowingWatch(s.speed_loop.forward, s.speed_loop.turn, self._track, s.following)
+
+    def step(self, command: Twist | None, measured: Twist, now_ns: int, sent: Sent | None = None) -> Twist:
+        """One tick: the twist to ask for, exactly 0 while there is a `fault`. None means that nobody drives.
+
+        `measured` is the mean twist since the last call, and `sent` what came of the twist that was returned then.
+        """
+        held = sent is not None and sent.active
+        told = twist_from_wheel_speeds(sent.wheel_speeds, self._track) if sent is not None and held else Twist()
+        if self.fault:
+            command = None
+        if command is not None:
+            command = _slowed(command, self.speed_limit)
+        twist = self._loop.step(command, measured, now_ns, sent if held else None)
+        steady = held and not self._loop.waiting and not self._loop.casters_swing
+        # a chair that stands although it is told to drive is stuck, not slow
+        self._gain_watch.step(told, measured, now_ns, judged=steady and self._loop.moves(measured))
+        if not held:
+            self._following.released()
+        elif told == Twist():
+            self._following.at_neutral(measured, now_ns)
+        else:
+            expected = None if self._loop.waiting else self._loop.expected
+            self._following.driving(told, expected, measured, now_ns)
+        return Twist() if self.fault else twist
+
+
+def _slowed(command: Twist, limit: float) -> Twist:
+    """The same arc at no more than this speed [m/s]."""
+    scale = min(1.0, limit / max(abs(command.v), 1e-9))
+    return Twist(scale * command.v, scale * command.omega)

@@ -1,0 +1,125 @@
+"""Two things that a chair must never do: not follow when it is driven (F20), and move when it is told to rest (F21).
+
+The limits are those of the fault table: 0.3 m/s for 0.5 s, and 0.05 m/s for 0.3 s. Both are judged at the faster wheel.
+"""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+
+from waychair.config import Settings, setting
+from waychair.control.axis_response import AxisResponse
+from waychair.types import Twist
+
+
+@dataclass(frozen=True, slots=True)
+class FollowingSettings(Settings):
+    """How far, and for how long, a chair may be from what it should do."""
+
+    residual: float = setting(0.3, "m/s", "F20: wheel speed off what is expected", low=0.05, high=2.0)
+    residual_s: float = setting(0.5, "s", "F20: for so long", low=0.05, high=5.0)
+    stuck_told: float = setting(
+        0.08, "m/s", "F20: told at least so much, the chair must move at all", low=0.0, high=1.0
+    )
+    stuck_v: float = setting(0.02, "m/s", "F20: slower than this is no motion", low=0.0, high=0.2)
+    stuck_s: float = setting(2.0, "s", "F20: for so long, the brake's opening included", low=0.1, high=10.0)
+    creep: float = setting(0.05, "m/s", "F21: wheel speed at neutral", low=0.005, high=0.5)
+    creep_s: float = setting(0.3, "s", "F21: for so long", low=0.05, high=5.0)
+    braking: float = setting(0.6, "m/s^2", "F21: any chair slows down as fast as this at least", low=0.05, high=5.0)
+
+
+class _Lasting:
+    """For how long something has been so without a break."""
+
+    def __init__(self) -> None:
+        self._since_ns: int | None = None
+
+    def seconds(self, so: bool, now_ns: int) -> float:
+        """Seconds up to now; 0 where it is not so, or has just begun."""
+        if not so:
+            self._since_ns = None
+            return 0.0
+        if self._since_ns is None:
+            self._since_ns = now_ns
+        return (now_ns - self._since_ns) * 1e-9
+
+
+class FollowingWatch:
+    """Keeps how long the chair has been doing what it should not; a fault stays until a new watch is begun."""
+
+    def __init__(
+        self, forward: AxisResponse, turn: AxisResponse, track: float, settings: FollowingSettings | None = None
+    ) -> None:
+        """`track` [m]: wheels apart."""
+        self._settings = settings or FollowingSettings()
+        self._half_track = 0.5 * track
+        self._settling_s = max(axis.delay_s + 4.0 * axis.lag_s for axis in (forward, turn))
+        self._off, self._stuck, self._neutral, self._creeping = (_Lasting() for _ in range(4))
+        self._coasting_s = 0.0
+        self.fault = ""
+
+    def driving(self, told: Twist, expected: Twist | None, measured: Twist, now_ns: int) -> str:
+        """F20, one tick of driving: the fault, with its remedy, or nothing.
+
+        `expected` is what the chair should have done since the tick before, None while its brake may yet be opening;
+        `told` what was sent.
+        """
+        self._rest()
+        s = self._settings
+        missed = 0.0
+        if expected is not None:
+            missed = self._at_wheel(Twist(expected.v - measured.v, expected.omega - measured.omega))
+        if self._off.seconds(missed > s.residual, now_ns) >= s.residual_s:
+            self._found(
+                f"the chair does not follow (F20): {measured.v:.2f} m/s, {measured.omega:.2f} rad/s instead of "
+                f"{_text(expected)}; check free-wheel levers, slope and speed dial"
+            )
+        stuck = self._at_wheel(told) > s.stuck_told and self._at_wheel(measured) < s.stuck_v
+        if self._stuck.seconds(stuck, now_ns) >= s.stuck_s:
+            self._found(
+                f"the chair does not move (F20) though told to drive at {told.v:.2f} m/s, {told.omega:.2f} rad/s; "
+                "check free-wheel levers, brakes and what stands in its way"
+            )
+        return self.fault
+
+    def at_neutral(self, measured: Twist, now_ns: int) -> str:
+        """F21, one tick with the computer holding the lines at neutral: the fault, with its remedy, or nothing.
+
+        From motion the chair may coast, for its delay, four lags and the way down at `braking`.
+        """
+        s = self._settings
+        self._off.seconds(False, now_ns)
+        self._stuck.seconds(False, now_ns)
+        speed = self._at_wheel(measured)
+        held_s = self._neutral.seconds(True, now_ns)
+        if held_s == 0.0:
+            self._coasting_s = self._settling_s + speed / s.braking if speed > s.creep else 0.0
+        creeps = speed > s.creep and held_s >= self._coasting_s
+        if self._creeping.seconds(creeps, now_ns) >= s.creep_s:
+            self._found(
+                f"the chair moves at neutral (F21): {measured.v:.2f} m/s, {measured.omega:.2f} rad/s; "
+                "check the lines' neutral and calibrate again"
+            )
+        return self.fault
+
+    def released(self) -> str:
+        """One tick in which the rider's joystick is live, of whose motion nothing is judged."""
+        self._off, self._stuck = _Lasting(), _Lasting()
+        self._rest()
+        return self.fault
+
+    def _rest(self) -> None:
+        self._neutral, self._creeping = _Lasting(), _Lasting()
+
+    def _found(self, fault: str) -> None:
+        self.fault = self.fault or fault
+
+    def _at_wheel(self, twist: Twist) -> float:
+        """Speed [m/s] of the faster wheel; one that is not a number is no speed at all."""
+        speed = abs(twist.v) + abs(twist.omega) * self._half_track
+        return speed if math.isfinite(speed) else 0.0
+
+
+def _text(twist: Twist | None) -> str:
+    return "nothing" if twist is None else f"{twist.v:.2f} m/s, {twist.omega:.2f} rad/s"

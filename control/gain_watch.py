@@ -1,0 +1,132 @@
+"""Does the chair still answer as it was calibrated? The gain of each axis, estimated while it drives.
+
+Somebody turns the speed dial, or switches the drive profile: from then on the same volts are another speed. What the
+calibration expects of the volts that were really sent, led through the axis' delay, ramp and lag, is compared with the
+measured speed. Only steady motion says something, so an axis that is hardly used is not judged.
+"""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+
+import numpy as np
+
+from waychair.config import Settings, setting
+from waychair.control.axis_response import LONGEST_S, AxisResponse, ExpectedSpeed
+from waychair.types import FloatArray, Twist
+
+_SETTLED = 0.15  # part of the speed by which a settled axis may still be off what is asked of it
+_CORRELATED_S = 0.3  # ripple and rounding persist for so long
+_CLEAR = 0.25  # a gain that is far off is judged with this part of it still in doubt
+
+
+@dataclass(frozen=True, slots=True)
+class GainWatchSettings(Settings):
+    """When an axis is judged, how fast its gain is believed to change, and what is too far from 1."""
+
+    slow_outside: float = setting(0.2, "", "part by which a gain may be off before it slows", low=0.05, high=10.0)
+    stop_outside: float = setting(0.4, "", "part by which it may be off before it stops", low=0.1, high=10.0)
+    back_within: float = setting(0.15, "", "part within which it goes at full speed again", low=0.0, high=10.0)
+    slow_v: float = setting(0.3, "m/s", "greatest speed of a chair whose gain is doubtful", low=0.05, high=1.0)
+    least_v: float = setting(0.15, "m/s", "expected speed from which the forward axis is judged", low=0.02, high=1.0)
+    least_omega: float = setting(0.25, "rad/s", "as above, of the turn axis", low=0.02, high=2.0)
+    noise_v: float = setting(0.08, "m/s", "of what a calibration misses (one sigma)", low=1e-3, high=1.0)
+    noise_omega: float = setting(0.15, "rad/s", "as above, of turning", low=1e-3, high=1.0)
+    first_gain: float = setting(0.3, "", "doubt about the gain at first (one sigma)", low=0.01, high=1.0)
+    first_cross: float = setting(0.15, "", "doubt about the other axis' effect at first (one sigma)", low=0.0, high=1.0)
+    wander: float = setting(0.02, "1/sqrt(s)", "by which both are believed to change", low=1e-4, high=1.0)
+    certain: float = setting(0.08, "", "a gain is judged once it is known so well (one sigma)", low=0.01, high=0.5)
+
+
+class AxisGain:
+    """Gain of one axis and effect of the other one on it, by recursive least squares.
+
+    measured = gain own + cross other, `own` and `other` being expected speeds. Both coefficients wander slowly, which
+    makes this the Kalman filter of a random walk (Ljung, System Identification, section 11.2): what was learnt long ago
+    counts less. Without the second term a chair that has grown lopsided would look like one that turns too much.
+    """
+
+    def __init__(self, settings: GainWatchSettings, noise: float) -> None:
+        self._settings = settings
+        self._variance = noise * noise * _CORRELATED_S
+        self._values: FloatArray = np.array([1.0, 0.0])
+        self._covariance: FloatArray = np.diag([settings.first_gain**2, settings.first_cross**2])
+
+    @property
+    def gain(self) -> float:
+        """Speed over the speed that the calibration expects."""
+        return float(self._values[0])
+
+    @property
+    def sigma(self) -> float:
+        """How well it is known."""
+        return math.sqrt(float(self._covariance[0, 0]))
+
+    def update(self, own: float, other: float, measured: float, seconds: float) -> None:
+        """Take in the mean speeds of so many seconds; they are worth the more, the faster and the longer."""
+        row = np.array([own, other])
+        covariance = self._covariance + np.eye(2) * self._settings.wander**2 * seconds
+        column = covariance @ row
+        gain = column / (row @ column + self._variance / seconds)
+        self._values = self._values + gain * (measured - row @ self._values)
+        self._covariance = covariance - np.outer(gain, column)
+
+
+class GainWatch:
+    """Both axes' gains, and what follows from them."""
+
+    def __init__(self, forward: AxisResponse, turn: AxisResponse, settings: GainWatchSettings | None = None) -> None:
+        s = self._settings = settings or GainWatchSettings()
+        self._expected = ExpectedSpeed(forward), ExpectedSpeed(turn)
+        self._gains = AxisGain(s, s.noise_v), AxisGain(s, s.noise_omega)
+        self._last_ns: int | None = None
+        self._slow = False
+        self.fault = ""
+
+    @property
+    def gains(self) -> tuple[float, float]:
+        """Of the forward and the turn axis; 1 as calibrated."""
+        return self._gains[0].gain, self._gains[1].gain
+
+    @property
+    def speed_limit(self) -> float:
+        """Greatest speed [m/s] that the gains allow; +inf as calibrated."""
+        return self._settings.slow_v if self._slow else math.inf
+
+    def step(self, told: Twist, measured: Twist, now_ns: int, *, judged: bool = True) -> str:
+        """Take in one tick; the fault, with its remedy, or nothing. A fault stays until a new watch is begun.
+
+        `told` is what the calibration expects of the counts sent at the tick before, `measured` the mean twist since.
+        Ticks that are not to be `judged` (brake, casters, joystick) only keep the expected speeds up to date.
+        """
+        last_ns, self._last_ns = self._last_ns, now_ns
+        if last_ns is None or now_ns <= last_ns:
+            return self.fault
+        for axis, value in zip(self._expected, (told.v, told.omega), strict=True):
+            axis.command(value, last_ns)
+        v, omega = (axis.advance(now_ns) for axis in self._expected)
+        if judged and math.isfinite(measured.v) and math.isfinite(measured.omega):
+            seconds = min((now_ns - last_ns) * 1e-9, LONGEST_S)
+            forward, turn = self._gains
+            if abs(v) > self._settings.least_v and self._settled(0, v):
+                forward.update(v, math.copysign(abs(omega), v), measured.v, seconds)
+            if abs(omega) > self._settings.least_omega and self._settled(1, omega):
+                turn.update(omega, v, measured.omega, seconds)
+            self._judge()
+        return self.fault
+
+    def _settled(self, index: int, speed: float) -> bool:
+        return abs(self._expected[index].asked - speed) < _SETTLED * abs(speed)
+
+    def _judge(self) -> None:
+        s = self._settings
+        known = [axis.gain for axis in self._gains if axis.sigma < max(s.certain, _CLEAR * abs(axis.gain - 1.0))]
+        farthest = max(known, key=lambda gain: abs(gain - 1.0), default=1.0)
+        off = abs(farthest - 1.0)
+        self._slow = off > (s.back_within if self._slow else s.slow_outside)
+        if off > s.stop_outside and not self.fault:
+            self.fault = (
+                f"speed dial or drive profile changed: the chair does {100.0 * farthest:.0f} % of what it was "
+                "calibrated to; turn the dial and profile back, or calibrate again"
+            )

@@ -1,0 +1,137 @@
+"""Driving to a goal without a map: what the lidar has seen is remembered, what it has not seen is taken for free.
+
+The source paper's loop (its Fig. 4), plan, follow, replan on change, reached, on a grid that fills as the chair goes:
+D* Lite repairs its plan as cells change, the dynamic window follows it. Everything lives in odom; there is no map that
+could correct it. It never raises in a tick: whatever goes wrong becomes a stop and a reason.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field, replace
+
+import numpy as np
+
+from waychair.calibration.chair import ChairBody
+from waychair.config import Settings, setting
+from waychair.control.navigator import Navigation, Stage
+from waychair.control.recovery import Recovery, RecoverySettings
+from waychair.errors import PlanningError
+from waychair.maps.distance_field import DistanceField, distances
+from waychair.maps.grid_memory import GridMemory, GridMemorySettings
+from waychair.planning.costmap import Costmap, CostmapSettings, costmap_from_grid
+from waychair.planning.dwa import DwaResult, DwaSettings, braking, choose
+from waychair.planning.global_planner import GlobalPlanner, PlannerSettings
+from waychair.types import OccupancyGrid, Path, Pose2, Scan, Twist
+
+
+@dataclass(frozen=True, slots=True)
+class MaplessSettings(Settings):
+    """When to plan anew, how far the dynamic window looks, and the parts' own settings."""
+
+    replan_period: float = setting(0.2, "s", "between two plans", low=0.05, high=60.0)
+    local_reach: float = setting(3.0, "m", "half side of the window in which arcs are tried", low=1.0, high=20.0)
+    coarser: int = setting(2, "", "cells of the memory to a cell of the plan, in each direction", low=1, high=10)
+    memory: GridMemorySettings = field(default_factory=GridMemorySettings)
+    recovery: RecoverySettings = field(default_factory=RecoverySettings)
+    costmap: CostmapSettings = field(default_factory=CostmapSettings)
+    # without walls there are no doors to line up with
+    planner: PlannerSettings = field(default_factory=lambda: PlannerSettings(narrow=0.0))
+    dwa: DwaSettings = field(default_factory=DwaSettings)
+
+
+class MaplessNavigator:
+    """Drives to one goal; poses and goal in odom."""
+
+    def __init__(self, body: ChairBody, at: Pose2, goal: Pose2, settings: MaplessSettings | None = None) -> None:
+        """From standstill at a pose."""
+        self._settings = settings or MaplessSettings()
+        self._body = body
+        self._goal = goal
+        self._memory = GridMemory(at, self._settings.memory)
+        self._memory.include(goal)
+        self._planner = GlobalPlanner(goal, self._settings.planner)
+        self._recovery = Recovery(self._settings.recovery)
+        self._command = Twist()
+        self._local: DistanceField | None = None
+        self._path: Path | None = None
+        self._planned_ns: int | None = None
+        self._plans = 0
+        self._in_position = False
+        self._stage, self._reason = Stage.DRIVING, ""
+
+    def step(self, now_ns: int, pose: Pose2, scan: Scan | None) -> Navigation:
+        """One tick from odom_from_base and, when there was one, the scan taken there."""
+        if scan is not None:
+            self._memory.see(scan, pose @ self._body.base_from_laser)
+            self._local = self._window(pose)
+        if self._stage in (Stage.ARRIVED, Stage.FAILED):
+            return self._navigation(Twist())
+        if self._local is None:
+            return self._halt(now_ns, "nothing was seen yet")
+        if self._planned_ns is None or now_ns - self._planned_ns >= self._settings.replan_period * 1e9:
+            self._plan(now_ns, pose)
+        if self._path is None:
+            return self._halt(now_ns, self._reason)
+        choice = self._choose(now_ns, pose, self._path, self._local)
+        if self._recovery.exhausted:
+            self._stage, self._reason = Stage.FAILED, "no way through: clear the way or choose another goal"
+            return self._navigation(braking(self._command, self._settings.dwa), choice)
+        if choice.arrived:
+            self._stage, self._reason = Stage.ARRIVED, "arrived"
+            return self._navigation(Twist(), choice)
+        if choice.blocked:
+            return self._halt(now_ns, "something is in the way", choice)
+        self._recovery.moves()
+        self._stage, self._reason = Stage.DRIVING, ""
+        return self._navigation(choice.twist, choice)
+
+    def _window(self, pose: Pose2) -> DistanceField:
+        """Distances to all that is remembered near a pose."""
+        cell, corner = self._memory.resolution, self._memory.corner
+        half = round(self._settings.local_reach / cell)
+        row, col = int((pose.y - corner.y) / cell) - half, int((pose.x - corner.x) / cell) - half
+        row, col = max(row, 0), max(col, 0)
+        solid = self._memory.occupied()[row : row + 2 * half, col : col + 2 * half]
+        return DistanceField(distances(solid, cell), cell, corner @ Pose2(col * cell, row * cell, 0.0))
+
+    def _plan(self, now_ns: int, pose: Pose2) -> None:
+        """A new path over all that is remembered; while there is none, the old one stays."""
+        self._planned_ns = now_ns
+        try:
+            self._path = self._planner.replan(self._costmap(), pose)
+            self._plans += 1
+        except PlanningError as error:
+            self._reason = str(error)
+
+    def _costmap(self) -> Costmap:
+        """Of the memory in coarser cells, each as occupied as its worst part."""
+        n, solid = self._settings.coarser, self._memory.occupied()
+        height, width = (-size % n for size in solid.shape)
+        solid = np.pad(solid, ((0, height), (0, width)))
+        coarse = solid.reshape(solid.shape[0] // n, n, solid.shape[1] // n, n).any(axis=(1, 3))
+        cells = np.where(coarse, 100, 0).astype(np.int8)
+        grid = OccupancyGrid(cells, n * self._memory.resolution, self._memory.corner)
+        return costmap_from_grid(grid, self._body, self._settings.costmap)
+
+    def _choose(self, now_ns: int, pose: Pose2, path: Path, local: DistanceField) -> DwaResult:
+        """Follow the path; where that has been impossible for a while, first back out the way the chair came."""
+        dwa, remaining = self._settings.dwa, None if self._in_position else path.length()
+        backing = self._recovery.step(now_ns, pose, remaining, self._command, local, self._body, dwa)
+        if backing is not None:
+            return backing
+        choice = choose(pose, self._command, path, local, self._body, dwa, in_position=self._in_position)
+        self._in_position = choice.in_position
+        return choice
+
+    def _halt(self, now_ns: int, why: str, choice: DwaResult | None = None) -> Navigation:
+        """Brake and wait; give up after the patience."""
+        waited = self._recovery.stands(now_ns)
+        self._stage, self._reason = Stage.WAITING, f"{why}; waiting"
+        if waited > self._settings.recovery.patience:
+            self._stage = Stage.FAILED
+            self._reason = f"{why}, for {waited:.0f} s: clear the way or choose another goal"
+        return self._navigation(braking(self._command, self._settings.dwa), choice)
+
+    def _navigation(self, twist: Twist, choice: DwaResult | None = None) -> Navigation:
+        self._command = twist
+        return Navigation(self._stage, twist, self._reason, self._path, self._plans, choice)

@@ -1,0 +1,78 @@
+"""What the board says, in sentences for whoever sits in the chair: what is wrong, and what to do about it."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from types import MappingProxyType
+
+from waychair.firmware_bridge.protocol import FIRMWARE_VERSION, BoardFault, Hello, HelloReply, Refusal
+
+HOST_FAULTS = BoardFault.HOST_SILENT | BoardFault.BAD_FRAMES | BoardFault.RANGE | BoardFault.NEW_HOST | BoardFault.CLOCK
+"""Faults of the computer or its cable: lines and board are in order, a new goal may clear them."""
+
+FAULT_ADVICE: Mapping[BoardFault, str] = MappingProxyType(
+    {
+        BoardFault.ESTOP: "the emergency stop is pressed, or its wire is off: release it, then press Reset",
+        BoardFault.IMPOSSIBLE: "a joystick line is off or shorted: have the wiring to the chair checked, then press Reset",
+        BoardFault.MISMATCH: "a joystick line is not where the board puts it: have board and wiring checked, "
+        "then press Reset",
+        BoardFault.CREEP: "a joystick line is off its neutral at rest: have the board's converter checked, "
+        "then press Reset",
+        BoardFault.REFERENCE: "the joystick's reference voltage has drifted: have the chair's supply checked, "
+        "then press Reset",
+        BoardFault.STICK: "the joystick has lost a wire and could not take over: have it checked, then press Reset",
+        BoardFault.BOARD: "the board's converter does not answer or has lost its neutral: switch the board off and on",
+        BoardFault.CLOCK: "the board's clock has jumped: let go of the joystick and ask for the goal again",
+        BoardFault.NEW_HOST: "another computer greeted the board during the drive: ask for the goal again",
+        BoardFault.RANGE: "the board was sent a command beyond the joystick's swing: ask for the goal again",
+        BoardFault.BAD_FRAMES: "the cable to the board is noisy: check its plug, then ask for the goal again",
+        BoardFault.HOST_SILENT: "the board heard nothing from the computer for too long: ask for the goal again",
+    }
+)
+"""By fault bit, gravest first."""
+
+
+def fault_advice(faults: BoardFault) -> tuple[str, ...]:
+    """A sentence for each fault bit that is set, the gravest first."""
+    return tuple(advice for fault, advice in FAULT_ADVICE.items() if fault in faults)
+
+
+def refusal(reply: HelloReply, ours: Hello) -> str:
+    """Why a board that answered a greeting like this must not be driven through; empty when it may be.
+
+    What the board refuses counts as much as what this computer sees in its answer (F22).
+    """
+    refused = Refusal(reply.refused)
+    if Refusal.VERSION in refused or reply.version != ours.version:
+        return f"the board speaks protocol {reply.version} and this computer {ours.version}: flash its firmware again"
+    if Refusal.LAYOUT in refused or reply.layout_hash != ours.layout_hash:
+        return (
+            f"the board's messages have the layout {reply.layout_hash:08x} and this computer's {ours.layout_hash:08x}: "
+            "flash the firmware that belongs to this version"
+        )
+    if reply.firmware_version >> 8 != FIRMWARE_VERSION >> 8:
+        return (
+            f"the board runs firmware {_version(reply.firmware_version)}, and {_version(FIRMWARE_VERSION)} is needed: "
+            "flash the firmware that belongs to this version"
+        )
+    if Refusal.CHAIR in refused or reply.chair_id != ours.chair_id:
+        return (
+            f"the board is built into chair '{_name(reply.chair_id)}' and this calibration is of chair "
+            f"'{_name(ours.chair_id)}': load the calibration of this chair"
+        )
+    if Refusal.FAMILY in refused or reply.family != ours.family:
+        return (
+            f"the board is made for joystick family {reply.family} and the computer is set to {ours.family}: "
+            "set the family of this chair's joystick"
+        )
+    if refused or reply.swing_mv == 0 or reply.dac_high_mv <= reply.dac_low_mv or reply.dac_counts_max == 0:
+        return "the board has no joystick family or impossible limits: configure and flash it again"
+    return ""
+
+
+def _version(number: int) -> str:
+    return f"{number >> 8}.{number & 0xFF}"
+
+
+def _name(chair_id: bytes) -> str:
+    return chair_id.rstrip(b"\0").decode(errors="replace")

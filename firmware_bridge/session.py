@@ -1,0 +1,161 @@
+"""The computer's half of the conversation with a board: greeting, numbered commands, telemetry, and when it has ended.
+
+One session lasts from a greeting that both sides accept to the loss of the cable, a silent board, or a board that does
+not count the commands any more (it was reset and waits to be greeted). Then the board is greeted again.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+
+from waychair.firmware_bridge.advice import refusal
+from waychair.firmware_bridge.protocol import (
+    BoardFault,
+    BoardState,
+    BoardTelemetry,
+    Command,
+    Decoder,
+    Family,
+    HelloReply,
+    Holder,
+    Message,
+    encode,
+    hello,
+)
+from waychair.firmware_bridge.transports import Reconnecting
+from waychair.topics import TELEMETRY
+from waychair.types import JoystickInput, Telemetry
+
+GREETING_NS = 500_000_000
+"""An unanswered greeting is repeated after this."""
+
+UNHEARD_NS = 200_000_000
+"""Commands that no telemetry has echoed for so long do not reach the board, or count for nothing there."""
+
+SILENT = "the board is silent: check its cable and its power, and that its firmware is of this version"
+
+_REMEMBERED = 256
+"""Commands whose echo is still recognised: five seconds' worth."""
+
+
+class BoardSession:
+    """Keeps the numbers of both directions; `reply` and `board` are what the board said last in this session,
+    `echoes` whether that was about a command of this session: a board that was reset knows of none.
+
+    `judge` looks at a greeting's answer that the protocol has nothing against, and says why it will not do, or "".
+    """
+
+    def __init__(
+        self, cable: Reconnecting, chair_id: str, family: int, judge: Callable[[HelloReply], str] = lambda reply: ""
+    ) -> None:
+        """
+        Raises:
+            BridgeError: the chair's name is longer than 16 bytes.
+        """
+        self.reply: HelloReply | None = None
+        self.board: BoardTelemetry | None = None
+        self.telemetry: Telemetry | None = None
+        self.echoes = False
+        self._cable = cable
+        self._hello = hello(chair_id, Family(family))
+        self._judge = judge
+        self._decoder = Decoder()
+        self._connections = 0
+        self._sequence = 0
+        self._refusal = ""
+        self._greeted_ns: int | None = None
+        self._heard_ns: int | None = None
+        self._echoed_ns = 0
+        self._round_trip_ns: int | None = None
+        self._sent_ns: dict[int, int] = {}
+
+    def listen(self, now_ns: int) -> None:
+        """Take in what has arrived; open a lost cable again and greet the board when it is time."""
+        if not self._cable.poll(now_ns):
+            self._end()
+            return
+        if self._cable.connections != self._connections:
+            self._connections = self._cable.connections
+            self._decoder, self._refusal, self._greeted_ns = Decoder(), "", None
+            self._end()
+        for received in self._decoder.feed(self._cable.read()):
+            self._take_in(received.message, now_ns)
+        greeted = self._greeted_ns is not None and 0 <= now_ns - self._greeted_ns < GREETING_NS
+        if self.problem(now_ns) and not greeted:
+            self._end()
+            self._greeted_ns = now_ns
+            self._cable.write(self._greeting())
+
+    def command(self, forward: int, turn: int, flags: int, now_ns: int) -> bool:
+        """Send set-points [1/10000 of the swing] and flags; false when the cable did not take them."""
+        sequence = self._next()
+        self._sent_ns[sequence] = now_ns
+        self._sent_ns.pop((sequence - _REMEMBERED) & 0xFFFF, None)
+        return self._cable.write(encode(Command(forward, turn, flags, _stamp_us(now_ns)), sequence))
+
+    def problem(self, now_ns: int) -> str:
+        """Why the board cannot be told anything at this moment, with what to do; empty when it can."""
+        if self._cable.closed:
+            return self._cable.reason
+        if self._refusal:
+            return self._refusal
+        if self.reply is None or self.board is None or TELEMETRY.is_stale(self._heard_ns, now_ns):
+            return SILENT
+        if now_ns - self._echoed_ns > UNHEARD_NS:
+            return "the board does not hear the computer: check the cable between them"
+        return ""
+
+    def _greeting(self) -> bytes:
+        return encode(self._hello, self._next())
+
+    def _next(self) -> int:
+        self._sequence = (self._sequence + 1) & 0xFFFF
+        return self._sequence
+
+    def _end(self) -> None:
+        """What was said before counts no more, but a refusal stands until there is another answer."""
+        self.reply = self.board = self.telemetry = self._heard_ns = self._round_trip_ns = None
+        self._sent_ns.clear()
+
+    def _take_in(self, message: Message, now_ns: int) -> None:
+        if isinstance(message, HelloReply):
+            self._refusal = refusal(message, self._hello) or self._judge(message)
+            self.reply = None if self._refusal else message
+            self._heard_ns = self._echoed_ns = now_ns
+        elif isinstance(message, BoardTelemetry) and self.reply is not None and _is_sane(message):
+            self._heard_ns = now_ns
+            self._hear_echo(message, now_ns)
+            self.board = message
+            self.telemetry = _telemetry(message, self.reply, self._round_trip_ns, now_ns)
+
+    def _hear_echo(self, message: BoardTelemetry, now_ns: int) -> None:
+        sent_ns = self._sent_ns.get(message.echo_sequence)
+        self.echoes = sent_ns is not None and _stamp_us(sent_ns) == message.echo_stamp_us
+        fresh = self.board is None or self.board.echo_sequence != message.echo_sequence
+        if sent_ns is not None and self.echoes and fresh:
+            self._round_trip_ns, self._echoed_ns = now_ns - sent_ns, now_ns
+
+
+def _is_sane(message: BoardTelemetry) -> bool:
+    """Whether state and holder are ones that there are: a damaged frame in 65536 has the right checksum."""
+    return message.state <= max(BoardState) and message.holder <= max(Holder)
+
+
+def _telemetry(board: BoardTelemetry, reply: HelloReply, round_trip_ns: int | None, now_ns: int) -> Telemetry:
+    """In volts and names; the stick as parts of the swing, turn positive to the left."""
+    forward = (board.joystick_forward_mv - board.reference_mv) / reply.swing_mv
+    turn = (board.reference_mv - board.joystick_turn_mv) / reply.swing_mv
+    return Telemetry(
+        stamp_ns=now_ns,
+        forward_volts=board.forward_mv / 1000.0,
+        turn_volts=board.turn_mv / 1000.0,
+        joystick=JoystickInput(now_ns, forward, turn),
+        faults=tuple(fault.name for fault in BoardFault if fault in BoardFault(board.faults) and fault.name),
+        state=BoardState(board.state).name,
+        holder=Holder(board.holder).name,
+        round_trip_ns=round_trip_ns,
+    )
+
+
+def _stamp_us(now_ns: int) -> int:
+    return now_ns // 1000 & 0xFFFFFFFF

@@ -1,0 +1,334 @@
+"""Multi-point turns: from one pose to another where the way that the cells give leaves no room for the rectangle.
+
+Hybrid A*: Dolgov, Thrun, Montemerlo and Diebel, "Path Planning for Autonomous Vehicles in Unknown Semi-structured
+Environments", Int. J. Robotics Research 29(5), 2010. States are continuous poses, one kept per bin of place and heading;
+steps are what this drive can do: straight on and arcs, forwards and backwards, and, unlike a car, turns in place. Where
+theirs tries a Reeds-Shepp curve to the goal, a chair that turns in place tries turn, straight, turn. The estimate of
+what is left is the way round obstacles for the axle's middle alone, their second heuristic.
+"""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+
+import numpy as np
+from numba import njit
+from numpy.typing import NDArray
+
+from waychair.calibration.chair import ChairBody
+from waychair.config import Settings, setting
+from waychair.errors import NoPath
+from waychair.geometry import compose
+from waychair.maps.distance_field import DistanceField, interpolated
+from waychair.planning.footprint import Footprint, along_arc, footprint, free_time, in_cells, room
+from waychair.types import FloatArray, Pose2
+
+_STEP = 0.10
+"""Way [m] of one step, longer than a bin is wide in any direction."""
+_HEADINGS = 72
+"""Bins of the heading, 5 degrees each."""
+_TURN = 2 * math.pi / _HEADINGS
+_SPACING = 0.05
+"""Distance [m] of the poses of the path."""
+
+
+@dataclass(frozen=True, slots=True)
+class ManoeuvreSettings(Settings):
+    """What the parts of a multi-point turn cost, in metres driven forwards, and how long to search."""
+
+    margin: float = setting(0.03, "m", "kept free round the outline", low=0.0, high=0.3)
+    roomy: float = setting(0.06, "m", "room beyond the margin up to which more is better", low=0.01, high=0.5)
+    close_price: float = setting(1.5, "", "a step without any of that costs so much more", low=0.0, high=100.0)
+    bin: float = setting(0.05, "m", "side of a bin of places", low=0.02, high=0.5)
+    reverse_price: float = setting(1.6, "", "a metre backwards", low=1.0, high=100.0)
+    turn_price: float = setting(0.4, "m/rad", "turning in place", low=0.01, high=10.0)
+    gear_price: float = setting(0.5, "m", "each stop to go another way", low=0.0, high=10.0)
+    greed: float = setting(1.5, "", "weight of what is left: faster search, longer ways", low=1.0, high=10.0)
+    most_states: int = setting(120_000, "", "giving up after so many", low=100, high=10_000_000)
+
+
+def manoeuvre(
+    field: DistanceField,
+    body: ChairBody,
+    start: Pose2,
+    goal: Pose2,
+    settings: ManoeuvreSettings = ManoeuvreSettings(),
+) -> FloatArray:
+    """Poses (N, 3) [m, m, rad] of the body in map from a start to a goal, the rectangle free all the way.
+
+    Headings are the body's: where it moves against its heading it drives backwards, and two poses at one place are a
+    turn in place. The field bounds the search.
+
+    Raises:
+        NoPath: the chair does not fit at either end, or no such way was found.
+    """
+    shape = footprint(body, settings.margin, field)
+    begin, end = in_cells(field, start), in_cells(field, goal)
+    for name, at, pose in (("start", begin, start), ("end", end, goal)):
+        if room(shape, at[0], at[1], at[2]) < 0.0:
+            raise NoPath(
+                f"the chair has no room at the {name} of a tight turn ({pose.x:.2f}, {pose.y:.2f}); "
+                "clear the way or choose another goal"
+            )
+    cell = field.resolution
+    axle = min(body.width / 2, body.rear, body.front) / cell
+    ways = _ways_to(field.metres / np.float32(cell), end, settings.bin / cell, axle)
+    prices = np.array(
+        [
+            settings.reverse_price,
+            settings.turn_price,
+            settings.gear_price,
+            settings.greed,
+            settings.roomy,
+            settings.close_price,
+        ]
+    )
+    chain = _search(shape, begin, end, ways, settings.bin / cell, prices, settings.most_states)
+    if not len(chain):
+        raise NoPath(
+            f"the chair cannot turn from ({start.x:.2f}, {start.y:.2f}) to ({goal.x:.2f}, {goal.y:.2f}): it does not "
+            "fit; clear the way or choose another goal"
+        )
+    return _poses(field, chain, start, goal)
+
+
+def _poses(field: DistanceField, chain: FloatArray, start: Pose2, goal: Pose2) -> FloatArray:
+    """The way through the states of a chain, (N, 6) as `_search` gives it, every 5 cm, turns in place as two poses."""
+    cell, rows = field.resolution, [start.array()]
+    for before, state in zip(chain[:-1], chain[1:], strict=True):
+        way, turn = state[4] * cell, state[5]
+        if way == 0.0:
+            if len(rows) > 1 and np.array_equal(rows[-1][:2], rows[-2][:2]):
+                rows.pop()  # one turn, however many steps it took
+            last = rows[-1]
+            rows.append(np.array([last[0], last[1], last[2] + turn]))
+            continue
+        count = max(1, math.ceil(abs(way) / _SPACING))
+        origin = compose(field.map_from_grid.array(), np.array([before[0] * cell, before[1] * cell, before[2]]))
+        for k in range(1, count + 1):
+            rows.append(np.array(along_arc(*origin, way, turn, k / count)))
+    poses = np.array(rows)
+    poses[-1] = goal.array()
+    if len(poses) > 1 and chain[-1, 4] == 0.0:
+        poses[-2, :2] = poses[-1, :2]
+    return poses
+
+
+@njit(cache=True, nogil=True)
+def _ways_to(clearance: FloatArray, goal: FloatArray, side: float, least: float) -> FloatArray:
+    """(rows, columns) of bins: way [cells] of a point to the goal where the clearance [cells] is at least `least`.
+
+    Eight neighbours, relaxed over and over in both directions until nothing changes; infinite where no way leads.
+    """
+    height, width = clearance.shape
+    rows, columns = int(math.ceil(height / side)), int(math.ceil(width / side))
+    ways = np.full((rows, columns), np.inf)
+    free = np.zeros((rows, columns), np.bool_)
+    for i in range(rows):
+        for j in range(columns):
+            free[i, j] = interpolated(clearance, (j + 0.5) * side, (i + 0.5) * side) + side >= least
+    ways[int(goal[1] / side), int(goal[0] / side)] = 0.0
+    changed = True
+    while changed:
+        changed = False
+        for sweep in range(2):
+            for a in range(rows):
+                i = a if sweep == 0 else rows - 1 - a
+                for b in range(columns):
+                    j = b if sweep == 0 else columns - 1 - b
+                    if not free[i, j]:
+                        continue
+                    least_way = ways[i, j]
+                    for di in range(-1, 2):
+                        for dj in range(-1, 2):
+                            if 0 <= i + di < rows and 0 <= j + dj < columns:
+                                step = side * math.sqrt(di * di + dj * dj)
+                                least_way = min(least_way, ways[i + di, j + dj] + step)
+                    if least_way < ways[i, j] - 1e-9:
+                        ways[i, j] = least_way
+                        changed = True
+    return ways
+
+
+@njit(cache=True, inline="always")
+def _wrap(angle: float) -> float:
+    return angle - math.tau * math.floor(angle / math.tau + 0.5)
+
+
+@njit(cache=True, nogil=True)
+def _search(
+    shape: Footprint,
+    start: FloatArray,
+    goal: FloatArray,
+    ways: FloatArray,
+    side: float,
+    prices: FloatArray,
+    most: int,
+) -> FloatArray:
+    """(N, 6) states from start to goal: x, y [cells], theta [rad], gear, and way [cells] and turn [rad] that led there.
+
+    Empty when there is none within `most` states. prices: reverse, turn, gear, greed, roomy, close (see the settings).
+    """
+    cell, greed = shape.cell, prices[3]
+    rows, columns = ways.shape
+    best = np.full((rows, columns, _HEADINGS), np.inf)
+    capacity = most + 64
+    states = np.empty((capacity, 6))
+    costs = np.empty(capacity)
+    parents = np.empty(capacity, np.int64)
+    heap_keys = np.empty(capacity)
+    heap_ids = np.empty(capacity, np.int64)
+    states[0, 0], states[0, 1], states[0, 2], states[0, 3], states[0, 4], states[0, 5] = (
+        start[0], start[1], start[2], 2.0, 0.0, 0.0,
+    )
+    costs[0], parents[0], count = 0.0, -1, 1
+    queued = _push(heap_keys, heap_ids, 0, 0.0, 0)
+    goal_cost, goal_parent, goal_kind = np.inf, -1, 0
+    while queued > 0:
+        key, here = heap_keys[0], heap_ids[0]
+        queued = _pop(heap_keys, heap_ids, queued)
+        if key >= goal_cost:
+            break
+        x, y, theta, gear = states[here, 0], states[here, 1], states[here, 2], states[here, 3]
+        i, j, k = _bin(x, y, theta - goal[2], side)
+        if costs[here] > best[i, j, k] + 1e-9 and here != 0:
+            continue
+        left = math.hypot(goal[0] - x, goal[1] - y) * cell
+        if left < 0.4 or here % 8 == 0:  # what is far is not tried from everywhere
+            for kind in (1, -1):
+                cost = costs[here] + _connection(shape, states[here], goal, kind, prices)
+                if cost < goal_cost:
+                    goal_cost, goal_parent, goal_kind = cost, here, kind
+        for move in range(12):
+            way, turn = _move(move)
+            free = free_time(shape, states[here, :3], way / cell, turn, 1.0, 1.0)
+            if free < 1.0:
+                continue
+            nx, ny, ntheta = along_arc(x, y, theta, way / cell, turn, 1.0)
+            i, j, k = _bin(nx, ny, ntheta - goal[2], side)
+            if not (0 <= i < rows and 0 <= j < columns) or ways[i, j] == np.inf:
+                continue
+            cost = costs[here] + _price(shape, nx, ny, ntheta, way, turn, gear, prices)
+            if cost >= best[i, j, k] - 1e-9 or count >= most:
+                continue
+            best[i, j, k] = cost
+            new_gear = 0.0 if way == 0.0 else math.copysign(1.0, way)
+            states[count, 0], states[count, 1], states[count, 2] = nx, ny, ntheta
+            states[count, 3], states[count, 4], states[count, 5] = new_gear, way / cell, turn
+            costs[count], parents[count] = cost, here
+            off = abs(_wrap(goal[2] - ntheta))
+            estimate = max(ways[i, j] * cell, prices[1] * off)
+            queued = _push(heap_keys, heap_ids, queued, cost + greed * estimate, count)
+            count += 1
+    if goal_parent < 0:
+        return np.empty((0, 6))
+    return _chain(states, parents, goal_parent, goal, goal_kind)
+
+
+@njit(cache=True)
+def _move(move: int) -> tuple[float, float]:
+    """Way [m] and turn [rad] of the steps: five forwards, five backwards, two in place."""
+    if move >= 10:
+        return 0.0, _TURN if move == 10 else -_TURN
+    return _STEP if move < 5 else -_STEP, (move % 5 - 2) * _TURN
+
+
+@njit(cache=True)
+def _bin(x: float, y: float, off: float, side: float) -> tuple[int, int, int]:
+    """Row, column and heading of a state's bin; headings are counted from the goal's."""
+    return int(math.floor(y / side)), int(math.floor(x / side)), int(round(off / _TURN)) % _HEADINGS
+
+
+@njit(cache=True)
+def _price(
+    shape: Footprint, x: float, y: float, theta: float, way: float, turn: float, gear: float, prices: FloatArray
+) -> float:
+    """Price [m] of a step that ends at a pose."""
+    spare = room(shape, x, y, theta, prices[4] / shape.cell) * shape.cell
+    price = prices[1] * abs(turn) if way == 0.0 else abs(way) * (1.0 if way > 0.0 else prices[0])
+    price *= 1.0 + prices[5] * (1.0 - min(max(spare, 0.0) / prices[4], 1.0))
+    now = 0.0 if way == 0.0 else math.copysign(1.0, way)
+    return price + (prices[2] if gear != now and gear != 2.0 else 0.0)
+
+
+@njit(cache=True)
+def _connection_angles(state: FloatArray, goal: FloatArray, kind: int) -> tuple[float, float, float]:
+    """Turn, way [cells], turn that lead to the goal, forwards (kind 1) or backwards (-1)."""
+    dx, dy = goal[0] - state[0], goal[1] - state[1]
+    way = math.hypot(dx, dy)
+    if way < 1e-6:
+        return 0.0, 0.0, _wrap(goal[2] - state[2])
+    heading = math.atan2(dy, dx) + (0.0 if kind == 1 else math.pi)
+    return _wrap(heading - state[2]), kind * way, _wrap(goal[2] - heading)
+
+
+@njit(cache=True)
+def _connection(shape: Footprint, state: FloatArray, goal: FloatArray, kind: int, prices: FloatArray) -> float:
+    """Price [m] of turn, straight, turn to the goal; infinite where it is not free."""
+    first, way, last = _connection_angles(state, goal, kind)
+    x, y, theta, price, gear = state[0], state[1], state[2], 0.0, state[3]
+    for part in range(3):
+        v, turn = (way, 0.0) if part == 1 else (0.0, first if part == 0 else last)
+        if abs(v) < 1e-9 and abs(turn) < 1e-6:
+            continue
+        at = np.array([x, y, theta])
+        if free_time(shape, at, v, turn, 1.0, 1.0) < 1.0:
+            return math.inf
+        x, y, theta = along_arc(x, y, theta, v, turn, 1.0)
+        price += _price(shape, x, y, theta, v * shape.cell, turn, gear, prices)
+        gear = 0.0 if v == 0.0 else math.copysign(1.0, v)
+    return price
+
+
+@njit(cache=True)
+def _chain(states: FloatArray, parents: NDArray[np.int64], last: int, goal: FloatArray, kind: int) -> FloatArray:
+    """The states from the start to one, and turn, straight, turn from there to the goal."""
+    length, here = 0, last
+    while here >= 0:
+        length, here = length + 1, parents[here]
+    chain = np.empty((length + 3, 6))
+    here = last
+    for index in range(length - 1, -1, -1):
+        chain[index], here = states[here], parents[here]
+    first, way, turn = _connection_angles(states[last], goal, kind)
+    used = length
+    for part in range(3):
+        v, omega = (way, 0.0) if part == 1 else (0.0, first if part == 0 else turn)
+        if abs(v) < 1e-9 and abs(omega) < 1e-6:
+            continue
+        before = chain[used - 1]
+        x, y, theta = along_arc(before[0], before[1], before[2], v, omega, 1.0)
+        chain[used, 0], chain[used, 1], chain[used, 2] = x, y, theta
+        chain[used, 3], chain[used, 4], chain[used, 5] = 0.0, v, omega
+        used += 1
+    return chain[:used].copy()
+
+
+@njit(cache=True)
+def _push(keys: FloatArray, ids: NDArray[np.int64], count: int, key: float, identity: int) -> int:
+    """Put one into a binary heap; its new size."""
+    place = count
+    while place > 0 and keys[(place - 1) // 2] > key:
+        keys[place], ids[place] = keys[(place - 1) // 2], ids[(place - 1) // 2]
+        place = (place - 1) // 2
+    keys[place], ids[place] = key, identity
+    return count + 1
+
+
+@njit(cache=True)
+def _pop(keys: FloatArray, ids: NDArray[np.int64], count: int) -> int:
+    """Take the least from a binary heap; its new size."""
+    count -= 1
+    key, identity = keys[count], ids[count]
+    place = 0
+    while 2 * place + 1 < count:
+        child = 2 * place + 1
+        if child + 1 < count and keys[child + 1] < keys[child]:
+            child += 1
+        if keys[child] >= key:
+            break
+        keys[place], ids[place] = keys[child], ids[child]
+        place = child
+    keys[place], ids[place] = key, identity
+    return count

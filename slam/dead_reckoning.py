@@ -1,0 +1,44 @@
+"""What wheels and IMU make of a frame before it is mapped: where the chair is by them, and the scan seen upright."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+from waychair.calibration.chair import ChairBody
+from waychair.slam.odometry import OdometryFilter
+from waychair.slam.odometry_model import OdometrySettings
+from waychair.slam.tilt import TiltFilter, levelled
+from waychair.types import ImuSample, Odometry, SensorFrame, WheelTicks
+
+
+class DeadReckoning:
+    """Frames in, in the order of the recording; each comes out with one `Odometry` at its own stamp.
+
+    Readings are fused from the first sample of an IMU, or the first counts of encoders, on. A recording of odometry
+    alone passes as it is: whoever recorded it had no more to go by than the wheels, and neither would the filter.
+    """
+
+    def __init__(self, body: ChairBody, settings: OdometrySettings | None = None) -> None:
+        self._tilt = TiltFilter(body)
+        self._filter = OdometryFilter(body, settings)
+        self._body = body
+        self._fusing = False
+
+    def update(self, frame: SensorFrame) -> SensorFrame:
+        """The frame with its odometry, and with its scan levelled where the chair leans."""
+        self._fusing = self._fusing or bool(frame.imu) or any(isinstance(r, WheelTicks) for r in frame.wheels)
+        if not self._fusing:
+            return frame
+        readings: list[WheelTicks | Odometry | ImuSample] = sorted(
+            [*frame.imu, *frame.wheels], key=lambda reading: reading.stamp_ns
+        )
+        for reading in readings:
+            if isinstance(reading, ImuSample):
+                odometry = self._filter.update_imu(reading)
+                self._tilt.update(reading, odometry.twist)
+            else:
+                self._filter.update_wheels(reading)
+        tilt, scan = self._tilt.tilt, frame.scan
+        if scan is not None and tilt is not None:
+            scan = levelled(scan, self._body, tilt)
+        return replace(frame, scan=scan, wheels=(self._filter.predict(frame.stamp_ns),))

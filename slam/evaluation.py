@@ -1,0 +1,218 @@
+"""How good a trajectory is, against published relations between its poses or against the true trajectory."""
+
+from __future__ import annotations
+
+import gzip
+import math
+import zlib
+from dataclasses import dataclass
+from pathlib import Path
+
+import numpy as np
+
+from waychair.carmen import GZIP_MAGIC, stamp_from_text
+from waychair.config import Settings, setting
+from waychair.errors import RecordingDamaged, RecordingError, RecordingNotFound
+from waychair.geometry import compose, invert, wrap_angles
+from waychair.types import BoolArray, FloatArray, IntArray, Pose2, Trajectory
+
+
+@dataclass(frozen=True, slots=True)
+class EvaluationSettings(Settings):
+    """Which poses are compared."""
+
+    max_gap: float = setting(
+        0.02, "s", "a relation's stamp is this near to a pose, or it is left out", low=0.0, high=60
+    )
+    max_truth_gap: float = setting(
+        0.05, "s", "a true pose is this near to the pose it is compared with", low=0.0, high=60
+    )
+    loop_time: float = setting(60.0, "s", "relations across a longer time cross a loop", low=0.0, high=1e9)
+
+
+@dataclass(frozen=True, slots=True)
+class Relations:
+    """Where the laser of the second stamp stood in the frame of the first: stamps_ns (N, 2), poses (N, 3)."""
+
+    stamps_ns: IntArray
+    poses: FloatArray
+
+
+@dataclass(frozen=True, slots=True)
+class Errors:
+    """Count, mean, sample standard deviation and maximum of the errors in translation [m] and in rotation [deg].
+
+    Deviations are nan where there are fewer than two, the rest where there is none.
+    """
+
+    count: int
+    mean_m: float
+    std_m: float
+    max_m: float
+    mean_deg: float
+    std_deg: float
+    max_deg: float
+
+
+@dataclass(frozen=True, slots=True)
+class RelationErrors:
+    """Errors over all usable relations, over local ones, and over those that cross a loop; `of` were given."""
+
+    of: int
+    every: Errors
+    local: Errors
+    loop: Errors
+
+
+@dataclass(frozen=True, slots=True)
+class TruthErrors:
+    """Errors of position [m] and heading [deg] once the trajectory is laid onto the truth; `of` poses were given."""
+
+    of: int
+    errors: Errors
+    rmse_m: float
+    truth_from_map: Pose2
+
+
+def read_relations(path: Path) -> Relations:
+    """Relations as published for the common logs: `stamp1 stamp2 x y z roll pitch yaw` a line, gzipped or not.
+
+    Raises:
+        RecordingNotFound: there is no such file.
+        RecordingDamaged: a line does not hold two stamps and six finite numbers, or there is none.
+    """
+    try:
+        data = path.read_bytes()
+        text = (gzip.decompress(data) if data.startswith(GZIP_MAGIC) else data).decode()
+    except FileNotFoundError as error:
+        raise RecordingNotFound(f"there are no relations at {path}; check the path") from error
+    except (OSError, EOFError, UnicodeDecodeError, zlib.error) as error:
+        raise RecordingDamaged(f"cannot read the relations {path}: {error}") from error
+    stamps, poses = [], []
+    for number, line in enumerate(text.splitlines(), start=1):
+        fields = line.split()
+        if not fields or fields[0].startswith("#"):
+            continue
+        try:
+            first, second = stamp_from_text(fields[0]), stamp_from_text(fields[1])
+            x, y, _, _, _, yaw = (float(field) for field in fields[2:])
+            if not math.isfinite(x + y + yaw):
+                raise ValueError("these numbers are no pose")
+        except (ValueError, IndexError) as error:
+            message = f"{path} line {number} is not `stamp1 stamp2 x y z roll pitch yaw`: {error}"
+            raise RecordingDamaged(message) from error
+        stamps.append((first, second))
+        poses.append((x, y, yaw))
+    if not stamps:
+        raise RecordingDamaged(f"{path} holds no relations; give a .relations file")
+    return Relations(np.array(stamps, np.int64), np.array(poses))
+
+
+def relation_errors(
+    trajectory: Trajectory,
+    relations: Relations,
+    base_from_laser: Pose2 | None = None,
+    settings: EvaluationSettings | None = None,
+) -> RelationErrors:
+    """The metric of Kuemmerle et al. 2009 (Autonomous Robots 27, equation 6, weights 1): relation^-1 (p1^-1 p2).
+
+    Poses between two of the trajectory's are interpolated. Relations are between poses of the laser, so the mount is
+    needed where the trajectory's are of the base.
+
+    Raises:
+        RecordingError: no relation has poses at both its stamps.
+    """
+    settings = settings or EvaluationSettings()
+    order = np.argsort(trajectory.stamps_ns, kind="stable")
+    stamps, poses = trajectory.stamps_ns[order], trajectory.poses[order]
+    if base_from_laser is not None:
+        poses = compose(poses, base_from_laser.array())
+    usable: BoolArray = _gaps(stamps, relations.stamps_ns).max(axis=1) <= settings.max_gap * 1e9
+    if not usable.any():
+        raise RecordingError(
+            f"none of the {len(usable)} relations has poses within {settings.max_gap:g} s at both stamps: "
+            "are they of this recording?"
+        )
+    first, second = relations.stamps_ns[usable].T
+    moved = compose(invert(_at(stamps, poses, first)), _at(stamps, poses, second))
+    away = compose(invert(relations.poses[usable]), moved)
+    loop: BoolArray = np.abs(second - first) > settings.loop_time * 1e9
+    everything = np.ones(len(loop), bool)
+    return RelationErrors(len(usable), *(_errors(away, mask) for mask in (everything, ~loop, loop)))
+
+
+def truth_errors(trajectory: Trajectory, truth: Trajectory, settings: EvaluationSettings | None = None) -> TruthErrors:
+    """Absolute trajectory error: each pose against the true one nearest in time, the whole laid onto it rigidly.
+
+    The alignment in the plane has the least squared distances (Umeyama 1991, without scale and without reflection).
+
+    Raises:
+        RecordingError: fewer than three poses have a true one near in time.
+    """
+    settings = settings or EvaluationSettings()
+    order = np.argsort(truth.stamps_ns, kind="stable")
+    stamps, true_poses = truth.stamps_ns[order], truth.poses[order]
+    if len(stamps) == 0 or len(trajectory.stamps_ns) == 0:
+        raise RecordingError("one of the two trajectories is empty; there is nothing to compare")
+    near = _nearest(stamps, trajectory.stamps_ns)
+    usable: BoolArray = np.abs(stamps[near] - trajectory.stamps_ns) <= settings.max_truth_gap * 1e9
+    if usable.sum() < 3:
+        raise RecordingError(
+            f"only {int(usable.sum())} of {len(usable)} poses have a true pose within {settings.max_truth_gap:g} s: "
+            "are both of one recording, with one clock?"
+        )
+    poses, true = trajectory.poses[usable], true_poses[near[usable]]
+    truth_from_map = _alignment(poses[:, :2], true[:, :2])
+    laid = compose(truth_from_map.array(), poses)
+    away = np.column_stack([laid[:, :2] - true[:, :2], wrap_angles(laid[:, 2] - true[:, 2])])
+    rmse = float(np.sqrt((away[:, :2] ** 2).sum(axis=1).mean()))
+    return TruthErrors(len(usable), _errors(away, np.ones(len(away), bool)), rmse, truth_from_map)
+
+
+def _alignment(points: FloatArray, onto: FloatArray) -> Pose2:
+    """Pose that moves points (N, 2) onto others with the least sum of squared distances."""
+    a, b = points - points.mean(axis=0), onto - onto.mean(axis=0)
+    theta = math.atan2(float((a[:, 0] * b[:, 1] - a[:, 1] * b[:, 0]).sum()), float((a * b).sum()))
+    turned = Pose2(0.0, 0.0, theta) @ Pose2(*points.mean(axis=0).tolist())
+    x, y = onto.mean(axis=0).tolist()
+    return Pose2(x - turned.x, y - turned.y, theta)
+
+
+def _errors(away: FloatArray, mask: BoolArray) -> Errors:
+    metres, degrees = np.hypot(away[mask, 0], away[mask, 1]), np.abs(np.degrees(away[mask, 2]))
+    if len(metres) == 0:
+        return Errors(0, *([math.nan] * 6))
+    spread = [float(values.std(ddof=1)) if len(values) > 1 else math.nan for values in (metres, degrees)]
+    return Errors(
+        len(metres),
+        float(metres.mean()),
+        spread[0],
+        float(metres.max()),
+        float(degrees.mean()),
+        spread[1],
+        float(degrees.max()),
+    )
+
+
+def _nearest(stamps: IntArray, times: IntArray) -> IntArray:
+    """Index of the stamp nearest to each time, of ascending ones."""
+    after = np.clip(np.searchsorted(stamps, times), 1, max(1, len(stamps) - 1))
+    after = np.minimum(after, len(stamps) - 1)
+    before = np.maximum(after - 1, 0)
+    nearest: IntArray = np.where(np.abs(stamps[before] - times) <= np.abs(stamps[after] - times), before, after)
+    return nearest
+
+
+def _gaps(stamps: IntArray, times: IntArray) -> IntArray:
+    """Distance [ns] of each time to the nearest stamp."""
+    if len(stamps) == 0:
+        raise RecordingError("the trajectory is empty; there is nothing to compare")
+    gaps: IntArray = np.abs(stamps[_nearest(stamps, times)] - times)
+    return gaps
+
+
+def _at(stamps: IntArray, poses: FloatArray, times: IntArray) -> FloatArray:
+    """(N, 3) poses at times, linear in x, y and the short way round in the heading; held outside."""
+    seconds, wanted = (stamps - stamps[0]) * 1e-9, (times - stamps[0]) * 1e-9
+    columns = [poses[:, 0], poses[:, 1], np.unwrap(poses[:, 2])]
+    return np.stack([np.interp(wanted, seconds, column) for column in columns], axis=1)

@@ -1,0 +1,125 @@
+"""The key scans of a map: their surfaces, their poses, and the edges between them."""
+
+from __future__ import annotations
+
+import heapq
+import math
+from collections.abc import Sequence
+
+import numpy as np
+
+from waychair.geometry import rotation, transform_points, wrap_angles
+from waychair.slam.graph import Edge, GraphSettings, Rejected
+from waychair.slam.pose_graph import PoseGraph
+from waychair.slam.reference import Reference, reference_from_scans
+from waychair.slam.scan_matching import MatchSettings
+from waychair.slam.scan_points import ScanPoints, ScanStore
+from waychair.types import FloatArray, IntArray, Pose2
+
+
+class KeyGraph:
+    """Grows by key scans and by edges; node k is key scan k."""
+
+    def __init__(self, settings: GraphSettings) -> None:
+        self.store = ScanStore()
+        self._graph = PoseGraph(settings)
+        self._linked: list[set[int]] = []
+        self._left_out = 0
+
+    def __len__(self) -> int:
+        return len(self.store)
+
+    @property
+    def poses(self) -> FloatArray:
+        """(N, 3) of the key scans' base in map [m, m, rad]."""
+        return self._graph.poses
+
+    @property
+    def edges(self) -> tuple[Edge, ...]:
+        """Those that the poses rest on."""
+        return self._graph.edges
+
+    @property
+    def rejected(self) -> tuple[Rejected, ...]:
+        """The loops that were left out, and why."""
+        return self._graph.rejected
+
+    def pose(self, node: int) -> Pose2:
+        """`map_from_base` of a key scan."""
+        x, y, theta = self.poses[node].tolist()
+        return Pose2(x, y, theta)
+
+    def add(self, scan: ScanPoints, edge: Edge | None) -> int:
+        """A new key scan at the end of its edge (at the origin without one); returns its node."""
+        pose = Pose2() if edge is None else self.pose(edge.i) @ edge.i_from_j
+        self._linked.append(set())
+        self._graph.add(pose.array()[None], [] if edge is None else [edge])
+        if edge is not None:
+            self._join(edge)
+        return self.store.append(scan)
+
+    def link(self, edge: Edge) -> None:
+        """One more edge between two key scans that are there; the poses follow at the next `settle`."""
+        self._graph.add(np.empty((0, 3)), [edge])
+        self._join(edge)
+
+    def settle(self) -> None:
+        """Poses that fit the edges so far."""
+        self._graph.update()
+        self._forget_rejected()
+
+    def finish(self) -> None:
+        """The same once more with care: every loop that was left out is looked at again."""
+        self._graph.solve()
+        self._forget_rejected()
+
+    def _join(self, edge: Edge) -> None:
+        self._linked[edge.i].add(edge.j)
+        self._linked[edge.j].add(edge.i)
+
+    def _forget_rejected(self) -> None:
+        """There is no way along a loop that was left out."""
+        if len(self.rejected) == self._left_out == 0:
+            return
+        self._left_out = len(self.rejected)
+        self._linked = [set() for _ in self._linked]
+        for edge in self.edges:
+            self._join(edge)
+
+    def reference(
+        self, members: Sequence[int] | IntArray, centre: FloatArray, reach: float, settings: MatchSettings
+    ) -> Reference:
+        """The surfaces of some key scans, limited to `reach` [m] round the centre (2,) [m] in map."""
+        return reference_from_scans(self.store, self.poses, members, centre, reach, settings.resolution, settings.sigma)
+
+    def joined(self, members: Sequence[int], base: Pose2, cell: float) -> ScanPoints:
+        """Surfaces of some key scans together, in the frame of `base`, thinned to one point per cell [m]."""
+        points, normals = [], []
+        for node in members:
+            base_from_node = base.inverse() @ self.pose(node)
+            scan = self.store[node]
+            points.append(transform_points(base_from_node, scan.points))
+            normals.append(scan.normals @ rotation(base_from_node.theta).T)
+        every, facing = np.concatenate(points), np.concatenate(normals)
+        _, first = np.unique(np.floor(every / cell).astype(np.int64), axis=0, return_index=True)
+        return ScanPoints(np.ascontiguousarray(every[first]), np.ascontiguousarray(facing[first]))
+
+    def covering(self, node: int, pose: Pose2, way: float, distance: float, angle: float) -> int | None:
+        """The key scan nearest to a pose that saw what is seen from there: within `distance` [m] and `angle` [rad] of
+        it, and no further than `way` [m] from `node` along the edges, so that the two are certain of each other."""
+        poses, ways, queue = self.poses, {node: 0.0}, [(0.0, node)]
+        while queue:
+            so_far, here = heapq.heappop(queue)
+            if so_far > ways[here]:
+                continue
+            for there in self._linked[here]:
+                longer = so_far + math.dist(poses[here, :2], poses[there, :2])
+                if longer < min(way, ways.get(there, math.inf)):
+                    ways[there] = longer
+                    heapq.heappush(queue, (longer, there))
+        nodes = np.array(sorted(ways))
+        away = np.hypot(*(poses[nodes, :2] - (pose.x, pose.y)).T)
+        turned = np.abs(wrap_angles(poses[nodes, 2] - pose.theta))
+        cost = np.where((away < distance) & (turned < angle), away / distance + turned / angle, math.inf)
+        best = int(np.argmin(cost))
+        return int(nodes[best]) if math.isfinite(cost[best]) else None

@@ -1,0 +1,192 @@
+"""How the state of the odometry filter moves and what its readings say about it: data to data.
+
+Wheels err in two ways. What is wrong with them for good (tyres larger than they are held for or unlike each other, a
+track that is not the nominal one) bends every stretch by the same part, so that its error grows with the distance;
+what slips at random adds up as the distance's root. The first kind is therefore part of the state, constants that
+start with the doubt a calibration leaves (they are those of Antonelli, Chiaverini and Fusco, IEEE T-RO 2005); the
+second kind is noise that goes with the motion (Thrun, Burgard and Fox, Probabilistic Robotics, 2005, chapter 5).
+"""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+
+import numpy as np
+
+from waychair.config import Settings, setting
+from waychair.types import FloatArray, Pose2
+
+X, Y, THETA, V, OMEGA, BIAS, SCALE, DRIFT, TRACK, GAIN = range(10)
+"""The state: pose in odom; twist; gyro bias [rad/s]; by which part a true way is longer than the wheels say, its turn
+per metre [rad/m], by which part a true turn is larger than the wheels say, and the gyro's reading than the true one."""
+
+POSE, MARK = slice(0, 3), slice(10, 13)
+"""The pose, and the one at which the last measured motion ended, with which the next one can be compared."""
+
+SIZE = 13
+
+
+@dataclass(frozen=True, slots=True)
+class OdometrySettings(Settings):
+    """What is not known about wheels and gyro; the defaults are those of a chair that was calibrated.
+
+    The white noise of the wheels stands for slip of 0.3 % that persists for 0.3 s; the gyro is a MEMS unit of the class
+    of Bosch's BMI088, whose bias also follows its temperature.
+    """
+
+    wheel_scale: float = setting(0.002, "", "of both wheels' radii (one sigma)", low=0.0, high=0.5)
+    wheel_drift: float = setting(0.0023, "rad/m", "turn on a straight way, by unlike wheels", low=0.0, high=0.5)
+    track_scale: float = setting(0.003, "", "of the track (one sigma)", low=0.0, high=1.0)
+    way_noise: float = setting(0.002, "m/sqrt(m)", "of the way, by slip", low=0.0, high=1.0)
+    drift_noise: float = setting(0.005, "rad/sqrt(m)", "of the heading on the way, by slip", low=0.0, high=1.0)
+    turn_noise: float = setting(0.005, "rad/sqrt(rad)", "of the heading in turns, by slip", low=0.0, high=1.0)
+    turn_step: float = setting(0.0005, "rad", "by which a reading's turn is rounded", low=1e-6, high=0.1)
+    stamp_error: float = setting(0.02, "s", "between wheels and gyro", low=0.0, high=0.5)
+    gyro_bias: float = setting(0.02, "rad/s", "when switched on (one sigma)", low=0.0, high=1.0)
+    gyro_wander: float = setting(2e-5, "rad/s/sqrt(s)", "random walk of the bias", low=0.0, high=0.01)
+    gyro_noise: float = setting(3e-4, "rad/s/sqrt(Hz)", "density of the white noise", low=1e-7, high=0.1)
+    gyro_scale: float = setting(0.003, "", "of the gyro (one sigma)", low=0.0, high=0.2)
+    still_s: float = setting(0.3, "s", "at rest for so long, the chair stands", low=0.05, high=10.0)
+    still_speed: float = setting(0.003, "m/s", "wheels this slow are at rest", low=0.0, high=0.05)
+    still_turn: float = setting(0.0005, "rad/s", "by which a chair at rest may turn", low=1e-6, high=0.01)
+    slip_gate: float = setting(5.0, "sigma", "wheels farther off the gyro slip", low=2.0, high=100.0)
+    slip_speed: float = setting(0.35, "m/s", "wheels farther off the accelerometer slip", low=0.05, high=2.0)
+    slip_way: float = setting(0.5, "", "part of a slipping way that may be wrong", low=0.0, high=2.0)
+    fastest: float = setting(5.0, "m/s", "wheels that are faster have lost count", low=0.5, high=50.0)
+    surge: float = setting(0.7, "m/s^2/sqrt(Hz)", "acceleration where nothing tells the speed", low=0.01, high=10.0)
+    swing: float = setting(1.5, "rad/s^2/sqrt(Hz)", "same for the turn rate", low=0.01, high=50.0)
+
+
+@dataclass(frozen=True, slots=True)
+class Step:
+    """The state (13,) one step on, with its Jacobian (13, 13) and the noise (13, 13) that the step added."""
+
+    state: FloatArray
+    jacobian: FloatArray
+    noise: FloatArray
+
+
+def initial_covariance(settings: OdometrySettings) -> FloatArray:
+    """(13, 13) at the start: the pose is known, the constants as well as they were calibrated."""
+    s, sigma = settings, np.zeros(SIZE)
+    sigma[[V, OMEGA]] = 1.0
+    sigma[[BIAS, SCALE, DRIFT, TRACK, GAIN]] = s.gyro_bias, s.wheel_scale, s.wheel_drift, s.track_scale, s.gyro_scale
+    return np.diag(sigma**2)
+
+
+def moved(
+    state: FloatArray, seconds: float, wheels: Pose2 | None, gyro: float | None, settings: OdometrySettings
+) -> Step:
+    """The state after `seconds`, in which the wheels went along `wheels` and the gyro's readings add up to `gyro` [rad].
+
+    What is None is not known: without the gyro the wheels tell the turn, and without both the twist goes on as it was.
+    """
+    jacobian, noises = np.eye(SIZE), np.zeros((SIZE, 4))  # of four independent noises: along, across, turn, twist
+    turn, by_turn = _turn(state, seconds, wheels, gyro, settings, noises)
+    x, y, by_way = _way(state, seconds, wheels, turn, settings, noises)
+    by_way += np.outer((-0.5 * y, 0.5 * x), by_turn)  # a turn that comes out larger swings the chord by half of it
+    noises[:2] += np.outer((-0.5 * y, 0.5 * x), noises[THETA])
+    c, s = math.cos(state[THETA]), math.sin(state[THETA])
+    rotation = np.array([[c, -s], [s, c]])
+    east, north = c * x - s * y, s * x + c * y
+    after = state.copy()
+    after[:3] = state[X] + east, state[Y] + north, state[THETA] + turn
+    jacobian[:2] += rotation @ by_way
+    jacobian[X, THETA], jacobian[Y, THETA] = -north, east
+    jacobian[THETA] += by_turn
+    noises[:2] = rotation @ noises[:2]
+    if wheels is not None:  # the twist is what has just been seen
+        after[V] = (1.0 + state[SCALE]) * forward(wheels) / seconds
+        jacobian[V] = 0.0
+        jacobian[V, SCALE] = forward(wheels) / seconds
+        noises[V, 0] = settings.way_noise * math.sqrt(abs(forward(wheels))) / seconds
+    if wheels is not None or gyro is not None:
+        after[OMEGA] = turn / seconds
+        jacobian[OMEGA], noises[OMEGA] = by_turn / seconds, noises[THETA] / seconds
+    noise = noises @ noises.T
+    noise[BIAS, BIAS] += settings.gyro_wander**2 * seconds
+    return Step(after, jacobian, noise)
+
+
+def turn_by_wheels(
+    state: FloatArray, seconds: float, wheels: Pose2, settings: OdometrySettings
+) -> tuple[float, FloatArray, float]:
+    """What the wheels should say about the turn of a step that the gyro has led: it [rad], its Jacobian (13,) and the
+    variance of the wheels' reading [rad^2]."""
+    way, row = forward(wheels), np.zeros(SIZE)
+    turn = (state[OMEGA] * seconds - state[DRIFT] * way) / (1.0 + state[TRACK])
+    row[[OMEGA, DRIFT, TRACK]] = seconds, -way, -turn
+    row /= 1.0 + state[TRACK]
+    return float(turn), row, _slip_variance(wheels, settings) + settings.turn_step**2
+
+
+def motion_since_mark(state: FloatArray, mark_to: Pose2, base_to: Pose2) -> tuple[FloatArray, FloatArray]:
+    """The motion (3,) between two moments, as it should be measured, and its Jacobian (3, 13).
+
+    They are those at which the chair stood at `mark_to` in the frame of the marked pose, and at `base_to` in that of
+    the present one.
+    """
+    begin, end = Pose2(*state[MARK]) @ mark_to, Pose2(*state[:3]) @ base_to
+    motion = begin.inverse() @ end
+    c, s = math.cos(begin.theta), math.sin(begin.theta)
+    jacobian = np.zeros((3, SIZE))
+    for columns, sign, at, pose in ((slice(0, 3), 1.0, end, state[:3]), (MARK, -1.0, begin, state[MARK])):
+        swing = np.array([[1.0, 0.0, pose[1] - at.y], [0.0, 1.0, at.x - pose[0]], [0.0, 0.0, 1.0]])
+        jacobian[:, columns] = sign * np.array([[c, s, 0.0], [-s, c, 0.0], [0.0, 0.0, 1.0]]) @ swing
+    jacobian[:2, MARK.stop - 1] += motion.y, -motion.x
+    return motion.array(), jacobian
+
+
+def forward(motion: Pose2) -> float:
+    """Signed length [m] of the arc to a pose: its chord's part along the mean heading, lengthened by the bend."""
+    half = 0.5 * motion.theta
+    chord = motion.x * math.cos(half) + motion.y * math.sin(half)
+    return chord * half / math.sin(half) if abs(half) > 1e-9 else chord
+
+
+def _turn(
+    state: FloatArray, seconds: float, wheels: Pose2 | None, gyro: float | None, s: OdometrySettings, noises: FloatArray
+) -> tuple[float, FloatArray]:
+    """Turn [rad] of a step and its gradient (13,); its noise goes into `noises`."""
+    row = np.zeros(SIZE)
+    if gyro is not None:
+        turn = (gyro - state[BIAS] * seconds) * (1.0 - state[GAIN])
+        row[BIAS], row[GAIN] = -seconds * (1.0 - state[GAIN]), -(gyro - state[BIAS] * seconds)
+        noises[THETA, 2] = s.gyro_noise * math.sqrt(seconds)
+    elif wheels is not None:
+        turn = wheels.theta * (1.0 + state[TRACK]) + state[DRIFT] * forward(wheels)
+        row[TRACK], row[DRIFT] = wheels.theta, forward(wheels)
+        noises[THETA, 2] = math.sqrt(_slip_variance(wheels, s))
+    else:
+        turn, row[OMEGA] = state[OMEGA] * seconds, seconds
+        noises[OMEGA, 2] = s.swing * math.sqrt(seconds)
+        noises[THETA, 2] = 0.5 * noises[OMEGA, 2] * seconds
+    return float(turn), row
+
+
+def _way(
+    state: FloatArray, seconds: float, wheels: Pose2 | None, turn: float, s: OdometrySettings, noises: FloatArray
+) -> tuple[float, float, FloatArray]:
+    """Chord x, y [m] of a step in the frame of its beginning, its gradient (2, 13) but for that by the turn."""
+    gradient = np.zeros((2, SIZE))
+    if wheels is not None:
+        swing, scale = 0.5 * (turn - wheels.theta), 1.0 + state[SCALE]
+        c, d = math.cos(swing), math.sin(swing)
+        x, y = c * wheels.x - d * wheels.y, d * wheels.x + c * wheels.y
+        gradient[:, SCALE] = x, y
+        # two readings far apart do not tell where between them the chair has turned
+        bend = 0.125 * forward(wheels) * wheels.theta
+        noises[0, 0] = noises[1, 1] = s.way_noise * math.sqrt(math.hypot(wheels.x, wheels.y))
+        noises[1, 1] = math.hypot(noises[1, 1], bend)
+        return scale * x, scale * y, gradient
+    c, d = math.cos(0.5 * turn), math.sin(0.5 * turn)
+    gradient[:, V] = seconds * c, seconds * d
+    noises[V, 3] = s.surge * math.sqrt(seconds)
+    noises[:2, 3] = 0.5 * noises[V, 3] * gradient[:, V]
+    return state[V] * seconds * c, state[V] * seconds * d, gradient
+
+
+def _slip_variance(wheels: Pose2, s: OdometrySettings) -> float:
+    """Of the wheels' turn [rad^2]."""
+    return s.drift_noise**2 * abs(forward(wheels)) + s.turn_noise**2 * abs(wheels.theta)

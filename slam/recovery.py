@@ -1,0 +1,207 @@
+"""Finding out where a lost chair is: places it may be at, compared while it moves until one stands alone.
+
+The scans since the chair was lost are matched against each other into a small map of their own, the local frame. At
+intervals this whole cloud is searched for on the saved map; the places found join those found before, which the
+local frame carries along, and each is judged by what all the beams say there. Believing the wrong place is the worst
+error, so a place must win by its share of the odds against all others and against being nowhere on the map, several
+times in a row with way in between, and fit in all directions.
+"""
+
+from __future__ import annotations
+
+import math
+from collections import deque
+from dataclasses import dataclass, field
+
+import numpy as np
+
+from waychair.config import Settings, setting
+from waychair.geometry import rotation, transform_points, wrap_angle
+from waychair.slam.beam_model import BeamMap, HealthSettings, beam_classes, log_odds
+from waychair.slam.reference import Reference, reference_from_scans
+from waychair.slam.relocaliser import Hypothesis, Pyramid, RelocaliserSettings, global_search
+from waychair.slam.scan_matching import MatchSettings, Window, match
+from waychair.slam.scan_points import MIN_POINTS, ScanPoints, ScanStore
+from waychair.types import FloatArray, Pose2
+
+
+@dataclass(frozen=True, slots=True)
+class RecoverySettings(Settings):
+    """How much has to be seen before a place is believed."""
+
+    key_distance: float = setting(0.15, "m", "way between two scans that are kept", low=0.01, high=5.0)
+    key_angle: float = setting(0.2, "rad", "turn between two scans that are kept", low=0.01, high=math.pi)
+    kept_scans: int = setting(20, "", "latest scans that are searched for together", low=1, high=200)
+    match_distance: float = setting(0.3, "m", "half window between one kept scan and the next", low=0.05, high=5.0)
+    match_angle: float = setting(0.35, "rad", "half window between one kept scan and the next", low=0.02, high=3.1)
+    search_spacing: float = setting(0.3, "m", "way between two searches of the map", low=0.05, high=10.0)
+    search_turn: float = setting(0.5, "rad", "turn between two searches of the map", low=0.05, high=math.pi)
+    judged_distance: float = setting(0.2, "m", "half window of a place's own match", low=0.05, high=2.0)
+    judged_angle: float = setting(0.08, "rad", "half window of a place's own match", low=0.01, high=1.0)
+    judged_points: int = setting(360, "", "points of a place's own match", low=20, high=10_000)
+    carried_odds: float = setting(
+        8.0, "", "places with log-odds this far behind the best are dropped", low=0.0, high=100
+    )
+    min_probability: float = setting(0.95, "", "least probability of a place that is believed", low=0.5, high=1.0)
+    max_deviation: float = setting(
+        0.1, "m", "largest standard deviation of a place that is believed", low=0.001, high=1
+    )
+    confirmations: int = setting(3, "", "searches in a row that one place must win", low=1, high=100)
+    confirmed_way: float = setting(0.5, "m", "way driven while one place wins", low=0.0, high=50.0)
+
+
+@dataclass(frozen=True, slots=True)
+class SavedMap:
+    """A map in the forms that matching, judging and searching need."""
+
+    reference: Reference
+    beams: BeamMap
+    pyramid: Pyramid
+
+
+@dataclass(frozen=True, slots=True)
+class Candidate:
+    """A place the chair may be at: its pose, log-odds by its beams, and whether it fits in all directions."""
+
+    pose: Pose2
+    log_odds: float
+    firm: bool
+
+
+@dataclass(frozen=True, slots=True)
+class RecoveryParts(Settings):
+    """The settings of what a recovery uses."""
+
+    recovery: RecoverySettings = field(default_factory=RecoverySettings)
+    search: RelocaliserSettings = field(default_factory=RelocaliserSettings)
+    health: HealthSettings = field(default_factory=HealthSettings)
+    matching: MatchSettings = field(default_factory=MatchSettings)
+
+
+class Recovery:
+    """What has been seen since the chair was lost, and the places that it may be at (`candidates`, best first)."""
+
+    def __init__(self, saved: SavedMap, sensor: FloatArray, settings: RecoveryParts) -> None:
+        """`sensor` (2,) [m] is where the lidar stands in the base frame."""
+        self._saved, self._sensor, self._settings = saved, sensor, settings
+        self._kept: deque[tuple[ScanPoints, Pose2]] = deque(maxlen=settings.recovery.kept_scans)
+        self._odometry = Pose2()  # odom_from_base at the last kept scan
+        self._way = self._turn = math.inf  # since the last search
+        self._winner: Pose2 | None = None  # map_from_local of the place that won last
+        self._wins, self._won_way = 0, 0.0
+        self.candidates: tuple[Candidate, ...] = ()
+        self.searches = 0
+
+    def process(self, scan: ScanPoints, odom_from_base: Pose2) -> Pose2 | None:
+        """`map_from_base` as soon as one place stands alone, else None."""
+        moved = self._odometry.inverse() @ odom_from_base
+        settings = self._settings.recovery
+        away = math.hypot(moved.x, moved.y)
+        if len(scan) < MIN_POINTS or (
+            self._kept and away < settings.key_distance and abs(moved.theta) < settings.key_angle
+        ):
+            return None
+        step = self._keep(scan, moved, odom_from_base)
+        self._way += math.hypot(step.x, step.y)
+        self._turn += abs(step.theta)
+        if self._way < settings.search_spacing and self._turn < settings.search_turn:
+            return None
+        driven, self._way, self._turn = self._way, 0.0, 0.0
+        cloud, sensors = self._cloud()
+        self.candidates = self._judged(cloud, sensors, self._places(cloud))
+        return self._believed(driven if math.isfinite(driven) else 0.0)
+
+    def probability(self) -> float:
+        """That the best candidate is right, against all others and against being nowhere on the map."""
+        if not self.candidates:
+            return 0.0
+        odds = np.exp(np.clip([candidate.log_odds for candidate in self.candidates], -50.0, 50.0))
+        return float(odds[0] / (1.0 + odds.sum()))
+
+    def _keep(self, scan: ScanPoints, moved: Pose2, odom_from_base: Pose2) -> Pose2:
+        """Adds a scan to the local map where it fits it; returns the motion since the one before."""
+        settings = self._settings
+        self._odometry = odom_from_base
+        if not self._kept:
+            self._kept.append((scan, Pose2()))
+            return Pose2()
+        last = self._kept[-1][1]
+        guess = last @ moved
+        store = ScanStore()
+        for earlier, _ in self._kept:
+            store.append(earlier)
+        poses = np.array([pose.array() for _, pose in self._kept])
+        reference = reference_from_scans(
+            store, poses, range(len(poses)), guess.array(), 12.0, settings.matching.resolution, settings.matching.sigma
+        )
+        window = Window(settings.recovery.match_distance, settings.recovery.match_angle)
+        found = match(scan, reference, guess, np.diag([100.0, 100.0, 400.0]), window, settings.matching)
+        pose = found.pose if found.inliers > 0.3 else guess
+        self._kept.append((scan, pose))
+        self.candidates = tuple(
+            Candidate(candidate.pose @ (last.inverse() @ pose), candidate.log_odds, candidate.firm)
+            for candidate in self.candidates
+        )
+        return last.inverse() @ pose
+
+    def _cloud(self) -> tuple[ScanPoints, FloatArray]:
+        """The kept points in the frame of the last scan, thinned evenly, and where each was seen from (N, 2)."""
+        base, points, normals, sensors = self._kept[-1][1], [], [], []
+        for scan, pose in reversed(self._kept):
+            base_from_scan = base.inverse() @ pose
+            points.append(transform_points(base_from_scan, scan.points))
+            normals.append(scan.normals @ rotation(base_from_scan.theta).T)
+            seen_from = transform_points(base_from_scan, self._sensor[None])
+            sensors.append(np.broadcast_to(seen_from, scan.points.shape))
+        step = max(1, len(points) // 5)  # beams of one scan say much the same
+        every, facing, seen_from = (np.concatenate(parts)[::step] for parts in (points, normals, sensors))
+        cloud = ScanPoints(np.ascontiguousarray(every), np.ascontiguousarray(facing))
+        return cloud, np.ascontiguousarray(seen_from)
+
+    def _places(self, cloud: ScanPoints) -> tuple[Hypothesis, ...]:
+        """What the whole map offers, and the places carried along from before."""
+        self.searches += 1
+        fresh = global_search(cloud.points, self._saved.pyramid, self._settings.search)
+        carried = tuple(Hypothesis(candidate.pose, 0.0) for candidate in self.candidates)
+        return fresh + carried
+
+    def _judged(self, cloud: ScanPoints, sensors: FloatArray, places: tuple[Hypothesis, ...]) -> tuple[Candidate, ...]:
+        """The places at their best fit, best log-odds first, doubles and hopeless ones left out."""
+        settings, window = (
+            self._settings,
+            Window(self._settings.recovery.judged_distance, self._settings.recovery.judged_angle),
+        )
+        thin = cloud.thinned(settings.recovery.judged_points)
+        judged: list[Candidate] = []
+        for place in places:
+            found = match(thin, self._saved.reference, place.pose, np.eye(3), window, settings.matching)
+            shares = beam_classes(cloud.points, sensors, found.pose.array(), self._saved.beams)
+            deviation = math.sqrt(float(np.linalg.eigvalsh(found.covariance[:2, :2])[-1]))
+            firm = not found.degenerate and deviation <= settings.recovery.max_deviation
+            judged.append(Candidate(found.pose, float(log_odds(shares, settings.health)[0]), firm))
+        judged.sort(key=lambda candidate: -candidate.log_odds)
+        kept: list[Candidate] = []
+        for candidate in judged:
+            behind = judged[0].log_odds - candidate.log_odds
+            if behind <= settings.recovery.carried_odds and all(self._distinct(candidate.pose, k.pose) for k in kept):
+                kept.append(candidate)
+        return tuple(kept[: 2 * settings.search.hypotheses])
+
+    def _distinct(self, a: Pose2, b: Pose2) -> bool:
+        search = self._settings.search
+        turned = abs(wrap_angle(a.theta - b.theta))
+        return math.hypot(a.x - b.x, a.y - b.y) >= search.apart_distance or turned >= search.apart_angle
+
+    def _believed(self, driven: float) -> Pose2 | None:
+        """The pose of the winner once it has won often enough in a row, over way enough."""
+        settings = self._settings.recovery
+        if not self.candidates or not self.candidates[0].firm or self.probability() < settings.min_probability:
+            self._winner, self._wins = None, 0
+            return None
+        best = self.candidates[0].pose
+        map_from_local = best @ self._kept[-1][1].inverse()
+        same = self._winner is not None and not self._distinct(self._winner @ self._kept[-1][1], best)
+        self._wins, self._won_way = (self._wins + 1, self._won_way + driven) if same else (1, 0.0)
+        self._winner = map_from_local
+        done = self._wins >= settings.confirmations and self._won_way >= settings.confirmed_way
+        return best if done else None

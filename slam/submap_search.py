@@ -1,0 +1,90 @@
+"""Loop closure where nearness cannot help: the query is searched for in whole submaps, wherever the drift has put them.
+
+A submap is a run of key scans; it is searched in the frame of its first one, so that its pyramid stays good while the
+graph moves it about, and is kept until its own shape changes. Searches that find nothing cost little: each starts from
+the least response that would still count.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+
+import numpy as np
+
+from waychair.config import Settings, setting
+from waychair.geometry import compose, invert, pose_from_array, transform_points
+from waychair.slam.relocaliser import Pyramid, RelocaliserSettings, global_search, pyramid_from_points
+from waychair.slam.scan_points import ScanStore
+from waychair.types import FloatArray, IntArray, Pose2
+
+
+@dataclass(frozen=True, slots=True)
+class SubmapSettings(Settings):
+    """Where in a submap the chair may stand, and when a kept pyramid is out of date."""
+
+    reach: float = setting(2.0, "m", "the chair stands this near to a pose of the submap", low=0.1, high=20.0)
+    bent: float = setting(
+        0.1, "m", "a submap whose poses moved so far in its own frame is built anew", low=0.0, high=5.0
+    )
+
+
+@dataclass(frozen=True, slots=True)
+class SubmapHypothesis:
+    """The query fits submap `submap`: `map_from_base` by the submap's present pose, and the mean likelihood [0, 1]."""
+
+    submap: int
+    map_from_base: Pose2
+    response: float
+
+
+class SubmapPyramids:
+    """Pyramids of finished submaps, kept from search to search."""
+
+    def __init__(self, search: RelocaliserSettings, settings: SubmapSettings) -> None:
+        self.search = search
+        self._settings = settings
+        self._kept: dict[int, tuple[IntArray, FloatArray, Pyramid]] = {}
+
+    def pyramid(self, submap: int, store: ScanStore, poses: FloatArray, members: IntArray) -> Pyramid:
+        """Pyramid of the key scans `members` (M,), in the frame of the first of them."""
+        shape = compose(invert(poses[members[0]]), poses[members])
+        if submap in self._kept:
+            known, then, pyramid = self._kept[submap]
+            if np.array_equal(known, members) and np.hypot(*(shape - then)[:, :2].T).max() <= self._settings.bent:
+                return pyramid
+        every = np.concatenate(
+            [
+                transform_points(pose_from_array(pose), store[int(member)].points)
+                for pose, member in zip(shape, members, strict=True)
+            ]
+        )
+        pyramid = pyramid_from_points(every, shape[:, :2], self._settings.reach, self.search)
+        self._kept[submap] = (members.copy(), shape, pyramid)
+        return pyramid
+
+
+def global_candidates(
+    store: ScanStore,
+    poses: FloatArray,
+    members_by_submap: Mapping[int, IntArray],
+    points: FloatArray,
+    pyramids: SubmapPyramids,
+) -> tuple[SubmapHypothesis, ...]:
+    """Where points (N, 2) [m, base] fit in the submaps, best first, at most `search.hypotheses` of them.
+
+    `poses` (K, 3) [m, m, rad] are those of all key scans in the map, `members_by_submap` the key scans of each submap.
+    The positions are exact to a step of the search; a match against the submap's key scans has to follow.
+    """
+    search, found = pyramids.search, list[SubmapHypothesis]()
+    floor = search.min_response
+    for submap, members in members_by_submap.items():
+        if len(members) == 0:
+            continue
+        pyramid = pyramids.pyramid(submap, store, poses, np.asarray(members, np.int64))
+        map_from_submap = pose_from_array(poses[members[0]])
+        for place in global_search(points, pyramid, search, floor=floor):
+            found.append(SubmapHypothesis(submap, map_from_submap @ place.pose, place.response))
+            floor = max(floor, place.response - search.spread)
+    found.sort(key=lambda hypothesis: -hypothesis.response)
+    return tuple(hypothesis for hypothesis in found if hypothesis.response >= floor)[: search.hypotheses]

@@ -1,0 +1,272 @@
+"""Sensor messages in, as they come; frames out: what belongs together at one time, and all wheels and IMU in between.
+
+It reads no clock: time passes with the stamps. Pictures and scans are put together by `message_sets`; a frame is given
+out once wheels and IMU have come as far as its stamp, or are late.
+"""
+
+from __future__ import annotations
+
+import dataclasses
+import sys
+from collections import deque
+from collections.abc import Sequence
+from dataclasses import dataclass
+from typing import Any, TypeAlias, cast
+
+from waychair.calibration.time_offset import SensorDelays, without_delay
+from waychair.config import Settings, setting
+from waychair.errors import ConfigError
+from waychair.geometry import interpolate
+from waychair.slam.message_sets import ApproximateSets, Counts, ExactSets, MessageQueue, MessageSets
+from waychair.topics import Topic
+from waychair.types import ImuSample, Odometry, RgbdFrame, Scan, SensorFrame, SonarReadings, Twist, WheelTicks
+
+Snapshot: TypeAlias = Scan | RgbdFrame | SonarReadings
+Reading: TypeAlias = WheelTicks | Odometry | ImuSample
+
+_SNAPSHOTS: dict[type, str] = {Scan: "scan", RgbdFrame: "rgbd", SonarReadings: "sonar"}
+_STREAMS: dict[type, str] = {WheelTicks: "wheels", Odometry: "wheels", ImuSample: "imu"}
+"""Fields of a frame by the type of a topic: one message of each of these, all of each of those."""
+
+_RATE_OVER = 21
+"""Messages that a rate is told from."""
+
+_COUNTS = 2**32  # encoder counters wrap here
+
+_SLOW = 0.7
+"""A topic below this part of its rate is complained about."""
+
+
+@dataclass(frozen=True, slots=True)
+class SynchroniserSettings(Settings):
+    """How far apart the messages of a frame may be, and how long it is waited for them."""
+
+    exact: bool = setting(False, "", "stamps of a frame's scan and pictures must be the same")
+    max_spread_s: float = setting(0.05, "s", "from the first to the last of a frame's", low=0.0, high=10.0)
+    age_penalty: float = setting(0.1, "", "by which a later set must be better", low=0.0, high=10.0)
+    least_gap: float = setting(0.5, "", "part of its period two messages are apart at least", low=0.0, high=1.0)
+    queue: int = setting(10, "", "scans or pictures that wait for partners", low=1, high=1000)
+    stream_queue: int = setting(2000, "", "readings of wheels or IMU that wait for a frame", low=1, high=1_000_000)
+    wait_s: float = setting(0.1, "s", "a frame waits for wheels and IMU up to this", low=0.0, high=10.0)
+    interpolate: bool = setting(True, "", "whether a frame's last wheel reading is one at its stamp, put in between")
+    reset_s: float = setting(2.0, "s", "a stamp so far back means that the clock was set back", low=0.1, high=3600.0)
+
+
+@dataclass(frozen=True, slots=True)
+class TopicStatus:
+    """How a topic does: rate [Hz] by its last stamps, age [s] of the last one (None: nothing came), seconds it is behind
+    the topic that is farthest on, what became of its messages, and what is wrong with it as a sentence, or ''."""
+
+    name: str
+    rate_hz: float
+    age_s: float | None
+    behind_s: float
+    counts: Counts
+    complaint: str
+
+
+class Synchroniser:
+    """Keeps the messages that are not in a frame yet.
+
+    The first topic of scans, pictures or sonars gives a frame its stamp, which later frames' are beyond. `wheels` and
+    `imu` of a frame are the readings after the stamp of the frame before, up to its own; a wheel reading at its stamp is
+    put in between the two on either side, if there is none.
+    """
+
+    def __init__(self, topics: Sequence[Topic], settings: SynchroniserSettings | None = None) -> None:
+        """
+        Raises:
+            ConfigError: no topic gives frames, one is of a type that has no place in them, or two want the same place.
+        """
+        self.settings = settings or SynchroniserSettings()
+        self.resets = 0
+        self.incomplete = 0
+        _refuse_misfits(topics)
+        self._topics = {topic.name: topic for topic in topics}
+        self._fields = {topic.name: (_SNAPSHOTS | _STREAMS)[topic.type] for topic in topics}
+        self._sets = _sets_for([topic for topic in topics if topic.type in _SNAPSHOTS], self.settings)
+        self._streams: dict[str, MessageQueue[Reading]] = {
+            topic.name: MessageQueue(self.settings.stream_queue) for topic in topics if topic.type in _STREAMS
+        }
+        self._queues: dict[str, MessageQueue[Any]] = {**self._sets.queues, **self._streams}
+        self._stamps: dict[str, deque[int]] = {topic.name: deque(maxlen=_RATE_OVER) for topic in topics}
+        self._pending: deque[tuple[Snapshot, ...]] = deque()
+        self._before: dict[str, Reading] = {}  # the last reading that went into a frame
+
+    def add(self, topic: Topic | str, message: Snapshot | Reading) -> tuple[SensorFrame, ...]:
+        """The frames, in the order of time, that this message completes.
+
+        Raises:
+            ConfigError: the topic was not announced.
+        """
+        name = topic.name if isinstance(topic, Topic) else topic
+        if name not in self._topics:
+            raise ConfigError(f"there is no topic '{name}' to synchronise; announced are {', '.join(self._topics)}")
+        newest = self._queues[name].newest_ns
+        before: tuple[SensorFrame, ...] = ()
+        if newest is not None and message.stamp_ns < newest - round(self.settings.reset_s * 1e9):
+            before = self.flush()
+            self._begin_again()
+        self._stamps[name].append(message.stamp_ns)
+        if name in self._streams:
+            self._streams[name].put(cast(Reading, message))
+        else:
+            self._pending.extend(self._sets.add(name, cast(Snapshot, message)))
+        return before + self._ready(wait=True)
+
+    def flush(self) -> tuple[SensorFrame, ...]:
+        """At the end of a recording: the frames that still wait for wheels or IMU, without these."""
+        return self._ready(wait=False)
+
+    def diagnostics(self, now_ns: int) -> tuple[TopicStatus, ...]:
+        """How each topic does at a moment of the clock that the stamps are of."""
+        newest = {name: queue.newest_ns for name, queue in self._queues.items() if queue.newest_ns is not None}
+        ahead = max(newest, key=lambda name: newest[name], default="")
+        return tuple(self._status(topic, newest, ahead, now_ns) for topic in self._topics.values())
+
+    def _ready(self, *, wait: bool) -> tuple[SensorFrame, ...]:
+        frames = []
+        while self._pending and not (wait and self._must_wait(self._pending[0][0].stamp_ns)):
+            frames.append(self._frame(self._pending.popleft()))
+        return tuple(frames)
+
+    def _must_wait(self, stamp_ns: int) -> bool:
+        """Whether wheels or IMU that belong to a frame may still come."""
+        newest = [queue.newest_ns for queue in self._queues.values() if queue.newest_ns is not None]
+        if max(newest) - stamp_ns > round(self.settings.wait_s * 1e9):
+            return False
+        return any(queue.newest_ns is None or queue.newest_ns < stamp_ns for queue in self._streams.values())
+
+    def _frame(self, snapshots: tuple[Snapshot, ...]) -> SensorFrame:
+        stamp = snapshots[0].stamp_ns
+        parts: dict[str, object] = {
+            self._fields[name]: message for name, message in zip(self._sets.queues, snapshots, strict=True)
+        }
+        whole = True
+        for name, queue in self._streams.items():
+            readings = queue.take_until(stamp)
+            before = readings[-1] if readings else self._before.get(name)
+            whole = whole and queue.newest_ns is not None and queue.newest_ns >= stamp
+            if before is not None:
+                self._before[name] = before
+                if self.settings.interpolate and queue.waiting and before.stamp_ns < stamp:
+                    readings += _between(before, queue.waiting[0], stamp)
+            parts[self._fields[name]] = tuple(readings)
+        self.incomplete += not whole
+        return SensorFrame(stamp, **parts)  # type: ignore[arg-type]
+
+    def _begin_again(self) -> None:
+        self.resets += 1
+        self._before.clear()
+        for name, queue in self._queues.items():
+            queue.clear()
+            self._stamps[name].clear()
+
+    def _status(self, topic: Topic, newest: dict[str, int], ahead: str, now_ns: int) -> TopicStatus:
+        stamps, last = self._stamps[topic.name], newest.get(topic.name)
+        span = max(stamps) - min(stamps) if len(stamps) > 1 else 0
+        rate = (len(stamps) - 1) * 1e9 / span if span else 0.0
+        age = None if last is None else (now_ns - last) * 1e-9
+        behind = 0.0 if last is None else (newest[ahead] - last) * 1e-9
+        complaint = _complaint(topic, rate, age, behind, ahead)
+        counts = dataclasses.replace(self._queues[topic.name].counts)
+        return TopicStatus(topic.name, rate, age, behind, counts, complaint)
+
+
+def frames_with_delays(frames: Sequence[SensorFrame], delays: SensorDelays) -> tuple[SensorFrame, ...]:
+    """A recording's frames as they would be had every sensor stamped its messages without delay.
+
+    The frames keep their order; each gets the wheel and IMU readings since the one before by the mended stamps, and
+    last a wheel reading at its own stamp.
+    """
+    if delays == SensorDelays():
+        return tuple(frames)
+    wheels, imu = MessageQueue[Reading](sys.maxsize), MessageQueue[Reading](sys.maxsize)
+    for frame in frames:
+        for queue, readings in ((wheels, frame.wheels), (imu, frame.imu)):
+            for reading in readings:
+                queue.put(without_delay(reading, delays))
+    mended: list[SensorFrame] = []
+    last: Reading | None = None
+    for frame in frames:
+        scan, rgbd, sonar = (without_delay(part, delays) for part in (frame.scan, frame.rgbd, frame.sonar))
+        stamp = next((part.stamp_ns for part in (scan, rgbd, sonar) if part is not None), frame.stamp_ns)
+        own = wheels.take_until(stamp)
+        last = own[-1] if own else last
+        if last is not None and last.stamp_ns < stamp and wheels.waiting:
+            own += _between(last, wheels.waiting[0], stamp)
+        mended.append(SensorFrame(stamp, scan, rgbd, sonar, tuple(own), tuple(imu.take_until(stamp))))  # type: ignore[arg-type]
+    return tuple(mended)
+
+
+def _between(before: Reading, after: Reading, stamp_ns: int) -> list[Reading]:
+    """A wheel reading at a stamp between two others, on the straight line between them; none of an IMU."""
+    part = (stamp_ns - before.stamp_ns) / (after.stamp_ns - before.stamp_ns)
+    if isinstance(before, WheelTicks) and isinstance(after, WheelTicks):
+        left, right = (
+            begin + round(part * ((end - begin + _COUNTS // 2) % _COUNTS - _COUNTS // 2))
+            for begin, end in ((before.left, after.left), (before.right, after.right))
+        )
+        return [WheelTicks(stamp_ns, _wrapped(left), _wrapped(right))]
+    if isinstance(before, Odometry) and isinstance(after, Odometry):
+        v = before.twist.v + part * (after.twist.v - before.twist.v)
+        omega = before.twist.omega + part * (after.twist.omega - before.twist.omega)
+        pose = interpolate(before.odom_from_base, after.odom_from_base, part)
+        return [Odometry(stamp_ns, pose, Twist(v, omega), after.covariance)]
+    return []
+
+
+def _wrapped(count: int) -> int:
+    """A count as a signed 32-bit number."""
+    return (count + _COUNTS // 2) % _COUNTS - _COUNTS // 2
+
+
+def _refuse_misfits(topics: Sequence[Topic]) -> None:
+    taken: dict[str, str] = {}
+    for topic in topics:
+        field = (_SNAPSHOTS | _STREAMS).get(topic.type)
+        if field is None:
+            raise ConfigError(
+                f"{topic.name} brings {topic.type.__name__}, which no frame has a place for: leave it out"
+            )
+        if field in taken:
+            raise ConfigError(
+                f"{taken[field]} and {topic.name} both want to be a frame's {field}: leave one of them out"
+            )
+        taken[field] = topic.name
+    if not any(topic.type in _SNAPSHOTS for topic in topics):
+        raise ConfigError("no topic brings scans, pictures or sonar readings: frames need one of these")
+
+
+def _sets_for(topics: Sequence[Topic], settings: SynchroniserSettings) -> MessageSets[Snapshot]:
+    names = [topic.name for topic in topics]
+    if settings.exact:
+        return ExactSets(names, settings.queue)
+    gaps = [round(settings.least_gap * 1e9 / topic.rate_hz) if topic.rate_hz else 0 for topic in topics]
+    return ApproximateSets(
+        names,
+        settings.queue,
+        max_spread_ns=round(settings.max_spread_s * 1e9),
+        age_penalty=settings.age_penalty,
+        least_gaps_ns=gaps,
+    )
+
+
+def _complaint(topic: Topic, rate_hz: float, age_s: float | None, behind_s: float, ahead: str) -> str:
+    """What is wrong with a topic, and what to do about it; '' if nothing is."""
+    name = f"/{topic.name}"
+    if age_s is None:
+        return f"nothing has come on {name}: start its node, or check its name"
+    limit_ns = topic.max_age_ns()
+    if limit_ns is None:
+        return ""
+    limit_s = limit_ns * 1e-9
+    if age_s < -limit_s:
+        return f"{name} is {-age_s:.1f} s ahead of this computer: set both clocks by one time server"
+    if behind_s > limit_s:
+        return f"{name} is {behind_s:.1f} s behind /{ahead}: check its clock or its node"
+    if age_s > limit_s:
+        return f"{name} has been silent for {age_s:.1f} s: check its cable and its node"
+    if 0.0 < rate_hz < _SLOW * topic.rate_hz:
+        return f"{name} comes {rate_hz:.1f} times a second instead of {topic.rate_hz:g}: check its load and its link"
+    return ""

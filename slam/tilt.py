@@ -1,0 +1,150 @@
+"""How far the chair leans, and which beams of its lidar end on the floor because of it.
+
+What a planar lidar at 0.3 m sees of a ramp of 1:12: from the level, its face 3.6 m beyond the foot, if it rises that
+high; on it, going up, nothing, for the beams run parallel to it; going down, the level floor 3.6 m beyond the foot, as a
+wall from side to side that moves on before the chair; and over a sill of 2 cm, for a moment, the floor 7 m ahead. The
+last two are told by the pitch. The first cannot be told from a wall by one scan, whatever the pitch; the beams that
+pass over that place once the chair is on the ramp clear it.
+"""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from waychair.calibration.chair import ChairBody
+from waychair.config import Settings, setting
+from waychair.types import BoolArray, FloatArray, ImuSample, Scan, Twist
+
+_LONGEST_NS = 100_000_000  # after a longer pause of the IMU it begins anew
+
+
+@dataclass(frozen=True, slots=True)
+class TiltSettings(Settings):
+    """The filter's time constant, and from when on a beam is held to end on the floor."""
+
+    settle_s: float = setting(1.5, "s", "the accelerometer wins over the gyro within this", low=0.05, high=60.0)
+    learn_s: float = setting(10.0, "s", "the gyro's bias is learnt within this", low=0.5, high=600.0)
+    least_tilt: float = setting(0.026, "rad", "beams that point down by less tell of no floor", low=0.005, high=0.3)
+    floor_margin: float = setting(0.10, "m", "beams that end this low end on the floor", low=0.0, high=0.5)
+
+
+@dataclass(frozen=True, slots=True)
+class Tilt:
+    """The base's lean at a stamp: roll to the right and pitch nose down [rad] (REP-103: about x, then about y)."""
+
+    stamp_ns: int
+    roll: float = 0.0
+    pitch: float = 0.0
+
+    def level_from_base(self) -> FloatArray:
+        """(3, 3) rotation to axes of which z is upright and x lies under the base's."""
+        (sr, cr), (sp, cp) = ((math.sin(angle), math.cos(angle)) for angle in (self.roll, self.pitch))
+        return np.array([[cp, sp * sr, sp * cr], [0.0, cr, -sr], [-sp, cp * sr, cp * cr]])
+
+
+class TiltFilter:
+    """Roll and pitch from gyro and accelerometer, less what the wheels say the chair accelerates by.
+
+    A complementary filter with the gyro's bias as its integral term (Mahony, Hamel and Pflimlin, IEEE TAC 2008), on the
+    two angles. An accelerometer's own bias goes into the angles, 0.05 m/s^2 as 0.3 degrees: calibrate it.
+    """
+
+    def __init__(self, body: ChairBody, settings: TiltSettings | None = None) -> None:
+        self._body = body
+        self._settings = settings or TiltSettings()
+        self._tilt: Tilt | None = None
+        self._bias = (0.0, 0.0)  # of the gyro about x and y [rad/s]
+        self._speed = 0.0
+
+    @property
+    def tilt(self) -> Tilt | None:
+        """The last one; None before the first sample."""
+        return self._tilt
+
+    def update(self, sample: ImuSample, twist: Twist) -> Tilt:
+        """The lean at the stamp of a sample, whose axes are the base's, of a chair that moves by `twist`.
+
+        Samples that are not finite or come late are left out. The first one is taken at rest.
+        """
+        (ax, ay, az), (p, q, r), last = sample.accel.tolist(), sample.gyro.tolist(), self._tilt
+        if not math.isfinite(ax + ay + az + p + q + r) or not math.isfinite(twist.v + twist.omega):
+            return last or Tilt(sample.stamp_ns)
+        late_ns = 0 if last is None else last.stamp_ns - sample.stamp_ns
+        if last is not None and 0 <= late_ns < 10 * _LONGEST_NS:
+            return last
+        if last is None or late_ns > 0 or -late_ns > _LONGEST_NS:
+            self._speed = twist.v
+            self._tilt = Tilt(sample.stamp_ns, *_lean(ax, ay, az))
+            return self._tilt
+        seconds = -late_ns * 1e-9
+        self._tilt = self._stepped(last, sample.stamp_ns, (ax, ay, az), (p, q, r), twist, seconds)
+        self._speed = twist.v
+        return self._tilt
+
+    def _stepped(
+        self,
+        last: Tilt,
+        stamp_ns: int,
+        accel: tuple[float, float, float],
+        gyro: tuple[float, float, float],
+        twist: Twist,
+        seconds: float,
+    ) -> Tilt:
+        s, body, (ax, ay, az) = self._settings, self._body, accel
+        p, q, r = gyro[0] - self._bias[0], gyro[1] - self._bias[1], gyro[2]
+        sr, cr = math.sin(last.roll), math.cos(last.roll)
+        roll = last.roll + seconds * (p + math.tan(last.pitch) * (q * sr + r * cr))
+        pitch = last.pitch + seconds * (q * cr - r * sr)
+        # what is left of the specific force without the way round a curve and the change of speed is gravity; jolts are
+        # not left out, since over time they come to nothing but a change of speed
+        ax += twist.omega * twist.omega * body.imu_x - (twist.v - self._speed) / seconds
+        ay += twist.omega * twist.omega * body.imu_y - twist.v * twist.omega
+        seen_roll, seen_pitch = _lean(ax, ay, az)
+        part, learn = seconds / s.settle_s, seconds / (s.settle_s * s.learn_s)
+        off_roll, off_pitch = seen_roll - roll, seen_pitch - pitch
+        self._bias = (self._bias[0] - learn * off_roll, self._bias[1] - learn * off_pitch)
+        return Tilt(stamp_ns, roll + part * off_roll, pitch + part * off_pitch)
+
+
+def ground_beams(scan: Scan, body: ChairBody, tilt: Tilt, settings: TiltSettings | None = None) -> BoolArray:
+    """(N,) beams that say nothing of obstacles since they may end on the floor.
+
+    These point down, and end no higher than the level plane on which the drive wheels stand: beyond the foot of a ramp
+    the floor is there or lower. What really stands there, behind the place where the beam meets the floor, is not lost:
+    it is seen from the level. This is for mapping; what looks out for the rider must not leave beams out by it.
+    """
+    s = settings or TiltSettings()
+    start, ahead = _beams(scan, body, tilt)
+    with np.errstate(invalid="ignore"):
+        height = start[2] + scan.ranges.astype(np.float64) * ahead[:, 2]
+        ground: BoolArray = (
+            np.isfinite(scan.ranges) & (ahead[:, 2] < -math.sin(s.least_tilt)) & (height < s.floor_margin)
+        )
+    return ground
+
+
+def levelled(scan: Scan, body: ChairBody, tilt: Tilt, settings: TiltSettings | None = None) -> Scan:
+    """The scan as seen from above: ranges as long as their way over the floor plan, nan where they end on the floor."""
+    s = settings or TiltSettings()
+    if max(abs(tilt.roll), abs(tilt.pitch)) < s.least_tilt:
+        return scan
+    _, ahead = _beams(scan, body, tilt)
+    ranges = (scan.ranges * np.hypot(ahead[:, 0], ahead[:, 1])).astype(np.float32)
+    ranges[ground_beams(scan, body, tilt, s)] = np.nan
+    return replace(scan, ranges=ranges)
+
+
+def _beams(scan: Scan, body: ChairBody, tilt: Tilt) -> tuple[FloatArray, FloatArray]:
+    """Where the beams leave, (3,) [m], and their unit vectors (N, 3), in level axes from the base's origin."""
+    level_from_base, angles = tilt.level_from_base(), body.laser_theta + scan.angles()
+    ahead = np.stack([np.cos(angles), np.sin(angles), np.zeros_like(angles)], axis=1) @ level_from_base.T
+    start: FloatArray = level_from_base @ np.array([body.laser_x, body.laser_y, body.laser_z])
+    return start, ahead
+
+
+def _lean(ax: float, ay: float, az: float) -> tuple[float, float]:
+    """Roll and pitch [rad] at which gravity alone would be felt so."""
+    return math.atan2(ay, az), math.atan2(-ax, math.hypot(ay, az))

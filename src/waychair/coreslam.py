@@ -1,0 +1,136 @@
+"""CoreSLAM logs (tinySLAM, Steux and El Hamzaoui 2010): a small robot's encoder counts and laser in columns of numbers.
+
+A line holds the time in microseconds, a number, the left and the right encoder's count, other state of the robot up
+to column 24, and from there the ranges in millimetres, 0 for none, counter-clockwise. 2000 counts are a whole turn of
+a wheel: the published example takes them for half a turn, but adds both wheels' ways where their mean is meant, and
+the scans of both logs, matched, agree with it (0.96 to 0.97 of the way).
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
+
+import numpy as np
+
+from waychair.config import Settings, setting
+from waychair.errors import NoScans, RecordingDamaged
+from waychair.types import FloatArray, IntArray, Odometry, Pose2, Scan, SensorFrame, Twist
+
+FIRST_RANGE = 24
+"""Column of the first range."""
+
+_LEFT, _RIGHT = 2, 3
+_LEAST_BEAMS = 100
+_PROGRESS_EVERY = 64  # lines
+
+
+@dataclass(frozen=True, slots=True)
+class CoreslamSettings(Settings):
+    """The robot that made the log; the defaults are those of the published logs."""
+
+    wheel_radius: float = setting(0.077, "m", "radius of the drive wheels", low=0.005, high=2.0)
+    half_axle: float = setting(0.165, "m", "half the distance between the wheels", low=0.01, high=5.0)
+    counts_per_turn: float = setting(2000.0, "", "encoder counts of a whole turn of a wheel", low=1.0, high=1e7)
+    laser_offset: float = setting(0.145, "m", "laser ahead of the axle", low=-5.0, high=5.0)
+    field_of_view: float = setting(math.radians(240.0), "rad", "between the first and the last beam", low=0.1, high=6.3)
+    blind_beams: int = setting(70, "", "beams on either side that see the robot itself", low=0, high=1000)
+    range_min: float = setting(0.06, "m", "shorter ranges are codes for errors (Hokuyo URG-04LX)", low=0.0, high=10.0)
+    range_max: float = setting(
+        4.0, "m", "longer ranges mean that nothing was seen (Hokuyo URG-04LX)", low=0.1, high=100
+    )
+
+
+@dataclass(frozen=True, slots=True)
+class CoreslamLog:
+    """The scans of a log in file order with odometry, the laser's mount, and what was wrong with it."""
+
+    frames: tuple[SensorFrame, ...]
+    base_from_laser: Pose2
+    warnings: tuple[str, ...]
+
+
+def is_coreslam(text: bytes) -> bool:
+    """Whether a first line is one of a CoreSLAM log: numbers only, the first whole, and enough for a scan."""
+    fields = text.split()
+    return len(fields) >= FIRST_RANGE + _LEAST_BEAMS and fields[0].isdigit() and _numbers(fields) is not None
+
+
+def read_coreslam(
+    text: bytes, where: str, settings: CoreslamSettings, progress: Callable[[float], None] | None = None
+) -> CoreslamLog:
+    """Every scan of a log, with the odometry of its encoder counts. Lines that are cut short are left out.
+
+    Raises:
+        RecordingDamaged: no line is whole.
+        NoScans: it has fewer than two scans, so nothing has moved.
+    """
+    lines = [line for line in text.split(b"\n") if line.strip()]
+    width = len(lines[0].split()) if lines else 0
+    rows, damaged = [], []
+    for number, line in enumerate(lines, start=1):
+        row = _numbers(line.split())
+        if row is not None and len(row) == width:
+            rows.append(row)
+        else:
+            damaged.append(number)
+        if progress is not None and number % _PROGRESS_EVERY == 0:
+            progress(number / len(lines))
+    if not rows:
+        raise RecordingDamaged(f"none of the {len(damaged)} lines of {where} is whole; copy the file again")
+    if len(rows) < 2:
+        raise NoScans(f"{where} holds only one scan; give a log of a drive")
+    table = np.array(rows)
+    warnings = [f"{len(damaged)} damaged lines, the first of them line {damaged[0]}, left out"] if damaged else []
+    stamps = (table[:, 0] * 1000.0).astype(np.int64)
+    if backwards := int((np.diff(stamps) < 0).sum()):
+        warnings.append(f"stamps step backwards {backwards} times: the scans are kept in the order of the file")
+    odometry = _odometry(table, stamps, settings)
+    scans = [_scan(int(stamp), row[FIRST_RANGE:], settings) for stamp, row in zip(stamps, table, strict=True)]
+    frames = [SensorFrame(scan.stamp_ns, scan=scan, wheels=(at,)) for scan, at in zip(scans, odometry, strict=True)]
+    if progress is not None:
+        progress(1.0)
+    return CoreslamLog(tuple(frames), Pose2(settings.laser_offset, 0.0, 0.0), tuple(warnings))
+
+
+def _numbers(fields: Sequence[bytes]) -> FloatArray | None:
+    """The fields as finite numbers; None when one is something else."""
+    try:
+        row = np.array(fields, np.float64)
+    except ValueError:
+        return None
+    return row if np.isfinite(row).all() else None
+
+
+def _odometry(table: FloatArray, stamps: IntArray, settings: CoreslamSettings) -> list[Odometry]:
+    """The axle's pose at each line, of arcs between the counts, and the mean twist since the line before."""
+    metres = table[:, [_LEFT, _RIGHT]] * (settings.wheel_radius * math.tau / settings.counts_per_turn)
+    steps = np.diff(metres, axis=0)
+    seconds = np.diff(stamps) * 1e-9
+    pose, readings = Pose2(), [Odometry(int(stamps[0]), Pose2())]
+    for stamp, (left, right), elapsed in zip(stamps[1:].tolist(), steps.tolist(), seconds.tolist(), strict=True):
+        way, turn = 0.5 * (left + right), 0.5 * (right - left) / settings.half_axle
+        chord = way * math.sin(0.5 * turn) / (0.5 * turn) if turn else way
+        pose = pose @ Pose2(chord * math.cos(0.5 * turn), chord * math.sin(0.5 * turn), turn)
+        twist = Twist(way / elapsed, turn / elapsed) if elapsed > 0.0 else Twist()
+        readings.append(Odometry(stamp, pose, twist))
+    return readings
+
+
+def _scan(stamp_ns: int, millimetres: FloatArray, settings: CoreslamSettings) -> Scan:
+    ranges = (millimetres * 1e-3).astype(np.float32)
+    with np.errstate(invalid="ignore"):
+        ranges[ranges > settings.range_max] = np.inf
+        ranges[ranges < settings.range_min] = np.nan
+    if settings.blind_beams:
+        ranges[: settings.blind_beams] = ranges[-settings.blind_beams :] = np.nan
+    step = settings.field_of_view / (len(ranges) - 1)
+    return Scan(
+        stamp_ns,
+        ranges,
+        -0.5 * settings.field_of_view,
+        step,
+        range_min=settings.range_min,
+        range_max=settings.range_max,
+    )

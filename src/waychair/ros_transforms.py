@@ -1,0 +1,190 @@
+"""The tree of frames of /tf and /tf_static (REP-105): mounts along chains, and the odometry as tf tells it."""
+
+from __future__ import annotations
+
+import math
+from array import array
+from collections.abc import Sequence
+from dataclasses import dataclass, field
+from typing import Any
+
+import numpy as np
+
+from waychair.geometry import wrap_angle
+from waychair.types import FloatArray, IntArray, Odometry, Pose2, Pose3, Twist
+
+BASE_FRAMES = ("base_link", "base_footprint", "base", "base_frame")
+"""Usual names of the base (REP-105, REP-120), the first that is there."""
+
+WORLD_FRAMES = ("map", "world", "earth")
+"""Frames above odom: what moves against them is corrected by jumps, or the truth of a simulator."""
+
+_LONGEST_STEP_S = 0.5  # a twist across a longer gap says nothing
+
+
+@dataclass(slots=True)
+class _Edge:
+    """All poses of one child in its parent: stamps [ns], and x y z qx qy qz qw for each."""
+
+    parent: str
+    stamps: array[int] = field(default_factory=lambda: array("q"))
+    values: array[float] = field(default_factory=lambda: array("d"))
+    _sorted: tuple[IntArray, FloatArray] | None = None
+
+    def add(self, stamp_ns: int, values: Sequence[float]) -> None:
+        """Of a pose that repeats only its first and last stamp are kept."""
+        self._sorted = None
+        last = list(values)
+        if len(self.stamps) > 1 and list(self.values[-7:]) == last == list(self.values[-14:-7]):
+            self.stamps[-1] = stamp_ns
+            return
+        self.stamps.append(stamp_ns)
+        self.values.extend(last)
+
+    def rows(self) -> tuple[IntArray, FloatArray]:
+        """Stamps (N,) in ascending order and values (N, 7)."""
+        if self._sorted is None:
+            stamps = np.array(self.stamps, np.int64)
+            order = np.argsort(stamps, kind="stable")
+            self._sorted = stamps[order], np.array(self.values).reshape(-1, 7)[order]
+        return self._sorted
+
+    def moves(self) -> bool:
+        return bool((np.ptp(self.rows()[1], axis=0) > 1e-6).any())
+
+
+class TransformTree:
+    """Every transform that a recording holds, by child frame."""
+
+    def __init__(self) -> None:
+        self._edges: dict[str, _Edge] = {}
+
+    def add(self, message: Any) -> None:
+        """The transforms of a tf2_msgs/TFMessage; those that are no numbers are left out."""
+        for stamped in message.transforms:
+            move, turn = stamped.transform.translation, stamped.transform.rotation
+            values = (move.x, move.y, move.z, *_unit(turn.x, turn.y, turn.z, turn.w))
+            parent, child = frame_name(stamped.header.frame_id), frame_name(stamped.child_frame_id)
+            if not math.isfinite(sum(values)) or parent == child:
+                continue
+            edge = self._edges.setdefault(child, _Edge(parent))
+            if edge.parent == parent:
+                edge.add(stamp_ns(stamped.header.stamp), values)
+
+    def __contains__(self, frame: str) -> bool:
+        return frame in self._edges or any(edge.parent == frame for edge in self._edges.values())
+
+    def chain(self, upper: str, lower: str, at_ns: int) -> FloatArray | None:
+        """`upper_from_lower` (4, 4) at a stamp, through their common ancestor; None when they are not connected."""
+        up, down = self._ancestry(upper), self._ancestry(lower)
+        common = next((frame for frame in down if frame in up), None)
+        if common is None:
+            return None
+        return np.linalg.inv(self._from_ancestor(common, upper, at_ns)) @ self._from_ancestor(common, lower, at_ns)
+
+    def moves_between(self, upper: str, lower: str) -> bool:
+        """Whether the pose of one frame in the other changes in the course of the recording."""
+        up, down = self._ancestry(upper), self._ancestry(lower)
+        common = next((frame for frame in down if frame in up), "")
+        way = [*up[: up.index(common)], *down[: down.index(common)]] if common else []
+        return any(self._edges[frame].moves() for frame in way)
+
+    def odometry_frame(self, base: str) -> str | None:
+        """The frame in which the base moves by dead reckoning: the nearest one above it that it moves against."""
+        for child in self._ancestry(base)[:-1]:
+            edge = self._edges[child]
+            if edge.moves():
+                return None if edge.parent in WORLD_FRAMES else edge.parent
+        return None
+
+    def odometry(self, odom: str, base: str) -> list[Odometry]:
+        """Readings of `odom_from_base` at every stamp at which it was told, with the twist since the one before."""
+        way = self._ancestry(base)
+        if odom not in way:
+            return []
+        moving = [child for child in way[: way.index(odom)] if self._edges[child].moves()]
+        stamps = np.unique(
+            np.concatenate([self._edges[child].rows()[0] for child in moving] or [np.zeros(0, np.int64)])
+        )
+        poses = [planar(self._from_ancestor(odom, base, int(stamp))) for stamp in stamps]
+        readings = []
+        for k, (stamp, pose) in enumerate(zip(stamps.tolist(), poses, strict=True)):
+            before = max(k - 1, 0)
+            readings.append(Odometry(stamp, pose, _twist(poses[before], pose, stamp - int(stamps[before]))))
+        return readings
+
+    def _ancestry(self, frame: str) -> list[str]:
+        """The frame and all above it, itself first."""
+        way = [frame]
+        while way[-1] in self._edges and self._edges[way[-1]].parent not in way:
+            way.append(self._edges[way[-1]].parent)
+        return way
+
+    def _from_ancestor(self, ancestor: str, frame: str, at_ns: int) -> FloatArray:
+        result = np.eye(4)
+        while frame != ancestor:
+            edge = self._edges[frame]
+            result = _at(*edge.rows(), at_ns) @ result
+            frame = edge.parent
+        return result
+
+
+def _at(stamps: IntArray, values: FloatArray, at_ns: int) -> FloatArray:
+    """(4, 4) at a stamp: between two poses in proportion, outside of them the nearest."""
+    after = int(np.searchsorted(stamps, at_ns))
+    if after == 0 or after == len(stamps):
+        return _matrix(values[min(after, len(stamps) - 1)])
+    start, end = values[after - 1], values[after].copy()
+    if start[3:] @ end[3:] < 0.0:  # the same turn, told by the other quaternion
+        end[3:] *= -1.0
+    part = (at_ns - int(stamps[after - 1])) / max(1, int(stamps[after]) - int(stamps[after - 1]))
+    return _matrix(start + part * (end - start))
+
+
+def _matrix(values: FloatArray) -> FloatArray:
+    """(4, 4) of x y z qx qy qz qw."""
+    x, y, z, w = _unit(*values[3:].tolist())
+    return np.array(
+        [
+            [1 - 2 * (y * y + z * z), 2 * (x * y - z * w), 2 * (x * z + y * w), values[0]],
+            [2 * (x * y + z * w), 1 - 2 * (x * x + z * z), 2 * (y * z - x * w), values[1]],
+            [2 * (x * z - y * w), 2 * (y * z + x * w), 1 - 2 * (x * x + y * y), values[2]],
+            [0.0, 0.0, 0.0, 1.0],
+        ]
+    )
+
+
+def pose_matrix(translation: Any, rotation: Any) -> FloatArray:
+    """(4, 4) homogeneous transform of a geometry_msgs vector and quaternion; a zero quaternion is no rotation."""
+    return _matrix(
+        np.array([translation.x, translation.y, translation.z, rotation.x, rotation.y, rotation.z, rotation.w])
+    )
+
+
+def planar(matrix: FloatArray) -> Pose2:
+    """x, y and yaw of a (4, 4) transform."""
+    return Pose3(matrix[:3, :3], matrix[:3, 3]).planar()
+
+
+def frame_name(name: str) -> str:
+    """A frame's name without the leading slash that ROS 1 allowed."""
+    return str(name).lstrip("/")
+
+
+def stamp_ns(stamp: Any) -> int:
+    """Nanoseconds of a builtin_interfaces/Time."""
+    return int(stamp.sec) * 1_000_000_000 + int(stamp.nanosec)
+
+
+def _unit(x: float, y: float, z: float, w: float) -> tuple[float, float, float, float]:
+    norm = math.sqrt(x * x + y * y + z * z + w * w)
+    return (x / norm, y / norm, z / norm, w / norm) if norm > 0.0 else (0.0, 0.0, 0.0, 1.0)
+
+
+def _twist(before: Pose2, after: Pose2, step_ns: int) -> Twist:
+    """Mean twist of the base between two poses; none across a gap."""
+    seconds = step_ns * 1e-9
+    if not 0.0 < seconds <= _LONGEST_STEP_S:
+        return Twist()
+    step = before.inverse() @ after
+    return Twist(step.x / seconds, wrap_angle(step.theta) / seconds)

@@ -1,0 +1,128 @@
+"""A ROS bag, open: whole, through rosbags, or damaged, with what can be salvaged; its topics and their messages."""
+
+from __future__ import annotations
+
+import tempfile
+from collections import Counter
+from collections.abc import Collection, Iterator
+from contextlib import ExitStack, contextmanager
+from pathlib import Path
+from typing import Any, Protocol
+
+from rosbags.highlevel import AnyReader
+from rosbags.interfaces import Connection
+from rosbags.typesys import Stores, get_typestore
+
+from waychair.errors import RecordingDamaged
+from waychair.rosbag_salvage import SalvagedBag
+
+SUFFIXES = {b"#ROSBAG V2.0": ".bag", b"\x89MCAP": ".mcap", b"SQLite format 3": ".db3"}
+"""First bytes of the files that hold bags, and the ending each must have."""
+
+_LONGEST_REASON = 200  # characters
+
+
+class BagFile(Protocol):
+    """What a whole and a salvaged bag have in common."""
+
+    is2: bool
+    connections: list[Connection]
+
+    def messages(self, connections: Collection[Connection]) -> Iterator[tuple[Connection, int, bytes]]: ...
+
+    def deserialize(self, rawdata: bytes, typ: str) -> Any: ...
+
+
+def bag_suffix(head: bytes) -> str | None:
+    """`.bag`, `.mcap` or `.db3` by the first bytes of a file, None for anything else."""
+    return next((suffix for magic, suffix in SUFFIXES.items() if head.startswith(magic)), None)
+
+
+@contextmanager
+def opened(path: Path, suffix: str) -> Iterator[BagFile]:
+    """The bag of the given kind ('' for the folder of a ROS 2 bag), open.
+
+    The library goes by the file's ending, so a file with another one gets a link with the right one.
+
+    Raises:
+        RecordingDamaged: it cannot be opened.
+    """
+    with ExitStack() as stack:
+        if path.suffix != suffix and not path.is_dir():
+            link = Path(stack.enter_context(tempfile.TemporaryDirectory())) / f"bag{suffix}"
+            link.symlink_to(path.resolve())
+        else:
+            link = path
+        try:
+            reader = AnyReader([link], default_typestore=get_typestore(Stores.ROS2_JAZZY))
+            stack.enter_context(reader)
+        # Damaged bytes raise whatever the parser stumbles over: struct, key, index, decode, sqlite and its own errors.
+        except Exception as error:
+            raise damaged(path, error) from error
+        yield reader
+
+
+def messages(
+    path: Path, bag: BagFile, connections: Collection[Connection], lost: Counter[str] | None = None
+) -> Iterator[tuple[Connection, int, Any]]:
+    """Connection, time of logging [ns] and message, in the order of the bag.
+
+    Raises:
+        RecordingDamaged: at the first that cannot be read; but if `lost` is given, messages that cannot be decoded are
+            counted there and left out.
+    """
+    if not connections:
+        return
+    raw = bag.messages(connections)
+    while True:
+        try:
+            connection, log_ns, data = next(raw)
+        except StopIteration:
+            return
+        except Exception as error:  # as when it is opened
+            raise damaged(path, error) from error
+        try:
+            message = bag.deserialize(data, connection.msgtype)
+        except Exception as error:
+            if lost is None:
+                raise damaged(path, error) from error
+            lost["messages"] += 1
+            continue
+        yield connection, log_ns, message
+
+
+def counts_by_topic(bag: BagFile, *msgtypes: str) -> dict[str, int]:
+    """Number of messages of these types by topic."""
+    counts: dict[str, int] = {}
+    for connection in bag.connections:
+        if connection.msgtype in msgtypes:
+            counts[connection.topic] = counts.get(connection.topic, 0) + connection.msgcount
+    return counts
+
+
+def listing(bag: BagFile) -> str:
+    """All topics with their types, for messages."""
+    topics = sorted({f"{connection.topic} ({connection.msgtype})" for connection in bag.connections})
+    return ", ".join(topics) or "no topics at all"
+
+
+def damaged(path: Path, error: Exception) -> RecordingDamaged:
+    """Damage as one sentence."""
+    reason = " ".join(f"{type(error).__name__}: {error}".split())[:_LONGEST_REASON].rstrip(":. ")
+    repair = "repair it (rosbag reindex, ros2 bag reindex, mcap recover) or copy it again from its source"
+    return RecordingDamaged(f"{path} is a damaged bag ({reason}); {repair}")
+
+
+def salvaged(path: Path, suffix: str, damage: RecordingDamaged) -> SalvagedBag:
+    """What can be read of a bag that is damaged so.
+
+    Raises:
+        RecordingDamaged: nothing.
+    """
+    try:
+        bag = SalvagedBag(path, suffix)
+    except Exception as error:
+        raise damage from error
+    if not bag.connections:
+        raise damage
+    return bag

@@ -1,0 +1,119 @@
+"""Pictures with depth out of a ROS bag, decoded one by one as they are asked for."""
+
+from __future__ import annotations
+
+from collections import deque
+from collections.abc import Iterator, Mapping
+from pathlib import Path
+from typing import Any
+
+from waychair.errors import RecordingDamaged, RecordingError
+from waychair.ros_decoding import camera_matrix_from_message, depth_from_message, picture_from_message
+from waychair.ros_transforms import stamp_ns
+from waychair.rosbag_file import BagFile, counts_by_topic, listing, messages, opened, salvaged
+from waychair.rosbag_reader import BagSettings
+from waychair.types import FloatArray, RgbdFrame
+
+IMAGE_TYPES = ("sensor_msgs/msg/Image", "sensor_msgs/msg/CompressedImage")
+INFO_TYPE = "sensor_msgs/msg/CameraInfo"
+
+_WAITING = 8  # messages of one kind that wait for the other
+_NOT_COLOUR = ("depth", "infra", "disparity", "confidence")
+
+
+def read_pictures(path: Path, suffix: str, settings: BagSettings) -> Iterator[RgbdFrame]:
+    """Every picture that has a depth of about its time, in the order of the bag; nothing is kept in memory.
+
+    The stamp is that of the picture. A bag without pictures or without depth gives none; what is damaged ends it early.
+
+    Raises:
+        RecordingError: a topic that was asked for is not there, the camera is not calibrated, or depth and picture
+            are not of one size.
+    """
+    try:
+        with opened(path, suffix) as bag:
+            yield from _pictures(path, bag, settings)
+    except RecordingDamaged as damage:
+        yield from _pictures(path, salvaged(path, suffix, damage), settings)
+
+
+def _pictures(path: Path, bag: BagFile, settings: BagSettings) -> Iterator[RgbdFrame]:
+    counts = counts_by_topic(bag, *IMAGE_TYPES)
+    colour = _topic(path, bag, counts, settings.colour_topic, depth=False)
+    depth = _topic(path, bag, counts, settings.depth_topic, depth=True)
+    if colour is None or depth is None:
+        return
+    info = _info_topic(path, bag, settings, colour, depth)
+    matrix: FloatArray | None = None
+    waiting: dict[str, deque[tuple[int, Any]]] = {name: deque(maxlen=_WAITING) for name in (colour, depth)}
+    connections = [c for c in bag.connections if c.topic in (colour, depth, info)]
+    for connection, _, message in messages(path, bag, connections):
+        if connection.msgtype == INFO_TYPE:
+            matrix = camera_matrix_from_message(message) if matrix is None else matrix
+            continue
+        waiting[connection.topic].append((stamp_ns(message.header.stamp), message))
+        if matrix is None:
+            continue
+        while (pair := _pair(waiting[colour], waiting[depth], settings.picture_spread * 1e9)) is not None:
+            yield _frame(path, *pair, matrix)
+    if matrix is None and counts[colour]:
+        raise RecordingError(f"{path} holds no calibration of the camera of {colour}; name it as camera_info_topic")
+
+
+def _pair(
+    colours: deque[tuple[int, Any]], depths: deque[tuple[int, Any]], spread_ns: float
+) -> tuple[int, Any, Any] | None:
+    """The oldest picture that has a depth within the spread, taken out with everything older; None when there is none."""
+    for at, picture in colours:
+        near = min(depths, key=lambda item: abs(item[0] - at), default=None)
+        if near is not None and abs(near[0] - at) <= spread_ns:
+            while colours and colours[0][0] <= at:
+                colours.popleft()
+            while depths and depths[0][0] <= near[0]:
+                depths.popleft()
+            return at, picture, near[1]
+    return None
+
+
+def _frame(path: Path, at_ns: int, picture: Any, depth: Any, camera_matrix: FloatArray) -> RgbdFrame:
+    image, metres = picture_from_message(picture), depth_from_message(depth)
+    if image.shape[:2] != metres.shape:
+        sizes = [f"{shape[1]} x {shape[0]}" for shape in (metres.shape, image.shape)]
+        raise RecordingError(
+            f"the depth of {path} has {sizes[0]} pixels, its pictures {sizes[1]}: record the depth that is aligned to colour"
+        )
+    return RgbdFrame(at_ns, image, metres, camera_matrix)
+
+
+def _topic(path: Path, bag: BagFile, counts: Mapping[str, int], asked: str, *, depth: bool) -> str | None:
+    """The topic that was asked for, else the fullest whose name says what it is."""
+    if asked:
+        found = next((topic for topic in counts if topic.strip("/") == asked.strip("/")), None)
+        if found is None:
+            raise RecordingError(f"{path} holds no picture on {asked}, only {listing(bag)}")
+        return found
+    fitting = [
+        topic
+        for topic in counts
+        if ("depth" in topic if depth else not any(word in topic for word in _NOT_COLOUR)) and counts[topic]
+    ]
+    return max(fitting, key=lambda topic: (counts[topic], "align" in topic or "regist" in topic, topic), default=None)
+
+
+def _info_topic(path: Path, bag: BagFile, settings: BagSettings, colour: str, depth: str) -> str:
+    """The camera_info beside the pictures, else the one beside the depth, else any."""
+    counts = counts_by_topic(bag, INFO_TYPE)
+    if settings.camera_info_topic:
+        asked = next((name for name in counts if name.strip("/") == settings.camera_info_topic.strip("/")), None)
+        if asked is None:
+            raise RecordingError(f"{path} holds no {INFO_TYPE} on {settings.camera_info_topic}, only {listing(bag)}")
+        return asked
+    if not counts:
+        raise RecordingError(f"{path} holds no {INFO_TYPE}, so the camera of {colour} is not known; record it too")
+    return max(counts, key=lambda topic: (_shared(topic, colour), _shared(topic, depth), counts[topic], topic))
+
+
+def _shared(topic: str, other: str) -> int:
+    """Number of leading parts that two names share."""
+    parts = list(zip(topic.split("/"), other.split("/"), strict=False))
+    return next((k for k, (a, b) in enumerate(parts) if a != b), len(parts))

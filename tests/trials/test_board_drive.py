@@ -1,0 +1,215 @@
+"""A chair behind its board is calibrated through the shipped firmware; whatever goes wrong lets go of its lines."""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Callable, Iterator
+from dataclasses import replace
+from pathlib import Path
+
+import pytest
+
+from tests.trials.board_rig import PLANT, BoardRig
+from waychair.calibration.chair import CHAIR_A
+from waychair.calibration.fit_dac import FitSettings
+from waychair.calibration.sweep import SweepSettings
+from waychair.errors import BridgeError, CalibrationError, CalibrationMismatch, TransportError, WaychairError
+from waychair.firmware_bridge.board import Defect, build_board
+from waychair.firmware_bridge.protocol import BoardState, Family, Holder
+from waychair.simulation.simulator import SimulatorSettings
+from waychair.trials.board_drive import BoardDrive, BoardDriveSettings, plan_for_board
+from waychair.trials.calibrate import ChairUnderTest, calibrate_dac, command_grid, inverse_error
+from waychair.trials.measured_speeds import EncoderSpeeds, ScanSpeeds
+from waychair.trials.simulated_drive import with_gyro
+from waychair.types import JoystickInput
+
+SHORT = SweepSettings(levels=7, repetitions=1, combined=1)
+ENOUGH = FitSettings(min_levels=8, min_repetitions=1)
+AHEAD = (PLANT.neutral_volts + 0.4, PLANT.neutral_volts)
+
+
+@pytest.fixture(scope="session")
+def program(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    return build_board(tmp_path_factory.mktemp("board"))
+
+
+@pytest.fixture
+def rig(program: Path) -> Iterator[BoardRig]:
+    with BoardRig(program) as rig:
+        yield rig
+
+
+def test_a_chair_is_calibrated_through_its_board_and_then_does_as_it_is_told(rig: BoardRig) -> None:
+    with rig.drive(settings=BoardDriveSettings(room=12.0)) as drive:
+        drive.arm()
+        assert drive.neutral == pytest.approx([PLANT.neutral_volts] * 2, abs=0.001)
+        plan = plan_for_board(SHORT, drive)
+        assert (plan.bits, plan.volts_min, plan.volts_max) == (12, 0.0, 3.3)
+        fit = calibrate_dac(ChairUnderTest(drive, drive.neutral, CHAIR_A), plan, ENOUGH)
+    error = inverse_error(fit.model, PLANT, CHAIR_A, command_grid()[::2])
+    assert error.max_v <= 0.015
+    assert error.max_omega <= 0.025
+    assert PLANT.delay_s < fit.model.forward.delay_s < PLANT.delay_s + 0.06  # and the way to the lines
+    rig.wait_until(rig.now_ns() + 100_000_000)
+    assert rig.lines[-1].holder is Holder.JOYSTICK
+
+
+def test_a_chair_without_encoders_is_driven_by_lidar_and_gyro_lines(program: Path) -> None:
+    with (
+        BoardRig(program, with_gyro(SimulatorSettings(plant=PLANT)), side=16.0) as rig,
+        rig.drive(ScanSpeeds(CHAIR_A)) as drive,
+    ):
+        drive.arm()
+        samples = drive.hold(*AHEAD, 2.5)
+    expected = rig.simulator.twist().v
+    assert len(samples) > 20
+    assert samples[-1].v == pytest.approx(expected, abs=0.05)
+
+
+def test_nothing_moves_before_the_board_is_armed(rig: BoardRig) -> None:
+    drive = rig.drive()
+    with pytest.raises(BridgeError, match="not armed"):
+        drive.hold(*AHEAD, 1.0)
+    drive.arm()
+    assert all(state.holder is Holder.JOYSTICK for state in rig.lines)
+    assert rig.lines[-1].state is BoardState.ARMED
+    assert rig.simulator.twist().v == 0.0
+
+
+def _press(rig: BoardRig) -> None:
+    rig.stick = JoystickInput(0, forward=-0.5)
+
+
+def _estop(rig: BoardRig) -> None:
+    rig.inputs["estop_released"] = False
+
+
+def _freeze(rig: BoardRig) -> None:
+    rig.inputs["defect"] = Defect.FROZEN
+
+
+def _restart(rig: BoardRig) -> None:
+    rig.inputs["defect"] = Defect.BROWN_OUT
+    rig.events.append((810, lambda: rig.inputs.pop("defect")))
+
+
+def _kill(rig: BoardRig) -> None:
+    rig.board.kill()
+
+
+def _pull(rig: BoardRig) -> None:
+    rig.board.transport.close()
+
+
+def _blind(rig: BoardRig) -> None:
+    rig.silent_sensors = True
+
+
+@pytest.mark.parametrize(
+    ("event", "error", "says"),
+    [
+        (_press, BridgeError, "joystick was touched (-591 and +9 mV off its rest)"),
+        (_estop, BridgeError, "the board stopped the chair: ESTOP"),
+        (_freeze, BridgeError, "the board has said nothing for 0.2"),
+        (_restart, BridgeError, "let go of the lines with the joystick at rest"),
+        (_kill, TransportError, "cable to the board was lost"),
+        (_pull, TransportError, "cable to the board was lost"),
+        (BoardRig.pull_sensors, TransportError, "cable to the sensors was lost"),
+        (_blind, CalibrationError, "no speeds came from the sensors for 0.6 s"),
+    ],
+)
+def test_whatever_goes_wrong_is_named_and_the_rider_has_the_chair(
+    rig: BoardRig, event: Callable[[BoardRig], None], error: type[WaychairError], says: str
+) -> None:
+    rig.events.append((800, lambda: event(rig)))
+    with rig.drive() as drive:
+        drive.arm()
+        with pytest.raises(error, match=re.escape(says)):
+            drive.hold(*AHEAD, 5.0)
+    rig.wait_until(rig.now_ns() + 200_000_000)
+    assert rig.lines[-1].holder is not Holder.BOARD
+
+
+@pytest.mark.parametrize(
+    ("limits", "says"),
+    [
+        (BoardDriveSettings(room=0.5), "its room is 0.5 m"),
+        (BoardDriveSettings(fastest=0.2), "the limits are 0.2"),
+    ],
+)
+def test_a_chair_that_leaves_its_room_or_is_too_fast_is_stopped(
+    rig: BoardRig, limits: BoardDriveSettings, says: str
+) -> None:
+    with rig.drive(settings=limits) as drive:
+        drive.arm()
+        with pytest.raises(CalibrationError, match=says):
+            drive.hold(*AHEAD, 10.0)
+    start = rig.simulator.truth()
+    rig.wait_until(rig.now_ns() + 3_000_000_000)
+    assert abs(rig.simulator.truth().x - start.x) < 0.4
+    assert rig.simulator.twist().v == pytest.approx(0.0, abs=1e-3)
+
+
+def test_a_hand_on_the_stick_keeps_the_board_from_being_armed(rig: BoardRig) -> None:
+    rig.stick = JoystickInput(0, turn=0.3)
+    with rig.drive(settings=BoardDriveSettings(arm_s=3.0)) as drive, pytest.raises(BridgeError, match="hand off"):
+        drive.arm()
+
+
+def test_sensors_that_print_something_else_are_quoted(rig: BoardRig) -> None:
+    rig.silent_sensors = True
+    with rig.drive(settings=BoardDriveSettings(arm_s=3.0)) as drive:
+        rig._printer.sendall(b"half a li\nspeed 3.5\n")
+        with pytest.raises(BridgeError, match=r"1 lines of the sensors .* 'speed 3\.5'"):
+            drive.arm()
+
+
+def test_another_chairs_board_is_refused_by_both_names(rig: BoardRig) -> None:
+    with pytest.raises(CalibrationMismatch, match="'ward 3', not 'ward 4'"):
+        BoardDrive(
+            rig.board.transport,
+            rig.sensors,
+            EncoderSpeeds(CHAIR_A),
+            "ward 4",
+            family=Family.EIGHT_PIN_3V3,
+            clock=rig,
+        )
+
+
+def test_another_joystick_family_is_refused(rig: BoardRig) -> None:
+    with pytest.raises(BridgeError, match="another family of joysticks"):
+        BoardDrive(rig.board.transport, rig.sensors, EncoderSpeeds(CHAIR_A), "ward 3", clock=rig)
+
+
+def test_a_board_with_other_firmware_is_refused_by_its_hash(rig: BoardRig, monkeypatch: pytest.MonkeyPatch) -> None:
+    for module in ("protocol", "board_drive"):
+        home = "firmware_bridge" if module == "protocol" else "trials"
+        monkeypatch.setattr(f"waychair.{home}.{module}.LAYOUT_HASH", 0x1234)
+    with pytest.raises(BridgeError, match=r"has layout [0-9a-f]{8}, this waychair 00001234: flash"):
+        rig.drive()
+
+
+def test_a_port_without_a_board_is_refused(rig: BoardRig) -> None:
+    rig.inputs["defect"] = Defect.FROZEN
+    rig.wait_until(100_000_000)
+    with pytest.raises(BridgeError, match="no board has answered within 2 s"):
+        rig.drive()
+    rig.board.kill()
+    with pytest.raises(TransportError, match="cable to the board was lost"):
+        rig.drive()
+
+
+def test_the_plan_stays_within_what_the_board_lets_through(rig: BoardRig) -> None:
+    with rig.drive() as drive:
+        drive.arm()
+        drive.neutral = (1.70, 1.65)
+        assert plan_for_board(replace(SHORT, swing=3.0), drive).swing == pytest.approx(1.15)
+        assert plan_for_board(replace(SHORT, swing=0.5), drive).swing == 0.5
+
+
+@pytest.mark.parametrize("volts", [0.43, 2.87])
+def test_volts_that_the_board_would_cut_short_are_refused(rig: BoardRig, volts: float) -> None:
+    with rig.drive() as drive:
+        drive.arm()
+        with pytest.raises(CalibrationError, match="beyond the 1200 mV about 1650 mV"):
+            drive.hold(PLANT.neutral_volts, volts, 1.0)

@@ -1,0 +1,200 @@
+"""The BARN benchmark: through fields of cylinders to a goal straight ahead, with a lidar and without a map.
+
+Perille, Truong, Xiao, Stone, "Benchmarking Metric Ground Navigation", SSRR 2020, and the rules of its challenge: the
+goal lies 10 m ahead, within 1 m of it is success, a contact ends the run, and so do 100 s; the clock starts with the
+first 0.1 m. The score of a success is OT / clip(AT, 2 OT, 8 OT), AT being the time taken and OT that of the reference
+path at 2 m/s.
+
+A lean loop stands in for the whole chair, so that a thousand runs take minutes: a body whose wheels follow the
+commands after a delay, within the limits of acceleration; exact rays among exact cylinders with noise on the ranges;
+odometry whose scales are a little wrong. Navigation is the shipped one.
+"""
+
+from __future__ import annotations
+
+import math
+from collections import deque
+from collections.abc import Iterator, Mapping, Sequence
+from concurrent.futures import ProcessPoolExecutor
+from dataclasses import dataclass, field, replace
+from functools import partial
+from pathlib import Path
+from types import MappingProxyType
+
+import numpy as np
+
+from waychair.calibration.chair import CHAIR_A, CHAIR_B, ChairBody
+from waychair.config import Settings, setting
+from waychair.control.mapless import MaplessNavigator, MaplessSettings
+from waychair.control.navigator import Stage
+from waychair.errors import WorldError
+from waychair.geometry import arc
+from waychair.maps.grid_memory import GridMemorySettings
+from waychair.maps.occupancy import OccupancySettings
+from waychair.planning.costmap import CostmapSettings
+from waychair.planning.dwa import DwaSettings
+from waychair.simulation.imports import BarnEnvironment, read_barn
+from waychair.simulation.lidar import Lidar, LidarSettings
+from waychair.simulation.rays import scenery_of
+from waychair.simulation.scene import Slice
+from waychair.simulation.seeds import seed_of
+from waychair.topics import COMMAND
+from waychair.types import FloatArray, Json, Pose2, Twist
+
+TICK_NS = round(1e9 / COMMAND.rate_hz)
+PERIOD = TICK_NS * 1e-9
+_STEPS = 5  # positions per tick that are looked at for contact
+
+JACKAL = ChairBody(
+    chair_id="jackal",
+    drive="mid",
+    length=0.508,
+    width=0.43,
+    axle_from_rear=0.254,
+    track=0.376,
+    wheel_radius=0.098,
+    laser_x=0.12,
+    laser_z=0.30,
+)
+"""The benchmark's robot: its outline for contact; wheels and lidar about where the maker's drawings have them."""
+
+BODIES: Mapping[str, ChairBody] = MappingProxyType({"jackal": JACKAL, "A": CHAIR_A, "B": CHAIR_B})
+"""Whom the benchmark is run with."""
+
+
+@dataclass(frozen=True, slots=True)
+class BarnSettings(Settings):
+    """The benchmark's rules, and what is not perfect about the simulated robot."""
+
+    tolerance: float = setting(1.0, "m", "as near to the goal as this is success", low=0.01, high=10.0)
+    time_limit: float = setting(100.0, "s", "from the first motion", low=1.0, high=3600.0)
+    clock_from: float = setting(0.1, "m", "the clock starts when the robot has moved so far", low=0.0, high=10.0)
+    optimal_speed: float = setting(2.0, "m/s", "at which the optimal time is counted", low=0.1, high=10.0)
+    start_offset: float = setting(0.10, "m", "greatest offset of a start, in x and y", low=0.0, high=1.0)
+    start_turn: float = setting(math.radians(10.0), "rad", "greatest turn of a start", low=0.0, high=3.14)
+    odometry_scale: float = setting(0.005, "", "error of way and of turn, one sigma over runs", low=0.0, high=0.2)
+    lidar: LidarSettings = field(
+        default_factory=lambda: LidarSettings(
+            rate_hz=COMMAND.rate_hz, sweep_s=0.0, sigma_per_metre=0.0, drop_out=0.0, mixed=0.0
+        )
+    )
+
+
+@dataclass(frozen=True, slots=True)
+class BarnRun:
+    """One run: `outcome` is success, contact or timeout; `time_s` from the first motion; `truth` (T, 3) in the world."""
+
+    world: str
+    start: int
+    outcome: str
+    time_s: float
+    score: float
+    distance_m: float
+    clearance_m: float
+    plans: int
+    reason: str
+    truth: FloatArray
+
+
+def settings_for(body: ChairBody, speed: float, scale: float) -> MaplessSettings:
+    """What the navigator drives with: the benchmark's limits for its robot, the comfortable ones for a chair."""
+    dwa = replace(DwaSettings(), max_speed=speed)
+    if body is JACKAL:
+        dwa = replace(
+            dwa,
+            acceleration=2.0,
+            braking=2.0,
+            alpha=3.0,
+            max_omega=1.5,
+            max_lateral=1.5,
+            max_wheel_speed=speed + 0.3,
+            reaction_time=PERIOD,
+        )
+    cell = 0.025 * max(scale, 1.0)
+    reach = 5.0 * max(scale, 1.0)
+    occupancy = OccupancySettings(resolution=cell, range_max=reach, open_range=reach)
+    return MaplessSettings(
+        memory=GridMemorySettings(occupancy=occupancy),
+        costmap=replace(CostmapSettings(), inflation_radius=0.6 * scale),
+        dwa=dwa,
+    )
+
+
+def run_barn(
+    environment: BarnEnvironment,
+    start: int,
+    body: ChairBody,
+    navigator: MaplessSettings,
+    settings: BarnSettings | None = None,
+) -> BarnRun:
+    """One run from the start of that number: the same offset, noise and odometry in every run of it."""
+    settings = settings or BarnSettings()
+    rng = np.random.default_rng(seed_of("barn", environment.name, start))
+    truth = environment.start @ _start_error(settings, rng)
+    way_scale, turn_scale = (1.0 + settings.odometry_scale * rng.standard_normal(2)).tolist()
+    lidar = Lidar(settings.lidar, body, rng)
+    scenery = scenery_of(Slice(np.empty((0, 4)), np.empty(0, np.int64)))
+    odom = Pose2()
+    chair = MaplessNavigator(body, odom, truth.inverse() @ environment.goal, navigator)
+    pending = deque([Twist()] * round(navigator.dwa.reaction_time / PERIOD))
+    poses, began, now_ns, outcome, clearance, plans, reason = [truth], None, 0, "timeout", math.inf, 0, ""
+    while outcome == "timeout" and (began is None or (now_ns - began) * 1e-9 < settings.time_limit):
+        if began is None and now_ns * 1e-9 > settings.time_limit:
+            break
+        scan = lidar.scan_at_rest(scenery, truth, now_ns, environment.cylinders)
+        navigation = chair.step(now_ns, odom, scan)
+        plans, reason = navigation.plans, navigation.reason
+        pending.append(navigation.twist)
+        twist = pending.popleft()
+        way, turn = twist.v * PERIOD, twist.omega * PERIOD
+        for share in range(1, _STEPS + 1):
+            passed = truth @ arc(way * share / _STEPS, turn * share / _STEPS)
+            clearance = min(clearance, clearance_among(environment.cylinders, body, passed))
+        truth, odom = truth @ arc(way, turn), odom @ arc(way * way_scale, turn * turn_scale)
+        now_ns += TICK_NS
+        poses.append(truth)
+        if began is None and _apart(truth, poses[0]) >= settings.clock_from:
+            began = now_ns
+        if clearance <= 0.0:
+            outcome = "contact"
+        elif _apart(truth, environment.goal) <= settings.tolerance:
+            outcome = "success"
+        elif navigation.stage is Stage.FAILED:
+            break
+    time_s = (now_ns - (began or 0)) * 1e-9
+    optimal = environment.path_length / settings.optimal_speed
+    score = optimal / min(max(time_s, 2 * optimal), 8 * optimal) if outcome == "success" else 0.0
+    way_driven = np.array([pose.array() for pose in poses])
+    return BarnRun(
+        environment.name,
+        start,
+        outcome,
+        time_s,
+        score,
+        float(np.hypot(*np.diff(way_driven[:, :2], axis=0).T).sum()),
+        clearance,
+        plans,
+        reason,
+        way_driven,
+    )
+
+
+def clearance_among(cylinders: FloatArray, body: ChairBody, pose: Pose2) -> float:
+    """Distance [m] from the outline to the nearest of the cylinders (N, 3), 0 in contact, +inf without any; exact."""
+    if len(cylinders) == 0:
+        return math.inf
+    c, s = math.cos(pose.theta), math.sin(pose.theta)
+    x, y = cylinders[:, 0] - pose.x, cylinders[:, 1] - pose.y
+    along, across = c * x + s * y, c * y - s * x
+    beyond_end = np.maximum(np.maximum(along - body.front, -body.rear - along), 0.0)
+    beyond_side = np.maximum(np.abs(across) - body.width / 2, 0.0)
+    return float(max((np.hypot(beyond_end, beyond_side) - cylinders[:, 2]).min(), 0.0))
+
+
+def _apart(first: Pose2, second: Pose2) -> float:
+    return math.hypot(first.x - second.x, first.y - second.y)
+
+
+def _start_error(settings: BarnSettings, rng: np.random.Generator) -> Pose2:
+    x, y, theta = (rng.uniform(-1.0, 1.0, 3) * (settings.start_offset, settings.start_offset, settings.start_turn)).tolist()
+    return Pose2(x, y, theta)

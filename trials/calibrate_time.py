@@ -1,0 +1,136 @@
+"""Finds the delays of a chair's lidar, encoders and camera against its gyro, from a drive that turns to and fro."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterator
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from waychair.calibration.chair import ChairBody
+from waychair.calibration.time_offset import (
+    Heading,
+    SensorDelays,
+    TimeOffset,
+    TimeOffsetSettings,
+    heading_from_gyro,
+    time_offset,
+)
+from waychair.errors import CalibrationError, ThinData
+from waychair.simulation.plant import volts_from_twist
+from waychair.simulation.simulator import SensorMessage, Simulator
+from waychair.trials.headings import CameraHeading, heading_from_scans, heading_from_wheels
+from waychair.trials.simulated_drive import held
+from waychair.types import ImuSample, Odometry, RgbdFrame, Scan, Twist, WheelTicks
+
+LIDAR, WHEELS, CAMERA = "lidar", "wheels", "camera"
+TIME_HALL = 6.0
+"""Side [m] of a hall in which a chair can turn, and whose walls the camera sees in depth."""
+
+_TURN_RATES = (0.4, 0.8)  # [rad/s]
+_HOLDS = (0.5, 1.2)  # [s]
+
+
+@dataclass(frozen=True, slots=True)
+class TimeCalibration:
+    """The delays that were found, 0 where none was, with what each was told by; and why others could not be told."""
+
+    delays: SensorDelays
+    offsets: dict[str, TimeOffset]
+    problems: tuple[str, ...]
+
+
+class TimeCalibrator:
+    """Keeps what the sensors have seen of the chair's turns; of pictures the last only."""
+
+    def __init__(self, body: ChairBody, settings: TimeOffsetSettings | None = None) -> None:
+        self._body = body
+        self._settings = settings or TimeOffsetSettings()
+        self._samples: list[ImuSample] = []
+        self._wheels: list[WheelTicks | Odometry] = []
+        self._scans: list[Scan] = []
+        self._camera = CameraHeading(body)
+
+    def add(self, message: SensorMessage | Odometry) -> None:
+        """Take in what a sensor says; encoder counts are preferred to odometry."""
+        if isinstance(message, ImuSample):
+            self._samples.append(message)
+        elif isinstance(message, WheelTicks | Odometry):
+            self._wheels.append(message)
+        elif isinstance(message, Scan):
+            self._scans.append(message)
+        elif isinstance(message, RgbdFrame):
+            self._camera.add(message)
+
+    def result(self) -> TimeCalibration:
+        """The delay of each sensor that has spoken.
+
+        Raises:
+            ThinData: no gyro, or no other sensor.
+            CalibrationError: no delay could be told; the message says why of the first sensor.
+        """
+        gyro = heading_from_gyro(self._samples)
+        seen: dict[str, Callable[[], TimeOffset]] = {}
+        if self._scans:
+            seen[LIDAR] = lambda: self._of_lidar(gyro)
+        if self._wheels:
+            seen[WHEELS] = lambda: self._of(heading_from_wheels(self._wheel_readings(), self._body), gyro, WHEELS)
+        camera = self._camera.heading()
+        if len(camera.stamps_ns):
+            seen[CAMERA] = lambda: self._of(camera, gyro, CAMERA)
+        if not seen:
+            raise ThinData("there is a gyro, but no lidar, encoders or camera beside it: record these too")
+        offsets, problems = {}, []
+        for sensor, find in seen.items():
+            try:
+                offsets[sensor] = find()
+            except CalibrationError as error:
+                problems.append(str(error))
+        if not offsets:
+            raise CalibrationError(problems[0])
+        delays = {f"{sensor}_ns": offset.delay_ns for sensor, offset in offsets.items()}
+        return TimeCalibration(SensorDelays(**delays), offsets, tuple(problems))
+
+    def _of(self, heading: Heading, gyro: Heading, sensor: str) -> TimeOffset:
+        return time_offset(heading, gyro, sensor, self._settings)
+
+    def _of_lidar(self, gyro: Heading) -> TimeOffset:
+        """Twice: straightened by the gyro as it is stamped, and as it is stamped with the delay that came of that."""
+        delay = 0
+        for _ in range(2):
+            heading = heading_from_scans(self._scans, gyro, self._body.base_from_laser, delay)
+            found = self._of(heading, gyro, LIDAR)
+            delay = found.delay_ns
+        return found
+
+    def _wheel_readings(self) -> list[WheelTicks | Odometry]:
+        ticks: list[WheelTicks | Odometry] = [reading for reading in self._wheels if isinstance(reading, WheelTicks)]
+        return ticks or self._wheels
+
+
+def merged(known: SensorDelays | None, found: TimeCalibration) -> SensorDelays:
+    """Delays that are known already, with those that were found now in their place."""
+    return replace(known or SensorDelays(), **{f"{sensor}_ns": o.delay_ns for sensor, o in found.offsets.items()})
+
+
+def turns_to_and_fro(simulator: Simulator, seconds: float, seed: int = 0) -> Iterator[SensorMessage]:
+    """The messages of a chair that stands for a second, then turns left and right by turns, irregularly.
+
+    Raises:
+        WorldError: it touched something.
+    """
+    rng = np.random.default_rng(seed)
+    plant, track = simulator.settings.plant, simulator.body.track
+    neutral = volts_from_twist(plant, track, Twist())
+    until_ns, side = simulator.now_ns + round(seconds * 1e9), 1.0
+    yield from held(simulator, *neutral, 1.0)
+    while simulator.now_ns < until_ns:
+        rate = side * float(rng.uniform(*_TURN_RATES))
+        yield from held(simulator, *volts_from_twist(plant, track, Twist(0.0, rate)), float(rng.uniform(*_HOLDS)))
+        side = -side
+    yield from held(simulator, *neutral, 1.0)
+
+
+def milliseconds(offset: TimeOffset) -> str:
+    """A delay as people read it."""
+    return f"{1e-6 * offset.delay_ns:+.1f} ms (+- {max(1e-6 * offset.sigma_ns, 0.1):.1f})"

@@ -1,0 +1,183 @@
+"""How fast a chair goes by its own sensors: encoders or, on the many chairs that have none, lidar and gyro."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Iterable
+from itertools import pairwise
+from typing import Protocol
+
+import numpy as np
+
+from waychair.calibration.chair import ChairBody
+from waychair.calibration.sweep import Sample
+from waychair.errors import CalibrationError
+from waychair.geometry import arc
+from waychair.simulation.simulator import SensorMessage
+from waychair.slam.reference import Reference, reference_from_points
+from waychair.slam.scan_matching import MatchSettings, Window, match
+from waychair.slam.scan_points import MIN_POINTS, ScanPoints, scan_points
+from waychair.types import ImuSample, Pose2, Scan, Twist, WheelTicks
+
+STILL_S = 3.0
+"""How long a chair stands still at first, so that the gyro's bias is known."""
+
+_MOST_TURN = 0.05  # [rad/s]: a gyro whose readings at rest spread by more is being turned
+_KEY_DISTANCE = 0.7  # [m]: a scan this far from the key scan becomes the next one
+_KEY_ANGLE = 0.7  # [rad]
+_LEAST_INLIERS = 0.5
+_MOST_POINTS = 360
+
+
+class SpeedMeter(Protocol):
+    """Turns what the sensors say into speeds."""
+
+    @property
+    def ready(self) -> bool:
+        """Whether it has seen the chair stand still for as long as it needs to."""
+
+    def take_in(self, messages: Iterable[SensorMessage]) -> list[Sample]:
+        """The speeds that became known by these messages, by rising stamps; none before it is `ready`.
+
+        Raises:
+            CalibrationError: the messages give no speed.
+        """
+
+
+class EncoderSpeeds:
+    """Speeds from encoder counts, on the nominal wheels and track; each in the middle of its interval."""
+
+    def __init__(self, body: ChairBody) -> None:
+        self._track = body.track
+        self._metres_per_count = math.tau * body.wheel_radius / body.ticks_per_turn
+        self._last: WheelTicks | None = None
+
+    @property
+    def ready(self) -> bool:
+        """True after the first counts."""
+        return self._last is not None
+
+    def take_in(self, messages: Iterable[SensorMessage]) -> list[Sample]:
+        """One sample for each reading of the encoders but the first; one that is not newer is dropped."""
+        samples = []
+        for message in messages:
+            if not isinstance(message, WheelTicks):
+                continue
+            last = self._last
+            if last is not None and message.stamp_ns <= last.stamp_ns:
+                continue
+            self._last = message
+            if last is not None:
+                samples.append(self._between(last, message))
+        return samples
+
+    def _between(self, last: WheelTicks, now: WheelTicks) -> Sample:
+        per_second = self._metres_per_count / ((now.stamp_ns - last.stamp_ns) * 1e-9)
+        left, right = _steps(last.left, now.left) * per_second, _steps(last.right, now.right) * per_second
+        return Sample((now.stamp_ns + last.stamp_ns) // 2, 0.5 * (left + right), (right - left) / self._track)
+
+
+class ScanSpeeds:
+    """Speeds without encoders: v from scan matching, omega from the gyro, whose bias is taken at rest.
+
+    Each scan is matched to a key scan that is not far back, from where the last speeds lead; so errors do not add up
+    within a hold, and a corridor that looks the same everywhere would show as a failure to match.
+    """
+
+    def __init__(self, body: ChairBody) -> None:
+        self._mount = body.base_from_laser
+        self._settings = MatchSettings()
+        self._still: list[ImuSample] = []
+        self._bias: float | None = None
+        self._gyro: list[ImuSample] = []
+        self._key: Reference | None = None
+        self._key_from_base = Pose2()
+        self._twist = Twist()
+        self._last_ns = 0
+
+    @property
+    def ready(self) -> bool:
+        """True once the gyro was read at rest for `STILL_S`."""
+        return self._bias is not None
+
+    def take_in(self, messages: Iterable[SensorMessage]) -> list[Sample]:
+        """One sample for each scan, in the middle of the time since the scan before.
+
+        Raises:
+            CalibrationError: a scan fits nowhere, or the chair turned while it should have stood still.
+        """
+        samples = []
+        for message in messages:
+            if isinstance(message, ImuSample) and self._bias is None:
+                self._stand_still(message)
+            elif isinstance(message, ImuSample):
+                self._gyro.append(message)
+            elif isinstance(message, Scan) and self._bias is not None:
+                before_ns, self._last_ns = self._last_ns, message.stamp_ns
+                if self._match(message, before_ns):
+                    middle_ns = (message.stamp_ns + before_ns) // 2
+                    samples.append(Sample(middle_ns, self._twist.v, self._twist.omega))
+        return samples
+
+    def _stand_still(self, reading: ImuSample) -> None:
+        self._still.append(reading)
+        if (reading.stamp_ns - self._still[0].stamp_ns) * 1e-9 < STILL_S:
+            return
+        rates = np.array([still.gyro[2] for still in self._still], float)
+        if (spread := float(rates.std())) > _MOST_TURN:
+            raise CalibrationError(
+                f"the gyro's readings spread by {spread:.3f} rad/s while the chair should stand still: let it rest for "
+                f"{STILL_S:g} s and begin again"
+            )
+        self._bias = float(rates.mean())
+
+    def _match(self, scan: Scan, before_ns: int) -> bool:
+        """Pose and twist at a scan's stamp; False for the first scan, which has nothing to be compared with."""
+        points = scan_points(scan, self._mount, self._settings.range_max, self._twist)
+        if len(points) < MIN_POINTS:
+            raise CalibrationError("a scan shows nothing to match: calibrate in a room whose walls the lidar sees")
+        if self._key is None:
+            self._become_key(points)
+            return False
+        seconds = (scan.stamp_ns - before_ns) * 1e-9
+        turn = self._turn(before_ns, scan.stamp_ns)
+        guess = self._key_from_base @ arc(self._twist.v * seconds, turn)
+        window = Window(0.25, 0.05)
+        # The gyro knows the turn better than a scan does; the way is the scan's to find.
+        trust = np.diag([1.0, 1.0, 1.0 / 0.01**2])
+        found = match(points.thinned(_MOST_POINTS), self._key, guess, trust, window, self._settings)
+        if found.inliers < _LEAST_INLIERS:
+            raise CalibrationError("a scan does not fit the one before it: calibrate in a room that stands still")
+        moved = self._key_from_base.inverse() @ found.pose
+        self._twist = Twist(_arc_length(moved) / seconds, turn / seconds)
+        self._key_from_base = found.pose
+        if np.hypot(found.pose.x, found.pose.y) > _KEY_DISTANCE or abs(found.pose.theta) > _KEY_ANGLE:
+            self._become_key(points)
+        return True
+
+    def _become_key(self, points: ScanPoints) -> None:
+        settings = self._settings
+        self._key = reference_from_points(points.points, points.normals, settings.resolution, settings.sigma)
+        self._key_from_base = Pose2()
+
+    def _turn(self, begin_ns: int, end_ns: int) -> float:
+        """Turn [rad] between two moments by the gyro; readings that are older than both are forgotten."""
+        assert self._bias is not None
+        self._gyro = [reading for reading in self._gyro if reading.stamp_ns >= begin_ns - 20_000_000]
+        turn = 0.0
+        for before, after in pairwise(self._gyro):
+            overlap = min(after.stamp_ns, end_ns) - max(before.stamp_ns, begin_ns)
+            turn += max(overlap, 0) * 1e-9 * (float(after.gyro[2]) - self._bias)
+        return turn
+
+
+def _steps(before: int, now: int) -> int:
+    """Signed step of a counter that wraps at 32 bits."""
+    return (now - before + 2**31) % 2**32 - 2**31
+
+
+def _arc_length(moved: Pose2) -> float:
+    """Signed length [m] of the arc to a pose: its chord's part along the mean heading, lengthened by the bend."""
+    half = 0.5 * moved.theta
+    chord = moved.x * np.cos(half) + moved.y * np.sin(half)
+    return float(chord / np.sinc(half / np.pi))

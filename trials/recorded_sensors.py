@@ -1,0 +1,80 @@
+"""Encoders and inertial units out of a recorded drive, a ROS 1 or ROS 2 bag, without its scans."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Iterator
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from waychair.errors import RecordingDamaged, RecordingError, RecordingNotFound
+from waychair.rosbag_file import bag_suffix, messages, opened
+from waychair.types import ImuSample, WheelTicks
+
+_JOINTS = "sensor_msgs/msg/JointState"
+_IMU = "sensor_msgs/msg/Imu"
+
+
+def wheel_ticks_of(path: Path, ticks_per_turn: int) -> tuple[WheelTicks, ...]:
+    """The drive wheels' angles as encoder counts, by rising stamps, from the joints called ...left... and ...right...
+
+    Raises:
+        RecordingNotFound, RecordingDamaged: there is no such bag, or it cannot be read.
+        RecordingError: it holds no such joints.
+    """
+    per_radian = ticks_per_turn / math.tau
+    found: dict[int, WheelTicks] = {}
+    for stamp, message in _messages(path, _JOINTS):
+        angles = {
+            side: angle
+            for name, angle in zip(message.name, np.asarray(message.position).tolist(), strict=False)
+            for side in ("left", "right")
+            if side in name.lower() and "wheel" in name.lower()
+        }
+        if len(angles) == 2 and all(math.isfinite(angle) for angle in angles.values()):
+            found[stamp] = WheelTicks(stamp, *(round(angles[side] * per_radian) for side in ("left", "right")))
+    if len(found) < 2:
+        raise RecordingError(f"{path} holds no {_JOINTS} of a left and a right wheel: record /joint_states")
+    return tuple(found[stamp] for stamp in sorted(found))
+
+
+def imu_samples_of(path: Path) -> tuple[ImuSample, ...]:
+    """Readings of the inertial unit, by rising stamps.
+
+    Raises:
+        RecordingNotFound, RecordingDamaged: there is no such bag, or it cannot be read.
+        RecordingError: it holds none.
+    """
+    found = {stamp: _imu(stamp, message) for stamp, message in _messages(path, _IMU)}
+    if len(found) < 2:
+        raise RecordingError(f"{path} holds no {_IMU}: record /imu/data")
+    return tuple(found[stamp] for stamp in sorted(found))
+
+
+def _imu(stamp: int, message: Any) -> ImuSample:
+    force, rate = message.linear_acceleration, message.angular_velocity
+    return ImuSample(stamp, np.array([force.x, force.y, force.z]), np.array([rate.x, rate.y, rate.z]))
+
+
+def _messages(path: Path, kind: str) -> Iterator[tuple[int, Any]]:
+    """Stamps of the headers, and messages, of one type."""
+    if not path.exists():
+        raise RecordingNotFound(f"there is no recording at {path}: give a bag's file or folder")
+    with opened(path, _suffix(path)) as bag:
+        wanted = [connection for connection in bag.connections if connection.msgtype == kind]
+        for _, _, message in messages(path, bag, wanted):
+            stamp = message.header.stamp
+            yield int(stamp.sec) * 1_000_000_000 + int(stamp.nanosec), message
+
+
+def _suffix(path: Path) -> str:
+    """What `opened` calls this kind of bag."""
+    if path.is_dir():
+        return ""
+    with path.open("rb") as file:
+        suffix = bag_suffix(file.read(16))
+    if suffix is None:
+        raise RecordingDamaged(f"{path} is no bag: give a .bag, .mcap or .db3 file, or the folder of a ROS 2 bag")
+    return suffix

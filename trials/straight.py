@@ -1,0 +1,160 @@
+"""A calibrated chair drives straight in an empty hall, by its encoders and gyro, with or without the speed loop."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+
+from waychair.calibration.chair import ChairBody
+from waychair.calibration.fitted_dac import DeadBand, FittedDac
+from waychair.calibration.stopping import StopTable
+from waychair.config import Settings, setting
+from waychair.control.closed_loop import ClosedLoop, ClosedLoopSettings
+from waychair.control.kinematics import wheel_speeds_from_twist
+from waychair.simulation.simulator import SensorMessage, Simulator, SimulatorSettings
+from waychair.simulation.world import World
+from waychair.slam.odometry import WheelOdometry
+from waychair.trials.halls import open_hall
+from waychair.trials.simulated_drive import TICK_NS, with_few_beams, with_gyro
+from waychair.types import FloatArray, ImuSample, Pose2, Sent, Twist, WheelTicks
+
+BIAS_S = 3.0
+"""The gyro's bias is taken at rest for so long before a drive."""
+
+_SMOOTH_S = 0.25  # a rider's trunk does not follow what is shorter
+
+
+class TwistSensor:
+    """The mean twist of each tick: v from the encoders, omega from the gyro less its bias at rest."""
+
+    def __init__(self, body: ChairBody, at_rest: Sequence[SensorMessage]) -> None:
+        """`at_rest`: what the sensors said while the chair stood still."""
+        self._odometry = WheelOdometry(body)
+        for message in at_rest:
+            if isinstance(message, WheelTicks):
+                self._odometry.update(message)
+        self._bias = float(np.mean([message.gyro[2] for message in at_rest if isinstance(message, ImuSample)]))
+
+    def mean(self, messages: Sequence[SensorMessage]) -> Twist:
+        """Mean twist over one tick's messages."""
+        speeds = [self._odometry.update(message).twist.v for message in messages if isinstance(message, WheelTicks)]
+        rates = [float(message.gyro[2]) for message in messages if isinstance(message, ImuSample)]
+        return Twist(float(np.mean(speeds)), float(np.mean(rates)) - self._bias)
+
+
+class LoopDrive:
+    """A simulated chair under a closed loop, one tick a call; its sensors are the simulated ones, not the truth."""
+
+    def __init__(
+        self,
+        model: FittedDac,
+        body: ChairBody,
+        simulator: SimulatorSettings,
+        seed: int,
+        settings: ClosedLoopSettings | None = None,
+        world: World | None = None,
+        stops: StopTable | None = None,
+    ) -> None:
+        """Stands still first, for the gyro's bias; `model` is what is known of the chair, which may have changed since."""
+        self.simulator = Simulator(world or open_hall(), body, with_gyro(with_few_beams(simulator)), seed)
+        self.loop = ClosedLoop(model, body.track, settings, stops)
+        self.measured = Twist()
+        self.sent: Sent | None = None
+        self._model = model
+        self._lines = DeadBand(model)
+        self._track = body.track
+        self._hold(Twist())
+        self._sensor = TwistSensor(body, self.simulator.advance(round(BIAS_S * 1e9)))
+
+    def tick(self, command: Twist, *, closed: bool = True) -> Twist:
+        """Drive for one tick; the mean twist of it, as measured. Without the loop the command goes out as it is."""
+        asked = self.loop.step(command, self.measured, self.simulator.now_ns, self.sent) if closed else command
+        self._hold(asked)
+        self.measured = self._sensor.mean(self.simulator.advance(TICK_NS))
+        return self.measured
+
+    def _hold(self, twist: Twist) -> None:
+        """Volts on the lines, and what was really sent."""
+        counts = self._lines.counts_from_wheel_speeds(wheel_speeds_from_twist(twist, self._track))
+        volts = self._model.volts_from_counts(*counts)
+        self.simulator.drive(*volts)
+        speeds = self._model.wheel_speeds_from_counts(*counts)
+        self.sent = Sent(self.simulator.now_ns, speeds, *counts, *volts, active=True)
+
+
+@dataclass(frozen=True, slots=True)
+class StraightSettings(Settings):
+    """How far and how fast."""
+
+    length: float = setting(10.0, "m", "from rest to rest", low=0.1, high=15.0)
+    speed: float = setting(0.8, "m/s", "greatest speed", low=0.05, high=3.0)
+    acceleration: float = setting(0.5, "m/s^2", "speeding up and slowing down", low=0.05, high=3.0)
+
+
+@dataclass(frozen=True, slots=True)
+class StraightDrive:
+    """Where a straight drive ended, by the truth, from where and which way it began, and how it felt.
+
+    `ahead_m`, `left_m`, `heading_rad`: its end; `widest_m`: farthest from the line on the way; `speed_rms`: of the
+    error about the cruising speed [m/s], from a second after it was reached; `jerk_rms`, `jerk_max` [m/s^3]: of the
+    speed along the way, smoothed over 0.25 s. `fault`: why it was broken off.
+    """
+
+    ahead_m: float
+    left_m: float
+    heading_rad: float
+    widest_m: float
+    speed_rms: float
+    jerk_rms: float
+    jerk_max: float
+    duration_s: float
+    fault: str = ""
+
+
+def drive_straight(
+    drive: LoopDrive, settings: StraightSettings | None = None, *, closed: bool = True, limit_s: float = 120.0
+) -> StraightDrive:
+    """Drives straight on until the encoders say so far, and rests there; broken off by a fault of the loop."""
+    s = settings or StraightSettings()
+    simulator, start = drive.simulator, drive.simulator.truth()
+    way, speed, poses, speeds, wanted = 0.0, 0.0, [Pose2()], [0.0], [0.0]
+    began_ns = simulator.now_ns
+    dt = TICK_NS * 1e-9
+    resting_s = 0.0
+    while resting_s < 1.0 and (simulator.now_ns - began_ns) * 1e-9 < limit_s and not drive.loop.fault:
+        left = s.length - way - speed * dt
+        speed = max(0.0, min(speed + s.acceleration * dt, s.speed, math.sqrt(2.0 * s.acceleration * max(left, 0.0))))
+        if left < 0.01 or resting_s > 0.0:
+            speed, resting_s = 0.0, resting_s + dt
+        way += drive.tick(Twist(speed, 0.0), closed=closed).v * dt
+        poses.append(start.inverse() @ simulator.truth())
+        speeds.append(simulator.twist().v)
+        wanted.append(speed)
+    return _score(s, poses, np.array(speeds), np.array(wanted), drive.loop.fault)
+
+
+def _score(
+    settings: StraightSettings, poses: list[Pose2], speeds: FloatArray, wanted: FloatArray, fault: str
+) -> StraightDrive:
+    dt = TICK_NS * 1e-9
+    smooth = round(_SMOOTH_S / dt)
+    kernel = np.ones(smooth) / smooth
+    jerk = np.diff(np.convolve(speeds, kernel, "valid"), 2) / dt**2
+    cruising = np.flatnonzero(wanted >= settings.speed - 1e-9)
+    settled = cruising[cruising > cruising[0] + 1.0 / dt] if len(cruising) else cruising
+    off = speeds[settled] - settings.speed
+    end = poses[-1]
+    return StraightDrive(
+        ahead_m=end.x,
+        left_m=end.y,
+        heading_rad=end.theta,
+        widest_m=max(abs(pose.y) for pose in poses),
+        speed_rms=float(np.sqrt((off**2).mean())) if len(off) else math.nan,
+        jerk_rms=float(np.sqrt((jerk**2).mean())) if len(jerk) else math.nan,
+        jerk_max=float(np.abs(jerk).max()) if len(jerk) else math.nan,
+        duration_s=(len(speeds) - 1) * dt,
+        fault=fault,
+    )
