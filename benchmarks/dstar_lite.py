@@ -1,31 +1,50 @@
-"""D* Lite's replanning against A* from scratch: medians and ratios of times taken in one run.
+"""D* Lite's replanning against A* from scratch: ratios of processor times taken in one run.
 
-Protocol: queries from the longer half of a scenario; walk five cells, change the map, replan, ten times over. Changes
-are k random cells of the 41 x 41 window round the chair that flip, or a bar of nine cells across the path d cells ahead
-that closes. Queries whose way is lost are left. Run as `python benchmarks/dstar_lite.py [MAP ...]`.
+Protocol: ten queries, evenly from the longer half of a scenario; walk five cells, change the map, replan, ten times
+over. Changes are k random cells of the 41 x 41 window round the chair that flip, or a bar of nine cells across the path
+d cells ahead that closes and, once the planner has answered, opens again. Changes that leave no way are taken back and
+not counted. D* Lite goes its whole way first, then A* is asked the same questions: neither finds the other's data in
+the caches.
+Run as `python -m benchmarks.dstar_lite [MAP ...]`.
 """
 
 from __future__ import annotations
 
+import os
 import sys
 import time
 from collections.abc import Callable
+from dataclasses import dataclass
 from pathlib import Path
 
 import numpy as np
 
-sys.path.insert(0, str(Path(__file__).resolve().parent))
-from acceptance.dstar_lite import DATA, bar_across, read_map
-
 from waychair.errors import NoPath
+from waychair.maps.moving_ai import Query, load_free_cells, load_queries
 from waychair.planning.dstar_lite import DStarLite
-from waychair.planning.grid_graph import Cell, Prices
-from waychair.planning.grid_search import search
-from waychair.types import IntArray
+from waychair.planning.grid_graph import FREE_PRICE, Cell, Prices
+from waychair.planning.grid_search import shortest_cost
+from waychair.types import FloatArray, IntArray
 
-MAPS = ("den312d", "ost003d", "brc202d", "16room_003", "64room_005", "Paris_1_512", "maze512-16-3", "real_intel")
-QUERIES, REPLANS, STRIDE, WINDOW = 5, 10, 5, 20
+DATA = (
+    Path(os.environ.get("WAYCHAIR_DATA", Path(__file__).resolve().parents[1].parent / "shared" / "data")) / "movingai"
+)
+QUERIES, REPLANS, STRIDE, WINDOW = 10, 10, 5, 20
 Change = Callable[[Prices, IntArray, np.random.Generator], IntArray]
+
+
+@dataclass(frozen=True, slots=True)
+class Replans:
+    """Processor times [s] of each replan: D* Lite's and A*'s (N,), and D* Lite's of the opening again (M,)."""
+
+    replanned: FloatArray
+    scratch: FloatArray
+    reopened: FloatArray
+
+    @property
+    def ratio(self) -> float:
+        """Mean time of A* over that of D* Lite."""
+        return float(self.scratch.mean() / self.replanned.mean())
 
 
 def toggle(count: int) -> Change:
@@ -59,60 +78,128 @@ CHANGES = {
 }
 
 
-def queries(name: str) -> list[tuple[Cell, Cell]]:
-    """Starts and goals, evenly from the longer half of a scenario."""
-    lines = [line.split("\t") for line in (DATA / "movingai" / f"{name}.map.scen").read_text().split("\n")[1:] if line]
-    chosen = [lines[i] for i in np.linspace(len(lines) // 2, len(lines) - 1, QUERIES).astype(int)]
-    return [((int(q[5]), int(q[4])), (int(q[7]), int(q[6]))) for q in chosen]
+def read_prices(name: str) -> Prices:
+    """(H, W) prices of a benchmark map."""
+    return np.where(load_free_cells(DATA / f"{name}.map"), FREE_PRICE, 0).astype(np.int32)
 
 
-def walk(prices: Prices, start: Cell, goal: Cell, change: Change, seed: int) -> list[tuple[float, float]]:
-    """Seconds of (replanning, A* from scratch) after each change on one way."""
-    rng = np.random.default_rng(seed)
-    planner = DStarLite(prices, goal, start)
+def map_names() -> list[str]:
+    """All benchmark maps that there are."""
+    return sorted(path.stem for path in DATA.glob("*.map"))
+
+
+def long_queries(name: str) -> list[Query]:
+    """Queries, evenly from the longer half of a scenario."""
+    queries = load_queries(DATA / f"{name}.map.scen")
+    return [queries[i] for i in np.linspace(len(queries) // 2, len(queries) - 1, QUERIES).astype(int)]
+
+
+def bar_across(path: IntArray, ahead: int, shape: tuple[int, ...]) -> IntArray:
+    """(N, 2) nine cells across a path, `ahead` cells down it."""
+    i = min(max(ahead, 1), len(path) - 2)
+    along = path[i + 1] - path[i - 1]
+    cells = path[i] + np.arange(-4, 5)[:, None] * np.sign([-along[1], along[0]])
+    inside: IntArray = cells[((cells >= 0) & (cells < shape)).all(axis=1)]
+    return inside
+
+
+def replans(name: str, kind: str) -> Replans:
+    """All replans of one kind of change on one map.
+
+    Raises:
+        AssertionError: the two planners disagree about a cost.
+    """
+    prices = read_prices(name)
+    replanned: list[float] = []
+    scratch: list[float] = []
+    reopened: list[float] = []
+    for seed, query in enumerate(long_queries(name)):
+        questions, back = _walk(prices.copy(), query, kind, np.random.default_rng(seed))
+        times = _asked_anew(prices.copy(), query, questions)
+        replanned += [question.seconds for question in questions if question.cost is not None]
+        scratch += [s for s, question in zip(times, questions, strict=True) if question.cost is not None]
+        reopened += back
+    return Replans(np.array(replanned), np.array(scratch), np.array(reopened))
+
+
+@dataclass(frozen=True, slots=True)
+class _Question:
+    """A start, cells (N, 2) with prices before and after, and what D* Lite answered in which processor time [s]."""
+
+    start: Cell
+    cells: IntArray
+    before: Prices
+    after: Prices
+    cost: int | None
+    seconds: float
+    kept: bool
+
+
+def _walk(prices: Prices, query: Query, kind: str, rng: np.random.Generator) -> tuple[list[_Question], list[float]]:
+    """One way of D* Lite with its changes, and the seconds of taking them back."""
+    planner = DStarLite(prices, query.goal, query.start)
     planner.replan()
-    times = []
-    for _ in range(REPLANS):
-        path = planner.path()
-        if len(path) < 2 * STRIDE:
-            break
+    questions: list[_Question] = []
+    back: list[float] = []
+    while len(questions) < REPLANS and len(path := planner.path()) >= 2 * STRIDE:
         start = (int(path[STRIDE, 0]), int(path[STRIDE, 1]))
-        cells = change(prices, path[STRIDE:], rng)
-        cells = cells[~((cells == start) | (cells == goal)).all(axis=1)]
-        new = np.where(prices[tuple(cells.T)] > 0, 0, 1000).astype(np.int32)
-        prices[tuple(cells.T)] = new
-        try:
-            begun = time.perf_counter()
-            planner.move_start(start)
-            planner.update(cells, new)
-            cost = planner.replan()
-            replanned = time.perf_counter()
-            scratch = search(prices, start, goal)
-            times.append((replanned - begun, time.perf_counter() - replanned))
-        except NoPath:
-            break
-        if cost != scratch.cost:
-            raise AssertionError(f"D* Lite found {cost}, A* {scratch.cost}")
+        cells = CHANGES[kind](prices, path[STRIDE:], rng)
+        cells = cells[~((cells == start) | (cells == query.goal)).all(axis=1)]
+        before = prices[tuple(cells.T)]
+        after = np.where(before > 0, 0, FREE_PRICE).astype(np.int32)
+        begun = time.thread_time()
+        planner.move_start(start)
+        planner.update(cells, after)
+        cost = _answer(planner.replan)
+        seconds = time.thread_time() - begun
+        kept = cost is not None and not kind.startswith("closure")
+        questions.append(_Question(start, cells, before, after, cost, seconds, kept))
+        if kept:
+            prices[tuple(cells.T)] = after
+        else:
+            begun = time.thread_time()
+            planner.update(cells, before)
+            planner.replan()
+            back.append(time.thread_time() - begun)
+    return questions, back
+
+
+def _asked_anew(prices: Prices, query: Query, questions: list[_Question]) -> list[float]:
+    """Processor time [s] of A* for each question."""
+    times = []
+    for question in questions:
+        prices[tuple(question.cells.T)] = question.after
+        begun = time.thread_time()
+        cost = _answer(lambda start=question.start: shortest_cost(prices, start, query.goal))
+        times.append(time.thread_time() - begun)
+        if cost != question.cost:
+            raise AssertionError(f"D* Lite found {question.cost}, A* {cost}")
+        if not question.kept:
+            prices[tuple(question.cells.T)] = question.before
     return times
 
 
+def _answer(asked: Callable[[], int]) -> int | None:
+    """A cost, None when there is no way."""
+    try:
+        return asked()
+    except NoPath:
+        return None
+
+
 def main(names: list[str]) -> None:
-    """Print one row a map: the ratio of mean times A* / D* Lite and D* Lite's median [ms] for each kind of change."""
-    sys.stdout.write("A*/D* Lite (ratio of mean times), D* Lite median ms\n")
-    sys.stdout.write(f"{'map':20s}" + "".join(f"{label:>18s}" for label in CHANGES) + "\n")
+    """Print one row a map: the ratio of mean times A* / D* Lite, and D* Lite's median [ms], of each kind of change."""
+    print("A*/D* Lite (ratio of mean times), D* Lite median ms")
+    print(f"{'map':20s}" + "".join(f"{label:>18s}" for label in CHANGES))
     for name in names:
-        prices = read_map(DATA / "movingai" / f"{name}.map")
         row = f"{name:20s}"
-        for change in CHANGES.values():
-            runs = [walk(prices.copy(), s, g, change, i) for i, (s, g) in enumerate(queries(name))]
-            times = np.array([pair for run in runs for pair in run])
-            if len(times) == 0:
-                row += f"{'-':>18s}"
-                continue
-            ratio = times[:, 1].mean() / times[:, 0].mean()
-            row += f"{ratio:9.1f}x {1e3 * np.median(times[:, 0]):7.3f}"
-        sys.stdout.write(row + "\n")
+        for kind in CHANGES:
+            done = replans(name, kind)
+            row += (
+                f"{done.ratio:9.1f}x {1e3 * np.median(done.replanned):7.3f}" if len(done.replanned) else f"{'-':>18s}"
+            )
+        print(row, flush=True)
 
 
 if __name__ == "__main__":
-    main(sys.argv[1:] or list(MAPS))
+    main(sys.argv[1:] or map_names())

@@ -11,6 +11,7 @@ import math
 from collections.abc import Mapping
 from dataclasses import dataclass
 from types import MappingProxyType
+from typing import NamedTuple
 
 import numpy as np
 
@@ -21,6 +22,23 @@ from waychair.types import FloatArray, Pose2, Pose3
 
 DRIVES = ("rear", "mid", "front")
 """Where the drive wheels are: casters in front of them, on both sides, or behind them."""
+
+
+class BodyLayer(NamedTuple):
+    """The chair's outline between two heights above the floor, such as feet, knees and arm rests; all in metres.
+
+    It reaches `front` ahead of the drive axle, `rear` behind it, and `half_width` to both sides.
+    """
+
+    bottom: float
+    top: float
+    front: float
+    rear: float
+    half_width: float
+
+
+TALLEST = 1.4
+"""Height [m] up to which a chair with its rider must keep clear."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -47,11 +65,24 @@ class ChairBody(Settings):
     imu_x: float = setting(0.10, "m", "IMU ahead of the drive axle, axes as base", low=-2.0, high=2.0)
     imu_y: float = setting(0.0, "m", "IMU left of the middle", low=-1.0, high=1.0)
     imu_z: float = setting(0.35, "m", "IMU above the floor", low=0.0, high=2.0)
+    layers: tuple[BodyLayer, ...] = setting(
+        (),
+        "m",
+        "outlines by height, upwards: [bottom, top, front, rear, half_width]; none: one outline for all heights",
+    )
 
     def __post_init__(self) -> None:
         Settings.__post_init__(self)
         if self.drive not in DRIVES:
             raise ConfigError(f"drive = '{self.drive}' is unknown: take {', '.join(DRIVES[:-1])} or {DRIVES[-1]}")
+        bottom = 0.0
+        for layer in self.layers:
+            sides = (layer.front, self.front), (layer.rear, self.rear), (layer.half_width, self.width / 2)
+            if not all(0.0 < inner <= outer + 1e-9 for inner, outer in sides):
+                raise ConfigError(f"{layer} does not lie within the outline; make the outline hold all its layers")
+            if not (layer.bottom == bottom and layer.top > bottom):
+                raise ConfigError(f"{layer} leaves a gap above {bottom} m; give the layers upwards from the floor")
+            bottom = layer.top
 
     @property
     def front(self) -> float:
@@ -81,6 +112,10 @@ class ChairBody(Settings):
     def circumscribed_radius(self) -> float:
         """Distance of the farthest corner from the base origin [m]: the disc swept by turning in place."""
         return math.hypot(max(self.front, self.rear), self.width / 2)
+
+    def height_layers(self) -> tuple[BodyLayer, ...]:
+        """Outlines by height, upwards from the floor and without a gap; one where the chair has no others."""
+        return self.layers or (BodyLayer(0.0, TALLEST, self.front, self.rear, self.width / 2),)
 
     def outline(self) -> FloatArray:
         """Corners (4, 2) [m] in the base frame, counter-clockwise."""

@@ -32,6 +32,11 @@ app.command(
     name="demo",
     help="Map a real recording, then drive the chair to three places in it.",
 )
+app.command(
+    "waychair.cli.barn:barn_command",
+    name="barn",
+    help="Drive through the BARN benchmark's worlds without a map, and print the score.",
+)
 app.command("waychair.cli.simulating:worlds_command", name="worlds", help="List the simulated worlds, or draw one.")
 app.command(
     "waychair.cli.simulating:simulate_command",

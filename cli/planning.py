@@ -14,34 +14,163 @@ if TYPE_CHECKING:
 Pose = Annotated[str, Parameter(allow_leading_hyphen=True)]
 
 
-def plan_command(*, map: Path, start: Pose, goal: Pose, png: Path | None = None) -> None:
-    """Plan a path for the chair on a map.
+def plan_command(
+    *,
+    map: Path,
+    start: Pose | None = None,
+    goal: Pose | None = None,
+    scen: Path | None = None,
+    planner: str = "dstar-lite",
+    png: Path | None = None,
+    json: bool = False,
+) -> None:
+    """Plan a path on a map, for the chair, or over the cells of a Moving AI benchmark.
 
     Parameters
     ----------
     map
-        Map folder or its map.yaml.
+        Map folder, its map.yaml or another map_server YAML, or a Moving AI .map file.
     start
-        Where from: X,Y or X,Y,YAW in metres and radians, or the name of a place.
+        Where from: X,Y or X,Y,YAW in metres and radians, or the name of a place; on a .map column,row, row 0 on top.
     goal
         Where to, likewise.
+    scen
+        All queries of a Moving AI scenario instead of a start and a goal.
+    planner
+        dstar-lite, astar or dijkstra.
     png
         Draw the path on the map into this file.
+    json
+        Print JSON.
     """
+    from waychair.cli.arguments import BadArgument
+    from waychair.maps.moving_ai import SUFFIX
+
+    if scen is not None and (start, goal, png) != (None, None, None):
+        raise BadArgument("--scen holds starts and goals of its own; leave --start, --goal and --png out")
+    if scen is not None and map.suffix != SUFFIX:
+        raise BadArgument(f"--scen belongs to a Moving AI {SUFFIX} file, not to '{map}'")
+    if scen is not None:
+        _plan_scenario(map, scen, planner, json)
+    elif start is None or goal is None:
+        raise BadArgument("give --start and --goal, or a whole scenario with --scen")
+    elif map.suffix == SUFFIX:
+        _plan_on_cells(map, start, goal, planner, png, json)
+    else:
+        _plan_for_the_chair(map, start, goal, planner, png, json)
+
+
+def _plan_for_the_chair(map: Path, start: str, goal: str, planner: str, png: Path | None, json: bool) -> None:
+    """A path in metres, wide enough for the chair."""
+    import time
+
     from waychair.calibration.chair import CHAIR_A
     from waychair.maps.map_files import load_map
-    from waychair.planning.costmap import costmap_from_grid
-    from waychair.planning.global_planner import check_goal, plan
+    from waychair.maps.zones import load_zones
+    from waychair.planning.costmap import CostmapSettings, check_free_space, costmap_from_grid
+    from waychair.planning.global_planner import GlobalPlanner, PlannerSettings, check_goal
     from waychair.runtime.report import path_picture, write_png
 
     grid = load_map(map)
     begin, end = _place(map, start, "--start"), _place(map, goal, "--goal")
-    costmap = costmap_from_grid(grid, CHAIR_A)
+    costmap = costmap_from_grid(grid, CHAIR_A, CostmapSettings(), zones=load_zones(map))
+    check_free_space(costmap)
     check_goal(costmap, CHAIR_A, end.pose)
-    path = plan(costmap, begin.pose, end.pose)
+    search = GlobalPlanner(end.pose, PlannerSettings(planner=planner))
+    begun = time.thread_time()
+    path = search.replan(costmap, begin.pose)
+    ms = 1e3 * (time.thread_time() - begun)
     if png is not None:
         write_png(png, path_picture(grid, path, (begin, end)))
-    print(f"{path.length():.2f} m from {begin.name} to {end.name}" + (f": {png}" if png else ""))
+    values = {"length_m": path.length(), "cost": search.cost / _per_cell(), "ms": ms, "poses": path.poses.tolist()}
+    said = f"{path.length():.2f} m from {begin.name} to {end.name}" + (f": {png}" if png else "")
+    print(_json(values) if json else said)
+
+
+def _plan_on_cells(map: Path, start: str, goal: str, planner: str, png: Path | None, json: bool) -> None:
+    """A path over the cells of a Moving AI map, for a point."""
+    import time
+
+    import numpy as np
+
+    from waychair.maps.moving_ai import load_free_cells
+    from waychair.planning.grid_graph import FREE_PRICE
+    from waychair.planning.grid_planner import plan_on_cells
+    from waychair.runtime.report import path_picture, write_png
+    from waychair.types import OccupancyGrid, Place, Pose2
+    from waychair.types import Path as Poses
+
+    free = load_free_cells(map)
+    ends = _cell(start, "--start"), _cell(goal, "--goal")
+    begun = time.thread_time()
+    found = plan_on_cells(np.where(free, FREE_PRICE, 0).astype(np.int32), *ends, planner)
+    ms = 1e3 * (time.thread_time() - begun)
+    cost = found.cost / _per_cell()
+    if png is not None:
+        # drawn with y upwards, one metre a cell
+        upright = OccupancyGrid(np.flipud(np.where(free, 0, 100).astype(np.int8)), 1.0)
+        points = np.column_stack([found.cells[:, 1] + 0.5, len(free) - 0.5 - found.cells[:, 0]])
+        marks = [Place(text, Pose2(*points[i].tolist())) for text, i in ((start, 0), (goal, -1))]
+        write_png(png, path_picture(upright, Poses(np.column_stack([points, np.zeros(len(points))])), marks))
+    values = {"cost": cost, "ms": ms, "cells": found.cells[:, ::-1].tolist()}
+    print(_json(values) if json else f"{cost:.4f} cells from {start} to {goal}" + (f": {png}" if png else ""))
+
+
+def _plan_scenario(map: Path, scen: Path, planner: str, json: bool) -> None:
+    """All queries of a scenario, each planned from scratch; the cost of one without a way is null."""
+    import statistics
+    import time
+
+    import numpy as np
+
+    from waychair.errors import NoPath
+    from waychair.maps.moving_ai import check_queries, load_free_cells, load_queries
+    from waychair.planning.grid_graph import FREE_PRICE
+    from waychair.planning.grid_planner import plan_on_cells
+
+    free, queries = load_free_cells(map), load_queries(scen)
+    check_queries(queries, free)
+    prices = np.where(free, FREE_PRICE, 0).astype(np.int32)
+    # the first plan also loads the kernels, which is no part of any query's time
+    plan_on_cells(np.full((1, 2), FREE_PRICE, np.int32), (0, 0), (0, 1), planner)
+    rows = []
+    for query in queries:
+        begun = time.thread_time()
+        try:
+            cost = plan_on_cells(prices, query.start, query.goal, planner).cost / _per_cell()
+        except NoPath:
+            cost = None
+        rows.append({"cost": cost, "optimal": query.optimal, "ms": 1e3 * (time.thread_time() - begun)})
+    if json:
+        print(_json({"queries": rows}))
+        return
+    right = sum(row["cost"] is not None and abs(row["cost"] - row["optimal"]) <= 1e-4 * row["optimal"] for row in rows)
+    median = statistics.median(row["ms"] for row in rows) if rows else 0.0
+    print(f"{right} of {len(rows)} queries at their optimal cost, median {median:.2f} ms")
+
+
+def _per_cell() -> int:
+    """What a straight step costs, so that costs read as cells of free floor."""
+    from waychair.planning.grid_graph import STRAIGHT
+
+    return STRAIGHT
+
+
+def _cell(text: str, option: str) -> tuple[int, int]:
+    """(row, column) of `column,row`."""
+    from waychair.cli.arguments import BadArgument
+
+    try:
+        column, row = (int(part) for part in text.split(","))
+    except ValueError:
+        raise BadArgument(f"{option} must be X,Y, the column and row of a cell (such as 12,40), not '{text}'") from None
+    return row, column
+
+
+def _json(values: object) -> str:
+    import json
+
+    return json.dumps(values, allow_nan=False)
 
 
 def navigate_command(

@@ -7,7 +7,8 @@ could correct it. It never raises in a tick: whatever goes wrong becomes a stop 
 
 from __future__ import annotations
 
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, field
+from itertools import product
 
 import numpy as np
 
@@ -105,11 +106,13 @@ class MaplessNavigator:
 
     def _costmap(self) -> Costmap:
         """Of the memory in coarser cells, each as occupied as its worst part."""
-        n, solid = self._settings.coarser, self._memory.occupied()
-        height, width = (-size % n for size in solid.shape)
-        solid = np.pad(solid, ((0, height), (0, width)))
-        coarse = solid.reshape(solid.shape[0] // n, n, solid.shape[1] // n, n).any(axis=(1, 3))
-        cells = np.where(coarse, 100, 0).astype(np.int8)
+        n, fine = self._settings.coarser, self._memory.occupied()
+        height, width = (-size % n for size in fine.shape)
+        fine = np.pad(fine, ((0, height), (0, width)))
+        solid = fine[::n, ::n].copy()
+        for i, j in product(range(n), range(n)):
+            solid |= fine[i::n, j::n]
+        cells = np.where(solid, np.int8(100), np.int8(0))
         grid = OccupancyGrid(cells, n * self._memory.resolution, self._memory.corner)
         return costmap_from_grid(grid, self._body, self._settings.costmap)
 

@@ -1,8 +1,8 @@
-"""Who drives: one table from what is asked and known to the drive mode, read from the top, the first row that holds.
+"""Who drives: one table from the present mode and what happens to the next mode.
 
-The computer drives only while a goal is active, nothing is wrong and the rider does nothing. A push of the joystick
-ends the drive at once and for good: it never resumes by itself. A fault makes the computer let go, which leaves the
-rider's joystick live.
+The computer drives only while a goal is active that was confirmed when nothing was wrong, nothing is wrong now, and the
+rider does nothing. A push of the joystick ends the drive at once and for good, and so does a fault: what was asked for
+is dropped, so that nothing begins or resumes by itself when the fault clears. A fault leaves the rider's joystick live.
 
 The board decides by the same rule as `Override` within a millisecond, without this computer; whichever of the two is
 more sensitive ends the drive. Only a deflection below the threshold can be blended with the computer's command, so a
@@ -11,10 +11,14 @@ rider with tremor or spasm needs both set alike, here and on the board, higher a
 
 from __future__ import annotations
 
+import enum
 import math
+from collections.abc import Mapping
 from dataclasses import dataclass
+from types import MappingProxyType
 
 from waychair.config import Settings, setting
+from waychair.control.stops import Braking, Halt, Severity, gravest, halt
 from waychair.errors import ConfigError
 from waychair.types import DriveMode, JoystickInput
 
@@ -27,6 +31,7 @@ class SupervisorSettings(Settings):
     override_ms: int = setting(10, "ms", "for at least this long", low=0, high=500)
     at_rest: float = setting(0.1, "", "deflection up to which no hand is on the stick", low=0.02, high=0.2)
     assist: bool = setting(False, "", "a hand on the stick slows the drive, instead of nothing until it takes over")
+    confirm_s: float = setting(60.0, "s", "a goal that nobody confirms for so long is dropped", low=1.0, high=3600.0)
 
     def __post_init__(self) -> None:
         Settings.__post_init__(self)
@@ -36,33 +41,75 @@ class SupervisorSettings(Settings):
             )
 
 
+class Event(enum.Enum):
+    """What happens in a tick: of all that does, the first one of these counts."""
+
+    STOP = "the rider pressed Stop"
+    TAKE_OVER = "the rider pushes the stick"
+    FAULT = "something is wrong that ends a drive"
+    NO_GOAL = "there is nowhere to go"
+    REFUSAL = "a drive was confirmed that must not begin"
+    CONFIRM = "a drive was confirmed, and nothing stands against it"
+    REQUEST = "another goal was asked for"
+    HAND = "the rider's hand lies on the stick, and assistance is on"
+    QUIET = "nothing"
+
+
+_MANUAL, _ASSISTED, _AUTONOMOUS, _STOPPED = DriveMode
+
+_NEXT: Mapping[DriveMode, tuple[DriveMode, ...]] = {
+    #             STOP      TAKE_OVER FAULT     NO_GOAL   REFUSAL   CONFIRM      REQUEST   HAND       QUIET
+    _MANUAL:     (_STOPPED, _MANUAL,  _MANUAL,  _MANUAL,  _MANUAL,  _AUTONOMOUS, _MANUAL,  _MANUAL,   _MANUAL),
+    _STOPPED:    (_STOPPED, _MANUAL,  _STOPPED, _STOPPED, _STOPPED, _AUTONOMOUS, _STOPPED, _STOPPED,  _STOPPED),
+    _AUTONOMOUS: (_STOPPED, _MANUAL,  _MANUAL,  _MANUAL,  _MANUAL,  _AUTONOMOUS, _MANUAL,  _ASSISTED, _AUTONOMOUS),
+    _ASSISTED:   (_STOPPED, _MANUAL,  _MANUAL,  _MANUAL,  _MANUAL,  _ASSISTED,   _MANUAL,  _ASSISTED, _AUTONOMOUS),
+}  # fmt: skip
+
+TABLE: Mapping[tuple[DriveMode, Event], DriveMode] = MappingProxyType(
+    {(mode, event): after for mode, row in _NEXT.items() for event, after in zip(Event, row, strict=True)}
+)
+"""The mode after a mode and an event. Only CONFIRM leads from a mode in which the computer rests to one in which it
+drives."""
+
+DRIVEN = (DriveMode.AUTONOMOUS, DriveMode.ASSISTED)
+"""The modes in which the computer drives, alone or with the rider's hand on the stick."""
+
+
 @dataclass(frozen=True, slots=True)
 class Situation:
     """What the supervisor looks at each tick.
 
     `joystick` None: unknown; `taken_over`: the rider pushes, or the board let the computer's command go because of
-    that; `faults` are plain sentences.
+    that; `requested` and `confirmed`: since the last tick another goal was asked for, and somebody said yes to it.
     """
 
     joystick: JoystickInput | None
     taken_over: bool
     stop_pressed: bool
     goal_active: bool
-    faults: tuple[str, ...]
+    requested: bool
+    confirmed: bool
+    halts: tuple[Halt, ...] = ()
 
 
 @dataclass(frozen=True, slots=True)
 class Verdict:
-    """The mode of this tick, unless the computer drives why not, and the part of its speed that the rider leaves it."""
+    """The mode of this tick and, unless the computer drives, why not and how a chair in motion comes to rest.
+
+    `share`: the part of its speed that the rider's hand leaves the computer. `drops_goal`: what was asked for is over.
+    """
 
     mode: DriveMode
     reason: str = ""
     share: float = 1.0
+    halt: Halt | None = None
+    braking: Braking = Braking.COMFORT
+    drops_goal: bool = False
 
     @property
     def computer_drives(self) -> bool:
         """Alone, or with the rider's hand on the stick."""
-        return self.mode in (DriveMode.AUTONOMOUS, DriveMode.ASSISTED)
+        return self.mode in DRIVEN
 
 
 class Override:
@@ -88,20 +135,48 @@ class Override:
 
 def supervise(mode: DriveMode, situation: Situation, settings: SupervisorSettings) -> Verdict:
     """Mode that follows `mode` in a situation."""
-    if situation.stop_pressed:
-        return Verdict(DriveMode.STOPPED, "Stop was pressed; ask for a goal again to drive on")
-    if situation.taken_over:
-        return Verdict(DriveMode.MANUAL, "the rider drives by joystick")
-    if mode is DriveMode.STOPPED and not situation.goal_active:
-        return Verdict(DriveMode.STOPPED, "Stop was pressed; ask for a goal to drive on")
-    if situation.faults:
-        return Verdict(DriveMode.MANUAL, situation.faults[0])
-    if not situation.goal_active:
-        return Verdict(DriveMode.MANUAL, "no goal")
-    share = _share(situation.joystick, settings) if settings.assist else 1.0
-    if share < 1.0:
-        return Verdict(DriveMode.ASSISTED, "the rider's hand on the joystick slows the drive", share)
-    return Verdict(DriveMode.AUTONOMOUS)
+    event = event_in(situation, settings)
+    after = TABLE[mode, event]
+    if after in DRIVEN:
+        share = _share(situation.joystick, settings) if settings.assist else 1.0
+        return Verdict(after, "the rider's hand on the joystick slows the drive" if share < 1.0 else "", share)
+    if event is Event.NO_GOAL:
+        return Verdict(
+            after, "Stop was pressed; ask for a goal to drive on" if after is DriveMode.STOPPED else "no goal"
+        )
+    why = _why(event, situation)
+    waits = event in (Event.REQUEST, Event.HAND, Event.QUIET)
+    return Verdict(after, why.text, 1.0, why, why.stop.braking, drops_goal=not waits)
+
+
+def event_in(situation: Situation, settings: SupervisorSettings) -> Event:
+    """What counts of a situation."""
+    worst = gravest(situation.halts)
+    hand = settings.assist and _share(situation.joystick, settings) < 1.0
+    happens = {
+        Event.STOP: situation.stop_pressed,
+        Event.TAKE_OVER: situation.taken_over,
+        Event.FAULT: worst is not None and worst.stop.severity >= Severity.ENDS,
+        Event.NO_GOAL: not situation.goal_active,
+        Event.REFUSAL: situation.confirmed and any(h.stop.severity is Severity.REFUSES for h in situation.halts),
+        Event.CONFIRM: situation.confirmed,
+        Event.REQUEST: situation.requested,
+        Event.HAND: hand,
+        Event.QUIET: True,
+    }
+    return next(event for event, so in happens.items() if so)
+
+
+def _why(event: Event, situation: Situation) -> Halt:
+    """Why the computer rests."""
+    if event is Event.STOP:
+        return halt("stop_pressed")
+    if event is Event.TAKE_OVER:
+        return halt("taken_over")
+    if event is Event.REFUSAL:
+        return next(h for h in situation.halts if h.stop.severity is Severity.REFUSES)
+    worst = gravest(situation.halts)
+    return worst if event is Event.FAULT and worst is not None else halt("unconfirmed")
 
 
 def deflection_of(stick: JoystickInput) -> float:

@@ -1,16 +1,29 @@
-"""What is round the chair now: the map's walls and what the lidar sees, on one small fine grid."""
+"""What is round the chair now: the map's walls, its keep-out zones and what the sensors see, on one small fine grid."""
 
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass
+from collections.abc import Sequence
+from dataclasses import dataclass, field
 
 import numpy as np
 
+from waychair.calibration.chair import BodyLayer, ChairBody
 from waychair.config import Settings, setting
 from waychair.maps.distance_field import DistanceField, distances
 from waychair.maps.grid import cells_from_points, inside, occupied
-from waychair.types import FloatArray, OccupancyGrid, Pose2
+from waychair.maps.zones import Zone, keep_out_cells
+from waychair.planning.obstacle_layer import (
+    EMPTY,
+    ObstacleLayer,
+    ObstacleSettings,
+    sight_from_depth,
+    sight_from_points,
+    sights_from_sonar,
+    updated,
+    without,
+)
+from waychair.types import FloatArray, OccupancyGrid, Pose2, RgbdFrame, SonarReadings
 
 
 @dataclass(frozen=True, slots=True)
@@ -20,24 +33,59 @@ class SurroundingsSettings(Settings):
     reach: float = setting(4.0, "m", "half side of the window", low=2.0, high=20.0)
     resolution: float = setting(0.025, "m", "cells of the window: finer than a map's, for doors", low=0.01, high=0.1)
     known_within: float = setting(0.15, "m", "a point this near to a wall of the map is that wall", low=0.0, high=1.0)
+    beam: float = setting(
+        math.radians(0.25), "rad", "half the angle between two beams of the lidar", low=1e-4, high=0.1
+    )
+    floor: float = setting(0.06, "m", "what the camera sees lower than this is floor", low=0.0, high=0.5)
+    obstacles: ObstacleSettings = field(default_factory=ObstacleSettings)
 
 
 class Surroundings:
-    """Keeps the map's walls and the obstacle points of the latest scan."""
+    """Keeps the walls, the latest scan, and what each sensor has seen that the map does not explain."""
 
-    def __init__(self, grid: OccupancyGrid, settings: SurroundingsSettings) -> None:
-        self._grid = grid
-        self._settings = settings
-        self._walls = occupied(grid)
+    def __init__(
+        self, grid: OccupancyGrid, body: ChairBody, settings: SurroundingsSettings, zones: Sequence[Zone] = ()
+    ) -> None:
+        self._grid, self._body, self._settings = grid, body, settings
+        self._walls = occupied(grid) | keep_out_cells(zones, grid)
         self._from_walls = distances(self._walls, grid.resolution)
-        self._points = np.empty((0, 2))
+        self._scanned = np.empty((0, 2))
+        self._lidar = self._sonar = EMPTY
+        self._depth: dict[BodyLayer, ObstacleLayer] = dict.fromkeys(body.height_layers(), EMPTY)
 
-    def see(self, points: FloatArray) -> None:
-        """The obstacle points (N, 2) [m] in map of a scan replace those of the one before."""
-        self._points = points
+    def see(self, now_ns: int, pose: Pose2, points: FloatArray, beyond: FloatArray | None = None) -> None:
+        """A scan from map_from_base: where its beams ended, (N, 2) [m] in map, replaces the scan before.
+
+        What the map does not explain stays remembered when it goes out of sight. `beyond` (M, 2) [m] in map is how far
+        the beams that met nothing are known to be free.
+        """
+        self._scanned = points
+        laser = pose @ self._body.base_from_laser
+        ends = points if beyond is None else np.concatenate([points, beyond])
+        hits = np.arange(len(ends)) < len(points)
+        sight = sight_from_points(now_ns, np.array([laser.x, laser.y]), ends, hits, self._settings.beam)
+        self._lidar = self._news(updated(self._lidar, sight, self._settings.obstacles))
+
+    def hear(
+        self,
+        readings: SonarReadings,
+        pose: Pose2,
+        base_from_sonars: Sequence[Pose2],
+        range_max: float = 4.0,
+        half_cone: float = math.radians(15.0),
+    ) -> None:
+        """Readings of the sonars from map_from_base; glass is heard where it is not seen."""
+        for sight in sights_from_sonar(readings, pose, base_from_sonars, range_max, half_cone):
+            self._sonar = self._news(updated(self._sonar, sight, self._settings.obstacles))
+
+    def look(self, frame: RgbdFrame, pose: Pose2) -> None:
+        """A depth image from map_from_base: table tops and whatever else is not at the height of the lidar."""
+        for layer, seen in self._depth.items():
+            sight = sight_from_depth(frame, pose, self._body.base_from_camera, layer, self._settings.floor)
+            self._depth[layer] = self._news(updated(seen, sight, self._settings.obstacles))
 
     def window(self, pose: Pose2) -> DistanceField:
-        """Distances to walls and seen points, in a square round a pose; nothing is known outside the map."""
+        """Distances to walls and all that was seen, in a square round a pose; nothing is known outside the map."""
         grid = self._grid
         finer = max(1, round(grid.resolution / self._settings.resolution))
         size = math.ceil(2 * self._settings.reach / grid.resolution)
@@ -49,15 +97,30 @@ class Surroundings:
         solid = solid.repeat(finer, axis=0).repeat(finer, axis=1)
         corner = grid.map_from_grid @ Pose2(col * grid.resolution, row * grid.resolution, 0.0)
         local = OccupancyGrid(np.zeros(solid.shape, np.int8), grid.resolution / finer, corner)
-        cells = cells_from_points(local, self._points)
+        cells = cells_from_points(local, np.concatenate([self._scanned, self.unexpected()]))
         rows, cols = cells[inside(local, cells)].T
         solid[rows, cols] = True
         return DistanceField(distances(solid, local.resolution), local.resolution, corner)
 
     def unexpected(self) -> FloatArray:
-        """(N, 2) [m] seen points that the map does not explain."""
-        cells = cells_from_points(self._grid, self._points)
+        """(N, 2) [m] in map: what was seen, at any height, and the map does not explain."""
+        return np.concatenate([self.upright(), *(points for _, points in self.layered())])
+
+    def upright(self) -> FloatArray:
+        """(N, 2) [m] in map: that of `unexpected` whose height is not known, so that the whole outline counts."""
+        return np.concatenate([self._lidar.points, self._sonar.points])
+
+    def layered(self) -> tuple[tuple[BodyLayer, FloatArray], ...]:
+        """That of `unexpected` which stands at the heights of a layer of the body, by layer."""
+        return tuple((layer, seen.points) for layer, seen in self._depth.items())
+
+    def _news(self, seen: ObstacleLayer) -> ObstacleLayer:
+        """Without what lies so near to a wall of the map that it is that wall."""
+        if len(seen.points) == 0:
+            return seen
+        cells = cells_from_points(self._grid, seen.points)
         within = inside(self._grid, cells)
         rows, cols = cells[within].T
-        news: FloatArray = self._points[within][self._from_walls[rows, cols] > self._settings.known_within]
-        return news
+        explained = np.zeros(len(cells), np.bool_)
+        explained[within] = self._from_walls[rows, cols] <= self._settings.known_within
+        return without(seen, explained)

@@ -12,6 +12,7 @@ from __future__ import annotations
 
 import math
 import threading
+from collections.abc import Callable
 from dataclasses import dataclass, replace
 
 from waychair.calibration.dac import (
@@ -81,12 +82,19 @@ class Bridge:
     """
 
     def __init__(
-        self, cable: Reconnecting, calibration: DacModel, chair_id: str, settings: BridgeSettings | None = None
+        self,
+        cable: Reconnecting,
+        calibration: DacModel,
+        chair_id: str,
+        settings: BridgeSettings | None = None,
+        gate: Callable[[int], str] = lambda now_ns: "",
     ) -> None:
-        """
+        """`gate` is asked at every command and heartbeat: why no speed may pass now, "" when it may.
+
         Raises:
             BridgeError: the chair's name is longer than 16 bytes.
         """
+        self._gate = gate
         self._settings = settings or BridgeSettings()
         self._calibration = calibration
         self._session = BoardSession(cable, chair_id, self._settings.family, self._misfit)
@@ -271,6 +279,9 @@ class Bridge:
         late_ns = now_ns - order.given_ns
         if late_ns > self._settings.late_ms * 1_000_000:
             order, why = replace(order, counts=self._rest), _was_late(late_ns)
+        closed = self._gate(now_ns)
+        if closed:
+            order, why = replace(order, counts=self._rest), closed
         if not self.armed:
             order, why = replace(order, counts=self._rest), self._arming()
         neutral = reply.reference_mv / 1000.0

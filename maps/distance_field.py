@@ -15,7 +15,7 @@ import numpy as np
 from numba import njit
 
 from waychair.maps.grid import occupied
-from waychair.types import BoolArray, Float32Array, OccupancyGrid, Pose2
+from waychair.types import BoolArray, Float32Array, IntArray, OccupancyGrid, Pose2
 
 
 @dataclass(frozen=True, slots=True)
@@ -44,6 +44,46 @@ def distances(obstacles: BoolArray, resolution: float) -> Float32Array:
     cells = cv2.distanceTransform((~obstacles).astype(np.uint8), cv2.DIST_L2, cv2.DIST_MASK_PRECISE)
     result: Float32Array = np.asarray(cells, np.float32) * np.float32(resolution)
     return result
+
+
+def near_distances(obstacles: BoolArray, resolution: float, reach: float) -> Float32Array:
+    """`distances`, those above `reach` [m] as `reach`: what `update_near` keeps up to date.
+
+    The same to the last bit however the grid is cut, since the squares of distances in cells are whole numbers.
+    """
+    cells = distances(obstacles, 1.0)
+    exact = np.sqrt(np.rint(cells * cells)) * np.float32(resolution)
+    result: Float32Array = np.minimum(exact, np.float32(reach)) if obstacles.any() else np.full_like(cells, reach)
+    return result
+
+
+def update_near(
+    metres: Float32Array, obstacles: BoolArray, changed: IntArray, resolution: float, reach: float
+) -> list[tuple[slice, slice]]:
+    """Bring `near_distances` (H, W), in place, to obstacles (H, W) that differ in the cells `changed` (N, 2) only.
+
+    A cell's distance, when it is kept at all, hangs on obstacles within the reach alone. So only cells within reach of
+    a change are computed anew, from what lies within reach of them. Changes are taken together by tiles, so that two
+    far apart do not cost all that lies between them. Returns the windows, rows and columns, that were computed.
+    """
+    span = math.ceil(reach / resolution)
+    windows = []
+    tiles, which = np.unique(changed // max(span, 16), axis=0, return_inverse=True)
+    for tile in range(len(tiles)):
+        cells = changed[which.ravel() == tile]
+        low, high = cells.min(axis=0) - span, cells.max(axis=0) + span + 1
+        inner, outer = (_window(low - more, high + more, metres.shape) for more in (0, span))
+        part = near_distances(obstacles[outer], resolution, reach)
+        rows, columns = (slice(i.start - o.start, i.stop - o.start) for i, o in zip(inner, outer, strict=True))
+        metres[inner] = part[rows, columns]
+        windows.append(inner)
+    return windows
+
+
+def _window(low: IntArray, high: IntArray, shape: tuple[int, ...]) -> tuple[slice, slice]:
+    """Rows and columns from `low` to before `high`, as far as there are any."""
+    rows, columns = (slice(max(int(a), 0), min(int(b), n)) for a, b, n in zip(low, high, shape, strict=True))
+    return rows, columns
 
 
 @njit(cache=True, inline="always")

@@ -1,21 +1,26 @@
 """What driving through each cell costs: impassable near obstacles, dear beside them, cheap in the open.
 
-The chair is judged here by its half width alone, which any heading needs; whether the whole rectangle fits is the local
-planner's question. Unknown cells are free at a price (the source paper's section 3.3.1 takes them as free).
+Layers, from below: the map, its zones, and what the sensors see now, at the heights at which the chair has an outline
+of its own. The chair is judged here by its half width alone, which any heading needs; whether the whole rectangle fits
+is the local planner's question. Unknown cells are free at a price (the source paper's section 3.3.1 takes them as
+free).
 """
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
 
-from waychair.calibration.chair import ChairBody
+from waychair.calibration.chair import BodyLayer, ChairBody
 from waychair.config import Settings, setting
-from waychair.maps.distance_field import DistanceField, distances
+from waychair.errors import NoFreeSpace
+from waychair.maps.distance_field import DistanceField, near_distances, update_near
 from waychair.maps.grid import cells_from_points, inside, occupied
-from waychair.planning.grid_graph import FREE_PRICE, Prices
-from waychair.types import UNKNOWN, Float32Array, FloatArray, OccupancyGrid
+from waychair.maps.zones import Rule, Zone, cells_of, keep_out_cells
+from waychair.planning.grid_graph import FREE_PRICE, MAX_PRICE, Prices, directions_against
+from waychair.types import UNKNOWN, BoolArray, Bytes, Float32Array, FloatArray, OccupancyGrid
 
 
 @dataclass(frozen=True, slots=True)
@@ -26,6 +31,8 @@ class CostmapSettings(Settings):
     inflation_radius: float = setting(1.0, "m", "clearance from which on a cell is no dearer", low=0.0, high=5.0)
     wall_price: int = setting(5000, "per mille", "price added where the chair just fits", low=0, high=100_000)
     unknown_price: int = setting(9000, "per mille", "price added to an unknown cell", low=0, high=100_000)
+    clearance_kept: float = setting(2.0, "m", "larger clearances are not told apart", low=0.5, high=10.0)
+    cruise: float = setting(0.8, "m/s", "speed in the open, against which slow zones are priced", low=0.1, high=3.0)
 
 
 @dataclass(frozen=True, slots=True)
@@ -33,14 +40,16 @@ class Costmap:
     """Prices (H, W) int32 and clearance (H, W) float32 [m] of a grid's cells.
 
     Prices are per mille of a free cell's, 0 is impassable. Clearance is measured between cell centres (see
-    `maps.distance_field`) to occupied cells, static or live. `grid` holds the live obstacles too, and the geometry;
-    `body` is the chair that the prices are for.
+    `maps.distance_field`) to what the whole outline must keep clear of, map, keep-out zone or live, up to
+    `CostmapSettings.clearance_kept`. `grid` holds the live obstacles too, and the geometry; `body` is the chair that
+    the prices are for. `barred` (H, W), bit by direction as in `grid_graph`, holds the one-way zones, if there are any.
     """
 
     prices: Prices
     clearance: Float32Array
     grid: OccupancyGrid
     body: ChairBody
+    barred: Bytes | None = None
 
     @property
     def field(self) -> DistanceField:
@@ -53,30 +62,129 @@ def costmap_from_grid(
     body: ChairBody,
     settings: CostmapSettings = CostmapSettings(),
     live_points: FloatArray | None = None,
+    zones: Sequence[Zone] = (),
 ) -> Costmap:
-    """Costmap of a grid and of obstacles seen just now, `live_points` (N, 2) [m] in map; those outside it are ignored.
+    """Costmap of a grid with its zones and of obstacles seen just now; see `LiveCostmap.costmap`."""
+    return LiveCostmap(grid, body, settings, zones).costmap(live_points)
 
-    A cell is impassable when a wall's face, half a cell nearer than its centre, leaves less than the half width and the
-    margin. From there the price falls with the square of the clearance still missing to the inflation radius, so that
-    the middle of a door or corridor is the cheapest way through.
+
+def check_free_space(costmap: Costmap) -> None:
+    """Refuse a map in which the chair has no room anywhere.
+
+    Raises:
+        NoFreeSpace: it does.
     """
-    grid = _with_obstacles(grid, live_points)
-    clearance = distances(occupied(grid), grid.resolution)
-    needed = body.width / 2 + settings.margin + grid.resolution / 2
-    missing = (settings.inflation_radius - clearance) / max(settings.inflation_radius - needed, 1e-6)
-    prices = FREE_PRICE + settings.wall_price * np.clip(missing, 0.0, 1.0) ** 2
+    if not costmap.prices.any():
+        raise NoFreeSpace(
+            f"the map has no free space for a chair {costmap.body.width:.2f} m wide; map the building again, or remove "
+            "its keep-out zones"
+        )
+
+
+class LiveCostmap:
+    """The costmap of a map that stays, under obstacles that come and go; only what lies round these is made anew."""
+
+    def __init__(
+        self, grid: OccupancyGrid, body: ChairBody, settings: CostmapSettings, zones: Sequence[Zone] = ()
+    ) -> None:
+        self._grid, self._body, self._settings = grid, body, settings
+        self._reach = max(settings.clearance_kept, settings.inflation_radius, body.circumscribed_radius)
+        self._fixed = occupied(grid) | keep_out_cells(zones, grid)
+        self._solid = self._fixed.copy()
+        self._clearance = near_distances(self._fixed, grid.resolution, self._reach)
+        self._added = _added_prices(grid, zones, settings)
+        self._barred = _barred_directions(grid, zones)
+        everywhere = (slice(None), slice(None))
+        self._prices = np.empty(grid.cells.shape, np.int32)
+        self._prices[everywhere] = self._priced(self._clearance, everywhere)
+
+    def costmap(
+        self, live_points: FloatArray | None = None, layered: Sequence[tuple[BodyLayer, FloatArray]] = ()
+    ) -> Costmap:
+        """The costmap with `live_points` (N, 2) [m] in map as obstacles; those outside the map are ignored.
+
+        `layered` are obstacles that stand only at the heights of a layer of the body, so that its outline there is what
+        they must let pass. A cell is impassable when a wall's face, half a cell nearer than its centre, leaves less
+        than the half width and the margin. From there the price falls with the square of the clearance still missing
+        to the inflation radius, so that the middle of a door or corridor is the cheapest way through.
+        """
+        cell = self._grid.resolution
+        solid = self._fixed | _marked(self._grid, live_points)
+        changed = np.argwhere(solid != self._solid)
+        if len(changed):
+            self._solid = solid
+            self._clearance = self._clearance.copy()  # earlier costmaps keep theirs
+            self._prices = self._prices.copy()
+            for window in update_near(self._clearance, solid, changed, cell, self._reach):
+                self._prices[window] = self._priced(self._clearance[window], window)
+        cells = self._grid.cells
+        if (solid & ~self._fixed).any():
+            cells = cells.copy()
+            cells[solid & ~self._fixed] = 100
+        grid = OccupancyGrid(cells, cell, self._grid.map_from_grid)
+        prices, clearance = self._prices, self._clearance
+        for layer, points in layered:
+            mask = _marked(self._grid, points)
+            if mask.any():
+                prices, clearance = self._over(prices, clearance, layer, mask)
+        return Costmap(prices, clearance, grid, self._body, self._barred)
+
+    def _over(
+        self, prices: Prices, clearance: Float32Array, layer: BodyLayer, mask: BoolArray
+    ) -> tuple[Prices, Float32Array]:
+        """Prices and clearance where one layer of the body must keep clear of a mask (H, W) too.
+
+        By as much as the layer is narrower than the whole outline, its obstacles are farther away.
+        """
+        body, everywhere = self._body, (slice(None), slice(None))
+        away = near_distances(mask, self._grid.resolution, self._reach)
+        beside = body.width / 2 - layer.half_width
+        all_round = min(beside, body.front - layer.front, body.rear - layer.rear)
+        layer_prices = self._priced(away + np.float32(beside), everywhere)
+        prices = np.where((prices == 0) | (layer_prices == 0), 0, np.maximum(prices, layer_prices))
+        return prices.astype(np.int32), np.minimum(clearance, away + np.float32(all_round))
+
+    def _priced(self, clearance: Float32Array, window: tuple[slice, slice]) -> Prices:
+        """Prices of a window's cells."""
+        s = self._settings
+        needed = self._body.width / 2 + s.margin + self._grid.resolution / 2
+        missing = (s.inflation_radius - clearance) / max(s.inflation_radius - needed, 1e-6)
+        prices = self._added[window] + s.wall_price * np.clip(missing, 0.0, 1.0) ** 2
+        # Clearances are float32: a hair of slack lets a cell at exactly the needed distance pass.
+        prices[clearance < needed - 1e-5] = 0
+        rounded: Prices = np.minimum(np.rint(prices), MAX_PRICE).astype(np.int32)
+        return rounded
+
+
+def _added_prices(grid: OccupancyGrid, zones: Sequence[Zone], settings: CostmapSettings) -> Float32Array:
+    """(H, W) price of each cell away from all obstacles: unknown cells are dearer, slow zones cost the time they take."""
+    prices = np.full(grid.cells.shape, FREE_PRICE, np.float32)
+    for zone in zones:
+        if zone.rule is Rule.SLOW:
+            part, within = cells_of(zone, grid)
+            price = np.float32(FREE_PRICE * max(settings.cruise / zone.value, 1.0))
+            prices[part] = np.where(within, np.maximum(prices[part], price), prices[part])
     prices[grid.cells == UNKNOWN] += settings.unknown_price
-    # Clearances are float32: a hair of slack lets a cell at exactly the needed distance pass.
-    prices[clearance < needed - 1e-5] = 0
-    return Costmap(np.rint(prices).astype(np.int32), clearance, grid, body)
+    return prices
 
 
-def _with_obstacles(grid: OccupancyGrid, points: FloatArray | None) -> OccupancyGrid:
-    """The grid with the cells under the points occupied."""
-    if points is None or len(points) == 0:
-        return grid
-    cells = cells_from_points(grid, points)
-    rows, columns = cells[inside(grid, cells)].T
-    marked = grid.cells.copy()
-    marked[rows, columns] = 100
-    return OccupancyGrid(marked, grid.resolution, grid.map_from_grid)
+def _barred_directions(grid: OccupancyGrid, zones: Sequence[Zone]) -> Bytes | None:
+    """(H, W) directions, as bits, in which no step may lead; None where there is no one-way zone."""
+    if not any(zone.rule is Rule.ONE_WAY for zone in zones):
+        return None
+    barred = np.zeros(grid.cells.shape, np.uint8)
+    for zone in zones:
+        if zone.rule is Rule.ONE_WAY:
+            part, within = cells_of(zone, grid)
+            barred[part] |= within * np.uint8(directions_against(zone.value - grid.map_from_grid.theta))
+    return barred
+
+
+def _marked(grid: OccupancyGrid, points: FloatArray | None) -> BoolArray:
+    """(H, W) cells under points (N, 2) [m] in map; those outside are ignored."""
+    mask = np.zeros(grid.cells.shape, np.bool_)
+    if points is not None and len(points):
+        cells = cells_from_points(grid, points)
+        rows, columns = cells[inside(grid, cells)].T
+        mask[rows, columns] = True
+    return mask

@@ -1,7 +1,4 @@
-"""What a good arc is: measures of the candidates, and two ways to weigh them.
-
-`comfortable_score` is what the chair drives with; `paper_score` is Eq. (11) of the source paper as it stands.
-"""
+"""What a good arc is: measures of the candidates, and how they are weighed."""
 
 from __future__ import annotations
 
@@ -17,6 +14,10 @@ ENOUGH, LEAST = 0.3, 0.05
 """Clearance [m] beyond which more is worth nothing, and up to which it always is."""
 
 
+PERSONAL = 0.6
+"""Distance [m] to people beyond which more is worth nothing; Hall's intimate distance is 0.45 m, with some to spare."""
+
+
 @dataclass(frozen=True, slots=True)
 class Features:
     """Measures of N candidate arcs; all (N,) float64 unless said otherwise.
@@ -25,8 +26,9 @@ class Features:
     clearance [m]: least distance beside the body on the way. path_error [m]: mean distance of the drive axle and of the front from the path.
     heading_error [rad]: |end's heading - path's direction there|. bearing [rad]: |direction from the end to the target
     - end's heading|. progress [m]: way along the path to the point nearest to the end. target_distance [m]: least
-    distance to the target on the way. change [0..1]: size of the step from the last command. end_clearance [m]:
-    clearance at the path's end where that is near.
+    distance to the target on the way. change [0..1]: size of the step from the last command. people_gap [m]: least
+    distance to a person on the way, if all go on as they do; +inf without any. reversal: 1 where it turns from forwards
+    to backwards or back, else 0. end_clearance [m]: clearance at the path's end where that is near.
     """
 
     candidates: FloatArray
@@ -39,6 +41,8 @@ class Features:
     progress: FloatArray
     target_distance: FloatArray
     change: FloatArray
+    people_gap: FloatArray
+    reversal: FloatArray
     end_clearance: float = math.inf
 
 
@@ -53,6 +57,8 @@ class Weights(Settings):
     clearance: float = setting(1.0, "", "distance beside the body, per 0.3 m", low=0.0, high=100.0)
     speed: float = setting(0.3, "", "forward speed, per highest speed", low=0.0, high=100.0)
     smoothness: float = setting(0.1, "", "small change of the command", low=0.0, high=100.0)
+    people: float = setting(2.0, "", "distance to people, as far as 0.6 m", low=0.0, high=100.0)
+    oscillation: float = setting(0.1, "", "going on in the direction of before", low=0.0, high=100.0)
 
 
 def comfortable_score(features: Features, weights: Weights, longest: float, highest: float) -> FloatArray:
@@ -71,22 +77,7 @@ def comfortable_score(features: Features, weights: Weights, longest: float, high
         + weights.clearance * np.minimum(features.clearance, worth) / ENOUGH
         + weights.speed * features.candidates[:, 0] / highest
         - weights.smoothness * features.change
+        - weights.people * np.clip(1.0 - features.people_gap / PERSONAL, 0.0, 1.0)
+        - weights.oscillation * features.reversal
     )
-    return score
-
-
-def paper_score(features: Features, alpha: float = 1.0, beta: float = 1.0, gamma: float = 1.0) -> FloatArray:
-    """(N,) Eq. (11) of the source paper, alpha * heading + beta * dist + gamma * vel, each normalised by eta.
-
-    heading is pi less the bearing of the target, dist the free way on the arc, vel the speed. eta divides each term by
-    its sum over the admissible candidates (Fox, Burgard and Thrun 1997 smooth and normalise alike); a term that is 0
-    for all of them, where the paper's eta is 0/0, contributes 0.
-    """
-    speed = np.abs(features.candidates[:, 0])
-    terms = (np.pi - features.bearing, speed * features.free_time, speed)
-    score = np.zeros(len(speed))
-    for weight, term in zip((alpha, beta, gamma), terms, strict=True):
-        total = term[features.admissible].sum()
-        if total > 0:
-            score += weight * term / total
     return score

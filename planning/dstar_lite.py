@@ -43,7 +43,7 @@ from waychair.planning.grid_graph import (
     set_prices,
     step_cost,
 )
-from waychair.planning.indexed_heap import Heap, empty_heap, grown, has_room, less, put, remove
+from waychair.planning.indexed_heap import NEIGHBOURHOOD, empty_heap, grown, has_room, less, put, remove
 from waychair.types import Bytes, IntArray
 
 CELL = np.dtype([("g", np.int64), ("rhs", np.int64), ("ground", np.int32), ("place", np.int32)])
@@ -64,7 +64,7 @@ UNDERCONSISTENT = int(Consistency.UNDERCONSISTENT)
 
 
 class _Aim(NamedTuple):
-    """What the keys are made for: flat indices of goal and start, the start's padded row and column, k_m, the stride."""
+    """What the queued keys were last made for: flat indices of goal and start, the start's padded row and column, k_m, the stride."""
 
     goal: int
     start: int
@@ -88,18 +88,16 @@ class DStarLite:
         self._shape: tuple[int, int] = (prices.shape[0], prices.shape[1])
         self._goal = padded_index(goal, self._shape)
         self._start = padded_index(start, self._shape)
-        self._keys_start = self._start  # the start that k_m and the queued keys were last made for
-        self._k_m = 0
         grounds = padded(prices, barred)
         self._cells = np.empty(len(grounds), CELL)
-        self._cells[:] = (UNREACHABLE, UNREACHABLE, 0, 0)
-        self._cells["ground"] = grounds
+        _forget_all(self._cells, grounds)
         self._steps = offsets(self._stride)
         self._heap = empty_heap(self._cells)
+        self._aim = self._aimed(k_m=0)
         self.pops = 0
         self._cost = UNREACHABLE  # of the plan in force
         self._cells["rhs"][self._goal] = 0
-        _update_vertex(self._heap, self._goal, self._aim)
+        _update_vertex(*self._heap, self._goal, self._aim)
 
     @property
     def start(self) -> Cell:
@@ -127,16 +125,15 @@ class DStarLite:
         Raises:
             ValueError: a cell outside the grid, an impossible price, arrays of different length.
         """
-        flat, prices = check_changes(cells, prices, self._shape)
-        self._cost = UNREACHABLE
+        cells = np.ascontiguousarray(cells, np.int64).reshape(-1, 2)
+        prices = np.ascontiguousarray(prices, np.int32)
         self._account_for_motion()
-        # All prices first: the lookahead of a cell must see the new prices of all its neighbours.
-        set_prices(self._cells, flat, prices)
-        done = 0
-        while done < len(flat):
-            done = _look_again(self._heap, self._steps, flat, done, self._aim)
-            if done < len(flat):
-                self._heap = grown(self._heap)
+        while not has_room(self._heap, len(cells)):
+            self._heap = grown(self._heap)
+        possible = len(cells) == len(prices) and _apply(*self._heap, self._steps, cells, prices, self._shape, self._aim)
+        if not possible:
+            check_changes(cells, prices, self._shape)
+        self._cost = UNREACHABLE
 
     def replan(self) -> int:
         """Cost of the cheapest way from the start to the goal, 10000 for a straight step between free cells.
@@ -146,7 +143,7 @@ class DStarLite:
         """
         self._account_for_motion()
         while True:
-            pops, cost, finished = _compute_shortest_path(self._heap, self._steps, self._aim)
+            pops, cost, finished = _compute_shortest_path(*self._heap, self._steps, self._aim)
             self.pops += pops
             if finished:
                 break
@@ -179,16 +176,24 @@ class DStarLite:
     def _stride(self) -> int:
         return self._shape[1] + 2
 
-    @property
-    def _aim(self) -> _Aim:
+    def _aimed(self, k_m: int) -> _Aim:
         row, column = divmod(self._start, self._stride)
-        return _Aim(self._goal, self._start, row, column, self._k_m, self._stride)
+        return _Aim(self._goal, self._start, row, column, k_m, self._stride)
 
     def _account_for_motion(self) -> None:
         """Raise k_m by the heuristic distance moved, so that all queued keys stay lower bounds without reordering."""
-        row, column = divmod(self._keys_start, self._stride)
-        self._k_m += octile(row, column, self._start, self._stride)
-        self._keys_start = self._start
+        before = self._aim
+        if self._start != before.start:
+            moved = octile(before.row, before.column, self._start, self._stride)
+            self._aim = self._aimed(k_m=before.k_m + int(moved))
+
+
+@njit(cache=True, nogil=True)
+def _forget_all(cells: Records, grounds: Prices) -> None:
+    """Nothing is known of any cell but its ground."""
+    for i in range(len(cells)):
+        cell = cells[i]
+        cell.g, cell.rhs, cell.ground, cell.place = UNREACHABLE, UNREACHABLE, grounds[i], 0
 
 
 @njit(cache=True, inline="always")
@@ -200,14 +205,14 @@ def _consistency(g: int, rhs: int) -> int:
 
 
 @njit(cache=True)
-def _update_vertex(heap: Heap, cell: int, aim: _Aim) -> None:
+def _update_vertex(entries: Records, size: IntArray, cells: Records, cell: int, aim: _Aim) -> None:
     """Queue a cell with its key when it is not consistent, else take it out."""
-    g, rhs = heap.cells[cell].g, heap.cells[cell].rhs
+    g, rhs = cells[cell].g, cells[cell].rhs
     if _consistency(g, rhs) == CONSISTENT:
-        remove(heap, cell)
+        remove(entries, size, cells, cell)
     else:
         nearest = min(g, rhs)
-        put(heap, cell, nearest + octile(aim.row, aim.column, cell, aim.stride) + aim.k_m, nearest)
+        put(entries, size, cells, cell, nearest + octile(aim.row, aim.column, cell, aim.stride) + aim.k_m, nearest)
 
 
 @njit(cache=True)
@@ -223,58 +228,71 @@ def _lookahead(cells: Records, steps: IntArray, cell: int) -> int:
 
 
 @njit(cache=True, nogil=True)
-def _look_again(heap: Heap, steps: IntArray, changed: NDArray[np.int32], done: int, aim: _Aim) -> int:
-    """New lookahead for the changed cells from index `done` on; how many are done when the heap is full.
+def _apply(
+    entries: Records,
+    size: IntArray,
+    cells: Records,
+    steps: IntArray,
+    changed: IntArray,
+    prices: Prices,
+    shape: tuple[int, int],
+    aim: _Aim,
+) -> bool:
+    """New prices, then a new lookahead wherever they matter; false, and nothing done, when a change is impossible.
 
     A changed price touches only steps whose ends both lie in the 3 x 3 cells round it, diagonal steps past it included.
+    All prices come first, since a cell's lookahead must see the new prices of all its neighbours.
     """
-    for i in range(done, len(changed)):
-        if not has_room(heap):
-            return i
+    if not set_prices(cells, changed, prices, shape[0], shape[1]):
+        return False
+    for i in range(len(changed)):
+        middle = (changed[i, 0] + 1) * aim.stride + changed[i, 1] + 1
         for row in range(-1, 2):
             for column in range(-1, 2):
-                cell = changed[i] + row * aim.stride + column
-                if cell != aim.goal:
-                    rhs = _lookahead(heap.cells, steps, cell)
-                    if rhs != heap.cells[cell].rhs:
-                        heap.cells[cell].rhs = rhs
-                        _update_vertex(heap, cell, aim)
-    return len(changed)
+                cell = middle + row * aim.stride + column
+                if cell == aim.goal:
+                    continue
+                rhs = _lookahead(cells, steps, cell)
+                if rhs != cells[cell].rhs:
+                    cells[cell].rhs = rhs
+                    _update_vertex(entries, size, cells, cell, aim)
+    return True
 
 
 @njit(cache=True, nogil=True)
-def _compute_shortest_path(heap: Heap, steps: IntArray, aim: _Aim) -> tuple[int, int, bool]:
+def _compute_shortest_path(
+    entries: Records, size: IntArray, cells: Records, steps: IntArray, aim: _Aim
+) -> tuple[int, int, bool]:
     """Make cells consistent until the start's cost is certain; (cells popped, cost, false when the heap must grow)."""
-    start = heap.cells[aim.start]
+    start = cells[aim.start]
     pops = 0
-    while heap.size[0] > 0:
-        first, second, cell = heap.entries[1].first, heap.entries[1].second, heap.entries[1].cell
+    while size[0] > 0:
+        first, second, cell = entries[1].first, entries[1].second, entries[1].cell
         nearest = min(start.g, start.rhs)
         if not less(first, second, nearest + aim.k_m, nearest) and start.rhs <= start.g:
             break
-        if not has_room(heap):
+        if size[0] + NEIGHBOURHOOD >= len(entries):
             return pops, UNREACHABLE, False
         pops += 1
-        g, rhs = heap.cells[cell].g, heap.cells[cell].rhs
+        g, rhs = cells[cell].g, cells[cell].rhs
         nearest = min(g, rhs)
         now_first = nearest + octile(aim.row, aim.column, cell, aim.stride) + aim.k_m
         if less(first, second, now_first, nearest):
             # The key was made for an earlier start.
-            put(heap, cell, now_first, nearest)
+            put(entries, size, cells, cell, now_first, nearest)
         elif _consistency(g, rhs) == OVERCONSISTENT:
-            _settle(heap, steps, cell, aim)
+            _settle(entries, size, cells, steps, cell, aim)
         else:
-            _forget(heap, steps, cell, aim)
+            _forget(entries, size, cells, steps, cell, aim)
     return pops, start.rhs if price_of(start.ground) != 0 else UNREACHABLE, True
 
 
 @njit(cache=True)
-def _settle(heap: Heap, steps: IntArray, cell: int, aim: _Aim) -> None:
+def _settle(entries: Records, size: IntArray, cells: Records, steps: IntArray, cell: int, aim: _Aim) -> None:
     """Overconsistent: the lookahead found a cheaper way, g takes it and the neighbours may go through this cell."""
-    cells = heap.cells
     g = cells[cell].rhs
     cells[cell].g = g
-    remove(heap, cell)
+    remove(entries, size, cells, cell)
     for direction in range(8):
         other = cell + steps[direction]
         # Most neighbours have a way that no step could better; the goal's costs nothing.
@@ -282,16 +300,15 @@ def _settle(heap: Heap, steps: IntArray, cell: int, aim: _Aim) -> None:
             through = g + step_cost(cells, cell, direction, steps, True)
             if through < cells[other].rhs:
                 cells[other].rhs = through
-                _update_vertex(heap, other, aim)
+                _update_vertex(entries, size, cells, other, aim)
 
 
 @njit(cache=True)
-def _forget(heap: Heap, steps: IntArray, cell: int, aim: _Aim) -> None:
+def _forget(entries: Records, size: IntArray, cells: Records, steps: IntArray, cell: int, aim: _Aim) -> None:
     """Underconsistent: the way got dearer, g is given up and whoever relied on it looks ahead again."""
-    cells = heap.cells
     before = cells[cell].g
     cells[cell].g = UNREACHABLE
-    _update_vertex(heap, cell, aim)
+    _update_vertex(entries, size, cells, cell, aim)
     for direction in range(8):
         other = cell + steps[direction]
         rhs = cells[other].rhs
@@ -299,7 +316,7 @@ def _forget(heap: Heap, steps: IntArray, cell: int, aim: _Aim) -> None:
             continue
         if rhs == before + step_cost(cells, cell, direction, steps, True):
             cells[other].rhs = _lookahead(cells, steps, other)
-            _update_vertex(heap, other, aim)
+            _update_vertex(entries, size, cells, other, aim)
 
 
 @njit(cache=True)

@@ -8,26 +8,33 @@ Fox, Burgard and Thrun, "The Dynamic Window Approach to Collision Avoidance", IE
 - Eq. (10) bounds omega by sqrt(2 dist brake) with dist in metres; the units only agree with the *angle* left to turn.
   Both bounds together are one condition on time: the chair brakes v and omega in proportion, stays on its arc and
   needs half the longer braking time at full speed, so the arc must be free for that long.
-- eta of Eq. (11) is 0/0 where a term vanishes for all candidates; see `critics`.
+- eta of Eq. (11) is 0/0 where a term vanishes for all candidates; the critics here have fixed scales (`critics`).
+
+`paper_dwa` has the equations as they are printed.
 
 A candidate is a speed to go for; what is commanded is the first control period of the way there, and that too must be
-able to stop. Hence, in a world that stands still, a full stop from any commanded speed touches nothing.
+able to stop. Hence, in a world that stands still, a full stop from any commanded speed touches nothing. Jerk is limited
+on the way to a candidate (`Motion`), never in a stop: comfort does not hold back what safety asks for.
+
+People who move are taken to go on as they do (`tracks`): no arc may meet one of them before the chair could stand.
 """
 
 from __future__ import annotations
 
 import math
-from collections.abc import Callable
+from collections.abc import Sequence
 from dataclasses import dataclass, field, replace
+from typing import TYPE_CHECKING
 
 import numpy as np
 
 from waychair.calibration.chair import ChairBody
+from waychair.calibration.stopping import StopTable, permitted_speed
 from waychair.config import Settings, setting
-from waychair.geometry import pose_from_array, wrap_angle
+from waychair.geometry import rotation, wrap_angle
 from waychair.maps.distance_field import DistanceField
 from waychair.planning.critics import Features, Weights, comfortable_score
-from waychair.planning.dwa_kernels import SPACING, local_section, measure
+from waychair.planning.dwa_kernels import SPACING, local_section, measure, people_ahead
 from waychair.planning.footprint import (
     EASE_STEP,
     Footprint,
@@ -37,11 +44,13 @@ from waychair.planning.footprint import (
     footprint,
     free_time,
     in_cells,
+    poses_in_cells,
     room,
 )
 from waychair.types import BoolArray, FloatArray, Path, Pose2, Twist
 
-Score = Callable[[Features], FloatArray]
+if TYPE_CHECKING:
+    from waychair.planning.tracks import Track
 
 CRAWL_V, CRAWL_OMEGA = 0.15, 0.4
 """Speeds [m/s], [rad/s] at which the chair gets out of a tight spot."""
@@ -52,13 +61,22 @@ _LEAVING = 2.5
 _NEAR_END = 1.5
 """On the last stretch [m] no more clearance is asked for than there is at the end."""
 
+_FAR = 2.0
+"""More way [m] than this is no reason to leave the path less: fast chairs weigh way and path as slow ones do."""
+
+_COURTESY = 0.5
+"""The chair stands this long [s] before it is reached by somebody who goes on."""
+
 _STANDING_V, _STANDING_OMEGA = 0.01, 0.02
 """Speeds [m/s], [rad/s] below which a command counts as standing still."""
 
 
 @dataclass(frozen=True, slots=True)
 class DwaSettings(Settings):
-    """Limits of the motion (engineering choices for comfort, no standard), sampling and weights."""
+    """Limits of the motion (engineering choices for comfort, no standard), sampling and weights.
+
+    `stops`: how far the chair goes on after Stop, where that was measured (`measured`).
+    """
 
     max_speed: float = setting(0.8, "m/s", "highest forward speed", low=0.05, high=3.0)
     max_reverse: float = setting(0.2, "m/s", "highest reverse speed", low=0.0, high=1.0)
@@ -67,6 +85,8 @@ class DwaSettings(Settings):
     acceleration: float = setting(0.5, "m/s^2", "speeding up", low=0.05, high=3.0)
     braking: float = setting(0.6, "m/s^2", "slowing down", low=0.05, high=3.0)
     alpha: float = setting(0.8, "rad/s^2", "change of the turning speed, both ways", low=0.05, high=5.0)
+    jerk: float = setting(0.7, "m/s^3", "change of the acceleration", low=0.05, high=1000.0)
+    alpha_jerk: float = setting(4.0, "rad/s^3", "change of alpha", low=0.05, high=1000.0)
     max_lateral: float = setting(0.5, "m/s^2", "sideways acceleration v * omega", low=0.05, high=5.0)
     max_wheel_speed: float = setting(1.0, "m/s", "highest speed of a drive wheel", low=0.05, high=5.0)
     period: float = setting(0.05, "s", "time between two commands", low=0.005, high=1.0)
@@ -83,6 +103,18 @@ class DwaSettings(Settings):
     )
     heading_tolerance: float = setting(0.05, "rad", "how near to its heading is there", low=0.005, high=math.pi)
     weights: Weights = field(default_factory=Weights)
+    stops: StopTable | None = None
+
+
+@dataclass(frozen=True, slots=True)
+class Motion:
+    """What a tick must know of those before: acceleration [m/s^2, rad/s^2] of the commands, and the last direction.
+
+    `direction` is 1 after driving forwards, -1 after driving backwards, 0 before either.
+    """
+
+    acceleration: Twist = field(default_factory=Twist)
+    direction: int = 0
 
 
 @dataclass(frozen=True, slots=True)
@@ -109,14 +141,16 @@ def choose(
     distances: DistanceField,
     body: ChairBody,
     settings: DwaSettings = DwaSettings(),
-    score: Score | None = None,
     in_position: bool = False,
+    motion: Motion | None = None,
+    tracks: Sequence[Track] = (),
 ) -> DwaResult:
     """The next command on a path.
 
     pose: map_from_base now; command: the last one sent; path: in map, its last pose is the goal; distances: around
-    the chair, in map (what lies outside counts as occupied); score: another critic, such as `critics.paper_score`;
-    in_position: what the last result said, so that turning at the goal may drift a little without giving it up.
+    the chair, in map (what lies outside counts as occupied); in_position: what the last result said, so that turning at
+    the goal may drift a little without giving it up.
+    motion: `motion_after` the last command; jerk is not limited without it. tracks: in map, as of now.
     """
     shape, ease = eased_footprint(body, settings.margin, distances, pose)
     settings = crawling(settings) if ease else settings
@@ -134,15 +168,18 @@ def choose(
         if not turn.blocked:
             return turn
 
-    candidates = _window(command, remaining, body, settings)
+    candidates = _window(command, remaining, body, settings, motion)
     features = _features(candidates, ahead, command, section, shape, distances, settings)
+    features = _with_people(features, ahead, tracks, shape, distances, settings)
+    if motion is not None:
+        features = replace(features, reversal=(candidates[:, 0] * motion.direction < 0).astype(np.float64))
     if ease > settings.margin:  # the outline itself may be too near: only where there is more room
         roomier = footprint(body, settings.margin - ease + EASE_STEP, distances)
         features = replace(features, admissible=features.admissible & _leaves(features, ahead, roomier, distances))
-    longest = settings.max_speed * settings.horizon
-    scores = score(features) if score else comfortable_score(features, settings.weights, longest, settings.max_speed)
+    longest = min(settings.max_speed * settings.horizon, _FAR)
+    scores = comfortable_score(features, settings.weights, longest, settings.max_speed)
     scores = np.where(features.admissible, scores, -np.inf)
-    return _best(candidates, scores, ahead, command, shape, distances, settings)
+    return _best(candidates, scores, ahead, command, shape, distances, settings, motion)
 
 
 def rotate_to_heading(
@@ -161,6 +198,27 @@ def rotate_to_heading(
     shape = footprint(body, settings.margin, distances)
     ahead = Pose2(*along_arc(pose.x, pose.y, pose.theta, command.v, command.omega, settings.reaction_time))
     return _rotate(ahead, command, heading, shape, distances, settings)
+
+
+def measured(settings: DwaSettings, stops: StopTable | None) -> DwaSettings:
+    """The settings for a chair whose stops were measured, or were not: then it only crawls.
+
+    It drives no faster than its stops are known, reacts no sooner than was seen, and may only go where the measured
+    way to rest is free.
+    """
+    return replace(
+        settings,
+        max_speed=min(settings.max_speed, permitted_speed(stops)),
+        reaction_time=max(settings.reaction_time, stops.delay_s) if stops is not None else settings.reaction_time,
+        stops=stops,
+    )
+
+
+def motion_after(motion: Motion, command: Twist, following: Twist, settings: DwaSettings) -> Motion:
+    """The motion once `following` has been commanded after `command`."""
+    change = Twist((following.v - command.v) / settings.period, (following.omega - command.omega) / settings.period)
+    driving = abs(following.v) >= _STANDING_V
+    return Motion(change, int(math.copysign(1, following.v)) if driving else motion.direction)
 
 
 def crawling(settings: DwaSettings) -> DwaSettings:
@@ -184,9 +242,20 @@ def stop_time(twist: Twist, settings: DwaSettings) -> float:
     return max(abs(twist.v) / settings.braking, abs(twist.omega) / settings.alpha)
 
 
+def _time_needed(candidates: FloatArray, settings: DwaSettings) -> FloatArray:
+    """(N,) Eq. (10) as a time [s] at full speed: a period and half the time to brake, or the measured way to rest."""
+    v, omega = np.abs(candidates).T
+    needed: FloatArray = np.maximum(v / settings.braking, omega / settings.alpha) / 2
+    if settings.stops is not None:
+        table = settings.stops
+        ways = np.interp(v, (0.0, *table.speeds), (0.0, *table.distances))
+        needed = np.maximum(needed, ways / np.maximum(v, _STANDING_V))
+    return settings.period + needed
+
+
 def _can_stop(twist: Twist, start: FloatArray, shape: Footprint, settings: DwaSettings) -> bool:
     """Eq. (10): one period at this speed and the stop after it stay free."""
-    needed = settings.period + stop_time(twist, settings) / 2
+    needed = float(_time_needed(np.array([[twist.v, twist.omega]]), settings)[0])
     return bool(free_time(shape, start, twist.v / shape.cell, twist.omega, needed, needed) >= needed)
 
 
@@ -194,25 +263,40 @@ def _standing(twist: Twist) -> bool:
     return abs(twist.v) < _STANDING_V and abs(twist.omega) < _STANDING_OMEGA
 
 
-def _window(command: Twist, remaining: float, body: ChairBody, settings: DwaSettings) -> FloatArray:
-    """(N, 2) candidates: Eqs. (8) and (9) round the command, wheel speed and sideways acceleration, 0 among them."""
-    time = settings.window_time
+def _window(
+    command: Twist, remaining: float, body: ChairBody, settings: DwaSettings, motion: Motion | None
+) -> FloatArray:
+    """(N, 2) candidates: Eqs. (8) and (9) round the command, wheel speed and sideways acceleration, 0 among them.
+
+    With a motion, Eq. (9) is of the third order: the acceleration too takes its time to change.
+    """
+    now, time = motion.acceleration if motion is not None else None, settings.window_time
     # Slow enough to stop at the goal, with half the braking held back.
     fastest = min(settings.max_speed, max(math.sqrt(settings.braking * remaining), settings.min_speed))
     faster = settings.acceleration if command.v >= 0 else settings.braking
     slower = settings.braking if command.v >= 0 else settings.acceleration
-    v_high = min(fastest, command.v + faster * time)
-    v_low = max(-settings.max_reverse, command.v - slower * time)
-    omega_high = min(settings.max_omega, command.omega + settings.alpha * time)
-    omega_low = max(-settings.max_omega, command.omega - settings.alpha * time)
+    v_high = min(fastest, command.v + _change(now and now.v, faster, settings.jerk, time))
+    v_low = max(-settings.max_reverse, command.v - _change(now and -now.v, slower, settings.jerk, time))
+    more, less = (_change(now and sign * now.omega, settings.alpha, settings.alpha_jerk, time) for sign in (1.0, -1.0))
+    omega_high = min(settings.max_omega, command.omega + more)
+    omega_low = max(-settings.max_omega, command.omega - less)
     v = _samples(min(v_low, v_high), max(v_low, v_high), settings.v_samples)
     v = np.where(v == 0.0, 0.0, np.copysign(np.maximum(np.abs(v), settings.min_speed), v))
     omega = _samples(min(omega_low, omega_high), max(omega_low, omega_high), settings.omega_samples)
-    pairs = np.stack(np.meshgrid(v, omega, indexing="ij"), axis=-1).reshape(-1, 2)
+    # Those of one turning speed in a row, as `arc_fan` likes them.
+    pairs = np.stack(np.meshgrid(v, omega), axis=-1).reshape(-1, 2)
     wheels = np.abs(pairs[:, 0]) + np.abs(pairs[:, 1]) * body.track / 2
     possible = (wheels <= settings.max_wheel_speed) & (np.abs(pairs[:, 0] * pairs[:, 1]) <= settings.max_lateral)
     # A command beyond the limits, say after they were lowered, leaves nothing possible: slow down whatever it takes.
     return np.ascontiguousarray(pairs[possible]) if possible.any() else np.zeros((1, 2))
+
+
+def _change(acceleration: float | None, most: float, jerk: float, time: float) -> float:
+    """Greatest change of a speed within a time, from an acceleration that rises by the jerk to `most`; at once for None."""
+    if acceleration is None:
+        return most * time
+    ramp = min(max((most - acceleration) / jerk, 0.0), time)
+    return acceleration * ramp + jerk * ramp**2 / 2 + most * (time - ramp)
 
 
 def _samples(low: float, high: float, count: int) -> FloatArray:
@@ -233,13 +317,12 @@ def _features(
     settings: DwaSettings,
 ) -> Features:
     """Roll every candidate out and measure it against the path and the obstacles."""
-    stop = np.maximum(np.abs(candidates[:, 0]) / settings.braking, np.abs(candidates[:, 1]) / settings.alpha)
-    needed = np.minimum(settings.period + stop / 2, settings.horizon)
-    start = in_cells(distances, ahead)
-    rows = measure(shape, start, ahead.array(), candidates, section, needed, settings.horizon)
+    needed = np.minimum(_time_needed(candidates, settings), settings.horizon)
+    start, local = in_cells(distances, ahead), poses_in_cells(distances, section)
+    rows = measure(shape, start, candidates, local, needed, settings.horizon)
     admissible: BoolArray = rows[:, 0] >= needed
     end_is_near = (len(section) - 1) * SPACING <= _NEAR_END
-    end = in_cells(distances, pose_from_array(section[-1]))
+    x, y, theta = local[-1].tolist()
     change = np.abs(candidates - (command.v, command.omega)) / (settings.max_speed, settings.max_omega)
     return Features(
         candidates=candidates,
@@ -252,8 +335,34 @@ def _features(
         progress=rows[:, 5],
         target_distance=rows[:, 6],
         change=change.mean(axis=1),
-        end_clearance=float(beside(shape, end[0], end[1], end[2])) if end_is_near else math.inf,
+        people_gap=np.full(len(candidates), math.inf),
+        reversal=np.zeros(len(candidates)),
+        end_clearance=float(beside(shape, x, y, math.cos(theta), math.sin(theta))) if end_is_near else math.inf,
     )
+
+
+def _with_people(
+    features: Features,
+    ahead: Pose2,
+    tracks: Sequence[Track],
+    shape: Footprint,
+    distances: DistanceField,
+    settings: DwaSettings,
+) -> Features:
+    """The same, with people who go on as they do: an arc that meets one before the chair has long stood is no good.
+
+    To stand always is: whoever walks into a standing chair is not run into.
+    """
+    if not tracks:
+        return features
+    people = np.array([track.row(settings.reaction_time) for track in tracks])
+    people[:, :2] = poses_in_cells(distances, np.column_stack([people[:, :2], np.zeros(len(people))]))[:, :2]
+    people[:, 2:4] = people[:, 2:4] @ rotation(distances.map_from_grid.theta) / shape.cell
+    needed = np.minimum(_time_needed(features.candidates, settings), settings.horizon)
+    met = people_ahead(shape, in_cells(distances, ahead), features.candidates, people, settings.horizon)
+    stands = (features.candidates == 0.0).all(axis=1)
+    in_time = met[:, 0] > needed + _COURTESY
+    return replace(features, admissible=features.admissible & (in_time | stands), people_gap=met[:, 1])
 
 
 def _leaves(features: Features, ahead: Pose2, roomier: Footprint, distances: DistanceField) -> BoolArray:
@@ -274,26 +383,41 @@ def _best(
     shape: Footprint,
     distances: DistanceField,
     settings: DwaSettings,
+    motion: Motion | None,
 ) -> DwaResult:
     """The best candidate whose first step can stop; braking when there is none."""
     start = in_cells(distances, ahead)
     for i in np.argsort(-scores, kind="stable"):
         if scores[i] == -np.inf:
             break
-        twist = towards(command, Twist(*map(float, candidates[i])), settings)
+        twist = towards(command, Twist(*map(float, candidates[i])), settings, motion)
         if _can_stop(twist, start, shape, settings):
             stuck = bool(_standing(twist) and _standing(Twist(*candidates[i])))
             return DwaResult(twist, candidates, scores, _arc(ahead, candidates[i], settings.horizon), blocked=stuck)
     return DwaResult(braking(command, settings), candidates, scores, ahead.array()[None], blocked=True)
 
 
-def towards(command: Twist, target: Twist, settings: DwaSettings) -> Twist:
-    """One control period from the command to the target, on a straight line in (v, omega)."""
+def towards(command: Twist, target: Twist, settings: DwaSettings, motion: Motion | None = None) -> Twist:
+    """One control period from the command to the target: on a straight line in (v, omega), or with limited jerk."""
     dv, domega = target.v - command.v, target.omega - command.omega
     speeding_up = dv * command.v > 0 or command.v == 0
     longest = max(abs(dv) / (settings.acceleration if speeding_up else settings.braking), abs(domega) / settings.alpha)
     share = min(1.0, settings.period / longest) if longest > 0 else 1.0
-    return Twist(command.v + share * dv, command.omega + share * domega)
+    if motion is None:
+        return Twist(command.v + share * dv, command.omega + share * domega)
+    now, period = motion.acceleration, settings.period
+    return Twist(
+        command.v + _eased(share * dv, dv, now.v, settings.jerk, period),
+        command.omega + _eased(share * domega, domega, now.omega, settings.alpha_jerk, period),
+    )
+
+
+def _eased(step: float, left: float, acceleration: float, jerk: float, period: float) -> float:
+    """The step of a speed in one period, so that the acceleration changes by the jerk and is 0 when nothing is left."""
+    # Reached from an acceleration a, the change still to come is a^2 / 2 jerk, and half a period's step.
+    most = math.sqrt(jerk**2 * period**2 / 4 + 2 * jerk * abs(left)) - jerk * period / 2
+    wanted = min(max(step / period, -most), most)
+    return period * min(max(wanted, acceleration - jerk * period), acceleration + jerk * period)
 
 
 def _arc(start: Pose2, candidate: FloatArray, horizon: float) -> FloatArray:

@@ -7,7 +7,8 @@ import math
 import numpy as np
 from numba import njit
 
-from waychair.planning.footprint import Footprint, along_arc, beside, free_time
+from waychair.planning.arc_fan import FINE, fill_table, free_times
+from waychair.planning.footprint import Footprint, beside
 from waychair.types import FloatArray
 
 SPACING = 0.05
@@ -15,6 +16,10 @@ SPACING = 0.05
 
 _LOOKS = 10
 """Poses of an arc that are compared with the path."""
+
+_BEHIND, _AHEAD = 5, 25
+"""Where the nearest point of the path is looked for from one such pose to the next: from so many points before the last
+one on, among so many. An arc goes along the path."""
 
 
 def local_section(poses: FloatArray, at: FloatArray, length: float) -> tuple[FloatArray, float]:
@@ -42,70 +47,95 @@ def local_section(poses: FloatArray, at: FloatArray, length: float) -> tuple[Flo
     return np.column_stack([x, y, direction]), float(along[-1] - begin + away[leg])
 
 
+_EVERY = 8
+"""Fine steps between two looks at people."""
+
+_WIDEST = 0.3
+"""What a person's radius grows by at most [m]: where somebody goes in two seconds nobody knows."""
+
+
 @njit(cache=True, nogil=True)
 def measure(
     shape: Footprint,
-    start_cells: FloatArray,
     start: FloatArray,
     candidates: FloatArray,
     section: FloatArray,
-    certain: FloatArray,
+    needed: FloatArray,
     horizon: float,
 ) -> FloatArray:
     """(N, 7): free_time, clearance, path_error, heading_error, bearing, progress, target_distance (see `Features`).
 
-    start_cells (3,) and start (3,) are the same pose on the field's grid and in map; section (M, 3) in map. certain (N,)
-    [s]: how long each arc must be known for sure, `horizon` [s]: how long it is.
+    start (3,) and section (M, 3) on the field's grid [cells, cells, rad]; needed (N,) [s]: arcs that are not free for so
+    long cannot be driven and are measured no further, their row is 0 but for the free time. horizon [s]: of the arcs.
     """
     # A point near the front end of the long axis; led along the path, it lines the chair up with doors early.
-    nose = (shape.discs[0, 0] + shape.discs[0, 3]) * shape.cell
-    rows = np.empty((len(candidates), 7))
+    nose = shape.discs[0, 0] + shape.discs[0, 3]
+    first_x, first_y = start[0] + nose * math.cos(start[2]), start[1] + nose * math.sin(start[2])
+    first, _ = _nearest(section, 0, len(section), first_x, first_y)
+    table = np.empty((FINE + 1, 4))
+    tabled = math.nan
+    rows = np.zeros((len(candidates), 7))
+    rows[:, 0] = free_times(shape, start, candidates, needed, horizon)
     for i in range(len(candidates)):
-        v, omega = candidates[i, 0], candidates[i, 1]
-        free = free_time(shape, start_cells, v / shape.cell, omega, certain[i], horizon)
-        rows[i, 0] = free
-        rows[i, 1] = _clearance(shape, start_cells, v / shape.cell, omega, free)
-        _compare(start, v, omega, free, nose, section, rows[i])
+        if rows[i, 0] < needed[i]:
+            continue
+        v, omega = candidates[i, 0] / shape.cell, candidates[i, 1]
+        if omega != tabled:
+            fill_table(table, start[2], omega, horizon / FINE)
+            tabled = omega
+        last = round(rows[i, 0] / horizon * FINE)
+        _follow(shape, start, table, v, last, nose, section, first, rows[i])
+        rows[i, 3] = abs(_wrapped(start[2] + omega * rows[i, 0] - rows[i, 3]))
+        rows[i, 4] = abs(_wrapped(rows[i, 4] - start[2] - omega * rows[i, 0]))
     return rows
 
 
 @njit(cache=True)
-def _clearance(shape: Footprint, start: FloatArray, v: float, omega: float, free: float) -> float:
-    """Least distance [m] beside the body along an arc as far as it is free."""
-    least = math.inf
-    for look in range(1, _LOOKS + 1):
-        x, y, theta = along_arc(start[0], start[1], start[2], v, omega, free * look / _LOOKS)
-        least = min(least, beside(shape, x, y, theta))
-    return least
-
-
-@njit(cache=True)
-def _compare(
-    start: FloatArray, v: float, omega: float, free: float, nose: float, section: FloatArray, row: FloatArray
+def _follow(
+    shape: Footprint,
+    start: FloatArray,
+    table: FloatArray,
+    v: float,
+    last: int,
+    nose: float,
+    section: FloatArray,
+    first: int,
+    row: FloatArray,
 ) -> None:
-    """Fill path_error, heading_error, bearing, progress and target_distance of an arc as far as it is free."""
-    last = len(section) - 1
-    path_error, target = 0.0, math.inf
-    x, y, theta = start[0], start[1], start[2]
-    nearest = 0
+    """Fill a row along an arc up to step `last`; headings as the path's at the end, and the target's from there."""
+    end = len(section) - 1
+    near, front, path_error = 0, first, 0.0
+    clearance, target = math.inf, math.inf
+    x, y = start[0], start[1]
     for look in range(1, _LOOKS + 1):
-        x, y, theta = along_arc(start[0], start[1], start[2], v, omega, free * look / _LOOKS)
-        front_x, front_y = x + nose * math.cos(theta), y + nose * math.sin(theta)
-        least, front = math.inf, math.inf
-        for j in range(last + 1):
-            square = (section[j, 0] - x) ** 2 + (section[j, 1] - y) ** 2
-            if square < least:
-                least = square
-                nearest = j
-            front = min(front, (section[j, 0] - front_x) ** 2 + (section[j, 1] - front_y) ** 2)
-        front = min(front, _beyond(section[last], front_x, front_y))
-        path_error += (math.sqrt(least) + math.sqrt(front)) / (2 * _LOOKS)
-        target = min(target, math.hypot(section[last, 0] - x, section[last, 1] - y))
-    row[2] = path_error
-    row[3] = abs(_wrapped(theta - section[nearest, 2]))
-    row[4] = abs(_wrapped(math.atan2(section[last, 1] - y, section[last, 0] - x) - theta))
-    row[5] = math.hypot(section[1, 0] - section[0, 0], section[1, 1] - section[0, 1]) * nearest if last > 0 else 0.0
-    row[6] = target
+        k = (last * look + _LOOKS // 2) // _LOOKS
+        c, s = table[k, 0], table[k, 1]
+        x, y = start[0] + v * table[k, 2], start[1] + v * table[k, 3]
+        clearance = min(clearance, beside(shape, x, y, c, s))
+        nose_x, nose_y = x + nose * c, y + nose * s
+        near, away = _nearest(section, near - _BEHIND, _AHEAD, x, y)
+        front, front_away = _nearest(section, front - _BEHIND, _AHEAD, nose_x, nose_y)
+        front_away = min(front_away, _beyond(section[end], nose_x, nose_y))
+        path_error += (math.sqrt(away) + math.sqrt(front_away)) / (2 * _LOOKS)
+        target = min(target, math.hypot(section[end, 0] - x, section[end, 1] - y))
+    spacing = math.hypot(section[1, 0] - section[0, 0], section[1, 1] - section[0, 1]) if end > 0 else 0.0
+    row[1] = clearance
+    row[2] = path_error * shape.cell
+    row[3] = section[near, 2]
+    row[4] = math.atan2(section[end, 1] - y, section[end, 0] - x)
+    row[5] = spacing * near * shape.cell
+    row[6] = target * shape.cell
+
+
+@njit(cache=True, inline="always")
+def _nearest(section: FloatArray, begin: int, count: int, x: float, y: float) -> tuple[int, float]:
+    """Of `count` points from `begin` on the one nearest to (x, y), and the square of its distance."""
+    best, least = max(begin, 0), math.inf
+    for j in range(max(begin, 0), min(begin + count, len(section))):
+        square = (section[j, 0] - x) ** 2 + (section[j, 1] - y) ** 2
+        if square < least:
+            best, least = j, square
+    return best, least
 
 
 @njit(cache=True, inline="always")
@@ -123,3 +153,46 @@ def _beyond(end: FloatArray, x: float, y: float) -> float:
 @njit(cache=True, inline="always")
 def _wrapped(angle: float) -> float:
     return angle - math.tau * math.floor(angle / math.tau + 0.5)
+
+
+@njit(cache=True, nogil=True)
+def people_ahead(
+    shape: Footprint, start: FloatArray, candidates: FloatArray, people: FloatArray, horizon: float
+) -> FloatArray:
+    """(N, 2): when [s] an arc first meets a person, +inf if it does not, and the least gap [m] before that.
+
+    people (P, 6): x, y [cells], velocity [cells/s], radius [m] and what it grows by per second [m/s], at most
+    `_WIDEST`. The body is its rectangle with the margin; every `_EVERY` fine steps are looked at.
+    """
+    length, half = _half_sides(shape)
+    table = np.empty((FINE + 1, 4))
+    tabled = math.nan
+    rows = np.full((len(candidates), 2), math.inf)
+    for i in range(len(candidates)):
+        v, omega = candidates[i, 0] / shape.cell, candidates[i, 1]
+        if omega != tabled:
+            fill_table(table, start[2], omega, horizon / FINE)
+            tabled = omega
+        for k in range(0, FINE + 1, _EVERY):
+            t, c, s = k * horizon / FINE, table[k, 0], table[k, 1]
+            x = start[0] + v * table[k, 2] + c * shape.discs[0, 0]
+            y = start[1] + v * table[k, 3] + s * shape.discs[0, 0]
+            for p in range(len(people)):
+                dx, dy = people[p, 0] + t * people[p, 2] - x, people[p, 1] + t * people[p, 3] - y
+                beyond = max(abs(c * dx + s * dy) - length, 0.0)
+                beside = max(abs(c * dy - s * dx) - half, 0.0)
+                radius = people[p, 4] + min(t * people[p, 5], _WIDEST)
+                gap = math.hypot(beyond, beside) * shape.cell - radius
+                rows[i, 1] = min(rows[i, 1], max(gap, 0.0))
+                if gap <= 0.0:
+                    rows[i, 0] = min(rows[i, 0], t)
+            if rows[i, 0] < math.inf:
+                break
+    return rows
+
+
+@njit(cache=True, inline="always")
+def _half_sides(shape: Footprint) -> tuple[float, float]:
+    """Half length and half width [cells] of the body with its margin."""
+    half = shape.discs[0, 3]
+    return math.sqrt(shape.discs[0, 2] ** 2 - half**2), half

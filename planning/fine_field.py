@@ -6,24 +6,35 @@ import math
 
 import numpy as np
 
+from waychair.geometry import transform_points
 from waychair.maps.distance_field import DistanceField, distances
-from waychair.maps.grid import cells_from_points, inside, occupied
-from waychair.types import FloatArray, OccupancyGrid, Pose2
+from waychair.maps.grid import cells_from_points, inside, occupied, points_from_cells
+from waychair.types import BoolArray, FloatArray, OccupancyGrid, Pose2
 
 FINEST = 0.0125
 """Side [m] from which on cells are fine enough: what the body's check adds for safety is one cell."""
 
+_DEEP, _JAMB = 0.4, 0.06
+"""A door's opening is cleared this far [m] before and behind its middle; its jambs are this thick and half as deep."""
+
 
 def fine_field(
-    grid: OccupancyGrid, centre: Pose2, reach: float, points: FloatArray | None = None, resolution: float = FINEST
+    grid: OccupancyGrid,
+    centre: Pose2,
+    reach: float,
+    points: FloatArray | None = None,
+    opening: tuple[Pose2, float] | None = None,
+    known_within: float = 0.0,
 ) -> DistanceField:
     """Distances to the grid's occupied cells and to `points` (N, 2) [m] in map, within `reach` [m] of a place.
 
-    A cell of the map stays the square it is, cut into whole parts of at most `resolution` [m]. What lies beyond the
+    A cell of the map stays the square it is, cut into whole parts of at most `FINEST`. `opening` is a door's pose
+    (x leads through it) and width [m] as they were measured: it is free, and its jambs stand beside it, whatever the
+    map says. Points no farther than `known_within` [m] from all this are left out, they are that. What lies beyond the
     map or the square is not known, and nothing fits there.
     """
     side = grid.resolution
-    parts = max(1, math.ceil(side / resolution - 1e-9))
+    parts = max(1, math.ceil(side / FINEST - 1e-9))
     row, column = cells_from_points(grid, np.array([[centre.x, centre.y]]))[0]
     span = math.ceil(reach / side)
     height, width = grid.cells.shape
@@ -36,8 +47,20 @@ def fine_field(
     )
     solid = occupied(part).repeat(parts, axis=0).repeat(parts, axis=1)
     fine = OccupancyGrid(np.zeros(solid.shape, np.int8), side / parts, part.map_from_grid)
+    if opening is not None:
+        _open(solid, fine, *opening)
     if points is not None and len(points):
         cells = cells_from_points(fine, points)
-        rows, columns = cells[inside(fine, cells)].T
-        solid[rows, columns] = True
+        cells = cells[inside(fine, cells)]
+        if known_within > 0.0 and len(cells):
+            cells = cells[distances(solid, fine.resolution)[cells[:, 0], cells[:, 1]] > known_within]
+        solid[cells[:, 0], cells[:, 1]] = True
     return DistanceField(distances(solid, fine.resolution), fine.resolution, fine.map_from_grid)
+
+
+def _open(solid: BoolArray, fine: OccupancyGrid, map_from_door: Pose2, width: float) -> None:
+    """Clear the opening of a door, and put its jambs to both sides of it."""
+    centres = points_from_cells(fine, np.indices(solid.shape).reshape(2, -1).T)
+    x, y = np.abs(transform_points(map_from_door.inverse(), centres)).T.reshape(2, *solid.shape)
+    solid[(x < _DEEP) & (y < width / 2)] = False
+    solid[(x < _JAMB) & (y >= width / 2) & (y < width / 2 + _JAMB)] = True

@@ -7,7 +7,7 @@ about the drive axle: the swing-out of its front in a turn is the usual contact 
 
 Lengths inside the kernels are in cells. An obstacle may lie anywhere in its cell (0.71 cells from its centre), the
 interpolated distance may be 0.15 cells too large, and what a rectangle sweeps between two poses `_STEP` apart lies no
-deeper than 0.14 cells (0.35 steps, a diagonal move) outside both: together `SLACK`, one cell.
+deeper than 0.14 cells (`SWEPT`: 0.35 steps, a diagonal move) outside both: together `SLACK`, one cell.
 """
 
 from __future__ import annotations
@@ -21,11 +21,15 @@ from numba import njit
 from numpy.typing import NDArray
 
 from waychair.calibration.chair import ChairBody
+from waychair.geometry import compose
 from waychair.maps.distance_field import DistanceField, interpolated
 from waychair.types import Float32Array, FloatArray, Pose2
 
 SLACK = 1.0
 """Clearance [cells] that a disc needs beyond its radius."""
+
+SWEPT = 0.14
+"""Part of the slack [cells] that is for what is swept between two poses `_STEP` apart."""
 
 _STEP = 0.4
 """Movement [cells] of any point of the body between two poses that are checked."""
@@ -93,9 +97,9 @@ def _halve(
     discs.append((x, y, radius, min(a, b)))
     skip.append(0)
     if radius > 0.5:  # a leaf's disc is no larger than a cell
-        if a >= b:
-            _halve(x - a / 2, y, a / 2, b, discs, skip)
+        if a >= b:  # the front first: it is what meets things
             _halve(x + a / 2, y, a / 2, b, discs, skip)
+            _halve(x - a / 2, y, a / 2, b, discs, skip)
         else:
             _halve(x, y - b / 2, a, b / 2, discs, skip)
             _halve(x, y + b / 2, a, b / 2, discs, skip)
@@ -106,6 +110,13 @@ def in_cells(field: DistanceField, pose: Pose2) -> FloatArray:
     """A pose in map as (3,) column, row [cells], theta [rad] on the field's grid."""
     local = field.map_from_grid.inverse() @ pose
     return np.array([local.x / field.resolution, local.y / field.resolution, local.theta])
+
+
+def poses_in_cells(field: DistanceField, poses: FloatArray) -> FloatArray:
+    """Poses (N, 3) in map as `in_cells` has one."""
+    local = compose(field.map_from_grid.inverse().array(), poses)
+    local[:, :2] /= field.resolution
+    return local
 
 
 def fits(body: ChairBody, margin: float, field: DistanceField, pose: Pose2) -> bool:
@@ -188,8 +199,10 @@ def free_time(shape: Footprint, start: FloatArray, v: float, omega: float, certa
 
 
 @njit(cache=True)
-def beside(shape: Footprint, x: float, y: float, theta: float) -> float:
+def beside(shape: Footprint, x: float, y: float, c: float, s: float) -> float:
     """Distance [m] from the body's sides to the nearest obstacle centre, measured from three points on its long axis.
+
+    At (x, y) [cells] with a heading of cosine c and sine s.
 
     A smooth measure for comparing poses that fit; whether one fits is `room`'s to say.
     """
@@ -198,5 +211,5 @@ def beside(shape: Footprint, x: float, y: float, theta: float) -> float:
     least = math.inf
     for share in (-1.0, 0.0, 1.0):
         along = middle + share * max(length - half, 0.0)
-        least = min(least, _distance(shape, x + along * math.cos(theta), y + along * math.sin(theta)))
+        least = min(least, _distance(shape, x + along * c, y + along * s))
     return float(max(least - half, 0.0) * shape.cell)

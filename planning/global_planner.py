@@ -1,8 +1,9 @@
-"""From a costmap, a start and a goal to a path in map coordinates: D* Lite on the cells, then a string pulled taut."""
+"""From a costmap, a start and a goal to a path in map: D* Lite on the cells, a string pulled taut, cut into legs."""
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+import math
+from dataclasses import dataclass, field
 from itertools import pairwise
 
 import numpy as np
@@ -12,11 +13,13 @@ from waychair.config import Settings, setting
 from waychair.errors import GoalOccupied, GoalOutsideMap, NoPath, StartOccupied, StartOutsideMap
 from waychair.geometry import transform_points
 from waychair.maps.grid import cells_from_points, inside, points_from_cells
-from waychair.planning.costmap import Costmap
-from waychair.planning.dstar_lite import DStarLite
+from waychair.planning.costmap import Costmap, check_free_space
 from waychair.planning.footprint import fits
 from waychair.planning.grid_graph import Cell
-from waychair.planning.narrows import legs_between_turns, line_up
+from waychair.planning.grid_planner import GridPlanner, grid_planner
+from waychair.planning.legs import Leg, Manner, whole
+from waychair.planning.narrows import legs_between_turns, line_up, tight_doors
+from waychair.planning.route import RouteSettings, checked, door_leg
 from waychair.planning.smoothing import pull_taut, round_corners
 from waychair.types import FloatArray, IntArray, Path, Pose2
 
@@ -25,12 +28,16 @@ from waychair.types import FloatArray, IntArray, Path, Pose2
 class PlannerSettings(Settings):
     """How a path is made of cells."""
 
+    planner: str = setting("dstar-lite", "", "planner on the grid: dstar-lite, astar or dijkstra")
     start_reach: float = setting(0.3, "m", "how far off a start too close to a wall may begin", low=0.0, high=2.0)
     spacing: float = setting(0.1, "m", "distance of the path's poses", low=0.01, high=1.0)
     rounding: int = setting(10, "passes", "smoothing passes over the corners", low=0, high=1000)
-    narrow: float = setting(0.6, "m", "clearance below which a place is lined up with, as a door", low=0.0, high=2.0)
+    narrow: float = setting(
+        0.6, "m", "clearance below which a place is lined up with, as a door; 0: nothing is checked", low=0.0, high=2.0
+    )
     run_up: float = setting(1.0, "m", "straight way before the middle of a door", low=0.1, high=3.0)
     turn_from: float = setting(1.2, "rad", "sharper corners at a door are turned in place", low=0.2, high=3.2)
+    route: RouteSettings = field(default_factory=RouteSettings)
 
 
 def plan(costmap: Costmap, start: Pose2, goal: Pose2, settings: PlannerSettings = PlannerSettings()) -> Path:
@@ -60,7 +67,8 @@ class GlobalPlanner:
         self.settings = settings
         self.cost = 0
         self._costmap: Costmap | None = None
-        self._search: DStarLite | None = None
+        self._search: GridPlanner | None = None
+        self.legs: tuple[Leg, ...] = ()
 
     @property
     def pops(self) -> int:
@@ -68,15 +76,16 @@ class GlobalPlanner:
         return self._search.pops if self._search is not None else 0
 
     def replan(self, costmap: Costmap, start: Pose2) -> Path:
-        """Path in map from the start to the goal over the present costmap.
+        """Path in map from the start to the goal over the present costmap; `legs` says how it is to be driven.
 
-        Headings follow the path; the last one is the goal's. Two poses at one place: the chair stops there and turns to
-        the heading of the second (`legs_of`). A costmap of the geometry of the last call costs only what
-        its changed cells cost; another geometry begins anew.
+        Headings are the body's; the last one is the goal's. Two poses at one place: the chair stops there, and turns
+        to the heading of the second. A costmap of the geometry of the last call costs only what its changed cells
+        cost; another geometry begins anew.
 
         Raises:
-            StartOutsideMap, StartOccupied, GoalOutsideMap, GoalOccupied, NoPath.
+            NoFreeSpace, StartOutsideMap, StartOccupied, GoalOutsideMap, GoalOccupied, NoPath.
         """
+        check_free_space(costmap)
         start_cell = _start_cell(costmap, start, self.settings.start_reach)
         goal_cell = _goal_cell(costmap, self.goal)
         search = self._updated_search(costmap, start_cell, goal_cell)
@@ -87,13 +96,14 @@ class GlobalPlanner:
                 f"no way wide enough for the chair leads from ({start.x:.2f}, {start.y:.2f}) to "
                 f"({self.goal.x:.2f}, {self.goal.y:.2f}); clear the way or choose another goal"
             ) from error
-        return _path_from_cells(costmap, search.path(), start, self.goal, self.settings)
+        self.legs = _legs_from_cells(costmap, search.path(), start, self.goal, self.settings)
+        return whole(self.legs)
 
-    def _updated_search(self, costmap: Costmap, start: Cell, goal: Cell) -> DStarLite:
+    def _updated_search(self, costmap: Costmap, start: Cell, goal: Cell) -> GridPlanner:
         """The search over these prices, made anew only when the grid is another one."""
         before, self._costmap = self._costmap, costmap
         if self._search is None or before is None or not _same_geometry(before, costmap):
-            self._search = DStarLite(costmap.prices, goal, start)
+            self._search = grid_planner(self.settings.planner)(costmap.prices, goal, start, costmap.barred)
             return self._search
         self._search.move_start(start)
         changed = np.argwhere(costmap.prices != before.prices)
@@ -171,38 +181,72 @@ def _in_sight(costmap: Costmap, first: Cell, second: Cell) -> bool:
     return bool((costmap.clearance[rows, columns] > 0).all())
 
 
-def _path_from_cells(costmap: Costmap, cells: IntArray, start: Pose2, goal: Pose2, settings: PlannerSettings) -> Path:
-    """Pull the chain of cells taut where that is no dearer, line it up with doors, round its corners, add headings.
-
-    Corners at which the chair is to turn in place are not rounded, and stand in the path twice.
-    """
+def _legs_from_cells(
+    costmap: Costmap, cells: IntArray, start: Pose2, goal: Pose2, settings: PlannerSettings
+) -> tuple[Leg, ...]:
+    """The chain of cells pulled taut where that is no dearer, cut at tight doors, and checked for the rectangle."""
+    cell = costmap.grid.resolution
     grid_from_map = costmap.grid.map_from_grid.inverse()
-    ends: FloatArray = (
-        transform_points(grid_from_map, np.array([[start.x, start.y], [goal.x, goal.y]])) / costmap.grid.resolution
-    )
+    ends: FloatArray = transform_points(grid_from_map, np.array([[start.x, start.y], [goal.x, goal.y]])) / cell
     chain: FloatArray = cells[:, ::-1].astype(np.float64) + 0.5
     # The exact ends stand for their cells; a start too close to a wall is joined to where the plan begins.
     chain = np.concatenate([ends[:1], chain if costmap.prices[_cell(costmap, start)] == 0 else chain[1:]])
     chain = np.concatenate([chain[:-1] if len(chain) > 1 else chain, ends[1:]])
-    taut = chain[pull_taut(costmap.prices, chain)]
-    spacing = settings.spacing / costmap.grid.resolution
-    lined_up, run_ends = line_up(costmap, _evenly_spaced(taut, spacing), settings.narrow, settings.run_up)
-    legs = []
-    for leg in legs_between_turns(costmap, lined_up, run_ends, settings.turn_from):
-        rounded = round_corners(costmap.prices, _evenly_spaced(leg, spacing), settings.rounding)
-        points = transform_points(costmap.grid.map_from_grid, rounded * costmap.grid.resolution)
-        legs.append(np.column_stack([points, _headings(points)]))
-    legs[-1][-1, 2] = goal.theta
-    return Path(np.concatenate(legs))
+    taut = _evenly_spaced(chain[pull_taut(costmap.prices, chain, costmap.barred)], settings.spacing / cell)
+    legs: list[Leg] = []
+    here, begin, widest = start, 0, costmap.body.width + settings.route.door_slack
+    for first, last, door in tight_doors(costmap, taut, settings.narrow, widest):
+        through = door_leg(costmap, door, here, goal)
+        if through is None:
+            continue
+        entry, leaving = transform_points(grid_from_map, through.path.poses[[0, -1], :2]) / cell
+        if math.dist(through.path.poses[0, :2], (here.x, here.y)) > settings.spacing / 2:
+            before = begin + _nearest(taut[begin : max(first, begin + 1)], entry)
+            chunk = np.concatenate([taut[begin : before + 1], entry[None]])
+            legs += _free_legs(costmap, chunk, float(through.path.poses[0, 2]), settings)
+        legs.append(through)
+        here = Pose2(*through.path.poses[-1])
+        begin = last + _nearest(taut[last:], leaving)
+        taut[begin] = leaving
+    legs += _free_legs(costmap, taut[begin:], goal.theta, settings)
+    _join(legs)
+    if settings.narrow == 0.0:  # whether the rectangle passes is left to the local planner
+        return tuple(legs)
+    return tuple(checked(costmap, start, legs, settings.route))
 
 
-def legs_of(path: Path) -> list[Path]:
-    """The path cut where it turns in place; each leg ends with the heading in which the next one begins."""
-    turns = np.flatnonzero((np.diff(path.poses[:, :2], axis=0) == 0.0).all(axis=1)) + 1
-    legs = [leg.copy() for leg in np.split(path.poses, turns)]
+def _free_legs(costmap: Costmap, points: FloatArray, heading: float, settings: PlannerSettings) -> list[Leg]:
+    """Legs along points [cells], lined up with what is narrow, corners rounded, the last one ending in a heading.
+
+    Corners at which the chair is to turn in place are not rounded: there one leg ends and the next begins.
+    """
+    cell = costmap.grid.resolution
+    spacing = settings.spacing / cell
+    taut = _evenly_spaced(points[pull_taut(costmap.prices, points, costmap.barred)], spacing)
+    lined_up, run_ends = line_up(costmap, taut, settings.narrow, settings.run_up)
+    parts = []
+    for part in legs_between_turns(costmap, lined_up, run_ends, settings.turn_from):
+        rounded = round_corners(costmap.prices, _evenly_spaced(part, spacing), settings.rounding)
+        at = transform_points(costmap.grid.map_from_grid, rounded * cell)
+        parts.append(np.column_stack([at, _headings(at)]))
+    for part, following in pairwise(parts):
+        part[-1, 2] = following[0, 2]
+    parts[-1][-1, 2] = heading
+    return [Leg(Path(part)) for part in parts]
+
+
+def _join(legs: list[Leg]) -> None:
+    """Let each leg begin at the very point where the one before it ends, that of a door as it is."""
     for leg, following in pairwise(legs):
-        leg[-1, 2] = following[0, 2]
-    return [Path(leg) for leg in legs]
+        here, there = leg.path.poses[-1], following.path.poses[0]
+        if following.manner is Manner.DOOR:
+            here[:2] = there[:2]
+        else:
+            there[:2] = here[:2]
+
+
+def _nearest(points: FloatArray, point: FloatArray) -> int:
+    return int(np.argmin(np.hypot(*(points - point).T)))
 
 
 def _evenly_spaced(points: FloatArray, spacing: float) -> FloatArray:

@@ -60,20 +60,17 @@ def padded(prices: Prices, barred: Bytes | None = None) -> Prices:
     return grounds.ravel()
 
 
-def check_changes(cells: IntArray, prices: Prices, shape: tuple[int, int]) -> tuple[NDArray[np.int32], Prices]:
-    """Flat indices (N,) of cells (N, 2) of an (H, W) grid in its padded copy, and their new prices (N,) int32.
+def check_changes(cells: IntArray, prices: Prices, shape: tuple[int, int]) -> None:
+    """Refuse new prices (N,) of cells (N, 2) that an (H, W) grid cannot take.
 
     Raises:
         ValueError: a cell outside the grid, an impossible price, arrays of different length.
     """
-    cells = np.asarray(cells, np.int64).reshape(-1, 2)
-    prices = np.asarray(prices, np.int32)
     if len(cells) != len(prices):
         raise ValueError(f"{len(cells)} cells but {len(prices)} prices")
     if ((cells < 0) | (cells >= shape)).any():
         raise ValueError(f"changed cells must lie in the {shape[0]} x {shape[1]} grid")
     check_prices(prices)
-    return ((cells[:, 0] + 1) * (shape[1] + 2) + cells[:, 1] + 1).astype(np.int32), prices
 
 
 def check_prices(prices: Prices) -> None:
@@ -122,12 +119,20 @@ def price_of(ground: int) -> int:
     return np.int64(ground) & _PRICE_BITS
 
 
-@njit(cache=True)
-def set_prices(cells: Records, changed: NDArray[np.int32], prices: Prices) -> None:
-    """Give cells at flat indices (N,) new prices (N,); which directions are barred stays."""
-    for i in range(len(changed)):
-        cell = cells[changed[i]]
-        cell.ground = (cell.ground & ~_PRICE_BITS) | prices[i]
+@njit(cache=True, nogil=True)
+def set_prices(records: Records, cells: IntArray, prices: Prices, height: int, width: int) -> bool:
+    """Give cells (N, 2) of an (H, W) grid new prices (N,), all or, when one is impossible, none and return false.
+
+    Which directions are barred stays.
+    """
+    for i in range(len(cells)):
+        possible = prices[i] == 0 or FREE_PRICE <= prices[i] <= MAX_PRICE
+        if not (possible and 0 <= cells[i, 0] < height and 0 <= cells[i, 1] < width):
+            return False
+    for i in range(len(cells)):
+        record = records[(cells[i, 0] + 1) * (width + 2) + cells[i, 1] + 1]
+        record.ground = (record.ground & ~_PRICE_BITS) | prices[i]
+    return True
 
 
 @njit(cache=True, inline="always")

@@ -20,6 +20,7 @@ from waychair.planning.grid_graph import (
     Records,
     cells_from_padded,
     check_changes,
+    check_prices,
     least_step,
     octile,
     offsets,
@@ -27,7 +28,7 @@ from waychair.planning.grid_graph import (
     padded_index,
     step_cost,
 )
-from waychair.planning.indexed_heap import Heap, empty_heap, grown, has_room, put, remove
+from waychair.planning.indexed_heap import NEIGHBOURHOOD, empty_heap, grown, put, remove
 from waychair.types import Bytes, IntArray
 
 CELL = np.dtype([("cost", np.int64), ("parent", np.int32), ("ground", np.int32), ("place", np.int32)], align=True)
@@ -55,20 +56,26 @@ class FromScratch:
     def __init__(self, prices: Prices, goal: Cell, start: Cell, barred: Bytes | None = None) -> None:
         self._prices, self._barred = prices.copy(), barred
         self._goal = goal
-        padded(prices, barred), padded_index(goal, prices.shape), padded_index(start, prices.shape)
-        self.start = start
+        check_prices(prices)
+        padded_index(goal, self._shape)
         self.pops = 0
-        self._found: GridPath | None = None
+        self.move_start(start)
 
     def move_start(self, cell: Cell) -> None:
         """As `DStarLite.move_start`."""
-        padded_index(cell, (self._prices.shape[0], self._prices.shape[1]))
-        self.start, self._found = cell, None
+        padded_index(cell, self._shape)
+        self.start = cell
+        self._found: GridPath | None = None
+
+    @property
+    def _shape(self) -> tuple[int, int]:
+        return self._prices.shape[0], self._prices.shape[1]
 
     def update(self, cells: IntArray, prices: Prices) -> None:
         """As `DStarLite.update`."""
-        check_changes(cells, prices, (self._prices.shape[0], self._prices.shape[1]))
-        self._prices[tuple(np.asarray(cells).reshape(-1, 2).T)] = prices
+        cells = np.asarray(cells, np.int64).reshape(-1, 2)
+        check_changes(cells, np.asarray(prices), self._shape)
+        self._prices[tuple(cells.T)] = prices
         self._found = None
 
     def replan(self) -> int:
@@ -109,23 +116,20 @@ def shortest_path(prices: Prices, start: Cell, goal: Cell, *, informed: bool = T
     return search(prices, start, goal, informed=informed).cells
 
 
-def search(
-    prices: Prices, start: Cell, goal: Cell, *, informed: bool = True, barred: Bytes | None = None
-) -> GridPath:
+def search(prices: Prices, start: Cell, goal: Cell, *, informed: bool = True, barred: Bytes | None = None) -> GridPath:
     """The cheapest way with its cost and the work it took; `barred` as in `grid_graph`; raises as `shortest_cost`."""
     shape = (prices.shape[0], prices.shape[1])
     first, last = padded_index(start, shape), padded_index(goal, shape)
     grounds = padded(prices, barred)
     cells = np.empty(len(grounds), CELL)
-    cells[:] = (UNREACHABLE, -1, 0, 0)
-    cells["ground"] = grounds
+    _forget_all(cells, grounds)
     heap, steps = empty_heap(cells), offsets(shape[1] + 2)
     if prices[start] != 0:
         cells["cost"][first] = 0
-        put(heap, first, 0, 0)
+        put(*heap, first, 0, 0)
     pops = 0
     while True:
-        popped, finished = _expand(heap, steps, last, shape[1] + 2, informed)
+        popped, finished = _expand(*heap, steps, last, shape[1] + 2, informed)
         pops += popped
         if finished:
             break
@@ -137,16 +141,25 @@ def search(
 
 
 @njit(cache=True, nogil=True)
-def _expand(heap: Heap, steps: IntArray, goal: int, stride: int, informed: bool) -> tuple[int, bool]:
+def _forget_all(cells: Records, grounds: Prices) -> None:
+    """Nothing is known of any cell but its ground."""
+    for i in range(len(cells)):
+        cell = cells[i]
+        cell.cost, cell.parent, cell.ground, cell.place = UNREACHABLE, -1, grounds[i], 0
+
+
+@njit(cache=True, nogil=True)
+def _expand(
+    entries: Records, size: IntArray, cells: Records, steps: IntArray, goal: int, stride: int, informed: bool
+) -> tuple[int, bool]:
     """Expand cells until the goal is taken from the queue; (cells popped, false when the heap must grow)."""
-    cells = heap.cells
     goal_row, goal_column = goal // stride, goal % stride
     pops = 0
-    while heap.size[0] > 0:
-        if not has_room(heap):
+    while size[0] > 0:
+        if size[0] + NEIGHBOURHOOD >= len(entries):
             return pops, False
-        cell = heap.entries[1].cell
-        remove(heap, cell)
+        cell = entries[1].cell
+        remove(entries, size, cells, cell)
         pops += 1
         if cell == goal:
             break
@@ -160,7 +173,7 @@ def _expand(heap: Heap, steps: IntArray, goal: int, stride: int, informed: bool)
                 cells[other].cost = through
                 cells[other].parent = cell
                 ahead = octile(goal_row, goal_column, other, stride) if informed else 0
-                put(heap, other, through + ahead, ahead)
+                put(entries, size, cells, other, through + ahead, ahead)
     return pops, True
 
 

@@ -1,8 +1,8 @@
 """A priority queue of cells in typed arrays: 4-ary, with the place of every cell known, so that its key can change.
 
 Keys are pairs of int64, compared lexicographically and exactly. Entries count from 1; a cell whose `place` is 0 is not
-queued. The place is a field of the search's own records of the cells. Kernels must leave room: they check `has_room`
-before they touch up to nine cells, and return to Python, which calls `grown` and calls them again.
+queued. The place is a field of the search's own records of the cells. Whoever inserts must leave room: kernels check for
+a `NEIGHBOURHOOD` before they touch up to nine cells, and return to Python, which calls `grown` and calls them again.
 """
 
 from __future__ import annotations
@@ -35,15 +35,14 @@ def empty_heap(cells: Records, capacity: int = 4096) -> Heap:
     return Heap(np.empty(capacity + 1, ENTRY), np.zeros(1, np.int64), cells)
 
 
+def has_room(heap: Heap, neighbourhoods: int = 1) -> bool:
+    """Whether so many whole neighbourhoods can still be inserted."""
+    return int(heap.size[0]) + neighbourhoods * NEIGHBOURHOOD < len(heap.entries)
+
+
 def grown(heap: Heap) -> Heap:
     """The same heap with room for twice as many entries."""
     return heap._replace(entries=np.concatenate([heap.entries, np.empty(len(heap.entries) - 1, ENTRY)]))
-
-
-@njit(cache=True, inline="always")
-def has_room(heap: Heap) -> bool:
-    """Whether a whole neighbourhood can still be inserted."""
-    return heap.size[0] + NEIGHBOURHOOD < len(heap.entries)
 
 
 @njit(cache=True, inline="always")
@@ -53,28 +52,27 @@ def less(first: int, second: int, other_first: int, other_second: int) -> bool:
 
 
 @njit(cache=True, inline="always")
-def _set(heap: Heap, entry: int, cell: int, first: int, second: int) -> None:
-    here = heap.entries[entry]
+def _set(entries: Records, cells: Records, entry: int, cell: int, first: int, second: int) -> None:
+    here = entries[entry]
     here.first, here.second, here.cell = first, second, cell
-    heap.cells[cell].place = entry
+    cells[cell].place = entry
 
 
 @njit(cache=True)
-def rise(heap: Heap, entry: int, cell: int, first: int, second: int) -> None:
+def rise(entries: Records, cells: Records, entry: int, cell: int, first: int, second: int) -> None:
     """Put a cell into the free entry, or above it when its key is smaller than its parents'."""
     while entry > 1:
-        parent = heap.entries[(entry + 2) >> 2]
+        parent = entries[(entry + 2) >> 2]
         if not less(first, second, parent.first, parent.second):
             break
-        _set(heap, entry, parent.cell, parent.first, parent.second)
+        _set(entries, cells, entry, parent.cell, parent.first, parent.second)
         entry = (entry + 2) >> 2
-    _set(heap, entry, cell, first, second)
+    _set(entries, cells, entry, cell, first, second)
 
 
 @njit(cache=True)
-def sink(heap: Heap, entry: int, cell: int, first: int, second: int) -> None:
-    """Put a cell into the free entry, or below it when its key is larger than its children's."""
-    entries, count = heap.entries, heap.size[0]
+def sink(entries: Records, count: int, cells: Records, entry: int, cell: int, first: int, second: int) -> None:
+    """Put a cell into the free entry, or below it, among `count`, when its key is larger than its children's."""
     while True:
         child = 4 * entry - 2
         if child > count:
@@ -88,41 +86,41 @@ def sink(heap: Heap, entry: int, cell: int, first: int, second: int) -> None:
             best_second = other_second if smaller else best_second
         if not less(best_first, best_second, first, second):
             break
-        _set(heap, entry, entries[best].cell, best_first, best_second)
+        _set(entries, cells, entry, entries[best].cell, best_first, best_second)
         entry = best
-    _set(heap, entry, cell, first, second)
+    _set(entries, cells, entry, cell, first, second)
 
 
 @njit(cache=True)
-def put(heap: Heap, cell: int, first: int, second: int) -> None:
+def put(entries: Records, size: IntArray, cells: Records, cell: int, first: int, second: int) -> None:
     """Insert a cell, or give it a new key when it is queued already."""
-    entry = np.int64(heap.cells[cell].place)
+    entry = np.int64(cells[cell].place)
     if entry == 0:
-        heap.size[0] += 1
-        rise(heap, heap.size[0], cell, first, second)
-    elif less(first, second, heap.entries[entry].first, heap.entries[entry].second):
-        rise(heap, entry, cell, first, second)
+        size[0] += 1
+        rise(entries, cells, size[0], cell, first, second)
+    elif less(first, second, entries[entry].first, entries[entry].second):
+        rise(entries, cells, entry, cell, first, second)
     else:
-        sink(heap, entry, cell, first, second)
+        sink(entries, size[0], cells, entry, cell, first, second)
 
 
 @njit(cache=True)
-def remove(heap: Heap, cell: int) -> None:
+def remove(entries: Records, size: IntArray, cells: Records, cell: int) -> None:
     """Take a cell out; one that is not queued stays out."""
-    entry = np.int64(heap.cells[cell].place)
+    entry = np.int64(cells[cell].place)
     if entry == 0:
         return
-    heap.cells[cell].place = 0
-    last = heap.size[0]
-    heap.size[0] = last - 1
+    cells[cell].place = 0
+    last = size[0]
+    size[0] = last - 1
     if entry == last:
         return
     # The last entry fills the gap; it may belong above or below it.
-    moved = heap.entries[last]
+    moved = entries[last]
     cell, first, second = moved.cell, moved.first, moved.second
     if entry > 1:
-        parent = heap.entries[(entry + 2) >> 2]
+        parent = entries[(entry + 2) >> 2]
         if less(first, second, parent.first, parent.second):
-            rise(heap, entry, cell, first, second)
+            rise(entries, cells, entry, cell, first, second)
             return
-    sink(heap, entry, cell, first, second)
+    sink(entries, last - 1, cells, entry, cell, first, second)

@@ -24,11 +24,8 @@ from waychair.maps.distance_field import DistanceField, interpolated
 from waychair.planning.footprint import Footprint, along_arc, footprint, free_time, in_cells, room
 from waychair.types import FloatArray, Pose2
 
-_STEP = 0.10
-"""Way [m] of one step, longer than a bin is wide in any direction."""
-_HEADINGS = 72
-"""Bins of the heading, 5 degrees each."""
-_TURN = 2 * math.pi / _HEADINGS
+_STEP = 2.0
+"""Way of one step in sides of a bin: longer than a bin is wide in any direction."""
 _SPACING = 0.05
 """Distance [m] of the poses of the path."""
 
@@ -40,7 +37,8 @@ class ManoeuvreSettings(Settings):
     margin: float = setting(0.03, "m", "kept free round the outline", low=0.0, high=0.3)
     roomy: float = setting(0.06, "m", "room beyond the margin up to which more is better", low=0.01, high=0.5)
     close_price: float = setting(1.5, "", "a step without any of that costs so much more", low=0.0, high=100.0)
-    bin: float = setting(0.05, "m", "side of a bin of places", low=0.02, high=0.5)
+    bin: float = setting(0.05, "m", "side of a bin of places, half a step", low=0.01, high=0.5)
+    headings: int = setting(72, "", "bins of the heading", low=8, high=720)
     reverse_price: float = setting(1.6, "", "a metre backwards", low=1.0, high=100.0)
     turn_price: float = setting(0.4, "m/rad", "turning in place", low=0.01, high=10.0)
     gear_price: float = setting(0.5, "m", "each stop to go another way", low=0.0, high=10.0)
@@ -82,6 +80,7 @@ def manoeuvre(
             settings.greed,
             settings.roomy,
             settings.close_price,
+            math.tau / settings.headings,
         ]
     )
     chain = _search(shape, begin, end, ways, settings.bin / cell, prices, settings.most_states)
@@ -168,11 +167,12 @@ def _search(
 ) -> FloatArray:
     """(N, 6) states from start to goal: x, y [cells], theta [rad], gear, and way [cells] and turn [rad] that led there.
 
-    Empty when there is none within `most` states. prices: reverse, turn, gear, greed, roomy, close (see the settings).
+    Empty when there is none within `most` states. prices: reverse, turn, gear, greed, roomy, close (see the settings), and the
+    angle of a bin of headings.
     """
-    cell, greed = shape.cell, prices[3]
+    cell, greed, angle = shape.cell, prices[3], prices[6]
     rows, columns = ways.shape
-    best = np.full((rows, columns, _HEADINGS), np.inf)
+    best = np.full((rows, columns, int(round(math.tau / angle))), np.inf, np.float32)
     capacity = most + 64
     states = np.empty((capacity, 6))
     costs = np.empty(capacity)
@@ -180,7 +180,12 @@ def _search(
     heap_keys = np.empty(capacity)
     heap_ids = np.empty(capacity, np.int64)
     states[0, 0], states[0, 1], states[0, 2], states[0, 3], states[0, 4], states[0, 5] = (
-        start[0], start[1], start[2], 2.0, 0.0, 0.0,
+        start[0],
+        start[1],
+        start[2],
+        2.0,
+        0.0,
+        0.0,
     )
     costs[0], parents[0], count = 0.0, -1, 1
     queued = _push(heap_keys, heap_ids, 0, 0.0, 0)
@@ -191,8 +196,8 @@ def _search(
         if key >= goal_cost:
             break
         x, y, theta, gear = states[here, 0], states[here, 1], states[here, 2], states[here, 3]
-        i, j, k = _bin(x, y, theta - goal[2], side)
-        if costs[here] > best[i, j, k] + 1e-9 and here != 0:
+        i, j, k = _bin(x, y, theta - goal[2], side, angle)
+        if costs[here] > best[i, j, k] + 1e-4 and here != 0:
             continue
         left = math.hypot(goal[0] - x, goal[1] - y) * cell
         if left < 0.4 or here % 8 == 0:  # what is far is not tried from everywhere
@@ -201,21 +206,21 @@ def _search(
                 if cost < goal_cost:
                     goal_cost, goal_parent, goal_kind = cost, here, kind
         for move in range(12):
-            way, turn = _move(move)
-            free = free_time(shape, states[here, :3], way / cell, turn, 1.0, 1.0)
+            way, turn = _move(move, side, angle)
+            free = free_time(shape, states[here, :3], way, turn, 1.0, 1.0)
             if free < 1.0:
                 continue
-            nx, ny, ntheta = along_arc(x, y, theta, way / cell, turn, 1.0)
-            i, j, k = _bin(nx, ny, ntheta - goal[2], side)
+            nx, ny, ntheta = along_arc(x, y, theta, way, turn, 1.0)
+            i, j, k = _bin(nx, ny, ntheta - goal[2], side, angle)
             if not (0 <= i < rows and 0 <= j < columns) or ways[i, j] == np.inf:
                 continue
-            cost = costs[here] + _price(shape, nx, ny, ntheta, way, turn, gear, prices)
-            if cost >= best[i, j, k] - 1e-9 or count >= most:
+            cost = costs[here] + _price(shape, nx, ny, ntheta, way * cell, turn, gear, prices)
+            if cost >= best[i, j, k] - 1e-4 or count >= most:
                 continue
             best[i, j, k] = cost
             new_gear = 0.0 if way == 0.0 else math.copysign(1.0, way)
             states[count, 0], states[count, 1], states[count, 2] = nx, ny, ntheta
-            states[count, 3], states[count, 4], states[count, 5] = new_gear, way / cell, turn
+            states[count, 3], states[count, 4], states[count, 5] = new_gear, way, turn
             costs[count], parents[count] = cost, here
             off = abs(_wrap(goal[2] - ntheta))
             estimate = max(ways[i, j] * cell, prices[1] * off)
@@ -227,17 +232,18 @@ def _search(
 
 
 @njit(cache=True)
-def _move(move: int) -> tuple[float, float]:
-    """Way [m] and turn [rad] of the steps: five forwards, five backwards, two in place."""
+def _move(move: int, side: float, angle: float) -> tuple[float, float]:
+    """Way [cells] and turn [rad] of the steps: five forwards, five backwards, two in place."""
     if move >= 10:
-        return 0.0, _TURN if move == 10 else -_TURN
-    return _STEP if move < 5 else -_STEP, (move % 5 - 2) * _TURN
+        return 0.0, angle if move == 10 else -angle
+    return _STEP * side if move < 5 else -_STEP * side, (move % 5 - 2) * angle
 
 
 @njit(cache=True)
-def _bin(x: float, y: float, off: float, side: float) -> tuple[int, int, int]:
+def _bin(x: float, y: float, off: float, side: float, angle: float) -> tuple[int, int, int]:
     """Row, column and heading of a state's bin; headings are counted from the goal's."""
-    return int(math.floor(y / side)), int(math.floor(x / side)), int(round(off / _TURN)) % _HEADINGS
+    heading = int(round(off / angle)) % int(round(math.tau / angle))
+    return int(math.floor(y / side)), int(math.floor(x / side)), heading
 
 
 @njit(cache=True)

@@ -17,8 +17,9 @@ from waychair.geometry import wrap_angle
 from waychair.maps.grid import occupied
 from waychair.planning.costmap import Costmap
 from waychair.planning.footprint import footprint, free_time
+from waychair.planning.legs import Door
 from waychair.planning.smoothing import line_cost
-from waychair.types import BoolArray, FloatArray
+from waychair.types import BoolArray, FloatArray, Pose2
 
 _LONGEST = 1.6
 """A narrow stretch longer than this [m] is a corridor, along which the path is straight already."""
@@ -86,6 +87,33 @@ def legs_between_turns(costmap: Costmap, points: FloatArray, run_ends: BoolArray
     return [*legs, points[begin:]]
 
 
+def tight_doors(costmap: Costmap, points: FloatArray, narrow: float, widest: float) -> list[tuple[int, int, Door]]:
+    """Doors on the way that are no wider than `widest` [m], with the first and last index of the points within them.
+
+    A door is a narrow place as in `line_up`. Its direction is that in which the points go through it.
+    """
+    rows, columns = np.floor(points[:, ::-1]).astype(np.int64).T
+    clearance = costmap.clearance[rows, columns]
+    cell = costmap.grid.resolution
+    doors = []
+    for first, last in _stretches(clearance < narrow):
+        if _length(points[first : last + 1]) * cell >= _LONGEST:
+            continue
+        middle = first + int(np.argmin(clearance[first : last + 1]))
+        if 2 * clearance[middle] - cell > widest:
+            continue
+        axis = _passage(costmap, points[middle], narrow / cell)
+        if axis is None:
+            continue
+        centre, direction = axis
+        if direction @ (points[last] - points[first]) < 0:
+            direction = -direction
+        heading = math.atan2(direction[1], direction[0])
+        pose = costmap.grid.map_from_grid @ Pose2(*(centre * cell), heading)
+        doors.append((first, last, Door(pose, 2 * float(clearance[middle]) - cell)))
+    return doors
+
+
 def _turning_spot(
     costmap: Costmap, points: FloatArray, i: int, other_end: FloatArray, turn_from: float
 ) -> FloatArray | None:
@@ -120,7 +148,7 @@ def _length(points: FloatArray) -> float:
     return float(np.hypot(*np.diff(points, axis=0).T).sum())
 
 
-def _stretches(narrow: np.ndarray[tuple[int, ...], np.dtype[np.bool_]]) -> list[tuple[int, int]]:
+def _stretches(narrow: BoolArray) -> list[tuple[int, int]]:
     """First and last index of every run of true values."""
     edges = np.flatnonzero(np.diff(np.concatenate([[0], narrow.astype(np.int8), [0]])))
     return [(int(first), int(last) - 1) for first, last in edges.reshape(-1, 2)]

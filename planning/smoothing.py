@@ -11,7 +11,7 @@ import numpy as np
 from numba import njit
 
 from waychair.planning.grid_graph import FREE_PRICE, Prices
-from waychair.types import FloatArray, IntArray
+from waychair.types import Bytes, FloatArray, IntArray
 
 _SAMPLES_PER_CELL = 4
 _REACH = 400
@@ -19,25 +19,28 @@ _REACH = 400
 
 
 @njit(cache=True)
-def line_cost(prices: Prices, x0: float, y0: float, x1: float, y1: float) -> float:
+def line_cost(prices: Prices, x0: float, y0: float, x1: float, y1: float, barred: Bytes | None = None) -> float:
     """Price times length [cells of free floor] of a straight line; infinite through impassable cells.
 
+    Infinite, too, through cells whose `barred` directions (see `grid_graph`) have the line's, to the nearest of eight.
     Sampled at a quarter of a cell, each sample standing for its share of the line.
     """
     length = math.hypot(x1 - x0, y1 - y0)
     count = max(math.ceil(length * _SAMPLES_PER_CELL), 1)
+    direction = round(math.atan2(y1 - y0, x1 - x0) / (math.pi / 4)) % 8
     total = 0
     for i in range(count):
         fraction = (i + 0.5) / count
-        price = prices[int(y0 + fraction * (y1 - y0)), int(x0 + fraction * (x1 - x0))]
-        if price == 0:
+        row, column = int(y0 + fraction * (y1 - y0)), int(x0 + fraction * (x1 - x0))
+        price = prices[row, column]
+        if price == 0 or (barred is not None and barred[row, column] >> direction & 1):
             return math.inf
         total += price
     return length * total / (count * FREE_PRICE)
 
 
 @njit(cache=True, nogil=True)
-def pull_taut(prices: Prices, points: FloatArray) -> IntArray:
+def pull_taut(prices: Prices, points: FloatArray, barred: Bytes | None = None) -> IntArray:
     """Indices of the points to keep: from each one straight to a far one that is no dearer to reach directly.
 
     "Dearer" is measured in the costmap's own prices, so that a path in the middle of a corridor stays there. A step
@@ -56,7 +59,7 @@ def pull_taut(prices: Prices, points: FloatArray) -> IntArray:
         reach = min(_REACH, count - 1 - here)
         while reach > 1:
             far = here + reach
-            direct = line_cost(prices, points[here, 0], points[here, 1], points[far, 0], points[far, 1])
+            direct = line_cost(prices, points[here, 0], points[here, 1], points[far, 0], points[far, 1], barred)
             if direct <= (along[far] - along[here]) * (1 + 1e-6):
                 break
             reach = 3 * reach // 4

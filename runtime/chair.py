@@ -3,30 +3,44 @@
 It has no clock and no threads of its own: whoever owns it (a trial, a ROS node, the page) calls `step` at
 `topics.COMMAND.rate_hz` with the messages since the last tick, and `beat` in between, at `topics.TELEMETRY.rate_hz` or
 faster, so that the board knows that the computer lives.
+
+Nothing drives because it was asked for: `go` takes a goal, and `confirm`, the rider's own yes, begins it, if nothing is
+wrong at that moment. Otherwise the goal is dropped, and so it is by whatever ends a drive.
 """
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Mapping
-from dataclasses import dataclass, field
+import math
+from collections.abc import Iterable, Mapping, Sequence
+from dataclasses import dataclass, field, replace
 from typing import TypeAlias
 
-from waychair.calibration.chair import ChairBody
-from waychair.calibration.dac import DacModel
+import numpy as np
+
+from waychair.calibration.calibration_file import ChairCalibration
+from waychair.calibration.dac import DEFAULT, DacModel
 from waychair.calibration.fitted_dac import DeadBand, FittedDac
+from waychair.calibration.stopping import StopTable, permitted_speed
+from waychair.calibration.time_offset import SensorDelays, without_delay
 from waychair.config import Settings
 from waychair.control.closed_loop import ClosedLoop, ClosedLoopSettings
+from waychair.control.collision_monitor import MonitorSettings, is_silent, permitted_share, refusal
+from waychair.control.fitness import Fitness, FitnessSettings
 from waychair.control.kinematics import wheel_speeds_from_twist
+from waychair.control.limiter import Limiter, LimiterSettings, unseen_share
 from waychair.control.navigator import Navigation, Navigator, NavigatorSettings
-from waychair.control.supervisor import Override, Situation, SupervisorSettings, Verdict, supervise
+from waychair.control.stops import STOPS, Braking, Halt, Severity, board_halt, halt, halt_as_told
+from waychair.control.supervisor import DRIVEN, Override, Situation, SupervisorSettings, Verdict, supervise
 from waychair.firmware_bridge.bridge import Bridge, BridgeSettings
 from waychair.firmware_bridge.transports import Reconnecting
 from waychair.geometry import transform_points
+from waychair.maps.zones import Zone, speed_limit
+from waychair.runtime.monitor_process import MonitorInStep, MonitorPort, Watched
 from waychair.slam.localiser import Localisation, Localiser, LocaliserSettings
 from waychair.slam.odometry import WheelOdometry, arc
 from waychair.slam.scan_points import scan_points
-from waychair.topics import SCAN, WHEELS
 from waychair.types import (
+    ChairStatus,
     DriveMode,
     FloatArray,
     Goal,
@@ -44,8 +58,8 @@ from waychair.types import (
     WheelTicks,
 )
 
-Message: TypeAlias = WheelTicks | Scan | ImuSample | SonarReadings | RgbdFrame
-"""What a chair's sensors say; it drives by its wheels and its lidar, the rest is not used yet.
+Message: TypeAlias = WheelTicks | Scan | ImuSample | SonarReadings | RgbdFrame | ChairStatus
+"""What a chair's sensors and contacts say; it drives by its wheels and its lidar, and watches all that it is given.
 
 The rider's joystick is no message: the board reads it, and says so in its telemetry.
 """
@@ -59,6 +73,9 @@ class ChairSettings(Settings):
     navigator: NavigatorSettings = field(default_factory=NavigatorSettings)
     closed_loop: ClosedLoopSettings = field(default_factory=ClosedLoopSettings)
     supervisor: SupervisorSettings = field(default_factory=SupervisorSettings)
+    fitness: FitnessSettings = field(default_factory=FitnessSettings)
+    limiter: LimiterSettings = field(default_factory=LimiterSettings)
+    monitor: MonitorSettings = field(default_factory=MonitorSettings)
     bridge: BridgeSettings = field(default_factory=BridgeSettings)
 
 
@@ -66,7 +83,9 @@ class ChairSettings(Settings):
 class ChairState:
     """What the chair knows and did in one tick: where it is, who drives and why, what was asked and what was sent.
 
-    `telemetry` is the board's last report, None while there is no board that could be driven through.
+    `halts`: all that keeps it from driving or holds it up, each with its remedy. `command`: the navigator's twist
+    within the limits, None when the computer does not drive. `telemetry` is the board's last report, None while there
+    is no board that could be driven through.
     """
 
     stamp_ns: int
@@ -74,7 +93,9 @@ class ChairState:
     twist: Twist
     localisation: Localisation | None
     verdict: Verdict
+    halts: tuple[Halt, ...]
     navigation: Navigation
+    command: Twist | None
     sent: Sent
     telemetry: Telemetry | None
 
@@ -86,41 +107,70 @@ class Chair:
         self,
         grid: OccupancyGrid,
         places: Mapping[str, Place],
-        body: ChairBody,
-        calibration: DacModel,
+        calibration: ChairCalibration,
         cable: Reconnecting,
         start: Pose2,
         settings: ChairSettings | None = None,
+        model: DacModel | None = None,
+        monitor: MonitorPort | None = None,
+        zones: Sequence[Zone] = (),
     ) -> None:
-        """
+        """What the calibration lacks is careful: without measured stops the chair crawls.
+
+        `model` drives the lines in place of the calibration's. `zones` are the map's; the slow ones count here. `monitor`: a `MonitorProcess`, for a chair on its feet;
+        by default the monitor lives in the tick, as the simulator's clock needs it.
+
         Raises:
             BridgeError: the chair's name is too long for a board.
         """
-        self.settings = settings or ChairSettings()
-        self.body = body
-        self.navigator = Navigator(grid, places, body, self.settings.navigator)
+        self.settings = s = settings or ChairSettings()
+        self.body = body = calibration.body
+        self.navigator = Navigator(grid, places, body, _within(s.navigator, s.limiter, calibration.stops))
+        self._calibration = calibration
+        self._zones = zones
+        self._delays = calibration.sensor_delays or SensorDelays()
         self._odometry = WheelOdometry(body)
-        self._localiser = Localiser(grid, body.base_from_laser, start, self.settings.localiser)
-        model = DeadBand(calibration) if isinstance(calibration, FittedDac) else calibration
-        self.bridge = Bridge(cable, model, body.chair_id, self.settings.bridge)
-        self._loop = ClosedLoop(model, body.track, self.settings.closed_loop)
-        self._sent: Sent | None = None
-        self._override = Override(self.settings.supervisor)
+        self._localiser = Localiser(grid, body.base_from_laser, start, s.localiser)
+        model = model or calibration.dac or DEFAULT
+        model = DeadBand(model) if isinstance(model, FittedDac) else model
+        watched = Watched(body, s.monitor, calibration.stops, calibration.self_mask)
+        self._monitor = monitor or MonitorInStep(watched)
+        self.bridge = Bridge(cable, model, calibration.chair_id, s.bridge, self._gate)
+        self._loop = ClosedLoop(model, body.track, s.closed_loop, calibration.stops)
+        self._limiter = Limiter(s.limiter)
+        self._fitness = Fitness(body, s.fitness)
+        self._override = Override(s.supervisor)
         self._start = start
         self._mode = DriveMode.MANUAL
-        self._stop_pressed = False
+        self._goals: tuple[Goal, ...] = ()  # that wait for a yes
+        self._goals_since_ns: int | None = None
+        self._requested = self._confirmed = self._stop_pressed = False
+        self._latched: Halt | None = None
+        self._halts: tuple[Halt, ...] = (halt("lidar_stale"),)
+        self._sent: Sent | None = None
         self._wheels: Odometry | None = None
         self._scan: Scan | None = None
         self._localisation: Localisation | None = None
 
-    def go(self, goal: Goal) -> None:
-        """Drive there; raises `UnknownPlace` for a name that is not on the map.
+    @property
+    def ready(self) -> bool:
+        """Whether, at the last tick, a confirmed drive could have begun."""
+        return not any(halted.stop.severity is not Severity.PAUSES for halted in self._halts)
 
-        What the computer itself did to the board (a lost cable, a pause) is forgiven by asking for a goal.
+    def go(self, goal: Goal, *further: Goal) -> None:
+        """Take a goal, and those after it, which wait for `confirm`; raises `UnknownPlace` for one not on the map.
+
+        A drive under way comes to rest first. What the computer itself did to the board (a lost cable, a pause) is
+        forgiven by asking for a goal.
         """
-        self.navigator.go(goal)
-        self._stop_pressed = False
+        self.navigator.go(goal, *further)
+        self._goals, self._goals_since_ns, self._requested = (goal, *further), None, True
+        self._confirmed = self._stop_pressed = False
         self.bridge.reset()
+
+    def confirm(self) -> None:
+        """The rider's yes to the goal that waits: the drive begins in the next tick, unless something is wrong."""
+        self._confirmed = bool(self._goals)
 
     def stop(self) -> None:
         """The rider's Stop: nothing moves by itself until a new goal is asked for."""
@@ -131,9 +181,12 @@ class Chair:
 
         Nothing drives because of it: a goal that was waiting for it has to be asked for again.
         """
-        self.navigator.cancel("the faults were reset; ask for the goal again")
+        self._drop_goal("the faults were reset; ask for the goal again")
         self.bridge.reset(by_rider=True)
         self._loop.acknowledge()
+        if any(halted.stop is STOPS["monitor_silent"] for halted in self._halts):
+            self._monitor.restart()
+        self._latched = None
 
     def beat(self, now_ns: int) -> None:
         """Keep the board company between two ticks."""
@@ -144,53 +197,152 @@ class Chair:
         obstacles = self._take_in(messages)
         pose = self._map_from_base(now_ns)
         telemetry = self.bridge.listen(now_ns)
-        verdict = self._supervise(now_ns, telemetry)
-        navigation = self.navigator.step(now_ns, pose, obstacles)
-        driving = verdict.computer_drives and navigation.driving
-        measured = self._wheels.twist if self._wheels is not None else Twist()
-        asked = Twist(verdict.share * navigation.twist.v, verdict.share * navigation.twist.omega)
-        trimmed = self._loop.step(asked if driving and self.bridge.armed else None, measured, now_ns, self._sent)
-        speeds = wheel_speeds_from_twist(trimmed, self.body.track) if driving else None
+        halts = self._look_for_halts(now_ns)
+        verdict = self._supervise(now_ns, telemetry, halts)
+        map_from_odom = None if self._localisation is None else self._localisation.map_from_odom
+        navigation = self.navigator.step(now_ns, pose, obstacles, map_from_odom)
+        command = self._limited(now_ns, verdict, navigation)
+        trimmed = self._loop.step(command if self.bridge.armed else None, self._twist, now_ns, self._sent)
+        speeds = None if command is None else wheel_speeds_from_twist(trimmed, self.body.track)
         sent = self.bridge.send(speeds, now_ns, now_ns)
-        self._follow_up(sent, driving=driving)
-        return ChairState(now_ns, pose, measured, self._localisation, verdict, navigation, sent, telemetry)
+        self._follow_up(sent, command)
+        return ChairState(
+            now_ns, pose, self._twist, self._localisation, verdict, halts, navigation, command, sent, telemetry
+        )
 
-    def _supervise(self, now_ns: int, telemetry: Telemetry | None) -> Verdict:
-        """Who drives in this tick; what was interrupted never resumes by itself."""
-        stick = None if telemetry is None else telemetry.joystick
-        taken_over = self._override.update(stick) or self.bridge.taken_over
-        faults = self._faults(now_ns)
-        situation = Situation(stick, taken_over, self._stop_pressed, self.navigator.active, faults)
-        verdict = supervise(self._mode, situation, self.settings.supervisor)
-        drove = self._mode in (DriveMode.AUTONOMOUS, DriveMode.ASSISTED)
-        if drove and not verdict.computer_drives:
-            self.navigator.cancel(verdict.reason)
-        self._mode = verdict.mode
-        return verdict
-
-    def _follow_up(self, sent: Sent, *, driving: bool) -> None:
-        """What was really sent is news to the navigator, and the end of a drive that bridge or board have ended."""
-        if not sent.active:
-            self.navigator.at_rest()
-            if driving and self._sent is not None and self._sent.active:
-                self.navigator.cancel(sent.reason)
-        self._sent = sent
+    @property
+    def _twist(self) -> Twist:
+        """As measured by the wheels."""
+        return Twist() if self._wheels is None else self._wheels.twist
 
     def _take_in(self, messages: Iterable[Message]) -> FloatArray | None:
         """Odometry and localisation up to date; what the latest of these scans saw, (N, 2) [m] in map."""
         seen = None
-        for message in messages:
+        for late in messages:
+            message = without_delay(late, self._delays)
             if isinstance(message, WheelTicks):
                 self._wheels = self._odometry.update(message)
             elif isinstance(message, Scan) and self._wheels is not None:
+                self._monitor.see(message)
                 self._scan = message
-                self._localisation = self._localiser.process(
-                    message, self._odom_from_base(message.stamp_ns), self._wheels.twist
-                )
-                reach = self.settings.navigator.obstacle_range
-                points = scan_points(message, self.body.base_from_laser, reach, self._wheels.twist).points
-                seen = transform_points(self._localisation.map_from_base, points)
+                seen = self._localise(message)
+            if not isinstance(message, SonarReadings):
+                self._fitness.hear(message, self._twist)
         return seen
+
+    def _localise(self, raw: Scan) -> FloatArray:
+        """Where the chair was at a scan, and what this saw, but for the chair itself, (N, 2) [m] in map."""
+        mask = self._calibration.self_mask
+        scan = raw
+        if mask is not None:
+            scan = replace(raw, ranges=np.where(mask.hides(raw), np.float32(math.nan), raw.ranges))
+        odom_from_base = self._odom_from_base(scan.stamp_ns)
+        self._localisation = self._localiser.process(scan, odom_from_base, self._twist)
+        self._fitness.locate(self._localisation, odom_from_base)
+        reach = self.settings.navigator.obstacle_range
+        points = scan_points(scan, self.body.base_from_laser, reach, self._twist).points
+        return transform_points(self._localisation.map_from_base, points)
+
+    def _look_for_halts(self, now_ns: int) -> tuple[Halt, ...]:
+        """All that is wrong now, and what was wrong with the last drive until somebody resets it."""
+        s, verdict = self.settings.monitor, self._monitor.verdict
+        if self._mode not in DRIVEN:
+            self._fitness.settle()
+        halts = [*map(board_halt, self.bridge.trouble), *self._fitness.halts(now_ns)]
+        if self._loop.fault:
+            halts.append(halt_as_told("disobeys", self._loop.fault))
+        if is_silent(verdict, now_ns, s):
+            halts.append(halt("monitor_silent"))
+        elif verdict is not None and verdict.stop:
+            halts.append(halt(verdict.stop))
+        if self._mode in DRIVEN:
+            latching = (halted for halted in halts if halted.stop.severity is Severity.LATCHES)
+            self._latched = self._latched or next(latching, None)
+        if self._latched is not None and self._latched not in halts:
+            halts.append(self._latched)
+        self._halts = tuple(halts)
+        return self._halts
+
+    def _supervise(self, now_ns: int, telemetry: Telemetry | None, halts: tuple[Halt, ...]) -> Verdict:
+        """Who drives in this tick; what was interrupted or refused is dropped, and never resumes by itself."""
+        self._drop_unconfirmed(now_ns)
+        stick = None if telemetry is None else telemetry.joystick
+        taken_over = self._override.update(stick) or self.bridge.taken_over
+        active = self.navigator.active
+        situation = Situation(stick, taken_over, self._stop_pressed, active, self._requested, self._confirmed, halts)
+        self._requested = self._confirmed = False
+        verdict = supervise(self._mode, situation, self.settings.supervisor)
+        if verdict.drops_goal or not active:
+            self._drop_goal(verdict.reason)
+        elif verdict.computer_drives and self._goals:
+            self.navigator.go(*self._goals)  # afresh: what it tried while it waited does not count
+            self._goals = ()
+        self._mode = verdict.mode
+        return verdict
+
+    def _drop_unconfirmed(self, now_ns: int) -> None:
+        """A goal waits for its yes for so long only."""
+        if not self._goals:
+            return
+        self._goals_since_ns = now_ns if self._goals_since_ns is None else self._goals_since_ns
+        if now_ns - self._goals_since_ns > self.settings.supervisor.confirm_s * 1e9:
+            self._drop_goal("nobody has confirmed the drive: ask for the goal again")
+
+    def _drop_goal(self, reason: str) -> None:
+        self._goals = ()
+        self.navigator.cancel(reason)
+
+    def _limited(self, now_ns: int, verdict: Verdict, navigation: Navigation) -> Twist | None:
+        """What is commanded: the navigator's twist within all limits, or the way to rest; None to let go of the lines."""
+        driving = verdict.computer_drives and navigation.driving
+        braking = None if driving else verdict.braking
+        asked = self._limiter.command
+        if driving:
+            asked = Twist(verdict.share * navigation.twist.v, verdict.share * navigation.twist.omega)
+        self._monitor.judge(asked, self._twist, now_ns)
+        if not driving and (braking is Braking.RELEASE or not self._limiter.moving):
+            self._limiter.rest()
+            return None
+        found = self._monitor.verdict
+        if found is not None and found.stop:
+            braking = STOPS[found.stop].braking
+        if self._gate(now_ns):  # the bridge sends zero, so the command is none
+            braking = Braking.RELEASE
+        cap = self._speed_limit(now_ns)
+        share = 0.0 if found is None else permitted_share(asked, found, self.settings.monitor)
+        if self._scan is not None:
+            share = min(share, unseen_share(asked, self.body, self._scan))
+        return self._limiter.step(asked, now_ns, cap, share, braking)
+
+    def _speed_limit(self, now_ns: int) -> float:
+        """Greatest speed [m/s] for reasons that are no stops: doubts, sensors, measured brakes, and slow zones."""
+        v, limits = self._limiter.command.v, self.settings.limiter
+        slows_down_in = math.copysign(abs(v) * limits.braking / limits.jerk / 2 + v * v / (2.0 * limits.braking), v)
+        here = self._map_from_base(now_ns)
+        there = here @ Pose2(slows_down_in)
+        outline = np.concatenate([transform_points(pose, self.body.outline()) for pose in (here, there)])
+        return min(
+            self._loop.speed_limit,
+            self._fitness.speed_limit(now_ns),
+            permitted_speed(self._calibration.stops),
+            speed_limit(self._zones, outline),
+        )
+
+    def _gate(self, now_ns: int) -> str:
+        """Why no speed may pass the bridge now, by the age of the monitor's verdict and of its scan."""
+        stop_id = refusal(self._monitor.verdict, now_ns, self.settings.monitor)
+        return halt(stop_id).text if stop_id else ""
+
+    def _follow_up(self, sent: Sent, command: Twist | None) -> None:
+        """What was really sent is news to the navigator, and the end of a drive that bridge or board have ended."""
+        if sent.active and command is not None:
+            self.navigator.commanded(command)
+        else:
+            self.navigator.at_rest()
+            self._limiter.rest()
+            if command is not None and self._sent is not None and self._sent.active:
+                self._drop_goal(sent.reason)
+        self._sent = sent
 
     def _odom_from_base(self, stamp_ns: int) -> Pose2:
         """Odometry at a stamp, its last speeds taken to go on for at most 0.1 s."""
@@ -204,15 +356,20 @@ class Chair:
             return self._start
         return self._localisation.map_from_odom @ self._odom_from_base(now_ns)
 
-    def _faults(self, now_ns: int) -> tuple[str, ...]:
-        """What makes the computer let go, as plain sentences."""
-        faults = [*self.bridge.trouble]
-        if self._loop.fault:
-            faults.append(self._loop.fault)
-        if SCAN.is_stale(None if self._scan is None else self._scan.stamp_ns, now_ns):
-            faults.append("the lidar is silent: check its cable and power")
-        if WHEELS.is_stale(None if self._wheels is None else self._wheels.stamp_ns, now_ns):
-            faults.append("the wheel encoders are silent: check their cable")
-        if self._localisation is not None and self._localisation.lost:
-            faults.append("the chair no longer knows where it is: drive it to a known place and set its pose")
-        return tuple(faults)
+
+def _within(settings: NavigatorSettings, limits: LimiterSettings, stops: StopTable | None) -> NavigatorSettings:
+    """The navigator plans within the rider's comfort and what the chair's brakes were measured for."""
+    dwa, fastest = settings.dwa, permitted_speed(stops)
+    return replace(
+        settings,
+        dwa=replace(
+            dwa,
+            max_speed=min(dwa.max_speed, limits.max_speed, fastest),
+            max_reverse=min(dwa.max_reverse, fastest),
+            max_omega=min(dwa.max_omega, limits.max_omega),
+            acceleration=min(dwa.acceleration, limits.acceleration),
+            braking=min(dwa.braking, limits.braking),
+            alpha=min(dwa.alpha, limits.alpha),
+            max_lateral=min(dwa.max_lateral, limits.lateral),
+        ),
+    )

@@ -4,10 +4,13 @@ from __future__ import annotations
 
 import base64
 from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
 from pathlib import Path
 
 import cv2
 import numpy as np
+from scipy.sparse import csr_matrix
+from scipy.sparse.csgraph import connected_components
 
 from waychair import __version__
 from waychair.recording import Recording
@@ -22,14 +25,22 @@ _FREE, _OCCUPIED, _UNKNOWN_SHADE = 50.0, 65.0, 209  # [%] drawn white, [%] drawn
 _TICKS = (1, 2, 5, 10, 20, 50, 100, 200)  # [m] lengths of the scale
 
 
+@dataclass(frozen=True, slots=True)
+class Cost:
+    """What a run cost: CPU seconds by stage and of each scan that was matched with care, wall seconds, memory [MB]."""
+
+    stages: Mapping[str, float]
+    key_seconds: Sequence[float]
+    wall_seconds: float
+    peak_memory_mb: float
+
+
 def mapping_report(
     recording: Recording,
     warnings: Sequence[str],
     result: MapperResult,
     grid: OccupancyGrid,
-    cpu_seconds: Mapping[str, float],
-    wall_seconds: float,
-    peak_memory_mb: float,
+    cost: Cost,
     resumed_at: int,
 ) -> Json:
     """The report as JSON: input, counts, loops with their stamps, times by stage, memory."""
@@ -47,6 +58,7 @@ def mapping_report(
         "key_scans": len(result.key_poses),
         "edges": {kind.value: kinds.count(kind) for kind in EdgeKind},
         "loops": _loops(result),
+        "rejected_loops": [str(rejected) for rejected in result.rejected],
         "counts": result.counts,
         "grid": {
             "width": grid.cells.shape[1],
@@ -55,10 +67,38 @@ def mapping_report(
             "known_m2": round(float((grid.cells >= 0).sum()) * grid.resolution**2, 2),
         },
         "resumed_at_frame": resumed_at,
-        "cpu_seconds": {stage: round(value, 3) for stage, value in cpu_seconds.items()},
-        "wall_seconds": round(wall_seconds, 3),
-        "peak_memory_mb": round(peak_memory_mb, 1),
+        "cpu_seconds": {stage: round(value, 3) for stage, value in cost.stages.items()},
+        "key_scan_ms": _milliseconds(cost.key_seconds),
+        "wall_seconds": round(cost.wall_seconds, 3),
+        "peak_memory_mb": round(cost.peak_memory_mb, 1),
     }
+
+
+def torn_warnings(result: MapperResult) -> list[str]:
+    """One sentence for each time that the scans had nothing to do with those before, and whether that was mended."""
+    torn = [edge for edge in result.edges if edge.kind is EdgeKind.TORN]
+    whole = [edge for edge in result.edges if edge.kind is not EdgeKind.TORN]
+    nodes = len(result.key_poses)
+    links = csr_matrix((np.ones(len(whole)), ([e.i for e in whole], [e.j for e in whole])), shape=(nodes, nodes))
+    _, piece = connected_components(links, directed=False)
+    start = int(result.trajectory.stamps_ns[0])
+    warnings = []
+    for edge in torn:
+        seconds = (int(result.trajectory.stamps_ns[result.key_frames[edge.j]]) - start) * 1e-9
+        mended = "; the place was found again" if piece[edge.i] == piece[edge.j] else (
+            ", and the part after it could not be joined to the rest: record a way that leads back"
+        )  # fmt: skip
+        warnings.append(f"at {seconds:.1f} s the scans have nothing to do with those before{mended}")
+    return warnings
+
+
+def _milliseconds(seconds: Sequence[float]) -> Json:
+    """Mean, 95th percentile and largest, in ms."""
+    if not seconds:
+        return {}
+    values = 1e3 * np.array(seconds)
+    figures = {"mean": values.mean(), "p95": np.quantile(values, 0.95), "max": values.max()}
+    return {name: round(float(value), 2) for name, value in figures.items()}
 
 
 def write_mapping_page(path: Path, report: Json, grid: OccupancyGrid, result: MapperResult) -> None:

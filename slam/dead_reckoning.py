@@ -19,16 +19,16 @@ class DeadReckoning:
     """
 
     def __init__(self, body: ChairBody, settings: OdometrySettings | None = None) -> None:
+        self._body, self._settings = body, settings
         self._tilt = TiltFilter(body)
-        self._filter = OdometryFilter(body, settings)
-        self._body = body
-        self._fusing = False
+        self._filter: OdometryFilter | None = None
 
     def update(self, frame: SensorFrame) -> SensorFrame:
         """The frame with its odometry, and with its scan levelled where the chair leans."""
-        self._fusing = self._fusing or bool(frame.imu) or any(isinstance(r, WheelTicks) for r in frame.wheels)
-        if not self._fusing:
-            return frame
+        if self._filter is None:
+            if not frame.imu and not any(isinstance(reading, WheelTicks) for reading in frame.wheels):
+                return frame
+            self._filter = OdometryFilter(self._body, self._settings)
         readings: list[WheelTicks | Odometry | ImuSample] = sorted(
             [*frame.imu, *frame.wheels], key=lambda reading: reading.stamp_ns
         )

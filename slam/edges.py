@@ -18,6 +18,8 @@ class EdgeKind(enum.Enum):
     ODOMETRY = "odometry"
     MATCH = "match"
     LOOP = "loop"
+    TORN = "torn"
+    """Nothing has seen this motion: the chair was carried, or what it sees has nothing to do with where it was."""
 
 
 @dataclass(frozen=True, slots=True)

@@ -9,7 +9,7 @@ from collections.abc import Sequence
 import numpy as np
 
 from waychair.geometry import rotation, transform_points, wrap_angles
-from waychair.slam.graph import Edge, GraphSettings, Rejected
+from waychair.slam.graph import Edge, EdgeKind, GraphSettings, Rejected
 from waychair.slam.pose_graph import PoseGraph
 from waychair.slam.reference import Reference, reference_from_scans
 from waychair.slam.scan_matching import MatchSettings
@@ -74,6 +74,8 @@ class KeyGraph:
         self._forget_rejected()
 
     def _join(self, edge: Edge) -> None:
+        if edge.kind is EdgeKind.TORN:  # nobody has gone that way
+            return
         self._linked[edge.i].add(edge.j)
         self._linked[edge.j].add(edge.i)
 

@@ -1,23 +1,37 @@
-"""Loop closure by proximity: where the chair may be back, and the matches that prove it.
+"""Loop closure: where the chair may be back, and the matches that prove it.
 
-A candidate is a run of earlier key scans near the present one whose way round the graph is long. Its uncertainty,
-and with it the search window, grows with that way. A loop is accepted by geometry (enough of the query lies on the
-reference's surfaces, no second place in the window fits nearly as well), never by the likelihood alone.
+Near by, a candidate is a run of earlier key scans round the present one whose way round the graph is long; its
+uncertainty, and with it the search window, grows with that way. Where that window would be larger than can be searched,
+after a long drift or when the chair was carried, whole submaps are searched instead, and a place found there counts
+only once a second one, some way on, agrees with it. A loop is accepted by geometry (enough of the query lies on the
+reference's surfaces, no second place fits nearly as well), never by the likelihood alone.
 """
 
 from __future__ import annotations
 
 import math
+from collections import Counter
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 
 import numpy as np
 from scipy.sparse import csr_matrix
 from scipy.sparse.csgraph import dijkstra
 
 from waychair.config import Settings, setting
-from waychair.slam.graph import Edge
-from waychair.types import FloatArray, IntArray
+from waychair.geometry import wrap_angle
+from waychair.slam.edges import Edge, EdgeKind
+from waychair.slam.information import NoiseSettings, of_match, turned
+from waychair.slam.key_graph import KeyGraph
+from waychair.slam.relocaliser import RelocaliserSettings
+from waychair.slam.scan_matching import MatchSettings, Window, correlative_search, refine
+from waychair.slam.submap_search import SubmapHypothesis, SubmapPyramids, SubmapSettings, global_candidates
+from waychair.types import FloatArray, IntArray, Pose2
+
+_TORN_WAY = 1e4
+"""Length [m] that an edge counts for where nothing has seen the motion."""
+
+_QUERY_CELL = 0.1
 
 
 @dataclass(frozen=True, slots=True)
@@ -39,7 +53,14 @@ class LoopSettings(Settings):
     query_scans: int = setting(6, "", "latest key scans that are matched together", low=1, high=50)
     min_response: float = setting(0.5, "", "least mean likelihood", low=0.0, high=1.0)
     min_inliers: float = setting(0.7, "", "least share of points on the reference's surfaces", low=0.0, high=1.0)
+    submap_scans: int = setting(40, "", "key scans of a submap that is searched as a whole", low=5, high=1000)
+    submap_query: int = setting(15, "", "latest key scans that are searched for in submaps", low=1, high=100)
+    submap_spacing: float = setting(2.0, "m", "distance driven between two searches of submaps", low=0.0, high=100.0)
+    agree_distance: float = setting(0.5, "m", "two finds in submaps agree when so near", low=0.05, high=5.0)
+    agree_angle: float = setting(0.15, "rad", "two finds in submaps agree when so near", low=0.01, high=1.0)
     max_ambiguity: float = setting(0.9, "", "largest runner-up response over the winner's", low=0.0, high=1.0)
+    search: RelocaliserSettings = field(default_factory=RelocaliserSettings)
+    submaps: SubmapSettings = field(default_factory=SubmapSettings)
 
 
 @dataclass(frozen=True, slots=True)
@@ -56,21 +77,25 @@ def graph_distances(poses: FloatArray, edges: Sequence[Edge], node: int) -> Floa
     """(N,) length [m] of the shortest way over the edges from a node to every node."""
     i = np.array([edge.i for edge in edges], np.int64)
     j = np.array([edge.j for edge in edges], np.int64)
-    lengths = np.hypot(*(poses[i, :2] - poses[j, :2]).T) + 1e-3
+    torn = np.array([edge.kind is EdgeKind.TORN for edge in edges], bool)
+    lengths = np.hypot(*(poses[i, :2] - poses[j, :2]).T) + 1e-3 + _TORN_WAY * torn
     graph = csr_matrix((lengths, (i, j)), shape=(len(poses), len(poses)))
     distances: FloatArray = dijkstra(graph, directed=False, indices=node)
     return distances
 
 
-def candidates(poses: FloatArray, edges: Sequence[Edge], recent: int, settings: LoopSettings) -> tuple[Candidate, ...]:
-    """Chains of nodes before `recent` that the last node may have come back to, nearest first."""
-    node = len(poses) - 1
+def candidates(poses: FloatArray, ways: FloatArray, settings: LoopSettings) -> tuple[Candidate, ...]:
+    """Chains of nodes that the last one may have come back to, nearest first.
+
+    `ways` (R,) [m] are those from the last of `poses` (N, 3) over the edges to the first R nodes, R < N.
+    """
+    recent = len(ways)
     if recent < 1:
         return ()
-    away = np.hypot(*(poses[:recent, :2] - poses[node, :2]).T)
-    ways = graph_distances(poses, edges, node)[:recent]
+    away = np.hypot(*(poses[:recent, :2] - poses[-1, :2]).T)
     windows = np.clip(settings.drift * ways, settings.min_window, settings.max_window)
-    near = np.flatnonzero((away < settings.radius + windows) & (ways > settings.min_way))
+    reached = settings.drift * ways <= settings.max_window
+    near = np.flatnonzero((away < settings.radius + windows) & (ways > settings.min_way) & reached)
     if len(near) == 0:
         return ()
     found = []
@@ -83,3 +108,120 @@ def candidates(poses: FloatArray, edges: Sequence[Edge], recent: int, settings: 
         found.append(Candidate(nearest, members[reach < settings.chain_reach], float(windows[nearest]), float(angle)))
     found.sort(key=lambda candidate: float(away[candidate.nearest]))
     return tuple(found[: settings.chains])
+
+
+def beyond_reach(ways: FloatArray, settings: LoopSettings) -> dict[int, IntArray]:
+    """Finished submaps whose place is less certain than a window can be searched: their members by number."""
+    size, uncertain = settings.submap_scans, settings.drift * ways > settings.max_window
+    members = {k: np.arange(k * size, (k + 1) * size) for k in range(len(ways) // size)}
+    return {k: nodes for k, nodes in members.items() if uncertain[nodes].all()}
+
+
+@dataclass(frozen=True, slots=True)
+class _Find:
+    """What a search of submaps found: at `node` the chair stands at `pose` in the map as it is now."""
+
+    node: int
+    pose: Pose2
+
+
+class LoopCloser:
+    """Looks for loops as the chair goes on; `counts` says what came of it."""
+
+    def __init__(self, settings: LoopSettings, matching: MatchSettings, noise: NoiseSettings, reach: float) -> None:
+        """`reach` [m]: half side of a reference beyond the window and the chain's own size."""
+        self.counts: Counter[str] = Counter()
+        self._settings, self._matching, self._noise, self._reach = settings, matching, noise, reach
+        self._pyramids = SubmapPyramids(settings.search, settings.submaps)
+        self._since_search = self._since_submaps = math.inf
+        self._find: _Find | None = None
+
+    def moved(self, distance: float) -> None:
+        """Told how far the chair went [m]."""
+        self._since_search += distance
+        self._since_submaps += distance
+
+    def loops(self, keys: KeyGraph, recent: Sequence[int]) -> list[Edge]:
+        """Edges that close a loop at the last key scan; `recent` are the latest key scans, in the order of the drive."""
+        settings = self._settings
+        known = len(keys) - len(recent)
+        if self._since_search < settings.spacing or known < 1 or len(recent) < settings.query_scans:
+            return []
+        self._since_search = 0.0
+        ways = graph_distances(keys.poses, keys.edges, len(keys) - 1)[:known]
+        found = [self._proven(keys, recent, near) for near in candidates(keys.poses, ways, settings)]
+        edges = [edge for edge in found if edge is not None]
+        enough = len(recent) >= settings.submap_query and self._since_submaps >= settings.submap_spacing
+        if not edges and enough:
+            edge = self._elsewhere(keys, recent, ways)
+            edges = [] if edge is None else [edge]
+        self.counts["loops_closed"] += len(edges)
+        return edges
+
+    def _proven(
+        self, keys: KeyGraph, recent: Sequence[int], candidate: Candidate, guess: Pose2 | None = None
+    ) -> Edge | None:
+        """The edge, if the latest key scans, taken together, fit the candidate's surfaces at one pose only."""
+        self.counts["loops_tried"] += 1
+        settings, matching, node = self._settings, self._matching, len(keys) - 1
+        base = keys.pose(node)
+        query = keys.joined(recent[-settings.query_scans :], base, _QUERY_CELL)
+        reach = candidate.window + settings.chain_reach + self._reach
+        reference = keys.reference(candidate.members, keys.poses[candidate.nearest], reach, matching)
+        window, guess = Window(candidate.window, candidate.angle), guess or base
+        coarse, response = correlative_search(
+            query.points, reference, guess, window, matching, floor=settings.min_response
+        )
+        if response < settings.min_response:
+            return None
+        floor = settings.max_ambiguity * response
+        if correlative_search(query.points, reference, guess, window, matching, floor=floor, taken=coarse)[1] > 0:
+            self.counts["loops_ambiguous"] += 1
+            return None
+        pose, information, inliers, _ = refine(query, reference, coarse, coarse, np.zeros((3, 3)), matching)
+        if inliers < settings.min_inliers:
+            self.counts["loops_rejected"] += 1
+            return None
+        known = turned(of_match(information, self._noise), -pose.theta)
+        nearest_from_node = keys.pose(candidate.nearest).inverse() @ pose
+        return Edge(candidate.nearest, node, nearest_from_node, known, EdgeKind.LOOP)
+
+    def _elsewhere(self, keys: KeyGraph, recent: Sequence[int], ways: FloatArray) -> Edge | None:
+        """The edge to a submap beyond the reach of a window, once two finds agree."""
+        settings, node = self._settings, len(keys) - 1
+        submaps = beyond_reach(ways, settings)
+        if not submaps:
+            return None
+        self._since_submaps = 0.0
+        self.counts["submap_searches"] += 1
+        base = keys.pose(node)
+        query = keys.joined(recent[-settings.submap_query :], base, _QUERY_CELL)
+        found = global_candidates(keys.store, keys.poses, submaps, query.points, self._pyramids)
+        before, self._find = self._find, None
+        if not found or self._ambiguous(found):
+            return None
+        pose = found[0].map_from_base
+        self._find = _Find(node, pose)
+        if before is None or not self._agree(keys, before, self._find):
+            return None
+        members = submaps[found[0].submap]
+        nearest = int(members[np.argmin(np.hypot(*(keys.poses[members, :2] - (pose.x, pose.y)).T))])
+        near = Candidate(nearest, members, settings.min_window, settings.agree_angle)
+        return self._proven(keys, recent, near, pose)
+
+    def _ambiguous(self, found: tuple[SubmapHypothesis, ...]) -> bool:
+        """Whether a second place, in any submap, fits nearly as well as the best."""
+        best, settings = found[0], self._settings
+        for other in found[1:]:
+            gap = best.map_from_base.inverse() @ other.map_from_base
+            apart = math.hypot(gap.x, gap.y) > settings.agree_distance or abs(gap.theta) > settings.agree_angle
+            if apart and other.response > settings.max_ambiguity * best.response:
+                return True
+        return False
+
+    def _agree(self, keys: KeyGraph, before: _Find, now: _Find) -> bool:
+        """Whether the way between two finds is the way that was driven."""
+        driven = keys.pose(before.node).inverse() @ keys.pose(now.node)
+        gap = (before.pose @ driven).inverse() @ now.pose
+        near = math.hypot(gap.x, gap.y) < self._settings.agree_distance
+        return near and abs(wrap_angle(gap.theta)) < self._settings.agree_angle

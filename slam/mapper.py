@@ -12,12 +12,13 @@ from dataclasses import dataclass, field
 import numpy as np
 
 from waychair.config import Settings, setting
-from waychair.geometry import compose, interpolate, rotation
+from waychair.geometry import compose, interpolate
 from waychair.slam.graph import Edge, EdgeKind, GraphSettings, Rejected
+from waychair.slam.information import NoiseSettings, of_match, of_nothing, of_odometry, turned
 from waychair.slam.key_graph import KeyGraph
-from waychair.slam.loop_closure import Candidate, LoopSettings, candidates
+from waychair.slam.loop_closure import LoopCloser, LoopSettings
 from waychair.slam.reference import Reference
-from waychair.slam.scan_matching import MatchSettings, Window, correlative_search, match, refine
+from waychair.slam.scan_matching import Match, MatchSettings, Window, match, refine, seen_through
 from waychair.slam.scan_points import MIN_POINTS, ScanPoints, scan_points
 from waychair.types import FloatArray, Odometry, Pose2, SensorFrame, Trajectory, Twist
 
@@ -36,11 +37,6 @@ class MapperSettings(Settings):
     )
     running_scans: int = setting(40, "", "latest key scans a new one is matched against", low=1, high=1000)
     running_reach: float = setting(12.0, "m", "size of the reference round the chair", low=2.0, high=60.0)
-    odometry_distance_noise: float = setting(0.1, "m/m", "standard deviation per metre driven", low=1e-4, high=1.0)
-    odometry_angle_noise: float = setting(0.2, "rad/rad", "standard deviation per radian turned", low=1e-4, high=1.0)
-    odometry_drift_noise: float = setting(0.05, "rad/m", "heading's standard deviation per metre", low=1e-4, high=1.0)
-    match_position_noise: float = setting(0.01, "m", "least standard deviation of a match", low=1e-4, high=1.0)
-    match_angle_noise: float = setting(0.004, "rad", "least standard deviation of a match", low=1e-5, high=1.0)
     search_distance: float = setting(0.3, "m", "half window of the search round the odometry", low=0.05, high=5.0)
     search_angle: float = setting(0.35, "rad", "half window of the search round the odometry", low=0.02, high=3.1)
     good_response: float = setting(
@@ -49,9 +45,21 @@ class MapperSettings(Settings):
     slip_distance: float = setting(1.2, "m", "half window where the odometry may have slipped", low=0.05, high=10.0)
     slip_angle: float = setting(0.6, "rad", "half window where the odometry may have slipped", low=0.02, high=3.1)
     min_inliers: float = setting(0.3, "", "a match with fewer points on surfaces is not used", low=0.0, high=1.0)
+    doubted_inliers: float = setting(0.5, "", "with fewer the chair may have been carried", low=0.0, high=1.0)
+    seen_through: float = setting(
+        0.25, "", "then, if it looks through more of the surfaces on its beams, it was", low=0.0, high=1.0
+    )
+    surely_seen_through: float = setting(
+        0.32, "", "the same where the match is merely below a good one", low=0.0, high=1.0
+    )
     track_inliers: float = setting(
         0.5, "", "between key scans a scan with fewer points on surfaces leaves it to the odometry", low=0.0, high=1.0
     )
+    track_points: int = setting(
+        360, "", "points of a scan that are drawn onto surfaces between them", low=20, high=10_000
+    )
+    track_reach: float = setting(0.12, "m", "how far off the odometry may be since the last scan", low=0.1, high=1.0)
+    noise: NoiseSettings = field(default_factory=NoiseSettings)
     matching: MatchSettings = field(default_factory=MatchSettings)
     loops: LoopSettings = field(default_factory=LoopSettings)
     graph: GraphSettings = field(default_factory=GraphSettings)
@@ -109,7 +117,7 @@ class Mapper:
         self._anchored = Pose2()  # where the chair was in `here` when it was last matched with care
         self._reckoned = Pose2()  # where the odometry alone puts it since then
         self._loose = 0  # frames since the last one that its scan has placed
-        self._since_search = math.inf
+        self._closer = LoopCloser(settings.loops, settings.matching, settings.noise, settings.running_reach)
 
     def process(self, frame: SensorFrame) -> Pose2:
         """`map_from_base` at the stamp of the frame's scan."""
@@ -144,7 +152,7 @@ class Mapper:
             tuple(sorted(self.key_frames + [frame for latest in self.covered_frames for frame in latest])),
             self.keys.edges,
             self.keys.rejected,
-            dict(self.counts),
+            dict(self.counts + self._closer.counts),
             dict(self.seconds),
         )
 
@@ -171,8 +179,11 @@ class Mapper:
             self._reckoned = self._reckoned @ last_from_base
             guess = key @ last @ last_from_base
             if self._odometry is not None:
-                prior = _turned(self._odometry_information(last_from_base), guess.theta)
-                pose, _, inliers, _ = refine(scan, self._running(), guess, guess, prior, settings.matching)
+                prior = turned(of_odometry(last_from_base, settings.noise), guess.theta)
+                few = scan.thinned(settings.track_points)
+                pose, _, inliers, _ = refine(
+                    few, self._running(), guess, guess, prior, settings.matching, reach=settings.track_reach
+                )
             else:
                 window = Window(settings.search_distance, settings.search_angle)
                 found = match(scan, self._running(), guess, np.eye(3), window, settings.matching)
@@ -198,26 +209,42 @@ class Mapper:
         with self._timed("matching"):
             settings, here, node = self.settings, self._here, len(self.keys)
             guess = self.keys.pose(here) @ here_from_base
-            by_odometry = self._odometry_information(self._anchored.inverse() @ self._reckoned)
-            prior = _turned(by_odometry, guess.theta)
+            by_odometry = of_odometry(self._anchored.inverse() @ self._reckoned, settings.noise)
+            prior = turned(by_odometry, guess.theta)
             window = Window(settings.search_distance, settings.search_angle)
             reference = self._running()
-            found = match(scan, reference, guess, prior, window, settings.matching)
+            found, slipped = match(scan, reference, guess, prior, window, settings.matching), False
             if found.response < settings.good_response:  # the odometry slipped, or this place is new
                 window = Window(settings.slip_distance, settings.slip_angle)
                 wide = match(scan, reference, guess, prior / 100, window, settings.matching)
                 if wide.response > 1.1 * found.response:
-                    found, prior = wide, prior / 100
+                    found, prior, slipped = wide, prior / 100, True
                     self.counts["slips"] += 1
-            if len(scan) < MIN_POINTS or found.inliers < settings.min_inliers:
+            if len(scan) < MIN_POINTS:
+                return Edge(here, node, here_from_base, by_odometry, EdgeKind.ODOMETRY)
+            if self._elsewhere(scan, found, guess, slipped):
+                return Edge(here, node, here_from_base, of_nothing(), EdgeKind.TORN)
+            if found.inliers < settings.min_inliers:
                 return Edge(here, node, here_from_base, by_odometry, EdgeKind.ODOMETRY)
             self.counts["matches"] += 1
-            information = _turned(self._floored(found.information) + prior, -found.pose.theta)
+            information = turned(of_match(found.information, settings.noise) + prior, -found.pose.theta)
             return Edge(here, node, self._from_node(here, found.pose), information, EdgeKind.MATCH)
+
+    def _elsewhere(self, scan: ScanPoints, found: Match, guess: Pose2, slipped: bool) -> bool:
+        """Whether the chair was carried: it looks through surfaces both where the match and where the wheels put it.
+
+        The worse the match, the less of that is needed.
+        """
+        settings = self.settings
+        doubted = slipped or found.inliers < settings.doubted_inliers
+        if not doubted and found.response >= settings.good_response:
+            return False
+        through = [seen_through(scan, self.base_from_laser, self._running(), pose) for pose in (guess, found.pose)]
+        return min(through) > (settings.seen_through if doubted else settings.surely_seen_through)
 
     def _is_covered(self, frame: SensorFrame, edge: Edge | None) -> bool:
         """Hangs the frame on an earlier key scan that saw what is to be seen from here, if there is one."""
-        if edge is None or edge.kind is EdgeKind.ODOMETRY:
+        if edge is None or edge.kind is not EdgeKind.MATCH:
             return False
         settings, here = self.settings, self._here
         pose = self.keys.pose(here) @ edge.i_from_j
@@ -232,14 +259,26 @@ class Mapper:
         return True
 
     def _add(self, frame: SensorFrame, scan: ScanPoints, edge: Edge | None) -> None:
-        if edge is not None:
+        node = self.keys.add(scan, edge)
+        if edge is not None and edge.kind is EdgeKind.TORN:
+            self._tear(node, edge.i_from_j)
+        elif edge is not None:
             self._share_out(edge.i_from_j)
-            self._since_search += math.hypot(edge.i_from_j.x, edge.i_from_j.y)
+        if edge is not None:
+            self._closer.moved(math.hypot(edge.i_from_j.x, edge.i_from_j.y))
         self.counts["key_scans"] += 1
         self.key_frames.append(len(self.frames))
         self.covered_frames.append([])
-        self._arrive(self.keys.add(scan, edge), Pose2())
+        self._arrive(node, Pose2())
         self._hang(frame, Pose2())
+
+    def _tear(self, node: int, here_from_node: Pose2) -> None:
+        """What was seen before has nothing to do with what is seen now, nor with the last frames that fitted nothing."""
+        self._visited = []
+        for k in range(1 - self._loose, 0):
+            frame = self.frames[k]
+            self.frames[k] = HungFrame(frame.stamp_ns, node, here_from_node.inverse() @ frame.key_from_base)
+        self._loose = 0
 
     def _arrive(self, key: int, key_from_base: Pose2) -> None:
         """From now on the frames hang on this key scan."""
@@ -279,72 +318,18 @@ class Mapper:
         return self._reference
 
     def _close_loops(self) -> None:
-        """Whether the chair was here before, and the graph bent accordingly."""
-        closed = [self._close(candidate) for candidate in self._candidates()]
-        if any(closed):
-            self._optimise()
-
-    def _candidates(self) -> tuple[Candidate, ...]:
-        if self._since_search < self.settings.loops.spacing or len(self.keys) < 2:
-            return ()
-        self._since_search = 0.0
+        """Whether the chair was here before; if so the graph is bent accordingly."""
         with self._timed("loops"):
-            recent = len(self.keys) - self.settings.running_scans
-            return candidates(self.keys.poses, self.keys.edges, recent, self.settings.loops)
-
-    def _close(self, candidate: Candidate) -> bool:
-        """Whether the latest key scans, taken together, fit the candidate's surfaces at one pose only."""
-        with self._timed("loops"):
-            self.counts["loops_tried"] += 1
-            loops, matching, node = self.settings.loops, self.settings.matching, len(self.keys) - 1
-            guess = self.keys.pose(node)
-            query = self.keys.joined(self._visited[-loops.query_scans :], guess, 0.1)
-            reach = candidate.window + loops.chain_reach + self.settings.running_reach
-            reference = self.keys.reference(candidate.members, self.keys.poses[candidate.nearest], reach, matching)
-            window = Window(candidate.window, candidate.angle)
-            coarse, response = correlative_search(
-                query.points, reference, guess, window, matching, floor=loops.min_response
-            )
-            if response < loops.min_response:
-                return False
-            floor = loops.max_ambiguity * response
-            if correlative_search(query.points, reference, guess, window, matching, floor=floor, taken=coarse)[1] > 0:
-                self.counts["loops_ambiguous"] += 1
-                return False
-            pose, information, inliers, _ = refine(query, reference, coarse, coarse, np.zeros((3, 3)), matching)
-            if inliers < loops.min_inliers:
-                self.counts["loops_rejected"] += 1
-                return False
-            information = _turned(self._floored(information), -pose.theta)
-            self.keys.link(
-                Edge(candidate.nearest, node, self._from_node(candidate.nearest, pose), information, EdgeKind.LOOP)
-            )
-            self.counts["loops_closed"] += 1
-            return True
-
-    def _optimise(self) -> None:
-        """Spreads the loops over the graph."""
-        with self._timed("optimisation"):
-            self.counts["optimisations"] += 1
-            self.keys.settle()
-            self._reference = None
+            loops = self._closer.loops(self.keys, self._visited)
+        if loops:
+            with self._timed("optimisation"):
+                for loop in loops:
+                    self.keys.link(loop)
+                self.keys.settle()
+                self._reference = None
 
     def _from_node(self, node: int, pose: Pose2) -> Pose2:
         return self.keys.pose(node).inverse() @ pose
-
-    def _odometry_information(self, motion: Pose2) -> FloatArray:
-        """(3, 3) information of a motion by the wheels, in its own frame."""
-        distance, turn = math.hypot(motion.x, motion.y), abs(motion.theta)
-        s = self.settings
-        along = 0.01 + s.odometry_distance_noise * distance
-        angle = 0.005 + s.odometry_angle_noise * turn + s.odometry_drift_noise * distance
-        return np.diag([along**-2, along**-2, angle**-2])
-
-    def _floored(self, information: FloatArray) -> FloatArray:
-        """Information of a match that is never better than the settings' least noise."""
-        s = self.settings
-        floor = np.diag([s.match_position_noise**2, s.match_position_noise**2, s.match_angle_noise**2])
-        return np.linalg.inv(np.linalg.inv(information + 1e-6 * np.eye(3)) + floor)
 
     @contextmanager
     def _timed(self, stage: str) -> Iterator[None]:
@@ -357,11 +342,3 @@ def twist_of(frame: SensorFrame) -> Twist | None:
     """Twist of the base at the frame's stamp by its own odometry, if it has any."""
     own = [reading for reading in frame.wheels if isinstance(reading, Odometry)]
     return own[-1].twist if own else None
-
-
-def _turned(information: FloatArray, theta: float) -> FloatArray:
-    """Information (3, 3) of a pose in a frame turned by -theta against the one it is given in."""
-    turn = np.eye(3)
-    turn[:2, :2] = rotation(theta)
-    result: FloatArray = turn @ information @ turn.T
-    return result

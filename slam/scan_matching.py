@@ -15,10 +15,18 @@ import numpy as np
 from numba import njit
 
 from waychair.config import Settings, setting
-from waychair.geometry import pose_from_array, wrap_angles
+from waychair.geometry import pose_from_array, transform_points, wrap_angles
 from waychair.slam.reference import LEVELS, Reference, Slots
 from waychair.slam.scan_points import ScanPoints
 from waychair.types import Bytes, FloatArray, Pose2
+
+WIDE, NARROW = 0.3, 0.1
+"""First and last width [m] of the refinement's kernel."""
+
+THROUGH = 0.3
+"""A surface so far [m] before the end of a beam was looked through."""
+
+_GAP = 0.05  # [rad] between two beams that have nothing between them
 
 NOTHING_KNOWN = 100.0
 """Variance [m^2], [rad^2] of what a scan says nothing about."""
@@ -187,18 +195,43 @@ def refine(
     guess: Pose2,
     guess_information: FloatArray,
     settings: MatchSettings,
+    *,
+    reach: float = WIDE,
 ) -> tuple[Pose2, FloatArray, float, float]:
     """Pose that minimises point-to-line distances plus the distance to the guess, from `start`.
 
+    `reach` [m] is the kernel's first width: how far off surfaces may be at the start; a small one costs less.
     Returns the pose, the information (3, 3) of the scan alone, the share of inliers and their rms distance [m].
     """
     pose, information, inliers, rms = _refine(
         scan.points, scan.normals, reference.surfaces, reference.slots, reference.origin, reference.resolution,
         start.array(), guess.array(), guess_information, settings.noise, settings.inlier_distance,
-        settings.max_iterations,
+        settings.max_iterations, reach,
     )  # fmt: skip
     pose[2] = wrap_angles(pose[2:])[0]
     return pose_from_array(pose), information, inliers, rms
+
+
+def seen_through(scan: ScanPoints, base_from_laser: Pose2, reference: Reference, pose: Pose2) -> float:
+    """Share in [0, 1] of the reference's surfaces that the scan, from this pose, looks through and not at.
+
+    Only those count that lie on a beam: before its end (looked through, by more than `THROUGH`) or at it. A place not
+    seen before, or people standing round the chair, hide surfaces but contradict none; another place does. 0 when there
+    is nothing to compare.
+    """
+    beams = transform_points(base_from_laser.inverse(), scan.points)
+    bearing = np.arctan2(beams[:, 1], beams[:, 0])
+    order = np.argsort(bearing)
+    bearing, ranges = bearing[order], np.hypot(beams[order, 0], beams[order, 1])
+    surfaces = transform_points((pose @ base_from_laser).inverse(), reference.surfaces[1:, :2])
+    towards, away = np.arctan2(surfaces[:, 1], surfaces[:, 0]), np.hypot(surfaces[:, 0], surfaces[:, 1])
+    above = np.clip(np.searchsorted(bearing, towards), 1, len(bearing) - 1)
+    close = bearing[above] - bearing[above - 1] < _GAP
+    between = close & (towards >= bearing[above - 1]) & (towards <= bearing[above])
+    nearer = np.minimum(ranges[above], ranges[above - 1])[between]
+    looked_through = int((away[between] < nearer - THROUGH).sum())
+    looked_at = int((np.abs(away[between] - nearer) <= THROUGH).sum())
+    return looked_through / max(1, looked_through + looked_at)
 
 
 @njit(cache=True)
@@ -327,6 +360,7 @@ def _refine(
     noise: float,
     inlier_distance: float,
     max_iterations: int,
+    widest: float,
 ) -> tuple[FloatArray, FloatArray, float, float]:
     """Gauss-Newton with a Geman-McClure kernel whose width shrinks with the iterations; see `refine`."""
     pose = start.copy()
@@ -334,7 +368,7 @@ def _refine(
     step = np.ones(3)
     usable, close, square = 0, 0, 0.0
     for iteration in range(max_iterations):
-        kernel = max(0.1, 0.3 * 0.7**iteration)
+        kernel = max(NARROW, widest * 0.7**iteration)
         reach = math.ceil(max(0.15, 2.0 * kernel / (1 + iteration)) / resolution)
         c, s = math.cos(pose[2]), math.sin(pose[2])
         information[:] = 0.0
@@ -374,6 +408,6 @@ def _refine(
         pull = -(gradient + guess_information @ away)
         step[:] = np.linalg.solve(information + guess_information + 1e-6 * np.eye(3), pull)
         pose += step
-        if iteration >= 4 and math.hypot(step[0], step[1]) < 1e-4 and abs(step[2]) < 1e-5:
+        if kernel == NARROW and math.hypot(step[0], step[1]) < 1e-4 and abs(step[2]) < 1e-5:
             break
     return pose, information, close / max(1, usable), math.sqrt(square / max(1, close))

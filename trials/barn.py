@@ -14,20 +14,24 @@ from __future__ import annotations
 
 import math
 from collections import deque
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from concurrent.futures import ProcessPoolExecutor
+from contextlib import contextmanager
 from dataclasses import dataclass, field, replace
 from functools import partial
+from multiprocessing import get_context
 from pathlib import Path
 from types import MappingProxyType
 
 import numpy as np
+from scipy.stats import beta
 
 from waychair.calibration.chair import CHAIR_A, CHAIR_B, ChairBody
 from waychair.config import Settings, setting
 from waychair.control.mapless import MaplessNavigator, MaplessSettings
 from waychair.control.navigator import Stage
-from waychair.errors import WorldError
+from waychair.control.recovery import RecoverySettings
+from waychair.errors import ConfigError, WorldError
 from waychair.geometry import arc
 from waychair.maps.grid_memory import GridMemorySettings
 from waychair.maps.occupancy import OccupancySettings
@@ -58,6 +62,8 @@ JACKAL = ChairBody(
 )
 """The benchmark's robot: its outline for contact; wheels and lidar about where the maker's drawings have them."""
 
+OUTCOMES = ("success", "contact", "timeout")
+
 BODIES: Mapping[str, ChairBody] = MappingProxyType({"jackal": JACKAL, "A": CHAIR_A, "B": CHAIR_B})
 """Whom the benchmark is run with."""
 
@@ -82,7 +88,7 @@ class BarnSettings(Settings):
 
 @dataclass(frozen=True, slots=True)
 class BarnRun:
-    """One run: `outcome` is success, contact or timeout; `time_s` from the first motion; `truth` (T, 3) in the world."""
+    """One run: `outcome` is one of `OUTCOMES`, a navigator that gives up being a timeout; `time_s` from the first motion; `truth` (T, 3) in the world."""
 
     world: str
     start: int
@@ -94,6 +100,88 @@ class BarnRun:
     plans: int
     reason: str
     truth: FloatArray
+
+
+@dataclass(frozen=True, slots=True)
+class BarnTask(Settings):
+    """What is run: by name one of `BODIES`, its greatest speed, and the scale of all lengths of the worlds."""
+
+    body: str = setting("jackal", "", "jackal, A or B")
+    speed: float = setting(0.5, "m/s", "greatest speed", low=0.1, high=3.0)
+    scale: float = setting(1.0, "", "of all lengths, cylinders too", low=0.1, high=10.0)
+    starts: int = setting(1, "", "runs per world", low=1, high=1000)
+
+    def __post_init__(self) -> None:
+        Settings.__post_init__(self)
+        if self.body not in BODIES:
+            raise ConfigError(f"there is no body '{self.body}': take {', '.join(BODIES)}")
+
+
+def worlds_in(folder: Path, count: int | None = None) -> list[Path]:
+    """The worlds of a folder, or of its folder `worlds`, in the order of their names; `count` of them, evenly spread.
+
+    Raises:
+        WorldError: there are none, or none are asked for.
+    """
+    if count is not None and count < 1:
+        raise WorldError(f"{count} worlds are none: ask for at least one")
+    inner = folder / "worlds"
+    found = sorted((inner if inner.is_dir() else folder).glob("world_*.txt"))
+    if not found:
+        raise WorldError(f"{folder} holds no world_*.txt: give the folder of the BARN text grids")
+    if count is None or count >= len(found):
+        return found
+    return [found[i] for i in np.linspace(0, len(found) - 1, count).round().astype(int)]
+
+
+def run_worlds(
+    paths: Sequence[Path], task: BarnTask, jobs: int = 1, progress: Callable[[float], None] | None = None
+) -> list[BarnRun]:
+    """All starts of all worlds, in order, on so many processes; the result does not depend on how many.
+
+    Raises:
+        WorldError: a file is no BARN world.
+    """
+    environments = [read_barn(path, task.scale) for path in paths]
+    runs: list[BarnRun] = []
+    with _workers(jobs) as each:
+        for row in each(partial(_all_starts, task=task), environments):
+            runs += row
+            if progress is not None:
+                progress(len(runs) / (len(environments) * task.starts))
+    return runs
+
+
+def report(runs: Sequence[BarnRun], task: BarnTask) -> Json:
+    """Means over all runs and a row for each world; shares in [0, 1], `contact_below` with 95 % confidence."""
+    shares = {outcome: _share(runs, outcome) for outcome in OUTCOMES}
+    worlds = {run.world: [other for other in runs if other.world == run.world] for run in runs}
+    return {
+        "body": task.body,
+        "speed": task.speed,
+        "scale": task.scale,
+        "runs": len(runs),
+        "score": float(np.mean([run.score for run in runs])),
+        **shares,
+        "contact_below": upper_bound(sum(run.outcome == "contact" for run in runs), len(runs)),
+        "time_s": float(np.mean([run.time_s for run in runs])),
+        "least_clearance_m": min(run.clearance_m for run in runs),
+        "worlds": [
+            {
+                "world": world,
+                "score": float(np.mean([run.score for run in rows])),
+                **{outcome: _share(rows, outcome) for outcome in OUTCOMES},
+                "time_s": float(np.mean([run.time_s for run in rows])),
+                "least_clearance_m": min(run.clearance_m for run in rows),
+            }
+            for world, rows in worlds.items()
+        ],
+    }
+
+
+def upper_bound(count: int, trials: int) -> float:
+    """Below this share with 95 % confidence, one-sided (Clopper and Pearson, Biometrika 26, 1934)."""
+    return 1.0 if count >= trials else float(beta.ppf(0.95, count + 1, trials - count))
 
 
 def settings_for(body: ChairBody, speed: float, scale: float) -> MaplessSettings:
@@ -116,6 +204,8 @@ def settings_for(body: ChairBody, speed: float, scale: float) -> MaplessSettings
     return MaplessSettings(
         memory=GridMemorySettings(occupancy=occupancy),
         costmap=replace(CostmapSettings(), inflation_radius=0.6 * scale),
+        # nobody is in the way who would go again
+        recovery=RecoverySettings(wait=0.5, progress_time=5.0, tries=20, patience=60.0),
         dwa=dwa,
     )
 
@@ -191,10 +281,32 @@ def clearance_among(cylinders: FloatArray, body: ChairBody, pose: Pose2) -> floa
     return float(max((np.hypot(beyond_end, beyond_side) - cylinders[:, 2]).min(), 0.0))
 
 
+@contextmanager
+def _workers(jobs: int) -> Iterator[Callable[..., Iterator[list[BarnRun]]]]:
+    """A `map`, here or on other processes."""
+    if jobs <= 1:
+        yield map
+        return
+    with ProcessPoolExecutor(jobs, mp_context=get_context("spawn")) as pool:
+        yield pool.map
+
+
+def _all_starts(environment: BarnEnvironment, task: BarnTask) -> list[BarnRun]:
+    body = BODIES[task.body]
+    navigator = settings_for(body, task.speed, task.scale)
+    return [run_barn(environment, start, body, navigator) for start in range(task.starts)]
+
+
+def _share(runs: Sequence[BarnRun], outcome: str) -> float:
+    return sum(run.outcome == outcome for run in runs) / len(runs)
+
+
 def _apart(first: Pose2, second: Pose2) -> float:
     return math.hypot(first.x - second.x, first.y - second.y)
 
 
 def _start_error(settings: BarnSettings, rng: np.random.Generator) -> Pose2:
-    x, y, theta = (rng.uniform(-1.0, 1.0, 3) * (settings.start_offset, settings.start_offset, settings.start_turn)).tolist()
+    x, y, theta = (
+        rng.uniform(-1.0, 1.0, 3) * (settings.start_offset, settings.start_offset, settings.start_turn)
+    ).tolist()
     return Pose2(x, y, theta)

@@ -13,8 +13,10 @@ from dataclasses import dataclass, field
 
 import numpy as np
 
+from waychair.calibration.calibration_file import ChairCalibration
 from waychair.calibration.chair import ChairBody
 from waychair.calibration.dac import DacModel
+from waychair.calibration.stopping import StopTable
 from waychair.control.navigator import Stage
 from waychair.firmware_bridge.board import BoardSettings, HostBoard, board_program
 from waychair.firmware_bridge.transports import Reconnecting
@@ -22,11 +24,15 @@ from waychair.geometry import wrap_angle
 from waychair.runtime.chair import Chair, ChairSettings, ChairState
 from waychair.simulation.simulator import SensorMessage, Simulator
 from waychair.topics import COMMAND
+from waychair.trials.simulated_stops import simulated_stops
 from waychair.types import FloatArray, Goal, OccupancyGrid, Place, Pose2
 
 TICK_NS = round(1e9 / COMMAND.rate_hz)
 BEAT_NS = 10_000_000
 """The board is kept company this often; a tick is a whole number of them."""
+
+READY_S = 5.0
+"""A chair that was switched on has heard of its board, its lidar and its place by then."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -73,7 +79,10 @@ class Leg:
 
 @dataclass(frozen=True, slots=True)
 class Setting:
-    """What a drive takes place in: the map the chair knows, its places, the chair, and `map_from_world` of the truth."""
+    """What a drive takes place in: the map the chair knows, its places, the chair, and `map_from_world` of the truth.
+
+    `stops` None: as the simulated chair's are; a chair whose stops were not measured crawls.
+    """
 
     grid: OccupancyGrid
     places: Mapping[str, Place]
@@ -81,6 +90,7 @@ class Setting:
     calibration: DacModel
     map_from_world: Pose2 = field(default_factory=Pose2)
     chair: ChairSettings = field(default_factory=ChairSettings)
+    stops: StopTable | None = None
 
 
 def drive_to_places(
@@ -117,9 +127,27 @@ def chair_in(setting: Setting, simulator: Simulator) -> Iterator[Chair]:
         simulator.wire(board)
         cable = Reconnecting(lambda: board.transport)
         try:
-            yield Chair(setting.grid, setting.places, setting.body, setting.calibration, cable, start, setting.chair)
+            yield Chair(
+                setting.grid, setting.places, _calibration(setting), cable, start, setting.chair, setting.calibration
+            )
         finally:
             simulator.wire(None)
+
+
+def _calibration(setting: Setting) -> ChairCalibration:
+    """What would be in the chair's file."""
+    body = setting.body
+    return ChairCalibration(body.chair_id, "", body, stops=setting.stops or simulated_stops(body))
+
+
+def begin(simulator: Simulator, chair: Chair, goal: Goal) -> None:
+    """Ask for a goal and confirm it, once the chair is ready; one that is not within `READY_S` drops the goal."""
+    for _ in range(round(READY_S * COMMAND.rate_hz)):
+        if chair.ready:
+            break
+        chair.step(simulator.now_ns, advance_tick(simulator, chair))
+    chair.go(goal)
+    chair.confirm()
 
 
 def board_settings(setting: Setting) -> BoardSettings:
@@ -145,7 +173,7 @@ def advance_tick(simulator: Simulator, chair: Chair) -> tuple[SensorMessage, ...
 
 
 def _leg(setting: Setting, simulator: Simulator, chair: Chair, goal: str, time_limit_s: float) -> Leg:
-    chair.go(Goal(goal))
+    begin(simulator, chair, Goal(goal))
     began_ns, contacts = simulator.now_ns, simulator.contacts
     states: list[ChairState] = []
     truth, clearance, ticks, planned = [], [], [], np.empty((0, 3))

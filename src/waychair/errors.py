@@ -54,6 +54,10 @@ class UnknownPlace(PlaceError):
     """No place has this name."""
 
 
+class ZoneError(WaychairError):
+    """A list of zones is broken."""
+
+
 class WorldError(WaychairError):
     """A simulated world's file is broken."""
 
@@ -112,6 +116,10 @@ class GoalOutsideMap(PlanningError):
 
 class GoalOccupied(PlanningError):
     """The chair does not fit at the goal."""
+
+
+class NoFreeSpace(PlanningError):
+    """The map has no room for the chair anywhere."""
 
 
 class NoPath(PlanningError):

@@ -9,6 +9,7 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 from waychair.types import (
+    ChairStatus,
     Goal,
     Health,
     ImuSample,
@@ -47,10 +48,10 @@ class Topic:
         return stamp_ns is None or abs(now_ns - stamp_ns) > limit
 
 
-SCAN = Topic("scan", Scan, 10.0)
+SCAN = Topic("scan", Scan, 10.0, patience=5.0)  # slowed down for from 3 periods on (F11)
 WHEELS = Topic("wheel_ticks", WheelTicks, 50.0, patience=5.0)
-IMU = Topic("imu/data", ImuSample, 200.0, patience=10.0)
-CAMERA = Topic("camera", RgbdFrame, 15.0)
+IMU = Topic("imu/data", ImuSample, 200.0, patience=60.0)  # 0.3 s, as the camera (F13)
+CAMERA = Topic("camera", RgbdFrame, 15.0, patience=4.5)
 SONAR = Topic("sonar", SonarReadings, 20.0)
 JOYSTICK = Topic("joystick", JoystickInput, 50.0, patience=5.0)
 ODOMETRY = Topic("odom", Odometry, 50.0, patience=5.0)
@@ -60,6 +61,7 @@ PLAN = Topic("plan", Path, 0.0)
 COMMAND = Topic("cmd_vel", Twist, 20.0)
 SENT = Topic("sent", Sent, 20.0)
 TELEMETRY = Topic("telemetry", Telemetry, 50.0, patience=5.0)
+STATUS = Topic("chair_status", ChairStatus, 2.0)
 HEALTH = Topic("health", Health, 1.0)
 
 TOPICS: tuple[Topic, ...] = (
@@ -76,5 +78,6 @@ TOPICS: tuple[Topic, ...] = (
     COMMAND,
     SENT,
     TELEMETRY,
+    STATUS,
     HEALTH,
 )

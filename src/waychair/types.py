@@ -232,6 +232,16 @@ class Telemetry:
 
 
 @dataclass(frozen=True, slots=True)
+class ChairStatus:
+    """What the chair's own contacts say: seat switch, charger, charge of the battery in [0, 1]; None: not fitted."""
+
+    stamp_ns: int
+    seated: bool | None = None
+    charging: bool | None = None
+    battery: float | None = None
+
+
+@dataclass(frozen=True, slots=True)
 class Place:
     """A named place: pose in map and how closely it must be reached [m], [rad]."""
 

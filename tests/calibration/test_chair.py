@@ -7,8 +7,10 @@ import math
 
 import numpy as np
 import pytest
+import yaml
 
-from waychair.calibration.chair import BODIES, CHAIR_A, CHAIR_B, DRIVES, ChairBody
+from waychair.calibration.chair import BODIES, CHAIR_A, CHAIR_B, DRIVES, BodyLayer, ChairBody
+from waychair.config import dump, from_mapping
 from waychair.errors import ConfigError
 
 
@@ -63,3 +65,35 @@ def test_the_cameras_optical_axis_looks_ahead_and_a_little_down_and_its_image_is
 def test_an_unknown_drive_is_refused_with_those_that_there_are() -> None:
     with pytest.raises(ConfigError, match="drive = 'rail' is unknown: take rear, mid or front"):
         ChairBody(drive="rail")
+
+
+FEET = BodyLayer(0.0, 0.3, 0.75, 0.2, 0.25)
+ARMS = BodyLayer(0.3, 1.3, 0.6, 0.25, 0.3)
+
+
+def test_outlines_by_height_are_read_as_they_were_written() -> None:
+    body = dataclasses.replace(CHAIR_A, layers=(FEET, ARMS))
+    assert from_mapping(ChairBody, yaml.safe_load(dump(body))) == body
+    assert body.height_layers() == (FEET, ARMS)
+
+
+def test_a_body_without_layers_has_its_outline_at_all_heights() -> None:
+    (layer,) = CHAIR_A.height_layers()
+    assert (layer.bottom, layer.front, layer.rear, layer.half_width) == (0.0, 0.75, 0.25, 0.3)
+    assert layer.top > 1.2
+
+
+@pytest.mark.parametrize(
+    ("layers", "said"),
+    [
+        ((ARMS,), "leaves a gap above 0.0 m"),
+        ((FEET, ARMS._replace(bottom=0.4)), "leaves a gap above 0.3 m"),
+        ((FEET._replace(top=0.0),), "leaves a gap"),
+        ((FEET._replace(half_width=0.31),), "does not lie within the outline"),
+        ((FEET._replace(front=0.0),), "does not lie within the outline"),
+        ((FEET._replace(rear=float("nan")),), "does not lie within the outline"),
+    ],
+)
+def test_impossible_layers_are_refused(layers: tuple[BodyLayer, ...], said: str) -> None:
+    with pytest.raises(ConfigError, match=said):
+        ChairBody(layers=layers)

@@ -5,8 +5,21 @@ from __future__ import annotations
 import math
 
 import pytest
+from hypothesis import given
+from hypothesis import strategies as st
 
-from waychair.control.supervisor import Override, Situation, SupervisorSettings, supervise
+from waychair.control.stops import Braking, Halt, halt
+from waychair.control.supervisor import (
+    DRIVEN,
+    TABLE,
+    Event,
+    Override,
+    Situation,
+    SupervisorSettings,
+    Verdict,
+    event_in,
+    supervise,
+)
 from waychair.errors import ConfigError
 from waychair.firmware_bridge.board import BoardSettings
 from waychair.types import DriveMode, JoystickInput
@@ -16,6 +29,20 @@ SETTINGS = SupervisorSettings()
 ASSISTING = SupervisorSettings(override=0.5, assist=True)
 
 
+LIDAR = halt("lidar_stale")
+MODES = st.sampled_from(list(DriveMode))
+SITUATIONS = st.builds(
+    Situation,
+    st.none() | st.builds(JoystickInput, st.just(0), st.floats(-1, 1), st.floats(-1, 1)),
+    st.booleans(),
+    st.booleans(),
+    st.booleans(),
+    st.booleans(),
+    st.booleans(),
+    st.lists(st.sampled_from([LIDAR, halt("obstacle"), halt("battery_low"), halt("disobeys")]), max_size=2).map(tuple),
+)
+
+
 def situation(
     forward: float = 0.0,
     turn: float = 0.0,
@@ -23,13 +50,92 @@ def situation(
     taken_over: bool = False,
     stop: bool = False,
     goal: bool = True,
-    faults: tuple[str, ...] = (),
+    requested: bool = False,
+    confirmed: bool = False,
+    halts: tuple[Halt, ...] = (),
 ) -> Situation:
-    return Situation(JoystickInput(0, forward, turn), taken_over, stop, goal, faults)
+    return Situation(JoystickInput(0, forward, turn), taken_over, stop, goal, requested, confirmed, halts)
 
 
-def test_a_goal_and_a_quiet_rider_let_the_computer_drive() -> None:
-    assert supervise(DriveMode.MANUAL, situation(), SETTINGS).mode is DriveMode.AUTONOMOUS
+def test_the_table_is_whole_and_only_a_confirmed_drive_leads_from_rest_to_motion() -> None:
+    assert set(TABLE) == {(mode, event) for mode in DriveMode for event in Event}
+    begins = {event for (mode, event), after in TABLE.items() if mode not in DRIVEN and after in DRIVEN}
+    assert begins == {Event.CONFIRM}
+    ends = {Event.STOP, Event.TAKE_OVER, Event.FAULT, Event.NO_GOAL, Event.REFUSAL, Event.REQUEST}
+    assert not any(TABLE[mode, event] in DRIVEN for mode in DriveMode for event in ends)
+
+
+@given(MODES, st.lists(SITUATIONS, max_size=12), st.sampled_from([SETTINGS, ASSISTING]))
+def test_after_a_fault_nothing_moves_until_somebody_confirms_while_all_is_well(
+    mode: DriveMode, then: list[Situation], settings: SupervisorSettings
+) -> None:
+    mode = supervise(mode, situation(halts=(LIDAR,), confirmed=True, requested=True), settings).mode
+    assert mode not in DRIVEN
+    for now in then:
+        verdict = supervise(mode, now, settings)
+        if verdict.computer_drives and mode not in DRIVEN:
+            assert now.confirmed
+            assert now.goal_active
+            assert not now.taken_over
+            assert not now.stop_pressed
+            assert not {LIDAR, halt("disobeys"), halt("battery_low")} & set(now.halts)
+        mode = verdict.mode
+
+
+@given(MODES, SITUATIONS, st.sampled_from([SETTINGS, ASSISTING]))
+def test_whatever_keeps_the_computer_from_driving_is_said_in_words(
+    mode: DriveMode, now: Situation, settings: SupervisorSettings
+) -> None:
+    verdict = supervise(mode, now, settings)
+    assert verdict.computer_drives or verdict.reason
+    assert verdict.computer_drives == (verdict.mode in DRIVEN)
+    assert 0.0 <= verdict.share <= 1.0
+
+
+def test_a_goal_alone_moves_nothing() -> None:
+    verdict = supervise(DriveMode.MANUAL, situation(), SETTINGS)
+    assert (verdict.mode, verdict.drops_goal) == (DriveMode.MANUAL, False)
+    assert "press Drive" in verdict.reason
+
+
+def test_what_is_confirmed_during_a_fault_is_dropped() -> None:
+    verdict = supervise(DriveMode.MANUAL, situation(confirmed=True, halts=(LIDAR,)), SETTINGS)
+    assert (verdict.mode, verdict.drops_goal, verdict.halt) == (DriveMode.MANUAL, True, LIDAR)
+
+
+def test_a_low_battery_lets_a_drive_go_on_and_none_begin() -> None:
+    low = (halt("battery_low"),)
+    assert supervise(DriveMode.AUTONOMOUS, situation(halts=low), SETTINGS).mode is DriveMode.AUTONOMOUS
+    refused = supervise(DriveMode.MANUAL, situation(confirmed=True, halts=low), SETTINGS)
+    assert (refused.mode, refused.drops_goal) == (DriveMode.MANUAL, True)
+
+
+def test_an_obstacle_pauses_and_ends_nothing() -> None:
+    near = situation(halts=(halt("obstacle"),))
+    assert supervise(DriveMode.AUTONOMOUS, near, SETTINGS) == Verdict(DriveMode.AUTONOMOUS)
+
+
+def test_the_gravest_of_several_halts_is_named_and_says_how_to_brake() -> None:
+    verdict = supervise(DriveMode.AUTONOMOUS, situation(halts=(halt("lost"), halt("disobeys"))), SETTINGS)
+    assert verdict.halt == halt("disobeys")
+    assert verdict.braking is Braking.RELEASE
+    assert supervise(DriveMode.AUTONOMOUS, situation(halts=(halt("lost"),)), SETTINGS).braking is Braking.COMFORT
+
+
+def test_another_goal_has_to_be_confirmed_too() -> None:
+    verdict = supervise(DriveMode.AUTONOMOUS, situation(requested=True), SETTINGS)
+    assert (verdict.mode, verdict.drops_goal, verdict.braking) == (DriveMode.MANUAL, False, Braking.COMFORT)
+    assert supervise(DriveMode.AUTONOMOUS, situation(requested=True, confirmed=True), SETTINGS).computer_drives
+
+
+def test_of_all_that_happens_the_gravest_counts() -> None:
+    everything = situation(0.5, taken_over=True, stop=True, goal=False, requested=True, confirmed=True, halts=(LIDAR,))
+    assert event_in(everything, ASSISTING) is Event.STOP
+
+
+def test_a_confirmed_goal_and_a_quiet_rider_let_the_computer_drive() -> None:
+    assert supervise(DriveMode.MANUAL, situation(confirmed=True), SETTINGS).mode is DriveMode.AUTONOMOUS
+    assert supervise(DriveMode.AUTONOMOUS, situation(), SETTINGS).mode is DriveMode.AUTONOMOUS
 
 
 @pytest.mark.parametrize("settings", [SETTINGS, ASSISTING])
@@ -109,24 +215,26 @@ def test_with_assistance_a_hand_on_the_stick_slows_the_drive_down_to_nothing_at_
 
 @pytest.mark.parametrize("mode", list(DriveMode))
 def test_stop_wins_over_everything(mode: DriveMode) -> None:
-    verdict = supervise(mode, situation(1.0, taken_over=True, stop=True, faults=("lidar is silent",)), SETTINGS)
+    verdict = supervise(mode, situation(1.0, taken_over=True, stop=True, confirmed=True, halts=(LIDAR,)), SETTINGS)
     assert verdict.mode is DriveMode.STOPPED
     assert "Stop" in verdict.reason
 
 
-def test_stop_stays_until_a_new_goal_is_asked_for() -> None:
+def test_stop_stays_until_a_new_goal_is_confirmed() -> None:
     assert supervise(DriveMode.STOPPED, situation(goal=False), SETTINGS).mode is DriveMode.STOPPED
-    assert supervise(DriveMode.STOPPED, situation(goal=True), SETTINGS).mode is DriveMode.AUTONOMOUS
+    assert supervise(DriveMode.STOPPED, situation(goal=True, requested=True), SETTINGS).mode is DriveMode.STOPPED
+    assert supervise(DriveMode.STOPPED, situation(goal=True, confirmed=True), SETTINGS).mode is DriveMode.AUTONOMOUS
 
 
 @pytest.mark.parametrize("settings", [SETTINGS, ASSISTING])
 def test_a_fault_leaves_the_riders_joystick_live_and_is_named(settings: SupervisorSettings) -> None:
-    verdict = supervise(DriveMode.AUTONOMOUS, situation(0.15, faults=("the lidar is silent",)), settings)
-    assert (verdict.mode, verdict.computer_drives) == (DriveMode.MANUAL, False)
-    assert verdict.reason == "the lidar is silent"
+    verdict = supervise(DriveMode.AUTONOMOUS, situation(0.15, halts=(LIDAR,)), settings)
+    assert (verdict.mode, verdict.computer_drives, verdict.drops_goal) == (DriveMode.MANUAL, False, True)
+    assert verdict.reason == "the lidar is silent: check its cable and power"
 
 
 def test_a_chair_whose_stick_is_unknown_still_obeys_faults_and_goals() -> None:
-    unknown = Situation(None, False, False, True, ())
+    unknown = Situation(None, False, False, True, False, True)
     assert supervise(DriveMode.MANUAL, unknown, ASSISTING).mode is DriveMode.AUTONOMOUS
-    assert supervise(DriveMode.MANUAL, Situation(None, False, False, False, ()), SETTINGS).mode is DriveMode.MANUAL
+    nothing = Situation(None, False, False, False, False, False)
+    assert supervise(DriveMode.MANUAL, nothing, SETTINGS).mode is DriveMode.MANUAL

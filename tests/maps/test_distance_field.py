@@ -9,7 +9,7 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from waychair.maps.distance_field import distance_field, distances, interpolated
+from waychair.maps.distance_field import distance_field, distances, interpolated, near_distances, update_near
 from waychair.types import BoolArray, FloatArray, OccupancyGrid, Pose2
 
 
@@ -65,3 +65,28 @@ def test_the_interpolation_bound_is_nearly_reached_between_four_centres() -> Non
 @pytest.mark.parametrize(("column", "row"), [(-0.01, 1.0), (1.0, -0.01), (4.0, 1.0), (1.0, 3.0), (math.nan, 1.0)])
 def test_outside_the_grid_nothing_is_free(column: float, row: float) -> None:
     assert interpolated(np.full((3, 4), 9.0, np.float32), column, row) == 0.0
+
+
+@given(st.integers(0, 2**32 - 1), st.integers(1, 60), st.integers(1, 60), st.floats(0.05, 3.0))
+@settings(max_examples=60, deadline=None)
+def test_an_update_round_changed_cells_equals_the_transform_of_the_whole(
+    seed: int, height: int, width: int, reach: float
+) -> None:
+    rng = np.random.default_rng(seed)
+    obstacles = rng.random((height, width)) < rng.choice([0.0, 0.01, 0.2])
+    metres = near_distances(obstacles, 0.1, reach)
+    for _ in range(4):
+        changed = np.unique(rng.integers(0, (height, width), (int(rng.integers(1, 6)), 2)), axis=0)
+        obstacles[tuple(changed.T)] ^= True
+        update_near(metres, obstacles, changed, 0.1, reach)
+        np.testing.assert_array_equal(metres, near_distances(obstacles, 0.1, reach))
+
+
+def test_only_what_lies_within_reach_of_a_change_is_made_anew() -> None:
+    obstacles = np.zeros((400, 400), bool)
+    metres = near_distances(obstacles, 0.05, 1.0)
+    obstacles[[10, 380], [10, 380]] = True
+    windows = update_near(metres, obstacles, np.argwhere(obstacles), 0.05, 1.0)
+    assert sum(metres[window].size for window in windows) <= 2 * 41**2
+    assert metres[200, 200] == 1.0
+    assert metres[10, 20] == pytest.approx(0.5)

@@ -2,14 +2,20 @@
 
 from __future__ import annotations
 
+import dataclasses
+import math
+
 import numpy as np
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from waychair.calibration.chair import CHAIR_A, CHAIR_B
-from waychair.planning.costmap import CostmapSettings, costmap_from_grid
-from waychair.types import OccupancyGrid, Pose2
+from waychair.calibration.chair import CHAIR_A, CHAIR_B, BodyLayer
+from waychair.errors import NoFreeSpace
+from waychair.maps.zones import Rule, Zone
+from waychair.planning.costmap import CostmapSettings, LiveCostmap, check_free_space, costmap_from_grid
+from waychair.planning.global_planner import plan
+from waychair.types import FloatArray, OccupancyGrid, Pose2
 
 
 def corridor(width: float, resolution: float = 0.05, length: float = 4.0) -> OccupancyGrid:
@@ -73,3 +79,100 @@ def test_price_never_rises_with_clearance(seed: int) -> None:
     passable = prices[prices > 0]
     assert (np.diff(passable) <= 0).all()
     assert (costmap.clearance[costmap.prices == 0] < 0.36).all()
+
+
+def box(x0: float, y0: float, x1: float, y1: float) -> FloatArray:
+    return np.array([[x0, y0], [x1, y0], [x1, y1], [x0, y1]])
+
+
+def floor(rows: int = 100, columns: int = 160) -> OccupancyGrid:
+    return OccupancyGrid(np.zeros((rows, columns), np.int8), 0.05)
+
+
+@given(st.integers(0, 2**32 - 1))
+@settings(max_examples=25, deadline=None)
+def test_a_costmap_kept_up_to_date_equals_one_made_anew(seed: int) -> None:
+    rng = np.random.default_rng(seed)
+    grid = OccupancyGrid(np.where(rng.random((60, 70)) < 0.01, 100, 0).astype(np.int8), 0.1, Pose2(1.0, -2.0, 0.4))
+    body = dataclasses.replace(
+        CHAIR_A, layers=(BodyLayer(0.0, 0.3, 0.75, 0.2, 0.2), BodyLayer(0.3, 1.4, 0.6, 0.25, 0.3))
+    )
+    zones = (Zone("slow", Rule.SLOW, box(1, -1, 4, 2), 0.2), Zone("out", Rule.KEEP_OUT, box(4, 2, 5, 3)))
+    kept = LiveCostmap(grid, body, CostmapSettings(), zones)
+    for _ in range(4):
+        points = rng.uniform(-2, 8, (int(rng.integers(0, 6)), 2))
+        layered = [(layer, rng.uniform(-2, 8, (int(rng.integers(0, 4)), 2))) for layer in body.layers]
+        now = kept.costmap(points, layered)
+        anew = LiveCostmap(grid, body, CostmapSettings(), zones).costmap(points, layered)
+        np.testing.assert_array_equal(now.prices, anew.prices)
+        np.testing.assert_array_equal(now.clearance, anew.clearance)
+        np.testing.assert_array_equal(now.grid.cells, anew.grid.cells)
+
+
+def test_a_costmap_stays_as_it_was_when_the_next_one_is_made() -> None:
+    kept = LiveCostmap(floor(), CHAIR_A, CostmapSettings())
+    first = kept.costmap()
+    prices, clearance = first.prices.copy(), first.clearance.copy()
+    kept.costmap(np.array([[4.0, 2.5]]))
+    np.testing.assert_array_equal(first.prices, prices)
+    np.testing.assert_array_equal(first.clearance, clearance)
+
+
+def test_no_part_of_the_chair_enters_a_keep_out_zone() -> None:
+    costmap = costmap_from_grid(floor(), CHAIR_A, zones=[Zone("stairs", Rule.KEEP_OUT, box(3, 1, 4, 4))])
+    rows, columns = np.nonzero(costmap.prices)
+    x, y = (columns + 0.5) * 0.05, (rows + 0.5) * 0.05
+    away = np.hypot(np.clip(x, 3, 4) - x, np.clip(y, 1, 4) - y)
+    assert away.min() >= CHAIR_A.width / 2
+    assert (costmap.grid.cells == 0).all()
+    path = plan(costmap, Pose2(1.0, 2.5), Pose2(6.0, 2.5))
+    assert path.length() > 5.5
+
+
+def test_a_slow_zone_costs_the_time_it_takes_and_is_left_out_where_going_round_is_quicker() -> None:
+    costmap = costmap_from_grid(floor(), CHAIR_A, zones=[Zone("ward", Rule.SLOW, box(3, 1, 4, 4), 0.2)])
+    assert costmap.prices[50, 70] == 4000
+    assert costmap.prices[50, 20] == 1000
+    path = plan(costmap, Pose2(1.0, 2.5), Pose2(6.0, 2.5))
+    inside = (np.abs(path.poses[:, 0] - 3.5) < 0.5) & (np.abs(path.poses[:, 1] - 2.5) < 1.45)
+    assert not inside.any()
+
+
+@pytest.mark.parametrize("turned", [0.0, 0.6])
+def test_a_one_way_zone_is_driven_along_its_heading_only(turned: float) -> None:
+    """Two corridors between the same rooms, one of them one-way: there by the near one, back by the far one."""
+    cells = np.zeros((100, 160), np.int8)
+    cells[30:70, 40:120] = 100
+    grid = OccupancyGrid(cells, 0.05, Pose2(0.0, 0.0, turned))
+    c, s = math.cos(turned), math.sin(turned)
+    corners = box(2.5, 0.0, 5.5, 1.5) @ np.array([[c, s], [-s, c]])
+    costmap = costmap_from_grid(grid, CHAIR_A, zones=[Zone("ramp", Rule.ONE_WAY, corners, turned)])
+    west, east = (Pose2(0.0, 0.0, turned) @ Pose2(x, 1.2) for x in (1.0, 7.0))
+    there, back = plan(costmap, west, east), plan(costmap, east, west)
+    assert there.length() < 7.0
+    assert back.length() > 9.0
+
+
+def test_an_obstacle_at_the_feet_lets_a_chair_pass_that_is_narrower_there() -> None:
+    layers = (BodyLayer(0.0, 0.3, 0.5, 0.2, 0.2), BodyLayer(0.3, 1.4, 0.75, 0.25, 0.3))
+    body = dataclasses.replace(CHAIR_A, layers=layers)
+    gap = np.array([[2.0, y] for y in np.concatenate([np.arange(0, 2.2, 0.02), np.arange(2.75, 5.0, 0.02)])])
+    kept = LiveCostmap(floor(), body, CostmapSettings())
+    through = [bool(kept.costmap(None, [(layer, gap)]).prices[:, 40].any()) for layer in layers]
+    assert through == [True, False]
+    assert not kept.costmap(gap).prices[:, 40].any()
+
+
+def test_a_map_without_room_for_the_chair_is_refused() -> None:
+    check_free_space(costmap_from_grid(floor(), CHAIR_A))
+    with pytest.raises(NoFreeSpace, match=r"no free space for a chair 0\.60 m wide"):
+        check_free_space(costmap_from_grid(corridor(0.6), CHAIR_A))
+
+
+def test_a_clearance_above_what_is_kept_is_cut_but_never_below_what_the_prices_need() -> None:
+    wide = corridor(12.0)
+    assert costmap_from_grid(wide, CHAIR_A).clearance.max() == 2.0
+    roomy = CostmapSettings(clearance_kept=0.5, inflation_radius=4.0)
+    costmap = costmap_from_grid(wide, CHAIR_A, roomy)
+    assert costmap.clearance.max() == 4.0
+    assert costmap.prices[60, 40] > 1000

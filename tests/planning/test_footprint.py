@@ -183,4 +183,5 @@ def test_beside_is_the_distance_from_the_long_sides() -> None:
     obstacles[54] = True  # centres 0.725 m left of the axis
     field = field_of(obstacles)
     shape = footprint(CHAIR_A, 0.0, field)
-    assert beside(shape, *in_cells(field, Pose2(2.0, 2.0))) == pytest.approx(0.425, abs=1e-6)
+    x, y, _ = in_cells(field, Pose2(2.0, 2.0))
+    assert beside(shape, x, y, 1.0, 0.0) == pytest.approx(0.425, abs=1e-6)

@@ -6,7 +6,9 @@ import numpy as np
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from waychair.planning.indexed_heap import empty_heap, grown, has_room, put, remove
+from waychair.planning.indexed_heap import Heap, empty_heap, grown, has_room, put, remove
+
+PLACED = np.dtype([("other", np.int64), ("place", np.int32)])
 
 OPERATIONS = st.lists(
     st.tuples(st.integers(0, 29), st.integers(0, 5), st.integers(0, 5), st.sampled_from(["put", "remove", "pop"])),
@@ -14,48 +16,52 @@ OPERATIONS = st.lists(
 )
 
 
+def queue(cell_count: int, capacity: int) -> Heap:
+    return empty_heap(np.zeros(cell_count, PLACED), capacity)
+
+
 @given(OPERATIONS)
 @settings(max_examples=100, deadline=None)
 def test_the_heap_always_offers_a_cell_of_the_smallest_key(operations: list[tuple[int, int, int, str]]) -> None:
-    heap, reference = empty_heap(30, 64), dict[int, tuple[int, int]]()
+    heap, reference = queue(30, 64), dict[int, tuple[int, int]]()
     for cell, first, second, what in operations:
         if what == "put":
-            put(heap, cell, first, second)
+            put(*heap, cell, first, second)
             reference[cell] = (first, second)
         elif what == "remove" or not reference:
-            remove(heap, cell)
+            remove(*heap, cell)
             reference.pop(cell, None)
         else:
-            top = int(heap.cells[1])
+            top = int(heap.entries["cell"][1])
             assert reference[top] == min(reference.values())
-            remove(heap, top)
+            remove(*heap, top)
             del reference[top]
         assert heap.size[0] == len(reference)
-        assert {int(c) for c in heap.cells[1 : 1 + heap.size[0]]} == set(reference)
+        assert {int(c) for c in heap.entries["cell"][1 : 1 + heap.size[0]]} == set(reference)
         for other, key in reference.items():
-            assert tuple(heap.keys[heap.place[other]]) == key
+            assert heap.entries[["first", "second"]][heap.cells["place"][other]].item() == key
 
 
 def test_keys_beyond_32_bits_are_compared_exactly() -> None:
-    heap = empty_heap(2, 16)
-    put(heap, 0, 1 << 60, (1 << 60) + 1)
-    put(heap, 1, 1 << 60, 1 << 60)
-    assert heap.cells[1] == 1
+    heap = queue(2, 16)
+    put(*heap, 0, 1 << 60, (1 << 60) + 1)
+    put(*heap, 1, 1 << 60, 1 << 60)
+    assert heap.entries["cell"][1] == 1
 
 
 def test_a_full_heap_grows_and_keeps_its_order() -> None:
-    heap = empty_heap(100, 10)
-    put(heap, 0, 99, 0)
+    heap = queue(100, 10)
+    put(*heap, 0, 99, 0)
     assert has_room(heap)
-    put(heap, 1, 98, 0)
+    put(*heap, 1, 98, 0)
     assert not has_room(heap)
     heap = grown(heap)
     assert has_room(heap)
     for cell in range(2, 12):
-        put(heap, cell, 99 - cell, 0)
+        put(*heap, cell, 99 - cell, 0)
     order = []
     while heap.size[0]:
-        order.append(int(heap.cells[1]))
-        remove(heap, order[-1])
+        order.append(int(heap.entries["cell"][1]))
+        remove(*heap, order[-1])
     assert order == list(range(11, -1, -1))
-    assert not np.any(heap.place)
+    assert not np.any(heap.cells["place"])

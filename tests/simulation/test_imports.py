@@ -109,8 +109,8 @@ def test_a_real_barn_world_holds_every_cylinder_and_a_chair_at_its_start(data_di
     [
         ("grid\n", "", "no line `grid`"),
         ("rows 3", "rows 4", "3 lines instead of 4"),
-        ("....\n", "...\n", r"line 13: '\.\.\.' is no row; give 4"),
-        ("....\n", "..x.\n", r"line 13: '\.\.x\.' is no row"),
+        ("....\n", "...\n", r"line 14: '\.\.\.' is no row; give 4"),
+        ("....\n", "..x.\n", r"line 14: '\.\.x\.' is no row"),
         ("start -2.25 3.0 1.5708\n", "", "`start` is missing: give 3"),
         ("goal -2.25 13.0", "goal -2.25 nan", "`goal` is -2.25 nan"),
         ("cell 0.15", "cell wide", "`cell` is wide"),

@@ -131,3 +131,20 @@ def test_a_slip_of_the_wheels_is_found_by_the_scan(drive: Drive) -> None:
     away = errors(result, truth)
     assert away[-1] < 0.01
     assert (away > 0.02).sum() <= 1  # the frame between the two key scans that the slip lies between
+
+
+def test_a_chair_that_was_carried_finds_where_it_is_again(drive: Drive) -> None:
+    """Its odometry shows nothing of the way between frame 280 and 330, and the map is one all the same."""
+    frames, truth = drive
+    carried = list(frames[:280])
+    here, there = (frames[k].wheels[-1].odom_from_base for k in (279, 330))  # type: ignore[union-attr]
+    for frame in frames[330:]:
+        odometry = frame.wheels[-1]
+        assert isinstance(odometry, Odometry)
+        pose = here @ (there.inverse() @ odometry.odom_from_base)
+        carried.append(dataclasses.replace(frame, wheels=(dataclasses.replace(odometry, odom_from_base=pose),)))
+    result = mapped(carried)
+    assert any(edge.kind is EdgeKind.TORN for edge in result.edges)
+    away = errors(result, np.concatenate([truth[:280], truth[330:]]))
+    assert np.median(away) < 0.03
+    assert away.max() < 0.2

@@ -1,0 +1,145 @@
+"""Mapping against the truth: simulated floors, a chair that is carried while it maps, and a log that never ends."""
+
+from __future__ import annotations
+
+import dataclasses
+import subprocess
+import sys
+import tempfile
+import time
+from collections.abc import Iterator
+from itertools import chain
+from pathlib import Path
+
+import numpy as np
+
+from benchmarks.acceptance.logs import DATA
+from waychair.maps.map_files import load_map
+from waychair.recording import BagSettings, InputSettings, Recording, read_recording, read_tum
+from waychair.runtime.mapping_report import torn_warnings
+from waychair.simulation.world import load_world
+from waychair.slam.evaluation import read_relations, relation_errors, truth_errors
+from waychair.slam.mapper import Mapper, MapperSettings
+from waychair.trials.map_score import wall_agreement
+from waychair.types import Json, Odometry, SensorFrame, Trajectory
+
+TRUTH = "/ground_truth/odom"
+PASSES = 10
+SPLICES = 10
+_INTEL = ("lidar_intel/intel_first1088s.clf.gz", "lidar_intel/intel_first1088s.relations.gz")
+_FR079 = ("lidar_fr079/fr079_laser.clf.gz", "lidar_fr079/fr079.relations.gz")
+
+
+def sim_mapping(out: Path) -> Json:
+    """Simulated second_floor and basement, people walking: ATE <= 0.10 m, 95 % of the walls within 5 cm."""
+    floors = {world: _mapped_floor(world) for world in ("second_floor", "basement")}
+    passed = all(
+        floor["ate_m"] <= 0.10 and min(floor["walls_true"], floor["walls_found"]) >= 0.95 for floor in floors.values()
+    )
+    figures = {f"{world}_{name}": value for world, floor in floors.items() for name, value in floor.items()}
+    return {"passed": passed, **figures}
+
+
+def _mapped_floor(world: str) -> Json:
+    """The two commands of a user, and their map against the world it is of."""
+    waychair = str(Path(sys.executable).parent / "waychair")
+    with tempfile.TemporaryDirectory() as folder:
+        bag, made = Path(folder) / "drive.mcap", Path(folder) / "map"
+        record = [waychair, "simulate", "--world", world, "--no-camera", "--record", str(bag), "--quiet"]
+        subprocess.run(record, check=True)
+        subprocess.run([waychair, "map", str(bag), "--out", str(made), "--quiet"], check=True)
+        truth = truth_of(bag)
+        trajectory, grid = read_tum(made / "trajectory.tum"), load_map(made)
+    errors = truth_errors(trajectory, truth)
+    walls = wall_agreement(grid, load_world(world).grid, errors.truth_from_map, 0.05)
+    return {
+        "ate_m": round(errors.rmse_m, 4),
+        "ate_max_m": round(errors.errors.max_m, 4),
+        "walls_true": round(walls.true_cells, 4),
+        "walls_found": round(walls.found_faces, 4),
+    }
+
+
+def truth_of(bag: Path) -> Trajectory:
+    """Where the simulated chair really was, in the frame of the world."""
+    recording = read_recording(bag, InputSettings(bag=BagSettings(odom_topic=TRUTH)))
+    readings = [reading for frame in recording.frames for reading in frame.wheels if isinstance(reading, Odometry)]
+    stamps = np.array([reading.stamp_ns for reading in readings], np.int64)
+    return Trajectory(stamps, np.array([reading.odom_from_base.array() for reading in readings]))
+
+
+def growth(out: Path) -> Json:
+    """The Intel log driven there and back ten times: the cost per scan must not grow with the length of the log."""
+    recording = read_recording(DATA / _INTEL[0])
+    there = recording.frames
+    mapper, rows = Mapper(MapperSettings(), recording.base_from_laser), []
+    for number in range(PASSES):
+        started = time.process_time()
+        for frame in there if number % 2 == 0 else there[::-1]:
+            mapper.process(frame)
+        milliseconds = 1e3 * (time.process_time() - started) / len(there)
+        rows.append({"pass": number + 1, "ms_per_scan": round(milliseconds, 3), "key_scans": len(mapper.keys)})
+    _plot_growth(out.with_suffix(".png"), rows)
+    first, last = rows[0]["ms_per_scan"], float(np.mean([row["ms_per_scan"] for row in rows[-3:]]))
+    return {"passed": last <= first, "first_ms": first, "last_ms": round(last, 3), "rows": rows}
+
+
+def carried(out: Path) -> Json:
+    """A chair carried while it maps, by splicing two real logs at random: 16 of 20 maps are whole again, and right.
+
+    The odometry shows nothing of it. A splice is mended when the relations across loops are as good as in the unspliced
+    log, known when the report says that it could not be mended, and silently wrong otherwise.
+    """
+    rng, counts = np.random.default_rng(2026), {"mended": 0, "known": 0, "wrong": 0}
+    rows = []
+    for name, (log, relations) in (("intel", _INTEL), ("fr079", _FR079)):
+        recording = read_recording(DATA / log)
+        for _ in range(SPLICES):
+            cut = int(rng.integers(800, len(recording.frames) - 2200))
+            on = cut + int(rng.integers(400, len(recording.frames) - cut - 1500))
+            verdict, error = _spliced(recording, cut, on, DATA / relations)
+            counts[verdict] += 1
+            rows.append({"log": name, "cut": cut, "on": on, "verdict": verdict, "across_loops_m": round(error, 4)})
+    return {"passed": counts["mended"] >= 0.8 * len(rows), **counts, "rows": rows}
+
+
+def _spliced(recording: Recording, cut: int, on: int, relations: Path) -> tuple[str, float]:
+    mapper = Mapper(MapperSettings(), recording.base_from_laser)
+    for frame in chain(recording.frames[:cut], _continued(recording, cut, on)):
+        mapper.process(frame)
+    result = mapper.result()
+    error = relation_errors(result.trajectory, read_relations(relations)).loop.mean_m
+    if error < 0.10:
+        return "mended", error
+    known = any("could not be joined" in warning for warning in torn_warnings(result))
+    return "known" if known else "wrong", error
+
+
+def _continued(recording: Recording, cut: int, on: int) -> Iterator[SensorFrame]:
+    """The frames from `on`, whose odometry goes on from that of frame `cut` - 1."""
+    here, there = _odometry(recording.frames[cut - 1]), _odometry(recording.frames[on])
+    for frame in recording.frames[on:]:
+        reading = _odometry(frame)
+        pose = here.odom_from_base @ (there.odom_from_base.inverse() @ reading.odom_from_base)
+        yield dataclasses.replace(frame, wheels=(dataclasses.replace(reading, odom_from_base=pose),))
+
+
+def _odometry(frame: SensorFrame) -> Odometry:
+    reading = frame.wheels[-1]
+    assert isinstance(reading, Odometry)
+    return reading
+
+
+def _plot_growth(path: Path, rows: list[Json]) -> None:
+    import matplotlib.pyplot as plt
+
+    path.parent.mkdir(parents=True, exist_ok=True)
+    figure, axes = plt.subplots(figsize=(6, 3.5), layout="constrained")
+    passes = [row["pass"] for row in rows]
+    axes.plot(passes, [row["ms_per_scan"] for row in rows], "o-")
+    axes.set(xlabel="pass over the log", ylabel="CPU per scan [ms]", ylim=(0, None))
+    nodes = axes.twinx()
+    nodes.plot(passes, [row["key_scans"] for row in rows], "s--", color="grey")
+    nodes.set(ylabel="key scans in the graph", ylim=(0, None))
+    figure.savefig(path, dpi=120)
+    plt.close(figure)

@@ -1,0 +1,335 @@
+"""The last look before the chair moves on: raw scans against the commanded arc, with no planner and no map.
+
+Each point of the latest scan is followed, in the chair's own frame, along the circle on which it will come nearer while
+the chair drives the commanded arc; when that circle enters the chair's outline there is contact. Nearer than the chair
+can stop, it must stop; nearer than it stops in comfort, it slows down. So the zones scale with the speed and bend with
+the turn. Beside the chair they are as narrow as a doorway needs; ahead of it they are longer, and longer still towards
+what is slim and stands free: a lidar at the height of shins sees legs, and whom they belong to reaches beyond them.
+
+It also judges the lidar: one that is silent, sees too little or repeats a scan stops the chair. A verdict is stamped,
+and says of which scan it was made; who lets speed through asks for a fresh one (`refusal`), so that a monitor that died
+stops the chair, too. It is a pure function of what it was told (`Monitor` keeps only that), which a process of its own
+calls by a timer (`runtime.monitor_process`), and the simulator in lockstep.
+"""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+
+import numpy as np
+
+from waychair.calibration.chair import ChairBody
+from waychair.calibration.self_mask import SelfMask
+from waychair.calibration.stopping import StopTable
+from waychair.config import Settings, setting
+from waychair.geometry import arcs, transform_points
+from waychair.types import BoolArray, FloatArray, IntArray, Scan, Twist
+
+
+@dataclass(frozen=True, slots=True)
+class MonitorSettings(Settings):
+    """Zones, braking, and how fresh things must be."""
+
+    beside: float = setting(0.02, "m", "kept free round the outline on all sides", low=0.0, high=0.5)
+    ahead: float = setting(0.08, "m", "kept free besides in the direction of travel", low=0.0, high=1.0)
+    ahead_of_legs: float = setting(0.33, "m", "as above, before what may be a person's legs", low=0.0, high=1.0)
+    slim: float = setting(0.35, "m", "legs are no wider than this, together", low=0.05, high=1.0)
+    least_points: int = setting(3, "", "so many points are something, fewer are noise", low=1, high=100)
+    reaction_s: float = setting(
+        0.3, "s", "from a verdict to the first braking, before that was measured", low=0.0, high=2.0
+    )
+    emergency: float = setting(1.5, "m/s^2", "braking in an emergency, before that was measured", low=0.2, high=4.0)
+    emergency_alpha: float = setting(1.5, "rad/s^2", "as above, of turning", low=0.2, high=10.0)
+    braking: float = setting(0.6, "m/s^2", "braking in comfort: slowing down begins by it", low=0.1, high=3.0)
+    alpha: float = setting(0.8, "rad/s^2", "as above, of turning", low=0.1, high=5.0)
+    verdict_ms: int = setting(150, "ms", "an older verdict lets no speed through", low=20, high=1000)
+    scan_ms: int = setting(300, "ms", "a verdict of an older scan lets none through", low=50, high=1000)
+    silent_ms: int = setting(500, "ms", "a monitor that says nothing for so long ends a drive", low=100, high=5000)
+    blind_s: float = setting(0.4, "s", "a beam that measures nothing for so long is blind", low=0.1, high=2.0)
+    least_coverage: float = setting(0.8, "", "part of the beams that must not be blind", low=0.0, high=1.0)
+    strayed_v: float = setting(0.1, "m/s", "a command this far beyond the judged one was not judged", low=0.0, high=1.0)
+    strayed_omega: float = setting(0.2, "rad/s", "as above, of turning", low=0.0, high=2.0)
+
+
+@dataclass(frozen=True, slots=True)
+class MonitorVerdict:
+    """What was found at `stamp_ns` of a scan stamped `scan_ns` (None: there was none) about the judged `twist`.
+
+    `share` in [0, 1] of it may be driven. `stop` is "" or the id of a row of `stops.STOPS`. `contact_s`: driving time
+    until something is touched, +inf where nothing is.
+    """
+
+    stamp_ns: int
+    scan_ns: int | None
+    twist: Twist
+    share: float
+    contact_s: float = math.inf
+    stop: str = ""
+
+
+class Monitor:
+    """Keeps the latest scan, when each beam last measured something, and since when scans have been the same.
+
+    A beam that measures nothing is not blind at once: in real buildings one in three may see nothing for a moment, past
+    glass or down a hall (recordings of Intel, Freiburg 079 and Malaga), but others from scan to scan as the chair moves.
+    """
+
+    def __init__(
+        self,
+        body: ChairBody,
+        settings: MonitorSettings | None = None,
+        stops: StopTable | None = None,
+        mask: SelfMask | None = None,
+    ) -> None:
+        """`stops`: how far the chair goes on, where it was measured; `mask`: what the lidar sees of the chair itself."""
+        self._body, self._stops, self._mask = body, stops, mask
+        self._settings = settings or MonitorSettings()
+        self._scan: Scan | None = None
+        self._hidden: BoolArray = np.zeros(0, np.bool_)
+        self._slim: BoolArray = np.zeros(0, np.bool_)
+        self._measured_ns: IntArray = np.zeros(0, np.int64)  # when each beam last measured something
+        self._same_since_ns: int | None = None
+        self._blindness = ""
+
+    def see(self, scan: Scan) -> None:
+        """Take in a scan, as the lidar gave it."""
+        before, self._scan = self._scan, scan
+        count, longest_ns = len(scan.ranges), round(self._settings.blind_s * 1e9)
+        self._hidden = np.zeros(count, np.bool_) if self._mask is None else self._mask.hides(scan)
+        if before is None or len(before.ranges) != count:
+            self._measured_ns = np.full(count, scan.stamp_ns)  # until half a second has shown otherwise
+        self._measured_ns = np.where(np.isfinite(scan.ranges), scan.stamp_ns, self._measured_ns)
+        silent = scan.stamp_ns - self._measured_ns[~self._hidden] >= longest_ns
+        same = before is not None and np.array_equal(before.ranges, scan.ranges, equal_nan=True)
+        self._same_since_ns = _since(self._same_since_ns, same, scan.stamp_ns if before is None else before.stamp_ns)
+        self._slim = slim_beams(scan, self._hidden, self._settings)
+        self._blindness = ""
+        if self._same_since_ns is not None and scan.stamp_ns - self._same_since_ns >= longest_ns:
+            self._blindness = "lidar_frozen"
+        if not silent.size or 1.0 - silent.mean() < self._settings.least_coverage:
+            self._blindness = "lidar_blind"
+
+    def judge(self, command: Twist, measured: Twist, now_ns: int) -> MonitorVerdict:
+        """May the chair, moving by `measured`, be commanded so now? The scan is carried on by its motion since."""
+        scan, s = self._scan, self._settings
+        scan_ns = None if scan is None else scan.stamp_ns
+        if self._blindness:
+            return MonitorVerdict(now_ns, scan_ns, command, 0.0, stop=self._blindness)
+        if scan is None or not _is_fresh(scan_ns, s.scan_ms, now_ns):
+            return MonitorVerdict(now_ns, scan_ns, command, 0.0, stop="lidar_late")
+        if not all(map(math.isfinite, (command.v, command.omega, measured.v, measured.omega))):
+            return MonitorVerdict(now_ns, scan_ns, command, 0.0, stop="obstacle")
+        told = measuring(scan, self._hidden)
+        points = points_now(scan, told, self._body, measured, now_ns)
+        ahead = np.where(self._slim[told], max(s.ahead, s.ahead_of_legs), s.ahead)
+        times = contact_times(points, command, self._body, s, ahead)
+        contact_s = math.inf
+        if len(times) >= s.least_points:
+            contact_s = float(np.partition(times, s.least_points - 1)[s.least_points - 1])
+        if contact_s < stop_seconds(command, s, self._stops):
+            return MonitorVerdict(now_ns, scan_ns, command, 0.0, contact_s, "obstacle")
+        return MonitorVerdict(now_ns, scan_ns, command, slow_share(contact_s, command, s), contact_s)
+
+
+def refusal(verdict: MonitorVerdict | None, now_ns: int, settings: MonitorSettings) -> str:
+    """Id of the stop for which no speed at all may be let through now, or "": verdict and scan must be fresh."""
+    if not _is_fresh(None if verdict is None else verdict.stamp_ns, settings.verdict_ms, now_ns):
+        return "monitor_silent"
+    if not _is_fresh(None if verdict is None else verdict.scan_ns, settings.scan_ms, now_ns):
+        return "lidar_late"
+    return ""
+
+
+def is_silent(verdict: MonitorVerdict | None, now_ns: int, settings: MonitorSettings) -> bool:
+    """Whether the monitor has not answered for so long that a drive is over."""
+    return not _is_fresh(None if verdict is None else verdict.stamp_ns, settings.silent_ms, now_ns)
+
+
+def permitted_share(command: Twist, verdict: MonitorVerdict, settings: MonitorSettings) -> float:
+    """Part of a command that a verdict permits, which may have been made of the command of a tick or two before.
+
+    A command in another direction than the judged one, or well beyond it, was not judged: none of it.
+    """
+    judged = verdict.twist
+    for value, known, slack in (
+        (command.v, judged.v, settings.strayed_v),
+        (command.omega, judged.omega, settings.strayed_omega),
+    ):
+        if not min(known, 0.0) - slack <= value <= max(known, 0.0) + slack:
+            return 0.0
+    return verdict.share
+
+
+def measuring(scan: Scan, hidden: BoolArray) -> BoolArray:
+    """(N,) beams that measure something other than the chair itself."""
+    told: BoolArray = np.isfinite(scan.ranges) & ~hidden
+    told[told] &= scan.ranges[told] >= max(scan.range_min, 0.0)
+    return told
+
+
+def slim_beams(scan: Scan, hidden: BoolArray, settings: MonitorSettings) -> BoolArray:
+    """(N,) beams that end on something slim that stands free, before what is beside it in the view."""
+    slim = np.zeros(len(scan.ranges), np.bool_)
+    beams = np.flatnonzero(measuring(scan, hidden))
+    if len(beams) < 2:
+        return slim
+    r, angles = scan.ranges[beams].astype(np.float64), scan.angles()[beams]
+    points = np.column_stack([r * np.cos(angles), r * np.sin(angles)])
+    breaks = 1 + np.flatnonzero(np.hypot(*np.diff(points, axis=0).T) > _APART)
+    first = np.concatenate([[0], breaks])
+    last = np.concatenate([breaks, [len(beams)]]) - 1
+    beside = np.concatenate([[math.inf], r, [math.inf]])
+    before, after = beside[first], beside[last + 2]
+    width = np.hypot(*(points[last] - points[first]).T)
+    stands = (before > r[first] + _APART) & (after > r[last] + _APART)
+    legs = stands & (width <= settings.slim) & (last - first + 1 >= settings.least_points)
+    slim[beams] = np.repeat(legs, last - first + 1)
+    return slim
+
+
+_APART = 0.12
+"""Neighbouring beams that end farther apart [m] end on different things."""
+
+
+def points_now(scan: Scan, told: BoolArray, body: ChairBody, measured: Twist, now_ns: int) -> FloatArray:
+    """Points (N, 2) [m] that the beams `told` of a scan saw, in the base frame of now.
+
+    The chair has moved by `measured` [m/s, rad/s] since.
+    """
+    ranges = scan.ranges.astype(np.float64)
+    r, angles = ranges[told], scan.angles()[told]
+    points = transform_points(body.base_from_laser, np.column_stack([r * np.cos(angles), r * np.sin(angles)]))
+    seconds = (now_ns - scan.stamp_ns) * 1e-9 - scan.time_step * np.flatnonzero(told)
+    x, y, theta = arcs(measured.v * seconds, measured.omega * seconds).T
+    c, s = np.cos(theta), np.sin(theta)
+    dx, dy = points[:, 0] - x, points[:, 1] - y
+    return np.column_stack([c * dx + s * dy, c * dy - s * dx])
+
+
+def contact_times(
+    points: FloatArray, command: Twist, body: ChairBody, settings: MonitorSettings, ahead: FloatArray | float
+) -> FloatArray:
+    """Driving time [s] (N,) until each point (N, 2) [m, base frame] is touched on the arc of a command; +inf if never.
+
+    The outline is grown by `beside`, and by `ahead` (of each point, or of all) in the direction of travel. A point that is within that already
+    counts only when it comes nearer by more than a centimetre: driving along it or away from it is free. One
+    that is well within the outline itself is touched now, whatever is commanded.
+    """
+    x, y = points[:, 0], points[:, 1]
+    beside = np.full(len(x), settings.beside)
+    front = body.front + (beside + ahead if command.v > 0.0 else beside)
+    rear = body.rear + (beside + ahead if command.v < 0.0 else beside)
+    half = body.width / 2 + beside
+    # the side that a point is nearest to moves in until the point lies a centimetre outside
+    gaps = np.stack([front - x, rear + x, half - np.abs(y)])
+    nearest = gaps.argmin(axis=0)
+    shrink = np.maximum(gaps.min(axis=0) + _CLOSER, 0.0)
+    sides = [side - np.where(nearest == row, shrink, 0.0) for row, side in enumerate((front, rear, half))]
+    times = _entry_times(x, y, command, *sides)
+    touched = np.minimum(np.minimum(body.front - x, body.rear + x), body.width / 2 - np.abs(y)) > _DEEP
+    moves = abs(command.v) > 0.0 or abs(command.omega) > 0.0
+    return np.where(touched & moves, 0.0, times)
+
+
+_CLOSER = 0.01
+"""A point within the zone counts when it comes nearer by more [m]: noise of a lidar, and a step of the chair."""
+
+_DEEP = 0.05
+"""A point this far inside the outline [m] is no noise at its edge."""
+
+
+def _entry_times(
+    x: FloatArray, y: FloatArray, command: Twist, front: FloatArray, rear: FloatArray, half: FloatArray
+) -> FloatArray:
+    """When points outside of rectangles (each its own) enter them, the chair driving on an arc.
+
+    In the chair's frame a fixed point turns by -omega about the centre of the arc (0, v / omega), or moves straight
+    back. It enters where it first crosses a side that lies between its neighbours.
+    """
+    v, omega = command.v, command.omega
+    best = np.full(len(x), math.inf)
+    if v == 0.0 and abs(omega) < _STRAIGHT:
+        return best
+    for level, upright in ((front, True), (-rear, True), (half, False), (-half, False)):
+        for t in _crossings(x, y, v, omega, level, upright):
+            px, py = _moved(x, y, v, omega, t)
+            inside = np.abs(py) <= half if upright else (px <= front) & (px >= -rear)
+            best = np.where((t >= 0.0) & inside & (t < best), t, best)
+    return best
+
+
+def _crossings(
+    x: FloatArray, y: FloatArray, v: float, omega: float, level: FloatArray, upright: bool
+) -> tuple[FloatArray, ...]:
+    """Times (N,) [s] at which points cross the line x = level (`upright`) or y = level; nan where they never do."""
+    with np.errstate(divide="ignore", invalid="ignore"):
+        if abs(omega) < _STRAIGHT:
+            return ((x - level) / v if upright else np.full(len(x), math.nan),)
+        radius_y = y - v / omega
+        reach, phase = np.hypot(x, radius_y), np.arctan2(radius_y, x)
+        part = (level / reach) if upright else (level - v / omega) / reach
+        turn = np.arccos(part) if upright else np.arcsin(part)
+        angles = (turn, -turn) if upright else (turn, math.pi - turn)
+        # the phase falls by omega t; the first time that is not in the past
+        return tuple(np.mod((phase - angle) * math.copysign(1.0, omega), math.tau) / abs(omega) for angle in angles)
+
+
+def _moved(x: FloatArray, y: FloatArray, v: float, omega: float, t: FloatArray) -> tuple[FloatArray, FloatArray]:
+    """Where points are in the chair's frame after times t (N,)."""
+    if abs(omega) < _STRAIGHT:
+        return x - v * t, y
+    c, s = np.cos(omega * t), np.sin(omega * t)
+    radius_y = y - v / omega
+    return c * x + s * radius_y, c * radius_y - s * x + v / omega
+
+
+_STRAIGHT = 1e-6
+"""An arc that turns by less [rad/s] is straight."""
+
+
+def stop_seconds(command: Twist, settings: MonitorSettings, stops: StopTable | None = None) -> float:
+    """Driving time [s] at this speed that goes by until the chair has come to rest by an emergency.
+
+    Braking in proportion it stays on its arc and needs half the braking time at full speed. Where stops were measured
+    and took longer than the settings' figures say, that counts.
+    """
+    v, omega = abs(command.v), abs(command.omega)
+    reckoned = settings.reaction_s + 0.5 * max(v / settings.emergency, omega / settings.emergency_alpha)
+    if stops is None:
+        return reckoned
+    fastest = stops.speeds[-1]
+    known = min(max(v, 1e-6), fastest)
+    straight = stops.distance(known) / known * max(1.0, v / fastest) if v > 0.0 else 0.0
+    turning = (
+        stops.turn_angle / stops.turn_rate * max(1.0, omega / stops.turn_rate) if omega and stops.turn_rate else 0.0
+    )
+    return max(reckoned, straight, turning)
+
+
+def slow_share(contact_s: float, command: Twist, settings: MonitorSettings) -> float:
+    """Part of a command at which the chair stops in comfort before it touches what it would touch after `contact_s`.
+
+    At a share k it goes on for k reaction + k^2 T of its driving time, T being half the braking time: that is
+    contact_s at the greatest k that is allowed.
+    """
+    half = 0.5 * max(abs(command.v) / settings.braking, abs(command.omega) / settings.alpha)
+    if math.isinf(contact_s) or half == 0.0:
+        return 1.0
+    reaction = settings.reaction_s
+    return min(1.0, (math.sqrt(reaction * reaction + 4.0 * half * contact_s) - reaction) / (2.0 * half))
+
+
+def _is_fresh(stamp_ns: int | None, longest_ms: int, now_ns: int) -> bool:
+    """Whether a stamp is no older than that, nor (by more than two ticks of a clock read elsewhere) of the future."""
+    return stamp_ns is not None and -_AHEAD_NS <= now_ns - stamp_ns <= longest_ms * 1_000_000
+
+
+_AHEAD_NS = 100_000_000
+
+
+def _since(since_ns: int | None, so: bool, stamp_ns: int) -> int | None:
+    """Since when something has been so."""
+    if not so:
+        return None
+    return stamp_ns if since_ns is None else since_ns

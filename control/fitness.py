@@ -1,0 +1,148 @@
+"""Whether the chair is fit to drive, by what its own sensors and contacts say: ages, tilt, battery, localisation.
+
+Each row of the fault table that needs no planner is judged here (F11, F13, F15, F23, F24), and named by `stops`. What
+ends or prevents a drive is a `Halt`; what only makes a drive slower is a speed.
+"""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass, field
+from typing import TypeAlias
+
+from waychair.calibration.chair import ChairBody
+from waychair.config import Settings, setting
+from waychair.control.stops import Halt, halt
+from waychair.errors import ConfigError
+from waychair.slam.localiser import Localisation
+from waychair.slam.tilt import TiltFilter, TiltSettings
+from waychair.topics import CAMERA, IMU, SCAN, STATUS, WHEELS
+from waychair.types import ChairStatus, ImuSample, Pose2, RgbdFrame, Scan, Twist, WheelTicks
+
+REACTIONS = ("slow", "stop")
+"""What a drive does when a sensor that it can do without falls silent."""
+
+Sensed: TypeAlias = WheelTicks | Scan | ImuSample | RgbdFrame | ChairStatus
+
+
+@dataclass(frozen=True, slots=True)
+class FitnessSettings(Settings):
+    """Limits, and what is fitted to the chair."""
+
+    seat_switch: bool = setting(False, "", "a seat switch is fitted: without word from it nothing drives")
+    power_monitor: bool = setting(False, "", "battery and charger are monitored: as above")
+    least_battery: float = setting(0.15, "", "with less charge no new drive begins", low=0.0, high=1.0)
+    imu_silent: str = setting("slow", "", "an IMU falls silent during a drive: slow or stop")
+    depth_silent: str = setting("slow", "", "a depth camera falls silent, drop-offs are unseen: slow or stop")
+    slow_speed: float = setting(0.3, "m/s", "speed of a drive that is slow", low=0.05, high=1.0)
+    slow_tilt: float = setting(0.09, "rad", "steeper than a ramp of 1:12 by a little: slow", low=0.02, high=0.5)
+    most_tilt: float = setting(0.14, "rad", "8 degrees, where chairs begin to slide or tip: stop", low=0.03, high=0.6)
+    tilted_s: float = setting(0.2, "s", "for so long, so that no sill counts", low=0.0, high=2.0)
+    most_jump: float = setting(0.5, "m", "a pose that moves by more at once was wrong", low=0.05, high=5.0)
+    tilt: TiltSettings = field(default_factory=TiltSettings)
+
+    def __post_init__(self) -> None:
+        Settings.__post_init__(self)
+        for name in ("imu_silent", "depth_silent"):
+            if getattr(self, name) not in REACTIONS:
+                raise ConfigError(f"{name} = '{getattr(self, name)}' is unknown: take {' or '.join(REACTIONS)}")
+
+
+class Fitness:
+    """Keeps the last word of each sensor, how the chair leans, and where it was held to be."""
+
+    def __init__(self, body: ChairBody, settings: FitnessSettings | None = None) -> None:
+        self._settings = settings or FitnessSettings()
+        self._tilt = TiltFilter(body, self._settings.tilt)
+        self._heard_ns: dict[type, int] = {}
+        self._status = ChairStatus(0)
+        self._tilted_since_ns: int | None = None
+        self._lean = 0.0
+        self._localisation: Localisation | None = None
+        self._jump_m = 0.0
+
+    def hear(self, message: Sensed, twist: Twist) -> None:
+        """Take in what a sensor said while the chair moved by `twist`; the IMU's axes are the base's."""
+        self._heard_ns[type(message)] = message.stamp_ns
+        if isinstance(message, ChairStatus):
+            self._status = message
+        elif isinstance(message, ImuSample):
+            tilt = self._tilt.update(message, twist)
+            lean = math.acos(min(1.0, max(-1.0, math.cos(tilt.roll) * math.cos(tilt.pitch))))
+            if lean <= self._settings.most_tilt:
+                self._tilted_since_ns = None
+            elif self._tilted_since_ns is None:
+                self._tilted_since_ns = message.stamp_ns
+            self._lean = lean
+
+    def locate(self, localisation: Localisation, odom_from_base: Pose2) -> None:
+        """Take in where the chair is held to be now; a jump since the last time is remembered until `settle`."""
+        before, self._localisation = self._localisation, localisation
+        if before is None:
+            return
+        expected = before.map_from_odom @ odom_from_base
+        found = localisation.map_from_odom @ odom_from_base
+        pending = math.hypot(localisation.remaining.x, localisation.remaining.y)
+        self._jump_m = max(self._jump_m, pending, math.hypot(found.x - expected.x, found.y - expected.y))
+
+    def settle(self) -> None:
+        """Told that nothing drives: where the chair is held to be now counts."""
+        self._jump_m = 0.0
+
+    def halts(self, now_ns: int) -> tuple[Halt, ...]:
+        """What ends a drive, or keeps one from beginning."""
+        return (*self._silent(now_ns), *self._contacts(now_ns), *self._lost(), *self._steep(now_ns))
+
+    def speed_limit(self, now_ns: int) -> float:
+        """Greatest speed [m/s] of a drive that may go on; +inf when all is well."""
+        s = self._settings
+        slow = self._is_missed(ImuSample, now_ns) or self._is_missed(RgbdFrame, now_ns) or self._lean > s.slow_tilt
+        return s.slow_speed if slow else math.inf
+
+    def _is_missed(self, sensor: type[ImuSample | RgbdFrame], now_ns: int) -> bool:
+        """Whether a sensor that a chair can do without is there, and has fallen silent."""
+        topic = IMU if sensor is ImuSample else CAMERA
+        heard = self._heard_ns.get(sensor)
+        return heard is not None and topic.is_stale(heard, now_ns)
+
+    def _silent(self, now_ns: int) -> tuple[Halt, ...]:
+        """F11 and F13."""
+        s, halts = self._settings, []
+        if SCAN.is_stale(self._heard_ns.get(Scan), now_ns):
+            halts.append(halt("lidar_stale"))
+        if WHEELS.is_stale(self._heard_ns.get(WheelTicks), now_ns):
+            halts.append(halt("wheels_stale"))
+        if s.imu_silent == "stop" and self._is_missed(ImuSample, now_ns):
+            halts.append(halt("imu_stale"))
+        if s.depth_silent == "stop" and self._is_missed(RgbdFrame, now_ns):
+            halts.append(halt("depth_stale"))
+        return tuple(halts)
+
+    def _contacts(self, now_ns: int) -> tuple[Halt, ...]:
+        """F24 and the seat switch; what is not fitted is obeyed all the same when it speaks."""
+        s, status, halts = self._settings, self._status, []
+        needed = (s.seat_switch and status.seated is None) or (s.power_monitor and status.charging is None)
+        fitted = s.seat_switch or s.power_monitor
+        if needed or (fitted and STATUS.is_stale(self._heard_ns.get(ChairStatus), now_ns)):
+            halts.append(halt("status_stale"))
+        if status.charging:
+            halts.append(halt("charging"))
+        if status.seated is False:
+            halts.append(halt("seat_empty"))
+        if status.battery is not None and not status.battery >= s.least_battery:
+            halts.append(halt("battery_low", f"{100.0 * status.battery:.0f} %"))
+        return tuple(halts)
+
+    def _lost(self) -> tuple[Halt, ...]:
+        """F15."""
+        if self._localisation is not None and self._localisation.lost:
+            return (halt("lost"),)
+        if self._jump_m > self._settings.most_jump:
+            return (halt("pose_jump", f"{self._jump_m:.1f} m away"),)
+        return ()
+
+    def _steep(self, now_ns: int) -> tuple[Halt, ...]:
+        """F23."""
+        if self._tilted_since_ns is None or now_ns - self._tilted_since_ns < self._settings.tilted_s * 1e9:
+            return ()
+        return (halt("tilt", f"{math.degrees(self._lean):.0f} degrees"),)

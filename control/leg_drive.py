@@ -1,0 +1,140 @@
+"""One leg of the way, driven in its manner: free by the dynamic window, exact on its line, or through a door."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass, field, replace
+
+from waychair.calibration.chair import ChairBody
+from waychair.config import Settings, setting
+from waychair.control.door_drive import DoorDrive, DoorDriveSettings
+from waychair.control.tracking import TrackingSettings, on_line, track
+from waychair.geometry import compose, transform_points
+from waychair.maps.distance_field import DistanceField
+from waychair.planning.dwa import DwaResult, DwaSettings, choose
+from waychair.planning.fine_field import fine_field
+from waychair.planning.legs import Leg, Manner, whole
+from waychair.types import FloatArray, OccupancyGrid, Path, Pose2, Twist
+
+
+_HAND_OVER = 0.15
+"""A leg that flows into the next may be left this far [m] before its end."""
+
+
+_TURN_AS_WAY = 0.5
+"""Way [m] that turning by a radian is worth where progress is judged."""
+
+
+@dataclass(frozen=True, slots=True)
+class LegDriveSettings(Settings):
+    """How the manners see what is round them."""
+
+    known_within: float = setting(
+        0.06, "m", "where it is tight, a point this near to a wall of the map is that wall", low=0.0, high=0.5
+    )
+    door: DoorDriveSettings = field(default_factory=DoorDriveSettings)
+    tracking: TrackingSettings = field(default_factory=TrackingSettings)
+
+
+@dataclass(frozen=True, slots=True)
+class View:
+    """What a leg is driven by in one tick, in odom but for the map: pose, last command, window of distances.
+
+    `seen` (N, 2) [m] are the points of a scan that came in this tick, None when none did.
+    """
+
+    pose: Pose2
+    command: Twist
+    local: DistanceField
+    odom_from_map: Pose2
+    seen: FloatArray | None
+
+
+class LegDrive:
+    """Keeps what a leg needs from tick to tick; a new one for every leg."""
+
+    def __init__(
+        self, legs: Sequence[Leg], grid: OccupancyGrid, body: ChairBody, settings: LegDriveSettings
+    ) -> None:
+        """Drives the first of the legs; those after it say how it ends."""
+        self.leg = legs[0]
+        # the dynamic window must see the way go on, or it would brake at the leg's end
+        self._poses = whole(tuple(legs[:2])).poses if self.leg.flows else self.leg.path.poses
+        self.in_position = False
+        self._grid, self._body, self._settings = grid, body, settings
+        self._door: DoorDrive | None = None
+        self._near: DistanceField | None = None  # in map
+        self._points: FloatArray | None = None  # in odom, of the latest scan
+
+    @property
+    def entered(self) -> bool:
+        """Whether the chair is in a door, and nothing but going on makes sense."""
+        return self._door is not None and self._door.entered
+
+    def remaining(self, pose: Pose2) -> float | None:
+        """Way [m] to the leg's end from a pose in map, None while the chair turns at it.
+
+        A turn that is still to be made counts as way, or turning on the spot would be no progress.
+        """
+        if self.in_position or len(self.leg.path.poses) < 2:
+            return None
+        at = on_line(self.leg.path.poses, pose, self.leg.backwards)
+        return max(0.0, at.left) + _TURN_AS_WAY * abs(at.heading)
+
+    def step(self, view: View, limits: DwaSettings) -> DwaResult:
+        """The next command; `arrived` when the leg is done and the chair stands."""
+        if view.seen is not None:
+            self._points = view.seen
+        if self.leg.manner is Manner.FREE:
+            path = Path(compose(view.odom_from_map.array(), self._poses))
+            choice = choose(
+                view.pose, view.command, path, view.local, self._body, limits, in_position=self.in_position
+            )
+            if self.leg.flows and self._passes(view):
+                choice = replace(choice, arrived=True)
+        elif self.leg.manner is Manner.EXACT:
+            poses = self.leg.poses_in(view.odom_from_map)
+            choice = track(
+                view.pose,
+                view.command,
+                poses,
+                self.leg.backwards,
+                self._near_field(view, None),
+                self._body,
+                limits,
+                self._settings.tracking,
+                self.in_position,
+            )
+        else:
+            choice = self._through_door(view, limits)
+        self.in_position = choice.in_position
+        return choice
+
+    def _passes(self, view: View) -> bool:
+        """Whether a leg that flows into the next is at its end, and the chair looks along it."""
+        end = view.odom_from_map @ Pose2(*self.leg.path.poses[-1])
+        off = end.inverse() @ view.pose
+        return off.x > -_HAND_OVER and abs(off.y) < 2 * _HAND_OVER and abs(off.theta) < 0.5
+
+    def _through_door(self, view: View, limits: DwaSettings) -> DwaResult:
+        if self._door is None:
+            self._door = DoorDrive(self.leg, view.odom_from_map, self._body, self._settings.door)
+        door = self._door
+        door.believe(view.odom_from_map)
+        if view.seen is not None:
+            door.watch.see(view.seen)
+        opening = None
+        if door.watch.sure:
+            opening = (view.odom_from_map.inverse() @ door.watch.odom_from_door, door.watch.width)
+        return door.step(view.pose, view.command, self._near_field(view, opening), limits)
+
+    def _near_field(self, view: View, opening: tuple[Pose2, float] | None) -> DistanceField:
+        """The surroundings on fine cells, in odom: anew with every scan, with whatever the map does not explain."""
+        map_from_odom = view.odom_from_map.inverse()
+        if self._near is None or view.seen is not None:
+            points = None if self._points is None else transform_points(map_from_odom, self._points)
+            reach = self._body.circumscribed_radius + 0.8
+            known = self._settings.known_within
+            self._near = fine_field(self._grid, map_from_odom @ view.pose, reach, points, opening, known)
+        near = self._near
+        return DistanceField(near.metres, near.resolution, view.odom_from_map @ near.map_from_grid)

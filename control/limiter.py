@@ -1,0 +1,186 @@
+"""What the rider is to feel: speeding up, braking, curves and jerk, between the navigator and the closed loop.
+
+The command stays on the arc that was asked for and is at most slowed down along it, so that what the planner found
+free is free for what is sent. Speeding up is limited in acceleration and jerk. Slowing down that the planner asks for
+passes as it is, up to emergency braking: a limiter that delays a brake breaks the promise on which the arc was chosen;
+the planner's own window carries that limit. What lowers the speed from outside (a zone, a doubtful gain, an unmeasured
+chair) and stops by comfort are approached with limited jerk, and an emergency exempts from all of it.
+
+Where the figures come from. No standard limits a wheelchair's accelerations in numbers that could be read; they are
+engineering choices about what is known: ISO 2631-1 (1997), annex C, calls a weighted acceleration of less than
+0.315 m/s^2 r.m.s. not uncomfortable and 0.5 to 1 m/s^2 fairly uncomfortable; Solea and Nunes (ICINCO 2008) judge a
+robotic wheelchair by it and smooth its speeds by limited jerk. So speeding up and sideways stay at 0.5, where a drive's
+r.m.s. is below 0.315; an emergency brakes at 1.5, beyond which riders without a belt slide.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Mapping
+from dataclasses import dataclass
+from types import MappingProxyType
+
+from waychair.calibration.chair import ChairBody
+from waychair.config import Settings, setting
+from waychair.control.stops import Braking
+from waychair.types import Scan, Twist
+
+UNSEEN_SPEED = 0.15
+"""Greatest speed [m/s] of any part of the outline towards where no sensor looks."""
+
+_LONGEST_S = 0.1
+"""After a longer pause a step is no larger than after this."""
+
+_AT_REST = 1e-3
+"""Slower than this [m/s] the command has come to rest."""
+
+
+@dataclass(frozen=True, slots=True)
+class LimiterSettings(Settings):
+    """One profile of comfort; the defaults are those of `PROFILES["normal"]`."""
+
+    max_speed: float = setting(0.8, "m/s", "greatest speed", low=0.05, high=3.0)
+    max_omega: float = setting(0.8, "rad/s", "greatest turning speed", low=0.05, high=3.0)
+    acceleration: float = setting(0.5, "m/s^2", "speeding up", low=0.05, high=3.0)
+    braking: float = setting(0.6, "m/s^2", "slowing down for comfort", low=0.05, high=3.0)
+    emergency: float = setting(1.5, "m/s^2", "slowing down in an emergency", low=0.5, high=4.0)
+    alpha: float = setting(0.8, "rad/s^2", "change of the turning speed", low=0.05, high=5.0)
+    emergency_alpha: float = setting(3.0, "rad/s^2", "as above, in an emergency", low=0.5, high=10.0)
+    lateral: float = setting(0.5, "m/s^2", "sideways, v omega", low=0.05, high=3.0)
+    jerk: float = setting(0.7, "m/s^3", "change of the acceleration", low=0.1, high=20.0)
+
+
+PROFILES: Mapping[str, LimiterSettings] = MappingProxyType(
+    {
+        "gentle": LimiterSettings(
+            max_speed=0.5, max_omega=0.5, acceleration=0.3, braking=0.4, alpha=0.5, lateral=0.3, jerk=0.4
+        ),
+        "normal": LimiterSettings(),
+        "brisk": LimiterSettings(max_speed=1.2, max_omega=1.0, acceleration=0.8, braking=0.8, alpha=1.2, jerk=1.5),
+    }
+)
+"""For riders who are easily thrown, for most, and for those who sit firmly; emergencies brake alike."""
+
+
+class Limiter:
+    """Keeps the last command and how fast it was changing."""
+
+    def __init__(self, settings: LimiterSettings | None = None) -> None:
+        self._settings = settings or LimiterSettings()
+        self._lever = self._settings.acceleration / self._settings.alpha  # [m], at which both limits are one
+        self.rest()
+
+    @property
+    def command(self) -> Twist:
+        """The last one."""
+        return self._command
+
+    @property
+    def moving(self) -> bool:
+        """Whether the last command was not at rest."""
+        return self._size(self._command) > _AT_REST
+
+    def rest(self) -> None:
+        """Told that the lines were let go: the next command starts from standstill."""
+        self._command, self._rate, self._last_ns = Twist(), 0.0, None
+
+    def step(
+        self,
+        asked: Twist,
+        now_ns: int,
+        cap: float = math.inf,
+        share: float = 1.0,
+        braking: Braking | None = None,
+    ) -> Twist:
+        """The command of this tick.
+
+        `cap` [m/s] limits the speed smoothly, `share` in [0, 1] of what is asked at once: the collision monitor's. With
+        `braking` nothing is asked for and the chair comes to rest in that way. What is asked and is not finite is an
+        emergency (F5).
+        """
+        s, before = self._settings, self._command
+        seconds = min((now_ns - self._last_ns) * 1e-9, _LONGEST_S) if self._last_ns is not None else 0.05
+        self._last_ns = now_ns
+        if not (math.isfinite(asked.v) and math.isfinite(asked.omega)):
+            braking = Braking.EMERGENCY
+        if braking is Braking.RELEASE:
+            command = Twist()
+        elif braking is Braking.EMERGENCY:
+            command = _towards(before, Twist(), s.emergency * seconds, s.emergency_alpha * seconds)
+        elif braking is Braking.COMFORT:
+            command = self._sized(before, self._slower(self._size(before), 0.0, seconds))
+        else:
+            wanted = _scaled(self._comfortable(asked), share)
+            size = min(self._size(wanted), self._faster(self._size(before), cap, seconds))
+            if self._size(before) > cap and self._size(wanted) > cap:
+                size = min(self._size(wanted), self._slower(self._size(before), cap, seconds))
+            command = _towards(before, self._sized(wanted, size), s.emergency * seconds, s.emergency_alpha * seconds)
+        self._rate = (self._size(command) - self._size(before)) / max(seconds, 1e-3)
+        self._command = command
+        return command
+
+    def _comfortable(self, asked: Twist) -> Twist:
+        """The same arc within the profile's speeds and sideways acceleration."""
+        s = self._settings
+        sideways = math.sqrt(s.lateral / max(abs(asked.v * asked.omega), 1e-9))
+        fastest = min(s.max_speed / max(abs(asked.v), 1e-9), s.max_omega / max(abs(asked.omega), 1e-9))
+        return _scaled(asked, min(1.0, sideways, fastest))
+
+    def _faster(self, size: float, cap: float, seconds: float) -> float:
+        """Greatest size of the next command, so that it comes to the cap, or to the greatest speed, without a jolt."""
+        s = self._settings
+        room = max(min(cap, s.max_speed) - size, 0.0)
+        rate = min(max(self._rate, 0.0) + s.jerk * seconds, s.acceleration, _rate_before(room, s.jerk, seconds))
+        return size + rate * seconds
+
+    def _slower(self, size: float, target: float, seconds: float) -> float:
+        """Next size on the way down to a target."""
+        s = self._settings
+        room = max(size - target, 0.0)
+        rate = min(max(-self._rate, 0.0) + s.jerk * seconds, s.braking, _rate_before(room, s.jerk, seconds))
+        after = size - max(rate, s.jerk * seconds) * seconds
+        return max(after, target)
+
+    def _size(self, twist: Twist) -> float:
+        """Speed along the arc [m/s]; of turning, that of a point the lever off the axle."""
+        return max(abs(twist.v), self._lever * abs(twist.omega))
+
+    def _sized(self, twist: Twist, size: float) -> Twist:
+        """The same arc at another size."""
+        return _scaled(twist, size / max(self._size(twist), 1e-9))
+
+
+def unseen_share(twist: Twist, body: ChairBody, scan: Scan) -> float:
+    """Part of a twist at which no corner of the chair moves out of its outline faster than `UNSEEN_SPEED` unseen.
+
+    A corner is seen when it lies within the lidar's field of view: reversing and turning with the lidar in front move
+    the rear corners to where nobody looks.
+    """
+    first, last = scan.angle_min, scan.angle_min + scan.angle_step * (len(scan.ranges) - 1)
+    low, high = min(first, last), max(first, last)
+    fastest = 0.0
+    for x, y in body.outline().tolist():
+        bearing = math.atan2(y - body.laser_y, x - body.laser_x) - body.laser_theta
+        turns = math.ceil((low - bearing) / math.tau)  # the first turn at which the bearing is not below the view
+        if bearing + turns * math.tau <= high:
+            continue
+        ahead, aside = twist.v - twist.omega * y, twist.omega * x
+        fastest = max(fastest, math.copysign(1.0, x) * ahead, math.copysign(1.0, y) * aside)
+    return min(1.0, UNSEEN_SPEED / max(fastest, 1e-9))
+
+
+def _rate_before(room: float, jerk: float, seconds: float) -> float:
+    """Greatest rate of change with so much room left that it can fall to 0 by the jerk, in steps of a tick."""
+    lost = 0.5 * jerk * seconds
+    return math.sqrt(lost * lost + 2.0 * jerk * room) - lost
+
+
+def _scaled(twist: Twist, share: float) -> Twist:
+    return Twist(share * twist.v, share * twist.omega)
+
+
+def _towards(before: Twist, wanted: Twist, dv: float, domega: float) -> Twist:
+    """On the straight line to `wanted`, neither speed changed by more than its limit."""
+    v, omega = wanted.v - before.v, wanted.omega - before.omega
+    share = min(1.0, dv / max(abs(v), 1e-12), domega / max(abs(omega), 1e-12))
+    return Twist(before.v + share * v, before.omega + share * omega)

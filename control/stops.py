@@ -1,0 +1,149 @@
+"""Every reason why the computer does not drive the chair, in one table: what happened, what to do, and how it ends.
+
+A stop that happens is a `Halt`: its row of the table and a sentence for whoever sits in the chair. What the board says
+of its faults has rows of its own, made of the board's advice, so that no sentence stands in two places.
+"""
+
+from __future__ import annotations
+
+import enum
+from collections.abc import Iterable, Mapping
+from dataclasses import dataclass
+from types import MappingProxyType
+
+from waychair.firmware_bridge.advice import FAULT_ADVICE, HOST_FAULTS
+
+
+class Severity(enum.IntEnum):
+    """What it takes to drive again, in rising order.
+
+    REFUSES: no new drive begins, one under way goes on. PAUSES: the chair stands and goes on by itself. ENDS: the drive
+    is over and has to be asked for and confirmed again. LATCHES: a reset, somebody's deliberate act, comes first.
+    """
+
+    REFUSES = 0
+    PAUSES = 1
+    ENDS = 2
+    LATCHES = 3
+
+
+class Braking(enum.Enum):
+    """How a moving chair is brought to rest.
+
+    COMFORT: by the comfort limits; EMERGENCY: as hard as the rider can bear; RELEASE: the lines are let go at once, so
+    that the chair's own controller brakes and the joystick is live.
+    """
+
+    COMFORT = "comfort"
+    EMERGENCY = "emergency"
+    RELEASE = "release"
+
+
+@dataclass(frozen=True, slots=True)
+class Stop:
+    """One row: `id` for logs and displays, what happened and what to do about it in plain words."""
+
+    id: str
+    sentence: str
+    remedy: str
+    severity: Severity
+    braking: Braking
+
+
+@dataclass(frozen=True, slots=True)
+class Halt:
+    """A stop that is happening; `text` is the sentence with its figures and its remedy."""
+
+    stop: Stop
+    text: str
+
+
+_REFUSES, _PAUSES, _ENDS, _LATCHES = Severity
+_COMFORT, _EMERGENCY, _RELEASE = Braking
+
+
+def _board_stops() -> Iterable[Stop]:
+    """The board's own faults; it has let go of the lines by the time it reports one."""
+    for fault, advice in FAULT_ADVICE.items():
+        sentence, _, remedy = advice.partition(": ")
+        severity = _ENDS if fault in HOST_FAULTS else _LATCHES
+        yield Stop(f"board_{str(fault.name).lower()}", sentence, remedy, severity, _RELEASE)
+
+
+_ROWS: tuple[Stop, ...] = (
+    Stop("stop_pressed", "Stop was pressed", "ask for a goal again to drive on", _ENDS, _RELEASE),
+    Stop("taken_over", "the rider drives by joystick", "ask for a goal again to drive on", _ENDS, _RELEASE),
+    Stop("unconfirmed", "nobody has confirmed the drive", "press Drive to begin it", _REFUSES, _COMFORT),
+    Stop("seat_empty", "nobody sits in the chair", "sit down, then ask for the goal again", _ENDS, _COMFORT),
+    Stop("charging", "the charger is connected", "unplug it, then ask for the goal again", _ENDS, _RELEASE),
+    Stop("battery_low", "the battery is low", "drive to the charger by joystick", _REFUSES, _COMFORT),
+    Stop(
+        "status_stale",
+        "seat switch, battery and charger are silent",
+        "check the cable of the chair's contacts",
+        _ENDS,
+        _COMFORT,
+    ),
+    Stop("lidar_stale", "the lidar is silent", "check its cable and power", _ENDS, _EMERGENCY),
+    Stop(
+        "lidar_late", "the last scan is too old to drive by", "wait; if it lasts, check the lidar", _PAUSES, _EMERGENCY
+    ),
+    Stop("lidar_blind", "the lidar sees too little", "clean its window and take off what covers it", _ENDS, _EMERGENCY),
+    Stop("lidar_frozen", "the lidar repeats one scan", "switch it off and on", _ENDS, _EMERGENCY),
+    Stop("wheels_stale", "the wheel encoders are silent", "check their cable", _ENDS, _RELEASE),
+    Stop("imu_stale", "the IMU is silent", "check its cable", _ENDS, _COMFORT),
+    Stop("depth_stale", "the depth camera is silent", "check its cable", _ENDS, _COMFORT),
+    Stop("obstacle", "something is close ahead", "wait, or have the way cleared", _PAUSES, _EMERGENCY),
+    Stop(
+        "monitor_silent",
+        "the collision monitor does not answer",
+        "press Reset, which starts it again, then ask for the goal again",
+        _LATCHES,
+        _EMERGENCY,
+    ),
+    Stop(
+        "lost",
+        "the chair no longer knows where it is",
+        "drive it to a known place and set its pose",
+        _ENDS,
+        _COMFORT,
+    ),
+    Stop(
+        "pose_jump",
+        "the chair found itself elsewhere on the map",
+        "see whether the map shows it right, then ask for the goal again",
+        _ENDS,
+        _COMFORT,
+    ),
+    Stop("tilt", "the floor is too steep", "drive to level ground by joystick", _ENDS, _COMFORT),
+    Stop("disobeys", "the chair does not do as it is told", "press Reset once it was seen to", _LATCHES, _RELEASE),
+    Stop("board_unusable", "the board cannot be driven through", "check its cable and power", _ENDS, _RELEASE),
+)
+
+STOPS: Mapping[str, Stop] = MappingProxyType({stop.id: stop for stop in (*_ROWS, *_board_stops())})
+"""The table, by id."""
+
+_BY_ADVICE: Mapping[str, Stop] = MappingProxyType(
+    {advice: STOPS[f"board_{str(fault.name).lower()}"] for fault, advice in FAULT_ADVICE.items()}
+)
+
+
+def halt(stop_id: str, detail: str = "") -> Halt:
+    """A stop of the table, with figures if there are any."""
+    stop = STOPS[stop_id]
+    return Halt(stop, f"{stop.sentence}{f' ({detail})' if detail else ''}: {stop.remedy}")
+
+
+def halt_as_told(stop_id: str, text: str) -> Halt:
+    """A stop for which another part has its own sentence, with a remedy."""
+    return Halt(STOPS[stop_id], text)
+
+
+def board_halt(advice: str) -> Halt:
+    """What the bridge says is wrong with the board or its cable."""
+    return Halt(_BY_ADVICE.get(advice, STOPS["board_unusable"]), advice)
+
+
+def gravest(halts: Iterable[Halt]) -> Halt | None:
+    """The one that takes most to get over; of equals the first."""
+    return max(halts, key=lambda halted: halted.stop.severity, default=None)

@@ -1,0 +1,140 @@
+"""Keeping to a planned line to the centimetre, forwards or backwards: through doors and in multi-point turns.
+
+Where there is room, the dynamic window weighs arcs; here there is only one way, and what counts is to be on it. Straight
+lines and arcs are followed by the feedback of C. Samson's path coordinates (IEEE Trans. Automatic Control 40(1), 1995),
+whose errors die away over a distance driven, not over time: the same at every speed, and the same backwards.
+"""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from waychair.calibration.chair import ChairBody
+from waychair.config import Settings, setting
+from waychair.geometry import wrap_angle
+from waychair.maps.distance_field import DistanceField
+from waychair.planning.dwa import DwaResult, DwaSettings, braking, rotate_to_heading, stop_time, towards
+from waychair.planning.footprint import along_arc, footprint, free_time, in_cells
+from waychair.types import FloatArray, Pose2, Twist
+
+_MARGINS = (0.01, 0.0)
+"""Kept free round the body [m] beside the safety of the cells: what the line was planned with is for its followers."""
+
+_STANDING = 0.01
+"""Speed [m/s] below which the chair stands."""
+
+
+@dataclass(frozen=True, slots=True)
+class TrackingSettings(Settings):
+    """How fast and how closely a line is kept to."""
+
+    max_speed: float = setting(0.25, "m/s", "along a line where it is tight", low=0.05, high=0.3)
+    max_omega: float = setting(0.4, "rad/s", "turning where it is tight", low=0.05, high=1.0)
+    return_length: float = setting(0.25, "m", "way over which an error dies away", low=0.05, high=2.0)
+    end_tolerance: float = setting(0.015, "m", "how near to its end along the line", low=0.005, high=0.1)
+    heading_tolerance: float = setting(0.02, "rad", "how exactly the chair turns at an end", low=0.005, high=0.2)
+    turn_first: float = setting(0.12, "rad", "farther off the line's heading: turn before driving", low=0.02, high=1.0)
+
+
+@dataclass(frozen=True, slots=True)
+class OnLine:
+    """Where a pose is beside a line of poses: left of it by `lateral` [m], turned off it by `heading` [rad].
+
+    `curvature` [1/m] of the body's turning per metre of way, positive to the left when driven forwards; `left` [m] to
+    the end along the line, negative beyond it.
+    """
+
+    lateral: float
+    heading: float
+    curvature: float
+    left: float
+
+
+def on_line(poses: FloatArray, pose: Pose2, backwards: bool = False) -> OnLine:
+    """A pose beside the nearest piece of a line; poses (N, 3) with the body's headings, N >= 2, in the pose's frame."""
+    points = poses[:, :2]
+    steps = np.diff(points, axis=0)
+    lengths = np.maximum(np.hypot(steps[:, 0], steps[:, 1]), 1e-9)
+    share = ((np.array([pose.x, pose.y]) - points[:-1]) * steps).sum(axis=1) / lengths**2
+    within = np.clip(share, 0.0, 1.0)
+    away = np.hypot(*(points[:-1] + within[:, None] * steps - (pose.x, pose.y)).T)
+    k = int(np.argmin(away))
+    gear = -1.0 if backwards else 1.0
+    turn = wrap_angle(poses[k + 1, 2] - poses[k, 2]) if k < len(steps) - 1 or len(steps) == 1 else 0.0
+    heading = wrap_angle(poses[k, 2] + within[k] * turn)
+    direction = gear * steps[k] / lengths[k]  # where the body looks
+    lateral = direction[0] * (pose.y - points[k, 1]) - direction[1] * (pose.x - points[k, 0])
+    left = float(lengths[k:].sum() - (share[k] if k == len(steps) - 1 else within[k]) * lengths[k])
+    return OnLine(float(lateral), wrap_angle(pose.theta - heading), gear * turn / float(lengths[k]), left)
+
+
+def track(
+    pose: Pose2,
+    command: Twist,
+    poses: FloatArray,
+    backwards: bool,
+    distances: DistanceField,
+    body: ChairBody,
+    limits: DwaSettings,
+    settings: TrackingSettings = TrackingSettings(),
+    in_position: bool = False,
+) -> DwaResult:
+    """The next command on a line of poses (N, 3) [m, m, rad]; pose, poses and distances are in one frame.
+
+    As `dwa.choose`: `in_position` at its end, `arrived` turned to its last heading and standing, `blocked` when the
+    body could not stop before touching something.
+    """
+    limits = replace(
+        limits,
+        max_omega=min(limits.max_omega, settings.max_omega),
+        heading_tolerance=settings.heading_tolerance,
+        margin=_margin(pose, distances, body),
+    )
+    ahead = Pose2(*along_arc(pose.x, pose.y, pose.theta, command.v, command.omega, limits.reaction_time))
+    at = on_line(poses, ahead, backwards) if len(poses) > 1 else OnLine(0.0, 0.0, 0.0, 0.0)
+    if in_position or at.left <= settings.end_tolerance:
+        turned = rotate_to_heading(pose, command, float(poses[-1, 2]), distances, body, limits)
+        return replace(turned, in_position=True)
+    if abs(at.heading) > settings.turn_first and abs(command.v) < _STANDING or abs(at.heading) > 3 * settings.turn_first:
+        turned = rotate_to_heading(pose, command, wrap_angle(ahead.theta - at.heading), distances, body, limits)
+        return replace(turned, arrived=False)
+    wanted = _feedback(at, backwards, limits, settings)
+    return _admitted(ahead, command, wanted, distances, body, limits)
+
+
+def _feedback(at: OnLine, backwards: bool, limits: DwaSettings, settings: TrackingSettings) -> Twist:
+    """Speed that can still stop at the end, and the turning that brings the chair back onto the line."""
+    speed = min(settings.max_speed, math.sqrt(limits.braking * max(at.left, 0.0)))
+    v = math.copysign(max(speed, limits.min_speed), -1.0 if backwards else 1.0)
+    gain = 1.0 / settings.return_length
+    omega = v * at.curvature - v * gain**2 * at.lateral - 2.0 * abs(v) * gain * at.heading
+    share = min(1.0, limits.max_omega / max(abs(omega), 1e-9))
+    return Twist(v * max(share, min(1.0, limits.min_speed / abs(v))), omega * share)
+
+
+def _admitted(
+    ahead: Pose2, command: Twist, wanted: Twist, distances: DistanceField, body: ChairBody, limits: DwaSettings
+) -> DwaResult:
+    """The first step towards what is wanted, or towards half of it, from which the chair can stop; else braking."""
+    shape, start = footprint(body, limits.margin, distances), in_cells(distances, ahead)
+    candidates = np.array([[wanted.v, wanted.omega], [wanted.v / 2, wanted.omega / 2]])
+    for k, (v, omega) in enumerate(candidates.tolist()):
+        twist = towards(command, Twist(v, omega), limits)
+        needed = limits.period + stop_time(twist, limits) / 2
+        if free_time(shape, start, twist.v / shape.cell, twist.omega, needed, needed) >= needed:
+            scores = np.where(np.arange(2) == k, 0.0, -np.inf)
+            arc = np.array([along_arc(ahead.x, ahead.y, ahead.theta, v, omega, t) for t in np.linspace(0.0, 2.0, 11)])
+            return DwaResult(twist, candidates, scores, arc)
+    return DwaResult(braking(command, limits), candidates, np.full(2, -np.inf), ahead.array()[None], blocked=True)
+
+
+def _margin(pose: Pose2, distances: DistanceField, body: ChairBody) -> float:
+    """The margin with which the body stands free; the least one where it does not."""
+    at = in_cells(distances, pose)
+    for margin in _MARGINS:
+        if free_time(footprint(body, margin, distances), at, 0.0, 1e-3, 1.0, 1.0) >= 1.0:
+            return margin
+    return _MARGINS[-1]

@@ -1,0 +1,180 @@
+"""Zones of a map where the rider's house has rules: `zones.yaml` beside `map.yaml`.
+
+    stairs: {keep_out: true, polygon: [[1.0, 2.0], [3.0, 2.0], [3.0, 4.0], [1.0, 4.0]]}
+    ward: {slow: 0.3, polygon: [[5.0, 0.0], [9.0, 0.0], [9.0, 6.0]]}
+    ramp: {one_way: 1.5708, polygon: [[10.0, 0.0], [11.2, 0.0], [11.2, 3.0], [10.0, 3.0]]}
+
+A polygon's corners are x, y [m] in map. No part of the chair enters a keep-out zone; in a slow zone it drives at most
+that fast [m/s]; in a one-way zone it drives along that heading [rad], sideways to it, but not back against it.
+"""
+
+from __future__ import annotations
+
+import enum
+import math
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+
+import numpy as np
+import yaml
+
+from waychair.errors import ZoneError
+from waychair.files import write_text
+from waychair.geometry import transform_points, wrap_angle
+from waychair.maps.places import places_path
+from waychair.types import BoolArray, FloatArray, OccupancyGrid
+
+ZONES_YAML = "zones.yaml"
+_SHAPE = "{keep_out: true | slow: SPEED | one_way: HEADING, polygon: [[x, y], [x, y], [x, y], ...]}"
+SLOWEST = 0.05
+"""A slow zone's speed [m/s] must be at least this: slower is keeping out."""
+
+
+class Rule(enum.Enum):
+    """What a zone asks for."""
+
+    KEEP_OUT = "keep_out"
+    SLOW = "slow"
+    ONE_WAY = "one_way"
+
+
+@dataclass(frozen=True, slots=True)
+class Zone:
+    """A named polygon (N, 2) [m] in map with its rule; `value` is the speed [m/s] or the heading [rad]."""
+
+    name: str
+    rule: Rule
+    polygon: FloatArray
+    value: float = 0.0
+
+
+def load_zones(folder: Path) -> tuple[Zone, ...]:
+    """The zones of a map that is given by its folder or its YAML file; none when it has no such file.
+
+    Raises:
+        ZoneError: the file is broken; the message names the line and the zone.
+    """
+    path = places_path(folder).with_name(ZONES_YAML)
+    if not path.exists():
+        return ()
+    try:
+        root = yaml.compose(path.read_text(encoding="utf-8"), Loader=yaml.SafeLoader)
+    except (OSError, UnicodeDecodeError) as error:
+        raise ZoneError(f"cannot read the zones {path}: {error}") from error
+    except (yaml.YAMLError, ValueError) as error:
+        raise ZoneError(f"{path} is not YAML: {' '.join(str(error).split())}") from error
+    if root is None:
+        return ()
+    if not isinstance(root, yaml.MappingNode):
+        raise ZoneError(f"{path} must hold `name: {_SHAPE}` lines")
+    zones: dict[str, Zone] = {}
+    for key, value in root.value:
+        where = f"{path} line {key.start_mark.line + 1}"
+        zone = _zone(where, key, value)
+        if zone.name in zones:
+            raise ZoneError(f"{where}: the zone '{zone.name}' is there twice; rename or remove one")
+        zones[zone.name] = zone
+    return tuple(zones.values())
+
+
+def save_zones(folder: Path, zones: Sequence[Zone]) -> None:
+    """Write the zones of a map, whole or not at all.
+
+    Raises:
+        OutputError: the folder cannot be made or written to.
+    """
+    values = {
+        zone.name: {
+            zone.rule.value: True if zone.rule is Rule.KEEP_OUT else float(zone.value),
+            "polygon": zone.polygon.tolist(),
+        }
+        for zone in zones
+    }
+    text = yaml.safe_dump(values, sort_keys=False, default_flow_style=None, allow_unicode=True, width=10_000)
+    write_text(places_path(folder).with_name(ZONES_YAML), text if values else "")
+
+
+def holds(zone: Zone, points: FloatArray) -> BoolArray:
+    """(N,) whether points (N, 2) [m] in map lie in a zone: an odd number of its edges is to their right."""
+    x, y = np.atleast_2d(points).T
+    odd = np.zeros(len(x), np.bool_)
+    for (x0, y0), (x1, y1) in zip(zone.polygon, np.roll(zone.polygon, -1, axis=0), strict=True):
+        crosses = (y0 > y) != (y1 > y)
+        odd ^= crosses & (x < x0 + (x1 - x0) * (y - y0) / np.where(crosses, y1 - y0, 1.0))
+    return odd
+
+
+def cells_of(zone: Zone, grid: OccupancyGrid) -> tuple[tuple[slice, slice], BoolArray]:
+    """The part of a grid round a zone, rows and columns, and which of its cells have their centre in the zone."""
+    cells = transform_points(grid.map_from_grid.inverse(), zone.polygon)[:, ::-1] / grid.resolution
+    low = np.clip(np.floor(cells.min(axis=0)), 0, grid.cells.shape).astype(int)
+    high = np.clip(np.ceil(cells.max(axis=0)), low, grid.cells.shape).astype(int)
+    rows, columns = np.mgrid[low[0] : high[0], low[1] : high[1]]
+    local = np.stack([columns.ravel() + 0.5, rows.ravel() + 0.5], axis=-1) * grid.resolution
+    within = holds(zone, transform_points(grid.map_from_grid, local)).reshape(rows.shape)
+    return (slice(low[0], high[0]), slice(low[1], high[1])), within
+
+
+def keep_out_cells(zones: Sequence[Zone], grid: OccupancyGrid) -> BoolArray:
+    """(H, W) cells of a grid whose centre lies in a keep-out zone."""
+    mask = np.zeros(grid.cells.shape, np.bool_)
+    for zone in zones:
+        if zone.rule is Rule.KEEP_OUT:
+            part, within = cells_of(zone, grid)
+            mask[part] |= within
+    return mask
+
+
+def speed_limit(zones: Sequence[Zone], points: FloatArray) -> float:
+    """The highest speed [m/s] that is allowed where any of the points (N, 2) [m] in map lies; inf outside all zones.
+
+    The points are those of the chair's outline, and of where it will be by the time it has slowed down.
+    """
+    limits = [zone.value for zone in zones if zone.rule is Rule.SLOW and holds(zone, points).any()]
+    return min(limits, default=math.inf)
+
+
+def _zone(where: str, key: yaml.Node, value: yaml.Node) -> Zone:
+    """A zone from its YAML nodes."""
+    if not isinstance(key, yaml.ScalarNode) or not key.value.strip():
+        raise ZoneError(f"{where}: a zone's name must be a word; write `name: {_SHAPE}`")
+    at = f"{where}: '{key.value}'"
+    try:
+        fields = yaml.SafeLoader("").construct_document(value) if isinstance(value, yaml.MappingNode) else None
+    except yaml.YAMLError as error:
+        raise ZoneError(f"{at}: {' '.join(str(error).split())}") from error
+    if not isinstance(fields, dict):
+        raise ZoneError(f"{at} must be {_SHAPE}")
+    rules = [rule for rule in Rule if rule.value in fields]
+    unknown = [str(name) for name in fields if name != "polygon" and name not in {rule.value for rule in Rule}]
+    if unknown or len(rules) != 1:
+        found = f"not '{unknown[0]}'" if unknown else f"it has {len(rules)}"
+        raise ZoneError(f"{at} must have one of keep_out, slow and one_way, {found}")
+    return Zone(key.value, rules[0], _polygon(at, fields), _value(at, rules[0], fields))
+
+
+def _value(at: str, rule: Rule, fields: Mapping[str, object]) -> float:
+    value = fields[rule.value]
+    if rule is Rule.KEEP_OUT:
+        if value is not True:
+            raise ZoneError(f"{at}: keep_out is {value!r}; write `keep_out: true`, or remove the zone")
+        return 0.0
+    if isinstance(value, bool) or not isinstance(value, int | float) or not math.isfinite(value):
+        raise ZoneError(f"{at}: {rule.value} is {value!r}; it must be a number")
+    if rule is Rule.SLOW and value < SLOWEST:
+        raise ZoneError(f"{at}: slow is {value}; it must be at least {SLOWEST} m/s, or a keep-out zone")
+    return wrap_angle(float(value)) if rule is Rule.ONE_WAY else float(value)
+
+
+def _polygon(at: str, fields: Mapping[str, object]) -> FloatArray:
+    try:
+        polygon = np.array(fields.get("polygon"), np.float64)
+    except (TypeError, ValueError):
+        polygon = np.empty(0)
+    if polygon.ndim != 2 or polygon.shape[1] != 2 or len(polygon) < 3 or not np.isfinite(polygon).all():
+        raise ZoneError(f"{at}: its polygon must be three or more corners [[x, y], ...], all finite numbers")
+    x, y = (polygon - polygon[0]).T
+    if abs((x * np.roll(y, -1) - y * np.roll(x, -1)).sum()) < 1e-9:
+        raise ZoneError(f"{at}: its polygon has no area; give its corners in order round it")
+    return polygon

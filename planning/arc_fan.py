@@ -1,0 +1,155 @@
+"""How far each of a fan of arcs from one pose is free: the dynamic window's inner loop.
+
+`footprint.free_time` answers for one arc; here thousands start at the same pose, which is what makes them cheap. Arcs of
+one turning speed pass through the same headings at the same times, and their places scale with the speed: cosines,
+sines and places are tabled once per turning speed.
+
+Between two poses that are both free the body can only touch what lies outside both rectangles. A corner that moves by
+a lengthways and b sideways is, a share t of the way, b t outside the first and a (1 - t) outside the second: the sliver
+is a b / (a + b) deep, nothing on a straight way, little on an arc. So two poses that are free by so much more prove
+everything between them free, and only where they are not is the step halved.
+"""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+from numba import njit
+
+from waychair.planning.footprint import SLACK, SWEPT, Footprint
+from waychair.types import Float32Array, FloatArray
+
+FINE = 256
+"""Steps of the finest kind over the horizon."""
+
+_LONGEST = 4.0
+"""Way [cells] of the fastest point of the body in a step of the coarsest kind."""
+
+_TRUST = 4
+"""Steps that must succeed before a longer one is tried again."""
+
+
+@njit(cache=True, nogil=True)
+def free_times(
+    shape: Footprint, start: FloatArray, candidates: FloatArray, certain: FloatArray, horizon: float
+) -> FloatArray:
+    """(N,) how long [s] the body can follow each arc, up to the horizon; 0 where it does not fit at the start.
+
+    start (3,) [cells, cells, rad]; candidates (N, 2) of v [m/s] and omega [rad/s], those of one omega best in a row;
+    certain (N,) [s]: up to here nothing is jumped over, beyond it steps are coarse.
+    """
+    times = np.zeros(len(candidates))
+    table = np.empty((FINE + 1, 4))
+    reach = math.hypot(shape.discs[0, 0], shape.discs[0, 1]) + shape.discs[0, 2]
+    half_width = shape.discs[0, 3]
+    tabled = math.nan
+    for i in range(len(candidates)):
+        v, omega = candidates[i, 0] / shape.cell, candidates[i, 1]
+        if omega != tabled:
+            fill_table(table, start[2], omega, horizon / FINE)
+            tabled = omega
+        last = min(math.ceil(certain[i] / horizon * FINE), FINE)
+        free = _free_steps(shape, start, table, v, abs(omega), horizon / FINE, last, reach, half_width)
+        times[i] = horizon if free == FINE else max(free, 0) * horizon / FINE
+    return times
+
+
+@njit(cache=True, nogil=True)
+def fill_table(table: FloatArray, theta: float, omega: float, step: float) -> None:
+    """(K, 4) cos and sin of the heading, and x and y per unit of speed, at every `step` [s] of an arc from a heading."""
+    half = 0.5 * omega * step
+    chord = step * (math.sin(half) / half if abs(half) > 1e-9 else 1.0)
+    ahead, aside = chord * math.cos(half), chord * math.sin(half)
+    turn_c, turn_s = math.cos(omega * step), math.sin(omega * step)
+    c, s, x, y = math.cos(theta), math.sin(theta), 0.0, 0.0
+    for k in range(len(table)):
+        table[k, 0], table[k, 1], table[k, 2], table[k, 3] = c, s, x, y
+        x += c * ahead - s * aside
+        y += s * ahead + c * aside
+        c, s = c * turn_c - s * turn_s, s * turn_c + c * turn_s
+
+
+@njit(cache=True)
+def _free_steps(
+    shape: Footprint,
+    start: FloatArray,
+    table: FloatArray,
+    v: float,
+    turn: float,
+    step: float,
+    last: int,
+    reach: float,
+    half_width: float,
+) -> int:
+    """Fine steps that are free, all of them looked at up to `last`; -1 where the start is not."""
+    tight = SLACK - SWEPT
+    if not _fits(shape, start, table[0], v, tight):
+        return -1
+    # A corner's ways lengthways and sideways per fine step, and how far its edges bulge in turning.
+    along, across = (abs(v) + turn * half_width) * step, turn * reach * step
+    bulge = (abs(v) + turn * reach) * turn * step * step / 8
+    coarsest = max(1, min(int(_LONGEST / max((abs(v) + turn * reach) * step, 1e-9)), FINE // 4))
+    sliver = along * across / max(along + across, 1e-12)
+    here, stride, known, trusted = 0, coarsest, tight, 0
+    while here < FINE:
+        if here >= last:
+            ahead = min(here + coarsest, FINE)
+            if not _fits(shape, start, table[ahead], v, tight):
+                return here
+            here = ahead
+            continue
+        ahead = min(here + stride, FINE)
+        n = ahead - here
+        slack = tight + n * sliver + n * n * bulge
+        if (slack <= known or _fits(shape, start, table[here], v, slack)) and _fits(
+            shape, start, table[ahead], v, slack
+        ):
+            here, known, trusted = ahead, slack, trusted + 1
+            if trusted >= _TRUST and stride < coarsest:
+                stride, trusted = min(2 * stride, coarsest), 0
+        elif n == 1:
+            return here
+        else:
+            stride, trusted = n // 2, 0
+    return FINE
+
+
+@njit(cache=True, inline="always")
+def _fits(shape: Footprint, start: FloatArray, row: FloatArray, v: float, slack: float) -> bool:
+    """Whether no obstacle lies within the body and `slack` [cells] about it, at a row of the table."""
+    c, s = row[0], row[1]
+    x, y = start[0] + v * row[2], start[1] + v * row[3]
+    discs, skip, metres, cell = shape.discs, shape.skip, shape.metres, shape.cell
+    height, width = metres.shape
+    middle_x, middle_y = x + c * discs[0, 0] - s * discs[0, 1], y + s * discs[0, 0] + c * discs[0, 1]
+    border = min(min(middle_x, width - middle_x), min(middle_y, height - middle_y))
+    inland = border > discs[0, 2] + slack + 1.0
+    i = 0
+    while i < len(skip):
+        u, w, radius = discs[i, 0], discs[i, 1], discs[i, 2]
+        column, line = x + c * u - s * w, y + s * u + c * w
+        if inland:
+            distance = _bilinear(metres, column, line) / cell
+        else:
+            border = min(min(column, width - column), min(line, height - line))
+            distance = 0.0 if border < 1.0 else min(_bilinear(metres, column, line) / cell, border)
+        if distance >= radius + slack:
+            i = skip[i]
+        elif skip[i] == i + 1 or distance < discs[i, 3] + slack - 1.0:
+            return False
+        else:
+            i += 1
+    return True
+
+
+@njit(cache=True, inline="always")
+def _bilinear(metres: Float32Array, column: float, row: float) -> float:
+    """As `distance_field.interpolated`, at least one cell inside the field."""
+    x, y = column - 0.5, row - 0.5
+    left, below = int(x), int(y)
+    x -= left
+    y -= below
+    low = metres[below, left] + x * (metres[below, left + 1] - metres[below, left])
+    high = metres[below + 1, left] + x * (metres[below + 1, left + 1] - metres[below + 1, left])
+    return float(low + y * (high - low))

@@ -1,0 +1,225 @@
+"""From a chain of points to legs: straight through doors, multi-point turns where the rectangle needs them, else free.
+
+The chain knows the chair's half width only. Here the rectangle is asked: whether it fits in the chain's direction all
+along, and whether it can be turned where the direction changes at once. Where not, a manoeuvre takes the chain's place.
+"""
+
+from __future__ import annotations
+
+import math
+from contextlib import suppress
+from dataclasses import dataclass, field, replace
+
+import numpy as np
+
+from waychair.config import Settings, setting
+from waychair.errors import NoPath
+from waychair.geometry import wrap_angle
+from waychair.planning.costmap import Costmap
+from waychair.planning.fine_field import fine_field
+from waychair.planning.footprint import fits, footprint, free_time, in_cells
+from waychair.planning.legs import Door, Leg, Manner
+from waychair.planning.manoeuvre import ManoeuvreSettings, manoeuvre
+from waychair.types import FloatArray, Path, Pose2
+
+_FITS = 0.02
+"""Kept free round the body [m] where the simple way is judged."""
+
+_ATTEMPTS = ((0.05, 0.05, 72), (0.03, 0.05, 72), (0.015, 0.025, 144), (0.005, 0.025, 144))
+"""Margin round the body [m], side of a bin [m] and number of headings: the first with which there is a manoeuvre."""
+
+_AHEAD = (0.6, 0.45, 0.3, 0.2, 0.1)
+"""Before a door's middle [m]: where the front end may stand when the chair lines up, the farthest with room."""
+
+_PAST = (0.35, 0.2, 0.1)
+"""Past a door's middle [m]: where the rear end is when the chair is through."""
+
+_STRAIGHT_M, _STRAIGHT_RAD = 0.1, 0.3
+"""A chair no farther off a door's axis and direction than this [m], [rad] goes on without lining up anew."""
+
+_ROUND = (0.8, 1.6, 3.0)
+"""How much [m] of the chain on both sides of what does not fit a manoeuvre may replace: more when less is in vain."""
+
+
+@dataclass(frozen=True, slots=True)
+class RouteSettings(Settings):
+    """When the chain of points is not enough."""
+
+    door_slack: float = setting(
+        0.35, "m", "a door this much wider than the chair is lined up with exactly", low=0.0, high=2.0
+    )
+    turn_from: float = setting(1.0, "rad", "direction off by more: the chair turns in place", low=0.2, high=math.pi)
+    docking: float = setting(1.0, "m", "last part of a leg that is kept to exactly", low=0.0, high=5.0)
+    manoeuvre: ManoeuvreSettings = field(default_factory=ManoeuvreSettings)
+
+
+def door_leg(costmap: Costmap, door: Door, start: Pose2, goal: Pose2) -> Leg | None:
+    """The leg through a door on its axis, from where the chair lines up to where it is through; None without room.
+
+    One that stands in the door already, and straight, goes on from there; a goal in the door ends the leg.
+    """
+    body, middle = costmap.body, door.map_from_door
+    near = fine_field(costmap.grid, middle, body.length + 1.0)
+
+    def first(places: list[float]) -> float | None:
+        return next((x for x in places if fits(body, 0.0, near, middle @ Pose2(x, 0.0, 0.0))), None)
+
+    begin = first([-(body.front + ahead) for ahead in _AHEAD])
+    end = first([body.rear + past for past in _PAST])
+    if begin is None or end is None:
+        return None
+    here, there = middle.inverse() @ start, middle.inverse() @ goal
+    if here.x > begin and abs(here.y) < _STRAIGHT_M and abs(here.theta) < _STRAIGHT_RAD:
+        begin = here.x
+    if there.x < end:
+        if abs(there.y) > _STRAIGHT_M / 3 or abs(there.theta) > _STRAIGHT_RAD / 3:
+            return None
+        end = there.x
+    if end - begin < 0.05:
+        return None
+    along = np.linspace(begin, end, math.ceil((end - begin) / 0.05) + 1)
+    poses = np.array([(middle @ Pose2(float(x), 0.0, 0.0)).array() for x in along])
+    return Leg(Path(poses), Manner.DOOR, door=door)
+
+
+def checked(costmap: Costmap, start: Pose2, legs: list[Leg], settings: RouteSettings) -> list[Leg]:
+    """The free legs, each whole or with manoeuvres where the rectangle does not pass; `start` is the pose before them.
+
+    Raises:
+        NoPath: at some place the chair does not fit round.
+    """
+    done: list[Leg] = []
+    for leg in legs:
+        parts = _legs_of_leg(costmap, start, leg.path.poses, settings) if leg.manner is Manner.FREE else [leg]
+        done += [half for part in parts for half in _docked(part, settings.docking)]
+        start = Pose2(*done[-1].path.poses[-1])
+    return done
+
+
+def _docked(leg: Leg, docking: float) -> list[Leg]:
+    """A free leg whose last metre is exact, as it ends where the chair is to stop; another one as it is."""
+    if leg.manner is not Manner.FREE or docking == 0.0:
+        return [leg]
+    poses = leg.path.poses
+    left = np.append(np.hypot(*np.diff(poses[:, :2], axis=0).T)[::-1].cumsum()[::-1], 0.0)
+    if left[0] <= 1.5 * docking:
+        return [Leg(leg.path, Manner.EXACT)]
+    k = int(np.searchsorted(-left, -docking))
+    return [Leg(Path(poses[: k + 1]), flows=True), Leg(Path(poses[k:].copy()), Manner.EXACT)]
+
+
+def _legs_of_leg(costmap: Costmap, start: Pose2, poses: FloatArray, settings: RouteSettings) -> list[Leg]:
+    """One free leg, checked: itself, or what can be driven in its place."""
+    tight = _tight_stretch(costmap, start, poses, settings.turn_from)
+    if tight is None:
+        return [Leg(Path(poses))]
+    first, last = tight
+    for around in _ROUND:
+        begin, end = _ends(costmap, start, poses, first, last, around)
+        from_pose = start if begin == 0 else Pose2(*poses[begin])
+        turned = _manoeuvre(costmap, from_pose, Pose2(*poses[end]), settings.manoeuvre)
+        if turned is None:
+            continue
+        before = [Leg(Path(poses[: begin + 1]))] if begin > 0 else []
+        after = []
+        if end < len(poses) - 1:
+            after = _legs_of_leg(costmap, Pose2(*poses[end]), poses[end:], settings)
+        return [*before, *_legs_of_manoeuvre(turned), *after]
+    x, y, _ = poses[first]
+    if not _stands_free(costmap, start):  # too near to something for any plan: the local planner may still get away
+        return [Leg(Path(poses))]
+    raise NoPath(
+        f"the chair does not fit round at ({x:.2f}, {y:.2f}), not even in several goes; clear the way or choose "
+        "another goal"
+    )
+
+
+def _tight_stretch(
+    costmap: Costmap, start: Pose2, poses: FloatArray, turn_from: float
+) -> tuple[int, int] | None:
+    """First and last index of the first poses that do not fit, or at which the chair cannot turn; None if all is well."""
+    bad = [k for k in range(1, len(poses) - 1) if not _stands_free(costmap, Pose2(*poses[k]))]
+    into = _turn_at(costmap, Pose2(poses[0, 0], poses[0, 1], start.theta), float(poses[0, 2]), turn_from)
+    heading = float(poses[-2, 2]) if len(poses) > 1 else start.theta
+    out = _turn_at(costmap, Pose2(poses[-1, 0], poses[-1, 1], heading), float(poses[-1, 2]), 0.1)
+    bad = [*([] if into else [0]), *bad, *([] if out else [len(poses) - 1])]
+    if not bad:
+        return None
+    last = bad[0]
+    for k in bad[1:]:
+        if k - last > 15:
+            break
+        last = k
+    return bad[0], last
+
+
+def _turn_at(costmap: Costmap, pose: Pose2, heading: float, turn_from: float) -> bool:
+    """Whether the chair can turn in place to a heading, one way round or the other, if it has to at all."""
+    short = wrap_angle(heading - pose.theta)
+    if abs(short) < turn_from:
+        return True
+    field = costmap.field
+    for fine in (False, True):  # the map's own cells are enough where there is room
+        if fine:
+            field = fine_field(costmap.grid, pose, costmap.body.circumscribed_radius + 0.3)
+        shape = footprint(costmap.body, _FITS, field)
+        at = in_cells(field, pose)
+        for turn in (short, short - math.copysign(math.tau, short)):
+            if free_time(shape, at, 0.0, turn, 1.0, 1.0) >= 1.0:
+                return True
+    return False
+
+
+def _stands_free(costmap: Costmap, pose: Pose2) -> bool:
+    """Whether the rectangle fits at a pose; the map's own cells say so where there is room."""
+    if fits(costmap.body, _FITS, costmap.field, pose):
+        return True
+    field = fine_field(costmap.grid, pose, costmap.body.circumscribed_radius + 0.1)
+    return fits(costmap.body, _FITS, field, pose)
+
+
+def _ends(
+    costmap: Costmap, start: Pose2, poses: FloatArray, first: int, last: int, around: float
+) -> tuple[int, int]:
+    """Indices of the poses between which a manoeuvre is to lead: `around` [m] off, or farther, where the chair fits."""
+    begin, end = first, last
+    while begin > 0 and (
+        math.dist(poses[begin, :2], poses[first, :2]) < around or not _stands_free(costmap, Pose2(*poses[begin]))
+    ):
+        begin -= 1
+    while end < len(poses) - 1 and (
+        math.dist(poses[end, :2], poses[last, :2]) < around or not _stands_free(costmap, Pose2(*poses[end]))
+    ):
+        end += 1
+    return begin, end
+
+
+def _manoeuvre(costmap: Costmap, begin: Pose2, end: Pose2, settings: ManoeuvreSettings) -> FloatArray | None:
+    """A multi-point turn with as much margin as there is room for; None where there is none at all."""
+    middle = Pose2((begin.x + end.x) / 2, (begin.y + end.y) / 2, 0.0)
+    reach = math.hypot(end.x - begin.x, end.y - begin.y) / 2 + 2 * costmap.body.length
+    field = fine_field(costmap.grid, middle, reach)
+    for margin, side, headings in _ATTEMPTS:
+        with suppress(NoPath):
+            attempt = replace(settings, margin=margin, bin=side, headings=headings)
+            return manoeuvre(field, costmap.body, begin, end, attempt)
+    return None
+
+
+def _legs_of_manoeuvre(poses: FloatArray) -> list[Leg]:
+    """Cut at turns in place and where the direction of travel changes; each leg ends in the heading of the next."""
+    steps = np.diff(poses[:, :2], axis=0)
+    along = steps[:, 0] * np.cos(poses[:-1, 2]) + steps[:, 1] * np.sin(poses[:-1, 2])
+    gears = np.where((steps == 0.0).all(axis=1), 0, np.where(along < 0.0, -1, 1))
+    legs: list[Leg] = []
+    begin = 0
+    for k in range(1, len(gears) + 1):
+        if k < len(gears) and gears[k] == gears[begin]:
+            continue
+        part = poses[begin : k + 1].copy()
+        if gears[begin] == 0 and legs:  # the leg before it ends with this turn
+            legs[-1].path.poses[-1, 2] = part[-1, 2]
+        else:
+            legs.append(Leg(Path(part), Manner.EXACT, backwards=bool(gears[begin] < 0)))
+        begin = k
+    return legs

@@ -1,0 +1,158 @@
+"""Who moves, and how: people as Kalman tracks of what the lidar sees and the map does not explain.
+
+Points are clustered, clusters are given to the tracks that expect them (global nearest neighbour within a gate), and
+each track is a Kalman filter of constant velocity whose noise is a white acceleration (Bar-Shalom, Li and Kirubarajan,
+Estimation with Applications to Tracking and Navigation, 2001, sections 6.2 and 6.3). A track is believed once it was
+seen often enough, and dropped when it has not been seen for a while.
+"""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+
+import numpy as np
+from scipy.optimize import linear_sum_assignment
+from scipy.sparse import coo_matrix
+from scipy.sparse.csgraph import connected_components
+from scipy.spatial import cKDTree
+
+from waychair.config import Settings, setting
+from waychair.types import FloatArray
+
+
+@dataclass(frozen=True, slots=True)
+class TrackSettings(Settings):
+    """Sizes of people, how they move, and when a track is believed."""
+
+    link: float = setting(
+        0.45, "m", "points nearer than this are of one thing: two legs are one person", low=0.05, high=2.0
+    )
+    least_points: int = setting(3, "", "of a cluster", low=1, high=1000)
+    largest: float = setting(1.2, "m", "wider things are no person", low=0.2, high=10.0)
+    radius: float = setting(0.3, "m", "of a person", low=0.05, high=1.0)
+    acceleration: float = setting(1.0, "m/s^2", "of people, one sigma", low=0.01, high=10.0)
+    sigma: float = setting(0.08, "m", "of a cluster's middle about the person's, legs swing", low=0.001, high=1.0)
+    start_speed: float = setting(1.0, "m/s", "of one never seen before, one sigma", low=0.01, high=10.0)
+    gate: float = setting(9.21, "", "squared Mahalanobis distance: 99 % of two degrees of freedom", low=1.0, high=100.0)
+    believed_after: int = setting(4, "", "sightings", low=1, high=100)
+    forgotten_after: float = setting(0.8, "s", "without being seen", low=0.05, high=60.0)
+
+
+@dataclass(frozen=True, slots=True)
+class Track:
+    """One who moves: position (2,) [m], velocity (2,) [m/s] in map, and the covariance (4, 4) of x, y, vx, vy.
+
+    `seen` counts the sightings, the last of them at `seen_ns`; the state is of `stamp_ns`. radius [m].
+    """
+
+    number: int
+    stamp_ns: int
+    seen_ns: int
+    seen: int
+    position: FloatArray
+    velocity: FloatArray
+    covariance: FloatArray
+    radius: float
+
+    @property
+    def speed(self) -> float:
+        """Its speed [m/s]."""
+        return float(np.hypot(*self.velocity))
+
+    def row(self, seconds: float) -> FloatArray:
+        """(6,): x, y [m] after so many seconds, vx, vy [m/s], radius [m] and what it grows by [m/s], one sigma."""
+        spread = math.sqrt(max(float(np.trace(self.covariance[2:, 2:])) / 2, 0.0))
+        return np.array([*(self.position + seconds * self.velocity), *self.velocity, self.radius, spread])
+
+
+class Tracker:
+    """Keeps the tracks from scan to scan, in a frame that does not jump."""
+
+    def __init__(self, settings: TrackSettings | None = None) -> None:
+        self._settings = settings or TrackSettings()
+        self._tracks: tuple[Track, ...] = ()
+        self._next = 1
+
+    def update(self, stamp_ns: int, points: FloatArray) -> tuple[Track, ...]:
+        """The believed tracks after a scan whose points (N, 2) [m] in map nothing known explains."""
+        s = self._settings
+        expected = tuple(predicted(track, stamp_ns, s) for track in self._tracks)
+        middles = clusters(points, s)
+        taken = associate(expected, middles, s)
+        kept = [
+            _corrected(track, middles[taken[i]], s) if i in taken else track
+            for i, track in enumerate(expected)
+            if i in taken or stamp_ns - track.seen_ns <= s.forgotten_after * 1e9
+        ]
+        for k in sorted(set(range(len(middles))) - set(taken.values())):
+            kept.append(_born(self._next, stamp_ns, middles[k], s))
+            self._next += 1
+        self._tracks = tuple(kept)
+        return tuple(track for track in kept if track.seen >= s.believed_after)
+
+
+def clusters(points: FloatArray, settings: TrackSettings) -> FloatArray:
+    """(K, 2) middles [m] of those groups of linked points (N, 2) that may be a person."""
+    if len(points) == 0:
+        return np.empty((0, 2))
+    pairs = cKDTree(points).query_pairs(settings.link, output_type="ndarray")
+    links = coo_matrix((np.ones(len(pairs)), (pairs[:, 0], pairs[:, 1])), shape=(len(points),) * 2)
+    count, labels = connected_components(links, directed=False)
+    middles = []
+    for label in range(count):
+        group = points[labels == label]
+        low, high = group.min(axis=0), group.max(axis=0)
+        if len(group) >= settings.least_points and np.hypot(*(high - low)) <= settings.largest:
+            middles.append((low + high) / 2)
+    return np.array(middles).reshape(-1, 2)
+
+
+def predicted(track: Track, stamp_ns: int, settings: TrackSettings) -> Track:
+    """The track at a later time, going on as it does."""
+    from filterpy.kalman import predict
+
+    dt = (stamp_ns - track.stamp_ns) * 1e-9
+    move = np.eye(4)
+    move[0, 2] = move[1, 3] = dt
+    push = np.array([[dt**2 / 2, 0.0], [0.0, dt**2 / 2], [dt, 0.0], [0.0, dt]])
+    state, covariance = predict(_state(track), track.covariance, move, settings.acceleration**2 * push @ push.T)
+    return _with_state(track, stamp_ns, track.seen_ns, track.seen, state, covariance)
+
+
+def associate(tracks: tuple[Track, ...], middles: FloatArray, settings: TrackSettings) -> dict[int, int]:
+    """Which cluster (K, 2) each track has been seen as, by index: the least sum of distances, within the gate."""
+    if not tracks or not len(middles):
+        return {}
+    distances = np.empty((len(tracks), len(middles)))
+    for i, track in enumerate(tracks):
+        spread = np.linalg.inv(track.covariance[:2, :2] + settings.sigma**2 * np.eye(2))
+        off = middles - track.position
+        distances[i] = np.einsum("ki,ij,kj->k", off, spread, off)
+    # What lies outside of its gate costs more than any sum within.
+    outside = distances > settings.gate
+    rows, cols = linear_sum_assignment(np.where(outside, settings.gate * (min(distances.shape) + 1), distances))
+    return {int(i): int(k) for i, k in zip(rows, cols, strict=True) if not outside[i, k]}
+
+
+def _corrected(track: Track, middle: FloatArray, settings: TrackSettings) -> Track:
+    from filterpy.kalman import update
+
+    noise, sees = settings.sigma**2 * np.eye(2), np.eye(2, 4)
+    state, covariance = update(_state(track), track.covariance, middle, noise, sees)
+    return _with_state(track, track.stamp_ns, track.stamp_ns, track.seen + 1, state, covariance)
+
+
+def _born(number: int, stamp_ns: int, middle: FloatArray, settings: TrackSettings) -> Track:
+    covariance = np.diag([settings.sigma**2] * 2 + [settings.start_speed**2] * 2)
+    return Track(number, stamp_ns, stamp_ns, 1, middle, np.zeros(2), covariance, settings.radius)
+
+
+def _state(track: Track) -> FloatArray:
+    return np.concatenate([track.position, track.velocity])
+
+
+def _with_state(
+    track: Track, stamp_ns: int, seen_ns: int, seen: int, state: FloatArray, covariance: FloatArray
+) -> Track:
+    return Track(track.number, stamp_ns, seen_ns, seen, state[:2], state[2:], covariance, track.radius)

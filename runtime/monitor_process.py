@@ -1,0 +1,232 @@
+"""The collision monitor in a process of its own, which neither a hanging planner nor a busy interpreter holds up.
+
+Between it and the control loop lies a pair of datagram sockets: scans and commands go there, verdicts come back, each
+message whole or not at all. Nobody waits for anybody: what the other side has no room for is dropped, and a side that
+stops answering is noticed by the age of its last verdict. The process judges by its own timer, whether or not a command
+came, and ends when the control loop is gone. All stamps are of CLOCK_MONOTONIC, which processes of a computer share.
+"""
+
+from __future__ import annotations
+
+import contextlib
+import select
+import socket
+import struct
+import subprocess
+import sys
+import threading
+import time
+from collections.abc import Iterator
+from dataclasses import dataclass, field
+from types import TracebackType
+from typing import Protocol, Self
+
+import msgspec
+import numpy as np
+
+from waychair.calibration.chair import CHAIR_A, ChairBody
+from waychair.calibration.self_mask import SelfMask
+from waychair.calibration.stopping import StopTable
+from waychair.control.collision_monitor import Monitor, MonitorSettings, MonitorVerdict
+from waychair.firmware_bridge.heartbeat import urgent
+from waychair.types import Scan, Twist
+
+PERIOD_S = 0.02
+"""The process judges this often."""
+
+_LARGEST = 1 << 17  # bytes of a message: a scan of 10 000 beams is a third of it
+_SCAN = struct.Struct("<cqddddd")
+_COMMAND = struct.Struct("<cdddd")
+_VERDICT = struct.Struct("<cqqdddd")
+_NO_SCAN = -(2**63)
+
+
+@dataclass(frozen=True, slots=True)
+class Watched:
+    """What a monitor must know of its chair."""
+
+    body: ChairBody = field(default_factory=lambda: CHAIR_A)
+    settings: MonitorSettings = field(default_factory=MonitorSettings)
+    stops: StopTable | None = None
+    mask: SelfMask | None = None
+
+    def monitor(self) -> Monitor:
+        """A monitor that has seen nothing yet."""
+        return Monitor(self.body, self.settings, self.stops, self.mask)
+
+
+class MonitorPort(Protocol):
+    """What a chair wants of its monitor, wherever that lives. `verdict` may be asked for from any thread."""
+
+    @property
+    def verdict(self) -> MonitorVerdict | None:
+        """The latest; None before the first."""
+
+    def see(self, scan: Scan) -> None:
+        """Pass a raw scan on."""
+
+    def judge(self, command: Twist, measured: Twist, now_ns: int) -> None:
+        """Pass on what is to be commanded, and how the chair moves."""
+
+    def restart(self) -> None:
+        """Begin anew, since it does not answer."""
+
+
+class MonitorInStep:
+    """The same monitor as a plain object, for a chair whose clock is a simulator's: it judges when it is told to."""
+
+    def __init__(self, watched: Watched) -> None:
+        self._watched = watched
+        self.restart()
+
+    @property
+    def verdict(self) -> MonitorVerdict | None:
+        """See `MonitorPort`."""
+        return self._verdict
+
+    def see(self, scan: Scan) -> None:
+        """See `MonitorPort`."""
+        self._monitor.see(scan)
+
+    def judge(self, command: Twist, measured: Twist, now_ns: int) -> None:
+        """See `MonitorPort`."""
+        self._verdict = self._monitor.judge(command, measured, now_ns)
+
+    def restart(self) -> None:
+        """See `MonitorPort`."""
+        self._monitor = self._watched.monitor()
+        self._verdict: MonitorVerdict | None = None
+
+
+class MonitorProcess:
+    """The monitor's process, for as long as the block lasts; `pid` is its number."""
+
+    def __init__(self, watched: Watched) -> None:
+        self._watched = watched
+        self._lock = threading.Lock()
+        self._start()
+
+    def __enter__(self) -> Self:
+        return self
+
+    def __exit__(
+        self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
+    ) -> None:
+        with self._lock:
+            self._end()
+
+    @property
+    def pid(self) -> int:
+        """Of the process that watches now."""
+        return self._process.pid
+
+    @property
+    def verdict(self) -> MonitorVerdict | None:
+        """See `MonitorPort`."""
+        with self._lock:
+            for message in _received(self._socket):
+                self._verdict = _verdict_from(message)
+            return self._verdict
+
+    def see(self, scan: Scan) -> None:
+        """See `MonitorPort`."""
+        with self._lock:
+            _send(self._socket, _scan_message(scan))
+
+    def judge(self, command: Twist, measured: Twist, now_ns: int) -> None:
+        """See `MonitorPort`; the process stamps its verdict itself."""
+        with self._lock:
+            _send(self._socket, _COMMAND.pack(b"c", command.v, command.omega, measured.v, measured.omega))
+
+    def restart(self) -> None:
+        """See `MonitorPort`."""
+        with self._lock:
+            self._end()
+            self._start()
+
+    def _start(self) -> None:
+        self._verdict: MonitorVerdict | None = None
+        self._socket, theirs = socket.socketpair(socket.AF_UNIX, socket.SOCK_DGRAM)
+        self._socket.setblocking(False)
+        told = msgspec.json.encode(self._watched).decode()
+        command = [sys.executable, "-m", "waychair.runtime.monitor_process", str(theirs.fileno()), told]
+        with theirs:
+            self._process = subprocess.Popen(command, pass_fds=[theirs.fileno()], stdin=subprocess.DEVNULL)
+
+    def _end(self) -> None:
+        self._socket.close()
+        self._process.kill()  # also one that was stopped; it keeps nothing
+        self._process.wait()
+
+
+def watch(channel: socket.socket, monitor: Monitor) -> None:
+    """The process: take in what came, judge by the timer, until the other side is gone."""
+    channel.setblocking(False)
+    command, measured = Twist(), Twist()
+    due_s = time.monotonic()
+    while True:
+        select.select([channel], [], [], max(due_s - time.monotonic(), 0.0))
+        for message in _received(channel):
+            if message[:1] == b"s":
+                monitor.see(_scan_from(message))
+            else:
+                _, v, omega, v_now, omega_now = _COMMAND.unpack(message)
+                command, measured = Twist(v, omega), Twist(v_now, omega_now)
+        if time.monotonic() >= due_s:
+            due_s = max(due_s + PERIOD_S, time.monotonic())
+            if not _send(channel, _verdict_message(monitor.judge(command, measured, time.monotonic_ns()))):
+                return
+
+
+def _received(channel: socket.socket) -> Iterator[bytes]:
+    """All messages that are there."""
+    with contextlib.suppress(OSError):  # none is left, or the other side is gone
+        while True:
+            yield channel.recv(_LARGEST)
+
+
+def _send(channel: socket.socket, message: bytes) -> bool:
+    """False when nobody is there any more; a message for which there is no room is dropped."""
+    try:
+        channel.send(message)
+    except BlockingIOError:
+        return True
+    except OSError:
+        return False
+    return True
+
+
+def _scan_message(scan: Scan) -> bytes:
+    head = _SCAN.pack(
+        b"s", scan.stamp_ns, scan.angle_min, scan.angle_step, scan.time_step, scan.range_min, scan.range_max
+    )
+    return head + np.ascontiguousarray(scan.ranges, "<f4").tobytes()
+
+
+def _scan_from(message: bytes) -> Scan:
+    _, stamp_ns, *figures = _SCAN.unpack_from(message)
+    return Scan(stamp_ns, np.frombuffer(message, "<f4", offset=_SCAN.size), *figures)
+
+
+def _verdict_message(verdict: MonitorVerdict) -> bytes:
+    scan_ns = _NO_SCAN if verdict.scan_ns is None else verdict.scan_ns
+    twist = verdict.twist
+    head = _VERDICT.pack(b"v", verdict.stamp_ns, scan_ns, twist.v, twist.omega, verdict.share, verdict.contact_s)
+    return head + verdict.stop.encode()
+
+
+def _verdict_from(message: bytes) -> MonitorVerdict:
+    _, stamp_ns, scan_ns, v, omega, share, contact_s = _VERDICT.unpack_from(message)
+    seen_ns = None if scan_ns == _NO_SCAN else scan_ns
+    return MonitorVerdict(stamp_ns, seen_ns, Twist(v, omega), share, contact_s, message[_VERDICT.size :].decode())
+
+
+def main() -> None:
+    """Watch over the chair that the second argument describes, by the socket that the first one numbers."""
+    channel = socket.socket(fileno=int(sys.argv[1]))
+    urgent()
+    watch(channel, msgspec.json.decode(sys.argv[2], type=Watched).monitor())
+
+
+if __name__ == "__main__":
+    main()

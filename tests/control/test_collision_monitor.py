@@ -1,0 +1,326 @@
+"""The last look: contact on the arc as by driving it in small steps, zones that scale, and a lidar that is not believed."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+
+from waychair.calibration.chair import CHAIR_A, CHAIR_A_MID, CHAIR_B, ChairBody
+from waychair.calibration.self_mask import SelfMask
+from waychair.calibration.stopping import StopTable
+from waychair.control.collision_monitor import (
+    Monitor,
+    MonitorSettings,
+    MonitorVerdict,
+    contact_times,
+    is_silent,
+    measuring,
+    permitted_share,
+    points_now,
+    refusal,
+    slim_beams,
+    slow_share,
+    stop_seconds,
+)
+from waychair.control.stops import STOPS
+from waychair.geometry import arc, transform_points
+from waychair.types import FloatArray, Scan, Twist
+
+MS = 1_000_000
+S = MonitorSettings()
+BEAMS = 721
+VIEW = math.radians(270.0)
+
+
+def scan_of(points: FloatArray, body: ChairBody = CHAIR_A, stamp_ns: int = 0, seed: int = 0) -> Scan:
+    """A scan of discs of 5 cm at points (N, 2) in base, within walls 8 m round the laser; a millimetre of noise."""
+    angles = np.linspace(-VIEW / 2, VIEW / 2, BEAMS)
+    ranges = np.full(BEAMS, 8.0)
+    for x, y in transform_points(body.base_from_laser.inverse(), points.reshape(-1, 2)).tolist():
+        away, off = math.hypot(x, y), np.abs(np.angle(np.exp(1j * (angles - math.atan2(y, x)))))
+        hit = off < math.asin(min(1.0, 0.05 / away))
+        ranges[hit] = np.minimum(
+            ranges[hit], away * np.cos(off[hit]) - np.sqrt(0.05**2 - (away * np.sin(off[hit])) ** 2)
+        )
+    ranges += np.random.default_rng(seed).normal(0.0, 0.001, BEAMS)
+    return Scan(stamp_ns, ranges.astype(np.float32), -VIEW / 2, VIEW / (BEAMS - 1), 0.0, 0.05, 25.0)
+
+
+def judged(points: FloatArray, command: Twist, body: ChairBody = CHAIR_A) -> MonitorVerdict:
+    """The verdict on a command at rest in a scene."""
+    monitor = Monitor(body)
+    monitor.see(scan_of(points, body))
+    return monitor.judge(command, Twist(), 50 * MS)
+
+
+def driven(points: FloatArray, command: Twist, body: ChairBody, ahead: float, horizon: float) -> FloatArray:
+    """When each point is inside the zone, by driving the arc in steps of 2 ms."""
+    front = body.front + S.beside + (ahead if command.v > 0 else 0.0)
+    rear = body.rear + S.beside + (ahead if command.v < 0 else 0.0)
+    times = np.full(len(points), np.inf)
+    for t in np.arange(0.0, horizon, 0.002):
+        x, y = transform_points(arc(command.v * t, command.omega * t).inverse(), points).T
+        inside = (x <= front) & (x >= -rear) & (np.abs(y) <= body.width / 2 + S.beside)
+        times = np.where(inside & np.isinf(times), t, times)
+    return times
+
+
+@pytest.mark.parametrize("body", [CHAIR_A, CHAIR_B, CHAIR_A_MID], ids=lambda body: body.chair_id)
+def test_contact_is_when_driving_the_arc_in_small_steps_says_so(body: ChairBody) -> None:
+    rng = np.random.default_rng(7)
+    for command in (
+        Twist(0.8, 0.0),
+        Twist(-0.2, 0.0),
+        Twist(0.4, 0.5),
+        Twist(0.3, -0.8),
+        Twist(-0.2, 0.3),
+        Twist(0, 0.6),
+    ):
+        points = rng.uniform(-2.5, 2.5, (300, 2))
+        outside = np.max(np.abs(points - ((body.front - body.rear) / 2, 0)) - (body.length / 2, body.width / 2), axis=1)
+        points = points[outside > S.ahead + S.beside + 0.011]
+        exact = contact_times(points, command, body, S, S.ahead)
+        stepped = driven(points, command, body, S.ahead, 3.0)
+        reached = exact < 2.99
+        assert (reached == np.isfinite(stepped))[np.abs(exact - 2.995) > 0.01].all()
+        assert np.abs(exact - stepped)[reached & np.isfinite(stepped)].max(initial=0.0) <= 0.0021
+
+
+@given(st.floats(-0.8, 0.8), st.floats(-0.8, 0.8), st.floats(0.1, 1.0))
+def test_driving_slower_on_the_same_arc_touches_the_same_later(v: float, omega: float, share: float) -> None:
+    points = np.random.default_rng(3).uniform(-2.0, 2.0, (60, 2))
+    full = contact_times(points, Twist(v, omega), CHAIR_A, replace(S, beside=0.0), 0.0)
+    slow = contact_times(points, Twist(share * v, share * omega), CHAIR_A, replace(S, beside=0.0), 0.0)
+    known = np.isfinite(full) & (full < 20.0) & (full > 0.0)
+    if abs(v) > 0.01 and abs(omega) > 0.01:
+        assert slow[known] * share == pytest.approx(full[known], rel=1e-6, abs=1e-6)
+
+
+def test_a_chair_in_a_doorway_of_five_centimetres_a_side_may_drive_through_it() -> None:
+    jambs = np.array([[x, side * 0.35] for x in np.linspace(0.2, 1.2, 60) for side in (-1.0, 1.0)])
+    assert not np.isfinite(contact_times(jambs, Twist(0.3, 0.0), CHAIR_A, S, S.ahead)).any()
+    assert np.isfinite(contact_times(jambs, Twist(0.3, 0.3), CHAIR_A, S, S.ahead)).any()
+
+
+def test_what_is_within_the_zone_counts_only_when_it_comes_nearer() -> None:
+    beside = np.array([[0.3, CHAIR_A.width / 2 + 0.01]] * 3)
+    assert not np.isfinite(contact_times(beside, Twist(0.4, 0.0), CHAIR_A, S, S.ahead)).any()
+    assert np.isfinite(contact_times(beside, Twist(0.4, 0.3), CHAIR_A, S, S.ahead)).all()
+    before = np.array([[CHAIR_A.front + 0.04, 0.0]] * 3)
+    assert not np.isfinite(contact_times(before, Twist(-0.2, 0.0), CHAIR_A, S, S.ahead)).any()
+    assert contact_times(before, Twist(0.2, 0.0), CHAIR_A, S, S.ahead).max() == pytest.approx(0.05, abs=1e-3)
+
+
+def test_what_is_well_within_the_outline_is_touched_whatever_is_commanded_but_standing() -> None:
+    inside = np.array([[0.3, 0.0]])
+    for command in (Twist(0.1, 0.0), Twist(-0.1, 0.0), Twist(0.0, 0.1)):
+        assert contact_times(inside, command, CHAIR_A, S, S.ahead).tolist() == [0.0]
+    assert contact_times(inside, Twist(), CHAIR_A, S, S.ahead).tolist() == [math.inf]
+
+
+def test_the_zones_scale_with_the_speed() -> None:
+    stops, slows = [], []
+    for v in (0.2, 0.4, 0.8):
+        distances = np.arange(0.3, 3.0, 0.02)
+        verdicts = [judged(np.array([[CHAIR_A.front + d, 0.0]]), Twist(v, 0.0)) for d in distances]
+        stops.append(max((d for d, found in zip(distances, verdicts, strict=True) if found.stop), default=0.0))
+        slows.append(max((d for d, found in zip(distances, verdicts, strict=True) if found.share < 1.0), default=0.0))
+    assert stops == sorted(stops)
+    assert slows == sorted(slows)
+    assert all(stop < slow for stop, slow in zip(stops, slows, strict=True))
+    assert stops[-1] >= S.ahead_of_legs + 0.8 * S.reaction_s + 0.8**2 / (2 * S.emergency)
+
+
+@given(st.floats(0.05, 0.8), st.floats(-0.8, 0.8), st.floats(0.0, 10.0))
+def test_at_the_share_that_is_left_a_stop_by_comfort_ends_before_the_contact(
+    v: float, omega: float, contact: float
+) -> None:
+    k = slow_share(contact, Twist(v, omega), S)
+    half = 0.5 * max(v / S.braking, abs(omega) / S.alpha)
+    assert 0.0 <= k <= 1.0
+    assert k * S.reaction_s + k * k * half <= contact + 1e-9
+    if k < 1.0:
+        assert k * S.reaction_s + k * k * half == pytest.approx(contact, abs=1e-9)
+
+
+def test_a_thing_beside_a_straight_way_is_on_the_way_of_a_turn() -> None:
+    beside = np.array([[1.3, 0.6]])
+    assert judged(beside, Twist(0.5, 0.0)).contact_s == math.inf
+    assert judged(beside, Twist(0.5, 0.5)).contact_s < 2.0
+
+
+def test_fewer_points_than_a_thing_has_are_noise() -> None:
+    monitor = Monitor(CHAIR_A)
+    scan = scan_of(np.empty((0, 2)))
+    ranges = scan.ranges.copy()
+    ranges[359:361] = 0.35
+    monitor.see(replace(scan, ranges=ranges))
+    assert monitor.judge(Twist(0.5, 0.0), Twist(), 0).stop == ""
+    ranges[359:362] = 0.35
+    monitor.see(replace(scan, ranges=ranges.copy()))
+    assert monitor.judge(Twist(0.5, 0.0), Twist(), 0).stop == "obstacle"
+
+
+def test_legs_that_stand_free_are_told_from_a_wall_and_from_the_rim_of_one() -> None:
+    scan = scan_of(np.array([[2.0, 0.1], [2.0, -0.1]]))
+    slim = slim_beams(scan, np.zeros(BEAMS, np.bool_), S)
+    assert 8 <= slim.sum() < 60
+    assert (scan.ranges[slim] < 2.0).all()
+    assert not slim_beams(scan_of(np.empty((0, 2))), np.zeros(BEAMS, np.bool_), S).any()
+    ranges = np.full(BEAMS, 3.0, np.float32)
+    ranges[:355], ranges[366:] = 1.0, 1.2  # a strip of wall seen through a gap
+    assert not slim_beams(replace(scan, ranges=ranges), np.zeros(BEAMS, np.bool_), S).any()
+
+
+def test_a_scan_is_carried_on_by_the_motion_since_each_of_its_beams() -> None:
+    body = CHAIR_A
+    still = scan_of(np.array([[2.0, 0.3]]))
+    for twist in (Twist(0.8, 0.0), Twist(0.4, 0.6), Twist(0.0, -0.5)):
+        for time_step in (0.0, 1e-4):
+            scan = replace(still, time_step=time_step)
+            told = measuring(scan, np.zeros(BEAMS, np.bool_))
+            points = points_now(scan, told, body, twist, 200 * MS)
+            at_scan = points_now(scan, told, body, Twist(), 200 * MS)
+            for i in (0, 360, 720):
+                since = arc(twist.v * (0.2 - i * time_step), twist.omega * (0.2 - i * time_step))
+                assert points[i] == pytest.approx(transform_points(since.inverse(), at_scan[i : i + 1])[0], abs=1e-9)
+
+
+def test_a_moving_chair_stops_for_what_it_has_come_nearer_to_since_the_scan() -> None:
+    monitor = Monitor(CHAIR_A)
+    monitor.see(scan_of(np.array([[CHAIR_A.front + 0.95, 0.0]])))
+    assert monitor.judge(Twist(0.8, 0.0), Twist(0.8, 0.0), 0).stop == ""
+    assert monitor.judge(Twist(0.8, 0.0), Twist(0.8, 0.0), 250 * MS).stop == "obstacle"
+
+
+def test_the_chairs_own_parts_are_nothing_once_they_are_masked() -> None:
+    legs = np.array([[0.68, 0.1], [0.68, -0.1]])
+    seen = Monitor(CHAIR_A)
+    seen.see(scan_of(legs))
+    assert seen.judge(Twist(0.3, 0.0), Twist(), 0).stop == "obstacle"
+    mask = SelfMask((-1.4,), (1.4,), (0.2,))
+    masked = Monitor(CHAIR_A, mask=mask)
+    masked.see(scan_of(legs))
+    assert masked.judge(Twist(0.3, 0.0), Twist(), 0).stop == ""
+
+
+def test_measured_stops_that_take_longer_than_reckoned_count() -> None:
+    table = StopTable(speeds=(0.4, 0.8), distances=(0.5, 1.4), turn_rate=0.8, turn_angle=0.9, delay_s=0.3)
+    assert stop_seconds(Twist(0.8, 0.0), S, table) == pytest.approx(1.4 / 0.8)
+    assert stop_seconds(Twist(0.0, 0.8), S, table) == pytest.approx(0.9 / 0.8)
+    assert stop_seconds(Twist(1.6, 0.0), S, table) == pytest.approx(2 * 1.4 / 0.8)  # beyond what was measured
+    short = StopTable(speeds=(0.4, 0.8), distances=(0.01, 0.02), turn_rate=0.8, turn_angle=0.01, delay_s=0.0)
+    assert stop_seconds(Twist(0.8, 0.0), S, short) == stop_seconds(Twist(0.8, 0.0), S)
+
+
+@pytest.mark.parametrize(
+    ("verdict_age", "scan_age", "stop_id"),
+    [
+        (150, 300, ""),
+        (151, 300, "monitor_silent"),
+        (150, 301, "lidar_late"),
+        (-101, 0, "monitor_silent"),
+        (0, None, "lidar_late"),
+    ],
+)
+def test_speed_passes_only_by_a_fresh_verdict_of_a_fresh_scan(
+    verdict_age: int, scan_age: int | None, stop_id: str
+) -> None:
+    now = 10**10
+    verdict = MonitorVerdict(now - verdict_age * MS, None if scan_age is None else now - scan_age * MS, Twist(), 1.0)
+    assert refusal(verdict, now, S) == stop_id
+    assert refusal(None, now, S) == "monitor_silent"
+    assert stop_id == "" or stop_id in STOPS
+
+
+def test_a_monitor_is_silent_for_good_after_half_a_second() -> None:
+    verdict = MonitorVerdict(0, 0, Twist(), 1.0)
+    assert not is_silent(verdict, 500 * MS, S)
+    assert is_silent(verdict, 501 * MS, S)
+    assert is_silent(None, 0, S)
+
+
+@pytest.mark.parametrize(
+    ("command", "passes"),
+    [
+        (Twist(0.5, 0.2), True),
+        (Twist(0.58, 0.2), True),
+        (Twist(0.0, 0.0), True),
+        (Twist(0.61, 0.2), False),
+        (Twist(-0.11, 0.2), False),
+        (Twist(0.5, 0.41), False),
+        (Twist(0.5, -0.21), False),
+    ],
+)
+def test_a_command_that_was_not_judged_does_not_pass(command: Twist, passes: bool) -> None:
+    verdict = MonitorVerdict(0, 0, Twist(0.5, 0.2), 0.7)
+    assert permitted_share(command, verdict, S) == (0.7 if passes else 0.0)
+
+
+def test_f11_a_scan_older_than_300_ms_is_not_judged_by() -> None:
+    monitor = Monitor(CHAIR_A)
+    assert monitor.judge(Twist(0.1, 0.0), Twist(), 0).stop == "lidar_late"
+    monitor.see(scan_of(np.empty((0, 2))))
+    assert monitor.judge(Twist(0.1, 0.0), Twist(), 300 * MS).stop == ""
+    assert monitor.judge(Twist(0.1, 0.0), Twist(), 301 * MS).stop == "lidar_late"
+
+
+@pytest.mark.parametrize("bad", [math.nan, math.inf])
+def test_f5_a_command_or_a_motion_that_is_no_number_is_not_permitted(bad: float) -> None:
+    monitor = Monitor(CHAIR_A)
+    monitor.see(scan_of(np.empty((0, 2))))
+    assert monitor.judge(Twist(bad, 0.0), Twist(), 0).share == 0.0
+    assert monitor.judge(Twist(0.1, 0.0), Twist(0.0, bad), 0).share == 0.0
+
+
+@pytest.mark.parametrize(("covered", "blind"), [(0.19, False), (0.21, True), (1.0, True)])
+@pytest.mark.parametrize("value", [math.nan, math.inf, -math.inf])
+def test_f12_a_lidar_of_which_a_fifth_is_covered_is_blind_within_half_a_second(
+    covered: float, blind: bool, value: float
+) -> None:
+    monitor = Monitor(CHAIR_A)
+    for k in range(12):
+        scan = scan_of(np.empty((0, 2)), stamp_ns=100 * k * MS, seed=k)
+        if k >= 6:
+            scan.ranges[: round(covered * BEAMS)] = value
+        monitor.see(scan)
+        found = monitor.judge(Twist(0.1, 0.0), Twist(), scan.stamp_ns).stop
+        assert found == ("lidar_blind" if blind and k >= 9 else "")
+
+
+def test_f12_beams_that_see_nothing_by_turns_are_not_blind() -> None:
+    monitor = Monitor(CHAIR_A)
+    for k in range(20):
+        scan = scan_of(np.empty((0, 2)), stamp_ns=100 * k * MS, seed=k)
+        scan.ranges[k % 3 :: 3] = math.inf
+        monitor.see(scan)
+        assert monitor.judge(Twist(0.1, 0.0), Twist(), scan.stamp_ns).stop == ""
+
+
+def test_f12_identical_scans_are_a_frozen_lidar_until_one_differs() -> None:
+    monitor = Monitor(CHAIR_A)
+    for k in range(8):
+        scan = scan_of(np.empty((0, 2)), stamp_ns=100 * k * MS)
+        monitor.see(scan)
+        assert monitor.judge(Twist(), Twist(), scan.stamp_ns).stop == ("lidar_frozen" if k >= 4 else "")
+    monitor.see(scan_of(np.empty((0, 2)), stamp_ns=800 * MS, seed=1))
+    assert monitor.judge(Twist(), Twist(), 800 * MS).stop == ""
+
+
+@given(
+    st.integers(0, 40),
+    st.sampled_from([math.nan, math.inf, -math.inf, 0.0, -1.0, 1e30]),
+    st.floats(-1, 1),
+    st.floats(-1, 1),
+)
+def test_no_scan_makes_it_raise(beams: int, value: float, v: float, omega: float) -> None:
+    monitor = Monitor(CHAIR_A)
+    monitor.see(Scan(0, np.full(beams, value, np.float32), -1.0, 0.05, 1e-3, 0.0, 10.0))
+    verdict = monitor.judge(Twist(v, omega), Twist(v, omega), 50 * MS)
+    assert 0.0 <= verdict.share <= 1.0
+    assert verdict.stop == "" or verdict.stop in STOPS

@@ -1,0 +1,92 @@
+"""A chair in a plain hall with a known map, driven by the whole stack over the shipped firmware, in lockstep."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from contextlib import ExitStack
+from dataclasses import replace
+from types import TracebackType
+from typing import Self
+
+import numpy as np
+
+from waychair.calibration.chair import CHAIR_A
+from waychair.calibration.dac import DEFAULT
+from waychair.control.navigator import NavigatorSettings
+from waychair.planning.dwa import DwaSettings
+from waychair.runtime.chair import Chair, ChairSettings, ChairState, Message
+from waychair.simulation.lidar import LidarSettings
+from waychair.simulation.scene import PersonPlan
+from waychair.simulation.simulator import Simulator, SimulatorSettings
+from waychair.simulation.world import World, world_from_grid
+from waychair.trials.drive import Setting, advance_tick, begin, chair_in
+from waychair.types import DriveMode, Goal, OccupancyGrid, Pose2
+
+START = Pose2(2.0, 2.5, 0.0)
+FAR = Goal(Pose2(10.0, 2.5, 0.0), 0.3, 0.3)
+LIDAR = LidarSettings(beams=240)
+COARSE = NavigatorSettings(dwa=DwaSettings(v_samples=9, omega_samples=11))
+
+
+def hall(people: tuple[PersonPlan, ...] = (), width: float = 5.0) -> World:
+    """12 m long, with two cupboards that tell where along it one is; `width` [m] about the chair's way."""
+    cells = np.full((100, 240), 100, np.int8)
+    half = round(10 * width)
+    cells[51 - half : 49 + half, 1:-1] = 0
+    cells[51 - half : 55 - half, 60:80] = cells[45 + half : 49 + half, 150:180] = 100
+    return replace(world_from_grid(OccupancyGrid(cells, 0.05), START, name="hall"), people=people)
+
+
+class Ride:
+    """A chair under way; `change` is what a faulty sensor does to the messages of a tick."""
+
+    def __init__(
+        self,
+        settings: ChairSettings | None = None,
+        simulator: SimulatorSettings | None = None,
+        people: tuple[PersonPlan, ...] = (),
+        width: float = 5.0,
+    ) -> None:
+        world = hall(people, width)
+        simulation = simulator or SimulatorSettings()
+        simulation = replace(simulation, lidar=LIDAR, plant=replace(simulation.plant, step_ms=10))
+        self.simulator = Simulator(world, CHAIR_A, simulation, 0)
+        chair = replace(settings or ChairSettings(), navigator=COARSE)
+        self.setting = Setting(world.grid, {}, CHAIR_A, DEFAULT, chair=chair)
+        self.change: Callable[[tuple[Message, ...]], tuple[Message, ...]] = lambda messages: messages
+        self.states: list[ChairState] = []
+        self._stack = ExitStack()
+
+    def __enter__(self) -> Self:
+        self.chair: Chair = self._stack.enter_context(chair_in(self.setting, self.simulator))
+        return self
+
+    def __exit__(
+        self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
+    ) -> None:
+        self._stack.close()
+
+    def tick(self, count: int = 1) -> ChairState:
+        """Ticks of 50 ms; the state after the last one."""
+        for _ in range(count):
+            messages = self.change(tuple(advance_tick(self.simulator, self.chair)))
+            self.states.append(self.chair.step(self.simulator.now_ns, messages))
+        return self.states[-1]
+
+    def drive(self, ticks: int = 80) -> ChairState:
+        """Asked for and confirmed, through the two seconds of rest, and on."""
+        begin(self.simulator, self.chair, FAR)
+        state = self.tick(ticks)
+        assert (state.verdict.mode, state.sent.active) == (DriveMode.AUTONOMOUS, True), state.verdict.reason
+        return state
+
+    @property
+    def speed(self) -> float:
+        """True speed over the ground [m/s]."""
+        return self.simulator.twist().v
+
+    @property
+    def stands(self) -> bool:
+        """Whether the chair truly rests."""
+        twist = self.simulator.twist()
+        return abs(twist.v) < 1e-3 and abs(twist.omega) < 1e-3

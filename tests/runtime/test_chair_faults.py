@@ -1,0 +1,349 @@
+"""Rows of the fault table, each injected into a whole chair that is under way in the simulator."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable, Iterator
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from tests.runtime.riding import FAR, Ride
+from waychair.calibration.calibration_file import ChairCalibration
+from waychair.control.fitness import FitnessSettings
+from waychair.control.navigator import Stage
+from waychair.control.supervisor import SupervisorSettings
+from waychair.firmware_bridge.transports import Reconnecting
+from waychair.runtime.chair import Chair, ChairSettings, Message
+from waychair.simulation.imu import ImuSettings
+from waychair.simulation.scene import Behaviour, PersonPlan
+from waychair.simulation.simulator import SimulatorSettings
+from waychair.trials.drive import advance_tick
+from waychair.types import ChairStatus, DriveMode, ImuSample, JoystickInput, Scan, WheelTicks
+
+IMU_HZ = 100.0
+UP = np.array([0.0, 0.0, 9.81])
+
+
+@pytest.fixture
+def ride() -> Iterator[Ride]:
+    with Ride() as ride:
+        yield ride
+
+
+def only(*kinds: type) -> Callable[[tuple[Message, ...]], tuple[Message, ...]]:
+    """Messages of these kinds pass, the others are lost."""
+    return lambda messages: tuple(message for message in messages if isinstance(message, kinds))
+
+
+def ends(ride: Ride, stop_id: str, within: int) -> None:
+    """The drive ends by this stop within so many ticks, and the chair rests and stays at rest."""
+    states = [ride.tick() for _ in range(within)]
+    ended = next(state for state in states if not state.verdict.computer_drives)
+    assert ended.verdict.halt is not None
+    assert ended.verdict.halt.stop.id == stop_id
+    assert ended.navigation.stage is Stage.FAILED
+    ride.tick(70)
+    assert ride.stands
+    assert not ride.states[-1].sent.active
+
+
+def test_f11_a_late_scan_slows_the_chair_and_half_a_second_ends_the_drive(ride: Ride) -> None:
+    ride.drive()
+    before = ride.speed
+    ride.change = only(WheelTicks)
+    states = [ride.tick() for _ in range(12)]
+    slowed = next(i for i, state in enumerate(states) if state.command is not None and state.command.v == 0.0)
+    ended = next(i for i, state in enumerate(states) if not state.verdict.computer_drives)
+    assert before > 0.6
+    assert 4 <= slowed <= 6
+    assert 8 <= ended <= 10
+    assert states[ended].verdict.halt is not None
+    assert states[ended].verdict.halt.stop.id == "lidar_stale"
+    ride.tick(30)
+    assert ride.stands
+    ride.change = lambda messages: messages
+    assert not ride.tick(40).sent.active  # it is back, but nothing resumes by itself
+
+
+def test_f11_a_scan_that_comes_back_within_half_a_second_lets_the_drive_go_on(ride: Ride) -> None:
+    ride.drive()
+    ride.change = only(WheelTicks)
+    ride.tick(7)
+    ride.change = lambda messages: messages
+    assert ride.tick(30).verdict.mode is DriveMode.AUTONOMOUS
+    assert ride.speed > 0.2
+
+
+@pytest.mark.parametrize("value", [math.inf, math.nan, -math.inf])
+def test_f12_a_blind_lidar_ends_the_drive_within_half_a_second_and_a_tick(ride: Ride, value: float) -> None:
+    def blinded(messages: tuple[Message, ...]) -> tuple[Message, ...]:
+        return tuple(replace(m, ranges=np.full_like(m.ranges, value)) if isinstance(m, Scan) else m for m in messages)
+
+    ride.drive()
+    ride.change = blinded
+    ends(ride, "lidar_blind", within=13)
+
+
+def test_f12_a_lidar_that_repeats_one_scan_ends_the_drive(ride: Ride) -> None:
+    ride.drive()
+    frozen = None
+
+    def repeated(messages: tuple[Message, ...]) -> tuple[Message, ...]:
+        nonlocal frozen
+        changed: list[Message] = []
+        for message in messages:
+            if isinstance(message, Scan):
+                frozen = frozen if frozen is not None else message.ranges
+                changed.append(replace(message, ranges=frozen))
+            else:
+                changed.append(message)
+        return tuple(changed)
+
+    ride.change = repeated
+    states = [ride.tick() for _ in range(14)]
+    ended = next(state for state in states if not state.verdict.computer_drives)
+    assert ended.verdict.halt is not None
+    assert ended.verdict.halt.stop.id in ("lidar_frozen", "lost", "pose_jump")
+    assert "lidar_frozen" in {halted.stop.id for state in states for halted in state.halts}
+
+
+def test_f13_silent_wheels_end_the_drive(ride: Ride) -> None:
+    ride.drive()
+    ride.change = only(Scan)
+    ends(ride, "wheels_stale", within=5)
+
+
+@pytest.mark.parametrize("reaction", ["slow", "stop"])
+def test_f13_an_imu_that_falls_silent_slows_or_ends_the_drive_as_configured(reaction: str) -> None:
+    with Ride(ChairSettings(fitness=FitnessSettings(imu_silent=reaction))) as ride:
+        ride.change = lambda messages: (*messages, ImuSample(ride.simulator.now_ns, UP, np.zeros(3)))
+        ride.drive()
+        assert ride.speed > 0.6
+        ride.change = lambda messages: messages
+        if reaction == "stop":
+            ends(ride, "imu_stale", within=10)
+        else:
+            ride.tick(45)
+            assert ride.speed == pytest.approx(0.3, abs=0.06)
+
+
+def test_f14_a_person_who_steps_out_is_stopped_for_and_never_nearer_than_a_hand() -> None:
+    steps_out = PersonPlan(
+        Behaviour.SUDDEN, np.array([[6.0, 3.1], [6.0, 2.5]]), speed=1.0, yields=True, radius=0.25, trigger=1.6
+    )
+    with Ride(people=(steps_out,), width=2.0) as ride:
+        ride.drive(60)
+        nearest = math.inf
+        for _ in range(100):
+            ride.tick()
+            if abs(ride.speed) > 0.02:
+                nearest = min(nearest, ride.simulator.person_distance())
+        assert ride.simulator.contacts == 0
+        assert nearest >= 0.1
+        assert "obstacle" in {halted.stop.id for state in ride.states for halted in state.halts} or nearest < 1.0
+
+
+def test_f15_a_chair_that_is_carried_off_stops_and_says_that_it_is_lost(ride: Ride) -> None:
+    ride.drive()
+    plant = ride.simulator._chair
+    plant.pose = replace(plant.pose, y=plant.pose.y + 1.2, theta=plant.pose.theta + 2.0)  # type: ignore[misc]
+    states = [ride.tick() for _ in range(30)]
+    ended = next(state for state in states if not state.verdict.computer_drives)
+    assert ended.verdict.halt is not None
+    assert ended.verdict.halt.stop.id in ("lost", "pose_jump")
+    assert ended.navigation.stage is Stage.FAILED
+    ride.tick(70)
+    assert ride.stands
+    ride.simulator.rider = JoystickInput(ride.simulator.now_ns, -0.6, 0.0)
+    ride.tick(20)
+    assert ride.speed < -0.2  # the joystick stays usable
+
+
+def test_f15_a_pose_that_jumps_by_more_than_half_a_metre_ends_the_drive(ride: Ride) -> None:
+    ride.drive()
+    localiser = ride.chair._localiser
+    honest = localiser.process
+
+    def elsewhere(*told: object) -> object:
+        found = honest(*told)  # type: ignore[arg-type]
+        shifted = replace(found.map_from_odom, x=found.map_from_odom.x + 0.6)
+        return replace(found, map_from_odom=shifted)
+
+    localiser.process = elsewhere  # type: ignore[method-assign, assignment]
+    ends(ride, "pose_jump", within=4)
+
+
+def test_f17_a_control_loop_that_misses_two_periods_commands_zero_and_then_lets_go(ride: Ride) -> None:
+    ride.drive()
+    for _ in range(3):
+        advance_tick(ride.simulator, ride.chair)
+    state = ride.tick()
+    assert not state.sent.active or state.sent.wheel_speeds.left == 0.0
+    for _ in range(4):
+        advance_tick(ride.simulator, ride.chair)
+    ride.tick(2)
+    assert not ride.tick(40).sent.active
+
+
+def test_f19_a_push_of_the_stick_lets_go_within_a_tick_and_ends_the_drive(ride: Ride) -> None:
+    ride.drive()
+    ride.simulator.rider = JoystickInput(ride.simulator.now_ns, 0.0, 0.5)
+    state = ride.tick()
+    assert (state.verdict.mode, state.sent.active, state.command) == (DriveMode.MANUAL, False, None)
+
+
+def test_f20_a_chair_that_is_held_up_is_stopped_until_somebody_resets_it(
+    ride: Ride, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    ride.drive()
+    monkeypatch.setattr(ride.simulator, "_is_free", lambda pose: False)
+    ends(ride, "disobeys", within=20)
+    monkeypatch.undo()
+    ride.chair.go(FAR)
+    ride.chair.confirm()
+    assert not ride.tick(10).verdict.computer_drives
+    ride.chair.reset()
+    assert ride.tick(2).navigation.stage is Stage.FAILED
+
+
+def test_f23_a_slope_beyond_the_limit_ends_the_drive_and_a_steep_ramp_slows_it() -> None:
+    lean, felt = 0.0, 0.0
+
+    def tilted(messages: tuple[Message, ...]) -> tuple[Message, ...]:
+        """What the IMU feels besides, leaning back by so much; the lean of a tick comes with its first sample."""
+        nonlocal felt
+        changed: list[Message] = []
+        for message in messages:
+            if isinstance(message, ImuSample):
+                rate, felt = (felt - lean) * IMU_HZ, lean
+                gravity = 9.81 * np.array([math.sin(lean), 0.0, math.cos(lean) - 1.0])
+                message = replace(
+                    message, accel=message.accel + gravity, gyro=message.gyro + np.array([0.0, rate, 0.0])
+                )
+            changed.append(message)
+        return tuple(changed)
+
+    with Ride(simulator=SimulatorSettings(imu=ImuSettings(rate_hz=IMU_HZ))) as ride:
+        ride.change = tilted
+        ride.drive()
+        lean = 0.11
+        ride.tick(50)
+        assert ride.states[-1].verdict.computer_drives
+        assert ride.speed == pytest.approx(0.3, abs=0.06)
+        lean = 0.20
+        ends(ride, "tilt", within=7)
+
+
+def test_f24_a_charger_ends_a_drive_and_keeps_any_from_beginning(ride: Ride) -> None:
+    ride.drive()
+    ride.change = lambda messages: (*messages, ChairStatus(ride.simulator.now_ns, charging=True))
+    ends(ride, "charging", within=2)
+    ride.chair.go(FAR)
+    ride.chair.confirm()
+    assert not any(ride.tick().sent.active for _ in range(20))
+    assert "unplug" in ride.states[-1].halts[0].text
+
+
+def test_f24_a_low_battery_lets_a_drive_finish_and_no_new_one_begin(ride: Ride) -> None:
+    ride.drive()
+    ride.change = lambda messages: (*messages, ChairStatus(ride.simulator.now_ns, battery=0.1))
+    assert ride.tick(10).verdict.mode is DriveMode.AUTONOMOUS
+    ride.chair.go(FAR)
+    ride.chair.confirm()
+    state = ride.tick()
+    assert state.verdict.mode is DriveMode.MANUAL
+    assert "battery is low (10 %)" in state.verdict.reason
+    assert state.navigation.stage is Stage.FAILED
+
+
+def test_a_goal_asked_for_during_a_fault_does_not_begin_when_the_fault_clears(ride: Ride) -> None:
+    ride.change = only(WheelTicks)
+    ride.tick(10)
+    ride.chair.go(FAR)
+    ride.chair.confirm()
+    assert "lidar is silent" in ride.tick().verdict.reason
+    ride.change = lambda messages: messages
+    ride.tick(60)
+    assert ride.states[-1].verdict.mode is DriveMode.MANUAL
+    assert not any(state.sent.active for state in ride.states)
+
+
+def test_a_goal_asked_for_while_the_rider_steers_does_not_begin_when_the_stick_is_let_go(ride: Ride) -> None:
+    ride.tick(10)
+    ride.simulator.rider = JoystickInput(0, 0.0, 0.5)
+    ride.tick(4)
+    ride.chair.go(FAR)
+    ride.chair.confirm()
+    ride.tick(2)
+    ride.simulator.rider = JoystickInput(0)
+    ride.tick(60)
+    assert not any(state.sent.active for state in ride.states)
+
+
+def test_a_goal_waits_for_the_riders_yes_and_not_for_ever() -> None:
+    with Ride(ChairSettings(supervisor=SupervisorSettings(confirm_s=2.0))) as ride:
+        ride.tick(10)
+        assert ride.chair.ready
+        ride.chair.go(FAR)
+        assert "press Drive" in ride.tick(30).verdict.reason
+        assert ride.tick(20).navigation.stage is Stage.FAILED
+        ride.chair.confirm()
+        assert not any(ride.tick().verdict.computer_drives for _ in range(10))
+
+
+def test_another_goal_brings_a_drive_to_rest_until_it_is_confirmed_too(ride: Ride) -> None:
+    ride.drive()
+    ride.chair.go(FAR)
+    states = [ride.tick() for _ in range(60)]
+    assert {state.verdict.mode for state in states} == {DriveMode.MANUAL}
+    assert states[0].sent.active  # by comfort, not by letting go
+    assert ride.stands
+    assert not states[-1].sent.active
+    ride.chair.confirm()
+    assert ride.tick(60).sent.active
+
+
+def test_a_chair_with_a_seat_switch_does_not_drive_without_somebody_in_it() -> None:
+    with Ride(ChairSettings(fitness=FitnessSettings(seat_switch=True))) as ride:
+        ride.tick(10)
+        assert not ride.chair.ready  # nobody has said anything
+        ride.change = lambda messages: (*messages, ChairStatus(ride.simulator.now_ns, seated=True))
+        ride.drive()
+        ride.change = lambda messages: (*messages, ChairStatus(ride.simulator.now_ns, seated=False))
+        ends(ride, "seat_empty", within=2)
+
+
+def test_a_chair_whose_stops_were_not_measured_crawls() -> None:
+    with Ride() as ride:
+        board = ride.simulator._board
+        assert board is not None
+        ride.chair = Chair(
+            ride.setting.grid,
+            {},
+            ChairCalibration("A", ""),
+            Reconnecting(lambda: board.transport),
+            ride.simulator.truth(),
+        )
+        ride.drive(90)
+        ride.tick(20)
+        assert 0.2 < ride.speed < 0.34
+
+
+def test_a_monitor_that_says_nothing_more_stops_the_chair_and_takes_a_reset(ride: Ride) -> None:
+    ride.drive()
+    monitor = ride.chair._monitor
+    monitor.judge = lambda command, measured, now_ns: None  # type: ignore[method-assign]
+    states = [ride.tick() for _ in range(14)]
+    stopped = next(i for i, state in enumerate(states) if state.sent.wheel_speeds.left == 0.0)
+    assert stopped <= 6  # 150 ms, and the way of the lines to neutral
+    assert states[-1].verdict.halt is not None
+    assert states[-1].verdict.halt.stop.id == "monitor_silent"
+    del monitor.judge
+    ride.tick(20)
+    assert "monitor_silent" in {halted.stop.id for halted in ride.states[-1].halts}  # it is back, and latched
+    ride.chair.reset()
+    ride.tick(4)
+    assert ride.chair.ready
+    assert not ride.states[-1].verdict.computer_drives

@@ -1,0 +1,227 @@
+"""Tight places that buildings have: doors, a corridor with a corner, a dead end, each from seeded random starts.
+
+A `Scene` is a world with its map, a chair in it and a place to go to; `run_scene` drives the whole chair there: lidar
+with noise, localiser, navigator, closed loop, the shipped firmware on the lines of a chair that nobody measured.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass, field, replace
+from types import MappingProxyType
+
+import numpy as np
+
+from waychair.calibration.chair import CHAIR_A, CHAIR_B, ChairBody
+from waychair.calibration.dac import DEFAULT
+from waychair.control.collision_monitor import MonitorSettings
+from waychair.errors import WorldError
+from waychair.maps.distance_field import distance_field
+from waychair.planning.footprint import fits
+from waychair.runtime.chair import ChairSettings
+from waychair.simulation.floor_plan import FloorPlan, PlanDoor, PlanWall
+from waychair.simulation.simulator import Simulator
+from waychair.simulation.world import World, world_from_plan
+from waychair.trials.demo import chair_of
+from waychair.trials.drive import Leg, Setting, drive_to_places
+from waychair.types import FloatArray, OccupancyGrid, Place, Pose2
+
+MAP_RESOLUTION = 0.01
+"""Cells [m] of the map that the chair is given; those of the world are half as large."""
+
+DOORS = (0.80, 0.815, 0.90)
+APPROACHES = (0.0, 30.0, 60.0, 90.0)
+"""Clear widths [m], and angles [degrees] between the chair's heading at the start and the way through the door."""
+
+ROOM, WALL = 4.0, 0.15
+"""Side of the rooms and thickness of the wall between them [m]."""
+
+CORRIDOR, DEAD_END = 0.915, 1.5
+"""Widths [m] of the corridor with a corner (the ADA's least) and of the dead end."""
+
+_CLOSE = ChairSettings(monitor=MonitorSettings(beside=0.0, ahead=0.01))
+"""The corner leaves chair A 1.5 cm on some side whatever it does: a collision monitor that asks for more stops it."""
+
+_EDGE = 0.2  # free ground round a plan's outer walls, within its size
+
+
+def drives(body: ChairBody) -> Mapping[str, ChairBody]:
+    """The body with its drive wheels at the rear, in the middle and at the front; its sensors stay where they are."""
+    axles = {"rear": 0.25, "mid": body.length / 2, "front": body.length - 0.25}
+    return MappingProxyType(
+        {
+            drive: replace(
+                body,
+                drive=drive,
+                axle_from_rear=axle,
+                laser_x=body.laser_x + body.axle_from_rear - axle,
+                camera_x=body.camera_x + body.axle_from_rear - axle,
+                imu_x=body.imu_x + body.axle_from_rear - axle,
+            )
+            for drive, axle in axles.items()
+        }
+    )
+
+
+@dataclass(frozen=True, slots=True)
+class Scene:
+    """A world whose start is the chair's, the goal in it, the chair, and the door whose axis is judged, if any."""
+
+    name: str
+    world: World
+    goal: Place
+    body: ChairBody
+    door: Pose2 | None = None
+    chair: ChairSettings = field(default_factory=ChairSettings)
+
+
+@dataclass(frozen=True, slots=True)
+class SceneResult:
+    """How a run ended. `door_error_m`: farthest that the body's middle line was off the door's axis in the door."""
+
+    scene: str
+    seed: int
+    reached: bool
+    contacts: int
+    reason: str
+    seconds: float
+    plans: int
+    min_clearance_m: float
+    door_error_m: float | None
+    leg: Leg
+
+
+def door_scene(width: float, approach: float, body: ChairBody, seed: int) -> Scene:
+    """Two rooms and a door between them; the start is 1.5 to 3 m before it, turned `approach` degrees off the way in.
+
+    The turn is to either side, and within 5 degrees of what is asked for; sideways the chair starts wherever it fits.
+    """
+    rng = np.random.default_rng(seed)
+    left, right = _EDGE + ROOM, _EDGE + ROOM + WALL
+    low, high = _EDGE, _EDGE + ROOM
+    middle = Pose2((left + right) / 2, (low + high) / 2, 0.0)
+    dividing = PlanWall(
+        start=(middle.x, low), end=(middle.x, high), thickness=WALL, doors=[PlanDoor(ROOM / 2, width)]
+    )
+    world = _world("door", [(_EDGE, low), (right + ROOM, low), (right + ROOM, high), (_EDGE, high)], [dividing])
+
+    def start() -> Pose2:
+        turn = rng.choice([-1.0, 1.0]) * math.radians(approach) + math.radians(rng.uniform(-5.0, 5.0))
+        return Pose2(middle.x - rng.uniform(1.5, 3.0), middle.y + rng.uniform(-1.5, 1.5), turn)
+
+    goal = Place("beyond", Pose2(middle.x + 2.2, middle.y, 0.0))
+    name = f"door {width:g} m, {approach:g} degrees, {body.chair_id} {body.drive}"
+    return Scene(name, _started(world, body, start), goal, body, middle)
+
+
+def corner_scene(body: ChairBody, seed: int) -> Scene:
+    """A corridor of 0.915 m with a right-angled turn; the start is in one arm, the goal in the other."""
+    rng = np.random.default_rng(seed)
+    inner, outer = _EDGE + 3.0, _EDGE + 3.0 + CORRIDOR
+    outline = [
+        (_EDGE, _EDGE), (outer, _EDGE), (outer, outer), (inner, outer), (inner, _EDGE + CORRIDOR), (_EDGE, _EDGE + CORRIDOR),
+    ]  # fmt: skip
+    world = _world("corner", outline, [])
+    middle = _EDGE + CORRIDOR / 2
+
+    def start() -> Pose2:
+        turn = math.radians(rng.uniform(-5.0, 5.0))
+        return Pose2(_EDGE + rng.uniform(0.9, 1.4), middle + rng.uniform(-0.08, 0.08), turn)
+
+    goal = Place("round the corner", Pose2((inner + outer) / 2, outer - 1.2, math.pi / 2))
+    name = f"corner {CORRIDOR:g} m, {body.chair_id} {body.drive}"
+    return Scene(name, _started(world, body, start), goal, body, chair=_CLOSE)
+
+
+def dead_end_scene(body: ChairBody, seed: int) -> Scene:
+    """A corridor of 1.5 m that ends; the start looks at its end, the goal out of it."""
+    rng = np.random.default_rng(seed)
+    end = _EDGE + 5.0
+    world = _world("dead end", [(_EDGE, _EDGE), (end, _EDGE), (end, _EDGE + DEAD_END), (_EDGE, _EDGE + DEAD_END)], [])
+    middle = _EDGE + DEAD_END / 2
+
+    def start() -> Pose2:
+        turn = math.radians(rng.uniform(-10.0, 10.0))
+        return Pose2(end - body.front - rng.uniform(0.15, 0.6), middle + rng.uniform(-0.2, 0.2), turn)
+
+    goal = Place("way out", Pose2(_EDGE + 1.5, middle, math.pi))
+    return Scene(f"dead end {DEAD_END:g} m, {body.chair_id} {body.drive}", _started(world, body, start), goal, body)
+
+
+def run_scene(scene: Scene, seed: int, time_limit_s: float = 150.0) -> SceneResult:
+    """Drives a simulated chair of this seed to the scene's goal, on a true map in whole cells.
+
+    Raises:
+        BoardBuildError: the firmware cannot be built here, for want of a C compiler.
+    """
+    simulator = Simulator(scene.world, scene.body, chair_of(seed), seed)
+    setting = Setting(map_of(scene.world), {scene.goal.name: scene.goal}, scene.body, DEFAULT, chair=scene.chair)
+    leg = drive_to_places(setting, simulator, [scene.goal.name], time_limit_s)[0]
+    return SceneResult(
+        scene.name,
+        seed,
+        leg.reached,
+        leg.contacts,
+        leg.reason,
+        leg.duration_s,
+        leg.plans,
+        float(leg.clearance.min()),
+        None if scene.door is None else door_error(leg.truth, scene.body, scene.door),
+        leg,
+    )
+
+
+def map_of(world: World, resolution: float = MAP_RESOLUTION) -> OccupancyGrid:
+    """The true grid on coarser cells: each says what is at its middle."""
+    fine = world.grid
+    step = round(resolution / fine.resolution)
+    cells = fine.cells[step // 2 :: step, step // 2 :: step].copy()
+    return OccupancyGrid(cells, step * fine.resolution, fine.map_from_grid)
+
+
+def door_error(truth: FloatArray, body: ChairBody, door: Pose2) -> float | None:
+    """Farthest [m] that the body's middle line was off the door's axis, in the wall's plane, while it was in the door.
+
+    truth (T, 3) and the door's pose, x through it, are in one frame; None where the body never was in the door.
+    """
+    away = truth[:, :2] - (door.x, door.y)
+    along = away @ (math.cos(door.theta), math.sin(door.theta))
+    across = away @ (-math.sin(door.theta), math.cos(door.theta))
+    turn = truth[:, 2] - door.theta
+    inside = (along + body.front * np.cos(turn) > -WALL / 2) & (along - body.rear * np.cos(turn) < WALL / 2)
+    if not inside.any():
+        return None
+    return float(np.abs(across - along * np.tan(turn))[inside].max())
+
+
+def _world(name: str, outline: list[tuple[float, float]], inner: list[PlanWall]) -> World:
+    """A plan of outer walls whose inner faces are the outline, counter-clockwise, and of inner walls."""
+    thickness = 0.1
+    points = np.array(outline)
+    ahead = np.roll(points, -1, axis=0) - points
+    ahead /= np.hypot(*ahead.T)[:, None]
+    before = np.roll(ahead, 1, axis=0)
+    # round a corner that juts out the walls meet by themselves, in the others each reaches over the other's end
+    over = np.where(before[:, 0] * ahead[:, 1] > before[:, 1] * ahead[:, 0], thickness, 0.0)
+    walls = []
+    for k, along in enumerate(ahead):
+        off = np.array([along[1], -along[0]]) * thickness / 2
+        start = points[k] + off - over[k] * along
+        end = points[(k + 1) % len(points)] + off + over[(k + 1) % len(points)] * along
+        walls.append(PlanWall(start=(start[0], start[1]), end=(end[0], end[1]), thickness=thickness))
+    size = points.max(axis=0) + _EDGE
+    plan = FloorPlan(
+        name=name, size=(size[0], size[1]), start=(*points.mean(axis=0), 0.0), walls=[*walls, *inner], resolution=0.005
+    )
+    return world_from_plan(plan, name)
+
+
+def _started(world: World, body: ChairBody, draw: Callable[[], Pose2]) -> World:
+    """The world with the first start drawn at which the chair has 5 cm round it."""
+    field = distance_field(world.grid)
+    for _ in range(1000):
+        start = draw()
+        if fits(body, 0.05, field, start):
+            return replace(world, start=start)
+    raise WorldError(f"chair {body.chair_id} finds no start in '{world.name}': take a smaller chair")

@@ -1,0 +1,41 @@
+"""How a simulated chair stops: measured on its plant before a drive, as `waychair calibrate stopping` does on a real one."""
+
+from __future__ import annotations
+
+from functools import lru_cache
+
+import numpy as np
+
+from waychair.calibration.chair import ChairBody
+from waychair.calibration.dac import DEFAULT, counts_from_wheel_speeds, neutral_counts, volts_from_counts
+from waychair.calibration.stopping import Stop, StopSettings, StopTable, stop_from_motion, stop_table, stops_to_measure
+from waychair.control.kinematics import wheel_speeds_from_twist
+from waychair.simulation.kinematic_chair import KinematicChair
+from waychair.simulation.plant import PlantSettings
+from waychair.types import Twist
+
+_PLAN = StopSettings(slowest=0.2, step=0.2, fastest=1.2, repetitions=1)
+_HELD_S = 4.0
+_REST_S = 3.0
+
+
+@lru_cache(maxsize=8)
+def simulated_stops(body: ChairBody, plant: PlantSettings | None = None) -> StopTable:
+    """The table of a chair of this body, driven by the default calibration, its stops measured without noise."""
+    plan = stops_to_measure(_PLAN, _PLAN.fastest)
+    stops = tuple(_stop(body, plant or PlantSettings(), Twist(v, omega)) for v, omega in plan)
+    return stop_table(stops, body.circumscribed_radius, _PLAN)
+
+
+def _stop(body: ChairBody, plant: PlantSettings, twist: Twist) -> Stop:
+    """One stop from a settled speed, by the lines at neutral."""
+    chair = KinematicChair(body, plant, np.random.default_rng(0))
+    counts = counts_from_wheel_speeds(DEFAULT, wheel_speeds_from_twist(twist, body.track))
+    driven, neutral = volts_from_counts(DEFAULT, *counts), volts_from_counts(DEFAULT, *neutral_counts(DEFAULT))
+    step_s = plant.step_ms / 1000.0
+    seconds, twists = [], []
+    for k in range(1 - round(_HELD_S / step_s), 1 + round(_REST_S / step_s)):
+        chair.step(*(driven if k <= 0 else neutral), lambda pose: True)
+        seconds.append(k * step_s)
+        twists.append((chair.twist.v, chair.twist.omega))
+    return stop_from_motion(np.array(seconds), np.array(twists))
