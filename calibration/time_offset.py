@@ -91,7 +91,8 @@ def heading_from_gyro(samples: Sequence[ImuSample]) -> Heading:
     """The gyro's rate about the vertical, summed up; its bias does no harm.
 
     The vertical is where the accelerometer points on average, so that the unit may be mounted in any attitude. A sample
-    is taken for the mean rate since the sample before, as the filters of digital gyros give it.
+    is taken for the mean rate since the sample before; a gyro that gives the rate at its stamp instead shifts every
+    delay by half a sample, 2.5 ms at 200 Hz.
 
     Raises:
         ThinData: there are fewer than two samples with different stamps.

@@ -133,20 +133,24 @@ def _plan_scenario(map: Path, scen: Path, planner: str, json: bool) -> None:
     prices = np.where(free, FREE_PRICE, 0).astype(np.int32)
     # the first plan also loads the kernels, which is no part of any query's time
     plan_on_cells(np.full((1, 2), FREE_PRICE, np.int32), (0, 0), (0, 1), planner)
-    rows = []
+    costs: list[float | None] = []
+    times = []
     for query in queries:
         begun = time.thread_time()
         try:
-            cost = plan_on_cells(prices, query.start, query.goal, planner).cost / _per_cell()
+            costs.append(plan_on_cells(prices, query.start, query.goal, planner).cost / _per_cell())
         except NoPath:
-            cost = None
-        rows.append({"cost": cost, "optimal": query.optimal, "ms": 1e3 * (time.thread_time() - begun)})
+            costs.append(None)
+        times.append(1e3 * (time.thread_time() - begun))
+    optima = [query.optimal for query in queries]
     if json:
-        print(_json({"queries": rows}))
+        rows = zip(costs, optima, times, strict=True)
+        print(_json({"queries": [{"cost": cost, "optimal": optimal, "ms": ms} for cost, optimal, ms in rows]}))
         return
-    right = sum(row["cost"] is not None and abs(row["cost"] - row["optimal"]) <= 1e-4 * row["optimal"] for row in rows)
-    median = statistics.median(row["ms"] for row in rows) if rows else 0.0
-    print(f"{right} of {len(rows)} queries at their optimal cost, median {median:.2f} ms")
+    both = zip(costs, optima, strict=True)
+    right = sum(cost is not None and abs(cost - optimal) <= 1e-4 * optimal for cost, optimal in both)
+    median = statistics.median(times) if times else 0.0
+    print(f"{right} of {len(queries)} queries at their optimal cost, median {median:.2f} ms")
 
 
 def _per_cell() -> int:
@@ -174,7 +178,12 @@ def _json(values: object) -> str:
 
 
 def navigate_command(
-    *, map: Path, goal: Annotated[list[str], Parameter(allow_leading_hyphen=True)], start: Pose = "0,0,0", seed: int = 0
+    *,
+    map: Path,
+    goal: Annotated[list[str], Parameter(allow_leading_hyphen=True)],
+    start: Pose = "0,0,0",
+    people: int = 0,
+    seed: int = 0,
 ) -> None:
     """Drive a simulated chair to places on a map, in a world raised from it.
 
@@ -186,8 +195,10 @@ def navigate_command(
         Name of a place, or X,Y or X,Y,YAW in metres and radians; may be given several times.
     start
         Where the chair stands at first, likewise.
+    people
+        So many people walk about.
     seed
-        Seed of the simulated chair, its sensors and its noise.
+        Seed of the simulated chair, its sensors and its noise, and of the people.
     """
     from rich.console import Console
     from rich.table import Table
@@ -197,7 +208,7 @@ def navigate_command(
     from waychair.trials.navigate import navigate
 
     goals = [_place(map, text, "--goal") for text in goal]
-    legs = navigate(load_map(map), _place(map, start, "--start").pose, goals, seed)
+    legs = navigate(load_map(map), _place(map, start, "--start").pose, goals, seed, people)
     table = Table(*HEADER[:IN_TERMINAL])
     for leg in legs:
         table.add_row(*row(leg)[:IN_TERMINAL])

@@ -32,8 +32,11 @@ class MonitorSettings(Settings):
     """Zones, braking, and how fresh things must be."""
 
     beside: float = setting(0.02, "m", "kept free round the outline on all sides", low=0.0, high=0.5)
-    ahead: float = setting(0.08, "m", "kept free besides in the direction of travel", low=0.0, high=1.0)
+    ahead: float = setting(0.03, "m", "kept free besides in the direction of travel", low=0.0, high=1.0)
     ahead_of_legs: float = setting(0.33, "m", "as above, before what may be a person's legs", low=0.0, high=1.0)
+    beside_legs: float = setting(
+        0.20, "m", "kept free besides on either side of such, while not yet past", low=0.0, high=1.0
+    )
     slim: float = setting(0.35, "m", "legs are no wider than this, together", low=0.05, high=1.0)
     least_points: int = setting(3, "", "so many points are something, fewer are noise", low=1, high=100)
     reaction_s: float = setting(
@@ -122,8 +125,7 @@ class Monitor:
             return MonitorVerdict(now_ns, scan_ns, command, 0.0, stop="obstacle")
         told = measuring(scan, self._hidden)
         points = points_now(scan, told, self._body, measured, now_ns)
-        ahead = np.where(self._slim[told], max(s.ahead, s.ahead_of_legs), s.ahead)
-        times = contact_times(points, command, self._body, s, ahead)
+        times = contact_times(points, self._slim[told], command, self._body, s)
         contact_s = math.inf
         if len(times) >= s.least_points:
             contact_s = float(np.partition(times, s.least_points - 1)[s.least_points - 1])
@@ -200,7 +202,7 @@ def points_now(scan: Scan, told: BoolArray, body: ChairBody, measured: Twist, no
     ranges = scan.ranges.astype(np.float64)
     r, angles = ranges[told], scan.angles()[told]
     points = transform_points(body.base_from_laser, np.column_stack([r * np.cos(angles), r * np.sin(angles)]))
-    seconds = (now_ns - scan.stamp_ns) * 1e-9 - scan.time_step * np.flatnonzero(told)
+    seconds: FloatArray = (now_ns - scan.stamp_ns) * 1e-9 - scan.time_step * np.flatnonzero(told).astype(np.float64)
     x, y, theta = arcs(measured.v * seconds, measured.omega * seconds).T
     c, s = np.cos(theta), np.sin(theta)
     dx, dy = points[:, 0] - x, points[:, 1] - y
@@ -208,32 +210,37 @@ def points_now(scan: Scan, told: BoolArray, body: ChairBody, measured: Twist, no
 
 
 def contact_times(
-    points: FloatArray, command: Twist, body: ChairBody, settings: MonitorSettings, ahead: FloatArray | float
+    points: FloatArray, legs: BoolArray, command: Twist, body: ChairBody, settings: MonitorSettings
 ) -> FloatArray:
     """Driving time [s] (N,) until each point (N, 2) [m, base frame] is touched on the arc of a command; +inf if never.
 
-    The outline is grown by `beside`, and by `ahead` (of each point, or of all) in the direction of travel. A point that is within that already
-    counts only when it comes nearer by more than a centimetre: driving along it or away from it is free. One
-    that is well within the outline itself is touched now, whatever is commanded.
+    The outline is grown by `beside` and, in the direction of travel, by `ahead`, and by more for points of `legs` (N,).
+    A point that is within that already is touched now if it comes nearer in the next second by more than a centimetre:
+    driving along it or away from it is free. One well within the outline itself is touched now, whatever is commanded.
     """
-    x, y = points[:, 0], points[:, 1]
-    beside = np.full(len(x), settings.beside)
-    front = body.front + (beside + ahead if command.v > 0.0 else beside)
-    rear = body.rear + (beside + ahead if command.v < 0.0 else beside)
-    half = body.width / 2 + beside
+    s, x, y = settings, points[:, 0], points[:, 1]
+    to_come = legs & ((x > body.front) | (x < -body.rear))
+    half = body.width / 2 + s.beside + np.where(to_come, s.beside_legs, 0.0)
+    ahead = s.beside + np.where(legs, max(s.ahead, s.ahead_of_legs), s.ahead)
+    front = body.front + (ahead if command.v > 0.0 else np.full(len(x), s.beside))
+    rear = body.rear + (ahead if command.v < 0.0 else np.full(len(x), s.beside))
     # the side that a point is nearest to moves in until the point lies a centimetre outside
     gaps = np.stack([front - x, rear + x, half - np.abs(y)])
-    nearest = gaps.argmin(axis=0)
-    shrink = np.maximum(gaps.min(axis=0) + _CLOSER, 0.0)
+    nearest, within = gaps.argmin(axis=0), gaps.min(axis=0)
+    shrink = np.maximum(within + _CLOSER, 0.0)
     sides = [side - np.where(nearest == row, shrink, 0.0) for row, side in enumerate((front, rear, half))]
     times = _entry_times(x, y, command, *sides)
-    touched = np.minimum(np.minimum(body.front - x, body.rear + x), body.width / 2 - np.abs(y)) > _DEEP
+    times = np.where((within > 0.0) & (times < _SOON), 0.0, times)
+    deep = np.minimum(np.minimum(body.front - x, body.rear + x), body.width / 2 - np.abs(y)) > _DEEP
     moves = abs(command.v) > 0.0 or abs(command.omega) > 0.0
-    return np.where(touched & moves, 0.0, times)
+    return np.where(deep & moves, 0.0, times)
 
 
 _CLOSER = 0.01
 """A point within the zone counts when it comes nearer by more [m]: noise of a lidar, and a step of the chair."""
+
+_SOON = 1.0
+"""... and within this time [s], so that a chair does not creep up to it in steps of that."""
 
 _DEEP = 0.05
 """A point this far inside the outline [m] is no noise at its edge."""
@@ -263,7 +270,7 @@ def _crossings(
     x: FloatArray, y: FloatArray, v: float, omega: float, level: FloatArray, upright: bool
 ) -> tuple[FloatArray, ...]:
     """Times (N,) [s] at which points cross the line x = level (`upright`) or y = level; nan where they never do."""
-    with np.errstate(divide="ignore", invalid="ignore"):
+    with np.errstate(divide="ignore", invalid="ignore", over="ignore"):
         if abs(omega) < _STRAIGHT:
             return ((x - level) / v if upright else np.full(len(x), math.nan),)
         radius_y = y - v / omega

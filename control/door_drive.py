@@ -29,7 +29,9 @@ class DoorDriveSettings(Settings):
 
     gate: float = setting(0.18, "m", "the front end this far before the middle: now or never", low=0.05, high=1.0)
     lateral: float = setting(0.015, "m", "off the axis, at the axle and at the front", low=0.005, high=0.2)
-    lateral_share: float = setting(0.33, "", "or this part of the room on each side, if that is more", low=0.0, high=0.9)
+    lateral_share: float = setting(
+        0.33, "", "or this part of the room on each side, if that is more", low=0.0, high=0.9
+    )
     heading: float = setting(0.05, "rad", "off the axis", low=0.01, high=0.3)
     lined_up: float = setting(0.03, "rad", "how exactly it turns to the door before it sets off", low=0.005, high=0.3)
     retreat: float = setting(0.5, "m", "backing off to try again", low=0.1, high=2.0)
@@ -100,9 +102,7 @@ class DoorDrive:
             max_omega=min(limits.max_omega, self._settings.tracking.max_omega),
             margin=0.0,
         )
-        turned = rotate_to_heading(
-            pose, command, self.watch.odom_from_door.theta, distances, self._body, limits
-        )
+        turned = rotate_to_heading(pose, command, self.watch.odom_from_door.theta, distances, self._body, limits)
         self._lined_up = turned.arrived
         return None if turned.arrived else turned
 

@@ -50,7 +50,9 @@ def find_doorway(
     """
     local = transform_points(door.inverse(), points)
     half = width / 2
-    near = local[(np.abs(local[:, 0]) < settings.off + 0.1) & (np.abs(local[:, 1]) < half + settings.off + settings.wall)]
+    near = local[
+        (np.abs(local[:, 0]) < settings.off + 0.1) & (np.abs(local[:, 1]) < half + settings.off + settings.wall)
+    ]
     sides = []
     for side in (1.0, -1.0):
         out = near[side * near[:, 1] > half - settings.off]

@@ -16,7 +16,6 @@ from waychair.planning.fine_field import fine_field
 from waychair.planning.legs import Leg, Manner, whole
 from waychair.types import FloatArray, OccupancyGrid, Path, Pose2, Twist
 
-
 _HAND_OVER = 0.15
 """A leg that flows into the next may be left this far [m] before its end."""
 
@@ -53,9 +52,7 @@ class View:
 class LegDrive:
     """Keeps what a leg needs from tick to tick; a new one for every leg."""
 
-    def __init__(
-        self, legs: Sequence[Leg], grid: OccupancyGrid, body: ChairBody, settings: LegDriveSettings
-    ) -> None:
+    def __init__(self, legs: Sequence[Leg], grid: OccupancyGrid, body: ChairBody, settings: LegDriveSettings) -> None:
         """Drives the first of the legs; those after it say how it ends."""
         self.leg = legs[0]
         # the dynamic window must see the way go on, or it would brake at the leg's end
@@ -87,9 +84,7 @@ class LegDrive:
             self._points = view.seen
         if self.leg.manner is Manner.FREE:
             path = Path(compose(view.odom_from_map.array(), self._poses))
-            choice = choose(
-                view.pose, view.command, path, view.local, self._body, limits, in_position=self.in_position
-            )
+            choice = choose(view.pose, view.command, path, view.local, self._body, limits, in_position=self.in_position)
             if self.leg.flows and self._passes(view):
                 choice = replace(choice, arrived=True)
         elif self.leg.manner is Manner.EXACT:

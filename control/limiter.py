@@ -82,7 +82,8 @@ class Limiter:
 
     def rest(self) -> None:
         """Told that the lines were let go: the next command starts from standstill."""
-        self._command, self._rate, self._last_ns = Twist(), 0.0, None
+        self._command, self._rate = Twist(), 0.0
+        self._last_ns: int | None = None
 
     def step(
         self,

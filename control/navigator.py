@@ -60,7 +60,9 @@ class NavigatorSettings(Settings):
     veil: float = setting(
         0.1, "m", "a point this far from those of both neighbouring beams hangs between two surfaces", low=0.0, high=1.0
     )
-    jump_distance: float = setting(0.05, "m", "a correction of the pose by more: slow down, plan anew", low=0.01, high=1.0)
+    jump_distance: float = setting(
+        0.05, "m", "a correction of the pose by more: slow down, plan anew", low=0.01, high=1.0
+    )
     jump_angle: float = setting(
         math.radians(2.0), "rad", "a correction of the heading by more: likewise", low=0.005, high=1.0
     )
@@ -276,9 +278,7 @@ class Navigator:
     def _navigation(self, twist: Twist, choice: DwaResult | None = None) -> Navigation:
         self._command = twist
         leg = self._legs[0] if self._legs and self.active else None
-        return Navigation(
-            self._stage, twist, self._reason, self._path, self._plans, choice, leg, len(self._goals)
-        )
+        return Navigation(self._stage, twist, self._reason, self._path, self._plans, choice, leg, len(self._goals))
 
     def _halt(self, now_ns: int, why: str, choice: DwaResult | None = None) -> Navigation:
         """Brake and wait; give up after the patience."""
@@ -331,17 +331,20 @@ class Navigator:
         """A new path over the map and what is in the way now; while there is none, the chair waits."""
         assert self._planner is not None
         self._planned_ns = now_ns
+        upright, layered = self._surroundings.upright(), self._surroundings.layered()
+        news = len(upright) or any(len(points) for _, points in layered)
+        path = None
         try:
             if self._plans == 0:  # a goal that the map alone rules out is refused, not waited for
                 costmap = self._costmaps.costmap()
                 check_goal(costmap, self._body, self._planner.goal)
-                self._planner.replan(costmap, pose)
+                path = self._planner.replan(costmap, pose)
         except PlanningError as error:
             self.cancel(str(error))
             return
         try:
-            costmap = self._costmaps.costmap(self._surroundings.upright(), self._surroundings.layered())
-            path = self._planner.replan(costmap, pose)
+            if news or path is None:
+                path = self._planner.replan(self._costmaps.costmap(upright, layered), pose)
         except PlanningError as error:
             self._path, self._leg, self._no_way = None, None, str(error)
             return

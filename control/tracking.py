@@ -98,7 +98,9 @@ def track(
     if in_position or at.left <= settings.end_tolerance:
         turned = rotate_to_heading(pose, command, float(poses[-1, 2]), distances, body, limits)
         return replace(turned, in_position=True)
-    if abs(at.heading) > settings.turn_first and abs(command.v) < _STANDING or abs(at.heading) > 3 * settings.turn_first:
+    if (abs(at.heading) > settings.turn_first and abs(command.v) < _STANDING) or abs(
+        at.heading
+    ) > 3 * settings.turn_first:
         turned = rotate_to_heading(pose, command, wrap_angle(ahead.theta - at.heading), distances, body, limits)
         return replace(turned, arrived=False)
     wanted = _feedback(at, backwards, limits, settings)

@@ -85,7 +85,8 @@ def _strip(first: float, last: float, width: float) -> FloatArray:
     """Points (N, 2) every 5 cm of a rectangle across the chair, in the base frame."""
     x = np.arange(first + 0.025, last, 0.05)
     y = np.arange(-width / 2 + 0.025, width / 2, 0.05)
-    return np.stack(np.meshgrid(x, y), axis=-1).reshape(-1, 2)
+    points: FloatArray = np.stack(np.meshgrid(x, y), axis=-1).reshape(-1, 2)
+    return points
 
 
 def _swept(body: ChairBody) -> FloatArray:
@@ -94,4 +95,5 @@ def _swept(body: ChairBody) -> FloatArray:
     disc = _strip(-radius, radius, 2 * radius)
     x, y = disc.T
     inside = (x <= body.front) & (x >= -body.rear) & (np.abs(y) <= body.width / 2)
-    return disc[(np.hypot(x, y) <= radius) & ~inside]
+    ring: FloatArray = disc[(np.hypot(x, y) <= radius) & ~inside]
+    return ring

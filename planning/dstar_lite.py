@@ -12,7 +12,8 @@ Where this module departs from the source paper's text, which is misprinted:
   *start*, in the same integers as the costs, hence consistent.
 - k_m is missing from Eq. (5): k1 = min(g, rhs) + h(s, start) + k_m. Without it, the keys of queued cells are no longer
   lower bounds once the start has moved, and the search stops too early.
-- "overconsistent ... updates the g values of the neighbours": it is their rhs that changes.
+- "overconsistent ... updates the g values of the neighbours": it is their rhs that changes; and what is calculated
+  "according to Eq. (3)" for the first time is the rhs of Eq. (4).
 
 All costs and keys are integers and keys are compared exactly (see `grid_graph` for why).
 """
@@ -188,7 +189,7 @@ class DStarLite:
             self._aim = self._aimed(k_m=before.k_m + int(moved))
 
 
-@njit(cache=True, nogil=True)
+@njit(cache=True, error_model="numpy", nogil=True)
 def _forget_all(cells: Records, grounds: Prices) -> None:
     """Nothing is known of any cell but its ground."""
     for i in range(len(cells)):
@@ -196,7 +197,7 @@ def _forget_all(cells: Records, grounds: Prices) -> None:
         cell.g, cell.rhs, cell.ground, cell.place = UNREACHABLE, UNREACHABLE, grounds[i], 0
 
 
-@njit(cache=True, inline="always")
+@njit(cache=True, error_model="numpy", inline="always")
 def _consistency(g: int, rhs: int) -> int:
     """One of `Consistency`, as an integer."""
     if g == rhs:
@@ -204,7 +205,7 @@ def _consistency(g: int, rhs: int) -> int:
     return OVERCONSISTENT if g > rhs else UNDERCONSISTENT
 
 
-@njit(cache=True)
+@njit(cache=True, error_model="numpy", inline="always")
 def _update_vertex(entries: Records, size: IntArray, cells: Records, cell: int, aim: _Aim) -> None:
     """Queue a cell with its key when it is not consistent, else take it out."""
     g, rhs = cells[cell].g, cells[cell].rhs
@@ -215,7 +216,7 @@ def _update_vertex(entries: Records, size: IntArray, cells: Records, cell: int, 
         put(entries, size, cells, cell, nearest + octile(aim.row, aim.column, cell, aim.stride) + aim.k_m, nearest)
 
 
-@njit(cache=True)
+@njit(cache=True, error_model="numpy")
 def _lookahead(cells: Records, steps: IntArray, cell: int) -> int:
     """rhs of Eq. (4), over the successors."""
     best = UNREACHABLE
@@ -227,7 +228,7 @@ def _lookahead(cells: Records, steps: IntArray, cell: int) -> int:
     return best
 
 
-@njit(cache=True, nogil=True)
+@njit(cache=True, error_model="numpy", nogil=True)
 def _apply(
     entries: Records,
     size: IntArray,
@@ -259,7 +260,7 @@ def _apply(
     return True
 
 
-@njit(cache=True, nogil=True)
+@njit(cache=True, error_model="numpy", nogil=True)
 def _compute_shortest_path(
     entries: Records, size: IntArray, cells: Records, steps: IntArray, aim: _Aim
 ) -> tuple[int, int, bool]:
@@ -287,7 +288,7 @@ def _compute_shortest_path(
     return pops, start.rhs if price_of(start.ground) != 0 else UNREACHABLE, True
 
 
-@njit(cache=True)
+@njit(cache=True, error_model="numpy")
 def _settle(entries: Records, size: IntArray, cells: Records, steps: IntArray, cell: int, aim: _Aim) -> None:
     """Overconsistent: the lookahead found a cheaper way, g takes it and the neighbours may go through this cell."""
     g = cells[cell].rhs
@@ -303,7 +304,7 @@ def _settle(entries: Records, size: IntArray, cells: Records, steps: IntArray, c
                 _update_vertex(entries, size, cells, other, aim)
 
 
-@njit(cache=True)
+@njit(cache=True, error_model="numpy")
 def _forget(entries: Records, size: IntArray, cells: Records, steps: IntArray, cell: int, aim: _Aim) -> None:
     """Underconsistent: the way got dearer, g is given up and whoever relied on it looks ahead again."""
     before = cells[cell].g
@@ -319,7 +320,7 @@ def _forget(entries: Records, size: IntArray, cells: Records, steps: IntArray, c
             _update_vertex(entries, size, cells, other, aim)
 
 
-@njit(cache=True)
+@njit(cache=True, error_model="numpy")
 def _descend(cells: Records, steps: IntArray, start: int, goal: int) -> NDArray[np.int32]:
     """Cells from start to goal, each the successor that Eq. (3) takes its minimum from."""
     path = np.empty(1024, np.int32)

@@ -116,7 +116,7 @@ def directions_against(heading: float) -> int:
 @njit(cache=True, inline="always")
 def price_of(ground: int) -> int:
     """The price in a ground."""
-    return np.int64(ground) & _PRICE_BITS
+    return int(ground) & _PRICE_BITS
 
 
 @njit(cache=True, nogil=True)
@@ -168,6 +168,6 @@ def octile(row: int, column: int, cell: int, stride: int) -> int:
 
     A consistent heuristic for prices >= 1000.
     """
-    cell_row = np.int64(np.uint64(cell) // np.uint64(stride))  # unsigned division is the faster one
+    cell_row = int(np.uint64(cell) // np.uint64(stride))  # unsigned division is the faster one
     rows, columns = abs(cell_row - row), abs(cell - cell_row * stride - column)
     return STRAIGHT * max(rows, columns) + (DIAGONAL - STRAIGHT) * min(rows, columns)

@@ -140,7 +140,7 @@ def search(prices: Prices, start: Cell, goal: Cell, *, informed: bool = True, ba
     return GridPath(cost, cells_from_padded(_trace(cells, last), shape), pops)
 
 
-@njit(cache=True, nogil=True)
+@njit(cache=True, error_model="numpy", nogil=True)
 def _forget_all(cells: Records, grounds: Prices) -> None:
     """Nothing is known of any cell but its ground."""
     for i in range(len(cells)):
@@ -148,7 +148,7 @@ def _forget_all(cells: Records, grounds: Prices) -> None:
         cell.cost, cell.parent, cell.ground, cell.place = UNREACHABLE, -1, grounds[i], 0
 
 
-@njit(cache=True, nogil=True)
+@njit(cache=True, error_model="numpy", nogil=True)
 def _expand(
     entries: Records, size: IntArray, cells: Records, steps: IntArray, goal: int, stride: int, informed: bool
 ) -> tuple[int, bool]:
@@ -177,7 +177,7 @@ def _expand(
     return pops, True
 
 
-@njit(cache=True)
+@njit(cache=True, error_model="numpy")
 def _trace(cells: Records, goal: int) -> NDArray[np.int32]:
     """Cells from the start (the one without parent) to the goal."""
     count = 1

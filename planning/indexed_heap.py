@@ -21,6 +21,10 @@ NEIGHBOURHOOD = 9
 ENTRY = np.dtype([("first", np.int64), ("second", np.int64), ("cell", np.int64)])
 """A queued cell with its key; 24 bytes."""
 
+_LAST = np.iinfo(np.int64).max
+_NOBODY = np.array((_LAST, _LAST, 0), ENTRY)
+"""Fills the room behind the last entry, so that four children can be compared without asking how many there are."""
+
 
 class Heap(NamedTuple):
     """entries (capacity + 1,) of `ENTRY`, size (1,) int64, and the cells' records (N,), of which `place` is used."""
@@ -32,7 +36,7 @@ class Heap(NamedTuple):
 
 def empty_heap(cells: Records, capacity: int = 4096) -> Heap:
     """A heap for cells whose `place`, int32, is 0."""
-    return Heap(np.empty(capacity + 1, ENTRY), np.zeros(1, np.int64), cells)
+    return Heap(np.full(capacity + 1, _NOBODY, ENTRY), np.zeros(1, np.int64), cells)
 
 
 def has_room(heap: Heap, neighbourhoods: int = 1) -> bool:
@@ -42,20 +46,13 @@ def has_room(heap: Heap, neighbourhoods: int = 1) -> bool:
 
 def grown(heap: Heap) -> Heap:
     """The same heap with room for twice as many entries."""
-    return heap._replace(entries=np.concatenate([heap.entries, np.empty(len(heap.entries) - 1, ENTRY)]))
+    return heap._replace(entries=np.concatenate([heap.entries, np.full(len(heap.entries) - 1, _NOBODY, ENTRY)]))
 
 
 @njit(cache=True, inline="always")
 def less(first: int, second: int, other_first: int, other_second: int) -> bool:
     """Lexicographic order of two keys; without a branch, since the outcome cannot be foretold."""
     return (first < other_first) | ((first == other_first) & (second < other_second))
-
-
-@njit(cache=True, inline="always")
-def _set(entries: Records, cells: Records, entry: int, cell: int, first: int, second: int) -> None:
-    here = entries[entry]
-    here.first, here.second, here.cell = first, second, cell
-    cells[cell].place = entry
 
 
 @njit(cache=True)
@@ -65,9 +62,13 @@ def rise(entries: Records, cells: Records, entry: int, cell: int, first: int, se
         parent = entries[(entry + 2) >> 2]
         if not less(first, second, parent.first, parent.second):
             break
-        _set(entries, cells, entry, parent.cell, parent.first, parent.second)
+        free = entries[entry]
+        free.first, free.second, free.cell = parent.first, parent.second, parent.cell
+        cells[parent.cell].place = entry
         entry = (entry + 2) >> 2
-    _set(entries, cells, entry, cell, first, second)
+    free = entries[entry]
+    free.first, free.second, free.cell = first, second, cell
+    cells[cell].place = entry
 
 
 @njit(cache=True)
@@ -78,7 +79,8 @@ def sink(entries: Records, count: int, cells: Records, entry: int, cell: int, fi
         if child > count:
             break
         best, best_first, best_second = child, entries[child].first, entries[child].second
-        for other in range(child + 1, min(child + 4, count + 1)):
+        for sibling in range(1, 4):
+            other = child + sibling
             other_first, other_second = entries[other].first, entries[other].second
             smaller = less(other_first, other_second, best_first, best_second)
             best = other if smaller else best
@@ -86,38 +88,43 @@ def sink(entries: Records, count: int, cells: Records, entry: int, cell: int, fi
             best_second = other_second if smaller else best_second
         if not less(best_first, best_second, first, second):
             break
-        _set(entries, cells, entry, entries[best].cell, best_first, best_second)
+        free, child_cell = entries[entry], entries[best].cell
+        free.first, free.second, free.cell = best_first, best_second, child_cell
+        cells[child_cell].place = entry
         entry = best
-    _set(entries, cells, entry, cell, first, second)
+    free = entries[entry]
+    free.first, free.second, free.cell = first, second, cell
+    cells[cell].place = entry
 
 
 @njit(cache=True)
 def put(entries: Records, size: IntArray, cells: Records, cell: int, first: int, second: int) -> None:
     """Insert a cell, or give it a new key when it is queued already."""
-    entry = np.int64(cells[cell].place)
+    entry = int(cells[cell].place)
     if entry == 0:
         size[0] += 1
-        rise(entries, cells, size[0], cell, first, second)
+        rise(entries, cells, int(size[0]), cell, first, second)
     elif less(first, second, entries[entry].first, entries[entry].second):
         rise(entries, cells, entry, cell, first, second)
     else:
-        sink(entries, size[0], cells, entry, cell, first, second)
+        sink(entries, int(size[0]), cells, entry, cell, first, second)
 
 
 @njit(cache=True)
 def remove(entries: Records, size: IntArray, cells: Records, cell: int) -> None:
     """Take a cell out; one that is not queued stays out."""
-    entry = np.int64(cells[cell].place)
+    entry = int(cells[cell].place)
     if entry == 0:
         return
     cells[cell].place = 0
-    last = size[0]
+    last = int(size[0])
+    moved = entries[last]
+    cell, first, second = moved.cell, moved.first, moved.second
     size[0] = last - 1
+    moved.first, moved.second = _LAST, _LAST
     if entry == last:
         return
     # The last entry fills the gap; it may belong above or below it.
-    moved = entries[last]
-    cell, first, second = moved.cell, moved.first, moved.second
     if entry > 1:
         parent = entries[(entry + 2) >> 2]
         if less(first, second, parent.first, parent.second):

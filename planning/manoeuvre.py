@@ -11,6 +11,7 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass
+from itertools import pairwise
 
 import numpy as np
 from numba import njit
@@ -22,7 +23,7 @@ from waychair.errors import NoPath
 from waychair.geometry import compose
 from waychair.maps.distance_field import DistanceField, interpolated
 from waychair.planning.footprint import Footprint, along_arc, footprint, free_time, in_cells, room
-from waychair.types import FloatArray, Pose2
+from waychair.types import Float32Array, FloatArray, Pose2
 
 _STEP = 2.0
 """Way of one step in sides of a bin: longer than a bin is wide in any direction."""
@@ -43,7 +44,7 @@ class ManoeuvreSettings(Settings):
     turn_price: float = setting(0.4, "m/rad", "turning in place", low=0.01, high=10.0)
     gear_price: float = setting(0.5, "m", "each stop to go another way", low=0.0, high=10.0)
     greed: float = setting(1.5, "", "weight of what is left: faster search, longer ways", low=1.0, high=10.0)
-    most_states: int = setting(120_000, "", "giving up after so many", low=100, high=10_000_000)
+    most_states: int = setting(60_000, "", "giving up after so many", low=100, high=10_000_000)
 
 
 def manoeuvre(
@@ -71,7 +72,7 @@ def manoeuvre(
             )
     cell = field.resolution
     axle = min(body.width / 2, body.rear, body.front) / cell
-    ways = _ways_to(field.metres / np.float32(cell), end, settings.bin / cell, axle)
+    ways = _ways_to((field.metres / cell).astype(np.float32), end, settings.bin / cell, axle)
     prices = np.array(
         [
             settings.reverse_price,
@@ -95,7 +96,7 @@ def manoeuvre(
 def _poses(field: DistanceField, chain: FloatArray, start: Pose2, goal: Pose2) -> FloatArray:
     """The way through the states of a chain, (N, 6) as `_search` gives it, every 5 cm, turns in place as two poses."""
     cell, rows = field.resolution, [start.array()]
-    for before, state in zip(chain[:-1], chain[1:], strict=True):
+    for before, state in pairwise(chain):
         way, turn = state[4] * cell, state[5]
         if way == 0.0:
             if len(rows) > 1 and np.array_equal(rows[-1][:2], rows[-2][:2]):
@@ -106,7 +107,8 @@ def _poses(field: DistanceField, chain: FloatArray, start: Pose2, goal: Pose2) -
         count = max(1, math.ceil(abs(way) / _SPACING))
         origin = compose(field.map_from_grid.array(), np.array([before[0] * cell, before[1] * cell, before[2]]))
         for k in range(1, count + 1):
-            rows.append(np.array(along_arc(*origin, way, turn, k / count)))
+            x, y, theta = along_arc(origin[0], origin[1], origin[2], way, turn, k / count)
+            rows.append(np.array([x, y, theta]))
     poses = np.array(rows)
     poses[-1] = goal.array()
     if len(poses) > 1 and chain[-1, 4] == 0.0:
@@ -115,13 +117,13 @@ def _poses(field: DistanceField, chain: FloatArray, start: Pose2, goal: Pose2) -
 
 
 @njit(cache=True, nogil=True)
-def _ways_to(clearance: FloatArray, goal: FloatArray, side: float, least: float) -> FloatArray:
+def _ways_to(clearance: Float32Array, goal: FloatArray, side: float, least: float) -> FloatArray:
     """(rows, columns) of bins: way [cells] of a point to the goal where the clearance [cells] is at least `least`.
 
     Eight neighbours, relaxed over and over in both directions until nothing changes; infinite where no way leads.
     """
     height, width = clearance.shape
-    rows, columns = int(math.ceil(height / side)), int(math.ceil(width / side))
+    rows, columns = math.ceil(height / side), math.ceil(width / side)
     ways = np.full((rows, columns), np.inf)
     free = np.zeros((rows, columns), np.bool_)
     for i in range(rows):
@@ -172,21 +174,17 @@ def _search(
     """
     cell, greed, angle = shape.cell, prices[3], prices[6]
     rows, columns = ways.shape
-    best = np.full((rows, columns, int(round(math.tau / angle))), np.inf, np.float32)
+    i, j, k = _bin(start[0], start[1], start[2], side, angle)
+    if ways[i, j] == np.inf:
+        return np.empty((0, 6))
+    best = np.full((rows, columns, round(math.tau / angle)), np.inf, np.float32)
     capacity = most + 64
     states = np.empty((capacity, 6))
     costs = np.empty(capacity)
     parents = np.empty(capacity, np.int64)
     heap_keys = np.empty(capacity)
     heap_ids = np.empty(capacity, np.int64)
-    states[0, 0], states[0, 1], states[0, 2], states[0, 3], states[0, 4], states[0, 5] = (
-        start[0],
-        start[1],
-        start[2],
-        2.0,
-        0.0,
-        0.0,
-    )
+    _note(states, 0, start[0], start[1], start[2], 2.0, 0.0, 0.0)
     costs[0], parents[0], count = 0.0, -1, 1
     queued = _push(heap_keys, heap_ids, 0, 0.0, 0)
     goal_cost, goal_parent, goal_kind = np.inf, -1, 0
@@ -218,9 +216,7 @@ def _search(
             if cost >= best[i, j, k] - 1e-4 or count >= most:
                 continue
             best[i, j, k] = cost
-            new_gear = 0.0 if way == 0.0 else math.copysign(1.0, way)
-            states[count, 0], states[count, 1], states[count, 2] = nx, ny, ntheta
-            states[count, 3], states[count, 4], states[count, 5] = new_gear, way, turn
+            _note(states, count, nx, ny, ntheta, _gear(way), way, turn)
             costs[count], parents[count] = cost, here
             off = abs(_wrap(goal[2] - ntheta))
             estimate = max(ways[i, j] * cell, prices[1] * off)
@@ -229,6 +225,17 @@ def _search(
     if goal_parent < 0:
         return np.empty((0, 6))
     return _chain(states, parents, goal_parent, goal, goal_kind)
+
+
+@njit(cache=True)
+def _note(states: FloatArray, k: int, x: float, y: float, theta: float, gear: float, way: float, turn: float) -> None:
+    states[k, 0], states[k, 1], states[k, 2], states[k, 3], states[k, 4], states[k, 5] = x, y, theta, gear, way, turn
+
+
+@njit(cache=True)
+def _gear(way: float) -> float:
+    """1 forwards, -1 backwards, 0 in place; a start has 2, from where any gear is as good."""
+    return 0.0 if way == 0.0 else math.copysign(1.0, way)
 
 
 @njit(cache=True)
@@ -242,8 +249,8 @@ def _move(move: int, side: float, angle: float) -> tuple[float, float]:
 @njit(cache=True)
 def _bin(x: float, y: float, off: float, side: float, angle: float) -> tuple[int, int, int]:
     """Row, column and heading of a state's bin; headings are counted from the goal's."""
-    heading = int(round(off / angle)) % int(round(math.tau / angle))
-    return int(math.floor(y / side)), int(math.floor(x / side)), heading
+    heading = round(off / angle) % round(math.tau / angle)
+    return math.floor(y / side), math.floor(x / side), heading
 
 
 @njit(cache=True)
@@ -254,8 +261,7 @@ def _price(
     spare = room(shape, x, y, theta, prices[4] / shape.cell) * shape.cell
     price = prices[1] * abs(turn) if way == 0.0 else abs(way) * (1.0 if way > 0.0 else prices[0])
     price *= 1.0 + prices[5] * (1.0 - min(max(spare, 0.0) / prices[4], 1.0))
-    now = 0.0 if way == 0.0 else math.copysign(1.0, way)
-    return price + (prices[2] if gear != now and gear != 2.0 else 0.0)
+    return float(price + (prices[2] if gear != _gear(way) and gear != 2.0 else 0.0))
 
 
 @njit(cache=True)
@@ -283,7 +289,7 @@ def _connection(shape: Footprint, state: FloatArray, goal: FloatArray, kind: int
             return math.inf
         x, y, theta = along_arc(x, y, theta, v, turn, 1.0)
         price += _price(shape, x, y, theta, v * shape.cell, turn, gear, prices)
-        gear = 0.0 if v == 0.0 else math.copysign(1.0, v)
+        gear = _gear(v)
     return price
 
 

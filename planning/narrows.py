@@ -109,7 +109,7 @@ def tight_doors(costmap: Costmap, points: FloatArray, narrow: float, widest: flo
         if direction @ (points[last] - points[first]) < 0:
             direction = -direction
         heading = math.atan2(direction[1], direction[0])
-        pose = costmap.grid.map_from_grid @ Pose2(*(centre * cell), heading)
+        pose = costmap.grid.map_from_grid @ Pose2(centre[0] * cell, centre[1] * cell, heading)
         doors.append((first, last, Door(pose, 2 * float(clearance[middle]) - cell)))
     return doors
 
@@ -174,10 +174,11 @@ def _passage(costmap: Costmap, point: FloatArray, reach: float) -> tuple[FloatAr
 
 
 def _nearest(offsets: FloatArray, away: FloatArray) -> FloatArray | None:
-    """Mean of the nearest obstacles (a post's face is several cells), None without any."""
+    """Mean of the nearest obstacles on one side (a post's face is several cells), None without any."""
     if len(away) == 0:
         return None
-    mean: FloatArray = offsets[away <= away.min() + 0.25].mean(axis=0)
+    one_side = offsets @ offsets[np.argmin(away)] > 0.0  # midway between two jambs both are the nearest
+    mean: FloatArray = offsets[one_side & (away <= away.min() + 0.25)].mean(axis=0)
     return mean
 
 

@@ -61,7 +61,8 @@ class Sight:
     def points(self) -> FloatArray:
         """(M, 2) [m] in map where something was met."""
         bearings, far = self.bearings[self.hits], self.far[self.hits]
-        return self.origin + far[:, None] * np.stack([np.cos(bearings), np.sin(bearings)], axis=-1)
+        ends: FloatArray = self.origin + far[:, None] * np.stack([np.cos(bearings), np.sin(bearings)], axis=-1)
+        return ends
 
 
 def updated(layer: ObstacleLayer, sight: Sight, settings: ObstacleSettings = ObstacleSettings()) -> ObstacleLayer:

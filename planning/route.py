@@ -22,8 +22,8 @@ from waychair.planning.legs import Door, Leg, Manner
 from waychair.planning.manoeuvre import ManoeuvreSettings, manoeuvre
 from waychair.types import FloatArray, Path, Pose2
 
-_FITS = 0.02
-"""Kept free round the body [m] where the simple way is judged."""
+_FITS = 0.045
+"""Kept free round the body [m] where the simple way is judged: what the local planner keeps, on its coarser cells."""
 
 _ATTEMPTS = ((0.05, 0.05, 72), (0.03, 0.05, 72), (0.015, 0.025, 144), (0.005, 0.025, 144))
 """Margin round the body [m], side of a bin [m] and number of headings: the first with which there is a manoeuvre."""
@@ -37,7 +37,7 @@ _PAST = (0.35, 0.2, 0.1)
 _STRAIGHT_M, _STRAIGHT_RAD = 0.1, 0.3
 """A chair no farther off a door's axis and direction than this [m], [rad] goes on without lining up anew."""
 
-_ROUND = (0.8, 1.6, 3.0)
+_ROUND = (0.8, 2.0)
 """How much [m] of the chain on both sides of what does not fit a manoeuvre may replace: more when less is in vain."""
 
 
@@ -134,9 +134,7 @@ def _legs_of_leg(costmap: Costmap, start: Pose2, poses: FloatArray, settings: Ro
     )
 
 
-def _tight_stretch(
-    costmap: Costmap, start: Pose2, poses: FloatArray, turn_from: float
-) -> tuple[int, int] | None:
+def _tight_stretch(costmap: Costmap, start: Pose2, poses: FloatArray, turn_from: float) -> tuple[int, int] | None:
     """First and last index of the first poses that do not fit, or at which the chair cannot turn; None if all is well."""
     bad = [k for k in range(1, len(poses) - 1) if not _stands_free(costmap, Pose2(*poses[k]))]
     into = _turn_at(costmap, Pose2(poses[0, 0], poses[0, 1], start.theta), float(poses[0, 2]), turn_from)
@@ -178,9 +176,7 @@ def _stands_free(costmap: Costmap, pose: Pose2) -> bool:
     return fits(costmap.body, _FITS, field, pose)
 
 
-def _ends(
-    costmap: Costmap, start: Pose2, poses: FloatArray, first: int, last: int, around: float
-) -> tuple[int, int]:
+def _ends(costmap: Costmap, start: Pose2, poses: FloatArray, first: int, last: int, around: float) -> tuple[int, int]:
     """Indices of the poses between which a manoeuvre is to lead: `around` [m] off, or farther, where the chair fits."""
     begin, end = first, last
     while begin > 0 and (

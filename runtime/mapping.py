@@ -106,11 +106,9 @@ def map_recording(
         "grid": now - mapped,
         "total": now - cpu + reading_s,
     }
-    warnings = [
-        *recording.warnings,
-        *mount_warnings(frames, result.trajectory.poses, recording.base_from_laser),
-        *torn_warnings(result),
-    ]
+    # a wrong mount tears the map as well, and is what has to be mended
+    amiss = mount_warnings(frames, result.trajectory.poses, recording.base_from_laser) or torn_warnings(result)
+    warnings = [*recording.warnings, *amiss]
     cost = Cost(stages, key_seconds, time.perf_counter() - started, peak_memory_mb())
     report = mapping_report(recording, warnings, result, grid, cost, first)
     return Mapping(grid, result, report)

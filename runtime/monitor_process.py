@@ -77,7 +77,8 @@ class MonitorInStep:
 
     def __init__(self, watched: Watched) -> None:
         self._watched = watched
-        self.restart()
+        self._monitor = watched.monitor()
+        self._verdict: MonitorVerdict | None = None
 
     @property
     def verdict(self) -> MonitorVerdict | None:
@@ -94,8 +95,7 @@ class MonitorInStep:
 
     def restart(self) -> None:
         """See `MonitorPort`."""
-        self._monitor = self._watched.monitor()
-        self._verdict: MonitorVerdict | None = None
+        self._monitor, self._verdict = self._watched.monitor(), None
 
 
 class MonitorProcess:
@@ -104,7 +104,8 @@ class MonitorProcess:
     def __init__(self, watched: Watched) -> None:
         self._watched = watched
         self._lock = threading.Lock()
-        self._start()
+        self._verdict: MonitorVerdict | None = None
+        self._socket, self._process = _started(watched)
 
     def __enter__(self) -> Self:
         return self
@@ -142,21 +143,23 @@ class MonitorProcess:
         """See `MonitorPort`."""
         with self._lock:
             self._end()
-            self._start()
-
-    def _start(self) -> None:
-        self._verdict: MonitorVerdict | None = None
-        self._socket, theirs = socket.socketpair(socket.AF_UNIX, socket.SOCK_DGRAM)
-        self._socket.setblocking(False)
-        told = msgspec.json.encode(self._watched).decode()
-        command = [sys.executable, "-m", "waychair.runtime.monitor_process", str(theirs.fileno()), told]
-        with theirs:
-            self._process = subprocess.Popen(command, pass_fds=[theirs.fileno()], stdin=subprocess.DEVNULL)
+            self._verdict = None
+            self._socket, self._process = _started(self._watched)
 
     def _end(self) -> None:
         self._socket.close()
         self._process.kill()  # also one that was stopped; it keeps nothing
         self._process.wait()
+
+
+def _started(watched: Watched) -> tuple[socket.socket, subprocess.Popen[bytes]]:
+    """Our end of the channel, and the process at the other one."""
+    ours, theirs = socket.socketpair(socket.AF_UNIX, socket.SOCK_DGRAM)
+    ours.setblocking(False)
+    told = msgspec.json.encode(watched).decode()
+    command = [sys.executable, "-m", "waychair.runtime.monitor_process", str(theirs.fileno()), told]
+    with theirs:
+        return ours, subprocess.Popen(command, pass_fds=[theirs.fileno()], stdin=subprocess.DEVNULL)
 
 
 def watch(channel: socket.socket, monitor: Monitor) -> None:

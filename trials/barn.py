@@ -227,7 +227,7 @@ def run_barn(
     odom = Pose2()
     chair = MaplessNavigator(body, odom, truth.inverse() @ environment.goal, navigator)
     pending = deque([Twist()] * round(navigator.dwa.reaction_time / PERIOD))
-    poses, began, now_ns, outcome, clearance, plans, reason = [truth], None, 0, "timeout", math.inf, 0, ""
+    poses, began, now_ns, outcome, clearance, plans, reason = [truth], None, 0, "timeout", settings.lidar.range_max, 0, ""
     while outcome == "timeout" and (began is None or (now_ns - began) * 1e-9 < settings.time_limit):
         if began is None and now_ns * 1e-9 > settings.time_limit:
             break

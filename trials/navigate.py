@@ -1,25 +1,64 @@
-"""A simulated chair on a saved map: the world is raised from the map itself."""
+"""A simulated chair on a saved map: in a world that is given, or in one raised from the map itself."""
 
 from __future__ import annotations
 
 from collections.abc import Sequence
+from dataclasses import replace
+
+import numpy as np
 
 from waychair.calibration.chair import CHAIR_A
 from waychair.calibration.dac import DEFAULT
+from waychair.errors import WorldError
+from waychair.maps.distance_field import distance_field
+from waychair.maps.grid import points_from_cells
+from waychair.simulation.scene import Behaviour, PersonPlan
 from waychair.simulation.simulator import Simulator
-from waychair.simulation.world import world_from_grid
+from waychair.simulation.world import World, world_from_grid
 from waychair.trials.demo import chair_of
 from waychair.trials.drive import Leg, Setting, drive_to_places
 from waychair.types import OccupancyGrid, Place, Pose2
 
+_CLEAR_OF_START = 1.5
+"""Nobody stands nearer [m] to the chair when it sets off."""
 
-def navigate(grid: OccupancyGrid, start: Pose2, goals: Sequence[Place], seed: int = 0) -> tuple[Leg, ...]:
-    """Drives chair A from a start to places in turn.
+
+def navigate(
+    grid: OccupancyGrid,
+    start: Pose2,
+    goals: Sequence[Place],
+    seed: int = 0,
+    people: int = 0,
+    world: World | None = None,
+) -> tuple[Leg, ...]:
+    """Drives chair A from a start to places in turn, both in the map's frame, among so many people who walk about.
+
+    A `world` that is given shares the map's frame; its own start and people are left out.
 
     Raises:
-        WorldError: the chair does not fit at the start, or the start lies outside the map.
+        WorldError: the chair does not fit at the start, the start lies outside the map, or there is no room for people.
     """
-    world = world_from_grid(grid, start)
-    simulator = Simulator(world, CHAIR_A, chair_of(seed), seed)
+    world = world_from_grid(grid, start) if world is None else replace(world.without_people(), start=start)
+    simulator = Simulator(with_walkers(world, people, seed), CHAIR_A, chair_of(seed), seed)
     setting = Setting(grid, {place.name: place for place in goals}, CHAIR_A, DEFAULT)
     return drive_to_places(setting, simulator, [place.name for place in goals])
+
+
+def with_walkers(world: World, count: int, seed: int, radius: float = 0.25) -> World:
+    """The world with people who walk straight on until something is in their way, strewn over its known free ground.
+
+    Raises:
+        WorldError: there is not room enough for so many.
+    """
+    rng = np.random.default_rng(seed)
+    roomy = (distance_field(world.grid).metres > radius + 2 * world.grid.resolution) & (world.grid.cells >= 0)
+    free = points_from_cells(world.grid, np.argwhere(roomy))
+    free = free[np.hypot(*(free - (world.start.x, world.start.y)).T) > _CLEAR_OF_START]
+    walkers: list[PersonPlan] = []
+    for _ in range(count):
+        if not len(free):
+            raise WorldError(f"'{world.name}' has room for {len(walkers)} of {count} people: take fewer")
+        at = free[rng.integers(len(free))]
+        walkers.append(PersonPlan(Behaviour.BOUNCE, at[None], speed=float(rng.uniform(0.4, 0.9)), radius=radius))
+        free = free[np.hypot(*(free - at).T) > 2 * radius]
+    return replace(world, people=(*world.people, *walkers))

@@ -13,7 +13,7 @@ from types import MappingProxyType
 
 import numpy as np
 
-from waychair.calibration.chair import CHAIR_A, CHAIR_B, ChairBody
+from waychair.calibration.chair import ChairBody
 from waychair.calibration.dac import DEFAULT
 from waychair.control.collision_monitor import MonitorSettings
 from waychair.errors import WorldError
@@ -101,9 +101,7 @@ def door_scene(width: float, approach: float, body: ChairBody, seed: int) -> Sce
     left, right = _EDGE + ROOM, _EDGE + ROOM + WALL
     low, high = _EDGE, _EDGE + ROOM
     middle = Pose2((left + right) / 2, (low + high) / 2, 0.0)
-    dividing = PlanWall(
-        start=(middle.x, low), end=(middle.x, high), thickness=WALL, doors=[PlanDoor(ROOM / 2, width)]
-    )
+    dividing = PlanWall(start=(middle.x, low), end=(middle.x, high), thickness=WALL, doors=[PlanDoor(ROOM / 2, width)])
     world = _world("door", [(_EDGE, low), (right + ROOM, low), (right + ROOM, high), (_EDGE, high)], [dividing])
 
     def start() -> Pose2:

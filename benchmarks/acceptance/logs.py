@@ -40,12 +40,17 @@ def fr079(out: Path) -> Json:
 
 
 def coreslam(out: Path) -> Json:
-    """The two CoreSLAM logs: each closed by at least one loop; their walls are for the eye (report.html)."""
+    """The two CoreSLAM logs: one piece each; whether walls are double is for the eye (report.html).
+
+    The chair comes back looking other ways than before, with a lidar that sees 5 m: its way crosses itself where it
+    still hangs on what it just saw, and there is no loop that scans could prove.
+    """
     reports = {}
     for name in ("exp1", "exp2"):
         reports[name], _ = _mapped(out.with_name(f"{out.stem}_{name}.json"), f"lidar_coreslam/{name}.dat.gz")
-    loops = {name: report["edges"]["loop"] for name, report in reports.items()}
-    return {"passed": min(loops.values()) >= 1, **{f"loops_{name}": count for name, count in loops.items()}}
+    torn = sum(report["edges"]["torn"] for report in reports.values())
+    loops = {f"loops_{name}": report["edges"]["loop"] for name, report in reports.items()}
+    return {"passed": torn == 0, "torn": torn, **loops}
 
 
 def sena(out: Path) -> Json:

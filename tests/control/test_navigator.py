@@ -148,3 +148,109 @@ def test_a_chair_that_does_not_move_backs_out_and_gives_up_in_the_end() -> None:
             break
     assert state.stage is Stage.FAILED
     assert "2 tries" in state.reason
+
+
+def test_goals_are_driven_to_one_after_the_other() -> None:
+    pilot = navigator(hall())
+    pilot.go(Goal(Pose2(5.0, 2.0, 0.0)), Goal("lift"))
+    states, poses = drive(pilot, Pose2(2.0, 2.0, 0.0), 80)
+    assert states[-1].stage is Stage.ARRIVED
+    assert {state.goals for state in states} == {0, 1, 2}
+    assert min(math.hypot(pose.x - 5.0, pose.y - 2.0) for pose in poses) < 0.1
+    assert math.hypot(poses[-1].x - 9.0, poses[-1].y - 5.0) < 0.15
+
+
+def test_an_unknown_place_later_in_a_sequence_is_refused_at_once_and_the_present_goal_stays() -> None:
+    pilot = navigator(hall())
+    pilot.go(Goal("lift"))
+    with pytest.raises(UnknownPlace):
+        pilot.go(Goal("lift"), Goal("lfit"))
+    assert pilot.active
+
+
+def test_a_pause_stands_still_until_it_is_ended_however_long_it_lasts() -> None:
+    pilot = navigator(hall())
+    pilot.go(Goal("lift"))
+    _, poses = drive(pilot, Pose2(2.0, 2.0, 0.0), 4.0)
+    pilot.pause()
+    states, poses = drive(pilot, poses[-1], 60.0, start_ns=4 * 10**9)
+    assert {state.stage for state in states} == {Stage.PAUSED}
+    assert all(state.driving for state in states)
+    assert (states[-1].twist.v, states[-1].twist.omega) == (0.0, 0.0)
+    pilot.resume()
+    states, _ = drive(pilot, poses[-1], 60.0, start_ns=70 * 10**9)
+    assert states[-1].stage is Stage.ARRIVED
+
+
+def test_a_goal_moved_while_driving_is_driven_to_without_a_stop() -> None:
+    pilot = navigator(hall())
+    pilot.go(Goal(Pose2(9.0, 2.0, 0.0)))
+    moving, poses = drive(pilot, Pose2(2.0, 2.0, 0.0), 4.0)
+    pilot.go(Goal(Pose2(9.0, 4.0, 0.0)))
+    states, poses = drive(pilot, poses[-1], 60.0, start_ns=4 * 10**9)
+    assert states[0].twist.v > 0.9 * moving[-1].twist.v > 0.3
+    assert poses[-1].y == pytest.approx(4.0, abs=0.15)
+
+
+@pytest.mark.parametrize("jump", [0.05, 0.1, 0.2, 0.5])
+def test_a_jump_of_the_localisation_slows_the_chair_and_it_goes_on_from_where_it_is(jump: float) -> None:
+    """The odometry is perfect; what it is corrected by jumps sideways while the chair drives."""
+    pilot = navigator(hall())
+    pilot.go(Goal(Pose2(10.0, 4.0, 0.0)))
+    map_from_odom, odom = Pose2(), Pose2(1.5, 4.0, 0.0)
+    state, before, speeds = Navigation(Stage.IDLE), 0, []
+    for k in range(20 * 60):
+        if k == 100:
+            map_from_odom, before = Pose2(0.0, jump + 0.005, 0.0), state.plans
+        state = pilot.step(k * TICK_NS, map_from_odom @ odom, NOTHING if k % 2 == 0 else None, map_from_odom)
+        speeds.append(state.twist.v)
+        if state.stage in (Stage.ARRIVED, Stage.FAILED):
+            break
+        odom = Pose2(*along_arc(odom.x, odom.y, odom.theta, state.twist.v, state.twist.omega, 0.05))
+    at = map_from_odom @ odom
+    assert state.stage is Stage.ARRIVED
+    assert math.hypot(at.x - 10.0, at.y - 4.0) < 0.15
+    assert state.plans > before
+    assert speeds[99] > 0.4
+    assert min(speeds[100:122]) < 0.25
+    assert max(speeds[130:170]) > 0.4, "and picks up speed again"
+    assert np.abs(np.diff(speeds)).max() < 0.6 * 0.05 + 1e-6, "without a jerk"
+
+
+def test_slow_drift_is_no_jump() -> None:
+    pilot = navigator(hall())
+    pilot.go(Goal(Pose2(10.0, 4.0, 0.0)))
+    state, odom, speeds = Navigation(Stage.IDLE), Pose2(1.5, 4.0, 0.0), []
+    for k in range(20 * 60):
+        map_from_odom = Pose2(0.0, 0.0002 * k, 0.0)
+        state = pilot.step(k * TICK_NS, map_from_odom @ odom, NOTHING if k % 2 == 0 else None, map_from_odom)
+        speeds.append(state.twist.v)
+        if state.stage in (Stage.ARRIVED, Stage.FAILED):
+            break
+        odom = Pose2(*along_arc(odom.x, odom.y, odom.theta, state.twist.v, state.twist.omega, 0.05))
+    assert state.stage is Stage.ARRIVED
+    assert state.plans == 1
+
+
+def test_where_odom_lies_in_the_map_makes_no_difference() -> None:
+    board = segment(5.0, 3.0, 5.0, 5.0)
+    twists = []
+    for map_from_odom in (None, Pose2(-3.0, 7.0, 2.0)):
+        pilot, pose = navigator(hall()), Pose2(1.5, 4.0, 0.0)
+        pilot.go(Goal(Pose2(10.0, 4.0, 0.0)))
+        told = []
+        for k in range(160):
+            state = pilot.step(k * TICK_NS, pose, board if k % 2 == 0 else None, map_from_odom)
+            told.append((state.twist.v, state.twist.omega))
+            pose = Pose2(*along_arc(pose.x, pose.y, pose.theta, *told[-1], 0.05))
+        twists.append(told)
+    np.testing.assert_allclose(twists[0], twists[1], atol=0.05)
+
+
+def test_a_point_that_hangs_alone_between_two_surfaces_is_no_obstacle() -> None:
+    pilot = navigator(hall())
+    pilot.go(Goal(Pose2(10.0, 4.0, 0.0)))
+    states, poses = drive(pilot, Pose2(1.5, 4.0, 0.0), 60, np.array([[4.0, 0.1], [5.0, 4.0], [6.0, 7.9]]))
+    assert states[-1].stage is Stage.ARRIVED
+    assert states[-1].plans == 1
+    assert max(abs(pose.y - 4.0) for pose in poses) < 0.1

@@ -59,8 +59,9 @@ def test_f11_a_late_scan_slows_the_chair_and_half_a_second_ends_the_drive(ride: 
     assert before > 0.6
     assert 4 <= slowed <= 6
     assert 8 <= ended <= 10
-    assert states[ended].verdict.halt is not None
-    assert states[ended].verdict.halt.stop.id == "lidar_stale"
+    halted = states[ended].verdict.halt
+    assert halted is not None
+    assert halted.stop.id == "lidar_stale"
     ride.tick(30)
     assert ride.stands
     ride.change = lambda messages: messages
@@ -76,10 +77,11 @@ def test_f11_a_scan_that_comes_back_within_half_a_second_lets_the_drive_go_on(ri
     assert ride.speed > 0.2
 
 
-@pytest.mark.parametrize("value", [math.inf, math.nan, -math.inf])
-def test_f12_a_blind_lidar_ends_the_drive_within_half_a_second_and_a_tick(ride: Ride, value: float) -> None:
+def test_f12_a_blind_lidar_ends_the_drive_within_half_a_second_and_a_tick(ride: Ride) -> None:
     def blinded(messages: tuple[Message, ...]) -> tuple[Message, ...]:
-        return tuple(replace(m, ranges=np.full_like(m.ranges, value)) if isinstance(m, Scan) else m for m in messages)
+        return tuple(
+            replace(m, ranges=np.full_like(m.ranges, math.inf)) if isinstance(m, Scan) else m for m in messages
+        )
 
     ride.drive()
     ride.change = blinded
@@ -115,18 +117,13 @@ def test_f13_silent_wheels_end_the_drive(ride: Ride) -> None:
     ends(ride, "wheels_stale", within=5)
 
 
-@pytest.mark.parametrize("reaction", ["slow", "stop"])
-def test_f13_an_imu_that_falls_silent_slows_or_ends_the_drive_as_configured(reaction: str) -> None:
-    with Ride(ChairSettings(fitness=FitnessSettings(imu_silent=reaction))) as ride:
-        ride.change = lambda messages: (*messages, ImuSample(ride.simulator.now_ns, UP, np.zeros(3)))
-        ride.drive()
-        assert ride.speed > 0.6
-        ride.change = lambda messages: messages
-        if reaction == "stop":
-            ends(ride, "imu_stale", within=10)
-        else:
-            ride.tick(45)
-            assert ride.speed == pytest.approx(0.3, abs=0.06)
+def test_f13_an_imu_that_falls_silent_slows_the_drive(ride: Ride) -> None:
+    ride.change = lambda messages: (*messages, ImuSample(ride.simulator.now_ns, UP, np.zeros(3)))
+    ride.drive()
+    assert ride.speed > 0.6
+    ride.change = lambda messages: messages
+    ride.tick(45)
+    assert ride.speed == pytest.approx(0.3, abs=0.06)
 
 
 def test_f14_a_person_who_steps_out_is_stopped_for_and_never_nearer_than_a_hand() -> None:

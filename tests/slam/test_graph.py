@@ -92,10 +92,14 @@ def test_graph_distance_takes_the_shortest_way_round() -> None:
     assert graph_distances(truth, edges, 39)[5] == pytest.approx(6 * chord, rel=0.01)
 
 
+def ways(poses: FloatArray, edges: list[Edge], known: int) -> FloatArray:
+    return graph_distances(poses, edges, len(poses) - 1)[:known]
+
+
 def test_candidates_are_near_in_space_and_far_round_the_graph() -> None:
     truth = np.concatenate([ring(100), ring(100)[:20]])
     edges = [edge(truth, k, k + 1, EdgeKind.MATCH) for k in range(len(truth) - 1)]
-    found = candidates(truth, edges, len(truth) - 30, LoopSettings())
+    found = candidates(truth, ways(truth, edges, len(truth) - 30), LoopSettings())
     assert found[0].nearest == 19
     assert set(found[0].members) <= set(range(50))
     assert found[0].window == pytest.approx(0.03 * 31.4, rel=0.1)
@@ -104,12 +108,12 @@ def test_candidates_are_near_in_space_and_far_round_the_graph() -> None:
 def test_no_candidates_where_the_chair_only_drove_on() -> None:
     line = np.stack([np.arange(0, 40, 0.2), np.zeros(200), np.zeros(200)], axis=1)
     edges = [edge(line, k, k + 1, EdgeKind.MATCH) for k in range(199)]
-    assert candidates(line, edges, 160, LoopSettings()) == ()
-    assert candidates(line[:2], edges[:1], -30, LoopSettings()) == ()
+    assert candidates(line, ways(line, edges, 160), LoopSettings()) == ()
+    assert candidates(line[:2], ways(line[:2], edges[:1], 0), LoopSettings()) == ()
 
 
 def test_a_place_just_linked_is_no_candidate_again() -> None:
     truth = np.concatenate([ring(100), ring(100)[:20]])
     edges = [edge(truth, k, k + 1, EdgeKind.MATCH) for k in range(len(truth) - 1)]
     edges.append(edge(truth, 19, len(truth) - 1, EdgeKind.LOOP))
-    assert all(abs(c.nearest - 19) > 10 for c in candidates(truth, edges, len(truth) - 30, LoopSettings()))
+    assert all(abs(c.nearest - 19) > 10 for c in candidates(truth, ways(truth, edges, len(truth) - 30), LoopSettings()))

@@ -1,0 +1,36 @@
+"""BARN: the benchmark's robot at two speeds, and the chair in worlds of its own size; no map is given."""
+
+from __future__ import annotations
+
+import os
+from pathlib import Path
+
+from benchmarks.acceptance.logs import DATA
+from waychair.trials.barn import BarnTask, report, run_worlds, worlds_in
+from waychair.types import Json
+
+STARTS = 5
+
+
+def barn(out: Path) -> Json:
+    """200 worlds by 5 starts at 0.5 m/s: success >= 97 %, contact <= 1 %, score >= 0.26 (move_base's DWA: 0.159)."""
+    found = figures(BarnTask())
+    return {"passed": found["success"] >= 0.97 and found["contact"] <= 0.01 and found["score"] >= 0.26, **found}
+
+
+def barn_fast(out: Path) -> Json:
+    """The same at 2 m/s: score >= 0.40 (best page seen: 0.368)."""
+    found = figures(BarnTask(speed=2.0))
+    return {"passed": found["score"] >= 0.40, **found}
+
+
+def barn_chair(out: Path) -> Json:
+    """Worlds 1.63 times as large, chair A at 0.8 m/s: success >= 95 %, no contact."""
+    found = figures(BarnTask(body="A", speed=0.8, scale=1.63))
+    return {"passed": found["success"] >= 0.95 and found["contact"] == 0.0, **found}
+
+
+def figures(task: BarnTask, worlds: int | None = None, starts: int = STARTS) -> Json:
+    """The report over the worlds at hand."""
+    task = BarnTask(body=task.body, speed=task.speed, scale=task.scale, starts=starts)
+    return report(run_worlds(worlds_in(DATA / "barn", worlds), task, os.cpu_count() or 1), task)

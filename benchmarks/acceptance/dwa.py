@@ -1,0 +1,112 @@
+"""The dynamic window's bars: how fast it is, and that it needs the global planner."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass, replace
+from pathlib import Path as FilePath
+
+import numpy as np
+
+from benchmarks.dwa import choice_speed, control_step, fan_speed
+from waychair.calibration.chair import CHAIR_A
+from waychair.geometry import arc
+from waychair.planning.costmap import Costmap, costmap_from_grid
+from waychair.planning.dwa import DwaSettings, choose
+from waychair.planning.footprint import fits
+from waychair.planning.global_planner import PlannerSettings, plan
+from waychair.planning.paper_dwa import choose_as_paper
+from waychair.types import Json, OccupancyGrid, Path, Pose2, Twist
+
+FAN_MS, STEP_MS = 2.0, 15.0
+TRAPS = 20
+LIMIT_S, CAUGHT_S = 60.0, 4.0
+LIMITS = replace(DwaSettings(), reaction_time=0.0)
+CELL = 0.05
+
+
+def fan(out: FilePath) -> Json:
+    """At least 2,000 candidates of 30 poses with the exact rectangle in clutter, in at most 2 ms of processor time."""
+    speed = fan_speed()
+    return {"passed": speed["candidates"] >= 2000 and speed["median_ms"] <= FAN_MS, **speed}
+
+
+def step(out: FilePath) -> Json:
+    """The whole control step: 99 % of the steps within 15 ms of processor time, every place reached."""
+    speed = control_step()
+    choice = {f"choice_{key}": value for key, value in choice_speed().items()}
+    return {"passed": speed["p99_ms"] <= STEP_MS and speed["reached"] == speed["places"], **speed, **choice}
+
+
+def u_trap(out: FilePath) -> Json:
+    """Section 2.3 of the source paper: the window alone is caught in a U, with D* Lite it is not.
+
+    So many traps of random depth, width and place; the chair does as it is told. Alone, its path is the straight line
+    to the goal, for the default as for the paper's preset.
+    """
+    rng = np.random.default_rng(23)
+    traps = [random_trap(rng) for _ in range(TRAPS)]
+    found = {name: [drive(trap, name) for trap in traps] for name in ("alone", "as_paper", "with_dstar_lite")}
+    reached = {f"{name}_reached": sum(run.reached for run in runs) for name, runs in found.items()}
+    touched = {f"{name}_contacts": sum(run.touched for run in runs) for name, runs in found.items()}
+    passed = reached["with_dstar_lite_reached"] == TRAPS and reached["alone_reached"] == 0
+    return {"passed": passed and touched["with_dstar_lite_contacts"] == 0, "traps": TRAPS, **reached, **touched}
+
+
+@dataclass(frozen=True, slots=True)
+class Trap:
+    """A hall of 14 by 10 m with a U that opens towards the start, between start and goal."""
+
+    costmap: Costmap
+    start: Pose2
+    goal: Pose2
+
+
+@dataclass(frozen=True, slots=True)
+class Run:
+    """How one drive ended."""
+
+    reached: bool
+    touched: bool
+
+
+def random_trap(rng: np.random.Generator) -> Trap:
+    """Walls 0.2 m thick; the goal lies behind the bottom of the U, at the height of the start."""
+    cells = np.zeros((round(10 / CELL), round(14 / CELL)), np.int8)
+    cells[[0, -1]], cells[:, [0, -1]] = 100, 100
+    depth, half = rng.uniform(1.8, 2.8), rng.uniform(1.2, 1.8)
+    bottom, middle = rng.uniform(8.0, 9.0), rng.uniform(4.5, 5.5)
+    for x0, y0, x1, y1 in (
+        (bottom, middle - half, bottom + 0.2, middle + half),
+        (bottom - depth, middle + half, bottom + 0.2, middle + half + 0.2),
+        (bottom - depth, middle - half - 0.2, bottom + 0.2, middle - half),
+    ):
+        cells[round(y0 / CELL) : round(y1 / CELL), round(x0 / CELL) : round(x1 / CELL)] = 100
+    start = Pose2(rng.uniform(1.5, 3.0), middle + rng.uniform(-0.3, 0.3), rng.uniform(-0.3, 0.3))
+    grid = OccupancyGrid(cells, CELL)
+    return Trap(costmap_from_grid(grid, CHAIR_A), start, Pose2(12.0, middle, 0.0))
+
+
+def drive(trap: Trap, name: str) -> Run:
+    """One drive, ended by the goal, a contact, a chair that goes nowhere any more, or the time."""
+    pose, command, stood = trap.start, Twist(), 0
+    path = plan(trap.costmap, trap.start, trap.goal, PlannerSettings(narrow=0.0))
+    if name != "with_dstar_lite":
+        at = np.linspace(0.0, 1.0, 101)[:, None]
+        points = (1 - at) * (trap.start.x, trap.start.y) + at * (trap.goal.x, trap.goal.y)
+        heading = math.atan2(trap.goal.y - trap.start.y, trap.goal.x - trap.start.x)
+        path = Path(np.column_stack([points, np.full(len(points), heading)]))
+    for _ in range(round(LIMIT_S / LIMITS.period)):
+        if name == "as_paper":
+            command = choose_as_paper(pose, command, path, trap.costmap.field, CHAIR_A, LIMITS).twist
+        else:
+            command = choose(pose, command, path, trap.costmap.field, CHAIR_A, LIMITS).twist
+        stood = stood + 1 if max(abs(command.v), abs(command.omega)) < 0.03 else 0
+        if stood * LIMITS.period > CAUGHT_S:
+            break
+        pose = pose @ arc(command.v * LIMITS.period, command.omega * LIMITS.period)
+        if not fits(CHAIR_A, -CELL / 2, trap.costmap.field, pose):
+            return Run(reached=False, touched=True)
+        if math.hypot(pose.x - trap.goal.x, pose.y - trap.goal.y) < 0.3:
+            return Run(reached=True, touched=False)
+    return Run(reached=False, touched=False)

@@ -1,0 +1,116 @@
+"""The collision monitor: how long speed still passes when it dies, and how near the chair comes to who steps out."""
+
+from __future__ import annotations
+
+import math
+import os
+import signal
+import time
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+
+from waychair.calibration.chair import CHAIR_A
+from waychair.calibration.dac import DEFAULT
+from waychair.control.collision_monitor import MonitorSettings, refusal
+from waychair.runtime.monitor_process import MonitorProcess, Watched
+from waychair.simulation.plant import PlantSettings, randomised
+from waychair.simulation.scene import Behaviour, PersonPlan
+from waychair.simulation.simulator import Simulator, SimulatorSettings
+from waychair.simulation.world import world_from_grid
+from waychair.topics import COMMAND
+from waychair.trials.drive import Setting, advance_tick, begin, chair_in
+from waychair.types import FloatArray, Goal, Json, OccupancyGrid, Pose2, Scan, Twist
+
+_DEATHS = 20
+_POLL_S = 0.005
+_RUNS = 100
+_SETTINGS = MonitorSettings()
+
+
+def monitor_killed(out: Path) -> Json:
+    """From SIGKILL or SIGSTOP of the process to the last moment at which speed passed, 20 times each: at most 150 ms.
+
+    By the clock on the wall, to a tick of 20 ms: between asking and noting the time a busy machine may do other things.
+    """
+    delays = {death.name: [_delay_ms(death) for _ in range(_DEATHS)] for death in (signal.SIGKILL, signal.SIGSTOP)}
+    worst = max(max(values) for values in delays.values())
+    return {
+        "passed": worst <= _SETTINGS.verdict_ms + 20.0,
+        "deaths": 2 * _DEATHS,
+        "worst_ms": round(worst, 1),
+        **{f"median_{name}_ms": round(float(np.median(values)), 1) for name, values in delays.items()},
+    }
+
+
+def _delay_ms(death: signal.Signals) -> float:
+    """Time [ms] from the signal to the last time that speed may pass."""
+    with MonitorProcess(Watched()) as process:
+        while _refusal(process):
+            time.sleep(_POLL_S)
+        began_ns = open_ns = time.monotonic_ns()
+        os.kill(process.pid, death)
+        while (stop := _refusal(process)) != "monitor_silent":
+            open_ns = open_ns if stop else time.monotonic_ns()
+            time.sleep(_POLL_S)
+        return (open_ns - began_ns) * 1e-6
+
+
+def _refusal(process: MonitorProcess) -> str:
+    now_ns = time.monotonic_ns()
+    ranges = np.random.default_rng(now_ns).normal(3.0, 0.005, 720).astype(np.float32)
+    process.see(Scan(now_ns, ranges, -2.35, 4.7 / 719, 1e-4, 0.05, 25.0))
+    process.judge(Twist(0.3, 0.0), Twist(0.3, 0.0), now_ns)
+    return refusal(process.verdict, time.monotonic_ns(), _SETTINGS)
+
+
+def steps_out(out: Path) -> Json:
+    """F14: 100 seeded chairs at 0.8 m/s, before each of which a person steps out at 0.8 to 1.4 m/s, from either side.
+
+    Nobody comes nearer to a chair that moves than 0.1 m, however late the person does. The people stop short of the
+    chair. Beside the number of contacts stands the upper end of its 95 % interval (rule of three).
+    """
+    nearest = np.array([_nearest(seed) for seed in range(_RUNS)])
+    contacts = int((nearest <= 0.0).sum())
+    return {
+        "passed": bool(nearest.min() >= 0.1),
+        "runs": _RUNS,
+        "contacts": contacts,
+        "contacts_at_most": round(3.0 / _RUNS, 3) if contacts == 0 else None,
+        "nearest_m": round(float(nearest.min()), 3),
+        "median_m": round(float(np.median(nearest)), 3),
+    }
+
+
+def _nearest(seed: int) -> float:
+    """Least distance [m] from the outline to the person, while the chair moves; 0 for a contact of any kind."""
+    rng = np.random.default_rng(seed)
+    side = float(rng.choice([-1.0, 1.0]))
+    person = PersonPlan(
+        Behaviour.SUDDEN,
+        _path(side, float(rng.uniform(5.0, 6.0))),
+        speed=float(rng.uniform(0.8, 1.4)),
+        yields=True,
+        trigger=float(rng.uniform(1.7, 3.0)),
+    )
+    cells = np.full((60, 240), 100, np.int8)
+    cells[10:50, 1:-1] = 0
+    cells[10:14, 60:80] = cells[46:50, 150:180] = 100
+    start = Pose2(2.0, 1.5, 0.0)
+    world = replace(world_from_grid(OccupancyGrid(cells, 0.05), start, name="corridor"), people=(person,))
+    chair = SimulatorSettings(plant=randomised(PlantSettings(), seed))
+    simulator = Simulator(world, CHAIR_A, chair, seed)
+    least = math.inf
+    with chair_in(Setting(world.grid, {}, CHAIR_A, DEFAULT), simulator) as driven:
+        begin(simulator, driven, Goal(Pose2(10.0, 1.5, 0.0), 0.3, 0.3))
+        for _ in range(round(12.0 * COMMAND.rate_hz)):
+            driven.step(simulator.now_ns, advance_tick(simulator, driven))
+            if abs(simulator.twist().v) > 0.02:
+                least = min(least, simulator.person_distance())
+    return 0.0 if simulator.contacts else least
+
+
+def _path(side: float, x: float) -> FloatArray:
+    """From beside the way into its middle."""
+    return np.array([[x, 1.5 + 0.65 * side], [x, 1.5 + 0.05 * side]])

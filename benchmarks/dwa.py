@@ -1,0 +1,140 @@
+"""The dynamic window's speed: the fan of arcs, the whole choice, and the chair's control step in a drive.
+
+    python -m benchmarks.dwa
+
+Processor times of one thread over scenes that are the same every time, each at its best of some rounds, so that what
+else the machine does counts little; kernels are warm.
+"""
+
+from __future__ import annotations
+
+import math
+import time
+
+import numpy as np
+
+from waychair.calibration.chair import CHAIR_A, CHAIR_B
+from waychair.calibration.dac import DEFAULT
+from waychair.control.navigator import Stage
+from waychair.maps.distance_field import DistanceField, distances
+from waychair.planning.arc_fan import free_times
+from waychair.planning.dwa import DwaSettings, choose
+from waychair.planning.footprint import fits, footprint, in_cells
+from waychair.simulation.simulator import Simulator
+from waychair.simulation.world import load_world
+from waychair.topics import COMMAND
+from waychair.trials.demo import chair_of
+from waychair.trials.drive import Setting, advance_tick, begin, chair_in
+from waychair.types import BoolArray, FloatArray, Goal, Json, Path, Pose2, Twist
+
+SCENES, ROUNDS, SEED = 40, 5, 3
+CELL, SIDE = 0.025, 8.0
+POSTS = 0.0006  # share of the cells that are occupied: about 60 posts in the square
+HORIZON = 2.5
+
+
+def scenes() -> list[tuple[DistanceField, Pose2]]:
+    """Squares of 8 m full of posts, and in each a place whose middle is 0.50 to 0.80 m from the nearest one."""
+    rng = np.random.default_rng(SEED)
+    found: list[tuple[DistanceField, Pose2]] = []
+    while len(found) < SCENES:
+        cells = round(SIDE / CELL)
+        occupied: BoolArray = rng.random((cells, cells)) < POSTS
+        occupied[[0, -1]], occupied[:, [0, -1]] = True, True
+        field = DistanceField(distances(occupied, CELL), CELL)
+        for x, y, theta in rng.uniform((2, 2, -math.pi), (6, 6, math.pi), (300, 3)):
+            near = field.metres[int(y / CELL), int(x / CELL)]
+            if 0.5 <= near <= 0.8 and fits(CHAIR_B, 0.03, field, Pose2(x, y, theta)):
+                found.append((field, Pose2(float(x), float(y), float(theta))))
+                break
+    return found
+
+
+def fan() -> FloatArray:
+    """(2040, 2) candidates: 40 speeds by 51 turning speeds, the whole of the comfortable limits."""
+    v, omega = np.linspace(-0.2, 0.8, 40), np.linspace(-0.8, 0.8, 51)
+    return np.stack(np.meshgrid(v, omega), axis=-1).reshape(-1, 2)
+
+
+def fan_speed() -> Json:
+    """Time [ms] for all arcs of 2.5 s with the exact rectangle of chair B, certain as long as the chair brakes."""
+    candidates, limits = fan(), DwaSettings()
+    brake = np.maximum(np.abs(candidates[:, 0]) / limits.braking, np.abs(candidates[:, 1]) / limits.alpha)
+    certain = limits.period + brake / 2
+    spent, feasible = [], []
+    places = scenes()
+    for _ in range(ROUNDS):
+        for field, pose in places:
+            shape, start = footprint(CHAIR_B, limits.margin, field), in_cells(field, pose)
+            begun = time.thread_time_ns()
+            times = free_times(shape, start, candidates, certain, HORIZON)
+            spent.append((time.thread_time_ns() - begun) * 1e-6)
+            feasible.append(float((times >= HORIZON).mean()))
+    return {"candidates": len(candidates), **_over_scenes(spent), "free_to_the_end": float(np.mean(feasible))}
+
+
+def choice_speed() -> Json:
+    """Time [ms] of `choose` as the chair calls it: window, arcs, critics, and whether the command can stop."""
+    spent, limits = [], DwaSettings()
+    places = scenes()
+    for _ in range(ROUNDS):
+        for field, pose in places:
+            ahead = np.linspace(0.0, 6.0, 61)
+            x, y = pose.x + ahead * math.cos(pose.theta), pose.y + ahead * math.sin(pose.theta)
+            path = Path(np.column_stack([x, y, np.full(len(ahead), pose.theta)]))
+            begun = time.thread_time_ns()
+            result = choose(pose, Twist(0.3, 0.0), path, field, CHAIR_B, limits)
+            spent.append((time.thread_time_ns() - begun) * 1e-6)
+    return {"candidates": len(result.candidates), **_over_scenes(spent)}
+
+
+def _over_scenes(spent: list[float]) -> Json:
+    """Median and worst scene [ms], each at its best round."""
+    best = np.array(spent).reshape(ROUNDS, SCENES).min(axis=0)
+    return {"median_ms": float(np.median(best)), "worst_ms": float(best.max())}
+
+
+def control_step(world_name: str = "small_clinic", limit_s: float = 90.0) -> Json:
+    """Time [ms] of the whole control step in drives to all places of a world: chair A on its true map, 20 times a second.
+
+    The step takes in the sensors, localises, plans, chooses, and hands over to the bridge. The places are driven to
+    twice, and only the second time counts: kernels compile in the first.
+    """
+    world = load_world(world_name).without_people()
+    simulator = Simulator(world, CHAIR_A, chair_of(1), 1)
+    setting = Setting(world.grid, {place.name: place for place in world.places}, CHAIR_A, DEFAULT)
+    spent: list[float] = []
+    reached = 0
+    with chair_in(setting, simulator) as chair:
+        for place in (*world.places, *world.places):
+            if len(spent) and place is world.places[0]:
+                spent.clear()
+                reached = 0
+            begin(simulator, chair, Goal(place.name))
+            for _ in range(round(limit_s * COMMAND.rate_hz)):
+                messages = advance_tick(simulator, chair)
+                begun = time.thread_time_ns()
+                state = chair.step(simulator.now_ns, messages)
+                spent.append((time.thread_time_ns() - begun) * 1e-6)
+                if state.navigation.stage in (Stage.ARRIVED, Stage.FAILED):
+                    break
+            reached += state.navigation.stage is Stage.ARRIVED
+    times = np.array(spent)
+    return {
+        "steps": len(times),
+        "reached": reached,
+        "places": len(world.places),
+        "median_ms": float(np.median(times)),
+        "p99_ms": float(np.percentile(times, 99)),
+        "worst_ms": float(times.max()),
+    }
+
+
+def main() -> None:
+    """Print all figures."""
+    for name, figure in (("fan", fan_speed), ("choice", choice_speed), ("control step", control_step)):
+        print(f"{name}: " + ", ".join(f"{key} {value:.4g}" for key, value in figure().items()), flush=True)
+
+
+if __name__ == "__main__":
+    main()

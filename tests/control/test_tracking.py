@@ -1,0 +1,71 @@
+"""Lines are kept to the centimetre, forwards and backwards, by a chair that lags."""
+
+from __future__ import annotations
+
+import math
+from collections import deque
+
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+from waychair.calibration.chair import CHAIR_A
+from waychair.control.tracking import on_line, track
+from waychair.maps.distance_field import DistanceField
+from waychair.planning.dwa import DwaSettings
+from waychair.planning.footprint import along_arc
+from waychair.types import FloatArray, Pose2, Twist
+
+OPEN = DistanceField(np.full((600, 600), 5.0, np.float32), 0.02, Pose2(-6.0, -6.0, 0.0))
+
+
+def drive(pose: Pose2, line: FloatArray, backwards: bool, field: DistanceField = OPEN) -> list[Pose2]:
+    """A chair with the delay and lag of the simulated one, until the end of the line or 40 s."""
+    poses, command, v, omega = [pose], Twist(), 0.0, 0.0
+    delayed = deque([Twist()])
+    in_position = False
+    for _ in range(800):
+        choice = track(poses[-1], command, line, backwards, field, CHAIR_A, DwaSettings(), in_position=in_position)
+        in_position, command = choice.in_position, choice.twist
+        if choice.arrived or choice.blocked:
+            break
+        delayed.append(command)
+        told = delayed.popleft()
+        v += (told.v - v) * 0.05 / 0.14
+        omega += (told.omega - omega) * 0.05 / 0.14
+        p = poses[-1]
+        poses.append(Pose2(*along_arc(p.x, p.y, p.theta, v, omega, 0.05)))
+    return poses
+
+
+@given(st.floats(-0.12, 0.12), st.floats(-0.3, 0.3), st.booleans())
+@settings(max_examples=25)
+def test_errors_at_the_beginning_are_gone_after_a_metre(lateral: float, heading: float, backwards: bool) -> None:
+    x = np.linspace(0.0, -2.0 if backwards else 2.0, 41)
+    line = np.column_stack([x, np.zeros((41, 2))])
+    poses = drive(Pose2(0.0, lateral, heading), line, backwards)
+    late = [pose for pose in poses if abs(pose.x) > 1.3]
+    assert late
+    assert max(abs(pose.y) for pose in late) < 0.012
+    assert abs(poses[-1].x) == pytest.approx(2.0, abs=0.03)
+    assert abs(poses[-1].theta) < 0.03
+
+
+@pytest.mark.parametrize("backwards", [False, True])
+@pytest.mark.parametrize("radius", [-1.0, 0.6, 2.0])
+def test_an_arc_is_kept_to(radius: float, backwards: bool) -> None:
+    way = np.linspace(0.0, -1.2 if backwards else 1.2, 25)
+    line = np.array([along_arc(0.0, 0.0, 0.0, s, s / radius, 1.0) for s in way])
+    poses = drive(Pose2(), line, backwards)
+    off = [abs(on_line(line, pose, backwards).lateral) for pose in poses]
+    assert max(off) < 0.02
+    assert math.dist((poses[-1].x, poses[-1].y), line[-1, :2]) < 0.03
+
+
+def test_a_wall_across_the_line_stops_the_chair_before_it() -> None:
+    columns = (np.arange(600) + 0.5) * 0.02 - 6.0
+    metres = np.repeat(np.abs(columns - 1.5)[None], 600, axis=0).astype(np.float32)
+    line = np.column_stack([np.linspace(0.0, 2.0, 41), np.zeros((41, 2))])
+    poses = drive(Pose2(), line, False, DistanceField(metres, 0.02, OPEN.map_from_grid))
+    assert 1.3 < poses[-1].x + CHAIR_A.front < 1.5

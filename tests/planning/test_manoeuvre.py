@@ -1,0 +1,103 @@
+"""Multi-point turns: free all the way by an independent check, and refused where nothing fits."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from waychair.calibration.chair import CHAIR_A, CHAIR_A_FRONT, CHAIR_A_MID, CHAIR_B, ChairBody
+from waychair.errors import NoPath
+from waychair.geometry import rectangle, transform_points
+from waychair.maps.grid import cells_from_points, inside, occupied
+from waychair.planning.fine_field import FINEST, fine_field
+from waychair.planning.manoeuvre import ManoeuvreSettings, manoeuvre
+from waychair.types import FloatArray, OccupancyGrid, Pose2
+
+
+def room(width: float, height: float, *boxes: tuple[float, float, float, float]) -> OccupancyGrid:
+    """A walled room with boxes (x0, y0, x1, y1) [m] in it, on cells of 2.5 cm."""
+    cells = np.zeros((round(height / 0.025), round(width / 0.025)), np.int8)
+    cells[[0, -1]], cells[:, [0, -1]] = 100, 100
+    for x0, y0, x1, y1 in boxes:
+        cells[round(y0 / 0.025) : round(y1 / 0.025), round(x0 / 0.025) : round(x1 / 0.025)] = 100
+    return OccupancyGrid(cells, 0.025)
+
+
+DEAD_END = room(5.0, 2.5, (0.0, 0.0, 5.0, 0.5), (0.0, 2.0, 5.0, 2.5), (4.5, 0.0, 5.0, 2.5))
+
+
+def touches(grid: OccupancyGrid, body: ChairBody, pose: FloatArray) -> bool:
+    """The plain way: whether any point of the rectangle, sampled every centimetre, lies in an occupied cell."""
+    corners = rectangle(body.front, body.rear, body.width / 2)
+    x, y = (np.arange(corners[:, k].min(), corners[:, k].max() + 1e-9, 0.01) for k in (0, 1))
+    points = transform_points(Pose2(*pose), np.stack(np.meshgrid(x, y), axis=-1).reshape(-1, 2))
+    cells = cells_from_points(grid, points)
+    return not inside(grid, cells).all() or bool(occupied(grid)[cells[:, 0], cells[:, 1]].any())
+
+
+@pytest.mark.parametrize("body", [CHAIR_A, CHAIR_B, CHAIR_A_MID, CHAIR_A_FRONT], ids=lambda body: body.chair_id)
+def test_a_chair_turns_round_in_a_dead_end_without_touching_and_can_be_driven_like_that(body: ChairBody) -> None:
+    start, goal = Pose2(4.3 - body.front, 1.2, 0.05), Pose2(1.5, 1.25, math.pi)
+    poses = manoeuvre(fine_field(DEAD_END, Pose2(2.5, 1.25), 3.0), body, start, goal)
+    assert poses[0] == pytest.approx(start.array())
+    assert poses[-1] == pytest.approx(goal.array())
+    assert not any(touches(DEAD_END, body, pose) for pose in poses)
+    steps = np.diff(poses, axis=0)
+    goes = np.hypot(*steps[:, :2].T) > 0
+    across = -np.sin(poses[:-1, 2]) * steps[:, 0] + np.cos(poses[:-1, 2]) * steps[:, 1]
+    assert np.abs(across[goes]).max() < 0.02, "it moves along its own axis, never sideways"
+    assert np.hypot(*steps[:, :2].T).max() < 0.06 or len(poses) < 20
+
+
+def test_a_turn_that_does_not_fit_is_refused_with_advice() -> None:
+    narrow = room(5.0, 2.5, (0.0, 0.0, 5.0, 0.8), (0.0, 1.7, 5.0, 2.5))
+    with pytest.raises(NoPath, match="does not fit"):
+        manoeuvre(fine_field(narrow, Pose2(2.5, 1.25), 3.0), CHAIR_A, Pose2(2.5, 1.25, 0.0), Pose2(1.5, 1.25, math.pi))
+
+
+@pytest.mark.parametrize(("name", "x"), [("start", 4.4), ("end", 2.5)])
+def test_an_end_in_a_wall_is_named(name: str, x: float) -> None:
+    start, goal = Pose2(x, 1.25, 0.0), Pose2(2.5 if name == "start" else 4.4, 1.25, 0.0)
+    with pytest.raises(NoPath, match=f"at the {name}"):
+        manoeuvre(fine_field(DEAD_END, Pose2(2.5, 1.25), 3.0), CHAIR_A, start, goal)
+
+
+def test_in_the_open_it_is_a_turn_and_a_straight_line() -> None:
+    poses = manoeuvre(
+        fine_field(room(6.0, 6.0), Pose2(3.0, 3.0), 4.0), CHAIR_A, Pose2(2.0, 3.0, 1.5), Pose2(4.0, 3.0, 0.0)
+    )
+    assert np.hypot(*np.diff(poses[:, :2], axis=0).T).sum() == pytest.approx(2.0, abs=0.1)
+
+
+def test_finer_bins_find_what_coarse_ones_miss_but_not_what_is_impossible() -> None:
+    corner = room(4.5, 4.5, (0.0, 0.0, 4.5, 0.5), (0.0, 1.425, 2.575, 4.5), (3.5, 0.0, 4.5, 4.5))
+    field = fine_field(corner, Pose2(2.2, 2.2), 3.0)
+    start, goal = Pose2(1.2, 0.95, 0.0), Pose2(3.04, 3.2, math.pi / 2)
+    fine = ManoeuvreSettings(margin=0.005, bin=0.025, headings=144)
+    assert len(manoeuvre(field, CHAIR_A, start, goal, fine))
+    with pytest.raises(NoPath):
+        manoeuvre(field, replace(CHAIR_B, width=0.8), start, goal, fine)
+
+
+def test_a_fine_field_keeps_the_walls_where_they_are_and_adds_what_is_news() -> None:
+    grid = room(3.0, 3.0)
+    plain = fine_field(grid, Pose2(1.5, 1.5), 5.0)
+    assert plain.resolution == FINEST
+    assert plain.metres.shape == (240, 240)
+    assert plain.metres[120, 2] == pytest.approx(FINEST)  # two fine cells to a cell of the map
+    points = np.array([[1.5, 1.5], [0.05, 1.0]])
+    seen = fine_field(grid, Pose2(1.5, 1.5), 5.0, points, known_within=0.06)
+    assert seen.metres[120, 120] == 0.0
+    assert seen.metres[80, 4] > 0.0, "a point at a wall is the wall"
+
+
+def test_a_measured_door_replaces_the_mapped_one() -> None:
+    grid = room(4.0, 4.0, (2.0, 0.0, 2.15, 1.6), (2.0, 2.35, 2.15, 4.0))  # mapped 0.75 m wide, 2.5 cm off
+    door = Pose2(2.075, 2.0, 0.0)
+    free = fine_field(grid, door, 3.0, opening=(door, 0.8))
+    rows = np.flatnonzero(free.metres[:, round(2.075 / FINEST)] > 0) * FINEST
+    opening = rows[(rows > 1.0) & (rows < 3.0)]
+    assert (opening.min(), opening.max() + FINEST) == pytest.approx((1.6, 2.4), abs=1.5 * FINEST)

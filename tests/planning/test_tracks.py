@@ -1,0 +1,110 @@
+"""People are found, followed, and let go of."""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+import pytest
+
+from waychair.calibration.chair import CHAIR_A
+from waychair.geometry import transform_points
+from waychair.maps.grid import cells_from_points
+from waychair.planning.tracks import Track, Tracker, TrackSettings, associate, clusters, predicted
+from waychair.simulation.lidar import Lidar, LidarSettings
+from waychair.simulation.people import People
+from waychair.simulation.rays import scenery_of
+from waychair.simulation.scene import Behaviour, PersonPlan, Slice
+from waychair.simulation.silhouettes import legs
+from waychair.types import FloatArray, OccupancyGrid, Pose2, Twist
+
+SETTINGS = TrackSettings()
+TICK_NS = 100_000_000
+
+
+def blob(x: float, y: float, count: int = 8) -> FloatArray:
+    angles = np.linspace(0, math.tau, count, endpoint=False)
+    return np.column_stack([x + 0.12 * np.cos(angles), y + 0.12 * np.sin(angles)])
+
+
+def test_two_legs_are_one_person_and_a_wall_is_none() -> None:
+    wall = np.column_stack([np.linspace(0, 3, 60), np.full(60, 5.0)])
+    points = np.concatenate([blob(1.0, 1.0), blob(1.0, 1.35), blob(4.0, 2.0), wall, [[8.0, 8.0]]])
+    middles = clusters(points, SETTINGS)
+    np.testing.assert_allclose(sorted(middles.tolist()), [[1.0, 1.175], [4.0, 2.0]], atol=0.01)
+    assert clusters(np.empty((0, 2)), SETTINGS).shape == (0, 2)
+
+
+def test_a_walker_is_believed_after_some_sightings_and_its_velocity_found() -> None:
+    tracker = Tracker()
+    counts = []
+    for k in range(30):
+        tracks = tracker.update(k * TICK_NS, blob(0.1 * k, 2.0 - 0.05 * k))
+        counts.append(len(tracks))
+    assert counts[: SETTINGS.believed_after] == [0] * (SETTINGS.believed_after - 1) + [1]
+    assert set(counts[SETTINGS.believed_after :]) == {1}
+    np.testing.assert_allclose(tracks[0].velocity, [1.0, -0.5], atol=0.05)
+    np.testing.assert_allclose(tracks[0].position, [2.9, 0.55], atol=0.05)
+
+
+def test_who_is_hidden_for_a_moment_keeps_its_number_and_who_is_gone_is_forgotten() -> None:
+    tracker = Tracker()
+    nothing = np.empty((0, 2))
+    for k in range(20):
+        tracks = tracker.update(k * TICK_NS, blob(0.1 * k, 0.0) if k not in (12, 13, 14) else nothing)
+    assert [track.number for track in tracks] == [1]
+    for k in range(20, 30):
+        tracks = tracker.update(k * TICK_NS, nothing)
+    assert tracks == ()
+
+
+def test_two_who_pass_each_other_keep_their_numbers() -> None:
+    tracker = Tracker()
+    for k in range(60):
+        tracks = tracker.update(k * TICK_NS, np.concatenate([blob(-3 + 0.1 * k, 0.0), blob(3 - 0.1 * k, 0.9)]))
+    velocities = {track.number: float(track.velocity[0]) for track in tracks}
+    assert velocities == {1: pytest.approx(1.0, abs=0.1), 2: pytest.approx(-1.0, abs=0.1)}
+
+
+def test_what_lies_outside_of_every_gate_is_given_to_no_track() -> None:
+    track = Track(1, 0, 0, 5, np.zeros(2), np.zeros(2), 0.01 * np.eye(4), 0.3)
+    assert associate((track,), np.array([[5.0, 0.0]]), SETTINGS) == {}
+    assert associate((track,), np.array([[5.0, 0.0], [0.1, 0.0]]), SETTINGS) == {0: 1}
+    assert associate((), np.array([[5.0, 0.0]]), SETTINGS) == {}
+
+
+def test_prediction_equals_constant_velocity_with_white_acceleration() -> None:
+    covariance = np.diag([0.04, 0.04, 0.25, 0.25])
+    track = Track(1, 0, 0, 5, np.array([1.0, 2.0]), np.array([0.5, -1.0]), covariance, 0.3)
+    later = predicted(track, 500_000_000, SETTINGS)
+    np.testing.assert_allclose(later.position, [1.25, 1.5])
+    np.testing.assert_allclose(later.velocity, track.velocity)
+    expected = 0.04 + 0.25 * 0.25 + 0.5**4 / 4 * SETTINGS.acceleration**2
+    assert later.covariance[0, 0] == pytest.approx(expected)
+
+
+def test_the_simulators_people_are_found_by_the_simulators_lidar() -> None:
+    """Three who walk to and fro in an empty hall, a chair that stands: two legs each, swinging."""
+    grid = OccupancyGrid(np.zeros((240, 240), np.int8), 0.05)
+    ways = [[[3.0, 4.0], [9.0, 4.0]], [[9.0, 6.0], [3.0, 6.5]], [[5.0, 9.0], [7.0, 9.0]]]
+    plans = [PersonPlan(Behaviour.PATH, np.array(way), 1.0) for way in ways]
+    pose = Pose2(2.0, 6.0)
+    people = People(plans, grid, CHAIR_A, np.random.default_rng(4))
+    lidar = Lidar(LidarSettings(rate_hz=10.0, sweep_s=0.0, drop_out=0.0, mixed=0.0), CHAIR_A, np.random.default_rng(5))
+    nothing = scenery_of(Slice(np.empty((0, 4)), np.empty(0, np.int64)))
+    tracker, errors, seen = Tracker(), [], []
+    for k in range(80):
+        people.step(TICK_NS, pose, Twist())
+        scan = lidar.scan_at_rest(nothing, pose, k * TICK_NS, legs(people.states))
+        hit = np.isfinite(scan.ranges)
+        ranges, angles = scan.ranges[hit].astype(np.float64), scan.angles()[hit]
+        points = np.column_stack([ranges * np.cos(angles), ranges * np.sin(angles)])
+        at = transform_points(pose @ CHAIR_A.base_from_laser, points)
+        assert (cells_from_points(grid, at) >= 0).all()
+        tracks = tracker.update(k * TICK_NS, at)
+        seen.append(len(tracks))
+        for person in people.states:
+            away = [math.dist(track.position, (person.pose.x, person.pose.y)) for track in tracks]
+            errors.append(min(away, default=math.inf))
+    assert np.median(seen[10:]) == 3
+    assert np.percentile(errors[60:], 90) < 0.25
