@@ -15,6 +15,7 @@ import sys
 import time
 from collections.abc import Callable
 from dataclasses import dataclass
+from functools import partial
 from pathlib import Path
 
 import numpy as np
@@ -63,7 +64,8 @@ def closure(ahead: int) -> Change:
 
     def cells(prices: Prices, path: IntArray, rng: np.random.Generator) -> IntArray:
         bar = bar_across(path, ahead, prices.shape)
-        return bar[prices[tuple(bar.T)] > 0]
+        free: IntArray = bar[prices[tuple(bar.T)] > 0]
+        return free
 
     return cells
 
@@ -170,7 +172,7 @@ def _asked_anew(prices: Prices, query: Query, questions: list[_Question]) -> lis
     for question in questions:
         prices[tuple(question.cells.T)] = question.after
         begun = time.thread_time()
-        cost = _answer(lambda start=question.start: shortest_cost(prices, start, query.goal))
+        cost = _answer(partial(shortest_cost, prices, question.start, query.goal))
         times.append(time.thread_time() - begun)
         if cost != question.cost:
             raise AssertionError(f"D* Lite found {question.cost}, A* {cost}")

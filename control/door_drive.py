@@ -28,7 +28,7 @@ class DoorDriveSettings(Settings):
     """When the chair may enter."""
 
     gate: float = setting(0.18, "m", "the front end this far before the middle: now or never", low=0.05, high=1.0)
-    lateral: float = setting(0.015, "m", "off the axis, at the axle and at the front", low=0.005, high=0.2)
+    lateral: float = setting(0.02, "m", "off the axis, at the axle and at the front", low=0.005, high=0.2)
     lateral_share: float = setting(
         0.33, "", "or this part of the room on each side, if that is more", low=0.0, high=0.9
     )

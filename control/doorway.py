@@ -24,7 +24,6 @@ class DoorwaySettings(Settings):
     off: float = setting(0.25, "m", "a jamb may be this far from where the map has it", low=0.05, high=1.0)
     turned: float = setting(0.2, "rad", "the wall may be turned by this much against the map", low=0.02, high=1.0)
     wall: float = setting(0.5, "m", "wall beside the opening that gives the direction", low=0.1, high=2.0)
-    edge: float = setting(0.06, "m", "points this near to the innermost ones are the jamb's edge", low=0.01, high=0.3)
     least: int = setting(6, "", "points that an edge and a wall consist of", low=2, high=1000)
     memory: int = setting(8, "scans", "averaged over about so many", low=1, high=100)
     seen: int = setting(3, "scans", "in which it must have been found before it is believed", low=1, high=100)
@@ -70,9 +69,8 @@ def find_doorway(
     edges = []
     for side, (out, _) in zip((1.0, -1.0), sides, strict=True):
         off = np.sort(side * (out @ across))
-        innermost = off[settings.least // 2]
-        edge = off[off < innermost + settings.edge]
-        edges.append(side * float(np.median(edge[: max(settings.least, len(edge) // 2)])))
+        edge = off[off < off[settings.least // 2] + 0.03]  # the jamb's inner face, or the end of the wall's
+        edges.append(side * float(np.percentile(edge, 25)))
     left, right = edges
     if abs(left - right - width) > settings.off:
         return None

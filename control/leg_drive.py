@@ -69,12 +69,12 @@ class LegDrive:
         return self._door is not None and self._door.entered
 
     def remaining(self, pose: Pose2) -> float | None:
-        """Way [m] to the leg's end from a pose in map, None while the chair turns at it.
+        """Way [m] to the leg's end from a pose in map, None while the chair turns at it or tries a door again.
 
         A turn that is still to be made counts as way, or turning on the spot would be no progress.
         """
-        if self.in_position or len(self.leg.path.poses) < 2:
-            return None
+        if self.in_position or len(self.leg.path.poses) < 2 or (self._door is not None and self._door.tries):
+            return None  # a door has a count of its own
         at = on_line(self.leg.path.poses, pose, self.leg.backwards)
         return max(0.0, at.left) + _TURN_AS_WAY * abs(at.heading)
 

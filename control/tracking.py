@@ -33,10 +33,11 @@ class TrackingSettings(Settings):
 
     max_speed: float = setting(0.25, "m/s", "along a line where it is tight", low=0.05, high=0.3)
     max_omega: float = setting(0.4, "rad/s", "turning where it is tight", low=0.05, high=1.0)
-    return_length: float = setting(0.25, "m", "way over which an error dies away", low=0.05, high=2.0)
+    return_length: float = setting(0.16, "m", "way over which an error dies away", low=0.05, high=2.0)
     end_tolerance: float = setting(0.015, "m", "how near to its end along the line", low=0.005, high=0.1)
     heading_tolerance: float = setting(0.02, "rad", "how exactly the chair turns at an end", low=0.005, high=0.2)
     turn_first: float = setting(0.12, "rad", "farther off the line's heading: turn before driving", low=0.02, high=1.0)
+    turn_midway: float = setting(0.8, "rad", "farther off while driving: stop and turn", low=0.1, high=1.5)
 
 
 @dataclass(frozen=True, slots=True)
@@ -98,9 +99,7 @@ def track(
     if in_position or at.left <= settings.end_tolerance:
         turned = rotate_to_heading(pose, command, float(poses[-1, 2]), distances, body, limits)
         return replace(turned, in_position=True)
-    if (abs(at.heading) > settings.turn_first and abs(command.v) < _STANDING) or abs(
-        at.heading
-    ) > 3 * settings.turn_first:
+    if abs(at.heading) > (settings.turn_first if abs(command.v) < _STANDING else settings.turn_midway):
         turned = rotate_to_heading(pose, command, wrap_angle(ahead.theta - at.heading), distances, body, limits)
         return replace(turned, arrived=False)
     wanted = _feedback(at, backwards, limits, settings)

@@ -270,14 +270,15 @@ def _window(
 
     With a motion, Eq. (9) is of the third order: the acceleration too takes its time to change.
     """
-    now, time = motion.acceleration if motion is not None else None, settings.window_time
+    time = settings.window_time
+    a, alpha = (None, None) if motion is None else (motion.acceleration.v, motion.acceleration.omega)
     # Slow enough to stop at the goal, with half the braking held back.
     fastest = min(settings.max_speed, max(math.sqrt(settings.braking * remaining), settings.min_speed))
     faster = settings.acceleration if command.v >= 0 else settings.braking
     slower = settings.braking if command.v >= 0 else settings.acceleration
-    v_high = min(fastest, command.v + _change(now and now.v, faster, settings.jerk, time))
-    v_low = max(-settings.max_reverse, command.v - _change(now and -now.v, slower, settings.jerk, time))
-    more, less = (_change(now and sign * now.omega, settings.alpha, settings.alpha_jerk, time) for sign in (1.0, -1.0))
+    v_high = min(fastest, command.v + _change(a, 1.0, faster, settings.jerk, time))
+    v_low = max(-settings.max_reverse, command.v - _change(a, -1.0, slower, settings.jerk, time))
+    more, less = (_change(alpha, sign, settings.alpha, settings.alpha_jerk, time) for sign in (1.0, -1.0))
     omega_high = min(settings.max_omega, command.omega + more)
     omega_low = max(-settings.max_omega, command.omega - less)
     v = _samples(min(v_low, v_high), max(v_low, v_high), settings.v_samples)
@@ -291,12 +292,16 @@ def _window(
     return np.ascontiguousarray(pairs[possible]) if possible.any() else np.zeros((1, 2))
 
 
-def _change(acceleration: float | None, most: float, jerk: float, time: float) -> float:
-    """Greatest change of a speed within a time, from an acceleration that rises by the jerk to `most`; at once for None."""
+def _change(acceleration: float | None, sign: float, most: float, jerk: float, time: float) -> float:
+    """Greatest change of a speed up (sign 1) or down (-1) within a time, of an acceleration that the jerk takes to `most`.
+
+    At once without an acceleration.
+    """
     if acceleration is None:
         return most * time
-    ramp = min(max((most - acceleration) / jerk, 0.0), time)
-    return acceleration * ramp + jerk * ramp**2 / 2 + most * (time - ramp)
+    now = sign * acceleration
+    ramp = min(max((most - now) / jerk, 0.0), time)
+    return now * ramp + jerk * ramp**2 / 2 + most * (time - ramp)
 
 
 def _samples(low: float, high: float, count: int) -> FloatArray:

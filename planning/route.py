@@ -28,7 +28,7 @@ _FITS = 0.045
 _ATTEMPTS = ((0.05, 0.05, 72), (0.03, 0.05, 72), (0.015, 0.025, 144), (0.005, 0.025, 144))
 """Margin round the body [m], side of a bin [m] and number of headings: the first with which there is a manoeuvre."""
 
-_AHEAD = (0.6, 0.45, 0.3, 0.2, 0.1)
+_AHEAD = (0.8, 0.6, 0.45, 0.3, 0.2, 0.1)
 """Before a door's middle [m]: where the front end may stand when the chair lines up, the farthest with room."""
 
 _PAST = (0.35, 0.2, 0.1)

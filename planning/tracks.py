@@ -26,8 +26,9 @@ class TrackSettings(Settings):
     """Sizes of people, how they move, and when a track is believed."""
 
     link: float = setting(
-        0.45, "m", "points nearer than this are of one thing: two legs are one person", low=0.05, high=2.0
+        0.55, "m", "points nearer than this are of one thing: two legs are one person", low=0.05, high=2.0
     )
+    apart: float = setting(0.6, "m", "nothing new is born nearer to a track than this", low=0.05, high=2.0)
     least_points: int = setting(3, "", "of a cluster", low=1, high=1000)
     largest: float = setting(1.2, "m", "wider things are no person", low=0.2, high=10.0)
     radius: float = setting(0.3, "m", "of a person", low=0.05, high=1.0)
@@ -86,8 +87,10 @@ class Tracker:
             if i in taken or stamp_ns - track.seen_ns <= s.forgotten_after * 1e9
         ]
         for k in sorted(set(range(len(middles))) - set(taken.values())):
-            kept.append(_born(self._next, stamp_ns, middles[k], s))
-            self._next += 1
+            # What is as near to somebody as a leg is to the other is no second person.
+            if all(math.dist(track.position, middles[k]) > s.apart for track in kept):
+                kept.append(_born(self._next, stamp_ns, middles[k], s))
+                self._next += 1
         self._tracks = tuple(kept)
         return tuple(track for track in kept if track.seen >= s.believed_after)
 

@@ -33,11 +33,11 @@ from waychair.control.stops import STOPS, Braking, Halt, Severity, board_halt, h
 from waychair.control.supervisor import DRIVEN, Override, Situation, SupervisorSettings, Verdict, supervise
 from waychair.firmware_bridge.bridge import Bridge, BridgeSettings
 from waychair.firmware_bridge.transports import Reconnecting
-from waychair.geometry import transform_points
+from waychair.geometry import arc, transform_points
 from waychair.maps.zones import Zone, speed_limit
 from waychair.runtime.monitor_process import MonitorInStep, MonitorPort, Watched
 from waychair.slam.localiser import Localisation, Localiser, LocaliserSettings
-from waychair.slam.odometry import WheelOdometry, arc
+from waychair.slam.odometry import OdometryFilter
 from waychair.slam.scan_points import scan_points
 from waychair.types import (
     ChairStatus,
@@ -129,7 +129,7 @@ class Chair:
         self._calibration = calibration
         self._zones = zones
         self._delays = calibration.sensor_delays or SensorDelays()
-        self._odometry = WheelOdometry(body)
+        self._odometry = OdometryFilter(body)
         self._localiser = Localiser(grid, body.base_from_laser, start, s.localiser)
         model = model or calibration.dac or DEFAULT
         model = DeadBand(model) if isinstance(model, FittedDac) else model
@@ -149,6 +149,7 @@ class Chair:
         self._halts: tuple[Halt, ...] = (halt("lidar_stale"),)
         self._sent: Sent | None = None
         self._wheels: Odometry | None = None
+        self._measured = Twist()  # mean of the last tick
         self._scan: Scan | None = None
         self._localisation: Localisation | None = None
 
@@ -202,7 +203,7 @@ class Chair:
         map_from_odom = None if self._localisation is None else self._localisation.map_from_odom
         navigation = self.navigator.step(now_ns, pose, obstacles, map_from_odom)
         command = self._limited(now_ns, verdict, navigation)
-        trimmed = self._loop.step(command if self.bridge.armed else None, self._twist, now_ns, self._sent)
+        trimmed = self._loop.step(command if self.bridge.armed else None, self._measured, now_ns, self._sent)
         speeds = None if command is None else wheel_speeds_from_twist(trimmed, self.body.track)
         sent = self.bridge.send(speeds, now_ns, now_ns)
         self._follow_up(sent, command)
@@ -212,22 +213,29 @@ class Chair:
 
     @property
     def _twist(self) -> Twist:
-        """As measured by the wheels."""
+        """As measured by wheels and gyro."""
         return Twist() if self._wheels is None else self._wheels.twist
 
     def _take_in(self, messages: Iterable[Message]) -> FloatArray | None:
         """Odometry and localisation up to date; what the latest of these scans saw, (N, 2) [m] in map."""
-        seen = None
+        seen, twists = None, []
         for late in messages:
             message = without_delay(late, self._delays)
             if isinstance(message, WheelTicks):
-                self._wheels = self._odometry.update(message)
+                self._wheels = self._odometry.update_wheels(message)
+                twists.append(self._wheels.twist)
+            elif isinstance(message, ImuSample):
+                self._odometry.update_imu(message)
             elif isinstance(message, Scan) and self._wheels is not None:
                 self._monitor.see(message)
                 self._scan = message
                 seen = self._localise(message)
             if not isinstance(message, SonarReadings):
                 self._fitness.hear(message, self._twist)
+        if twists:  # one sample of an encoder is coarse
+            self._measured = Twist(
+                sum(twist.v for twist in twists) / len(twists), sum(twist.omega for twist in twists) / len(twists)
+            )
         return seen
 
     def _localise(self, raw: Scan) -> FloatArray:

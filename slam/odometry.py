@@ -16,8 +16,11 @@ import numpy as np
 
 from waychair.calibration.chair import ChairBody
 from waychair.errors import CalibrationError
-from waychair.geometry import arc as arc  # noqa: PLC0414
-from waychair.geometry import interpolate, wrap_angle
+from waychair.geometry import (
+    arc,
+    interpolate,
+    wrap_angle,
+)
 from waychair.slam.odometry_model import (
     BIAS,
     MARK,
@@ -335,14 +338,6 @@ class OdometryFilter:
     def _last(self, stamp_ns: int) -> Odometry:
         """The last output again, for a reading that says nothing."""
         return self._outputs[-1] if self._outputs else Odometry(stamp_ns, Pose2(), Twist(), self._covariance)
-
-
-class WheelOdometry(OdometryFilter):
-    """The filter with wheels only."""
-
-    def update(self, ticks: WheelTicks) -> Odometry:
-        """Odometry at the stamp of the counts."""
-        return self.update_wheels(ticks)
 
 
 def _pairs(now: WheelTicks, before: WheelTicks) -> tuple[tuple[int, int], tuple[int, int]]:

@@ -88,7 +88,11 @@ class BarnSettings(Settings):
 
 @dataclass(frozen=True, slots=True)
 class BarnRun:
-    """One run: `outcome` is one of `OUTCOMES`, a navigator that gives up being a timeout; `time_s` from the first motion; `truth` (T, 3) in the world."""
+    """One run: `outcome` is one of `OUTCOMES`, a navigator that gives up being a timeout.
+
+    `time_s` from the first motion; `clearance_m` the least on the way, at most the lidar's range; `truth` (T, 3) [m, m,
+    rad] in the world.
+    """
 
     world: str
     start: int
@@ -227,7 +231,15 @@ def run_barn(
     odom = Pose2()
     chair = MaplessNavigator(body, odom, truth.inverse() @ environment.goal, navigator)
     pending = deque([Twist()] * round(navigator.dwa.reaction_time / PERIOD))
-    poses, began, now_ns, outcome, clearance, plans, reason = [truth], None, 0, "timeout", settings.lidar.range_max, 0, ""
+    poses, began, now_ns, outcome, clearance, plans, reason = (
+        [truth],
+        None,
+        0,
+        "timeout",
+        settings.lidar.range_max,
+        0,
+        "",
+    )
     while outcome == "timeout" and (began is None or (now_ns - began) * 1e-9 < settings.time_limit):
         if began is None and now_ns * 1e-9 > settings.time_limit:
             break

@@ -16,7 +16,7 @@ from waychair.control.closed_loop import ClosedLoop, ClosedLoopSettings
 from waychair.control.kinematics import wheel_speeds_from_twist
 from waychair.simulation.simulator import SensorMessage, Simulator, SimulatorSettings
 from waychair.simulation.world import World
-from waychair.slam.odometry import WheelOdometry
+from waychair.slam.odometry import OdometryFilter
 from waychair.trials.halls import open_hall
 from waychair.trials.simulated_drive import TICK_NS, with_few_beams, with_gyro
 from waychair.types import FloatArray, ImuSample, Pose2, Sent, Twist, WheelTicks
@@ -32,15 +32,17 @@ class TwistSensor:
 
     def __init__(self, body: ChairBody, at_rest: Sequence[SensorMessage]) -> None:
         """`at_rest`: what the sensors said while the chair stood still."""
-        self._odometry = WheelOdometry(body)
+        self._odometry = OdometryFilter(body)
         for message in at_rest:
             if isinstance(message, WheelTicks):
-                self._odometry.update(message)
+                self._odometry.update_wheels(message)
         self._bias = float(np.mean([message.gyro[2] for message in at_rest if isinstance(message, ImuSample)]))
 
     def mean(self, messages: Sequence[SensorMessage]) -> Twist:
         """Mean twist over one tick's messages."""
-        speeds = [self._odometry.update(message).twist.v for message in messages if isinstance(message, WheelTicks)]
+        speeds = [
+            self._odometry.update_wheels(message).twist.v for message in messages if isinstance(message, WheelTicks)
+        ]
         rates = [float(message.gyro[2]) for message in messages if isinstance(message, ImuSample)]
         return Twist(float(np.mean(speeds)), float(np.mean(rates)) - self._bias)
 

@@ -31,7 +31,7 @@ from waychair.simulation.simulator import Simulator, SimulatorSettings
 from waychair.simulation.world import load_world
 from waychair.slam.localiser import LocalisationState, Localiser, LocaliserSettings
 from waychair.slam.mapper import twist_of
-from waychair.slam.odometry import WheelOdometry
+from waychair.slam.odometry import OdometryFilter
 from waychair.slam.scan_points import motion_of_beams, scan_points
 from waychair.types import (
     BoolArray,
@@ -206,14 +206,14 @@ def simulated_split(name: str) -> Split:
 def simulated_drive(name: str, seed: int) -> tuple[tuple[SensorFrame, ...], FloatArray]:
     """Scans with wheel odometry along a world's mapping route, without people, and the true poses (N, 3) at them."""
     world = load_world(name).without_people()
-    simulator, odometry = Simulator(world, CHAIR_A, SimulatorSettings(), seed), WheelOdometry(CHAIR_A)
+    simulator, odometry = Simulator(world, CHAIR_A, SimulatorSettings(), seed), OdometryFilter(CHAIR_A)
     reading, scans, stamps, poses = Odometry(0, Pose2()), [], [simulator.now_ns], [simulator.truth()]
     for message in follow(simulator, Follower(world.route(), CHAIR_A.track, PlantSettings())):
         if simulator.now_ns > stamps[-1]:
             stamps.append(simulator.now_ns)
             poses.append(simulator.truth())
         if isinstance(message, WheelTicks):
-            reading = odometry.update(message)
+            reading = odometry.update_wheels(message)
         elif isinstance(message, Scan):
             late = (message.stamp_ns - reading.stamp_ns) * 1e-9
             at_scan = reading.odom_from_base @ arc(reading.twist.v * late, reading.twist.omega * late)

@@ -49,7 +49,9 @@ def test_what_is_admissible_obeys_equation_10_as_printed() -> None:
 
 
 def test_turning_in_place_is_never_admissible_as_printed() -> None:
-    result = choose_as_paper(Pose2(4.0, 4.0), Twist(), straight(Pose2(4.0, 4.0), 6.0), distance_field(hall()), CHAIR_A, PERFECT)
+    result = choose_as_paper(
+        Pose2(4.0, 4.0), Twist(), straight(Pose2(4.0, 4.0), 6.0), distance_field(hall()), CHAIR_A, PERFECT
+    )
     turning = (result.candidates[:, 0] == 0.0) & (result.candidates[:, 1] != 0.0)
     assert not np.isfinite(result.scores[turning]).any()
 
