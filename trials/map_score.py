@@ -28,13 +28,14 @@ def wall_agreement(mapped: OccupancyGrid, truth: OccupancyGrid, true_from_map: P
     """Walls of a map against those of the true grid, `within` so many metres.
 
     A mapped cell lies at a wall if its centre is no further than that from the nearest true occupied cell (0 inside
-    it). A face of a true wall was seen if the map knows the space before it to be free; the map shows it if the centre
-    of an occupied cell is no further away than that.
+    it). A face of a true wall was seen if the map knows the space before it to be free; the map shows it if the middle
+    of the face is no further than that from an occupied cell.
     """
     cells = transform_points(true_from_map, occupied_points(mapped))
     at_wall = _outside(cells, occupied_points(truth), truth.resolution) <= within + 1e-9
     faces = _seen_faces(mapped, truth, true_from_map)
-    shown = cKDTree(cells).query(faces)[0] <= within + 1e-9
+    in_map = transform_points(true_from_map.inverse(), faces)
+    shown = _outside(in_map, occupied_points(mapped), mapped.resolution) <= within + 1e-9
     return WallAgreement(float(at_wall.mean()), float(shown.mean()), len(cells), len(faces))
 
 
