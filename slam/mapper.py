@@ -25,10 +25,10 @@ from waychair.types import FloatArray, Odometry, Pose2, SensorFrame, Trajectory,
 
 @dataclass(frozen=True, slots=True)
 class MapperSettings(Settings):
-    """Key scans, odometry noise and the parts' own settings."""
+    """Which scans become key scans, when a match is believed, and the parts' own settings."""
 
-    key_distance: float = setting(0.2, "m", "distance between key scans", low=0.0, high=5.0)
-    key_angle: float = setting(math.radians(10), "rad", "turn between key scans", low=0.0, high=math.pi)
+    key_distance: float = setting(0.2, "m", "way after which a scan is matched with care", low=0.0, high=5.0)
+    key_angle: float = setting(math.radians(10), "rad", "turn after which it is", low=0.0, high=math.pi)
     cover_distance: float = setting(0.3, "m", "an earlier key scan this near stands for a new one", low=0.0, high=5.0)
     cover_angle: float = setting(math.radians(15), "rad", "the same for the heading", low=0.0, high=math.pi)
     cover_way: float = setting(1.5, "m", "if the way there along the edges is shorter", low=0.0, high=50.0)
