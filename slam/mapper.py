@@ -39,6 +39,9 @@ class MapperSettings(Settings):
     running_reach: float = setting(12.0, "m", "size of the reference round the chair", low=2.0, high=60.0)
     search_distance: float = setting(0.3, "m", "half window of the search round the odometry", low=0.05, high=5.0)
     search_angle: float = setting(0.35, "rad", "half window of the search round the odometry", low=0.02, high=3.1)
+    placed_window: float = setting(
+        0.4, "", "share of it that is searched when the scan was placed already", low=0.01, high=1.0
+    )
     good_response: float = setting(
         0.7, "", "a match below this is searched for in the window of a slip", low=0.0, high=1.0
     )
@@ -211,7 +214,8 @@ class Mapper:
             guess = self.keys.pose(here) @ here_from_base
             by_odometry = of_odometry(self._anchored.inverse() @ self._reckoned, settings.noise)
             prior = turned(by_odometry, guess.theta)
-            window = Window(settings.search_distance, settings.search_angle)
+            share = 1.0 if self._loose else settings.placed_window
+            window = Window(share * settings.search_distance, share * settings.search_angle)
             reference = self._running()
             found, slipped = match(scan, reference, guess, prior, window, settings.matching), False
             if found.response < settings.good_response:  # the odometry slipped, or this place is new
