@@ -162,10 +162,10 @@ class Mapper:
     def _reckon(self, frame: SensorFrame) -> Pose2:
         """`last_from_base`: the motion since the frame before by the odometry, else the last motion once more."""
         self.counts["frames"] += 1
-        own = [reading for reading in frame.wheels if isinstance(reading, Odometry)]
-        if not own:
+        own = odometry_of(frame)
+        if own is None:
             return self._motion
-        before, self._odometry = self._odometry, own[-1].odom_from_base
+        before, self._odometry = self._odometry, own.odom_from_base
         return Pose2() if before is None else before.inverse() @ self._odometry
 
     def _points(self, frame: SensorFrame) -> ScanPoints:
@@ -342,7 +342,12 @@ class Mapper:
         self.seconds[stage] += time.process_time() - started
 
 
+def odometry_of(frame: SensorFrame) -> Odometry | None:
+    """The latest odometry among the frame's own readings, if it has any."""
+    return next((reading for reading in reversed(frame.wheels) if isinstance(reading, Odometry)), None)
+
+
 def twist_of(frame: SensorFrame) -> Twist | None:
     """Twist of the base at the frame's stamp by its own odometry, if it has any."""
-    own = [reading for reading in frame.wheels if isinstance(reading, Odometry)]
-    return own[-1].twist if own else None
+    own = odometry_of(frame)
+    return None if own is None else own.twist

@@ -30,7 +30,7 @@ from waychair.simulation.plant import PlantSettings
 from waychair.simulation.simulator import Simulator, SimulatorSettings
 from waychair.simulation.world import load_world
 from waychair.slam.localiser import LocalisationState, Localiser, LocaliserSettings
-from waychair.slam.mapper import twist_of
+from waychair.slam.mapper import odometry_of, twist_of
 from waychair.slam.odometry import OdometryFilter
 from waychair.slam.scan_points import motion_of_beams, scan_points
 from waychair.types import (
@@ -132,8 +132,9 @@ def kidnapped(data: Split, start: int, settings: LocaliserSettings) -> Outcome:
     way, slowest = 0.0, 0.0
     for k in range(start, len(data.frames)):
         frame = data.frames[k]
-        odometry = next(reading for reading in reversed(frame.wheels) if isinstance(reading, Odometry))
+        odometry = odometry_of(frame)
         assert frame.scan is not None
+        assert odometry is not None
         way += math.dist(data.truth[k, :2], data.truth[k - 1, :2]) if k > start else 0.0
         if way > LIMIT_M:
             break

@@ -19,7 +19,7 @@ from waychair.recording import BagSettings, InputSettings, Recording, read_recor
 from waychair.runtime.mapping_report import torn_warnings
 from waychair.simulation.world import load_world
 from waychair.slam.evaluation import read_relations, relation_errors, truth_errors
-from waychair.slam.mapper import Mapper, MapperSettings
+from waychair.slam.mapper import Mapper, MapperSettings, odometry_of
 from waychair.trials.map_score import wall_agreement
 from waychair.types import Json, Odometry, SensorFrame, Trajectory
 
@@ -127,8 +127,8 @@ def _continued(recording: Recording, cut: int, on: int) -> Iterator[SensorFrame]
 
 
 def _odometry(frame: SensorFrame) -> Odometry:
-    reading = frame.wheels[-1]
-    assert isinstance(reading, Odometry)
+    reading = odometry_of(frame)
+    assert reading is not None
     return reading
 
 

@@ -144,6 +144,7 @@ def test_a_reset_on_purpose_is_not_undone_by_asking_for_a_goal_right_after(link:
     link.bridge.reset(by_rider=True)
     link.bridge.reset()
     link.drive()
+    assert link.bridge.armed
 
 
 @pytest.mark.parametrize(("thought_ms", "active"), [(0, True), (40, True), (70, True), (90, False)])
