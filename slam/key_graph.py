@@ -106,9 +106,8 @@ class KeyGraph:
         _, first = np.unique(np.floor(every / cell).astype(np.int64), axis=0, return_index=True)
         return ScanPoints(np.ascontiguousarray(every[first]), np.ascontiguousarray(facing[first]))
 
-    def covering(self, node: int, pose: Pose2, way: float, distance: float, angle: float) -> int | None:
-        """The key scan nearest to a pose that saw what is seen from there: within `distance` [m] and `angle` [rad] of
-        it, and no further than `way` [m] from `node` along the edges, so that the two are certain of each other."""
+    def ways(self, node: int, limit: float) -> dict[int, float]:
+        """Lengths [m] of the shortest ways along the edges, from a key scan to those nearer than `limit` [m]."""
         poses, ways, queue = self.poses, {node: 0.0}, [(0.0, node)]
         while queue:
             so_far, here = heapq.heappop(queue)
@@ -116,9 +115,15 @@ class KeyGraph:
                 continue
             for there in self._linked[here]:
                 longer = so_far + math.dist(poses[here, :2], poses[there, :2])
-                if longer < min(way, ways.get(there, math.inf)):
+                if longer < min(limit, ways.get(there, math.inf)):
                     ways[there] = longer
                     heapq.heappush(queue, (longer, there))
+        return ways
+
+    def covering(self, node: int, pose: Pose2, way: float, distance: float, angle: float) -> int | None:
+        """The key scan nearest to a pose that saw what is seen from there: within `distance` [m] and `angle` [rad] of
+        it, and no further than `way` [m] from `node` along the edges, so that the two are certain of each other."""
+        poses, ways = self.poses, self.ways(node, way)
         nodes = np.array(sorted(ways))
         away = np.hypot(*(poses[nodes, :2] - (pose.x, pose.y)).T)
         turned = np.abs(wrap_angles(poses[nodes, 2] - pose.theta))

@@ -36,6 +36,7 @@ class MapperSettings(Settings):
         3, "", "latest scans that are kept for the grid beside each key scan that stands for them", low=1, high=100
     )
     running_scans: int = setting(40, "", "latest key scans a new one is matched against", low=1, high=1000)
+    certain_way: float = setting(3.0, "m", "and those that are so near along the edges", low=0.0, high=20.0)
     running_reach: float = setting(12.0, "m", "size of the reference round the chair", low=2.0, high=60.0)
     search_distance: float = setting(0.3, "m", "half window of the search round the odometry", low=0.05, high=5.0)
     search_angle: float = setting(0.35, "rad", "half window of the search round the odometry", low=0.02, high=3.1)
@@ -312,9 +313,12 @@ class Mapper:
         return self._visited[-1]
 
     def _running(self) -> Reference:
-        """The surfaces of the latest key scans round the chair."""
+        """The surfaces of the latest key scans round the chair, and of earlier ones whose place beside it is certain:
+        where it comes back another way it sees what the latest had behind them."""
         if self._reference is None:
-            here, members = self.keys.poses[self._here], np.sort(self._visited)
+            here = self.keys.poses[self._here]
+            certain = self.keys.ways(self._here, self.settings.certain_way)
+            members = np.array(sorted({*self._visited, *certain}))
             near = np.hypot(*(self.keys.poses[members, :2] - here[:2]).T) < self.settings.running_reach
             self._reference = self.keys.reference(
                 members[near], here, self.settings.running_reach, self.settings.matching

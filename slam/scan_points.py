@@ -9,11 +9,13 @@ import numpy as np
 from numba import njit
 
 from waychair.calibration.self_mask import SelfMask
-from waychair.geometry import arcs, rotation
-from waychair.types import FloatArray, IntArray, Pose2, Scan, Twist
+from waychair.geometry import arcs
+from waychair.types import BoolArray, Float32Array, FloatArray, IntArray, Pose2, Scan, Twist
 
 MIN_POINTS = 20
 """A scan with fewer usable points cannot be matched."""
+
+_STANDING = np.empty((0, 3))  # motion of a chair while a scan is taken at once
 
 
 @dataclass(frozen=True, slots=True)
@@ -42,19 +44,11 @@ def scan_points(
     beams are taken one after another (`time_step`) is straightened by the chair's `twist` meanwhile, when it is given.
     Beams that `mask` hides are invalid: they end on the chair itself.
     """
-    ranges = scan.ranges.astype(np.float64)
-    limit = min(range_max, scan.range_max if scan.range_max > 0 else range_max)
-    usable = np.isfinite(ranges) & (ranges > max(scan.range_min, 0.05)) & (ranges <= limit)
-    if mask is not None:
-        usable &= ~mask.hides(scan)
-    angles = scan.angles()
-    ranges[~usable] = 0.0
-    laser = np.stack([ranges * np.cos(angles), ranges * np.sin(angles)], axis=1)
-    points = laser @ rotation(base_from_laser.theta).T + (base_from_laser.x, base_from_laser.y)
-    if twist is not None and scan.time_step != 0.0:
-        points = _straightened(points, motion_of_beams(scan, twist))
-    normals = _normals(points - (base_from_laser.x, base_from_laser.y), usable, abs(scan.angle_step))
-    return ScanPoints(np.ascontiguousarray(points[usable]), np.ascontiguousarray(normals[usable]))
+    nearest, farthest = max(scan.range_min, 0.05), min(range_max, scan.range_max if scan.range_max > 0 else range_max)
+    ranges = scan.ranges if mask is None else np.where(mask.hides(scan), np.float32(math.nan), scan.ranges)
+    motion = _STANDING if twist is None or scan.time_step == 0.0 else motion_of_beams(scan, twist)
+    points, usable = _ends(ranges, scan.angle_min, scan.angle_step, base_from_laser.array(), nearest, farthest, motion)
+    return ScanPoints(*_with_normals(points, usable, base_from_laser.x, base_from_laser.y, abs(scan.angle_step)))
 
 
 def motion_of_beams(scan: Scan, twist: Twist) -> FloatArray:
@@ -63,22 +57,51 @@ def motion_of_beams(scan: Scan, twist: Twist) -> FloatArray:
     return arcs(twist.v * seconds, twist.omega * seconds)
 
 
-def _straightened(points: FloatArray, motion: FloatArray) -> FloatArray:
-    """Points (N, 2), each seen from its own pose (N, 3), in the frame that these poses are in."""
-    x, y = points.T
-    c, s = np.cos(motion[:, 2]), np.sin(motion[:, 2])
-    return np.stack([motion[:, 0] + c * x - s * y, motion[:, 1] + s * x + c * y], axis=1)
+@njit(cache=True)
+def _ends(
+    ranges: Float32Array,
+    angle_min: float,
+    angle_step: float,
+    mount: FloatArray,
+    nearest: float,
+    farthest: float,
+    motion: FloatArray,
+) -> tuple[FloatArray, BoolArray]:
+    """Ends (N, 2) of the beams in the base frame, each seen from its own pose of `motion` unless that is empty, and
+    whether they are usable."""
+    points, usable = np.zeros((len(ranges), 2)), np.zeros(len(ranges), np.bool_)
+    c, s = math.cos(mount[2]), math.sin(mount[2])
+    for i in range(len(ranges)):
+        reach = np.float64(ranges[i])
+        if not (nearest < reach <= farthest):
+            continue
+        usable[i] = True
+        angle = angle_min + i * angle_step
+        lx, ly = reach * math.cos(angle), reach * math.sin(angle)
+        x, y = mount[0] + c * lx - s * ly, mount[1] + s * lx + c * ly
+        if len(motion) > 0:
+            mc, ms = math.cos(motion[i, 2]), math.sin(motion[i, 2])
+            x, y = motion[i, 0] + mc * x - ms * y, motion[i, 1] + ms * x + mc * y
+        points[i, 0], points[i, 1] = x, y
+    return points, usable
 
 
 @njit(cache=True)
-def _normals(points: FloatArray, usable: np.ndarray, angle_step: float) -> FloatArray:
-    """Normals (N, 2) towards the origin from a total-least-squares line through up to 3 beams on either side."""
-    count = len(points)
-    normals = np.zeros((count, 2))
+def _with_normals(
+    points: FloatArray, usable: BoolArray, laser_x: float, laser_y: float, angle_step: float
+) -> tuple[FloatArray, FloatArray]:
+    """The usable points, and their normals towards the laser from a total-least-squares line through up to 3 beams on
+    either side."""
+    count, kept = len(points), 0
+    ends = np.empty((np.count_nonzero(usable), 2))
+    normals = np.zeros(ends.shape)
     for i in range(count):
         if not usable[i]:
             continue
-        reach = 0.05 + 4.0 * angle_step * math.hypot(points[i, 0], points[i, 1])
+        k, kept = kept, kept + 1
+        ends[k, 0], ends[k, 1] = points[i, 0], points[i, 1]
+        x, y = points[i, 0] - laser_x, points[i, 1] - laser_y
+        reach = 0.05 + 4.0 * angle_step * math.hypot(x, y)
         n, mx, my, xx, xy, yy = 0, 0.0, 0.0, 0.0, 0.0, 0.0
         for side in (-1, 1):
             last = i
@@ -101,10 +124,10 @@ def _normals(points: FloatArray, usable: np.ndarray, angle_step: float) -> Float
             continue
         angle = 0.5 * math.atan2(2 * xy, xx - yy)
         nx, ny = -math.sin(angle), math.cos(angle)
-        if nx * points[i, 0] + ny * points[i, 1] > 0:
+        if nx * x + ny * y > 0:
             nx, ny = -nx, -ny
-        normals[i, 0], normals[i, 1] = nx, ny
-    return normals
+        normals[k, 0], normals[k, 1] = nx, ny
+    return ends, normals
 
 
 class ScanStore:

@@ -16,7 +16,7 @@ from waychair.geometry import pose_from_array, wrap_angle
 from waychair.recording import read_recording
 from waychair.slam.mapper import Mapper, MapperSettings
 from waychair.slam.reference import LEVELS, Reference, reference_from_points, reference_from_scans
-from waychair.slam.scan_matching import MatchSettings, Window, correlative_search, match, refine
+from waychair.slam.scan_matching import MatchSettings, Window, correlative_search, match, nearest_surface, refine
 from waychair.slam.scan_points import ScanPoints, ScanStore, scan_points
 from waychair.types import FloatArray, Pose2, Scan
 
@@ -63,7 +63,7 @@ def test_branch_and_bound_finds_what_exhaustive_search_finds(dx: float, dy: floa
     points = points_at(HERE).points[::6]
     guess = Pose2(HERE.x + dx, HERE.y + dy, HERE.theta + turn)
     found, response = correlative_search(points, ref, guess, Window(reach, 0.05), SETTINGS)
-    far = float(np.quantile(np.hypot(*points.T), 0.8))
+    far = float(np.sort(np.hypot(*points.T))[len(points) - 1 - len(points) // 5])
     step = math.acos(1 - ref.resolution**2 / (2 * far**2))
     count = math.ceil(0.05 / step)
     cells = math.ceil(reach / ref.resolution)
@@ -85,10 +85,29 @@ def test_the_search_is_exact_where_walls_touch_the_reference_s_edges() -> None:
         away = math.hypot(found.x - guess.x, found.y - guess.y)
         turned = abs(math.remainder(found.theta - guess.theta, math.tau))
         value = response - SETTINGS.distance_penalty * away - SETTINGS.angle_penalty * turned
-        far = max(1.0, float(np.quantile(np.hypot(*points.T), 0.8)))
+        far = max(1.0, float(np.sort(np.hypot(*points.T))[7 - 8 // 5]))
         step = math.acos(1 - ref.resolution**2 / (2 * far**2))
         count = math.ceil(0.01 / step)
         assert value == pytest.approx(exhaustive(points, ref, guess, 16, np.arange(-count, count + 1) * step), abs=1e-9)
+
+
+@pytest.mark.parametrize("seed", range(6))
+def test_the_nearest_surface_is_the_one_that_a_look_at_all_of_them_finds(seed: int) -> None:
+    rng = np.random.default_rng(seed)
+    angles = rng.uniform(-math.pi, math.pi, 400)
+    normals = np.stack([np.cos(angles), np.sin(angles)], axis=1)
+    ref = reference_from_points(rng.uniform(-1.0, 1.0, (400, 2)), normals, 0.05, 0.06)
+    for _ in range(100):
+        x, y, facing = *rng.uniform(-1.3, 1.3, 2), rng.uniform(-math.pi, math.pi)
+        nx, ny, reach = math.cos(facing), math.sin(facing), int(rng.integers(0, 7))
+        row, col = (math.floor((v - o) / ref.resolution) for v, o in ((y, ref.origin[1]), (x, ref.origin[0])))
+        rows, cols, sides = np.nonzero(ref.slots)
+        every = ref.slots[rows, cols, sides]
+        counts = (np.abs(rows - row) <= reach) & (np.abs(cols - col) <= reach)
+        counts &= ref.surfaces[every, 2:] @ (nx, ny) >= 0.7
+        away = np.where(counts, np.hypot(*(ref.surfaces[every, :2] - (x, y)).T), math.inf)
+        expected = int(every[np.argmin(away)]) if counts.any() else 0
+        assert nearest_surface(ref.surfaces, ref.slots, ref.resolution, row, col, reach, x, y, nx, ny) == expected
 
 
 def test_bounds_are_the_maxima_of_their_blocks() -> None:

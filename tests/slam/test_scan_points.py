@@ -14,7 +14,7 @@ from tests.slam.conftest import scan_at
 from waychair.calibration.self_mask import SelfMask
 from waychair.geometry import arc
 from waychair.slam.scan_points import ScanPoints, ScanStore, scan_points
-from waychair.types import Pose2, Scan, Twist
+from waychair.types import FloatArray, Pose2, Scan, Twist
 
 
 def wall_ahead(beams: int = 91) -> Scan:
@@ -56,6 +56,51 @@ def test_normals_do_not_cross_a_gap_between_surfaces() -> None:
     ranges[90:] *= 1.5
     stepped = scan_points(Scan(0, ranges, scan.angle_min, scan.angle_step, range_max=30.0), Pose2(), 20.0)
     assert stepped.normals == pytest.approx(np.tile([-1.0, 0.0], (181, 1)), abs=1e-4)
+
+
+def plain_points(scan: Scan, mount: Pose2, range_max: float, twist: Twist) -> tuple[FloatArray, FloatArray]:
+    """Points and normals beam by beam, as the kernels have to find them."""
+    seen: list[FloatArray | None] = []
+    for i, reach in enumerate(scan.ranges.astype(float)):
+        at, angle = arc(twist.v * i * scan.time_step, twist.omega * i * scan.time_step), scan.angles()[i]
+        end = (
+            at @ mount @ Pose2(reach * math.cos(angle), reach * math.sin(angle)) if 0.05 < reach <= range_max else None
+        )
+        seen.append(None if end is None else np.array([end.x, end.y]))
+    laser, points, normals = np.array([mount.x, mount.y]), [], []
+    for i, point in enumerate(seen):
+        if point is None:
+            continue
+        points.append(point)
+        gap, cluster = 0.05 + 4.0 * scan.angle_step * float(np.hypot(*(point - laser))), [point]
+        for side in (-1, 1):
+            last = point
+            for step in (1, 2, 3):
+                other = seen[i + side * step] if 0 <= i + side * step < len(seen) else None
+                if other is None or np.hypot(*(other - last)) > gap:
+                    break
+                cluster.append(other)
+                last = other
+        thin, wide = np.linalg.eigvalsh(np.cov(np.array(cluster).T, bias=True)) if len(cluster) > 2 else (1.0, 1.0)
+        normal = np.zeros(2)
+        if thin <= 0.15 * wide and thin <= 0.05**2:
+            normal = np.linalg.eigh(np.cov(np.array(cluster).T, bias=True))[1][:, 0]
+            normal = -normal if normal @ (point - laser) > 0 else normal
+        normals.append(normal)
+    return np.array(points).reshape(-1, 2), np.array(normals).reshape(-1, 2)
+
+
+@pytest.mark.parametrize("seed", range(8))
+def test_points_and_normals_are_those_of_the_plain_computation(seed: int) -> None:
+    rng = np.random.default_rng(seed)
+    ranges = (3.0 + np.cumsum(rng.normal(0.0, 0.02, 120))).astype(np.float32)
+    ranges[rng.integers(0, 120, 12)] = rng.choice([np.nan, np.inf, -np.inf, 0.0, 0.04, 9.0], 12)
+    scan = Scan(0, ranges, -1.0, math.radians(1.0), 2e-4, 0.02, 30.0)
+    mount, twist = Pose2(*rng.uniform(-1.0, 1.0, 3)), Twist(0.7, -0.9)
+    seen, (points, normals) = scan_points(scan, mount, 8.0, twist), plain_points(scan, mount, 8.0, twist)
+    assert seen.points == pytest.approx(points, abs=1e-9)
+    assert seen.normals == pytest.approx(normals, abs=1e-6)
+    assert 20 < np.count_nonzero(normals.any(axis=1)) < len(points)
 
 
 def test_store_gives_back_what_was_appended_however_much() -> None:
