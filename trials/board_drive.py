@@ -18,8 +18,8 @@ import numpy as np
 from waychair.calibration.sweep import Sample, SweepSettings
 from waychair.config import Settings, setting
 from waychair.errors import BridgeError, CalibrationError, CalibrationMismatch, TransportError
+from waychair.firmware_bridge.advice import refusal
 from waychair.firmware_bridge.protocol import (
-    LAYOUT_HASH,
     BoardFault,
     BoardState,
     BoardTelemetry,
@@ -27,9 +27,9 @@ from waychair.firmware_bridge.protocol import (
     CommandFlag,
     Decoder,
     Family,
+    Hello,
     HelloReply,
     Message,
-    Refusal,
     encode,
     hello,
     setpoint_from_millivolts,
@@ -45,13 +45,6 @@ PERIOD_NS = 20_000_000
 
 _GOODBYES = 3
 _BEYOND_MV = 5.0  # a count of most converters
-_REFUSALS = {
-    Refusal.VERSION: "it speaks another version of the protocol: flash the firmware that came with this waychair",
-    Refusal.LAYOUT: "its firmware was built from another table of messages: flash the one that came with this waychair",
-    Refusal.CHAIR: "it is built into another chair: give that chair's name, or plug in this chair's own board",
-    Refusal.FAMILY: "it was set up for another family of joysticks: give --family as the board was flashed",
-    Refusal.CONFIG: "its own settings are impossible: flash it again with a joystick family",
-}
 
 
 class Clock(Protocol):
@@ -269,7 +262,8 @@ class BoardDrive:
             )
 
     def _greet(self, chair_id: str, family: Family) -> HelloReply:
-        self._send(hello(chair_id, family))
+        ours = hello(chair_id, family)
+        self._send(ours)
         patience_ns = self._clock.now_ns() + round(self._settings.answer_s * 1e9)
         while self._clock.now_ns() < patience_ns and not self._board.closed:
             self._due_ns = self._clock.now_ns() + PERIOD_NS
@@ -277,7 +271,7 @@ class BoardDrive:
             replies = [message for message in self._listen() if isinstance(message, HelloReply)]
             if replies:
                 self._heard_ns = self._clock.now_ns()
-                _refuse_stranger(replies[-1], chair_id)
+                _refuse_stranger(replies[-1], ours)
                 return replies[-1]
         if self._board.closed:
             raise TransportError("the cable to the board was lost: plug it in and begin again")
@@ -320,23 +314,15 @@ class BoardDrive:
         self._sequence += 1
 
 
-def _refuse_stranger(reply: HelloReply, chair_id: str) -> None:
+def _refuse_stranger(reply: HelloReply, ours: Hello) -> None:
     """
     Raises:
         CalibrationMismatch: the board is another chair's.
         BridgeError: it cannot be worked with.
     """
-    if reply.layout_hash != LAYOUT_HASH:
-        raise BridgeError(
-            f"the board's firmware has layout {reply.layout_hash:08x}, this waychair {LAYOUT_HASH:08x}: flash the "
-            "firmware that came with this waychair"
-        )
-    name = reply.chair_id.rstrip(b"\0").decode("utf-8", "replace")
-    reasons = [reason for bit, reason in _REFUSALS.items() if reply.refused & bit]
-    if reply.refused & Refusal.CHAIR:
-        raise CalibrationMismatch(f"the board belongs to chair '{name}', not '{chair_id}': {_REFUSALS[Refusal.CHAIR]}")
-    if reply.refused:
-        raise BridgeError(f"the board refuses: {reasons[0] if reasons else f'for reason {reply.refused}'}")
+    why = refusal(reply, ours)
+    if why:
+        raise CalibrationMismatch(why) if reply.chair_id != ours.chair_id else BridgeError(why)
 
 
 def _stick(telemetry: BoardTelemetry) -> tuple[int, int]:

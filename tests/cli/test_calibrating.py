@@ -285,8 +285,7 @@ def test_firmware_with_another_hash_is_refused_before_anything_moves(
     rig: BoardRig, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     monkeypatch.setattr("waychair.firmware_bridge.protocol.LAYOUT_HASH", 1)
-    monkeypatch.setattr("waychair.trials.board_drive.LAYOUT_HASH", 1)
-    with pytest.raises(BridgeError, match="this waychair 00000001: flash the firmware"):
+    with pytest.raises(BridgeError, match="this computer's 00000001: flash the firmware"):
         _run(*SWEEP, "--out", str(tmp_path / "chair.json"))
     assert all(state.holder.name == "JOYSTICK" for state in rig.lines)
 
@@ -338,7 +337,7 @@ def test_over_a_real_terminal_a_board_of_another_chair_is_refused_in_one_sentenc
         for descriptor in (board, computer, sensors, far):
             os.close(descriptor)
     assert done.returncode == 1
-    assert done.stderr.startswith("waychair: the board belongs to chair 'ward 3', not 'ward 4': it is built into")
+    assert done.stderr.startswith("waychair: the board is built into chair 'ward 3' and this calibration is of")
     assert done.stderr.count("\n") == 1
 
 

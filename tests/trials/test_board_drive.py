@@ -15,7 +15,7 @@ from waychair.calibration.fit_dac import FitSettings
 from waychair.calibration.sweep import SweepSettings
 from waychair.errors import BridgeError, CalibrationError, CalibrationMismatch, TransportError, WaychairError
 from waychair.firmware_bridge.board import Defect, build_board
-from waychair.firmware_bridge.protocol import BoardState, Family, Holder
+from waychair.firmware_bridge.protocol import FIRMWARE_VERSION, BoardState, Family, Holder
 from waychair.simulation.simulator import SimulatorSettings
 from waychair.trials.board_drive import BoardDrive, BoardDriveSettings, plan_for_board
 from waychair.trials.calibrate import ChairUnderTest, calibrate_dac, command_grid, inverse_error
@@ -165,7 +165,7 @@ def test_sensors_that_print_something_else_are_quoted(rig: BoardRig) -> None:
 
 
 def test_another_chairs_board_is_refused_by_both_names(rig: BoardRig) -> None:
-    with pytest.raises(CalibrationMismatch, match="'ward 3', not 'ward 4'"):
+    with pytest.raises(CalibrationMismatch, match="into chair 'ward 3' and this calibration is of chair 'ward 4'"):
         BoardDrive(
             rig.board.transport,
             rig.sensors,
@@ -177,15 +177,21 @@ def test_another_chairs_board_is_refused_by_both_names(rig: BoardRig) -> None:
 
 
 def test_another_joystick_family_is_refused(rig: BoardRig) -> None:
-    with pytest.raises(BridgeError, match="another family of joysticks"):
+    with pytest.raises(BridgeError, match="made for joystick family"):
         BoardDrive(rig.board.transport, rig.sensors, EncoderSpeeds(CHAIR_A), "ward 3", clock=rig)
 
 
 def test_a_board_with_other_firmware_is_refused_by_its_hash(rig: BoardRig, monkeypatch: pytest.MonkeyPatch) -> None:
-    for module in ("protocol", "board_drive"):
-        home = "firmware_bridge" if module == "protocol" else "trials"
-        monkeypatch.setattr(f"waychair.{home}.{module}.LAYOUT_HASH", 0x1234)
-    with pytest.raises(BridgeError, match=r"has layout [0-9a-f]{8}, this waychair 00001234: flash"):
+    monkeypatch.setattr("waychair.firmware_bridge.protocol.LAYOUT_HASH", 0x1234)
+    with pytest.raises(BridgeError, match=r"layout [0-9a-f]{8} and this computer's 00001234: flash"):
+        rig.drive()
+
+
+def test_a_board_with_older_firmware_is_refused_by_both_versions(
+    rig: BoardRig, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr("waychair.firmware_bridge.advice.FIRMWARE_VERSION", FIRMWARE_VERSION + 0x100)
+    with pytest.raises(BridgeError, match=r"runs firmware \d+\.\d+, and \d+\.\d+ is needed: flash"):
         rig.drive()
 
 
