@@ -1,13 +1,15 @@
 """An occupancy grid from laser scans at known poses: log-odds per cell, free along the beam, occupied at its end.
 
-The update is that of RTAB-Map's grid (Labbe and Michaud, 2019, and its OccupancyGrid): a scan counts a cell at most
-once, as hit if any of its beams ends there and else as missed if one passes; a beam stops where the scan hit a cell.
+A scan counts a cell at most once, as hit if any of its beams ends there and else as missed if one passes; a beam stops
+where the scan hit a cell (as in RTAB-Map's grid: Labbe and Michaud, 2019). The log-odds are whole numbers, and their
+sum is limited only where it is read: what a map holds does not depend on the order of its scans, and a scan is taken
+out again to the last bit.
 """
 
 from __future__ import annotations
 
 import math
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -17,12 +19,28 @@ from numpy.typing import NDArray
 from waychair.config import Settings, setting
 from waychair.errors import MapError
 from waychair.geometry import wrap_angles
-from waychair.types import UNKNOWN, Cells, Float32Array, FloatArray, IntArray, OccupancyGrid, Pose2, Scan
+from waychair.maps.grid import OCCUPIED_FROM
+from waychair.types import (
+    UNKNOWN,
+    BoolArray,
+    Cells,
+    Float32Array,
+    FloatArray,
+    IntArray,
+    OccupancyGrid,
+    Pose2,
+    Scan,
+)
 
 _SKIP, _FREE, _HIT = 0, 1, 2  # what a beam tells: nothing, free up to its end, occupied at its end
 
+_UNIT = 4096  # steps of evidence to one of natural log-odds: a cell holds that of half a million scans
+_ENDLESS = 2**30  # evidence that no cell comes to
+_SPARE = 2000  # cells, 100 m on each side where the grid grows; most take no memory before they are drawn on
+_BATCH = 64  # scans whose beams are in memory at once
+
 _Kinds = NDArray[np.int8]
-_Marks = NDArray[np.int32]
+_Evidence = NDArray[np.int32]
 
 
 @dataclass(frozen=True, slots=True)
@@ -36,10 +54,122 @@ class OccupancySettings(Settings):
     )
     prob_hit: float = setting(0.7, "", "probability of occupied after one hit", low=0.51, high=0.99)
     prob_miss: float = setting(0.4, "", "probability of occupied after one miss", low=0.01, high=0.49)
-    prob_min: float = setting(0.1192, "", "a cell is never held for more surely free", low=0.001, high=0.49)
-    prob_max: float = setting(0.971, "", "a cell is never held for more surely occupied", low=0.51, high=0.999)
+    prob_min: float = setting(0.1192, "", "a cell is never said to be more surely free", low=0.001, high=0.49)
+    prob_max: float = setting(0.971, "", "a cell is never said to be more surely occupied", low=0.51, high=0.999)
     margin: int = setting(10, "cells", "unknown border around what was seen", low=0, high=1000)
     max_cells: int = setting(200_000_000, "cells", "larger grids are refused", low=1, high=2_000_000_000)
+
+
+class EvidenceGrid:
+    """Evidence for and against each cell being occupied, over an area that grows with what is seen.
+
+    Its lines are multiples of the resolution. Unknown cells hold 0, and no others do: no number of hits and misses
+    adds up to nothing. One that `forgets` is limited with each scan instead of where it is read: a few scans then
+    outweigh all before, their order counts, and they cannot be taken out.
+    """
+
+    def __init__(self, settings: OccupancySettings | None = None, *, forgets: bool = False) -> None:
+        self.settings = s = settings or OccupancySettings()
+        self._hit, self._miss = _weights(s)
+        self._least, self._most = (round(_log_odds(p) * _UNIT) for p in (s.prob_min, s.prob_max))
+        self._percent = _percent(self._least, self._most)
+        self._limits = (self._least, self._most) if forgets else (-_ENDLESS, _ENDLESS)
+        self._box = np.zeros((2, 2), np.int64)  # first column and row that is in use, and those beyond the last
+        self._low = np.zeros(2, np.int64)  # column and row of the first cell of the array
+        self._evidence = np.zeros((0, 0), np.int32)
+
+    @property
+    def area(self) -> FloatArray:
+        """(2, 2) [m] lower left and upper right corner of what `occupied` covers; equal before anything is there."""
+        return self._box.astype(np.float64) * self.settings.resolution
+
+    def occupied(self) -> BoolArray:
+        """(H, W) cells that are surely occupied, as `grid.occupied` has it."""
+        result: BoolArray = self._evidence[self._window()] >= round(_log_odds(OCCUPIED_FROM / 100.0) * _UNIT)
+        return result
+
+    def add(self, first: FloatArray, last: FloatArray, scans: Sequence[Scan]) -> None:
+        """Draw scans.
+
+        Args:
+            first: (N, 3) [m, m, rad] of the laser at each scan's first beam.
+            last: (N, 3) of the laser at its last one; beams between are taken from poses between, in even steps.
+            scans: the N scans; nan, -inf and ranges outside the scan's own limits tell nothing of the distance.
+
+        Raises:
+            MapError: poses do not belong to the scans or are not finite, or the grid would grow beyond `max_cells`;
+                nothing is drawn then.
+        """
+        self._cast(first, last, scans, self._hit, self._miss)
+
+    def remove(self, first: FloatArray, last: FloatArray, scans: Sequence[Scan]) -> None:
+        """Take out scans that were added at the very same poses."""
+        self._cast(first, last, scans, -self._hit, -self._miss)
+
+    def include(self, low: FloatArray, high: FloatArray) -> None:
+        """Grow until the area between two points (2,) [m] lies inside.
+
+        Raises:
+            MapError: the grid would grow beyond `max_cells`.
+        """
+        s = self.settings
+        box = np.array([np.floor(low / s.resolution), np.floor(high / s.resolution) + 1.0])
+        if self._evidence.size:
+            box = np.array([np.minimum(box[0], self._box[0]), np.maximum(box[1], self._box[1])])
+        width, height = (box[1] - box[0]).tolist()
+        if not width * height <= s.max_cells:
+            raise MapError(
+                f"a grid of {width:.0f} x {height:.0f} cells of {s.resolution:g} m is too large: check the poses for "
+                "jumps, or choose larger cells"
+            )
+        self._hold(box.astype(np.int64))
+
+    def grid(self) -> OccupancyGrid:
+        """A copy of what is known, with the margin round it; the same wherever the grid began to grow from."""
+        s = self.settings
+        used = self._evidence[self._window()]
+        rows, cols = _extent(used)
+        known = used[rows, cols]
+        cells = np.full((known.shape[0] + 2 * s.margin, known.shape[1] + 2 * s.margin), UNKNOWN, np.int8)
+        inner = slice(s.margin, cells.shape[0] - s.margin), slice(s.margin, cells.shape[1] - s.margin)
+        _read(cells[inner], known, self._percent, self._least)
+        low = self._box[0] + np.array([cols.start, rows.start]) - s.margin
+        x, y = (low * s.resolution).tolist()
+        return OccupancyGrid(cells, s.resolution, Pose2(x, y, 0.0))
+
+    def _hold(self, box: IntArray) -> None:
+        """Make room for the cells of a box that holds the one in use."""
+        end = self._low + self._evidence.shape[::-1]
+        if not self._evidence.size or (box[0] < self._low).any() or (box[1] > end).any():
+            used = self._evidence[self._window()]
+            self._low = box[0] - _SPARE
+            width, height = (box[1] + _SPARE - self._low).tolist()
+            self._evidence = np.zeros((height, width), np.int32)
+            if used.size:
+                self._evidence[self._window()] = used
+        self._box = box
+
+    def _window(self) -> tuple[slice, slice]:
+        """Rows and columns of the array that are in use."""
+        (left, down), (right, up) = (self._box - self._low).tolist()
+        return slice(down, up), slice(left, right)
+
+    def _cast(self, first: FloatArray, last: FloatArray, scans: Sequence[Scan], hit: int, miss: int) -> None:
+        if not scans:
+            return
+        first, last = _checked(first, scans), _checked(last, scans)
+        ends, kinds = beam_ends(first, last, scans, self.settings)
+        middles = 0.5 * (first + last)[:, :2]
+        seen = np.concatenate([middles, ends[kinds != _SKIP]])
+        self.include(seen.min(axis=0), seen.max(axis=0))
+        first_beam = np.concatenate([[0], np.cumsum([len(scan.ranges) for scan in scans])])
+        origins, end_cells = self._cells(middles), self._cells(ends)
+        _draw(self._evidence, origins, end_cells, kinds, first_beam, hit, miss, *self._limits)
+
+    def _cells(self, points: FloatArray) -> IntArray:
+        """(N, 2) column and row of points (N, 2) [m]."""
+        cells: IntArray = np.floor(points / self.settings.resolution).astype(np.int64) - self._low
+        return cells
 
 
 def build_grid(
@@ -48,7 +178,7 @@ def build_grid(
     settings: OccupancySettings | None = None,
     last_poses_laser: FloatArray | None = None,
 ) -> OccupancyGrid:
-    """The grid of all scans, each taken at its pose.
+    """The grid of all scans, each taken at its pose, in any order.
 
     Args:
         poses_laser: (N, 3) [m, m, rad] of the laser in map.
@@ -64,36 +194,31 @@ def build_grid(
     Raises:
         MapError: no scans, poses that do not belong to them or are not finite, or a grid beyond `max_cells`.
     """
-    settings = settings or OccupancySettings()
-    poses = _checked(poses_laser, scans)
-    first_beam = np.concatenate([[0], np.cumsum([len(scan.ranges) for scan in scans])])
-    last = poses if last_poses_laser is None else _checked(last_poses_laser, scans)
-    ends, kinds = beam_ends(poses, last, scans, settings)
-    seen = np.concatenate([poses[:, :2], ends[kinds != _SKIP]])
-    lowest = np.floor(seen.min(axis=0) / settings.resolution) - settings.margin
-    highest = np.floor(seen.max(axis=0) / settings.resolution) + settings.margin
-    width, height = (highest - lowest + 1.0).tolist()
-    if width * height > settings.max_cells:
-        raise MapError(
-            f"a grid of {width:.0f} x {height:.0f} cells of {settings.resolution:g} m is too large: check the poses "
-            "for jumps, or choose larger cells"
-        )
-    low = lowest.astype(np.int64)
-    middles = 0.5 * (poses[:, :2] + last[:, :2])
-    origins = np.floor(middles / settings.resolution).astype(np.int64) - low
-    end_cells = np.floor(ends / settings.resolution).astype(np.int64) - low
-    log_odds = np.zeros((int(height), int(width)), np.float32)
-    marks = np.full(log_odds.shape, -1, np.int32)
-    limits = [log_odds_of(p) for p in (settings.prob_hit, settings.prob_miss, settings.prob_min, settings.prob_max)]
-    fuse_scans(log_odds, marks, origins, end_cells, kinds, first_beam, *limits)
-    x, y = (low * settings.resolution).tolist()
-    return OccupancyGrid(_percent(log_odds, marks), settings.resolution, Pose2(x, y, 0.0))
+    if not scans:
+        raise MapError("there are no scans to make a map of; give at least one")
+    first = _checked(poses_laser, scans)
+    last = first if last_poses_laser is None else _checked(last_poses_laser, scans)
+    evidence = EvidenceGrid(settings)
+    for part in batches(len(scans)):
+        evidence.add(first[part], last[part], scans[part])
+    return evidence.grid()
+
+
+def batches(count: int) -> Iterator[slice]:
+    """So many scans in parts whose beams fit well into memory."""
+    return (slice(start, start + _BATCH) for start in range(0, count, _BATCH))
+
+
+def _weights(settings: OccupancySettings) -> tuple[int, int]:
+    """Evidence of one hit and of one miss: log-odds in whole steps, without a common divisor."""
+    hit, miss = (round(_log_odds(p) * _UNIT) for p in (settings.prob_hit, settings.prob_miss))
+    while math.gcd(hit, miss) > 1:
+        hit += 1
+    return hit, miss
 
 
 def _checked(poses_laser: FloatArray, scans: Sequence[Scan]) -> FloatArray:
     poses = np.asarray(poses_laser, np.float64)
-    if not scans:
-        raise MapError("there are no scans to make a map of; give at least one")
     if poses.shape != (len(scans), 3):
         raise MapError(f"poses of shape {poses.shape} do not belong to {len(scans)} scans; give one pose per scan")
     if not np.isfinite(poses).all():
@@ -104,7 +229,7 @@ def _checked(poses_laser: FloatArray, scans: Sequence[Scan]) -> FloatArray:
 def beam_ends(
     poses: FloatArray, last: FloatArray, scans: Sequence[Scan], settings: OccupancySettings
 ) -> tuple[FloatArray, _Kinds]:
-    """Ends (B, 2) [m] in map of all beams of all scans, and what each tells (B,): see `fuse_scans`."""
+    """Ends (B, 2) [m] in map of all beams of all scans, and what each tells (B,): see `_draw`."""
     counts = [len(scan.ranges) for scan in scans]
     per_scan = np.array([[s.angle_min, s.angle_step, s.range_min, s.range_max] for s in scans])
     ends = np.zeros((sum(counts), 2))
@@ -151,26 +276,39 @@ def _trace_ends(
 
 
 @njit(cache=True, nogil=True)
-def fuse_scans(
-    log_odds: Float32Array,
-    marks: _Marks,
+def _draw(
+    evidence: _Evidence,
     origins: IntArray,
     ends: IntArray,
     kinds: _Kinds,
     first_beam: IntArray,
-    hit: float,
-    miss: float,
-    least: float,
-    most: float,
+    hit: int,
+    miss: int,
+    least: int,
+    most: int,
 ) -> None:
-    """Add all scans to the grid; `marks` holds 2 k for the cells that scan k has missed and 2 k + 1 for those hit."""
+    """Add all scans, whose cells lie within, one after another; a cell's evidence is limited with each."""
+    marks = np.zeros(0, np.uint8)  # of the cells round one scan: 0, or what it has told of them
     for scan in range(len(origins)):
-        missed, was_hit = 2 * scan, 2 * scan + 1
+        low_x, low_y = origins[scan]
+        high_x, high_y = low_x, low_y
         for beam in range(first_beam[scan], first_beam[scan + 1]):
-            x, y = ends[beam]
-            if kinds[beam] == _HIT and marks[y, x] != was_hit:
-                marks[y, x] = was_hit
-                log_odds[y, x] = min(most, log_odds[y, x] + hit)
+            if kinds[beam] != _SKIP:
+                x, y = ends[beam]
+                low_x, high_x = min(low_x, x), max(high_x, x)
+                low_y, high_y = min(low_y, y), max(high_y, y)
+        width = high_x - low_x + 1
+        size = width * (high_y - low_y + 1)
+        if size > len(marks):
+            marks = np.empty(size, np.uint8)
+        marks[:size] = 0
+        for beam in range(first_beam[scan], first_beam[scan + 1]):
+            if kinds[beam] == _HIT:
+                x, y = ends[beam]
+                mark = (y - low_y) * width + x - low_x
+                if marks[mark] == 0:
+                    marks[mark] = _HIT
+                    evidence[y, x] = min(most, evidence[y, x] + hit)
         for beam in range(first_beam[scan], first_beam[scan + 1]):
             if kinds[beam] == _SKIP:
                 continue
@@ -180,28 +318,49 @@ def fuse_scans(
             dx, dy = abs(to_x - x), -abs(to_y - y)
             step_x, step_y = (1 if to_x > x else -1), (1 if to_y > y else -1)
             error = dx + dy
-            while marks[y, x] != was_hit:
-                if marks[y, x] != missed:
-                    marks[y, x] = missed
-                    log_odds[y, x] = max(least, log_odds[y, x] + miss)
+            mark = (y - low_y) * width + x - low_x
+            while marks[mark] != _HIT:
+                if marks[mark] == 0:
+                    marks[mark] = _FREE
+                    evidence[y, x] = max(least, evidence[y, x] + miss)
                 if x == to_x and y == to_y:
                     break
                 twice = 2 * error
                 if twice >= dy:
                     error += dy
                     x += step_x
+                    mark += step_x
                 if twice <= dx:
                     error += dx
                     y += step_y
+                    mark += step_y * width
 
 
-def _percent(log_odds: Float32Array, marks: _Marks) -> Cells:
-    """Probability [%] of the cells that were seen."""
+def _extent(evidence: _Evidence) -> tuple[slice, slice]:
+    """Rows and columns outside of which nothing is known; the first cell where nothing is."""
+    rows, cols = (np.flatnonzero(np.any(evidence, axis=axis)) for axis in (1, 0))
+    if not len(rows):
+        return slice(0, 1), slice(0, 1)
+    return slice(int(rows[0]), int(rows[-1]) + 1), slice(int(cols[0]), int(cols[-1]) + 1)
+
+
+@njit(cache=True, nogil=True)
+def _read(cells: Cells, evidence: _Evidence, percent: Cells, least: int) -> None:
+    """Look up each cell's percent; what its evidence exceeds the limits by does not count."""
+    most = least + len(percent) - 1
+    for row in range(len(cells)):
+        for col in range(cells.shape[1]):
+            cells[row, col] = percent[min(max(evidence[row, col], least), most) - least]
+
+
+def _percent(least: int, most: int) -> Cells:
+    """Probability [%] by evidence from `least` to `most`; unknown at 0."""
+    log_odds = np.arange(least, most + 1) / _UNIT
     cells = np.rint(100.0 / (1.0 + np.exp(-log_odds))).astype(np.int8)
-    cells[marks < 0] = UNKNOWN
+    cells[-least] = UNKNOWN
     return cells
 
 
-def log_odds_of(probability: float) -> float:
+def _log_odds(probability: float) -> float:
     """Natural logarithm of the odds of a probability in (0, 1)."""
     return math.log(probability / (1.0 - probability))

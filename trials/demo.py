@@ -1,8 +1,8 @@
 """The demo: a recording becomes a map, and a simulated chair drives to three places in it through joystick volts.
 
 With the real recording at hand, the building is the one that was recorded: the world is raised from its map. Without
-it, a world that ships is first driven along its mapping route, recorded to a bag, and mapped from that bag; the chair
-then drives in the true world, by the map it made.
+it, a world that ships is first driven along its mapping route, and mapped on the way; the chair then drives in the true
+world, by the map it made. A bag keeps what the sensors said.
 """
 
 from __future__ import annotations
@@ -20,13 +20,16 @@ from waychair.geometry import wrap_angle
 from waychair.maps.map_files import load_map
 from waychair.maps.places import load_places, save_places
 from waychair.recording import read_recording
-from waychair.runtime.mapping import Mapping, MappingSettings, map_recording, save_mapping
+from waychair.runtime.live_mapping import LiveMapping
+from waychair.runtime.mapping import Mapping, MappingSettings, live_result, map_recording, save_mapping
 from waychair.simulation.plant import PlantSettings, randomised
-from waychair.simulation.simulator import Simulator, SimulatorSettings
+from waychair.simulation.simulator import SensorMessage, Simulator, SimulatorSettings
 from waychair.simulation.world import World, load_world, world_from_grid
+from waychair.slam.synchroniser import Synchroniser
+from waychair.topics import SCAN, WHEELS
 from waychair.trials.drive import Leg, Setting, drive_to_places
 from waychair.trials.record import drive_route
-from waychair.types import Place, Pose2
+from waychair.types import Place, Pose2, Scan, WheelTicks
 
 REAL_LOG = Path("lidar_intel") / "intel_first1088s.clf.gz"
 """Intel Research Lab, Seattle, recorded by D. Haehnel: within the folder of recordings."""
@@ -126,17 +129,38 @@ def _recorded_scene(out: Path, log: Path, stage: _Stages) -> _Scene:
 
 
 def _simulated_scene(out: Path, world: World, seed: int, stage: _Stages) -> _Scene:
-    """A world of a floor plan: driven along its mapping route, recorded, and mapped from that bag."""
+    """A world of a floor plan: driven along its mapping route, recorded, and mapped by the chair on the way."""
     route = world.route()
     bag = out / "drive.mcap"
     bag.unlink(missing_ok=True)
-    with stage("record"):
+    settings = MappingSettings()
+    with stage("map"):
         simulator = Simulator(world, CHAIR_A, chair_of(seed), seed)
-        drive_route(simulator, CHAIR_A, route, bag, lambda share: stage.progress("record", share))
-    mapping = _mapped(bag, out / "map", stage)
+        live = LiveMapping(settings, CHAIR_A.base_from_laser, CHAIR_A)
+        hears = _Hearing(live)
+        drive_route(simulator, CHAIR_A, route, bag, lambda share: stage.progress("map", share), hear=hears.message)
+        mapping = live_result(live, bag, "a simulated drive, mapped on the way")
+    with stage("save"):
+        save_mapping(out / "map", mapping, settings)
     title = f"{world.name}, a simulated world"
-    lead = "A simulated drive was recorded, mapped, and driven in; the chair knows the map only."
+    lead = "A simulated chair was driven, mapped on the way, and drove in that map; it knows the map only."
     return _Scene(title, lead, world, mapping, world.start.inverse())
+
+
+class _Hearing:
+    """The ears of a live mapping: messages of the sensors come in, frames that are complete are mapped."""
+
+    def __init__(self, live: LiveMapping) -> None:
+        topics = (SCAN, WHEELS)
+        self._live = live
+        self._frames = Synchroniser(topics)
+        self._topics = {topic.type: topic for topic in topics}
+
+    def message(self, message: SensorMessage) -> None:
+        """Whatever frames it completes are mapped at once."""
+        if isinstance(message, Scan | WheelTicks):
+            for frame in self._frames.add(self._topics[type(message)], message):
+                self._live.process(frame)
 
 
 def _mapped(log: Path, folder: Path, stage: _Stages) -> Mapping:

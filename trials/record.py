@@ -12,15 +12,14 @@ from typing import TypeVar
 
 import numpy as np
 
-from waychair.calibration.chair import ChairBody
+from waychair.calibration.chair import ChairBody, sonar_mounts
 from waychair.geometry import in_space
 from waychair.recording import RecordingWriter
 from waychair.ros_messages import CAMERA_FRAME, CAMERA_FROM_OPTICAL, IMU_FRAME, LASER_FRAME, SONAR_FRAME
 from waychair.simulation.follower import Follower, follow
 from waychair.simulation.pacing import Pacer
 from waychair.simulation.plant import PlantSettings
-from waychair.simulation.simulator import Simulator
-from waychair.simulation.sonar import mounts as sonar_mounts
+from waychair.simulation.simulator import SensorMessage, Simulator
 from waychair.slam.odometry import OdometryFilter
 from waychair.types import (
     FloatArray,
@@ -57,11 +56,13 @@ def drive_route(
     bag: Path | None = None,
     progress: Callable[[float], None] = lambda share: None,
     pacer: Pacer | None = None,
+    hear: Callable[[SensorMessage], None] = lambda message: None,
 ) -> RouteDrive:
     """Drives along `route` (N, 2) [m, map] by joystick, at the pace of `pacer` (without one, as fast as it can).
 
-    All that the sensors say, wheel odometry and the truth once a tick go to a ROS 2 bag, if one is given; when its disk
-    fills up or the user interrupts, what was recorded so far stays beside it (see `RecordingWriter`).
+    `hear` is told every message of the sensors as it comes, stamped as in the bag. All that the sensors say, wheel
+    odometry and the truth once a tick go to a ROS 2 bag, if one is given; when its disk fills up or the user interrupts,
+    what was recorded so far stays beside it (see `RecordingWriter`).
 
     Raises:
         WorldError: the chair touched something on the way, or made no way for a minute.
@@ -79,8 +80,10 @@ def drive_route(
             pose, twist = simulator.truth(), simulator.twist()
             for message in messages:
                 scans += isinstance(message, Scan)
+                stamped = _later(message)
+                hear(stamped)
                 if writer:
-                    writer.write(_later(message))
+                    writer.write(stamped)
                 if isinstance(message, WheelTicks):
                     reading = odometry.update_wheels(message)
                     believed = reading.odom_from_base

@@ -4,7 +4,9 @@ from __future__ import annotations
 
 import math
 from dataclasses import replace
+from itertools import product
 from pathlib import Path
+from random import Random
 
 import numpy as np
 import pytest
@@ -13,9 +15,9 @@ from hypothesis import strategies as st
 
 from waychair.errors import MapError
 from waychair.maps.grid import cells_from_points
-from waychair.maps.occupancy import OccupancySettings, build_grid
+from waychair.maps.occupancy import EvidenceGrid, OccupancySettings, build_grid
 from waychair.recording import read_recording
-from waychair.types import OccupancyGrid, Odometry, Pose2, Scan
+from waychair.types import FloatArray, OccupancyGrid, Odometry, Pose2, Scan
 
 SETTINGS = OccupancySettings(resolution=0.1)
 Cell = tuple[int, int]
@@ -47,11 +49,14 @@ def line(start: Cell, end: Cell) -> list[Cell]:
     return cells
 
 
-def reference(poses: np.ndarray, scans: list[Scan], s: OccupancySettings) -> dict[Cell, int]:
-    """Percent by absolute cell (x, y), with sets and dictionaries."""
+def reference(poses: FloatArray, scans: list[Scan], s: OccupancySettings, *, forgets: bool = False) -> dict[Cell, int]:
+    """Percent by absolute cell (x, y), with sets and dictionaries; limited scan by scan if it forgets, else at the end."""
 
     def logit(p: float) -> float:
         return math.log(p / (1 - p))
+
+    def limited(value: float) -> float:
+        return min(logit(s.prob_max), max(logit(s.prob_min), value))
 
     log_odds: dict[Cell, float] = {}
     for (px, py, theta), scan in zip(poses.tolist(), scans, strict=True):
@@ -76,11 +81,10 @@ def reference(poses: np.ndarray, scans: list[Scan], s: OccupancySettings) -> dic
                 if passed in hits:
                     break
                 missed.add(passed)
-        for cell in hits:
-            log_odds[cell] = min(logit(s.prob_max), log_odds.get(cell, 0.0) + logit(s.prob_hit))
-        for cell in missed:
-            log_odds[cell] = max(logit(s.prob_min), log_odds.get(cell, 0.0) + logit(s.prob_miss))
-    return {cell: round(100 / (1 + math.exp(-value))) for cell, value in log_odds.items()}
+        for cell in hits | missed:
+            value = log_odds.get(cell, 0.0) + logit(s.prob_hit if cell in hits else s.prob_miss)
+            log_odds[cell] = limited(value) if forgets else value
+    return {cell: round(100 / (1 + math.exp(-limited(value)))) for cell, value in log_odds.items()}
 
 
 def off_borders(pose: list[float], scan: Scan, s: OccupancySettings) -> bool:
@@ -119,6 +123,52 @@ def test_the_kernel_does_what_plain_python_does(
     scans = [scan_of(ranges, -1.5, 0.1, 8.0) for _, ranges in rows]
     assume(all(off_borders(pose, scan, chosen) for pose, scan in zip(poses.tolist(), scans, strict=True)))
     assert by_cell(build_grid(poses, scans, chosen)) == reference(poses, scans, chosen)
+    memory = EvidenceGrid(chosen, forgets=True)
+    for pose, scan in zip(poses, scans, strict=True):
+        memory.add(pose[None], pose[None], [scan])
+    low = np.rint(memory.area[0] / chosen.resolution).astype(int)
+    solid = {(column, row) for row, column in (np.argwhere(memory.occupied()) + low[::-1]).tolist()}
+    expected = reference(poses, scans, chosen, forgets=True)
+    assert solid == {cell for cell, percent in expected.items() if percent >= 65}
+
+
+@settings(max_examples=40)
+@given(
+    st.lists(st.tuples(places, st.lists(distances, min_size=1, max_size=30)), min_size=1, max_size=8),
+    st.randoms(use_true_random=False),
+)
+def test_scans_come_and_go_in_any_order(
+    rows: list[tuple[tuple[float, float, float], list[float]]], random: Random
+) -> None:
+    poses, scans = np.array([pose for pose, _ in rows]), [scan_of(ranges, -1.5, 0.1, 8.0) for _, ranges in rows]
+    evidence = EvidenceGrid(SETTINGS)
+    come = random.sample(range(len(rows)), len(rows))
+    for k in come:
+        evidence.add(poses[[k]], poses[[k]], [scans[k]])
+    assert_same(evidence.grid(), build_grid(poses, scans, SETTINGS))
+    stay = random.sample(range(len(rows)), random.randint(1, len(rows)))
+    for k in set(come) - set(stay):
+        evidence.remove(poses[[k]], poses[[k]], [scans[k]])
+    assert_same(evidence.grid(), build_grid(poses[stay], [scans[k] for k in stay], SETTINGS))
+
+
+def assert_same(found: OccupancyGrid, expected: OccupancyGrid) -> None:
+    np.testing.assert_array_equal(found.cells, expected.cells)
+    if (expected.cells >= 0).any():  # nothing has no place
+        assert found.map_from_grid == expected.map_from_grid
+
+
+@pytest.mark.parametrize(("hit", "miss"), [(0.7, 0.4), (0.6, 0.4), (0.51, 0.49), (0.99, 0.01), (0.8, 0.2)])
+def test_what_was_seen_is_never_unknown_again(hit: float, miss: float) -> None:
+    """Hits and misses that weigh alike leave an even chance, which is not nothing."""
+    chosen, pose = replace(SETTINGS, prob_hit=hit, prob_miss=miss), np.array([[0.05, 0.05, 0.0]])
+    for hits, misses in product(range(1, 12), range(1, 12)):
+        scans = [scan_of([1.0])] * hits + [scan_of([2.0])] * misses
+        grid = build_grid(np.repeat(pose, hits + misses, axis=0), scans, chosen)
+        assert value_at(grid, 1.05, 0.05) >= 0
+    assert value_at(build_grid(np.repeat(pose, 2, axis=0), [scan_of([1.0]), scan_of([2.0])], chosen), 1.05, 0.05) in (
+        round(100 / (1 + (1 - hit) / hit * (1 - miss) / miss)) + d for d in (-1, 0, 1)
+    )
 
 
 @settings(max_examples=80, deadline=None)
@@ -205,6 +255,12 @@ def test_an_absurd_extent_is_refused(far: float) -> None:
     poses = np.array([[0.0, 0.0, 0.0], [far, far, 0.0]])
     with pytest.raises(MapError, match="too large: check the poses for jumps"):
         build_grid(poses, [scan_of([1.0])] * 2)
+    evidence = EvidenceGrid()
+    evidence.add(poses[:1], poses[:1], [scan_of([1.0])])
+    before = evidence.grid()
+    with pytest.raises(MapError, match="too large"):
+        evidence.add(poses, poses, [scan_of([1.0])] * 2)
+    assert_same(evidence.grid(), before)
 
 
 def test_a_real_log_gives_a_map_in_which_its_own_scans_end_on_walls(data_dir: Path) -> None:

@@ -1,0 +1,174 @@
+"""The grid of scans that hang on a graph whose nodes move: kept up scan by scan, a little at each call.
+
+A scan that has moved is taken out where it was drawn and drawn where it belongs. Evidence is a sum of whole numbers, so
+once all is done the grid is what drawing everything anew would give, to the last bit; nothing is kept for it but a
+number per cell and the scans themselves. Until then each scan stands at its old or at its new place; those nearest to
+the chair go first, so that the grid and the chair's pose soon agree again about what is round it.
+"""
+
+from __future__ import annotations
+
+from collections import deque
+from dataclasses import dataclass
+
+import numpy as np
+
+from waychair.config import Settings, setting
+from waychair.geometry import compose
+from waychair.maps.occupancy import EvidenceGrid, OccupancySettings, batches
+from waychair.types import FloatArray, IntArray, OccupancyGrid, Scan
+
+_GONE = -1  # node of a row whose scan is to be taken out, or that is free
+
+
+@dataclass(frozen=True, slots=True)
+class AssemblySettings(Settings):
+    """When a scan is drawn anew, and how much is drawn at once."""
+
+    tolerance: float = setting(0.5, "cells", "a scan none of whose beams ends farther off stays", low=0.0, high=10.0)
+    beams_per_call: int = setting(20_000, "", "beams drawn or taken out in one call", low=1, high=10**9)
+
+
+class GridAssembly:
+    """Scans by the number that the caller gives them, the places where they are drawn, and the grid of them all."""
+
+    def __init__(self, occupancy: OccupancySettings | None = None, settings: AssemblySettings | None = None) -> None:
+        self.settings = settings or AssemblySettings()
+        self._evidence = EvidenceGrid(occupancy)
+        self._nodes = np.empty((0, 3))
+        self._rows: dict[int, int] = {}
+        self._free: list[int] = []
+        self._scans: list[Scan | None] = []  # by row, as all below
+        self._node = np.empty(0, np.int64)
+        self._reach = np.empty(0)  # [m] of the longest beam
+        self._node_from_laser = np.empty((0, 2, 3))  # at the first beam and at the last one
+        self._drawn = np.empty((0, 2, 3))  # the same in map, where the scan is in the grid; nan where it is not
+        self._changed: deque[int] = deque()  # rows that are new or gone
+        self._moved: list[int] = []  # rows drawn elsewhere than they belong, the nearest to the chair last
+
+    def __len__(self) -> int:
+        return len(self._rows)
+
+    @property
+    def pending(self) -> int:
+        """At most so many scans are still to be drawn, taken out or moved; 0 when all is done."""
+        return len(self._changed) + len(self._moved)
+
+    def add(self, number: int, scan: Scan, node: int, first: FloatArray, last: FloatArray) -> None:
+        """A scan that hangs on a node, to be drawn before those that have only moved.
+
+        Args:
+            number: by which it can be dropped; none that is there already.
+            scan: kept as it is.
+            node: row of the poses that `bend` is told before the next `draw`.
+            first: (3,) [m, m, rad] of the laser at the scan's first beam, from the node.
+            last: (3,) at its last beam.
+        """
+        if not self._free:
+            self._make_rows()
+        row = self._free.pop()
+        self._rows[number] = row
+        self._scans[row] = scan
+        self._node[row] = node
+        self._reach[row] = _longest(scan, self._evidence.settings)
+        self._node_from_laser[row] = first, last
+        self._changed.append(row)
+
+    def drop(self, number: int) -> None:
+        """Take a scan out again, with one of the next calls of `draw`."""
+        row = self._rows.pop(number)
+        self._node[row] = _GONE
+        self._changed.append(row)
+
+    def bend(self, nodes: FloatArray, near: FloatArray) -> None:
+        """The nodes stand at poses (N, 3) [m, m, rad] now, the chair near a point (2,) [m]; the grid is yet to follow."""
+        known = len(self._nodes)
+        if np.array_equal(nodes, self._nodes):
+            return
+        stand = np.array_equal(nodes[:known], self._nodes)
+        self._nodes = nodes.copy()
+        if not stand:
+            rows = self._off_by_more_than(self.settings.tolerance * self._evidence.settings.resolution)
+            rows = rows[~np.isin(rows, np.array(self._changed, np.int64))]
+            away = np.hypot(*(self._places(rows)[:, 0, :2] - near).T)
+            self._moved = rows[np.argsort(-away, kind="stable")].tolist()
+
+    def draw(self) -> int:
+        """Do what is pending up to the settings' number of beams, but one scan at least.
+
+        Returns:
+            Beams drawn and taken out; a scan that is moved counts twice.
+
+        Raises:
+            MapError: the grid would become too large; the scans that were to be drawn are not in it.
+        """
+        rows: list[int] = []
+        beams = 0
+        while self.pending and beams < self.settings.beams_per_call:
+            row = self._changed.popleft() if self._changed else self._moved.pop()
+            scan = self._scans[row]
+            if scan is not None:
+                rows.append(row)
+                beams += 2 * len(scan.ranges)
+        every = np.unique(np.array(rows, np.int64))
+        return sum(self._redraw(every[part]) for part in batches(len(every)))
+
+    def settle(self) -> None:
+        """Do all that is pending, and move also those scans that are off by less than the tolerance."""
+        self._moved = self._off_by_more_than(0.0).tolist()
+        while self.pending:
+            self.draw()
+
+    def grid(self) -> OccupancyGrid:
+        """A copy of the grid as it is now; all unknown when nothing was drawn yet."""
+        return self._evidence.grid()
+
+    def _redraw(self, rows: IntArray) -> int:
+        """Take out what is drawn of these rows elsewhere, and draw what belongs there; returns the beams."""
+        gone = self._node[rows] == _GONE
+        places = self._places(rows)
+        off = gone | (self._drawn[rows] != places).any(axis=(1, 2))
+        out, into = rows[off & np.isfinite(self._drawn[rows, 0, 0])], rows[off & ~gone]
+        taken, drawn = self._scans_of(out), self._scans_of(into)
+        self._evidence.remove(self._drawn[out, 0], self._drawn[out, 1], taken)
+        self._drawn[out] = np.nan
+        self._evidence.add(places[off & ~gone, 0], places[off & ~gone, 1], drawn)
+        self._drawn[into] = places[off & ~gone]
+        for row in rows[gone].tolist():
+            self._scans[row] = None
+            self._free.append(row)
+        return sum(len(scan.ranges) for scan in (*taken, *drawn))
+
+    def _places(self, rows: IntArray) -> FloatArray:
+        """(K, 2, 3) where the laser was in map at the first and last beam of the scans of rows (K,), by the nodes."""
+        on = self._nodes[self._node[rows]]
+        return compose(on[:, None], self._node_from_laser[rows])
+
+    def _off_by_more_than(self, distance: float) -> IntArray:
+        """Rows of the scans with a beam whose end may lie farther [m] from where it is drawn, or that are not drawn."""
+        rows: IntArray = np.flatnonzero(self._node != _GONE)
+        moved = self._places(rows) - self._drawn[rows]
+        turned = 2.0 * np.abs(np.sin(0.5 * moved[..., 2])) * self._reach[rows, None]
+        shift = (np.hypot(moved[..., 0], moved[..., 1]) + turned).max(axis=1)
+        off: IntArray = rows[~(shift <= distance)]  # nan: it is not drawn
+        return off
+
+    def _scans_of(self, rows: IntArray) -> list[Scan]:
+        return [scan for scan in (self._scans[row] for row in rows.tolist()) if scan is not None]
+
+    def _make_rows(self) -> None:
+        """Twice as many rows as before."""
+        count = len(self._scans)
+        more = max(count, 64)
+        self._free = list(range(count + more - 1, count - 1, -1))
+        self._scans += [None] * more
+        self._node = np.concatenate([self._node, np.full(more, _GONE)])
+        self._reach = np.concatenate([self._reach, np.zeros(more)])
+        self._node_from_laser = np.concatenate([self._node_from_laser, np.zeros((more, 2, 3))])
+        self._drawn = np.concatenate([self._drawn, np.full((more, 2, 3), np.nan)])
+
+
+def _longest(scan: Scan, settings: OccupancySettings) -> float:
+    """Length of the longest beam that is drawn [m], or more."""
+    seen = scan.ranges[np.isfinite(scan.ranges)]
+    return min(max(float(seen.max(initial=0.0)), settings.open_range), settings.range_max)

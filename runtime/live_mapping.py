@@ -1,0 +1,168 @@
+"""The mapper with its grid as one object, for a chair that drives: frames in, pose and grid out at any time."""
+
+from __future__ import annotations
+
+import time
+from collections import defaultdict
+from collections.abc import Iterator, Sequence
+from contextlib import contextmanager
+from dataclasses import dataclass, field, replace
+
+import numpy as np
+
+from waychair.calibration.chair import CHAIR_A, ChairBody
+from waychair.config import Settings, setting
+from waychair.errors import NoScans
+from waychair.geometry import arc
+from waychair.maps.grid_assembly import AssemblySettings, GridAssembly
+from waychair.maps.occupancy import OccupancySettings
+from waychair.slam.dead_reckoning import DeadReckoning
+from waychair.slam.mapper import Mapper, MapperResult, MapperSettings, odometry_of, twist_of
+from waychair.slam.odometry_model import OdometrySettings
+from waychair.types import OccupancyGrid, Pose2, Scan, SensorFrame, Twist
+
+
+@dataclass(frozen=True, slots=True)
+class LiveMappingSettings(Settings):
+    """What a map is made with, wherever the frames come from."""
+
+    laser_height: float = setting(
+        0.30, "m", "lidar above the floor; tells which beams meet it on a ramp", low=0.02, high=3.0
+    )
+    odometry: OdometrySettings = field(default_factory=OdometrySettings)
+    mapper: MapperSettings = field(default_factory=MapperSettings)
+    grid: OccupancySettings = field(default_factory=OccupancySettings)
+    assembly: AssemblySettings = field(default_factory=AssemblySettings)
+
+
+class LiveMapping:
+    """Reads no clock but the processor's, for the report, and has no thread: everything is done in the calls.
+
+    Frames are numbered as they come, those without a scan apart. Whoever has all of them, and wants the map only, calls
+    `reckon` and `include` for each and `settle`, which draws every scan once.
+    """
+
+    def __init__(self, settings: LiveMappingSettings, base_from_laser: Pose2, body: ChairBody = CHAIR_A) -> None:
+        """`body` is the chair whose encoders count in the frames, if they hold counts; its laser may sit elsewhere."""
+        self.settings = settings
+        self.base_from_laser = base_from_laser
+        self.mapper = Mapper(settings.mapper, base_from_laser)
+        self.told: list[SensorFrame] = []  # what the odometry said at each frame
+        self.key_seconds: list[float] = []  # CPU of each frame that was matched with care
+        self.seconds: defaultdict[str, float] = defaultdict(float)  # CPU by what the mapper does not count itself
+        mount, height = base_from_laser, settings.laser_height
+        body = replace(body, laser_x=mount.x, laser_y=mount.y, laser_theta=mount.theta, laser_z=height)
+        self._reckoning = DeadReckoning(body, settings.odometry)
+        self._assembly = GridAssembly(settings.grid, settings.assembly)
+        self._covered: list[list[int]] = []  # of each key scan: the frames in the grid that it stood for
+
+    def process(self, frame: SensorFrame) -> Pose2:
+        """`map_from_base` at the latest scan."""
+        reckoned = self.reckon(frame)  # where wheels and IMU put it, its scan upright
+        if reckoned.scan is not None:
+            self.include(reckoned)  # where its scan puts it
+        self.draw()  # the grid follows
+        return self.pose()
+
+    def reckon(self, frame: SensorFrame) -> SensorFrame:
+        """The frame with the odometry that wheels and IMU come to, its scan levelled; for every frame in its order."""
+        with self._timed("odometry"):
+            return self._reckoning.update(frame)
+
+    def include(self, frame: SensorFrame) -> Pose2:
+        """`map_from_base` of a reckoned frame with a scan; what it changes in the grid is yet to be drawn."""
+        started, matches = time.process_time(), self.mapper.counts["matches"]
+        pose = self.mapper.process(frame)
+        if self.mapper.counts["matches"] > matches:
+            self.key_seconds.append(time.process_time() - started)
+        self._tell(frame)
+        with self._timed("grid"):
+            self._follow(frame)
+            self._bend()
+        return pose
+
+    def draw(self) -> int:
+        """Bring the grid nearer to what it should be, by one slice of work (see `GridAssembly.draw`)."""
+        with self._timed("grid"):
+            return self._assembly.draw()
+
+    @property
+    def pending(self) -> int:
+        """At most so many scans are yet to be drawn or moved; 0 when the grid is up to date."""
+        return self._assembly.pending
+
+    def pose(self) -> Pose2:
+        """`map_from_base` at the latest scan; the origin before the first."""
+        return self.mapper.pose() if self.mapper.frames else Pose2()
+
+    def grid(self) -> OccupancyGrid:
+        """The grid as it is drawn now; all unknown before the first scan."""
+        return self._assembly.grid()
+
+    def settle(self) -> MapperResult:
+        """The map so far, its graph optimised once more and its grid drawn to the end; mapping can go on after it.
+
+        Raises:
+            NoScans: no frame with a scan has come yet.
+        """
+        if not self.mapper.frames:
+            raise NoScans("there is no map yet, for no laser scan has come: is the lidar on, and its topic right?")
+        result = self.mapper.result()
+        with self._timed("grid"):
+            self._bend()
+            self._assembly.settle()
+        return result
+
+    def resume(self, mapper: Mapper, frames: Sequence[SensorFrame]) -> None:
+        """Go on with a mapper that has seen these reckoned frames; for a mapping that has seen none itself."""
+        self.mapper = mapper
+        for frame in frames:
+            self._tell(frame)
+        self._covered = [list(latest) for latest in mapper.covered_frames]
+        for key_frame, latest in zip(mapper.key_frames, self._covered, strict=True):
+            for number in (key_frame, *latest):
+                self._hang(number, frames[number])
+        self._bend()
+
+    def _follow(self, frame: SensorFrame) -> None:
+        """What the mapper has just kept for the grid is added to it, and what it no longer keeps is dropped."""
+        number = len(self.mapper.frames) - 1
+        if len(self.mapper.key_frames) > len(self._covered):
+            self._covered.append([])
+            self._hang(number, frame)
+            return
+        key = self.mapper.frames[-1].key
+        latest, before = self.mapper.covered_frames[key], self._covered[key]
+        if latest and latest[-1] == number:
+            self._hang(number, frame)
+            for old in set(before) - set(latest):
+                self._assembly.drop(old)
+            self._covered[key] = list(latest)
+
+    def _hang(self, number: int, frame: SensorFrame) -> None:
+        """A frame's scan goes into the grid, at the key scan that the frame hangs on."""
+        assert frame.scan is not None
+        hung, twist = self.mapper.frames[number], twist_of(frame) or Twist()
+        first = hung.key_from_base @ self.base_from_laser
+        last = hung.key_from_base @ _sweep(frame.scan, twist) @ self.base_from_laser
+        self._assembly.add(number, frame.scan, hung.key, first.array(), last.array())
+
+    def _bend(self) -> None:
+        here = self.pose()
+        self._assembly.bend(self.mapper.keys.poses, np.array([here.x, here.y]))
+
+    def _tell(self, frame: SensorFrame) -> None:
+        own = odometry_of(frame)
+        self.told.append(SensorFrame(frame.stamp_ns, wheels=() if own is None else (own,)))
+
+    @contextmanager
+    def _timed(self, stage: str) -> Iterator[None]:
+        started = time.process_time()
+        yield
+        self.seconds[stage] += time.process_time() - started
+
+
+def _sweep(scan: Scan, twist: Twist) -> Pose2:
+    """How far the base goes from a scan's first beam to its last, at a constant twist."""
+    seconds = scan.time_step * (len(scan.ranges) - 1)
+    return arc(twist.v * seconds, twist.omega * seconds)
