@@ -18,7 +18,7 @@ from scipy.spatial import cKDTree
 from waychair.config import Settings, setting
 from waychair.geometry import wrap_angle
 from waychair.maps.grid import occupied, points_from_cells
-from waychair.slam.beam_model import HealthSettings, beam_classes, beam_map, log_odds
+from waychair.slam.beam_model import HealthSettings, beam_classes, beam_map, log_odds, probability
 from waychair.slam.recovery import Candidate, Recovery, RecoveryParts, RecoverySettings, SavedMap
 from waychair.slam.reference import reference_from_points
 from waychair.slam.relocaliser import RelocaliserSettings, pyramid_from_grid
@@ -37,8 +37,8 @@ class LocaliserSettings(Settings):
     start_angle: float = setting(0.4, "rad", "half window of the search round a given start", low=0.02, high=3.1)
     position_noise: float = setting(0.03, "m", "trust in the odometry since the last scan", low=0.001, high=1.0)
     angle_noise: float = setting(0.02, "rad", "trust in the odometry since the last scan", low=0.001, high=1.0)
-    ok_health: float = setting(0.9, "", "least health when all is well", low=0.0, high=1.0)
-    lost_health: float = setting(0.5, "", "a scan with a health below this does not fit the map", low=0.0, high=1.0)
+    ok_health: float = setting(0.63, "", "least health when all is well", low=0.0, high=1.0)
+    lost_health: float = setting(0.31, "", "a scan with a health below this does not fit the map", low=0.0, high=1.0)
     lost_scans: int = setting(5, "", "so many scans in a row that do not fit: lost", low=1, high=1000)
     surprise_distance: float = setting(0.15, "m", "a larger correction contradicts the odometry", low=0.01, high=5.0)
     surprise_angle: float = setting(0.1, "rad", "a larger correction contradicts the odometry", low=0.01, high=3.1)
@@ -68,7 +68,8 @@ class Localisation:
     """Pose at a scan and how far it can be trusted.
 
     `map_from_base` = `map_from_odom` @ the odometry. `inliers`: share of the scan's points on the map's walls. `health`
-    in [0, 1]: probability that the pose is within 0.3 m and 5 degrees of the truth. `covariance` (3, 3) of the pose
+    in [0, 1]: probability that the pose is within 0.3 m and 5 degrees of the truth, by this scan alone: a chair that was
+    right before is more likely to be right than that. `covariance` (3, 3) of the pose
     [m^2, m rad, rad^2] in the map frame, None while nothing fits. `remaining` is the correction still to come, in the
     base frame: map_from_base @ remaining is where the scans say the chair is. `jumped`: this time the pose was moved at
     once, because the chair has just found out where it is. `candidates`: places a lost chair may be at, best first.
@@ -167,8 +168,7 @@ class Localiser:
             return found, 0.0
         sensors = np.broadcast_to(self._sensor, scan.points.shape)
         shares = beam_classes(scan.points, np.ascontiguousarray(sensors), found.pose.array(), self._saved.beams)
-        odds = float(np.clip(log_odds(shares, settings.health)[0], -50.0, 50.0))
-        return found, 1.0 / (1.0 + math.exp(-odds))
+        return found, float(probability(log_odds(shares, settings.health), settings.health)[0])
 
     def _surprising(self, correction: Pose2) -> bool:
         settings = self._settings

@@ -1,9 +1,10 @@
 """Loop closure: where the chair may be back, and the matches that prove it.
 
 Near by, a candidate is a run of earlier key scans round the present one whose way round the graph is long; its
-uncertainty, and with it the search window, grows with that way. Where that window would be larger than can be searched,
-after a long drift or when the chair was carried, whole submaps are searched instead, and a place found there counts
-only once a second one, some way on, agrees with it. A loop is accepted by geometry (enough of the query lies on the
+uncertainty, and with it the search window, grows with that way. Where views do not match as a whole, because the chair
+came back looking another way, the little that both saw has to match (`partial_overlap`), twice, some way on. Where the
+window would be larger than can be searched, after a long drift or when the chair was carried, whole submaps are
+searched instead, and a place found there counts only once a second one, some way on, agrees with it. A loop is accepted by geometry (enough of the query lies on the
 reference's surfaces, no second place fits nearly as well), never by the likelihood alone.
 """
 
@@ -23,6 +24,7 @@ from waychair.geometry import wrap_angle
 from waychair.slam.edges import Edge, EdgeKind
 from waychair.slam.information import NoiseSettings, of_match, turned
 from waychair.slam.key_graph import KeyGraph
+from waychair.slam.partial_overlap import GlimpseSettings, glimpse, known_ground
 from waychair.slam.relocaliser import RelocaliserSettings
 from waychair.slam.scan_matching import MatchSettings, Window, correlative_search, refine
 from waychair.slam.submap_search import SubmapHypothesis, SubmapPyramids, SubmapSettings, global_candidates
@@ -61,6 +63,7 @@ class LoopSettings(Settings):
     max_ambiguity: float = setting(0.9, "", "largest runner-up response over the winner's", low=0.0, high=1.0)
     search: RelocaliserSettings = field(default_factory=RelocaliserSettings)
     submaps: SubmapSettings = field(default_factory=SubmapSettings)
+    glimpses: GlimpseSettings = field(default_factory=GlimpseSettings)
 
 
 @dataclass(frozen=True, slots=True)
@@ -119,7 +122,7 @@ def beyond_reach(ways: FloatArray, settings: LoopSettings) -> dict[int, IntArray
 
 @dataclass(frozen=True, slots=True)
 class _Find:
-    """What a search of submaps found: at `node` the chair stands at `pose` in the map as it is now."""
+    """What a search found: at `node` the chair stands at `pose` in the map as it is now."""
 
     node: int
     pose: Pose2
@@ -128,18 +131,29 @@ class _Find:
 class LoopCloser:
     """Looks for loops as the chair goes on; `counts` says what came of it."""
 
-    def __init__(self, settings: LoopSettings, matching: MatchSettings, noise: NoiseSettings, reach: float) -> None:
+    def __init__(
+        self,
+        settings: LoopSettings,
+        matching: MatchSettings,
+        noise: NoiseSettings,
+        reach: float,
+        base_from_laser: Pose2,
+    ) -> None:
         """`reach` [m]: half side of a reference beyond the window and the chain's own size."""
         self.counts: Counter[str] = Counter()
         self._settings, self._matching, self._noise, self._reach = settings, matching, noise, reach
         self._pyramids = SubmapPyramids(settings.search, settings.submaps)
-        self._since_search = self._since_submaps = math.inf
+        self._base_from_laser = base_from_laser
+        self._since_search = self._since_submaps = self._since_glimpse = self._since_loop = math.inf
         self._find: _Find | None = None
+        self._glimpsed: list[_Find] = []
 
     def moved(self, distance: float) -> None:
         """Told how far the chair went [m]."""
         self._since_search += distance
         self._since_submaps += distance
+        self._since_glimpse += distance
+        self._since_loop += distance
 
     def loops(self, keys: KeyGraph, recent: Sequence[int]) -> list[Edge]:
         """Edges that close a loop at the last key scan; `recent` are the latest key scans, in the order of the drive."""
@@ -149,13 +163,18 @@ class LoopCloser:
             return []
         self._since_search = 0.0
         ways = graph_distances(keys.poses, keys.edges, len(keys) - 1)[:known]
-        found = [self._proven(keys, recent, near) for near in candidates(keys.poses, ways, settings)]
+        near = candidates(keys.poses, ways, settings)
+        found = [self._proven(keys, recent, candidate) for candidate in near]
         edges = [edge for edge in found if edge is not None]
+        if not edges and near and self._patience_is_over():
+            edges = self._glimpsed_again(keys, recent, near)
         enough = len(recent) >= settings.submap_query and self._since_submaps >= settings.submap_spacing
         if not edges and enough:
             edge = self._elsewhere(keys, recent, ways)
             edges = [] if edge is None else [edge]
         self.counts["loops_closed"] += len(edges)
+        if edges:
+            self._since_loop = 0.0
         return edges
 
     def _proven(
@@ -185,6 +204,37 @@ class LoopCloser:
         known = turned(of_match(information, self._noise), -pose.theta)
         nearest_from_node = keys.pose(candidate.nearest).inverse() @ pose
         return Edge(candidate.nearest, node, nearest_from_node, known, EdgeKind.LOOP)
+
+    def _patience_is_over(self) -> bool:
+        """Whether it is time for the dearer search: views that match as a whole have closed no loop for a while."""
+        settings = self._settings.glimpses
+        return self._since_loop >= settings.patience and self._since_glimpse >= settings.spacing
+
+    def _glimpsed_again(self, keys: KeyGraph, recent: Sequence[int], near: tuple[Candidate, ...]) -> list[Edge]:
+        """The edges to candidates of which a little was seen again, once two finds agree."""
+        settings, matching, node = self._settings.glimpses, self._matching, len(keys) - 1
+        self._since_glimpse, before, self._glimpsed = 0.0, self._glimpsed, []
+        base = keys.pose(node)
+        query = keys.joined(recent[-settings.query_scans :], base, _QUERY_CELL)
+        edges = []
+        for candidate in near:
+            self.counts["glimpses_tried"] += 1
+            window = Window(min(settings.widening * candidate.window, settings.max_window), candidate.angle)
+            reach = window.distance + self._settings.chain_reach + self._reach
+            reference = keys.reference(candidate.members, keys.poses[candidate.nearest], reach, matching)
+            every = -(-len(candidate.members) // settings.drawn_scans)
+            known = known_ground(keys.store, keys.poses, candidate.members[::every], self._base_from_laser, reference)
+            found = glimpse(query, reference, known, base, window, matching, settings)
+            if found is None:
+                continue
+            self.counts["glimpses"] += 1
+            find = _Find(node, found.pose)
+            self._glimpsed.append(find)
+            if found.inliers >= settings.min_inliers and any(self._agree(keys, earlier, find) for earlier in before):
+                information = turned(of_match(found.information, self._noise), -found.pose.theta)
+                nearest_from_node = keys.pose(candidate.nearest).inverse() @ found.pose
+                edges.append(Edge(candidate.nearest, node, nearest_from_node, information, EdgeKind.LOOP))
+        return edges
 
     def _elsewhere(self, keys: KeyGraph, recent: Sequence[int], ways: FloatArray) -> Edge | None:
         """The edge to a submap beyond the reach of a window, once two finds agree."""

@@ -50,6 +50,9 @@ class MapperSettings(Settings):
     slip_angle: float = setting(0.6, "rad", "half window where the odometry may have slipped", low=0.02, high=3.1)
     min_inliers: float = setting(0.3, "", "a match with fewer points on surfaces is not used", low=0.0, high=1.0)
     doubted_inliers: float = setting(0.5, "", "with fewer the chair may have been carried", low=0.0, high=1.0)
+    sure_inliers: float = setting(
+        0.7, "", "with more, and no slip of the wheels, it was not, whatever it looks through", low=0.0, high=1.0
+    )
     seen_through: float = setting(
         0.25, "", "then, if it looks through more of the surfaces on its beams, it was", low=0.0, high=1.0
     )
@@ -121,7 +124,9 @@ class Mapper:
         self._anchored = Pose2()  # where the chair was in `here` when it was last matched with care
         self._reckoned = Pose2()  # where the odometry alone puts it since then
         self._loose = 0  # frames since the last one that its scan has placed
-        self._closer = LoopCloser(settings.loops, settings.matching, settings.noise, settings.running_reach)
+        self._closer = LoopCloser(
+            settings.loops, settings.matching, settings.noise, settings.running_reach, base_from_laser
+        )
 
     def process(self, frame: SensorFrame) -> Pose2:
         """`map_from_base` at the stamp of the frame's scan."""
@@ -242,7 +247,7 @@ class Mapper:
         """
         settings = self.settings
         doubted = slipped or found.inliers < settings.doubted_inliers
-        if not doubted and found.response >= settings.good_response:
+        if not doubted and (found.response >= settings.good_response or found.inliers >= settings.sure_inliers):
             return False
         through = [seen_through(scan, self.base_from_laser, self._running(), pose) for pose in (guess, found.pose)]
         return min(through) > (settings.seen_through if doubted else settings.surely_seen_through)

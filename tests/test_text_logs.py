@@ -12,7 +12,12 @@ import pytest
 from waychair.coreslam import CoreslamSettings
 from waychair.errors import NoScans, RecordingDamaged
 from waychair.recording import InputSettings, read_recording
-from waychair.types import Odometry, Pose2
+from waychair.slam.reference import reference_from_points
+from waychair.slam.scan_matching import MatchSettings, Window, match
+from waychair.slam.scan_points import scan_points
+from waychair.types import FloatArray, Odometry, Pose2, SensorFrame
+
+AT_ONCE = InputSettings(coreslam=CoreslamSettings(scan_age=0.0))
 
 
 def coreslam_line(micros: int, left: int, right: int, ranges: int = 1500) -> str:
@@ -33,13 +38,42 @@ def test_the_real_coreslam_logs_are_read_whole(data_dir: Path, name: str, scans:
     assert math.degrees(scan.angle_step) == pytest.approx(0.352, abs=0.001)
     assert not np.isfinite(scan.ranges[:70]).any()
     assert not np.isfinite(scan.ranges[-70:]).any()
-    assert np.nanmax(scan.ranges[np.isfinite(scan.ranges)]) <= 4.0
+    assert 4.0 < max(scan_ranges_of(frame).max() for frame in recording.frames) <= 5.6
+    assert scan.time_step * 1024 == pytest.approx(0.1, rel=0.01)  # a turn of the mirror
+
+
+def scan_ranges_of(frame: SensorFrame) -> FloatArray:
+    assert frame.scan is not None
+    return frame.scan.ranges[np.isfinite(frame.scan.ranges)].astype(np.float64)
+
+
+@pytest.mark.parametrize("name", ["exp1", "exp2"])
+def test_the_turns_of_the_real_scans_follow_those_of_the_wheels_at_the_scans_own_time(
+    data_dir: Path, name: str
+) -> None:
+    """One scan matched to the next, for fifteen seconds; at the times of their lines they follow much worse."""
+    settings, agreement = MatchSettings(), []
+    for age in (0.19, 0.0):
+        log = InputSettings(coreslam=CoreslamSettings(scan_age=age))
+        frames = read_recording(data_dir / "lidar_coreslam" / f"{name}.dat.gz", log).frames[100:250]
+        points = [scan_points(frame.scan, Pose2(0.145, 0, 0), 20.0) for frame in frames if frame.scan is not None]
+        poses = [own.odom_from_base for frame in frames for own in frame.wheels if isinstance(own, Odometry)]
+        turns = []
+        for k in range(len(frames) - 1):
+            reference = reference_from_points(points[k].points, points[k].normals, settings.resolution, settings.sigma)
+            moved = poses[k].inverse() @ poses[k + 1]
+            found = match(points[k + 1], reference, moved, np.eye(3), Window(0.15, 0.15), settings)
+            if found.inliers > 0.7:
+                turns.append((found.pose.theta, moved.theta))
+        agreement.append(float(np.corrcoef(np.array(turns).T)[0, 1]))
+    assert agreement[0] > 0.85
+    assert agreement[0] > agreement[1] + 0.1
 
 
 def test_a_whole_turn_of_both_wheels_is_their_circumference_and_of_one_an_arc(tmp_path: Path) -> None:
     lines = [coreslam_line(0, 5, 7), coreslam_line(10**6, 2005, 2007), coreslam_line(2 * 10**6, 2005, 4007)]
     (tmp_path / "log.dat").write_text("\n".join(lines))
-    frames = read_recording(tmp_path / "log.dat").frames
+    frames = read_recording(tmp_path / "log.dat", AT_ONCE).frames
     readings = [reading for frame in frames for reading in frame.wheels if isinstance(reading, Odometry)]
     assert [frame.stamp_ns for frame in frames] == [0, 10**9, 2 * 10**9]
     around = math.tau * 0.077
@@ -51,9 +85,20 @@ def test_a_whole_turn_of_both_wheels_is_their_circumference_and_of_one_an_arc(tm
     np.testing.assert_allclose(readings[2].odom_from_base.array(), [*expected, turn], atol=1e-12)
 
 
+def test_a_scan_older_than_its_line_has_the_odometry_of_its_own_time(tmp_path: Path) -> None:
+    (tmp_path / "log.dat").write_text("\n".join(coreslam_line(k * 10**6, 1000 * k, 1000 * k) for k in range(5, 9)))
+    frames = read_recording(tmp_path / "log.dat", InputSettings(coreslam=CoreslamSettings(scan_age=0.25))).frames
+    readings = [reading for frame in frames for reading in frame.wheels if isinstance(reading, Odometry)]
+    assert [frame.stamp_ns for frame in frames] == [k * 10**9 - 250_000_000 for k in range(5, 9)]
+    ways = np.array([reading.odom_from_base.x for reading in readings]) / (math.pi * 0.077)
+    np.testing.assert_allclose(ways, [0.0, 0.75, 1.75, 2.75])  # before the first line nothing is known
+    assert readings[2].twist.v == pytest.approx(math.pi * 0.077)
+
+
 def test_the_robots_constants_and_its_mount_can_be_told(tmp_path: Path) -> None:
     (tmp_path / "log.dat").write_text("\n".join(coreslam_line(k * 10**5, 1000 * k, 1000 * k) for k in range(3)))
-    settings = InputSettings(coreslam=CoreslamSettings(wheel_radius=0.1, blind_beams=0, laser_offset=0.2))
+    robot = CoreslamSettings(wheel_radius=0.1, blind_beams=0, laser_offset=0.2, scan_age=0.0)
+    settings = InputSettings(coreslam=robot)
     recording = read_recording(tmp_path / "log.dat", settings)
     assert recording.base_from_laser.x == 0.2
     last = recording.frames[-1]

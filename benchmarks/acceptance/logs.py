@@ -40,17 +40,22 @@ def fr079(out: Path) -> Json:
 
 
 def coreslam(out: Path) -> Json:
-    """The two CoreSLAM logs: one piece each; whether walls are double is for the eye (report.html).
+    """The two CoreSLAM logs: each in one piece, its loop closed; whether walls are double is for the eye (report.html).
 
-    The chair comes back looking other ways than before, with a lidar that sees 5 m: its way crosses itself where it
-    still hangs on what it just saw, and there is no loop that scans could prove.
+    The chair comes back looking another way than before, and sees 5 m: both times little more than a corner of a
+    partition and a wall are seen again, and the scans in between have drifted by a metre.
     """
-    reports = {}
+    figures: dict[str, Json] = {}
     for name in ("exp1", "exp2"):
-        reports[name], _ = _mapped(out.with_name(f"{out.stem}_{name}.json"), f"lidar_coreslam/{name}.dat.gz")
-    torn = sum(report["edges"]["torn"] for report in reports.values())
-    loops = {f"loops_{name}": report["edges"]["loop"] for name, report in reports.items()}
-    return {"passed": torn == 0, "torn": torn, **loops}
+        report, cpu = _mapped(out.with_name(f"{out.stem}_{name}.json"), f"lidar_coreslam/{name}.dat.gz")
+        figures[name] = {
+            "loops": report["edges"]["loop"],
+            "torn": report["edges"]["torn"],
+            "apart_s": [loop["apart_s"] for loop in report["loops"]],
+            "command_cpu_s": round(cpu, 2),
+        }
+    closed = all(each["loops"] >= 1 and each["torn"] == 0 for each in figures.values())
+    return {"passed": closed, **{f"loops_{name}": each["loops"] for name, each in figures.items()}, **figures}
 
 
 def sena(out: Path) -> Json:

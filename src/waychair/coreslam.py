@@ -4,6 +4,10 @@ A line holds the time in microseconds, a number, the left and the right encoder'
 to column 24, and from there the ranges in millimetres, 0 for none, counter-clockwise. 2000 counts are a whole turn of
 a wheel: the published example takes them for half a turn, but adds both wheels' ways where their mean is meant, and
 the scans of both logs, matched, agree with it (0.96 to 0.97 of the way).
+
+The time is that of the encoders; the scan beside it is older. The turns of scans matched one to the next follow those
+of the wheels best when the middle of the sweep is put 0.156 s before the line's time (correlation 0.96 in both logs,
+0.70 and 0.72 without), its first beam thus 0.19 s.
 """
 
 from __future__ import annotations
@@ -16,6 +20,7 @@ import numpy as np
 
 from waychair.config import Settings, setting
 from waychair.errors import NoScans, RecordingDamaged
+from waychair.geometry import interpolate
 from waychair.types import FloatArray, IntArray, Odometry, Pose2, Scan, SensorFrame, Twist
 
 FIRST_RANGE = 24
@@ -38,8 +43,10 @@ class CoreslamSettings(Settings):
     blind_beams: int = setting(70, "", "beams on either side that see the robot itself", low=0, high=1000)
     range_min: float = setting(0.06, "m", "shorter ranges are codes for errors (Hokuyo URG-04LX)", low=0.0, high=10.0)
     range_max: float = setting(
-        4.0, "m", "longer ranges mean that nothing was seen (Hokuyo URG-04LX)", low=0.1, high=100
+        5.6, "m", "longer ranges mean that nothing was seen (Hokuyo URG-04LX)", low=0.1, high=100
     )
+    mirror_period: float = setting(0.1, "s", "a whole turn of the laser's mirror; 0: no sweep", low=0.0, high=2.0)
+    scan_age: float = setting(0.19, "s", "from a scan's first beam to the time of its line", low=0.0, high=2.0)
 
 
 @dataclass(frozen=True, slots=True)
@@ -86,8 +93,9 @@ def read_coreslam(
     stamps = (table[:, 0] * 1000.0).astype(np.int64)
     if backwards := int((np.diff(stamps) < 0).sum()):
         warnings.append(f"stamps step backwards {backwards} times: the scans are kept in the order of the file")
-    odometry = _odometry(table, stamps, settings)
-    scans = [_scan(int(stamp), row[FIRST_RANGE:], settings) for stamp, row in zip(stamps, table, strict=True)]
+    taken = stamps - round(settings.scan_age * 1e9)
+    odometry = _at(_odometry(table, stamps, settings), taken)
+    scans = [_scan(int(stamp), row[FIRST_RANGE:], settings) for stamp, row in zip(taken, table, strict=True)]
     frames = [SensorFrame(scan.stamp_ns, scan=scan, wheels=(at,)) for scan, at in zip(scans, odometry, strict=True)]
     if progress is not None:
         progress(1.0)
@@ -118,6 +126,19 @@ def _odometry(table: FloatArray, stamps: IntArray, settings: CoreslamSettings) -
     return readings
 
 
+def _at(readings: Sequence[Odometry], stamps: IntArray) -> list[Odometry]:
+    """The odometry at other times: between two readings a part of their motion, with its twist."""
+    known = np.maximum.accumulate(np.array([reading.stamp_ns for reading in readings]))
+    found = []
+    for stamp, after in zip(stamps.tolist(), np.searchsorted(known, stamps), strict=True):
+        a, b = readings[max(after - 1, 0)], readings[min(after, len(readings) - 1)]
+        elapsed = b.stamp_ns - a.stamp_ns
+        share = (stamp - a.stamp_ns) / elapsed if elapsed > 0 else 1.0
+        pose = interpolate(a.odom_from_base, b.odom_from_base, min(max(share, 0.0), 1.0))
+        found.append(Odometry(stamp, pose, b.twist))
+    return found
+
+
 def _scan(stamp_ns: int, millimetres: FloatArray, settings: CoreslamSettings) -> Scan:
     ranges = (millimetres * 1e-3).astype(np.float32)
     with np.errstate(invalid="ignore"):
@@ -131,6 +152,7 @@ def _scan(stamp_ns: int, millimetres: FloatArray, settings: CoreslamSettings) ->
         ranges,
         -0.5 * settings.field_of_view,
         step,
+        settings.mirror_period * step / math.tau,
         range_min=settings.range_min,
         range_max=settings.range_max,
     )

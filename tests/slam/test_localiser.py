@@ -11,6 +11,7 @@ import pytest
 from tests.slam.conftest import WALLS, cast, scan_at
 from waychair.maps.grid import cells_from_points
 from waychair.recording import read_recording
+from waychair.slam.beam_model import HealthSettings, probability
 from waychair.slam.localiser import Localisation, LocalisationState, Localiser, LocaliserSettings, walls
 from waychair.types import OccupancyGrid, Odometry, Pose2, Scan
 
@@ -185,3 +186,13 @@ def test_normals_of_a_slanted_wall_are_not_stairs() -> None:
     _, normals = walls(OccupancyGrid(cells, 0.05, Pose2()))
     angles = np.degrees(np.arctan2(normals[10:-10, 1], normals[10:-10, 0]))
     assert np.median(angles) == pytest.approx(90 + math.degrees(math.atan(0.5)), abs=6)
+
+
+def test_health_grows_with_the_evidence_and_its_limits_are_where_they_were_before_it_was_tempered() -> None:
+    odds = np.array([-1e6, -5.0, 0.0, math.log(9.0), 5.0, 7.0, 1e6])
+    health = probability(odds, HealthSettings())
+    assert (np.diff(health) > 0).all()
+    assert ((health > 0) & (health <= 1)).all()
+    settings = LocaliserSettings()
+    assert health[2] == pytest.approx(settings.lost_health, abs=0.005)
+    assert health[3] == pytest.approx(settings.ok_health, abs=0.005)

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import gzip
 import json
+import math
 import subprocess
 import sys
 from pathlib import Path
@@ -12,10 +13,12 @@ import numpy as np
 import pytest
 
 from waychair.geometry import compose
-from waychair.recording import read_recording, write_tum
+from waychair.recording import Recording, read_recording, write_tum
 from waychair.runtime.mapping import Mapping, MappingSettings, map_recording
 from waychair.slam.graph import EdgeKind
 from waychair.slam.mapper import Mapper, MapperSettings
+from waychair.slam.scan_points import scan_points
+from waychair.types import FloatArray
 
 
 def mapped(log: Path) -> Mapping:
@@ -71,7 +74,41 @@ def test_sena_wheelchair_closes_its_loop_without_double_walls(data_dir: Path) ->
     mapping = map_recording(recording, MappingSettings())
     loops = [edge for edge in mapping.result.edges if edge.kind is EdgeKind.LOOP]
     assert any(edge.j - edge.i > 120 for edge in loops)
-    # A wall seen on both passes must be one wall: late points lie within 5 cm of early ones, wherever both saw it.
+    twice = gaps_of_walls_seen_twice(recording, mapping, slice(0, 50), slice(-50, None))
+    assert len(twice) > 300
+    assert np.quantile(twice, 0.9) < 0.05
+
+
+@pytest.mark.parametrize("name", ["exp1", "exp2"])
+def test_coreslam_logs_close_their_loop_and_keep_their_walls_parallel(data_dir: Path, name: str) -> None:
+    """Their chair comes back after 25 m looking another way, a metre and up to 15 degrees astray; a lidar of 5 m."""
+    recording = read_recording(data_dir / "lidar_coreslam" / f"{name}.dat.gz")
+    mapping = map_recording(recording, MappingSettings())
+    loops = [edge for edge in mapping.result.edges if edge.kind is EdgeKind.LOOP]
+    assert not any(edge.kind is EdgeKind.TORN for edge in mapping.result.edges)
+    assert any(edge.i < 13 and edge.j - edge.i > 40 for edge in loops)
+    back = max(edge.j for edge in loops if edge.i < 13)
+    walls = [direction_of_walls(recording, mapping, keys) for keys in (range(13), range(back - 5, back + 15))]
+    assert abs(math.remainder(walls[1] - walls[0], 90.0)) < 6.0
+
+
+def direction_of_walls(recording: Recording, mapping: Mapping, keys: range) -> float:
+    """Direction [deg] within a quarter turn that most surfaces seen by some key scans face."""
+    facing = []
+    for k in keys:
+        scan = recording.frames[mapping.result.key_frames[k]].scan
+        assert scan is not None
+        normals = scan_points(scan, recording.base_from_laser, 20.0).normals
+        normals = normals[np.hypot(*normals.T) > 0.5]
+        facing.append(np.degrees(np.arctan2(normals[:, 1], normals[:, 0]) + mapping.result.key_poses[k, 2]) % 90)
+    every = np.concatenate(facing)
+    centres = np.arange(90)
+    near = np.abs((every[:, None] - centres + 45) % 90 - 45) < 3.5
+    return float(centres[near.sum(axis=0).argmax()])
+
+
+def gaps_of_walls_seen_twice(recording: Recording, mapping: Mapping, early: slice, late: slice) -> FloatArray:
+    """How far [m] points of late key scans lie from early ones, wherever both saw something: a wall must be one wall."""
     points = []
     for k, index in enumerate(mapping.result.key_frames):
         scan = recording.frames[index].scan
@@ -80,12 +117,12 @@ def test_sena_wheelchair_closes_its_loop_without_double_walls(data_dir: Path) ->
         angles = scan.angles()[near]
         local = np.stack([np.cos(angles), np.sin(angles)], axis=1) * scan.ranges[near, None]
         poses = np.concatenate([local, np.zeros((len(local), 1))], axis=1)
-        points.append(compose(mapping.result.key_poses[k], poses)[:, :2])
-    early, late = np.concatenate(points[:50]), np.concatenate(points[-50:])
-    gaps = np.array([np.hypot(*(early - point).T).min() for point in late[::7]])
-    seen_twice = gaps[gaps < 0.5]
-    assert len(seen_twice) > 300
-    assert np.quantile(seen_twice, 0.9) < 0.05
+        laser = compose(mapping.result.key_poses[k], recording.base_from_laser.array())
+        points.append(compose(laser, poses)[:, :2])
+    before, after = np.concatenate(points[early]), np.concatenate(points[late])
+    gaps = np.array([np.hypot(*(before - point).T).min() for point in after[::7]])
+    twice: FloatArray = gaps[gaps < 0.5]
+    return twice
 
 
 def test_relations_files_key_on_stamps_that_the_trajectory_has(data_dir: Path) -> None:
