@@ -122,6 +122,26 @@ class ChairBody(Settings):
         return rectangle(self.front, self.rear, self.width / 2)
 
 
+def sonar_mounts(body: ChairBody) -> tuple[Pose2, ...]:
+    """`base_from_sonar` of the eight, on the outline and looking straight out of it.
+
+    Counter-clockwise from the left one ahead: one ahead, two on the left, two behind, two on the right, one ahead.
+    """
+    front, rear, side, quarter = body.front, -body.rear, body.width / 2, body.width / 4
+    fore, aft = front - body.length / 4, rear + body.length / 4
+    left, back, right = math.pi / 2, math.pi, -math.pi / 2
+    return (
+        Pose2(front, quarter, 0.0),
+        Pose2(fore, side, left),
+        Pose2(aft, side, left),
+        Pose2(rear, quarter, back),
+        Pose2(rear, -quarter, back),
+        Pose2(aft, -side, right),
+        Pose2(fore, -side, right),
+        Pose2(front, -quarter, 0.0),
+    )
+
+
 CHAIR_A = ChairBody()
 CHAIR_B = ChairBody(chair_id="B", length=1.10, width=0.70, track=0.62)
 CHAIR_A_MID = ChairBody(chair_id="A_mid", drive="mid", axle_from_rear=0.50, laser_x=0.35, camera_x=0.15, imu_x=-0.15)

@@ -31,7 +31,7 @@ def demo_command(
     world
         Use this world instead: one of `waychair worlds`, or a plan's .yaml file.
     people
-        With the people of that world, whom the chair avoids as obstacles but does not foresee.
+        With the people of that world, whom the chair foresees and makes way for.
     quiet
         Print nothing but errors.
     """

@@ -183,9 +183,10 @@ def navigate_command(
     goal: Annotated[list[str], Parameter(allow_leading_hyphen=True)],
     start: Pose = "0,0,0",
     people: int = 0,
+    sensors: bool = False,
     seed: int = 0,
 ) -> None:
-    """Drive a simulated chair to places on a map, in a world raised from it.
+    """Drive a simulated chair to places on a map and by its zones, in a world raised from it.
 
     Parameters
     ----------
@@ -197,6 +198,8 @@ def navigate_command(
         Where the chair stands at first, likewise.
     people
         So many people walk about.
+    sensors
+        With sonars, a depth camera and an IMU, besides the lidar.
     seed
         Seed of the simulated chair, its sensors and its noise, and of the people.
     """
@@ -204,11 +207,13 @@ def navigate_command(
     from rich.table import Table
 
     from waychair.maps.map_files import load_map
+    from waychair.maps.zones import load_zones
     from waychair.trials.demo_report import HEADER, IN_TERMINAL, row
     from waychair.trials.navigate import navigate
 
     goals = [_place(map, text, "--goal") for text in goal]
-    legs = navigate(load_map(map), _place(map, start, "--start").pose, goals, seed, people)
+    begin = _place(map, start, "--start").pose
+    legs = navigate(load_map(map), begin, goals, seed, people, zones=load_zones(map), sensors=sensors)
     table = Table(*HEADER[:IN_TERMINAL])
     for leg in legs:
         table.add_row(*row(leg)[:IN_TERMINAL])

@@ -3,8 +3,10 @@
 Each point of the latest scan is followed, in the chair's own frame, along the circle on which it will come nearer while
 the chair drives the commanded arc; when that circle enters the chair's outline there is contact. Nearer than the chair
 can stop, it must stop; nearer than it stops in comfort, it slows down. So the zones scale with the speed and bend with
-the turn. Beside the chair they are as narrow as a doorway needs; ahead of it they are longer, and longer still towards
-what is slim and stands free: a lidar at the height of shins sees legs, and whom they belong to reaches beyond them.
+the turn. What is kept free round the outline grows with the speed, too: at a crawl it is as narrow as a doorway needs,
+and what lies within the margin of a faster drive does not stop the chair but slows it down to where the margin is free.
+Ahead it is longer, and longer still towards what is slim and stands free, at any speed: a lidar at the height of shins
+sees legs, and whom they belong to reaches beyond them.
 
 It also judges the lidar: one that is silent, sees too little or repeats a scan stops the chair. A verdict is stamped,
 and says of which scan it was made; who lets speed through asks for a fresh one (`refusal`), so that a monitor that died
@@ -23,6 +25,7 @@ from waychair.calibration.chair import ChairBody
 from waychair.calibration.self_mask import SelfMask
 from waychair.calibration.stopping import StopTable
 from waychair.config import Settings, setting
+from waychair.errors import ConfigError
 from waychair.geometry import arcs, transform_points
 from waychair.types import BoolArray, FloatArray, IntArray, Scan, Twist
 
@@ -31,8 +34,16 @@ from waychair.types import BoolArray, FloatArray, IntArray, Scan, Twist
 class MonitorSettings(Settings):
     """Zones, braking, and how fresh things must be."""
 
-    beside: float = setting(0.02, "m", "kept free round the outline on all sides", low=0.0, high=0.5)
-    ahead: float = setting(0.03, "m", "kept free besides in the direction of travel", low=0.0, high=1.0)
+    beside: float = setting(0.05, "m", "kept free round the outline on all sides at full speed", low=0.0, high=0.5)
+    ahead: float = setting(0.10, "m", "kept free besides in the direction of travel, likewise", low=0.0, high=1.0)
+    beside_crawl: float = setting(0.0, "m", "kept free on all sides at a crawl", low=0.0, high=0.5)
+    ahead_crawl: float = setting(
+        0.01, "m", "kept free besides in the direction of travel at a crawl", low=0.0, high=1.0
+    )
+    crawl: float = setting(0.3, "m/s", "up to this speed of any part of the chair it crawls", low=0.05, high=1.0)
+    full: float = setting(
+        0.8, "m/s", "from this speed on the margins are whole; between, in proportion", low=0.1, high=3.0
+    )
     ahead_of_legs: float = setting(0.33, "m", "as above, before what may be a person's legs", low=0.0, high=1.0)
     beside_legs: float = setting(
         0.20, "m", "kept free besides on either side of such, while not yet past", low=0.0, high=1.0
@@ -53,6 +64,16 @@ class MonitorSettings(Settings):
     least_coverage: float = setting(0.8, "", "part of the beams that must not be blind", low=0.0, high=1.0)
     strayed_v: float = setting(0.1, "m/s", "a command this far beyond the judged one was not judged", low=0.0, high=1.0)
     strayed_omega: float = setting(0.2, "rad/s", "as above, of turning", low=0.0, high=2.0)
+
+    def __post_init__(self) -> None:
+        Settings.__post_init__(self)
+        if not self.crawl < self.full:
+            raise ConfigError(f"full = {self.full:g} m/s must be faster than crawl = {self.crawl:g} m/s")
+        if self.beside_crawl > self.beside or self.ahead_crawl > self.ahead:
+            raise ConfigError(
+                f"beside_crawl = {self.beside_crawl:g} m and ahead_crawl = {self.ahead_crawl:g} m must not exceed "
+                f"beside = {self.beside:g} m and ahead = {self.ahead:g} m: margins grow with the speed"
+            )
 
 
 @dataclass(frozen=True, slots=True)
@@ -124,14 +145,24 @@ class Monitor:
         if not all(map(math.isfinite, (command.v, command.omega, measured.v, measured.omega))):
             return MonitorVerdict(now_ns, scan_ns, command, 0.0, stop="obstacle")
         told = measuring(scan, self._hidden)
-        points = points_now(scan, told, self._body, measured, now_ns)
-        times = contact_times(points, self._slim[told], command, self._body, s)
-        contact_s = math.inf
-        if len(times) >= s.least_points:
-            contact_s = float(np.partition(times, s.least_points - 1)[s.least_points - 1])
-        if contact_s < stop_seconds(command, s, self._stops):
+        points, slim = points_now(scan, told, self._body, measured, now_ns), self._slim[told]
+        share, contact_s = 0.0, math.inf
+        for pace in paces(command, self._body, s).tolist():
+            contact_s = self._contact_s(points, slim, command, pace)
+            share = max(share, min(pace, slow_share(contact_s, command, s)))
+            if share >= 1.0:
+                return MonitorVerdict(now_ns, scan_ns, command, 1.0, contact_s)
+        if contact_s < stop_seconds(command, s, self._stops):  # by what a crawl keeps free
             return MonitorVerdict(now_ns, scan_ns, command, 0.0, contact_s, "obstacle")
-        return MonitorVerdict(now_ns, scan_ns, command, slow_share(contact_s, command, s), contact_s)
+        return MonitorVerdict(now_ns, scan_ns, command, share, contact_s)
+
+    def _contact_s(self, points: FloatArray, slim: BoolArray, command: Twist, pace: float) -> float:
+        """Driving time until so many points that they are something are touched."""
+        s = self._settings
+        if len(points) < s.least_points:
+            return math.inf
+        times = contact_times(points, slim, command, self._body, s, pace)
+        return float(np.partition(times, s.least_points - 1)[s.least_points - 1])
 
 
 def refusal(verdict: MonitorVerdict | None, now_ns: int, settings: MonitorSettings) -> str:
@@ -209,21 +240,50 @@ def points_now(scan: Scan, told: BoolArray, body: ChairBody, measured: Twist, no
     return np.column_stack([c * dx + s * dy, c * dy - s * dx])
 
 
+def paces(command: Twist, body: ChairBody, settings: MonitorSettings) -> FloatArray:
+    """Shares of a command by whose margins it is judged, from the whole of it down to a crawl."""
+    slowest = min(1.0, settings.crawl / max(_fastest(command, body), 1e-9))
+    return np.linspace(1.0, slowest, _PACES) if slowest < 1.0 else np.ones(1)
+
+
+_PACES = 4
+"""So many, evenly spaced; a chair that crawls has one."""
+
+
+def margins(command: Twist, body: ChairBody, settings: MonitorSettings, pace: float = 1.0) -> tuple[float, float]:
+    """What is kept free [m] on all sides, and besides in the direction of travel, at a share `pace` of a command."""
+    s = settings
+    share = min(max((pace * _fastest(command, body) - s.crawl) / (s.full - s.crawl), 0.0), 1.0)
+    return s.beside_crawl + share * (s.beside - s.beside_crawl), s.ahead_crawl + share * (s.ahead - s.ahead_crawl)
+
+
+def _fastest(command: Twist, body: ChairBody) -> float:
+    """Speed [m/s] of driving, or of the farthest corner in turning, whichever is more."""
+    return max(abs(command.v), abs(command.omega) * body.circumscribed_radius)
+
+
 def contact_times(
-    points: FloatArray, legs: BoolArray, command: Twist, body: ChairBody, settings: MonitorSettings
+    points: FloatArray,
+    legs: BoolArray,
+    command: Twist,
+    body: ChairBody,
+    settings: MonitorSettings,
+    pace: float = 1.0,
 ) -> FloatArray:
     """Driving time [s] (N,) until each point (N, 2) [m, base frame] is touched on the arc of a command; +inf if never.
 
-    The outline is grown by `beside` and, in the direction of travel, by `ahead`, and by more for points of `legs` (N,).
+    The outline is grown by the `margins` of a share `pace` of the command's speed, and by more for points of `legs`
+    (N,); the time is that of the whole command.
     A point that is within that already is touched now if it comes nearer in the next second by more than a centimetre:
     driving along it or away from it is free. One well within the outline itself is touched now, whatever is commanded.
     """
     s, x, y = settings, points[:, 0], points[:, 1]
+    beside, besides_ahead = margins(command, body, s, pace)
     to_come = legs & ((x > body.front) | (x < -body.rear))
-    half = body.width / 2 + s.beside + np.where(to_come, s.beside_legs, 0.0)
-    ahead = s.beside + np.where(legs, max(s.ahead, s.ahead_of_legs), s.ahead)
-    front = body.front + (ahead if command.v > 0.0 else np.full(len(x), s.beside))
-    rear = body.rear + (ahead if command.v < 0.0 else np.full(len(x), s.beside))
+    half = body.width / 2 + beside + np.where(to_come, s.beside_legs, 0.0)
+    ahead = beside + np.where(legs, max(besides_ahead, s.ahead_of_legs), besides_ahead)
+    front = body.front + (ahead if command.v > 0.0 else np.full(len(x), beside))
+    rear = body.rear + (ahead if command.v < 0.0 else np.full(len(x), beside))
     # the side that a point is nearest to moves in until the point lies a centimetre outside
     gaps = np.stack([front - x, rear + x, half - np.abs(y)])
     nearest, within = gaps.argmin(axis=0), gaps.min(axis=0)

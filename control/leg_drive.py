@@ -2,8 +2,10 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field, replace
+
+import numpy as np
 
 from waychair.calibration.chair import ChairBody
 from waychair.config import Settings, setting
@@ -11,9 +13,10 @@ from waychair.control.door_drive import DoorDrive, DoorDriveSettings
 from waychair.control.tracking import TrackingSettings, on_line, track
 from waychair.geometry import compose, transform_points
 from waychair.maps.distance_field import DistanceField
-from waychair.planning.dwa import DwaResult, DwaSettings, choose
+from waychair.planning.dwa import DwaResult, DwaSettings, Motion, choose
 from waychair.planning.fine_field import fine_field
 from waychair.planning.legs import Leg, Manner, whole
+from waychair.planning.tracks import Track
 from waychair.types import FloatArray, OccupancyGrid, Path, Pose2, Twist
 
 _HAND_OVER = 0.15
@@ -39,14 +42,19 @@ class LegDriveSettings(Settings):
 class View:
     """What a leg is driven by in one tick, in odom but for the map: pose, last command, window of distances.
 
-    `seen` (N, 2) [m] are the points of a scan that came in this tick, None when none did.
+    `seen` (N, 2) [m] are the points of a scan that came in this tick, None when none did; `unscanned` (M, 2) [m] those
+    that other sensors have seen. `local` makes the window when it is asked for. `motion` is that of the commands so
+    far, `tracks` are those who move.
     """
 
     pose: Pose2
     command: Twist
-    local: DistanceField
+    local: Callable[[], DistanceField]
     odom_from_map: Pose2
     seen: FloatArray | None
+    unscanned: FloatArray = field(default_factory=lambda: np.empty((0, 2)))
+    motion: Motion | None = None
+    tracks: tuple[Track, ...] = ()
 
 
 class LegDrive:
@@ -84,7 +92,17 @@ class LegDrive:
             self._points = view.seen
         if self.leg.manner is Manner.FREE:
             path = Path(compose(view.odom_from_map.array(), self._poses))
-            choice = choose(view.pose, view.command, path, view.local, self._body, limits, in_position=self.in_position)
+            choice = choose(
+                view.pose,
+                view.command,
+                path,
+                view.local(),
+                self._body,
+                limits,
+                self.in_position,
+                view.motion,
+                view.tracks,
+            )
             if self.leg.flows and self._passes(view):
                 choice = replace(choice, arrived=True)
         elif self.leg.manner is Manner.EXACT:
@@ -127,8 +145,9 @@ class LegDrive:
         """The surroundings on fine cells, in odom: anew with every scan, with whatever the map does not explain."""
         map_from_odom = view.odom_from_map.inverse()
         if self._near is None or view.seen is not None:
-            points = None if self._points is None else transform_points(map_from_odom, self._points)
-            reach = self._body.circumscribed_radius + 0.8
+            points = view.unscanned if self._points is None else np.concatenate([self._points, view.unscanned])
+            points = transform_points(map_from_odom, points)
+            reach = self._body.circumscribed_radius + 0.5
             known = self._settings.known_within
             self._near = fine_field(self._grid, map_from_odom @ view.pose, reach, points, opening, known)
         near = self._near

@@ -20,13 +20,9 @@ from collections.abc import Mapping
 from dataclasses import dataclass
 from types import MappingProxyType
 
-from waychair.calibration.chair import ChairBody
 from waychair.config import Settings, setting
 from waychair.control.stops import Braking
-from waychair.types import Scan, Twist
-
-UNSEEN_SPEED = 0.15
-"""Greatest speed [m/s] of any part of the outline towards where no sensor looks."""
+from waychair.types import Twist
 
 _LONGEST_S = 0.1
 """After a longer pause a step is no larger than after this."""
@@ -149,25 +145,6 @@ class Limiter:
     def _sized(self, twist: Twist, size: float) -> Twist:
         """The same arc at another size."""
         return _scaled(twist, size / max(self._size(twist), 1e-9))
-
-
-def unseen_share(twist: Twist, body: ChairBody, scan: Scan) -> float:
-    """Part of a twist at which no corner of the chair moves out of its outline faster than `UNSEEN_SPEED` unseen.
-
-    A corner is seen when it lies within the lidar's field of view: reversing and turning with the lidar in front move
-    the rear corners to where nobody looks.
-    """
-    first, last = scan.angle_min, scan.angle_min + scan.angle_step * (len(scan.ranges) - 1)
-    low, high = min(first, last), max(first, last)
-    fastest = 0.0
-    for x, y in body.outline().tolist():
-        bearing = math.atan2(y - body.laser_y, x - body.laser_x) - body.laser_theta
-        turns = math.ceil((low - bearing) / math.tau)  # the first turn at which the bearing is not below the view
-        if bearing + turns * math.tau <= high:
-            continue
-        ahead, aside = twist.v - twist.omega * y, twist.omega * x
-        fastest = max(fastest, math.copysign(1.0, x) * ahead, math.copysign(1.0, y) * aside)
-    return min(1.0, UNSEEN_SPEED / max(fastest, 1e-9))
 
 
 def _rate_before(room: float, jerk: float, seconds: float) -> float:

@@ -119,7 +119,7 @@ class MaplessNavigator:
     def _choose(self, now_ns: int, pose: Pose2, path: Path, local: DistanceField) -> DwaResult:
         """Follow the path; where that has been impossible for a while, first back out the way the chair came."""
         dwa, remaining = self._settings.dwa, None if self._in_position else path.length()
-        backing = self._recovery.step(now_ns, pose, remaining, self._command, local, self._body, dwa)
+        backing = self._recovery.step(now_ns, pose, remaining, self._command, lambda: local, self._body, dwa)
         if backing is not None:
             return backing
         choice = choose(pose, self._command, path, local, self._body, dwa, in_position=self._in_position)

@@ -25,11 +25,13 @@ from waychair.geometry import transform_points
 from waychair.maps.distance_field import DistanceField
 from waychair.maps.places import find
 from waychair.maps.zones import Zone
-from waychair.planning.costmap import CostmapSettings, LiveCostmap
-from waychair.planning.dwa import DwaResult, DwaSettings, braking, crawling
+from waychair.planning.costmap import CostmapSettings, LiveCostmap, closed_off
+from waychair.planning.dwa import DwaResult, DwaSettings, Motion, braking, crawling, motion_after
 from waychair.planning.global_planner import GlobalPlanner, PlannerSettings, check_goal
 from waychair.planning.legs import Leg, Manner
-from waychair.types import FloatArray, Goal, OccupancyGrid, Path, Place, Pose2, Twist
+from waychair.planning.slices import Slices
+from waychair.planning.tracks import Track, Tracker, TrackSettings, room_round
+from waychair.types import FloatArray, Goal, OccupancyGrid, Path, Place, Pose2, RgbdFrame, SonarReadings, Twist
 
 
 class Stage(enum.Enum):
@@ -44,6 +46,9 @@ class Stage(enum.Enum):
 
 
 _ACTIVE = (Stage.DRIVING, Stage.WAITING, Stage.PAUSED)
+
+_RESTED_TICKS, _AT_REST = 8, 1e-3
+"""A chair that was commanded less than this [m/s, rad/s] for so many ticks stands."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -67,6 +72,7 @@ class NavigatorSettings(Settings):
         math.radians(2.0), "rad", "a correction of the heading by more: likewise", low=0.005, high=1.0
     )
     jump_time: float = setting(1.0, "s", "corrections within this time count as one", low=0.1, high=10.0)
+    tracks: TrackSettings = field(default_factory=TrackSettings)
     surroundings: SurroundingsSettings = field(default_factory=SurroundingsSettings)
     recovery: RecoverySettings = field(default_factory=RecoverySettings)
     costmap: CostmapSettings = field(default_factory=CostmapSettings)
@@ -108,13 +114,16 @@ class Navigator:
         settings: NavigatorSettings | None = None,
         zones: Sequence[Zone] = (),
     ) -> None:
-        self._grid = grid
+        self._grid = closed_off(grid, zones)
         self._places = places
         self._body = body
         self._settings = settings or NavigatorSettings()
         self._surroundings = Surroundings(grid, body, self._settings.surroundings, zones)
         self._costmaps = LiveCostmap(grid, body, self._settings.costmap, zones)
         self._recovery = Recovery(self._settings.recovery)
+        self._tracker = Tracker(self._settings.tracks)
+        self._tracks: tuple[Track, ...] = ()
+        self._motion, self._before = Motion(), Twist()
         self._local: DistanceField | None = None
         self._command = Twist()
         self._stage, self._reason = Stage.IDLE, "no goal"
@@ -126,6 +135,10 @@ class Navigator:
         self._leg: LegDrive | None = None
         self._no_way = ""
         self._planned_ns: int | None = None
+        self._planning: Slices[None] | None = None
+        self._stops_to_plan = False
+        self._stepped_ns: int | None = None
+        self._rested = _RESTED_TICKS
         self._plans = 0
         self._corrections: deque[tuple[int, Pose2]] = deque()
         self._jumping = False
@@ -166,32 +179,50 @@ class Navigator:
 
     def at_rest(self) -> None:
         """Told when the lines were let go: the next command starts from standstill."""
-        self._command = Twist()
+        self._command, self._motion = Twist(), Motion()
+
+    def hear(self, readings: SonarReadings, pose: Pose2) -> None:
+        """Told what the sonars say, at map_from_base."""
+        self._surroundings.hear(readings, pose)
+
+    def look(self, frame: RgbdFrame, pose: Pose2) -> None:
+        """Told what the depth camera sees, at map_from_base."""
+        self._surroundings.look(frame, pose)
 
     def step(
-        self, now_ns: int, pose: Pose2, obstacles: FloatArray | None, map_from_odom: Pose2 | None = None
+        self,
+        now_ns: int,
+        pose: Pose2,
+        obstacles: FloatArray | None,
+        map_from_odom: Pose2 | None = None,
+        beyond: FloatArray | None = None,
     ) -> Navigation:
         """One tick from map_from_base and, when there was a scan, the obstacle points (N, 2) [m] it saw in map.
 
-        `map_from_odom` is what the localisation has corrected the odometry by; without it odom is the map.
+        `beyond` (M, 2) [m] in map is how far its other beams are known to be free. `map_from_odom` is what the
+        localisation has corrected the odometry by; without it odom is the map.
         """
         odom_from_map = Pose2() if map_from_odom is None else map_from_odom.inverse()
+        since_ns, self._stepped_ns = now_ns - (self._stepped_ns or now_ns), now_ns
+        self._rested = self._rested + 1 if max(abs(self._command.v), abs(self._command.omega)) < _AT_REST else 0
+        self._motion = motion_after(self._motion, self._before, self._command, self._dwa)
+        self._before = self._command
         if obstacles is not None:
-            obstacles = _without_veils(obstacles, self._settings.veil)
-            self._surroundings.see(now_ns, pose, obstacles)
+            obstacles, self._local = _without_veils(obstacles, self._settings.veil), None
+            self._surroundings.see(now_ns, pose, obstacles, beyond)
+            self._tracks = self._see_people(now_ns, obstacles, odom_from_map)
         if self._planner is None or not self.active:
             return self._navigation(Twist())
         if self._stage is Stage.PAUSED:
             return self._navigation(braking(self._command, self._dwa))
-        if obstacles is not None or self._local is None:
-            self._local = self._surroundings.window(pose)
         # a corrected pose: slow down, and line up anew from where the chair really is
         self._note_correction(now_ns, pose, odom_from_map)
-        if self._needs_plan(now_ns, pose):
-            self._plan(now_ns, pose)
+        if (self._planning is not None or self._needs_plan(now_ns, pose)) and not self._plan(now_ns, pose):
+            self._recovery.stands_to_plan(since_ns)
+            return self._navigation(braking(self._command, self._dwa))
         if self._path is None or not self.active:
             return self._halt(now_ns, self._no_way)
-        choice = self._choose(now_ns, pose, self._view(pose, obstacles, odom_from_map, self._local))
+        choice = self._choose(now_ns, pose, self._view(pose, obstacles, odom_from_map))
         return self._outcome(now_ns, choice)
 
     def _begin(self, goal: Goal) -> None:
@@ -206,6 +237,7 @@ class Navigator:
         )
         self._stage, self._reason = Stage.DRIVING, ""
         self._path, self._planned_ns, self._plans, self._leg = None, None, 0, None
+        self._planning, self._stops_to_plan = None, False
         self._recovery.reset()
 
     def _posed(self, goal: Goal) -> Goal:
@@ -215,15 +247,31 @@ class Navigator:
         place = find(self._places, goal.target)
         return Goal(place.pose, place.tolerance_m, place.tolerance_rad)
 
-    def _view(self, pose: Pose2, obstacles: FloatArray | None, odom_from_map: Pose2, local: DistanceField) -> View:
+    def _view(self, pose: Pose2, obstacles: FloatArray | None, odom_from_map: Pose2) -> View:
         """What there is to drive by, in odom."""
+
+        def window() -> DistanceField:  # anew with every scan, but only where it is driven by
+            self._local = near = self._local or self._surroundings.window(pose)
+            return DistanceField(near.metres, near.resolution, odom_from_map @ near.map_from_grid)
+
         return View(
             odom_from_map @ pose,
             self._command,
-            DistanceField(local.metres, local.resolution, odom_from_map @ local.map_from_grid),
+            window,
             odom_from_map,
             None if obstacles is None else transform_points(odom_from_map, obstacles),
+            transform_points(odom_from_map, self._surroundings.unscanned()),
+            None if self._jumping else self._motion,  # comfort does not hold back what caution asks for
+            self._tracks,
         )
+
+    def _see_people(self, now_ns: int, obstacles: FloatArray, odom_from_map: Pose2) -> tuple[Track, ...]:
+        """Tracks, in odom, of those who go their way, or went it before they stood; room is left round them."""
+        strangers = transform_points(odom_from_map, self._surroundings.strangers(obstacles))
+        people = tuple(track for track in self._tracker.update(now_ns, strangers) if track.walked)
+        room = room_round(people, self._settings.tracks)
+        self._surroundings.keep_clear_of(transform_points(odom_from_map.inverse(), room))
+        return people
 
     def _choose(self, now_ns: int, pose: Pose2, view: View) -> DwaResult:
         """Follow the path; where that has been impossible for a while, first back out the way the chair came."""
@@ -327,10 +375,23 @@ class Navigator:
         gaps = np.hypot(*(ahead[:, None] - news[None]).transpose(2, 0, 1))
         return bool(gaps.min() < self._body.width / 2)
 
-    def _plan(self, now_ns: int, pose: Pose2) -> None:
+    def _plan(self, now_ns: int, pose: Pose2) -> bool:
+        """Plan, or go on planning; whether that is done. What takes longer than a tick is planned from standstill."""
+        if self._stops_to_plan:
+            if self._rested < _RESTED_TICKS:
+                return False
+            self._planning, self._stops_to_plan = None, False
+        if self._planning is None:
+            self._planned_ns, self._planning = now_ns, self._planned(pose)
+        for _ in self._planning:
+            self._stops_to_plan = self._rested < _RESTED_TICKS
+            return False
+        self._planning = None
+        return True
+
+    def _planned(self, pose: Pose2) -> Slices[None]:
         """A new path over the map and what is in the way now; while there is none, the chair waits."""
         assert self._planner is not None
-        self._planned_ns = now_ns
         upright, layered = self._surroundings.upright(), self._surroundings.layered()
         news = len(upright) or any(len(points) for _, points in layered)
         path = None
@@ -338,13 +399,13 @@ class Navigator:
             if self._plans == 0:  # a goal that the map alone rules out is refused, not waited for
                 costmap = self._costmaps.costmap()
                 check_goal(costmap, self._body, self._planner.goal)
-                path = self._planner.replan(costmap, pose)
+                path = yield from self._planner.replan_in_slices(costmap, pose)
         except PlanningError as error:
             self.cancel(str(error))
             return
         try:
             if news or path is None:
-                path = self._planner.replan(self._costmaps.costmap(upright, layered), pose)
+                path = yield from self._planner.replan_in_slices(self._costmaps.costmap(upright, layered), pose)
         except PlanningError as error:
             self._path, self._leg, self._no_way = None, None, str(error)
             return

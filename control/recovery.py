@@ -8,6 +8,7 @@ from __future__ import annotations
 
 import math
 from collections import deque
+from collections.abc import Callable
 from dataclasses import dataclass
 
 import numpy as np
@@ -63,17 +64,27 @@ class Recovery:
         """Told that there is something to do."""
         self._standing_since = None
 
+    def stands_to_plan(self, duration_ns: int) -> None:
+        """Told that the chair stood for so long to plan, which is neither being stuck nor making no way."""
+        if self._standing_since is not None:
+            self._standing_since += duration_ns
+        if self._nearest is not None:
+            self._nearest = self._nearest[0] + duration_ns, self._nearest[1]
+
     def step(
         self,
         now_ns: int,
         pose: Pose2,
         remaining: float | None,
         command: Twist,
-        local: DistanceField,
+        local: Callable[[], DistanceField],
         body: ChairBody,
         settings: DwaSettings,
     ) -> DwaResult | None:
-        """A command for backing out, or None while following the path is right; `remaining` [m] to the goal, None while turning at it."""
+        """A command for backing out, or None while following the path is right; `remaining` [m] to the goal, None while turning at it.
+
+        `local` gives the distances round the chair, when they are needed.
+        """
         if self._backing is None:
             self._remember(pose)
             if not self._stuck(now_ns, remaining):
@@ -82,7 +93,7 @@ class Recovery:
         self._take_back(pose)
         since, origin = self._backing
         trail = np.array([passed.array() for passed in self._trail])
-        choice = back_up(pose, command, trail, local, body, settings, self._settings.way + 0.1)
+        choice = back_up(pose, command, trail, local(), body, settings, self._settings.way + 0.1)
         backed = math.hypot(pose.x - origin.x, pose.y - origin.y)
         lasted = (now_ns - since) * 1e-9
         if backed < self._settings.way and lasted < self._settings.progress_time and not choice.blocked:

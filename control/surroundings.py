@@ -4,26 +4,30 @@ from __future__ import annotations
 
 import math
 from collections.abc import Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 
 import numpy as np
 
-from waychair.calibration.chair import BodyLayer, ChairBody
+from waychair.calibration.chair import BodyLayer, ChairBody, sonar_mounts
 from waychair.config import Settings, setting
 from waychair.maps.distance_field import DistanceField, distances
 from waychair.maps.grid import cells_from_points, inside, occupied
-from waychair.maps.zones import Zone, keep_out_cells
+from waychair.maps.zones import Zone
+from waychair.planning.costmap import closed_off
 from waychair.planning.obstacle_layer import (
     EMPTY,
+    DropSettings,
     ObstacleLayer,
     ObstacleSettings,
+    Sight,
     sight_from_depth,
     sight_from_points,
+    sight_of_drops,
     sights_from_sonar,
     updated,
     without,
 )
-from waychair.types import FloatArray, OccupancyGrid, Pose2, RgbdFrame, SonarReadings
+from waychair.types import BoolArray, FloatArray, OccupancyGrid, Pose2, RgbdFrame, SonarReadings
 
 
 @dataclass(frozen=True, slots=True)
@@ -37,7 +41,11 @@ class SurroundingsSettings(Settings):
         math.radians(0.25), "rad", "half the angle between two beams of the lidar", low=1e-4, high=0.1
     )
     floor: float = setting(0.06, "m", "what the camera sees lower than this is floor", low=0.0, high=0.5)
+    sonar_range: float = setting(4.0, "m", "farthest echo of the sonars", low=0.1, high=20.0)
+    sonar_half_cone: float = setting(math.radians(15.0), "rad", "from a sonar's axis to its edge", low=0.01, high=1.5)
     obstacles: ObstacleSettings = field(default_factory=ObstacleSettings)
+    drops: DropSettings = field(default_factory=DropSettings)
+    remembered_drops: ObstacleSettings = field(default_factory=lambda: ObstacleSettings(fade=600.0))
 
 
 class Surroundings:
@@ -46,11 +54,12 @@ class Surroundings:
     def __init__(
         self, grid: OccupancyGrid, body: ChairBody, settings: SurroundingsSettings, zones: Sequence[Zone] = ()
     ) -> None:
-        self._grid, self._body, self._settings = grid, body, settings
-        self._walls = occupied(grid) | keep_out_cells(zones, grid)
+        self._body, self._settings = body, settings
+        self._grid = grid = closed_off(grid, zones)
+        self._walls = occupied(grid)
         self._from_walls = distances(self._walls, grid.resolution)
-        self._scanned = np.empty((0, 2))
-        self._lidar = self._sonar = EMPTY
+        self._scanned = self._room = np.empty((0, 2))
+        self._lidar = self._sonar = self._drops = EMPTY
         self._depth: dict[BodyLayer, ObstacleLayer] = dict.fromkeys(body.height_layers(), EMPTY)
 
     def see(self, now_ns: int, pose: Pose2, points: FloatArray, beyond: FloatArray | None = None) -> None:
@@ -66,23 +75,33 @@ class Surroundings:
         sight = sight_from_points(now_ns, np.array([laser.x, laser.y]), ends, hits, self._settings.beam)
         self._lidar = self._news(updated(self._lidar, sight, self._settings.obstacles))
 
-    def hear(
-        self,
-        readings: SonarReadings,
-        pose: Pose2,
-        base_from_sonars: Sequence[Pose2],
-        range_max: float = 4.0,
-        half_cone: float = math.radians(15.0),
-    ) -> None:
-        """Readings of the sonars from map_from_base; glass is heard where it is not seen."""
-        for sight in sights_from_sonar(readings, pose, base_from_sonars, range_max, half_cone):
-            self._sonar = self._news(updated(self._sonar, sight, self._settings.obstacles))
+    def hear(self, readings: SonarReadings, pose: Pose2) -> None:
+        """Readings of the sonars from map_from_base; glass is heard where it is not seen.
+
+        An echo comes from somewhere on its arc. Where the map or the latest scan has something on that arc, it comes
+        from there; else all of the arc counts.
+        """
+        s = self._settings
+        for sight in sights_from_sonar(readings, pose, sonar_mounts(self._body), s.sonar_range, s.sonar_half_cone):
+            if sight.hits.any() and self._explained(sight):
+                sight = replace(sight, hits=np.zeros(len(sight.hits), np.bool_))
+            self._sonar = self._news(updated(self._sonar, sight, s.obstacles))
 
     def look(self, frame: RgbdFrame, pose: Pose2) -> None:
-        """A depth image from map_from_base: table tops and whatever else is not at the height of the lidar."""
+        """A depth image from map_from_base: table tops and what else is not at the lidar's height, and the floor's end.
+
+        An edge of the floor stays remembered when the camera, which looks ahead over it, has lost sight of it.
+        """
+        s, mount = self._settings, self._body.base_from_camera
         for layer, seen in self._depth.items():
-            sight = sight_from_depth(frame, pose, self._body.base_from_camera, layer, self._settings.floor)
-            self._depth[layer] = self._news(updated(seen, sight, self._settings.obstacles))
+            sight = sight_from_depth(frame, pose, mount, layer, s.floor)
+            self._depth[layer] = self._news(updated(seen, sight, s.obstacles))
+        drops = sight_of_drops(frame, pose, mount, s.drops)
+        self._drops = updated(self._drops, drops, s.remembered_drops)
+
+    def keep_clear_of(self, points: FloatArray) -> None:
+        """Points (N, 2) [m] in map that count as seen until the next call: the room that people are left."""
+        self._room = points
 
     def window(self, pose: Pose2) -> DistanceField:
         """Distances to walls and all that was seen, in a square round a pose; nothing is known outside the map."""
@@ -108,7 +127,16 @@ class Surroundings:
 
     def upright(self) -> FloatArray:
         """(N, 2) [m] in map: that of `unexpected` whose height is not known, so that the whole outline counts."""
-        return np.concatenate([self._lidar.points, self._sonar.points])
+        return np.concatenate([self._lidar.points, self._sonar.points, self._drops.points, self._room])
+
+    def unscanned(self) -> FloatArray:
+        """(N, 2) [m] in map: that of `unexpected` which no scan shows: other sensors have seen it, or people need it."""
+        layers = (self._sonar, self._drops, *self._depth.values())
+        return np.concatenate([self._room, *(seen.points for seen in layers)])
+
+    def strangers(self, points: FloatArray) -> FloatArray:
+        """Those of points (N, 2) [m] in map that the map does not explain."""
+        return points[~self._on_walls(points)]
 
     def layered(self) -> tuple[tuple[BodyLayer, FloatArray], ...]:
         """That of `unexpected` which stands at the heights of a layer of the body, by layer."""
@@ -116,11 +144,21 @@ class Surroundings:
 
     def _news(self, seen: ObstacleLayer) -> ObstacleLayer:
         """Without what lies so near to a wall of the map that it is that wall."""
-        if len(seen.points) == 0:
-            return seen
-        cells = cells_from_points(self._grid, seen.points)
+        return without(seen, self._on_walls(seen.points)) if len(seen.points) else seen
+
+    def _on_walls(self, points: FloatArray) -> BoolArray:
+        """(N,) whether points (N, 2) [m] in map are a wall of the map."""
+        cells = cells_from_points(self._grid, points)
         within = inside(self._grid, cells)
         rows, cols = cells[within].T
         explained = np.zeros(len(cells), np.bool_)
         explained[within] = self._from_walls[rows, cols] <= self._settings.known_within
-        return without(seen, explained)
+        return explained
+
+    def _explained(self, sight: Sight) -> bool:
+        """Whether something that is known lies on the arc that an echo came from."""
+        arc = sight.points()
+        if self._on_walls(arc).any():
+            return True
+        gaps = np.hypot(*(arc[:, None] - self._scanned[None]).transpose(2, 0, 1))
+        return bool(gaps.min(initial=math.inf) <= self._settings.known_within)

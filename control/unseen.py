@@ -1,6 +1,8 @@
-"""How fast the chair may go where no sensor looks: backwards and round, if nothing sees what it would back or turn into.
+"""How fast the chair may go by what its sensors see: no faster than it stops within their sight, slowly where none looks.
 
-Every sensor is a sector; an area counts as seen when all of it lies in sectors.
+Every sensor is a sector. Driving, what counts is how far ahead the strip that the chair will cover lies in sectors;
+turning and reversing, whether the corners that move out of the outline do. Cones of sonar are too narrow to count: two
+of them leave most of the ground behind a chair unheard.
 """
 
 from __future__ import annotations
@@ -12,19 +14,20 @@ from dataclasses import dataclass
 import numpy as np
 
 from waychair.calibration.chair import ChairBody
-from waychair.calibration.self_mask import SelfMask
 from waychair.config import Settings, setting
-from waychair.geometry import transform_points, wrap_angles
-from waychair.types import BoolArray, FloatArray, Pose2, Scan
+from waychair.geometry import arcs, compose, transform_points, wrap_angles
+from waychair.types import BoolArray, FloatArray, Pose2, Scan, Twist
 
 
 @dataclass(frozen=True, slots=True)
 class UnseenSettings(Settings):
-    """How fast and how far."""
+    """How fast, how far, and how the chair stops."""
 
-    speed: float = setting(0.15, "m/s", "of any part of the chair into an area that no sensor sees", low=0.01, high=0.5)
-    look: float = setting(0.5, "m", "this far beyond the outline must be seen to drive there", low=0.1, high=3.0)
-    share: float = setting(0.95, "", "of an area that must be seen for it to count as seen", low=0.5, high=1.0)
+    speed: float = setting(0.15, "m/s", "of any part of the chair to where no sensor looks", low=0.01, high=0.5)
+    look: float = setting(3.0, "m", "seen so far along its way, the chair may drive at any speed", low=0.1, high=10.0)
+    share: float = setting(0.95, "", "of the chair's width that must be seen", low=0.5, high=1.0)
+    braking: float = setting(0.6, "m/s^2", "with which it must be able to stop within what is seen", low=0.1, high=3.0)
+    reaction_s: float = setting(0.3, "s", "after so long", low=0.0, high=2.0)
 
 
 @dataclass(frozen=True, slots=True)
@@ -36,64 +39,65 @@ class Sector:
     reach: float
 
 
-@dataclass(frozen=True, slots=True)
-class UnseenLimits:
-    """Highest speeds forward and in reverse [m/s] and of turning [rad/s]; inf where all is seen."""
-
-    forward: float = math.inf
-    reverse: float = math.inf
-    omega: float = math.inf
-
-
-def limits_by_sight(
-    body: ChairBody, sectors: Sequence[Sector], settings: UnseenSettings = UnseenSettings()
-) -> UnseenLimits:
-    """Limits by what the sensors see of the areas ahead of the chair, behind it, and swept by turning in place.
-
-    In turning, the farthest corner is what must not be faster than the limit.
-    """
-    ahead = _strip(body.front, body.front + settings.look, body.width)
-    behind = _strip(-body.rear - settings.look, -body.rear, body.width)
-    radius = body.circumscribed_radius
-    speeds = [math.inf if _seen(area, sectors, settings) else settings.speed for area in (ahead, behind)]
-    turning = math.inf if _seen(_swept(body), sectors, settings) else settings.speed / radius
-    return UnseenLimits(speeds[0], speeds[1], turning)
+def sight_share(
+    twist: Twist, body: ChairBody, sectors: Sequence[Sector], settings: UnseenSettings = UnseenSettings()
+) -> float:
+    """Part of a twist at which the chair can stop within what it sees, and no unseen corner moves outwards too fast."""
+    corners = body.outline()
+    x, y = corners.T
+    outwards = np.maximum(np.sign(x) * (twist.v - twist.omega * y), np.sign(y) * twist.omega * x)
+    fastest = float(outwards[~_seen(corners, sectors)].max(initial=0.0))
+    share = min(1.0, settings.speed / max(fastest, 1e-9))
+    if abs(twist.v) <= settings.speed:
+        return share
+    way, lost = sight_along(twist, body, sectors, settings), settings.braking * settings.reaction_s
+    stopping = math.inf if way >= settings.look else math.sqrt(lost * lost + 2.0 * settings.braking * way) - lost
+    return min(share, max(settings.speed, stopping) / abs(twist.v))
 
 
-def sectors_of_scan(scan: Scan, base_from_laser: Pose2, mask: SelfMask | None = None) -> list[Sector]:
-    """The unbroken runs of beams that see something other than the chair itself; nan beams are broken."""
-    hidden = np.isnan(scan.ranges) if mask is None else np.isnan(scan.ranges) | mask.hides(scan)
-    edges = np.flatnonzero(np.diff(np.concatenate([[True], hidden, [True]]).astype(np.int8)))
+def sight_along(twist: Twist, body: ChairBody, sectors: Sequence[Sector], settings: UnseenSettings) -> float:
+    """Way [m], up to `look`, over which the strip that the leading edge covers on a twist's arc is seen without a gap."""
+    ways = np.arange(_STEP, settings.look + _STEP / 2, _STEP)
+    across = np.linspace(-body.width / 2, body.width / 2, _ACROSS)
+    edge = np.full(_ACROSS, body.front if twist.v > 0.0 else -body.rear)
+    gear = math.copysign(1.0, twist.v)
+    poses = arcs(gear * ways, twist.omega / abs(twist.v) * ways)
+    line = np.column_stack([edge, across, np.zeros(_ACROSS)])
+    points = np.concatenate([compose(pose, line)[:, :2] for pose in poses])
+    seen = _seen(points, sectors).reshape(len(ways), _ACROSS).mean(axis=1) >= settings.share
+    return float(settings.look if seen.all() else ways[int(np.argmin(seen))] - _STEP)
+
+
+_STEP, _ACROSS = 0.1, 7
+"""Of the strip a line every so many metres is looked at, in so many points."""
+
+
+def sectors_of_scan(scan: Scan, base_from_laser: Pose2) -> list[Sector]:
+    """The runs of beams that are valid or see nothing; invalid ones (nan) part them, unless there is only one or two."""
+    broken = np.flatnonzero(np.diff(np.concatenate([[True], np.isnan(scan.ranges), [True]]).astype(np.int8)))
+    runs: list[list[int]] = []
+    for first, after in broken.reshape(-1, 2).tolist():
+        if runs and first - runs[-1][1] <= _DROPPED:
+            runs[-1][1] = after
+        else:
+            runs.append([first, after])
     angles = scan.angles()
     sectors = []
-    for first, after in edges.reshape(-1, 2):
+    for first, after in runs:
         middle = (angles[first] + angles[after - 1]) / 2
         half = abs(angles[after - 1] - angles[first]) / 2 + abs(scan.angle_step) / 2
         sectors.append(Sector(base_from_laser @ Pose2(0.0, 0.0, float(middle)), float(half), scan.range_max))
     return sectors
 
 
-def _seen(points: FloatArray, sectors: Sequence[Sector], settings: UnseenSettings) -> bool:
+_DROPPED = 2
+"""So many invalid beams in a row are drop-outs."""
+
+
+def _seen(points: FloatArray, sectors: Sequence[Sector]) -> BoolArray:
+    """(N,) whether points (N, 2) [m] in base lie in any sector."""
     seen: BoolArray = np.zeros(len(points), np.bool_)
     for sector in sectors:
         x, y = transform_points(sector.base_from_sensor.inverse(), points).T
         seen |= (np.abs(wrap_angles(np.arctan2(y, x))) <= sector.half_angle) & (np.hypot(x, y) <= sector.reach)
-    return bool(seen.mean() >= settings.share)
-
-
-def _strip(first: float, last: float, width: float) -> FloatArray:
-    """Points (N, 2) every 5 cm of a rectangle across the chair, in the base frame."""
-    x = np.arange(first + 0.025, last, 0.05)
-    y = np.arange(-width / 2 + 0.025, width / 2, 0.05)
-    points: FloatArray = np.stack(np.meshgrid(x, y), axis=-1).reshape(-1, 2)
-    return points
-
-
-def _swept(body: ChairBody) -> FloatArray:
-    """Points (N, 2) every 5 cm of the disc that turning in place sweeps, without the outline, in the base frame."""
-    radius = body.circumscribed_radius
-    disc = _strip(-radius, radius, 2 * radius)
-    x, y = disc.T
-    inside = (x <= body.front) & (x >= -body.rear) & (np.abs(y) <= body.width / 2)
-    ring: FloatArray = disc[(np.hypot(x, y) <= radius) & ~inside]
-    return ring
+    return seen

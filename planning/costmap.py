@@ -41,7 +41,7 @@ class Costmap:
 
     Prices are per mille of a free cell's, 0 is impassable. Clearance is measured between cell centres (see
     `maps.distance_field`) to what the whole outline must keep clear of, map, keep-out zone or live, up to
-    `CostmapSettings.clearance_kept`. `grid` holds the live obstacles too, and the geometry; `body` is the chair that
+    `CostmapSettings.clearance_kept`. `grid` holds the live obstacles and the keep-out zones too, and the geometry; `body` is the chair that
     the prices are for. `barred` (H, W), bit by direction as in `grid_graph`, holds the one-way zones, if there are any.
     """
 
@@ -87,9 +87,10 @@ class LiveCostmap:
     def __init__(
         self, grid: OccupancyGrid, body: ChairBody, settings: CostmapSettings, zones: Sequence[Zone] = ()
     ) -> None:
-        self._grid, self._body, self._settings = grid, body, settings
+        self._body, self._settings = body, settings
+        self._grid = closed_off(grid, zones)
         self._reach = max(settings.clearance_kept, settings.inflation_radius, body.circumscribed_radius)
-        self._fixed = occupied(grid) | keep_out_cells(zones, grid)
+        self._fixed = occupied(self._grid)
         self._solid = self._fixed.copy()
         self._clearance = near_distances(self._fixed, grid.resolution, self._reach)
         self._added = _added_prices(grid, zones, settings)
@@ -154,6 +155,14 @@ class LiveCostmap:
         prices[clearance < needed - 1e-5] = 0
         rounded: Prices = np.minimum(np.rint(prices), MAX_PRICE).astype(np.int32)
         return rounded
+
+
+def closed_off(grid: OccupancyGrid, zones: Sequence[Zone]) -> OccupancyGrid:
+    """The grid with its keep-out zones occupied; itself where there are none."""
+    closed = keep_out_cells(zones, grid)
+    if not closed.any():
+        return grid
+    return OccupancyGrid(np.where(closed, np.int8(100), grid.cells), grid.resolution, grid.map_from_grid)
 
 
 def _added_prices(grid: OccupancyGrid, zones: Sequence[Zone], settings: CostmapSettings) -> Float32Array:

@@ -20,6 +20,7 @@ from waychair.planning.grid_planner import GridPlanner, grid_planner
 from waychair.planning.legs import Leg, Manner, whole
 from waychair.planning.narrows import legs_between_turns, line_up, tight_doors
 from waychair.planning.route import RouteSettings, checked, door_leg
+from waychair.planning.slices import Slices, finished
 from waychair.planning.smoothing import pull_taut, round_corners
 from waychair.types import FloatArray, IntArray, Path, Pose2
 
@@ -85,6 +86,10 @@ class GlobalPlanner:
         Raises:
             NoFreeSpace, StartOutsideMap, StartOccupied, GoalOutsideMap, GoalOccupied, NoPath.
         """
+        return finished(self.replan_in_slices(costmap, start))
+
+    def replan_in_slices(self, costmap: Costmap, start: Pose2) -> Slices[Path]:
+        """The same in bounded parts: the way over the cells is found in the first, tight turns take more."""
         check_free_space(costmap)
         start_cell = _start_cell(costmap, start, self.settings.start_reach)
         goal_cell = _goal_cell(costmap, self.goal)
@@ -96,7 +101,7 @@ class GlobalPlanner:
                 f"no way wide enough for the chair leads from ({start.x:.2f}, {start.y:.2f}) to "
                 f"({self.goal.x:.2f}, {self.goal.y:.2f}); clear the way or choose another goal"
             ) from error
-        self.legs = _legs_from_cells(costmap, search.path(), start, self.goal, self.settings)
+        self.legs = yield from _legs_from_cells(costmap, search.path(), start, self.goal, self.settings)
         return whole(self.legs)
 
     def _updated_search(self, costmap: Costmap, start: Cell, goal: Cell) -> GridPlanner:
@@ -183,7 +188,7 @@ def _in_sight(costmap: Costmap, first: Cell, second: Cell) -> bool:
 
 def _legs_from_cells(
     costmap: Costmap, cells: IntArray, start: Pose2, goal: Pose2, settings: PlannerSettings
-) -> tuple[Leg, ...]:
+) -> Slices[tuple[Leg, ...]]:
     """The chain of cells pulled taut where that is no dearer, cut at tight doors, and checked for the rectangle."""
     cell = costmap.grid.resolution
     grid_from_map = costmap.grid.map_from_grid.inverse()
@@ -212,7 +217,8 @@ def _legs_from_cells(
     _join(legs)
     if settings.narrow == 0.0:  # whether the rectangle passes is left to the local planner
         return tuple(legs)
-    return tuple(checked(costmap, start, legs, settings.route))
+    whole_legs = yield from checked(costmap, start, legs, settings.route)
+    return tuple(whole_legs)
 
 
 def _free_legs(costmap: Costmap, points: FloatArray, heading: float, settings: PlannerSettings) -> list[Leg]:

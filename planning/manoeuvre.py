@@ -12,6 +12,7 @@ from __future__ import annotations
 import math
 from dataclasses import dataclass
 from itertools import pairwise
+from typing import NamedTuple
 
 import numpy as np
 from numba import njit
@@ -23,6 +24,7 @@ from waychair.errors import NoPath
 from waychair.geometry import compose
 from waychair.maps.distance_field import DistanceField, interpolated
 from waychair.planning.footprint import Footprint, along_arc, footprint, free_time, in_cells, room
+from waychair.planning.slices import Slices, finished
 from waychair.types import Float32Array, FloatArray, Pose2
 
 _STEP = 2.0
@@ -45,6 +47,8 @@ class ManoeuvreSettings(Settings):
     gear_price: float = setting(0.5, "m", "each stop to go another way", low=0.0, high=10.0)
     greed: float = setting(1.5, "", "weight of what is left: faster search, longer ways", low=1.0, high=10.0)
     most_states: int = setting(60_000, "", "giving up after so many", low=100, high=10_000_000)
+    polish: int = setting(2000, "", "looked at for a better way once one is known", low=0, high=10_000_000)
+    slice: int = setting(200, "", "so many are looked at in one control step", low=1, high=10_000_000)
 
 
 def manoeuvre(
@@ -62,6 +66,17 @@ def manoeuvre(
     Raises:
         NoPath: the chair does not fit at either end, or no such way was found.
     """
+    return finished(manoeuvre_in_slices(field, body, start, goal, settings))
+
+
+def manoeuvre_in_slices(
+    field: DistanceField,
+    body: ChairBody,
+    start: Pose2,
+    goal: Pose2,
+    settings: ManoeuvreSettings = ManoeuvreSettings(),
+) -> Slices[FloatArray]:
+    """The same, a bounded part of the search at each step, so that a control loop can go on between them."""
     shape = footprint(body, settings.margin, field)
     begin, end = in_cells(field, start), in_cells(field, goal)
     for name, at, pose in (("start", begin, start), ("end", end, goal)):
@@ -73,6 +88,7 @@ def manoeuvre(
     cell = field.resolution
     axle = min(body.width / 2, body.rear, body.front) / cell
     ways = _ways_to((field.metres / cell).astype(np.float32), end, settings.bin / cell, axle)
+    yield
     prices = np.array(
         [
             settings.reverse_price,
@@ -84,13 +100,55 @@ def manoeuvre(
             math.tau / settings.headings,
         ]
     )
-    chain = _search(shape, begin, end, ways, settings.bin / cell, prices, settings.most_states)
-    if not len(chain):
+    side = settings.bin / cell
+    known = _begun(begin, ways, side, settings.headings, settings.most_states)
+    while _search(shape, end, ways, side, prices, settings.most_states, settings.polish, settings.slice, *known):
+        yield
+    if known.tally[_PARENT] < 0:
         raise NoPath(
             f"the chair cannot turn from ({start.x:.2f}, {start.y:.2f}) to ({goal.x:.2f}, {goal.y:.2f}): it does not "
             "fit; clear the way or choose another goal"
         )
+    chain = _chain(known.states, known.parents, int(known.tally[_PARENT]), end, int(known.tally[_KIND]))
     return _poses(field, chain, start, goal)
+
+
+class _Known(NamedTuple):
+    """What a search knows so far.
+
+    best (rows, columns, headings) price to each bin; states (N, 6) x, y [cells], theta [rad], gear, and way [cells] and
+    turn [rad] that led there, with their costs and parents; a binary heap of them; and the tally: `_COUNT` of states,
+    `_QUEUED` in the heap, the `_COST`, `_PARENT` and `_KIND` of the best connection to the goal, and how many states
+    are `_LEFT` to look at.
+    """
+
+    best: Float32Array
+    states: FloatArray
+    costs: FloatArray
+    parents: NDArray[np.int64]
+    heap_keys: FloatArray
+    heap_ids: NDArray[np.int64]
+    tally: FloatArray
+
+
+_COUNT, _QUEUED, _COST, _PARENT, _KIND, _LEFT = range(6)
+
+
+def _begun(start: FloatArray, ways: FloatArray, side: float, headings: int, most: int) -> _Known:
+    """The start alone is known; nothing is queued when no way leads from it."""
+    capacity = most + 64
+    states = np.empty((capacity, 6))
+    states[0] = (*start, 2.0, 0.0, 0.0)
+    reachable = ways[math.floor(start[1] / side), math.floor(start[0] / side)] < np.inf
+    return _Known(
+        np.full((*ways.shape, headings), np.inf, np.float32),
+        states,
+        np.zeros(capacity),
+        np.full(capacity, -1, np.int64),
+        np.zeros(capacity),
+        np.zeros(capacity, np.int64),
+        np.array([1.0, float(reachable), np.inf, -1.0, 0.0, np.inf]),
+    )
 
 
 def _poses(field: DistanceField, chain: FloatArray, start: Pose2, goal: Pose2) -> FloatArray:
@@ -160,38 +218,37 @@ def _wrap(angle: float) -> float:
 @njit(cache=True, nogil=True)
 def _search(
     shape: Footprint,
-    start: FloatArray,
     goal: FloatArray,
     ways: FloatArray,
     side: float,
     prices: FloatArray,
     most: int,
-) -> FloatArray:
-    """(N, 6) states from start to goal: x, y [cells], theta [rad], gear, and way [cells] and turn [rad] that led there.
+    polish: int,
+    slice_: int,
+    best: Float32Array,
+    states: FloatArray,
+    costs: FloatArray,
+    parents: NDArray[np.int64],
+    heap_keys: FloatArray,
+    heap_ids: NDArray[np.int64],
+    tally: FloatArray,
+) -> bool:
+    """Look at `slice_` more states, at most; whether there are more to look at. See `_Known` for what is kept.
 
-    Empty when there is none within `most` states. prices: reverse, turn, gear, greed, roomy, close (see the settings), and the
+    No more than `most` states are made, and no more than `polish` looked at once a way is known. prices: reverse, turn, gear, greed, roomy, close (see the settings), and the
     angle of a bin of headings.
     """
     cell, greed, angle = shape.cell, prices[3], prices[6]
     rows, columns = ways.shape
-    i, j, k = _bin(start[0], start[1], start[2], side, angle)
-    if ways[i, j] == np.inf:
-        return np.empty((0, 6))
-    best = np.full((rows, columns, round(math.tau / angle)), np.inf, np.float32)
-    capacity = most + 64
-    states = np.empty((capacity, 6))
-    costs = np.empty(capacity)
-    parents = np.empty(capacity, np.int64)
-    heap_keys = np.empty(capacity)
-    heap_ids = np.empty(capacity, np.int64)
-    _note(states, 0, start[0], start[1], start[2], 2.0, 0.0, 0.0)
-    costs[0], parents[0], count = 0.0, -1, 1
-    queued = _push(heap_keys, heap_ids, 0, 0.0, 0)
-    goal_cost, goal_parent, goal_kind = np.inf, -1, 0
-    while queued > 0:
+    count, queued = int(tally[_COUNT]), int(tally[_QUEUED])
+    for _ in range(slice_):
+        if queued == 0:
+            break
         key, here = heap_keys[0], heap_ids[0]
         queued = _pop(heap_keys, heap_ids, queued)
-        if key >= goal_cost:
+        tally[_LEFT] -= 1.0
+        if key >= tally[_COST] or tally[_LEFT] < 0.0:
+            queued = 0
             break
         x, y, theta, gear = states[here, 0], states[here, 1], states[here, 2], states[here, 3]
         i, j, k = _bin(x, y, theta - goal[2], side, angle)
@@ -201,8 +258,9 @@ def _search(
         if left < 0.4 or here % 8 == 0:  # what is far is not tried from everywhere
             for kind in (1, -1):
                 cost = costs[here] + _connection(shape, states[here], goal, kind, prices)
-                if cost < goal_cost:
-                    goal_cost, goal_parent, goal_kind = cost, here, kind
+                if cost < tally[_COST]:
+                    tally[_COST], tally[_PARENT], tally[_KIND] = cost, here, kind
+                    tally[_LEFT] = min(tally[_LEFT], polish)
         for move in range(12):
             way, turn = _move(move, side, angle)
             free = free_time(shape, states[here, :3], way, turn, 1.0, 1.0)
@@ -222,9 +280,8 @@ def _search(
             estimate = max(ways[i, j] * cell, prices[1] * off)
             queued = _push(heap_keys, heap_ids, queued, cost + greed * estimate, count)
             count += 1
-    if goal_parent < 0:
-        return np.empty((0, 6))
-    return _chain(states, parents, goal_parent, goal, goal_kind)
+    tally[_COUNT], tally[_QUEUED] = count, queued
+    return queued > 0
 
 
 @njit(cache=True)

@@ -32,6 +32,16 @@ class ObstacleSettings(Settings):
 
 
 @dataclass(frozen=True, slots=True)
+class DropSettings(Settings):
+    """What counts as a place where the floor ends."""
+
+    least: float = setting(0.06, "m", "a fall of the floor by more, from one beam to the next", low=0.01, high=0.5)
+    ramp: float = setting(0.1, "", "slope of what is still floor", low=0.0, high=0.5)
+    steep: float = setting(0.18, "", "slope of what is none any more", low=0.05, high=2.0)
+    reach: float = setting(3.5, "m", "farther away beams are too flat to tell", low=0.5, high=10.0)
+
+
+@dataclass(frozen=True, slots=True)
 class ObstacleLayer:
     """Points (N, 2) [m] in map, and when each was last seen, (N,) int64 [ns]."""
 
@@ -130,11 +140,8 @@ def sight_from_depth(
     floor itself is no obstacle), and met something where it ends between them. `base_from_camera` is the mount of the
     optical frame (z forward, x right, y down).
     """
-    depth = frame.depth[::step, ::step].astype(np.float64)
-    rows, columns = np.nonzero(np.isfinite(depth) & (depth > 0.0))
-    pixels = np.stack([columns * step, rows * step, np.ones(len(rows))], axis=-1)
-    camera = depth[rows, columns, None] * (pixels @ np.linalg.inv(frame.camera_matrix).T)
-    base = camera @ base_from_camera.rotation.T + base_from_camera.translation
+    seen = _seen_in_base(frame, base_from_camera, step)
+    base = seen[np.isfinite(seen[..., 0])]
     lens = base_from_camera.translation
     bottom, top = max(layer.bottom, floor), layer.top
     # the part of each beam between the two heights, as shares of its length
@@ -153,6 +160,48 @@ def sight_from_depth(
     bearings = wrap_angles(np.arctan2(away[:, 1], away[:, 0]) + map_from_base.theta)
     half_angle = step / (2 * float(frame.camera_matrix[0, 0]))
     return Sight(frame.stamp_ns, origin, bearings, begin[passes] * length, end[passes] * length, hits, half_angle)
+
+
+def sight_of_drops(
+    frame: RgbdFrame, map_from_base: Pose2, base_from_camera: Pose3, settings: DropSettings, step: int = 4
+) -> Sight:
+    """A depth camera's look for edges where the floor ends: steps down, kerbs, pits.
+
+    Up a column of the picture the floor goes on and on; beyond an edge the next beam lands lower and much farther away,
+    at a slope of the beam's own, which is steeper than any ramp. The edge is where the last beam met the floor. A beam
+    that meets the floor, and is no edge's, has seen that there is none. Where nothing is measured nothing is said.
+    """
+    seen = _seen_in_base(frame, base_from_camera, step)[::-1]  # the nearest floor first
+    away = np.hypot(*(seen[..., :2] - base_from_camera.translation[:2]).transpose(2, 0, 1))
+    z = seen[..., 2]
+    with np.errstate(invalid="ignore"):
+        floor = np.abs(z) < settings.least + settings.ramp * away
+        fall, further = z[:-1] - z[1:], away[1:] - away[:-1]
+        edge = np.zeros(z.shape, np.bool_)
+        edge[:-1] = floor[:-1] & (fall > settings.least) & (fall > settings.steep * further) & (z[1:] < -settings.least)
+    told = floor & (away < settings.reach)
+    hits, far = edge[told], away[told]
+    ends = seen[told][:, :2] - base_from_camera.translation[:2]
+    bearings = wrap_angles(np.arctan2(ends[:, 1], ends[:, 0]) + map_from_base.theta)
+    origin = transform_points(map_from_base, base_from_camera.translation[None, :2])[0]
+    around = np.where(hits, 0.0, _FLOOR_AROUND)
+    half_angle = step / (2 * float(frame.camera_matrix[0, 0]))
+    return Sight(frame.stamp_ns, origin, bearings, far - _FLOOR_AROUND, far + around, hits, half_angle)
+
+
+_FLOOR_AROUND = 0.12
+"""Floor that was met proves floor so far [m] before and behind."""
+
+
+def _seen_in_base(frame: RgbdFrame, base_from_camera: Pose3, step: int) -> FloatArray:
+    """(H', W', 3) [m] where every `step`-th pixel ends in the base frame; nan where there is no depth."""
+    depth = frame.depth[::step, ::step].astype(np.float64)
+    depth = np.where(depth > 0.0, depth, np.nan)
+    rows, columns = np.indices(depth.shape) * step
+    pixels = np.stack([columns, rows, np.ones(depth.shape)], axis=-1)
+    camera = depth[..., None] * (pixels @ np.linalg.inv(frame.camera_matrix).T)
+    base: FloatArray = camera @ base_from_camera.rotation.T + base_from_camera.translation
+    return base
 
 
 def _seen_through(points: FloatArray, sight: Sight, settings: ObstacleSettings) -> BoolArray:

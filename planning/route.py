@@ -19,7 +19,8 @@ from waychair.planning.costmap import Costmap
 from waychair.planning.fine_field import fine_field
 from waychair.planning.footprint import fits, footprint, free_time, in_cells
 from waychair.planning.legs import Door, Leg, Manner
-from waychair.planning.manoeuvre import ManoeuvreSettings, manoeuvre
+from waychair.planning.manoeuvre import ManoeuvreSettings, manoeuvre_in_slices
+from waychair.planning.slices import Slices
 from waychair.types import FloatArray, Path, Pose2
 
 _FITS = 0.045
@@ -82,15 +83,19 @@ def door_leg(costmap: Costmap, door: Door, start: Pose2, goal: Pose2) -> Leg | N
     return Leg(Path(poses), Manner.DOOR, door=door)
 
 
-def checked(costmap: Costmap, start: Pose2, legs: list[Leg], settings: RouteSettings) -> list[Leg]:
+def checked(costmap: Costmap, start: Pose2, legs: list[Leg], settings: RouteSettings) -> Slices[list[Leg]]:
     """The free legs, each whole or with manoeuvres where the rectangle does not pass; `start` is the pose before them.
+
+    Searching for a manoeuvre takes its time: it is done in slices.
 
     Raises:
         NoPath: at some place the chair does not fit round.
     """
     done: list[Leg] = []
     for leg in legs:
-        parts = _legs_of_leg(costmap, start, leg.path.poses, settings) if leg.manner is Manner.FREE else [leg]
+        parts = [leg]
+        if leg.manner is Manner.FREE:
+            parts = yield from _legs_of_leg(costmap, start, leg.path.poses, settings)
         done += [half for part in parts for half in _docked(part, settings.docking)]
         start = Pose2(*done[-1].path.poses[-1])
     return done
@@ -108,7 +113,7 @@ def _docked(leg: Leg, docking: float) -> list[Leg]:
     return [Leg(Path(poses[: k + 1]), flows=True), Leg(Path(poses[k:].copy()), Manner.EXACT)]
 
 
-def _legs_of_leg(costmap: Costmap, start: Pose2, poses: FloatArray, settings: RouteSettings) -> list[Leg]:
+def _legs_of_leg(costmap: Costmap, start: Pose2, poses: FloatArray, settings: RouteSettings) -> Slices[list[Leg]]:
     """One free leg, checked: itself, or what can be driven in its place."""
     tight = _tight_stretch(costmap, start, poses, settings.turn_from)
     if tight is None:
@@ -117,13 +122,13 @@ def _legs_of_leg(costmap: Costmap, start: Pose2, poses: FloatArray, settings: Ro
     for around in _ROUND:
         begin, end = _ends(costmap, start, poses, first, last, around)
         from_pose = start if begin == 0 else Pose2(*poses[begin])
-        turned = _manoeuvre(costmap, from_pose, Pose2(*poses[end]), settings.manoeuvre)
+        turned = yield from _manoeuvre(costmap, from_pose, Pose2(*poses[end]), settings.manoeuvre)
         if turned is None:
             continue
         before = [Leg(Path(poses[: begin + 1]))] if begin > 0 else []
-        after = []
+        after: list[Leg] = []
         if end < len(poses) - 1:
-            after = _legs_of_leg(costmap, Pose2(*poses[end]), poses[end:], settings)
+            after = yield from _legs_of_leg(costmap, Pose2(*poses[end]), poses[end:], settings)
         return [*before, *_legs_of_manoeuvre(turned), *after]
     x, y, _ = poses[first]
     if not _stands_free(costmap, start):  # too near to something for any plan: the local planner may still get away
@@ -190,15 +195,16 @@ def _ends(costmap: Costmap, start: Pose2, poses: FloatArray, first: int, last: i
     return begin, end
 
 
-def _manoeuvre(costmap: Costmap, begin: Pose2, end: Pose2, settings: ManoeuvreSettings) -> FloatArray | None:
+def _manoeuvre(costmap: Costmap, begin: Pose2, end: Pose2, settings: ManoeuvreSettings) -> Slices[FloatArray | None]:
     """A multi-point turn with as much margin as there is room for; None where there is none at all."""
     middle = Pose2((begin.x + end.x) / 2, (begin.y + end.y) / 2, 0.0)
     reach = math.hypot(end.x - begin.x, end.y - begin.y) / 2 + 2 * costmap.body.length
     field = fine_field(costmap.grid, middle, reach)
     for margin, side, headings in _ATTEMPTS:
+        yield
         with suppress(NoPath):
             attempt = replace(settings, margin=margin, bin=side, headings=headings)
-            return manoeuvre(field, costmap.body, begin, end, attempt)
+            return (yield from manoeuvre_in_slices(field, costmap.body, begin, end, attempt))
     return None
 
 

@@ -9,7 +9,8 @@ seen often enough, and dropped when it has not been seen for a while.
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass
+from collections.abc import Iterable
+from dataclasses import dataclass, replace
 
 import numpy as np
 from scipy.optimize import linear_sum_assignment
@@ -32,6 +33,10 @@ class TrackSettings(Settings):
     least_points: int = setting(3, "", "of a cluster", low=1, high=1000)
     largest: float = setting(1.2, "m", "wider things are no person", low=0.2, high=10.0)
     radius: float = setting(0.3, "m", "of a person", low=0.05, high=1.0)
+    room: float = setting(
+        0.4, "m", "kept free round a person's middle, shoulders reach beyond legs", low=0.05, high=1.0
+    )
+    walking: float = setting(0.2, "m/s", "what has moved faster, beyond doubt, is a person", low=0.01, high=2.0)
     acceleration: float = setting(1.0, "m/s^2", "of people, one sigma", low=0.01, high=10.0)
     sigma: float = setting(0.08, "m", "of a cluster's middle about the person's, legs swing", low=0.001, high=1.0)
     start_speed: float = setting(1.0, "m/s", "of one never seen before, one sigma", low=0.01, high=10.0)
@@ -44,7 +49,8 @@ class TrackSettings(Settings):
 class Track:
     """One who moves: position (2,) [m], velocity (2,) [m/s] in map, and the covariance (4, 4) of x, y, vx, vy.
 
-    `seen` counts the sightings, the last of them at `seen_ns`; the state is of `stamp_ns`. radius [m].
+    `seen` counts the sightings, the last of them at `seen_ns`; the state is of `stamp_ns`. radius [m]. `walked`: it has
+    moved by itself, now or before, beyond doubt, so that it is no furniture.
     """
 
     number: int
@@ -55,16 +61,21 @@ class Track:
     velocity: FloatArray
     covariance: FloatArray
     radius: float
+    walked: bool = False
 
     @property
     def speed(self) -> float:
         """Its speed [m/s]."""
         return float(np.hypot(*self.velocity))
 
+    @property
+    def speed_sigma(self) -> float:
+        """How uncertain its speed is [m/s], one sigma."""
+        return math.sqrt(max(float(np.trace(self.covariance[2:, 2:])) / 2, 0.0))
+
     def row(self, seconds: float) -> FloatArray:
         """(6,): x, y [m] after so many seconds, vx, vy [m/s], radius [m] and what it grows by [m/s], one sigma."""
-        spread = math.sqrt(max(float(np.trace(self.covariance[2:, 2:])) / 2, 0.0))
-        return np.array([*(self.position + seconds * self.velocity), *self.velocity, self.radius, spread])
+        return np.array([*(self.position + seconds * self.velocity), *self.velocity, self.radius, self.speed_sigma])
 
 
 class Tracker:
@@ -93,6 +104,17 @@ class Tracker:
                 self._next += 1
         self._tracks = tuple(kept)
         return tuple(track for track in kept if track.seen >= s.believed_after)
+
+
+def room_round(tracks: Iterable[Track], settings: TrackSettings) -> FloatArray:
+    """(N, 2) [m] points on circles round those who move or have moved, to be kept clear of as they are now."""
+    turns = np.linspace(0.0, math.tau, _ROUND, endpoint=False)
+    circle = settings.room * np.column_stack([np.cos(turns), np.sin(turns)])
+    return np.concatenate([np.empty((0, 2)), *(track.position + circle for track in tracks if track.walked)])
+
+
+_ROUND = 48
+"""Points of such a circle, 5 cm apart."""
 
 
 def clusters(points: FloatArray, settings: TrackSettings) -> FloatArray:
@@ -143,7 +165,9 @@ def _corrected(track: Track, middle: FloatArray, settings: TrackSettings) -> Tra
 
     noise, sees = settings.sigma**2 * np.eye(2), np.eye(2, 4)
     state, covariance = update(_state(track), track.covariance, middle, noise, sees)
-    return _with_state(track, track.stamp_ns, track.stamp_ns, track.seen + 1, state, covariance)
+    seen = _with_state(track, track.stamp_ns, track.stamp_ns, track.seen + 1, state, covariance)
+    moves = seen.seen >= settings.believed_after and seen.speed > max(settings.walking, 2.0 * seen.speed_sigma)
+    return replace(seen, walked=track.walked or moves)
 
 
 def _born(number: int, stamp_ns: int, middle: FloatArray, settings: TrackSettings) -> Track:
@@ -158,4 +182,12 @@ def _state(track: Track) -> FloatArray:
 def _with_state(
     track: Track, stamp_ns: int, seen_ns: int, seen: int, state: FloatArray, covariance: FloatArray
 ) -> Track:
-    return Track(track.number, stamp_ns, seen_ns, seen, state[:2], state[2:], covariance, track.radius)
+    return replace(
+        track,
+        stamp_ns=stamp_ns,
+        seen_ns=seen_ns,
+        seen=seen,
+        position=state[:2],
+        velocity=state[2:],
+        covariance=covariance,
+    )

@@ -27,14 +27,16 @@ from waychair.control.closed_loop import ClosedLoop, ClosedLoopSettings
 from waychair.control.collision_monitor import MonitorSettings, is_silent, permitted_share, refusal
 from waychair.control.fitness import Fitness, FitnessSettings
 from waychair.control.kinematics import wheel_speeds_from_twist
-from waychair.control.limiter import Limiter, LimiterSettings, unseen_share
+from waychair.control.limiter import Limiter, LimiterSettings
 from waychair.control.navigator import Navigation, Navigator, NavigatorSettings
 from waychair.control.stops import STOPS, Braking, Halt, Severity, board_halt, halt, halt_as_told
 from waychair.control.supervisor import DRIVEN, Override, Situation, SupervisorSettings, Verdict, supervise
+from waychair.control.unseen import Sector, UnseenSettings, sectors_of_scan, sight_share
 from waychair.firmware_bridge.bridge import Bridge, BridgeSettings
 from waychair.firmware_bridge.transports import Reconnecting
 from waychair.geometry import arc, transform_points
 from waychair.maps.zones import Zone, speed_limit
+from waychair.planning.dwa import measured
 from waychair.runtime.monitor_process import MonitorInStep, MonitorPort, Watched
 from waychair.slam.localiser import Localisation, Localiser, LocaliserSettings
 from waychair.slam.odometry import OdometryFilter
@@ -76,6 +78,7 @@ class ChairSettings(Settings):
     fitness: FitnessSettings = field(default_factory=FitnessSettings)
     limiter: LimiterSettings = field(default_factory=LimiterSettings)
     monitor: MonitorSettings = field(default_factory=MonitorSettings)
+    unseen: UnseenSettings = field(default_factory=UnseenSettings)
     bridge: BridgeSettings = field(default_factory=BridgeSettings)
 
 
@@ -100,6 +103,14 @@ class ChairState:
     telemetry: Telemetry | None
 
 
+@dataclass(frozen=True, slots=True)
+class _Sight:
+    """What a scan saw, (N, 2) [m] in map, and how far its other beams went, (M, 2); None when there was no scan."""
+
+    points: FloatArray | None = None
+    beyond: FloatArray | None = None
+
+
 class Chair:
     """A chair on a known map from a known start, at the end of a cable to its board."""
 
@@ -117,15 +128,15 @@ class Chair:
     ) -> None:
         """What the calibration lacks is careful: without measured stops the chair crawls.
 
-        `model` drives the lines in place of the calibration's. `zones` are the map's; the slow ones count here. `monitor`: a `MonitorProcess`, for a chair on its feet;
-        by default the monitor lives in the tick, as the simulator's clock needs it.
+        `model` drives the lines in place of the calibration's. `monitor`: a `MonitorProcess`, for a chair on its feet;
+        by default the monitor lives in the tick, as the simulator's clock needs it. `zones` are the map's.
 
         Raises:
             BridgeError: the chair's name is too long for a board.
         """
         self.settings = s = settings or ChairSettings()
         self.body = body = calibration.body
-        self.navigator = Navigator(grid, places, body, _within(s.navigator, s.limiter, calibration.stops))
+        self.navigator = Navigator(grid, places, body, _within(s.navigator, s.limiter, calibration.stops), zones)
         self._calibration = calibration
         self._zones = zones
         self._delays = calibration.sensor_delays or SensorDelays()
@@ -150,7 +161,7 @@ class Chair:
         self._sent: Sent | None = None
         self._wheels: Odometry | None = None
         self._measured = Twist()  # mean of the last tick
-        self._scan: Scan | None = None
+        self._sectors: list[Sector] = []  # what the latest scan sees of
         self._localisation: Localisation | None = None
 
     @property
@@ -195,13 +206,13 @@ class Chair:
 
     def step(self, now_ns: int, messages: Iterable[Message]) -> ChairState:
         """One tick: take in the messages, decide who drives, and let the bridge send what that comes to."""
-        obstacles = self._take_in(messages)
+        sight = self._take_in(messages)
         pose = self._map_from_base(now_ns)
         telemetry = self.bridge.listen(now_ns)
         halts = self._look_for_halts(now_ns)
         verdict = self._supervise(now_ns, telemetry, halts)
         map_from_odom = None if self._localisation is None else self._localisation.map_from_odom
-        navigation = self.navigator.step(now_ns, pose, obstacles, map_from_odom)
+        navigation = self.navigator.step(now_ns, pose, sight.points, map_from_odom, sight.beyond)
         command = self._limited(now_ns, verdict, navigation)
         trimmed = self._loop.step(command if self.bridge.armed else None, self._measured, now_ns, self._sent)
         speeds = None if command is None else wheel_speeds_from_twist(trimmed, self.body.track)
@@ -216,9 +227,9 @@ class Chair:
         """As measured by wheels and gyro."""
         return Twist() if self._wheels is None else self._wheels.twist
 
-    def _take_in(self, messages: Iterable[Message]) -> FloatArray | None:
-        """Odometry and localisation up to date; what the latest of these scans saw, (N, 2) [m] in map."""
-        seen, twists = None, []
+    def _take_in(self, messages: Iterable[Message]) -> _Sight:
+        """Odometry and localisation up to date, the navigator told of sonars and camera; what the latest scan saw."""
+        seen, twists = _Sight(), []
         for late in messages:
             message = without_delay(late, self._delays)
             if isinstance(message, WheelTicks):
@@ -228,8 +239,11 @@ class Chair:
                 self._odometry.update_imu(message)
             elif isinstance(message, Scan) and self._wheels is not None:
                 self._monitor.see(message)
-                self._scan = message
                 seen = self._localise(message)
+            elif isinstance(message, SonarReadings) and self._localisation is not None:
+                self.navigator.hear(message, self._map_from_base(message.stamp_ns))
+            elif isinstance(message, RgbdFrame) and self._localisation is not None:
+                self.navigator.look(message, self._map_from_base(message.stamp_ns))
             if not isinstance(message, SonarReadings):
                 self._fitness.hear(message, self._twist)
         if twists:  # one sample of an encoder is coarse
@@ -238,8 +252,8 @@ class Chair:
             )
         return seen
 
-    def _localise(self, raw: Scan) -> FloatArray:
-        """Where the chair was at a scan, and what this saw, but for the chair itself, (N, 2) [m] in map."""
+    def _localise(self, raw: Scan) -> _Sight:
+        """Where the chair was at a scan, and what this saw, but for the chair itself."""
         mask = self._calibration.self_mask
         scan = raw
         if mask is not None:
@@ -247,9 +261,14 @@ class Chair:
         odom_from_base = self._odom_from_base(scan.stamp_ns)
         self._localisation = self._localiser.process(scan, odom_from_base, self._twist)
         self._fitness.locate(self._localisation, odom_from_base)
-        reach = self.settings.navigator.obstacle_range
-        points = scan_points(scan, self.body.base_from_laser, reach, self._twist).points
-        return transform_points(self._localisation.map_from_base, points)
+        self._sectors = sectors_of_scan(scan, self.body.base_from_laser)
+        reach, mount = self.settings.navigator.obstacle_range, self.body.base_from_laser
+        points = scan_points(scan, mount, reach, self._twist).points
+        # of a beam that goes on so far is known that it goes on so far
+        clear = replace(scan, ranges=np.where(scan.ranges >= reach, np.float32(0.999 * reach), np.float32(math.nan)))
+        beyond = scan_points(clear, mount, reach, self._twist).points
+        map_from_base = self._localisation.map_from_base
+        return _Sight(transform_points(map_from_base, points), transform_points(map_from_base, beyond))
 
     def _look_for_halts(self, now_ns: int) -> tuple[Halt, ...]:
         """All that is wrong now, and what was wrong with the last drive until somebody resets it."""
@@ -318,14 +337,14 @@ class Chair:
             braking = Braking.RELEASE
         cap = self._speed_limit(now_ns)
         share = 0.0 if found is None else permitted_share(asked, found, self.settings.monitor)
-        if self._scan is not None:
-            share = min(share, unseen_share(asked, self.body, self._scan))
+        share = min(share, sight_share(asked, self.body, self._sectors, self.settings.unseen))
         return self._limiter.step(asked, now_ns, cap, share, braking)
 
     def _speed_limit(self, now_ns: int) -> float:
         """Greatest speed [m/s] for reasons that are no stops: doubts, sensors, measured brakes, and slow zones."""
         v, limits = self._limiter.command.v, self.settings.limiter
-        slows_down_in = math.copysign(abs(v) * limits.braking / limits.jerk / 2 + v * v / (2.0 * limits.braking), v)
+        seconds = limits.braking / limits.jerk / 2 + self.settings.monitor.reaction_s  # the chair is later than told
+        slows_down_in = math.copysign(abs(v) * seconds + v * v / (2.0 * limits.braking), v)
         here = self._map_from_base(now_ns)
         there = here @ Pose2(slows_down_in)
         outline = np.concatenate([transform_points(pose, self.body.outline()) for pose in (here, there)])
@@ -367,17 +386,19 @@ class Chair:
 
 def _within(settings: NavigatorSettings, limits: LimiterSettings, stops: StopTable | None) -> NavigatorSettings:
     """The navigator plans within the rider's comfort and what the chair's brakes were measured for."""
-    dwa, fastest = settings.dwa, permitted_speed(stops)
+    dwa = measured(settings.dwa, stops)
     return replace(
         settings,
         dwa=replace(
             dwa,
-            max_speed=min(dwa.max_speed, limits.max_speed, fastest),
-            max_reverse=min(dwa.max_reverse, fastest),
+            max_speed=min(dwa.max_speed, limits.max_speed),
+            max_reverse=min(dwa.max_reverse, permitted_speed(stops)),
             max_omega=min(dwa.max_omega, limits.max_omega),
             acceleration=min(dwa.acceleration, limits.acceleration),
             braking=min(dwa.braking, limits.braking),
             alpha=min(dwa.alpha, limits.alpha),
+            jerk=min(dwa.jerk, limits.jerk),
+            alpha_jerk=min(dwa.alpha_jerk, limits.jerk * limits.alpha / limits.acceleration),
             max_lateral=min(dwa.max_lateral, limits.lateral),
         ),
     )

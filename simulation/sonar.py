@@ -13,7 +13,7 @@ from dataclasses import dataclass
 import numpy as np
 from numba import njit
 
-from waychair.calibration.chair import ChairBody
+from waychair.calibration.chair import ChairBody, sonar_mounts
 from waychair.config import Settings, setting
 from waychair.geometry import compose
 from waychair.simulation.rays import Scenery, cosine_of_incidence, nearest_circle, nearest_segment
@@ -39,40 +39,20 @@ class SonarSettings(Settings):
     cross_talk: float = setting(0.005, "", "part of the readings that are another's ping", low=0.0, high=1.0)
 
 
-def mounts(body: ChairBody) -> tuple[Pose2, ...]:
-    """`base_from_sonar` of the eight, on the outline and looking straight out of it.
-
-    Counter-clockwise from the left one ahead: one ahead, two on the left, two behind, two on the right, one ahead.
-    """
-    front, rear, side, quarter = body.front, -body.rear, body.width / 2, body.width / 4
-    fore, aft = front - body.length / 4, rear + body.length / 4
-    left, back, right = math.pi / 2, math.pi, -math.pi / 2
-    return (
-        Pose2(front, quarter, 0.0),
-        Pose2(fore, side, left),
-        Pose2(aft, side, left),
-        Pose2(rear, quarter, back),
-        Pose2(rear, -quarter, back),
-        Pose2(aft, -side, right),
-        Pose2(fore, -side, right),
-        Pose2(front, -quarter, 0.0),
-    )
-
-
 class Sonars:
     """Keeps its own random stream, of which every reading uses equally much."""
 
     def __init__(self, settings: SonarSettings, body: ChairBody, rng: np.random.Generator) -> None:
         self._settings = settings
         self._rng = rng
-        self._mounts = np.array([mount.array() for mount in mounts(body)])
+        self._mounts = np.array([mount.array() for mount in sonar_mounts(body)])
         rays = 2 * math.ceil(settings.half_cone / _RAY_STEP) + 1
         self._fan = np.linspace(-settings.half_cone, settings.half_cone, rays)
 
     def read(
         self, scenery: Scenery, map_from_base: Pose2, people: Iterable[PersonState], stamp_ns: int
     ) -> SonarReadings:
-        """Ranges (8,) in the order of `mounts`, by REP-117: +inf no echo, -inf too close."""
+        """Ranges (8,) in the order of `sonar_mounts`, by REP-117: +inf no echo, -inf too close."""
         s = self._settings
         sonars = compose(map_from_base.array(), self._mounts)
         ranges = first_echoes(scenery, bodies(people), sonars, self._fan, math.cos(s.incidence), s.range_max)

@@ -19,6 +19,7 @@ from waychair.calibration.dac import DEFAULT
 from waychair.geometry import wrap_angle
 from waychair.maps.map_files import load_map
 from waychair.maps.places import load_places, save_places
+from waychair.maps.zones import load_zones
 from waychair.recording import read_recording
 from waychair.runtime.live_mapping import LiveMapping
 from waychair.runtime.mapping import Mapping, MappingSettings, live_result, map_recording, save_mapping
@@ -82,7 +83,7 @@ def run_demo(
 ) -> Demo:
     """Maps `log`, or without one a drive through `world`, into `out`/map and drives to up to three places there.
 
-    `people` are those of the world; the chair sees them as obstacles, and does not foresee where they go.
+    `people` are those of the world; the chair foresees where they go.
 
     Raises:
         WorldError: there is no such world, or it has no mapping route.
@@ -91,7 +92,8 @@ def run_demo(
     scene = _recorded_scene(out, log, stage) if log else _simulated_scene(out, _world(world, people), seed, stage)
     folder = out / "map"
     save_places(folder, {place.name: _in_map(place, scene.map_from_world) for place in scene.world.places})
-    setting = Setting(load_map(folder), load_places(folder), CHAIR_A, DEFAULT, scene.map_from_world)
+    grid, places, zones = load_map(folder), load_places(folder), load_zones(folder)
+    setting = Setting(grid, places, CHAIR_A, DEFAULT, scene.map_from_world, zones=zones)
     goals = [place.name for place in scene.world.places[:MOST_GOALS]]
     with stage("drive"):
         simulator = Simulator(scene.world, CHAIR_A, chair_of(seed), seed)

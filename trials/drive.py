@@ -21,6 +21,7 @@ from waychair.control.navigator import Stage
 from waychair.firmware_bridge.board import BoardSettings, HostBoard, board_program
 from waychair.firmware_bridge.transports import Reconnecting
 from waychair.geometry import wrap_angle
+from waychair.maps.zones import Zone
 from waychair.runtime.chair import Chair, ChairSettings, ChairState
 from waychair.simulation.simulator import SensorMessage, Simulator
 from waychair.topics import COMMAND
@@ -81,7 +82,7 @@ class Leg:
 class Setting:
     """What a drive takes place in: the map the chair knows, its places, the chair, and `map_from_world` of the truth.
 
-    `stops` None: as the simulated chair's are; a chair whose stops were not measured crawls.
+    `stops` None: as the simulated chair's are; a chair whose stops were not measured crawls. `zones` are the map's.
     """
 
     grid: OccupancyGrid
@@ -91,6 +92,7 @@ class Setting:
     map_from_world: Pose2 = field(default_factory=Pose2)
     chair: ChairSettings = field(default_factory=ChairSettings)
     stops: StopTable | None = None
+    zones: Sequence[Zone] = ()
 
 
 def drive_to_places(
@@ -128,7 +130,14 @@ def chair_in(setting: Setting, simulator: Simulator) -> Iterator[Chair]:
         cable = Reconnecting(lambda: board.transport)
         try:
             yield Chair(
-                setting.grid, setting.places, _calibration(setting), cable, start, setting.chair, setting.calibration
+                setting.grid,
+                setting.places,
+                _calibration(setting),
+                cable,
+                start,
+                setting.chair,
+                setting.calibration,
+                zones=setting.zones,
             )
         finally:
             simulator.wire(None)

@@ -12,8 +12,9 @@ from waychair.calibration.dac import DEFAULT
 from waychair.errors import WorldError
 from waychair.maps.distance_field import distance_field
 from waychair.maps.grid import points_from_cells
+from waychair.maps.zones import Zone
 from waychair.simulation.scene import Behaviour, PersonPlan
-from waychair.simulation.simulator import Simulator
+from waychair.simulation.simulator import Simulator, with_all_sensors
 from waychair.simulation.world import World, world_from_grid
 from waychair.trials.demo import chair_of
 from waychair.trials.drive import Leg, Setting, drive_to_places
@@ -30,17 +31,21 @@ def navigate(
     seed: int = 0,
     people: int = 0,
     world: World | None = None,
+    zones: Sequence[Zone] = (),
+    sensors: bool = False,
 ) -> tuple[Leg, ...]:
     """Drives chair A from a start to places in turn, both in the map's frame, among so many people who walk about.
 
-    A `world` that is given shares the map's frame; its own start and people are left out.
+    A `world` that is given shares the map's frame; its own start and people are left out. `zones` are the map's. With
+    `sensors` the chair has sonars, a depth camera and an IMU besides its lidar.
 
     Raises:
         WorldError: the chair does not fit at the start, the start lies outside the map, or there is no room for people.
     """
     world = world_from_grid(grid, start) if world is None else replace(world.without_people(), start=start)
-    simulator = Simulator(with_walkers(world, people, seed), CHAIR_A, chair_of(seed), seed)
-    setting = Setting(grid, {place.name: place for place in goals}, CHAIR_A, DEFAULT)
+    chair = with_all_sensors(chair_of(seed)) if sensors else chair_of(seed)
+    simulator = Simulator(with_walkers(world, people, seed), CHAIR_A, chair, seed)
+    setting = Setting(grid, {place.name: place for place in goals}, CHAIR_A, DEFAULT, zones=zones)
     return drive_to_places(setting, simulator, [place.name for place in goals])
 
 

@@ -7,7 +7,7 @@ with noise, localiser, navigator, closed loop, the shipped firmware on the lines
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from types import MappingProxyType
 
@@ -15,13 +15,13 @@ import numpy as np
 
 from waychair.calibration.chair import ChairBody
 from waychair.calibration.dac import DEFAULT
-from waychair.control.collision_monitor import MonitorSettings
 from waychair.errors import WorldError
 from waychair.maps.distance_field import distance_field
+from waychair.maps.zones import Zone
 from waychair.planning.footprint import fits
 from waychair.runtime.chair import ChairSettings
 from waychair.simulation.floor_plan import FloorPlan, PlanDoor, PlanWall
-from waychair.simulation.simulator import Simulator
+from waychair.simulation.simulator import Simulator, with_all_sensors
 from waychair.simulation.world import World, world_from_plan
 from waychair.trials.demo import chair_of
 from waychair.trials.drive import Leg, Setting, drive_to_places
@@ -39,9 +39,6 @@ ROOM, WALL = 4.0, 0.15
 
 CORRIDOR, DEAD_END = 0.915, 1.5
 """Widths [m] of the corridor with a corner (the ADA's least) and of the dead end."""
-
-_CLOSE = ChairSettings(monitor=MonitorSettings(beside=0.0, ahead=0.01))
-"""The corner leaves chair A 1.5 cm on some side whatever it does: a collision monitor that asks for more stops it."""
 
 _EDGE = 0.2  # free ground round a plan's outer walls, within its size
 
@@ -66,7 +63,10 @@ def drives(body: ChairBody) -> Mapping[str, ChairBody]:
 
 @dataclass(frozen=True, slots=True)
 class Scene:
-    """A world whose start is the chair's, the goal in it, the chair, and the door whose axis is judged, if any."""
+    """A world whose start is the chair's, the goal in it, the chair, and the door whose axis is judged, if any.
+
+    `zones` are the map's; with `sensors` the chair has sonars, a depth camera and an IMU besides its lidar.
+    """
 
     name: str
     world: World
@@ -74,6 +74,8 @@ class Scene:
     body: ChairBody
     door: Pose2 | None = None
     chair: ChairSettings = field(default_factory=ChairSettings)
+    zones: Sequence[Zone] = ()
+    sensors: bool = False
 
 
 @dataclass(frozen=True, slots=True)
@@ -129,7 +131,7 @@ def corner_scene(body: ChairBody, seed: int) -> Scene:
 
     goal = Place("round the corner", Pose2((inner + outer) / 2, outer - 1.2, math.pi / 2))
     name = f"corner {CORRIDOR:g} m, {body.chair_id} {body.drive}"
-    return Scene(name, _started(world, body, start), goal, body, chair=_CLOSE)
+    return Scene(name, _started(world, body, start), goal, body)
 
 
 def dead_end_scene(body: ChairBody, seed: int) -> Scene:
@@ -153,8 +155,10 @@ def run_scene(scene: Scene, seed: int, time_limit_s: float = 150.0) -> SceneResu
     Raises:
         BoardBuildError: the firmware cannot be built here, for want of a C compiler.
     """
-    simulator = Simulator(scene.world, scene.body, chair_of(seed), seed)
-    setting = Setting(map_of(scene.world), {scene.goal.name: scene.goal}, scene.body, DEFAULT, chair=scene.chair)
+    chair = with_all_sensors(chair_of(seed)) if scene.sensors else chair_of(seed)
+    simulator = Simulator(scene.world, scene.body, chair, seed)
+    places = {scene.goal.name: scene.goal}
+    setting = Setting(map_of(scene.world), places, scene.body, DEFAULT, chair=scene.chair, zones=scene.zones)
     leg = drive_to_places(setting, simulator, [scene.goal.name], time_limit_s)[0]
     return SceneResult(
         scene.name,

@@ -5,9 +5,13 @@
 
 from __future__ import annotations
 
+import multiprocessing
 import os
 from collections.abc import Callable, Iterable
+from concurrent.futures import ProcessPoolExecutor
+from functools import cache, partial
 from pathlib import Path
+from typing import TypeVar
 
 from scipy.stats import beta
 
@@ -19,6 +23,7 @@ from waychair.trials.scenes import (
     APPROACHES,
     DOORS,
     Scene,
+    SceneResult,
     corner_scene,
     dead_end_scene,
     door_scene,
@@ -31,12 +36,14 @@ from waychair.types import Json
 STARTS = int(os.environ.get("SCENES_STARTS", "100"))
 SUCCESS, DOOR_ERROR_M = 0.95, 0.02
 
+Result = TypeVar("Result")
+
 
 def doors(out: Path) -> Json:
     """Body B, rear drive, through doors of 0.80, 0.815 and 0.90 m from 0, 30, 60 and 90 degrees."""
     body = drives(CHAIR_B)["rear"]
     return _scored(
-        (f"{width} m from {angle:.0f} degrees", lambda seed, w=width, a=angle: door_scene(w, a, body, seed))
+        (f"{width} m from {angle:.0f} degrees", partial(door_scene, width, angle, body))
         for width in DOORS
         for angle in APPROACHES
     )
@@ -45,7 +52,7 @@ def doors(out: Path) -> Json:
 def door_drives(out: Path) -> Json:
     """Body B, mid and front drive, through the tightest door from straight ahead and from beside."""
     return _scored(
-        (f"{drive} drive from {angle:.0f} degrees", lambda seed, b=body, a=angle: door_scene(DOORS[0], a, b, seed))
+        (f"{drive} drive from {angle:.0f} degrees", partial(door_scene, DOORS[0], angle, body))
         for drive, body in drives(CHAIR_B).items()
         if drive != "rear"
         for angle in (0.0, 90.0)
@@ -55,7 +62,7 @@ def door_drives(out: Path) -> Json:
 def corner(out: Path) -> Json:
     """Body A, rear and mid drive, round the corner of the 0.915 m corridor; body B is told that it does not fit."""
     figures = _scored(
-        (f"{drive} drive", lambda seed, b=body: corner_scene(b, seed))
+        (f"{drive} drive", partial(corner_scene, body))
         for drive, body in drives(CHAIR_A).items()
         if drive != "front"  # its tail sweeps wider than the corridor: planned to be refused, as B is
     )
@@ -66,7 +73,7 @@ def corner(out: Path) -> Json:
 def dead_end(out: Path) -> Json:
     """Bodies A and B, all drives, turn round in a dead end of 1.5 m."""
     return _scored(
-        (f"{name} {drive} drive", lambda seed, b=body: dead_end_scene(b, seed))
+        (f"{name} {drive} drive", partial(dead_end_scene, body))
         for name, base in (("A", CHAIR_A), ("B", CHAIR_B))
         for drive, body in drives(base).items()
     )
@@ -92,14 +99,14 @@ def _scored(scenes: Iterable[tuple[str, Callable[[int], Scene]]]) -> Json:
         "runs": runs,
         "reached": sum(row["reached"] for row in rows),
         "contacts": contacts,
-        "contact_rate_bound_95": _upper_bound(contacts, runs),
+        "contact_rate_bound_95": upper_bound(contacts, runs),
         "max_door_error_m": max(errors, default=None),
         "rows": rows,
     }
 
 
 def _row(name: str, scene: Callable[[int], Scene]) -> Json:
-    results = [run_scene(scene(seed), seed) for seed in range(STARTS)]
+    results = over_seeds(partial(_run, scene), STARTS)
     reached, contacts = sum(each.reached for each in results), sum(each.contacts for each in results)
     errors = [each.door_error_m for each in results if each.door_error_m is not None]
     row = {
@@ -107,9 +114,9 @@ def _row(name: str, scene: Callable[[int], Scene]) -> Json:
         "runs": STARTS,
         "reached": reached,
         "success": reached / STARTS,
-        "failure_rate_bound_95": _upper_bound(STARTS - reached, STARTS),
+        "failure_rate_bound_95": upper_bound(STARTS - reached, STARTS),
         "contacts": contacts,
-        "contact_rate_bound_95": _upper_bound(contacts, STARTS),
+        "contact_rate_bound_95": upper_bound(contacts, STARTS),
         "max_door_error_m": round(max(errors), 4) if errors else None,
         "min_clearance_m": round(min(each.min_clearance_m for each in results), 4),
         "seconds": sorted(round(each.seconds, 1) for each in results)[STARTS // 2],
@@ -119,6 +126,21 @@ def _row(name: str, scene: Callable[[int], Scene]) -> Json:
     return row
 
 
-def _upper_bound(count: int, runs: int) -> float:
+def _run(scene: Callable[[int], Scene], seed: int) -> SceneResult:
+    return run_scene(scene(seed), seed)
+
+
+def over_seeds(run: Callable[[int], Result], count: int) -> list[Result]:
+    """What a function of the seed, which can be pickled, gives for 0 to `count` - 1, in that order, on all processors."""
+    return list(_processes().map(run, range(count)))
+
+
+@cache
+def _processes() -> ProcessPoolExecutor:
+    """As many as there are processors, for all rows; each starts afresh, for a renderer does not survive a fork."""
+    return ProcessPoolExecutor(os.cpu_count(), multiprocessing.get_context("spawn"))
+
+
+def upper_bound(count: int, runs: int) -> float:
     """Rate that is not exceeded with 95 % confidence (Clopper and Pearson 1934)."""
     return 1.0 if count >= runs else round(float(beta.ppf(0.95, count + 1, runs - count)), 4)

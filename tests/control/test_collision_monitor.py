@@ -19,6 +19,7 @@ from waychair.control.collision_monitor import (
     MonitorVerdict,
     contact_times,
     is_silent,
+    margins,
     measuring,
     permitted_share,
     points_now,
@@ -28,6 +29,7 @@ from waychair.control.collision_monitor import (
     stop_seconds,
 )
 from waychair.control.stops import STOPS
+from waychair.errors import ConfigError
 from waychair.geometry import arc, transform_points
 from waychair.types import FloatArray, Scan, Twist
 
@@ -63,14 +65,15 @@ def contacts(points: FloatArray, command: Twist, body: ChairBody) -> FloatArray:
     return contact_times(points, np.zeros(len(points), np.bool_), command, body, S)
 
 
-def driven(points: FloatArray, command: Twist, body: ChairBody, ahead: float, horizon: float) -> FloatArray:
+def driven(points: FloatArray, command: Twist, body: ChairBody, horizon: float) -> FloatArray:
     """When each point is inside the zone, by driving the arc in steps of 2 ms."""
-    front = body.front + S.beside + (ahead if command.v > 0 else 0.0)
-    rear = body.rear + S.beside + (ahead if command.v < 0 else 0.0)
+    beside, ahead = margins(command, body, S)
+    front = body.front + beside + (ahead if command.v > 0 else 0.0)
+    rear = body.rear + beside + (ahead if command.v < 0 else 0.0)
     times = np.full(len(points), np.inf)
     for t in np.arange(0.0, horizon, 0.002):
         x, y = transform_points(arc(command.v * t, command.omega * t).inverse(), points).T
-        inside = (x <= front) & (x >= -rear) & (np.abs(y) <= body.width / 2 + S.beside)
+        inside = (x <= front) & (x >= -rear) & (np.abs(y) <= body.width / 2 + beside)
         times = np.where(inside & np.isinf(times), t, times)
     return times
 
@@ -90,7 +93,7 @@ def test_contact_is_when_driving_the_arc_in_small_steps_says_so(body: ChairBody)
         outside = np.max(np.abs(points - ((body.front - body.rear) / 2, 0)) - (body.length / 2, body.width / 2), axis=1)
         points = points[outside > S.ahead + S.beside + 0.011]
         exact = contacts(points, command, body)
-        stepped = driven(points, command, body, S.ahead, 3.0)
+        stepped = driven(points, command, body, 3.0)
         reached = exact < 2.99
         assert (reached == np.isfinite(stepped))[np.abs(exact - 2.995) > 0.01].all()
         both = reached & np.isfinite(stepped)
@@ -100,8 +103,9 @@ def test_contact_is_when_driving_the_arc_in_small_steps_says_so(body: ChairBody)
 @given(st.floats(-0.8, 0.8), st.floats(-0.8, 0.8), st.floats(0.1, 1.0))
 def test_driving_slower_on_the_same_arc_touches_the_same_later(v: float, omega: float, share: float) -> None:
     points = np.random.default_rng(3).uniform(-2.0, 2.0, (60, 2))
-    full = contacts(points, Twist(v, omega), CHAIR_A)
-    slow = contacts(points, Twist(share * v, share * omega), CHAIR_A)
+    none = np.zeros(len(points), np.bool_)
+    full = contact_times(points, none, Twist(v, omega), CHAIR_A, S, pace=share)
+    slow = contact_times(points, none, Twist(share * v, share * omega), CHAIR_A, S)
     known = np.isfinite(full) & (full < 20.0) & (full > 0.0) & (slow > 0.0)
     if abs(v) > 0.01 and abs(omega) > 0.01:
         assert slow[known] * share == pytest.approx(full[known], rel=1e-6, abs=1e-6)
@@ -118,8 +122,35 @@ def test_what_is_within_the_zone_counts_only_when_it_comes_nearer() -> None:
     assert not np.isfinite(contacts(beside, Twist(0.4, 0.0), CHAIR_A)).any()
     assert np.isfinite(contacts(beside, Twist(0.4, 0.3), CHAIR_A)).all()
     before = np.array([[CHAIR_A.front + 0.04, 0.0]] * 3)
-    assert not np.isfinite(contacts(before, Twist(-0.2, 0.0), CHAIR_A)).any()
-    assert contacts(before, Twist(0.2, 0.0), CHAIR_A).tolist() == [0.0] * 3
+    assert not np.isfinite(contacts(before, Twist(-0.8, 0.0), CHAIR_A)).any()
+    assert contacts(before, Twist(0.8, 0.0), CHAIR_A).tolist() == [0.0] * 3
+
+
+def test_margins_grow_with_the_speed_of_the_fastest_part() -> None:
+    assert margins(Twist(0.3, 0.0), CHAIR_A, S) == (S.beside_crawl, S.ahead_crawl)
+    assert margins(Twist(-0.8, 0.0), CHAIR_A, S) == pytest.approx((S.beside, S.ahead))
+    assert margins(Twist(2.0, 0.0), CHAIR_A, S) == (S.beside, S.ahead)
+    speeds = [margins(Twist(v, 0.0), CHAIR_A, S) for v in np.linspace(0.0, 1.0, 21)]
+    assert speeds == sorted(speeds)
+    turning = Twist(0.0, 0.55 / CHAIR_A.circumscribed_radius)
+    assert margins(turning, CHAIR_A, S) == pytest.approx(margins(Twist(0.55, 0.0), CHAIR_A, S))
+    assert margins(Twist(0.8, 0.0), CHAIR_A, S, pace=0.25) == (S.beside_crawl, S.ahead_crawl)
+    for wrong in ({"crawl": 0.8}, {"beside_crawl": 0.06}, {"ahead_crawl": 0.2}):
+        with pytest.raises(ConfigError):
+            MonitorSettings(**wrong)
+
+
+@pytest.mark.parametrize("beside", [0.005, 0.02, 0.035])
+def test_what_lies_within_the_margin_of_a_fast_drive_slows_it_to_where_the_margin_is_free(beside: float) -> None:
+    wall = np.linspace(0.8, 1.6, 33)  # of discs of 5 cm, too long for a leg
+    jambs = np.array([[x, side * (CHAIR_A.width / 2 + 0.05 + beside)] for x in wall for side in (-1.0, 1.0)])
+    asked = Twist(0.8, 0.0)
+    verdict = judged(jambs, asked)
+    assert verdict.stop == ""
+    assert 0.0 < verdict.share < 1.0
+    slower = Twist(verdict.share * asked.v, 0.0)
+    assert margins(slower, CHAIR_A, S)[0] <= beside + 0.002
+    assert judged(jambs, slower).share == 1.0
 
 
 def test_people_are_kept_away_from_by_more_than_walls_and_not_crept_up_to() -> None:

@@ -9,10 +9,9 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from waychair.calibration.chair import CHAIR_A, CHAIR_A_FRONT
-from waychair.control.limiter import PROFILES, UNSEEN_SPEED, Limiter, LimiterSettings, unseen_share
+from waychair.control.limiter import PROFILES, Limiter, LimiterSettings
 from waychair.control.stops import Braking
-from waychair.types import FloatArray, Scan, Twist
+from waychair.types import FloatArray, Twist
 
 TICK = 50_000_000
 DT = 0.05
@@ -140,30 +139,3 @@ def test_a_long_pause_allows_no_larger_step_than_two_ticks() -> None:
     before = riding.limiter.command.v
     riding.now_ns += 10**10
     assert riding.run(0.8, 0.0, 1)[-1, 0] - before <= 2 * NORMAL.acceleration * DT
-
-
-def _view(field_of_view: float) -> Scan:
-    return Scan(0, np.ones(181, np.float32), -field_of_view / 2, field_of_view / 180)
-
-
-def test_reversing_and_turning_towards_where_no_sensor_looks_is_slow() -> None:
-    view = _view(math.radians(270.0))
-    assert unseen_share(Twist(0.8, 0.0), CHAIR_A, view) == 1.0
-    assert unseen_share(Twist(-0.3, 0.0), CHAIR_A, view) == pytest.approx(0.5)
-    assert unseen_share(Twist(-0.1, 0.0), CHAIR_A, view) == 1.0
-    turning = unseen_share(Twist(0.0, 0.8), CHAIR_A, view)
-    assert turning * 0.8 * CHAIR_A.width / 2 == pytest.approx(UNSEEN_SPEED)
-
-
-def test_a_lidar_that_sees_all_round_limits_nothing() -> None:
-    for twist in (Twist(-0.8, 0.0), Twist(0.0, 0.8), Twist(-0.5, -0.5)):
-        assert unseen_share(twist, CHAIR_A, _view(math.tau)) == 1.0
-
-
-def test_whether_a_corner_is_seen_does_not_hang_on_the_turns_that_angles_are_counted_in() -> None:
-    view = _view(math.radians(270.0))
-    for turns in (-1, 1, 3):
-        shifted = Scan(0, view.ranges, view.angle_min + turns * math.tau, view.angle_step)
-        assert unseen_share(Twist(-0.3, 0.0), CHAIR_A_FRONT, shifted) == unseen_share(
-            Twist(-0.3, 0.0), CHAIR_A_FRONT, view
-        )

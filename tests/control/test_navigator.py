@@ -11,8 +11,13 @@ from waychair.calibration.chair import CHAIR_A
 from waychair.control.navigator import Navigation, Navigator, NavigatorSettings, Stage
 from waychair.control.recovery import RecoverySettings
 from waychair.errors import UnknownPlace
+from waychair.geometry import transform_points
 from waychair.planning.footprint import along_arc
-from waychair.types import FloatArray, Goal, OccupancyGrid, Place, Pose2
+from waychair.planning.global_planner import PlannerSettings
+from waychair.planning.manoeuvre import ManoeuvreSettings
+from waychair.planning.route import RouteSettings
+from waychair.planning.tracks import TrackSettings
+from waychair.types import FloatArray, Goal, OccupancyGrid, Place, Pose2, Twist
 
 TICK_NS = 50_000_000
 NOTHING = np.empty((0, 2))
@@ -254,3 +259,45 @@ def test_a_point_that_hangs_alone_between_two_surfaces_is_no_obstacle() -> None:
     assert states[-1].stage is Stage.ARRIVED
     assert states[-1].plans == 1
     assert max(abs(pose.y - 4.0) for pose in poses) < 0.1
+
+
+def test_a_turn_that_takes_long_to_find_is_planned_over_ticks_from_standstill() -> None:
+    grid = hall((0.0, 0.0, 12.0, 3.0), (0.0, 4.5, 12.0, 8.0), (6.0, 0.0, 12.0, 8.0))
+    manoeuvres = ManoeuvreSettings(slice=5)
+    settings = NavigatorSettings(planner=PlannerSettings(route=RouteSettings(manoeuvre=manoeuvres)))
+    pilot = navigator(grid, settings)
+    pilot.go(Goal(Pose2(1.5, 3.75, math.pi)))
+    here, states = Pose2(5.0, 3.75, 0.0), []
+    for k in range(2000):
+        states.append(pilot.step(k * TICK_NS, here, NOTHING if k % 2 == 0 else None))
+        if states[-1].path is not None:
+            break
+    assert len(states) > 5
+    assert all(state.stage is Stage.DRIVING and state.twist == Twist() for state in states[:-1])
+    assert states[-1].path is not None
+
+
+def crossing(pilot: Navigator, seconds: float = 9.0) -> tuple[float, float]:
+    """Least distance [m] to somebody who crosses the chair's way at 0.7 m/s, and the chair's speed [m/s] then."""
+    pilot.go(Goal(Pose2(10.0, 4.0, 0.0)))
+    pose, command = Pose2(2.0, 4.0, 0.0), Twist()
+    turns = np.linspace(0.0, math.tau, 24, endpoint=False)
+    nearest, speed = math.inf, 0.0
+    for k in range(round(20 * seconds)):
+        middle = np.array([6.0, 8.0 - 0.7 * k * 0.05])
+        body = middle + 0.15 * np.column_stack([np.cos(turns), np.sin(turns)])
+        command = pilot.step(k * TICK_NS, pose, body if k % 2 == 0 else None).twist
+        pose = Pose2(*along_arc(pose.x, pose.y, pose.theta, command.v, command.omega, 0.05))
+        x, y = transform_points(pose.inverse(), middle[None])[0]
+        off = math.hypot(max(x - CHAIR_A.front, -CHAIR_A.rear - x, 0.0), max(abs(y) - CHAIR_A.width / 2, 0.0))
+        if off < nearest:
+            nearest, speed = off, abs(command.v)
+    return nearest, speed
+
+
+def test_who_crosses_the_way_is_foreseen_and_let_pass() -> None:
+    foreseen, _ = crossing(navigator(hall()))
+    blind = NavigatorSettings(tracks=TrackSettings(walking=2.0))
+    surprised, _ = crossing(navigator(hall(), blind))
+    assert foreseen > 0.25
+    assert foreseen > surprised

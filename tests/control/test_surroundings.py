@@ -8,7 +8,7 @@ import math
 import numpy as np
 import pytest
 
-from waychair.calibration.chair import CHAIR_A, BodyLayer
+from waychair.calibration.chair import CHAIR_A, BodyLayer, sonar_mounts
 from waychair.control.surroundings import Surroundings, SurroundingsSettings
 from waychair.maps.distance_field import DistanceField
 from waychair.maps.zones import Rule, Zone
@@ -36,6 +36,11 @@ def wall_behind(extent: float = 0.6) -> FloatArray:
 
 def someone(x: float) -> FloatArray:
     return np.stack([np.full(9, x), np.linspace(2.9, 3.1, 9)], axis=-1)
+
+
+def echoes(stamp_ns: int, ahead: float) -> SonarReadings:
+    """Of eight sonars only the first, on the left in front, may hear something."""
+    return SonarReadings(stamp_ns, np.array([ahead, *[np.inf] * 7], np.float32))
 
 
 def at(field: DistanceField, x: float, y: float) -> float:
@@ -90,14 +95,69 @@ def test_what_the_chair_has_turned_away_from_is_remembered_and_then_forgotten() 
 
 def test_glass_that_a_sonar_hears_is_not_cleared_by_the_lidar_that_looks_through_it() -> None:
     seen = around()
-    ahead = (Pose2(CHAIR_A.front, 0.0, 0.0),)
-    seen.hear(SonarReadings(0, np.array([1.0], np.float32)), HERE, ahead)
+    seen.hear(echoes(0, 1.0), HERE)
     for k in range(5):
         seen.see(k, HERE, wall_behind())
-    assert at(seen.window(HERE), 5.75, 3.0) < 0.05
+    ahead = HERE @ sonar_mounts(CHAIR_A)[0] @ Pose2(1.0, 0.0, 0.0)
+    assert at(seen.window(HERE), ahead.x, ahead.y) < 0.05
     assert len(seen.upright()) > 5
-    seen.hear(SonarReadings(9, np.array([np.inf], np.float32)), HERE, ahead)
+    np.testing.assert_array_equal(seen.unscanned(), seen.upright())
+    seen.hear(echoes(9, np.inf), HERE)
     assert len(seen.upright()) == 0
+
+
+def test_an_echo_from_a_wall_of_the_map_or_from_what_the_lidar_sees_is_no_news() -> None:
+    seen, near_wall = around(), Pose2(6.6, 3.0, 0.0)
+    seen.hear(echoes(0, 7.95 - 6.6 - CHAIR_A.front), near_wall)
+    assert len(seen.upright()) == 0
+    seen.see(0, HERE, someone(6.0))
+    seen.hear(echoes(1, 6.0 - HERE.x - CHAIR_A.front), HERE)
+    assert len(seen.unscanned()) == 0
+
+
+def floor(edge: float, depth: float, slope: float = 0.0) -> RgbdFrame:
+    """What the camera of chair A sees of a floor that falls by `depth` [m] at x = `edge` [m], or slopes down there."""
+    f = 465.0
+    camera = np.array([[f, 0.0, 320.0], [0.0, f, 240.0], [0.0, 0.0, 1.0]])
+    mount = CHAIR_A.base_from_camera
+    rows, columns = np.indices((480, 640))
+    rays = np.stack([(columns - 320) / f, (rows - 240) / f, np.ones(rows.shape)], axis=-1) @ mount.rotation.T
+    with np.errstate(divide="ignore", invalid="ignore"):
+        ends = -mount.translation[2] / rays[..., 2]
+        beyond = mount.translation[0] + ends * rays[..., 0] > edge
+        # z = -slope (x - edge) - depth
+        lower = (mount.translation[2] + slope * (mount.translation[0] - edge) + depth) / (
+            -rays[..., 2] - slope * rays[..., 0]
+        )
+    ranges = np.where(beyond, lower, ends)
+    ranges = np.where((ranges > 0.3) & (ranges < 8.0), ranges, np.nan)  # the ray's z is 1 in the camera
+    noise = np.random.default_rng(0).standard_normal(ranges.shape)
+    return RgbdFrame(
+        0, np.zeros((480, 640), np.uint8), (ranges + 0.0012 * ranges**2 * noise).astype(np.float32), camera
+    )
+
+
+@pytest.mark.parametrize("edge", [2.3, 2.7, 3.2])
+@pytest.mark.parametrize("depth", [0.12, 0.17, 1.0])
+def test_a_drop_off_is_an_obstacle_where_the_floor_ends_and_stays_one_out_of_sight(edge: float, depth: float) -> None:
+    seen = around()
+    seen.look(floor(edge, depth), HERE)
+    found = seen.unscanned()[:, 0] - HERE.x
+    assert len(found) > 20
+    assert edge - 0.25 < np.median(found) <= edge + 0.02
+    assert at(seen.window(HERE), HERE.x + float(np.median(found)), 3.0) < 0.05
+    for k in range(1, 60):
+        seen.look(floor(1.0, depth), Pose2(HERE.x + edge - 1.0, HERE.y, 0.0))  # the edge is below the picture now
+        seen.see(k * SECOND, HERE, wall_behind())
+    assert len(seen.unscanned()) > 10
+
+
+@pytest.mark.parametrize("slope", [0.0, 1 / 20, 1 / 12])
+def test_a_level_floor_and_a_ramp_down_are_no_drop_offs(slope: float) -> None:
+    seen = around()
+    for k in range(5):
+        seen.look(floor(2.5 - 0.3 * k, 0.0, slope), Pose2(4.0 + 0.3 * k, 3.0, 0.0))
+    assert len(seen.unscanned()) == 0
 
 
 def test_a_board_at_the_height_of_the_arm_rests_counts_for_that_layer_alone() -> None:

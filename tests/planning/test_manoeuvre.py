@@ -13,7 +13,7 @@ from waychair.errors import NoPath
 from waychair.geometry import rectangle, transform_points
 from waychair.maps.grid import cells_from_points, inside, occupied
 from waychair.planning.fine_field import FINEST, fine_field
-from waychair.planning.manoeuvre import ManoeuvreSettings, manoeuvre
+from waychair.planning.manoeuvre import ManoeuvreSettings, manoeuvre, manoeuvre_in_slices
 from waychair.types import FloatArray, OccupancyGrid, Pose2
 
 
@@ -101,3 +101,21 @@ def test_a_measured_door_replaces_the_mapped_one() -> None:
     rows = np.flatnonzero(free.metres[:, round(2.075 / FINEST)] > 0) * FINEST
     opening = rows[(rows > 1.0) & (rows < 3.0)]
     assert (opening.min(), opening.max() + FINEST) == pytest.approx((1.6, 2.4), abs=1.5 * FINEST)
+
+
+@pytest.mark.parametrize("part", [1, 37, 800])
+def test_in_slices_the_same_way_is_found_and_no_slice_looks_at_more_states_than_it_may(part: int) -> None:
+    field = fine_field(DEAD_END, Pose2(2.5, 1.25), 3.0)
+    start, goal = Pose2(3.5, 1.2, 0.05), Pose2(1.5, 1.25, math.pi)
+    whole = manoeuvre(field, CHAIR_A, start, goal, ManoeuvreSettings(slice=10_000_000))
+    slices = manoeuvre_in_slices(field, CHAIR_A, start, goal, ManoeuvreSettings(slice=part))
+    count = 0
+    while True:
+        try:
+            next(slices)
+        except StopIteration as done:
+            np.testing.assert_array_equal(done.value, whole)
+            break
+        count += 1
+    assert count >= 2
+    assert count * part >= 30

@@ -13,10 +13,11 @@ import numpy as np
 from waychair.calibration.chair import CHAIR_A
 from waychair.calibration.dac import DEFAULT
 from waychair.control.navigator import NavigatorSettings
+from waychair.maps.zones import Zone
 from waychair.planning.dwa import DwaSettings
 from waychair.runtime.chair import Chair, ChairSettings, ChairState, Message
 from waychair.simulation.lidar import LidarSettings
-from waychair.simulation.scene import PersonPlan
+from waychair.simulation.scene import Block, PersonPlan, Pit
 from waychair.simulation.simulator import Simulator, SimulatorSettings
 from waychair.simulation.world import World, world_from_grid
 from waychair.trials.drive import Setting, advance_tick, begin, chair_in
@@ -46,13 +47,18 @@ class Ride:
         simulator: SimulatorSettings | None = None,
         people: tuple[PersonPlan, ...] = (),
         width: float = 5.0,
+        blocks: tuple[Block, ...] = (),
+        pits: tuple[Pit, ...] = (),
+        zones: tuple[Zone, ...] = (),
     ) -> None:
-        world = hall(people, width)
+        """`blocks` and `pits` are in the hall but not on the chair's map, `zones` on the map only."""
+        plain = hall(people, width)
+        world = replace(plain, blocks=(*plain.blocks, *blocks), pits=pits)
         simulation = simulator or SimulatorSettings()
         simulation = replace(simulation, lidar=LIDAR, plant=replace(simulation.plant, step_ms=10))
         self.simulator = Simulator(world, CHAIR_A, simulation, 0)
         chair = replace(settings or ChairSettings(), navigator=COARSE)
-        self.setting = Setting(world.grid, {}, CHAIR_A, DEFAULT, chair=chair)
+        self.setting = Setting(world.grid, {}, CHAIR_A, DEFAULT, chair=chair, zones=zones)
         self.change: Callable[[tuple[Message, ...]], tuple[Message, ...]] = lambda messages: messages
         self.states: list[ChairState] = []
         self._stack = ExitStack()

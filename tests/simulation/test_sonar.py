@@ -10,10 +10,10 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from waychair.calibration.chair import CHAIR_A, CHAIR_B, ChairBody
+from waychair.calibration.chair import CHAIR_A, CHAIR_B, ChairBody, sonar_mounts
 from waychair.simulation.rays import Scenery, scenery_of
 from waychair.simulation.scene import Behaviour, PersonState, Reflection, Slice
-from waychair.simulation.sonar import Sonars, SonarSettings, first_echoes, mounts
+from waychair.simulation.sonar import Sonars, SonarSettings, first_echoes
 from waychair.types import Float32Array, FloatArray, Pose2
 
 CLEAN = SonarSettings(sigma=0.0, cross_talk=0.0)
@@ -31,7 +31,7 @@ def _read(
 
 @pytest.mark.parametrize("body", [CHAIR_A, CHAIR_B])
 def test_eight_sonars_sit_on_the_outline_and_look_straight_out(body: ChairBody) -> None:
-    sonars = mounts(body)
+    sonars = sonar_mounts(body)
     assert len(sonars) == 8
     for sonar in sonars:
         ahead = sonar @ Pose2(0.001, 0.0, 0.0)
@@ -46,7 +46,7 @@ def test_eight_sonars_sit_on_the_outline_and_look_straight_out(body: ChairBody) 
 
 @pytest.mark.parametrize("body", [CHAIR_A, CHAIR_B])
 def test_the_sonars_go_round_the_chair_to_the_left_and_right_mirrors_left(body: ChairBody) -> None:
-    sonars = mounts(body)
+    sonars = sonar_mounts(body)
     bearings = [math.atan2(s.y, s.x - (body.front - body.rear) / 2) % math.tau for s in sonars]
     assert bearings == sorted(bearings)
     for left, right in zip(sonars, reversed(sonars), strict=True):
@@ -102,7 +102,7 @@ def test_the_leg_of_a_chair_is_heard_at_three_metres_wherever_it_is_in_the_cone(
     for bearing in np.radians(np.linspace(-14.5, 14.5, 59)):
         x, y = 0.75 + 3.0 * math.cos(bearing), 0.15 + 3.0 * math.sin(bearing)
         leg = np.array([[x, y, 0.015]])
-        sonar = np.array([mounts(CHAIR_A)[0].array()])
+        sonar = np.array([sonar_mounts(CHAIR_A)[0].array()])
         fan = np.linspace(-CLEAN.half_cone, CLEAN.half_cone, 61)
         assert first_echoes(_scenery(), leg, sonar, fan, 0.5, 4.0)[0] == pytest.approx(2.985, abs=0.01)
 

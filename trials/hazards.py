@@ -1,0 +1,438 @@
+"""What a map may not say and a lidar may not see: edges of the floor, glass, people who move about or step out.
+
+A `Hazard` is a world, the map that the chair is given of it, what else it has been told or fitted with, and the places
+to go to; `run_hazard` drives the whole chair there and says what it ran into, and whose doing that was.
+
+What protects from an edge: no lidar sees one, and behind and beside the chair nothing looks down. The camera sees the
+floor from about 1.3 m before the footrest on, so an edge ahead; one beside or behind only if the chair saw it on its
+way and remembers. A keep-out zone or an edge that is drawn on the map holds for all three.
+"""
+
+from __future__ import annotations
+
+import enum
+import math
+from collections.abc import Iterable, Sequence
+from dataclasses import dataclass, field, replace
+
+import numpy as np
+
+from waychair.calibration.chair import CHAIR_A, ROBOT, ChairBody
+from waychair.calibration.dac import DEFAULT
+from waychair.geometry import rectangle, transform_points
+from waychair.maps.distance_field import distance_field
+from waychair.maps.grid import occupied, points_from_cells
+from waychair.maps.zones import Rule, Zone
+from waychair.runtime.chair import ChairSettings
+from waychair.simulation.contact import HIGHEST, LOWEST, Contact, ContactKind, clearance, solid_from_blocks
+from waychair.simulation.floor_plan import FloorPlan, PlanPit, PlanWall
+from waychair.simulation.people import People
+from waychair.simulation.plan_blocks import fill
+from waychair.simulation.scene import MATERIALS, Behaviour, Block, PersonPlan, Pit, Reflection
+from waychair.simulation.simulator import SimulatorSettings
+from waychair.simulation.world import World, load_world, world_from_plan
+from waychair.topics import COMMAND, SONAR
+from waychair.trials.demo import chair_of
+from waychair.trials.drive import Setting, advance_tick, begin, chair_in, drive_to_places
+from waychair.trials.ride import Motion, Ride, WatchedSimulator, ride_of
+from waychair.trials.scenes import Scene, map_of
+from waychair.types import FloatArray, Goal, OccupancyGrid, Place, Pose2
+
+
+class Guard(enum.Enum):
+    """What tells the chair of an edge or of glass that a lidar's map does not have."""
+
+    CAMERA = "camera"
+    SONAR = "sonar"
+    ZONE = "zone"
+    MAP = "map"
+    NOTHING = "nothing"
+
+
+class Struck(enum.Enum):
+    """What a contact was with, and whose doing it was."""
+
+    EDGE = "edge"
+    GLASS = "glass"
+    PERSON = "person"
+    SOLID = "solid"
+    BUMPED = "bumped"  # a person walked into the chair, which did not move towards the person
+
+
+@dataclass(frozen=True, slots=True)
+class Hazard:
+    """A world whose start is the chair's; the map it is given; the places to drive to, one after the other."""
+
+    name: str
+    world: World
+    grid: OccupancyGrid
+    goals: tuple[Place, ...]
+    body: ChairBody = CHAIR_A
+    zones: tuple[Zone, ...] = ()
+    sensors: SimulatorSettings = field(default_factory=SimulatorSettings)
+    chair: ChairSettings = field(default_factory=ChairSettings)
+
+
+@dataclass(frozen=True, slots=True)
+class HazardResult:
+    """How a run ended. `seconds`: of all legs; `edge_m`, `person_m`: least distances [m], the latter while it moves."""
+
+    scene: str
+    seed: int
+    reached: bool
+    reason: str
+    seconds: float
+    struck: tuple[tuple[Struck, float], ...]
+    edge_m: float
+    person_m: float
+    ride: Ride
+
+    def count(self, *kinds: Struck) -> int:
+        """Number of contacts of these kinds."""
+        return sum(kind in kinds for kind, _ in self.struck)
+
+
+MOVES = 0.02
+"""A chair, or the nearest point of its outline, that is slower [m/s] stands."""
+
+
+def run_hazard(hazard: Hazard, seed: int, time_limit_s: float = 150.0) -> HazardResult:
+    """Drives a simulated chair of this seed; each leg has so much time.
+
+    Raises:
+        BoardBuildError: the firmware cannot be built here, for want of a C compiler.
+    """
+    plant = replace(hazard.sensors, plant=chair_of(seed).plant)
+    simulator = WatchedSimulator(hazard.world, hazard.body, plant, seed)
+    legs = drive_to_places(setting_of(hazard), simulator, [goal.name for goal in hazard.goals], time_limit_s)
+    motion = simulator.motion()
+    failed = next((leg for leg in legs if not leg.reached), None)
+    moves = np.abs(motion.twists).max(axis=1) > MOVES
+    return HazardResult(
+        hazard.name,
+        seed,
+        failed is None,
+        "" if failed is None else f"{failed.place}: {failed.reason}",
+        sum(leg.duration_s for leg in legs),
+        tuple(
+            (struck(contact, hazard.world, hazard.body, motion), contact.speed) for contact in simulator.contact_reports
+        ),
+        least_to_edge(hazard.world, hazard.body, motion),
+        float(motion.people[moves].min(initial=math.inf)),
+        ride_of(motion),
+    )
+
+
+def setting_of(hazard: Hazard) -> Setting:
+    """What the chair is told."""
+    places = {goal.name: goal for goal in hazard.goals}
+    return Setting(hazard.grid, places, hazard.body, DEFAULT, chair=hazard.chair, zones=hazard.zones)
+
+
+def struck(contact: Contact, world: World, body: ChairBody, motion: Motion) -> Struck:
+    """What a contact was with. A person was run into where the chair's outline was moving towards the person."""
+    at = np.array([contact.x, contact.y])
+    if contact.kind is ContactKind.FALL or any(_holds(pit, at) for pit in world.pits):
+        return Struck.EDGE
+    if contact.kind is ContactKind.PERSON:
+        return Struck.PERSON if closing_speed(at, body, motion, contact.stamp_ns) > MOVES else Struck.BUMPED
+    return Struck.GLASS if any(_holds(pane, at) for pane in world.blocks if _is_glass(pane)) else Struck.SOLID
+
+
+def closing_speed(at: FloatArray, body: ChairBody, motion: Motion, stamp_ns: int) -> float:
+    """Speed [m/s] at which the point of the outline that is nearest to (2,) [m, map] moves towards it."""
+    pose, twist = motion.at(stamp_ns)
+    x, y = transform_points(pose.inverse(), at[None])[0].tolist()
+    near = np.clip(x, -body.rear, body.front), np.clip(y, -body.width / 2, body.width / 2)
+    away = np.array([x - near[0], y - near[1]])
+    distance = float(np.hypot(*away))
+    if distance == 0.0:  # its middle is within the outline
+        away, distance = np.array([x, y]), max(math.hypot(x, y), 1e-9)
+    return float((twist.v - twist.omega * near[1]) * away[0] + twist.omega * near[0] * away[1]) / distance
+
+
+def least_to_edge(world: World, body: ChairBody, motion: Motion) -> float:
+    """Least distance [m] from the outline, which holds the wheels, to an edge; +inf where there is none."""
+    if not world.pits:
+        return math.inf
+    edges = solid_from_blocks((), world.pits)
+    return min(clearance(edges, body, Pose2(*pose)) for pose in motion.poses[::5].tolist())
+
+
+def hazard_of_scene(scene: Scene) -> Hazard:
+    """A tight place, to be driven and judged as a hazard is."""
+    return Hazard(scene.name, scene.world, map_of(scene.world), (scene.goal,), scene.body, chair=scene.chair)
+
+
+# --- edges of the floor and glass ---------------------------------------------------------------------------------
+
+
+def edge_ahead(guard: Guard, seed: int) -> Hazard:
+    """A hall with a pit across it but for a bridge of 1.5 m on one side; the goal lies straight on, beyond the pit."""
+    rng = np.random.default_rng(seed)
+    side = float(rng.choice([-1.0, 1.0]))
+    middle = 1.7 + 0.75 * side
+    plan = _hall((8.5, 3.4), [PlanPit((4.9, middle), (1.0, 1.9))])
+    start = Pose2(rng.uniform(0.8, 1.4), middle + rng.uniform(-0.3, 0.3), rng.uniform(-0.2, 0.2))
+    goal = Place("beyond", Pose2(7.2, middle, 0.0))
+    return _guarded(f"edge ahead, {guard.value}", plan, start, (goal,), guard)
+
+
+def edge_beside(guard: Guard, seed: int) -> Hazard:
+    """Out of a corridor into a gallery of 1.9 m round the corner of a stairwell: all the turn long the edge is beside.
+
+    A chair that looks ahead as it leaves the corridor has seen the edge before it is beside it.
+    """
+    rng = np.random.default_rng(seed)
+    corridor = [PlanWall(start=(1.9, 0.0), end=(1.9, 2.9)), PlanWall(start=(1.9, 2.9), end=(6.4, 2.9))]
+    plan = _hall((6.4, 6.8), [PlanPit((4.15, 3.9), (4.5, 2.0))], corridor)
+    start = Pose2(rng.uniform(0.75, 1.1), rng.uniform(0.6, 0.9), math.pi / 2 + rng.uniform(-0.1, 0.1))
+    return _guarded(f"edge beside, {guard.value}", plan, start, (Place("round", Pose2(5.2, 5.8, 0.0)),), guard)
+
+
+def edge_behind(guard: Guard, seed: int) -> Hazard:
+    """A booth in a gallery's wall, a stairwell before it: the chair drives in and has to back out, towards the edge."""
+    rng = np.random.default_rng(seed)
+    x = rng.uniform(4.0, 5.0)
+    walls = [
+        PlanWall(start=(x - 0.55, 3.0), end=(x - 0.55, 4.2)),
+        PlanWall(start=(x + 0.55, 3.0), end=(x + 0.55, 4.2)),
+        PlanWall(start=(0.0, 3.0), end=(x - 0.55, 3.0)),
+        PlanWall(start=(x + 0.55, 3.0), end=(8.0, 3.0)),
+    ]
+    plan = _hall((8.0, 4.2), [PlanPit((5.0, 0.65), (4.0, 1.3))], walls)
+    start = Pose2(rng.uniform(0.8, 1.2), rng.uniform(1.8, 2.1), rng.uniform(-0.2, 0.2))
+    booth = Place("booth", Pose2(x, 3.25, math.pi / 2), tolerance_m=0.15)
+    out = Place("out", Pose2(1.0, 2.0, math.pi))
+    return _guarded(f"edge behind, {guard.value}", plan, start, (booth, out), guard)
+
+
+EDGES = {"ahead": edge_ahead, "beside": edge_beside, "behind": edge_behind}
+
+
+def glass(guard: Guard, seed: int) -> Hazard:
+    """The straight way leads through a closed glass door, seen from some angle; another door is open."""
+    rng = np.random.default_rng(seed)
+    world = load_world("glass_door")
+    start = Pose2(rng.uniform(1.0, 3.0), rng.uniform(0.8, 2.4), rng.uniform(-0.4, 0.4))
+    return _told(f"glass, {guard.value}", replace(world, start=start), (world.places[0],), guard)
+
+
+def map_of_lidar(world: World) -> OccupancyGrid:
+    """The map that a lidar makes of a world at its best: all that stands, but no glass and no edges of the floor."""
+    grid = replace(world.grid, cells=np.zeros_like(world.grid.cells))
+    for block in world.blocks:
+        if block.high > LOWEST and block.low < HIGHEST and not _is_glass(block):
+            fill(grid.cells, grid, block.middle, block.length, block.width)
+    return grid
+
+
+ZONE_MARGIN = 0.10
+"""A careful installer draws a keep-out zone so far round what it is about [m]."""
+
+
+def zones_round(things: Iterable[Block | Pit]) -> tuple[Zone, ...]:
+    """Keep-out zones round glass and pits."""
+    return tuple(
+        Zone(
+            f"zone {k + 1}",
+            Rule.KEEP_OUT,
+            transform_points(
+                thing.middle,
+                rectangle(
+                    thing.length / 2 + ZONE_MARGIN, thing.length / 2 + ZONE_MARGIN, thing.width / 2 + ZONE_MARGIN
+                ),
+            ),
+        )
+        for k, thing in enumerate(things)
+    )
+
+
+def _guarded(name: str, plan: FloorPlan, start: Pose2, goals: tuple[Place, ...], guard: Guard) -> Hazard:
+    return _told(name, replace(world_from_plan(plan, "edge"), start=start), goals, guard)
+
+
+def _told(name: str, world: World, goals: tuple[Place, ...], guard: Guard) -> Hazard:
+    hazard = Hazard(name, world, map_of_lidar(world), goals)
+    if guard is Guard.MAP:
+        return replace(hazard, grid=world.grid)
+    if guard is Guard.ZONE:
+        return replace(hazard, zones=zones_round([*world.pits, *filter(_is_glass, world.blocks)]))
+    return replace(hazard, sensors=fitted_with(guard))
+
+
+def fitted_with(guard: Guard) -> SimulatorSettings:
+    """Wheels and lidar, and the sensor by which a chair is guarded; the camera as slow as the chair puts up with."""
+    bare = SimulatorSettings()
+    if guard is Guard.CAMERA:
+        return replace(bare, camera=replace(bare.camera, rate_hz=5.0))
+    if guard is Guard.SONAR:
+        return replace(bare, sonar=replace(bare.sonar, rate_hz=SONAR.rate_hz))
+    return bare
+
+
+def _hall(size: tuple[float, float], pits: Sequence[PlanPit] = (), walls: Sequence[PlanWall] = ()) -> FloorPlan:
+    """Four walls round a floor, with holes in it."""
+    x, y = size
+    corners = [(0.0, 0.0), (x, 0.0), (x, y), (0.0, y)]
+    outer = [PlanWall(start=a, end=b) for a, b in zip(corners, [*corners[1:], corners[0]], strict=True)]
+    return FloorPlan(name="edge", size=size, start=(0.0, 0.0, 0.0), walls=[*outer, *walls], pits=[*pits])
+
+
+def _is_glass(block: Block) -> bool:
+    return MATERIALS[block.material].reflection is Reflection.GLASS
+
+
+def _holds(thing: Block | Pit, at: FloatArray) -> bool:
+    """Whether a point (2,) [m] lies in a rectangle or on its edge."""
+    x, y = transform_points(thing.middle.inverse(), at[None])[0]
+    return bool(abs(x) <= thing.length / 2 + _ON_EDGE and abs(y) <= thing.width / 2 + _ON_EDGE)
+
+
+_ON_EDGE = 1e-3
+
+
+# --- people -------------------------------------------------------------------------------------------------------
+
+
+def movers(count: int, seed: int) -> Hazard:
+    """The dynamic test of harmonic planning: a robot of 0.30 m has 2.21 m to go among discs, strewn by the seed."""
+    world = load_world("movers")
+    rng = np.random.default_rng(seed)
+    walls = points_from_cells(world.grid, np.argwhere(occupied(world.grid)))
+    free = np.argwhere(distance_field(world.grid).metres > _MOVER.radius + world.grid.resolution)
+    points = points_from_cells(world.grid, free)
+    points = points[(points > walls.min(axis=0)).all(axis=1) & (points < walls.max(axis=0)).all(axis=1)]
+    points = points[np.hypot(*(points - (world.start.x, world.start.y)).T) > _CLEAR_OF_START]
+    people = []
+    for _ in range(count):
+        at = points[rng.integers(len(points))]
+        people.append(replace(_MOVER, path=at[None]))
+        points = points[np.hypot(*(points - at).T) > 2 * _MOVER.radius]
+    world = replace(world, people=tuple(people))
+    return Hazard(f"{count} movers", world, world.grid, (world.places[0],), ROBOT)
+
+
+_MOVER = PersonPlan(Behaviour.BOUNCE, np.zeros((1, 2)), speed=0.15, yields=False, radius=0.15)
+_CLEAR_OF_START = 0.6
+
+
+def to_the_lift(seed: int) -> Hazard:
+    """The source paper's first drive: along the corridor of the second floor to the lift, among people who walk."""
+    rng = np.random.default_rng(seed)
+    world = load_world("second_floor")
+    start = Pose2(rng.uniform(20.0, 30.0), rng.uniform(6.9, 7.3), rng.uniform(-0.3, 0.3))
+    people = tuple(_under_way(person, rng) for person in world.people)
+    lift = next(place for place in world.places if place.name == "lift")
+    return Hazard("corridor to the lift", replace(world, start=start, people=people), world.grid, (lift,))
+
+
+def to_the_restroom(seed: int) -> Hazard:
+    """The source paper's second: through the basement to the restroom; out of the store somebody steps in front."""
+    rng = np.random.default_rng(seed)
+    world = load_world("basement")
+    start = Pose2(rng.uniform(1.2, 3.0), rng.uniform(1.2, 1.6), rng.uniform(-0.3, 0.3))
+    sudden = PersonPlan(
+        Behaviour.SUDDEN,
+        np.array([[8.8, 3.4], [8.8, rng.uniform(1.0, 1.8)]]),
+        speed=float(rng.uniform(0.8, 1.4)),
+        trigger=float(rng.uniform(1.0, 3.0)),
+    )
+    people = (*(_under_way(person, rng) for person in world.people), sudden)
+    restroom = next(place for place in world.places if place.name == "restroom")
+    return Hazard("basement to the restroom", replace(world, start=start, people=people), world.grid, (restroom,))
+
+
+def _under_way(person: PersonPlan, rng: np.random.Generator) -> PersonPlan:
+    """Somebody who sets off from anywhere on the first part of the path."""
+    if person.behaviour not in (Behaviour.PATH, Behaviour.SOCIAL):
+        return person
+    first, second = person.path[:2]
+    return replace(
+        person, path=np.concatenate([(first + rng.uniform(0.0, 0.7) * (second - first))[None], person.path[1:]])
+    )
+
+
+@dataclass(frozen=True, slots=True)
+class Appearance:
+    """Somebody was suddenly there, straight ahead: how far [m], how fast the chair was [m/s], and what came of it.
+
+    `nearest_m`: the outline's least distance to the person while the chair moved; `contact_speed` [m/s]: 0 for none.
+    `braking` [m/s^2]: mean deceleration from eight to three tenths of the speed, nan where it did not slow down so far.
+    `reaction_s`: from the appearance until the chair had lost a tenth of its speed.
+    """
+
+    seed: int
+    ahead_m: float
+    speed: float
+    nearest_m: float
+    contact_speed: float
+    braking: float
+    reaction_s: float
+    ride: Ride
+
+
+class Stage(WatchedSimulator):
+    """A simulated level on which somebody can appear out of nothing."""
+
+    def appear(self, person: PersonPlan) -> None:
+        """From now on this person, too, is there."""
+        plans = (*self.world.people, person)
+        self.world = replace(self.world, people=plans)
+        self._people = People(plans, self.world.grid, self.body, np.random.default_rng(len(plans)))
+        self._people_now = self._people.states
+
+
+def run_appearance(ahead_m: float, seed: int) -> Appearance:
+    """In a wide corridor the chair drives at its full 0.8 m/s; somebody stands in its lane all at once.
+
+    The gap of `ahead_m` is from the front of the outline to the person's disc; what the lidar sees of it are two legs.
+
+    Raises:
+        BoardBuildError: the firmware cannot be built here, for want of a C compiler.
+    """
+    rng = np.random.default_rng(seed)
+    goal = Place("end", Pose2(11.0, 1.5, 0.0))
+    world = replace(world_from_plan(_hall((12.5, 3.0)), "corridor"), start=Pose2(1.2, 1.5, rng.uniform(-0.05, 0.05)))
+    simulator = Stage(world, CHAIR_A, chair_of(seed), seed)
+    setting = Setting(world.grid, {goal.name: goal}, CHAIR_A, DEFAULT)
+    appears_x, across, appeared_ns, speed = rng.uniform(4.0, 5.0), rng.uniform(-0.25, 0.25), None, 0.0
+    with chair_in(setting, simulator) as chair:
+        begin(simulator, chair, Goal(goal.name))
+        for _ in range(round(_APPEARANCE_S * COMMAND.rate_hz)):
+            messages = advance_tick(simulator, chair)
+            chair.step(simulator.now_ns, messages)
+            pose = simulator.truth()
+            if appeared_ns is None and pose.x > appears_x:
+                at = transform_points(pose, np.array([[CHAIR_A.front + ahead_m + _PERSON_RADIUS, across]]))
+                simulator.appear(PersonPlan(Behaviour.PATH, at, radius=_PERSON_RADIUS))
+                appeared_ns, speed = simulator.now_ns, simulator.twist().v
+            elif appeared_ns is not None and abs(simulator.twist().v) < MOVES:
+                break
+    return _appearance(seed, ahead_m, speed, appeared_ns, simulator)
+
+
+_PERSON_RADIUS = 0.25
+_APPEARANCE_S = 20.0
+
+
+def _appearance(seed: int, ahead_m: float, speed: float, appeared_ns: int | None, simulator: Stage) -> Appearance:
+    """What the motion says."""
+    motion = simulator.motion()
+    if appeared_ns is None:  # it never came so far
+        return Appearance(seed, ahead_m, 0.0, math.inf, 0.0, math.nan, math.nan, ride_of(motion))
+    after = motion.stamps_ns >= appeared_ns
+    seconds, v = (motion.stamps_ns[after] - appeared_ns) * 1e-9, motion.twists[after, 0]
+    moving = v > MOVES
+    reacts, first, last = (int(np.argmax(v < share * speed)) for share in (0.9, 0.8, 0.3))
+    contact_speed = next((contact.speed for contact in simulator.contact_reports), 0.0)
+    return Appearance(
+        seed,
+        ahead_m,
+        speed,
+        float(motion.people[after][moving].min(initial=math.inf)),
+        contact_speed,
+        float((v[first] - v[last]) / (seconds[last] - seconds[first])) if last > first else math.nan,
+        float(seconds[reacts]) if reacts else math.nan,
+        ride_of(motion),
+    )
