@@ -58,7 +58,7 @@ def coreslam(out: Path) -> Json:
             "torn": report["edges"]["torn"],
             "apart_s": [loop["apart_s"] for loop in report["loops"]],
             "command_cpu_s": round(cpu, 2),
-        "key_scan_p95_ms": report["key_scan_ms"]["p95"],
+            "key_scan_p95_ms": report["key_scan_ms"]["p95"],
         }
     closed = all(each["loops"] >= 1 and each["torn"] == 0 for each in figures.values())
     return {"passed": closed, **{f"loops_{name}": each["loops"] for name, each in figures.items()}, **figures}
