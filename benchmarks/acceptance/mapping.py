@@ -142,6 +142,6 @@ def _plot_growth(path: Path, rows: list[Json]) -> None:
     axes.set(xlabel="pass over the log", ylabel="CPU per scan [ms]", ylim=(0, None))
     nodes = axes.twinx()
     nodes.plot(passes, [row["key_scans"] for row in rows], "s--", color="grey")
-    nodes.set(ylabel="key scans in the graph", ylim=(0, None))
+    nodes.set(ylabel="key scans in the graph", ylim=(0, 1.2 * max(row["key_scans"] for row in rows)))
     figure.savefig(path, dpi=120)
     plt.close(figure)
