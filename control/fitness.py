@@ -14,7 +14,7 @@ from waychair.calibration.chair import ChairBody
 from waychair.config import Settings, setting
 from waychair.control.stops import Halt, halt
 from waychair.errors import ConfigError
-from waychair.slam.localiser import Localisation
+from waychair.slam.localiser import Localisation, LocalisationState
 from waychair.slam.tilt import TiltFilter, TiltSettings
 from waychair.topics import CAMERA, IMU, SCAN, STATUS, WHEELS
 from waychair.types import ChairStatus, ImuSample, Pose2, RgbdFrame, Scan, Twist, WheelTicks
@@ -96,8 +96,9 @@ class Fitness:
     def speed_limit(self, now_ns: int) -> float:
         """Greatest speed [m/s] of a drive that may go on; +inf when all is well."""
         s = self._settings
-        slow = self._is_missed(ImuSample, now_ns) or self._is_missed(RgbdFrame, now_ns) or self._lean > s.slow_tilt
-        return s.slow_speed if slow else math.inf
+        missed = self._is_missed(ImuSample, now_ns) or self._is_missed(RgbdFrame, now_ns)
+        doubtful = self._localisation is not None and self._localisation.state is LocalisationState.DEGRADED
+        return s.slow_speed if missed or doubtful or self._lean > s.slow_tilt else math.inf
 
     def _is_missed(self, sensor: type[ImuSample | RgbdFrame], now_ns: int) -> bool:
         """Whether a sensor that a chair can do without is there, and has fallen silent."""

@@ -10,7 +10,7 @@ from __future__ import annotations
 import enum
 import math
 from collections import deque
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 
 import numpy as np
 from scipy.spatial import cKDTree
@@ -18,7 +18,7 @@ from scipy.spatial import cKDTree
 from waychair.config import Settings, setting
 from waychair.geometry import wrap_angle
 from waychair.maps.grid import occupied, points_from_cells
-from waychair.slam.beam_model import HealthSettings, beam_classes, beam_map, log_odds, probability
+from waychair.slam.beam_model import ON_OBJECT, HealthSettings, PlaceSettings, beam_classes, beam_map, probability
 from waychair.slam.recovery import Candidate, Recovery, RecoveryParts, RecoverySettings, SavedMap
 from waychair.slam.reference import reference_from_points
 from waychair.slam.relocaliser import RelocaliserSettings, pyramid_from_grid
@@ -37,9 +37,12 @@ class LocaliserSettings(Settings):
     start_angle: float = setting(0.4, "rad", "half window of the search round a given start", low=0.02, high=3.1)
     position_noise: float = setting(0.03, "m", "trust in the odometry since the last scan", low=0.001, high=1.0)
     angle_noise: float = setting(0.02, "rad", "trust in the odometry since the last scan", low=0.001, high=1.0)
-    ok_health: float = setting(0.63, "", "least health when all is well", low=0.0, high=1.0)
+    ok_health: float = setting(0.8, "", "least health when all is well", low=0.0, high=1.0)
     lost_health: float = setting(0.31, "", "a scan with a health below this does not fit the map", low=0.0, high=1.0)
     lost_scans: int = setting(5, "", "so many scans in a row that do not fit: lost", low=1, high=1000)
+    hidden_share: float = setting(
+        0.8, "", "with a larger share of the beams on people and the like, the odometry is believed", low=0.0, high=1.0
+    )
     surprise_distance: float = setting(0.15, "m", "a larger correction contradicts the odometry", low=0.01, high=5.0)
     surprise_angle: float = setting(0.1, "rad", "a larger correction contradicts the odometry", low=0.01, high=3.1)
     surprises: int = setting(
@@ -51,12 +54,13 @@ class LocaliserSettings(Settings):
     max_points: int = setting(360, "", "points of a scan that are matched", low=20, high=10_000)
     matching: MatchSettings = field(default_factory=MatchSettings)
     health: HealthSettings = field(default_factory=HealthSettings)
+    places: PlaceSettings = field(default_factory=PlaceSettings)
     search: RelocaliserSettings = field(default_factory=RelocaliserSettings)
     recovery: RecoverySettings = field(default_factory=RecoverySettings)
 
 
 class LocalisationState(enum.Enum):
-    """Whether the pose can be driven by: yes; yes, but what is seen fits badly; no."""
+    """Whether the pose can be driven by: yes; slowly, since too little is seen that bears it out; no."""
 
     OK = "ok"
     DEGRADED = "degraded"
@@ -69,7 +73,7 @@ class Localisation:
 
     `map_from_base` = `map_from_odom` @ the odometry. `inliers`: share of the scan's points on the map's walls. `health`
     in [0, 1]: probability that the pose is within 0.3 m and 5 degrees of the truth, by this scan alone: a chair that was
-    right before is more likely to be right than that. `covariance` (3, 3) of the pose
+    right before is more likely to be right than that, and 0.5 where people hide all walls. `covariance` (3, 3) of the pose
     [m^2, m rad, rad^2] in the map frame, None while nothing fits. `remaining` is the correction still to come, in the
     base frame: map_from_base @ remaining is where the scans say the chair is. `jumped`: this time the pose was moved at
     once, because the chair has just found out where it is. `candidates`: places a lost chair may be at, best first.
@@ -102,7 +106,7 @@ class Localiser:
         reference = reference_from_points(*walls(grid), matching.resolution, matching.sigma)
         self._saved = SavedMap(reference, beam_map(grid), pyramid_from_grid(grid, settings.search))
         self._base_from_laser, self._settings = base_from_laser, settings
-        self._parts = RecoveryParts(settings.recovery, settings.search, settings.health, matching)
+        self._parts = RecoveryParts(settings.recovery, settings.search, settings.places, matching)
         self._sensor = np.array([base_from_laser.x, base_from_laser.y])
         self._estimate = self._published = Pose2()  # map_from_odom as the scans say, and as it is given out
         self.restart(start)
@@ -166,9 +170,15 @@ class Localiser:
         found = match(scan.thinned(settings.max_points), self._saved.reference, guess, trust, window, settings.matching)
         if len(scan) < MIN_POINTS:
             return found, 0.0
-        sensors = np.broadcast_to(self._sensor, scan.points.shape)
-        shares = beam_classes(scan.points, np.ascontiguousarray(sensors), found.pose.array(), self._saved.beams)
-        return found, float(probability(log_odds(shares, settings.health), settings.health)[0])
+        before, after = self._classes(scan, guess), self._classes(scan, found.pose)
+        if not starts and before[0, ON_OBJECT] > settings.hidden_share:  # what was matched are people
+            found, after = replace(found, pose=guess, covariance=np.linalg.inv(trust)), before
+        return found, float(probability(after, settings.health)[0])
+
+    def _classes(self, scan: ScanPoints, pose: Pose2) -> FloatArray:
+        """(1, 7) shares of the classes of the scan's beams at a pose."""
+        sensors = np.ascontiguousarray(np.broadcast_to(self._sensor, scan.points.shape))
+        return beam_classes(scan.points, sensors, pose.array(), self._saved.beams)
 
     def _surprising(self, correction: Pose2) -> bool:
         settings = self._settings

@@ -17,7 +17,7 @@ import numpy as np
 
 from waychair.config import Settings, setting
 from waychair.geometry import rotation, transform_points, wrap_angle
-from waychair.slam.beam_model import BeamMap, HealthSettings, beam_classes, log_odds
+from waychair.slam.beam_model import BeamMap, PlaceSettings, beam_classes, place_log_odds
 from waychair.slam.reference import Reference, reference_from_scans
 from waychair.slam.relocaliser import Hypothesis, Pyramid, RelocaliserSettings, global_search
 from waychair.slam.scan_matching import MatchSettings, Window, match
@@ -74,7 +74,7 @@ class RecoveryParts(Settings):
 
     recovery: RecoverySettings = field(default_factory=RecoverySettings)
     search: RelocaliserSettings = field(default_factory=RelocaliserSettings)
-    health: HealthSettings = field(default_factory=HealthSettings)
+    places: PlaceSettings = field(default_factory=PlaceSettings)
     matching: MatchSettings = field(default_factory=MatchSettings)
 
 
@@ -178,7 +178,7 @@ class Recovery:
             shares = beam_classes(cloud.points, sensors, found.pose.array(), self._saved.beams)
             deviation = math.sqrt(float(np.linalg.eigvalsh(found.covariance[:2, :2])[-1]))
             firm = not found.degenerate and deviation <= settings.recovery.max_deviation
-            judged.append(Candidate(found.pose, float(log_odds(shares, settings.health)[0]), firm))
+            judged.append(Candidate(found.pose, float(place_log_odds(shares, settings.places)[0]), firm))
         judged.sort(key=lambda candidate: -candidate.log_odds)
         kept: list[Candidate] = []
         for candidate in judged:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -11,9 +12,8 @@ import pytest
 from tests.slam.conftest import WALLS, cast, scan_at
 from waychair.maps.grid import cells_from_points
 from waychair.recording import read_recording
-from waychair.slam.beam_model import HealthSettings, probability
 from waychair.slam.localiser import Localisation, LocalisationState, Localiser, LocaliserSettings, walls
-from waychair.types import OccupancyGrid, Odometry, Pose2, Scan
+from waychair.types import FloatArray, OccupancyGrid, Odometry, Pose2, Scan
 
 
 @pytest.fixture(scope="module")
@@ -188,11 +188,76 @@ def test_normals_of_a_slanted_wall_are_not_stairs() -> None:
     assert np.median(angles) == pytest.approx(90 + math.degrees(math.atan(0.5)), abs=6)
 
 
-def test_health_grows_with_the_evidence_and_its_limits_are_where_they_were_before_it_was_tempered() -> None:
-    odds = np.array([-1e6, -5.0, 0.0, math.log(9.0), 5.0, 7.0, 1e6])
-    health = probability(odds, HealthSettings())
-    assert (np.diff(health) > 0).all()
-    assert ((health > 0) & (health <= 1)).all()
-    settings = LocaliserSettings()
-    assert health[2] == pytest.approx(settings.lost_health, abs=0.005)
-    assert health[3] == pytest.approx(settings.ok_health, abs=0.005)
+def among(scan: Scan, people: FloatArray) -> Scan:
+    """The scan with people (N, 2) [m] in front of the lidar, discs of 0.2 m."""
+    bearings = scan.angle_min + scan.angle_step * np.arange(len(scan.ranges))
+    ranges = scan.ranges.copy()
+    for away, bearing in zip(np.hypot(*people.T), np.arctan2(*people.T[::-1]), strict=True):
+        across, along = away * np.sin(bearings - bearing), away * np.cos(bearings - bearing)
+        met = (np.abs(across) < 0.2) & (along > 0)
+        ranges[met] = np.minimum(ranges[met], (along - np.sqrt(np.maximum(0.04 - across**2, 0.0)))[met])
+    return replace(scan, ranges=ranges)
+
+
+def crowd(rng: np.random.Generator, count: int) -> FloatArray:
+    away, bearing = rng.uniform(0.6, 2.0, count), rng.uniform(-math.pi / 2, math.pi / 2, count)
+    return np.column_stack([away * np.cos(bearing), away * np.sin(bearing)])
+
+
+RING = np.array([[(0.7 + 0.5 * (k % 2)) * math.cos(a), (0.7 + 0.5 * (k % 2)) * math.sin(a)]
+                 for k, a in enumerate(np.arange(-1.8, 1.81, 0.3))])  # fmt: skip
+"""People in two rows, who hide everything."""
+
+
+@pytest.mark.parametrize("count", [3, 6, 10])
+def test_a_chair_in_a_crowd_follows_the_walls_that_are_seen(flat: OccupancyGrid, count: int) -> None:
+    localiser, rng = Localiser(flat, Pose2(), Pose2(1.5, 1.5, 0.0), LocaliserSettings()), np.random.default_rng(count)
+    odometry = Pose2()
+    for k, pose in enumerate(straight(Pose2(1.5, 1.5, 0.0), 8.0, 0.1)):
+        odometry = odometry @ Pose2(0.102 if k else 0.0, 0.0, 0.002 if k else 0.0)
+        found = localiser.process(among(scan_at(pose, noise=0.01, seed=k), crowd(rng, count)), odometry)
+        assert not found.lost
+        assert math.hypot(found.map_from_base.x - pose.x, found.map_from_base.y - pose.y) < 0.08
+
+
+def test_who_is_hidden_from_all_walls_is_in_doubt_and_lost_after_the_stated_way(flat: OccupancyGrid) -> None:
+    settings = LocaliserSettings(degraded_way=2.0)
+    localiser = Localiser(flat, Pose2(), Pose2(1.5, 1.5, 0.0), settings)
+    localiser.process(scan_at(Pose2(1.5, 1.5, 0.0)), Pose2(1.5, 1.5, 0.0))
+    for pose in straight(Pose2(1.5, 1.5, 0.0), 3.0):
+        found = localiser.process(among(scan_at(pose), RING), pose)
+        assert found.state is (LocalisationState.LOST if pose.x > 3.5 + 1e-6 else LocalisationState.DEGRADED)
+
+
+def test_who_stands_in_a_crowd_that_hides_all_walls_stays_where_it_was(flat: OccupancyGrid) -> None:
+    here = Pose2(1.5, 1.5, 0.0)
+    localiser = Localiser(flat, Pose2(), here, LocaliserSettings())
+    localiser.process(scan_at(here), here)
+    said = [localiser.process(among(scan_at(here, seed=k), RING), here) for k in range(100)]
+    assert {found.state for found in said} == {LocalisationState.DEGRADED}
+    assert localiser.process(scan_at(here), here).state is LocalisationState.OK
+
+
+def test_a_chair_that_is_lifted_in_a_crowd_is_noticed(flat: OccupancyGrid) -> None:
+    localiser, rng = Localiser(flat, Pose2(), Pose2(1.5, 1.5, 0.0), LocaliserSettings()), np.random.default_rng(0)
+    for k, pose in enumerate(straight(Pose2(1.5, 1.5, 0.0), 1.0)):
+        localiser.process(among(scan_at(pose, noise=0.01, seed=k), crowd(rng, 4)), pose)
+    there = Pose2(10.5, 7.5, math.pi)
+    here = Pose2(2.45, 1.5, 0.0)
+    said = [
+        localiser.process(among(scan_at(pose, noise=0.01), crowd(rng, 4)), here @ there.inverse() @ pose)
+        for pose in straight(there, 1.0)
+    ]
+    assert any(found.lost for found in said[:10])
+    assert all(found.state is not LocalisationState.OK for found in said)
+
+
+def test_an_edge_that_is_drawn_as_a_wall_and_never_seen_is_no_doubt(flat: OccupancyGrid) -> None:
+    cells = flat.cells.copy()
+    ends = np.column_stack([np.linspace(1.5, 10.5, 900), np.full(900, 0.5)])  # along the way, 1 m beside it
+    drawn = cells_from_points(flat, ends)
+    cells[drawn[:, 0], drawn[:, 1]] = 100
+    localiser = Localiser(replace(flat, cells=cells), Pose2(), Pose2(1.5, 1.5, 0.0), LocaliserSettings())
+    for found, error in drive_on(localiser, straight(Pose2(1.5, 1.5, 0.0), 5.0, 0.1), Pose2()):
+        assert found.state is LocalisationState.OK
+        assert error < 0.08

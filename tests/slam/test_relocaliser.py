@@ -13,7 +13,6 @@ from hypothesis import strategies as st
 from tests.slam.conftest import WALLS, scan_at
 from waychair.maps.grid import cells_from_points
 from waychair.recording import read_recording
-from waychair.slam.beam_model import IN_FREE, IN_UNKNOWN, ON_WALL, THROUGH_WALL, beam_classes, beam_map
 from waychair.slam.reference import block_maxima
 from waychair.slam.relocaliser import (
     Pyramid,
@@ -107,16 +106,6 @@ def test_a_map_without_walls_and_a_scan_without_points_offer_no_place(value: int
     empty = OccupancyGrid(np.full((50, 50), value, np.int8), 0.05)
     assert global_search(points_at(Pose2(1.5, 1.5, 0.3)), pyramid_from_grid(empty, SEARCH), SEARCH) == ()
     assert global_search(np.empty((0, 2)), pyramid_from_grid(flat(), SEARCH), SEARCH) == ()
-
-
-def test_beams_are_told_apart_by_what_they_pass_and_where_they_end() -> None:
-    cells = np.zeros((40, 60), np.int8)
-    cells[:, 30], cells[:, 50:] = 100, -1
-    beams = beam_map(OccupancyGrid(cells, 0.1))
-    ends = np.array([[2.05, 0.0], [1.0, 0.0], [3.5, 0.0], [-3.0, 0.0]])
-    shares = [beam_classes(end[None], np.zeros((1, 2)), np.array([1.0, 2.05, 0.0]), beams)[0].argmax() for end in ends]
-    assert shares == [ON_WALL, IN_FREE, THROUGH_WALL, IN_UNKNOWN]
-    assert not beam_classes(np.empty((0, 2)), np.empty((0, 2)), np.zeros(3), beams).any()
 
 
 def test_a_query_is_found_in_the_submap_it_belongs_to_wherever_drift_has_put_it() -> None:
