@@ -1,4 +1,4 @@
-"""The dynamic window's speed: the fan of arcs, the whole choice, and the chair's control step in a drive.
+"""The dynamic window's speed: the fan of arcs, and the whole choice.
 
     python -m benchmarks.dwa
 
@@ -13,19 +13,12 @@ import time
 
 import numpy as np
 
-from waychair.calibration.chair import CHAIR_A, CHAIR_B
-from waychair.calibration.dac import DEFAULT
-from waychair.control.navigator import Stage
+from waychair.calibration.chair import CHAIR_B
 from waychair.maps.distance_field import DistanceField, distances
 from waychair.planning.arc_fan import free_times
 from waychair.planning.dwa import DwaSettings, choose
 from waychair.planning.footprint import fits, footprint, in_cells
-from waychair.simulation.simulator import Simulator
-from waychair.simulation.world import load_world
-from waychair.topics import COMMAND
-from waychair.trials.demo import chair_of
-from waychair.trials.drive import Setting, advance_tick, begin, chair_in
-from waychair.types import BoolArray, FloatArray, Goal, Json, Path, Pose2, Twist
+from waychair.types import BoolArray, FloatArray, Json, Path, Pose2, Twist
 
 SCENES, ROUNDS, SEED = 40, 5, 3
 CELL, SIDE = 0.025, 8.0
@@ -94,45 +87,9 @@ def _over_scenes(spent: list[float]) -> Json:
     return {"median_ms": float(np.median(best)), "worst_ms": float(best.max())}
 
 
-def control_step(world_name: str = "small_clinic", limit_s: float = 90.0) -> Json:
-    """Time [ms] of the whole control step in drives to all places of a world: chair A on its true map, 20 times a second.
-
-    The step takes in the sensors, localises, plans, chooses, and hands over to the bridge. The places are driven to
-    twice, and only the second time counts: kernels compile in the first.
-    """
-    world = load_world(world_name).without_people()
-    simulator = Simulator(world, CHAIR_A, chair_of(1), 1)
-    setting = Setting(world.grid, {place.name: place for place in world.places}, CHAIR_A, DEFAULT)
-    spent: list[float] = []
-    reached = 0
-    with chair_in(setting, simulator) as chair:
-        for place in (*world.places, *world.places):
-            if len(spent) and place is world.places[0]:
-                spent.clear()
-                reached = 0
-            begin(simulator, chair, Goal(place.name))
-            for _ in range(round(limit_s * COMMAND.rate_hz)):
-                messages = advance_tick(simulator, chair)
-                begun = time.thread_time_ns()
-                state = chair.step(simulator.now_ns, messages)
-                spent.append((time.thread_time_ns() - begun) * 1e-6)
-                if state.navigation.stage in (Stage.ARRIVED, Stage.FAILED):
-                    break
-            reached += state.navigation.stage is Stage.ARRIVED
-    times = np.array(spent)
-    return {
-        "steps": len(times),
-        "reached": reached,
-        "places": len(world.places),
-        "median_ms": float(np.median(times)),
-        "p99_ms": float(np.percentile(times, 99)),
-        "worst_ms": float(times.max()),
-    }
-
-
 def main() -> None:
     """Print all figures."""
-    for name, figure in (("fan", fan_speed), ("choice", choice_speed), ("control step", control_step)):
+    for name, figure in (("fan", fan_speed), ("choice", choice_speed)):
         print(f"{name}: " + ", ".join(f"{key} {value:.4g}" for key, value in figure().items()), flush=True)
 
 

@@ -5,8 +5,9 @@ the chair drives the commanded arc; when that circle enters the chair's outline 
 can stop, it must stop; nearer than it stops in comfort, it slows down. So the zones scale with the speed and bend with
 the turn. What is kept free round the outline grows with the speed, too: at a crawl it is as narrow as a doorway needs,
 and what lies within the margin of a faster drive does not stop the chair but slows it down to where the margin is free.
-Ahead it is longer, and longer still towards what is slim and stands free, at any speed: a lidar at the height of shins
-sees legs, and whom they belong to reaches beyond them.
+Ahead it is longer. Towards what is slim and stands free it is longer still, and wide, at any speed: a lidar at the
+height of shins sees legs, and whom they belong to reaches beyond them. Where the way is too narrow for that, as in many
+a corridor, the chair stops and gives way; who is still there after a while is passed nearer by, at a crawl.
 
 It also judges the lidar: one that is silent, sees too little or repeats a scan stops the chair. A verdict is stamped,
 and says of which scan it was made; who lets speed through asks for a fresh one (`refusal`), so that a monitor that died
@@ -44,10 +45,17 @@ class MonitorSettings(Settings):
     full: float = setting(
         0.8, "m/s", "from this speed on the margins are whole; between, in proportion", low=0.1, high=3.0
     )
-    ahead_of_legs: float = setting(0.33, "m", "as above, before what may be a person's legs", low=0.0, high=1.0)
-    beside_legs: float = setting(
-        0.20, "m", "kept free besides on either side of such, while not yet past", low=0.0, high=1.0
+    ahead_of_legs: float = setting(
+        0.55, "m", "as above, before what may be a person's legs: bodies reach 0.2 beyond", low=0.0, high=1.0
     )
+    beside_legs: float = setting(
+        0.45, "m", "kept free besides on either side of such, while not yet past", low=0.0, high=1.0
+    )
+    give_way_s: float = setting(
+        1.5, "s", "the chair stands so long before legs that are in the way", low=0.0, high=20.0
+    )
+    ahead_after: float = setting(0.33, "m", "ahead_of_legs once it has given way", low=0.0, high=1.0)
+    beside_after: float = setting(0.20, "m", "beside_legs once it has given way", low=0.0, high=1.0)
     slim: float = setting(0.35, "m", "legs are no wider than this, together", low=0.05, high=1.0)
     least_points: int = setting(3, "", "so many points are something, fewer are noise", low=1, high=100)
     reaction_s: float = setting(
@@ -73,6 +81,12 @@ class MonitorSettings(Settings):
             raise ConfigError(
                 f"beside_crawl = {self.beside_crawl:g} m and ahead_crawl = {self.ahead_crawl:g} m must not exceed "
                 f"beside = {self.beside:g} m and ahead = {self.ahead:g} m: margins grow with the speed"
+            )
+        if self.beside_after > self.beside_legs or self.ahead_after > self.ahead_of_legs:
+            raise ConfigError(
+                f"beside_after = {self.beside_after:g} m and ahead_after = {self.ahead_after:g} m must not exceed "
+                f"beside_legs = {self.beside_legs:g} m and ahead_of_legs = {self.ahead_of_legs:g} m: "
+                "having given way the chair may pass nearer, not less near"
             )
 
 
@@ -115,6 +129,8 @@ class Monitor:
         self._measured_ns: IntArray = np.zeros(0, np.int64)  # when each beam last measured something
         self._same_since_ns: int | None = None
         self._blindness = ""
+        self._gives_way_since_ns: int | None = None
+        self._passes_until_ns: int | None = None
 
     def see(self, scan: Scan) -> None:
         """Take in a scan, as the lidar gave it."""
@@ -146,23 +162,62 @@ class Monitor:
             return MonitorVerdict(now_ns, scan_ns, command, 0.0, stop="obstacle")
         told = measuring(scan, self._hidden)
         points, slim = points_now(scan, told, self._body, measured, now_ns), self._slim[told]
-        share, contact_s = 0.0, math.inf
-        for pace in paces(command, self._body, s).tolist():
-            contact_s = self._contact_s(points, slim, command, pace)
-            share = max(share, min(pace, slow_share(contact_s, command, s)))
-            if share >= 1.0:
-                return MonitorVerdict(now_ns, scan_ns, command, 1.0, contact_s)
-        if contact_s < stop_seconds(command, s, self._stops):  # by what a crawl keeps free
-            return MonitorVerdict(now_ns, scan_ns, command, 0.0, contact_s, "obstacle")
-        return MonitorVerdict(now_ns, scan_ns, command, share, contact_s)
+        share, contact_s = self._permitted(points, slim, command)
+        if share == 0.0 and slim.any():
+            passing, passing_contact_s = self._permitted(points, slim, command, gave_way=True)
+            if passing > 0.0 and self._has_given_way(measured, now_ns):
+                share, contact_s = passing, passing_contact_s
+        if not _stands(measured):
+            self._gives_way_since_ns = None
+        return MonitorVerdict(now_ns, scan_ns, command, share, contact_s, "" if share > 0.0 else "obstacle")
 
-    def _contact_s(self, points: FloatArray, slim: BoolArray, command: Twist, pace: float) -> float:
+    def _permitted(
+        self, points: FloatArray, slim: BoolArray, command: Twist, gave_way: bool = False
+    ) -> tuple[float, float]:
+        """Share of a command that is permitted, 0 to stop, and its contact time; at most a crawl once it `gave_way`."""
+        s, share, contact_s = self._settings, 0.0, math.inf
+        considered = paces(command, self._body, s)
+        for pace in considered[-1:] if gave_way else considered:
+            contact_s = self._contact_s(points, slim, command, float(pace), gave_way)
+            share = max(share, min(float(pace), slow_share(contact_s, command, s)))
+            if share >= 1.0:
+                return 1.0, contact_s
+        if contact_s < stop_seconds(command, s, self._stops):  # by what a crawl keeps free
+            return 0.0, contact_s
+        return share, contact_s
+
+    def _has_given_way(self, measured: Twist, now_ns: int) -> bool:
+        """Whether the chair has stood for long before legs that are in its way; told so in every tick in which it is.
+
+        It passes until a while after they were in the way last.
+        """
+        if self._passes_until_ns is None or now_ns > self._passes_until_ns:
+            if _stands(measured) and self._gives_way_since_ns is None:
+                self._gives_way_since_ns = now_ns
+            since_ns = self._gives_way_since_ns
+            if since_ns is None or now_ns - since_ns < self._settings.give_way_s * 1e9:
+                return False
+        self._passes_until_ns = now_ns + _PAST_NS
+        return True
+
+    def _contact_s(
+        self, points: FloatArray, slim: BoolArray, command: Twist, pace: float, gave_way: bool = False
+    ) -> float:
         """Driving time until so many points that they are something are touched."""
         s = self._settings
         if len(points) < s.least_points:
             return math.inf
-        times = contact_times(points, slim, command, self._body, s, pace)
+        times = contact_times(points, slim, command, self._body, s, pace, gave_way)
         return float(np.partition(times, s.least_points - 1)[s.least_points - 1])
+
+
+_PAST_NS = 1_000_000_000
+"""Legs that were not in the way for so long are past."""
+
+
+def _stands(twist: Twist) -> bool:
+    """Whether a measured twist is a standstill, but for noise."""
+    return abs(twist.v) < 0.03 and abs(twist.omega) < 0.06
 
 
 def refusal(verdict: MonitorVerdict | None, now_ns: int, settings: MonitorSettings) -> str:
@@ -269,19 +324,21 @@ def contact_times(
     body: ChairBody,
     settings: MonitorSettings,
     pace: float = 1.0,
+    gave_way: bool = False,
 ) -> FloatArray:
     """Driving time [s] (N,) until each point (N, 2) [m, base frame] is touched on the arc of a command; +inf if never.
 
     The outline is grown by the `margins` of a share `pace` of the command's speed, and by more for points of `legs`
-    (N,); the time is that of the whole command.
+    (N,), less once the chair `gave_way`; the time is that of the whole command.
     A point that is within that already is touched now if it comes nearer in the next second by more than a centimetre:
     driving along it or away from it is free. One well within the outline itself is touched now, whatever is commanded.
     """
     s, x, y = settings, points[:, 0], points[:, 1]
     beside, besides_ahead = margins(command, body, s, pace)
     to_come = legs & ((x > body.front) | (x < -body.rear))
-    half = body.width / 2 + beside + np.where(to_come, s.beside_legs, 0.0)
-    ahead = beside + np.where(legs, max(besides_ahead, s.ahead_of_legs), besides_ahead)
+    beside_legs, ahead_of_legs = (s.beside_after, s.ahead_after) if gave_way else (s.beside_legs, s.ahead_of_legs)
+    half = body.width / 2 + beside + np.where(to_come, beside_legs, 0.0)
+    ahead = beside + np.where(legs, max(besides_ahead, ahead_of_legs), besides_ahead)
     front = body.front + (ahead if command.v > 0.0 else np.full(len(x), beside))
     rear = body.rear + (ahead if command.v < 0.0 else np.full(len(x), beside))
     # the side that a point is nearest to moves in until the point lies a centimetre outside

@@ -31,6 +31,7 @@ from waychair.planning.global_planner import GlobalPlanner, PlannerSettings, che
 from waychair.planning.legs import Leg, Manner
 from waychair.planning.slices import Slices
 from waychair.planning.tracks import Track, Tracker, TrackSettings, room_round
+from waychair.planning.warm_up import warm_up
 from waychair.types import FloatArray, Goal, OccupancyGrid, Path, Place, Pose2, RgbdFrame, SonarReadings, Twist
 
 
@@ -49,6 +50,9 @@ _ACTIVE = (Stage.DRIVING, Stage.WAITING, Stage.PAUSED)
 
 _RESTED_TICKS, _AT_REST = 8, 1e-3
 """A chair that was commanded less than this [m/s, rad/s] for so many ticks stands."""
+
+_ROOM_TO_LEAVE = 0.03
+"""Left between the chair and the room of people [m], on cells of the window, so that it can go away from them."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -114,6 +118,7 @@ class Navigator:
         settings: NavigatorSettings | None = None,
         zones: Sequence[Zone] = (),
     ) -> None:
+        warm_up()
         self._grid = closed_off(grid, zones)
         self._places = places
         self._body = body
@@ -210,7 +215,7 @@ class Navigator:
         if obstacles is not None:
             obstacles, self._local = _without_veils(obstacles, self._settings.veil), None
             self._surroundings.see(now_ns, pose, obstacles, beyond)
-            self._tracks = self._see_people(now_ns, obstacles, odom_from_map)
+            self._tracks = self._see_people(now_ns, pose, obstacles, odom_from_map)
         if self._planner is None or not self.active:
             return self._navigation(Twist())
         if self._stage is Stage.PAUSED:
@@ -265,12 +270,17 @@ class Navigator:
             self._tracks,
         )
 
-    def _see_people(self, now_ns: int, obstacles: FloatArray, odom_from_map: Pose2) -> tuple[Track, ...]:
+    def _see_people(self, now_ns: int, pose: Pose2, obstacles: FloatArray, odom_from_map: Pose2) -> tuple[Track, ...]:
         """Tracks, in odom, of those who go their way, or went it before they stood; room is left round them."""
         strangers = transform_points(odom_from_map, self._surroundings.strangers(obstacles))
         people = tuple(track for track in self._tracker.update(now_ns, strangers) if track.walked)
-        room = room_round(people, self._settings.tracks)
-        self._surroundings.keep_clear_of(transform_points(odom_from_map.inverse(), room))
+        spare = self._settings.dwa.margin + _ROOM_TO_LEAVE
+        room = room_round(people, self._settings.tracks, odom_from_map @ pose, self._body, spare)
+        walkers = np.array([each.position for each in people if each.walks(self._settings.tracks)]).reshape(-1, 2)
+        map_from_odom = odom_from_map.inverse()
+        self._surroundings.keep_clear_of(
+            transform_points(map_from_odom, room), transform_points(map_from_odom, walkers)
+        )
         return people
 
     def _choose(self, now_ns: int, pose: Pose2, view: View) -> DwaResult:
@@ -369,7 +379,8 @@ class Navigator:
             return True
         steps = math.ceil(self._settings.look_ahead / self._settings.planner.spacing)
         ahead = self._path.poses[nearest : nearest + steps, :2]
-        news = self._surroundings.unexpected()
+        upright, layered = self._surroundings.lasting()
+        news = np.concatenate([upright, *(points for _, points in layered)])
         if not len(news):
             return False
         gaps = np.hypot(*(ahead[:, None] - news[None]).transpose(2, 0, 1))
@@ -392,7 +403,7 @@ class Navigator:
     def _planned(self, pose: Pose2) -> Slices[None]:
         """A new path over the map and what is in the way now; while there is none, the chair waits."""
         assert self._planner is not None
-        upright, layered = self._surroundings.upright(), self._surroundings.layered()
+        upright, layered = self._surroundings.lasting()
         news = len(upright) or any(len(points) for _, points in layered)
         path = None
         try:

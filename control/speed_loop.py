@@ -210,7 +210,9 @@ class SpeedLoop:
         trim = Twist(self._forward.integral, self._turn.integral)
         if known is not None and not self.waiting:
             trim = self._trim(command, known, seconds, frozen=told == Twist() and self.moves(known))
-        return Twist(self._forward.ask(command.v, trim.v, now_ns), self._turn.ask(command.omega, trim.omega, now_ns))
+        # what was learnt at speed must not push a chair that crawls, or backs off from somebody, the other way
+        along = trim.v if (command.v + trim.v) * command.v >= 0.0 else -command.v
+        return Twist(self._forward.ask(command.v, along, now_ns), self._turn.ask(command.omega, trim.omega, now_ns))
 
     def _within_reach(self, command: Twist) -> Twist:
         """The same arc, so slowly that there is room for trims: an axis at its end could not be steered any more."""

@@ -14,17 +14,19 @@ from waychair.maps.distance_field import DistanceField, distances
 from waychair.maps.grid import cells_from_points, inside, occupied
 from waychair.maps.zones import Zone
 from waychair.planning.costmap import closed_off
+from waychair.planning.ground import GroundSettings, ground_view
 from waychair.planning.obstacle_layer import (
     EMPTY,
-    DropSettings,
     ObstacleLayer,
     ObstacleSettings,
     Sight,
     sight_from_depth,
     sight_from_points,
     sight_of_drops,
+    sight_of_missing_ground,
     sights_from_sonar,
     updated,
+    widened,
     without,
 )
 from waychair.types import BoolArray, FloatArray, OccupancyGrid, Pose2, RgbdFrame, SonarReadings
@@ -35,7 +37,9 @@ class SurroundingsSettings(Settings):
     """How far and how finely the local planner sees."""
 
     reach: float = setting(4.0, "m", "half side of the window", low=2.0, high=20.0)
-    resolution: float = setting(0.025, "m", "cells of the window: finer than a map's, for doors", low=0.01, high=0.1)
+    resolution: float = setting(
+        0.025, "m", "cells of the window, about: a map's are split or joined", low=0.01, high=0.1
+    )
     known_within: float = setting(0.15, "m", "a point this near to a wall of the map is that wall", low=0.0, high=1.0)
     beam: float = setting(
         math.radians(0.25), "rad", "half the angle between two beams of the lidar", low=1e-4, high=0.1
@@ -43,9 +47,12 @@ class SurroundingsSettings(Settings):
     floor: float = setting(0.06, "m", "what the camera sees lower than this is floor", low=0.0, high=0.5)
     sonar_range: float = setting(4.0, "m", "farthest echo of the sonars", low=0.1, high=20.0)
     sonar_half_cone: float = setting(math.radians(15.0), "rad", "from a sonar's axis to its edge", low=0.01, high=1.5)
+    walker: float = setting(0.5, "m", "a point this near to the middle of who walks is of them", low=0.0, high=2.0)
     obstacles: ObstacleSettings = field(default_factory=ObstacleSettings)
-    drops: DropSettings = field(default_factory=DropSettings)
-    remembered_drops: ObstacleSettings = field(default_factory=lambda: ObstacleSettings(fade=600.0))
+    ground: GroundSettings = field(default_factory=GroundSettings)
+    drop_margin: float = setting(0.15, "m", "kept free round where the floor ends", low=0.0, high=0.5)
+    remembered_drops: ObstacleSettings = field(default_factory=lambda: ObstacleSettings(cell=0.05, fade=600.0))
+    missing_ground: ObstacleSettings = field(default_factory=lambda: ObstacleSettings(cell=0.05))
 
 
 class Surroundings:
@@ -58,8 +65,8 @@ class Surroundings:
         self._grid = grid = closed_off(grid, zones)
         self._walls = occupied(grid)
         self._from_walls = distances(self._walls, grid.resolution)
-        self._scanned = self._room = np.empty((0, 2))
-        self._lidar = self._sonar = self._drops = EMPTY
+        self._scanned = self._room = self._walkers = np.empty((0, 2))
+        self._lidar = self._sonar = self._drops = self._missing = EMPTY
         self._depth: dict[BodyLayer, ObstacleLayer] = dict.fromkeys(body.height_layers(), EMPTY)
 
     def see(self, now_ns: int, pose: Pose2, points: FloatArray, beyond: FloatArray | None = None) -> None:
@@ -92,30 +99,37 @@ class Surroundings:
 
         An edge of the floor stays remembered when the camera, which looks ahead over it, has lost sight of it.
         """
-        s, mount = self._settings, self._body.base_from_camera
+        s, body = self._settings, self._body
+        view = ground_view(frame, body.base_from_camera, body.front, s.ground)
         for layer, seen in self._depth.items():
-            sight = sight_from_depth(frame, pose, mount, layer, s.floor)
+            sight = sight_from_depth(view, pose, layer, s.floor)
             self._depth[layer] = self._news(updated(seen, sight, s.obstacles))
-        drops = sight_of_drops(frame, pose, mount, s.drops)
-        self._drops = updated(self._drops, drops, s.remembered_drops)
+        self._drops = updated(self._drops, sight_of_drops(view, pose), s.remembered_drops)
+        self._missing = self._news(updated(self._missing, sight_of_missing_ground(view, pose), s.missing_ground))
 
-    def keep_clear_of(self, points: FloatArray) -> None:
-        """Points (N, 2) [m] in map that count as seen until the next call: the room that people are left."""
+    def keep_clear_of(self, points: FloatArray, walkers: FloatArray | None = None) -> None:
+        """Points (N, 2) [m] in map that count as seen until the next call: the room that people are left.
+
+        `walkers` (K, 2) [m] in map are those of them who are on their way: see `lasting`.
+        """
         self._room = points
+        self._walkers = np.empty((0, 2)) if walkers is None else walkers
 
     def window(self, pose: Pose2) -> DistanceField:
         """Distances to walls and all that was seen, in a square round a pose; nothing is known outside the map."""
-        grid = self._grid
-        finer = max(1, round(grid.resolution / self._settings.resolution))
-        size = math.ceil(2 * self._settings.reach / grid.resolution)
+        grid, wanted = self._grid, self._settings.resolution
+        finer, coarser = max(1, round(grid.resolution / wanted)), max(1, math.floor(wanted / grid.resolution + 1e-9))
+        size = coarser * math.ceil(2 * self._settings.reach / (coarser * grid.resolution))
         row, col = (cells_from_points(grid, np.array([[pose.x, pose.y]]))[0] - size // 2).tolist()
+        row, col = row - row % coarser, col - col % coarser  # the same cells of the map make one, wherever the chair is
         solid = np.zeros((size, size), np.bool_)
         top, left = max(row, 0), max(col, 0)
         part = self._walls[top : max(row + size, 0), left : max(col + size, 0)]
         solid[top - row : top - row + part.shape[0], left - col : left - col + part.shape[1]] = part
+        solid = np.logical_or.reduce([solid[i::coarser, j::coarser] for i, j in np.ndindex(coarser, coarser)])
         solid = solid.repeat(finer, axis=0).repeat(finer, axis=1)
         corner = grid.map_from_grid @ Pose2(col * grid.resolution, row * grid.resolution, 0.0)
-        local = OccupancyGrid(np.zeros(solid.shape, np.int8), grid.resolution / finer, corner)
+        local = OccupancyGrid(np.zeros(solid.shape, np.int8), grid.resolution * coarser / finer, corner)
         cells = cells_from_points(local, np.concatenate([self._scanned, self.unexpected()]))
         rows, cols = cells[inside(local, cells)].T
         solid[rows, cols] = True
@@ -127,12 +141,28 @@ class Surroundings:
 
     def upright(self) -> FloatArray:
         """(N, 2) [m] in map: that of `unexpected` whose height is not known, so that the whole outline counts."""
-        return np.concatenate([self._lidar.points, self._sonar.points, self._drops.points, self._room])
+        return np.concatenate([self._lidar.points, self._sonar.points, self._no_ground(), self._room])
+
+    def lasting(self) -> tuple[FloatArray, tuple[tuple[BodyLayer, FloatArray], ...]]:
+        """`upright` and `layered` without those who walk: by the time the chair is there, they are elsewhere."""
+        upright = np.concatenate([self._lidar.points, self._sonar.points, self._room])
+        layered = ((layer, self._but_walkers(points)) for layer, points in self.layered())
+        return np.concatenate([self._but_walkers(upright), self._no_ground()]), tuple(layered)
+
+    def _but_walkers(self, points: FloatArray) -> FloatArray:
+        """Those of points (N, 2) [m] that are not of somebody who walks."""
+        gaps = np.hypot(*(points[:, None] - self._walkers[None]).transpose(2, 0, 1))
+        others: FloatArray = points[gaps.min(axis=1, initial=math.inf) > self._settings.walker]
+        return others
 
     def unscanned(self) -> FloatArray:
         """(N, 2) [m] in map: that of `unexpected` which no scan shows: other sensors have seen it, or people need it."""
-        layers = (self._sonar, self._drops, *self._depth.values())
-        return np.concatenate([self._room, *(seen.points for seen in layers)])
+        layers = (self._sonar, *self._depth.values())
+        return np.concatenate([self._room, self._no_ground(), *(seen.points for seen in layers)])
+
+    def _no_ground(self) -> FloatArray:
+        """(N, 2) [m] in map: where the floor ends, with its margin, and where it ought to be seen and is not."""
+        return np.concatenate([widened(self._drops.points, self._settings.drop_margin), self._missing.points])
 
     def strangers(self, points: FloatArray) -> FloatArray:
         """Those of points (N, 2) [m] in map that the map does not explain."""

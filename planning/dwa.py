@@ -34,7 +34,7 @@ from waychair.config import Settings, setting
 from waychair.geometry import rotation, wrap_angle
 from waychair.maps.distance_field import DistanceField
 from waychair.planning.critics import Features, Weights, comfortable_score
-from waychair.planning.dwa_kernels import SPACING, local_section, measure, people_ahead
+from waychair.planning.dwa_kernels import SPACING, fits_after, local_section, measure, people_ahead
 from waychair.planning.footprint import (
     EASE_STEP,
     Footprint,
@@ -45,7 +45,6 @@ from waychair.planning.footprint import (
     free_time,
     in_cells,
     poses_in_cells,
-    room,
 )
 from waychair.types import BoolArray, FloatArray, Path, Pose2, Twist
 
@@ -372,12 +371,8 @@ def _with_people(
 
 def _leaves(features: Features, ahead: Pose2, roomier: Footprint, distances: DistanceField) -> BoolArray:
     """(N,) whether a candidate stands still or leads to where the body has more room than it has here."""
-    leaves = np.zeros(len(features.candidates), np.bool_)
-    for i, (v, omega) in enumerate(features.candidates.tolist()):
-        time = min(_LEAVING, float(features.free_time[i]))
-        end = in_cells(distances, Pose2(*along_arc(ahead.x, ahead.y, ahead.theta, v, omega, time)))
-        leaves[i] = (v == 0.0 and omega == 0.0) or room(roomier, end[0], end[1], end[2]) >= 0.0
-    return leaves
+    times = np.minimum(_LEAVING, features.free_time)
+    return fits_after(roomier, in_cells(distances, ahead), features.candidates, times)
 
 
 def _best(

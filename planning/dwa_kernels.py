@@ -8,8 +8,8 @@ import numpy as np
 from numba import njit
 
 from waychair.planning.arc_fan import FINE, fill_table, free_times
-from waychair.planning.footprint import Footprint, beside
-from waychair.types import FloatArray
+from waychair.planning.footprint import Footprint, along_arc, beside, room
+from waychair.types import BoolArray, FloatArray
 
 SPACING = 0.05
 """Distance [m] of the points of a section of path."""
@@ -196,3 +196,17 @@ def _half_sides(shape: Footprint) -> tuple[float, float]:
     """Half length and half width [cells] of the body with its margin."""
     half = shape.discs[0, 3]
     return math.sqrt(shape.discs[0, 2] ** 2 - half**2), half
+
+
+@njit(cache=True, nogil=True)
+def fits_after(shape: Footprint, start: FloatArray, candidates: FloatArray, times: FloatArray) -> BoolArray:
+    """(N,) whether the body fits where each candidate leads in its time; where it stands still it always does.
+
+    start (3,) [cells, cells, rad]; candidates (N, 2) [m/s, rad/s]; times (N,) [s].
+    """
+    fits = np.zeros(len(candidates), np.bool_)
+    for i in range(len(candidates)):
+        v, omega = candidates[i, 0] / shape.cell, candidates[i, 1]
+        x, y, theta = along_arc(start[0], start[1], start[2], v, omega, times[i])
+        fits[i] = (v == 0.0 and omega == 0.0) or room(shape, x, y, theta) >= 0.0
+    return fits

@@ -49,18 +49,25 @@ def fine_field(
     fine = OccupancyGrid(np.zeros(solid.shape, np.int8), side / parts, part.map_from_grid)
     if opening is not None:
         _open(solid, fine, *opening)
+    metres = distances(solid, fine.resolution)
     if points is not None and len(points):
         cells = cells_from_points(fine, points)
         cells = cells[inside(fine, cells)]
-        if known_within > 0.0 and len(cells):
-            cells = cells[distances(solid, fine.resolution)[cells[:, 0], cells[:, 1]] > known_within]
-        solid[cells[:, 0], cells[:, 1]] = True
-    return DistanceField(distances(solid, fine.resolution), fine.resolution, fine.map_from_grid)
+        if known_within > 0.0:
+            cells = cells[metres[cells[:, 0], cells[:, 1]] > known_within]
+        if len(cells):  # what is new is rare where it is tight
+            solid[cells[:, 0], cells[:, 1]] = True
+            metres = distances(solid, fine.resolution)
+    return DistanceField(metres, fine.resolution, fine.map_from_grid)
 
 
 def _open(solid: BoolArray, fine: OccupancyGrid, map_from_door: Pose2, width: float) -> None:
     """Clear the opening of a door, and put its jambs to both sides of it."""
-    centres = points_from_cells(fine, np.indices(solid.shape).reshape(2, -1).T)
-    x, y = np.abs(transform_points(map_from_door.inverse(), centres)).T.reshape(2, *solid.shape)
-    solid[(x < _DEEP) & (y < width / 2)] = False
-    solid[(x < _JAMB) & (y >= width / 2) & (y < width / 2 + _JAMB)] = True
+    reach = math.ceil(math.hypot(_DEEP, width / 2 + _JAMB) / fine.resolution) + 1  # no cell farther off is concerned
+    row, column = cells_from_points(fine, np.array([[map_from_door.x, map_from_door.y]]))[0]
+    top, left = max(int(row) - reach, 0), max(int(column) - reach, 0)
+    part = solid[top : max(int(row) + reach + 1, 0), left : max(int(column) + reach + 1, 0)]
+    cells = np.indices(part.shape).reshape(2, -1).T + np.array([top, left])
+    x, y = np.abs(transform_points(map_from_door.inverse(), points_from_cells(fine, cells))).T.reshape(2, *part.shape)
+    part[(x < _DEEP) & (y < width / 2)] = False
+    part[(x < _JAMB) & (y >= width / 2) & (y < width / 2 + _JAMB)] = True

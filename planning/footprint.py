@@ -67,11 +67,14 @@ def eased_footprint(body: ChairBody, margin: float, field: DistanceField, pose: 
     """The body with its margin or, where it stands too near to something for that, with as much less as it takes.
 
     Noise of a scan or of the localisation can put an obstacle's cell inside the margin, and then nothing would be
-    admissible for ever. Eased by just what it takes, at most 5 cm, a chair can go on and leave, but on no way that has less room. Also returns by how
-    much [m] the margin was eased; when even that does not help, the body with its full margin and 0.
+    admissible for ever. Eased by just what it takes, at most 5 cm, a chair can go on and leave, but on no way that has
+    less room; nor is the outline itself made smaller, but for what the cells may have added to an obstacle. Also
+    returns by how much [m] the margin was eased; when even that does not help, the body with its full margin and 0.
     """
     at = in_cells(field, pose)
     for ease in _EASES:
+        if margin - ease < -SLACK * field.resolution:
+            break
         shape = footprint(body, margin - ease, field)
         if room(shape, at[0], at[1], at[2], _STEP) >= 0.0:  # as closely as `free_time` will look
             return shape, ease
@@ -80,30 +83,27 @@ def eased_footprint(body: ChairBody, margin: float, field: DistanceField, pose: 
 
 @lru_cache(maxsize=64)
 def _disc_tree(body: ChairBody, margin: float, cell: float) -> tuple[FloatArray, NDArray[np.int32]]:
-    """`discs` and `skip` of a body; the same few are asked for at every tick."""
+    """`discs` and `skip` of a body; the same few are asked for at every tick.
+
+    All parts of one level are of one size, so that the tree is made level by level; of every part the two halves come
+    right after it and after all that is below the first.
+    """
     front, rear, half = (body.front + margin) / cell, (body.rear + margin) / cell, (body.width / 2 + margin) / cell
-    discs: list[tuple[float, float, float, float]] = []
-    skip: list[int] = []
-    _halve((front - rear) / 2, 0.0, (front + rear) / 2, half, discs, skip)
-    return np.array(discs), np.array(skip, np.int32)
-
-
-def _halve(
-    x: float, y: float, a: float, b: float, discs: list[tuple[float, float, float, float]], skip: list[int]
-) -> None:
-    """Append the rectangle of half sides a, b at (x, y) and everything below it."""
-    radius = math.hypot(a, b)
-    here = len(discs)
-    discs.append((x, y, radius, min(a, b)))
-    skip.append(0)
-    if radius > 0.5:  # a leaf's disc is no larger than a cell
-        if a >= b:  # the front first: it is what meets things
-            _halve(x + a / 2, y, a / 2, b, discs, skip)
-            _halve(x - a / 2, y, a / 2, b, discs, skip)
-        else:
-            _halve(x, y - b / 2, a, b / 2, discs, skip)
-            _halve(x, y + b / 2, a, b / 2, discs, skip)
-    skip[here] = len(discs)
+    sides = [((front + rear) / 2, half)]  # half sides of the parts, by level
+    while math.hypot(*sides[-1]) > 0.5:  # a leaf's disc is no larger than a cell
+        a, b = sides[-1]
+        sides.append((a / 2, b) if a >= b else (a, b / 2))
+    below = 2 ** len(sides) - 1  # the part itself and those below it
+    discs, skip = np.empty((below, 4)), np.empty(below, np.int32)
+    at, x, y = np.zeros(1, np.int64), np.array([(front - rear) / 2]), np.zeros(1)
+    for a, b in sides:
+        discs[at] = np.column_stack([x, y, np.full_like(x, math.hypot(a, b)), np.full_like(x, min(a, b))])
+        skip[at] = at + below
+        below //= 2
+        along, across = (a / 2, 0.0) if a >= b else (0.0, -b / 2)  # the front first: it is what meets things
+        at = np.concatenate([at + 1, at + 1 + below])
+        x, y = np.concatenate([x + along, x - along]), np.concatenate([y + across, y - across])
+    return discs, skip
 
 
 def in_cells(field: DistanceField, pose: Pose2) -> FloatArray:

@@ -32,6 +32,9 @@ _STEP = 2.0
 _SPACING = 0.05
 """Distance [m] of the poses of the path."""
 
+_SWEEP, _CONNECTION = 4, 40
+"""Checking a step all along, and trying the goal forwards and backwards, take about as long as so many looks at a pose."""
+
 
 @dataclass(frozen=True, slots=True)
 class ManoeuvreSettings(Settings):
@@ -48,7 +51,9 @@ class ManoeuvreSettings(Settings):
     greed: float = setting(1.5, "", "weight of what is left: faster search, longer ways", low=1.0, high=10.0)
     most_states: int = setting(60_000, "", "giving up after so many", low=100, high=10_000_000)
     polish: int = setting(2000, "", "looked at for a better way once one is known", low=0, high=10_000_000)
-    slice: int = setting(200, "", "so many are looked at in one control step", low=1, high=10_000_000)
+    slice: int = setting(
+        2000, "", "so many looks are taken at the obstacles in one control step", low=1, high=10_000_000
+    )
 
 
 def manoeuvre(
@@ -116,10 +121,10 @@ def manoeuvre_in_slices(
 class _Known(NamedTuple):
     """What a search knows so far.
 
-    best (rows, columns, headings) price to each bin; states (N, 6) x, y [cells], theta [rad], gear, and way [cells] and
-    turn [rad] that led there, with their costs and parents; a binary heap of them; and the tally: `_COUNT` of states,
-    `_QUEUED` in the heap, the `_COST`, `_PARENT` and `_KIND` of the best connection to the goal, and how many states
-    are `_LEFT` to look at.
+    best (rows, columns, headings) price to each bin, 0 where none is known (what is never looked at then takes no
+    memory either); states (N, 6) x, y [cells], theta [rad], gear, and way [cells] and turn [rad] that led there, with
+    their costs and parents; a binary heap of them; and the tally: `_COUNT` of states, `_QUEUED` in the heap, the
+    `_COST`, `_PARENT` and `_KIND` of the best connection to the goal, and how many states are `_LEFT` to look at.
     """
 
     best: Float32Array
@@ -141,7 +146,7 @@ def _begun(start: FloatArray, ways: FloatArray, side: float, headings: int, most
     states[0] = (*start, 2.0, 0.0, 0.0)
     reachable = ways[math.floor(start[1] / side), math.floor(start[0] / side)] < np.inf
     return _Known(
-        np.full((*ways.shape, headings), np.inf, np.float32),
+        np.zeros((*ways.shape, headings), np.float32),
         states,
         np.zeros(capacity),
         np.full(capacity, -1, np.int64),
@@ -233,20 +238,19 @@ def _search(
     heap_ids: NDArray[np.int64],
     tally: FloatArray,
 ) -> bool:
-    """Look at `slice_` more states, at most; whether there are more to look at. See `_Known` for what is kept.
+    """Look at more states until `slice_` looks at the obstacles were taken; whether there are more states to look at.
 
-    No more than `most` states are made, and no more than `polish` looked at once a way is known. prices: reverse, turn, gear, greed, roomy, close (see the settings), and the
-    angle of a bin of headings.
+    See `_Known` for what is kept. No more than `most` states are made, and no more than `polish` looked at once a way is
+    known. prices: reverse, turn, gear, greed, roomy, close (see the settings), and the angle of a bin of headings.
     """
     cell, greed, angle = shape.cell, prices[3], prices[6]
     rows, columns = ways.shape
-    count, queued = int(tally[_COUNT]), int(tally[_QUEUED])
-    for _ in range(slice_):
-        if queued == 0:
-            break
+    count, queued, checked = int(tally[_COUNT]), int(tally[_QUEUED]), 0
+    while checked < slice_ and queued > 0:
         key, here = heap_keys[0], heap_ids[0]
         queued = _pop(heap_keys, heap_ids, queued)
         tally[_LEFT] -= 1.0
+        checked += 1
         if key >= tally[_COST] or tally[_LEFT] < 0.0:
             queued = 0
             break
@@ -256,6 +260,7 @@ def _search(
             continue
         left = math.hypot(goal[0] - x, goal[1] - y) * cell
         if left < 0.4 or here % 8 == 0:  # what is far is not tried from everywhere
+            checked += _CONNECTION
             for kind in (1, -1):
                 cost = costs[here] + _connection(shape, states[here], goal, kind, prices)
                 if cost < tally[_COST]:
@@ -263,15 +268,22 @@ def _search(
                     tally[_LEFT] = min(tally[_LEFT], polish)
         for move in range(12):
             way, turn = _move(move, side, angle)
-            free = free_time(shape, states[here, :3], way, turn, 1.0, 1.0)
-            if free < 1.0:
-                continue
             nx, ny, ntheta = along_arc(x, y, theta, way, turn, 1.0)
             i, j, k = _bin(nx, ny, ntheta - goal[2], side, angle)
             if not (0 <= i < rows and 0 <= j < columns) or ways[i, j] == np.inf:
                 continue
-            cost = costs[here] + _price(shape, nx, ny, ntheta, way * cell, turn, gear, prices)
-            if cost >= best[i, j, k] - 1e-4 or count >= most:
+            # the costly question, whether the whole step is free, comes last
+            known = best[i, j, k] - 1e-4 if best[i, j, k] > 0.0 else np.inf
+            least = costs[here] + _least_price(way * cell, turn, gear, prices)
+            if least >= known or count >= most:
+                continue
+            checked += 1
+            spare = room(shape, nx, ny, ntheta, prices[4] / cell) * cell
+            cost = least + _tight_price(spare, way * cell, turn, prices)
+            if cost >= known or (spare < 0.0 and room(shape, nx, ny, ntheta) < 0.0):
+                continue
+            checked += _SWEEP
+            if free_time(shape, states[here, :3], way, turn, 1.0, 1.0) < 1.0:
                 continue
             best[i, j, k] = cost
             _note(states, count, nx, ny, ntheta, _gear(way), way, turn)
@@ -316,9 +328,26 @@ def _price(
 ) -> float:
     """Price [m] of a step that ends at a pose."""
     spare = room(shape, x, y, theta, prices[4] / shape.cell) * shape.cell
-    price = prices[1] * abs(turn) if way == 0.0 else abs(way) * (1.0 if way > 0.0 else prices[0])
-    price *= 1.0 + prices[5] * (1.0 - min(max(spare, 0.0) / prices[4], 1.0))
-    return float(price + (prices[2] if gear != _gear(way) and gear != 2.0 else 0.0))
+    return float(_least_price(way, turn, gear, prices) + _tight_price(spare, way, turn, prices))
+
+
+@njit(cache=True)
+def _tight_price(spare: float, way: float, turn: float, prices: FloatArray) -> float:
+    """Price [m] added to a step that ends with so much room [m]."""
+    return float(_drive_price(way, turn, prices) * prices[5] * (1.0 - min(max(spare, 0.0) / prices[4], 1.0)))
+
+
+@njit(cache=True)
+def _least_price(way: float, turn: float, gear: float, prices: FloatArray) -> float:
+    """Price [m] of a step where there is room: what it costs at least."""
+    return float(_drive_price(way, turn, prices) + (prices[2] if gear != _gear(way) and gear != 2.0 else 0.0))
+
+
+@njit(cache=True)
+def _drive_price(way: float, turn: float, prices: FloatArray) -> float:
+    if way == 0.0:
+        return float(prices[1] * abs(turn))
+    return float(abs(way) * (1.0 if way > 0.0 else prices[0]))
 
 
 @njit(cache=True)

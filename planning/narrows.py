@@ -47,11 +47,13 @@ def line_up(costmap: Costmap, points: FloatArray, narrow: float, run_up: float) 
     rows, columns = np.floor(points[:, ::-1]).astype(np.int64).T
     clearance = costmap.clearance[rows, columns]
     cell = costmap.grid.resolution
-    lined, run_ends = points, np.zeros(len(points), np.bool_)
-    # From the last to the first, so that the indices of those still to come stay right.
+    lined, run_ends, kept = points, np.zeros(len(points), np.bool_), len(points)
+    # From the last to the first, so that the indices of those still to come stay right: those below `kept` are.
     for first, last in reversed(_stretches(clearance < narrow)):
         length = math.dist(points[first], points[last]) * cell
         middle = first + int(np.argmin(clearance[first : last + 1]))
+        if middle >= kept:  # the run through the place after it goes through it, too
+            continue
         axis = _passage(costmap, points[middle], narrow / cell) if length < _LONGEST else None
         if axis is None:
             continue
@@ -66,6 +68,7 @@ def line_up(costmap: Costmap, points: FloatArray, narrow: float, run_up: float) 
                 before, after = ends
                 lined = np.concatenate([lined[: before + 1], [begin, end], lined[after:]])
                 run_ends = np.concatenate([run_ends[: before + 1], [True, True], run_ends[after:]])
+                kept = before + 1
                 break
     return lined, run_ends
 

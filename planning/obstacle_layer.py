@@ -17,7 +17,8 @@ from numba import njit
 from waychair.calibration.chair import BodyLayer
 from waychair.config import Settings, setting
 from waychair.geometry import transform_points, wrap_angles
-from waychair.types import BoolArray, FloatArray, IntArray, Pose2, Pose3, RgbdFrame, SonarReadings
+from waychair.planning.ground import BELOW, GROUND, MISSING, GroundView
+from waychair.types import BoolArray, FloatArray, IntArray, Pose2, SonarReadings
 
 
 @dataclass(frozen=True, slots=True)
@@ -29,16 +30,6 @@ class ObstacleSettings(Settings):
     behind: float = setting(
         0.10, "m", "a beam must go on this far past a point to have seen through it", low=0.01, high=1.0
     )
-
-
-@dataclass(frozen=True, slots=True)
-class DropSettings(Settings):
-    """What counts as a place where the floor ends."""
-
-    least: float = setting(0.06, "m", "a fall of the floor by more, from one beam to the next", low=0.01, high=0.5)
-    ramp: float = setting(0.1, "", "slope of what is still floor", low=0.0, high=0.5)
-    steep: float = setting(0.18, "", "slope of what is none any more", low=0.05, high=2.0)
-    reach: float = setting(3.5, "m", "farther away beams are too flat to tell", low=0.5, high=10.0)
 
 
 @dataclass(frozen=True, slots=True)
@@ -131,18 +122,15 @@ def sights_from_sonar(
     return sights
 
 
-def sight_from_depth(
-    frame: RgbdFrame, map_from_base: Pose2, base_from_camera: Pose3, layer: BodyLayer, floor: float, step: int = 4
-) -> Sight:
+def sight_from_depth(view: GroundView, map_from_base: Pose2, layer: BodyLayer, floor: float) -> Sight:
     """A depth camera's look at the heights of one layer of the body.
 
-    Every `step`-th pixel is a beam. It is free where it passes the layer's heights (from `floor` [m] up, so that the
-    floor itself is no obstacle), and met something where it ends between them. `base_from_camera` is the mount of the
-    optical frame (z forward, x right, y down).
+    A beam is free where it passes the layer's heights (from `floor` [m] up), and met something where it ends between
+    them, unless that is the ground, which may rise there.
     """
-    seen = _seen_in_base(frame, base_from_camera, step)
-    base = seen[np.isfinite(seen[..., 0])]
-    lens = base_from_camera.translation
+    known = np.isfinite(view.ends[..., 0])
+    base, ground = view.ends[known], view.kind[known] == GROUND
+    lens = view.lens
     bottom, top = max(layer.bottom, floor), layer.top
     # the part of each beam between the two heights, as shares of its length
     rise = base[:, 2] - lens[2]
@@ -155,53 +143,47 @@ def sight_from_depth(
     passes = end > begin
     away = (base - lens)[passes, :2]
     length = np.hypot(*away.T)
-    hits = (end[passes] >= 1.0) & (base[passes, 2] >= bottom)
+    hits = (end[passes] >= 1.0) & (base[passes, 2] >= bottom) & ~ground[passes]
     origin = transform_points(map_from_base, lens[None, :2])[0]
     bearings = wrap_angles(np.arctan2(away[:, 1], away[:, 0]) + map_from_base.theta)
-    half_angle = step / (2 * float(frame.camera_matrix[0, 0]))
-    return Sight(frame.stamp_ns, origin, bearings, begin[passes] * length, end[passes] * length, hits, half_angle)
+    return Sight(view.stamp_ns, origin, bearings, begin[passes] * length, end[passes] * length, hits, view.half_angle)
 
 
-def sight_of_drops(
-    frame: RgbdFrame, map_from_base: Pose2, base_from_camera: Pose3, settings: DropSettings, step: int = 4
-) -> Sight:
-    """A depth camera's look for edges where the floor ends: steps down, kerbs, pits.
+def sight_of_drops(view: GroundView, map_from_base: Pose2) -> Sight:
+    """A depth camera's look for where the ground ends: steps down, kerbs, pits.
 
-    Up a column of the picture the floor goes on and on; beyond an edge the next beam lands lower and much farther away,
-    at a slope of the beam's own, which is steeper than any ramp. The edge is where the last beam met the floor. A beam
-    that meets the floor, and is no edge's, has seen that there is none. Where nothing is measured nothing is said.
+    Met are the rim, and all of the mouth that is seen: where beams that end below cross the plane of the ground before
+    it. A beam that meets the ground, and is no rim's, has seen that there is some.
     """
-    seen = _seen_in_base(frame, base_from_camera, step)[::-1]  # the nearest floor first
-    away = np.hypot(*(seen[..., :2] - base_from_camera.translation[:2]).transpose(2, 0, 1))
-    z = seen[..., 2]
-    with np.errstate(invalid="ignore"):
-        floor = np.abs(z) < settings.least + settings.ramp * away
-        fall, further = z[:-1] - z[1:], away[1:] - away[:-1]
-        edge = np.zeros(z.shape, np.bool_)
-        edge[:-1] = floor[:-1] & (fall > settings.least) & (fall > settings.steep * further) & (z[1:] < -settings.least)
-    told = floor & (away < settings.reach)
-    hits, far = edge[told], away[told]
-    ends = seen[told][:, :2] - base_from_camera.translation[:2]
-    bearings = wrap_angles(np.arctan2(ends[:, 1], ends[:, 0]) + map_from_base.theta)
-    origin = transform_points(map_from_base, base_from_camera.translation[None, :2])[0]
+    below = view.kind == BELOW
+    return _sight_of_ground(view, map_from_base, below | view.rim, below | (view.kind == GROUND))
+
+
+def sight_of_missing_ground(view: GroundView, map_from_base: Pose2) -> Sight:
+    """A depth camera's look for ground that ought to be seen and is not: it is met as if it were not there."""
+    missing = view.kind == MISSING
+    return _sight_of_ground(view, map_from_base, missing, missing | (view.kind == GROUND))
+
+
+def _sight_of_ground(view: GroundView, map_from_base: Pose2, met: BoolArray, told: BoolArray) -> Sight:
+    """Beams (H, W) that are `told` of at their feet, some of which `met` an end of the ground there."""
+    told = told & np.isfinite(view.foot)
+    hits, far, (x, y) = met[told], view.foot[told], view.directions[told].T
+    bearings = wrap_angles(np.arctan2(y, x) + map_from_base.theta)
+    origin = transform_points(map_from_base, view.lens[None, :2])[0]
     around = np.where(hits, 0.0, _FLOOR_AROUND)
-    half_angle = step / (2 * float(frame.camera_matrix[0, 0]))
-    return Sight(frame.stamp_ns, origin, bearings, far - _FLOOR_AROUND, far + around, hits, half_angle)
+    return Sight(view.stamp_ns, origin, bearings, far - _FLOOR_AROUND, far + around, hits, view.half_angle)
 
 
 _FLOOR_AROUND = 0.12
 """Floor that was met proves floor so far [m] before and behind."""
 
 
-def _seen_in_base(frame: RgbdFrame, base_from_camera: Pose3, step: int) -> FloatArray:
-    """(H', W', 3) [m] where every `step`-th pixel ends in the base frame; nan where there is no depth."""
-    depth = frame.depth[::step, ::step].astype(np.float64)
-    depth = np.where(depth > 0.0, depth, np.nan)
-    rows, columns = np.indices(depth.shape) * step
-    pixels = np.stack([columns, rows, np.ones(depth.shape)], axis=-1)
-    camera = depth[..., None] * (pixels @ np.linalg.inv(frame.camera_matrix).T)
-    base: FloatArray = camera @ base_from_camera.rotation.T + base_from_camera.translation
-    return base
+def widened(points: FloatArray, margin: float) -> FloatArray:
+    """Points (N, 2) [m] and, for each, eight on a circle of `margin` [m] round it."""
+    turns = np.linspace(0.0, math.tau, 8, endpoint=False)
+    circle = margin * np.column_stack([np.cos(turns), np.sin(turns)])
+    return np.concatenate([points, (points[:, None] + circle).reshape(-1, 2)])
 
 
 def _seen_through(points: FloatArray, sight: Sight, settings: ObstacleSettings) -> BoolArray:

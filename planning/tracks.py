@@ -18,8 +18,10 @@ from scipy.sparse import coo_matrix
 from scipy.sparse.csgraph import connected_components
 from scipy.spatial import cKDTree
 
+from waychair.calibration.chair import ChairBody
 from waychair.config import Settings, setting
-from waychair.types import FloatArray
+from waychair.geometry import transform_points
+from waychair.types import FloatArray, Pose2
 
 
 @dataclass(frozen=True, slots=True)
@@ -43,14 +45,15 @@ class TrackSettings(Settings):
     gate: float = setting(9.21, "", "squared Mahalanobis distance: 99 % of two degrees of freedom", low=1.0, high=100.0)
     believed_after: int = setting(4, "", "sightings", low=1, high=100)
     forgotten_after: float = setting(0.8, "s", "without being seen", low=0.05, high=60.0)
+    pause: float = setting(2.0, "s", "who stands for less is still on the way", low=0.0, high=60.0)
 
 
 @dataclass(frozen=True, slots=True)
 class Track:
     """One who moves: position (2,) [m], velocity (2,) [m/s] in map, and the covariance (4, 4) of x, y, vx, vy.
 
-    `seen` counts the sightings, the last of them at `seen_ns`; the state is of `stamp_ns`. radius [m]. `walked`: it has
-    moved by itself, now or before, beyond doubt, so that it is no furniture.
+    `seen` counts the sightings, the last of them at `seen_ns`; the state is of `stamp_ns`. radius [m]. `moved_ns`: when
+    it last moved by itself, beyond doubt, so that it is no furniture; None for never.
     """
 
     number: int
@@ -61,7 +64,16 @@ class Track:
     velocity: FloatArray
     covariance: FloatArray
     radius: float
-    walked: bool = False
+    moved_ns: int | None = None
+
+    @property
+    def walked(self) -> bool:
+        """Whether it has ever moved by itself."""
+        return self.moved_ns is not None
+
+    def walks(self, settings: TrackSettings) -> bool:
+        """Whether it is on its way, but for a short pause."""
+        return self.moved_ns is not None and self.stamp_ns - self.moved_ns <= settings.pause * 1e9
 
     @property
     def speed(self) -> float:
@@ -106,11 +118,28 @@ class Tracker:
         return tuple(track for track in kept if track.seen >= s.believed_after)
 
 
-def room_round(tracks: Iterable[Track], settings: TrackSettings) -> FloatArray:
-    """(N, 2) [m] points on circles round those who move or have moved, to be kept clear of as they are now."""
+def room_round(
+    tracks: Iterable[Track], settings: TrackSettings, pose: Pose2, body: ChairBody, spare: float
+) -> FloatArray:
+    """(N, 2) points on circles round those who move or have moved, to be kept clear of as they are now.
+
+    Of one who has come so near to the chair at `pose` that the circle would reach it, less is kept clear: all but
+    `spare` [m] of what there is between, so that the chair can leave, and come no nearer.
+    """
     turns = np.linspace(0.0, math.tau, _ROUND, endpoint=False)
-    circle = settings.room * np.column_stack([np.cos(turns), np.sin(turns)])
-    return np.concatenate([np.empty((0, 2)), *(track.position + circle for track in tracks if track.walked)])
+    circle = np.column_stack([np.cos(turns), np.sin(turns)])
+    circles = [np.empty((0, 2))]
+    for track in tracks:
+        radius = min(settings.room, _gap(track.position, pose, body) - spare)
+        if track.walked and radius > 0.0:
+            circles.append(track.position + radius * circle)
+    return np.concatenate(circles)
+
+
+def _gap(point: FloatArray, pose: Pose2, body: ChairBody) -> float:
+    """Distance [m] from a point (2,) to the outline of a chair, 0 within."""
+    x, y = transform_points(pose.inverse(), point[None])[0]
+    return math.hypot(max(x - body.front, -body.rear - x, 0.0), max(abs(y) - body.width / 2, 0.0))
 
 
 _ROUND = 48
@@ -166,8 +195,10 @@ def _corrected(track: Track, middle: FloatArray, settings: TrackSettings) -> Tra
     noise, sees = settings.sigma**2 * np.eye(2), np.eye(2, 4)
     state, covariance = update(_state(track), track.covariance, middle, noise, sees)
     seen = _with_state(track, track.stamp_ns, track.stamp_ns, track.seen + 1, state, covariance)
-    moves = seen.seen >= settings.believed_after and seen.speed > max(settings.walking, 2.0 * seen.speed_sigma)
-    return replace(seen, walked=track.walked or moves)
+    # of one that is known to walk no proof is asked for
+    doubt = 0.0 if track.walked else 2.0 * seen.speed_sigma
+    moves = seen.seen >= settings.believed_after and seen.speed > max(settings.walking, doubt)
+    return replace(seen, moved_ns=seen.stamp_ns if moves else track.moved_ns)
 
 
 def _born(number: int, stamp_ns: int, middle: FloatArray, settings: TrackSettings) -> Track:

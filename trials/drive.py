@@ -154,7 +154,8 @@ def begin(simulator: Simulator, chair: Chair, goal: Goal) -> None:
     for _ in range(round(READY_S * COMMAND.rate_hz)):
         if chair.ready:
             break
-        chair.step(simulator.now_ns, advance_tick(simulator, chair))
+        messages = advance_tick(simulator, chair)  # first, or the chair's clock would be a tick behind its sensors
+        chair.step(simulator.now_ns, messages)
     chair.go(goal)
     chair.confirm()
 

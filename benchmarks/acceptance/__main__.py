@@ -65,6 +65,7 @@ FIGURES: dict[str, Callable[[Path], Json]] = {
     "paper_scenes": hazards.paper_scenes,
     "among_movers": hazards.among_movers,
     "appears": hazards.appears,
+    "reacts": monitor.reacts,
     "ride": hazards.ride,
     "help": start_up.run,
     "monitor_killed": monitor.monitor_killed,

@@ -165,6 +165,41 @@ def test_people_are_kept_away_from_by_more_than_walls_and_not_crept_up_to() -> N
     assert np.isfinite(contact_times(passing, legs, Twist(0.5, 0.0), CHAIR_A, S)).tolist() == [True, False]
 
 
+def test_the_chair_gives_way_to_who_is_beside_its_way_and_passes_who_stays_at_a_crawl() -> None:
+    monitor, command = Monitor(CHAIR_A), Twist(0.6, 0.0)
+    beside_the_way = np.array([[CHAIR_A.front + 0.7, CHAIR_A.width / 2 + 0.30]])
+
+    def shares(begin_s: float, end_s: float, points: FloatArray, measured: Twist) -> list[float]:
+        """Of every tick."""
+        found = []
+        for k in range(round(begin_s * 20), round(end_s * 20)):
+            monitor.see(scan_of(points, stamp_ns=k * 50 * MS, seed=k))
+            verdict = monitor.judge(command, measured, k * 50 * MS)
+            assert (verdict.stop == "obstacle") == (verdict.share == 0.0)
+            found.append(verdict.share)
+        return found
+
+    assert set(shares(0.0, 2.0, beside_the_way, Twist(0.05, 0.0))) == {0.0}  # it has not come to rest yet
+    assert set(shares(2.0, 3.5, beside_the_way, Twist())) == {0.0}
+    passing = shares(3.5, 5.0, beside_the_way, Twist(0.1, 0.0))
+    assert 0.0 < min(passing) <= max(passing) <= S.crawl / command.v + 1e-9
+    assert set(shares(5.0, 6.5, np.empty((0, 2)), Twist(0.1, 0.0))) == {1.0}
+    assert set(shares(6.5, 7.0, beside_the_way, Twist())) == {0.0}  # the next one is given way to as well
+
+
+def test_who_stands_in_the_way_is_never_passed_through_however_long_the_chair_waits() -> None:
+    monitor, ahead = Monitor(CHAIR_A), np.array([[CHAIR_A.front + 0.25, 0.1]])
+    for k in range(200):
+        monitor.see(scan_of(ahead, stamp_ns=k * 50 * MS, seed=k))
+        assert monitor.judge(Twist(0.2, 0.0), Twist(), k * 50 * MS).stop == "obstacle"
+
+
+@pytest.mark.parametrize("nearer", [{"beside_after": 0.5}, {"ahead_after": 0.6}])
+def test_a_chair_that_has_given_way_keeps_no_more_distance_than_before(nearer: dict[str, float]) -> None:
+    with pytest.raises(ConfigError, match="_after"):
+        replace(S, **nearer)
+
+
 def test_what_is_well_within_the_outline_is_touched_whatever_is_commanded_but_standing() -> None:
     inside = np.array([[0.3, 0.0]])
     for command in (Twist(0.1, 0.0), Twist(-0.1, 0.0), Twist(0.0, 0.1)):
@@ -198,7 +233,7 @@ def test_at_the_share_that_is_left_a_stop_by_comfort_ends_before_the_contact(
 
 
 def test_a_thing_beside_a_straight_way_is_on_the_way_of_a_turn() -> None:
-    beside = np.array([[1.3, 0.6]])
+    beside = np.array([[1.3, 0.9]])
     assert judged(beside, Twist(0.5, 0.0)).contact_s > 10.0  # the wall behind it
     assert judged(beside, Twist(0.5, 0.5)).contact_s < 2.0
 
@@ -242,7 +277,7 @@ def test_a_scan_is_carried_on_by_the_motion_since_each_of_its_beams() -> None:
 
 def test_a_moving_chair_stops_for_what_it_has_come_nearer_to_since_the_scan() -> None:
     monitor = Monitor(CHAIR_A)
-    monitor.see(scan_of(np.array([[CHAIR_A.front + 0.95, 0.0]])))
+    monitor.see(scan_of(np.array([[CHAIR_A.front + S.ahead_of_legs + 0.62, 0.0]])))
     assert monitor.judge(Twist(0.8, 0.0), Twist(0.8, 0.0), 0).stop == ""
     assert monitor.judge(Twist(0.8, 0.0), Twist(0.8, 0.0), 250 * MS).stop == "obstacle"
 

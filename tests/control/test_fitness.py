@@ -88,6 +88,14 @@ def test_f15_a_lost_chair_is_not_fit() -> None:
     assert ids(fitness) == {"lost"}
 
 
+def test_f15_a_chair_in_doubt_drives_slowly() -> None:
+    fitness = well()
+    fitness.locate(localisation(state=LocalisationState.DEGRADED), Pose2())
+    assert (fitness.speed_limit(NOW), ids(fitness)) == (0.3, set())
+    fitness.locate(localisation(), Pose2())
+    assert fitness.speed_limit(NOW) == math.inf
+
+
 @pytest.mark.parametrize(("jump", "found"), [(0.49, set()), (0.51, {"pose_jump"}), (-0.51, {"pose_jump"})])
 def test_f15_a_pose_that_jumps_is_remembered_until_nothing_drives(jump: float, found: set[str]) -> None:
     for later in (localisation(jump), localisation(remaining=jump)):

@@ -118,6 +118,17 @@ def test_the_trim_stays_within_its_limits_and_is_forgotten_when_nobody_drives() 
     assert loop.step(Twist(0.5, 0.5), Twist(), 401 * TICK).v == pytest.approx(0.5)
 
 
+@pytest.mark.parametrize("sign", [1.0, -1.0])
+def test_a_trim_learnt_at_speed_never_drives_the_chair_against_its_command(sign: float) -> None:
+    loop, plant = SpeedLoop(SETTINGS), Plant(gain=0.8)
+    for k in range(100):
+        plant.step(loop.step(Twist(sign * 0.8, 0.0), plant.mean, k * TICK))
+    for k in range(100, 140):
+        asked = loop.step(Twist(-sign * 0.02, 0.0), plant.mean, k * TICK)
+        assert sign * asked.v <= 0.0
+        plant.step(asked)
+
+
 def test_nothing_winds_up_against_an_axis_at_its_end() -> None:
     loop, plant = SpeedLoop(SETTINGS), Plant(limit=0.6)
     told = None

@@ -26,7 +26,7 @@ from waychair.planning.dwa import (
     rotate_to_heading,
     towards,
 )
-from waychair.planning.dwa_kernels import local_section, measure, people_ahead
+from waychair.planning.dwa_kernels import fits_after, local_section, measure, people_ahead
 from waychair.planning.footprint import along_arc, fits, footprint, free_time, in_cells, poses_in_cells
 from waychair.planning.global_planner import PlannerSettings, plan
 from waychair.planning.tracks import Track
@@ -410,6 +410,20 @@ def test_measures_equal_a_plain_reference() -> None:
         assert row[4] == pytest.approx(abs(wrap_angle(bearing - arc[-1, 2])))
         assert row[5] == pytest.approx(spacing * nearest)
         assert row[6] == pytest.approx(np.hypot(*(arc[:, :2] - section[-1, :2]).T).min(), abs=0.005)
+
+
+def test_where_the_body_fits_after_an_arc_equals_a_plain_reference() -> None:
+    rng = np.random.default_rng(4)
+    mask = rng.random((160, 160)) < 0.002
+    field = DistanceField(distances(mask, 0.05), 0.05, Pose2(-1.0, 0.5, 0.2))
+    pose = field.map_from_grid @ Pose2(4.0, 4.0, 0.7)
+    candidates, times = rng.uniform((-0.3, -0.8), (0.8, 0.8), (200, 2)), rng.uniform(0.0, 2.5, 200)
+    candidates[:3] = 0.0
+    found = fits_after(footprint(CHAIR_A, 0.02, field), in_cells(field, pose), candidates, times)
+    for (v, omega), time, fit in zip(candidates.tolist(), times.tolist(), found, strict=True):
+        end = Pose2(*along_arc(pose.x, pose.y, pose.theta, v, omega, time))
+        assert fit == ((v == 0.0 and omega == 0.0) or fits(CHAIR_A, 0.02, field, end))
+    assert 20 < found.sum() < 180
 
 
 def test_an_arc_that_cannot_be_driven_is_measured_no_further_than_how_long_it_is_free() -> None:

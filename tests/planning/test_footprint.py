@@ -12,7 +12,16 @@ from hypothesis import strategies as st
 from waychair.calibration.chair import CHAIR_A, CHAIR_B, ChairBody
 from waychair.geometry import transform_points
 from waychair.maps.distance_field import DistanceField, distances
-from waychair.planning.footprint import along_arc, beside, fits, footprint, free_time, in_cells, room
+from waychair.planning.footprint import (
+    along_arc,
+    beside,
+    eased_footprint,
+    fits,
+    footprint,
+    free_time,
+    in_cells,
+    room,
+)
 from waychair.types import BoolArray, FloatArray, Pose2
 
 CELL = 0.05
@@ -47,6 +56,42 @@ def scattered(rng: np.random.Generator, density: float) -> BoolArray:
     obstacles: BoolArray = rng.random((SIZE, SIZE)) < density
     obstacles[0, 0] = True
     return obstacles
+
+
+def halved(x: float, y: float, a: float, b: float) -> list[tuple[tuple[float, ...], int]]:
+    """A rectangle of half sides a, b and the halves below it, each with how many parts come with it."""
+    below = []
+    if math.hypot(a, b) > 0.5:
+        halves = ((x + a / 2, y), (x - a / 2, y)) if a >= b else ((x, y - b / 2), (x, y + b / 2))
+        sides = (a / 2, b) if a >= b else (a, b / 2)
+        below = [part for half in halves for part in halved(*half, *sides)]
+    return [((x, y, math.hypot(a, b), min(a, b)), 1 + len(below)), *below]
+
+
+@pytest.mark.parametrize("body", [CHAIR_A, CHAIR_B])
+@pytest.mark.parametrize(("margin", "cell"), [(0.0, 0.05), (0.03, 0.02), (-0.01, 0.01)])
+def test_the_discs_are_those_of_plain_halving(body: ChairBody, margin: float, cell: float) -> None:
+    field = DistanceField(distances(np.eye(3, dtype=bool), cell), cell, Pose2())
+    front, rear, half = (side / cell for side in (body.front + margin, body.rear + margin, body.width / 2 + margin))
+    parts = halved((front - rear) / 2, 0.0, (front + rear) / 2, half)
+    shape = footprint(body, margin, field)
+    assert shape.discs == pytest.approx(np.array([disc for disc, _ in parts]), abs=1e-9)
+    assert shape.skip.tolist() == [k + count for k, (_, count) in enumerate(parts)]
+
+
+def test_a_margin_is_eased_for_what_is_near_but_never_for_what_is_inside_the_outline() -> None:
+    for cell in (0.01, 0.02, 0.05):
+        eases = {}
+        for gap_m in (0.6 * cell, -1.5 * cell):
+            obstacles = np.zeros((round(4.0 / cell),) * 2, np.bool_)
+            obstacles[:, math.ceil((2.0 + CHAIR_B.front + gap_m) / cell - 1e-9) :] = True
+            field = DistanceField(distances(obstacles, cell), cell, Pose2())
+            shape, ease = eased_footprint(CHAIR_B, 0.03, field, Pose2(2.0, 2.0, 0.0))
+            eases[gap_m] = ease
+            if gap_m < 0.0:  # full margin: the chair stands in something, and nothing is admissible
+                assert shape.discs[0, 2] == footprint(CHAIR_B, 0.03, field).discs[0, 2]
+        assert 0.0 < eases[0.6 * cell] <= 0.03 + cell + 1e-9
+        assert eases[-1.5 * cell] == 0.0
 
 
 @given(st.integers(0, 2**32 - 1), st.sampled_from([CHAIR_A, CHAIR_B]))

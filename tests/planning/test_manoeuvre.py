@@ -103,8 +103,19 @@ def test_a_measured_door_replaces_the_mapped_one() -> None:
     assert (opening.min(), opening.max() + FINEST) == pytest.approx((1.6, 2.4), abs=1.5 * FINEST)
 
 
+@pytest.mark.parametrize("x", [-5.0, 0.02, 0.3, 2.0, 3.98, 9.0])
+def test_a_door_at_the_edge_of_what_is_seen_is_opened_as_far_as_it_is_seen(x: float) -> None:
+    grid = OccupancyGrid(np.full((160, 160), 100, np.int8), 0.025)
+    door = Pose2(x, 2.0, 0.3)
+    seen = fine_field(grid, Pose2(2.0, 2.0), 5.0, opening=(door, 0.8))
+    centres = np.moveaxis(np.indices(seen.metres.shape)[::-1] + 0.5, 0, -1) * FINEST
+    local = np.abs(transform_points(door.inverse(), centres.reshape(-1, 2))).reshape(centres.shape)
+    opened = (local[..., 0] < 0.4) & (local[..., 1] < 0.4)
+    np.testing.assert_array_equal(seen.metres > 0.0, opened)
+
+
 @pytest.mark.parametrize("part", [1, 37, 800])
-def test_in_slices_the_same_way_is_found_and_no_slice_looks_at_more_states_than_it_may(part: int) -> None:
+def test_in_slices_the_same_way_is_found_and_no_slice_takes_many_more_looks_than_it_may(part: int) -> None:
     field = fine_field(DEAD_END, Pose2(2.5, 1.25), 3.0)
     start, goal = Pose2(3.5, 1.2, 0.05), Pose2(1.5, 1.25, math.pi)
     whole = manoeuvre(field, CHAIR_A, start, goal, ManoeuvreSettings(slice=10_000_000))

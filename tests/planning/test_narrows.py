@@ -56,6 +56,19 @@ def test_a_wide_opening_and_a_long_corridor_leave_the_path_as_it_is() -> None:
     np.testing.assert_array_equal(line_up(doorway(1.0, 3.0), long, 0.6, 1.0)[0], long)
 
 
+def test_two_doors_in_a_row_are_lined_up_with_by_one_run() -> None:
+    cells = np.zeros((160, 240), np.int8)
+    for column in (100, 108):
+        cells[:, column : column + 2] = 100
+        cells[72:88, column : column + 2] = 0
+    costmap = costmap_from_grid(OccupancyGrid(cells, CELL), CHAIR_A)
+    bent = np.column_stack([np.arange(60.0, 130.0), 80.0 + 4.0 * np.sin(np.arange(70) / 8.0)])
+    lined, run_ends = line_up(costmap, bent, 0.6, 1.0)
+    assert len(lined) < len(bent)
+    assert run_ends.sum() == 2
+    assert np.abs(lined[run_ends, 1] - 80.0).max() < 1.0
+
+
 def test_a_single_pillar_is_no_door() -> None:
     cells = np.zeros((160, 240), np.int8)
     cells[80:84, 100:104] = 100

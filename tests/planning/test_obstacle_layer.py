@@ -10,6 +10,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from waychair.calibration.chair import CHAIR_A, BodyLayer, ChairBody
+from waychair.planning.ground import GroundSettings, GroundView, ground_view
 from waychair.planning.obstacle_layer import (
     EMPTY,
     ObstacleLayer,
@@ -163,12 +164,14 @@ def table_top(stamp_ns: int, depth_of_table: float) -> RgbdFrame:
     return RgbdFrame(stamp_ns, np.zeros((height, width), np.uint8), depth.astype(np.float32), camera)
 
 
+def viewed(frame: RgbdFrame) -> GroundView:
+    return ground_view(frame, LEVEL_CAMERA, CHAIR_A.front, GroundSettings(), step=2)
+
+
 def test_a_table_top_stands_at_the_height_of_the_arm_rests_only_and_the_floor_nowhere() -> None:
     feet, arms = BodyLayer(0.0, 0.3, 0.75, 0.25, 0.3), BodyLayer(0.5, 1.2, 0.75, 0.25, 0.3)
-    frame = table_top(0, 1.5)
-    seen = [
-        sight_from_depth(frame, Pose2(3.0, 2.0), LEVEL_CAMERA, layer, 0.06, step=2).points() for layer in (feet, arms)
-    ]
+    view = viewed(table_top(0, 1.5))
+    seen = [sight_from_depth(view, Pose2(3.0, 2.0), layer, 0.06).points() for layer in (feet, arms)]
     table = 3.0 + CHAIR_A.camera_x + 1.5
     assert (np.abs(seen[1][:, 0] - table) < 0.01).sum() > 50
     assert not (np.abs(seen[0][:, 0] - table) < 0.05).any()
@@ -178,8 +181,7 @@ def test_a_table_top_stands_at_the_height_of_the_arm_rests_only_and_the_floor_no
 def test_a_table_that_was_taken_away_is_cleared_by_beams_that_pass_at_its_height() -> None:
     arms = BodyLayer(0.5, 1.2, 0.75, 0.25, 0.3)
     first, then = (
-        sight_from_depth(table_top(k, depth), Pose2(), LEVEL_CAMERA, arms, 0.06, step=2)
-        for k, depth in enumerate((1.5, 3.9))
+        sight_from_depth(viewed(table_top(k, depth)), Pose2(), arms, 0.06) for k, depth in enumerate((1.5, 3.9))
     )
     layer = updated(EMPTY, first)
     ahead = np.abs(layer.points[:, 0] - CHAIR_A.camera_x - 1.5) < 0.05

@@ -10,7 +10,7 @@ import pytest
 from waychair.calibration.chair import CHAIR_A
 from waychair.geometry import transform_points
 from waychair.maps.grid import cells_from_points
-from waychair.planning.tracks import Track, Tracker, TrackSettings, associate, clusters, predicted
+from waychair.planning.tracks import Track, Tracker, TrackSettings, associate, clusters, predicted, room_round
 from waychair.simulation.lidar import Lidar, LidarSettings
 from waychair.simulation.people import People
 from waychair.simulation.rays import scenery_of
@@ -108,3 +108,28 @@ def test_the_simulators_people_are_found_by_the_simulators_lidar() -> None:
             errors.append(min(away, default=math.inf))
     assert np.median(seen[10:]) == 3
     assert np.percentile(errors[60:], 90) < 0.25
+
+
+def test_who_pauses_is_on_the_way_and_who_stays_stands_but_is_a_person_still() -> None:
+    tracker = Tracker()
+    for k in range(20):
+        (walker, *_) = tracker.update(k * TICK_NS, blob(0.1 * k, 0.0)) or (None,)
+    assert walker is not None
+    assert walker.walks(SETTINGS)
+    walks = [tracker.update(k * TICK_NS, blob(1.9, 0.0))[0].walks(SETTINGS) for k in range(20, 60)]
+    assert walks[: round(SETTINGS.pause * 10) - 2] == [True] * (round(SETTINGS.pause * 10) - 2)
+    assert not any(walks[30:])
+    assert tracker.update(60 * TICK_NS, blob(1.9, 0.0))[0].walked
+
+
+@pytest.mark.parametrize("ahead", [0.02, 0.1, 0.3, 1.0])
+def test_the_room_of_a_person_never_holds_the_chair(ahead: float) -> None:
+    pose = Pose2(1.0, 2.0, 0.7)
+    middle = transform_points(pose, np.array([[CHAIR_A.front + ahead, 0.1]]))[0]
+    track = Track(1, 0, 0, 9, middle, np.zeros(2), np.eye(4), 0.3, moved_ns=0)
+    room = transform_points(pose.inverse(), room_round([track], SETTINGS, pose, CHAIR_A, 0.06))
+    outside = np.maximum(room[:, 0] - CHAIR_A.front, np.abs(room[:, 1]) - CHAIR_A.width / 2)
+    assert (outside >= 0.06 - 1e-9).all()
+    assert (len(room) > 0) == (ahead > 0.06)
+    if ahead > 0.5:
+        np.testing.assert_allclose(np.hypot(*(room - (CHAIR_A.front + ahead, 0.1)).T), SETTINGS.room)

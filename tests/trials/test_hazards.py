@@ -133,6 +133,13 @@ def test_contacts_with_edges_glass_and_walls_are_told_apart() -> None:
     assert struck(Contact(0, ContactKind.SOLID, 5.45, 1.5, 0.5), pane, CHAIR_A, still) is Struck.GLASS
 
 
+def test_a_chair_that_sees_a_pit_ahead_goes_round_all_of_it() -> None:
+    result = run_hazard(edge_ahead(Guard.CAMERA, 3), 3)
+    assert result.reached, result.reason
+    assert not result.struck
+    assert result.edge_m > 0.05
+
+
 def test_a_keep_out_zone_keeps_the_chair_off_an_edge_that_it_would_drive_over_without() -> None:
     kept = run_hazard(edge_ahead(Guard.ZONE, 0), 0)
     assert (kept.reached, kept.count(Struck.EDGE)) == (True, 0), kept.reason

@@ -1,0 +1,169 @@
+"""What a depth camera's picture says of the ground: where it goes on, ends, rises to something, or ought to be seen.
+
+The ground is followed up each column of the picture, from the footrest away: it may fall and rise as ramps do, and what
+leaves the cone of such slopes is something that stands on it, or the depth beyond its edge. So a ramp's foot is no
+obstacle and its top no edge, whatever way the chair leans.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import cv2
+import numpy as np
+from numba import njit
+
+from waychair.config import Settings, setting
+from waychair.types import BoolArray, Bytes, FloatArray, Pose3, RgbdFrame
+
+NOTHING, GROUND, STANDS, BELOW, MISSING = range(5)
+"""What a beam says: nothing, it met the ground, something on it, what lies below it, or it should have met it."""
+
+
+@dataclass(frozen=True, slots=True)
+class GroundSettings(Settings):
+    """What is still ground, and when it is missed."""
+
+    least: float = setting(0.06, "m", "a step by more, up or down, is no ground", low=0.01, high=0.5)
+    slope: float = setting(0.12, "", "of what is still ground, as the chair stands", low=0.0, high=0.5)
+    reach: float = setting(3.5, "m", "farther from the camera beams are too flat to tell", low=0.5, high=10.0)
+    missing: float = setting(0.3, "m", "so much unseen ground, across and along, is missed", low=0.05, high=5.0)
+
+
+@dataclass(frozen=True, slots=True)
+class GroundView:
+    """Beams of a picture, (H, W) from the bottom row up: what each says, and where it ends, (H, W, 3) [m] in base.
+
+    `foot` (H, W) [m] is how far from the camera, over ground, a beam meets the plane of the ground last seen before it
+    in its column; `rim` (H, W) whether a beam met the last ground before what lies below. nan where that means nothing. `directions` (H, W, 2) are the beams' over ground, of length 1; `lens` (3,) [m] in base;
+    `half_angle` [rad] of a beam.
+    """
+
+    stamp_ns: int
+    kind: Bytes
+    ends: FloatArray
+    foot: FloatArray
+    rim: BoolArray
+    directions: FloatArray
+    lens: FloatArray
+    half_angle: float
+
+
+def ground_view(
+    frame: RgbdFrame, base_from_camera: Pose3, front: float, settings: GroundSettings, step: int = 4
+) -> GroundView:
+    """A depth image read for the ground, every `step`-th pixel of it, by a chair that reaches `front` [m] ahead.
+
+    `base_from_camera` is the mount of the optical frame (z forward, x right, y down).
+    """
+    depth = frame.depth[::step, ::step][::-1].astype(np.float64)
+    height, width = depth.shape
+    columns, rows = np.meshgrid(step * np.arange(width), step * np.arange(height)[::-1])
+    pixels = np.stack([columns, rows, np.ones(depth.shape)], axis=-1).astype(np.float64)
+    rays: FloatArray = pixels @ (base_from_camera.rotation @ np.linalg.inv(frame.camera_matrix)).T
+    lens = base_from_camera.translation
+    ends = lens + np.where(depth > 0.0, depth, np.nan)[..., None] * rays
+    flat = np.hypot(rays[..., 0], rays[..., 1])
+    away, falls = flat * np.where(depth > 0.0, depth, np.nan), -rays[..., 2] / flat
+    begin = max(front - float(lens[0]), 0.0)
+    kind, foot, rim = follow_ground(
+        away, ends[..., 2], falls, float(lens[2]), begin, settings.least, settings.slope, settings.reach,
+        settings.missing,
+    )  # fmt: skip
+    _keep_wide(kind, foot, settings.missing, step / float(frame.camera_matrix[0, 0]))
+    half_angle = step / (2 * float(frame.camera_matrix[0, 0]))
+    return GroundView(frame.stamp_ns, kind, ends, foot, rim, rays[..., :2] / flat[..., None], lens, half_angle)
+
+
+def _keep_wide(kind: Bytes, foot: FloatArray, width: float, beam: float) -> None:
+    """Missing ground is forgotten where it is narrower than `width` [m]; beams are `beam` [rad] apart."""
+    missing = kind == MISSING
+    if not missing.any():
+        return
+    across = max(3, round(width / (beam * float(np.median(foot[missing])))))
+    kernel = np.ones((1, min(across, kind.shape[1])), np.uint8)
+    # speckles are filled before what is narrow is taken away
+    filled = cv2.morphologyEx(missing.astype(np.uint8), cv2.MORPH_CLOSE, np.ones((3, 3), np.uint8))
+    wide = cv2.morphologyEx(filled, cv2.MORPH_OPEN, kernel).astype(np.bool_)
+    kind[missing & ~wide] = NOTHING
+
+
+_ROUGH = 0.012
+"""Depths of one row of beams and the next rise and fall by so much [m] for noise."""
+
+
+@njit(cache=True, nogil=True)
+def follow_ground(
+    away: FloatArray,
+    z: FloatArray,
+    falls: FloatArray,
+    lens_z: float,
+    begin: float,
+    least: float,
+    slope: float,
+    reach: float,
+    missing: float,
+) -> tuple[Bytes, FloatArray, BoolArray]:
+    """`kind`, `foot` and `rim` of a `GroundView` from where beams end, `away` (H, W) and `z` (H, W) [m], nan for nowhere.
+
+    `falls` (H, W) is by how much [m] a beam falls for each metre over ground, from `lens_z` [m]. The ground is level
+    and at zero up to `begin` [m] from the camera; beams that would meet it beyond `reach` [m] say nothing of it.
+    """
+    height, width = away.shape
+    kind = np.zeros((height, width), np.uint8)
+    foot = np.full((height, width), np.nan)
+    rim = np.zeros((height, width), np.bool_)
+    for column in range(width):
+        last, level, high, low = begin, 0.0, 0.0, 0.0  # of the ground followed so far
+        last_row, lost, hidden = -1, False, np.inf
+        before, before_z, first_missing = begin, 0.0, -1
+        for row in range(height):
+            fall = falls[row, column]
+            meets = (lens_z - level) / fall if fall > 0.0 else np.inf
+            d, here = away[row, column], z[row, column]
+            if np.isnan(d):
+                if max(meets, last) < min(reach, hidden):
+                    foot[row, column] = max(meets, last)
+                    first_missing = row if first_missing < 0 else first_missing
+                continue
+            further = max(d - last, 0.0)
+            upper = high + slope * further
+            lower = low if lost else low - slope * further  # beyond an edge the ground goes on where it ended
+            # out of a depth rises its far wall, which is no ground before it is at its top
+            rises = lost and here < level + least and here - before_z > slope * max(d - before, 0.0) + _ROUGH
+            before, before_z = d, here
+            if here > upper + least:
+                kind[row, column] = STANDS
+                hidden = min(hidden, d)
+                where = d
+            elif here < lower - least or rises:
+                where = max(meets, last)
+                if where < reach:
+                    kind[row, column] = BELOW
+                    foot[row, column] = where
+                    if not lost and last_row >= 0:
+                        rim[last_row, column] = True
+                    lost = True
+            else:
+                where = d
+                kind[row, column] = GROUND
+                if d < reach:
+                    foot[row, column] = d
+                last, level, high, low = max(d, last), here, min(upper, here), max(lower, here)
+                last_row, lost = row, False
+            if first_missing >= 0:
+                _miss(kind, column, first_missing, row, foot, min(where, reach), missing)
+                first_missing = -1
+        if first_missing >= 0:
+            _miss(kind, column, first_missing, height, foot, min(hidden, reach), missing)
+    return kind, foot, rim
+
+
+@njit(cache=True, nogil=True)
+def _miss(kind: Bytes, column: int, first: int, after: int, foot: FloatArray, until: float, missing: float) -> None:
+    """Mark beams that met nothing as missing ground, if it is as long as `missing` [m]."""
+    if until - foot[first, column] < missing:
+        return
+    for row in range(first, after):
+        if not np.isnan(foot[row, column]) and kind[row, column] == NOTHING:
+            kind[row, column] = MISSING

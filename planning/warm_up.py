@@ -1,0 +1,42 @@
+"""Loading the planners' kernels before a chair drives: the first use of each takes as long as many control steps."""
+
+from __future__ import annotations
+
+from functools import cache
+
+import numpy as np
+
+from waychair.calibration.chair import CHAIR_A
+from waychair.planning.costmap import CostmapSettings, LiveCostmap
+from waychair.planning.dwa import DwaSettings, Motion, choose
+from waychair.planning.dwa_kernels import fits_after
+from waychair.planning.fine_field import fine_field
+from waychair.planning.footprint import footprint, in_cells
+from waychair.planning.global_planner import GlobalPlanner
+from waychair.planning.manoeuvre import ManoeuvreSettings, manoeuvre
+from waychair.planning.tracks import Track
+from waychair.types import OccupancyGrid, Pose2, Twist
+
+_SIDE, _CELL = 6.0, 0.05
+
+
+@cache
+def warm_up() -> None:
+    """Plan, replan, turn and choose once, in a small room; nothing on later calls.
+
+    For whoever makes a chair that is to keep its 20 steps a second; a kernel that was never compiled here is compiled.
+    """
+    count = round(_SIDE / _CELL)
+    cells = np.zeros((count, count), np.int8)
+    cells[[0, -1]], cells[:, [0, -1]] = 100, 100
+    grid = OccupancyGrid(cells, _CELL)
+    middle, aside = Pose2(_SIDE / 2, _SIDE / 2, 0.0), Pose2(_SIDE / 2, _SIDE / 3, 1.0)
+    costmaps = LiveCostmap(grid, CHAIR_A, CostmapSettings())
+    planner = GlobalPlanner(aside)
+    planner.replan(costmaps.costmap(), middle)
+    path = planner.replan(costmaps.costmap(np.array([[1.0, 1.0]])), middle)
+    field = fine_field(grid, middle, _SIDE / 2)
+    manoeuvre(field, CHAIR_A, middle, aside, ManoeuvreSettings(polish=0))
+    person = Track(0, 0, 0, 1, np.array([1.0, 1.0]), np.zeros(2), np.eye(4), 0.3)
+    choose(Pose2(middle.x, middle.y, -1.5), Twist(), path, field, CHAIR_A, DwaSettings(), False, Motion(), (person,))
+    fits_after(footprint(CHAIR_A, 0.0, field), in_cells(field, middle), np.zeros((1, 2)), np.zeros(1))

@@ -1,0 +1,36 @@
+"""After warming up, a chair's first steps load no kernel."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from waychair.calibration.chair import CHAIR_B
+from waychair.maps.distance_field import DistanceField, distances
+from waychair.planning import dwa_kernels, footprint, manoeuvre
+from waychair.planning.dwa import choose
+from waychair.planning.warm_up import warm_up
+from waychair.types import Path, Pose2, Twist
+
+KERNELS = (
+    dwa_kernels.measure,
+    dwa_kernels.people_ahead,
+    dwa_kernels.fits_after,
+    footprint.free_time,
+    footprint.room,
+    manoeuvre._search,
+    manoeuvre._ways_to,
+    manoeuvre._chain,
+)
+
+
+def test_every_kernel_of_the_local_planners_is_loaded_and_stays_so() -> None:
+    warm_up()
+    before = [len(kernel.signatures) for kernel in KERNELS]
+    assert min(before) >= 1
+    mask = np.zeros((160, 160), np.bool_)
+    mask[[0, -1]], mask[:, [0, -1]] = True, True
+    field = DistanceField(distances(mask, 0.025), 0.025)
+    path = Path(np.array([[1.0, 2.0, 0.0], [3.0, 2.0, 0.0]]))
+    choose(Pose2(1.5, 2.0, 0.0), Twist(0.2, 0.0), path, field, CHAIR_B)
+    warm_up()
+    assert [len(kernel.signatures) for kernel in KERNELS] == before, "a chair's own fields need no other kernels"

@@ -1,0 +1,66 @@
+"""What a ride is judged by: the weighting of ISO 2631-1, hard stops apart, and what the chair was told beside what it did."""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+import pytest
+
+from waychair.control.limiter import LimiterSettings
+from waychair.trials.ride import Motion, Ride, ride_of, weighted, worst_of
+from waychair.types import FloatArray
+
+LIMITS = LimiterSettings()
+SECONDS = np.arange(0.0, 12.0, 0.01)
+
+
+def ride(v: FloatArray, told: FloatArray | None = None) -> Ride:
+    """Of a straight drive at v (T,) [m/s] every 10 ms."""
+    stamps = np.round(1e9 * SECONDS).astype(np.int64)
+    twists = np.column_stack([v, np.zeros(len(v))])
+    return ride_of(
+        Motion(stamps, np.zeros((len(v), 3)), twists, np.full(len(v), math.inf), v if told is None else told)
+    )
+
+
+def stopping(braking: float) -> FloatArray:
+    """A start that nobody feels, 0.8 m/s, and a stop at 8 s."""
+    return np.clip(np.minimum(0.2 * SECONDS, 0.8 - braking * (SECONDS - 8.0)), 0.0, 0.8)
+
+
+@pytest.mark.parametrize(("hertz", "weight"), [(0.5, 0.853), (1.0, 1.011), (2.0, 0.890), (4.0, 0.512), (8.0, 0.253)])
+def test_accelerations_are_weighted_as_the_standards_table_says(hertz: float, weight: float) -> None:
+    seconds = np.arange(0.0, 60.0, 0.01)
+    felt = weighted(np.sin(math.tau * hertz * seconds))[2000:]
+    assert math.sqrt(2.0 * (felt**2).mean()) == pytest.approx(weight, rel=0.03)
+
+
+def test_a_stop_in_comfort_counts_as_jerk_and_a_hard_one_as_a_hard_stop() -> None:
+    gentle, hard = ride(stopping(LIMITS.braking)), ride(stopping(LIMITS.emergency))
+    assert gentle.hard_stops == 0
+    assert hard.hard_stops == 1
+    assert gentle.jerk > 1.0  # braking begins and ends at once
+    assert hard.jerk < 1.0  # what is left is the start
+    assert hard.slowing_down > gentle.slowing_down
+    assert hard.dose > gentle.dose
+    assert hard.above_a_little >= hard.above_fairly
+
+
+def test_what_the_chair_adds_shows_beside_what_it_was_told() -> None:
+    told = 0.4 * (1.0 - np.cos(math.tau * SECONDS / 12.0))
+    shaken = ride(told + 0.02 * np.sin(math.tau * SECONDS), told)
+    assert shaken.jerk_told < 0.2
+    assert shaken.jerk > 0.5
+    assert shaken.weighted_rms == pytest.approx(0.02 * math.tau * 1.011 / math.sqrt(2.0), rel=0.1)
+
+
+def test_many_rides_together_weigh_as_long_as_they_took() -> None:
+    gentle, hard = ride(stopping(LIMITS.braking)), ride(stopping(LIMITS.emergency))
+    worst = worst_of([gentle, hard, hard])
+    assert worst.hard_stops == 2
+    assert worst.dose == hard.dose
+    assert (
+        min(gentle.weighted_rms, hard.weighted_rms) <= worst.weighted_rms <= max(gentle.weighted_rms, hard.weighted_rms)
+    )
+    assert worst_of([gentle]).above_a_little == pytest.approx(gentle.above_a_little)
