@@ -18,7 +18,7 @@ from waychair.control.doorway import DoorWatch, DoorwaySettings
 from waychair.control.tracking import TrackingSettings, track
 from waychair.geometry import compose
 from waychair.maps.distance_field import DistanceField
-from waychair.planning.dwa import DwaResult, DwaSettings, braking, rotate_to_heading
+from waychair.planning.dwa import DwaResult, DwaSettings, Motion, braking, rotate_to_heading
 from waychair.planning.legs import Leg
 from waychair.types import FloatArray, Pose2, Twist
 
@@ -61,15 +61,22 @@ class DoorDrive:
         """Where the map has the door now; heeded until it is seen."""
         self.watch.believe(odom_from_map @ self._door.map_from_door)
 
-    def step(self, pose: Pose2, command: Twist, distances: DistanceField, limits: DwaSettings) -> DwaResult:
-        """The next command; pose and distances in odom. `arrived` when the chair is through."""
+    def step(
+        self,
+        pose: Pose2,
+        command: Twist,
+        distances: DistanceField,
+        limits: DwaSettings,
+        motion: Motion | None = None,
+    ) -> DwaResult:
+        """The next command; pose and distances in odom. `arrived` when the chair is through. motion: as in `track`."""
         at = self.watch.odom_from_door.inverse() @ pose
         front = at.x + self._body.front
         if not self._entered and not self._lined_up:
             if front > 0.0:  # it stands in the door: there is nothing left to line up
                 self._entered = True
             else:
-                turned = self._line_up(at, pose, command, distances, limits)
+                turned = self._line_up(pose, command, distances, limits, motion)
                 if turned is not None:
                     return turned
         if self._retreating:
@@ -80,7 +87,8 @@ class DoorDrive:
             self._entered = True
         line = compose(self.watch.odom_from_door.array(), self._line)
         tracking = self._settings.tracking
-        choice = track(pose, command, line, False, distances, self._body, limits, tracking, self._in_position)
+        done = self._in_position
+        choice = track(pose, command, line, False, distances, self._body, limits, tracking, done, motion)
         self._in_position = choice.in_position
         return choice
 
@@ -93,7 +101,7 @@ class DoorDrive:
         return self.watch.sure and max(abs(at.y), abs(nose)) <= allowed and abs(at.theta) <= s.heading
 
     def _line_up(
-        self, at: Pose2, pose: Pose2, command: Twist, distances: DistanceField, limits: DwaSettings
+        self, pose: Pose2, command: Twist, distances: DistanceField, limits: DwaSettings, motion: Motion | None
     ) -> DwaResult | None:
         """Turn in place to the door's direction; None once that is done."""
         limits = replace(
@@ -102,7 +110,8 @@ class DoorDrive:
             max_omega=min(limits.max_omega, self._settings.tracking.max_omega),
             margin=0.0,
         )
-        turned = rotate_to_heading(pose, command, self.watch.odom_from_door.theta, distances, self._body, limits)
+        heading = self.watch.odom_from_door.theta
+        turned = rotate_to_heading(pose, command, heading, distances, self._body, limits, motion)
         self._lined_up = turned.arrived
         return None if turned.arrived else turned
 

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field, replace
 
@@ -13,7 +14,7 @@ from waychair.control.door_drive import DoorDrive, DoorDriveSettings
 from waychair.control.tracking import TrackingSettings, on_line, track
 from waychair.geometry import compose, transform_points
 from waychair.maps.distance_field import DistanceField
-from waychair.planning.dwa import DwaResult, DwaSettings, Motion, choose
+from waychair.planning.dwa import DwaResult, DwaSettings, Motion, choose, slowing_speed
 from waychair.planning.fine_field import fine_field
 from waychair.planning.legs import Leg, Manner, whole
 from waychair.planning.tracks import Track
@@ -65,6 +66,7 @@ class LegDrive:
         self.leg = legs[0]
         # the dynamic window must see the way go on, or it would brake at the leg's end
         self._poses = whole(tuple(legs[:2])).poses if self.leg.flows else self.leg.path.poses
+        self._into_exact = self.leg.flows and len(legs) > 1 and legs[1].manner is not Manner.FREE
         self.in_position = False
         self._grid, self._body, self._settings = grid, body, settings
         self._door: DoorDrive | None = None
@@ -102,6 +104,7 @@ class LegDrive:
                 self.in_position,
                 view.motion,
                 view.tracks,
+                self._fastest(view, limits),
             )
             if self.leg.flows and self._passes(view):
                 choice = replace(choice, arrived=True)
@@ -117,11 +120,20 @@ class LegDrive:
                 limits,
                 self._settings.tracking,
                 self.in_position,
+                view.motion,
             )
         else:
             choice = self._through_door(view, limits)
         self.in_position = choice.in_position
         return choice
+
+    def _fastest(self, view: View, limits: DwaSettings) -> float:
+        """Speed [m/s] that comes down to that of an exact leg until the hand-over to it; no limit before another."""
+        if not self._into_exact:
+            return math.inf
+        left = on_line(self.leg.path.poses, view.odom_from_map.inverse() @ view.pose).left
+        way = left - _HAND_OVER - abs(view.command.v) * limits.reaction_time
+        return slowing_speed(way, self._settings.tracking.max_speed, limits)
 
     def _passes(self, view: View) -> bool:
         """Whether a leg that flows into the next is at its end, and the chair looks along it."""
@@ -139,7 +151,7 @@ class LegDrive:
         opening = None
         if door.watch.sure:
             opening = (view.odom_from_map.inverse() @ door.watch.odom_from_door, door.watch.width)
-        return door.step(view.pose, view.command, self._near_field(view, opening), limits)
+        return door.step(view.pose, view.command, self._near_field(view, opening), limits, view.motion)
 
     def _near_field(self, view: View, opening: tuple[Pose2, float] | None) -> DistanceField:
         """The surroundings on fine cells, in odom: anew with every scan, with whatever the map does not explain."""

@@ -30,7 +30,7 @@ from waychair.planning.dwa import DwaResult, DwaSettings, Motion, braking, crawl
 from waychair.planning.global_planner import GlobalPlanner, PlannerSettings, check_goal
 from waychair.planning.legs import Leg, Manner
 from waychair.planning.slices import Slices
-from waychair.planning.tracks import Track, Tracker, TrackSettings, room_round
+from waychair.planning.tracks import Track, Tracker, TrackSettings, gap, may_be_behind, room_round
 from waychair.planning.warm_up import warm_up
 from waychair.types import FloatArray, Goal, OccupancyGrid, Path, Place, Pose2, RgbdFrame, SonarReadings, Twist
 
@@ -55,6 +55,13 @@ _ROOM_TO_LEAVE = 0.03
 """Left between the chair and the room of people [m], on cells of the window, so that it can go away from them."""
 
 
+_MOVED, _MUCH = 0.1, 0.2
+"""What is this far [m] from where it was has moved; this part of what is in the way is much."""
+
+_GAVE_WAY_S = 1.5
+"""A chair that stood so long for people to pass makes do with less room, as the collision monitor does."""
+
+
 @dataclass(frozen=True, slots=True)
 class NavigatorSettings(Settings):
     """When to plan anew, and the parts' own settings."""
@@ -66,6 +73,9 @@ class NavigatorSettings(Settings):
     off_path: float = setting(0.5, "m", "farther from the path than this: plan anew", low=0.1, high=5.0)
     corner_tolerance: float = setting(0.05, "m", "how exactly it stops to turn before a door", low=0.01, high=0.5)
     replan_period: float = setting(1.0, "s", "shortest time between two plans", low=0.05, high=60.0)
+    longest_plan: float = setting(
+        2.0, "s", "a plan that takes longer is begun again if much has moved since", low=0.1, high=60.0
+    )
     veil: float = setting(
         0.1, "m", "a point this far from those of both neighbouring beams hangs between two surfaces", low=0.0, high=1.0
     )
@@ -128,6 +138,7 @@ class Navigator:
         self._recovery = Recovery(self._settings.recovery)
         self._tracker = Tracker(self._settings.tracks)
         self._tracks: tuple[Track, ...] = ()
+        self._among_people = False
         self._motion, self._before = Motion(), Twist()
         self._local: DistanceField | None = None
         self._command = Twist()
@@ -141,6 +152,7 @@ class Navigator:
         self._no_way = ""
         self._planned_ns: int | None = None
         self._planning: Slices[None] | None = None
+        self._planned_round: FloatArray = np.empty((0, 2))
         self._stops_to_plan = False
         self._stepped_ns: int | None = None
         self._rested = _RESTED_TICKS
@@ -216,6 +228,7 @@ class Navigator:
             obstacles, self._local = _without_veils(obstacles, self._settings.veil), None
             self._surroundings.see(now_ns, pose, obstacles, beyond)
             self._tracks = self._see_people(now_ns, pose, obstacles, odom_from_map)
+            self._among_people = self._is_among_people(odom_from_map @ pose)
         if self._planner is None or not self.active:
             return self._navigation(Twist())
         if self._stage is Stage.PAUSED:
@@ -267,16 +280,37 @@ class Navigator:
             None if obstacles is None else transform_points(odom_from_map, obstacles),
             transform_points(odom_from_map, self._surroundings.unscanned()),
             None if self._jumping else self._motion,  # comfort does not hold back what caution asks for
-            self._tracks,
+            # who is nearer than a forecast is good for is an obstacle, where they stand
+            tuple(track for track in self._tracks if self._gap(track, odom_from_map @ pose) > track.radius),
         )
+
+    def _gap(self, track: Track, odom_from_base: Pose2) -> float:
+        """Distance [m] from the chair's outline with its margin to the middle of a person."""
+        return gap(track.position, odom_from_base, self._body) - self._settings.dwa.margin
+
+    def _is_among_people(self, odom_from_base: Pose2) -> bool:
+        """Whether there are people near who go on by themselves."""
+        s = self._settings
+        return any(
+            track.walks(s.tracks) and self._gap(track, odom_from_base) < s.recovery.about for track in self._tracks
+        )
+
+    def _waits_for_people(self, now_ns: int, odom_from_base: Pose2) -> bool:
+        """Whether there are people about who go on by themselves, or may be where the chair would back out to."""
+        s = self._settings
+        everybody = (*self._tracks, *self._tracker.lost)
+        return self._among_people or may_be_behind(everybody, now_ns, odom_from_base, self._body, s.recovery.way)
 
     def _see_people(self, now_ns: int, pose: Pose2, obstacles: FloatArray, odom_from_map: Pose2) -> tuple[Track, ...]:
         """Tracks, in odom, of those who go their way, or went it before they stood; room is left round them."""
         strangers = transform_points(odom_from_map, self._surroundings.strangers(obstacles))
         people = tuple(track for track in self._tracker.update(now_ns, strangers) if track.walked)
         spare = self._settings.dwa.margin + _ROOM_TO_LEAVE
-        room = room_round(people, self._settings.tracks, odom_from_map @ pose, self._body, spare)
-        walkers = np.array([each.position for each in people if each.walks(self._settings.tracks)]).reshape(-1, 2)
+        s = self._settings.tracks
+        wide = s.room_after if self._recovery.standing(now_ns) > _GAVE_WAY_S else s.room
+        room = room_round(people, wide, odom_from_map @ pose, self._body, spare)
+        walking = (*(each for each in people if each.walks(s)), *self._tracker.lost)
+        walkers = np.array([each.position for each in walking]).reshape(-1, 2)
         map_from_odom = odom_from_map.inverse()
         self._surroundings.keep_clear_of(
             transform_points(map_from_odom, room), transform_points(map_from_odom, walkers)
@@ -287,7 +321,14 @@ class Navigator:
         """Follow the path; where that has been impossible for a while, first back out the way the chair came."""
         tries = self._recovery.tries
         backing = self._recovery.step(
-            now_ns, view.pose, self._remaining(pose), self._command, view.local, self._body, self._dwa
+            now_ns,
+            view.pose,
+            self._remaining(pose),
+            self._command,
+            view.local,
+            self._body,
+            self._dwa,
+            self._waits_for_people(now_ns, view.pose),
         )
         if self._recovery.tries > tries:
             self._planned_ns = None  # once backed out, plan anew from there
@@ -343,7 +384,8 @@ class Navigator:
         if self.active:
             waited = self._recovery.stands(now_ns)
             self._stage, self._reason = Stage.WAITING, f"{why}; waiting"
-            if waited > self._settings.recovery.patience:
+            s = self._settings.recovery
+            if waited > (s.patience_with_people if self._among_people else s.patience):
                 self.cancel(f"{why}, for {waited:.0f} s: clear the way or choose another goal")
         return self._navigation(braking(self._command, self._dwa), choice)
 
@@ -392,6 +434,9 @@ class Navigator:
             if self._rested < _RESTED_TICKS:
                 return False
             self._planning, self._stops_to_plan = None, False
+        lasts_s = 0.0 if self._planning is None else (now_ns - (self._planned_ns or now_ns)) * 1e-9
+        if lasts_s > self._settings.longest_plan and self._others_in_the_way():
+            self._planning = None
         if self._planning is None:
             self._planned_ns, self._planning = now_ns, self._planned(pose)
         for _ in self._planning:
@@ -400,10 +445,19 @@ class Navigator:
         self._planning = None
         return True
 
+    def _others_in_the_way(self) -> bool:
+        """Whether much of what a plan is being made round is gone, so that it is worth nothing."""
+        upright, _ = self._surroundings.lasting()
+        if not len(self._planned_round):
+            return False
+        away = np.hypot(*(self._planned_round[:, None] - upright[None]).transpose(2, 0, 1))
+        return bool((away.min(axis=1, initial=math.inf) > _MOVED).mean() > _MUCH)
+
     def _planned(self, pose: Pose2) -> Slices[None]:
         """A new path over the map and what is in the way now; while there is none, the chair waits."""
         assert self._planner is not None
         upright, layered = self._surroundings.lasting()
+        self._planned_round = upright
         news = len(upright) or any(len(points) for _, points in layered)
         path = None
         try:
@@ -416,7 +470,8 @@ class Navigator:
             return
         try:
             if news or path is None:
-                path = yield from self._planner.replan_in_slices(self._costmaps.costmap(upright, layered), pose)
+                costmap = self._costmaps.costmap(upright, layered)
+                path = yield from self._planner.replan_in_slices(costmap, pose, self._among_people)
         except PlanningError as error:
             self._path, self._leg, self._no_way = None, None, str(error)
             return

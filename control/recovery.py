@@ -1,7 +1,8 @@
 """What to do when the chair makes no way: wait first, then back out the way it came, then give up.
 
 Standing still and coming no nearer to the goal are both noticed by time. Backing out takes back the way that was
-driven, the only one that is known to have been free.
+driven, the only one that is known to have been free; where somebody may have come there since, the chair waits instead,
+and so it does for those who walk about in front of it: they go on by themselves.
 """
 
 from __future__ import annotations
@@ -33,6 +34,8 @@ class RecoverySettings(Settings):
     way: float = setting(0.4, "m", "how far to back out", low=0.05, high=5.0)
     tries: int = setting(6, "", "giving up after so many", low=0, high=100)
     patience: float = setting(20.0, "s", "standing still this long before giving up", low=1.0, high=3600.0)
+    patience_with_people: float = setting(60.0, "s", "as above, among people who walk", low=1.0, high=3600.0)
+    about: float = setting(1.0, "m", "who walks this near to the chair is waited for", low=0.0, high=10.0)
 
 
 class Recovery:
@@ -60,6 +63,10 @@ class Recovery:
         self._standing_since = now_ns if self._standing_since is None else self._standing_since
         return (now_ns - self._standing_since) * 1e-9
 
+    def standing(self, now_ns: int) -> float:
+        """How long [s] nothing has been possible."""
+        return 0.0 if self._standing_since is None else (now_ns - self._standing_since) * 1e-9
+
     def moves(self) -> None:
         """Told that there is something to do."""
         self._standing_since = None
@@ -80,14 +87,18 @@ class Recovery:
         local: Callable[[], DistanceField],
         body: ChairBody,
         settings: DwaSettings,
+        waits: bool = False,
     ) -> DwaResult | None:
         """A command for backing out, or None while following the path is right; `remaining` [m] to the goal, None while turning at it.
 
-        `local` gives the distances round the chair, when they are needed.
+        `local` gives the distances round the chair, when they are needed. Who `waits` for people begins no backing, and
+        ends it.
         """
+        if waits:
+            self._backing, self._nearest = None, None
         if self._backing is None:
             self._remember(pose)
-            if not self._stuck(now_ns, remaining):
+            if waits or not self._stuck(now_ns, remaining):
                 return None
             self._backing, self.tries = (now_ns, pose), self.tries + 1
         self._take_back(pose)

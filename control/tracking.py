@@ -16,7 +16,16 @@ from waychair.calibration.chair import ChairBody
 from waychair.config import Settings, setting
 from waychair.geometry import wrap_angle
 from waychair.maps.distance_field import DistanceField
-from waychair.planning.dwa import DwaResult, DwaSettings, braking, rotate_to_heading, stop_time, towards
+from waychair.planning.dwa import (
+    DwaResult,
+    DwaSettings,
+    Motion,
+    braking,
+    rotate_to_heading,
+    slowing_speed,
+    stop_time,
+    towards,
+)
 from waychair.planning.footprint import along_arc, footprint, free_time, in_cells
 from waychair.types import FloatArray, Pose2, Twist
 
@@ -82,11 +91,12 @@ def track(
     limits: DwaSettings,
     settings: TrackingSettings = TrackingSettings(),
     in_position: bool = False,
+    motion: Motion | None = None,
 ) -> DwaResult:
     """The next command on a line of poses (N, 3) [m, m, rad]; pose, poses and distances are in one frame.
 
     As `dwa.choose`: `in_position` at its end, `arrived` turned to its last heading and standing, `blocked` when the
-    body could not stop before touching something.
+    body could not stop before touching something. With a `motion` the jerk along the line is limited.
     """
     limits = replace(
         limits,
@@ -97,18 +107,18 @@ def track(
     ahead = Pose2(*along_arc(pose.x, pose.y, pose.theta, command.v, command.omega, limits.reaction_time))
     at = on_line(poses, ahead, backwards) if len(poses) > 1 else OnLine(0.0, 0.0, 0.0, 0.0)
     if in_position or at.left <= settings.end_tolerance:
-        turned = rotate_to_heading(pose, command, float(poses[-1, 2]), distances, body, limits)
+        turned = rotate_to_heading(pose, command, float(poses[-1, 2]), distances, body, limits, motion)
         return replace(turned, in_position=True)
     if abs(at.heading) > (settings.turn_first if abs(command.v) < _STANDING else settings.turn_midway):
-        turned = rotate_to_heading(pose, command, wrap_angle(ahead.theta - at.heading), distances, body, limits)
+        turned = rotate_to_heading(pose, command, wrap_angle(ahead.theta - at.heading), distances, body, limits, motion)
         return replace(turned, arrived=False)
     wanted = _feedback(at, backwards, limits, settings)
-    return _admitted(ahead, command, wanted, distances, body, limits)
+    return _admitted(ahead, command, wanted, distances, body, limits, motion)
 
 
 def _feedback(at: OnLine, backwards: bool, limits: DwaSettings, settings: TrackingSettings) -> Twist:
     """Speed that can still stop at the end, and the turning that brings the chair back onto the line."""
-    speed = min(settings.max_speed, math.sqrt(limits.braking * max(at.left, 0.0)))
+    speed = min(settings.max_speed, slowing_speed(at.left, 0.0, limits))
     v = math.copysign(max(speed, limits.min_speed), -1.0 if backwards else 1.0)
     gain = 1.0 / settings.return_length
     omega = v * at.curvature - v * gain**2 * at.lateral - 2.0 * abs(v) * gain * at.heading
@@ -117,19 +127,40 @@ def _feedback(at: OnLine, backwards: bool, limits: DwaSettings, settings: Tracki
 
 
 def _admitted(
-    ahead: Pose2, command: Twist, wanted: Twist, distances: DistanceField, body: ChairBody, limits: DwaSettings
+    ahead: Pose2,
+    command: Twist,
+    wanted: Twist,
+    distances: DistanceField,
+    body: ChairBody,
+    limits: DwaSettings,
+    motion: Motion | None,
 ) -> DwaResult:
-    """The first step towards what is wanted, or towards half of it, from which the chair can stop; else braking."""
+    """The first step towards what is wanted, or towards half of it, from which the chair can stop; else braking.
+
+    Where it could not stop from the step with limited jerk, the step is made without.
+    """
     shape, start = footprint(body, limits.margin, distances), in_cells(distances, ahead)
     candidates = np.array([[wanted.v, wanted.omega], [wanted.v / 2, wanted.omega / 2]])
-    for k, (v, omega) in enumerate(candidates.tolist()):
-        twist = towards(command, Twist(v, omega), limits)
+    steps = [(k, eased) for eased in ((None,) if motion is None else (motion, None)) for k in range(2)]
+    for k, eased in steps:
+        v, omega = candidates[k].tolist()
+        twist = _step(command, Twist(v, omega), limits, eased)
         needed = limits.period + stop_time(twist, limits) / 2
         if free_time(shape, start, twist.v / shape.cell, twist.omega, needed, needed) >= needed:
             scores = np.where(np.arange(2) == k, 0.0, -np.inf)
             arc = np.array([along_arc(ahead.x, ahead.y, ahead.theta, v, omega, t) for t in np.linspace(0.0, 2.0, 11)])
             return DwaResult(twist, candidates, scores, arc)
     return DwaResult(braking(command, limits), candidates, np.full(2, -np.inf), ahead.array()[None], blocked=True)
+
+
+def _step(command: Twist, wanted: Twist, limits: DwaSettings, motion: Motion | None) -> Twist:
+    """One control period towards what is wanted; by limited jerk along, and turning as the line asks at that speed."""
+    if motion is None:
+        return towards(command, wanted, limits)
+    v = towards(command, wanted, limits, motion).v
+    share = max(v / wanted.v, 0.0)
+    omega = min(max(wanted.omega * share, -limits.max_omega), limits.max_omega)
+    return Twist(v, towards(command, Twist(v, omega), limits).omega)
 
 
 def _margin(pose: Pose2, distances: DistanceField, body: ChairBody) -> float:

@@ -14,7 +14,8 @@ Fox, Burgard and Thrun, "The Dynamic Window Approach to Collision Avoidance", IE
 
 A candidate is a speed to go for; what is commanded is the first control period of the way there, and that too must be
 able to stop. Hence, in a world that stands still, a full stop from any commanded speed touches nothing. Jerk is limited
-on the way to a candidate (`Motion`), never in a stop: comfort does not hold back what safety asks for.
+on the way to a candidate (`Motion`) and in a stop of the chair's own choice; as soon as that would cost the room for a
+full one, and where nothing else is left, the chair brakes at once: comfort does not hold back what safety asks for.
 
 People who move are taken to go on as they do (`tracks`): no arc may meet one of them before the chair could stand.
 """
@@ -143,13 +144,15 @@ def choose(
     in_position: bool = False,
     motion: Motion | None = None,
     tracks: Sequence[Track] = (),
+    fastest: float = math.inf,
 ) -> DwaResult:
     """The next command on a path.
 
     pose: map_from_base now; command: the last one sent; path: in map, its last pose is the goal; distances: around
     the chair, in map (what lies outside counts as occupied); in_position: what the last result said, so that turning at
     the goal may drift a little without giving it up.
-    motion: `motion_after` the last command; jerk is not limited without it. tracks: in map, as of now.
+    motion: `motion_after` the last command; jerk is not limited without it. tracks: in map, as of now. fastest [m/s]:
+    the speed to come down to, where what follows is to be entered slowly.
     """
     shape, ease = eased_footprint(body, settings.margin, distances, pose)
     settings = crawling(settings) if ease else settings
@@ -159,15 +162,16 @@ def choose(
 
     tolerance = settings.goal_release if in_position else settings.goal_tolerance
     if math.hypot(path.poses[-1, 0] - ahead.x, path.poses[-1, 1] - ahead.y) <= tolerance:
-        turn = _rotate(ahead, command, float(path.poses[-1, 2]), shape, distances, settings)
+        turn = _rotate(ahead, command, float(path.poses[-1, 2]), shape, distances, settings, motion)
         return replace(turn, in_position=True)
     off_path = wrap_angle(float(section[min(10, len(section) - 1), 2]) - ahead.theta)
     if abs(off_path) > settings.turn_in_place_from and remaining > settings.goal_tolerance:
-        turn = _rotate(ahead, command, ahead.theta + off_path, shape, distances, settings)
+        turn = _rotate(ahead, command, ahead.theta + off_path, shape, distances, settings, motion)
         if not turn.blocked:
             return turn
 
-    candidates = _window(command, remaining, body, settings, motion)
+    fastest = min(fastest, slowing_speed(remaining, 0.0, settings))
+    candidates = _window(command, max(fastest, settings.min_speed), body, settings, motion)
     features = _features(candidates, ahead, command, section, shape, distances, settings)
     features = _with_people(features, ahead, tracks, shape, distances, settings)
     if motion is not None:
@@ -188,15 +192,17 @@ def rotate_to_heading(
     distances: DistanceField,
     body: ChairBody,
     settings: DwaSettings = DwaSettings(),
+    motion: Motion | None = None,
 ) -> DwaResult:
     """Turn in place to a heading [rad] in map, the short way round if it is free, else the long way.
 
     The whole sweep of the rectangle is checked before it begins and at every call. `arrived` when the heading is
-    reached and the chair stands; `blocked` when neither way round is free.
+    reached and the chair stands; `blocked` when neither way round is free. With a `motion`, a chair that still drives
+    stops with limited jerk first.
     """
     shape = footprint(body, settings.margin, distances)
     ahead = Pose2(*along_arc(pose.x, pose.y, pose.theta, command.v, command.omega, settings.reaction_time))
-    return _rotate(ahead, command, heading, shape, distances, settings)
+    return _rotate(ahead, command, heading, shape, distances, settings, motion)
 
 
 def measured(settings: DwaSettings, stops: StopTable | None) -> DwaSettings:
@@ -236,6 +242,34 @@ def braking(command: Twist, settings: DwaSettings) -> Twist:
     return Twist(command.v * left, command.omega * left)
 
 
+def stopping(command: Twist, settings: DwaSettings, motion: Motion | None) -> Twist:
+    """One control period of a stop in comfort: as `braking`, but with limited jerk, and never faster than before."""
+    if motion is None:
+        return braking(command, settings)
+    eased = towards(command, Twist(), settings, motion)
+    along = abs(command.v) / settings.braking >= abs(command.omega) / settings.alpha
+    before, after = (command.v, eased.v) if along else (command.omega, eased.omega)
+    left = min(max(after / before, 0.0), 1.0) if before else 0.0
+    return Twist(command.v * left, command.omega * left)
+
+
+def slowing_speed(way: float, end: float, settings: DwaSettings) -> float:
+    """Greatest speed [m/s] that comes down to `end` [m/s] within a way [m], with half the braking and jerk held back.
+
+    What is held back is for the chair's lag. Neither before nor after it does the chair slow down. From v the mean speed is (v + end) / 2, for the time
+    (v - end) / a + a / jerk, or 2 sqrt((v - end) / jerk) where the full a is not reached; solved for v.
+    """
+    a, jerk, way = settings.braking / 2, settings.jerk / 2, max(way, 0.0)
+    ramps = a * a / jerk  # change of the speed while a comes and goes
+    speed = math.hypot(ramps / 2 - end, math.sqrt(2 * a * way)) - ramps / 2
+    if speed - end >= ramps:
+        return speed
+    # With s = sqrt(v - end) it is s^3 + 2 end s = way sqrt(jerk), of which Cardano's formula gives the one real root.
+    half, third = way * math.sqrt(jerk) / 2, 2 * end / 3
+    root = math.sqrt(half**2 + third**3)
+    return end + (math.cbrt(half + root) + math.cbrt(half - root)) ** 2
+
+
 def stop_time(twist: Twist, settings: DwaSettings) -> float:
     """Time [s] to brake v and omega in proportion."""
     return max(abs(twist.v) / settings.braking, abs(twist.omega) / settings.alpha)
@@ -263,7 +297,7 @@ def _standing(twist: Twist) -> bool:
 
 
 def _window(
-    command: Twist, remaining: float, body: ChairBody, settings: DwaSettings, motion: Motion | None
+    command: Twist, fastest: float, body: ChairBody, settings: DwaSettings, motion: Motion | None
 ) -> FloatArray:
     """(N, 2) candidates: Eqs. (8) and (9) round the command, wheel speed and sideways acceleration, 0 among them.
 
@@ -271,11 +305,9 @@ def _window(
     """
     time = settings.window_time
     a, alpha = (None, None) if motion is None else (motion.acceleration.v, motion.acceleration.omega)
-    # Slow enough to stop at the goal, with half the braking held back.
-    fastest = min(settings.max_speed, max(math.sqrt(settings.braking * remaining), settings.min_speed))
     faster = settings.acceleration if command.v >= 0 else settings.braking
     slower = settings.braking if command.v >= 0 else settings.acceleration
-    v_high = min(fastest, command.v + _change(a, 1.0, faster, settings.jerk, time))
+    v_high = min(settings.max_speed, fastest, command.v + _change(a, 1.0, faster, settings.jerk, time))
     v_low = max(-settings.max_reverse, command.v - _change(a, -1.0, slower, settings.jerk, time))
     more, less = (_change(alpha, sign, settings.alpha, settings.alpha_jerk, time) for sign in (1.0, -1.0))
     omega_high = min(settings.max_omega, command.omega + more)
@@ -406,10 +438,11 @@ def towards(command: Twist, target: Twist, settings: DwaSettings, motion: Motion
     if motion is None:
         return Twist(command.v + share * dv, command.omega + share * domega)
     now, period = motion.acceleration, settings.period
-    return Twist(
-        command.v + _eased(share * dv, dv, now.v, settings.jerk, period),
-        command.omega + _eased(share * domega, domega, now.omega, settings.alpha_jerk, period),
-    )
+    v = command.v + _eased(share * dv, dv, now.v, settings.jerk, period)
+    # hard braking may end in a stand, and is not carried on into driving the other way
+    v = max(v, 0.0) if min(command.v, target.v) >= 0.0 else v
+    v = min(v, 0.0) if max(command.v, target.v) <= 0.0 else v
+    return Twist(v, command.omega + _eased(share * domega, domega, now.omega, settings.alpha_jerk, period))
 
 
 def _eased(step: float, left: float, acceleration: float, jerk: float, period: float) -> float:
@@ -427,18 +460,25 @@ def _arc(start: Pose2, candidate: FloatArray, horizon: float) -> FloatArray:
 
 
 def _rotate(
-    ahead: Pose2, command: Twist, heading: float, shape: Footprint, distances: DistanceField, settings: DwaSettings
+    ahead: Pose2,
+    command: Twist,
+    heading: float,
+    shape: Footprint,
+    distances: DistanceField,
+    settings: DwaSettings,
+    motion: Motion | None,
 ) -> DwaResult:
-    """Brake v, then turn: as fast as the angle left allows to stop."""
+    """Brake v, in comfort as long as there is room for it, then turn: as fast as the angle left allows to stop."""
     none = np.zeros((0, 2))
-    here = ahead.array()[None]
+    here, start = ahead.array()[None], in_cells(distances, ahead)
     if abs(command.v) >= _STANDING_V:
-        return DwaResult(braking(command, settings), none, np.zeros(0), here)
+        eased = stopping(command, settings, motion)
+        stopped = eased if _can_stop(eased, start, shape, settings) else braking(command, settings)
+        return DwaResult(stopped, none, np.zeros(0), here)
     error = wrap_angle(heading - ahead.theta)
     if abs(error) <= settings.heading_tolerance:
         there = _standing(command)
         return DwaResult(Twist() if there else braking(command, settings), none, np.zeros(0), here, arrived=there)
-    start = in_cells(distances, ahead)
     for angle in _ways_round(error, command.omega):
         needed = abs(angle) / settings.max_omega
         if free_time(shape, start, 0.0, math.copysign(settings.max_omega, angle), needed, needed) < needed:

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from itertools import pairwise
 
 import numpy as np
@@ -36,6 +36,7 @@ class PlannerSettings(Settings):
     narrow: float = setting(
         0.6, "m", "clearance below which a place is lined up with, as a door; 0: nothing is checked", low=0.0, high=2.0
     )
+    exactly: bool = setting(True, "", "tight turns are planned, and the last metre is kept to exactly")
     run_up: float = setting(1.0, "m", "straight way before the middle of a door", low=0.1, high=3.0)
     turn_from: float = setting(1.2, "rad", "sharper corners at a door are turned in place", low=0.2, high=3.2)
     route: RouteSettings = field(default_factory=RouteSettings)
@@ -88,8 +89,12 @@ class GlobalPlanner:
         """
         return finished(self.replan_in_slices(costmap, start))
 
-    def replan_in_slices(self, costmap: Costmap, start: Pose2) -> Slices[Path]:
-        """The same in bounded parts: the way over the cells is found in the first, tight turns take more."""
+    def replan_in_slices(self, costmap: Costmap, start: Pose2, among_people: bool = False) -> Slices[Path]:
+        """The same in bounded parts: the way over the cells is found in the first, tight turns take more.
+
+        `among_people` no tight turns are made of where they stand now, and no line is kept to that they may cross:
+        whether the rectangle passes is left to the local planner.
+        """
         check_free_space(costmap)
         start_cell = _start_cell(costmap, start, self.settings.start_reach)
         goal_cell = _goal_cell(costmap, self.goal)
@@ -101,7 +106,8 @@ class GlobalPlanner:
                 f"no way wide enough for the chair leads from ({start.x:.2f}, {start.y:.2f}) to "
                 f"({self.goal.x:.2f}, {self.goal.y:.2f}); clear the way or choose another goal"
             ) from error
-        self.legs = yield from _legs_from_cells(costmap, search.path(), start, self.goal, self.settings)
+        settings = replace(self.settings, exactly=self.settings.exactly and not among_people)
+        self.legs = yield from _legs_from_cells(costmap, search.path(), start, self.goal, settings)
         return whole(self.legs)
 
     def _updated_search(self, costmap: Costmap, start: Cell, goal: Cell) -> GridPlanner:
@@ -215,7 +221,7 @@ def _legs_from_cells(
         taut[begin] = leaving
     legs += _free_legs(costmap, taut[begin:], goal.theta, settings)
     _join(legs)
-    if settings.narrow == 0.0:  # whether the rectangle passes is left to the local planner
+    if settings.narrow == 0.0 or not settings.exactly:  # whether the rectangle passes is left to the local planner
         return tuple(legs)
     whole_legs = yield from checked(costmap, start, legs, settings.route)
     return tuple(whole_legs)

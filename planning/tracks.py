@@ -1,16 +1,17 @@
 """Who moves, and how: people as Kalman tracks of what the lidar sees and the map does not explain.
 
-Points are clustered, clusters are given to the tracks that expect them (global nearest neighbour within a gate), and
+Points that touch are of one thing, and things as slim as legs that stand together of one person. Things are given to the tracks that expect them (global nearest neighbour within a gate), and
 each track is a Kalman filter of constant velocity whose noise is a white acceleration (Bar-Shalom, Li and Kirubarajan,
 Estimation with Applications to Tracking and Navigation, 2001, sections 6.2 and 6.3). A track is believed once it was
-seen often enough, and dropped when it has not been seen for a while.
+seen often enough, and dropped when it has not been seen for a while. Who is too slow for its speed to be told from the
+filter's doubt about it is given away by the way it has made.
 """
 
 from __future__ import annotations
 
 import math
 from collections.abc import Iterable
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 
 import numpy as np
 from scipy.optimize import linear_sum_assignment
@@ -28,9 +29,9 @@ from waychair.types import FloatArray, Pose2
 class TrackSettings(Settings):
     """Sizes of people, how they move, and when a track is believed."""
 
-    link: float = setting(
-        0.55, "m", "points nearer than this are of one thing: two legs are one person", low=0.05, high=2.0
-    )
+    touch: float = setting(0.15, "m", "points nearer than this are of one thing", low=0.02, high=2.0)
+    leg: float = setting(0.22, "m", "a thing no wider than this may be one leg of two", low=0.02, high=1.0)
+    link: float = setting(0.55, "m", "legs nearer than this are of one person", low=0.05, high=2.0)
     apart: float = setting(0.6, "m", "nothing new is born nearer to a track than this", low=0.05, high=2.0)
     least_points: int = setting(3, "", "of a cluster", low=1, high=1000)
     largest: float = setting(1.2, "m", "wider things are no person", low=0.2, high=10.0)
@@ -39,6 +40,11 @@ class TrackSettings(Settings):
         0.4, "m", "kept free round a person's middle, shoulders reach beyond legs", low=0.05, high=1.0
     )
     walking: float = setting(0.2, "m/s", "what has moved faster, beyond doubt, is a person", low=0.01, high=2.0)
+    way: float = setting(0.3, "m", "what has made so much way, too, and still goes on", low=0.05, high=5.0)
+    way_from: float = setting(1.5, "s", "... in no less than this", low=0.1, high=60.0)
+    way_within: float = setting(10.0, "s", "... and no more", low=0.5, high=600.0)
+    onwards: float = setting(0.15, "m", "way by which who is known to walk is still under way", low=0.02, high=5.0)
+    onwards_from: float = setting(0.5, "s", "... in no less than this", low=0.1, high=60.0)
     acceleration: float = setting(1.0, "m/s^2", "of people, one sigma", low=0.01, high=10.0)
     sigma: float = setting(0.08, "m", "of a cluster's middle about the person's, legs swing", low=0.001, high=1.0)
     start_speed: float = setting(1.0, "m/s", "of one never seen before, one sigma", low=0.01, high=10.0)
@@ -46,6 +52,10 @@ class TrackSettings(Settings):
     believed_after: int = setting(4, "", "sightings", low=1, high=100)
     forgotten_after: float = setting(0.8, "s", "without being seen", low=0.05, high=60.0)
     pause: float = setting(2.0, "s", "who stands for less is still on the way", low=0.0, high=60.0)
+    lately: float = setting(5.0, "s", "who walked out of sight no longer ago may still be about", low=0.0, high=60.0)
+    room_after: float = setting(
+        0.3, "m", "as room, once the chair has stood for people to pass, and they have not", low=0.05, high=1.0
+    )
 
 
 @dataclass(frozen=True, slots=True)
@@ -53,7 +63,8 @@ class Track:
     """One who moves: position (2,) [m], velocity (2,) [m/s] in map, and the covariance (4, 4) of x, y, vx, vy.
 
     `seen` counts the sightings, the last of them at `seen_ns`; the state is of `stamp_ns`. radius [m]. `moved_ns`: when
-    it last moved by itself, beyond doubt, so that it is no furniture; None for never.
+    it last moved by itself, beyond doubt, so that it is no furniture; None for never. `mark` (2,) [m] is where it was at
+    `mark_ns`, from where its way is measured.
     """
 
     number: int
@@ -65,6 +76,8 @@ class Track:
     covariance: FloatArray
     radius: float
     moved_ns: int | None = None
+    mark: FloatArray = field(default_factory=lambda: np.zeros(2))
+    mark_ns: int = 0
 
     @property
     def walked(self) -> bool:
@@ -96,7 +109,13 @@ class Tracker:
     def __init__(self, settings: TrackSettings | None = None) -> None:
         self._settings = settings or TrackSettings()
         self._tracks: tuple[Track, ...] = ()
+        self._lost: tuple[Track, ...] = ()
         self._next = 1
+
+    @property
+    def lost(self) -> tuple[Track, ...]:
+        """Those who walked and went out of sight lately, as they were last expected."""
+        return self._lost
 
     def update(self, stamp_ns: int, points: FloatArray) -> tuple[Track, ...]:
         """The believed tracks after a scan whose points (N, 2) [m] in map nothing known explains."""
@@ -114,14 +133,15 @@ class Tracker:
             if all(math.dist(track.position, middles[k]) > s.apart for track in kept):
                 kept.append(_born(self._next, stamp_ns, middles[k], s))
                 self._next += 1
+        gone = {track.number for track in self._tracks} - {track.number for track in kept}
+        lost = (*self._lost, *(track for track in self._tracks if track.number in gone and track.walks(s)))
+        self._lost = tuple(track for track in lost if stamp_ns - track.seen_ns <= s.lately * 1e9)
         self._tracks = tuple(kept)
         return tuple(track for track in kept if track.seen >= s.believed_after)
 
 
-def room_round(
-    tracks: Iterable[Track], settings: TrackSettings, pose: Pose2, body: ChairBody, spare: float
-) -> FloatArray:
-    """(N, 2) points on circles round those who move or have moved, to be kept clear of as they are now.
+def room_round(tracks: Iterable[Track], room: float, pose: Pose2, body: ChairBody, spare: float) -> FloatArray:
+    """(N, 2) points on circles of `room` [m] round those who move or have moved, to be kept clear of as they are now.
 
     Of one who has come so near to the chair at `pose` that the circle would reach it, less is kept clear: all but
     `spare` [m] of what there is between, so that the chair can leave, and come no nearer.
@@ -130,36 +150,62 @@ def room_round(
     circle = np.column_stack([np.cos(turns), np.sin(turns)])
     circles = [np.empty((0, 2))]
     for track in tracks:
-        radius = min(settings.room, _gap(track.position, pose, body) - spare)
+        radius = min(room, gap(track.position, pose, body) - spare)
         if track.walked and radius > 0.0:
             circles.append(track.position + radius * circle)
     return np.concatenate(circles)
 
 
-def _gap(point: FloatArray, pose: Pose2, body: ChairBody) -> float:
+def gap(point: FloatArray, pose: Pose2, body: ChairBody) -> float:
     """Distance [m] from a point (2,) to the outline of a chair, 0 within."""
     x, y = transform_points(pose.inverse(), point[None])[0]
     return math.hypot(max(x - body.front, -body.rear - x, 0.0), max(abs(y) - body.width / 2, 0.0))
 
+
+def may_be_behind(tracks: Iterable[Track], now_ns: int, pose: Pose2, body: ChairBody, way: float) -> bool:
+    """Whether one who walked may, going on as fast as when last seen, stand where a chair at `pose` backs to over a way [m]."""
+    for track in tracks:
+        if track.walked:
+            unseen_s = (now_ns - track.seen_ns) * 1e-9
+            reach = track.radius + min(max(track.speed, _SLOWEST) * unseen_s, _FARTHEST)
+            x, y = transform_points(pose.inverse(), track.position[None])[0]
+            beyond = max(x + body.rear, -body.rear - way - x, 0.0)
+            if math.hypot(beyond, max(abs(y) - body.width / 2, 0.0)) < reach and x < 0.0:
+                return True
+    return False
+
+
+_SLOWEST, _FARTHEST = 0.1, 1.0
+"""Who is out of sight goes on at least so fast [m/s], and is looked for no farther away than this [m]."""
 
 _ROUND = 48
 """Points of such a circle, 5 cm apart."""
 
 
 def clusters(points: FloatArray, settings: TrackSettings) -> FloatArray:
-    """(K, 2) middles [m] of those groups of linked points (N, 2) that may be a person."""
+    """(K, 2) middles [m] of those things, or pairs of legs, among points (N, 2) [m] that may be a person."""
     if len(points) == 0:
         return np.empty((0, 2))
-    pairs = cKDTree(points).query_pairs(settings.link, output_type="ndarray")
-    links = coo_matrix((np.ones(len(pairs)), (pairs[:, 0], pairs[:, 1])), shape=(len(points),) * 2)
-    count, labels = connected_components(links, directed=False)
+    things = _linked(points, settings.touch)
+    slim = np.array([np.hypot(*np.ptp(thing, axis=0)) <= settings.leg for thing in things])
+    legs = [thing for thing, leg in zip(things, slim, strict=True) if leg]
+    bodies = [thing for thing, leg in zip(things, slim, strict=True) if not leg]
+    if legs:
+        bodies += _linked(np.concatenate(legs), settings.link)
     middles = []
-    for label in range(count):
-        group = points[labels == label]
+    for group in bodies:
         low, high = group.min(axis=0), group.max(axis=0)
         if len(group) >= settings.least_points and np.hypot(*(high - low)) <= settings.largest:
             middles.append((low + high) / 2)
     return np.array(middles).reshape(-1, 2)
+
+
+def _linked(points: FloatArray, link: float) -> list[FloatArray]:
+    """Points (N, 2) [m], parted into groups whose points are joined by steps of no more than a link [m]."""
+    pairs = cKDTree(points).query_pairs(link, output_type="ndarray")
+    links = coo_matrix((np.ones(len(pairs)), (pairs[:, 0], pairs[:, 1])), shape=(len(points),) * 2)
+    count, labels = connected_components(links, directed=False)
+    return [points[labels == label] for label in range(count)]
 
 
 def predicted(track: Track, stamp_ns: int, settings: TrackSettings) -> Track:
@@ -195,10 +241,26 @@ def _corrected(track: Track, middle: FloatArray, settings: TrackSettings) -> Tra
     noise, sees = settings.sigma**2 * np.eye(2), np.eye(2, 4)
     state, covariance = update(_state(track), track.covariance, middle, noise, sees)
     seen = _with_state(track, track.stamp_ns, track.stamp_ns, track.seen + 1, state, covariance)
+    if seen.seen < settings.believed_after:
+        return replace(seen, mark=seen.position, mark_ns=seen.stamp_ns)
     # of one that is known to walk no proof is asked for
     doubt = 0.0 if track.walked else 2.0 * seen.speed_sigma
-    moves = seen.seen >= settings.believed_after and seen.speed > max(settings.walking, doubt)
+    made_way = _made_way(seen, settings)
+    if made_way or seen.stamp_ns - seen.mark_ns > settings.way_within * 1e9:
+        seen = replace(seen, mark=seen.position, mark_ns=seen.stamp_ns)
+    moves = made_way or seen.speed > max(settings.walking, doubt)
     return replace(seen, moved_ns=seen.stamp_ns if moves else track.moved_ns)
+
+
+def _made_way(track: Track, settings: TrackSettings) -> bool:
+    """Whether it has come away from its mark, and is not only seen from another side, or in another part, than there."""
+    gone = track.position - track.mark
+    way = float(np.hypot(*gone))
+    seconds = (track.stamp_ns - track.mark_ns) * 1e-9
+    least, since = (settings.onwards, settings.onwards_from) if track.walked else (settings.way, settings.way_from)
+    if way <= least or seconds < since:
+        return False
+    return float(track.velocity @ gone) / way > 0.3 * way / seconds
 
 
 def _born(number: int, stamp_ns: int, middle: FloatArray, settings: TrackSettings) -> Track:

@@ -297,7 +297,7 @@ def crossing(pilot: Navigator, seconds: float = 9.0) -> tuple[float, float]:
 
 def test_who_crosses_the_way_is_foreseen_and_let_pass() -> None:
     foreseen, _ = crossing(navigator(hall()))
-    blind = NavigatorSettings(tracks=TrackSettings(walking=2.0))
+    blind = NavigatorSettings(tracks=TrackSettings(walking=2.0, way=5.0))
     surprised, _ = crossing(navigator(hall(), blind))
     assert foreseen > 0.25
     assert foreseen > surprised

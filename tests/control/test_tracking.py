@@ -13,7 +13,7 @@ from hypothesis import strategies as st
 from waychair.calibration.chair import CHAIR_A
 from waychair.control.tracking import on_line, track
 from waychair.maps.distance_field import DistanceField
-from waychair.planning.dwa import DwaSettings
+from waychair.planning.dwa import DwaSettings, Motion, motion_after
 from waychair.planning.footprint import along_arc
 from waychair.types import FloatArray, Pose2, Twist
 
@@ -69,3 +69,24 @@ def test_a_wall_across_the_line_stops_the_chair_before_it() -> None:
     line = np.column_stack([np.linspace(0.0, 2.0, 41), np.zeros((41, 2))])
     poses = drive(Pose2(), line, False, DistanceField(metres, 0.02, OPEN.map_from_grid))
     assert 1.3 < poses[-1].x + CHAIR_A.front < 1.5
+
+
+@pytest.mark.parametrize("backwards", [False, True])
+def test_with_a_motion_the_jerk_along_a_line_is_limited_from_its_entry_at_speed_to_its_end(backwards: bool) -> None:
+    """Entered faster than it is driven; left as exactly as without a limit."""
+    limits, sign = DwaSettings(reaction_time=0.0), -1.0 if backwards else 1.0
+    line = np.column_stack([np.linspace(0.0, sign * 2.0, 41), np.zeros((41, 2))])
+    pose, command, motion, in_position = Pose2(0.0, 0.05, 0.0), Twist(sign * 0.4), Motion(), False
+    speeds = [command.v, command.v]
+    for _ in range(800):
+        choice = track(pose, command, line, backwards, OPEN, CHAIR_A, limits, in_position=in_position, motion=motion)
+        in_position = choice.in_position
+        motion, command = motion_after(motion, command, choice.twist, limits), choice.twist
+        speeds.append(command.v)
+        pose = Pose2(*along_arc(pose.x, pose.y, pose.theta, command.v, command.omega, limits.period))
+        if choice.arrived:
+            break
+    assert choice.arrived
+    assert np.abs(np.diff(speeds, 2)).max() <= 1.05 * limits.jerk * limits.period**2
+    assert abs(pose.x) == pytest.approx(2.0, abs=0.03)
+    assert abs(pose.y) < 0.005

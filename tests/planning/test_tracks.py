@@ -10,7 +10,16 @@ import pytest
 from waychair.calibration.chair import CHAIR_A
 from waychair.geometry import transform_points
 from waychair.maps.grid import cells_from_points
-from waychair.planning.tracks import Track, Tracker, TrackSettings, associate, clusters, predicted, room_round
+from waychair.planning.tracks import (
+    Track,
+    Tracker,
+    TrackSettings,
+    associate,
+    clusters,
+    may_be_behind,
+    predicted,
+    room_round,
+)
 from waychair.simulation.lidar import Lidar, LidarSettings
 from waychair.simulation.people import People
 from waychair.simulation.rays import scenery_of
@@ -127,9 +136,29 @@ def test_the_room_of_a_person_never_holds_the_chair(ahead: float) -> None:
     pose = Pose2(1.0, 2.0, 0.7)
     middle = transform_points(pose, np.array([[CHAIR_A.front + ahead, 0.1]]))[0]
     track = Track(1, 0, 0, 9, middle, np.zeros(2), np.eye(4), 0.3, moved_ns=0)
-    room = transform_points(pose.inverse(), room_round([track], SETTINGS, pose, CHAIR_A, 0.06))
+    room = transform_points(pose.inverse(), room_round([track], SETTINGS.room, pose, CHAIR_A, 0.06))
     outside = np.maximum(room[:, 0] - CHAIR_A.front, np.abs(room[:, 1]) - CHAIR_A.width / 2)
     assert (outside >= 0.06 - 1e-9).all()
     assert (len(room) > 0) == (ahead > 0.06)
     if ahead > 0.5:
         np.testing.assert_allclose(np.hypot(*(room - (CHAIR_A.front + ahead, 0.1)).T), SETTINGS.room)
+
+
+def test_who_drifts_slowly_is_known_by_the_way_made_and_what_stands_is_not() -> None:
+    tracker = Tracker()
+    for k in range(50):
+        stands, drifts = blob(0.0, 5.0), blob(0.015 * k, 0.0)
+        tracks = tracker.update(k * TICK_NS, np.concatenate([stands, drifts]))
+    assert [track.walked for track in sorted(tracks, key=lambda each: float(each.position[1]))] == [True, False]
+
+
+def test_who_went_out_of_sight_behind_the_chair_may_be_there_until_forgotten() -> None:
+    tracker = Tracker()
+    for k in range(20):
+        tracker.update(k * TICK_NS, blob(0.1 * k - 3.0, 0.0))
+    for k in range(20, 90):
+        tracker.update(k * TICK_NS, np.empty((0, 2)))
+        if k == 40:
+            assert may_be_behind(tracker.lost, k * TICK_NS, Pose2(), CHAIR_A, 0.4)
+            assert not may_be_behind(tracker.lost, k * TICK_NS, Pose2(0.0, 0.0, math.pi), CHAIR_A, 0.4)
+    assert not tracker.lost
