@@ -61,7 +61,7 @@ class Recovery:
     def stands(self, now_ns: int) -> float:
         """Told that nothing is possible in this tick; how long [s] that has been so."""
         self._standing_since = now_ns if self._standing_since is None else self._standing_since
-        return (now_ns - self._standing_since) * 1e-9
+        return self.standing(now_ns)
 
     def standing(self, now_ns: int) -> float:
         """How long [s] nothing has been possible."""
@@ -89,9 +89,9 @@ class Recovery:
         settings: DwaSettings,
         waits: bool = False,
     ) -> DwaResult | None:
-        """A command for backing out, or None while following the path is right; `remaining` [m] to the goal, None while turning at it.
+        """A command for backing out, or None while following the path is right.
 
-        `local` gives the distances round the chair, when they are needed. Who `waits` for people begins no backing, and
+        `remaining` [m] is the way to the goal, None while turning at it. `local` gives the distances round the chair, when they are needed. Who `waits` for people begins no backing, and
         ends it.
         """
         if waits:

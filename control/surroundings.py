@@ -65,7 +65,7 @@ class Surroundings:
         self._grid = grid = closed_off(grid, zones)
         self._walls = occupied(grid)
         self._from_walls = distances(self._walls, grid.resolution)
-        self._scanned = self._room = self._walkers = np.empty((0, 2))
+        self._scanned = self._room = self._walkers = self._edges = np.empty((0, 2))
         self._lidar = self._sonar = self._drops = self._missing = EMPTY
         self._depth: dict[BodyLayer, ObstacleLayer] = dict.fromkeys(body.height_layers(), EMPTY)
 
@@ -105,6 +105,7 @@ class Surroundings:
             sight = sight_from_depth(view, pose, layer, s.floor)
             self._depth[layer] = self._news(updated(seen, sight, s.obstacles))
         self._drops = updated(self._drops, sight_of_drops(view, pose), s.remembered_drops)
+        self._edges = widened(self._drops.points, s.drop_margin)
         self._missing = self._news(updated(self._missing, sight_of_missing_ground(view, pose), s.missing_ground))
 
     def keep_clear_of(self, points: FloatArray, walkers: FloatArray | None = None) -> None:
@@ -162,7 +163,7 @@ class Surroundings:
 
     def _no_ground(self) -> FloatArray:
         """(N, 2) [m] in map: where the floor ends, with its margin, and where it ought to be seen and is not."""
-        return np.concatenate([widened(self._drops.points, self._settings.drop_margin), self._missing.points])
+        return np.concatenate([self._edges, self._missing.points])
 
     def strangers(self, points: FloatArray) -> FloatArray:
         """Those of points (N, 2) [m] in map that the map does not explain."""

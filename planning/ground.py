@@ -35,8 +35,8 @@ class GroundView:
     """Beams of a picture, (H, W) from the bottom row up: what each says, and where it ends, (H, W, 3) [m] in base.
 
     `foot` (H, W) [m] is how far from the camera, over ground, a beam meets the plane of the ground last seen before it
-    in its column; `rim` (H, W) whether a beam met the last ground before what lies below. nan where that means nothing. `directions` (H, W, 2) are the beams' over ground, of length 1; `lens` (3,) [m] in base;
-    `half_angle` [rad] of a beam.
+    in its column; `rim` (H, W) whether a beam met the last ground before what lies below. nan where that means nothing.
+    `directions` (H, W, 2) are the beams' over ground, of length 1; `lens` (3,) [m] in base; `half_angle` [rad] of a beam.
     """
 
     stamp_ns: int

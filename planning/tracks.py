@@ -1,8 +1,9 @@
 """Who moves, and how: people as Kalman tracks of what the lidar sees and the map does not explain.
 
-Points that touch are of one thing, and things as slim as legs that stand together of one person. Things are given to the tracks that expect them (global nearest neighbour within a gate), and
-each track is a Kalman filter of constant velocity whose noise is a white acceleration (Bar-Shalom, Li and Kirubarajan,
-Estimation with Applications to Tracking and Navigation, 2001, sections 6.2 and 6.3). A track is believed once it was
+Points that touch are of one thing, and things as slim as legs that stand together of one person. Things are given to
+the tracks that expect them (global nearest neighbour within a gate), and each track is a Kalman filter of constant
+velocity whose noise is a white acceleration (Bar-Shalom, Li and Kirubarajan, Estimation with Applications to Tracking
+and Navigation, 2001, sections 6.2 and 6.3). A track is believed once it was
 seen often enough, and dropped when it has not been seen for a while. Who is too slow for its speed to be told from the
 filter's doubt about it is given away by the way it has made.
 """
@@ -163,7 +164,7 @@ def gap(point: FloatArray, pose: Pose2, body: ChairBody) -> float:
 
 
 def may_be_behind(tracks: Iterable[Track], now_ns: int, pose: Pose2, body: ChairBody, way: float) -> bool:
-    """Whether one who walked may, going on as fast as when last seen, stand where a chair at `pose` backs to over a way [m]."""
+    """Whether one who walked may stand where a chair at `pose` backs to over a way [m], gone on as fast as last seen."""
     for track in tracks:
         if track.walked:
             unseen_s = (now_ns - track.seen_ns) * 1e-9

@@ -41,8 +41,8 @@ class HealthSettings(Settings):
 
     What the weights leave out, objects and walls behind walls, says nothing. Nor is there a bias, so that a scan which
     is hidden by people altogether leaves even odds. Wide surfaces weigh little, since people who stand side by side are
-    some too; those of a wrong pose come with beams through walls. Fitted on two recordings and two simulated floors, calm and in
-    crowds, and verified on another floor and on scans that the fit has not seen (`python -m benchmarks.health`).
+    some too; those of a wrong pose come with beams through walls. Fitted on two recordings and two simulated floors,
+    calm and in crowds, and verified on another floor and on scans that the fit has not seen (`python -m benchmarks.health`).
     """
 
     on_wall: float = setting(3.4, "", "weight of the share that ends on a wall", low=-100.0, high=100.0)

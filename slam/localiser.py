@@ -170,10 +170,12 @@ class Localiser:
         found = match(scan.thinned(settings.max_points), self._saved.reference, guess, trust, window, settings.matching)
         if len(scan) < MIN_POINTS:
             return found, 0.0
-        before, after = self._classes(scan, guess), self._classes(scan, found.pose)
-        if not starts and before[0, ON_OBJECT] > settings.hidden_share:  # what was matched are people
-            found, after = replace(found, pose=guess, covariance=np.linalg.inv(trust)), before
-        return found, float(probability(after, settings.health)[0])
+        if not starts:
+            shares = self._classes(scan, guess)
+            if shares[0, ON_OBJECT] > settings.hidden_share:  # what was matched are people
+                found = replace(found, pose=guess, covariance=np.linalg.inv(trust))
+                return found, float(probability(shares, settings.health)[0])
+        return found, float(probability(self._classes(scan, found.pose), settings.health)[0])
 
     def _classes(self, scan: ScanPoints, pose: Pose2) -> FloatArray:
         """(1, 7) shares of the classes of the scan's beams at a pose."""

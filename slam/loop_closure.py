@@ -4,8 +4,9 @@ Near by, a candidate is a run of earlier key scans round the present one whose w
 uncertainty, and with it the search window, grows with that way. Where views do not match as a whole, because the chair
 came back looking another way, the little that both saw has to match (`partial_overlap`), twice, some way on. Where the
 window would be larger than can be searched, after a long drift or when the chair was carried, whole submaps are
-searched instead, and a place found there counts only once a second one, some way on, agrees with it. A loop is accepted by geometry (enough of the query lies on the
-reference's surfaces, no second place fits nearly as well), never by the likelihood alone.
+searched instead, and a place found there counts only once a second one, some way on, agrees with it. A loop is accepted
+by geometry (enough of the query lies on the reference's surfaces, no second place fits nearly as well), never by the
+likelihood alone.
 """
 
 from __future__ import annotations
@@ -25,6 +26,7 @@ from waychair.slam.edges import Edge, EdgeKind
 from waychair.slam.information import NoiseSettings, of_match, turned
 from waychair.slam.key_graph import KeyGraph
 from waychair.slam.partial_overlap import GlimpseSettings, glimpse, known_ground
+from waychair.slam.reference import Reference
 from waychair.slam.relocaliser import RelocaliserSettings
 from waychair.slam.scan_matching import MatchSettings, Window, correlative_search, refine
 from waychair.slam.submap_search import SubmapHypothesis, SubmapPyramids, SubmapSettings, global_candidates
@@ -182,11 +184,10 @@ class LoopCloser:
     ) -> Edge | None:
         """The edge, if the latest key scans, taken together, fit the candidate's surfaces at one pose only."""
         self.counts["loops_tried"] += 1
-        settings, matching, node = self._settings, self._matching, len(keys) - 1
-        base = keys.pose(node)
+        settings, matching = self._settings, self._matching
+        base = keys.pose(len(keys) - 1)
         query = keys.joined(recent[-settings.query_scans :], base, _QUERY_CELL)
-        reach = candidate.window + settings.chain_reach + self._reach
-        reference = keys.reference(candidate.members, keys.poses[candidate.nearest], reach, matching)
+        reference = self._round(keys, candidate, candidate.window)
         window, guess = Window(candidate.window, candidate.angle), guess or base
         coarse, response = correlative_search(
             query.points, reference, guess, window, matching, floor=settings.min_response
@@ -201,9 +202,18 @@ class LoopCloser:
         if inliers < settings.min_inliers:
             self.counts["loops_rejected"] += 1
             return None
-        known = turned(of_match(information, self._noise), -pose.theta)
+        return self._edge(keys, candidate, pose, information)
+
+    def _round(self, keys: KeyGraph, candidate: Candidate, window: float) -> Reference:
+        """A candidate's surfaces, as far as the chair may see them from anywhere in a window [m]."""
+        reach = window + self._settings.chain_reach + self._reach
+        return keys.reference(candidate.members, keys.poses[candidate.nearest], reach, self._matching)
+
+    def _edge(self, keys: KeyGraph, candidate: Candidate, pose: Pose2, information: FloatArray) -> Edge:
+        """From the candidate to the last key scan, which stands at a pose by a match with this information (3, 3)."""
         nearest_from_node = keys.pose(candidate.nearest).inverse() @ pose
-        return Edge(candidate.nearest, node, nearest_from_node, known, EdgeKind.LOOP)
+        known = turned(of_match(information, self._noise), -pose.theta)
+        return Edge(candidate.nearest, len(keys) - 1, nearest_from_node, known, EdgeKind.LOOP)
 
     def _patience_is_over(self) -> bool:
         """Whether it is time for the dearer search: views that match as a whole have closed no loop for a while."""
@@ -220,8 +230,7 @@ class LoopCloser:
         for candidate in near:
             self.counts["glimpses_tried"] += 1
             window = Window(min(settings.widening * candidate.window, settings.max_window), candidate.angle)
-            reach = window.distance + self._settings.chain_reach + self._reach
-            reference = keys.reference(candidate.members, keys.poses[candidate.nearest], reach, matching)
+            reference = self._round(keys, candidate, window.distance)
             every = -(-len(candidate.members) // settings.drawn_scans)
             known = known_ground(keys.store, keys.poses, candidate.members[::every], self._base_from_laser, reference)
             found = glimpse(query, reference, known, base, window, matching, settings)
@@ -231,9 +240,7 @@ class LoopCloser:
             find = _Find(node, found.pose)
             self._glimpsed.append(find)
             if found.inliers >= settings.min_inliers and any(self._agree(keys, earlier, find) for earlier in before):
-                information = turned(of_match(found.information, self._noise), -found.pose.theta)
-                nearest_from_node = keys.pose(candidate.nearest).inverse() @ found.pose
-                edges.append(Edge(candidate.nearest, node, nearest_from_node, information, EdgeKind.LOOP))
+                edges.append(self._edge(keys, candidate, found.pose, found.information))
         return edges
 
     def _elsewhere(self, keys: KeyGraph, recent: Sequence[int], ways: FloatArray) -> Edge | None:

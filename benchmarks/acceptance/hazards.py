@@ -14,9 +14,10 @@ from pathlib import Path
 
 import numpy as np
 
-from benchmarks.acceptance.scenes import over_seeds, upper_bound
+from benchmarks.acceptance.scenes import over_seeds
 from waychair.calibration.chair import CHAIR_A, CHAIR_B
 from waychair.control.limiter import LimiterSettings
+from waychair.trials.barn import upper_bound
 from waychair.trials.hazards import (
     EDGES,
     Appearance,
@@ -107,7 +108,7 @@ def appears(out: Path) -> Json:
         and all(braking is None or braking >= FULL_BRAKING for braking in near),
         "runs_at_0.9_m_and_more": RUNS * len(far),
         "contacts_at_0.9_m_and_more": sum(row["contacts"] for row in far),
-        "contact_rate_bound_95": upper_bound(sum(row["contacts"] for row in far), RUNS * len(far)),
+        "contact_rate_bound_95": round(upper_bound(sum(row["contacts"] for row in far), RUNS * len(far)), 4),
         "nearest_m": min(row["nearest_m"] for row in far),
         "rows": rows,
     }
@@ -187,10 +188,10 @@ def _row(name: str, scene: Callable[[int], Hazard], judged: bool) -> Json:
         "runs": RUNS,
         "reached": reached,
         "success": reached / RUNS,
-        "failure_rate_bound_95": upper_bound(RUNS - reached, RUNS),
+        "failure_rate_bound_95": round(upper_bound(RUNS - reached, RUNS), 4),
         **struck,
         "runs_with_contact_by_chair": at_fault,
-        "contact_rate_bound_95": upper_bound(at_fault, RUNS),
+        "contact_rate_bound_95": round(upper_bound(at_fault, RUNS), 4),
         "fastest_contact": round(max((speed for each in results for _, speed in each.struck), default=0.0), 2),
         "least_edge_m": _least(each.edge_m for each in results),
         "least_person_m": _least(each.person_m for each in results),
@@ -213,7 +214,7 @@ def _figures(rows: list[Json], passed: bool) -> Json:
         "runs": runs,
         "reached": sum(row["reached"] for row in judged),
         "runs_with_contact_by_chair": at_fault,
-        "contact_rate_bound_95": upper_bound(at_fault, runs),
+        "contact_rate_bound_95": round(upper_bound(at_fault, runs), 4),
         "rows": rows,
     }
 
@@ -227,7 +228,7 @@ def _appearance_row(ahead_m: float, found: list[Appearance]) -> Json:
         "runs": len(found),
         "slowest_start": round(min(each.speed for each in found), 2),
         "contacts": contacts,
-        "contact_rate_bound_95": upper_bound(contacts, len(found)),
+        "contact_rate_bound_95": round(upper_bound(contacts, len(found)), 4),
         "nearest_m": round(min(each.nearest_m for each in found), 3),
         "median_contact_speed": _median([each.contact_speed for each in found if each.contact_speed > 0.0]),
         "fastest_contact_speed": round(max(each.contact_speed for each in found), 2),

@@ -16,7 +16,6 @@ from dataclasses import dataclass, replace
 from pathlib import Path
 
 import numpy as np
-from scipy.stats import beta
 
 from benchmarks.acceptance.logs import DATA
 from waychair.calibration.chair import CHAIR_A
@@ -33,6 +32,7 @@ from waychair.slam.localiser import LocalisationState, Localiser, LocaliserSetti
 from waychair.slam.mapper import odometry_of, twist_of
 from waychair.slam.odometry import OdometryFilter
 from waychair.slam.scan_points import motion_of_beams, scan_points
+from waychair.trials.barn import upper_bound
 from waychair.types import (
     BoolArray,
     FloatArray,
@@ -240,13 +240,11 @@ def _way_left(truth: FloatArray) -> FloatArray:
 def _figures(outcomes: Sequence[Outcome]) -> Json:
     count, wrong = len(outcomes), sum(outcome.wrong for outcome in outcomes)
     ok = [outcome for outcome in outcomes if outcome.said_ok]
-    # Clopper and Pearson 1934: the largest rate that still gives so few in 5 % of the trials
-    bound = float(beta.ppf(0.95, wrong + 1, count - wrong))
     return {
         "starts": count,
         "right_share": round(sum(outcome.right for outcome in outcomes) / count, 4),
         "wrong_ok": wrong,
-        "wrong_ok_rate_95_percent_bound": round(bound, 4),
+        "wrong_ok_rate_95_percent_bound": round(upper_bound(wrong, count), 4),
         "undecided": count - len(ok),
         "error_m_median": round(float(np.median([outcome.error_m for outcome in ok])), 4) if ok else None,
         "error_m_max": round(max(outcome.error_m for outcome in ok), 4) if ok else None,

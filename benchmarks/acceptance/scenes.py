@@ -13,12 +13,11 @@ from functools import cache, partial
 from pathlib import Path
 from typing import TypeVar
 
-from scipy.stats import beta
-
 from waychair.calibration.chair import CHAIR_A, CHAIR_B
 from waychair.errors import NoPath
 from waychair.planning.costmap import costmap_from_grid
 from waychair.planning.global_planner import plan
+from waychair.trials.barn import upper_bound
 from waychair.trials.scenes import (
     APPROACHES,
     DOORS,
@@ -99,7 +98,7 @@ def _scored(scenes: Iterable[tuple[str, Callable[[int], Scene]]]) -> Json:
         "runs": runs,
         "reached": sum(row["reached"] for row in rows),
         "contacts": contacts,
-        "contact_rate_bound_95": upper_bound(contacts, runs),
+        "contact_rate_bound_95": round(upper_bound(contacts, runs), 4),
         "max_door_error_m": max(errors, default=None),
         "rows": rows,
     }
@@ -114,9 +113,9 @@ def _row(name: str, scene: Callable[[int], Scene]) -> Json:
         "runs": STARTS,
         "reached": reached,
         "success": reached / STARTS,
-        "failure_rate_bound_95": upper_bound(STARTS - reached, STARTS),
+        "failure_rate_bound_95": round(upper_bound(STARTS - reached, STARTS), 4),
         "contacts": contacts,
-        "contact_rate_bound_95": upper_bound(contacts, STARTS),
+        "contact_rate_bound_95": round(upper_bound(contacts, STARTS), 4),
         "max_door_error_m": round(max(errors), 4) if errors else None,
         "min_clearance_m": round(min(each.min_clearance_m for each in results), 4),
         "seconds": sorted(round(each.seconds, 1) for each in results)[STARTS // 2],
@@ -139,8 +138,3 @@ def over_seeds(run: Callable[[int], Result], count: int) -> list[Result]:
 def _processes() -> ProcessPoolExecutor:
     """As many as there are processors, for all rows; each starts afresh, for a renderer does not survive a fork."""
     return ProcessPoolExecutor(os.cpu_count(), multiprocessing.get_context("spawn"))
-
-
-def upper_bound(count: int, runs: int) -> float:
-    """Rate that is not exceeded with 95 % confidence (Clopper and Pearson 1934)."""
-    return 1.0 if count >= runs else round(float(beta.ppf(0.95, count + 1, runs - count)), 4)

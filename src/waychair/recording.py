@@ -1,9 +1,13 @@
-"""Recorded drives: CARMEN and CoreSLAM logs, rows of scans, ROS 1 and 2 bags in, ROS 2 bags out, trajectories as TUM."""
+"""Recorded drives in: CARMEN and CoreSLAM logs, rows of scans, ROS 1 and 2 bags, folders of colour and depth pictures.
+
+Out: ROS 2 bags, and trajectories as TUM.
+"""
 
 from __future__ import annotations
 
 import math
 import zlib
+from collections import Counter
 from collections.abc import Callable, Iterator
 from dataclasses import dataclass, field, replace
 from functools import partial
@@ -17,12 +21,13 @@ from waychair.coreslam import CoreslamSettings, is_coreslam, read_coreslam
 from waychair.errors import NoScans, RecordingDamaged, RecordingError, RecordingNotFound
 from waychair.files import write_text
 from waychair.laser_text import is_laser_text, read_laser_text
+from waychair.rgbd_folders import RgbdSettings, frames_of, is_rgbd_folder, read_rgbd_folder
 from waychair.rosbag_file import bag_suffix
 from waychair.rosbag_pictures import read_pictures
 from waychair.rosbag_reader import BagSettings, read_bag
 from waychair.rosbag_writer import RecordingWriter
 from waychair.scans import LaserMount, mirrored, mount_from_text, silent
-from waychair.types import Pose2, RgbdFrame, SensorFrame, Trajectory
+from waychair.types import Pose2, RgbdFrame, SensorFrame, Trajectory, Trajectory3
 
 __all__ = ["InputSettings", "Recording", "RecordingWriter", "read_recording", "read_tum", "write_tum"]
 
@@ -38,6 +43,7 @@ class InputSettings(Settings):
     )
     bag: BagSettings = field(default_factory=BagSettings)
     coreslam: CoreslamSettings = field(default_factory=CoreslamSettings)
+    rgbd: RgbdSettings = field(default_factory=RgbdSettings)
 
     def laser_mounts(self) -> tuple[LaserMount, ...]:
         """
@@ -51,9 +57,12 @@ class InputSettings(Settings):
 class Recording:
     """A recorded drive: each frame holds a scan, and in `wheels` and `imu` what came since the frame before.
 
+    A folder of pictures has no frames, only `pictures()`.
+
     Frames are in the order in which they were recorded; their stamps may step backwards. `source` says which format
     and topics they came from, `warnings` what was wrong with them, one sentence each. `pictures()` reads the recording
-    again for its pictures with depth and decodes one at a time, so that whoever needs none pays for none.
+    again for its pictures with depth and decodes one at a time, so that whoever needs none pays for none; `unread`
+    counts those that it could not read, by reason.
     """
 
     path: Path
@@ -62,6 +71,7 @@ class Recording:
     source: str
     warnings: tuple[str, ...] = ()
     pictures: Callable[[], Iterator[RgbdFrame]] = lambda: iter(())
+    unread: Counter[str] = field(default_factory=Counter)
 
 
 def read_recording(
@@ -71,7 +81,8 @@ def read_recording(
     base_from_laser: Pose2 | None = None,
     progress: Callable[[float], None] | None = None,
 ) -> Recording:
-    """A CARMEN or CoreSLAM log or rows of scans (plain or gzipped), or a ROS 1 or ROS 2 bag, told apart by its content.
+    """A CARMEN or CoreSLAM log or rows of scans (plain or gzipped), a ROS 1 or ROS 2 bag, or a folder of pictures: told apart
+    by its content.
 
     `base_from_laser` stands for one upright mount in the settings. Without a mount a bag's comes from its /tf, and a
     CARMEN log's base is the laser itself, with the laser's pose as odometry; with it the log's robot pose is the
@@ -85,6 +96,10 @@ def read_recording(
     """
     settings = settings or InputSettings()
     mounts = settings.laser_mounts() if base_from_laser is None else (LaserMount(base_from_laser),)
+    if is_rgbd_folder(path):
+        folder, unread = read_rgbd_folder(path, settings.rgbd), Counter[str]()
+        pictures = partial(frames_of, folder, unread)
+        return Recording(path, (), Pose2(), folder.source, folder.warnings, pictures, unread)
     suffix = _bag_suffix(path)
     if suffix is not None:
         bag = read_bag(path, suffix, settings.bag, mounts, progress)
@@ -150,7 +165,10 @@ def _bag_suffix(path: Path) -> str | None:
         return bag_suffix(_first_bytes(path))
     storages = [file for file in path.iterdir() if file.suffix in (".mcap", ".db3")]
     if not (path / "metadata.yaml").is_file() and not storages:
-        raise RecordingDamaged(f"{path} is no ROS 2 bag: it has no metadata.yaml; give the .mcap or .db3 file in it")
+        raise RecordingDamaged(
+            f"{path} is no recording: a ROS 2 bag has metadata.yaml or .mcap or .db3 files, pictures lie in rgb/ and "
+            "depth/, or are named frame-N.color.png and frame-N.depth.png"
+        )
     return ""
 
 
@@ -165,13 +183,22 @@ def _first_line(data: bytes) -> bytes:
     return next(lines, b"")
 
 
-def write_tum(path: Path, trajectory: Trajectory) -> None:
+def write_tum(path: Path, trajectory: Trajectory | Trajectory3) -> None:
     """Write `stamp x y z qx qy qz qw` lines in the trajectory's order (the text form of the TUM RGB-D benchmark).
 
     Stamps are exact seconds with six decimals, or nine where microseconds do not hold them; positions and quaternions
     have nine decimals.
     """
     lines = []
+    if isinstance(trajectory, Trajectory3):
+        from scipy.spatial.transform import Rotation
+
+        turns = Rotation.from_matrix(trajectory.rotations).as_quat() if len(trajectory.stamps_ns) else ()
+        for stamp_ns, position, turn in zip(trajectory.stamps_ns.tolist(), trajectory.positions, turns, strict=True):
+            numbers = " ".join(f"{value:.9f}" for value in (*position, *turn))
+            lines.append(f"{_text_from_stamp(stamp_ns)} {numbers}\n")
+        write_text(path, "".join(lines))
+        return
     for stamp_ns, (x, y, theta) in zip(trajectory.stamps_ns.tolist(), trajectory.poses.tolist(), strict=True):
         qz, qw = math.sin(theta / 2), math.cos(theta / 2)
         lines.append(f"{_text_from_stamp(stamp_ns)} {x:.9f} {y:.9f} 0 0 0 {qz:.9f} {qw:.9f}\n")

@@ -85,6 +85,15 @@ class Trajectory:
 
 
 @dataclass(frozen=True, slots=True)
+class Trajectory3:
+    """Poses in space over time: stamps_ns (N,) int64, rotations (N, 3, 3), positions (N, 3) [m]."""
+
+    stamps_ns: IntArray
+    rotations: FloatArray
+    positions: FloatArray
+
+
+@dataclass(frozen=True, slots=True)
 class Twist:
     """Velocity of the base in its own frame: v [m/s] forward, omega [rad/s] to the left."""
 
