@@ -16,8 +16,9 @@ import numpy as np
 from waychair.calibration.chair import CHAIR_B
 from waychair.maps.distance_field import DistanceField, distances
 from waychair.planning.arc_fan import free_times
-from waychair.planning.dwa import DwaSettings, choose
+from waychair.planning.dwa import choose
 from waychair.planning.footprint import fits, footprint, in_cells
+from waychair.planning.motion import DwaSettings
 from waychair.types import BoolArray, FloatArray, Json, Path, Pose2, Twist
 
 SCENES, ROUNDS, SEED = 40, 5, 3

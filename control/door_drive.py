@@ -18,8 +18,9 @@ from waychair.control.doorway import DoorWatch, DoorwaySettings
 from waychair.control.tracking import TrackingSettings, track
 from waychair.geometry import compose
 from waychair.maps.distance_field import DistanceField
-from waychair.planning.dwa import DwaResult, DwaSettings, Motion, braking, rotate_to_heading
+from waychair.planning.dwa import DwaResult, rotate_to_heading
 from waychair.planning.legs import Leg
+from waychair.planning.motion import DwaSettings, Motion, braking
 from waychair.types import FloatArray, Pose2, Twist
 
 

@@ -14,9 +14,10 @@ from waychair.control.door_drive import DoorDrive, DoorDriveSettings
 from waychair.control.tracking import TrackingSettings, on_line, track
 from waychair.geometry import compose, transform_points
 from waychair.maps.distance_field import DistanceField
-from waychair.planning.dwa import DwaResult, DwaSettings, Motion, choose, slowing_speed
+from waychair.planning.dwa import DwaResult, choose
 from waychair.planning.fine_field import fine_field
 from waychair.planning.legs import Leg, Manner, whole
+from waychair.planning.motion import DwaSettings, Motion, slowing_speed
 from waychair.planning.tracks import Track
 from waychair.types import FloatArray, OccupancyGrid, Path, Pose2, Twist
 

@@ -20,8 +20,9 @@ from waychair.errors import PlanningError
 from waychair.maps.distance_field import DistanceField, distances
 from waychair.maps.grid_memory import GridMemory, GridMemorySettings
 from waychair.planning.costmap import Costmap, CostmapSettings, costmap_from_grid
-from waychair.planning.dwa import DwaResult, DwaSettings, braking, choose
+from waychair.planning.dwa import DwaResult, choose
 from waychair.planning.global_planner import GlobalPlanner, PlannerSettings
+from waychair.planning.motion import DwaSettings, braking
 from waychair.types import OccupancyGrid, Path, Pose2, Scan, Twist
 
 

@@ -9,26 +9,27 @@ from __future__ import annotations
 
 import enum
 import math
-from collections import deque
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, replace
 
 import numpy as np
 
-from waychair.calibration.chair import ChairBody
+from waychair.calibration.chair import BodyLayer, ChairBody
 from waychair.config import Settings, setting
+from waychair.control.corrections import Corrections, CorrectionSettings
 from waychair.control.leg_drive import LegDrive, LegDriveSettings, View
 from waychair.control.recovery import Recovery, RecoverySettings
-from waychair.control.surroundings import Surroundings, SurroundingsSettings
-from waychair.errors import PlanningError
+from waychair.control.surroundings import Surroundings, SurroundingsSettings, without_veils
+from waychair.errors import GoalOccupied, PlanningError
 from waychair.geometry import transform_points
 from waychair.maps.distance_field import DistanceField
 from waychair.maps.places import find
 from waychair.maps.zones import Zone
 from waychair.planning.costmap import CostmapSettings, LiveCostmap, closed_off
-from waychair.planning.dwa import DwaResult, DwaSettings, Motion, braking, crawling, motion_after
+from waychair.planning.dwa import DwaResult
 from waychair.planning.global_planner import GlobalPlanner, PlannerSettings, check_goal
 from waychair.planning.legs import Leg, Manner
+from waychair.planning.motion import DwaSettings, Motion, braking, crawling, motion_after
 from waychair.planning.slices import Slices
 from waychair.planning.tracks import Track, Tracker, TrackSettings, gap, may_be_behind, room_round
 from waychair.planning.warm_up import warm_up
@@ -79,13 +80,8 @@ class NavigatorSettings(Settings):
     veil: float = setting(
         0.1, "m", "a point this far from those of both neighbouring beams hangs between two surfaces", low=0.0, high=1.0
     )
-    jump_distance: float = setting(
-        0.05, "m", "a correction of the pose by more: slow down, plan anew", low=0.01, high=1.0
-    )
-    jump_angle: float = setting(
-        math.radians(2.0), "rad", "a correction of the heading by more: likewise", low=0.005, high=1.0
-    )
-    jump_time: float = setting(1.0, "s", "corrections within this time count as one", low=0.1, high=10.0)
+    waits_from: float = setting(2.0, "m", "from so near the chair waits until its goal is free", low=0.1, high=50.0)
+    corrections: CorrectionSettings = field(default_factory=CorrectionSettings)
     tracks: TrackSettings = field(default_factory=TrackSettings)
     surroundings: SurroundingsSettings = field(default_factory=SurroundingsSettings)
     recovery: RecoverySettings = field(default_factory=RecoverySettings)
@@ -138,7 +134,7 @@ class Navigator:
         self._recovery = Recovery(self._settings.recovery)
         self._tracker = Tracker(self._settings.tracks)
         self._tracks: tuple[Track, ...] = ()
-        self._among_people = False
+        self._among_people = self._somebody_behind = False
         self._motion, self._before = Motion(), Twist()
         self._local: DistanceField | None = None
         self._command = Twist()
@@ -157,7 +153,7 @@ class Navigator:
         self._stepped_ns: int | None = None
         self._rested = _RESTED_TICKS
         self._plans = 0
-        self._corrections: deque[tuple[int, Pose2]] = deque()
+        self._corrections = Corrections(self._settings.corrections)
         self._jumping = False
 
     @property
@@ -225,7 +221,7 @@ class Navigator:
         self._motion = motion_after(self._motion, self._before, self._command, self._dwa)
         self._before = self._command
         if obstacles is not None:
-            obstacles, self._local = _without_veils(obstacles, self._settings.veil), None
+            obstacles, self._local = without_veils(obstacles, self._settings.veil), None
             self._surroundings.see(now_ns, pose, obstacles, beyond)
             self._tracks = self._see_people(now_ns, pose, obstacles, odom_from_map)
             self._among_people = self._is_among_people(odom_from_map @ pose)
@@ -299,7 +295,8 @@ class Navigator:
         """Whether there are people about who go on by themselves, or may be where the chair would back out to."""
         s = self._settings
         everybody = (*self._tracks, *self._tracker.lost)
-        return self._among_people or may_be_behind(everybody, now_ns, odom_from_base, self._body, s.recovery.way)
+        self._somebody_behind = may_be_behind(everybody, now_ns, odom_from_base, self._body, s.recovery.way)
+        return self._among_people or self._somebody_behind
 
     def _see_people(self, now_ns: int, pose: Pose2, obstacles: FloatArray, odom_from_map: Pose2) -> tuple[Track, ...]:
         """Tracks, in odom, of those who go their way, or went it before they stood; room is left round them."""
@@ -345,6 +342,8 @@ class Navigator:
         if self._leg is None:
             self._leg = LegDrive(self._legs, self._grid, self._body, self._settings.legs)
         limits = crawling(self._dwa) if self._jumping else self._dwa
+        if self._somebody_behind:
+            limits = replace(limits, max_reverse=0.0)
         if len(self._legs) > 1:
             limits = replace(limits, goal_tolerance=self._settings.corner_tolerance)
         return self._leg.step(view, limits)
@@ -394,14 +393,7 @@ class Navigator:
 
         What is past a door's last gate goes on by the jambs it sees.
         """
-        s = self._settings
-        self._corrections.append((now_ns, odom_from_map))
-        while now_ns - self._corrections[0][0] > s.jump_time * 1e9:
-            self._corrections.popleft()
-        # where the same point of odom was in map a moment ago
-        before = self._corrections[0][1].inverse() @ odom_from_map @ pose
-        moved = before.inverse() @ pose
-        jumping = math.hypot(moved.x, moved.y) > s.jump_distance or abs(moved.theta) > s.jump_angle
+        jumping = self._corrections.jumping(now_ns, pose, odom_from_map)
         if jumping != self._jumping and not (self._leg is not None and self._leg.entered):
             self._planned_ns = None
         self._jumping = jumping
@@ -470,8 +462,7 @@ class Navigator:
             return
         try:
             if news or path is None:
-                costmap = self._costmaps.costmap(upright, layered)
-                path = yield from self._planner.replan_in_slices(costmap, pose, self._among_people)
+                path = yield from self._path_among(pose, upright, layered)
         except PlanningError as error:
             self._path, self._leg, self._no_way = None, None, str(error)
             return
@@ -483,15 +474,19 @@ class Navigator:
             leg.in_position = self._leg.in_position
         self._path, self._legs, self._leg, self._plans = path, legs, leg, self._plans + 1
 
-
-def _without_veils(points: FloatArray, gap: float) -> FloatArray:
-    """The points (N, 2) [m] of a scan, in the order of its beams, without those of beams split by an edge.
-
-    Half a beam on an edge and half beyond it read a range between, where nothing is. The collision monitor, which
-    takes no such chances, sees them all.
-    """
-    if len(points) < 2:
-        return points
-    steps = np.hypot(*np.diff(points, axis=0).T)
-    kept: FloatArray = points[np.minimum(np.append(steps, np.inf), np.insert(steps, 0, np.inf)) < gap]
-    return kept
+    def _path_among(
+        self, pose: Pose2, upright: FloatArray, layered: Sequence[tuple[BodyLayer, FloatArray]]
+    ) -> Slices[Path]:
+        """A path round what is in the way now; what stands at a goal that is still far may be gone by then."""
+        assert self._planner is not None
+        goal, among_people = self._planner.goal, self._among_people
+        costmap = self._costmaps.costmap(upright, layered)
+        try:
+            return (yield from self._planner.replan_in_slices(costmap, pose, among_people))
+        except GoalOccupied:
+            if math.hypot(goal.x - pose.x, goal.y - pose.y) < self._settings.waits_from:
+                raise
+        room = self._body.circumscribed_radius + self._settings.costmap.inflation_radius
+        layered = [(layer, points[np.hypot(*(points - (goal.x, goal.y)).T) > room]) for layer, points in layered]
+        upright = upright[np.hypot(*(upright - (goal.x, goal.y)).T) > room]
+        return (yield from self._planner.replan_in_slices(self._costmaps.costmap(upright, layered), pose, among_people))

@@ -17,8 +17,9 @@ import numpy as np
 from waychair.calibration.chair import ChairBody
 from waychair.config import Settings, setting
 from waychair.maps.distance_field import DistanceField
-from waychair.planning.dwa import DwaResult, DwaSettings
+from waychair.planning.dwa import DwaResult
 from waychair.planning.escape import back_up
+from waychair.planning.motion import DwaSettings
 from waychair.types import Pose2, Twist
 
 

@@ -193,3 +193,16 @@ class Surroundings:
             return True
         gaps = np.hypot(*(arc[:, None] - self._scanned[None]).transpose(2, 0, 1))
         return bool(gaps.min(initial=math.inf) <= self._settings.known_within)
+
+
+def without_veils(points: FloatArray, gap: float) -> FloatArray:
+    """The points (N, 2) [m] of a scan, in the order of its beams, without those of beams split by an edge.
+
+    Half a beam on an edge and half beyond it read a range between, where nothing is. The collision monitor, which
+    takes no such chances, sees them all.
+    """
+    if len(points) < 2:
+        return points
+    steps = np.hypot(*np.diff(points, axis=0).T)
+    kept: FloatArray = points[np.minimum(np.append(steps, np.inf), np.insert(steps, 0, np.inf)) < gap]
+    return kept

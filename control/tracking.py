@@ -16,17 +16,9 @@ from waychair.calibration.chair import ChairBody
 from waychair.config import Settings, setting
 from waychair.geometry import wrap_angle
 from waychair.maps.distance_field import DistanceField
-from waychair.planning.dwa import (
-    DwaResult,
-    DwaSettings,
-    Motion,
-    braking,
-    rotate_to_heading,
-    slowing_speed,
-    stop_time,
-    towards,
-)
+from waychair.planning.dwa import DwaResult, rotate_to_heading
 from waychair.planning.footprint import along_arc, footprint, free_time, in_cells
+from waychair.planning.motion import DwaSettings, Motion, braking, slowing_speed, stop_time, towards
 from waychair.types import FloatArray, Pose2, Twist
 
 _MARGINS = (0.01, 0.0)

@@ -63,7 +63,7 @@ def sight_along(twist: Twist, body: ChairBody, sectors: Sequence[Sector], settin
     gear = math.copysign(1.0, twist.v)
     poses = arcs(gear * ways, twist.omega / abs(twist.v) * ways)
     line = np.column_stack([edge, across, np.zeros(_ACROSS)])
-    points = np.concatenate([compose(pose, line)[:, :2] for pose in poses])
+    points = compose(poses[:, None], line)[..., :2].reshape(-1, 2)
     seen = _seen(points, sectors).reshape(len(ways), _ACROSS).mean(axis=1) >= settings.share
     return float(settings.look if seen.all() else ways[int(np.argmin(seen))] - _STEP)
 

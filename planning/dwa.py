@@ -24,17 +24,15 @@ from __future__ import annotations
 
 import math
 from collections.abc import Sequence
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING
 
 import numpy as np
 
 from waychair.calibration.chair import ChairBody
-from waychair.calibration.stopping import StopTable, permitted_speed
-from waychair.config import Settings, setting
 from waychair.geometry import rotation, wrap_angle
 from waychair.maps.distance_field import DistanceField
-from waychair.planning.critics import Features, Weights, comfortable_score
+from waychair.planning.critics import Features, comfortable_score
 from waychair.planning.dwa_kernels import SPACING, fits_after, local_section, measure, people_ahead
 from waychair.planning.footprint import (
     EASE_STEP,
@@ -47,13 +45,25 @@ from waychair.planning.footprint import (
     in_cells,
     poses_in_cells,
 )
+from waychair.planning.motion import (
+    STANDING_OMEGA,
+    STANDING_V,
+    DwaSettings,
+    Motion,
+    braking,
+    change_within,
+    crawling,
+    slowing_speed,
+    standing,
+    stopping,
+    towards,
+)
 from waychair.types import BoolArray, FloatArray, Path, Pose2, Twist
 
 if TYPE_CHECKING:
     from waychair.planning.tracks import Track
 
-CRAWL_V, CRAWL_OMEGA = 0.15, 0.4
-"""Speeds [m/s], [rad/s] at which the chair gets out of a tight spot."""
+DEFAULTS = DwaSettings()
 
 _LEAVING = 2.5
 """Within this time [s] there must be more room, where there is far too little."""
@@ -66,55 +76,6 @@ _FAR = 2.0
 
 _COURTESY = 0.5
 """The chair stands this long [s] before it is reached by somebody who goes on."""
-
-_STANDING_V, _STANDING_OMEGA = 0.01, 0.02
-"""Speeds [m/s], [rad/s] below which a command counts as standing still."""
-
-
-@dataclass(frozen=True, slots=True)
-class DwaSettings(Settings):
-    """Limits of the motion (engineering choices for comfort, no standard), sampling and weights.
-
-    `stops`: how far the chair goes on after Stop, where that was measured (`measured`).
-    """
-
-    max_speed: float = setting(0.8, "m/s", "highest forward speed", low=0.05, high=3.0)
-    max_reverse: float = setting(0.2, "m/s", "highest reverse speed", low=0.0, high=1.0)
-    min_speed: float = setting(0.06, "m/s", "slower than this a chair's dead band may swallow", low=0.0, high=0.3)
-    max_omega: float = setting(0.8, "rad/s", "highest turning speed", low=0.05, high=3.0)
-    acceleration: float = setting(0.5, "m/s^2", "speeding up", low=0.05, high=3.0)
-    braking: float = setting(0.6, "m/s^2", "slowing down", low=0.05, high=3.0)
-    alpha: float = setting(0.8, "rad/s^2", "change of the turning speed, both ways", low=0.05, high=5.0)
-    jerk: float = setting(0.7, "m/s^3", "change of the acceleration", low=0.05, high=1000.0)
-    alpha_jerk: float = setting(4.0, "rad/s^3", "change of alpha", low=0.05, high=1000.0)
-    max_lateral: float = setting(0.5, "m/s^2", "sideways acceleration v * omega", low=0.05, high=5.0)
-    max_wheel_speed: float = setting(1.0, "m/s", "highest speed of a drive wheel", low=0.05, high=5.0)
-    period: float = setting(0.05, "s", "time between two commands", low=0.005, high=1.0)
-    reaction_time: float = setting(0.15, "s", "from a command to the motion", low=0.0, high=2.0)
-    window_time: float = setting(1.0, "s", "how far ahead in time the window reaches", low=0.005, high=5.0)
-    horizon: float = setting(2.5, "s", "length of the arcs", low=2.0, high=10.0)
-    v_samples: int = setting(21, "", "speeds tried", low=3, high=101)
-    omega_samples: int = setting(31, "", "turning speeds tried", low=3, high=201)
-    margin: float = setting(0.03, "m", "kept free round the chair's outline", low=0.0, high=0.5)
-    turn_in_place_from: float = setting(1.1, "rad", "path this far off the heading: turn first", low=0.2, high=math.pi)
-    goal_tolerance: float = setting(0.08, "m", "how near to the goal is there", low=0.01, high=1.0)
-    goal_release: float = setting(
-        0.13, "m", "turning at the goal may drift this far before it is given up", low=0.01, high=1.5
-    )
-    heading_tolerance: float = setting(0.05, "rad", "how near to its heading is there", low=0.005, high=math.pi)
-    weights: Weights = field(default_factory=Weights)
-    stops: StopTable | None = None
-
-
-@dataclass(frozen=True, slots=True)
-class Motion:
-    """What a tick must know of those before: acceleration [m/s^2, rad/s^2] of the commands, and the last direction.
-
-    `direction` is 1 after driving forwards, -1 after driving backwards, 0 before either.
-    """
-
-    acceleration: Twist = field(default_factory=Twist)
-    direction: int = 0
 
 
 @dataclass(frozen=True, slots=True)
@@ -140,7 +101,7 @@ def choose(
     path: Path,
     distances: DistanceField,
     body: ChairBody,
-    settings: DwaSettings = DwaSettings(),
+    settings: DwaSettings = DEFAULTS,
     in_position: bool = False,
     motion: Motion | None = None,
     tracks: Sequence[Track] = (),
@@ -191,7 +152,7 @@ def rotate_to_heading(
     heading: float,
     distances: DistanceField,
     body: ChairBody,
-    settings: DwaSettings = DwaSettings(),
+    settings: DwaSettings = DEFAULTS,
     motion: Motion | None = None,
 ) -> DwaResult:
     """Turn in place to a heading [rad] in map, the short way round if it is free, else the long way.
@@ -205,76 +166,6 @@ def rotate_to_heading(
     return _rotate(ahead, command, heading, shape, distances, settings, motion)
 
 
-def measured(settings: DwaSettings, stops: StopTable | None) -> DwaSettings:
-    """The settings for a chair whose stops were measured, or were not: then it only crawls.
-
-    It drives no faster than its stops are known, reacts no sooner than was seen, and may only go where the measured
-    way to rest is free.
-    """
-    return replace(
-        settings,
-        max_speed=min(settings.max_speed, permitted_speed(stops)),
-        reaction_time=max(settings.reaction_time, stops.delay_s) if stops is not None else settings.reaction_time,
-        stops=stops,
-    )
-
-
-def motion_after(motion: Motion, command: Twist, following: Twist, settings: DwaSettings) -> Motion:
-    """The motion once `following` has been commanded after `command`."""
-    change = Twist((following.v - command.v) / settings.period, (following.omega - command.omega) / settings.period)
-    driving = abs(following.v) >= _STANDING_V
-    return Motion(change, int(math.copysign(1, following.v)) if driving else motion.direction)
-
-
-def crawling(settings: DwaSettings) -> DwaSettings:
-    """The same limits, but slow: for leaving a place that is too narrow for the margin."""
-    return replace(
-        settings,
-        max_speed=min(settings.max_speed, CRAWL_V),
-        max_reverse=min(settings.max_reverse, CRAWL_V),
-        max_omega=min(settings.max_omega, CRAWL_OMEGA),
-    )
-
-
-def braking(command: Twist, settings: DwaSettings) -> Twist:
-    """One control period of braking on the same arc: v and omega fall in proportion."""
-    left = 1.0 - settings.period / max(stop_time(command, settings), settings.period)
-    return Twist(command.v * left, command.omega * left)
-
-
-def stopping(command: Twist, settings: DwaSettings, motion: Motion | None) -> Twist:
-    """One control period of a stop in comfort: as `braking`, but with limited jerk, and never faster than before."""
-    if motion is None:
-        return braking(command, settings)
-    eased = towards(command, Twist(), settings, motion)
-    along = abs(command.v) / settings.braking >= abs(command.omega) / settings.alpha
-    before, after = (command.v, eased.v) if along else (command.omega, eased.omega)
-    left = min(max(after / before, 0.0), 1.0) if before else 0.0
-    return Twist(command.v * left, command.omega * left)
-
-
-def slowing_speed(way: float, end: float, settings: DwaSettings) -> float:
-    """Greatest speed [m/s] that comes down to `end` [m/s] within a way [m], with half the braking and jerk held back.
-
-    What is held back is for the chair's lag. Neither before nor after it does the chair slow down. From v the mean
-    speed is (v + end) / 2, for the time (v - end) / a + a / jerk, or 2 sqrt((v - end) / jerk) where the full a is not reached; solved for v.
-    """
-    a, jerk, way = settings.braking / 2, settings.jerk / 2, max(way, 0.0)
-    ramps = a * a / jerk  # change of the speed while a comes and goes
-    speed = math.hypot(ramps / 2 - end, math.sqrt(2 * a * way)) - ramps / 2
-    if speed - end >= ramps:
-        return speed
-    # With s = sqrt(v - end) it is s^3 + 2 end s = way sqrt(jerk), of which Cardano's formula gives the one real root.
-    half, third = way * math.sqrt(jerk) / 2, 2 * end / 3
-    root = math.sqrt(half**2 + third**3)
-    return end + (math.cbrt(half + root) + math.cbrt(half - root)) ** 2
-
-
-def stop_time(twist: Twist, settings: DwaSettings) -> float:
-    """Time [s] to brake v and omega in proportion."""
-    return max(abs(twist.v) / settings.braking, abs(twist.omega) / settings.alpha)
-
-
 def _time_needed(candidates: FloatArray, settings: DwaSettings) -> FloatArray:
     """(N,) Eq. (10) as a time [s] at full speed: a period and half the time to brake, or the measured way to rest."""
     v, omega = np.abs(candidates).T
@@ -282,7 +173,7 @@ def _time_needed(candidates: FloatArray, settings: DwaSettings) -> FloatArray:
     if settings.stops is not None:
         table = settings.stops
         ways = np.interp(v, (0.0, *table.speeds), (0.0, *table.distances))
-        needed = np.maximum(needed, ways / np.maximum(v, _STANDING_V))
+        needed = np.maximum(needed, ways / np.maximum(v, STANDING_V))
     return settings.period + needed
 
 
@@ -290,10 +181,6 @@ def _can_stop(twist: Twist, start: FloatArray, shape: Footprint, settings: DwaSe
     """Eq. (10): one period at this speed and the stop after it stay free."""
     needed = float(_time_needed(np.array([[twist.v, twist.omega]]), settings)[0])
     return bool(free_time(shape, start, twist.v / shape.cell, twist.omega, needed, needed) >= needed)
-
-
-def _standing(twist: Twist) -> bool:
-    return abs(twist.v) < _STANDING_V and abs(twist.omega) < _STANDING_OMEGA
 
 
 def _window(
@@ -307,9 +194,9 @@ def _window(
     a, alpha = (None, None) if motion is None else (motion.acceleration.v, motion.acceleration.omega)
     faster = settings.acceleration if command.v >= 0 else settings.braking
     slower = settings.braking if command.v >= 0 else settings.acceleration
-    v_high = min(settings.max_speed, fastest, command.v + _change(a, 1.0, faster, settings.jerk, time))
-    v_low = max(-settings.max_reverse, command.v - _change(a, -1.0, slower, settings.jerk, time))
-    more, less = (_change(alpha, sign, settings.alpha, settings.alpha_jerk, time) for sign in (1.0, -1.0))
+    v_high = min(settings.max_speed, fastest, command.v + change_within(a, 1.0, faster, settings.jerk, time))
+    v_low = max(-settings.max_reverse, command.v - change_within(a, -1.0, slower, settings.jerk, time))
+    more, less = (change_within(alpha, sign, settings.alpha, settings.alpha_jerk, time) for sign in (1.0, -1.0))
     omega_high = min(settings.max_omega, command.omega + more)
     omega_low = max(-settings.max_omega, command.omega - less)
     v = _samples(min(v_low, v_high), max(v_low, v_high), settings.v_samples)
@@ -321,18 +208,6 @@ def _window(
     possible = (wheels <= settings.max_wheel_speed) & (np.abs(pairs[:, 0] * pairs[:, 1]) <= settings.max_lateral)
     # A command beyond the limits, say after they were lowered, leaves nothing possible: slow down whatever it takes.
     return np.ascontiguousarray(pairs[possible]) if possible.any() else np.zeros((1, 2))
-
-
-def _change(acceleration: float | None, sign: float, most: float, jerk: float, time: float) -> float:
-    """Greatest change of a speed up (sign 1) or down (-1) within a time, of an acceleration that the jerk takes to `most`.
-
-    At once without an acceleration.
-    """
-    if acceleration is None:
-        return most * time
-    now = sign * acceleration
-    ramp = min(max((most - now) / jerk, 0.0), time)
-    return now * ramp + jerk * ramp**2 / 2 + most * (time - ramp)
 
 
 def _samples(low: float, high: float, count: int) -> FloatArray:
@@ -387,7 +262,8 @@ def _with_people(
 ) -> Features:
     """The same, with people who go on as they do: an arc that meets one before the chair has long stood is no good.
 
-    To stand always is: whoever walks into a standing chair is not run into.
+    To stand always is: whoever walks into a standing chair is not run into. So is what the chair can stop on, and where
+    it is met later, and comes no nearer to anybody, than if it stood.
     """
     if not tracks:
         return features
@@ -395,10 +271,13 @@ def _with_people(
     people[:, :2] = poses_in_cells(distances, np.column_stack([people[:, :2], np.zeros(len(people))]))[:, :2]
     people[:, 2:4] = people[:, 2:4] @ rotation(distances.map_from_grid.theta) / shape.cell
     needed = np.minimum(_time_needed(features.candidates, settings), settings.horizon)
-    met = people_ahead(shape, in_cells(distances, ahead), features.candidates, people, settings.horizon)
+    tried = np.concatenate([features.candidates, np.zeros((1, 2))])  # the last one stands
+    met = people_ahead(shape, in_cells(distances, ahead), tried, people, settings.horizon)
+    met, stood = met[:-1], met[-1]
     stands = (features.candidates == 0.0).all(axis=1)
     in_time = met[:, 0] > needed + _COURTESY
-    return replace(features, admissible=features.admissible & (in_time | stands), people_gap=met[:, 1])
+    better = (met[:, 0] > np.maximum(needed, stood[0])) & (met[:, 1] >= stood[1])
+    return replace(features, admissible=features.admissible & (in_time | stands | better), people_gap=met[:, 1])
 
 
 def _leaves(features: Features, ahead: Pose2, roomier: Footprint, distances: DistanceField) -> BoolArray:
@@ -424,33 +303,9 @@ def _best(
             break
         twist = towards(command, Twist(*map(float, candidates[i])), settings, motion)
         if _can_stop(twist, start, shape, settings):
-            stuck = bool(_standing(twist) and _standing(Twist(*candidates[i])))
+            stuck = bool(standing(twist) and standing(Twist(*candidates[i])))
             return DwaResult(twist, candidates, scores, _arc(ahead, candidates[i], settings.horizon), blocked=stuck)
     return DwaResult(braking(command, settings), candidates, scores, ahead.array()[None], blocked=True)
-
-
-def towards(command: Twist, target: Twist, settings: DwaSettings, motion: Motion | None = None) -> Twist:
-    """One control period from the command to the target: on a straight line in (v, omega), or with limited jerk."""
-    dv, domega = target.v - command.v, target.omega - command.omega
-    speeding_up = dv * command.v > 0 or command.v == 0
-    longest = max(abs(dv) / (settings.acceleration if speeding_up else settings.braking), abs(domega) / settings.alpha)
-    share = min(1.0, settings.period / longest) if longest > 0 else 1.0
-    if motion is None:
-        return Twist(command.v + share * dv, command.omega + share * domega)
-    now, period = motion.acceleration, settings.period
-    v = command.v + _eased(share * dv, dv, now.v, settings.jerk, period)
-    # hard braking may end in a stand, and is not carried on into driving the other way
-    v = max(v, 0.0) if min(command.v, target.v) >= 0.0 else v
-    v = min(v, 0.0) if max(command.v, target.v) <= 0.0 else v
-    return Twist(v, command.omega + _eased(share * domega, domega, now.omega, settings.alpha_jerk, period))
-
-
-def _eased(step: float, left: float, acceleration: float, jerk: float, period: float) -> float:
-    """The step of a speed in one period, so that the acceleration changes by the jerk and is 0 when nothing is left."""
-    # Reached from an acceleration a, the change still to come is a^2 / 2 jerk, and half a period's step.
-    most = math.sqrt(jerk**2 * period**2 / 4 + 2 * jerk * abs(left)) - jerk * period / 2
-    wanted = min(max(step / period, -most), most)
-    return period * min(max(wanted, acceleration - jerk * period), acceleration + jerk * period)
 
 
 def _arc(start: Pose2, candidate: FloatArray, horizon: float) -> FloatArray:
@@ -471,13 +326,13 @@ def _rotate(
     """Brake v, in comfort as long as there is room for it, then turn: as fast as the angle left allows to stop."""
     none = np.zeros((0, 2))
     here, start = ahead.array()[None], in_cells(distances, ahead)
-    if abs(command.v) >= _STANDING_V:
+    if abs(command.v) >= STANDING_V:
         eased = stopping(command, settings, motion)
         stopped = eased if _can_stop(eased, start, shape, settings) else braking(command, settings)
         return DwaResult(stopped, none, np.zeros(0), here)
     error = wrap_angle(heading - ahead.theta)
     if abs(error) <= settings.heading_tolerance:
-        there = _standing(command)
+        there = standing(command)
         return DwaResult(Twist() if there else braking(command, settings), none, np.zeros(0), here, arrived=there)
     for angle in _ways_round(error, command.omega):
         needed = abs(angle) / settings.max_omega
@@ -495,5 +350,5 @@ def _rotate(
 def _ways_round(error: float, omega: float) -> tuple[float, float]:
     """Angles [rad] to turn, the preferred first: the short way, unless the chair already turns the other way at half."""
     other = error - math.copysign(math.tau, error)
-    turning_back = error * omega < 0 and abs(omega) > _STANDING_OMEGA
+    turning_back = error * omega < 0 and abs(omega) > STANDING_OMEGA
     return (other, error) if turning_back and abs(error) > 0.8 * math.pi else (error, other)

@@ -9,8 +9,9 @@ import numpy as np
 from waychair.calibration.chair import ChairBody
 from waychair.geometry import wrap_angle
 from waychair.maps.distance_field import DistanceField
-from waychair.planning.dwa import CRAWL_OMEGA, CRAWL_V, DwaResult, DwaSettings, braking, stop_time, towards
+from waychair.planning.dwa import DwaResult
 from waychair.planning.footprint import along_arc, eased_footprint, free_time, in_cells
+from waychair.planning.motion import CRAWL_OMEGA, CRAWL_V, DwaSettings, braking, stop_time, towards
 from waychair.types import FloatArray, Pose2, Twist
 
 _TURNS = 17

@@ -22,9 +22,10 @@ from waychair.calibration.chair import ChairBody
 from waychair.geometry import arcs, compose, wrap_angles
 from waychair.maps.distance_field import DistanceField
 from waychair.planning.arc_fan import free_times
-from waychair.planning.dwa import DwaResult, DwaSettings, braking
+from waychair.planning.dwa import DwaResult
 from waychair.planning.dwa_kernels import local_section
 from waychair.planning.footprint import footprint, in_cells
+from waychair.planning.motion import DwaSettings, braking
 from waychair.types import BoolArray, FloatArray, Path, Pose2, Twist
 
 

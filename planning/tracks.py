@@ -15,15 +15,13 @@ from collections.abc import Iterable
 from dataclasses import dataclass, field, replace
 
 import numpy as np
+from numba import njit
 from scipy.optimize import linear_sum_assignment
-from scipy.sparse import coo_matrix
-from scipy.sparse.csgraph import connected_components
-from scipy.spatial import cKDTree
 
 from waychair.calibration.chair import ChairBody
 from waychair.config import Settings, setting
 from waychair.geometry import transform_points
-from waychair.types import FloatArray, Pose2
+from waychair.types import FloatArray, IntArray, Pose2
 
 
 @dataclass(frozen=True, slots=True)
@@ -203,10 +201,34 @@ def clusters(points: FloatArray, settings: TrackSettings) -> FloatArray:
 
 def _linked(points: FloatArray, link: float) -> list[FloatArray]:
     """Points (N, 2) [m], parted into groups whose points are joined by steps of no more than a link [m]."""
-    pairs = cKDTree(points).query_pairs(link, output_type="ndarray")
-    links = coo_matrix((np.ones(len(pairs)), (pairs[:, 0], pairs[:, 1])), shape=(len(points),) * 2)
-    count, labels = connected_components(links, directed=False)
-    return [points[labels == label] for label in range(count)]
+    labels = linked_groups(points, link)
+    return [points[labels == label] for label in range(labels.max() + 1)]
+
+
+@njit(cache=True)
+def linked_groups(points: FloatArray, link: float) -> IntArray:
+    """(N,) the group of each of points (N, 2) [m]: points are of one group that are joined by steps of at most a link.
+
+    Groups are numbered in the order of their first points. Every pair is looked at: a scan has few that nothing explains.
+    """
+    labels = np.full(len(points), -1, np.int64)
+    waiting = np.empty(len(points), np.int64)
+    groups = 0
+    for first in range(len(points)):
+        if labels[first] >= 0:
+            continue
+        labels[first], waiting[0], count = groups, first, 1
+        while count:
+            count -= 1
+            i = waiting[count]
+            for j in range(len(points)):
+                if labels[j] < 0:
+                    dx, dy = points[j, 0] - points[i, 0], points[j, 1] - points[i, 1]
+                    if dx * dx + dy * dy <= link * link:
+                        labels[j], waiting[count] = groups, j
+                        count += 1
+        groups += 1
+    return labels
 
 
 def predicted(track: Track, stamp_ns: int, settings: TrackSettings) -> Track:

@@ -8,13 +8,14 @@ import numpy as np
 
 from waychair.calibration.chair import CHAIR_A
 from waychair.planning.costmap import CostmapSettings, LiveCostmap
-from waychair.planning.dwa import DwaSettings, Motion, choose
+from waychair.planning.dwa import choose
 from waychair.planning.dwa_kernels import fits_after
 from waychair.planning.fine_field import fine_field
 from waychair.planning.footprint import footprint, in_cells
 from waychair.planning.global_planner import GlobalPlanner
 from waychair.planning.manoeuvre import ManoeuvreSettings, manoeuvre
-from waychair.planning.tracks import Track
+from waychair.planning.motion import DwaSettings, Motion
+from waychair.planning.tracks import Track, Tracker
 from waychair.types import OccupancyGrid, Pose2, Twist
 
 _SIDE, _CELL = 6.0, 0.05
@@ -37,6 +38,7 @@ def warm_up() -> None:
     path = planner.replan(costmaps.costmap(np.array([[1.0, 1.0]])), middle)
     field = fine_field(grid, middle, _SIDE / 2)
     manoeuvre(field, CHAIR_A, middle, aside, ManoeuvreSettings(polish=0))
+    Tracker().update(0, np.array([[1.0, 1.0]]))
     person = Track(0, 0, 0, 1, np.array([1.0, 1.0]), np.zeros(2), np.eye(4), 0.3)
     choose(Pose2(middle.x, middle.y, -1.5), Twist(), path, field, CHAIR_A, DwaSettings(), False, Motion(), (person,))
     fits_after(footprint(CHAIR_A, 0.0, field), in_cells(field, middle), np.zeros((1, 2)), np.zeros(1))

@@ -36,7 +36,7 @@ from waychair.firmware_bridge.bridge import Bridge, BridgeSettings
 from waychair.firmware_bridge.transports import Reconnecting
 from waychair.geometry import arc, transform_points
 from waychair.maps.zones import Zone, speed_limit
-from waychair.planning.dwa import measured
+from waychair.planning.motion import measured
 from waychair.runtime.monitor_process import MonitorInStep, MonitorPort, Watched
 from waychair.slam.localiser import Localisation, Localiser, LocaliserSettings
 from waychair.slam.odometry import OdometryFilter

@@ -151,21 +151,33 @@ def _joined(points: FloatArray, sensors: FloatArray, i: int) -> bool:
     return gap <= max(0.1, 0.1 * math.hypot(points[i, 0] - sensors[i, 0], points[i, 1] - sensors[i, 1]))
 
 
+_DIAGONAL = 1.42
+"""Of a cell, in cells."""
+
+
 @njit(cache=True, nogil=True)
 def _class_of(x0: float, y0: float, x1: float, y1: float, kinds: Bytes, away: Float32Array, resolution: float) -> int:
-    """Class of the beam from (x0, y0) to (x1, y1) [m, grid frame], followed in steps of half a cell."""
+    """Class of the beam from (x0, y0) to (x1, y1) [m, grid frame], followed in steps of half a cell.
+
+    Steps on which no wall can be, by how far away the nearest is, are left out.
+    """
     height, width = kinds.shape
     length = math.hypot(x1 - x0, y1 - y0)
     step = 0.5 * resolution
     # a wall this near the end is the one that was hit, grazed or slightly displaced
     last = length - max(0.3, 0.1 * length)
     through = False
-    for k in range(1, int(last / step)):
+    k, end = 1, int(last / step)
+    while k < end:
         x, y = x0 + (x1 - x0) * k * step / length, y0 + (y1 - y0) * k * step / length
         row, col = math.floor(y / resolution), math.floor(x / resolution)
-        if 0 <= row < height and 0 <= col < width and kinds[row, col] == _WALL:
+        if not (0 <= row < height and 0 <= col < width):
+            k += 1
+        elif kinds[row, col] == _WALL:
             through = True
             break
+        else:  # `away` is from middle to middle of cells, so up to half a diagonal less at both ends
+            k += max(1, int((away[row, col] - _DIAGONAL * resolution) / step))
     row, col = math.floor(y1 / resolution), math.floor(x1 / resolution)
     inside = 0 <= row < height and 0 <= col < width
     if through:

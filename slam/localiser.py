@@ -40,6 +40,10 @@ class LocaliserSettings(Settings):
     ok_health: float = setting(0.8, "", "least health when all is well", low=0.0, high=1.0)
     lost_health: float = setting(0.31, "", "a scan with a health below this does not fit the map", low=0.0, high=1.0)
     lost_scans: int = setting(5, "", "so many scans in a row that do not fit: lost", low=1, high=1000)
+    standing_way: float = setting(
+        0.05, "m", "who has come no farther since a scan fitted stands, and is not lost by it", low=0.0, high=1.0
+    )
+    standing_turn: float = setting(0.05, "rad", "... nor has turned farther", low=0.0, high=1.0)
     hidden_share: float = setting(
         0.8, "", "with a larger share of the beams on people and the like, the odometry is believed", low=0.0, high=1.0
     )
@@ -116,7 +120,7 @@ class Localiser:
         self._start = start
         self._state = LocalisationState.LOST if start is None else LocalisationState.DEGRADED
         self._recovery = Recovery(self._saved, self._sensor, self._parts)
-        self._silent_scans, self._doubtful_way = 0, 0.0
+        self._silent_scans, self._doubtful_way, self._unfit_way = 0, 0.0, Pose2()
         self._surprises: deque[bool] = deque(maxlen=10)
         self._last_odometry: Pose2 | None = None
 
@@ -152,7 +156,7 @@ class Localiser:
         self._surprises.append(fits and not starts and self._surprising(correction))
         if fits:
             self._estimate = found.pose @ odom_from_base.inverse()
-        self._note(odom_from_base, fits, health)
+        self._note(odom_from_base, fits, health, blind=len(scan) < MIN_POINTS)
         if starts:
             self._published = self._estimate
         here = self._approach(odom_from_base)
@@ -187,12 +191,20 @@ class Localiser:
         moved = math.hypot(correction.x, correction.y)
         return moved > settings.surprise_distance or abs(correction.theta) > settings.surprise_angle
 
-    def _note(self, odom_from_base: Pose2, fits: bool, health: float) -> None:
+    def _note(self, odom_from_base: Pose2, fits: bool, health: float, blind: bool) -> None:
         """What this scan does to the state."""
         settings = self._settings
         step = Pose2() if self._last_odometry is None else self._last_odometry.inverse() @ odom_from_base
         self._last_odometry = odom_from_base
-        self._silent_scans = 0 if fits else self._silent_scans + 1
+        self._unfit_way = Pose2() if fits else self._unfit_way @ step
+        stands = (
+            math.hypot(self._unfit_way.x, self._unfit_way.y) < settings.standing_way
+            and abs(self._unfit_way.theta) < settings.standing_turn
+        )
+        if fits:
+            self._silent_scans = 0
+        elif blind or not stands:  # while the chair stands where it fitted, it is the world that changes
+            self._silent_scans += 1
         well = health >= settings.ok_health and not any(self._surprises)
         self._doubtful_way = 0.0 if well else self._doubtful_way + math.hypot(step.x, step.y)
         self._state = LocalisationState.OK if well else LocalisationState.DEGRADED

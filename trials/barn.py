@@ -36,7 +36,7 @@ from waychair.geometry import arc
 from waychair.maps.grid_memory import GridMemorySettings
 from waychair.maps.occupancy import OccupancySettings
 from waychair.planning.costmap import CostmapSettings
-from waychair.planning.dwa import DwaSettings
+from waychair.planning.motion import DwaSettings
 from waychair.simulation.imports import BarnEnvironment, read_barn
 from waychair.simulation.lidar import Lidar, LidarSettings
 from waychair.simulation.rays import scenery_of

@@ -19,10 +19,17 @@ import numpy as np
 
 from waychair.calibration.chair import CHAIR_A, ROBOT, ChairBody
 from waychair.calibration.dac import DEFAULT
+from waychair.control.collision_monitor import MonitorSettings
+from waychair.control.limiter import LimiterSettings
+from waychair.control.navigator import NavigatorSettings
+from waychair.control.recovery import RecoverySettings
 from waychair.geometry import rectangle, transform_points
 from waychair.maps.distance_field import distance_field
 from waychair.maps.grid import occupied, points_from_cells
 from waychair.maps.zones import Rule, Zone
+from waychair.planning.critics import Weights
+from waychair.planning.motion import DwaSettings
+from waychair.planning.tracks import TrackSettings
 from waychair.runtime.chair import ChairSettings
 from waychair.simulation.contact import HIGHEST, LOWEST, Contact, ContactKind, clearance, solid_from_blocks
 from waychair.simulation.floor_plan import FloorPlan, PlanPit, PlanWall
@@ -310,7 +317,38 @@ def movers(count: int, seed: int) -> Hazard:
         people.append(replace(_MOVER, path=at[None]))
         points = points[np.hypot(*(points - at).T) > 2 * _MOVER.radius]
     world = replace(world, people=tuple(people))
-    return Hazard(f"{count} movers", world, world.grid, (world.places[0],), ROBOT)
+    return Hazard(f"{count} movers", world, world.grid, (world.places[0],), ROBOT, chair=robot_settings())
+
+
+def robot_settings() -> ChairSettings:
+    """How a small robot drives among its like: nobody sits in it, and a disc is no more than what is seen of it.
+
+    So there is no comfort to keep, no shoulders reach beyond legs, and the room that is left is in proportion.
+    """
+    return ChairSettings(
+        navigator=NavigatorSettings(
+            waits_from=0.6,
+            recovery=RecoverySettings(patience=150.0, patience_with_people=150.0),  # they never stand for long
+            tracks=TrackSettings(
+                radius=_MOVER.radius, room=0.2, room_after=0.2, largest=0.6, link=0.05, acceleration=0.3, sigma=0.05
+            ),
+            dwa=DwaSettings(
+                max_speed=0.5,
+                max_omega=1.5,
+                acceleration=1.0,
+                braking=1.0,
+                alpha=3.0,
+                jerk=10.0,
+                alpha_jerk=30.0,
+                margin=0.02,
+                weights=Weights(people=0.3),
+            ),
+        ),
+        limiter=LimiterSettings(
+            acceleration=1.0, braking=1.0, alpha=3.0, emergency_alpha=6.0, max_omega=1.5, jerk=10.0
+        ),
+        monitor=MonitorSettings(ahead_of_legs=0.12, beside_legs=0.05, ahead_after=0.10, beside_after=0.05),
+    )
 
 
 _MOVER = PersonPlan(Behaviour.BOUNCE, np.zeros((1, 2)), speed=0.15, yields=False, radius=0.15)

@@ -14,9 +14,10 @@ from waychair.calibration.chair import CHAIR_A, CHAIR_B
 from waychair.control.navigator import Stage
 from waychair.geometry import arc
 from waychair.planning.costmap import Costmap, costmap_from_grid
-from waychair.planning.dwa import DwaSettings, choose
+from waychair.planning.dwa import choose
 from waychair.planning.footprint import fits
 from waychair.planning.global_planner import PlannerSettings, plan
+from waychair.planning.motion import DwaSettings
 from waychair.planning.paper_dwa import choose_as_paper
 from waychair.simulation.simulator import Simulator
 from waychair.simulation.world import load_world

@@ -23,16 +23,14 @@ def wrap_angles(angles: FloatArray) -> FloatArray:
 
 def compose(a_from_b: FloatArray, b_from_c: FloatArray) -> FloatArray:
     """`a_from_c` of poses (..., 3), broadcast against each other."""
-    a, b = np.broadcast_arrays(np.asarray(a_from_b, float), np.asarray(b_from_c, float))
+    a, b = np.asarray(a_from_b, float), np.asarray(b_from_c, float)
     c, s = np.cos(a[..., 2]), np.sin(a[..., 2])
-    return np.stack(
-        [
-            a[..., 0] + c * b[..., 0] - s * b[..., 1],
-            a[..., 1] + s * b[..., 0] + c * b[..., 1],
-            wrap_angles(a[..., 2] + b[..., 2]),
-        ],
-        axis=-1,
-    )
+    theta = wrap_angles(a[..., 2] + b[..., 2])
+    a_from_c = np.empty((*theta.shape, 3))
+    a_from_c[..., 0] = a[..., 0] + c * b[..., 0] - s * b[..., 1]
+    a_from_c[..., 1] = a[..., 1] + s * b[..., 0] + c * b[..., 1]
+    a_from_c[..., 2] = theta
+    return a_from_c
 
 
 def invert(a_from_b: FloatArray) -> FloatArray:

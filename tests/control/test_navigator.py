@@ -133,6 +133,19 @@ def test_a_way_that_opens_again_is_driven_on() -> None:
     assert min(pose.x for pose in poses) > 1.98  # it did not back out first
 
 
+def test_a_goal_that_is_taken_is_driven_near_to_and_waited_for() -> None:
+    pilot = navigator(hall())
+    pilot.go(Goal(Pose2(10.0, 4.0, 0.0)))
+    box = np.concatenate([segment(9.7, y, 10.3, y) for y in np.arange(3.7, 4.31, 0.1)])
+    states, poses = drive(pilot, Pose2(2.0, 4.0, 0.0), 20.0, box)
+    assert states[-1].stage is Stage.WAITING
+    assert "does not fit at the goal" in states[-1].reason
+    away = math.hypot(poses[-1].x - 10.0, poses[-1].y - 4.0)
+    assert CHAIR_A.front + 0.3 < away < NavigatorSettings().waits_from + 0.1
+    states, _ = drive(pilot, poses[-1], 30.0, NOTHING, start_ns=20_000_000_000)
+    assert states[-1].stage is Stage.ARRIVED
+
+
 def test_cancelling_stops_and_nothing_resumes() -> None:
     pilot = navigator(hall())
     pilot.go(Goal("lift"))

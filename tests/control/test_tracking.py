@@ -13,8 +13,8 @@ from hypothesis import strategies as st
 from waychair.calibration.chair import CHAIR_A
 from waychair.control.tracking import on_line, track
 from waychair.maps.distance_field import DistanceField
-from waychair.planning.dwa import DwaSettings, Motion, motion_after
 from waychair.planning.footprint import along_arc
+from waychair.planning.motion import DwaSettings, Motion, motion_after
 from waychair.types import FloatArray, Pose2, Twist
 
 OPEN = DistanceField(np.full((600, 600), 5.0, np.float32), 0.02, Pose2(-6.0, -6.0, 0.0))

@@ -9,7 +9,7 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from waychair.planning.dwa import DwaSettings, Motion, motion_after, slowing_speed, stopping, towards
+from waychair.planning.motion import DwaSettings, Motion, motion_after, slowing_speed, stopping, towards
 from waychair.types import Twist
 
 PROMPT = DwaSettings(reaction_time=0.0)

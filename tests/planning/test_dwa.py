@@ -15,21 +15,11 @@ from waychair.calibration.stopping import StopTable
 from waychair.geometry import wrap_angle
 from waychair.maps.distance_field import DistanceField, distance_field, distances
 from waychair.planning.costmap import costmap_from_grid
-from waychair.planning.dwa import (
-    DwaResult,
-    DwaSettings,
-    Motion,
-    braking,
-    choose,
-    measured,
-    motion_after,
-    rotate_to_heading,
-    slowing_speed,
-    towards,
-)
+from waychair.planning.dwa import DwaResult, choose, rotate_to_heading
 from waychair.planning.dwa_kernels import fits_after, local_section, measure, people_ahead
 from waychair.planning.footprint import along_arc, fits, footprint, free_time, in_cells, poses_in_cells
 from waychair.planning.global_planner import PlannerSettings, plan
+from waychair.planning.motion import DwaSettings, Motion, braking, measured, motion_after, slowing_speed, towards
 from waychair.planning.tracks import Track
 from waychair.types import BoolArray, OccupancyGrid, Path, Pose2, Twist
 
@@ -354,6 +344,22 @@ def test_whoever_walks_into_a_standing_chair_is_not_run_into() -> None:
     stands = (result.candidates == 0.0).all(axis=1)
     assert np.isfinite(result.scores[stands]).all()
     assert result.twist.v <= 0.0
+
+
+def test_who_comes_from_behind_may_be_driven_away_from() -> None:
+    field, pose = distance_field(hall()), Pose2(4.0, 4.0)
+    behind = walker(pose.x - CHAIR_A.rear - 0.6, 4.0, 0.5, 0.0)
+    result = choose(pose, Twist(), straight(pose, 6.0), field, CHAIR_A, PROMPT, tracks=(behind,))
+    assert result.twist.v > 0.0
+    assert not np.isfinite(result.scores[result.candidates[:, 0] < 0.0]).any()
+
+
+def test_a_chair_that_may_not_reverse_only_comes_to_rest_backwards() -> None:
+    field, pose = distance_field(hall()), Pose2(4.0, 4.0)
+    limits = replace(PROMPT, max_reverse=0.0)
+    result = choose(pose, Twist(-0.1), straight(pose, 6.0), field, CHAIR_A, limits)
+    assert (result.candidates[:, 0] >= 0.0).all()
+    assert result.twist.v > -0.1
 
 
 def test_predicted_gaps_equal_a_plain_reference() -> None:

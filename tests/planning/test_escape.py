@@ -10,9 +10,10 @@ import numpy as np
 from waychair.calibration.chair import CHAIR_A
 from waychair.geometry import transform_points
 from waychair.maps.distance_field import DistanceField, distances
-from waychair.planning.dwa import DwaSettings, choose
+from waychair.planning.dwa import choose
 from waychair.planning.escape import back_up
 from waychair.planning.footprint import EASE_STEP, along_arc, eased_footprint, fits
+from waychair.planning.motion import DwaSettings
 from waychair.types import FloatArray, Path, Pose2, Twist
 
 SETTINGS = DwaSettings(reaction_time=0.0)

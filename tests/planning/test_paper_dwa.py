@@ -10,8 +10,9 @@ from tests.planning.test_dwa import CELL, hall, moved, straight
 
 from waychair.calibration.chair import CHAIR_A
 from waychair.maps.distance_field import DistanceField, distance_field
-from waychair.planning.dwa import DwaSettings, choose
+from waychair.planning.dwa import choose
 from waychair.planning.footprint import fits
+from waychair.planning.motion import DwaSettings
 from waychair.planning.paper_dwa import choose_as_paper, score, window
 from waychair.types import Pose2, Twist
 

@@ -6,6 +6,10 @@ import math
 
 import numpy as np
 import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+from hypothesis.extra.numpy import arrays
+from scipy.sparse.csgraph import connected_components
 
 from waychair.calibration.chair import CHAIR_A
 from waychair.geometry import transform_points
@@ -16,6 +20,7 @@ from waychair.planning.tracks import (
     TrackSettings,
     associate,
     clusters,
+    linked_groups,
     may_be_behind,
     predicted,
     room_round,
@@ -42,6 +47,16 @@ def test_two_legs_are_one_person_and_a_wall_is_none() -> None:
     middles = clusters(points, SETTINGS)
     np.testing.assert_allclose(sorted(middles.tolist()), [[1.0, 1.175], [4.0, 2.0]], atol=0.01)
     assert clusters(np.empty((0, 2)), SETTINGS).shape == (0, 2)
+
+
+@given(
+    points=arrays(np.float64, st.tuples(st.integers(0, 40), st.just(2)), elements=st.floats(-2.0, 2.0)),
+    link=st.floats(0.01, 1.0),
+)
+def test_groups_are_the_connected_components_of_the_links(points: FloatArray, link: float) -> None:
+    near = ((points[:, None] - points[None]) ** 2).sum(axis=2) <= link * link
+    _, labels = connected_components(near, directed=False)
+    assert linked_groups(points, link).tolist() == labels.tolist()
 
 
 def test_a_walker_is_believed_after_some_sightings_and_its_velocity_found() -> None:

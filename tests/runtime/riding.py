@@ -14,7 +14,7 @@ from waychair.calibration.chair import CHAIR_A
 from waychair.calibration.dac import DEFAULT
 from waychair.control.navigator import NavigatorSettings
 from waychair.maps.zones import Zone
-from waychair.planning.dwa import DwaSettings
+from waychair.planning.motion import DwaSettings
 from waychair.runtime.chair import Chair, ChairSettings, ChairState, Message
 from waychair.simulation.lidar import LidarSettings
 from waychair.simulation.scene import Block, PersonPlan, Pit

@@ -238,6 +238,23 @@ def test_who_stands_in_a_crowd_that_hides_all_walls_stays_where_it_was(flat: Occ
     assert localiser.process(scan_at(here), here).state is LocalisationState.OK
 
 
+def test_while_a_chair_stands_it_is_the_world_that_changes_and_driving_on_shows_whether_it_was(
+    flat: OccupancyGrid,
+) -> None:
+    here, there = Pose2(1.5, 1.5, 0.0), Pose2(5.0, 5.0, 1.0)
+    settings = LocaliserSettings()
+    localiser = Localiser(flat, Pose2(), here, settings)
+    localiser.process(scan_at(here), here)
+    said = [localiser.process(scan_at(there, noise=0.01, seed=k), here) for k in range(100)]
+    assert {found.state for found in said} == {LocalisationState.DEGRADED}
+    on = [
+        localiser.process(scan_at(there @ Pose2(way, 0.0, 0.0)), here @ Pose2(way, 0.0, 0.0))
+        for way in np.arange(0.02, 0.3, 0.02)
+    ]
+    lost = [found.lost for found in on]
+    assert lost.index(True) == round(settings.standing_way / 0.02) + settings.lost_scans - 1
+
+
 def test_a_chair_that_is_lifted_in_a_crowd_is_noticed(flat: OccupancyGrid) -> None:
     localiser, rng = Localiser(flat, Pose2(), Pose2(1.5, 1.5, 0.0), LocaliserSettings()), np.random.default_rng(0)
     for k, pose in enumerate(straight(Pose2(1.5, 1.5, 0.0), 1.0)):

@@ -1,0 +1,173 @@
+"""How a chair's speeds may change: the limits of its motion, and the way from one command to the next."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass, field, replace
+
+from waychair.calibration.stopping import StopTable, permitted_speed
+from waychair.config import Settings, setting
+from waychair.planning.critics import Weights
+from waychair.types import Twist
+
+CRAWL_V, CRAWL_OMEGA = 0.15, 0.4
+"""Speeds [m/s], [rad/s] at which the chair gets out of a tight spot."""
+
+STANDING_V, STANDING_OMEGA = 0.01, 0.02
+"""Speeds [m/s], [rad/s] below which a command counts as standing still."""
+
+
+@dataclass(frozen=True, slots=True)
+class DwaSettings(Settings):
+    """Limits of the motion (engineering choices for comfort, no standard), sampling and weights.
+
+    `stops`: how far the chair goes on after Stop, where that was measured (`measured`).
+    """
+
+    max_speed: float = setting(0.8, "m/s", "highest forward speed", low=0.05, high=3.0)
+    max_reverse: float = setting(0.2, "m/s", "highest reverse speed", low=0.0, high=1.0)
+    min_speed: float = setting(0.06, "m/s", "slower than this a chair's dead band may swallow", low=0.0, high=0.3)
+    max_omega: float = setting(0.8, "rad/s", "highest turning speed", low=0.05, high=3.0)
+    acceleration: float = setting(0.5, "m/s^2", "speeding up", low=0.05, high=3.0)
+    braking: float = setting(0.6, "m/s^2", "slowing down", low=0.05, high=3.0)
+    alpha: float = setting(0.8, "rad/s^2", "change of the turning speed, both ways", low=0.05, high=5.0)
+    jerk: float = setting(0.7, "m/s^3", "change of the acceleration", low=0.05, high=1000.0)
+    alpha_jerk: float = setting(4.0, "rad/s^3", "change of alpha", low=0.05, high=1000.0)
+    max_lateral: float = setting(0.5, "m/s^2", "sideways acceleration v * omega", low=0.05, high=5.0)
+    max_wheel_speed: float = setting(1.0, "m/s", "highest speed of a drive wheel", low=0.05, high=5.0)
+    period: float = setting(0.05, "s", "time between two commands", low=0.005, high=1.0)
+    reaction_time: float = setting(0.15, "s", "from a command to the motion", low=0.0, high=2.0)
+    window_time: float = setting(1.0, "s", "how far ahead in time the window reaches", low=0.005, high=5.0)
+    horizon: float = setting(2.5, "s", "length of the arcs", low=2.0, high=10.0)
+    v_samples: int = setting(21, "", "speeds tried", low=3, high=101)
+    omega_samples: int = setting(31, "", "turning speeds tried", low=3, high=201)
+    margin: float = setting(0.03, "m", "kept free round the chair's outline", low=0.0, high=0.5)
+    turn_in_place_from: float = setting(1.1, "rad", "path this far off the heading: turn first", low=0.2, high=math.pi)
+    goal_tolerance: float = setting(0.08, "m", "how near to the goal is there", low=0.01, high=1.0)
+    goal_release: float = setting(
+        0.13, "m", "turning at the goal may drift this far before it is given up", low=0.01, high=1.5
+    )
+    heading_tolerance: float = setting(0.05, "rad", "how near to its heading is there", low=0.005, high=math.pi)
+    weights: Weights = field(default_factory=Weights)
+    stops: StopTable | None = None
+
+
+@dataclass(frozen=True, slots=True)
+class Motion:
+    """What a tick must know of those before: acceleration [m/s^2, rad/s^2] of the commands, and the last direction.
+
+    `direction` is 1 after driving forwards, -1 after driving backwards, 0 before either.
+    """
+
+    acceleration: Twist = field(default_factory=Twist)
+    direction: int = 0
+
+
+def measured(settings: DwaSettings, stops: StopTable | None) -> DwaSettings:
+    """The settings for a chair whose stops were measured, or were not: then it only crawls.
+
+    It drives no faster than its stops are known, reacts no sooner than was seen, and may only go where the measured
+    way to rest is free.
+    """
+    return replace(
+        settings,
+        max_speed=min(settings.max_speed, permitted_speed(stops)),
+        reaction_time=max(settings.reaction_time, stops.delay_s) if stops is not None else settings.reaction_time,
+        stops=stops,
+    )
+
+
+def motion_after(motion: Motion, command: Twist, following: Twist, settings: DwaSettings) -> Motion:
+    """The motion once `following` has been commanded after `command`."""
+    change = Twist((following.v - command.v) / settings.period, (following.omega - command.omega) / settings.period)
+    driving = abs(following.v) >= STANDING_V
+    return Motion(change, int(math.copysign(1, following.v)) if driving else motion.direction)
+
+
+def crawling(settings: DwaSettings) -> DwaSettings:
+    """The same limits, but slow: for leaving a place that is too narrow for the margin."""
+    return replace(
+        settings,
+        max_speed=min(settings.max_speed, CRAWL_V),
+        max_reverse=min(settings.max_reverse, CRAWL_V),
+        max_omega=min(settings.max_omega, CRAWL_OMEGA),
+    )
+
+
+def braking(command: Twist, settings: DwaSettings) -> Twist:
+    """One control period of braking on the same arc: v and omega fall in proportion."""
+    left = 1.0 - settings.period / max(stop_time(command, settings), settings.period)
+    return Twist(command.v * left, command.omega * left)
+
+
+def stopping(command: Twist, settings: DwaSettings, motion: Motion | None) -> Twist:
+    """One control period of a stop in comfort: as `braking`, but with limited jerk, and never faster than before."""
+    if motion is None:
+        return braking(command, settings)
+    eased = towards(command, Twist(), settings, motion)
+    along = abs(command.v) / settings.braking >= abs(command.omega) / settings.alpha
+    before, after = (command.v, eased.v) if along else (command.omega, eased.omega)
+    left = min(max(after / before, 0.0), 1.0) if before else 0.0
+    return Twist(command.v * left, command.omega * left)
+
+
+def slowing_speed(way: float, end: float, settings: DwaSettings) -> float:
+    """Greatest speed [m/s] that comes down to `end` [m/s] within a way [m], with half the braking and jerk held back.
+
+    What is held back is for the chair's lag. Neither before nor after it does the chair slow down. From v the mean
+    speed is (v + end) / 2, for the time (v - end) / a + a / jerk, or 2 sqrt((v - end) / jerk) where the full a is not reached; solved for v.
+    """
+    a, jerk, way = settings.braking / 2, settings.jerk / 2, max(way, 0.0)
+    ramps = a * a / jerk  # change of the speed while a comes and goes
+    speed = math.hypot(ramps / 2 - end, math.sqrt(2 * a * way)) - ramps / 2
+    if speed - end >= ramps:
+        return speed
+    # With s = sqrt(v - end) it is s^3 + 2 end s = way sqrt(jerk), of which Cardano's formula gives the one real root.
+    half, third = way * math.sqrt(jerk) / 2, 2 * end / 3
+    root = math.sqrt(half**2 + third**3)
+    return end + (math.cbrt(half + root) + math.cbrt(half - root)) ** 2
+
+
+def stop_time(twist: Twist, settings: DwaSettings) -> float:
+    """Time [s] to brake v and omega in proportion."""
+    return max(abs(twist.v) / settings.braking, abs(twist.omega) / settings.alpha)
+
+
+def towards(command: Twist, target: Twist, settings: DwaSettings, motion: Motion | None = None) -> Twist:
+    """One control period from the command to the target: on a straight line in (v, omega), or with limited jerk."""
+    dv, domega = target.v - command.v, target.omega - command.omega
+    speeding_up = dv * command.v > 0 or command.v == 0
+    longest = max(abs(dv) / (settings.acceleration if speeding_up else settings.braking), abs(domega) / settings.alpha)
+    share = min(1.0, settings.period / longest) if longest > 0 else 1.0
+    if motion is None:
+        return Twist(command.v + share * dv, command.omega + share * domega)
+    now, period = motion.acceleration, settings.period
+    v = command.v + _eased(share * dv, dv, now.v, settings.jerk, period)
+    # hard braking may end in a stand, and is not carried on into driving the other way
+    v = max(v, 0.0) if min(command.v, target.v) >= 0.0 else v
+    v = min(v, 0.0) if max(command.v, target.v) <= 0.0 else v
+    return Twist(v, command.omega + _eased(share * domega, domega, now.omega, settings.alpha_jerk, period))
+
+
+def _eased(step: float, left: float, acceleration: float, jerk: float, period: float) -> float:
+    """The step of a speed in one period, so that the acceleration changes by the jerk and is 0 when nothing is left."""
+    # Reached from an acceleration a, the change still to come is a^2 / 2 jerk, and half a period's step.
+    most = math.sqrt(jerk**2 * period**2 / 4 + 2 * jerk * abs(left)) - jerk * period / 2
+    wanted = min(max(step / period, -most), most)
+    return period * min(max(wanted, acceleration - jerk * period), acceleration + jerk * period)
+
+
+def change_within(acceleration: float | None, sign: float, most: float, jerk: float, time: float) -> float:
+    """Greatest change of a speed up (sign 1) or down (-1) within a time, of an acceleration that the jerk takes to `most`.
+
+    At once without an acceleration.
+    """
+    if acceleration is None:
+        return most * time
+    now = sign * acceleration
+    ramp = min(max((most - now) / jerk, 0.0), time)
+    return now * ramp + jerk * ramp**2 / 2 + most * (time - ramp)
+
+
+def standing(twist: Twist) -> bool:
+    return abs(twist.v) < STANDING_V and abs(twist.omega) < STANDING_OMEGA
