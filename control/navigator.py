@@ -59,9 +59,6 @@ _ROOM_TO_LEAVE = 0.03
 _MOVED, _MUCH = 0.1, 0.2
 """What is this far [m] from where it was has moved; this part of what is in the way is much."""
 
-_GAVE_WAY_S = 1.5
-"""A chair that stood so long for people to pass makes do with less room, as the collision monitor does."""
-
 
 @dataclass(frozen=True, slots=True)
 class NavigatorSettings(Settings):
@@ -304,7 +301,7 @@ class Navigator:
         people = tuple(track for track in self._tracker.update(now_ns, strangers) if track.walked)
         spare = self._settings.dwa.margin + _ROOM_TO_LEAVE
         s = self._settings.tracks
-        wide = s.room_after if self._recovery.standing(now_ns) > _GAVE_WAY_S else s.room
+        wide = s.room_after if self._recovery.standing(now_ns) > s.room_after_s else s.room
         room = room_round(people, wide, odom_from_map @ pose, self._body, spare)
         walking = (*(each for each in people if each.walks(s)), *self._tracker.lost)
         walkers = np.array([each.position for each in walking]).reshape(-1, 2)

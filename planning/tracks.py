@@ -55,6 +55,7 @@ class TrackSettings(Settings):
     room_after: float = setting(
         0.3, "m", "as room, once the chair has stood for people to pass, and they have not", low=0.05, high=1.0
     )
+    room_after_s: float = setting(1.5, "s", "... for so long; a chair's is its collision monitor's", low=0.0, high=20.0)
 
 
 @dataclass(frozen=True, slots=True)

@@ -136,7 +136,7 @@ class Chair:
         """
         self.settings = s = settings or ChairSettings()
         self.body = body = calibration.body
-        self.navigator = Navigator(grid, places, body, _within(s.navigator, s.limiter, calibration.stops), zones)
+        self.navigator = Navigator(grid, places, body, _within(s, calibration.stops), zones)
         self._calibration = calibration
         self._zones = zones
         self._delays = calibration.sensor_delays or SensorDelays()
@@ -384,11 +384,16 @@ class Chair:
         return self._localisation.map_from_odom @ self._odom_from_base(now_ns)
 
 
-def _within(settings: NavigatorSettings, limits: LimiterSettings, stops: StopTable | None) -> NavigatorSettings:
-    """The navigator plans within the rider's comfort and what the chair's brakes were measured for."""
+def _within(chair: ChairSettings, stops: StopTable | None) -> NavigatorSettings:
+    """The navigator plans within the rider's comfort and what the chair's brakes were measured for.
+
+    It gives way to people for as long as the monitor does.
+    """
+    settings, limits = chair.navigator, chair.limiter
     dwa = measured(settings.dwa, stops)
     return replace(
         settings,
+        tracks=replace(settings.tracks, room_after_s=chair.monitor.give_way_s),
         dwa=replace(
             dwa,
             max_speed=min(dwa.max_speed, limits.max_speed),

@@ -9,7 +9,7 @@ laboratory supply to the lines by `drive`, as a calibration on the bench does. T
 from __future__ import annotations
 
 import math
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field, replace
 from typing import TypeAlias
 
@@ -39,7 +39,7 @@ from waychair.simulation.people import CONTACT_GAP, People
 from waychair.simulation.plant import Plant, PlantSettings, volts_from_joystick
 from waychair.simulation.rays import scenery_of
 from waychair.simulation.renderer import Renderer, camera_matrix, renderer_problem
-from waychair.simulation.scene import PersonState
+from waychair.simulation.scene import PersonPlan, PersonState
 from waychair.simulation.slices import slice_at
 from waychair.simulation.sonar import Sonars, SonarSettings
 from waychair.simulation.tilted_rays import Leaning, terrain_of
@@ -147,6 +147,16 @@ class Simulator:
         """Everybody on this level, now."""
         return self._people_now
 
+    def populate(self, people: Sequence[PersonPlan]) -> None:
+        """From now on these people are about, and nobody else: each begins the plan anew.
+
+        Raises:
+            WorldError: a person stands or is to walk where or as nobody can.
+        """
+        self._people = People(people, self.world.grid, self.body, _stream(self._seed, 4))
+        self._people_now = self._people.states
+        self.world = replace(self.world, people=tuple(people))
+
     def wire(self, board: HostBoard | None) -> None:
         """Put a board between the rider's stick and the chair's lines, or take it out; it lives by this clock.
 
@@ -239,8 +249,8 @@ class Simulator:
         if self.now_ns:
             self._ticks_before = self._ticks()
         if not self.now_ns or world.level != self.world.level:
-            self._people = People(world.people, world.grid, self.body, _stream(self._seed, 4))
-            self._people_now = self._people.states
+            self.world = world
+            self.populate(world.people)
         self.world, self._solid = world, solid
         self._scenery = scenery_of(slice_at(world.blocks, self.body.laser_z))
         self._sonar_scenery = scenery_of(slice_at(world.blocks, self.settings.sonar.height))

@@ -33,7 +33,6 @@ from waychair.planning.tracks import TrackSettings
 from waychair.runtime.chair import ChairSettings
 from waychair.simulation.contact import HIGHEST, LOWEST, Contact, ContactKind, clearance, solid_from_blocks
 from waychair.simulation.floor_plan import FloorPlan, PlanPit, PlanWall
-from waychair.simulation.people import People
 from waychair.simulation.plan_blocks import fill
 from waychair.simulation.scene import MATERIALS, Behaviour, Block, PersonPlan, Pit, Reflection
 from waychair.simulation.simulator import SimulatorSettings
@@ -410,17 +409,6 @@ class Appearance:
     ride: Ride
 
 
-class Stage(WatchedSimulator):
-    """A simulated level on which somebody can appear out of nothing."""
-
-    def appear(self, person: PersonPlan) -> None:
-        """From now on this person, too, is there."""
-        plans = (*self.world.people, person)
-        self.world = replace(self.world, people=plans)
-        self._people = People(plans, self.world.grid, self.body, np.random.default_rng(len(plans)))
-        self._people_now = self._people.states
-
-
 def run_appearance(ahead_m: float, seed: int) -> Appearance:
     """In a wide corridor the chair drives at its full 0.8 m/s; somebody stands in its lane all at once.
 
@@ -432,7 +420,7 @@ def run_appearance(ahead_m: float, seed: int) -> Appearance:
     rng = np.random.default_rng(seed)
     goal = Place("end", Pose2(11.0, 1.5, 0.0))
     world = replace(world_from_plan(_hall((12.5, 3.0)), "corridor"), start=Pose2(1.2, 1.5, rng.uniform(-0.05, 0.05)))
-    simulator = Stage(world, CHAIR_A, chair_of(seed), seed)
+    simulator = WatchedSimulator(world, CHAIR_A, chair_of(seed), seed)
     setting = Setting(world.grid, {goal.name: goal}, CHAIR_A, DEFAULT)
     appears_x, across, appeared_ns, speed = rng.uniform(4.0, 5.0), rng.uniform(-0.25, 0.25), None, 0.0
     with chair_in(setting, simulator) as chair:
@@ -443,7 +431,7 @@ def run_appearance(ahead_m: float, seed: int) -> Appearance:
             pose = simulator.truth()
             if appeared_ns is None and pose.x > appears_x:
                 at = transform_points(pose, np.array([[CHAIR_A.front + ahead_m + _PERSON_RADIUS, across]]))
-                simulator.appear(PersonPlan(Behaviour.PATH, at, radius=_PERSON_RADIUS))
+                simulator.populate([PersonPlan(Behaviour.PATH, at, radius=_PERSON_RADIUS)])
                 appeared_ns, speed = simulator.now_ns, simulator.twist().v
             elif appeared_ns is not None and abs(simulator.twist().v) < MOVES:
                 break
@@ -454,7 +442,7 @@ _PERSON_RADIUS = 0.25
 _APPEARANCE_S = 20.0
 
 
-def _appearance(seed: int, ahead_m: float, speed: float, appeared_ns: int | None, simulator: Stage) -> Appearance:
+def _appearance(seed: int, ahead_m: float, speed: float, appeared_ns: int | None, simulator: WatchedSimulator) -> Appearance:
     """What the motion says."""
     motion = simulator.motion()
     if appeared_ns is None:  # it never came so far

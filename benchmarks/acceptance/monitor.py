@@ -23,8 +23,7 @@ from waychair.simulation.simulator import Simulator, SimulatorSettings
 from waychair.simulation.world import world_from_grid
 from waychair.topics import COMMAND
 from waychair.trials.drive import Setting, advance_tick, begin, chair_in
-from waychair.trials.hazards import Stage
-from waychair.trials.ride import Motion
+from waychair.trials.ride import Motion, WatchedSimulator
 from waychair.types import FloatArray, Goal, Json, OccupancyGrid, Pose2, Scan, Twist
 
 _DEATHS = 20
@@ -146,7 +145,7 @@ def _reaction(seed: int) -> tuple[float, float, float]:
     cells = np.full((60, 240), 100, np.int8)
     cells[1:-1, 1:-1] = 0
     world = world_from_grid(OccupancyGrid(cells, 0.05), Pose2(1.2, 1.5, 0.0), name="corridor")
-    simulator = Stage(world, CHAIR_A, SimulatorSettings(plant=randomised(PlantSettings(), seed)), seed)
+    simulator = WatchedSimulator(world, CHAIR_A, SimulatorSettings(plant=randomised(PlantSettings(), seed)), seed)
     appears_x, at, appeared_ns = float(rng.uniform(4.0, 5.0)), np.zeros((1, 2)), 0
     scans: list[Scan] = []
     with chair_in(Setting(world.grid, {}, CHAIR_A, DEFAULT), simulator) as driven:
@@ -157,7 +156,7 @@ def _reaction(seed: int) -> tuple[float, float, float]:
             scans += [message for message in messages if appeared_ns and isinstance(message, Scan)]
             if not appeared_ns and simulator.truth().x > appears_x:
                 at = transform_points(simulator.truth(), np.array([[CHAIR_A.front + 0.5 + _RADIUS, 0.0]]))
-                simulator.appear(PersonPlan(Behaviour.PATH, at, radius=_RADIUS))
+                simulator.populate([PersonPlan(Behaviour.PATH, at, radius=_RADIUS)])
                 appeared_ns = simulator.now_ns
     motion = simulator.motion()
     seen_ns = next(stamp for scan in scans if (stamp := _first_beam_on(at, scan, motion)))
