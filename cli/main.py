@@ -44,6 +44,11 @@ app.command(
     help="Drive a simulated chair along a route of a world, and record it.",
 )
 app.command(
+    "waychair.cli.vocabulary:vocabulary_command",
+    name="vocabulary",
+    help="Make a dictionary of visual words of pictures.",
+)
+app.command(
     "waychair.cli.settings:config_command",
     name="config",
     help="Print all settings with their defaults, units and meaning.",

@@ -28,6 +28,9 @@ def map_command(
     .db3), told apart by their content; writes map.yaml, map.pgm, trajectory.tum, graph.g2o, config.yaml, report.json
     and report.html. When it is stopped, the same command goes on near where it was.
 
+    Of a folder of colour and depth pictures (TUM RGB-D's rgb/ and depth/, or frame-N.color and frame-N.depth.png) it
+    writes trajectory.tum, in space and of the camera's optical frame, config.yaml and report.json.
+
     Parameters
     ----------
     recording
@@ -42,8 +45,12 @@ def map_command(
     from dataclasses import replace
 
     from waychair import config as configuration
+    from waychair.rgbd_folders import is_rgbd_folder
     from waychair.runtime.mapping import MappingSettings, map_recording, save_mapping
 
+    if is_rgbd_folder(recording):
+        _map_pictures(recording, out, reading, config, quiet)
+        return
     settings = MappingSettings() if config is None else configuration.load(MappingSettings, config)
     settings = replace(settings, input=reading.over(settings.input))
     with stages(quiet) as progress:
@@ -59,6 +66,28 @@ def map_command(
             f"{report['frames']} scans over {report['distance_m']:.0f} m, {report['key_scans']} key scans, "
             f"{report['edges']['loop']} loop closures, {report['grid']['known_m2']:.0f} m2 known, "
             f"{report['cpu_seconds']['total']:.1f} s of CPU: {out}/map.yaml"
+        )
+
+
+def _map_pictures(recording: Path, out: Path, reading: RecordingOptions, config: Path | None, quiet: bool) -> None:
+    from dataclasses import replace
+
+    from waychair import config as configuration
+    from waychair.runtime.rgbd_mapping import RgbdMappingSettings, map_pictures, save_pictures_map
+
+    settings = RgbdMappingSettings() if config is None else configuration.load(RgbdMappingSettings, config)
+    settings = replace(settings, input=reading.over(settings.input))
+    with stages(quiet) as progress:
+        folder = progress.read(recording, settings.input)
+        mapping = map_pictures(folder, settings, progress.stage("mapping"))
+        save_pictures_map(out, mapping, settings)
+        progress.warn(mapping.report["warnings"][len(folder.warnings) :])
+    if not quiet:
+        report = mapping.report
+        print(
+            f"{report['placed']} of {report['pictures']} pictures placed over {report['distance_m']:.1f} m, "
+            f"{report['counts']['key_frames']} key frames, {report['counts']['loops']} loop closures, "
+            f"{report['frame_ms']['mean']:.0f} ms of CPU a picture: {out}/trajectory.tum"
         )
 
 

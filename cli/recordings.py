@@ -34,12 +34,16 @@ class RecordingOptions:
         Topic of the odometry in a bag; where there is none it is taken from /tf.
     imu
         Topic of the inertial unit in a bag.
+    camera
+        Camera of a folder of pictures: fr1, fr2, fr3 (TUM RGB-D), or FX,FY,CX,CY[,K1,K2,P1,P2[,K3]] in pixels; without
+        it a file in the folder or the folder's name says it.
     """
 
     base_from_laser: Annotated[tuple[str, ...], Parameter(allow_leading_hyphen=True, negative="")] = ()
     scan: Annotated[tuple[str, ...], Parameter(negative="")] = ()
     odom: str | None = None
     imu: str | None = None
+    camera: str | None = None
 
     def over(self, settings: InputSettings) -> InputSettings:
         """The settings with what was said on the command line in their place."""
@@ -50,7 +54,8 @@ class RecordingOptions:
             odom_topic=self.odom or bag.odom_topic,
             imu_topic=self.imu or bag.imu_topic,
         )
-        return replace(settings, bag=bag, mounts=self.base_from_laser or settings.mounts)
+        rgbd = replace(settings.rgbd, camera=self.camera or settings.rgbd.camera)
+        return replace(settings, bag=bag, rgbd=rgbd, mounts=self.base_from_laser or settings.mounts)
 
 
 class Stages:

@@ -7,6 +7,7 @@ from collections.abc import Callable
 from pathlib import Path
 
 from benchmarks.acceptance import (
+    appearance,
     barn,
     bridge,
     calibration,
@@ -22,6 +23,7 @@ from benchmarks.acceptance import (
     monitor,
     odometry,
     posegraphs,
+    rgbd,
     scenes,
     sensor_time,
     simulation,
@@ -43,6 +45,10 @@ FIGURES: dict[str, Callable[[Path], Json]] = {
     "kidnap_simulated": kidnap.simulated,
     "posegraphs": posegraphs.posegraphs,
     "false_loops": posegraphs.false_loops,
+    "places": appearance.places,
+    "words_speed": appearance.words_speed,
+    "tum_rpy": rgbd.tum_rpy,
+    "tsdf_sample": rgbd.tsdf_sample,
     "demo": demo.run,
     "demo_small": demo.run_small,
     "movingai": dstar_lite.movingai,

@@ -34,6 +34,10 @@ class NoScans(RecordingError):
     """The recording holds no laser scans, so no map can be made of it."""
 
 
+class NoPictures(RecordingError):
+    """The recording holds no pictures with depth in which anything can be seen."""
+
+
 class MapError(WaychairError):
     """A map folder, image or YAML cannot be read or written."""
 
@@ -132,6 +136,18 @@ class OutputError(WaychairError):
 
 class DriverSilent(WaychairError):
     """What drives a simulated chair has not answered in time."""
+
+
+class LongTermError(WaychairError):
+    """The file of the long-term memory cannot be read or written."""
+
+
+class LongTermDamaged(LongTermError):
+    """A record of the long-term memory is not what was written."""
+
+
+class VocabularyError(WaychairError):
+    """A dictionary of visual words is broken, or is of another kind than the features."""
 
 
 class SensorError(WaychairError):

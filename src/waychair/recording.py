@@ -62,7 +62,7 @@ class Recording:
     Frames are in the order in which they were recorded; their stamps may step backwards. `source` says which format
     and topics they came from, `warnings` what was wrong with them, one sentence each. `pictures()` reads the recording
     again for its pictures with depth and decodes one at a time, so that whoever needs none pays for none; `unread`
-    counts those that it could not read, by reason.
+    counts those that it could not read, by reason. `picture_count` is how many there are, 0 where that is not known.
     """
 
     path: Path
@@ -71,6 +71,7 @@ class Recording:
     source: str
     warnings: tuple[str, ...] = ()
     pictures: Callable[[], Iterator[RgbdFrame]] = lambda: iter(())
+    picture_count: int = 0
     unread: Counter[str] = field(default_factory=Counter)
 
 
@@ -99,7 +100,7 @@ def read_recording(
     if is_rgbd_folder(path):
         folder, unread = read_rgbd_folder(path, settings.rgbd), Counter[str]()
         pictures = partial(frames_of, folder, unread)
-        return Recording(path, (), Pose2(), folder.source, folder.warnings, pictures, unread)
+        return Recording(path, (), Pose2(), folder.source, folder.warnings, pictures, len(folder.pairs), unread)
     suffix = _bag_suffix(path)
     if suffix is not None:
         bag = read_bag(path, suffix, settings.bag, mounts, progress)
@@ -166,8 +167,8 @@ def _bag_suffix(path: Path) -> str | None:
     storages = [file for file in path.iterdir() if file.suffix in (".mcap", ".db3")]
     if not (path / "metadata.yaml").is_file() and not storages:
         raise RecordingDamaged(
-            f"{path} is no recording: a ROS 2 bag has metadata.yaml or .mcap or .db3 files, pictures lie in rgb/ and "
-            "depth/, or are named frame-N.color.png and frame-N.depth.png"
+            f"{path} is no recording: it has no metadata.yaml, .mcap or .db3 of a ROS 2 bag, and no pictures, which lie in "
+            "rgb/ and depth/ or are named frame-N.color.png and frame-N.depth.png"
         )
     return ""
 

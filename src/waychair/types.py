@@ -141,12 +141,16 @@ class Scan:
 
 @dataclass(frozen=True, slots=True)
 class RgbdFrame:
-    """Registered colour and depth: rgb (H, W, 3) or gray (H, W) u8, depth (H, W) f32 [m] (nan none), camera (3, 3)."""
+    """Registered colour and depth: rgb (H, W, 3) or gray (H, W) u8, depth (H, W) f32 [m] (nan none), camera (3, 3).
+
+    `stamp_ns` is the time of the middle row; each row is exposed `row_step` [s] after the one above (rolling shutter).
+    """
 
     stamp_ns: int
     image: Bytes
     depth: Float32Array
     camera_matrix: FloatArray
+    row_step: float = 0.0
 
 
 @dataclass(frozen=True, slots=True)

@@ -1,0 +1,59 @@
+"""Commands about visual words."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from pathlib import Path
+from typing import Annotated, Literal
+
+from cyclopts import Parameter
+
+
+def vocabulary_command(
+    source: Path,
+    /,
+    *,
+    output: Annotated[Path, Parameter(alias="-o")],
+    words: int = 16_000,
+    detector: Literal["orb", "gftt_orb", "sift"] = "orb",
+    seed: int = 1,
+    quiet: bool = False,
+) -> None:
+    """Make a fixed dictionary of visual words by clustering: k-majority of binary features, k-means of float ones.
+
+    Mapping needs none: it makes its own words as it goes. A fixed one is the classical way, for comparison.
+
+    Parameters
+    ----------
+    source
+        A folder of pictures, or a recording with pictures.
+    output
+        The file to write, such as building.npz.
+    words
+        Size of the dictionary; a small one tells places apart badly.
+    detector
+        What is looked for in the pictures; SURF is not in OpenCV 5, sift is its nearest relative.
+    seed
+        Of the draws: the same pictures and seed give the same words.
+    quiet
+        Show no progress and no warnings.
+    """
+    from waychair.cli.recordings import stages
+    from waychair.runtime.vocabulary_making import VocabularyMaking, make_vocabulary
+
+    settings = VocabularyMaking()
+    settings = replace(
+        settings,
+        features=replace(settings.features, detector=detector),
+        training=replace(settings.training, words=words, seed=seed),
+    )
+    with stages(quiet) as bar:
+        made = make_vocabulary(source, output, settings, bar.stage)
+        bar.warn(made.warnings)
+        if made.unreadable:
+            bar.warn([f"{made.unreadable} pictures of {source} could not be read"])
+        if made.blank:
+            bar.warn([f"{made.blank} of {made.pictures} pictures show nothing"])
+        if made.words < words:
+            bar.warn([f"only {made.words} words: there are no more different features"])
+    print(f"{output}: {made.words} words of {made.descriptors} features in {made.pictures} pictures")

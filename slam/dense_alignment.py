@@ -1,0 +1,155 @@
+"""The motion between two pictures from all their pixels at once, on coarse levels: a guess that blur does not break.
+
+Every pixel of the earlier picture that has depth is put where the motion takes it, and the difference in brightness
+there is made small (direct alignment with depth: Kerl, Sturm, Cremers, ICRA 2013; here in the inverse compositional
+form of Baker and Matthews, IJCV 2004, with Huber's weights and the mean brightness free).
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+from numba import njit
+
+from waychair.slam.reprojection import NEAREST, move_kernel
+from waychair.types import Bytes, Float32Array, FloatArray, Pose3
+
+_ITERATIONS = 15
+_HUBER = 8.0  # [grey levels]
+_LEAST = 100  # pixels
+
+
+@dataclass(frozen=True, slots=True)
+class DenseFit:
+    """now_from_before as aligned, the mean loss [grey levels], and the share of pixels that stayed in the picture."""
+
+    now_from_before: Pose3
+    loss: float
+    share: float
+
+
+def align_pictures(
+    before: Sequence[Bytes],
+    depth: Float32Array,
+    now: Sequence[Bytes],
+    camera: FloatArray,
+    guess: Pose3,
+    levels: Sequence[int],
+) -> DenseFit:
+    """The motion of the camera between two pyramids, from `guess`; depth (H, W) [m] is that of the earlier picture.
+
+    `levels` are gone through in their order, coarse first; camera (4,) is that of the finest level.
+    """
+    turn, shift = guess.rotation.copy(), guess.translation.copy()
+    loss, share = math.inf, 0.0
+    for level in levels:
+        scale = 2**level
+        # the pixels of a pyramid's level lie at multiples of its scale, and so do the depths that belong to them
+        coarse, shrunken = np.ascontiguousarray(depth[::scale, ::scale]), camera / scale
+        points, slopes, bright = slopes_kernel(before[level], coarse, shrunken)
+        loss, share = dense_kernel(points, slopes, bright, now[level], shrunken, turn, shift, _ITERATIONS)
+    return DenseFit(Pose3(turn, shift), loss, share)
+
+
+@njit(cache=True, nogil=True)
+def slopes_kernel(before: Bytes, depth: Float32Array, camera: FloatArray) -> tuple[FloatArray, FloatArray, FloatArray]:
+    """Of each pixel with depth: its point (N, 3) [m], how its brightness changes with a small rotation and translation
+    of the point (N, 6), and its brightness (N,)."""
+    height, width = min(before.shape[0], depth.shape[0]), min(before.shape[1], depth.shape[1])
+    points = np.empty((height * width, 3))
+    slopes = np.empty((height * width, 6))
+    bright = np.empty(height * width)
+    count = 0
+    for row in range(1, height - 1):
+        for column in range(1, width - 1):
+            z = float(depth[row, column])
+            if not z > NEAREST:
+                continue
+            gx = 0.5 * (float(before[row, column + 1]) - float(before[row, column - 1])) * camera[0]
+            gy = 0.5 * (float(before[row + 1, column]) - float(before[row - 1, column])) * camera[1]
+            x, y = (column - camera[2]) / camera[0], (row - camera[3]) / camera[1]
+            away = -(gx * x + gy * y)
+            points[count, 0], points[count, 1], points[count, 2] = x * z, y * z, z
+            bright[count] = before[row, column]
+            slopes[count, 0] = away * y - gy
+            slopes[count, 1] = gx - away * x
+            slopes[count, 2] = gy * x - gx * y
+            slopes[count, 3], slopes[count, 4], slopes[count, 5] = gx / z, gy / z, away / z
+            count += 1
+    return points[:count], slopes[:count], bright[:count]
+
+
+@njit(cache=True, nogil=True)
+def dense_kernel(
+    points: FloatArray,
+    slopes: FloatArray,
+    bright: FloatArray,
+    now: Bytes,
+    camera: FloatArray,
+    turn: FloatArray,
+    shift: FloatArray,
+    iterations: int,
+) -> tuple[float, float]:
+    """Moves now_from_before (turn, shift) in place; gives the mean Huber loss [grey levels] and the share inside."""
+    height, width = now.shape
+    count = len(points)
+    if count < _LEAST:
+        return np.inf, 0.0
+    offset, loss, inside = 0.0, np.inf, 0
+    back = np.empty((3, 3))
+    for _ in range(iterations):
+        normal, gradient = np.zeros((7, 7)), np.zeros(7)
+        total, inside = 0.0, 0
+        for n in range(count):
+            px, py, pz = points[n, 0], points[n, 1], points[n, 2]
+            z = turn[2, 0] * px + turn[2, 1] * py + turn[2, 2] * pz + shift[2]
+            if z < NEAREST:
+                continue
+            u = camera[0] * (turn[0, 0] * px + turn[0, 1] * py + turn[0, 2] * pz + shift[0]) / z + camera[2]
+            v = camera[1] * (turn[1, 0] * px + turn[1, 1] * py + turn[1, 2] * pz + shift[1]) / z + camera[3]
+            if not (0.0 <= u < width - 1.001 and 0.0 <= v < height - 1.001):
+                continue
+            c, r = int(u), int(v)
+            a, b = u - c, v - r
+            seen = (1.0 - b) * ((1.0 - a) * now[r, c] + a * now[r, c + 1]) + b * (
+                (1.0 - a) * now[r + 1, c] + a * now[r + 1, c + 1]
+            )
+            away = seen - bright[n] - offset
+            size = abs(away)
+            weight = 1.0 if size <= _HUBER else _HUBER / size
+            total += min(size, _HUBER * 3.0)
+            inside += 1
+            for i in range(6):
+                gradient[i] += weight * slopes[n, i] * away
+                for j in range(i, 6):
+                    normal[i, j] += weight * slopes[n, i] * slopes[n, j]
+                normal[i, 6] += weight * slopes[n, i]
+            gradient[6] += weight * away
+            normal[6, 6] += weight
+        if inside < _LEAST:
+            return np.inf, 0.0
+        loss = total / inside
+        for i in range(7):
+            for j in range(i):
+                normal[i, j] = normal[j, i]
+            normal[i, i] += 1e-6 * normal[i, i] + 1e-9
+        step = np.asarray(np.linalg.solve(normal, gradient), np.float64)
+        offset += step[6]
+        # the pixels of the earlier picture move by the step, so this one moves by its inverse
+        back[:] = np.eye(3)
+        back_shift = np.zeros(3)
+        move_kernel(back, back_shift, step[:6])
+        inverse = np.ascontiguousarray(back.T)
+        inverse_shift = -(inverse @ back_shift)
+        moved_shift = turn @ inverse_shift + shift
+        moved_turn = turn @ inverse
+        for i in range(3):
+            shift[i] = moved_shift[i]
+            for j in range(3):
+                turn[i, j] = moved_turn[i, j]
+        if np.abs(step[:6]).max() < 1e-5:
+            break
+    return loss, inside / count

@@ -1,0 +1,183 @@
+"""Two depth pictures laid onto each other: point-to-plane ICP with each point looked up where it projects.
+
+Association by projection (Blais and Levine 1995; as in KinectFusion, Newcombe et al., ISMAR 2011) needs no search tree;
+the gates are RTAB-Map's (0.23.8, RegistrationIcp): a correction too large, too few points that meet, or surfaces that
+leave a direction free are refused, and the guess then stands.
+"""
+
+from __future__ import annotations
+
+import enum
+import math
+from dataclasses import dataclass
+
+import numpy as np
+from numba import njit
+
+from waychair.config import Settings, setting
+from waychair.slam.registration import angle_between
+from waychair.slam.reprojection import NEAREST, move_kernel
+from waychair.types import Float32Array, FloatArray, Pose3
+
+_EDGE = 0.05  # neighbouring depths that differ by more than this share of them lie on different things
+
+
+@dataclass(frozen=True, slots=True)
+class IcpSettings(Settings):
+    """When the refinement is believed; the names in brackets are RTAB-Map's."""
+
+    iterations: int = setting(20, "", "(Icp/Iterations)", low=1, high=200)
+    max_distance: float = setting(
+        0.1, "m", "between points that meet (Icp/MaxCorrespondenceDistance)", low=1e-3, high=5
+    )
+    max_normal: float = setting(0.5, "rad", "between their normals", low=0.01, high=3.2)
+    max_translation: float = setting(0.2, "m", "of the correction (Icp/MaxTranslation)", low=1e-3, high=10.0)
+    max_rotation: float = setting(0.78, "rad", "of the correction (Icp/MaxRotation)", low=1e-3, high=3.2)
+    min_share: float = setting(0.1, "", "of the points that meet (Icp/CorrespondenceRatio)", low=0.0, high=1.0)
+    min_complexity: float = setting(
+        0.02, "", "least share of the normals in any direction (Icp/PointToPlaneMinComplexity)", low=0.0, high=0.33
+    )
+
+
+class IcpRefusal(enum.Enum):
+    """Why a refinement is not used."""
+
+    NO_DEPTH = "too few points with depth"
+    FEW_MEET = "too few points meet"
+    FLAT = "the surfaces leave a direction free"
+    FAR = "the correction is too large"
+
+
+@dataclass(frozen=True, slots=True)
+class IcpFit:
+    """`old_from_new` refined (the guess where it was refused), mean distance to the planes [m], share of points that
+    meet, and why it was refused."""
+
+    old_from_new: Pose3
+    error: float
+    share: float
+    refusal: IcpRefusal | None = None
+
+
+def refine_by_depth(
+    old: Float32Array, new: Float32Array, camera: FloatArray, guess: Pose3, settings: IcpSettings
+) -> IcpFit:
+    """`old_from_new` such that two depth pictures (H, W) [m] of one camera (fx, fy, cx, cy) agree, from a guess."""
+    old_points, old_normals = cloud_kernel(np.ascontiguousarray(old), camera)
+    new_points, new_normals = cloud_kernel(np.ascontiguousarray(new), camera)
+    known = np.isfinite(new_normals[..., 0])
+    points, normals = new_points[known], new_normals[known]
+    if len(points) < 100:
+        return IcpFit(guess, math.nan, 0.0, IcpRefusal.NO_DEPTH)
+    turn, shift = guess.rotation.copy(), guess.translation.copy()
+    limits = settings.max_distance, math.cos(settings.max_normal)
+    error, met, scatter = 0.0, 0, np.eye(3)
+    for _ in range(settings.iterations):
+        normal, gradient, error, met, scatter = meet_kernel(
+            old_points, old_normals, points, normals, camera, turn, shift, *limits
+        )
+        if met < max(50.0, settings.min_share * len(points)):
+            return IcpFit(guess, error, met / len(points), IcpRefusal.FEW_MEET)
+        if np.linalg.eigvalsh(scatter / met)[0] < settings.min_complexity:
+            return IcpFit(guess, error, met / len(points), IcpRefusal.FLAT)
+        step = np.asarray(-np.linalg.solve(normal, gradient), np.float64)
+        move_kernel(turn, shift, step)
+        if np.abs(step).max() < 1e-5:
+            break
+    found = Pose3(turn, shift)
+    moved = float(np.linalg.norm(found.translation - guess.translation))
+    if moved > settings.max_translation or angle_between(found, guess) > settings.max_rotation:
+        return IcpFit(guess, error, met / len(points), IcpRefusal.FAR)
+    return IcpFit(found, error, met / len(points))
+
+
+@njit(cache=True, nogil=True)
+def cloud_kernel(depth: Float32Array, camera: FloatArray) -> tuple[FloatArray, FloatArray]:
+    """Points and normals (H, W, 3) of a depth picture, both nan at holes, normals also at edges and the border.
+
+    A normal is that of the plane through the four neighbours, and looks at the camera.
+    """
+    height, width = depth.shape
+    points, normals = np.full((height, width, 3), np.nan), np.full((height, width, 3), np.nan)
+    for row in range(height):
+        for column in range(width):
+            z = float(depth[row, column])
+            if not z > 0.0:
+                continue
+            u, v = (column - camera[2]) / camera[0], (row - camera[3]) / camera[1]
+            points[row, column, 0], points[row, column, 1], points[row, column, 2] = u * z, v * z, z
+            if not (0 < row < height - 1 and 0 < column < width - 1):
+                continue
+            left, right = float(depth[row, column - 1]), float(depth[row, column + 1])
+            above, below = float(depth[row - 1, column]), float(depth[row + 1, column])
+            rough = max(max(abs(left - z), abs(right - z)), max(abs(above - z), abs(below - z)))
+            # written so that nan is rough
+            if not (rough < _EDGE * z and left > 0.0 and right > 0.0 and above > 0.0 and below > 0.0):
+                continue
+            du, dv = 0.5 * (right - left) * camera[0], 0.5 * (below - above) * camera[1]
+            nx, ny, nz = du, dv, -(z + u * du + v * dv)
+            length = math.sqrt(nx * nx + ny * ny + nz * nz)
+            normals[row, column, 0], normals[row, column, 1], normals[row, column, 2] = (
+                nx / length,
+                ny / length,
+                nz / length,
+            )
+    return points, normals
+
+
+@njit(cache=True, nogil=True)
+def meet_kernel(
+    old_points: FloatArray,
+    old_normals: FloatArray,
+    points: FloatArray,
+    normals: FloatArray,
+    camera: FloatArray,
+    turn: FloatArray,
+    shift: FloatArray,
+    max_distance: float,
+    min_cosine: float,
+) -> tuple[FloatArray, FloatArray, float, int, FloatArray]:
+    """Normal equations (6, 6), (6,) of the points that meet a surface, mean distance to it, their number, and the sum of
+    the outer products (3, 3) of the normals that they meet."""
+    normal, gradient, scatter = np.zeros((6, 6)), np.zeros(6), np.zeros((3, 3))
+    row = np.empty(6)
+    total, met = 0.0, 0
+    for n in range(len(points)):
+        px, py, pz = points[n, 0], points[n, 1], points[n, 2]
+        x = turn[0, 0] * px + turn[0, 1] * py + turn[0, 2] * pz + shift[0]
+        y = turn[1, 0] * px + turn[1, 1] * py + turn[1, 2] * pz + shift[1]
+        z = turn[2, 0] * px + turn[2, 1] * py + turn[2, 2] * pz + shift[2]
+        if z <= NEAREST:
+            continue
+        c, r = round(camera[0] * x / z + camera[2]), round(camera[1] * y / z + camera[3])
+        if not (0 <= c < old_points.shape[1] and 0 <= r < old_points.shape[0]):
+            continue
+        facing = old_normals[r, c]
+        if math.isnan(facing[0]):
+            continue
+        dx, dy, dz = x - old_points[r, c, 0], y - old_points[r, c, 1], z - old_points[r, c, 2]
+        cosine = 0.0
+        for i in range(3):
+            for j in range(3):
+                cosine += facing[i] * turn[i, j] * normals[n, j]
+        if dx * dx + dy * dy + dz * dz > max_distance * max_distance or cosine < min_cosine:
+            continue
+        error = dx * facing[0] + dy * facing[1] + dz * facing[2]
+        row[0], row[1], row[2] = (
+            y * facing[2] - z * facing[1],
+            z * facing[0] - x * facing[2],
+            x * facing[1] - y * facing[0],
+        )
+        row[3:] = facing
+        for i in range(6):
+            gradient[i] += row[i] * error
+            for j in range(6):
+                normal[i, j] += row[i] * row[j]
+        for i in range(3):
+            for j in range(3):
+                scatter[i, j] += facing[i] * facing[j]
+        total += abs(error)
+        met += 1
+    for i in range(6):
+        normal[i, i] += 1e-9
+    return normal, gradient, total / max(met, 1), met, scatter

@@ -1,0 +1,100 @@
+"""Which descriptors of two images belong together, and whether one camera motion explains it.
+
+For pictures without depth the check is the epipolar one (RTAB-Map's VhEp): matches that agree with a fundamental
+matrix, found by RANSAC (Hartley and Zisserman 2004, chapter 11).
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import cv2
+import numpy as np
+from numba import njit
+
+from waychair.config import Settings, setting
+from waychair.slam.features import Descriptors, Features
+from waychair.slam.hamming_index import hamming_table, packed
+from waychair.types import Float32Array, IntArray
+
+LEAST_MATCHES = 8
+"""Any seven matches agree with some fundamental matrix: fewer than one more say nothing."""
+
+
+@dataclass(frozen=True, slots=True)
+class EpipolarSettings(Settings):
+    """When two pictures show the same place by geometry."""
+
+    ratio: float = setting(
+        0.8, "", "a match is nearer than this often the second nearest, both ways", low=0.1, high=1.0
+    )
+    tolerance: float = setting(3.0, "px", "distance of an inlier to its epipolar line", low=0.1, high=50.0)
+    confidence: float = setting(0.999, "", "of finding the best motion", low=0.5, high=0.999999)
+    min_inliers: int = setting(12, "", "matches that one motion explains", low=LEAST_MATCHES, high=1000)
+    min_share: float = setting(0.6, "", "of the matches must be inliers", low=0.0, high=1.0)
+
+
+@dataclass(frozen=True, slots=True)
+class Support:
+    """How well two pictures fit: matches, those of them that one camera motion explains, and whether that is enough."""
+
+    matches: int
+    inliers: int
+    enough: bool
+
+
+def epipolar_support(a: Features, b: Features, settings: EpipolarSettings) -> Support:
+    """Whether one motion of the camera explains the matches of two pictures; their points in space are not needed."""
+    pairs = mutual_matches(distances_between(a.descriptors, b.descriptors), settings.ratio)
+    if len(pairs) < LEAST_MATCHES:
+        return Support(len(pairs), 0, False)
+    _, mask = cv2.findFundamentalMat(
+        a.pixels[pairs[:, 0]], b.pixels[pairs[:, 1]], cv2.FM_RANSAC, settings.tolerance, settings.confidence
+    )
+    inliers = 0 if mask is None else int(np.count_nonzero(mask))
+    enough = inliers >= settings.min_inliers and inliers >= settings.min_share * len(pairs)
+    return Support(len(pairs), inliers, enough)
+
+
+def distances_between(a: Descriptors, b: Descriptors) -> Float32Array:
+    """(N, M) distances of descriptors (N, W) and (M, W): Hamming of bytes, squared Euclidean of floats."""
+    if a.dtype == np.uint8:
+        bits: Float32Array = hamming_table(packed(a), packed(b))
+        return bits
+    norms = np.einsum("ij,ij->i", a, a)[:, None] + np.einsum("ij,ij->i", b, b)
+    squared: Float32Array = np.maximum(norms - np.float32(2.0) * (a @ b.T), np.float32(0.0))
+    return squared
+
+
+@njit(cache=True)
+def mutual_matches(distances: Float32Array, ratio: float) -> IntArray:
+    """(K, 2) rows and columns of a table (N, M) that are each other's nearest, clearly so from both sides."""
+    rows, columns = distances.shape
+    row_best, row_first, row_second = _two_smallest(distances)
+    column_best, column_first, column_second = _two_smallest(distances.T)
+    pairs = np.empty((min(rows, columns), 2), np.int64)
+    count = 0
+    for i in range(rows):
+        j = row_best[i]
+        if j < 0 or column_best[j] != i or row_first[i] > ratio * row_second[i]:
+            continue
+        if column_first[j] <= ratio * column_second[j]:
+            pairs[count, 0], pairs[count, 1] = i, j
+            count += 1
+    return pairs[:count]
+
+
+@njit(cache=True)
+def _two_smallest(table: Float32Array) -> tuple[IntArray, Float32Array, Float32Array]:
+    """Column of each row's smallest value (the first of equal ones), that value, and the second smallest."""
+    best = np.full(table.shape[0], -1, np.int64)
+    first = np.full(table.shape[0], np.inf, np.float32)
+    second = np.full(table.shape[0], np.inf, np.float32)
+    for i in range(table.shape[0]):
+        for j in range(table.shape[1]):
+            value = table[i, j]
+            if value < first[i]:
+                best[i], second[i], first[i] = j, first[i], value
+            elif value < second[i]:
+                second[i] = value
+    return best, first, second

@@ -1,0 +1,202 @@
+"""Where a small patch of an earlier picture is seen in this one, to a fraction of a pixel.
+
+The patch is first turned and scaled as the two poses say, then shifted by the inverse compositional form of Lucas and
+Kanade (Baker and Matthews, IJCV 2004) with its brightness free, from coarse to fine; as each patch is always compared
+with the picture in which its point was first seen, errors do not add up along a track (as in SVO, Forster et al.,
+TRO 2017, section IV).
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+
+import numpy as np
+from numba import njit
+
+from waychair.types import Bytes, FloatArray, IntArray
+
+HALF = 5
+"""A patch reaches this far [px] from its middle, on every level."""
+
+_TEXTURE = 4.0  # [grey level^2] least eigenvalue of the mean squared gradient of a patch that can be aligned
+_ITERATIONS = 10
+_CONVERGED = 0.02  # [px]
+
+
+def align(
+    reference: Sequence[Bytes],
+    picture: Sequence[Bytes],
+    at: FloatArray,
+    affine: FloatArray,
+    guess: FloatArray,
+    levels: Sequence[int],
+    reach: float,
+    least: float,
+) -> tuple[FloatArray, IntArray]:
+    """Pixels (N, 2) of patches in a picture, and the finest level (N,) on which they were found, -1 where on none.
+
+    Both pictures are pyramids, each level half of the one before; `at` (N, 2) are the middles in the reference, affine
+    (N, 2, 2) takes offsets there to offsets here, `guess` (N, 2) is where they are expected. `levels` are gone through
+    in their order, coarse first; on each a patch must not move further than `reach` [px], and must be at least so much
+    like what is found (correlation), or it stays where the level before put it: a blurred picture has no fine level.
+    """
+    found, finest = np.ascontiguousarray(guess, np.float64).copy(), np.full(len(guess), -1)
+    for level in levels:
+        scale = 0.5**level
+        trial, alike = found * scale, np.zeros(len(guess))
+        align_kernel(reference[level], picture[level], at * scale, affine, trial, alike, reach)
+        good = alike >= least
+        found[good], finest[good] = trial[good] / scale, level
+    return found, finest
+
+
+@njit(cache=True)
+def _sample(image: Bytes, x: float, y: float) -> float:
+    column, row = int(x), int(y)
+    a, b = x - column, y - row
+    top = (1.0 - a) * image[row, column] + a * image[row, column + 1]
+    bottom = (1.0 - a) * image[row + 1, column] + a * image[row + 1, column + 1]
+    value: float = (1.0 - b) * top + b * bottom
+    return value
+
+
+@njit(cache=True)
+def template_kernel(image: Bytes, x: float, y: float, affine: FloatArray, patch: FloatArray) -> bool:
+    """The patch (2h + 3, 2h + 3) round a pixel, seen through the inverse of `affine`; False at the border."""
+    height, width = image.shape
+    determinant = affine[0, 0] * affine[1, 1] - affine[0, 1] * affine[1, 0]
+    if not 0.1 < determinant < 10.0:
+        return False
+    i00, i01 = affine[1, 1] / determinant, -affine[0, 1] / determinant
+    i10, i11 = -affine[1, 0] / determinant, affine[0, 0] / determinant
+    half = HALF + 1
+    wide = half * (abs(i00) + abs(i01))
+    high = half * (abs(i10) + abs(i11))
+    if not (wide < x < width - 1 - wide and high < y < height - 1 - high):
+        return False
+    for r in range(2 * half + 1):
+        for c in range(2 * half + 1):
+            dx, dy = c - half, r - half
+            patch[r, c] = _sample(image, x + i00 * dx + i01 * dy, y + i10 * dx + i11 * dy)
+    return True
+
+
+@njit(cache=True, nogil=True)
+def align_kernel(
+    reference: Bytes,
+    picture: Bytes,
+    at: FloatArray,
+    affine: FloatArray,
+    found: FloatArray,
+    alike: FloatArray,
+    reach: float,
+) -> None:
+    """`align` on one level: moves found (N, 2) in place, and puts the correlation into alike (N,), -1 where it failed."""
+    height, width = picture.shape
+    side = 2 * HALF + 1
+    patch = np.empty((side + 2, side + 2))
+    now, gx, gy = np.empty((side, side)), np.empty((side, side)), np.empty((side, side))
+    for n in range(len(at)):
+        if not template_kernel(reference, at[n, 0], at[n, 1], affine[n], patch):
+            alike[n] = -1.0
+            continue
+        xx = xy = yy = sx = sy = 0.0
+        for r in range(side):
+            for c in range(side):
+                gx[r, c] = 0.5 * (patch[r + 1, c + 2] - patch[r + 1, c])
+                gy[r, c] = 0.5 * (patch[r + 2, c + 1] - patch[r, c + 1])
+                xx += gx[r, c] * gx[r, c]
+                xy += gx[r, c] * gy[r, c]
+                yy += gy[r, c] * gy[r, c]
+                sx += gx[r, c]
+                sy += gy[r, c]
+        count = float(side * side)
+        # with the brightness solved for, the gradients count without their means
+        xx, xy, yy = xx - sx * sx / count, xy - sx * sy / count, yy - sy * sy / count
+        determinant = xx * yy - xy * xy
+        weakest = 0.5 * (xx + yy - math.sqrt((xx - yy) ** 2 + 4.0 * xy * xy))
+        if weakest < _TEXTURE * count:
+            alike[n] = -1.0
+            continue
+        x, y, inside = found[n, 0], found[n, 1], True
+        for _ in range(_ITERATIONS):
+            if not (HALF < x < width - 1 - HALF - 1e-6 and HALF < y < height - 1 - HALF - 1e-6):
+                inside = False
+                break
+            bx = by = mean = 0.0
+            for r in range(side):
+                for c in range(side):
+                    away = _sample(picture, x + c - HALF, y + r - HALF) - patch[r + 1, c + 1]
+                    bx += gx[r, c] * away
+                    by += gy[r, c] * away
+                    mean += away
+            mean /= count
+            bx, by = bx - sx * mean, by - sy * mean
+            dx = (yy * bx - xy * by) / determinant
+            dy = (xx * by - xy * bx) / determinant
+            x, y = x - dx, y - dy
+            if dx * dx + dy * dy < _CONVERGED * _CONVERGED:
+                break
+        inside = inside and HALF < x < width - 1 - HALF - 1e-6 and HALF < y < height - 1 - HALF - 1e-6
+        if not inside or (x - found[n, 0]) ** 2 + (y - found[n, 1]) ** 2 > reach * reach:
+            alike[n] = -1.0
+            continue
+        found[n, 0], found[n, 1] = x, y
+        for r in range(side):
+            for c in range(side):
+                now[r, c] = _sample(picture, x + c - HALF, y + r - HALF)
+        alike[n] = correlation(patch, now)
+
+
+@njit(cache=True)
+def correlation(patch: FloatArray, now: FloatArray) -> float:
+    """Zero-mean normalised correlation of a patch without its rim and what is seen now."""
+    side = now.shape[0]
+    a = b = aa = bb = ab = 0.0
+    for r in range(side):
+        for c in range(side):
+            p, q = patch[r + 1, c + 1], now[r, c]
+            a += p
+            b += q
+            aa += p * p
+            bb += q * q
+            ab += p * q
+    count = float(side * side)
+    spread = (aa - a * a / count) * (bb - b * b / count)
+    return (ab - a * b / count) / math.sqrt(spread) if spread > 1e-9 else -1.0
+
+
+@njit(cache=True)
+def affine_kernel(
+    points: FloatArray,
+    reference_turn: FloatArray,
+    reference_shift: FloatArray,
+    turn: FloatArray,
+    shift: FloatArray,
+    camera: FloatArray,
+) -> FloatArray:
+    """(N, 2, 2) how offsets in the reference picture become offsets in this one, round points (N, 3) of the map.
+
+    Each point lies on a small surface that faced the reference camera; poses are camera_from_map.
+    """
+    found = np.empty((len(points), 2, 2))
+    here_from_there = turn @ reference_turn.T
+    for n in range(len(points)):
+        depth = shift[2] * 0.0
+        for k in range(3):
+            depth += reference_turn[2, k] * points[n, k]
+        depth += reference_shift[2]
+        x, y, z = shift[0], shift[1], shift[2]
+        for k in range(3):
+            x += turn[0, k] * points[n, k]
+            y += turn[1, k] * points[n, k]
+            z += turn[2, k] * points[n, k]
+        for c in range(2):
+            focal = camera[c]
+            dx = here_from_there[0, c] * depth / focal
+            dy = here_from_there[1, c] * depth / focal
+            dz = here_from_there[2, c] * depth / focal
+            found[n, 0, c] = camera[0] * (dx * z - x * dz) / (z * z)
+            found[n, 1, c] = camera[1] * (dy * z - y * dz) / (z * z)
+    return found

@@ -1,0 +1,170 @@
+"""Has the robot been here before? Features -> words -> likelihood -> belief -> hypothesis, over nodes told by id.
+
+Which nodes are in short-term memory (seen, not compared), in working memory (places) or asleep is decided elsewhere:
+`see` a node when it is made, let it `enter` the places when it leaves the short-term memory, `leave` when it goes to
+sleep and `wake` when it is called back. `photographs` runs a plain sequence of pictures without any limit.
+"""
+
+from __future__ import annotations
+
+from collections import deque
+from collections.abc import Callable, Iterable, Iterator
+from dataclasses import dataclass, field
+
+import numpy as np
+
+from waychair.config import Settings, setting
+from waychair.slam.bayes_filter import BayesFilter, BayesSettings, Links, best_place
+from waychair.slam.features import Features, FeatureSettings, features_of_image, gray_image
+from waychair.slam.hamming_index import Int32Array
+from waychair.slam.likelihood import normalised, tf_idf
+from waychair.slam.matching import EpipolarSettings, Support, epipolar_support
+from waychair.slam.vocabulary import NO_WORD, IncrementalVocabulary, SleepingWords, Vocabulary, VocabularySettings
+from waychair.types import Bytes, FloatArray, IntArray
+
+
+@dataclass(frozen=True, slots=True)
+class PlaceSettings(Settings):
+    """How places are recognised; RTAB-Map's names in brackets."""
+
+    short_term: int = setting(10, "nodes", "newest nodes that are not compared [Mem/STMSize]", low=1, high=10_000)
+    min_features: int = setting(
+        50, "", "a view with fewer says nothing: no words, no update [instead of Kp/BadSignRatio]", low=1, high=10_000
+    )
+    accept: float = setting(0.11, "", "least probability that this is no new place [Rtabmap/LoopThr]", low=0, high=1)
+    accept_ratio: float = setting(
+        0.0, "", "least value as a share of the value before; 0: any [Rtabmap/LoopRatio]", low=0.0, high=1.0
+    )
+    vocabulary: VocabularySettings = field(default_factory=VocabularySettings)
+    bayes: BayesSettings = field(default_factory=BayesSettings)
+    features: FeatureSettings = field(default_factory=lambda: FeatureSettings(detector="orb"))
+    epipolar: EpipolarSettings = field(default_factory=EpipolarSettings)
+
+
+@dataclass(frozen=True, slots=True)
+class Recognition:
+    """What one view says. places (M,) ids, likelihood (M,) before and posterior (1 + M,) after the filter, the virtual
+    place first. `hypothesis` is the most probable place, `value` 1 - P(virtual), `closure` the hypothesis if accepted,
+    else None with the reason."""
+
+    node: int
+    places: IntArray
+    likelihood: FloatArray
+    posterior: FloatArray
+    hypothesis: int | None = None
+    value: float = 0.0
+    closure: int | None = None
+    reason: str = ""
+
+
+class PlaceRecognition:
+    """Words, inverted index and belief of the nodes that are awake."""
+
+    def __init__(self, settings: PlaceSettings | None = None, vocabulary: Vocabulary | None = None) -> None:
+        self.settings = settings or PlaceSettings()
+        binary = self.settings.features.binary
+        self.vocabulary = vocabulary or IncrementalVocabulary(self.settings.vocabulary, binary=binary)
+        self.belief = BayesFilter(self.settings.bayes)
+        self._places: dict[int, None] = {}  # in the order in which they entered
+        self._value = 0.0
+
+    def see(self, node: int, features: Features) -> Int32Array:
+        """(N,) words of a new node's features; all `NO_WORD` where there are too few to say anything."""
+        if len(features) < self.settings.min_features:
+            return self._without_words(node, len(features))
+        return self.vocabulary.words_of(node, features.descriptors)
+
+    def enter(self, node: int) -> None:
+        """A node that was seen, or has been woken, is a place from now on."""
+        self._places[node] = None
+
+    def leave(self, node: int) -> SleepingWords:
+        """A node goes to sleep, place or not; returns the words that nobody shows any more, to be kept with it."""
+        self._places.pop(node, None)
+        self.vocabulary.forget(node)
+        return self.vocabulary.drop_unused()
+
+    def wake(self, node: int, words: Int32Array, asleep: SleepingWords) -> Int32Array:
+        """(N,) the words of a node that is called back: a place again. `asleep` holds `vocabulary.missing(words)`."""
+        self.enter(node)
+        return self.vocabulary.recall(node, words, asleep)
+
+    def recognise(
+        self,
+        node: int,
+        neighbours: Links,
+        twins: Links | None = None,
+        verify: Callable[[int], Support] | None = None,
+    ) -> Recognition:
+        """Compare a node that was seen with all places.
+
+        Args:
+            node: its id.
+            neighbours: links in time of the nodes that are awake.
+            twins: links of accepted loop closures.
+            verify: the geometric check of a place against this view; None: appearance decides.
+        """
+        places = np.fromiter(self._places, np.int64, len(self._places))
+        likelihood = tf_idf(self.vocabulary.index, node, places)
+        if len(places) == 0 or len(self.vocabulary.index.slots_of(node)) == 0:
+            reason = "no places yet" if len(places) == 0 else "too little to be seen"
+            return Recognition(node, places, likelihood, np.ones(1), reason=reason)
+        posterior = self.belief.update(places, normalised(likelihood), neighbours, twins)
+        best = best_place(places, posterior)
+        assert best is not None
+        hypothesis, value = best
+        before, self._value = self._value, value
+        reason = self._doubt(len(places), value, before)
+        if not reason and verify is not None:
+            support = verify(hypothesis)
+            if not support.enough:
+                reason = f"{support.inliers} of {support.matches} matches fit one camera motion"
+        closure = None if reason else hypothesis
+        return Recognition(node, places, likelihood, posterior, hypothesis, value, closure, reason)
+
+    def _doubt(self, places: int, value: float, before: float) -> str:
+        if places < 2:
+            return "only one place"
+        if value < self.settings.accept:
+            return f"{value:.2f} that the place is known: less than {self.settings.accept:g}"
+        if value < self.settings.accept_ratio * before:
+            return f"{value:.2f} that the place is known, after {before:.2f}"
+        return ""
+
+    def _without_words(self, node: int, count: int) -> Int32Array:
+        words = np.full(count, NO_WORD, np.int32)
+        return self.vocabulary.recall(node, words, self.vocabulary.no_words())
+
+
+def photographs(
+    images: Iterable[Bytes], settings: PlaceSettings | None = None, vocabulary: Vocabulary | None = None
+) -> Iterator[Recognition]:
+    """Loop closures of pictures (H, W) or (H, W, 3) in the order in which they were taken, numbered from 1.
+
+    Every picture is a node linked to the one before; the newest `short_term` are not compared. A hypothesis is accepted
+    when the epipolar check confirms it, and its two nodes are the same place for the filter from then on.
+    """
+    settings = settings or PlaceSettings()
+    recognition = PlaceRecognition(settings, vocabulary)
+    seen: dict[int, Features] = {}
+    recent: deque[int] = deque()
+    neighbours: dict[int, list[int]] = {}
+    twins: dict[int, list[int]] = {}
+    for node, image in enumerate(images, start=1):
+        features = seen[node] = features_of_image(gray_image(image), settings.features)
+        recognition.see(node, features)
+        neighbours[node] = [node - 1] if node > 1 else []
+        if node > 1:
+            neighbours[node - 1].append(node)
+        recent.append(node)
+        if len(recent) > settings.short_term:
+            recognition.enter(recent.popleft())
+
+        def verify(place: int, features: Features = features) -> Support:
+            return epipolar_support(features, seen[place], settings.epipolar)
+
+        result = recognition.recognise(node, neighbours, twins, verify)
+        if result.closure is not None:
+            twins.setdefault(node, []).append(result.closure)
+            twins.setdefault(result.closure, []).append(node)
+        yield result

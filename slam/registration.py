@@ -1,0 +1,193 @@
+"""Whether two pictures show the same place, and how the second lies to the first: features, then geometry.
+
+RTAB-Map's registration (0.23.8, RegistrationVis): features matched by the nearest neighbours' distance ratio, or inside
+a window round where a guess puts them; the pose by PnP with RANSAC from the first one's points to the second one's
+pixels; refined on pixels and depth; done twice, the second time with the first result as the guess. A pair that is
+refused says why.
+"""
+
+from __future__ import annotations
+
+import enum
+from dataclasses import dataclass, field
+
+import cv2
+import numpy as np
+from scipy.spatial.transform import Rotation
+
+from waychair.config import Settings, setting
+from waychair.slam.features import Features
+from waychair.slam.matching import distances_between, mutual_matches
+from waychair.slam.reprojection import NoiseModel, fit_pose, project
+from waychair.types import BoolArray, FloatArray, IntArray, Pose3
+
+_MEDIAN = 2.1981  # variance of a normal error over the 25 % quantile of its square, as RTAB-Map takes it
+_LEAST_LINEAR, _LEAST_ANGULAR = 1e-6, 1e-6  # [m^2], [rad^2] no pair is known better than this
+
+
+@dataclass(frozen=True, slots=True)
+class RegistrationSettings(Settings):
+    """When two pictures are believed to show the same; the names in brackets are RTAB-Map's."""
+
+    ratio: float = setting(0.8, "", "a match is this much nearer than the next best (Vis/CorNNDR)", low=0.1, high=1.0)
+    window: float = setting(40.0, "px", "round where the guess puts a point (Vis/CorGuessWinSize)", low=2.0, high=500.0)
+    reprojection: float = setting(3.0, "px", "RANSAC's limit (Vis/PnPReprojError)", low=0.1, high=50.0)
+    iterations: int = setting(300, "", "of RANSAC (Vis/Iterations)", low=10, high=10_000)
+    min_inliers: int = setting(20, "", "fewer matches that agree are refused (Vis/MinInliers)", low=6, high=1000)
+    min_share: float = setting(0.25, "", "and a smaller share of the matches in the window", low=0.0, high=1.0)
+    min_spread: float = setting(
+        0.0025, "", "least variance across the picture, in squares of its width (Vis/MinInliersDistribution)",
+        low=0.0, high=0.1,
+    )  # fmt: skip
+    max_distance: float = setting(5.0, "m", "between the two cameras", low=0.01, high=1000.0)
+    noise: NoiseModel = field(default_factory=lambda: NoiseModel(pixel=1.5, inverse_depth=0.01))
+
+
+class Refusal(enum.Enum):
+    """Why two pictures are not believed to show the same."""
+
+    FEW_FEATURES = "too few features with depth"
+    FEW_MATCHES = "too few features look alike"
+    NO_POSE = "no pose agrees with the matches"
+    FEW_INLIERS = "too few matches agree with one pose"
+    CONTRADICTED = "most matches contradict the pose"
+    HUDDLED = "the matches lie all in one spot of the picture"
+    FAR = "the two would be too far apart"
+
+
+@dataclass(frozen=True, slots=True)
+class Registration:
+    """`old_from_new` of two cameras with its covariance (6, 6) of rotation [rad], translation [m], or why there is none.
+
+    `matches` looked alike, of which `inliers` agree with the pose.
+    """
+
+    old_from_new: Pose3 | None
+    covariance: FloatArray
+    matches: int = 0
+    inliers: int = 0
+    refusal: Refusal | None = None
+
+
+def register(
+    old: Features,
+    new: Features,
+    camera: FloatArray,
+    settings: RegistrationSettings,
+    old_from_new: Pose3 | None = None,
+) -> Registration:
+    """How the camera (fx, fy, cx, cy) of `new` lies in that of `old`, whose features must have depth.
+
+    With a guess only what lies near it is matched; where that fails, it is done without.
+    """
+    old = old.take(np.isfinite(old.points[:, 2]))
+    if min(len(old), len(new)) < settings.min_inliers:
+        return _refused(Refusal.FEW_FEATURES)
+    result = _refused(Refusal.NO_POSE)
+    if old_from_new is not None:
+        result = _registered(old, new, camera, settings, old_from_new)
+    if result.old_from_new is None:
+        result = _registered(old, new, camera, settings, None)
+    if result.old_from_new is None:
+        return result
+    again = _registered(old, new, camera, settings, result.old_from_new)
+    return again if again.inliers >= result.inliers or again.refusal is Refusal.CONTRADICTED else result
+
+
+def match_features(old: Features, new: Features, ratio: float, near: BoolArray | None = None) -> IntArray:
+    """(K, 2) places in `old` and `new` of features that are each other's nearest, and much nearer than the next best.
+
+    `near` (N, M) says which pairs may be matched.
+    """
+    distances = distances_between(old.descriptors, new.descriptors)
+    if near is None:
+        return np.asarray(mutual_matches(distances, ratio), np.int64)
+    distances[~near] = np.inf
+    pairs = np.asarray(mutual_matches(distances, ratio), np.int64)
+    return pairs[near[pairs[:, 0], pairs[:, 1]]]
+
+
+def _registered(
+    old: Features, new: Features, camera: FloatArray, settings: RegistrationSettings, guess: Pose3 | None
+) -> Registration:
+    """One pass; a guess (old_from_new) limits what is matched and starts the fit in RANSAC's place."""
+    mask = None if guess is None else _near(old, new, camera, guess, settings.window)
+    i, j = match_features(old, new, settings.ratio, mask).T
+    if len(i) < settings.min_inliers:
+        return _refused(Refusal.FEW_MATCHES, len(i))
+    points, pixels = old.points[i].astype(np.float64), new.pixels[j].astype(np.float64)
+    start = guess.inverse() if guess is not None else _ransac(points, pixels, camera, settings)
+    if start is None:
+        return _refused(Refusal.NO_POSE, len(i))
+    with np.errstate(divide="ignore", invalid="ignore"):
+        inverse = 1.0 / new.points[j, 2].astype(np.float64)
+    # a corner of a coarse level is known no better than that level's pixels
+    scale = np.maximum(1.0, 1.2 ** new.octave[j].astype(np.float64)) if new.octave.any() else np.ones(len(j))
+    fit = fit_pose(points, np.column_stack([pixels, inverse, scale]), camera, start, settings.noise)
+    inliers = int(fit.inliers.sum())
+    if inliers < settings.min_inliers:
+        return _refused(Refusal.FEW_INLIERS, len(i), inliers)
+    if guess is not None and inliers < settings.min_share * len(i):
+        return _refused(Refusal.CONTRADICTED, len(i), inliers)
+    if _spread(pixels[fit.inliers], camera) < settings.min_spread:
+        return _refused(Refusal.HUDDLED, len(i), inliers)
+    old_from_new = fit.camera_from_map.inverse()
+    if float(np.linalg.norm(old_from_new.translation)) > settings.max_distance:
+        return _refused(Refusal.FAR, len(i), inliers)
+    covariance = _covariance(points[fit.inliers], new.points[j][fit.inliers].astype(np.float64), old_from_new)
+    return Registration(old_from_new, covariance, len(i), inliers)
+
+
+def _near(old: Features, new: Features, camera: FloatArray, guess: Pose3, window: float) -> BoolArray:
+    """(N, M) which features of `new` lie round where the guess puts those of `old`."""
+    expected = project(old.points.astype(np.float64), guess.inverse(), camera)[:, :2]
+    with np.errstate(invalid="ignore"):
+        near = np.all(np.abs(expected[:, None] - new.pixels[None]) < window, axis=2)
+    return np.asarray(near, bool)
+
+
+def _ransac(points: FloatArray, pixels: FloatArray, camera: FloatArray, settings: RegistrationSettings) -> Pose3 | None:
+    """camera_from_points that most of the matches agree with."""
+    matrix = np.array([[camera[0], 0.0, camera[2]], [0.0, camera[1], camera[3]], [0.0, 0.0, 1.0]])
+    cv2.setRNGSeed(0)  # the same pair gives the same answer
+    try:
+        found, turn, shift, _ = cv2.solvePnPRansac(
+            points, pixels, matrix, None, iterationsCount=settings.iterations,
+            reprojectionError=settings.reprojection, flags=cv2.SOLVEPNP_AP3P,
+        )  # fmt: skip
+    except cv2.error:  # points of which no four make a pose
+        return None
+    pose = (
+        Pose3(np.asarray(cv2.Rodrigues(turn)[0], np.float64), np.asarray(shift, np.float64).ravel()) if found else None
+    )
+    return pose if pose is not None and np.isfinite(pose.translation).all() else None
+
+
+def _spread(pixels: FloatArray, camera: FloatArray) -> float:
+    """Smaller variance of pixels (N, 2) along their two axes, in squares of the picture's width."""
+    inside = (pixels - pixels.mean(axis=0)) / (2.0 * camera[2])
+    return float(np.linalg.eigvalsh(inside.T @ inside / len(inside))[0])
+
+
+def _covariance(old: FloatArray, new: FloatArray, old_from_new: Pose3) -> FloatArray:
+    """(6, 6) by how far the points of both agree: RTAB-Map's 25 % quantile, the same in all directions.
+
+    A point of `new` without depth is taken at 1.1 times the distance that the other one's says, as RTAB-Map does.
+    """
+    inside = (old - old_from_new.translation) @ old_from_new.rotation
+    moved = np.where(np.isfinite(new), new, 1.1 * inside)
+    away = ((moved - inside) ** 2).sum(axis=1)
+    cosine = (moved * inside).sum(axis=1) / (np.linalg.norm(moved, axis=1) * np.linalg.norm(inside, axis=1))
+    angles = np.arccos(np.clip(cosine, -1.0, 1.0)) ** 2
+    quarter = len(away) // 4
+    linear, angular = (_MEDIAN * float(np.sort(values)[quarter]) for values in (away, angles))
+    return np.diag([max(angular, _LEAST_ANGULAR)] * 3 + [max(linear, _LEAST_LINEAR)] * 3)
+
+
+def _refused(refusal: Refusal, matches: int = 0, inliers: int = 0) -> Registration:
+    return Registration(None, np.full((6, 6), np.nan), matches, inliers, refusal)
+
+
+def angle_between(a: Pose3, b: Pose3) -> float:
+    """Angle [rad] of the turn from one to the other."""
+    return float(np.linalg.norm(Rotation.from_matrix(a.rotation.T @ b.rotation).as_rotvec()))

@@ -1,0 +1,86 @@
+"""A graph of poses in space, solved with gtsam: relative poses with their covariances, each of them doubted."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+
+from waychair.config import Settings, setting
+from waychair.errors import GraphError
+from waychair.types import FloatArray, Pose3
+
+_HELD = 1e-6  # standard deviation [rad], [m] that holds node 0 where it is
+
+
+@dataclass(frozen=True, slots=True)
+class SpatialEdge:
+    """Measured `i_from_j` of two nodes with its covariance (6, 6) of rotation [rad] and translation [m] in j's frame."""
+
+    i: int
+    j: int
+    i_from_j: Pose3
+    covariance: FloatArray
+
+
+@dataclass(frozen=True, slots=True)
+class SpatialSettings(Settings):
+    """How the graph is optimised."""
+
+    max_error: float = setting(
+        3.0, "sigma", "an edge further from its measure makes the newest loop doubtful (RGBD/OptimizeMaxError)",
+        low=0.1, high=100.0,
+    )  # fmt: skip
+    kernel: float = setting(2.0, "sigma", "width of the Huber kernel on every edge", low=0.1, high=100.0)
+    iterations: int = setting(30, "", "Levenberg-Marquardt steps", low=1, high=1000)
+
+
+@dataclass(frozen=True, slots=True)
+class SpatialSolution:
+    """Poses map_from_node, and how far each edge (E,) is from its measure at them [sigma]."""
+
+    poses: tuple[Pose3, ...]
+    errors: FloatArray
+
+
+def solve_spatial(poses: Sequence[Pose3], edges: Sequence[SpatialEdge], settings: SpatialSettings) -> SpatialSolution:
+    """Poses that fit the edges, node 0 held; every node must hang on an edge.
+
+    Raises:
+        GraphError: the equations cannot be solved.
+    """
+    import gtsam
+
+    graph, values = gtsam.NonlinearFactorGraph(), gtsam.Values()
+    for node, pose in enumerate(poses):
+        values.insert(node, gtsam.Pose3(gtsam.Rot3(pose.rotation), pose.translation))
+    held = gtsam.noiseModel.Isotropic.Sigma(6, _HELD)
+    graph.add(gtsam.PriorFactorPose3(0, values.atPose3(0), held))
+    huber = gtsam.noiseModel.mEstimator.Huber.Create(settings.kernel)
+    for edge in edges:
+        noise = gtsam.noiseModel.Robust.Create(huber, gtsam.noiseModel.Gaussian.Covariance(edge.covariance))
+        measured = gtsam.Pose3(gtsam.Rot3(edge.i_from_j.rotation), edge.i_from_j.translation)
+        graph.add(gtsam.BetweenFactorPose3(edge.i, edge.j, measured, noise))
+    parameters = gtsam.LevenbergMarquardtParams()
+    parameters.setMaxIterations(settings.iterations)
+    try:
+        solved = gtsam.LevenbergMarquardtOptimizer(graph, values, parameters).optimize()
+    except RuntimeError as error:
+        raise GraphError(f"the graph of {len(poses)} poses cannot be solved: {error}") from error
+    found = [solved.atPose3(node) for node in range(len(poses))]
+    result = tuple(Pose3(pose.rotation().matrix(), np.asarray(pose.translation())) for pose in found)
+    return SpatialSolution(result, _errors(result, edges))
+
+
+def _errors(poses: Sequence[Pose3], edges: Sequence[SpatialEdge]) -> FloatArray:
+    """(E,) how far each edge is from its measure [sigma]: RTAB-Map's ratio, the larger of translation and turn."""
+    from waychair.slam.registration import angle_between
+
+    ratios = []
+    for edge in edges:
+        now = poses[edge.i].inverse() @ poses[edge.j]
+        away = float(np.abs(now.translation - edge.i_from_j.translation).max())
+        angular, linear = np.sqrt(np.diag(edge.covariance)[:3].max()), np.sqrt(np.diag(edge.covariance)[3:].max())
+        ratios.append(max(away / float(linear), angle_between(now, edge.i_from_j) / float(angular)))
+    return np.array(ratios)

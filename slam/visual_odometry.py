@@ -1,0 +1,428 @@
+"""Visual odometry with depth: each picture against a map of landmarks, each landmark by the patch it was first seen as.
+
+Frame to map, as RTAB-Map's (Labbe and Michaud, JFR 2019, section 3.2): a guess of the motion, landmarks looked for
+where the guess puts them, the pose that fits them, key frames where too little of the map is seen, and bundle adjustment
+over the latest of them. Instead of descriptors, which lie on whole pixels, patches are aligned (`patch_alignment`).
+"""
+
+from __future__ import annotations
+
+import enum
+from collections import Counter
+from dataclasses import dataclass, field, replace
+
+import cv2
+import numpy as np
+from scipy.spatial.transform import Rotation
+
+from waychair.config import Settings, setting
+from waychair.slam.dense_alignment import align_pictures
+from waychair.slam.features import Features, FeatureSettings, extract, gray_image
+from waychair.slam.key_frame_vote import KeyFrameVote
+from waychair.slam.patch_alignment import affine_kernel, align
+from waychair.slam.registration import RegistrationSettings, register
+from waychair.slam.reprojection import NoiseModel, PoseFit, back_project, fit_pose, pinhole, project, unrolled
+from waychair.slam.visual_map import DEPTH_STEP, KeyFrame, VisualMap, inverse_depths, pyramid_of
+from waychair.types import Bytes, Float32Array, FloatArray, IntArray, Pose3, RgbdFrame
+
+
+@dataclass(frozen=True, slots=True)
+class OdometrySettings(Settings):
+    """How pictures are followed."""
+
+    landmarks: int = setting(350, "", "landmarks that are looked for in a picture", low=30, high=5000)
+    cell: int = setting(32, "px", "side of the squares over which they are spread", low=4, high=400)
+    corner_quality: float = setting(0.005, "", "weakest corner as a share of the strongest", low=1e-4, high=0.5)
+    corner_distance: float = setting(10.0, "px", "between corners", low=2.0, high=100.0)
+    flow_points: int = setting(150, "", "landmarks followed from picture to picture for the guess", low=20, high=1000)
+    correlation: float = setting(0.8, "", "a patch less like the first one is not it", low=0.0, high=1.0)
+    min_inliers: int = setting(20, "", "fewer landmarks do not make a pose", low=6, high=1000)
+    min_share: float = setting(0.4, "", "a smaller share of what is found is a false pose", low=0.0, high=1.0)
+    max_speed: float = setting(2.0, "m/s", "a pose that would mean a faster camera is false", low=0.1, high=100.0)
+    key_share: float = setting(0.75, "", "a key frame is made when fewer of its landmarks are seen", low=0.05, high=1.0)
+    key_angle: float = setting(0.25, "rad", "or after this turn", low=0.01, high=3.0)
+    key_distance: float = setting(0.15, "m", "or after this way", low=0.01, high=10.0)
+    window: int = setting(8, "", "latest key frames that are adjusted together", low=2, high=100)
+    neighbours: int = setting(6, "", "and others that share the most landmarks with them", low=0, high=100)
+    adjustments: int = setting(5, "", "steps of each adjustment", low=0, high=100)
+    found_share: float = setting(
+        0.25, "", "landmarks found less often where they should be are given up", low=0, high=1
+    )
+    max_depth: float = setting(6.0, "m", "things further away make no landmarks", low=0.5, high=100.0)
+    dark: float = setting(4.0, "", "grey levels of deviation below which a picture shows nothing", low=0.0, high=100.0)
+    restart_after: float = setting(2.0, "s", "lost for so long, a new piece of the map is begun", low=0.0, high=1e6)
+    noise: NoiseModel = field(default_factory=NoiseModel)
+    registration: RegistrationSettings = field(default_factory=RegistrationSettings)
+    features: FeatureSettings = field(default_factory=lambda: FeatureSettings(upright=False))
+
+
+class Track(enum.Enum):
+    """What became of a picture."""
+
+    STARTED = "the first of a map"
+    FOLLOWED = "followed"
+    FOUND = "found again by its features"
+    BLIND = "nothing to be seen in it (dark, overexposed or blank)"
+    NO_DEPTH = "without depth, and no map yet"
+    LOST = "its place is not known"
+
+
+@dataclass(frozen=True, slots=True)
+class Tracked:
+    """One picture: what became of it, camera_from_map (None: not known), the landmarks seen (K,) where (K, 4), and the
+    key frame that it made or None."""
+
+    state: Track
+    camera_from_map: Pose3 | None = None
+    landmarks: IntArray = field(default_factory=lambda: np.empty(0, np.int64))
+    observed: FloatArray = field(default_factory=lambda: np.empty((0, 4)))
+    key: int | None = None
+    velocity: FloatArray = field(default_factory=lambda: np.zeros(6))
+
+
+_SOON = 0.3  # [s] within which the camera goes on as before
+
+
+@dataclass(frozen=True, slots=True)
+class _Picture:
+    """A frame prepared: pyramid of grey pictures, depth."""
+
+    frame: RgbdFrame
+    pyramid: tuple[Bytes, ...]
+    depth: Float32Array
+
+    def row_time(self, rows: FloatArray) -> FloatArray:
+        """(N,) [s] when rows (N,) were exposed, from the frame's stamp."""
+        time: FloatArray = (rows - 0.5 * self.depth.shape[0]) * self.frame.row_step
+        return time
+
+
+class VisualOdometry:
+    """Feed it frames in their order with `process`; `map` holds the key frames and landmarks so far."""
+
+    def __init__(self, settings: OdometrySettings | None = None) -> None:
+        self.settings = settings or OdometrySettings()
+        self.map: VisualMap | None = None
+        self.recall = KeyFrameVote()
+        self.piece = 0  # of the map that the camera is in
+        self.counts: Counter[str] = Counter()
+        self._last: _Picture | None = None
+        self._tracked: Tracked | None = None  # the latest with a pose
+        self._velocity = np.zeros(6)  # rotation vector [rad/s], translation [m/s] of the camera's motion
+        self._stamp = 0
+        self._unsure_start = False  # the first key frame's rows are taken to be exposed at once
+        self._at_key = 0  # landmarks seen when the last key frame was made
+
+    @property
+    def _known(self) -> VisualMap:
+        """The map, where there is one."""
+        assert self.map is not None
+        return self.map
+
+    def process(self, frame: RgbdFrame) -> Tracked:
+        """Where the frame was taken."""
+        gray = gray_image(frame.image)
+        if float(gray[::4, ::4].std()) < self.settings.dark:
+            return self._note(Tracked(Track.BLIND))
+        picture = _Picture(frame, pyramid_of(gray), frame.depth)
+        if self.map is None:
+            return self._note(self._start(picture))
+        tracked = self._follow(picture, self._guess(picture, self._predict(frame.stamp_ns)), Track.FOLLOWED)
+        if tracked is not None and self._unsure_start and picture.frame.row_step:
+            tracked = self._start_again(picture, tracked)
+        if tracked is None:
+            tracked = self._find_again(picture)
+        if tracked is None:
+            return self._note(self._begin_anew(picture))
+        if tracked.state is Track.FOLLOWED and self._is_key(tracked):
+            tracked = self._add_key(picture, tracked)
+        self._remember(picture, tracked)
+        return self._note(tracked)
+
+    def resettle(self, piece: int) -> None:
+        """The map was bent, and the newest key frame has come to lie in `piece`: looks there for what it sees."""
+        assert self._last is not None
+        assert self._tracked is not None
+        self.piece, key = piece, len(self._known.key_frames) - 1
+        own = self._known.key_frames[key]
+        self._tracked = replace(self._tracked, camera_from_map=own.camera_from_map)
+        again = self._follow(self._last, own.camera_from_map, Track.FOLLOWED, self._tracked.velocity)
+        if again is not None:
+            fresh = ~np.isin(again.landmarks, own.landmarks)
+            own.landmarks = np.concatenate([own.landmarks, again.landmarks[fresh]])
+            own.observed = np.concatenate([own.observed, again.observed[fresh]])
+            self._known.adjust(self._window(key), self.settings.noise, self.settings.adjustments)
+        self._tracked = replace(
+            self._tracked, camera_from_map=own.camera_from_map, landmarks=own.landmarks, observed=own.observed
+        )
+
+    def _note(self, tracked: Tracked) -> Tracked:
+        self.counts[tracked.state.name.lower()] += 1
+        return tracked
+
+    def _start(self, picture: _Picture, velocity: FloatArray | None = None) -> Tracked:
+        """The first key frame, at the map's origin; its velocity is not known before the second picture."""
+        camera = pinhole(picture.frame.camera_matrix)
+        self.map, self.recall, self._unsure_start = VisualMap(camera), KeyFrameVote(), velocity is None
+        started = Tracked(Track.STARTED, Pose3(np.eye(3), np.zeros(3)))
+        tracked = self._add_key(picture, started if velocity is None else replace(started, velocity=velocity))
+        if len(tracked.landmarks) < self.settings.min_inliers:
+            self.map = None
+            return Tracked(Track.NO_DEPTH)
+        self._remember(picture, tracked)
+        return tracked
+
+    def _start_again(self, picture: _Picture, tracked: Tracked) -> Tracked | None:
+        """The first key frame once more with the velocity that the second picture has shown, and the second by it."""
+        assert self._last is not None
+        assert tracked.camera_from_map is not None
+        first, self.counts["key_frames"] = self._last, 0
+        self._start(first, tracked.velocity)
+        return self._follow(picture, tracked.camera_from_map, Track.FOLLOWED)
+
+    def _remember(self, picture: _Picture, tracked: Tracked) -> None:
+        assert tracked.camera_from_map is not None
+        self._velocity = self._velocity_to(tracked.camera_from_map, picture)
+        self._last, self._tracked, self._stamp = picture, tracked, picture.frame.stamp_ns
+
+    def _predict(self, stamp_ns: int) -> Pose3:
+        """camera_from_map if the camera goes on as before."""
+        assert self._tracked is not None
+        assert self._tracked.camera_from_map is not None
+        step = self._velocity * min(max((stamp_ns - self._stamp) * 1e-9, 0.0), _SOON)
+        return Pose3(Rotation.from_rotvec(step[:3]).as_matrix(), step[3:]) @ self._tracked.camera_from_map
+
+    def _guess(self, picture: _Picture, predicted: Pose3) -> Pose3:
+        """The prediction, or standing still, drawn to where all pixels of the last picture have gone."""
+        assert self._last is not None
+        assert self._tracked is not None
+        last = self._tracked.camera_from_map
+        assert last is not None
+        fits = []
+        for start in (predicted @ last.inverse(), Pose3(np.eye(3), np.zeros(3))):
+            fit = align_pictures(
+                self._last.pyramid, self._last.depth, picture.pyramid, self._known.camera, start, (4, 3)
+            )
+            fits.append(fit)
+        best = min(fits, key=lambda fit: fit.loss / max(fit.share, 1e-3))
+        best = align_pictures(
+            self._last.pyramid, self._last.depth, picture.pyramid, self._known.camera, best.now_from_before, (2,)
+        )
+        return best.now_from_before @ last
+
+    def _follow(
+        self, picture: _Picture, guess: Pose3, state: Track, known_velocity: FloatArray | None = None
+    ) -> Tracked | None:
+        """The pose that fits the landmarks of the map round here; None where too few are found."""
+        settings, camera = self.settings, self._known.camera
+        wanted, expected = self._in_view(guess, picture)
+        if len(wanted) < settings.min_inliers:
+            return None
+        velocity = self._velocity_to(guess, picture) if known_velocity is None else known_velocity
+        rolled = unrolled(expected, velocity, -picture.row_time(expected[:, 1]), camera)
+        pixels, level = self._aligned(picture, wanted, guess, rolled[:, :2])
+        good = level >= 0
+        if good.sum() < settings.min_inliers:
+            return None
+        raw = np.column_stack([pixels[good], inverse_depths(picture.depth, pixels[good]), 2.0 ** level[good]])
+        pose = guess
+        for _ in range(2):  # the second time with the rows' motion as the first has shown it
+            velocity = self._velocity_to(pose, picture) if known_velocity is None else known_velocity
+            seen = unrolled(raw, velocity, picture.row_time(raw[:, 1]), camera)
+            fit: PoseFit = fit_pose(self._known.points[wanted[good]], seen, camera, guess, settings.noise)
+            pose = fit.camera_from_map
+        if fit.inliers.sum() < max(settings.min_inliers, settings.min_share * good.sum()):
+            return None
+        if state is Track.FOLLOWED and float(np.linalg.norm(velocity[3:])) > settings.max_speed:
+            return None
+        found = wanted[good][fit.inliers]
+        self._known.count(wanted, found, settings.found_share, 8)
+        return Tracked(state, fit.camera_from_map, found, seen[fit.inliers], velocity=velocity)
+
+    def _velocity_to(self, pose: Pose3, picture: _Picture) -> FloatArray:
+        """(6,) rotation [rad/s] and translation [m/s] of things before the camera since the last picture; 0 long after."""
+        before = self._tracked.camera_from_map if self._tracked is not None else None
+        elapsed = (picture.frame.stamp_ns - self._stamp) * 1e-9
+        if before is None or not 0.0 < elapsed < _SOON:
+            return np.zeros(6)
+        moved = pose @ before.inverse()
+        return np.concatenate([Rotation.from_matrix(moved.rotation).as_rotvec(), moved.translation]) / elapsed
+
+    def _in_view(self, pose: Pose3, picture: _Picture) -> tuple[IntArray, FloatArray]:
+        """Landmarks of the map round here that should be seen, spread over the picture, and where (K, 2)."""
+        assert self._tracked is not None
+        candidates = self._known.landmarks_of(self._local(pose))
+        at = project(self._known.points[candidates], pose, self._known.camera)
+        height, width = picture.depth.shape
+        margin = 8
+        with np.errstate(invalid="ignore"):
+            inside = (
+                (at[:, 0] > margin) & (at[:, 0] < width - margin) & (at[:, 1] > margin) & (at[:, 1] < height - margin)
+            )
+        candidates, at = candidates[inside], at[inside]
+        reliable = self._known.found[candidates] / self._known.expected[candidates] + 0.01 * np.minimum(
+            self._known.found[candidates], 50
+        )
+        order = np.argsort(-reliable, kind="stable")
+        chosen = order[_spread(at[order, :2], self.settings.cell, self.settings.landmarks)]
+        return candidates[chosen], np.column_stack([at[chosen], np.ones(len(chosen))])
+
+    def _local(self, pose: Pose3) -> list[int]:
+        """Key frames that look at what this pose looks at: the latest, and those nearest in place and direction."""
+        every = self._known.key_frames
+        own = [number for number, key in enumerate(every) if key.piece == self.piece]
+        keys = [every[number] for number in own]
+        if len(keys) <= 12:
+            return own
+        here, ahead = -pose.rotation.T @ pose.translation, pose.rotation[2]
+        places = np.array([-key.camera_from_map.rotation.T @ key.camera_from_map.translation for key in keys])
+        facing = np.array([key.camera_from_map.rotation[2] @ ahead for key in keys])
+        cost = np.linalg.norm(places - here, axis=1) + 2.0 * np.arccos(np.clip(facing, -1.0, 1.0))
+        cost[-3:] = 0.0
+        return [own[k] for k in np.argsort(cost, kind="stable")[:12].tolist()]
+
+    def _aligned(
+        self, picture: _Picture, wanted: IntArray, guess: Pose3, expected: FloatArray
+    ) -> tuple[FloatArray, IntArray]:
+        """Pixels (K, 2) of landmarks in the picture, and the finest level (K,) on which they were found, or -1."""
+        pixels, level = expected.copy(), np.full(len(wanted), -1)
+        anchors = self._known.anchor[wanted]
+        for key in np.unique(anchors).tolist():
+            own = np.flatnonzero(anchors == key)
+            there = self._known.key_frames[key]
+            affine = affine_kernel(
+                self._known.points[wanted[own]], there.camera_from_map.rotation, there.camera_from_map.translation,
+                guess.rotation, guess.translation, self._known.camera,
+            )  # fmt: skip
+            at = self._known.anchor_pixel[wanted[own]]
+            pixels[own], level[own] = align(
+                there.pyramid, picture.pyramid, at, affine, expected[own], (2, 1, 0), 4.0, self.settings.correlation
+            )
+        return pixels, level
+
+    def _is_key(self, tracked: Tracked) -> bool:
+        assert tracked.camera_from_map is not None
+        settings = self.settings
+        if len(tracked.landmarks) < settings.key_share * self._at_key:
+            return True
+        moved = tracked.camera_from_map @ self._known.key_frames[-1].camera_from_map.inverse()
+        turned = float(np.linalg.norm(Rotation.from_matrix(moved.rotation).as_rotvec()))
+        return turned > settings.key_angle or float(np.linalg.norm(moved.translation)) > settings.key_distance
+
+    def _add_key(self, picture: _Picture, tracked: Tracked) -> Tracked:
+        """A key frame of the picture, with new landmarks where it has few, and the latest key frames adjusted."""
+        assert tracked.camera_from_map is not None
+        settings, key = self.settings, len(self._known.key_frames)
+        taken = unrolled(
+            tracked.observed, tracked.velocity, -picture.row_time(tracked.observed[:, 1]), self._known.camera
+        )
+        pixels, inverse = self._corners(picture, taken[:, :2])
+        raw = np.column_stack([pixels, inverse, np.ones(len(pixels))])
+        observed = unrolled(raw, tracked.velocity, picture.row_time(pixels[:, 1]), self._known.camera)
+        map_from_camera = tracked.camera_from_map.inverse()
+        points = back_project(observed, self._known.camera) @ map_from_camera.rotation.T + map_from_camera.translation
+        fresh = self._known.add_landmarks(points, pixels, key)
+        landmarks = np.concatenate([tracked.landmarks, fresh])
+        seen = np.concatenate([tracked.observed, observed])
+        features = self._level(extract(picture.frame, settings.features), picture, tracked.velocity)
+        coarse = np.ascontiguousarray(picture.depth[::DEPTH_STEP, ::DEPTH_STEP])
+        self._known.key_frames.append(
+            KeyFrame(
+                picture.frame.stamp_ns,
+                tracked.camera_from_map,
+                picture.pyramid,
+                landmarks,
+                seen,
+                features,
+                coarse,
+                self.piece,
+            )
+        )
+        self.recall.add(features)
+        self.counts["key_frames"] += 1
+        if tracked.state is not Track.STARTED:
+            self.counts["given_up"] += self._known.adjust(self._window(key), settings.noise, settings.adjustments)
+        own = self._known.key_frames[key]
+        self._at_key = min(len(own.landmarks), settings.landmarks)
+        return Tracked(tracked.state, own.camera_from_map, own.landmarks, own.observed, key, tracked.velocity)
+
+    def _level(self, features: Features, picture: _Picture, velocity: FloatArray) -> Features:
+        """Features as they would lie had all rows been exposed at once."""
+        if picture.frame.row_step == 0.0 or len(features) == 0:
+            return features
+        pixels = features.pixels.astype(np.float64)
+        raw = np.column_stack([pixels, 1.0 / features.points[:, 2].astype(np.float64), np.ones(len(pixels))])
+        seen = unrolled(raw, velocity, picture.row_time(pixels[:, 1]), self._known.camera)
+        points = back_project(seen, self._known.camera).astype(np.float32)
+        return replace(features, pixels=seen[:, :2].astype(np.float32), points=points)
+
+    def _window(self, key: int) -> list[int]:
+        """The latest key frames, and others that share the most with the newest."""
+        piece = [k for k, own in enumerate(self._known.key_frames) if own.piece == self.piece]
+        latest = piece[-self.settings.window :]
+        shared = self._known.sharing(self._known.key_frames[key].landmarks)
+        shared[latest] = 0
+        others = [k for k in np.argsort(-shared, kind="stable").tolist() if shared[k] >= 15]
+        return sorted([*latest, *others[: self.settings.neighbours]])
+
+    def _corners(self, picture: _Picture, taken: FloatArray) -> tuple[FloatArray, FloatArray]:
+        """Pixels (K, 2) of corners with depth away from those taken, and their inverse depths."""
+        settings = self.settings
+        with np.errstate(invalid="ignore"):
+            mask = ((picture.depth > 0.0) & (picture.depth < settings.max_depth)).astype(np.uint8)
+        mask[:12] = mask[-12:] = 0
+        mask[:, :12] = mask[:, -12:] = 0
+        for x, y in taken.round().astype(int).tolist():
+            cv2.circle(mask, (x, y), round(settings.corner_distance), 0, -1)
+        wanted = max(settings.landmarks - len(taken), settings.landmarks // 4)
+        corners = cv2.goodFeaturesToTrack(
+            picture.pyramid[0], wanted, settings.corner_quality, settings.corner_distance, mask=mask
+        )
+        if corners is None:
+            return np.empty((0, 2)), np.empty(0)
+        pixels = corners.reshape(-1, 2).astype(np.float64)
+        inverse = inverse_depths(picture.depth, pixels)
+        known = np.isfinite(inverse)
+        return pixels[known], inverse[known]
+
+    def _find_again(self, picture: _Picture) -> Tracked | None:
+        """The pose by the features of the latest key frames, and of those that look most like the picture."""
+        features = extract(picture.frame, self.settings.features)
+        keys = self._known.key_frames
+        latest, piece = list(range(len(keys) - 1, max(-1, len(keys) - 4), -1)), self.piece
+        for key in [*latest, *self.recall.candidates(features, latest)]:
+            found = register(keys[key].features, features, self._known.camera, self.settings.registration)
+            if found.old_from_new is None:
+                continue
+            pose = found.old_from_new.inverse() @ keys[key].camera_from_map
+            self.piece = keys[key].piece
+            tracked = self._follow(picture, pose, Track.FOUND)
+            if tracked is not None:
+                return tracked
+        self.piece = piece
+        return None
+
+    def _begin_anew(self, picture: _Picture) -> Tracked:
+        """Lost: after a while a new piece of the map, begun where the camera was last known to be."""
+        assert self._tracked is not None
+        if (picture.frame.stamp_ns - self._stamp) * 1e-9 < self.settings.restart_after:
+            return Tracked(Track.LOST)
+        corners, _ = self._corners(picture, np.empty((0, 2)))
+        if len(corners) < self.settings.landmarks // 2:
+            return Tracked(Track.LOST)
+        self.piece = 1 + max(key.piece for key in self._known.key_frames)
+        tracked = self._add_key(picture, Tracked(Track.STARTED, self._tracked.camera_from_map))
+        self._remember(picture, tracked)
+        return tracked
+
+
+def _spread(pixels: FloatArray, cell: int, most: int) -> IntArray:
+    """Places of at most `most` pixels (N, 2), earlier ones first, taken in turns from squares of the picture."""
+    if len(pixels) <= most:
+        return np.arange(len(pixels))
+    squares = (pixels[:, 1] // cell).astype(np.int64) * 1000 + (pixels[:, 0] // cell).astype(np.int64)
+    order = np.argsort(squares, kind="stable")
+    starts = np.flatnonzero(np.r_[True, np.diff(squares[order]) > 0])
+    turn = np.empty(len(pixels), np.int64)
+    turn[order] = np.arange(len(pixels)) - np.repeat(starts, np.diff(np.r_[starts, len(pixels)]))
+    return np.sort(np.lexsort((np.arange(len(pixels)), turn))[:most])

@@ -1,0 +1,304 @@
+"""The dictionary of visual words, and which node shows which word.
+
+Two kinds with one interface. `IncrementalVocabulary` is RTAB-Map's (Labbe and Michaud 2013): it starts empty; a
+descriptor that is clearly nearest to one word is that word, any other becomes a new one. `FixedVocabulary` is the
+wheelchair paper's (Pai et al. 2026, section 3.2; Sivic and Zisserman 2003): words by k-means, made offline of pictures
+(`vocabulary_training.py`). Binary words are compared by Hamming distance, float words by the squared Euclidean one.
+
+Words are told by id, 1 and up, never given out twice; 0 stands for "no word". Only nodes in short-term and working
+memory refer to words: `forget` a node when it goes to sleep, give what `drop_unused` returns to the long-term memory,
+and `recall` the node with its missing words when it wakes.
+"""
+
+from __future__ import annotations
+
+from abc import ABC, abstractmethod
+from dataclasses import dataclass
+
+import numpy as np
+from numba import njit
+
+from waychair.config import Settings, setting
+from waychair.errors import VocabularyError
+from waychair.slam.features import Descriptors
+from waychair.slam.float_index import FloatIndex
+from waychair.slam.hamming_index import HammingIndex, Int32Array, assign, packed, unpacked
+from waychair.slam.inverted_index import InvertedIndex
+from waychair.slam.matching import distances_between
+from waychair.types import Float32Array, IntArray
+
+NO_WORD = 0
+"""Word id of a key point that has none."""
+
+BINARY_WIDTH, FLOAT_WIDTH = 32, 128
+"""Columns of ORB's descriptors (bytes) and of SIFT's (floats)."""
+
+
+@dataclass(frozen=True, slots=True)
+class VocabularySettings(Settings):
+    """How an incremental dictionary grows (RTAB-Map's Kp/NndrRatio)."""
+
+    ratio: float = setting(
+        0.8, "", "a descriptor is its nearest word if that is nearer than this often the second", low=0.1, high=1.0
+    )
+
+
+@dataclass(frozen=True, slots=True)
+class SleepingWords:
+    """Words that left the dictionary: ids (K,), descriptors (K, W), and `since` (K,), the next id to be given then."""
+
+    ids: Int32Array
+    descriptors: Descriptors
+    since: Int32Array
+
+    def __len__(self) -> int:
+        return len(self.ids)
+
+    def take(self, ids: Int32Array) -> SleepingWords:
+        """Those of them that are among `ids`."""
+        chosen = np.isin(self.ids, ids)
+        return SleepingWords(self.ids[chosen], self.descriptors[chosen], self.since[chosen])
+
+
+class Vocabulary(ABC):
+    """A dictionary, with the inverted index of the nodes that are awake."""
+
+    def __init__(self, binary: bool) -> None:
+        self.binary = binary
+        self.index = InvertedIndex()
+
+    @abstractmethod
+    def __len__(self) -> int:
+        """Words."""
+
+    @abstractmethod
+    def words_of(self, node: int, descriptors: Descriptors) -> Int32Array:
+        """(N,) word ids of a new node's descriptors (N, W); the node refers to them from now on.
+
+        Raises:
+            VocabularyError: the descriptors are of the other kind.
+        """
+
+    @abstractmethod
+    def forget(self, node: int) -> None:
+        """Drop the references of a node that goes to sleep."""
+
+    @abstractmethod
+    def drop_unused(self) -> SleepingWords:
+        """Take the words out that no node refers to, so that they can be kept elsewhere."""
+
+    @abstractmethod
+    def missing(self, words: Int32Array) -> Int32Array:
+        """(K,) those of the words (N,) that must be given to `recall`."""
+
+    @abstractmethod
+    def recall(self, node: int, words: Int32Array, asleep: SleepingWords) -> Int32Array:
+        """(N,) the words of a node that wakes, which may differ from those (N,) with which it fell asleep."""
+
+    def no_words(self) -> SleepingWords:
+        """None, of this dictionary's kind."""
+        none = np.empty(0, np.int32)
+        return SleepingWords(none, _empty(self.binary), none)
+
+    def _checked(self, descriptors: Descriptors) -> None:
+        kind, width = (np.uint8, BINARY_WIDTH) if self.binary else (np.float32, FLOAT_WIDTH)
+        if descriptors.ndim != 2 or descriptors.shape[1] != width or descriptors.dtype != kind:
+            raise VocabularyError(
+                f"descriptors of {descriptors.dtype} {descriptors.shape} do not fit a dictionary of"
+                f" {np.dtype(kind)} (N, {width}): use the detector it was made with"
+            )
+
+
+class IncrementalVocabulary(Vocabulary):
+    """A dictionary that grows with what is seen and shrinks with what is forgotten; words are never averaged."""
+
+    def __init__(self, settings: VocabularySettings | None = None, *, binary: bool = True) -> None:
+        super().__init__(binary)
+        self.settings = settings or VocabularySettings()
+        self._search: HammingIndex | FloatIndex = HammingIndex() if binary else FloatIndex(FLOAT_WIDTH)
+        self._next_id = 1
+        self._slot_of: dict[int, int] = {}
+        self._id_of = np.zeros(1024, np.int32)
+        self._slots = 0  # given out so far; those that are free again are used first
+        self._free_slots: list[int] = []
+        self._unused: set[int] = set()
+
+    def __len__(self) -> int:
+        return len(self._slot_of)
+
+    def words_of(self, node: int, descriptors: Descriptors) -> Int32Array:
+        """(N,) word ids: of the two nearest among all words and those just made of this image, the nearest if clear.
+
+        Raises:
+            VocabularyError: the descriptors are of the other kind.
+        """
+        self._checked(descriptors)
+        found, distances = self._nearest(descriptors)
+        chosen = choose_words(found, distances, distances_between(descriptors, descriptors), self.settings.ratio)
+        founders = np.flatnonzero(chosen == -1 - np.arange(len(chosen)))
+        ids = np.arange(self._next_id, self._next_id + len(founders), dtype=np.int32)
+        self._next_id += len(founders)
+        new = self._insert(ids, descriptors[founders])
+        slot_of_founder = np.zeros(len(chosen), np.int32)
+        slot_of_founder[founders] = new
+        slots = np.where(chosen >= 0, chosen, slot_of_founder[-1 - np.minimum(chosen, -1)]).astype(np.int32)
+        self.index.add(node, slots)
+        return self._id_of[slots]
+
+    def forget(self, node: int) -> None:
+        """Drop the references of a node that goes to sleep."""
+        self._unused.update(self.index.remove(node).tolist())
+
+    def drop_unused(self) -> SleepingWords:
+        """Take the words out that no node refers to, in the order of their ids."""
+        slots = self.index.unused(np.array(sorted(self._unused), np.int32))
+        self._unused.clear()
+        if len(slots) == 0:
+            return self.no_words()
+        slots = slots[np.argsort(self._id_of[slots])]
+        ids = self._id_of[slots]
+        dropped = SleepingWords(ids, self._descriptors(slots), np.full(len(ids), self._next_id, np.int32))
+        self._search.remove(slots)
+        for word in ids.tolist():
+            self._free_slots.append(self._slot_of.pop(word))
+        return dropped
+
+    def missing(self, words: Int32Array) -> Int32Array:
+        """(K,) those of the words (N,) that are asleep, each once."""
+        asleep = [word for word in np.unique(words).tolist() if word != NO_WORD and word not in self._slot_of]
+        return np.array(asleep, np.int32)
+
+    def recall(self, node: int, words: Int32Array, asleep: SleepingWords) -> Int32Array:
+        """(N,) words of a node that wakes: old ids, or words made meanwhile that are clearly the same.
+
+        A word is compared only with words made since it fell asleep: those it was awake with are known to be others.
+        That a word was renamed is not kept: the same comparison tells the next node that refers to it. A word that is
+        neither awake nor among `asleep` (its record was lost) becomes `NO_WORD`.
+        """
+        needed = asleep.take(self.missing(words))
+        names = {NO_WORD: NO_WORD} | {word: word for word in np.unique(words).tolist() if word in self._slot_of}
+        if len(needed):
+            self._checked(needed.descriptors)
+            found, distances = self._nearest(needed.descriptors)
+            born = np.where(found[:, 0] >= 0, self._id_of[found[:, 0]], 0)
+            clear = (found[:, 1] >= 0) & (distances[:, 0] <= self.settings.ratio * distances[:, 1])
+            same = clear & (born >= needed.since)
+            self._insert(needed.ids[~same], needed.descriptors[~same])
+            names |= dict(zip(needed.ids.tolist(), np.where(same, born, needed.ids).tolist(), strict=True))
+        result = np.array([names.get(word, NO_WORD) for word in words.tolist()], np.int32)
+        known = [self._slot_of[word] for word in result.tolist() if word != NO_WORD]
+        self.index.add(node, np.array(known, np.int32))
+        return result
+
+    def descriptors_of(self, words: Int32Array) -> Descriptors:
+        """(N, W) descriptors of words (N,) that are awake."""
+        return self._descriptors(np.array([self._slot_of[word] for word in words.tolist()], np.int32))
+
+    def _insert(self, ids: Int32Array, descriptors: Descriptors) -> Int32Array:
+        reused = [self._free_slots.pop() for _ in range(min(len(ids), len(self._free_slots)))]
+        fresh = range(self._slots, self._slots + len(ids) - len(reused))
+        self._slots += len(fresh)
+        slots = np.array([*reused, *fresh], np.int32)
+        if len(slots) and slots.max() >= len(self._id_of):
+            self._id_of = np.concatenate([self._id_of, np.zeros(max(int(slots.max()), len(self._id_of)), np.int32)])
+        self._id_of[slots] = ids
+        self._slot_of.update(zip(ids.tolist(), slots.tolist(), strict=True))
+        if isinstance(self._search, HammingIndex):
+            self._search.insert(packed(descriptors), slots)
+        else:
+            self._search.insert(descriptors, slots)
+        return slots
+
+    def _nearest(self, descriptors: Descriptors) -> tuple[Int32Array, Float32Array]:
+        if isinstance(self._search, HammingIndex):
+            found, distances = self._search.nearest(packed(descriptors))
+            return found, distances.astype(np.float32)
+        return self._search.nearest(descriptors)
+
+    def _descriptors(self, slots: Int32Array) -> Descriptors:
+        if isinstance(self._search, HammingIndex):
+            return unpacked(self._search.words(slots))
+        return self._search.words(slots)
+
+
+class FixedVocabulary(Vocabulary):
+    """A dictionary made offline: every descriptor is its nearest word, and words neither come nor go."""
+
+    def __init__(self, words: Descriptors) -> None:
+        super().__init__(words.dtype == np.uint8)
+        self._checked(words)
+        if len(words) == 0:
+            raise VocabularyError("a dictionary of no words: make it from pictures that show something")
+        self.words = words
+
+    def __len__(self) -> int:
+        return len(self.words)
+
+    def words_of(self, node: int, descriptors: Descriptors) -> Int32Array:
+        """(N,) word ids: the nearest word's.
+
+        Raises:
+            VocabularyError: the descriptors are of the other kind.
+        """
+        self._checked(descriptors)
+        slots = nearest_words(descriptors, self.words).astype(np.int32)
+        self.index.add(node, slots)
+        return slots + np.int32(1)
+
+    def forget(self, node: int) -> None:
+        """Drop the references of a node that goes to sleep."""
+        self.index.remove(node)
+
+    def drop_unused(self) -> SleepingWords:
+        """None: the dictionary is fixed."""
+        return self.no_words()
+
+    def missing(self, words: Int32Array) -> Int32Array:
+        """None: the dictionary is fixed."""
+        return np.empty(0, np.int32)
+
+    def recall(self, node: int, words: Int32Array, asleep: SleepingWords) -> Int32Array:
+        """(N,) the words of a node that wakes, as they were."""
+        self.index.add(node, words[words != NO_WORD] - np.int32(1))
+        return words
+
+
+def nearest_words(descriptors: Descriptors, words: Descriptors) -> IntArray:
+    """(N,) row of the nearest of the words (K, W) to each descriptor (N, W)."""
+    nearest: IntArray
+    if descriptors.dtype == np.uint8:
+        nearest, _ = assign(packed(descriptors), packed(words))
+    else:
+        nearest = np.argmin(distances_between(descriptors, words), axis=1)
+    return nearest
+
+
+@njit(cache=True)
+def choose_words(found: Int32Array, distances: Float32Array, within: Float32Array, ratio: float) -> Int32Array:
+    """(N,) slot of each descriptor's word, or -1 - k for the new word made of descriptor k (k = i: it makes one).
+
+    found, distances (N, 2): the two nearest words of the dictionary; within (N, N): distances between the descriptors.
+    """
+    chosen = np.empty(len(found), np.int32)
+    founders = np.empty(len(found), np.int64)
+    made = 0
+    for i in range(len(found)):
+        best, d1, d2 = found[i, 0], distances[i, 0], distances[i, 1]
+        candidates = (found[i, 0] >= 0) + (found[i, 1] >= 0)
+        for k in founders[:made]:
+            d = within[i, k]
+            candidates += 1
+            if d < d1 or candidates == 1:
+                best, d1, d2 = -1 - k, d, d1
+            elif d < d2 or candidates == 2:
+                d2 = d
+        if candidates < 2 or d1 > ratio * d2:
+            founders[made] = i
+            made += 1
+            best = -1 - i
+        chosen[i] = best
+    return chosen
+
+
+def _empty(binary: bool) -> Descriptors:
+    return np.empty((0, BINARY_WIDTH), np.uint8) if binary else np.empty((0, FLOAT_WIDTH), np.float32)

@@ -1,0 +1,147 @@
+"""A dictionary made offline by clustering, as the wheelchair paper describes it (Pai et al. 2026, section 3.2).
+
+Float descriptors are clustered by k-means, binary ones by k-majority (Grana et al. 2013): the same two steps with the
+Hamming distance, where the middle of a cluster has at every bit what most of its members have.
+"""
+
+from __future__ import annotations
+
+import zipfile
+from collections.abc import Callable
+from dataclasses import dataclass
+from pathlib import Path
+
+import msgspec
+import numpy as np
+import yaml
+from numba import njit
+
+from waychair.config import Settings, dump, from_mapping, setting
+from waychair.errors import ConfigError, VocabularyError
+from waychair.files import replacing
+from waychair.slam.features import Descriptors, FeatureSettings
+from waychair.slam.hamming_index import Words64, assign, majority, packed, unpacked
+from waychair.slam.vocabulary import FixedVocabulary
+from waychair.types import Float32Array, IntArray
+
+_FORMAT = 1
+
+
+@dataclass(frozen=True, slots=True)
+class TrainingSettings(Settings):
+    """How a dictionary is made."""
+
+    words: int = setting(
+        16_000, "", "size of the dictionary; a small one tells places apart badly", low=2, high=200_000
+    )
+    rounds: int = setting(10, "", "of assigning and averaging", low=1, high=1000)
+    most_descriptors: int = setting(100_000, "", "drawn evenly if there are more", low=100, high=10_000_000)
+    seed: int = setting(1, "", "of the draws", low=0, high=2**31 - 1)
+
+
+def train(
+    descriptors: Descriptors,
+    settings: TrainingSettings | None = None,
+    progress: Callable[[float], None] = lambda _: None,
+) -> Descriptors:
+    """(K, W) words of descriptors (N, W); fewer than asked for where there are fewer different descriptors.
+
+    Raises:
+        VocabularyError: fewer than two different descriptors.
+    """
+    settings = settings or TrainingSettings()
+    rng = np.random.default_rng(settings.seed)
+    if len(descriptors) > settings.most_descriptors:
+        descriptors = descriptors[np.sort(rng.choice(len(descriptors), settings.most_descriptors, replace=False))]
+    different = np.unique(descriptors, axis=0)
+    if len(different) < 2:
+        raise VocabularyError(
+            f"{len(different)} different descriptors make no dictionary: give pictures with more to see"
+        )
+    count = min(settings.words, len(different))
+    first = different[np.sort(rng.choice(len(different), count, replace=False))]
+    if descriptors.dtype == np.uint8:
+        return unpacked(_k_majority(packed(descriptors), packed(first), settings.rounds, progress))
+    return _k_means(descriptors, first, settings.rounds, progress)
+
+
+def save(path: Path, words: Descriptors, features: FeatureSettings) -> None:
+    """Write words (K, W) with the settings of the features they were made of: the whole file or none."""
+    with replacing(path) as aside, aside.open("wb") as file:
+        np.savez_compressed(file, format=np.int64(_FORMAT), words=words, features=np.array(dump(features)))
+
+
+def load(path: Path) -> tuple[FixedVocabulary, FeatureSettings]:
+    """The dictionary of a file, and the settings of the features it is for.
+
+    Raises:
+        VocabularyError: there is no such file, or it is not one that `save` wrote.
+    """
+    try:
+        with np.load(path, allow_pickle=False) as arrays:
+            version, words, features = int(arrays["format"]), arrays["words"], str(arrays["features"])
+    except FileNotFoundError:
+        raise VocabularyError(f"there is no dictionary {path}: make one with `waychair vocabulary`") from None
+    except (OSError, ValueError, KeyError, EOFError, TypeError, zipfile.BadZipFile) as error:
+        raise VocabularyError(f"{path} is no dictionary or is damaged ({error}): make it again") from error
+    if version != _FORMAT:
+        raise VocabularyError(f"{path} is a dictionary of format {version}, not {_FORMAT}: make it again")
+    try:
+        settings = from_mapping(FeatureSettings, yaml.safe_load(features), str(path))
+        return FixedVocabulary(words), settings
+    except (ConfigError, VocabularyError, yaml.YAMLError, msgspec.MsgspecError) as error:
+        raise VocabularyError(f"{path} is damaged ({error}): make it again") from error
+
+
+def _k_majority(words: Words64, centres: Words64, rounds: int, progress: Callable[[float], None]) -> Words64:
+    for done in range(rounds):
+        nearest, distances = assign(words, centres)
+        moved = _majorities(words, nearest, centres)
+        _refill(moved, words, np.bincount(nearest, minlength=len(centres)), distances)
+        progress((done + 1) / rounds)
+        if np.array_equal(moved, centres):
+            break
+        centres = moved
+    return centres
+
+
+def _k_means(
+    descriptors: Float32Array, centres: Float32Array, rounds: int, progress: Callable[[float], None]
+) -> Float32Array:
+    from scipy.cluster.vq import vq
+
+    for done in range(rounds):
+        nearest, distances = vq(descriptors, centres)
+        counts = np.bincount(nearest, minlength=len(centres))
+        moved = np.zeros_like(centres)
+        np.add.at(moved, nearest, descriptors)
+        moved /= np.maximum(counts, 1)[:, None].astype(np.float32)
+        _refill(moved, descriptors, counts, distances)
+        progress((done + 1) / rounds)
+        if np.array_equal(moved, centres):
+            break
+        centres = moved
+    return centres
+
+
+def _refill(
+    centres: Words64 | Float32Array, data: Words64 | Float32Array, counts: IntArray, distances: IntArray
+) -> None:
+    """Clusters that lost all members start again at the descriptors that are farthest from their own."""
+    empty = np.flatnonzero(counts == 0)
+    centres[empty] = data[np.argsort(-distances, kind="stable")[: len(empty)]]
+
+
+@njit(cache=True)
+def _majorities(words: Words64, nearest: IntArray, centres: Words64) -> Words64:
+    """(K, 4) the majority word of each cluster; of an empty one the centre it had."""
+    order = np.argsort(nearest, kind="mergesort")
+    result = centres.copy()
+    start = 0
+    while start < len(order):
+        cluster, end = nearest[order[start]], start
+        while end < len(order) and nearest[order[end]] == cluster:
+            end += 1
+        result[cluster] = majority(words[order[start:end]])
+        start = end
+    return result
