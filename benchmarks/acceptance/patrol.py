@@ -1,0 +1,167 @@
+"""A patrol through a synthetic building at 1 Hz: what a chair would see, measure and believe, without pictures.
+
+Landmarks along the corridors stand for visual words: a view is those before the camera, some missed, some wrong, so that
+revisits look alike as far as they overlap. Odometry drifts. Every value follows from the seed.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Iterator
+from dataclasses import dataclass
+
+import numpy as np
+
+from waychair.slam.nodes import Evidence, Node
+from waychair.types import FloatArray, Pose2, Scan
+
+SPACING = 20.0  # [m] between parallel corridors
+COLUMNS, ROWS = 4, 3  # of crossings
+WIDTH = 2.4  # [m] of a corridor
+_DENSITY = 40  # landmarks per metre of corridor
+_REACH, _HALF_VIEW = 7.0, math.radians(35)
+_MOST, _SEEN, _WRONG = 150, 0.85, 10  # words in a view, share of landmarks found, words that are of none
+_SPEED, _TURN = 0.8, math.radians(45)  # per second
+_BEAMS = 180
+_SECOND = 1_000_000_000
+
+
+@dataclass(frozen=True, slots=True)
+class Sight:
+    """One second of the patrol: where the chair is, and the node that is made of it (its odometry drifts)."""
+
+    truth: Pose2
+    node: Node
+
+
+class Patrol:
+    """An endless drive, `sights`, through one building."""
+
+    def __init__(self, seed: int) -> None:
+        self._rng = np.random.default_rng(seed)
+        places = np.random.default_rng(7)  # the building is the same for every seed
+        self._landmarks = np.concatenate([_along(a, b, places) for a, b in _corridors()])
+        self._order = places.permutation(len(self._landmarks))  # the clearest first
+        self._cells: dict[tuple[int, int], list[int]] = {}
+        for word, (x, y) in enumerate(self._landmarks.tolist()):
+            self._cells.setdefault((int(x // _REACH), int(y // _REACH)), []).append(word)
+        self._descriptors = places.integers(0, 256, (len(self._landmarks), 32), dtype=np.uint8)
+
+    def sights(self) -> Iterator[Sight]:
+        """One after the other, for ever."""
+        odometry, before, rng = Pose2(), None, self._rng
+        for second, truth in enumerate(self._poses()):
+            if before is not None:
+                step = before.inverse() @ truth
+                slip = rng.standard_normal(2)
+                driven = step.x * (1.01 + 0.01 * slip[0])
+                odometry = odometry @ Pose2(driven, step.y, step.theta * 1.01 + abs(step.x) * (0.001 + 0.004 * slip[1]))
+            before = truth
+            yield Sight(truth, self._node(second, truth, odometry))
+
+    def _poses(self) -> Iterator[Pose2]:
+        """Along the corridors from crossing to crossing, with stops."""
+        rng, at, heading = self._rng, (0, 0), 0.0
+        came = at
+        while True:
+            ways = [(at[0] + dx, at[1] + dy) for dx, dy in ((1, 0), (-1, 0), (0, 1), (0, -1))]
+            ways = [way for way in ways if 0 <= way[0] < COLUMNS and 0 <= way[1] < ROWS and way != came]
+            came, at = at, ways[int(rng.integers(len(ways)))]
+            x, y = came[0] * SPACING, came[1] * SPACING
+            towards = math.atan2(at[1] - came[1], at[0] - came[0])
+            if rng.random() < 0.3:
+                for _ in range(int(rng.integers(5, 60))):  # somebody gets on
+                    yield Pose2(x, y, heading)
+            turn = math.remainder(towards - heading, math.tau)
+            for k in range(1, math.ceil(abs(turn) / _TURN) + 1):
+                yield Pose2(x, y, heading + math.copysign(min(k * _TURN, abs(turn)), turn))
+            heading, side = towards, rng.uniform(-0.4, 0.4)
+            for k in range(1, int(SPACING / _SPEED) + 1):
+                along, off = k * _SPEED, side * math.sin(math.pi * k * _SPEED / SPACING)
+                c, s = math.cos(heading), math.sin(heading)
+                yield Pose2(x + c * along - s * off, y + s * along + c * off, heading + rng.normal(0.0, 0.01))
+
+    def _node(self, second: int, truth: Pose2, odometry: Pose2) -> Node:
+        rng, stamp = self._rng, second * _SECOND
+        words = self._in_view(truth)
+        words = words[rng.random(len(words)) < _SEEN][:_MOST]
+        points = (self._landmarks[words] - (truth.x, truth.y)) + rng.normal(0.0, 0.02, (len(words), 2))
+        c, s = math.cos(truth.theta), math.sin(truth.theta)
+        ahead, left = points @ (c, s), points @ (-s, c)
+        optical = np.stack([-left, np.zeros_like(left), ahead], axis=1).astype(np.float32)
+        pixels = np.stack([320 - 525 * left / np.maximum(ahead, 0.3), np.full_like(left, 240.0)], axis=1)
+        ids = words + 1
+        ids[rng.permutation(len(ids))[:_WRONG]] = rng.integers(len(self._landmarks), 10**6, min(_WRONG, len(ids)))
+        scan = Scan(stamp, _ranges(truth), -math.pi, math.tau / _BEAMS, range_max=25.0)
+        angles = scan.angles()
+        surface = (scan.ranges[:, None] * np.stack([np.cos(angles), np.sin(angles)], axis=1)).astype(np.float32)
+        return Node(
+            stamp,
+            odometry,
+            ids.astype(np.int32),
+            pixels.astype(np.float32),
+            optical,
+            self._descriptors[words],
+            surface,
+            Evidence(scan, Pose2(), Pose2()),
+        )
+
+    def _in_view(self, pose: Pose2) -> np.ndarray[tuple[int], np.dtype[np.int64]]:
+        """Landmarks before the camera, the clearest first."""
+        column, row = int(pose.x // _REACH), int(pose.y // _REACH)
+        round_it = [(column + i, row + j) for i in (-1, 0, 1) for j in (-1, 0, 1)]
+        words = np.array([word for cell in round_it for word in self._cells.get(cell, ())], np.int64)
+        away = self._landmarks[words] - (pose.x, pose.y)
+        distance = np.hypot(*away.T)
+        aside = np.abs(np.angle(np.exp(1j * (np.arctan2(away[:, 1], away[:, 0]) - pose.theta))))
+        seen = words[(distance < _REACH) & (distance > 0.5) & (aside < _HALF_VIEW)]
+        return seen[np.argsort(self._order[seen])]
+
+
+def _corridors() -> list[tuple[FloatArray, FloatArray]]:
+    crossings = [(i, j) for i in range(COLUMNS) for j in range(ROWS)]
+    ends = [((i, j), (i + di, j + dj)) for i, j in crossings for di, dj in ((1, 0), (0, 1))]
+    inside = [(a, b) for a, b in ends if b[0] < COLUMNS and b[1] < ROWS]
+    return [(SPACING * np.array(a, float), SPACING * np.array(b, float)) for a, b in inside]
+
+
+def _along(start: FloatArray, end: FloatArray, rng: np.random.Generator) -> FloatArray:
+    """Landmarks on both walls of a corridor."""
+    count = int(_DENSITY * SPACING)
+    side = rng.choice([-1.0, 1.0], count) * WIDTH / 2
+    way = (end - start) / SPACING
+    across = np.array([-way[1], way[0]])
+    return start + rng.uniform(0.0, SPACING, count)[:, None] * way + side[:, None] * across
+
+
+def _blocks() -> FloatArray:
+    """(K, 4) low x, low y, high x, high y of what is between the corridors, and of the four walls round all."""
+    half, far = WIDTH / 2, 1.0
+    right, top = (COLUMNS - 1) * SPACING + half, (ROWS - 1) * SPACING + half
+    inner = [
+        (i * SPACING + half, j * SPACING + half, (i + 1) * SPACING - half, (j + 1) * SPACING - half)
+        for i in range(COLUMNS - 1)
+        for j in range(ROWS - 1)
+    ]
+    outer = [
+        (-half - far, -half - far, right + far, -half),
+        (-half - far, top, right + far, top + far),
+        (-half - far, -half - far, -half, top + far),
+        (right, -half - far, right + far, top + far),
+    ]
+    return np.array(inner + outer)
+
+
+_BLOCKS = _blocks()
+
+
+def _ranges(pose: Pose2) -> np.ndarray[tuple[int], np.dtype[np.float32]]:
+    """Where the beams of a laser in the middle of the chair end, by the slabs of each block."""
+    angles = pose.theta - math.pi + math.tau / _BEAMS * np.arange(_BEAMS)
+    ways = np.stack([np.cos(angles), np.sin(angles)], axis=1)[:, None]
+    with np.errstate(divide="ignore", invalid="ignore"):
+        a = (_BLOCKS[None, :, :2] - (pose.x, pose.y)) / ways
+        b = (_BLOCKS[None, :, 2:] - (pose.x, pose.y)) / ways
+    into, out = np.minimum(a, b).max(axis=2), np.maximum(a, b).min(axis=2)
+    hits = np.where((into <= out) & (into > 0), into, np.inf)
+    return hits.min(axis=1).astype(np.float32)

@@ -1,0 +1,224 @@
+"""The long-term memory: every node as it was added, on disk (SQLite), written in the background, one node at a time.
+
+A node is handed to the writer when it joins the memory, not when it is put to sleep: what a killed process loses is not
+its whole STM and WM (as RTAB-Map does) but at most the last node, because the next one is taken only when the one
+before is on the disk. Only where the disk hangs for longer than a second do nodes queue up, so that the chair does not
+wait for it.
+
+A damaged file is moved aside and a new one begun; where nothing can be written any more, because the disk is full or
+pulled out, the memory goes on in RAM and says so (F27 of the fault table). No file is ever half written.
+"""
+
+from __future__ import annotations
+
+import contextlib
+import sqlite3
+import struct
+from collections.abc import Callable
+from concurrent.futures import Future, ThreadPoolExecutor
+from dataclasses import replace
+from pathlib import Path
+from typing import TypeVar
+
+import numpy as np
+
+from waychair.errors import LongTermDamaged, LongTermError
+from waychair.slam.long_term_file import (
+    Batch,
+    Stored,
+    connect,
+    damage,
+    prepare,
+    quarantine,
+    read_all,
+    read_evidence,
+    read_node,
+    read_word,
+    write,
+)
+from waychair.slam.nodes import Evidence, Node, unpack_evidence
+from waychair.types import Bytes, IntArray
+
+T = TypeVar("T")
+
+
+class LongTerm:
+    """The memory's file. `notes` says what was found when it was opened, `fault` why nothing is written any more."""
+
+    def __init__(self, path: Path | None = None, most_bytes: int | None = None, patience_s: float = 1.0) -> None:
+        """Opens the file, or makes it; without a path everything is kept in RAM.
+
+        Args:
+            most_bytes: the file never grows beyond this; a node that would not fit is as if the disk were full.
+            patience_s: how long `write` waits for the disk; while it hangs, what comes is waiting in RAM.
+
+        Raises:
+            LongTermError: the file cannot be read or written, or is no business of this program.
+        """
+        self.path = path
+        self.notes: tuple[str, ...] = ()
+        self.fault: LongTermError | None = None
+        self._patience_s = patience_s
+        self._waiting: list[Batch] = []
+        self._handed: list[Batch] = []
+        self._done: Future[None] = Future()  # of what is handed over
+        self._spill: sqlite3.Connection | None = None
+        if path is not None:
+            self._make_sound(path)
+        try:
+            self._writer = connect(path)
+            prepare(self._writer, most_bytes)
+            self._reader = self._writer if path is None else connect(path)
+        except sqlite3.Error as error:
+            raise LongTermError(f"cannot use {path}: {error}; move it away, or choose another folder") from error
+        self._thread = ThreadPoolExecutor(1, "long-term-memory") if path is not None else None
+
+    @classmethod
+    def in_ram(cls, fault: LongTermError) -> LongTerm:
+        """One without a file, because of a fault: a chair must not wait for its disk."""
+        store = cls()
+        store.fault = fault
+        return store
+
+    def load(self) -> Stored:
+        """What the file holds of earlier sessions, but for the views themselves.
+
+        Raises:
+            LongTermError: it cannot be read.
+        """
+        try:
+            stored = read_all(self._reader)
+        except sqlite3.Error as error:
+            raise LongTermError(f"cannot read {self.path}: {error}; move the file away to begin anew") from error
+        if stored.damaged:
+            self.notes += (f"{stored.damaged} damaged records of {self.path} were left out; the rest is in use",)
+        return stored
+
+    def write(self, batch: Batch) -> None:
+        """Hands over what is to be in the file, when what was handed over before is on the disk.
+
+        That is waited for; not longer than the patience, however, so that a disk that hangs does not stop the chair.
+        """
+        self._waiting.append(batch)
+        self._hand_over(self._patience_s)
+
+    def flush(self) -> None:
+        """Returns when all that was handed over is on the disk, or there is a `fault`."""
+        while self._waiting or self._handed:
+            self._hand_over(None)
+
+    def _hand_over(self, timeout_s: float | None) -> None:
+        """The writer gets what is waiting, if it has done before then what it was given last."""
+        if self._handed and not self._has_settled(timeout_s):
+            return
+        batches, self._waiting = self._waiting, []
+        if self._spill is not None:
+            _write_all(self._spill, batches)
+        elif self._thread is None:
+            _write_all(self._writer, batches)
+        elif batches:
+            self._handed = batches
+            self._done = self._thread.submit(_write_all, self._writer, batches)
+
+    def _has_settled(self, timeout_s: float | None) -> bool:
+        """Whether the writer has done what it was given. Where it could not, all that comes now is kept in RAM."""
+        try:
+            self._done.result(timeout_s)
+        except TimeoutError:
+            return False
+        except sqlite3.Error as error:
+            where = f"cannot write {self.path}: {error}"
+            self.fault = LongTermError(f"{where}; what comes now is lost when the program ends: make room, start again")
+            self._spill = connect(None)
+            prepare(self._spill, None)
+            _write_all(self._spill, self._handed)
+        self._handed = []
+        return True
+
+    def node(self, node: int) -> Node:
+        """A node as it was added.
+
+        Raises:
+            LongTermDamaged: its record is not what was written, or is not there.
+            LongTermError: the file cannot be read.
+        """
+        found = self._read(read_node, node, "node")
+        if found is None:
+            raise LongTermDamaged(f"node {node} is not in {self.path or 'RAM'}: a part of the memory was lost")
+        return replace(found, evidence=self.evidence(node))
+
+    def evidence(self, node: int) -> Evidence | None:
+        """What a node tells of the grid, without the rest of it; None where it tells nothing, or is not there.
+
+        Raises:
+            LongTermDamaged: its record is not what was written.
+            LongTermError: the file cannot be read.
+        """
+        data = self._read(read_evidence, node, "node")
+        return unpack_evidence(data) if data else None
+
+    def words(self, ids: IntArray) -> tuple[IntArray, Bytes]:
+        """Those of the words (K,) that are there, and their descriptors (L, D) as bytes.
+
+        Raises:
+            LongTermDamaged: a record is not what was written.
+            LongTermError: the file cannot be read.
+        """
+        found = [(word, data) for word in ids.tolist() if (data := self._read(read_word, word, "word")) is not None]
+        descriptors = np.array([np.frombuffer(data, np.uint8) for _, data in found], np.uint8)
+        return np.array([word for word, _ in found], np.int64), descriptors
+
+    def newest_word(self) -> int:
+        """The highest id of a word that is there, 0 without any.
+
+        Raises:
+            LongTermError: the file cannot be read.
+        """
+        try:
+            return int(self._reader.execute("SELECT max(id) FROM words").fetchone()[0] or 0)
+        except sqlite3.Error as error:
+            raise LongTermError(f"cannot read {self.path}: {error}; move the file away to begin anew") from error
+
+    def close(self) -> None:
+        """Writes what is left, folds the log into the file and lets go of it."""
+        self.flush()
+        if self._thread is not None:
+            self._thread.shutdown()
+            self._reader.close()
+            with contextlib.suppress(sqlite3.Error):  # the log is read when the file is next opened
+                self._writer.execute("PRAGMA wal_checkpoint(TRUNCATE)")
+        self._writer.close()
+        if self._spill is not None:
+            self._spill.close()
+
+    def _make_sound(self, path: Path) -> None:
+        try:
+            path.parent.mkdir(parents=True, exist_ok=True)
+        except OSError as error:
+            raise LongTermError(f"cannot write {path}: {error.strerror}; choose another folder") from error
+        wrong = damage(path)
+        if wrong:
+            aside = quarantine(path)
+            self.notes = (f"{path} is damaged ({wrong}): it was moved to {aside}, and a new memory is begun",)
+
+    def _read(self, read: Callable[[sqlite3.Connection, int], T | None], number: int, what: str) -> T | None:
+        """What is read of a record from wherever it is; None where it is nowhere."""
+        try:
+            found = (read(source, number) for source in self._sources(number))
+            return next((record for record in found if record is not None), None)
+        except sqlite3.OperationalError as error:
+            self.fault = self.fault or LongTermError(f"cannot read {self.path}: {error}; is the disk there?")
+            raise self.fault from error
+        except (ValueError, struct.error, sqlite3.Error) as error:
+            raise LongTermDamaged(f"{what} {number} of {self.path} is damaged: {error}") from error
+
+    def _sources(self, number: int) -> list[sqlite3.Connection]:
+        """Where a node or word may be: the latest first. What is still on its way there is waited for."""
+        if any(batch.holds(number) for batch in (*self._handed, *self._waiting)):
+            self.flush()
+        return [self._reader] if self._spill is None else [self._spill, self._reader]
+
+
+def _write_all(connection: sqlite3.Connection, batches: list[Batch]) -> None:
+    for batch in batches:
+        write(connection, batch)

@@ -1,0 +1,495 @@
+"""The memory: STM, where views are rehearsed; WM, among which loops are looked for; LTM, asleep on disk.
+
+It behaves as RTAB-Map 0.23.8 does (Labbe and Michaud 2013, 2019), so that the work per frame depends on the nodes that
+are awake and not on how long the chair has been driving. One frame is
+
+    added = memory.add(node, information)            # STM, rehearsal, STM -> WM
+    ...                                              # likelihood and Bayes filter over the WM: a hypothesis
+    woken = memory.retrieve(hypothesis, pose, path)  # LTM -> WM; who must stay awake
+    memory.link(...)                                 # loops that were accepted
+    slept = memory.transfer(spent_ms)                # WM -> LTM, when the frame took too long
+
+Each step tells which nodes the dictionary and the Bayes filter gain and lose (`Change`). A chair that only localises
+adds nothing; `retrieve` and `transfer` then keep the WM to what is round it.
+
+Nodes asleep keep their pose and links in RAM (`Skeleton`) and their scan on disk (`evidence`), so that the grid stays
+whole.
+"""
+
+from __future__ import annotations
+
+from collections import Counter, OrderedDict
+from collections.abc import Iterable, Iterator, Sequence
+from dataclasses import dataclass, replace
+from pathlib import Path
+
+import numpy as np
+
+from waychair.errors import LongTermDamaged, LongTermError
+from waychair.slam.long_term import LongTerm
+from waychair.slam.long_term_file import State
+from waychair.slam.memory_journal import Journal
+from waychair.slam.memory_settings import MemoryCounts, MemorySettings
+from waychair.slam.nodes import LOOPS, Evidence, Kept, Link, LinkKind, Node, WordIds
+from waychair.slam.rehearsal import Verdict, judge
+from waychair.slam.retrieval import immunised, surroundings, wanted
+from waychair.slam.skeleton import Skeleton
+from waychair.slam.transfer import Awake, is_due, removable, with_intermediate
+from waychair.types import Bytes, FloatArray, IntArray, Pose2
+
+
+@dataclass(frozen=True, slots=True)
+class Change:
+    """Nodes that came and went, for those who follow: the dictionary knows the words of nodes in RAM (STM and WM), the
+    Bayes filter the nodes of the WM."""
+
+    woken: tuple[Node, ...] = ()
+    """In RAM now, and were not before; their words are to be recalled."""
+    slept: tuple[Node, ...] = ()
+    """No longer in RAM; their words are to be forgotten."""
+    entered_wm: tuple[int, ...] = ()
+    left_wm: tuple[int, ...] = ()
+
+
+@dataclass(frozen=True, slots=True)
+class Added:
+    """What became of a new node. `id` stands for it: its own, which those who follow do not know yet, or, where it was
+    merged, that of the older one. Where the new one stands for the older one, that is among `change.slept`."""
+
+    id: int
+    verdict: Verdict
+    change: Change
+
+
+class Memory:
+    """Nodes and links, where each of them is kept, and the rules by which they move.
+
+    Reads no clock: time is that of the nodes' stamps, since the first one of the session.
+    """
+
+    def __init__(self, settings: MemorySettings | None = None, store: LongTerm | None = None) -> None:
+        """What the store holds of earlier sessions is there at once: awake what was awake, the rest asleep."""
+        self.settings = settings or MemorySettings()
+        self.store = store or LongTerm()
+        self.skeleton = Skeleton()
+        self.map_id = 0
+        self.last_closure = 0
+        """The newer node of the latest loop by appearance; 0 before the first."""
+        self._stm: list[int] = []
+        self._wm: set[int] = set()
+        self._awake: dict[int, Node] = {}
+        self._cache: OrderedDict[int, Node] = OrderedDict()
+        self._counts: Counter[str] = Counter()
+        self._anchors = np.empty((0, 3))
+        self._start_ns: int | None = None
+        self._now_ns = 0
+        self._localised = 0  # the node that the latest loop led to
+        self._woken: list[int] = []  # in this iteration
+        self._immunised: set[int] = set()
+        self._asleep = 0
+        self._journal = Journal()
+        self._restore()
+
+    @classmethod
+    def opened(cls, path: Path, settings: MemorySettings | None = None, most_bytes: int | None = None) -> Memory:
+        """A memory in this file or, where it cannot be used, in RAM: `store.fault` says why, `store.notes` the rest."""
+        try:
+            return cls(settings, LongTerm(path, most_bytes))
+        except LongTermError as error:
+            return cls(settings, LongTerm.in_ram(error))
+
+    @property
+    def stm(self) -> tuple[int, ...]:
+        """In the order in which they came."""
+        return tuple(self._stm)
+
+    @property
+    def wm(self) -> frozenset[int]:
+        """Among these loops are looked for."""
+        return frozenset(self._wm)
+
+    @property
+    def immunised(self) -> frozenset[int]:
+        """Not to be put to sleep in this iteration."""
+        return frozenset(self._immunised)
+
+    @property
+    def awake(self) -> tuple[Node, ...]:
+        """The nodes in RAM; those of earlier sessions are what the dictionary and the Bayes filter begin with."""
+        return tuple(self._awake.values())
+
+    @property
+    def anchors(self) -> FloatArray:
+        """(A, 3) where the anchors stand, as `bend` was told last, or an earlier session."""
+        return self._anchors
+
+    def counts(self, words: int = 0) -> MemoryCounts:
+        """What there is and was, beside the dictionary's number of words."""
+        there = {"stm": len(self._stm), "wm": len(self._wm), "ltm": self._asleep}
+        return MemoryCounts(**there, **self._counts, words=words)
+
+    def node(self, node: int) -> Node:
+        """A node as it was seen, awake or asleep.
+
+        Raises:
+            LongTermError: it sleeps, and cannot be read.
+        """
+        found = self._awake.get(node) or self._cache.get(node)
+        return self.store.node(node) if found is None else found
+
+    def weight(self, node: int) -> int:
+        """How often the view did not change; -1: an intermediate node."""
+        return int(self.skeleton.rows["weight"][node])
+
+    def poses(self, nodes: Iterable[int]) -> FloatArray:
+        """(K, 3) [m, m, rad] of K nodes in map, awake or asleep; nan before their anchor has a pose."""
+        return self.skeleton.poses(nodes, self._anchors)
+
+    def start_map(self) -> int:
+        """The next node has no way to the one before: the chair was carried, or its odometry began anew. The map's id."""
+        self.map_id += 1
+        return self.map_id
+
+    def add(
+        self,
+        node: Node,
+        information: FloatArray,
+        anchor: int | None = None,
+        anchor_from_node: Pose2 | None = None,
+        *,
+        motion: Pose2 | None = None,
+        intermediate: bool = False,
+        new_words: tuple[IntArray, Bytes] | None = None,
+    ) -> Added:
+        """A new node joins the STM; the oldest ones of it go to the WM.
+
+        Args:
+            node: what was seen; the memory gives its `id` and `map_id`.
+            information: (3, 3) of the way from the node before it.
+            anchor: the key scan that it moves with, standing at a row of what `bend` is told; by default its own id.
+            anchor_from_node: where it is from there.
+            motion: its pose from the node before, where a scan knows better than the odometry.
+            intermediate: only its pose is of interest; it is never compared, and does not count.
+            new_words: words that the dictionary has made of it, ids (K,) and descriptors (K, D) as bytes.
+        """
+        self._woken, self._immunised = [], set()
+        self._tick(node.stamp_ns)
+        node = replace(node, id=self.skeleton.count, map_id=self.map_id)
+        before = self._stm[-1] if self._stm and self._awake[self._stm[-1]].map_id == self.map_id else None
+        self.skeleton.add(
+            node.id,
+            node.stamp_ns,
+            node.map_id,
+            node.id if anchor is None else anchor,
+            anchor_from_node or Pose2(),
+        )
+        self.skeleton.rows["weight"][node.id] = -1 if intermediate else 0
+        self._stm.append(node.id)
+        self._awake[node.id] = node
+        self._counts["frames"] += not intermediate
+        if before is None:
+            motion = None
+        else:
+            motion = motion or self._awake[before].odom_from_base.inverse() @ node.odom_from_base
+            self._link(Link(before, node.id, LinkKind.NEIGHBOUR, motion, information))
+        verdict, stands, gone = self._rehearse(node, motion, before)
+        change = self._overflow(gone)
+        self._journal.states.add(stands)
+        self._write(self._awake[stands] if stands == node.id else None, new_words)
+        return Added(stands, verdict, change)
+
+    def retrieve(self, hypothesis: int | None, here: Pose2, path: Sequence[int] = ()) -> Change:
+        """Wakes what may be needed, refreshes the age of what is near, and settles who stays awake.
+
+        Args:
+            hypothesis: the likeliest place of the Bayes filter, whatever its probability; awake, or None.
+            here: of the chair in map.
+            path: nodes of the planned path, from the chair on.
+        """
+        if not self.settings.bounded and not self._asleep:
+            return Change()
+        newest = self._stm[-1] if self._stm else 0
+        around = surroundings(self.skeleton, self._anchors, here, newest, self._wm, path, self.settings)
+        for later, node in enumerate(reversed(around.near)):
+            self.skeleton.rows["entered_ns"][node] = self._now_ns + later
+        woken = self._wake(wanted(self.skeleton, hypothesis, around, self.settings)) if self._asleep else ()
+        self._woken = [node.id for node in woken]
+        if self.settings.bounded:
+            size = len(self._wm)
+            self._immunised = immunised(self.skeleton, hypothesis, around, self._awake.keys(), size, self.settings)
+            self._immunised |= {*self._woken, self._localised}
+        return Change(woken=woken, entered_wm=tuple(self._woken))
+
+    def transfer(self, spent_ms: float = 0.0) -> Change:
+        """Puts nodes to sleep where a limit is exceeded: two more than were woken, so that the WM shrinks by one."""
+        weight = self.skeleton.rows["weight"]
+        if not self.settings.bounded or (self._stm and weight[self._stm[-1]] < 0):
+            return Change()
+        pictures = int((weight[np.fromiter(self._wm, np.int64)] >= 0).sum())
+        if not is_due(spent_ms, pictures, self.settings):
+            return Change()
+        awake = Awake(self._stm, self._wm, self.last_closure, self._immunised)
+        picked = removable(self.skeleton, awake, len(self._woken) + 2, self.settings)
+        going = with_intermediate(self.skeleton, picked, self._wm)
+        slept = tuple(self._put_to_sleep(node) for node in going)
+        return Change(slept=slept, left_wm=tuple(going))
+
+    def link(self, link: Link) -> None:
+        """A loop between two nodes, awake or asleep.
+
+        Raises:
+            ValueError: one of them is not there.
+        """
+        for end in (link.i, link.j):
+            if self.skeleton.kept(end) is Kept.GONE or link.i == link.j:
+                raise ValueError(f"a link joins two nodes, and {link.i}-{link.j} has none at its end {end}")
+        self._link(link)
+        if link.kind is LinkKind.GLOBAL:
+            self._counts["closures"] += 1
+            self.last_closure, self._localised = max(link.i, link.j), min(link.i, link.j)
+
+    def unlink(self, i: int, j: int) -> None:
+        """Takes a loop back, such as one that the graph has refused."""
+        link = self.skeleton.linked(i, j)
+        if link is None or link.kind not in LOOPS:
+            raise ValueError(f"there is no loop between the nodes {i} and {j}")
+        self._counts["closures"] -= link.kind is LinkKind.GLOBAL
+        self._unlink(i, j)
+
+    def drop(self, node: int) -> Change:
+        """Takes the newest node back, as that of a chair that has not moved. Its weight goes to where it closed a loop.
+
+        Raises:
+            ValueError: it is not the newest one.
+        """
+        if not self._stm or self._stm[-1] != node:
+            raise ValueError(f"node {node} is not the newest one; only that can be dropped")
+        parents = [link.j for link in self.skeleton.links(node) if link.kind is LinkKind.GLOBAL]
+        gone = self._awake[node]
+        self._give_weight(node, parents)
+        self._remove(node)
+        self._counts["dropped"] += 1
+        return Change(slept=(gone,))
+
+    def rewrite(self, node: int, words: WordIds) -> None:
+        """The words (K,) of a node that is awake have other numbers now, as when it was woken."""
+        self._awake[node] = replace(self._awake[node], words=words)
+        self._journal.rewritten(self._awake[node])
+
+    def hang(self, node: int, anchor: int, anchor_from_node: Pose2) -> None:
+        """The node moves with another anchor from now on."""
+        self.skeleton.hang(node, anchor, anchor_from_node)
+        self._journal.states.add(node)
+
+    def bend(self, anchors: FloatArray) -> None:
+        """The anchors stand at (A, 3) [m, m, rad] in map now, and all nodes with them. The array is kept."""
+        self._journal.bent(self._anchors, anchors)
+        self._anchors = anchors
+
+    def evidence(self, nodes: Iterable[int], beams: int = 20_000) -> Iterator[list[tuple[int, Evidence]]]:
+        """What nodes tell of the grid, asleep or not, in chunks of at most so many beams (one scan at least).
+
+        Nodes that tell nothing, are gone or cannot be read are left out. Nobody is woken.
+
+        Raises:
+            LongTermError: the file cannot be read.
+        """
+        chunk: list[tuple[int, Evidence]] = []
+        held = 0
+        for node in nodes:
+            found = self._evidence(node)
+            if found is None:
+                continue
+            count = len(found.scan.ranges)
+            if chunk and held + count > beams:
+                yield chunk
+                chunk, held = [], 0
+            chunk.append((node, found))
+            held += count
+        if chunk:
+            yield chunk
+
+    def flush(self) -> None:
+        """Returns when everything is on the disk."""
+        self._write()
+        self.store.flush()
+
+    def close(self) -> None:
+        """Writes what is left and lets go of the file."""
+        self.flush()
+        self.store.close()
+
+    def _rehearse(self, new: Node, motion: Pose2 | None, before: int | None) -> tuple[Verdict, int, tuple[Node, ...]]:
+        """Compares the new node with the latest picture before it: what becomes of it, which of the two stands for it,
+        and the older one if it is gone."""
+        weight = self.skeleton.rows["weight"]
+        old = next((node for node in reversed(self._stm[:-1]) if weight[node] >= 0), None)
+        if old is None or weight[new.id] < 0:
+            return Verdict.APART, new.id, ()
+        verdict = judge(new, self._awake[old], motion, before == old, self.settings)
+        if verdict is Verdict.APART:
+            return verdict, new.id, ()
+        keeps, loses = (new.id, old) if self.settings.rehearsal_id_updated_to_new_one else (old, new.id)
+        weight[keeps] += weight[loses] + 1
+        weight[loses] = 0 if verdict is Verdict.WEIGHTS else -1
+        self._journal.states |= {keeps, loses}
+        if verdict is not Verdict.MERGE:
+            return verdict, new.id, ()
+        self._counts["merged"] += 1
+        gone = self._awake[old]
+        if keeps == new.id:
+            self._take_over(new.id, old)
+        self._remove(loses, parent=keeps)
+        return verdict, keeps, (gone,) if loses == old else ()
+
+    def _take_over(self, new: int, old: int) -> None:
+        """The new id stands for what the old one has seen, where it stood, with its links."""
+        self._awake[new] = replace(self._awake[old], id=new)
+        self._unlink(old, new)
+        for link in self.skeleton.links(old):
+            self._link(replace(link, i=new))
+        self.skeleton.hang(new, int(self.skeleton.rows["anchor"][old]), self.skeleton.anchor_from_node(old))
+        if self.last_closure == old:
+            self.last_closure = new
+
+    def _overflow(self, gone: Sequence[Node]) -> Change:
+        """The oldest of the STM go on to the WM while there are too many pictures in it; some are gone already."""
+        weight = self.skeleton.rows["weight"]
+        entered: list[int] = []
+        slept = list(gone)
+        pictures = sum(int(weight[node]) >= 0 for node in self._stm)
+        while pictures > self.settings.stm_size:
+            node = self._stm[0]
+            pictures -= int(weight[node]) >= 0
+            if self.settings.reduce_graph and self._reduce(node, slept):
+                continue
+            del self._stm[0]
+            self._enter_wm(node)
+            entered.append(node)
+        return Change(slept=tuple(slept), entered_wm=tuple(entered))
+
+    def _reduce(self, node: int, slept: list[Node]) -> bool:
+        """Whether the node has closed a loop, and its links were led past it to where it closed."""
+        loops = self.skeleton.links(node, LOOPS)
+        if not loops:
+            return False
+        to = min(loops, key=lambda loop: loop.j)
+        for link in self.skeleton.links(node):
+            if link.j != to.j and self.skeleton.linked(to.j, link.j) is None:
+                self._link(to.reversed().then(link, LinkKind.MERGED))
+        slept.append(self._awake[node])
+        self._give_weight(node, [to.j])
+        self._remove(node, parent=to.j)
+        self._counts["reduced"] += 1
+        return True
+
+    def _give_weight(self, node: int, parents: Sequence[int]) -> None:
+        weight = self.skeleton.rows["weight"]
+        if weight[node] > 0:
+            for parent in parents:
+                weight[parent] += weight[node]
+                self._journal.states.add(parent)
+
+    def _remove(self, node: int, parent: int = 0) -> None:
+        """A node of the STM is gone; on disk it stays under its parent, if that is wished for."""
+        gone = self._awake.pop(node)
+        self._stm.remove(node)
+        for link in self.skeleton.links(node):
+            self._unlink(link.i, link.j)
+        if parent and self.settings.not_linked_nodes_kept:
+            on = int(self.skeleton.rows["anchor"][node]), self.skeleton.anchor_from_node(node)
+            is_new = node == self.skeleton.count - 1
+            self._journal.child(gone, not is_new, State(node, 0, False, *on, parent))
+        else:
+            self._journal.gone(node)
+        self.skeleton.remove(node)
+
+    def _enter_wm(self, node: int) -> None:
+        self.skeleton.rows["kept"][node] = Kept.WM
+        self.skeleton.rows["entered_ns"][node] = self._now_ns
+        self._wm.add(node)
+        self._counts["entered_wm"] += 1
+
+    def _wake(self, nodes: Sequence[int]) -> tuple[Node, ...]:
+        """From the LTM to the WM; those that cannot be read are left out from now on."""
+        woken = []
+        for node in nodes:
+            try:
+                found = self._cache.pop(node, None) or self.store.node(node)
+            except LongTermDamaged:
+                self.skeleton.rows["kept"][node] = Kept.LOST
+                self._asleep -= 1
+                self._counts["unreadable"] += 1
+                continue
+            except LongTermError:  # the disk is gone, and the store says so: they sleep on
+                break
+            self._awake[node] = found
+            self._enter_wm(node)
+            self._journal.states.add(node)
+            self._asleep -= 1
+            self._counts["retrieved"] += 1
+            woken.append(found)
+        return tuple(woken)
+
+    def _put_to_sleep(self, node: int) -> Node:
+        self._wm.remove(node)
+        self.skeleton.rows["kept"][node] = Kept.LTM
+        self._journal.states.add(node)
+        self._asleep += 1
+        self._counts["transferred"] += 1
+        found = self._cache[node] = self._awake.pop(node)
+        while len(self._cache) > self.settings.cached_nodes:
+            self._cache.popitem(last=False)
+        return found
+
+    def _evidence(self, node: int) -> Evidence | None:
+        if self.skeleton.kept(node) is Kept.GONE:
+            return None
+        here = self._awake.get(node) or self._cache.get(node)
+        if here is not None:
+            return here.evidence
+        try:
+            return self.store.evidence(node)
+        except LongTermDamaged:
+            return None
+
+    def _link(self, link: Link) -> None:
+        self.skeleton.link(link)
+        self._journal.linked(link)
+
+    def _unlink(self, i: int, j: int) -> None:
+        self.skeleton.unlink(i, j)
+        self._journal.unlinked(i, j)
+
+    def _tick(self, stamp_ns: int) -> None:
+        """The session's time never goes back, whatever the stamps do."""
+        self._start_ns = stamp_ns if self._start_ns is None else self._start_ns
+        self._now_ns = max(self._now_ns, stamp_ns - self._start_ns)
+
+    def _write(self, added: Node | None = None, words: tuple[IntArray, Bytes] | None = None) -> None:
+        """All that has changed, in one transaction."""
+        new = () if added is None else (added,)
+        self.store.write(self._journal.batch(new, words, self.skeleton, self._awake.keys(), self._anchors))
+
+    def _restore(self) -> None:
+        """What earlier sessions have left; what was awake then is in the WM now, older than all that is to come."""
+        stored = self.store.load()
+        states = {state.id: state for state in stored.states if not state.parent}
+        for node, map_id, stamp_ns in stored.nodes:
+            state = states.get(node)
+            if state is None:
+                continue
+            self.skeleton.add(node, stamp_ns, map_id, state.anchor, state.anchor_from_node)
+            self.skeleton.rows["weight"][node] = state.weight
+            self.skeleton.rows["kept"][node] = Kept.LTM
+            self._asleep += 1
+        for link in stored.links:
+            if Kept.GONE not in (self.skeleton.kept(link.i), self.skeleton.kept(link.j)):
+                self.skeleton.link(link)
+                if link.kind is LinkKind.GLOBAL:
+                    self.last_closure = max(self.last_closure, link.i, link.j)
+        self.skeleton.reserve(stored.last + 1)
+        self._anchors = stored.anchors
+        self._wake([node for node, state in states.items() if state.awake and self.skeleton.kept(node) is Kept.LTM])
+        self.map_id = max((map_id for _, map_id, _ in stored.nodes), default=-1) + 1
+        self._counts.clear()

@@ -1,0 +1,55 @@
+"""Rehearsal: consecutive views that look alike make one node that weighs more (RTAB-Map 0.23.8, Memory::rehearsal).
+
+A node's weight says how often the view did not change, so how long the chair stayed. RTAB-Map can compare by global
+descriptors instead of words; nothing here makes any, so that the words always decide.
+"""
+
+from __future__ import annotations
+
+import enum
+
+import numpy as np
+
+from waychair.slam.memory_settings import MemorySettings
+from waychair.slam.nodes import Node, WordIds
+from waychair.types import Pose2
+
+
+class Verdict(enum.Enum):
+    """What becomes of a new node and the one before it."""
+
+    APART = "they do not look alike"
+    WEIGHTS = "the chair moves: only the weight goes over"
+    MERGE = "the chair stands, and nothing is between them: one of the two is enough"
+    INTERMEDIATE = "the chair stands, but others are between them: one of the two keeps its pose only"
+
+
+def similarity(a: WordIds, b: WordIds) -> float:
+    """Occurrences of words that two views share, as a part of the larger view's; 0 where one has none."""
+    a, b = a[a > 0], b[b > 0]
+    if not len(a) or not len(b):
+        return 0.0
+    words_a, counts_a = np.unique(a, return_counts=True)
+    words_b, counts_b = np.unique(b, return_counts=True)
+    _, in_a, in_b = np.intersect1d(words_a, words_b, assume_unique=True, return_indices=True)
+    return float(np.minimum(counts_a[in_a], counts_b[in_b]).sum() / max(len(a), len(b)))
+
+
+def is_moving(motion: Pose2, settings: MemorySettings) -> bool:
+    """Whether any axis of the motion exceeds its limit (each for itself, not their length)."""
+    linear, angular = settings.linear_update, settings.angular_update
+    return abs(motion.x) > linear or abs(motion.y) > linear or abs(motion.theta) > angular
+
+
+def judge(new: Node, old: Node, motion: Pose2 | None, linked: bool, settings: MemorySettings) -> Verdict:
+    """What becomes of a new node, by the latest earlier node of the STM that is not an intermediate one.
+
+    Args:
+        motion: the new node's pose from its neighbour in time; None where it has none, and so has come from anywhere.
+        linked: whether that neighbour is `old`.
+    """
+    if new.is_bad or similarity(new.words, old.words) < settings.rehearsal_similarity:
+        return Verdict.APART
+    if motion is None or is_moving(motion, settings):
+        return Verdict.APART if settings.rehearsal_weight_ignored_while_moving else Verdict.WEIGHTS
+    return Verdict.MERGE if linked else Verdict.INTERMEDIATE

@@ -1,0 +1,178 @@
+"""Which sleeping nodes are woken, and which awake ones must not be put to sleep, as in RTAB-Map 0.23.8."""
+
+from __future__ import annotations
+
+import heapq
+import math
+from collections.abc import Collection, Iterator, Sequence
+from dataclasses import dataclass, field
+
+import numpy as np
+
+from waychair.slam.memory_settings import MemorySettings
+from waychair.slam.nodes import IN_TIME, Kept
+from waychair.slam.skeleton import ANY, Skeleton
+from waychair.types import FloatArray, IntArray, Pose2
+
+_ASLEEP = int(Kept.LTM)  # looked up often
+_LATEST = 32  # nodes of an anchor that are looked at, however often the chair has come by
+
+
+@dataclass(frozen=True, slots=True)
+class Surroundings:
+    """What is round the chair: nodes of the WM within reach, nearest first; nodes of the planned path; the newest node.
+
+    `sleepers` (nearest first) are sleeping nodes within reach of places where none is awake.
+    """
+
+    here: int
+    near: Sequence[int] = ()
+    path: Sequence[int] = ()
+    sleepers: Sequence[int] = field(default=())
+
+
+def surroundings(
+    skeleton: Skeleton,
+    anchors: FloatArray,
+    here: Pose2,
+    newest: int,
+    wm: Collection[int],
+    path: Sequence[int],
+    settings: MemorySettings,
+) -> Surroundings:
+    """What is within `local_radius` of the chair at `here`, where the anchors stand at (A, 3) in map."""
+    near = _nearest(np.array(sorted(wm), np.int64), skeleton, anchors, here, settings.local_radius)
+    sleepers = _sleepers(skeleton, anchors, here, newest, wm, settings) if settings.wake_by_place else []
+    return Surroundings(newest, near, path, sleepers)
+
+
+def wanted(skeleton: Skeleton, hypothesis: int | None, around: Surroundings, settings: MemorySettings) -> list[int]:
+    """Sleeping nodes to wake, the most urgent first; no more than may be woken in one iteration.
+
+    What is round the chair goes first: nodes of the planned path, neighbours of the nodes near it, their neighbours.
+    Then what is round the highest hypothesis, whatever its probability, by level: over neighbours in time, the newest
+    id of a level first, and then over loops.
+    """
+    local = _local(skeleton, around, settings.max_local_retrieved)
+    most = settings.max_retrieved + len(local)
+    queue = dict.fromkeys(local)
+    if hypothesis is not None:
+        for node in _round_hypothesis(skeleton, hypothesis, settings.prediction_levels):
+            if len(queue) >= most:
+                break
+            queue[node] = None
+    return list(queue)
+
+
+def immunised(
+    skeleton: Skeleton,
+    hypothesis: int | None,
+    around: Surroundings,
+    awake: Collection[int],
+    wm_size: int,
+    settings: MemorySettings,
+) -> set[int]:
+    """Awake nodes that are not to be put to sleep in this iteration, but for those just woken.
+
+    Those round the hypothesis in time always; then, within a budget (`local_immunization_ratio` of the WM): nodes of
+    the planned path near the chair, the shortest way from the nearest node of the WM to the newest one, and the nearest
+    nodes.
+    """
+    kept: set[int] = set()
+    if hypothesis is not None:
+        for level in skeleton.levels(hypothesis, settings.prediction_levels, IN_TIME):
+            kept.update(node for node in level if node in awake)
+    budget = int(settings.local_immunization_ratio * wm_size)
+    near = frozenset(around.near)
+    on_path = [node for node in around.path if node in near]
+    way = _shortest_way(skeleton, around.near[0], around.here, awake) if around.near else []
+    used = 0
+    for node in (*on_path, *way):
+        used += node not in kept
+        kept.add(node)
+    for node in around.near:
+        if used >= budget:
+            break
+        used += node not in kept
+        kept.add(node)
+    return kept
+
+
+def _local(skeleton: Skeleton, around: Surroundings, most: int) -> list[int]:
+    queue: dict[int, None] = {}
+    kept = skeleton.rows["kept"]
+
+    def candidates() -> Iterator[int]:
+        yield from around.path
+        for node in around.near:
+            yield from skeleton.neighbours(node)
+        for node in list(queue):
+            yield from skeleton.neighbours(node)
+        yield from around.sleepers
+
+    for node in candidates():
+        if len(queue) >= most:
+            break
+        if kept[node] == _ASLEEP:
+            queue[node] = None
+    return list(queue)
+
+
+def _round_hypothesis(skeleton: Skeleton, hypothesis: int, most: int) -> Iterator[int]:
+    kept = skeleton.rows["kept"]
+    for ways in (IN_TIME, ANY):
+        for level in skeleton.levels(hypothesis, most, ways):
+            yield from (node for node in reversed(level) if kept[node] == _ASLEEP)
+
+
+def _nearest(nodes: IntArray, skeleton: Skeleton, anchors: FloatArray, here: Pose2, radius: float) -> list[int]:
+    """Those of the nodes (ascending) within the radius [m], nearest first."""
+    if not len(nodes) or not len(anchors):
+        return []
+    away = np.hypot(*(skeleton.poses(nodes, anchors)[:, :2] - (here.x, here.y)).T)
+    order = np.argsort(away, kind="stable")
+    near: list[int] = nodes[order[away[order] <= radius]].tolist()
+    return near
+
+
+def _sleepers(
+    skeleton: Skeleton, anchors: FloatArray, here: Pose2, newest: int, wm: Collection[int], settings: MemorySettings
+) -> list[int]:
+    """Of each anchor in reach of which no node is awake the sleeping one, among the latest, that weighs most, and of
+    equals the newest."""
+    if not len(anchors):
+        return []
+    rows = skeleton.rows
+    away = np.hypot(*(anchors[:, :2] - (here.x, here.y)).T)
+    within = np.flatnonzero(away <= settings.local_radius)
+    taken = {int(rows["anchor"][newest]), *rows["anchor"][np.fromiter(wm, np.int64)].tolist()}
+    found: list[int] = []
+    for anchor in within[np.argsort(away[within], kind="stable")].tolist():
+        if len(found) >= settings.max_local_retrieved:
+            break
+        asleep = [] if anchor in taken else [n for n in skeleton.on(anchor)[-_LATEST:] if rows["kept"][n] == _ASLEEP]
+        if asleep:
+            found.append(max(asleep, key=lambda node: (int(rows["weight"][node]), node)))
+    return found
+
+
+def _shortest_way(skeleton: Skeleton, start: int, goal: int, awake: Collection[int]) -> list[int]:
+    """Nodes of the shortest way [m] along links between awake nodes, both ends included; none where there is no way."""
+    before, length, queue = {start: start}, {start: 0.0}, [(0.0, start)]
+    while queue:
+        so_far, node = heapq.heappop(queue)
+        if node == goal:
+            break
+        if so_far > length[node]:
+            continue
+        for there, far in skeleton.steps(node):
+            longer = so_far + far
+            if there in awake and longer < length.get(there, math.inf):
+                before[there], length[there] = node, longer
+                heapq.heappush(queue, (longer, there))
+    if goal not in before:
+        return []
+    way = [goal]
+    while way[-1] != start:
+        way.append(before[way[-1]])
+    return way

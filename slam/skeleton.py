@@ -1,0 +1,209 @@
+"""What is kept in RAM of every node there ever was, asleep or not: about 60 B a node and 100 B a link.
+
+Arrays, not objects: 36,000 nodes (10 h at 1 Hz) take 6 MB, up to twice that just after they have grown, and nothing
+for the garbage collector to walk through. So the neighbours of any node are known without reading a disk.
+
+**Where sleeping nodes stand.** A node hangs on an anchor, a key scan of the graph that is optimised, and moves with it.
+That graph grows with the building and not with the time spent in it (`KeyGraph`), so the cost of optimising it is
+bounded, none of its nodes needs to be marginalised, and a loop that bends it moves the sleeping nodes at once: their
+poses are one composition away. RTAB-Map optimises what is awake only, and its grid shrinks to that. The alternative, a
+full graph of all nodes ever, has exact poses too, but its optimisation takes longer every hour.
+"""
+
+from __future__ import annotations
+
+import math
+from array import array
+from collections.abc import Collection, Iterable, Iterator, Sequence
+
+import numpy as np
+
+from waychair.geometry import compose
+from waychair.slam.edges import Edge, EdgeKind
+from waychair.slam.nodes import IN_TIME, Kept, Link, LinkKind, carried
+from waychair.types import FloatArray, IntArray, Pose2
+
+NODE = np.dtype(
+    [
+        ("stamp_ns", np.int64),
+        ("entered_ns", np.int64),  # time at which it joined the WM, or was last near the chair
+        ("map_id", np.int32),
+        ("weight", np.int32),  # -1: an intermediate node
+        ("anchor", np.int32),
+        ("kept", np.int8),
+        ("anchor_from_node", np.float64, 3),
+    ]
+)
+LINK = np.dtype([("i_from_j", np.float64, 3), ("information", np.float64, (3, 3))])
+
+ANY = frozenset(LinkKind)
+
+
+class Skeleton:
+    """Nodes by id, counted from 1, and links between them; each link belongs to both of its ends alike."""
+
+    def __init__(self) -> None:
+        self.rows = np.zeros(64, NODE)
+        """What is known of node k, in row k; rows from `count` on are not in use."""
+        self.rows["anchor"][0] = -1  # there is no node 0
+        self.count = 1
+        self._links = np.zeros(64, LINK)
+        # half-edge h is one end of link h >> 1, half-edge h ^ 1 the other; those of a node form a list
+        self._ends = array("i")
+        self._kinds = array("b")  # of links, apart because they are looked up one by one
+        self._first = array("i", [-1]) * 64
+        self._after = array("i")
+        self._free: list[int] = []
+        self._on: dict[int, list[int]] = {}  # nodes that hang on an anchor
+
+    def add(self, node: int, stamp_ns: int, map_id: int, anchor: int, anchor_from_node: Pose2) -> None:
+        """A new node, in the STM; ids may be left out, but not come again."""
+        if node < self.count:
+            raise ValueError(f"node {node} was there already; the next one may be {self.count}")
+        self.reserve(node + 1)
+        self.rows[node] = (stamp_ns, 0, map_id, 0, anchor, Kept.STM, anchor_from_node.array())
+        self._on.setdefault(anchor, []).append(node)
+
+    def reserve(self, count: int) -> None:
+        """The next node is `count` at least; there may be rows that no node has."""
+        while count > len(self.rows):
+            self.rows = np.concatenate([self.rows, np.zeros_like(self.rows)])
+            self._first.extend(array("i", [-1]) * len(self._first))
+        self.count = max(self.count, count)
+
+    def remove(self, node: int) -> None:
+        """The node is gone, its links as well."""
+        for link in self.links(node):
+            self.unlink(link.i, link.j)
+        self._on[int(self.rows["anchor"][node])].remove(node)
+        self.rows["kept"][node] = Kept.GONE
+
+    def kept(self, node: int) -> Kept:
+        """Where the node is."""
+        return Kept(int(self.rows["kept"][node])) if 0 < node < self.count else Kept.GONE
+
+    def ids(self, *where: Kept) -> list[int]:
+        """Nodes that are there, in ascending order; walks through all there ever were."""
+        return np.flatnonzero(np.isin(self.rows["kept"][: self.count], where or (1, 2, 3))).tolist()
+
+    def link(self, link: Link) -> None:
+        """Joins two nodes; a link that they have already is replaced."""
+        self.unlink(link.i, link.j)
+        if self._free:
+            row = self._free.pop()
+        else:
+            row = len(self._ends) // 2
+            self._ends.extend((0, 0))
+            self._after.extend((-1, -1))
+            self._kinds.append(0)
+            if row == len(self._links):
+                self._links = np.concatenate([self._links, np.zeros_like(self._links)])
+        self._kinds[row] = link.kind
+        self._links[row] = (link.i_from_j.array(), link.information)
+        for half, node in ((2 * row, link.i), (2 * row + 1, link.j)):
+            self._ends[half] = node
+            self._after[half] = self._first[node]
+            self._first[node] = half
+
+    def unlink(self, i: int, j: int) -> bool:
+        """Whether the two were linked; they are no longer."""
+        row = self._row(i, j)
+        if row is None:
+            return False
+        for half in (2 * row, 2 * row + 1):
+            node = self._ends[half]
+            if self._first[node] == half:
+                self._first[node] = self._after[half]
+                continue
+            before = self._first[node]
+            while self._after[before] != half:
+                before = self._after[before]
+            self._after[before] = self._after[half]
+        self._free.append(row)
+        return True
+
+    def linked(self, i: int, j: int) -> Link | None:
+        """The link from i to j, if there is one."""
+        row = self._row(i, j)
+        return None if row is None else self._link(row).from_node(i)
+
+    def links(self, node: int, kinds: Collection[LinkKind] = ANY) -> list[Link]:
+        """Those of a node, each with the node as its i, the latest first."""
+        found = (self._link(half >> 1).from_node(node) for half in self._halves(node))
+        return [link for link in found if link.kind in kinds]
+
+    def neighbours(self, node: int, kinds: Collection[LinkKind] = ANY) -> list[int]:
+        """The nodes at the other ends of its links."""
+        return [self._ends[half ^ 1] for half in self._halves(node) if self._kinds[half >> 1] in kinds]
+
+    def steps(self, node: int) -> list[tuple[int, float]]:
+        """The nodes at the other ends of its links, and how far away [m] they were measured."""
+        rows = [(self._ends[half ^ 1], half >> 1) for half in self._halves(node)]
+        return [(there, math.hypot(*self._links["i_from_j"][row, :2].tolist())) for there, row in rows]
+
+    def every_link(self) -> Iterator[Link]:
+        """Each link once."""
+        free = set(self._free)
+        return (self._link(row) for row in range(len(self._ends) // 2) if row not in free)
+
+    def levels(self, start: int, most: int, kinds: Collection[LinkKind] = ANY) -> Iterator[list[int]]:
+        """Nodes 0, 1, ... `most` links away, each list in ascending order."""
+        seen, level = {start}, [start]
+        yield level
+        for _ in range(most):
+            following = {there for here in level for there in self.neighbours(here, kinds)} - seen
+            if not following:
+                return
+            seen |= following
+            level = sorted(following)
+            yield level
+
+    def hang(self, node: int, anchor: int, anchor_from_node: Pose2) -> None:
+        """The node moves with another anchor from now on."""
+        self._on[int(self.rows["anchor"][node])].remove(node)
+        self._on.setdefault(anchor, []).append(node)
+        self.rows["anchor"][node] = anchor
+        self.rows["anchor_from_node"][node] = anchor_from_node.array()
+
+    def on(self, anchor: int) -> Sequence[int]:
+        """Nodes that hang on an anchor."""
+        return self._on.get(anchor, ())
+
+    def anchor_from_node(self, node: int) -> Pose2:
+        """Where the node is from its anchor."""
+        return Pose2(*self.rows["anchor_from_node"][node].tolist())
+
+    def poses(self, nodes: Iterable[int] | IntArray, anchors: FloatArray) -> FloatArray:
+        """(K, 3) [m, m, rad] of K nodes in map, whose anchors stand at `anchors` (A, 3); nan where one has no pose."""
+        ids = np.fromiter(nodes, np.int64)
+        on = self.rows["anchor"][ids]
+        known = np.full((len(ids), 3), np.nan)
+        there = (on >= 0) & (on < len(anchors))
+        known[there] = anchors[on[there]]
+        return compose(known, self.rows["anchor_from_node"][ids])
+
+    def anchor_edge(self, link: Link, kind: EdgeKind = EdgeKind.LOOP) -> Edge | None:
+        """The link as an edge between the anchors of its ends; None where both hang on one."""
+        i, j = self.rows["anchor"][[link.i, link.j]].tolist()
+        if i == j:
+            return None
+        off_i, off_j = self.anchor_from_node(link.i), self.anchor_from_node(link.j)
+        return Edge(i, j, off_i @ link.i_from_j @ off_j.inverse(), carried(link.information, off_j), kind)
+
+    def ways_in_time(self, node: int) -> list[int]:
+        """Its neighbours along the way that was driven."""
+        return self.neighbours(node, IN_TIME)
+
+    def _halves(self, node: int) -> Iterator[int]:
+        half = self._first[node]
+        while half >= 0:
+            yield half
+            half = self._after[half]
+
+    def _row(self, i: int, j: int) -> int | None:
+        return next((half >> 1 for half in self._halves(i) if self._ends[half ^ 1] == j), None)
+
+    def _link(self, row: int) -> Link:
+        measured, information = self._links[row]
+        i, j = self._ends[2 * row], self._ends[2 * row + 1]
+        return Link(i, j, LinkKind(self._kinds[row]), Pose2(*measured.tolist()), information.copy())

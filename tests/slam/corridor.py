@@ -1,0 +1,63 @@
+"""A memory of a straight corridor: node k stands k metres from the start, and is its own anchor."""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+
+from waychair.slam.memory import Memory
+from waychair.slam.memory_settings import MemorySettings
+from waychair.slam.nodes import Evidence, Link, LinkKind, Node
+from waychair.slam.skeleton import Skeleton
+from waychair.types import Pose2, Scan
+
+SECOND = 1_000_000_000
+SURE = np.diag([100.0, 100.0, 400.0])
+
+
+def view(k: int, words: list[int] | None = None, x: float | None = None, second: float | None = None) -> Node:
+    """A node k metres down the corridor, seen at second k, with five words of its own, unless told otherwise."""
+    own = list(range(10 * k + 1, 10 * k + 6)) if words is None else words
+    rng = np.random.default_rng(k)
+    scan = Scan(k * SECOND, rng.uniform(1.0, 5.0, 40).astype(np.float32), -math.pi, math.tau / 40, 0.0, 0.1, 10.0)
+    return Node(
+        round((k if second is None else second) * SECOND),
+        Pose2(float(k) if x is None else x),
+        np.array(own, np.int32),
+        rng.random((len(own), 2), np.float32),
+        rng.random((len(own), 3), np.float32),
+        rng.integers(0, 256, (len(own), 32), dtype=np.uint8),
+        rng.random((40, 2), np.float32),
+        Evidence(scan, Pose2(0.2), Pose2(0.21)),
+    )
+
+
+def corridor(length: int, settings: MemorySettings, memory: Memory | None = None) -> Memory:
+    """A drive over so many nodes; nothing is woken or put to sleep."""
+    memory = memory or Memory(settings)
+    stand(memory, length)
+    for k in range(1, length + 1):
+        memory.add(view(k), SURE)
+    return memory
+
+
+def stand(memory: Memory, length: int) -> None:
+    """The anchors stand where the nodes are, each facing down the corridor."""
+    anchors = np.zeros((length + 1, 3))
+    anchors[:, 0] = np.arange(length + 1)
+    memory.bend(anchors)
+
+
+def loop(i: int, j: int, kind: LinkKind = LinkKind.GLOBAL) -> Link:
+    return Link(i, j, kind, Pose2(0.1, 0.2, 0.3), SURE)
+
+
+def chain(length: int) -> Skeleton:
+    """Nodes 1, 2, ... one metre apart, each its own anchor, linked as neighbours; all of them in the STM."""
+    skeleton = Skeleton()
+    for node in range(1, length + 1):
+        skeleton.add(node, node * SECOND, 0, node, Pose2())
+        if node > 1:
+            skeleton.link(Link(node - 1, node, LinkKind.NEIGHBOUR, Pose2(1.0), SURE))
+    return skeleton
