@@ -50,6 +50,7 @@ def localize_command(
 
     from waychair import config as configuration
     from waychair.cli.arguments import BadArgument, pose_from_text
+    from waychair.maps.depth_layer import load_depth_layer, scanned_part
     from waychair.maps.map_files import load_map
     from waychair.runtime.localising import LocalisingSettings, localise_recording, save_localised
 
@@ -57,6 +58,7 @@ def localize_command(
     settings = replace(settings, input=reading.over(settings.input))
     begin = None if start is None else pose_from_text(start, "--start")
     grid = load_map(map)
+    grid = scanned_part(grid, load_depth_layer(map, grid))
     if out.resolve() in (map.resolve(), map.resolve().parent):
         raise BadArgument(f"--out {out} is the map's own folder, whose files would be lost; choose another one")
     with stages(quiet) as progress:

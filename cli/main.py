@@ -49,6 +49,16 @@ app.command(
     help="Make a dictionary of visual words of pictures.",
 )
 app.command(
+    "waychair.cli.reporting:report_command",
+    name="report",
+    help="Print what the memory of a map came to, beside the published tables.",
+)
+app.command(
+    "waychair.cli.exporting:export_command",
+    name="export",
+    help="Write the coloured point cloud of a recording or of a map.",
+)
+app.command(
     "waychair.cli.settings:config_command",
     name="config",
     help="Print all settings with their defaults, units and meaning.",

@@ -4,11 +4,12 @@ from __future__ import annotations
 
 import time
 from pathlib import Path
-from typing import Annotated
+from typing import Annotated, Literal
 
 from cyclopts import Parameter
 
 from waychair.cli.recordings import RecordingOptions, stages
+from waychair.types import Json
 
 AS_RECORDED = RecordingOptions()
 
@@ -20,6 +21,8 @@ def map_command(
     out: Path,
     reading: RecordingOptions = AS_RECORDED,
     config: Path | None = None,
+    depth: Literal["on", "off", "only"] | None = None,
+    vision: Literal["on", "off"] | None = None,
     quiet: bool = False,
 ) -> None:
     """Make a map of a recording.
@@ -27,6 +30,12 @@ def map_command(
     Reads CARMEN logs (.clf, .log) and CoreSLAM logs (.dat), gzipped or not, ROS 1 bags, and ROS 2 bags (folder, .mcap,
     .db3), told apart by their content; writes map.yaml, map.pgm, trajectory.tum, graph.g2o, config.yaml, report.json
     and report.html. When it is stopped, the same command goes on near where it was.
+
+    Pictures with depth in a bag add what the lidar does not see: table tops, low things, and where the floor ends;
+    depth.yaml and depth.pgm then say which cells of the map those are.
+
+    They also tell that the chair is where it was before; memory.db holds the places, and a run that is stopped then
+    begins anew.
 
     Of a folder of colour and depth pictures (TUM RGB-D's rgb/ and depth/, or frame-N.color and frame-N.depth.png) it
     writes trajectory.tum, in space and of the camera's optical frame, config.yaml and report.json.
@@ -39,6 +48,10 @@ def map_command(
         Folder for the map.
     config
         YAML file with settings that differ from the defaults (see `waychair config`).
+    depth
+        What is done with a bag's pictures with depth: on, beside the lidar; off; only, in the lidar's stead.
+    vision
+        Whether places are known again by a bag's pictures with depth, and loops closed by them.
     quiet
         Print nothing but errors.
     """
@@ -53,6 +66,8 @@ def map_command(
         return
     settings = MappingSettings() if config is None else configuration.load(MappingSettings, config)
     settings = replace(settings, input=reading.over(settings.input))
+    settings = settings if depth is None else replace(settings, depth=replace(settings.depth, use=depth))
+    settings = settings if vision is None else replace(settings, vision=vision)
     with stages(quiet) as progress:
         started = time.process_time()
         log = progress.read(recording, settings.input)
@@ -65,8 +80,26 @@ def map_command(
         print(
             f"{report['frames']} scans over {report['distance_m']:.0f} m, {report['key_scans']} key scans, "
             f"{report['edges']['loop']} loop closures, {report['grid']['known_m2']:.0f} m2 known, "
-            f"{report['cpu_seconds']['total']:.1f} s of CPU: {out}/map.yaml"
+            f"{_depth_line(report['depth'])}{_memory_line(report)}{report['cpu_seconds']['total']:.1f} s of CPU: {out}/map.yaml"
         )
+
+
+def _depth_line(depth: Json) -> str:
+    """What the pictures gave, if there are any."""
+    if not depth["kept"]:
+        return ""
+    return f"{depth['kept']} of {depth['pictures']} pictures with {depth['drop_offs_m2']:.1f} m2 of drop-offs, "
+
+
+def _memory_line(report: Json) -> str:
+    """What the memory of places came to, if there is one."""
+    if "memory" not in report:
+        return ""
+    told, counts = report["memory"], report["memory"]["memory"]
+    return (
+        f"{counts['words']} words in {counts['stm']} + {counts['wm']} + {counts['ltm']} nodes (STM + WM + LTM), "
+        f"{told['links']['by appearance']} loops by appearance, {told['revisits']} revisits, "
+    )
 
 
 def _map_pictures(recording: Path, out: Path, reading: RecordingOptions, config: Path | None, quiet: bool) -> None:

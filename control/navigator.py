@@ -195,9 +195,9 @@ class Navigator:
         """Told what the sonars say, at map_from_base."""
         self._surroundings.hear(readings, pose)
 
-    def look(self, frame: RgbdFrame, pose: Pose2) -> None:
-        """Told what the depth camera sees, at map_from_base."""
-        self._surroundings.look(frame, pose)
+    def look(self, frame: RgbdFrame, pose: Pose2, level_from_base: FloatArray | None = None) -> None:
+        """Told what the depth camera sees, at map_from_base, and how the chair leans (3, 3), if that is known."""
+        self._surroundings.look(frame, pose, level_from_base)
 
     def step(
         self,

@@ -10,11 +10,12 @@ import numpy as np
 
 from waychair.calibration.chair import BodyLayer, ChairBody, sonar_mounts
 from waychair.config import Settings, setting
+from waychair.maps.depth_scan import levelled_mount
 from waychair.maps.distance_field import DistanceField, distances
 from waychair.maps.grid import cells_from_points, inside, occupied
+from waychair.maps.ground import GroundSettings, ground_view
 from waychair.maps.zones import Zone
 from waychair.planning.costmap import closed_off
-from waychair.planning.ground import GroundSettings, ground_view
 from waychair.planning.obstacle_layer import (
     EMPTY,
     ObstacleLayer,
@@ -94,13 +95,18 @@ class Surroundings:
                 sight = replace(sight, hits=np.zeros(len(sight.hits), np.bool_))
             self._sonar = self._news(updated(self._sonar, sight, s.obstacles))
 
-    def look(self, frame: RgbdFrame, pose: Pose2) -> None:
+    def look(self, frame: RgbdFrame, pose: Pose2, level_from_base: FloatArray | None = None) -> None:
         """A depth image from map_from_base: table tops and what else is not at the lidar's height, and the floor's end.
+
+        It is levelled by the chair's lean (3, 3), if that is known.
 
         An edge of the floor stays remembered when the camera, which looks ahead over it, has lost sight of it.
         """
         s, body = self._settings, self._body
-        view = ground_view(frame, body.base_from_camera, body.front, s.ground)
+        mount = (
+            body.base_from_camera if level_from_base is None else levelled_mount(body.base_from_camera, level_from_base)
+        )
+        view = ground_view(frame, mount, body.front, s.ground)
         for layer, seen in self._depth.items():
             sight = sight_from_depth(view, pose, layer, s.floor)
             self._depth[layer] = self._news(updated(seen, sight, s.obstacles))

@@ -9,14 +9,21 @@ the chair go first, so that the grid and the chair's pose soon agree again about
 from __future__ import annotations
 
 from collections import deque
+from collections.abc import Sequence
 from dataclasses import dataclass
+from typing import Generic, Protocol, TypeVar
 
 import numpy as np
 
 from waychair.config import Settings, setting
 from waychair.geometry import compose
+from waychair.maps.depth_evidence import DepthEvidence
+from waychair.maps.depth_scan import DepthScan
 from waychair.maps.occupancy import EvidenceGrid, OccupancySettings, batches
 from waychair.types import FloatArray, IntArray, OccupancyGrid, Scan
+
+T = TypeVar("T")
+Drawn_contra = TypeVar("Drawn_contra", contravariant=True)
 
 _GONE = -1  # node of a row whose scan is to be taken out, or that is free
 
@@ -29,16 +36,34 @@ class AssemblySettings(Settings):
     beams_per_call: int = setting(20_000, "", "beams drawn or taken out in one call", low=1, high=10**9)
 
 
-class GridAssembly:
-    """Scans by the number that the caller gives them, the places where they are drawn, and the grid of them all."""
+class Evidence(Protocol[Drawn_contra]):
+    """What scans are drawn on, and taken out of again to the last bit."""
 
-    def __init__(self, occupancy: OccupancySettings | None = None, settings: AssemblySettings | None = None) -> None:
+    settings: OccupancySettings
+
+    def add(self, first: FloatArray, last: FloatArray, scans: Sequence[Drawn_contra]) -> None:
+        """Draw scans taken by a sensor that moved from poses (N, 3) [m, m, rad] to others."""
+
+    def remove(self, first: FloatArray, last: FloatArray, scans: Sequence[Drawn_contra]) -> None:
+        """Take out what was added at the very same poses."""
+
+    def beams(self, scan: Drawn_contra) -> int:
+        """What drawing a scan costs."""
+
+    def reach(self, scan: Drawn_contra) -> float:
+        """How far from the sensor's pose [m] a scan is drawn, or more."""
+
+
+class Assembly(Generic[T]):
+    """Scans by the number that the caller gives them, and the places where they are drawn."""
+
+    def __init__(self, evidence: Evidence[T], settings: AssemblySettings | None = None) -> None:
         self.settings = settings or AssemblySettings()
-        self._evidence = EvidenceGrid(occupancy)
+        self._evidence = evidence
         self._nodes = np.empty((0, 3))
         self._rows: dict[int, int] = {}
         self._free: list[int] = []
-        self._scans: list[Scan | None] = []  # by row, as all below
+        self._scans: list[T | None] = []  # by row, as all below
         self._node = np.empty(0, np.int64)
         self._reach = np.empty(0)  # [m] of the longest beam
         self._node_from_laser = np.empty((0, 2, 3))  # at the first beam and at the last one
@@ -54,7 +79,7 @@ class GridAssembly:
         """At most so many scans are still to be drawn, taken out or moved; 0 when all is done."""
         return len(self._changed) + len(self._moved)
 
-    def add(self, number: int, scan: Scan, node: int, first: FloatArray, last: FloatArray) -> None:
+    def add(self, number: int, scan: T, node: int, first: FloatArray, last: FloatArray) -> None:
         """A scan that hangs on a node, to be drawn before those that have only moved.
 
         Args:
@@ -70,7 +95,7 @@ class GridAssembly:
         self._rows[number] = row
         self._scans[row] = scan
         self._node[row] = node
-        self._reach[row] = _longest(scan, self._evidence.settings)
+        self._reach[row] = self._evidence.reach(scan)
         self._node_from_laser[row] = first, last
         self._changed.append(row)
 
@@ -109,7 +134,7 @@ class GridAssembly:
             scan = self._scans[row]
             if scan is not None:
                 rows.append(row)
-                beams += 2 * len(scan.ranges)
+                beams += 2 * self._evidence.beams(scan)
         every = np.unique(np.array(rows, np.int64))
         return sum(self._redraw(every[part]) for part in batches(len(every)))
 
@@ -118,10 +143,6 @@ class GridAssembly:
         self._moved = self._off_by_more_than(0.0).tolist()
         while self.pending:
             self.draw()
-
-    def grid(self) -> OccupancyGrid:
-        """A copy of the grid as it is now; all unknown when nothing was drawn yet."""
-        return self._evidence.grid()
 
     def _redraw(self, rows: IntArray) -> int:
         """Take out what is drawn of these rows elsewhere, and draw what belongs there; returns the beams."""
@@ -137,7 +158,7 @@ class GridAssembly:
         for row in rows[gone].tolist():
             self._scans[row] = None
             self._free.append(row)
-        return sum(len(scan.ranges) for scan in (*taken, *drawn))
+        return sum(self._evidence.beams(scan) for scan in (*taken, *drawn))
 
     def _places(self, rows: IntArray) -> FloatArray:
         """(K, 2, 3) where the laser was in map at the first and last beam of the scans of rows (K,), by the nodes."""
@@ -153,7 +174,7 @@ class GridAssembly:
         off: IntArray = rows[~(shift <= distance)]  # nan: it is not drawn
         return off
 
-    def _scans_of(self, rows: IntArray) -> list[Scan]:
+    def _scans_of(self, rows: IntArray) -> list[T]:
         return [scan for scan in (self._scans[row] for row in rows.tolist()) if scan is not None]
 
     def _make_rows(self) -> None:
@@ -168,7 +189,25 @@ class GridAssembly:
         self._drawn = np.concatenate([self._drawn, np.full((more, 2, 3), np.nan)])
 
 
-def _longest(scan: Scan, settings: OccupancySettings) -> float:
-    """Length of the longest beam that is drawn [m], or more."""
-    seen = scan.ranges[np.isfinite(scan.ranges)]
-    return min(max(float(seen.max(initial=0.0)), settings.open_range), settings.range_max)
+class GridAssembly(Assembly[Scan]):
+    """The lidar's scans, and the grid of them all."""
+
+    def __init__(self, occupancy: OccupancySettings | None = None, settings: AssemblySettings | None = None) -> None:
+        self._cells = EvidenceGrid(occupancy)
+        super().__init__(self._cells, settings)
+
+    def grid(self) -> OccupancyGrid:
+        """A copy of the grid as it is now; all unknown when nothing was drawn yet."""
+        return self._cells.grid()
+
+
+class DepthAssembly(Assembly[DepthScan]):
+    """What depth images tell of the floor plan, and the grids of what stands on the floor and of where it ends."""
+
+    def __init__(self, occupancy: OccupancySettings | None = None, settings: AssemblySettings | None = None) -> None:
+        self._cells = DepthEvidence(occupancy)
+        super().__init__(self._cells, settings)
+
+    def grids(self) -> tuple[OccupancyGrid, OccupancyGrid]:
+        """Copies of the grid of obstacles and of the grid of drop-offs, as they are now."""
+        return self._cells.obstacles.grid(), self._cells.drops.grid()

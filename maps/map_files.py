@@ -22,7 +22,7 @@ from waychair.files import write_bytes, write_text
 from waychair.maps.grid import OCCUPIED_FROM
 from waychair.types import UNKNOWN, Bytes, Cells, FloatArray, OccupancyGrid, Pose2
 
-MAP_YAML, MAP_IMAGE, MAP_PNG = "map.yaml", "map.pgm", "map.png"
+MAP_YAML = "map.yaml"
 OCCUPIED_PIXEL, FREE_PIXEL, UNKNOWN_PIXEL = 0, 254, 205
 RAW_UNKNOWN_PIXEL = 255
 FREE_BELOW = 50
@@ -52,8 +52,10 @@ class MapInfo:
     free_thresh: float
 
 
-def save_map(folder: Path, grid: OccupancyGrid, *, mode: Mode = "trinary") -> None:
+def save_map(folder: Path, grid: OccupancyGrid, *, mode: Mode = "trinary", name: str = "map") -> None:
     """Write the image (map.pgm, for scale map.png) and then map.yaml into a folder, each whole or not at all.
+
+    `name` stands in for map in both.
 
     Trinary keeps occupied (from 65 %), free (below 50 %) and unknown; raw and scale keep every value. Scale has
     thresholds of its own, 0 and 1, so that a percent is a percent, and the unknown is transparent.
@@ -61,10 +63,10 @@ def save_map(folder: Path, grid: OccupancyGrid, *, mode: Mode = "trinary") -> No
     Raises:
         OutputError: the folder cannot be made or written to.
     """
-    name, image = (MAP_PNG, _scale_image(grid)) if mode == "scale" else (MAP_IMAGE, _pgm(grid, mode))
+    file, image = (f"{name}.png", _scale_image(grid)) if mode == "scale" else (f"{name}.pgm", _pgm(grid, mode))
     origin = grid.map_from_grid
     values = {
-        "image": name,
+        "image": file,
         "mode": mode,
         "resolution": float(grid.resolution),
         "origin": [float(origin.x), float(origin.y), float(origin.theta)],
@@ -72,8 +74,8 @@ def save_map(folder: Path, grid: OccupancyGrid, *, mode: Mode = "trinary") -> No
         "occupied_thresh": 1.0 if mode == "scale" else OCCUPIED_THRESH,
         "free_thresh": 0.0 if mode == "scale" else FREE_THRESH,
     }
-    write_bytes(folder / name, image)
-    write_text(folder / MAP_YAML, yaml.safe_dump(values, sort_keys=False, default_flow_style=None))
+    write_bytes(folder / file, image)
+    write_text(folder / f"{name}.yaml", yaml.safe_dump(values, sort_keys=False, default_flow_style=None))
 
 
 def _pgm(grid: OccupancyGrid, mode: Mode) -> bytes:

@@ -106,6 +106,28 @@ class EvidenceGrid:
         """Take out scans that were added at the very same poses."""
         self._cast(first, last, scans, -self._hit, -self._miss)
 
+    def put(self, cells: IntArray, hits: BoolArray, *, take_out: bool = False) -> None:
+        """One hit or miss (N,) more for each of cells (N, 2), or one less; a cell's column 0 begins at x = 0.
+
+        Raises:
+            MapError: the grid would grow beyond `max_cells`.
+        """
+        if not len(cells):
+            return
+        self._include_cells(cells.min(axis=0), cells.max(axis=0) + 1)
+        cols, rows = (cells - self._low).T
+        amounts = np.where(hits, self._hit, self._miss).astype(np.int32)
+        _put(self._evidence, rows, cols, -amounts if take_out else amounts, *self._limits)
+
+    def beams(self, scan: Scan) -> int:
+        """How many beams drawing a scan draws."""
+        return len(scan.ranges)
+
+    def reach(self, scan: Scan) -> float:
+        """Length of the longest beam that is drawn [m], or more."""
+        s, seen = self.settings, scan.ranges[np.isfinite(scan.ranges)]
+        return min(max(float(seen.max(initial=0.0)), s.open_range), s.range_max)
+
     def include(self, low: FloatArray, high: FloatArray) -> None:
         """Grow until the area between two points (2,) [m] lies inside.
 
@@ -113,7 +135,11 @@ class EvidenceGrid:
             MapError: the grid would grow beyond `max_cells`.
         """
         s = self.settings
-        box = np.array([np.floor(low / s.resolution), np.floor(high / s.resolution) + 1.0])
+        self._include_cells(np.floor(low / s.resolution), np.floor(high / s.resolution) + 1.0)
+
+    def _include_cells(self, low: FloatArray | IntArray, high: FloatArray | IntArray) -> None:
+        """Grow until the cells from `low` (2,), column and row, to before `high` lie inside."""
+        s, box = self.settings, np.array([low, high], np.float64)
         if self._evidence.size:
             box = np.array([np.minimum(box[0], self._box[0]), np.maximum(box[1], self._box[1])])
         width, height = (box[1] - box[0]).tolist()
@@ -273,6 +299,14 @@ def _trace_ends(
                 ends[beam, 1] = poses[scan, 1] + i * steps[scan, 1] + r * math.sin(angle)
                 kinds[beam] = kind
             beam += 1
+
+
+@njit(cache=True, nogil=True)
+def _put(evidence: _Evidence, rows: IntArray, cols: IntArray, amounts: _Evidence, least: int, most: int) -> None:
+    """Add amounts to cells."""
+    for i in range(len(rows)):
+        row, col = rows[i], cols[i]
+        evidence[row, col] = min(most, max(least, evidence[row, col] + amounts[i]))
 
 
 @njit(cache=True, nogil=True)

@@ -17,7 +17,7 @@ from numba import njit
 from waychair.calibration.chair import BodyLayer
 from waychair.config import Settings, setting
 from waychair.geometry import transform_points, wrap_angles
-from waychair.planning.ground import BELOW, GROUND, MISSING, GroundView
+from waychair.maps.ground import BELOW, GROUND, MISSING, GroundView
 from waychair.types import BoolArray, FloatArray, IntArray, Pose2, SonarReadings
 
 

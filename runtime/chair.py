@@ -41,6 +41,7 @@ from waychair.runtime.monitor_process import MonitorInStep, MonitorPort, Watched
 from waychair.slam.localiser import Localisation, Localiser, LocaliserSettings
 from waychair.slam.odometry import OdometryFilter
 from waychair.slam.scan_points import scan_points
+from waychair.slam.tilt import TiltFilter
 from waychair.types import (
     ChairStatus,
     DriveMode,
@@ -141,6 +142,7 @@ class Chair:
         self._zones = zones
         self._delays = calibration.sensor_delays or SensorDelays()
         self._odometry = OdometryFilter(body)
+        self._tilt = TiltFilter(body)
         self._localiser = Localiser(grid, body.base_from_laser, start, s.localiser)
         model = model or calibration.dac or DEFAULT
         model = DeadBand(model) if isinstance(model, FittedDac) else model
@@ -237,13 +239,16 @@ class Chair:
                 twists.append(self._wheels.twist)
             elif isinstance(message, ImuSample):
                 self._odometry.update_imu(message)
+                self._tilt.update(message, self._twist)
             elif isinstance(message, Scan) and self._wheels is not None:
                 self._monitor.see(message)
                 seen = self._localise(message)
             elif isinstance(message, SonarReadings) and self._localisation is not None:
                 self.navigator.hear(message, self._map_from_base(message.stamp_ns))
             elif isinstance(message, RgbdFrame) and self._localisation is not None:
-                self.navigator.look(message, self._map_from_base(message.stamp_ns))
+                tilt = self._tilt.tilt
+                lean = None if tilt is None else tilt.level_from_base()
+                self.navigator.look(message, self._map_from_base(message.stamp_ns), lean)
             if not isinstance(message, SonarReadings):
                 self._fitness.hear(message, self._twist)
         if twists:  # one sample of an encoder is coarse

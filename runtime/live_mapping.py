@@ -14,12 +14,15 @@ from waychair.calibration.chair import CHAIR_A, ChairBody
 from waychair.config import Settings, setting
 from waychair.errors import NoScans
 from waychair.geometry import arc
+from waychair.maps.depth_evidence import merged
+from waychair.maps.depth_layer import depth_layer
 from waychair.maps.grid_assembly import AssemblySettings, GridAssembly
-from waychair.maps.occupancy import OccupancySettings
+from waychair.maps.occupancy import EvidenceGrid, OccupancySettings
+from waychair.runtime.depth_mapping import DepthMapping, DepthMappingSettings
 from waychair.slam.dead_reckoning import DeadReckoning
 from waychair.slam.mapper import Mapper, MapperResult, MapperSettings, odometry_of, twist_of
 from waychair.slam.odometry_model import OdometrySettings
-from waychair.types import OccupancyGrid, Pose2, Scan, SensorFrame, Twist
+from waychair.types import OccupancyGrid, Pose2, Pose3, RgbdFrame, Scan, SensorFrame, Twist
 
 
 @dataclass(frozen=True, slots=True)
@@ -33,6 +36,7 @@ class LiveMappingSettings(Settings):
     mapper: MapperSettings = field(default_factory=MapperSettings)
     grid: OccupancySettings = field(default_factory=OccupancySettings)
     assembly: AssemblySettings = field(default_factory=AssemblySettings)
+    depth: DepthMappingSettings = field(default_factory=DepthMappingSettings)
 
 
 class LiveMapping:
@@ -42,8 +46,17 @@ class LiveMapping:
     `reckon` and `include` for each and `settle`, which draws every scan once.
     """
 
-    def __init__(self, settings: LiveMappingSettings, base_from_laser: Pose2, body: ChairBody = CHAIR_A) -> None:
-        """`body` is the chair whose encoders count in the frames, if they hold counts; its laser may sit elsewhere."""
+    def __init__(
+        self,
+        settings: LiveMappingSettings,
+        base_from_laser: Pose2,
+        body: ChairBody = CHAIR_A,
+        base_from_camera: Pose3 | None = None,
+    ) -> None:
+        """`body` is the chair whose encoders count in the frames, if they hold counts; its laser may sit elsewhere.
+
+        So may its camera, whose optical frame's mount is `base_from_camera`.
+        """
         self.settings = settings
         self.base_from_laser = base_from_laser
         self.mapper = Mapper(settings.mapper, base_from_laser)
@@ -54,6 +67,8 @@ class LiveMapping:
         body = replace(body, laser_x=mount.x, laser_y=mount.y, laser_theta=mount.theta, laser_z=height)
         self._reckoning = DeadReckoning(body, settings.odometry)
         self._assembly = GridAssembly(settings.grid, settings.assembly)
+        camera = base_from_camera or body.base_from_camera
+        self.depth = DepthMapping(settings.depth, camera, body.front, settings.grid, settings.assembly)
         self._covered: list[list[int]] = []  # of each key scan: the frames in the grid that it stood for
 
     def process(self, frame: SensorFrame) -> Pose2:
@@ -67,7 +82,18 @@ class LiveMapping:
     def reckon(self, frame: SensorFrame) -> SensorFrame:
         """The frame with the odometry that wheels and IMU come to, its scan levelled; for every frame in its order."""
         with self._timed("odometry"):
-            return self._reckoning.update(frame)
+            reckoned = self._reckoning.update(frame)
+            self.depth.lean(self._reckoning.tilt)
+            return reckoned
+
+    def see(self, picture: RgbdFrame) -> None:
+        """A picture with depth, in the order of time; what it tells is yet to be drawn.
+
+        It is placed between the scans before and after it, so that it is in the grid once the latter was included.
+        """
+        with self._timed("depth"):
+            self.depth.see(picture)
+            self.depth.follow(self.mapper)
 
     def include(self, frame: SensorFrame) -> Pose2:
         """`map_from_base` of a reckoned frame with a scan; what it changes in the grid is yet to be drawn."""
@@ -78,26 +104,38 @@ class LiveMapping:
         self._tell(frame)
         with self._timed("grid"):
             self._follow(frame)
+        with self._timed("depth"):
+            self.depth.follow(self.mapper)
+        with self._timed("grid"):
             self._bend()
         return pose
 
     def draw(self) -> int:
         """Bring the grid nearer to what it should be, by one slice of work (see `GridAssembly.draw`)."""
         with self._timed("grid"):
-            return self._assembly.draw()
+            return self._assembly.draw() + self.depth.assembly.draw()
 
     @property
     def pending(self) -> int:
-        """At most so many scans are yet to be drawn or moved; 0 when the grid is up to date."""
-        return self._assembly.pending
+        """At most so many scans and pictures are yet to be drawn or moved; 0 when the grid is up to date."""
+        return self._assembly.pending + self.depth.assembly.pending
 
     def pose(self) -> Pose2:
         """`map_from_base` at the latest scan; the origin before the first."""
         return self.mapper.pose() if self.mapper.frames else Pose2()
 
     def grid(self) -> OccupancyGrid:
-        """The grid as it is drawn now; all unknown before the first scan."""
-        return self._assembly.grid()
+        """The grid as it is drawn now, of all sensors; all unknown before the first scan."""
+        return self.layered_grid()[0]
+
+    def layered_grid(self) -> tuple[OccupancyGrid, OccupancyGrid | None]:
+        """The grid as it is drawn now, and what only the camera sees of it (`maps.depth_layer`); None without pictures."""
+        if not len(self.depth.assembly):
+            return self._assembly.grid(), None
+        # without a lidar its scans are made of the very pictures
+        scanned = (EvidenceGrid(self.settings.grid) if self.settings.depth.use == "only" else self._assembly).grid()
+        grid, drops = merged(scanned, *self.depth.grids())
+        return grid, depth_layer(scanned, grid, drops)
 
     def settle(self) -> MapperResult:
         """The map so far, its graph optimised once more and its grid drawn to the end; mapping can go on after it.
@@ -108,9 +146,11 @@ class LiveMapping:
         if not self.mapper.frames:
             raise NoScans("there is no map yet, for no laser scan has come: is the lidar on, and its topic right?")
         result = self.mapper.result()
+        self.depth.follow(self.mapper, ended=True)
         with self._timed("grid"):
             self._bend()
             self._assembly.settle()
+            self.depth.assembly.settle()
         return result
 
     def resume(self, mapper: Mapper, frames: Sequence[SensorFrame]) -> None:
@@ -149,7 +189,8 @@ class LiveMapping:
 
     def _bend(self) -> None:
         here = self.pose()
-        self._assembly.bend(self.mapper.keys.poses, np.array([here.x, here.y]))
+        for assembly in (self._assembly, self.depth.assembly):
+            assembly.bend(self.mapper.keys.poses, np.array([here.x, here.y]))
 
     def _tell(self, frame: SensorFrame) -> None:
         own = odometry_of(frame)

@@ -7,18 +7,29 @@ import sys
 import time
 from collections.abc import Callable
 from contextlib import nullcontext
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from pathlib import Path
+from typing import Literal
 
 from waychair import config
 from waychair.config import setting
 from waychair.errors import NoScans
 from waychair.files import write_json
+from waychair.maps.depth_layer import save_depth_layer
 from waychair.maps.map_files import save_map
 from waychair.recording import InputSettings, Recording, write_tum
+from waychair.runtime.appearance_mapping import MemoryMaking, begin_memory
+from waychair.runtime.depth_recording import (
+    depth_report,
+    live_from_pictures,
+    mount_of_camera,
+    see_pictures,
+    warnings_of,
+)
 from waychair.runtime.live_mapping import LiveMapping, LiveMappingSettings
 from waychair.runtime.mapping_report import Cost, mapping_report, torn_warnings, write_mapping_page
 from waychair.runtime.resuming import Checkpoints, remove_checkpoint
+from waychair.slam.appearance import AppearanceSettings
 from waychair.slam.graph import write_g2o
 from waychair.slam.mapper import MapperResult
 from waychair.slam.mount_check import mount_warnings
@@ -33,15 +44,21 @@ class MappingSettings(LiveMappingSettings):
     checkpoint_interval: float = setting(
         20.0, "s", "between the states kept aside, from which a stopped run goes on", low=0.0, high=1e6
     )
+    vision: Literal["on", "off"] = setting("on", "", "on: places are known again by pictures, where there are any; off")
+    appearance: AppearanceSettings = field(default_factory=AppearanceSettings)
 
 
 @dataclass(frozen=True, slots=True)
 class Mapping:
-    """A mapped recording: the grid, the mapper's result, and the report as it is written to report.json."""
+    """A mapped recording: the grid, the mapper's result, and the report as it is written to report.json.
+
+    `depth` is what only the camera has seen of the grid (`maps.depth_layer`), None without pictures.
+    """
 
     grid: OccupancyGrid
     result: MapperResult
     report: Json
+    depth: OccupancyGrid | None = None
 
 
 def map_recording(
@@ -57,30 +74,71 @@ def map_recording(
     With a folder to keep its state in, a run that was stopped goes on where it was last kept, and gives what it would
     have given; the state is removed when the map is saved. `reading_s` is the CPU time that reading took, for the report.
 
+    Pictures with depth are drawn after the scans, or, as the settings say, left out, or mapped instead of the scans.
+    Unless vision is off, they also close loops, and the memory of their places is left in the folder; such a run, when
+    it is stopped, begins anew.
+
     Raises:
         NoScans: the recording has no frame with a scan.
+        NoPictures: it is to be mapped from pictures, and has none with depth, or does not say where the camera is.
         OutputError: the folder cannot be written to.
     """
     started, cpu = time.perf_counter(), time.process_time()
-    live = LiveMapping(settings, recording.base_from_laser)
+    camera, amiss = mount_of_camera(recording, settings.depth)
+    if settings.depth.use == "only":
+        live = live_from_pictures(recording, settings, camera, progress)
+        return _finished(live, recording, (started, cpu, reading_s), amiss, 0)
+    live = LiveMapping(settings, recording.base_from_laser, base_from_camera=camera)
     frames = [frame for frame in map(live.reckon, recording.frames) if frame.scan is not None]
     if not frames:
         raise NoScans(f"{recording.path} holds no laser scan, so no map can be made of it")
-    kept = None if keep_in is None else Checkpoints(keep_in, recording, settings, settings.checkpoint_interval)
+    seeing = None
+    if settings.vision == "on":
+        lens, _ = mount_of_camera(recording, replace(settings.depth, use="on"))
+        seeing = None if lens is None else begin_memory(recording, settings.appearance, lens, keep_in)
+    kept = None
+    if keep_in is not None and seeing is None:
+        kept = Checkpoints(keep_in, recording, settings, settings.checkpoint_interval)
     mapper, first = (None if kept is None else kept.restored()) or (live.mapper, 0)
     live.resume(mapper, frames[:first])
     with nullcontext() if kept is None else kept.noted():
         for index in range(first, len(frames)):
             live.include(frames[index])
+            if seeing is not None:
+                seeing.follow(live.mapper, frames[index])
             if kept is not None:
                 kept.offer(live.mapper, index + 1)
             if progress is not None:
                 progress((index + 1) / len(frames))
+    if camera is not None:
+        amiss += see_pictures(live, recording)
+    return _finished(live, recording, (started, cpu, reading_s), amiss, first, seeing)
+
+
+def _finished(
+    live: LiveMapping,
+    recording: Recording,
+    began: tuple[float, float, float],
+    amiss: list[str],
+    first: int,
+    seeing: MemoryMaking | None = None,
+) -> Mapping:
+    """The settled map; `began` are wall and CPU clock at its beginning and the CPU that reading took [s]."""
+    started, cpu, reading_s = began
     result = live.settle()
+    memory = None
+    if seeing is not None:
+        memory = seeing.finish(live.mapper)
+        live.seconds["vision"] = seeing.seconds
+        amiss = [*amiss, *seeing.warnings]
     stages = {"reading": reading_s, **live.seconds, **result.seconds}
     stages["total"] = time.process_time() - cpu + reading_s
     cost = Cost(stages, live.key_seconds, time.perf_counter() - started, peak_memory_mb())
-    return _reported(live, result, recording, cost, first)
+    recording = replace(recording, warnings=(*recording.warnings, *amiss))
+    mapping = _reported(live, result, recording, cost, first)
+    if memory is not None:
+        mapping.report["memory"] = memory
+    return mapping
 
 
 def live_result(live: LiveMapping, name: Path, source: str) -> Mapping:
@@ -99,15 +157,19 @@ def live_result(live: LiveMapping, name: Path, source: str) -> Mapping:
 
 
 def _reported(live: LiveMapping, result: MapperResult, source: Recording, cost: Cost, resumed_at: int) -> Mapping:
-    grid = live.grid()
+    grid, depth = live.layered_grid()
     # a wrong mount tears the map as well, and is what has to be mended
     amiss = mount_warnings(live.told, result.trajectory.poses, live.base_from_laser) or torn_warnings(result)
-    report = mapping_report(source, [*source.warnings, *amiss], result, grid, cost, resumed_at)
-    return Mapping(grid, result, report)
+    left_out = warnings_of(live.depth.counts, source.unread)
+    report = mapping_report(source, [*source.warnings, *amiss, *left_out], result, grid, cost, resumed_at)
+    report["depth"] = depth_report(live.depth.counts, depth)
+    return Mapping(grid, result, report, depth)
 
 
 def save_mapping(folder: Path, mapping: Mapping, settings: MappingSettings) -> None:
     """Writes map.pgm, map.yaml, trajectory.tum, graph.g2o, config.yaml, report.json and report.html, each whole or not.
+
+    A map with pictures also has depth.pgm and depth.yaml.
 
     Raises:
         OutputError: the folder cannot be written to.
@@ -117,6 +179,7 @@ def save_mapping(folder: Path, mapping: Mapping, settings: MappingSettings) -> N
     config.save(settings, folder / "config.yaml")
     write_json(folder / "report.json", mapping.report)
     write_mapping_page(folder / "report.html", mapping.report, mapping.grid, mapping.result)
+    save_depth_layer(folder, mapping.depth)
     save_map(folder, mapping.grid)
     remove_checkpoint(folder)
 

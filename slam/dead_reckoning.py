@@ -7,7 +7,7 @@ from dataclasses import replace
 from waychair.calibration.chair import ChairBody
 from waychair.slam.odometry import OdometryFilter
 from waychair.slam.odometry_model import OdometrySettings
-from waychair.slam.tilt import TiltFilter, levelled
+from waychair.slam.tilt import Tilt, TiltFilter, levelled
 from waychair.types import ImuSample, Odometry, SensorFrame, WheelTicks
 
 
@@ -22,6 +22,11 @@ class DeadReckoning:
         self._body, self._settings = body, settings
         self._tilt = TiltFilter(body)
         self._filter: OdometryFilter | None = None
+
+    @property
+    def tilt(self) -> Tilt | None:
+        """How the chair leans at the latest sample of the IMU; None before the first."""
+        return self._tilt.tilt
 
     def update(self, frame: SensorFrame) -> SensorFrame:
         """The frame with its odometry, and with its scan levelled where the chair leans."""

@@ -11,6 +11,7 @@ likelihood alone.
 
 from __future__ import annotations
 
+import enum
 import math
 from collections import Counter
 from collections.abc import Sequence
@@ -130,6 +131,18 @@ class _Find:
     pose: Pose2
 
 
+class Doubt(enum.Enum):
+    """Why a loop is not believed."""
+
+    CONTRADICTED = "it contradicts the way that was driven"
+    UNLIKE = "the scans do not fit there"
+    AMBIGUOUS = "the scans fit at two places nearly as well"
+    BETTER = "the scans fit better at another place within reach"
+    OFF = "too few points of the scans lie on the surfaces there"
+    ALONE = "the way is too uncertain, and no second find agrees"
+    SHORT = "too little has been seen since the chair was carried"
+
+
 class LoopCloser:
     """Looks for loops as the chair goes on; `counts` says what came of it."""
 
@@ -149,6 +162,7 @@ class LoopCloser:
         self._since_search = self._since_submaps = self._since_glimpse = self._since_loop = math.inf
         self._find: _Find | None = None
         self._glimpsed: list[_Find] = []
+        self._sighted: _Find | None = None
 
     def moved(self, distance: float) -> None:
         """Told how far the chair went [m]."""
@@ -167,53 +181,94 @@ class LoopCloser:
         ways = graph_distances(keys.poses, keys.edges, len(keys) - 1)[:known]
         near = candidates(keys.poses, ways, settings)
         found = [self._proven(keys, recent, candidate) for candidate in near]
-        edges = [edge for edge in found if edge is not None]
+        edges = [edge for edge in found if isinstance(edge, Edge)]
         if not edges and near and self._patience_is_over():
             edges = self._glimpsed_again(keys, recent, near)
         enough = len(recent) >= settings.submap_query and self._since_submaps >= settings.submap_spacing
         if not edges and enough:
             edge = self._elsewhere(keys, recent, ways)
-            edges = [] if edge is None else [edge]
+            edges = [edge] if isinstance(edge, Edge) else []
         self.counts["loops_closed"] += len(edges)
         if edges:
             self._since_loop = 0.0
         return edges
 
+    def sighted(self, keys: KeyGraph, recent: Sequence[int], old: int, map_from_base: Pose2) -> Edge | Doubt:
+        """The edge to an old key scan, from which something else, such as a picture, says where the chair is.
+
+        `map_from_base` is then the pose of the latest of the key scans `recent`. It must lie within what the way round
+        the graph may have drifted or, where that is more than a window can be, agree with the find before it; and the
+        scans must fit the surfaces round the old key scan there, as those of any other loop, and nowhere within reach
+        better. Where they fit equally well all along a corridor it is the other's word that counts.
+        """
+        settings, here = self._settings, recent[-1]
+        if len(recent) < settings.query_scans:
+            return Doubt.SHORT
+        way = float(graph_distances(keys.poses, keys.edges, here)[old])
+        gap = keys.pose(here).inverse() @ map_from_base
+        drift, before, find = settings.drift * way, self._sighted, _Find(here, map_from_base)
+        angle = min(settings.max_angle, 0.15 + settings.turn_drift * way)
+        if drift > settings.max_window:
+            self._sighted = find
+            apart = before is not None and math.dist(*(keys.poses[k, :2] for k in (before.node, here)))
+            if before is None or apart < settings.spacing or not self._agree(keys, before, find):
+                return Doubt.ALONE
+        elif math.hypot(gap.x, gap.y) > settings.min_window + drift or abs(gap.theta) > angle:
+            return Doubt.CONTRADICTED
+        latest = set(recent[-settings.submap_query :])
+        near = [node for node in sorted(keys.ways(old, settings.chain_reach)) if node not in latest]
+        candidate = Candidate(old, np.array(near, np.int64), settings.min_window, settings.agree_angle)
+        rivals = None if drift > settings.max_window else Window(settings.min_window + drift, angle)
+        return self._proven(keys, recent, candidate, map_from_base, rivals)
+
     def _proven(
-        self, keys: KeyGraph, recent: Sequence[int], candidate: Candidate, guess: Pose2 | None = None
-    ) -> Edge | None:
-        """The edge, if the latest key scans, taken together, fit the candidate's surfaces at one pose only."""
+        self,
+        keys: KeyGraph,
+        recent: Sequence[int],
+        candidate: Candidate,
+        guess: Pose2 | None = None,
+        rivals: Window | None = None,
+    ) -> Edge | Doubt:
+        """The edge, if the latest key scans, taken together, fit the candidate's surfaces at one pose only.
+
+        That is looked for round the guess, by default where the chair is now; and with `rivals`, a window round where
+        it is now, none there may fit better.
+        """
         self.counts["loops_tried"] += 1
         settings, matching = self._settings, self._matching
-        base = keys.pose(len(keys) - 1)
+        base = keys.pose(recent[-1])
         query = keys.joined(recent[-settings.query_scans :], base, _QUERY_CELL)
-        reference = self._round(keys, candidate, candidate.window)
+        reference = self._round(keys, candidate, candidate.window if rivals is None else rivals.distance)
         window, guess = Window(candidate.window, candidate.angle), guess or base
         coarse, response = correlative_search(
             query.points, reference, guess, window, matching, floor=settings.min_response
         )
         if response < settings.min_response:
-            return None
+            return Doubt.UNLIKE
         floor = settings.max_ambiguity * response
         if correlative_search(query.points, reference, guess, window, matching, floor=floor, taken=coarse)[1] > 0:
             self.counts["loops_ambiguous"] += 1
-            return None
+            return Doubt.AMBIGUOUS
+        if rivals is not None:
+            floor = response / settings.max_ambiguity
+            if correlative_search(query.points, reference, base, rivals, matching, floor=floor, taken=coarse)[1] > 0:
+                return Doubt.BETTER
         pose, information, inliers, _ = refine(query, reference, coarse, coarse, np.zeros((3, 3)), matching)
         if inliers < settings.min_inliers:
             self.counts["loops_rejected"] += 1
-            return None
-        return self._edge(keys, candidate, pose, information)
+            return Doubt.OFF
+        return self._edge(keys, recent[-1], candidate, pose, information)
 
     def _round(self, keys: KeyGraph, candidate: Candidate, window: float) -> Reference:
         """A candidate's surfaces, as far as the chair may see them from anywhere in a window [m]."""
         reach = window + self._settings.chain_reach + self._reach
         return keys.reference(candidate.members, keys.poses[candidate.nearest], reach, self._matching)
 
-    def _edge(self, keys: KeyGraph, candidate: Candidate, pose: Pose2, information: FloatArray) -> Edge:
-        """From the candidate to the last key scan, which stands at a pose by a match with this information (3, 3)."""
+    def _edge(self, keys: KeyGraph, node: int, candidate: Candidate, pose: Pose2, information: FloatArray) -> Edge:
+        """From the candidate to a key scan, which stands at a pose by a match with this information (3, 3)."""
         nearest_from_node = keys.pose(candidate.nearest).inverse() @ pose
         known = turned(of_match(information, self._noise), -pose.theta)
-        return Edge(candidate.nearest, len(keys) - 1, nearest_from_node, known, EdgeKind.LOOP)
+        return Edge(candidate.nearest, node, nearest_from_node, known, EdgeKind.LOOP)
 
     def _patience_is_over(self) -> bool:
         """Whether it is time for the dearer search: views that match as a whole have closed no loop for a while."""
@@ -240,10 +295,10 @@ class LoopCloser:
             find = _Find(node, found.pose)
             self._glimpsed.append(find)
             if found.inliers >= settings.min_inliers and any(self._agree(keys, earlier, find) for earlier in before):
-                edges.append(self._edge(keys, candidate, found.pose, found.information))
+                edges.append(self._edge(keys, node, candidate, found.pose, found.information))
         return edges
 
-    def _elsewhere(self, keys: KeyGraph, recent: Sequence[int], ways: FloatArray) -> Edge | None:
+    def _elsewhere(self, keys: KeyGraph, recent: Sequence[int], ways: FloatArray) -> Edge | Doubt | None:
         """The edge to a submap beyond the reach of a window, once two finds agree."""
         settings, node = self._settings, len(keys) - 1
         submaps = beyond_reach(ways, settings)

@@ -4,8 +4,9 @@ from __future__ import annotations
 
 import math
 import time
+from bisect import bisect_left
 from collections import Counter, defaultdict
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
 from dataclasses import dataclass, field
 
@@ -16,7 +17,7 @@ from waychair.geometry import compose, interpolate
 from waychair.slam.graph import Edge, EdgeKind, GraphSettings, Rejected
 from waychair.slam.information import NoiseSettings, of_match, of_nothing, of_odometry, turned
 from waychair.slam.key_graph import KeyGraph
-from waychair.slam.loop_closure import LoopCloser, LoopSettings
+from waychair.slam.loop_closure import Doubt, LoopCloser, LoopSettings
 from waychair.slam.reference import Reference
 from waychair.slam.scan_matching import Match, MatchSettings, Window, match, refine, seen_through
 from waychair.slam.scan_points import MIN_POINTS, ScanPoints, scan_points
@@ -146,6 +147,41 @@ class Mapper:
         """`map_from_base` of the latest frame."""
         last = self.frames[-1]
         return self.keys.pose(last.key) @ last.key_from_base
+
+    @property
+    def odometry(self) -> Pose2 | None:
+        """`odom_from_base` at the latest frame that had one."""
+        return self._odometry
+
+    def placed(self, stamp_ns: int, gap_s: float) -> tuple[int, Pose2] | None:
+        """The key scan that the frame nearest to a stamp hangs on, and `map_from_base` at the stamp, between two frames.
+
+        None where there is no frame before and after it, or where the two are further apart than `gap_s`.
+        """
+        after = bisect_left(self.frames, stamp_ns, key=lambda frame: frame.stamp_ns)
+        if after == len(self.frames) or (after == 0 and self.frames[0].stamp_ns != stamp_ns):
+            return None
+        low, high = self.frames[max(after - 1, 0)], self.frames[after]
+        apart_ns = high.stamp_ns - low.stamp_ns
+        if apart_ns > gap_s * 1e9:
+            return None
+        part = (stamp_ns - low.stamp_ns) / max(apart_ns, 1)
+        before, after_it = (self.keys.pose(frame.key) @ frame.key_from_base for frame in (low, high))
+        return (low if part < 0.5 else high).key, interpolate(before, after_it, part)
+
+    def close(self, old: int, map_from_base: Pose2) -> Edge | Doubt:
+        """Closes a loop that something else has found, if the scans agree and so does the rest of the graph.
+
+        The chair is at `map_from_base` now, as seen from an old key scan (see `LoopCloser.sighted`).
+        """
+        with self._timed("loops"):
+            here = self.keys.pose(self._here)
+            moved = map_from_base @ self.pose().inverse() @ here
+            edge = self._closer.sighted(self.keys, self._visited, old, moved)
+        if isinstance(edge, Edge):
+            self.counts["loops_sighted"] += 1
+            self._bend([edge])
+        return edge
 
     def result(self) -> MapperResult:
         """The map so far, its graph optimised once more."""
@@ -335,11 +371,15 @@ class Mapper:
         with self._timed("loops"):
             loops = self._closer.loops(self.keys, self._visited)
         if loops:
-            with self._timed("optimisation"):
-                for loop in loops:
-                    self.keys.link(loop)
-                self.keys.settle()
-                self._reference = None
+            self._bend(loops)
+
+    def _bend(self, loops: Sequence[Edge]) -> None:
+        """The poses follow the loops."""
+        with self._timed("optimisation"):
+            for loop in loops:
+                self.keys.link(loop)
+            self.keys.settle()
+            self._reference = None
 
     def _from_node(self, node: int, pose: Pose2) -> Pose2:
         return self.keys.pose(node).inverse() @ pose

@@ -145,6 +145,15 @@ class IncrementalVocabulary(Vocabulary):
         self.index.add(node, slots)
         return self._id_of[slots]
 
+    @property
+    def next_id(self) -> int:
+        """The next new word's, and so more than that of any before."""
+        return self._next_id
+
+    def begin_at(self, next_id: int) -> None:
+        """New words get this id and those after it, as words before it are asleep since an earlier session."""
+        self._next_id = max(self._next_id, next_id)
+
     def forget(self, node: int) -> None:
         """Drop the references of a node that goes to sleep."""
         self._unused.update(self.index.remove(node).tolist())

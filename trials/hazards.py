@@ -442,7 +442,9 @@ _PERSON_RADIUS = 0.25
 _APPEARANCE_S = 20.0
 
 
-def _appearance(seed: int, ahead_m: float, speed: float, appeared_ns: int | None, simulator: WatchedSimulator) -> Appearance:
+def _appearance(
+    seed: int, ahead_m: float, speed: float, appeared_ns: int | None, simulator: WatchedSimulator
+) -> Appearance:
     """What the motion says."""
     motion = simulator.motion()
     if appeared_ns is None:  # it never came so far

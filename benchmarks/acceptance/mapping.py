@@ -15,15 +15,15 @@ import numpy as np
 
 from benchmarks.acceptance.logs import DATA
 from waychair.maps.map_files import load_map
-from waychair.recording import BagSettings, InputSettings, Recording, read_recording, read_tum
+from waychair.recording import Recording, read_recording, read_tum
 from waychair.runtime.mapping_report import torn_warnings
 from waychair.simulation.world import load_world
 from waychair.slam.evaluation import read_relations, relation_errors, truth_errors
 from waychair.slam.mapper import Mapper, MapperSettings, odometry_of
 from waychair.trials.map_score import wall_agreement
-from waychair.types import Json, Odometry, SensorFrame, Trajectory
+from waychair.trials.revisits import truth_of
+from waychair.types import Json, Odometry, SensorFrame
 
-TRUTH = "/ground_truth/odom"
 PASSES = 10
 SPLICES = 10
 _INTEL = ("lidar_intel/intel_first1088s.clf.gz", "lidar_intel/intel_first1088s.relations.gz")
@@ -60,14 +60,6 @@ def _mapped_floor(world: str) -> Json:
         "walls_true": round(walls.true_cells, 4),
         "walls_found": round(walls.found_faces, 4),
     }
-
-
-def truth_of(bag: Path) -> Trajectory:
-    """Where the simulated chair really was, in the frame of the world."""
-    recording = read_recording(bag, InputSettings(bag=BagSettings(odom_topic=TRUTH)))
-    readings = [reading for frame in recording.frames for reading in frame.wheels if isinstance(reading, Odometry)]
-    stamps = np.array([reading.stamp_ns for reading in readings], np.int64)
-    return Trajectory(stamps, np.array([reading.odom_from_base.array() for reading in readings]))
 
 
 def growth(out: Path) -> Json:

@@ -23,11 +23,11 @@ from waychair.files import write_text
 from waychair.laser_text import is_laser_text, read_laser_text
 from waychair.rgbd_folders import RgbdSettings, frames_of, is_rgbd_folder, read_rgbd_folder
 from waychair.rosbag_file import bag_suffix
-from waychair.rosbag_pictures import read_pictures
+from waychair.rosbag_pictures import read_camera_mount, read_pictures
 from waychair.rosbag_reader import BagSettings, read_bag
 from waychair.rosbag_writer import RecordingWriter
 from waychair.scans import LaserMount, mirrored, mount_from_text, silent
-from waychair.types import Pose2, RgbdFrame, SensorFrame, Trajectory, Trajectory3
+from waychair.types import Pose2, Pose3, RgbdFrame, SensorFrame, Trajectory, Trajectory3
 
 __all__ = ["InputSettings", "Recording", "RecordingWriter", "read_recording", "read_tum", "write_tum"]
 
@@ -63,6 +63,7 @@ class Recording:
     and topics they came from, `warnings` what was wrong with them, one sentence each. `pictures()` reads the recording
     again for its pictures with depth and decodes one at a time, so that whoever needs none pays for none; `unread`
     counts those that it could not read, by reason. `picture_count` is how many there are, 0 where that is not known.
+    `camera_mount()` reads where a bag's camera is: its optical frame on the base, None where it does not say.
     """
 
     path: Path
@@ -73,6 +74,7 @@ class Recording:
     pictures: Callable[[], Iterator[RgbdFrame]] = lambda: iter(())
     picture_count: int = 0
     unread: Counter[str] = field(default_factory=Counter)
+    camera_mount: Callable[[], Pose3 | None] = lambda: None
 
 
 def read_recording(
@@ -105,7 +107,11 @@ def read_recording(
     if suffix is not None:
         bag = read_bag(path, suffix, settings.bag, mounts, progress)
         pictures = partial(read_pictures, path, suffix, settings.bag)
-        return _checked(Recording(path, bag.frames, bag.base_from_laser, bag.source, bag.warnings, pictures))
+        mount = partial(read_camera_mount, path, suffix, settings.bag)
+        recording = Recording(
+            path, bag.frames, bag.base_from_laser, bag.source, bag.warnings, pictures, camera_mount=mount
+        )
+        return _checked(recording)
     if len(mounts) > 1:
         raise RecordingError(f"{len(mounts)} mounts are given for the one laser of {path}; give one")
     recording = _read_text(path, settings, mounts[0] if mounts else None, progress)

@@ -9,10 +9,10 @@ from typing import Any
 
 from waychair.errors import RecordingDamaged, RecordingError
 from waychair.ros_decoding import camera_matrix_from_message, depth_from_message, picture_from_message
-from waychair.ros_transforms import stamp_ns
+from waychair.ros_transforms import BASE_FRAMES, TransformTree, frame_name, stamp_ns
 from waychair.rosbag_file import BagFile, counts_by_topic, listing, messages, opened, salvaged
-from waychair.rosbag_reader import BagSettings
-from waychair.types import FloatArray, RgbdFrame
+from waychair.rosbag_reader import TRANSFORM_TYPES, BagSettings
+from waychair.types import FloatArray, Pose3, RgbdFrame
 
 IMAGE_TYPES = ("sensor_msgs/msg/Image", "sensor_msgs/msg/CompressedImage")
 INFO_TYPE = "sensor_msgs/msg/CameraInfo"
@@ -35,6 +35,34 @@ def read_pictures(path: Path, suffix: str, settings: BagSettings) -> Iterator[Rg
             yield from _pictures(path, bag, settings)
     except RecordingDamaged as damage:
         yield from _pictures(path, salvaged(path, suffix, damage), settings)
+
+
+def read_camera_mount(path: Path, suffix: str, settings: BagSettings) -> Pose3 | None:
+    """The mount of the pictures' optical frame on the base, along the chain of /tf; None where a bag does not say it.
+
+    Raises:
+        RecordingError: a topic that was asked for is not there.
+    """
+    try:
+        with opened(path, suffix) as bag:
+            return _camera_mount(path, bag, settings)
+    except RecordingDamaged as damage:
+        return _camera_mount(path, salvaged(path, suffix, damage), settings)
+
+
+def _camera_mount(path: Path, bag: BagFile, settings: BagSettings) -> Pose3 | None:
+    colour = _topic(path, bag, counts_by_topic(bag, *IMAGE_TYPES), settings.colour_topic, depth=False)
+    if colour is None:
+        return None
+    tree, camera = TransformTree(), ""
+    for _, _, message in messages(path, bag, [c for c in bag.connections if c.msgtype in TRANSFORM_TYPES]):
+        tree.add(message)
+    for _, _, message in messages(path, bag, [c for c in bag.connections if c.topic == colour]):
+        camera = frame_name(message.header.frame_id)
+        break
+    base = frame_name(settings.base_frame) or next((name for name in BASE_FRAMES if name in tree), BASE_FRAMES[0])
+    chain = tree.chain(base, camera, 0)
+    return None if chain is None else Pose3(chain[:3, :3], chain[:3, 3])
 
 
 def _pictures(path: Path, bag: BagFile, settings: BagSettings) -> Iterator[RgbdFrame]:

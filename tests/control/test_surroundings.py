@@ -8,10 +8,12 @@ import math
 import numpy as np
 import pytest
 
+from tests.maps.depth_rooms import picture
 from waychair.calibration.chair import CHAIR_A, BodyLayer, sonar_mounts
 from waychair.control.surroundings import Surroundings, SurroundingsSettings
 from waychair.maps.distance_field import DistanceField
 from waychair.maps.zones import Rule, Zone
+from waychair.slam.tilt import Tilt
 from waychair.types import FloatArray, OccupancyGrid, Pose2, RgbdFrame, SonarReadings
 
 SECOND = 10**9
@@ -174,6 +176,17 @@ def test_a_level_floor_and_ramps_down_and_up_are_neither_drop_offs_nor_obstacles
     for k in range(5):
         seen.look(floor(2.5 - 0.3 * k, 0.0, slope), Pose2(4.0 + 0.3 * k, 3.0, 0.0))
     assert len(seen.unscanned()) == len(seen.unexpected()) == 0
+
+
+@pytest.mark.parametrize("pitch", [-0.15, 0.15])
+def test_by_a_chair_that_leans_more_than_any_ramp_a_level_floor_is_seen_as_one_if_the_lean_is_known(
+    pitch: float,
+) -> None:
+    lean, seen, misled = Tilt(0, 0.0, pitch), around(), around()
+    seen.look(picture(tilt=lean), HERE, lean.level_from_base())
+    misled.look(picture(tilt=lean), HERE)
+    assert len(seen.unscanned()) == 0
+    assert len(misled.unscanned()) > 10
 
 
 def test_a_board_at_the_height_of_the_arm_rests_counts_for_that_layer_alone() -> None:

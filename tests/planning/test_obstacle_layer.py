@@ -10,7 +10,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from waychair.calibration.chair import CHAIR_A, BodyLayer, ChairBody
-from waychair.planning.ground import GroundSettings, GroundView, ground_view
+from waychair.maps.ground import GroundSettings, GroundView, ground_view
 from waychair.planning.obstacle_layer import (
     EMPTY,
     ObstacleLayer,

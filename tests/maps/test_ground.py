@@ -10,7 +10,7 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from waychair.planning.ground import BELOW, GROUND, MISSING, NOTHING, STANDS, follow_ground
+from waychair.maps.ground import BELOW, GROUND, MISSING, NOTHING, STANDS, follow_ground
 
 HEIGHT, BEGIN = 0.95, 0.35
 FALLS = np.linspace(0.6, 0.1, 120)

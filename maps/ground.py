@@ -54,17 +54,19 @@ def ground_view(
 ) -> GroundView:
     """A depth image read for the ground, every `step`-th pixel of it, by a chair that reaches `front` [m] ahead.
 
-    `base_from_camera` is the mount of the optical frame (z forward, x right, y down).
+    `base_from_camera` is the mount of the optical frame (z forward, x right, y down); where it is levelled by the chair's
+    lean, so is what is seen.
     """
     depth = frame.depth[::step, ::step][::-1].astype(np.float64)
+    depth = np.where(np.isfinite(depth) & (depth > 0.0), depth, np.nan)
     height, width = depth.shape
     columns, rows = np.meshgrid(step * np.arange(width), step * np.arange(height)[::-1])
     pixels = np.stack([columns, rows, np.ones(depth.shape)], axis=-1).astype(np.float64)
     rays: FloatArray = pixels @ (base_from_camera.rotation @ np.linalg.inv(frame.camera_matrix)).T
     lens = base_from_camera.translation
-    ends = lens + np.where(depth > 0.0, depth, np.nan)[..., None] * rays
+    ends = lens + depth[..., None] * rays
     flat = np.hypot(rays[..., 0], rays[..., 1])
-    away, falls = flat * np.where(depth > 0.0, depth, np.nan), -rays[..., 2] / flat
+    away, falls = flat * depth, -rays[..., 2] / flat
     begin = max(front - float(lens[0]), 0.0)
     kind, foot, rim = follow_ground(
         away, ends[..., 2], falls, float(lens[2]), begin, settings.least, settings.slope, settings.reach,

@@ -1,0 +1,87 @@
+"""What only the depth camera knows of a map: `depth.yaml` and `depth.pgm` beside `map.yaml`, read by any map_server.
+
+The map itself has all of it as occupied cells, which is what a planner goes by, here and in Nav2. The layer says which
+of these a lidar at its height does not see, and which are drop-offs: whoever matches scans against the map, or shows it
+to people, has to know.
+"""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import numpy as np
+
+from waychair.errors import MapError
+from waychair.maps.grid import occupied
+from waychair.maps.map_files import load_map, save_map, yaml_path
+from waychair.types import UNKNOWN, BoolArray, Cells, OccupancyGrid
+
+DEPTH = "depth"
+"""Name of the layer's files, without their suffixes."""
+
+SEEN_BY_DEPTH, DROP_OFF = 50, 100
+"""Values of the layer's cells [%] (raw mode): something stands or hangs where the lidar sees nothing; the floor ends."""
+
+
+def depth_layer(scanned: OccupancyGrid, grid: OccupancyGrid, drops: BoolArray) -> OccupancyGrid:
+    """The layer of a `grid` of all sensors, whose cells `drops` (H, W) are drop-offs, beside what the lidar has `scanned`."""
+    cells = np.zeros(grid.cells.shape, np.int8)
+    row, col = (
+        round((low - high) / grid.resolution)
+        for low, high in (
+            (scanned.map_from_grid.y, grid.map_from_grid.y),
+            (scanned.map_from_grid.x, grid.map_from_grid.x),
+        )
+    )
+    walls = np.zeros(grid.cells.shape, np.bool_)
+    height, width = scanned.cells.shape
+    walls[row : row + height, col : col + width] = occupied(scanned)
+    cells[occupied(grid) & ~walls] = SEEN_BY_DEPTH
+    cells[drops] = DROP_OFF
+    return OccupancyGrid(cells, grid.resolution, grid.map_from_grid)
+
+
+def save_depth_layer(folder: Path, layer: OccupancyGrid | None) -> None:
+    """Write the layer of a map, or remove the one of an earlier map where there is none.
+
+    Raises:
+        OutputError: the folder cannot be made or written to.
+    """
+    if layer is None:
+        for suffix in (".yaml", ".pgm"):
+            (folder / f"{DEPTH}{suffix}").unlink(missing_ok=True)
+        return
+    save_map(folder, layer, mode="raw", name=DEPTH)
+
+
+def load_depth_layer(path: Path, grid: OccupancyGrid) -> OccupancyGrid | None:
+    """The layer of the map of a folder or YAML file, which holds `grid`; None where the map has none.
+
+    Raises:
+        MapError: the layer is broken, or belongs to another map.
+    """
+    file = yaml_path(path).with_name(f"{DEPTH}.yaml")
+    if not file.is_file():
+        return None
+    layer = load_map(file)
+    if (layer.cells.shape, layer.resolution, layer.map_from_grid) != (
+        grid.cells.shape,
+        grid.resolution,
+        grid.map_from_grid,
+    ):
+        raise MapError(f"{file} belongs to another map than {yaml_path(path).name}: make the map again, or remove it")
+    return layer
+
+
+def drop_offs(layer: OccupancyGrid) -> BoolArray:
+    """(H, W) cells where the floor ends."""
+    result: BoolArray = layer.cells == DROP_OFF
+    return result
+
+
+def scanned_part(grid: OccupancyGrid, layer: OccupancyGrid | None) -> OccupancyGrid:
+    """The grid as a lidar sees it, to match scans against: what only the camera sees is unknown."""
+    if layer is None:
+        return grid
+    cells: Cells = np.where(layer.cells > 0, np.int8(UNKNOWN), grid.cells)
+    return OccupancyGrid(cells, grid.resolution, grid.map_from_grid)

@@ -1,0 +1,128 @@
+"""The memory of a map's places: pictures between the scans of a recording, `memory.db`, and what is told of both."""
+
+from __future__ import annotations
+
+import time
+from collections import Counter
+from collections.abc import Callable, Iterator
+from dataclasses import asdict
+from pathlib import Path
+
+import numpy as np
+
+from waychair.errors import OutputError
+from waychair.recording import Recording
+from waychair.slam.appearance import Appearance, AppearanceSettings, PictureCost
+from waychair.slam.mapper import Mapper
+from waychair.slam.memory import Memory
+from waychair.slam.nodes import LOOPS, LinkKind
+from waychair.types import Json, Pose3, RgbdFrame, SensorFrame
+
+MEMORY = "memory.db"
+"""Name of the memory's file in a map folder."""
+
+
+class MemoryMaking:
+    """A memory that grows with a recording's scans by the pictures between them; `seconds` of CPU, decoding included."""
+
+    def __init__(self, appearance: Appearance, pictures: Iterator[RgbdFrame]) -> None:
+        self.appearance = appearance
+        self.seconds = 0.0
+        self.warnings: tuple[str, ...] = ()
+        self._pictures = pictures
+        self._next = next(pictures, None)
+
+    def follow(self, mapper: Mapper, frame: SensorFrame) -> None:
+        """After the mapper was given a frame: the pictures that are no later."""
+        started = time.process_time()
+        while self._next is not None and self._next.stamp_ns <= frame.stamp_ns:
+            self.appearance.see(self._next)
+            self._next = next(self._pictures, None)
+        self.appearance.follow(mapper, frame)
+        self.seconds += time.process_time() - started
+
+    def finish(self, mapper: Mapper) -> Json:
+        """After the mapper's graph was optimised for the last time; what is told of the memory, whose file is closed.
+
+        `warnings` then says what was wrong with the file.
+        """
+        late = sum(1 for _ in self._pictures) + (self._next is not None)
+        self.appearance.counts["pictures after the last scan"] = late
+        self.appearance.finish(mapper)
+        report, store = memory_report(self.appearance), self.appearance.memory.store
+        self.appearance.memory.close()
+        self.warnings = (*store.notes, *([] if store.fault is None else [str(store.fault)]))
+        return report
+
+
+def begin_memory(
+    recording: Recording, settings: AppearanceSettings, base_from_camera: Pose3, folder: Path | None
+) -> MemoryMaking | None:
+    """A new memory, in a folder or in RAM; None for a recording without pictures.
+
+    What an earlier run has left of its memory in the folder goes: it is that of another map.
+
+    Raises:
+        OutputError: the folder cannot be written to.
+    """
+    if next(recording.pictures(), None) is None:
+        return None
+    if folder is None:
+        return MemoryMaking(Appearance(settings, base_from_camera), recording.pictures())
+    try:
+        for ending in ("", "-wal", "-shm"):
+            (folder / (MEMORY + ending)).unlink(missing_ok=True)
+    except OSError as error:
+        raise OutputError(f"cannot write to {folder}: {error.strerror}; choose another folder") from error
+    memory = Memory.opened(folder / MEMORY, settings.memory)
+    return MemoryMaking(Appearance(settings, base_from_camera, memory), recording.pictures())
+
+
+def revisits(memory: Memory, near: float, pause: int) -> int:
+    """How often the chair came back: stretches of nodes that are linked, over less than `near` [m], to earlier ones.
+
+    A stretch ends where more than `pause` nodes without such a link follow; one begins anew at the next. This is the
+    paper's "loop closures": one for each time that an area is entered again, however many links are made in it.
+    """
+    count, last = 0, -np.inf
+    for node in memory.skeleton.ids():
+        loops = memory.skeleton.links(node, LOOPS)
+        if any(link.j < node and np.hypot(link.i_from_j.x, link.i_from_j.y) <= near for link in loops):
+            count += node - last > pause
+            last = node
+    return count
+
+
+def memory_report(appearance: Appearance) -> Json:
+    """Counts of pictures, memory, words and loops, and the time per picture; what each is stands in `paper_tables`."""
+    memory, settings, costs = appearance.memory, appearance.settings, appearance.costs
+    counts = memory.counts(len(appearance.recognition.vocabulary))
+    kinds = Counter(link.kind for link in memory.skeleton.every_link())
+    left_out = {name: count for name, count in appearance.counts.items() if name != "pictures" and count}
+    return {
+        "pictures": appearance.counts["pictures"],
+        "left_out": left_out,
+        "memory": asdict(counts),
+        "references": _total(costs, lambda cost: cost.words),
+        "words_made": _total(costs, lambda cost: cost.new_words),
+        "links": {"by appearance": kinds[LinkKind.GLOBAL], "on known ground": kinds[LinkKind.SPACE]},
+        "revisits": revisits(memory, settings.near_distance, settings.memory.stm_size),
+        "refused": dict(Counter(refused.reason for refused in appearance.refused)),
+        "per_picture": {
+            "words": _mean(costs, lambda cost: cost.words),
+            "extraction_ms": _mean(costs, lambda cost: cost.extraction_ms),
+            "words_ms": _mean(costs, lambda cost: cost.words_ms),
+            "total_ms": _mean(costs, lambda cost: cost.total_ms),
+            "total_p99_ms": round(float(np.quantile([c.total_ms for c in costs], 0.99)), 2) if costs else 0.0,
+        },
+    }
+
+
+def _total(costs: list[PictureCost], value: Callable[[PictureCost], float]) -> int:
+    return int(sum(value(cost) for cost in costs))
+
+
+def _mean(costs: list[PictureCost], value: Callable[[PictureCost], float]) -> float:
+    """Without the first, in which kernels are loaded."""
+    counted = costs[1:] or costs
+    return round(float(np.mean([value(cost) for cost in counted])), 2) if counted else 0.0

@@ -1,0 +1,440 @@
+"""The camera's part of the mapper: pictures become nodes of the memory, and places seen again close loops.
+
+One picture, about once a second, goes through RTAB-Map's update (Labbe and Michaud 2019): features and words; a node of
+the short-term memory that hangs on a key scan; the belief over the places awake; then the likeliest of them is
+registered, by features with depth, and what the pictures say is proven by the lidar before it bends the graph. A place
+that looks alike but is another is refused by one of the four: too few features agree, the scans do not fit there, the
+way that was driven contradicts it, or the rest of the graph does. Refused ones are kept with the reason.
+
+Where a picture shows nothing or there is none, the lidar's own loops go on alone; so do revisits the other way round,
+of which a camera sees nothing.
+"""
+
+from __future__ import annotations
+
+import math
+import time
+from collections import Counter, deque
+from dataclasses import dataclass, field
+
+import numpy as np
+
+from waychair.config import Settings, setting
+from waychair.errors import LongTermError, SensorError
+from waychair.geometry import arc, pose_from_array, rotation, transform_points
+from waychair.slam.edges import Edge, EdgeKind
+from waychair.slam.features import Features, extract
+from waychair.slam.information import of_odometry
+from waychair.slam.loop_closure import Doubt
+from waychair.slam.mapper import Mapper, twist_of
+from waychair.slam.memory import Change, Memory
+from waychair.slam.memory_settings import MemorySettings
+from waychair.slam.nodes import LOOPS, Evidence, Kept, Link, LinkKind, Node, WordIds, carried
+from waychair.slam.place_recognition import PlaceRecognition, PlaceSettings
+from waychair.slam.place_verification import (
+    features_of,
+    fit_to_keys,
+    fit_to_node,
+    motion_of_base,
+    nearest_place,
+)
+from waychair.slam.registration import RegistrationSettings, register
+from waychair.slam.rehearsal import Verdict, is_moving
+from waychair.slam.scan_points import ScanPoints, scan_points
+from waychair.slam.vocabulary import IncrementalVocabulary, SleepingWords, Vocabulary
+from waychair.types import Bytes, FloatArray, IntArray, Pose2, Pose3, RgbdFrame, SensorFrame, Twist
+
+_WAITING = 8  # pictures that wait for the scan after them
+_MOVED = 0.01  # [m] by which the mapper must have moved a node's frame for the node to follow
+
+
+@dataclass(frozen=True, slots=True)
+class AppearanceSettings(Settings):
+    """Which pictures become nodes, when two show one place, and the parts' own settings; RTAB-Map's names in brackets."""
+
+    detection_rate: float = setting(1.0, "Hz", "pictures that are looked at [Rtabmap/DetectionRate]", low=0.01, high=30)
+    gap: float = setting(0.5, "s", "between the scans before and after a picture, at most", low=0.01, high=10.0)
+    agree_distance: float = setting(
+        0.5, "m", "where the map has the two already, it and the pictures differ by less", low=0.01, high=5.0
+    )
+    agree_angle: float = setting(0.15, "rad", "the same for the heading", low=0.01, high=1.0)
+    min_inliers: float = setting(
+        0.7, "", "least share of the scan on the surfaces seen there before", low=0.0, high=1.0
+    )
+    near_distance: float = setting(
+        1.0,
+        "m",
+        "a node on known ground is linked to one so near [RGBD/ProximityPathFilteringRadius]",
+        low=0.0,
+        high=10,
+    )
+    near_angle: float = setting(
+        0.52, "rad", "and so alike in heading [RGBD/ProximityAngle, there 45 degrees]", low=0.0, high=3.2
+    )
+    places: PlaceSettings = field(default_factory=PlaceSettings)
+    registration: RegistrationSettings = field(default_factory=RegistrationSettings)
+    memory: MemorySettings = field(default_factory=MemorySettings)
+
+
+@dataclass(frozen=True, slots=True)
+class Refused:
+    """A place that was taken for that of a node, and why it is not believed."""
+
+    node: int
+    place: int
+    reason: str
+
+
+@dataclass(frozen=True, slots=True)
+class PictureCost:
+    """What one picture cost: CPU [ms] of its features, of its words, and of everything; its words, and the new ones."""
+
+    extraction_ms: float
+    words_ms: float
+    total_ms: float
+    words: int
+    new_words: int
+
+
+@dataclass(frozen=True, slots=True)
+class _View:
+    """The features of a picture that waits for its scan."""
+
+    stamp_ns: int
+    features: Features
+    camera: FloatArray
+    extraction_s: float
+
+
+@dataclass(frozen=True, slots=True)
+class _Here:
+    """A new node as it is compared: its key scan and where it is from there, its scan in its own frame, its picture."""
+
+    id: int
+    key: int
+    key_from_node: Pose2
+    scan: ScanPoints
+    view: _View
+
+    def pose(self, mapper: Mapper) -> Pose2:
+        """In map, as the graph is now."""
+        return mapper.keys.pose(self.key) @ self.key_from_node
+
+
+class Appearance:
+    """Give it every picture by `see` and, after each frame of the mapper, let it `follow`.
+
+    `counts` says what became of pictures, `refused` and `loops` of what was recognised, `costs` what it took.
+    """
+
+    def __init__(
+        self,
+        settings: AppearanceSettings,
+        base_from_camera: Pose3,
+        memory: Memory | None = None,
+        vocabulary: Vocabulary | None = None,
+    ) -> None:
+        """`base_from_camera` is the optical frame's mount. A memory of earlier sessions is known from the beginning."""
+        self.settings = settings
+        self.memory = memory or Memory(settings.memory)
+        self.recognition = PlaceRecognition(settings.places, vocabulary)
+        self.counts: Counter[str] = Counter()
+        self.refused: list[Refused] = []
+        self.costs: list[PictureCost] = []
+        self._mount = base_from_camera
+        self._first = len(self.memory.anchors)  # key scans of earlier sessions, of which this map knows nothing
+        self._waiting: deque[_View] = deque()
+        self._latest_ns: int | None = None
+        self._last: int | None = None  # the node before, on this map
+        self._torn = self._loops = 0  # edges of these kinds so far
+        self._bent_by: list[tuple[Edge, Link]] = []
+        self._rejected = 0
+        if isinstance(self.recognition.vocabulary, IncrementalVocabulary):
+            self.recognition.vocabulary.begin_at(self.memory.store.newest_word() + 1)
+        for node in self.memory.awake:
+            self._recall(node, np.iinfo(np.int32).max)
+
+    @property
+    def loops(self) -> tuple[Link, ...]:
+        """Those found by appearance that the memory holds now."""
+        return tuple(link for link in self.memory.skeleton.every_link() if link.kind is LinkKind.GLOBAL)
+
+    def see(self, picture: RgbdFrame) -> None:
+        """A picture, in the order of time; those between two that are looked at are passed over."""
+        if self._latest_ns is not None:
+            if picture.stamp_ns <= self._latest_ns:
+                self.counts["pictures not later than the one before"] += 1
+                return
+            if (picture.stamp_ns - self._latest_ns) * 1e-9 < 0.9 / self.settings.detection_rate:
+                return
+        started = time.process_time()
+        try:
+            features = extract(picture, self.settings.places.features)
+        except SensorError:
+            self.counts["pictures that cannot be used"] += 1
+            return
+        self._latest_ns = picture.stamp_ns
+        self.counts["pictures"] += 1
+        self.counts["pictures that show too little"] += len(features) < self.settings.places.min_features
+        k = picture.camera_matrix
+        camera = np.array([k[0, 0], k[1, 1], k[0, 2], k[1, 2]])
+        if len(self._waiting) == _WAITING:
+            self._waiting.popleft()
+            self.counts["pictures without a scan before and after them"] += 1
+        self._waiting.append(_View(picture.stamp_ns, features, camera, time.process_time() - started))
+
+    def follow(self, mapper: Mapper, frame: SensorFrame) -> None:
+        """Takes in the pictures that are not later than the mapper's latest frame, which it was given."""
+        while self._waiting and self._waiting[0].stamp_ns <= mapper.frames[-1].stamp_ns:
+            view = self._waiting.popleft()
+            placed = mapper.placed(view.stamp_ns, self.settings.gap)
+            if placed is None:
+                self.counts["pictures without a scan before and after them"] += 1
+                continue
+            self.costs.append(self._include(mapper, frame, view, *placed))
+        if len(mapper.keys.rejected) != self._rejected:
+            self._follow_graph(mapper)
+
+    def finish(self, mapper: Mapper) -> None:
+        """The graph was optimised once more: the memory follows, and everything is on the disk."""
+        self._follow_graph(mapper)
+        self.memory.bend(self._anchors(mapper))
+        self.memory.flush()
+
+    def _include(self, mapper: Mapper, frame: SensorFrame, view: _View, key: int, pose: Pose2) -> PictureCost:
+        """One update."""
+        started, memory = time.process_time(), self.memory
+        self._tear(mapper)
+        memory.bend(self._anchors(mapper))
+        self._hang_again(mapper)
+        new_id, before = memory.skeleton.count, time.process_time()  # the id that the memory will give
+        words, new_words = self._words(new_id, view.features)
+        words_s = time.process_time() - before
+        motion = self._motion(pose)
+        here = self._here(mapper, frame, view, new_id, key, pose)
+        added = memory.add(
+            self._node(mapper, frame, view, words, pose),
+            of_odometry(motion or Pose2(), mapper.settings.noise),
+            self._first + key,
+            here.key_from_node,
+            motion=motion,
+            new_words=new_words,
+        )
+        self._obey(added.change)
+        if added.id != new_id:  # the chair stands, and sees what it saw before
+            self.recognition.leave(new_id)
+            self._last = added.id
+        elif self._recognise(mapper, here) or not self._stands(motion, added.verdict):
+            self._last = new_id
+        else:
+            self._obey(memory.drop(new_id))
+        spent_s = time.process_time() - started + view.extraction_s
+        self._obey(memory.transfer(1e3 * spent_s))
+        new = 0 if new_words is None else len(new_words[0])
+        return PictureCost(1e3 * view.extraction_s, 1e3 * words_s, 1e3 * spent_s, int((words > 0).sum()), new)
+
+    def _motion(self, pose: Pose2) -> Pose2 | None:
+        """Where a pose in map is from the node before, as both stand now; None where no way leads from it."""
+        return None if self._last is None else pose_from_array(self.memory.poses([self._last])[0]).inverse() @ pose
+
+    def _stands(self, motion: Pose2 | None, verdict: Verdict) -> bool:
+        return motion is not None and verdict is Verdict.APART and not is_moving(motion, self.settings.memory)
+
+    def _words(self, node: int, features: Features) -> tuple[WordIds, tuple[IntArray, Bytes] | None]:
+        """(N,) words of a new node, and those made of it, as the store keeps them."""
+        vocabulary = self.recognition.vocabulary
+        if not isinstance(vocabulary, IncrementalVocabulary):
+            return self.recognition.see(node, features), None
+        first = vocabulary.next_id
+        words = self.recognition.see(node, features)
+        made = np.unique(words[words >= first])
+        if len(made) == 0:
+            return words, None
+        return words, (made.astype(np.int64), vocabulary.descriptors_of(made).view(np.uint8))
+
+    def _here(self, mapper: Mapper, frame: SensorFrame, view: _View, node: int, key: int, pose: Pose2) -> _Here:
+        """The new node beside its key scan, and its scan: that of the frame after the picture, seen from the node."""
+        assert frame.scan is not None
+        node_from_base = pose.inverse() @ mapper.pose()
+        seen = scan_points(frame.scan, mapper.base_from_laser, mapper.settings.matching.range_max, twist_of(frame))
+        normals = seen.normals @ rotation(node_from_base.theta).T
+        scan = ScanPoints(transform_points(node_from_base, seen.points), normals)
+        return _Here(node, key, mapper.keys.pose(key).inverse() @ pose, scan, view)
+
+    def _node(self, mapper: Mapper, frame: SensorFrame, view: _View, words: WordIds, pose: Pose2) -> Node:
+        assert frame.scan is not None
+        scan, twist = frame.scan, twist_of(frame) or Twist()
+        node_from_base, seconds = pose.inverse() @ mapper.pose(), scan.time_step * (len(scan.ranges) - 1)
+        swept = arc(twist.v * seconds, twist.omega * seconds)
+        first, last = node_from_base @ mapper.base_from_laser, node_from_base @ swept @ mapper.base_from_laser
+        features = view.features
+        odometry = (mapper.odometry or mapper.pose()) @ node_from_base.inverse()
+        return Node(
+            view.stamp_ns, odometry, words, features.pixels, features.points, features.descriptors,
+            evidence=Evidence(scan, first, last),
+        )  # fmt: skip
+
+    def _recognise(self, mapper: Mapper, here: _Here) -> bool:
+        """Whether a loop was closed, or the node tied to one on known ground."""
+        memory = self.memory
+        awake = {node.id for node in memory.awake}
+        skeleton = memory.skeleton
+        neighbours = {node: [other for other in skeleton.ways_in_time(node) if other in awake] for node in awake}
+        twins = {node: skeleton.neighbours(node, (LinkKind.GLOBAL,)) for node in awake}
+        result = self.recognition.recognise(here.id, neighbours, twins)
+        self._obey(memory.retrieve(result.hypothesis, here.pose(mapper)))
+        closed = result.closure is not None and self._close(mapper, here, result.closure)
+        return self._tie(mapper, here) or closed
+
+    def _close(self, mapper: Mapper, here: _Here, place: int) -> bool:
+        """A place that is likely the present one: do features, scans and the graph say so as well?"""
+        old = self.memory.node(place)
+        found = register(features_of(old), here.view.features, here.view.camera, self.settings.registration)
+        if found.old_from_new is None:
+            assert found.refusal is not None
+            return self._refuse(here, place, found.refusal.value)
+        old_from_here = motion_of_base(found.old_from_new, self._mount)
+        key = int(self.memory.skeleton.rows["anchor"][place]) - self._first
+        if key < 0:
+            return self._recollect(mapper, here, place, old_from_here)
+        map_from_here = mapper.keys.pose(key) @ self.memory.skeleton.anchor_from_node(place) @ old_from_here
+        if key in mapper.keys.ways(here.key, mapper.settings.loops.min_way):
+            return self._confirm(mapper, here, place, key, map_from_here)
+        edge = mapper.close(key, map_from_here @ here.pose(mapper).inverse() @ mapper.pose())
+        if isinstance(edge, Doubt):
+            return self._refuse(here, place, edge.value)
+        self.memory.bend(self._anchors(mapper))
+        information = carried(edge.information, here.key_from_node.inverse())
+        link = self._link(place, here.id, LinkKind.GLOBAL, information)
+        self._bent_by.append((edge, link))
+        self._follow_graph(mapper)
+        return self.memory.skeleton.linked(place, here.id) is not None
+
+    def _confirm(self, mapper: Mapper, here: _Here, place: int, key: int, map_from_here: Pose2) -> bool:
+        """The map has the two side by side already: no edge is needed, but picture and scan must agree with it."""
+        gap = here.pose(mapper).inverse() @ map_from_here
+        if not self._agrees(gap):
+            return self._refuse(here, place, "the map has the two elsewhere")
+        fit = fit_to_keys(mapper, key, here.scan, here.pose(mapper))
+        if fit.inliers < self.settings.min_inliers:
+            return self._refuse(here, place, Doubt.OFF.value)
+        self._link(place, here.id, LinkKind.GLOBAL, fit.information)
+        return True
+
+    def _recollect(self, mapper: Mapper, here: _Here, place: int, old_from_here: Pose2) -> bool:
+        """A place of an earlier session: its scans are in the memory, its key scans in no graph of this one."""
+        fit = fit_to_node(self.memory, place, here.scan, old_from_here, mapper)
+        if not self._agrees(old_from_here.inverse() @ fit.pose) or fit.inliers < self.settings.min_inliers:
+            return self._refuse(here, place, Doubt.OFF.value)
+        self.counts["places of earlier sessions"] += 1
+        self.memory.link(Link(place, here.id, LinkKind.GLOBAL, fit.pose, fit.information))
+        return True
+
+    def _tie(self, mapper: Mapper, here: _Here) -> bool:
+        """Whether the new node is linked to one on known ground; so are those before it once a loop was closed."""
+        loops = sum(edge.kind is EdgeKind.LOOP for edge in mapper.keys.edges)
+        closed, self._loops = loops > self._loops, loops
+        tied = self._tie_node(mapper, here.id, here.key, here.scan)
+        for node in self.memory.stm[:-1] if closed else ():
+            seen, key = self.memory.node(node).evidence, int(self.memory.skeleton.rows["anchor"][node]) - self._first
+            if seen is not None and not self.memory.skeleton.links(node, LOOPS):
+                scan = scan_points(seen.scan, seen.node_from_first, mapper.settings.matching.range_max)
+                self._tie_node(mapper, node, key, scan)
+        return tied
+
+    def _tie_node(self, mapper: Mapper, node: int, key: int, scan: ScanPoints) -> bool:
+        """On known ground a node is linked to the nearest one there, if its scan lies on the surfaces round that."""
+        settings, memory = self.settings, self.memory
+        around = [self._first + other for other in mapper.keys.ways(key, mapper.settings.loops.min_way)]
+        place = nearest_place(memory, around, node, settings.near_distance, settings.near_angle)
+        if place is None or memory.skeleton.linked(place, node) is not None:
+            return False
+        pose = pose_from_array(memory.poses([node])[0])
+        fit = fit_to_keys(mapper, int(memory.skeleton.rows["anchor"][place]) - self._first, scan, pose)
+        if fit.inliers < settings.min_inliers or not self._agrees(pose.inverse() @ fit.pose):
+            return False
+        self._link(place, node, LinkKind.SPACE, fit.information)
+        return True
+
+    def _agrees(self, gap: Pose2) -> bool:
+        near = math.hypot(gap.x, gap.y) <= self.settings.agree_distance
+        return near and abs(gap.theta) <= self.settings.agree_angle
+
+    def _link(self, place: int, node: int, kind: LinkKind, information: FloatArray) -> Link:
+        """Links two nodes as they stand in the map."""
+        a, b = (pose_from_array(pose) for pose in self.memory.poses([place, node]))
+        link = Link(place, node, kind, a.inverse() @ b, information)
+        self.memory.link(link)
+        return link
+
+    def _refuse(self, here: _Here, place: int, reason: str) -> bool:
+        self.refused.append(Refused(here.id, place, reason))
+        return False
+
+    def _follow_graph(self, mapper: Mapper) -> None:
+        """Loops that the back end has left out are none, unless it takes them back."""
+        self._rejected = len(mapper.keys.rejected)
+        believed, memory = {id(edge) for edge in mapper.keys.edges}, self.memory
+        for edge, link in self._bent_by:
+            linked = memory.skeleton.linked(link.i, link.j) is not None
+            if linked and id(edge) not in believed:
+                memory.unlink(link.i, link.j)
+                self.refused.append(Refused(link.j, link.i, "the rest of the graph contradicts it"))
+            gone = Kept.GONE in (memory.skeleton.kept(link.i), memory.skeleton.kept(link.j))
+            if not linked and not gone and id(edge) in believed:
+                memory.link(link)
+
+    def _tear(self, mapper: Mapper) -> None:
+        """Where the mapper knows of no way from what was before, neither does the memory."""
+        torn = sum(edge.kind is EdgeKind.TORN for edge in mapper.keys.edges)
+        if torn > self._torn and self._last is not None:
+            self.memory.start_map()
+            self._last = None
+        self._torn = torn
+
+    def _hang_again(self, mapper: Mapper) -> None:
+        """The mapper moves its latest frames, where only the odometry had placed them, once a scan can; so do nodes."""
+        for node in self.memory.stm:
+            stamp_ns, anchor = int(self.memory.node(node).stamp_ns), int(self.memory.skeleton.rows["anchor"][node])
+            placed = mapper.placed(stamp_ns, self.settings.gap)
+            if placed is None or anchor < self._first:
+                continue
+            key, pose = placed
+            key_from_node = mapper.keys.pose(key).inverse() @ pose
+            moved = self.memory.skeleton.anchor_from_node(node).inverse() @ key_from_node
+            if self._first + key != anchor or math.hypot(moved.x, moved.y) > _MOVED:
+                self.memory.hang(node, self._first + key, key_from_node)
+
+    def _anchors(self, mapper: Mapper) -> FloatArray:
+        """(A, 3) where the memory's anchors stand: those of earlier sessions nowhere, then the key scans."""
+        return np.concatenate([np.full((self._first, 3), np.nan), mapper.keys.poses])
+
+    def _obey(self, change: Change) -> None:
+        """Dictionary and filter follow the memory."""
+        for node in change.slept:
+            self.recognition.leave(node.id)  # its words are in the store since they were made
+        for node in change.woken:
+            self._recall(node, None)
+        for place in change.entered_wm:
+            self.recognition.enter(place)
+
+    def _recall(self, node: Node, since: int | None) -> None:
+        """The words of a node that wakes are known again; those asleep are compared with what was made after them.
+
+        Args:
+            node: as it was put to sleep.
+            since: the first word that may be another name of one asleep; None: the one after it.
+        """
+        vocabulary = self.recognition.vocabulary
+        try:
+            ids, rows = self.memory.store.words(vocabulary.missing(node.words).astype(np.int64))
+        except LongTermError:  # the store says so; without its words the node is seen, and not recognised
+            ids, rows = np.empty(0, np.int64), np.empty((0, 0), np.uint8)
+        asleep = vocabulary.no_words()
+        if len(ids):
+            descriptors = rows if vocabulary.binary else rows.view(np.float32)
+            later = ids + 1 if since is None else np.full(len(ids), since)
+            asleep = SleepingWords(ids.astype(np.int32), descriptors, later.astype(np.int32))
+        words = self.recognition.wake(node.id, node.words, asleep)
+        if not np.array_equal(words, node.words):
+            self.memory.rewrite(node.id, words)

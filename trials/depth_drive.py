@@ -1,0 +1,108 @@
+"""A simulated drive as a mapper gets it: frames with scans, and the camera's pictures between them."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable
+from dataclasses import replace
+from itertools import pairwise
+
+import numpy as np
+
+from waychair.calibration.chair import CHAIR_A, ChairBody
+from waychair.errors import MissingExtra
+from waychair.simulation.follower import Follower, follow
+from waychair.simulation.plan_blocks import cells_in, fill
+from waychair.simulation.plant import PlantSettings
+from waychair.simulation.scene import Block, Pit
+from waychair.simulation.simulator import Simulator, SimulatorSettings, with_all_sensors
+from waychair.simulation.world import World
+from waychair.types import FloatArray, ImuSample, Pose2, RgbdFrame, Scan, SensorFrame, Trajectory, WheelTicks
+
+
+def drive_with_pictures(
+    world: World,
+    route: FloatArray,
+    take: Callable[[SensorFrame | RgbdFrame], None],
+    *,
+    camera_hz: float = 3.0,
+    size: tuple[int, int] = (640, 480),
+    seed: int = 0,
+    body: ChairBody = CHAIR_A,
+    until_ns: int | None = None,
+) -> Trajectory:
+    """Drives along `route` (N, 2) [m, map], or until a time, and returns the truth, in map, at each scan.
+
+    `take` gets each frame and each picture, in the order of time; pictures are `size`, columns and rows.
+
+    Raises:
+        WorldError: the chair touched something on the way.
+        MissingExtra: this machine cannot render pictures.
+    """
+    settings = with_all_sensors(SimulatorSettings())
+    camera = replace(settings.camera, rate_hz=camera_hz, width=size[0], height=size[1])
+    simulator = Simulator(
+        world, body, replace(settings, camera=camera, sonar=replace(settings.sonar, rate_hz=0.0)), seed
+    )
+    if simulator.camera_problem is not None:
+        raise MissingExtra(f"there are no pictures to map from: {simulator.camera_problem}")
+    wheels: list[WheelTicks] = []
+    imu: list[ImuSample] = []
+    stamps, poses = [], []
+    for message in follow(simulator, Follower(route, body.track, PlantSettings())):
+        if isinstance(message, WheelTicks):
+            wheels.append(message)
+        elif isinstance(message, ImuSample):
+            imu.append(message)
+        elif isinstance(message, RgbdFrame):
+            take(message)
+        elif isinstance(message, Scan):
+            take(SensorFrame(message.stamp_ns, scan=message, wheels=tuple(wheels), imu=tuple(imu)))
+            stamps.append(message.stamp_ns)
+            poses.append(simulator.truth().array())
+            wheels, imu = [], []
+        if until_ns is not None and message.stamp_ns >= until_ns:
+            break
+    return Trajectory(np.array(stamps, np.int64), np.array(poses))
+
+
+def with_hazards(world: World, seed: int, spacing: float = 4.0) -> World:
+    """The world with things beside its mapping route that lidars do not see: low boxes, shelves and pits, in turn.
+
+    One stands every `spacing` [m] or so where there is room, well clear of the way of the chair and of its turns.
+    """
+    rng, route = np.random.default_rng(seed), np.concatenate([[[world.start.x, world.start.y]], world.route()])
+    blocks, pits, cells = list(world.blocks), list(world.pits), world.grid.cells.copy()
+    grid = replace(world.grid, cells=cells)
+    placed: list[FloatArray] = []
+    for start, end in pairwise(route):
+        length = math.dist(start, end)
+        heading = math.atan2(*(end - start)[::-1])
+        for along in np.arange(2.0, length - 2.0, spacing).tolist():
+            side = float(rng.choice([-1.0, 1.0])) * float(rng.uniform(0.82, 0.86))
+            at = Pose2(float(start[0]), float(start[1]), heading) @ Pose2(along, side)
+            middle, size = np.array([at.x, at.y]), (float(rng.uniform(0.3, 0.6)), 0.24)
+            covered, _ = cells_in(grid, at, size[0] + 0.1, size[1] + 0.1)
+            beside = (
+                min(math.dist(middle, corner) for corner in route) > 1.5
+                and min(_to_leg(middle, *leg) for leg in pairwise(route)) > 0.78
+            )
+            alone = all(math.dist(middle, other) > 1.5 for other in placed)
+            if not (beside and alone and len(covered) and (cells[tuple(covered.T)] == 0).all()):
+                continue
+            kind = len(placed) % 3
+            if kind == 2:
+                pits.append(Pit(at, *size, 0.6))
+            else:
+                low, high = ((0.0, float(rng.uniform(0.1, 0.22))), (0.66, 0.72))[kind]
+                blocks.append(Block(at, *size, low, high, "wood", int(rng.integers(1 << 30))))
+            fill(cells, grid, at, *size)
+            placed.append(middle)
+    return replace(world, blocks=tuple(blocks), pits=tuple(pits), grid=grid)
+
+
+def _to_leg(point: FloatArray, start: FloatArray, end: FloatArray) -> float:
+    """Distance [m] of a point (2,) from a straight leg."""
+    along = end - start
+    part = np.clip((point - start) @ along / max(float(along @ along), 1e-12), 0.0, 1.0)
+    return math.dist(point, start + part * along)

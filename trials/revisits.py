@@ -1,0 +1,190 @@
+"""Drives that come back: recorded with a camera, mapped with and without it, and scored by the truth.
+
+What is measured (a place is within 1 m and 30 degrees by the truth):
+
+- A node *stands at a true revisit* if an earlier node stands at the same place and is no member of the short-term
+  memory any more (more than 30 s older). Recall is the share of those for which the memory has a link to a node at that
+  place: a loop by appearance or one on known ground (RTAB-Map's proximity), both checked by the lidar.
+- A *revisit* is a stretch of the drive on which nodes stand at true revisits, ended by 10 nodes that do not; it is
+  closed if one of them is linked. Revisits the other way round, which a camera cannot see, are counted apart: they are
+  closed if the map's own relative pose of the two visits is right and rests on a loop's edge or a common key scan.
+- A link is *false* if its relative pose is wrong by more than 0.5 m or 15 degrees; so is a loop's edge of the graph.
+"""
+
+from __future__ import annotations
+
+import dataclasses
+from dataclasses import dataclass
+from pathlib import Path
+
+import numpy as np
+
+from waychair.calibration.chair import CHAIR_A
+from waychair.geometry import compose, invert, pose_from_array, wrap_angles
+from waychair.recording import InputSettings, read_recording
+from waychair.rosbag_reader import BagSettings
+from waychair.runtime.appearance_mapping import MemoryMaking
+from waychair.runtime.live_mapping import LiveMapping, LiveMappingSettings
+from waychair.simulation.camera import CameraSettings
+from waychair.simulation.simulator import Simulator, SimulatorSettings, with_all_sensors
+from waychair.simulation.world import load_world
+from waychair.slam.appearance import Appearance, AppearanceSettings
+from waychair.slam.edges import EdgeKind
+from waychair.slam.evaluation import truth_errors
+from waychair.slam.mapper import MapperResult
+from waychair.slam.nodes import LOOPS, LinkKind
+from waychair.trials.record import drive_route
+from waychair.types import BoolArray, FloatArray, IntArray, Json, Odometry, Pose2, Trajectory
+
+TRUTH = "/ground_truth/odom"
+_NEAR, _TURN, _BEFORE_NS = 1.0, np.radians(30.0), 30_000_000_000
+_WRONG, _WRONG_TURN = 0.5, np.radians(15.0)
+_PAUSE = 10
+
+
+@dataclass(frozen=True, slots=True)
+class Mapped:
+    """A drive as it was mapped, with the memory of its places (None without camera), and where the chair really was."""
+
+    result: MapperResult
+    appearance: Appearance | None
+    truth: Trajectory
+
+
+def recorded(
+    world: str, bag: Path, rate_hz: float, route: FloatArray | None = None, camera: CameraSettings | None = None
+) -> None:
+    """A drive along a route of a world, by default its own, with pictures at a lower rate than a real camera's."""
+    place = load_world(world)
+    settings = with_all_sensors(SimulatorSettings())
+    settings = dataclasses.replace(
+        settings,
+        sonar=dataclasses.replace(settings.sonar, rate_hz=0.0),
+        camera=dataclasses.replace(camera or settings.camera, rate_hz=rate_hz),
+    )
+    simulator = Simulator(place, CHAIR_A, settings)
+    drive_route(simulator, CHAIR_A, place.routes["mapping"] if route is None else route, bag)
+
+
+def mapped(bag: Path, *, camera: bool = True, settings: AppearanceSettings | None = None) -> Mapped:
+    """A recorded drive, its memory in RAM."""
+    recording = read_recording(bag)
+    live = LiveMapping(LiveMappingSettings(), recording.base_from_laser)
+    appearance = Appearance(settings or AppearanceSettings(), CHAIR_A.base_from_camera) if camera else None
+    making = None if appearance is None else MemoryMaking(appearance, recording.pictures())
+    for frame in map(live.reckon, recording.frames):
+        live.mapper.process(frame)
+        if making is not None:
+            making.follow(live.mapper, frame)
+    result = live.mapper.result()
+    if appearance is not None:
+        appearance.finish(live.mapper)
+    return Mapped(result, appearance, truth_of(bag))
+
+
+def truth_of(bag: Path) -> Trajectory:
+    """Where the simulated chair really was, in the frame of the world."""
+    recording = read_recording(bag, InputSettings(bag=BagSettings(odom_topic=TRUTH)))
+    readings = [reading for frame in recording.frames for reading in frame.wheels if isinstance(reading, Odometry)]
+    stamps = np.array([reading.stamp_ns for reading in readings], np.int64)
+    return Trajectory(stamps, np.array([reading.odom_from_base.array() for reading in readings]))
+
+
+def ate(drive: Mapped) -> float:
+    """Root mean square of the position's error [m]."""
+    return round(truth_errors(drive.result.trajectory, drive.truth).rmse_m, 4)
+
+
+def score(drive: Mapped) -> Json:
+    """Revisits, recall and false loops of a drive with camera."""
+    assert drive.appearance is not None
+    memory = drive.appearance.memory
+    ids = np.array(memory.skeleton.ids())
+    stamps = memory.skeleton.rows["stamp_ns"][ids]
+    poses = _true_poses(drive.truth, stamps)
+    same, reversed_ = _places_again(poses, stamps)
+    row = {int(node): k for k, node in enumerate(ids)}
+    linked = np.zeros(len(ids), bool)
+    for k, node in enumerate(ids.tolist()):
+        partners = (row[other] for other in memory.skeleton.neighbours(node, LOOPS))
+        linked[k] = any(same[k, other] for other in partners if other < k)
+    at_revisit: BoolArray = np.logical_or.reduce(same, axis=1)
+    turned: BoolArray = np.logical_or.reduce(reversed_, axis=1)
+    passes = _stretches(at_revisit)
+    back = _stretches(turned & ~at_revisit)
+    right = _right(drive, ids, poses, reversed_)
+    kinds = [link.kind for link in memory.skeleton.every_link()]
+    return {
+        "nodes": len(ids),
+        "at_revisits": int(at_revisit.sum()),
+        "recall": round(float(linked[at_revisit].mean()), 4) if at_revisit.any() else 1.0,
+        "revisits": len(passes),
+        "closed": sum(bool(linked[stretch].any()) for stretch in passes),
+        "revisits_reversed": len(back),
+        "closed_reversed": sum(bool(right[stretch].any()) for stretch in back),
+        "by_appearance": kinds.count(LinkKind.GLOBAL),
+        "on_known_ground": kinds.count(LinkKind.SPACE),
+        "loop_edges": sum(edge.kind is EdgeKind.LOOP for edge in drive.result.edges),
+        "edges_by_appearance": drive.result.counts.get("loops_sighted", 0),
+        "refused": len(drive.appearance.refused),
+        "false_links": _false_links(drive),
+        "false_edges": _false_edges(drive),
+    }
+
+
+def _places_again(poses: FloatArray, stamps: IntArray) -> tuple[BoolArray, BoolArray]:
+    """(N, N) whether node k stands where node i < k stood long before: in the same direction, in any other."""
+    away = np.hypot(*(poses[:, None, :2] - poses[None, :, :2]).transpose(2, 0, 1))
+    turned = np.abs(wrap_angles((poses[:, None, 2] - poses[None, :, 2]).ravel())).reshape(away.shape)
+    near = (away < _NEAR) & (stamps[:, None] - stamps[None, :] > _BEFORE_NS)
+    return near & (turned < _TURN), near & (turned >= _TURN)
+
+
+def _stretches(inside: BoolArray) -> list[IntArray]:
+    """Rows that are inside, in groups with no more than so many outside between two."""
+    rows = np.flatnonzero(inside)
+    return [group for group in np.split(rows, np.flatnonzero(np.diff(rows) > _PAUSE) + 1) if len(group)]
+
+
+def _right(drive: Mapped, ids: IntArray, poses: FloatArray, again: BoolArray) -> BoolArray:
+    """(N,) whether the map has a node right beside one of those that it stands at again (see the module's text)."""
+    assert drive.appearance is not None
+    memory = drive.appearance.memory
+    found = memory.poses(ids.tolist())
+    right = np.zeros(len(ids), bool)
+    for k, i in zip(*np.nonzero(again), strict=True):
+        true, own = (compose(invert(each[i : i + 1]), each[k : k + 1]) for each in (poses, found))
+        gap = compose(invert(true), own)[0]
+        right[k] |= bool(np.hypot(gap[0], gap[1]) < _WRONG and abs(gap[2]) < _WRONG_TURN)
+    return right
+
+
+def _false_links(drive: Mapped) -> int:
+    assert drive.appearance is not None
+    skeleton = drive.appearance.memory.skeleton
+    links = [link for link in skeleton.every_link() if link.kind in LOOPS]
+    stamps = skeleton.rows["stamp_ns"]
+    begin, end = stamps[[link.i for link in links]], stamps[[link.j for link in links]]
+    return _false(drive.truth, begin, end, [link.i_from_j for link in links])
+
+
+def _false_edges(drive: Mapped) -> int:
+    stamps = drive.result.trajectory.stamps_ns[list(drive.result.key_frames)]
+    edges = [edge for edge in drive.result.edges if edge.kind is EdgeKind.LOOP]
+    begin, end = stamps[[edge.i for edge in edges]], stamps[[edge.j for edge in edges]]
+    return _false(drive.truth, begin, end, [edge.i_from_j for edge in edges])
+
+
+def _false(truth: Trajectory, from_ns: IntArray, to_ns: IntArray, measured: list[Pose2]) -> int:
+    """How many relative poses between two moments are wrong."""
+    count = 0
+    for a, b, found in zip(_true_poses(truth, from_ns), _true_poses(truth, to_ns), measured, strict=True):
+        gap = (pose_from_array(a).inverse() @ pose_from_array(b)).inverse() @ found
+        count += bool(np.hypot(gap.x, gap.y) > _WRONG or abs(gap.theta) > _WRONG_TURN)
+    return count
+
+
+def _true_poses(truth: Trajectory, stamps: IntArray) -> FloatArray:
+    """(K, 3) where the chair was at stamps (K,), between the truth's own."""
+    columns = (truth.poses[:, 0], truth.poses[:, 1], np.unwrap(truth.poses[:, 2]))
+    return np.stack([np.interp(stamps, truth.stamps_ns, column) for column in columns], axis=1)
