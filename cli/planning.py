@@ -9,6 +9,8 @@ from typing import TYPE_CHECKING, Annotated
 from cyclopts import Parameter
 
 if TYPE_CHECKING:
+    from collections.abc import Mapping
+
     from waychair.types import Place
 
 Pose = Annotated[str, Parameter(allow_leading_hyphen=True)]
@@ -179,23 +181,29 @@ def _json(values: object) -> str:
 
 def navigate_command(
     *,
-    map: Path,
     goal: Annotated[list[str], Parameter(allow_leading_hyphen=True)],
-    start: Pose = "0,0,0",
+    map: Path | None = None,
+    world: str | None = None,
+    start: Annotated[str | None, Parameter(allow_leading_hyphen=True)] = None,
     people: int = 0,
     sensors: bool = False,
     seed: int = 0,
 ) -> None:
-    """Drive a simulated chair to places on a map and by its zones, in a world raised from it.
+    """Drive a simulated chair to places on a map and by its zones.
+
+    The world is raised from the map, or is one that ships; then the map is one of a drive that began at its start, as
+    `waychair simulate` records them, or, without a map, the world's own plan.
 
     Parameters
     ----------
-    map
-        Map folder or its map.yaml.
     goal
         Name of a place, or X,Y or X,Y,YAW in metres and radians; may be given several times.
+    map
+        Map folder or its map.yaml.
+    world
+        Name of a world (see `waychair worlds`), or its file.
     start
-        Where the chair stands at first, likewise.
+        Where the chair stands at first, likewise; by default at 0,0,0 of the map, or at the world's own start.
     people
         So many people walk about.
     sensors
@@ -206,14 +214,30 @@ def navigate_command(
     from rich.console import Console
     from rich.table import Table
 
+    from waychair.cli.arguments import BadArgument
+    from waychair.maps.depth_layer import load_depth_layer, scanned_part
     from waychair.maps.map_files import load_map
     from waychair.maps.zones import load_zones
+    from waychair.simulation.world import load_world
     from waychair.trials.demo_report import HEADER, IN_TERMINAL, row
     from waychair.trials.navigate import navigate
+    from waychair.types import Pose2
 
-    goals = [_place(map, text, "--goal") for text in goal]
-    begin = _place(map, start, "--start").pose
-    legs = navigate(load_map(map), begin, goals, seed, people, zones=load_zones(map), sensors=sensors)
+    if map is None and world is None:
+        raise BadArgument("there is nowhere to drive: name a map with --map, a world with --world, or both")
+    plan = None if world is None else load_world(world)
+    if map is None:
+        assert plan is not None
+        own = {place.name: place for place in plan.places}
+        goals = [_place_among(own, text, "--goal") for text in goal]
+        begin = plan.start if start is None else _place_among(own, start, "--start").pose
+        legs = navigate(plan.grid, begin, goals, seed, people, plan, sensors=sensors)
+    else:
+        grid, map_from_world = load_map(map), Pose2() if plan is None else plan.start.inverse()
+        goals = [_place(map, text, "--goal") for text in goal]
+        begin = _place(map, start or "0,0,0", "--start").pose
+        scanned = scanned_part(grid, load_depth_layer(map, grid))
+        legs = navigate(grid, begin, goals, seed, people, plan, load_zones(map), sensors, scanned, map_from_world)
     table = Table(*HEADER[:IN_TERMINAL])
     for leg in legs:
         table.add_row(*row(leg)[:IN_TERMINAL])
@@ -227,11 +251,17 @@ def navigate_command(
 
 def _place(map: Path, text: str, option: str) -> Place:
     """The place of this name, or the pose that is written out, under its own text as a name."""
+    from waychair.maps.places import load_places
+
+    return _place_among(load_places(map), text, option)
+
+
+def _place_among(places: Mapping[str, Place], text: str, option: str) -> Place:
+    """Likewise, of these places."""
     from waychair.cli.arguments import pose_from_text
-    from waychair.maps.places import find, load_places
+    from waychair.maps.places import find
     from waychair.types import Place
 
-    places = load_places(map)
     if text in places or (not text[:1].lstrip("-+.").isdigit() and "," not in text):
         return find(places, text)
     return Place(text, pose_from_text(text, option))

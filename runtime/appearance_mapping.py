@@ -10,7 +10,7 @@ from pathlib import Path
 
 import numpy as np
 
-from waychair.errors import OutputError
+from waychair.errors import OutputError, RecordingError
 from waychair.recording import Recording
 from waychair.slam.appearance import Appearance, AppearanceSettings, PictureCost
 from waychair.slam.mapper import Mapper
@@ -29,8 +29,8 @@ class MemoryMaking:
         self.appearance = appearance
         self.seconds = 0.0
         self.warnings: tuple[str, ...] = ()
-        self._pictures = pictures
-        self._next = next(pictures, None)
+        self._pictures = self._readable(pictures)
+        self._next = next(self._pictures, None)
 
     def follow(self, mapper: Mapper, frame: SensorFrame) -> None:
         """After the mapper was given a frame: the pictures that are no later."""
@@ -44,15 +44,22 @@ class MemoryMaking:
     def finish(self, mapper: Mapper) -> Json:
         """After the mapper's graph was optimised for the last time; what is told of the memory, whose file is closed.
 
-        `warnings` then says what was wrong with the file.
+        `warnings` then says what was wrong with the pictures and the file.
         """
         late = sum(1 for _ in self._pictures) + (self._next is not None)
         self.appearance.counts["pictures after the last scan"] = late
         self.appearance.finish(mapper)
         report, store = memory_report(self.appearance), self.appearance.memory.store
         self.appearance.memory.close()
-        self.warnings = (*store.notes, *([] if store.fault is None else [str(store.fault)]))
+        self.warnings += (*store.notes, *([] if store.fault is None else [str(store.fault)]))
         return report
+
+    def _readable(self, pictures: Iterator[RgbdFrame]) -> Iterator[RgbdFrame]:
+        """The pictures up to the first that cannot be read: the lidar goes on alone."""
+        try:
+            yield from pictures
+        except RecordingError as error:
+            self.warnings += (f"no place is told by the pictures from here on: {error}",)
 
 
 def begin_memory(
@@ -65,8 +72,11 @@ def begin_memory(
     Raises:
         OutputError: the folder cannot be written to.
     """
-    if next(recording.pictures(), None) is None:
-        return None
+    try:
+        if next(recording.pictures(), None) is None:
+            return None
+    except RecordingError:
+        return None  # whoever draws by them says so
     if folder is None:
         return MemoryMaking(Appearance(settings, base_from_camera), recording.pictures())
     try:

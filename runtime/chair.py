@@ -126,11 +126,13 @@ class Chair:
         model: DacModel | None = None,
         monitor: MonitorPort | None = None,
         zones: Sequence[Zone] = (),
+        scanned: OccupancyGrid | None = None,
     ) -> None:
         """What the calibration lacks is careful: without measured stops the chair crawls.
 
         `model` drives the lines in place of the calibration's. `monitor`: a `MonitorProcess`, for a chair on its feet;
-        by default the monitor lives in the tick, as the simulator's clock needs it. `zones` are the map's.
+        by default the monitor lives in the tick, as the simulator's clock needs it. `zones` are the map's. `scanned`: the map as a
+        lidar sees it, where a camera has drawn into it, too (`maps.depth_layer`).
 
         Raises:
             BridgeError: the chair's name is too long for a board.
@@ -143,7 +145,7 @@ class Chair:
         self._delays = calibration.sensor_delays or SensorDelays()
         self._odometry = OdometryFilter(body)
         self._tilt = TiltFilter(body)
-        self._localiser = Localiser(grid, body.base_from_laser, start, s.localiser)
+        self._localiser = Localiser(grid if scanned is None else scanned, body.base_from_laser, start, s.localiser)
         model = model or calibration.dac or DEFAULT
         model = DeadBand(model) if isinstance(model, FittedDac) else model
         watched = Watched(body, s.monitor, calibration.stops, calibration.self_mask)

@@ -82,7 +82,8 @@ class Leg:
 class Setting:
     """What a drive takes place in: the map the chair knows, its places, the chair, and `map_from_world` of the truth.
 
-    `stops` None: as the simulated chair's are; a chair whose stops were not measured crawls. `zones` are the map's.
+    `stops` None: as the simulated chair's are; a chair whose stops were not measured crawls. `zones` are the map's,
+    `scanned` is the map as a lidar sees it, where that is another.
     """
 
     grid: OccupancyGrid
@@ -93,6 +94,7 @@ class Setting:
     chair: ChairSettings = field(default_factory=ChairSettings)
     stops: StopTable | None = None
     zones: Sequence[Zone] = ()
+    scanned: OccupancyGrid | None = None
 
 
 def drive_to_places(
@@ -138,6 +140,7 @@ def chair_in(setting: Setting, simulator: Simulator) -> Iterator[Chair]:
                 setting.chair,
                 setting.calibration,
                 zones=setting.zones,
+                scanned=setting.scanned,
             )
         finally:
             simulator.wire(None)

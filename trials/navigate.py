@@ -33,19 +33,29 @@ def navigate(
     world: World | None = None,
     zones: Sequence[Zone] = (),
     sensors: bool = False,
+    scanned: OccupancyGrid | None = None,
+    map_from_world: Pose2 | None = None,
 ) -> tuple[Leg, ...]:
     """Drives chair A from a start to places in turn, both in the map's frame, among so many people who walk about.
 
-    A `world` that is given shares the map's frame; its own start and people are left out. `zones` are the map's. With
-    `sensors` the chair has sonars, a depth camera and an IMU besides its lidar.
+    A `world` that is given stands at `map_from_world`; its own start and people are left out. `zones` are the map's. With
+    `sensors` the chair has sonars, a depth camera and an IMU besides its lidar. `scanned` is the map as a lidar sees it
+    in that world; in one raised from the map itself it sees all of it.
 
     Raises:
         WorldError: the chair does not fit at the start, the start lies outside the map, or there is no room for people.
     """
-    world = world_from_grid(grid, start) if world is None else replace(world.without_people(), start=start)
+    scanned = None if world is None else scanned
+    map_from_world = map_from_world or Pose2()
+    world = (
+        world_from_grid(grid, start)
+        if world is None
+        else replace(world.without_people(), start=map_from_world.inverse() @ start)
+    )
     chair = with_all_sensors(chair_of(seed)) if sensors else chair_of(seed)
     simulator = Simulator(with_walkers(world, people, seed), CHAIR_A, chair, seed)
-    setting = Setting(grid, {place.name: place for place in goals}, CHAIR_A, DEFAULT, zones=zones)
+    places = {place.name: place for place in goals}
+    setting = Setting(grid, places, CHAIR_A, DEFAULT, map_from_world, zones=zones, scanned=scanned)
     return drive_to_places(setting, simulator, [place.name for place in goals])
 
 

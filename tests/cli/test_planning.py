@@ -155,6 +155,16 @@ def test_zones_of_the_map_bind_the_plan(flat: Path, tmp_path: Path, capsys: pyte
             planned(capsys, folder, "0,0", "kitchen")
 
 
+def test_the_chair_navigates_in_a_world_that_ships_on_its_own_plan() -> None:
+    done = waychair("navigate", "--world", "small_clinic", "--goal", "2.5,1,0")
+    assert done.returncode == 0, done.stderr
+    assert "2.5,1,0" in done.stdout
+
+
+def test_navigating_nowhere_is_refused_with_advice() -> None:
+    assert "--world" in refused(waychair("navigate", "--goal", "kitchen"))
+
+
 def test_the_chair_navigates_to_two_places_in_turn(flat: Path) -> None:
     done = waychair("navigate", "--map", flat, "--goal", "kitchen", "--goal", "nook", "--seed", "3")
     assert done.returncode == 0, done.stderr
