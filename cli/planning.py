@@ -184,7 +184,7 @@ def navigate_command(
     goal: Annotated[list[str], Parameter(allow_leading_hyphen=True)],
     map: Path | None = None,
     world: str | None = None,
-    start: Annotated[str | None, Parameter(allow_leading_hyphen=True)] = None,
+    start: Pose | None = None,
     people: int = 0,
     sensors: bool = False,
     seed: int = 0,

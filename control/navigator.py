@@ -131,7 +131,7 @@ class Navigator:
         self._recovery = Recovery(self._settings.recovery)
         self._tracker = Tracker(self._settings.tracks)
         self._tracks: tuple[Track, ...] = ()
-        self._among_people = self._somebody_behind = False
+        self._among_people = False
         self._motion, self._before = Motion(), Twist()
         self._local: DistanceField | None = None
         self._command = Twist()
@@ -288,12 +288,10 @@ class Navigator:
             track.walks(s.tracks) and self._gap(track, odom_from_base) < s.recovery.about for track in self._tracks
         )
 
-    def _waits_for_people(self, now_ns: int, odom_from_base: Pose2) -> bool:
-        """Whether there are people about who go on by themselves, or may be where the chair would back out to."""
-        s = self._settings
+    def _is_somebody_behind(self, now_ns: int, odom_from_base: Pose2) -> bool:
+        """Whether people may be where the chair would back out to."""
         everybody = (*self._tracks, *self._tracker.lost)
-        self._somebody_behind = may_be_behind(everybody, now_ns, odom_from_base, self._body, s.recovery.way)
-        return self._among_people or self._somebody_behind
+        return may_be_behind(everybody, now_ns, odom_from_base, self._body, self._settings.recovery.way)
 
     def _see_people(self, now_ns: int, pose: Pose2, obstacles: FloatArray, odom_from_map: Pose2) -> tuple[Track, ...]:
         """Tracks, in odom, of those who go their way, or went it before they stood; room is left round them."""
@@ -313,7 +311,7 @@ class Navigator:
 
     def _choose(self, now_ns: int, pose: Pose2, view: View) -> DwaResult:
         """Follow the path; where that has been impossible for a while, first back out the way the chair came."""
-        tries = self._recovery.tries
+        tries, behind = self._recovery.tries, self._is_somebody_behind(now_ns, view.pose)
         backing = self._recovery.step(
             now_ns,
             view.pose,
@@ -322,24 +320,24 @@ class Navigator:
             view.local,
             self._body,
             self._dwa,
-            self._waits_for_people(now_ns, view.pose),
+            self._among_people or behind,
         )
         if self._recovery.tries > tries:
             self._planned_ns = None  # once backed out, plan anew from there
         if backing is not None:
             return backing
-        choice = self._follow(view)
+        choice = self._follow(view, behind)
         if choice.arrived and len(self._legs) > 1:  # stopped and turned: on with the next leg
             self._legs, self._leg = self._legs[1:], None
-            choice = self._follow(view)
+            choice = self._follow(view, behind)
         return replace(choice, arrived=choice.arrived and len(self._legs) == 1)
 
-    def _follow(self, view: View) -> DwaResult:
-        """The next command on the present leg."""
+    def _follow(self, view: View, behind: bool) -> DwaResult:
+        """The next command on the present leg, never backwards where somebody may be `behind`."""
         if self._leg is None:
             self._leg = LegDrive(self._legs, self._grid, self._body, self._settings.legs)
         limits = crawling(self._dwa) if self._jumping else self._dwa
-        if self._somebody_behind:
+        if behind:
             limits = replace(limits, max_reverse=0.0)
         if len(self._legs) > 1:
             limits = replace(limits, goal_tolerance=self._settings.corner_tolerance)

@@ -64,6 +64,7 @@ if TYPE_CHECKING:
     from waychair.planning.tracks import Track
 
 DEFAULTS = DwaSettings()
+"""What a person is driven with, where nothing else is asked for."""
 
 _LEAVING = 2.5
 """Within this time [s] there must be more room, where there is far too little."""

@@ -131,8 +131,8 @@ class Chair:
         """What the calibration lacks is careful: without measured stops the chair crawls.
 
         `model` drives the lines in place of the calibration's. `monitor`: a `MonitorProcess`, for a chair on its feet;
-        by default the monitor lives in the tick, as the simulator's clock needs it. `zones` are the map's. `scanned`: the map as a
-        lidar sees it, where a camera has drawn into it, too (`maps.depth_layer`).
+        by default the monitor lives in the tick, as the simulator's clock needs it. `zones` are the map's. `scanned`:
+        the map as a lidar sees it, where a camera has drawn into it, too (`maps.depth_layer`).
 
         Raises:
             BridgeError: the chair's name is too long for a board.

@@ -27,6 +27,7 @@ from waychair.runtime.depth_recording import mount_of_camera
 from waychair.runtime.mapping import MappingSettings, map_recording
 from waychair.runtime.rgbd_mapping import RgbdMappingSettings, map_pictures
 from waychair.slam.dead_reckoning import DeadReckoning
+from waychair.slam.registration import angle_between
 from waychair.types import Bytes, FloatArray, Pose3, RgbdFrame, Trajectory, Trajectory3
 
 
@@ -117,9 +118,8 @@ def _open3d() -> Any:
 def _is_key(last: Pose3 | None, here: Pose3, settings: CloudSettings) -> bool:
     if last is None:
         return True
-    moved = last.inverse() @ here
-    turned = math.acos(min(1.0, max(-1.0, (float(np.trace(moved.rotation)) - 1.0) / 2.0)))
-    return float(np.linalg.norm(moved.translation)) >= settings.key_distance or turned >= settings.key_angle
+    away = float(np.linalg.norm(here.translation - last.translation))
+    return away >= settings.key_distance or angle_between(last, here) >= settings.key_angle
 
 
 def _posed(source: Path, settings: CloudSettings) -> Iterator[Posed]:

@@ -13,7 +13,6 @@ import numpy as np
 from waychair.calibration.chair import CHAIR_A, ChairBody
 from waychair.config import Settings, setting
 from waychair.errors import NoScans
-from waychair.geometry import arc
 from waychair.maps.depth_evidence import merged
 from waychair.maps.depth_layer import depth_layer
 from waychair.maps.grid_assembly import AssemblySettings, GridAssembly
@@ -22,7 +21,8 @@ from waychair.runtime.depth_mapping import DepthMapping, DepthMappingSettings
 from waychair.slam.dead_reckoning import DeadReckoning
 from waychair.slam.mapper import Mapper, MapperResult, MapperSettings, odometry_of, twist_of
 from waychair.slam.odometry_model import OdometrySettings
-from waychair.types import OccupancyGrid, Pose2, Pose3, RgbdFrame, Scan, SensorFrame, Twist
+from waychair.slam.scan_points import swept
+from waychair.types import OccupancyGrid, Pose2, Pose3, RgbdFrame, SensorFrame, Twist
 
 
 @dataclass(frozen=True, slots=True)
@@ -184,7 +184,7 @@ class LiveMapping:
         assert frame.scan is not None
         hung, twist = self.mapper.frames[number], twist_of(frame) or Twist()
         first = hung.key_from_base @ self.base_from_laser
-        last = hung.key_from_base @ _sweep(frame.scan, twist) @ self.base_from_laser
+        last = hung.key_from_base @ swept(frame.scan, twist) @ self.base_from_laser
         self._assembly.add(number, frame.scan, hung.key, first.array(), last.array())
 
     def _bend(self) -> None:
@@ -201,9 +201,3 @@ class LiveMapping:
         started = time.process_time()
         yield
         self.seconds[stage] += time.process_time() - started
-
-
-def _sweep(scan: Scan, twist: Twist) -> Pose2:
-    """How far the base goes from a scan's first beam to its last, at a constant twist."""
-    seconds = scan.time_step * (len(scan.ranges) - 1)
-    return arc(twist.v * seconds, twist.omega * seconds)

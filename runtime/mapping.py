@@ -94,7 +94,9 @@ def map_recording(
         raise NoScans(f"{recording.path} holds no laser scan, so no map can be made of it")
     seeing = None
     if settings.vision == "on":
-        lens, _ = mount_of_camera(recording, replace(settings.depth, use="on"))
+        lens = camera  # which is not looked for where depth is not drawn
+        if settings.depth.use == "off":
+            lens, _ = mount_of_camera(recording, replace(settings.depth, use="on"))
         seeing = None if lens is None else begin_memory(recording, settings.appearance, lens, keep_in)
     kept = None
     if keep_in is not None and seeing is None:

@@ -21,7 +21,7 @@ import numpy as np
 
 from waychair.config import Settings, setting
 from waychair.errors import LongTermError, SensorError
-from waychair.geometry import arc, pose_from_array, rotation, transform_points
+from waychair.geometry import pose_from_array, rotation, transform_points
 from waychair.slam.edges import Edge, EdgeKind
 from waychair.slam.features import Features, extract
 from waychair.slam.information import of_odometry
@@ -30,7 +30,7 @@ from waychair.slam.mapper import Mapper, twist_of
 from waychair.slam.memory import Change, Memory
 from waychair.slam.memory_settings import MemorySettings
 from waychair.slam.nodes import LOOPS, Evidence, Kept, Link, LinkKind, Node, WordIds, carried
-from waychair.slam.place_recognition import PlaceRecognition, PlaceSettings
+from waychair.slam.place_recognition import PlaceRecognition, RecognitionSettings
 from waychair.slam.place_verification import (
     features_of,
     fit_to_keys,
@@ -40,11 +40,13 @@ from waychair.slam.place_verification import (
 )
 from waychair.slam.registration import RegistrationSettings, register
 from waychair.slam.rehearsal import Verdict, is_moving
-from waychair.slam.scan_points import ScanPoints, scan_points
+from waychair.slam.reprojection import pinhole
+from waychair.slam.scan_points import ScanPoints, scan_points, swept
 from waychair.slam.vocabulary import IncrementalVocabulary, SleepingWords, Vocabulary
 from waychair.types import Bytes, FloatArray, IntArray, Pose2, Pose3, RgbdFrame, SensorFrame, Twist
 
 _WAITING = 8  # pictures that wait for the scan after them
+_NO_SCAN = "pictures without a scan before and after them"
 _MOVED = 0.01  # [m] by which the mapper must have moved a node's frame for the node to follow
 
 
@@ -71,7 +73,7 @@ class AppearanceSettings(Settings):
     near_angle: float = setting(
         0.52, "rad", "and so alike in heading [RGBD/ProximityAngle, there 45 degrees]", low=0.0, high=3.2
     )
-    places: PlaceSettings = field(default_factory=PlaceSettings)
+    places: RecognitionSettings = field(default_factory=RecognitionSettings)
     registration: RegistrationSettings = field(default_factory=RegistrationSettings)
     memory: MemorySettings = field(default_factory=MemorySettings)
 
@@ -176,12 +178,12 @@ class Appearance:
         self._latest_ns = picture.stamp_ns
         self.counts["pictures"] += 1
         self.counts["pictures that show too little"] += len(features) < self.settings.places.min_features
-        k = picture.camera_matrix
-        camera = np.array([k[0, 0], k[1, 1], k[0, 2], k[1, 2]])
         if len(self._waiting) == _WAITING:
             self._waiting.popleft()
-            self.counts["pictures without a scan before and after them"] += 1
-        self._waiting.append(_View(picture.stamp_ns, features, camera, time.process_time() - started))
+            self.counts[_NO_SCAN] += 1
+        self._waiting.append(
+            _View(picture.stamp_ns, features, pinhole(picture.camera_matrix), time.process_time() - started)
+        )
 
     def follow(self, mapper: Mapper, frame: SensorFrame) -> None:
         """Takes in the pictures that are not later than the mapper's latest frame, which it was given."""
@@ -189,7 +191,7 @@ class Appearance:
             view = self._waiting.popleft()
             placed = mapper.placed(view.stamp_ns, self.settings.gap)
             if placed is None:
-                self.counts["pictures without a scan before and after them"] += 1
+                self.counts[_NO_SCAN] += 1
                 continue
             self.costs.append(self._include(mapper, frame, view, *placed))
         if len(mapper.keys.rejected) != self._rejected:
@@ -264,9 +266,9 @@ class Appearance:
     def _node(self, mapper: Mapper, frame: SensorFrame, view: _View, words: WordIds, pose: Pose2) -> Node:
         assert frame.scan is not None
         scan, twist = frame.scan, twist_of(frame) or Twist()
-        node_from_base, seconds = pose.inverse() @ mapper.pose(), scan.time_step * (len(scan.ranges) - 1)
-        swept = arc(twist.v * seconds, twist.omega * seconds)
-        first, last = node_from_base @ mapper.base_from_laser, node_from_base @ swept @ mapper.base_from_laser
+        node_from_base = pose.inverse() @ mapper.pose()
+        first = node_from_base @ mapper.base_from_laser
+        last = node_from_base @ swept(scan, twist) @ mapper.base_from_laser
         features = view.features
         odometry = (mapper.odometry or mapper.pose()) @ node_from_base.inverse()
         return Node(

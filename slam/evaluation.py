@@ -134,7 +134,7 @@ def relation_errors(
             "are they of this recording?"
         )
     first, second = relations.stamps_ns[usable].T
-    moved = compose(invert(_at(stamps, poses, first)), _at(stamps, poses, second))
+    moved = compose(invert(poses_at(stamps, poses, first)), poses_at(stamps, poses, second))
     away = compose(invert(relations.poses[usable]), moved)
     loop: BoolArray = np.abs(second - first) > settings.loop_time * 1e9
     everything = np.ones(len(loop), bool)
@@ -211,7 +211,7 @@ def _gaps(stamps: IntArray, times: IntArray) -> IntArray:
     return gaps
 
 
-def _at(stamps: IntArray, poses: FloatArray, times: IntArray) -> FloatArray:
+def poses_at(stamps: IntArray, poses: FloatArray, times: IntArray) -> FloatArray:
     """(N, 3) poses at times, linear in x, y and the short way round in the heading; held outside."""
     seconds, wanted = (stamps - stamps[0]) * 1e-9, (times - stamps[0]) * 1e-9
     columns = [poses[:, 0], poses[:, 1], np.unwrap(poses[:, 2])]

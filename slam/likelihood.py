@@ -8,7 +8,6 @@ from __future__ import annotations
 
 import numpy as np
 
-from waychair.slam.hamming_index import Int32Array
 from waychair.slam.inverted_index import InvertedIndex
 from waychair.types import FloatArray, IntArray
 
@@ -25,16 +24,6 @@ def tf_idf(index: InvertedIndex, node: int, places: IntArray) -> FloatArray:
     if len(slots) == 0 or len(places) == 0:
         return np.zeros(len(places))
     return index.scores(slots, places)
-
-
-def similarity(a: Int32Array, b: Int32Array) -> float:
-    """Shared word occurrences of two views as a share of the larger one's words (the rehearsal's measure)."""
-    if len(a) == 0 or len(b) == 0:
-        return 0.0
-    ids_a, counts_a = np.unique(a, return_counts=True)
-    ids_b, counts_b = np.unique(b, return_counts=True)
-    _, in_a, in_b = np.intersect1d(ids_a, ids_b, assume_unique=True, return_indices=True)
-    return float(np.minimum(counts_a[in_a], counts_b[in_b]).sum() / max(len(a), len(b)))
 
 
 def normalised(likelihood: FloatArray) -> FloatArray:

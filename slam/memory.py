@@ -469,7 +469,8 @@ class Memory:
     def _write(self, added: Node | None = None, words: tuple[IntArray, Bytes] | None = None) -> None:
         """All that has changed, in one transaction."""
         new = () if added is None else (added,)
-        self.store.write(self._journal.batch(new, words, self.skeleton, self._awake.keys(), self._anchors))
+        journal, self._journal = self._journal, Journal()
+        self.store.write(journal.batch(new, words, self.skeleton, self._awake.keys(), self._anchors))
 
     def _restore(self) -> None:
         """What earlier sessions have left; what was awake then is in the WM now, older than all that is to come."""

@@ -15,7 +15,7 @@ _MOVED = 1e-6  # [m], [rad] by which an anchor stands elsewhere
 
 
 class Journal:
-    """Collects changes; `batch` takes them all."""
+    """Collects changes, of which `batch` makes one transaction; begin another then."""
 
     def __init__(self) -> None:
         self.states: set[int] = set()
@@ -62,10 +62,10 @@ class Journal:
         awake: Collection[int],
         anchors: FloatArray,
     ) -> Batch:
-        """All that has changed, with the nodes and words that are new; nothing is left then."""
+        """All that has changed, with the nodes and words that are new."""
         moved = np.array(sorted(k for k in self._moved if np.isfinite(anchors[k]).all()), np.int64)
         states = (_state(skeleton, node, node in awake) for node in sorted(self.states))
-        result = Batch(
+        return Batch(
             nodes=(*added, *(node for node, _ in self._children if node is not None)),
             rewritten=tuple(self._rewritten.values()),
             states=(*states, *(state for _, state in self._children)),
@@ -75,8 +75,6 @@ class Journal:
             words=words,
             anchors=(moved, anchors[moved]) if len(moved) else None,
         )
-        self.__init__()  # type: ignore[misc]
-        return result
 
     def _forget(self, node: int) -> None:
         self.states.discard(node)

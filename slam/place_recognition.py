@@ -24,7 +24,7 @@ from waychair.types import Bytes, FloatArray, IntArray
 
 
 @dataclass(frozen=True, slots=True)
-class PlaceSettings(Settings):
+class RecognitionSettings(Settings):
     """How places are recognised; RTAB-Map's names in brackets."""
 
     short_term: int = setting(10, "nodes", "newest nodes that are not compared [Mem/STMSize]", low=1, high=10_000)
@@ -60,8 +60,8 @@ class Recognition:
 class PlaceRecognition:
     """Words, inverted index and belief of the nodes that are awake."""
 
-    def __init__(self, settings: PlaceSettings | None = None, vocabulary: Vocabulary | None = None) -> None:
-        self.settings = settings or PlaceSettings()
+    def __init__(self, settings: RecognitionSettings | None = None, vocabulary: Vocabulary | None = None) -> None:
+        self.settings = settings or RecognitionSettings()
         binary = self.settings.features.binary
         self.vocabulary = vocabulary or IncrementalVocabulary(self.settings.vocabulary, binary=binary)
         self.belief = BayesFilter(self.settings.bayes)
@@ -137,14 +137,14 @@ class PlaceRecognition:
 
 
 def photographs(
-    images: Iterable[Bytes], settings: PlaceSettings | None = None, vocabulary: Vocabulary | None = None
+    images: Iterable[Bytes], settings: RecognitionSettings | None = None, vocabulary: Vocabulary | None = None
 ) -> Iterator[Recognition]:
     """Loop closures of pictures (H, W) or (H, W, 3) in the order in which they were taken, numbered from 1.
 
     Every picture is a node linked to the one before; the newest `short_term` are not compared. A hypothesis is accepted
     when the epipolar check confirms it, and its two nodes are the same place for the filter from then on.
     """
-    settings = settings or PlaceSettings()
+    settings = settings or RecognitionSettings()
     recognition = PlaceRecognition(settings, vocabulary)
     seen: dict[int, Features] = {}
     recent: deque[int] = deque()

@@ -9,7 +9,7 @@ import numpy as np
 from numba import njit
 
 from waychair.calibration.self_mask import SelfMask
-from waychair.geometry import arcs
+from waychair.geometry import arc, arcs
 from waychair.types import BoolArray, Float32Array, FloatArray, IntArray, Pose2, Scan, Twist
 
 MIN_POINTS = 20
@@ -55,6 +55,12 @@ def motion_of_beams(scan: Scan, twist: Twist) -> FloatArray:
     """Pose of the base at each beam's time in the base at the scan's stamp, (N, 3) [m, m, rad], at a constant twist."""
     seconds: FloatArray = scan.time_step * np.arange(len(scan.ranges), dtype=np.float64)
     return arcs(twist.v * seconds, twist.omega * seconds)
+
+
+def swept(scan: Scan, twist: Twist) -> Pose2:
+    """Pose of the base at a scan's last beam in the base at its first, at a constant twist."""
+    seconds = scan.time_step * (len(scan.ranges) - 1)
+    return arc(twist.v * seconds, twist.omega * seconds)
 
 
 @njit(cache=True)

@@ -9,6 +9,7 @@ import numpy as np
 
 from waychair.config import Settings, setting
 from waychair.errors import GraphError
+from waychair.slam.registration import angle_between
 from waychair.types import FloatArray, Pose3
 
 _HELD = 1e-6  # standard deviation [rad], [m] that holds node 0 where it is
@@ -75,8 +76,6 @@ def solve_spatial(poses: Sequence[Pose3], edges: Sequence[SpatialEdge], settings
 
 def _errors(poses: Sequence[Pose3], edges: Sequence[SpatialEdge]) -> FloatArray:
     """(E,) how far each edge is from its measure [sigma]: RTAB-Map's ratio, the larger of translation and turn."""
-    from waychair.slam.registration import angle_between
-
     ratios = []
     for edge in edges:
         now = poses[edge.i].inverse() @ poses[edge.j]

@@ -30,7 +30,7 @@ from waychair.simulation.simulator import Simulator, SimulatorSettings, with_all
 from waychair.simulation.world import load_world
 from waychair.slam.appearance import Appearance, AppearanceSettings
 from waychair.slam.edges import EdgeKind
-from waychair.slam.evaluation import truth_errors
+from waychair.slam.evaluation import poses_at, truth_errors
 from waychair.slam.mapper import MapperResult
 from waychair.slam.nodes import LOOPS, LinkKind
 from waychair.trials.record import drive_route
@@ -101,7 +101,7 @@ def score(drive: Mapped) -> Json:
     memory = drive.appearance.memory
     ids = np.array(memory.skeleton.ids())
     stamps = memory.skeleton.rows["stamp_ns"][ids]
-    poses = _true_poses(drive.truth, stamps)
+    poses = poses_at(drive.truth.stamps_ns, drive.truth.poses, stamps)
     same, reversed_ = _places_again(poses, stamps)
     row = {int(node): k for k, node in enumerate(ids)}
     linked = np.zeros(len(ids), bool)
@@ -178,13 +178,8 @@ def _false_edges(drive: Mapped) -> int:
 def _false(truth: Trajectory, from_ns: IntArray, to_ns: IntArray, measured: list[Pose2]) -> int:
     """How many relative poses between two moments are wrong."""
     count = 0
-    for a, b, found in zip(_true_poses(truth, from_ns), _true_poses(truth, to_ns), measured, strict=True):
+    ends = (poses_at(truth.stamps_ns, truth.poses, stamps) for stamps in (from_ns, to_ns))
+    for a, b, found in zip(*ends, measured, strict=True):
         gap = (pose_from_array(a).inverse() @ pose_from_array(b)).inverse() @ found
         count += bool(np.hypot(gap.x, gap.y) > _WRONG or abs(gap.theta) > _WRONG_TURN)
     return count
-
-
-def _true_poses(truth: Trajectory, stamps: IntArray) -> FloatArray:
-    """(K, 3) where the chair was at stamps (K,), between the truth's own."""
-    columns = (truth.poses[:, 0], truth.poses[:, 1], np.unwrap(truth.poses[:, 2]))
-    return np.stack([np.interp(stamps, truth.stamps_ns, column) for column in columns], axis=1)

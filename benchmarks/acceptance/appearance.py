@@ -16,7 +16,7 @@ from waychair.runtime.report import new_figure
 from waychair.slam.features import extract, features_of_image, gray_image
 from waychair.slam.hamming_index import HammingIndex, assign, hamming_table, packed
 from waychair.slam.likelihood import normalised, tf_idf
-from waychair.slam.place_recognition import PlaceRecognition, PlaceSettings, Recognition, photographs
+from waychair.slam.place_recognition import PlaceRecognition, Recognition, RecognitionSettings, photographs
 from waychair.slam.vocabulary import FixedVocabulary, IncrementalVocabulary
 from waychair.slam.vocabulary_training import train
 from waychair.types import Bytes, FloatArray, Json, RgbdFrame
@@ -36,7 +36,7 @@ def places(out: Path) -> Json:
     """
     cv2.setNumThreads(1)
     images = [_gray(DATA / "places_rtabmap" / "images" / f"{i}.jpg") for i in range(1, 85)]
-    settings = PlaceSettings()
+    settings = RecognitionSettings()
     list(photographs(images[:12], settings))  # kernels are loaded
     started = time.process_time()
     results = list(photographs(images, settings))
@@ -68,7 +68,7 @@ def judged(results: list[Recognition] | Iterator[Recognition]) -> tuple[int, int
     return right, len(lags) - right
 
 
-def _offline(images: list[Bytes], training: list[Bytes], settings: PlaceSettings) -> Json:
+def _offline(images: list[Bytes], training: list[Bytes], settings: RecognitionSettings) -> Json:
     """The same pictures with a dictionary made by clustering what `training` shows, as the paper does."""
     descriptors = np.concatenate([features_of_image(image, settings.features).descriptors for image in training])
     vocabulary = FixedVocabulary(train(descriptors))
@@ -83,7 +83,7 @@ def _offline(images: list[Bytes], training: list[Bytes], settings: PlaceSettings
     }
 
 
-def varied(settings: PlaceSettings) -> Iterator[tuple[str, PlaceSettings]]:
+def varied(settings: RecognitionSettings) -> Iterator[tuple[str, RecognitionSettings]]:
     """The settings with one of them moved by a fifth, down and up."""
     groups: dict[str, tuple[str, ...]] = {
         "": ("accept", "min_features", "short_term"),
@@ -109,7 +109,7 @@ def words_speed(out: Path) -> Json:
     frames that are timed are the pictures themselves, 210 of a hand-held camera over a desk and 50 of a room.
     """
     cv2.setNumThreads(1)
-    settings = PlaceSettings()
+    settings = RecognitionSettings()
     recognition = PlaceRecognition(settings)
     vocabulary = recognition.vocabulary
     neighbours: dict[int, list[int]] = {}
@@ -166,7 +166,7 @@ def _timed(
     return {**spent, "whole": marks[-1] - marks[0]}
 
 
-def _search_figures(frames: list[RgbdFrame], vocabulary: IncrementalVocabulary, settings: PlaceSettings) -> Json:
+def _search_figures(frames: list[RgbdFrame], vocabulary: IncrementalVocabulary, settings: RecognitionSettings) -> Json:
     """Time of 500 queries among all words, and how often the search finds what an exact scan finds."""
     ids = np.arange(1, len(vocabulary) + 1, dtype=np.int32)
     words = packed(vocabulary.descriptors_of(ids))
@@ -264,7 +264,9 @@ def _draw(results: list[Recognition], path: Path) -> None:
     left.legend(loc="lower right", fontsize=9)
     compared = [r for r in results if len(r.posterior) > 1]
     right.plot([r.node for r in compared], [r.value for r in compared], color="#0072b2", label="1 - P(new place)")
-    right.axhline(PlaceSettings().accept, color="black", linewidth=0.8, linestyle="--", label="accepted from here")
+    right.axhline(
+        RecognitionSettings().accept, color="black", linewidth=0.8, linestyle="--", label="accepted from here"
+    )
     right.scatter([r.node for r in right_ones], [r.value for r in right_ones], s=18, color="#d55e00", label="closure")
     right.set(xlabel="picture", ylabel="value of the hypothesis", ylim=(0, 1), title="Known again")
     right.legend(loc="upper left", fontsize=9)

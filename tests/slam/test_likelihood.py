@@ -11,7 +11,8 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from waychair.slam.inverted_index import InvertedIndex
-from waychair.slam.likelihood import normalised, similarity, tf_idf
+from waychair.slam.likelihood import normalised, tf_idf
+from waychair.slam.rehearsal import similarity
 
 VIEWS = st.lists(st.lists(st.integers(0, 12), max_size=20), min_size=2, max_size=8)
 

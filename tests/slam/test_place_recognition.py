@@ -14,7 +14,7 @@ from hypothesis import strategies as st
 from waychair.slam.features import Features, FeatureSettings, features_of_image, no_features
 from waychair.slam.hamming_index import Int32Array
 from waychair.slam.matching import EpipolarSettings, Support, distances_between, epipolar_support, mutual_matches
-from waychair.slam.place_recognition import PlaceRecognition, PlaceSettings, photographs
+from waychair.slam.place_recognition import PlaceRecognition, RecognitionSettings, photographs
 from waychair.slam.vocabulary import NO_WORD, FixedVocabulary
 from waychair.slam.vocabulary_training import TrainingSettings, train
 from waychair.types import Bytes, Float32Array
@@ -36,7 +36,7 @@ def place(seed: int, shift: int = 0) -> Bytes:
 
 
 def seen(image: Bytes) -> Features:
-    return features_of_image(image, PlaceSettings().features)
+    return features_of_image(image, RecognitionSettings().features)
 
 
 def matches_reference(table: Float32Array, ratio: float) -> list[tuple[int, int]]:
@@ -85,7 +85,7 @@ def test_matches_that_no_motion_explains_are_not_enough() -> None:
 
 def test_two_rounds_through_the_same_places_close_on_the_right_ones() -> None:
     images = [place(k, shift) for shift in (0, 2) for k in range(20)]
-    results = list(photographs(images, PlaceSettings(short_term=5)))
+    results = list(photographs(images, RecognitionSettings(short_term=5)))
     closures = {r.node: r.closure for r in results if r.closure is not None}
     assert all(node - closure == 20 for node, closure in closures.items())
     assert len(closures) >= 18
@@ -99,7 +99,7 @@ def test_two_rounds_through_the_same_places_close_on_the_right_ones() -> None:
 def test_bare_black_and_overexposed_pictures_are_no_place_and_change_no_belief() -> None:
     images = [place(k, shift) for shift in (0, 2) for k in range(12)]
     blanks = [np.full((240, 320), level, np.uint8) for level in (0, 90, 255)]
-    results = list(photographs(images[:16] + blanks + images[16:], PlaceSettings(short_term=5)))
+    results = list(photographs(images[:16] + blanks + images[16:], RecognitionSettings(short_term=5)))
     for result in results[16:19]:
         assert result.closure is None
         assert result.reason == "too little to be seen"
@@ -109,7 +109,7 @@ def test_bare_black_and_overexposed_pictures_are_no_place_and_change_no_belief()
 
 
 def test_a_hypothesis_that_geometry_denies_is_no_closure_and_says_why() -> None:
-    recognition = PlaceRecognition(PlaceSettings(accept=0.0))
+    recognition = PlaceRecognition(RecognitionSettings(accept=0.0))
     for node in range(1, 6):
         recognition.see(node, seen(place(node)))
         recognition.enter(node)
@@ -121,7 +121,7 @@ def test_a_hypothesis_that_geometry_denies_is_no_closure_and_says_why() -> None:
 
 
 def test_the_value_must_reach_the_threshold_and_the_share_of_the_value_before() -> None:
-    def closure(settings: PlaceSettings) -> tuple[int | None, str]:
+    def closure(settings: RecognitionSettings) -> tuple[int | None, str]:
         recognition = PlaceRecognition(settings)
         for node in range(1, 6):
             recognition.see(node, seen(place(node)))
@@ -131,13 +131,13 @@ def test_the_value_must_reach_the_threshold_and_the_share_of_the_value_before() 
             result = recognition.recognise(node, {})
         return result.closure, result.reason
 
-    assert closure(PlaceSettings(accept=0.0))[0] is not None
-    assert "less than 1" in closure(PlaceSettings(accept=1.0))[1]
-    assert "after" in closure(PlaceSettings(accept=0.0, accept_ratio=1.0))[1]
+    assert closure(RecognitionSettings(accept=0.0))[0] is not None
+    assert "less than 1" in closure(RecognitionSettings(accept=1.0))[1]
+    assert "after" in closure(RecognitionSettings(accept=0.0, accept_ratio=1.0))[1]
 
 
 def test_a_single_place_is_never_a_closure() -> None:
-    recognition = PlaceRecognition(PlaceSettings(accept=0.0))
+    recognition = PlaceRecognition(RecognitionSettings(accept=0.0))
     recognition.see(1, seen(place(1)))
     assert recognition.recognise(1, {}).reason == "no places yet"
     recognition.enter(1)
@@ -146,7 +146,7 @@ def test_a_single_place_is_never_a_closure() -> None:
 
 
 def test_a_place_that_sleeps_is_not_found_and_is_found_again_when_it_wakes() -> None:
-    recognition = PlaceRecognition(PlaceSettings(accept=0.0))
+    recognition = PlaceRecognition(RecognitionSettings(accept=0.0))
     words: dict[int, Int32Array] = {}
     for node in range(1, 8):
         words[node] = recognition.see(node, seen(place(node)))
@@ -169,7 +169,7 @@ def test_a_place_that_sleeps_is_not_found_and_is_found_again_when_it_wakes() -> 
 
 
 def test_a_view_with_too_few_features_has_no_words() -> None:
-    recognition = PlaceRecognition(PlaceSettings(min_features=50))
+    recognition = PlaceRecognition(RecognitionSettings(min_features=50))
     few = seen(place(1)).take(np.arange(49))
     assert (recognition.see(1, few) == NO_WORD).all()
     assert len(recognition.vocabulary) == 0
@@ -179,7 +179,9 @@ def test_a_view_with_too_few_features_has_no_words() -> None:
 @pytest.mark.parametrize("detector", ["gftt_orb", "sift"])
 def test_other_features_and_a_fixed_dictionary_find_places_too(detector: str) -> None:
     features = FeatureSettings(detector=detector, max_features=150)
-    settings = PlaceSettings(short_term=3, accept=0.02, features=features)  # so few places never look very different
+    settings = RecognitionSettings(
+        short_term=3, accept=0.02, features=features
+    )  # so few places never look very different
     images = [place(k, shift) for shift in (0, 2) for k in range(7)]
     described = [features_of_image(image, features).descriptors for image in images[:7]]
     fixed = FixedVocabulary(train(np.concatenate(described), TrainingSettings(words=300, rounds=3)))
