@@ -13,6 +13,7 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, replace
 
 import numpy as np
+from scipy.spatial import cKDTree
 
 from waychair.calibration.chair import BodyLayer, ChairBody
 from waychair.config import Settings, setting
@@ -437,8 +438,10 @@ class Navigator:
         upright, _ = self._surroundings.lasting()
         if not len(self._planned_round):
             return False
-        away = np.hypot(*(self._planned_round[:, None] - upright[None]).transpose(2, 0, 1))
-        return bool((away.min(axis=1, initial=math.inf) > _MOVED).mean() > _MUCH)
+        if not len(upright):
+            return True
+        away, _ = cKDTree(upright).query(self._planned_round, distance_upper_bound=_MOVED)
+        return bool(np.isinf(away).mean() > _MUCH)
 
     def _planned(self, pose: Pose2) -> Slices[None]:
         """A new path over the map and what is in the way now; while there is none, the chair waits."""
