@@ -2,11 +2,13 @@
 
 from __future__ import annotations
 
-import os
+from collections.abc import Sequence
+from functools import partial
 from pathlib import Path
 
 from benchmarks.acceptance.logs import DATA
-from waychair.trials.barn import BarnTask, report, run_worlds, worlds_in
+from benchmarks.acceptance.runs import over_seeds
+from waychair.trials.barn import BarnRun, BarnTask, report, run_worlds, worlds_in
 from waychair.types import Json
 
 STARTS = 5
@@ -33,4 +35,10 @@ def barn_chair(out: Path) -> Json:
 def figures(task: BarnTask, worlds: int | None = None, starts: int = STARTS) -> Json:
     """The report over the worlds at hand."""
     task = BarnTask(body=task.body, speed=task.speed, scale=task.scale, starts=starts)
-    return report(run_worlds(worlds_in(DATA / "barn", worlds), task, os.cpu_count() or 1), task)
+    paths = worlds_in(DATA / "barn", worlds)
+    found = over_seeds(f"barn {task} of {len(paths)}", partial(_in_world, paths, task), len(paths))
+    return report([run for runs in found for run in runs], task)
+
+
+def _in_world(paths: Sequence[Path], task: BarnTask, index: int) -> list[BarnRun]:
+    return run_worlds([paths[index]], task)

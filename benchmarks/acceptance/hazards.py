@@ -14,7 +14,7 @@ from pathlib import Path
 
 import numpy as np
 
-from benchmarks.acceptance.scenes import over_seeds
+from benchmarks.acceptance.runs import over_seeds
 from waychair.calibration.chair import CHAIR_A, CHAIR_B
 from waychair.control.limiter import LimiterSettings
 from waychair.trials.barn import upper_bound
@@ -98,7 +98,7 @@ def appears(out: Path) -> Json:
     """Somebody is suddenly there, straight ahead of a chair at 0.8 m/s: how near it comes, and how hard it strikes."""
     rows = []
     for ahead_m in AHEAD_M:
-        found = over_seeds(partial(run_appearance, ahead_m), RUNS)
+        found = over_seeds(f"appears {ahead_m} m ahead", partial(run_appearance, ahead_m), RUNS)
         rows.append(_appearance_row(ahead_m, found))
         print(f"  {rows[-1]}", flush=True)
     far = [row for row in rows if row["ahead_m"] >= FAR_M]
@@ -122,10 +122,10 @@ def ride(out: Path) -> Json:
     """
     few = max(1, RUNS // 10)
     scenes: list[tuple[str, Callable[[int], Hazard]]] = [
-        (f"edge {where}", partial(scene, Guard.ZONE)) for where, scene in EDGES.items()
+        (f"edge {where}, {Guard.ZONE.value}", partial(scene, Guard.ZONE)) for where, scene in EDGES.items()
     ]
     scenes += [
-        ("glass", partial(glass, Guard.SONAR)),
+        (f"glass, {Guard.SONAR.value}", partial(glass, Guard.SONAR)),
         ("corridor to the lift", to_the_lift),
         ("basement to the restroom", to_the_restroom),
         *((f"{count} movers", partial(movers, count)) for count in PAPER_004_S),
@@ -142,18 +142,19 @@ def ride(out: Path) -> Json:
     limits = LimiterSettings()
     rows = [limits_row(limits)]
     for name, scene in scenes:
-        rows.append(ride_row(name, worst_of([result.ride for result in over_seeds(partial(_run, scene), few)])))
+        found = over_seeds(name, partial(_run, scene), few)
+        rows.append(ride_row(name, worst_of([result.ride for result in found])))
         print(f"  {rows[-1]}", flush=True)
-    found = rows[1:]
+    driven = rows[1:]
     return {
         "passed": all(
             row["moving_s"] > 0.0 and row["rms"] <= NOT_UNCOMFORTABLE and row["slowing_down"] <= limits.emergency
-            for row in found
+            for row in driven
         ),
         "runs_each": few,
-        "scenes_over_the_jerk_limit": sum(row["jerk"] > limits.jerk for row in found),
+        "scenes_over_the_jerk_limit": sum(row["jerk"] > limits.jerk for row in driven),
         **{
-            f"worst_{key}": max(row[key] for row in found)
+            f"worst_{key}": max(row[key] for row in driven)
             for key in ("rms", "speeding_up", "slowing_down", "sideways", "jerk")
         },
         "rows": rows,
@@ -178,7 +179,7 @@ def _by_chair(row: Json) -> int:
 
 
 def _row(name: str, scene: Callable[[int], Hazard], judged: bool) -> Json:
-    results = over_seeds(partial(_run, scene), RUNS)
+    results = over_seeds(name, partial(_run, scene), RUNS)
     reached = sum(each.reached for each in results)
     struck = {kind.value: sum(each.count(kind) for each in results) for kind in Struck}
     at_fault = sum(bool(each.count(*(kind for kind in Struck if kind is not Struck.BUMPED))) for each in results)

@@ -5,14 +5,12 @@
 
 from __future__ import annotations
 
-import multiprocessing
 import os
 from collections.abc import Callable, Iterable
-from concurrent.futures import ProcessPoolExecutor
-from functools import cache, partial
+from functools import partial
 from pathlib import Path
-from typing import TypeVar
 
+from benchmarks.acceptance.runs import over_seeds
 from waychair.calibration.chair import CHAIR_A, CHAIR_B
 from waychair.errors import NoPath
 from waychair.planning.costmap import costmap_from_grid
@@ -35,35 +33,42 @@ from waychair.types import Json
 STARTS = int(os.environ.get("SCENES_STARTS", "100"))
 SUCCESS, DOOR_ERROR_M = 0.95, 0.02
 
-Result = TypeVar("Result")
-
 
 def doors(out: Path) -> Json:
     """Body B, rear drive, through doors of 0.80, 0.815 and 0.90 m from 0, 30, 60 and 90 degrees."""
     body = drives(CHAIR_B)["rear"]
     return _scored(
-        (f"{width} m from {angle:.0f} degrees", partial(door_scene, width, angle, body))
-        for width in DOORS
-        for angle in APPROACHES
+        "doors",
+        [
+            (f"{width} m from {angle:.0f} degrees", partial(door_scene, width, angle, body))
+            for width in DOORS
+            for angle in APPROACHES
+        ],
     )
 
 
 def door_drives(out: Path) -> Json:
     """Body B, mid and front drive, through the tightest door from straight ahead and from beside."""
     return _scored(
-        (f"{drive} drive from {angle:.0f} degrees", partial(door_scene, DOORS[0], angle, body))
-        for drive, body in drives(CHAIR_B).items()
-        if drive != "rear"
-        for angle in (0.0, 90.0)
+        "door_drives",
+        [
+            (f"{drive} drive from {angle:.0f} degrees", partial(door_scene, DOORS[0], angle, body))
+            for drive, body in drives(CHAIR_B).items()
+            if drive != "rear"
+            for angle in (0.0, 90.0)
+        ],
     )
 
 
 def corner(out: Path) -> Json:
     """Body A, rear and mid drive, round the corner of the 0.915 m corridor; body B is told that it does not fit."""
     figures = _scored(
-        (f"{drive} drive", partial(corner_scene, body))
-        for drive, body in drives(CHAIR_A).items()
-        if drive != "front"  # its tail sweeps wider than the corridor: planned to be refused, as B is
+        "corner",
+        [
+            (f"{drive} drive", partial(corner_scene, body))
+            for drive, body in drives(CHAIR_A).items()
+            if drive != "front"  # its tail sweeps wider than the corridor: planned to be refused, as B is
+        ],
     )
     refused = {drive: _refused(corner_scene(body, 0)) for drive, body in drives(CHAIR_B).items()}
     return {**figures, "refused_b": refused, "passed": figures["passed"] and all(refused.values())}
@@ -72,9 +77,12 @@ def corner(out: Path) -> Json:
 def dead_end(out: Path) -> Json:
     """Bodies A and B, all drives, turn round in a dead end of 1.5 m."""
     return _scored(
-        (f"{name} {drive} drive", partial(dead_end_scene, body))
-        for name, base in (("A", CHAIR_A), ("B", CHAIR_B))
-        for drive, body in drives(base).items()
+        "dead_end",
+        [
+            (f"{name} {drive} drive", partial(dead_end_scene, body))
+            for name, base in (("A", CHAIR_A), ("B", CHAIR_B))
+            for drive, body in drives(base).items()
+        ],
     )
 
 
@@ -87,8 +95,8 @@ def _refused(scene: Scene) -> str:
     return ""
 
 
-def _scored(scenes: Iterable[tuple[str, Callable[[int], Scene]]]) -> Json:
-    rows = [_row(name, scene) for name, scene in scenes]
+def _scored(kind: str, scenes: Iterable[tuple[str, Callable[[int], Scene]]]) -> Json:
+    rows = [_row(kind, name, scene) for name, scene in scenes]
     runs, contacts = sum(row["runs"] for row in rows), sum(row["contacts"] for row in rows)
     errors = [row["max_door_error_m"] for row in rows if row["max_door_error_m"] is not None]
     return {
@@ -104,8 +112,8 @@ def _scored(scenes: Iterable[tuple[str, Callable[[int], Scene]]]) -> Json:
     }
 
 
-def _row(name: str, scene: Callable[[int], Scene]) -> Json:
-    results = over_seeds(partial(_run, scene), STARTS)
+def _row(kind: str, name: str, scene: Callable[[int], Scene]) -> Json:
+    results = over_seeds(f"{kind} {name}", partial(_run, scene), STARTS)
     reached, contacts = sum(each.reached for each in results), sum(each.contacts for each in results)
     errors = [each.door_error_m for each in results if each.door_error_m is not None]
     row = {
@@ -127,14 +135,3 @@ def _row(name: str, scene: Callable[[int], Scene]) -> Json:
 
 def _run(scene: Callable[[int], Scene], seed: int) -> SceneResult:
     return run_scene(scene(seed), seed)
-
-
-def over_seeds(run: Callable[[int], Result], count: int) -> list[Result]:
-    """What a function of the seed, which can be pickled, gives for 0 to `count` - 1, in that order, on all processors."""
-    return list(_processes().map(run, range(count)))
-
-
-@cache
-def _processes() -> ProcessPoolExecutor:
-    """As many as there are processors, for all rows; each starts afresh, for a renderer does not survive a fork."""
-    return ProcessPoolExecutor(os.cpu_count(), multiprocessing.get_context("spawn"))

@@ -1,0 +1,72 @@
+"""Runs by the hundred, spread over the processors, and kept as they end: a measurement of hours may be interrupted.
+
+What is kept is kept by commit, under `out/acceptance/runs/`, and only in a checkout without changes: begun again there,
+a measurement takes up what was done and goes on. `ACCEPTANCE_PROCESSES` in the environment takes fewer processors.
+"""
+
+from __future__ import annotations
+
+import multiprocessing
+import os
+import pickle
+import re
+import subprocess
+from collections.abc import Callable
+from concurrent.futures import ProcessPoolExecutor
+from functools import cache, partial
+from pathlib import Path
+from typing import TypeVar
+
+from waychair.files import write_bytes
+
+Result = TypeVar("Result")
+
+_HERE = Path(__file__).parents[2]
+
+
+def over_seeds(name: str, run: Callable[[int], Result], count: int) -> list[Result]:
+    """What a function of the seed gives for 0 to `count` - 1, in that order; it and its results can be pickled.
+
+    name: of these runs among all that are measured; what was kept under it is not run again.
+    """
+    kept = _kept()
+    folder = None if kept is None else kept / re.sub(r"[^\w.]+", "_", name)
+    return list(_processes().map(partial(_known_or_run, folder, run), range(count)))
+
+
+def processes() -> int:
+    """How many runs go on at a time."""
+    return int(os.environ.get("ACCEPTANCE_PROCESSES", str(os.cpu_count() or 1)))
+
+
+def _known_or_run(folder: Path | None, run: Callable[[int], Result], seed: int) -> Result:
+    if folder is None:
+        return run(seed)
+    path = folder / f"{seed}.pickle"
+    if path.exists():
+        known: Result = pickle.loads(path.read_bytes())
+        return known
+    result = run(seed)
+    write_bytes(path, pickle.dumps(result))
+    return result
+
+
+@cache
+def _kept() -> Path | None:
+    """Where the runs of this commit are kept; None where that would not say which code ran."""
+    try:
+        changes = _git("status", "--porcelain")
+        commit = _git("rev-parse", "--short=12", "HEAD")
+    except (OSError, subprocess.CalledProcessError):
+        return None
+    return None if changes else Path("out") / "acceptance" / "runs" / commit
+
+
+def _git(*words: str) -> str:
+    return subprocess.run(["git", *words], cwd=_HERE, check=True, capture_output=True, text=True).stdout.strip()
+
+
+@cache
+def _processes() -> ProcessPoolExecutor:
+    """For all that is measured; each starts afresh, for a renderer does not survive a fork."""
+    return ProcessPoolExecutor(processes(), multiprocessing.get_context("spawn"))
