@@ -27,7 +27,7 @@ from waychair.calibration.wheels import WheelCalibration
 from waychair.config import Settings, setting
 from waychair.errors import CalibrationDamaged, CalibrationError, CalibrationMismatch, ConfigError
 from waychair.files import write_json
-from waychair.types import Json, Pose3
+from waychair.types import Json, Pose3, Scan
 
 SCHEMA = 1
 """Version of the file's form; a file of another one is not guessed at."""
@@ -61,6 +61,10 @@ class ChairCalibration:
     camera: CameraMount | None = None
     sensor_delays: SensorDelays | None = None
     self_mask: SelfMask | None = None
+
+    def seen(self, scan: Scan) -> Scan:
+        """What a scan shows but for the chair itself."""
+        return scan if self.self_mask is None else self.self_mask.applied(scan)
 
 
 def mount_from_extrinsics(extrinsics: Extrinsics) -> CameraMount:

@@ -8,7 +8,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
@@ -49,6 +49,10 @@ class SelfMask(Settings):
             beside = (angles >= begin - self.margin) & (angles <= end + self.margin)
             hidden |= beside & (scan.ranges <= reach)
         return hidden
+
+    def applied(self, scan: Scan) -> Scan:
+        """The scan, the beams invalid that this hides."""
+        return replace(scan, ranges=np.where(self.hides(scan), np.float32(math.nan), scan.ranges))
 
 
 @dataclass(frozen=True, slots=True)

@@ -45,7 +45,7 @@ def scan_points(
     Beams that `mask` hides are invalid: they end on the chair itself.
     """
     nearest, farthest = max(scan.range_min, 0.05), min(range_max, scan.range_max if scan.range_max > 0 else range_max)
-    ranges = scan.ranges if mask is None else np.where(mask.hides(scan), np.float32(math.nan), scan.ranges)
+    ranges = scan.ranges if mask is None else mask.applied(scan).ranges
     motion = _STANDING if twist is None or scan.time_step == 0.0 else motion_of_beams(scan, twist)
     points, usable = _ends(ranges, scan.angle_min, scan.angle_step, base_from_laser.array(), nearest, farthest, motion)
     return ScanPoints(*_with_normals(points, usable, base_from_laser.x, base_from_laser.y, abs(scan.angle_step)))

@@ -15,7 +15,8 @@ from waychair.calibration.dac import DEFAULT
 from waychair.control.navigator import NavigatorSettings
 from waychair.maps.zones import Zone
 from waychair.planning.motion import DwaSettings
-from waychair.runtime.chair import Chair, ChairSettings, ChairState, Message
+from waychair.runtime.chair import Chair, ChairSettings, ChairState
+from waychair.runtime.drive_base import Message
 from waychair.simulation.lidar import LidarSettings
 from waychair.simulation.scene import Block, PersonPlan, Pit
 from waychair.simulation.simulator import Simulator, SimulatorSettings

@@ -15,7 +15,8 @@ from waychair.control.fitness import FitnessSettings
 from waychair.control.navigator import Stage
 from waychair.control.supervisor import SupervisorSettings
 from waychair.firmware_bridge.transports import Reconnecting
-from waychair.runtime.chair import Chair, ChairSettings, Message
+from waychair.runtime.chair import Chair, ChairSettings
+from waychair.runtime.drive_base import Message
 from waychair.simulation.imu import ImuSettings
 from waychair.simulation.scene import Behaviour, PersonPlan
 from waychair.simulation.simulator import SimulatorSettings
@@ -330,7 +331,7 @@ def test_a_chair_whose_stops_were_not_measured_crawls() -> None:
 
 def test_a_monitor_that_says_nothing_more_stops_the_chair_and_takes_a_reset(ride: Ride) -> None:
     ride.drive()
-    monitor = ride.chair._monitor
+    monitor = ride.chair._base._monitor
     monitor.judge = lambda command, measured, now_ns: None  # type: ignore[method-assign]
     states = [ride.tick() for _ in range(14)]
     stopped = next(i for i, state in enumerate(states) if state.sent.wheel_speeds.left == 0.0)

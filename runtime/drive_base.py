@@ -1,0 +1,317 @@
+"""The half of a chair at its cable: wheels, inertia, contacts and the board; who drives, and what the lines are told.
+
+It knows nothing of goals but that there is one, and of ways nothing at all. Each tick it is told what its sensors and
+the localiser say, decides who drives (`supervise`), and sends the board what the twist of that tick comes to within all
+limits (`drive`); in between, whoever plans has heard its verdict. It lets go of the lines whenever it is not told.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+from dataclasses import dataclass, field
+from typing import TypeAlias
+
+import numpy as np
+
+from waychair.calibration.calibration_file import ChairCalibration
+from waychair.calibration.dac import DEFAULT, DacModel
+from waychair.calibration.fitted_dac import DeadBand, FittedDac
+from waychair.calibration.stopping import permitted_speed
+from waychair.calibration.time_offset import SensorDelays, without_delay
+from waychair.config import Settings
+from waychair.control.closed_loop import ClosedLoop, ClosedLoopSettings
+from waychair.control.collision_monitor import MonitorSettings, is_silent, permitted_share, refusal
+from waychair.control.fitness import Fitness, FitnessSettings
+from waychair.control.kinematics import wheel_speeds_from_twist
+from waychair.control.limiter import Limiter, LimiterSettings
+from waychair.control.stops import STOPS, Braking, Halt, Severity, board_halt, halt, halt_as_told
+from waychair.control.supervisor import DRIVEN, Override, Situation, SupervisorSettings, Verdict, supervise
+from waychair.control.unseen import Sector, UnseenSettings, sectors_of_scan, sight_share
+from waychair.firmware_bridge.bridge import Bridge, BridgeSettings
+from waychair.firmware_bridge.transports import Reconnecting
+from waychair.geometry import arc, transform_points
+from waychair.maps.zones import Zone, speed_limit
+from waychair.runtime.monitor_process import MonitorInStep, MonitorPort, Watched
+from waychair.slam.localiser import Localisation
+from waychair.slam.odometry import OdometryFilter
+from waychair.slam.tilt import TiltFilter
+from waychair.types import (
+    ChairStatus,
+    DriveMode,
+    FloatArray,
+    ImuSample,
+    Odometry,
+    Pose2,
+    RgbdFrame,
+    Scan,
+    Sent,
+    SonarReadings,
+    Telemetry,
+    Twist,
+    WheelTicks,
+)
+
+Message: TypeAlias = WheelTicks | Scan | ImuSample | SonarReadings | RgbdFrame | ChairStatus
+"""What a chair's sensors and contacts say; it drives by its wheels and its lidar, and watches all that it is given.
+
+The rider's joystick is no message: the board reads it, and says so in its telemetry.
+"""
+
+
+@dataclass(frozen=True, slots=True)
+class BaseSettings(Settings):
+    """The parts' own settings."""
+
+    closed_loop: ClosedLoopSettings = field(default_factory=ClosedLoopSettings)
+    supervisor: SupervisorSettings = field(default_factory=SupervisorSettings)
+    fitness: FitnessSettings = field(default_factory=FitnessSettings)
+    limiter: LimiterSettings = field(default_factory=LimiterSettings)
+    monitor: MonitorSettings = field(default_factory=MonitorSettings)
+    unseen: UnseenSettings = field(default_factory=UnseenSettings)
+    bridge: BridgeSettings = field(default_factory=BridgeSettings)
+
+
+@dataclass(frozen=True, slots=True)
+class Driven:
+    """What came of a tick: the command within the limits, None when the computer does not drive, and what was sent.
+
+    `ended`: why bridge or board have ended a drive that the computer would have gone on with; empty otherwise.
+    """
+
+    command: Twist | None
+    sent: Sent
+    ended: str = ""
+
+
+class DriveBase:
+    """Odometry, fitness, supervisor, limits, monitor and bridge of one chair."""
+
+    def __init__(
+        self,
+        calibration: ChairCalibration,
+        cable: Reconnecting,
+        start: Pose2,
+        settings: BaseSettings | None = None,
+        model: DacModel | None = None,
+        monitor: MonitorPort | None = None,
+        zones: Sequence[Zone] = (),
+    ) -> None:
+        """What the calibration lacks is careful: without measured stops the chair crawls.
+
+        start: where on the map the chair is taken to be until the localiser has spoken. `model` drives the lines in
+        place of the calibration's. `monitor`: a `MonitorProcess`, for a chair on its feet; by default the monitor lives
+        in the tick, as the simulator's clock needs it. `zones` are the map's.
+
+        Raises:
+            BridgeError: the chair's name is too long for a board.
+        """
+        self.settings = s = settings or BaseSettings()
+        self.body = body = calibration.body
+        self._calibration = calibration
+        self._zones = zones
+        self._delays = calibration.sensor_delays or SensorDelays()
+        self._odometry = OdometryFilter(body)
+        self._tilt = TiltFilter(body)
+        model = model or calibration.dac or DEFAULT
+        model = DeadBand(model) if isinstance(model, FittedDac) else model
+        watched = Watched(body, s.monitor, calibration.stops, calibration.self_mask)
+        self._monitor = monitor or MonitorInStep(watched)
+        self.bridge = Bridge(cable, model, calibration.chair_id, s.bridge, self._gate)
+        self._loop = ClosedLoop(model, body.track, s.closed_loop, calibration.stops)
+        self._limiter = Limiter(s.limiter)
+        self._fitness = Fitness(body, s.fitness)
+        self._override = Override(s.supervisor)
+        self._start = start
+        self._mode = DriveMode.MANUAL
+        self._requested = self._confirmed = self._stop_pressed = False
+        self._latched: Halt | None = None
+        self.halts: tuple[Halt, ...] = (halt("lidar_stale"),)
+        self._sent: Sent | None = None
+        self._wheels: Odometry | None = None
+        self._twists: list[Twist] = []  # since the last tick
+        self._measured = Twist()  # their mean
+        self._sectors: list[Sector] = []  # what the latest scan sees of
+        self._localisation: Localisation | None = None
+
+    @property
+    def ready(self) -> bool:
+        """Whether, at the last tick, a confirmed drive could have begun."""
+        return not any(halted.stop.severity is not Severity.PAUSES for halted in self.halts)
+
+    @property
+    def odometry(self) -> Odometry | None:
+        """The latest; None before the wheels have spoken."""
+        return self._wheels
+
+    @property
+    def twist(self) -> Twist:
+        """As measured by wheels and gyro."""
+        return Twist() if self._wheels is None else self._wheels.twist
+
+    @property
+    def level_from_base(self) -> FloatArray | None:
+        """How the chair leans, (3, 3); None before the IMU has said so."""
+        return None if self._tilt.tilt is None else self._tilt.tilt.level_from_base()
+
+    def odom_from_base(self, stamp_ns: int) -> Pose2:
+        """Odometry at a stamp, its last speeds taken to go on for at most 0.1 s; zero before the wheels have spoken."""
+        if self._wheels is None:
+            return Pose2()
+        seconds = min(max((stamp_ns - self._wheels.stamp_ns) * 1e-9, -0.1), 0.1)
+        twist = self._wheels.twist
+        return self._wheels.odom_from_base @ arc(twist.v * seconds, twist.omega * seconds)
+
+    def map_from_base(self, now_ns: int) -> Pose2:
+        """Where the chair is by its localiser and its wheels."""
+        if self._localisation is None:
+            return self._start
+        return self._localisation.map_from_odom @ self.odom_from_base(now_ns)
+
+    def request(self) -> None:
+        """Told that another goal was asked for: it waits for a `confirm` of its own.
+
+        What the computer itself did to the board (a lost cable, a pause) is forgiven by that.
+        """
+        self._requested, self._confirmed, self._stop_pressed = True, False, False
+        self.bridge.reset()
+
+    def confirm(self) -> None:
+        """The rider's yes: the drive begins in the next tick, unless something is wrong."""
+        self._confirmed = True
+
+    def stop(self) -> None:
+        """The rider's Stop: nothing moves by itself until a new goal is asked for."""
+        self._stop_pressed = True
+
+    def reset(self) -> None:
+        """Somebody's deliberate act: the faults were seen to, the emergency stop was released on purpose."""
+        self.bridge.reset(by_rider=True)
+        self._loop.acknowledge()
+        if any(halted.stop is STOPS["monitor_silent"] for halted in self.halts):
+            self._monitor.restart()
+        self._latched = None
+
+    def beat(self, now_ns: int) -> None:
+        """Keep the board company between two ticks."""
+        self.bridge.beat(now_ns)
+
+    def on_time(self, late: Message) -> Message:
+        """A message as of the time that it is about, by the measured delay of its sensor."""
+        return without_delay(late, self._delays)
+
+    def hear(self, message: Message) -> None:
+        """Take in what a sensor says, by `on_time`; a scan before the wheels have spoken is lost."""
+        if isinstance(message, WheelTicks):
+            self._wheels = self._odometry.update_wheels(message)
+            self._twists.append(self._wheels.twist)
+        elif isinstance(message, ImuSample):
+            self._odometry.update_imu(message)
+            self._tilt.update(message, self.twist)
+        elif isinstance(message, Scan) and self._wheels is not None:
+            self._monitor.see(message)
+            self._sectors = sectors_of_scan(self._calibration.seen(message), self.body.base_from_laser)
+        if not isinstance(message, SonarReadings):
+            self._fitness.hear(message, self.twist)
+
+    def locate(self, localisation: Localisation, stamp_ns: int) -> None:
+        """Take in where the localiser says the chair was at a stamp."""
+        self._localisation = localisation
+        self._fitness.locate(localisation, self.odom_from_base(stamp_ns))
+
+    def supervise(self, now_ns: int, active: bool) -> tuple[Verdict, Telemetry | None]:
+        """Who drives in this tick, where there is a goal or not (`active`), and the board's last report.
+
+        The report is None while there is no board that could be driven through.
+        """
+        telemetry = self.bridge.listen(now_ns)
+        self.halts = self._look_for_halts(now_ns)
+        stick = None if telemetry is None else telemetry.joystick
+        taken_over = self._override.update(stick) or self.bridge.taken_over
+        situation = Situation(
+            stick, taken_over, self._stop_pressed, active, self._requested, self._confirmed, self.halts
+        )
+        self._requested = self._confirmed = False
+        verdict = supervise(self._mode, situation, self.settings.supervisor)
+        self._mode = verdict.mode
+        return verdict, telemetry
+
+    def drive(self, now_ns: int, verdict: Verdict, asked: Twist | None) -> Driven:
+        """Send what a twist comes to within all limits; None: nothing is asked for, and the chair comes to rest."""
+        self._measure()
+        command = self._limited(now_ns, verdict, asked)
+        trimmed = self._loop.step(command if self.bridge.armed else None, self._measured, now_ns, self._sent)
+        speeds = None if command is None else wheel_speeds_from_twist(trimmed, self.body.track)
+        before, self._sent = self._sent, self.bridge.send(speeds, now_ns, now_ns)
+        if self._sent.active and command is not None:
+            return Driven(command, self._sent)
+        self._limiter.rest()
+        was_driving = command is not None and before is not None and before.active
+        return Driven(command, self._sent, self._sent.reason if was_driving else "")
+
+    def _measure(self) -> None:
+        """The mean over a tick, for one sample of an encoder is coarse."""
+        twists, self._twists = self._twists, []
+        if twists:
+            v, omega = sum(twist.v for twist in twists), sum(twist.omega for twist in twists)
+            self._measured = Twist(v / len(twists), omega / len(twists))
+
+    def _look_for_halts(self, now_ns: int) -> tuple[Halt, ...]:
+        """All that is wrong now, and what was wrong with the last drive until somebody resets it."""
+        s, verdict = self.settings.monitor, self._monitor.verdict
+        if self._mode not in DRIVEN:
+            self._fitness.settle()
+        halts = [*map(board_halt, self.bridge.trouble), *self._fitness.halts(now_ns)]
+        if self._loop.fault:
+            halts.append(halt_as_told("disobeys", self._loop.fault))
+        if is_silent(verdict, now_ns, s):
+            halts.append(halt("monitor_silent"))
+        elif verdict is not None and verdict.stop:
+            halts.append(halt(verdict.stop))
+        if self._mode in DRIVEN:
+            latching = (halted for halted in halts if halted.stop.severity is Severity.LATCHES)
+            self._latched = self._latched or next(latching, None)
+        if self._latched is not None and self._latched not in halts:
+            halts.append(self._latched)
+        return tuple(halts)
+
+    def _limited(self, now_ns: int, verdict: Verdict, twist: Twist | None) -> Twist | None:
+        """What is commanded: the twist within all limits, or the way to rest; None to let go of the lines."""
+        driving = verdict.computer_drives and twist is not None
+        braking = None if driving else verdict.braking
+        asked = self._limiter.command
+        if driving and twist is not None:
+            asked = Twist(verdict.share * twist.v, verdict.share * twist.omega)
+        self._monitor.judge(asked, self.twist, now_ns)
+        if not driving and (braking is Braking.RELEASE or not self._limiter.moving):
+            self._limiter.rest()
+            return None
+        found = self._monitor.verdict
+        if found is not None and found.stop:
+            braking = STOPS[found.stop].braking
+        if self._gate(now_ns):  # the bridge sends zero, so the command is none
+            braking = Braking.RELEASE
+        cap = self._speed_limit(now_ns)
+        share = 0.0 if found is None else permitted_share(asked, found, self.settings.monitor)
+        share = min(share, sight_share(asked, self.body, self._sectors, self.settings.unseen))
+        return self._limiter.step(asked, now_ns, cap, share, braking)
+
+    def _speed_limit(self, now_ns: int) -> float:
+        """Greatest speed [m/s] for reasons that are no stops: doubts, sensors, measured brakes, and slow zones."""
+        v, limits = self._limiter.command.v, self.settings.limiter
+        seconds = limits.braking / limits.jerk / 2 + self.settings.monitor.reaction_s  # the chair is later than told
+        slows_down_in = math.copysign(abs(v) * seconds + v * v / (2.0 * limits.braking), v)
+        here = self.map_from_base(now_ns)
+        there = here @ Pose2(slows_down_in)
+        outline = np.concatenate([transform_points(pose, self.body.outline()) for pose in (here, there)])
+        return min(
+            self._loop.speed_limit,
+            self._fitness.speed_limit(now_ns),
+            permitted_speed(self._calibration.stops),
+            speed_limit(self._zones, outline),
+        )
+
+    def _gate(self, now_ns: int) -> str:
+        """Why no speed may pass the bridge now, by the age of the monitor's verdict and of its scan."""
+        stop_id = refusal(self._monitor.verdict, now_ns, self.settings.monitor)
+        return halt(stop_id).text if stop_id else ""

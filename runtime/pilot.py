@@ -1,0 +1,153 @@
+"""The half of a chair that knows where to go: goals that wait for a yes, what is in the way, and the navigator.
+
+It is told where the chair is and what its sensors see, and asks for a twist each tick. Whether it drives is not its to
+say: it obeys the verdict of the `DriveBase`, and what that interrupts or refuses is dropped and never resumes by itself.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, field, replace
+
+import numpy as np
+
+from waychair.calibration.chair import ChairBody
+from waychair.calibration.stopping import StopTable, permitted_speed
+from waychair.control.navigator import Navigation, Navigator, NavigatorSettings
+from waychair.control.supervisor import Verdict
+from waychair.geometry import transform_points
+from waychair.maps.zones import Zone
+from waychair.planning.motion import measured
+from waychair.runtime.drive_base import BaseSettings, Driven
+from waychair.slam.localiser import Localisation
+from waychair.slam.scan_points import scan_points
+from waychair.types import FloatArray, Goal, OccupancyGrid, Place, Pose2, RgbdFrame, Scan, SonarReadings, Twist
+
+
+@dataclass(frozen=True, slots=True)
+class PilotSettings(BaseSettings):
+    """The navigator's own settings, beside the limits of the base that it plans within."""
+
+    navigator: NavigatorSettings = field(default_factory=NavigatorSettings)
+
+
+@dataclass(frozen=True, slots=True)
+class _Sight:
+    """What a scan saw, (N, 2) [m] in map, and how far its other beams went, (M, 2); None when there was no scan."""
+
+    points: FloatArray | None = None
+    beyond: FloatArray | None = None
+
+
+class Pilot:
+    """Takes goals to where they are on a map."""
+
+    def __init__(
+        self,
+        grid: OccupancyGrid,
+        places: Mapping[str, Place],
+        body: ChairBody,
+        settings: PilotSettings | None = None,
+        stops: StopTable | None = None,
+        zones: Sequence[Zone] = (),
+    ) -> None:
+        """stops: as measured on this chair; without them it crawls. `zones` are the map's."""
+        self.settings = settings or PilotSettings()
+        self.body = body
+        self.navigator = Navigator(grid, places, body, _within(self.settings, stops), zones)
+        self._goals: tuple[Goal, ...] = ()  # that wait for a yes
+        self._goals_since_ns: int | None = None
+        self._sight = _Sight()  # since the last tick
+
+    def go(self, goal: Goal, *further: Goal) -> None:
+        """Take a goal, and those after it, which wait for the rider's yes.
+
+        Raises:
+            UnknownPlace: one is not on the map.
+        """
+        self.navigator.go(goal, *further)
+        self._goals, self._goals_since_ns = (goal, *further), None
+
+    @property
+    def waits(self) -> bool:
+        """Whether there is a goal to say yes to."""
+        return bool(self._goals)
+
+    def drop(self, reason: str) -> None:
+        """Give up what was asked for."""
+        self._goals = ()
+        self.navigator.cancel(reason)
+
+    def see(self, scan: Scan, localisation: Localisation, twist: Twist) -> None:
+        """Told what a scan shows but for the chair itself, and where it was taken."""
+        reach, mount = self.settings.navigator.obstacle_range, self.body.base_from_laser
+        points = scan_points(scan, mount, reach, twist).points
+        # of a beam that goes on so far is known that it goes on so far
+        clear = replace(scan, ranges=np.where(scan.ranges >= reach, np.float32(0.999 * reach), np.float32(math.nan)))
+        beyond = scan_points(clear, mount, reach, twist).points
+        pose = localisation.map_from_base
+        self._sight = _Sight(transform_points(pose, points), transform_points(pose, beyond))
+
+    def hear(self, readings: SonarReadings, map_from_base: Pose2) -> None:
+        """Told what the sonars say."""
+        self.navigator.hear(readings, map_from_base)
+
+    def look(self, frame: RgbdFrame, map_from_base: Pose2, level_from_base: FloatArray | None) -> None:
+        """Told what the depth camera sees, and how the chair leans, if that is known."""
+        self.navigator.look(frame, map_from_base, level_from_base)
+
+    def expire(self, now_ns: int) -> None:
+        """A goal waits for its yes for so long only."""
+        if not self._goals:
+            return
+        self._goals_since_ns = now_ns if self._goals_since_ns is None else self._goals_since_ns
+        if now_ns - self._goals_since_ns > self.settings.supervisor.confirm_s * 1e9:
+            self.drop("nobody has confirmed the drive: ask for the goal again")
+
+    def obey(self, verdict: Verdict) -> None:
+        """Begin what was said yes to, or drop what was interrupted or refused."""
+        if verdict.drops_goal or not self.navigator.active:
+            self.drop(verdict.reason)
+        elif verdict.computer_drives and self._goals:
+            self.navigator.go(*self._goals)  # afresh: what it tried while it waited does not count
+            self._goals = ()
+
+    def step(self, now_ns: int, map_from_base: Pose2, map_from_odom: Pose2 | None) -> Navigation:
+        """The next twist to ask for."""
+        sight, self._sight = self._sight, _Sight()
+        return self.navigator.step(now_ns, map_from_base, sight.points, map_from_odom, sight.beyond)
+
+    def learn(self, driven: Driven) -> None:
+        """What was really sent is news to the navigator, and the end of a drive that bridge or board have ended."""
+        if driven.sent.active and driven.command is not None:
+            self.navigator.commanded(driven.command)
+        else:
+            self.navigator.at_rest()
+        if driven.ended:
+            self.drop(driven.ended)
+
+
+def _within(settings: PilotSettings, stops: StopTable | None) -> NavigatorSettings:
+    """The navigator plans within the rider's comfort and what the chair's brakes were measured for.
+
+    It gives way to people for as long as the monitor does.
+    """
+    navigator, limits = settings.navigator, settings.limiter
+    dwa = measured(navigator.dwa, stops)
+    return replace(
+        navigator,
+        tracks=replace(navigator.tracks, room_after_s=settings.monitor.give_way_s),
+        dwa=replace(
+            dwa,
+            max_speed=min(dwa.max_speed, limits.max_speed),
+            max_reverse=min(dwa.max_reverse, permitted_speed(stops)),
+            max_omega=min(dwa.max_omega, limits.max_omega),
+            acceleration=min(dwa.acceleration, limits.acceleration),
+            braking=min(dwa.braking, limits.braking),
+            alpha=min(dwa.alpha, limits.alpha),
+            jerk=min(dwa.jerk, limits.jerk),
+            alpha_jerk=min(dwa.alpha_jerk, limits.jerk * limits.alpha / limits.acceleration),
+            max_lateral=min(dwa.max_lateral, limits.lateral),
+        ),
+    )
