@@ -24,6 +24,9 @@ from waychair.types import FloatArray, Pose2, Twist
 _MARGINS = (0.01, 0.0)
 """Kept free round the body [m] beside the safety of the cells: what the line was planned with is for its followers."""
 
+_PREVIEW = 3
+"""Steps of a line that are looked at ahead of the chair."""
+
 _STANDING = 0.01
 """Speed [m/s] below which the chair stands."""
 
@@ -45,14 +48,16 @@ class TrackingSettings(Settings):
 class OnLine:
     """Where a pose is beside a line of poses: left of it by `lateral` [m], turned off it by `heading` [rad].
 
-    `curvature` [1/m] of the body's turning per metre of way, positive to the left when driven forwards; `left` [m] to
-    the end along the line, negative beyond it.
+    `curvature` [1/m] of the body's turning per metre of way, positive to the left when driven forwards; `bend` [1/m^2]:
+    how fast that changes, at most, here and a little farther on; `left` [m] to the end along the line, negative beyond
+    it.
     """
 
     lateral: float
     heading: float
     curvature: float
     left: float
+    bend: float = 0.0
 
 
 def on_line(poses: FloatArray, pose: Pose2, backwards: bool = False) -> OnLine:
@@ -70,7 +75,21 @@ def on_line(poses: FloatArray, pose: Pose2, backwards: bool = False) -> OnLine:
     direction = gear * steps[k] / lengths[k]  # where the body looks
     lateral = direction[0] * (pose.y - points[k, 1]) - direction[1] * (pose.x - points[k, 0])
     left = float(lengths[k:].sum() - (share[k] if k == len(steps) - 1 else within[k]) * lengths[k])
-    return OnLine(float(lateral), wrap_angle(pose.theta - heading), gear * turn / float(lengths[k]), left)
+    curvature = gear * turn / float(lengths[k])
+    return OnLine(float(lateral), wrap_angle(pose.theta - heading), curvature, left, _bend(poses, lengths, k))
+
+
+def _bend(poses: FloatArray, lengths: FloatArray, k: int) -> float:
+    """Greatest change of curvature per metre [1/m^2] from one step of a line to the next, from the one before step k on.
+
+    The last step does not count: its end may turn to the heading of what comes after it.
+    """
+    near = slice(max(k - 1, 0), min(k + _PREVIEW, len(lengths) - 1))
+    turns = np.diff(poses[near.start : near.stop + 1, 2])
+    curvatures = np.arctan2(np.sin(turns), np.cos(turns)) / lengths[near]
+    if len(curvatures) < 2:
+        return 0.0
+    return float((np.abs(np.diff(curvatures)) / lengths[near][1:]).max())
 
 
 def track(
@@ -94,8 +113,38 @@ def track(
         limits,
         max_omega=min(limits.max_omega, settings.max_omega),
         heading_tolerance=settings.heading_tolerance,
-        margin=_margin(pose, distances, body),
     )
+    for margin in _MARGINS:  # a line that was planned with less is kept to with less
+        result = _tracked(
+            pose,
+            command,
+            poses,
+            backwards,
+            distances,
+            body,
+            replace(limits, margin=margin),
+            settings,
+            in_position,
+            motion,
+        )
+        if not result.blocked:
+            break
+    return result
+
+
+def _tracked(
+    pose: Pose2,
+    command: Twist,
+    poses: FloatArray,
+    backwards: bool,
+    distances: DistanceField,
+    body: ChairBody,
+    limits: DwaSettings,
+    settings: TrackingSettings,
+    in_position: bool,
+    motion: Motion | None,
+) -> DwaResult:
+    """The next command with a margin that is given."""
     ahead = Pose2(*along_arc(pose.x, pose.y, pose.theta, command.v, command.omega, limits.reaction_time))
     at = on_line(poses, ahead, backwards) if len(poses) > 1 else OnLine(0.0, 0.0, 0.0, 0.0)
     if in_position or at.left <= settings.end_tolerance:
@@ -110,12 +159,17 @@ def track(
 
 def _feedback(at: OnLine, backwards: bool, limits: DwaSettings, settings: TrackingSettings) -> Twist:
     """Speed that can still stop at the end, and the turning that brings the chair back onto the line."""
-    speed = min(settings.max_speed, slowing_speed(at.left, 0.0, limits))
+    speed = min(settings.max_speed, slowing_speed(at.left, 0.0, limits), _steering_speed(at, limits))
     v = math.copysign(max(speed, limits.min_speed), -1.0 if backwards else 1.0)
     gain = 1.0 / settings.return_length
     omega = v * at.curvature - v * gain**2 * at.lateral - 2.0 * abs(v) * gain * at.heading
     share = min(1.0, limits.max_omega / max(abs(omega), 1e-9))
     return Twist(v * max(share, min(1.0, limits.min_speed / abs(v))), omega * share)
+
+
+def _steering_speed(at: OnLine, limits: DwaSettings) -> float:
+    """Speed [m/s] at which the turning can follow the line's curvature: v^2 times its change per metre is alpha."""
+    return math.inf if at.bend == 0.0 else math.sqrt(limits.alpha / at.bend)
 
 
 def _admitted(
@@ -153,12 +207,3 @@ def _step(command: Twist, wanted: Twist, limits: DwaSettings, motion: Motion | N
     share = max(v / wanted.v, 0.0)
     omega = min(max(wanted.omega * share, -limits.max_omega), limits.max_omega)
     return Twist(v, towards(command, Twist(v, omega), limits).omega)
-
-
-def _margin(pose: Pose2, distances: DistanceField, body: ChairBody) -> float:
-    """The margin with which the body stands free; the least one where it does not."""
-    at = in_cells(distances, pose)
-    for margin in _MARGINS:
-        if free_time(footprint(body, margin, distances), at, 0.0, 1e-3, 1.0, 1.0) >= 1.0:
-            return margin
-    return _MARGINS[-1]

@@ -124,11 +124,11 @@ def choose(
 
     tolerance = settings.goal_release if in_position else settings.goal_tolerance
     if math.hypot(path.poses[-1, 0] - ahead.x, path.poses[-1, 1] - ahead.y) <= tolerance:
-        turn = _rotate(ahead, command, float(path.poses[-1, 2]), shape, distances, settings, motion)
+        turn = _rotate(pose, ahead, command, float(path.poses[-1, 2]), shape, distances, settings, motion)
         return replace(turn, in_position=True)
     off_path = wrap_angle(float(section[min(10, len(section) - 1), 2]) - ahead.theta)
     if abs(off_path) > settings.turn_in_place_from and remaining > settings.goal_tolerance:
-        turn = _rotate(ahead, command, ahead.theta + off_path, shape, distances, settings, motion)
+        turn = _rotate(pose, ahead, command, ahead.theta + off_path, shape, distances, settings, motion)
         if not turn.blocked:
             return turn
 
@@ -164,7 +164,7 @@ def rotate_to_heading(
     """
     shape = footprint(body, settings.margin, distances)
     ahead = Pose2(*along_arc(pose.x, pose.y, pose.theta, command.v, command.omega, settings.reaction_time))
-    return _rotate(ahead, command, heading, shape, distances, settings, motion)
+    return _rotate(pose, ahead, command, heading, shape, distances, settings, motion)
 
 
 def _time_needed(candidates: FloatArray, settings: DwaSettings) -> FloatArray:
@@ -316,6 +316,7 @@ def _arc(start: Pose2, candidate: FloatArray, horizon: float) -> FloatArray:
 
 
 def _rotate(
+    pose: Pose2,
     ahead: Pose2,
     command: Twist,
     heading: float,
@@ -324,17 +325,24 @@ def _rotate(
     settings: DwaSettings,
     motion: Motion | None,
 ) -> DwaResult:
-    """Brake v, in comfort as long as there is room for it, then turn: as fast as the angle left allows to stop."""
+    """Brake v, in comfort as long as there is room for it, then turn: as fast as the angle left allows to stop.
+
+    A command that ought to have turned the chair there is trusted once the chair is seen to be there: a small turn that
+    is given up as soon as it was commanded never begins, where a dead band or a lag swallows the beginning.
+    """
     none = np.zeros((0, 2))
     here, start = ahead.array()[None], in_cells(distances, ahead)
     if abs(command.v) >= STANDING_V:
         eased = stopping(command, settings, motion)
         stopped = eased if _can_stop(eased, start, shape, settings) else braking(command, settings)
         return DwaResult(stopped, none, np.zeros(0), here)
-    error = wrap_angle(heading - ahead.theta)
+    error, seen = wrap_angle(heading - ahead.theta), wrap_angle(heading - pose.theta)
     if abs(error) <= settings.heading_tolerance:
-        there = standing(command)
-        return DwaResult(Twist() if there else braking(command, settings), none, np.zeros(0), here, arrived=there)
+        if abs(seen) > settings.heading_tolerance and command.omega * seen > 0.0:
+            error = math.copysign(max(abs(error), settings.min_omega**2 / (1.4 * settings.alpha)), seen)
+        else:
+            there = standing(command)
+            return DwaResult(Twist() if there else braking(command, settings), none, np.zeros(0), here, arrived=there)
     for angle in _ways_round(error, command.omega):
         needed = abs(angle) / settings.max_omega
         if free_time(shape, start, 0.0, math.copysign(settings.max_omega, angle), needed, needed) < needed:

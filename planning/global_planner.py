@@ -206,7 +206,7 @@ def _legs_from_cells(
     taut = _evenly_spaced(chain[pull_taut(costmap.prices, chain, costmap.barred)], settings.spacing / cell)
     legs: list[Leg] = []
     here, begin, widest = start, 0, costmap.body.width + settings.route.door_slack
-    for first, last, door in tight_doors(costmap, taut, settings.narrow, widest):
+    for first, _, door in tight_doors(costmap, taut, settings.narrow, widest):
         through = door_leg(costmap, door, here, goal)
         if through is None:
             continue
@@ -217,8 +217,11 @@ def _legs_from_cells(
             legs += _free_legs(costmap, chunk, float(through.path.poses[0, 2]), settings)
         legs.append(through)
         here = Pose2(*through.path.poses[-1])
-        begin = last + _nearest(taut[last:], leaving)
-        taut[begin] = leaving
+        begin = first + _nearest(taut[first:], leaving)
+        beyond = taut[begin + 1 :]
+        if not len(beyond) and math.dist(taut[begin], leaving) > settings.spacing / cell:
+            beyond = taut[begin:]  # the goal itself, which is not yet reached
+        taut = np.concatenate([taut[:begin], leaving[None], beyond])
     legs += _free_legs(costmap, taut[begin:], goal.theta, settings)
     _join(legs)
     if settings.narrow == 0.0 or not settings.exactly:  # whether the rectangle passes is left to the local planner

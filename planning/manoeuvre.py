@@ -48,6 +48,9 @@ class ManoeuvreSettings(Settings):
     reverse_price: float = setting(1.6, "", "a metre backwards", low=1.0, high=100.0)
     turn_price: float = setting(0.4, "m/rad", "turning in place", low=0.01, high=10.0)
     gear_price: float = setting(0.5, "m", "each stop to go another way", low=0.0, high=10.0)
+    steer_price: float = setting(
+        0.3, "m/rad", "changing how much a step turns, under way: who follows is late", low=0.0, high=10.0
+    )
     greed: float = setting(1.5, "", "weight of what is left: faster search, longer ways", low=1.0, high=10.0)
     most_states: int = setting(60_000, "", "giving up after so many", low=100, high=10_000_000)
     polish: int = setting(2000, "", "looked at for a better way once one is known", low=0, high=10_000_000)
@@ -103,6 +106,7 @@ def manoeuvre_in_slices(
             settings.roomy,
             settings.close_price,
             math.tau / settings.headings,
+            settings.steer_price,
         ]
     )
     side = settings.bin / cell
@@ -241,7 +245,7 @@ def _search(
     """Look at more states until `slice_` looks at the obstacles were taken; whether there are more states to look at.
 
     See `_Known` for what is kept. No more than `most` states are made, and no more than `polish` looked at once a way is
-    known. prices: reverse, turn, gear, greed, roomy, close (see the settings), and the angle of a bin of headings.
+    known. prices: reverse, turn, gear, greed, roomy, close (see the settings), the angle of a bin of headings, and steer.
     """
     cell, greed, angle = shape.cell, prices[3], prices[6]
     rows, columns = ways.shape
@@ -275,6 +279,8 @@ def _search(
             # the costly question, whether the whole step is free, comes last
             known = best[i, j, k] - 1e-4 if best[i, j, k] > 0.0 else np.inf
             least = costs[here] + _least_price(way * cell, turn, gear, prices)
+            if way != 0.0 and gear == _gear(way):
+                least += prices[7] * abs(turn - states[here, 5])
             if least >= known or count >= most:
                 continue
             checked += 1

@@ -28,6 +28,7 @@ class DwaSettings(Settings):
     max_reverse: float = setting(0.2, "m/s", "highest reverse speed", low=0.0, high=1.0)
     min_speed: float = setting(0.06, "m/s", "slower than this a chair's dead band may swallow", low=0.0, high=0.3)
     max_omega: float = setting(0.8, "rad/s", "highest turning speed", low=0.05, high=3.0)
+    min_omega: float = setting(0.1, "rad/s", "as min_speed: a turn goes on by this until it is seen", low=0.0, high=0.5)
     acceleration: float = setting(0.5, "m/s^2", "speeding up", low=0.05, high=3.0)
     braking: float = setting(0.6, "m/s^2", "slowing down", low=0.05, high=3.0)
     alpha: float = setting(0.8, "rad/s^2", "change of the turning speed, both ways", low=0.05, high=5.0)

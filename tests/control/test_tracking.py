@@ -90,3 +90,23 @@ def test_with_a_motion_the_jerk_along_a_line_is_limited_from_its_entry_at_speed_
     assert np.abs(np.diff(speeds, 2)).max() <= 1.05 * limits.jerk * limits.period**2
     assert abs(pose.x) == pytest.approx(2.0, abs=0.03)
     assert abs(pose.y) < 0.005
+
+
+def test_a_line_that_leaves_half_a_centimetre_is_followed_to_its_end() -> None:
+    rows = (np.arange(300) + 0.5) * 0.01 - 1.5
+    columns = (np.arange(400) + 0.5) * 0.01 - 1.0
+    gap = CHAIR_A.width / 2 + np.where(columns < 1.0, 0.05, 0.016)  # of which one cell is kept for safety
+    metres = np.maximum(gap[None] - np.abs(rows)[:, None], 0.0).astype(np.float32)
+    tube = DistanceField(metres, 0.01, Pose2(-1.0, -1.5, 0.0))
+    line = np.column_stack([np.linspace(0.0, 1.0, 21), np.zeros((21, 2))])
+    assert drive(Pose2(), line, False, tube)[-1].x == pytest.approx(1.0, abs=0.03)
+
+
+def test_a_zigzag_is_driven_as_slowly_as_the_chair_can_steer_it() -> None:
+    turns = np.repeat([-1.7, 0.9, -1.7, 0.9, -1.7, 0.9], 2) * 0.05
+    line = [np.zeros(3)]
+    for turn in turns:
+        line.append(np.array(along_arc(*line[-1], 0.05, float(turn), 1.0)))
+    poses = drive(Pose2(), np.array(line), False)
+    off = [abs(on_line(np.array(line), pose).lateral) for pose in poses if pose.x < line[-1][0]]
+    assert max(off) < 0.01

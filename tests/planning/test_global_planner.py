@@ -181,3 +181,19 @@ def test_the_cost_of_a_line_equals_the_plain_reference(seed: int) -> None:
     prices = np.where(rng.random((12, 15)) < 0.05, 0, rng.integers(1000, 9000, (12, 15))).astype(np.int32)
     a, b = rng.uniform(0, (15, 12), (2, 2))
     assert line_cost(prices, *a, *b) == pytest.approx(plain_line_cost(prices, a, b))
+
+
+@given(st.floats(0.9, 4.4), st.floats(0.3, 3.0), st.floats(0.80, 0.95))
+@settings(max_examples=30, deadline=None)
+def test_from_within_a_corridor_a_plan_ends_at_its_goal_not_where_a_narrow_place_does(
+    x: float, way: float, width: float
+) -> None:
+    cells = np.full((70, 320), 100, np.int8)
+    cells[35 - round(width / 0.04) : 35 + round(width / 0.04), 4:-4] = 0
+    costmap = costmap_from_grid(OccupancyGrid(cells, 0.02, Pose2()), CHAIR_A)
+    start, goal = Pose2(x, 0.7, 0.0), Pose2(min(x + way, 5.4), 0.7, 0.0)
+    planner = GlobalPlanner(goal)
+    poses = planner.replan(costmap, start).poses
+    np.testing.assert_allclose(poses[-1], goal.array(), atol=0.02)
+    assert np.hypot(*np.diff(poses[:, :2], axis=0).T).max() <= 0.1 + 1e-6
+    np.testing.assert_allclose(planner.legs[-1].path.poses[-1], goal.array(), atol=0.02)

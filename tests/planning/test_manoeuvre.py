@@ -130,3 +130,13 @@ def test_in_slices_the_same_way_is_found_and_no_slice_takes_many_more_looks_than
         count += 1
     assert count >= 2
     assert count * part >= 30
+
+
+def test_steering_is_changed_no_more_often_than_the_turn_asks_for() -> None:
+    field = fine_field(room(6.0, 3.0), Pose2(3.0, 1.5), 4.0)
+
+    def changes(price: float) -> float:
+        poses = manoeuvre(field, CHAIR_A, Pose2(1.0, 1.5), Pose2(4.5, 1.6), ManoeuvreSettings(steer_price=price))
+        return float(np.abs(np.diff(np.diff(np.unwrap(poses[:, 2])))).sum())
+
+    assert changes(0.3) <= changes(0.0)
