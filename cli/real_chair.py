@@ -16,33 +16,11 @@ from waychair.errors import WaychairError
 
 if TYPE_CHECKING:
     from waychair.calibration.chair import ChairBody
-    from waychair.firmware_bridge.transports import Transport
     from waychair.trials.board_drive import BoardDrive
     from waychair.trials.measured_speeds import SpeedMeter
 
 GO = "drive"
 """What is typed to let a chair drive by itself."""
-
-
-def transport_from_text(text: str, option: str) -> Transport:
-    """The open port of /dev/ttyUSB0, pty:PATH or tcp:HOST:PORT.
-
-    Raises:
-        BadArgument: it is none of these.
-        TransportError: it cannot be opened.
-    """
-    from waychair.firmware_bridge.transports import SerialTransport, TcpTransport
-
-    kind, _, rest = text.partition(":")
-    if kind == "tcp":
-        host, _, port = rest.rpartition(":")
-        if not host or not port.isdecimal():
-            raise BadArgument(f"{option} tcp:HOST:PORT needs a host and a number, not '{text}'")
-        return TcpTransport(host, int(port))
-    path = rest if kind == "pty" else text
-    if not path.startswith("/"):
-        raise BadArgument(f"{option} must be /dev/..., pty:/dev/pts/N or tcp:HOST:PORT, not '{text}'")
-    return SerialTransport(path)
 
 
 @contextmanager
@@ -54,6 +32,7 @@ def armed_chair(real: PortOptions, body: ChairBody, name: str) -> Iterator[Board
         BridgeError, TransportError, CalibrationError: see `BoardDrive`.
     """
     from waychair.firmware_bridge.protocol import Family
+    from waychair.firmware_bridge.transports import transport_from_text
     from waychair.trials.board_drive import BoardDrive, BoardDriveSettings
 
     if real.port is None or real.sensors is None:

@@ -159,6 +159,16 @@ class Navigator:
         """Whether there is a goal still to reach."""
         return self._stage in _ACTIVE
 
+    @property
+    def stage(self) -> Stage:
+        """How far the drive has come."""
+        return self._stage
+
+    @property
+    def reason(self) -> str:
+        """Why it waits, or how the last drive ended."""
+        return self._reason
+
     def go(self, goal: Goal, *further: Goal) -> None:
         """Take a goal, and those to go to after it, in place of the present ones.
 

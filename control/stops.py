@@ -117,6 +117,34 @@ _ROWS: tuple[Stop, ...] = (
     ),
     Stop("tilt", "the floor is too steep", "drive to level ground by joystick", _ENDS, _COMFORT),
     Stop("disobeys", "the chair does not do as it is told", "press Reset once it was seen to", _LATCHES, _RELEASE),
+    Stop(
+        "navigator_silent",
+        "the navigator does not answer",
+        "wait until it is back, then ask for the goal again",
+        _ENDS,
+        _RELEASE,
+    ),
+    Stop(
+        "localiser_silent",
+        "nobody says where the chair is",
+        "wait until the map and the pose are back, then ask for the goal again",
+        _ENDS,
+        _RELEASE,
+    ),
+    Stop(
+        "two_commanders",
+        "somebody else commands the chair, too",
+        "end what else publishes its speeds, then ask for the goal again",
+        _ENDS,
+        _RELEASE,
+    ),
+    Stop(
+        "open_network",
+        "anybody on the network could command the chair",
+        "set up security keys (SROS 2), or start it without --lan",
+        _ENDS,
+        _RELEASE,
+    ),
     Stop("board_unusable", "the board cannot be driven through", "check its cable and power", _ENDS, _RELEASE),
 )
 

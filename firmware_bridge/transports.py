@@ -194,6 +194,24 @@ class DescriptorTransport:
             self._descriptor = None
 
 
+def transport_from_text(text: str, what: str = "a port") -> Transport:
+    """The open port of /dev/ttyUSB0, pty:PATH or tcp:HOST:PORT; `what` is its name where it is none of these.
+
+    Raises:
+        TransportError: it is none of these, or cannot be opened.
+    """
+    kind, _, rest = text.partition(":")
+    if kind == "tcp":
+        host, _, port = rest.rpartition(":")
+        if not host or not port.isdecimal():
+            raise TransportError(f"{what} tcp:HOST:PORT needs a host and a number, not '{text}'")
+        return TcpTransport(host, int(port))
+    path = rest if kind == "pty" else text
+    if not path.startswith("/"):
+        raise TransportError(f"{what} must be /dev/..., pty:/dev/pts/N or tcp:HOST:PORT, not '{text}'")
+    return SerialTransport(path)
+
+
 class Reconnecting:
     """A transport that is opened again after it was lost, no more often than every `pause_ns`.
 

@@ -12,6 +12,7 @@ from __future__ import annotations
 
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass, field
+from typing import Protocol
 
 from waychair.calibration.calibration_file import ChairCalibration
 from waychair.calibration.dac import DacModel
@@ -19,6 +20,7 @@ from waychair.control.navigator import Navigation, Navigator
 from waychair.control.stops import Halt
 from waychair.control.supervisor import Verdict
 from waychair.firmware_bridge.bridge import Bridge
+from waychair.firmware_bridge.protocol import HelloReply
 from waychair.firmware_bridge.transports import Reconnecting
 from waychair.maps.zones import Zone
 from waychair.runtime.drive_base import DriveBase, Message
@@ -67,6 +69,16 @@ class ChairState:
     telemetry: Telemetry | None
 
 
+class ChairWatcher(Protocol):
+    """Who looks on while a chair drives, as a black box does. It must neither wait nor raise."""
+
+    def told(self, what: str, goals: tuple[Goal, ...] = ()) -> None:
+        """Somebody asked for something: go (to these goals), confirm, stop or reset."""
+
+    def note(self, heard: tuple[Message, ...], state: ChairState, board: HelloReply | None) -> None:
+        """A tick is over: what was heard in it, what came of it, and what the board said of itself."""
+
+
 class Chair:
     """A chair on a known map from a known start, at the end of a cable to its board."""
 
@@ -82,8 +94,11 @@ class Chair:
         monitor: MonitorPort | None = None,
         zones: Sequence[Zone] = (),
         scanned: OccupancyGrid | None = None,
+        watcher: ChairWatcher | None = None,
     ) -> None:
         """See `DriveBase` and `Pilot`; `scanned`: the map as a lidar sees it, where a camera has drawn into it, too.
+
+        `watcher` is told all that the chair is told, and what it does.
 
         Raises:
             BridgeError: the chair's name is too long for a board.
@@ -95,6 +110,7 @@ class Chair:
         known = grid if scanned is None else scanned
         self._localiser = Localiser(known, calibration.body.base_from_laser, start, s.localiser)
         self._localisation: Localisation | None = None
+        self._watcher = watcher
 
     @property
     def bridge(self) -> Bridge:
@@ -119,14 +135,17 @@ class Chair:
         """
         self._pilot.go(goal, *further)
         self._base.request()
+        self._tell("go", (goal, *further))
 
     def confirm(self) -> None:
         """The rider's yes to the goal that waits: the drive begins in the next tick, unless something is wrong."""
+        self._tell("confirm")
         if self._pilot.waits:
             self._base.confirm()
 
     def stop(self) -> None:
         """The rider's Stop: nothing moves by itself until a new goal is asked for."""
+        self._tell("stop")
         self._base.stop()
 
     def reset(self) -> None:
@@ -135,6 +154,7 @@ class Chair:
         Nothing drives because of it: a goal that was waiting for it has to be asked for again.
         """
         self._pilot.drop("the faults were reset; ask for the goal again")
+        self._tell("reset")
         self._base.reset()
 
     def beat(self, now_ns: int) -> None:
@@ -143,7 +163,8 @@ class Chair:
 
     def step(self, now_ns: int, messages: Iterable[Message]) -> ChairState:
         """One tick: take in the messages, decide who drives, and let the bridge send what that comes to."""
-        for message in messages:
+        heard = tuple(messages)
+        for message in heard:
             self._take_in(self._base.on_time(message))
         pose = self._base.map_from_base(now_ns)
         self._pilot.expire(now_ns)
@@ -152,8 +173,8 @@ class Chair:
         map_from_odom = None if self._localisation is None else self._localisation.map_from_odom
         navigation = self._pilot.step(now_ns, pose, map_from_odom)
         driven = self._base.drive(now_ns, verdict, navigation.twist if navigation.driving else None)
-        self._pilot.learn(driven)
-        return ChairState(
+        self._pilot.learn(driven.command if driven.sent.active else None, driven.ended)
+        state = ChairState(
             now_ns,
             pose,
             self._base.twist,
@@ -165,6 +186,13 @@ class Chair:
             driven.sent,
             telemetry,
         )
+        if self._watcher is not None:
+            self._watcher.note(heard, state, self.bridge.greeting)
+        return state
+
+    def _tell(self, what: str, goals: tuple[Goal, ...] = ()) -> None:
+        if self._watcher is not None:
+            self._watcher.told(what, goals)
 
     def _take_in(self, message: Message) -> None:
         """To the base all of them; to the localiser and the navigator what they need to know."""
@@ -179,4 +207,4 @@ class Chair:
         elif isinstance(message, SonarReadings) and self._localisation is not None:
             self._pilot.hear(message, base.map_from_base(message.stamp_ns))
         elif isinstance(message, RgbdFrame) and self._localisation is not None:
-            self._pilot.look(message, base.map_from_base(message.stamp_ns), base.level_from_base)
+            self._pilot.look(message, base.map_from_base(message.stamp_ns), base.tilt)

@@ -8,7 +8,7 @@ limits (`drive`); in between, whoever plans has heard its verdict. It lets go of
 from __future__ import annotations
 
 import math
-from collections.abc import Sequence
+from collections.abc import Iterable, Sequence
 from dataclasses import dataclass, field
 from typing import TypeAlias
 
@@ -35,11 +35,10 @@ from waychair.maps.zones import Zone, speed_limit
 from waychair.runtime.monitor_process import MonitorInStep, MonitorPort, Watched
 from waychair.slam.localiser import Localisation
 from waychair.slam.odometry import OdometryFilter
-from waychair.slam.tilt import TiltFilter
+from waychair.slam.tilt import Tilt, TiltFilter
 from waychair.types import (
     ChairStatus,
     DriveMode,
-    FloatArray,
     ImuSample,
     Odometry,
     Pose2,
@@ -150,9 +149,9 @@ class DriveBase:
         return Twist() if self._wheels is None else self._wheels.twist
 
     @property
-    def level_from_base(self) -> FloatArray | None:
-        """How the chair leans, (3, 3); None before the IMU has said so."""
-        return None if self._tilt.tilt is None else self._tilt.tilt.level_from_base()
+    def tilt(self) -> Tilt | None:
+        """How the chair leans; None before the IMU has said so."""
+        return self._tilt.tilt
 
     def odom_from_base(self, stamp_ns: int) -> Pose2:
         """Odometry at a stamp, its last speeds taken to go on for at most 0.1 s; zero before the wheels have spoken."""
@@ -219,13 +218,16 @@ class DriveBase:
         self._localisation = localisation
         self._fitness.locate(localisation, self.odom_from_base(stamp_ns))
 
-    def supervise(self, now_ns: int, active: bool) -> tuple[Verdict, Telemetry | None]:
+    def supervise(
+        self, now_ns: int, active: bool, further: Iterable[Halt] = ()
+    ) -> tuple[Verdict, Telemetry | None]:
         """Who drives in this tick, where there is a goal or not (`active`), and the board's last report.
 
-        The report is None while there is no board that could be driven through.
+        `further` is what else stands against a drive, by those who know of it. The report is None while there is no
+        board that could be driven through.
         """
         telemetry = self.bridge.listen(now_ns)
-        self.halts = self._look_for_halts(now_ns)
+        self.halts = self._look_for_halts(now_ns, further)
         stick = None if telemetry is None else telemetry.joystick
         taken_over = self._override.update(stick) or self.bridge.taken_over
         situation = Situation(
@@ -256,12 +258,12 @@ class DriveBase:
             v, omega = sum(twist.v for twist in twists), sum(twist.omega for twist in twists)
             self._measured = Twist(v / len(twists), omega / len(twists))
 
-    def _look_for_halts(self, now_ns: int) -> tuple[Halt, ...]:
+    def _look_for_halts(self, now_ns: int, further: Iterable[Halt]) -> tuple[Halt, ...]:
         """All that is wrong now, and what was wrong with the last drive until somebody resets it."""
         s, verdict = self.settings.monitor, self._monitor.verdict
         if self._mode not in DRIVEN:
             self._fitness.settle()
-        halts = [*map(board_halt, self.bridge.trouble), *self._fitness.halts(now_ns)]
+        halts = [*further, *map(board_halt, self.bridge.trouble), *self._fitness.halts(now_ns)]
         if self._loop.fault:
             halts.append(halt_as_told("disobeys", self._loop.fault))
         if is_silent(verdict, now_ns, s):

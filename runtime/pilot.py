@@ -19,9 +19,10 @@ from waychair.control.supervisor import Verdict
 from waychair.geometry import transform_points
 from waychair.maps.zones import Zone
 from waychair.planning.motion import measured
-from waychair.runtime.drive_base import BaseSettings, Driven
+from waychair.runtime.drive_base import BaseSettings
 from waychair.slam.localiser import Localisation
 from waychair.slam.scan_points import scan_points
+from waychair.slam.tilt import Tilt
 from waychair.types import FloatArray, Goal, OccupancyGrid, Place, Pose2, RgbdFrame, Scan, SonarReadings, Twist
 
 
@@ -93,9 +94,9 @@ class Pilot:
         """Told what the sonars say."""
         self.navigator.hear(readings, map_from_base)
 
-    def look(self, frame: RgbdFrame, map_from_base: Pose2, level_from_base: FloatArray | None) -> None:
+    def look(self, frame: RgbdFrame, map_from_base: Pose2, tilt: Tilt | None) -> None:
         """Told what the depth camera sees, and how the chair leans, if that is known."""
-        self.navigator.look(frame, map_from_base, level_from_base)
+        self.navigator.look(frame, map_from_base, None if tilt is None else tilt.level_from_base())
 
     def expire(self, now_ns: int) -> None:
         """A goal waits for its yes for so long only."""
@@ -118,14 +119,14 @@ class Pilot:
         sight, self._sight = self._sight, _Sight()
         return self.navigator.step(now_ns, map_from_base, sight.points, map_from_odom, sight.beyond)
 
-    def learn(self, driven: Driven) -> None:
-        """What was really sent is news to the navigator, and the end of a drive that bridge or board have ended."""
-        if driven.sent.active and driven.command is not None:
-            self.navigator.commanded(driven.command)
-        else:
+    def learn(self, command: Twist | None, ended: str = "") -> None:
+        """What was really sent is news to the navigator; None: the lines were let go. So is why a drive has `ended`."""
+        if command is None:
             self.navigator.at_rest()
-        if driven.ended:
-            self.drop(driven.ended)
+        else:
+            self.navigator.commanded(command)
+        if ended:
+            self.drop(ended)
 
 
 def _within(settings: PilotSettings, stops: StopTable | None) -> NavigatorSettings:

@@ -54,7 +54,7 @@ class PseudoTerminal:
         self._link: Path | None = None
         if link is not None:
             try:
-                _make_link(link, self._device)
+                make_link(link, self._device)
             except OutputError:
                 os.close(self._near)
                 raise
@@ -162,8 +162,12 @@ class PseudoTerminal:
             os.close(far)
 
 
-def _make_link(link: Path, device: Path) -> None:
-    """A symbolic link to the device; one whose device is gone is replaced."""
+def make_link(link: Path, device: Path) -> None:
+    """A symbolic link to the device; one whose device is gone is replaced.
+
+    Raises:
+        OutputError: there is something else of that name, or the link cannot be made.
+    """
     if link.is_symlink() and not link.exists():
         link.unlink()
     if link.is_symlink() or link.exists():

@@ -11,6 +11,7 @@ from __future__ import annotations
 
 import dataclasses
 import difflib
+import enum
 import math
 from collections.abc import Mapping
 from dataclasses import dataclass
@@ -94,16 +95,19 @@ def _lines(settings: Settings, indent: str) -> list[str]:
     lines = []
     for entry in dataclasses.fields(settings):
         value = getattr(settings, entry.name)
+        key = entry.name if yaml.safe_load(entry.name) == entry.name else f"'{entry.name}'"  # such as off
         if isinstance(value, Settings):
-            lines += [f"{indent}{entry.name}:", *_lines(value, indent + "  ")]
+            lines += [f"{indent}{key}:", *_lines(value, indent + "  ")]
             continue
         text = yaml.safe_dump(_plain(value), default_flow_style=True, width=10_000).removesuffix("...\n").strip()
         comment = ", ".join(filter(None, (entry.metadata.get("unit"), entry.metadata.get("about"))))
-        lines.append(f"{indent}{entry.name}: {text}" + (f"  # {comment}" if comment else ""))
+        lines.append(f"{indent}{key}: {text}" + (f"  # {comment}" if comment else ""))
     return lines
 
 
 def _plain(value: Any) -> Any:
+    if isinstance(value, enum.Enum):
+        return value.value
     return [_plain(item) for item in value] if isinstance(value, tuple) else value
 
 

@@ -42,6 +42,10 @@ class MapError(WaychairError):
     """A map folder, image or YAML cannot be read or written."""
 
 
+class SessionError(MapError):
+    """A drive cannot be joined to a map of earlier ones."""
+
+
 class MapNotFound(MapError):
     """There is no map at this path."""
 
@@ -152,3 +156,19 @@ class VocabularyError(WaychairError):
 
 class SensorError(WaychairError):
     """Messages of a sensor do not go together."""
+
+
+class BoxError(WaychairError):
+    """A black box cannot be read, or there is nothing in it to explain."""
+
+
+class RosError(WaychairError):
+    """The ROS side of a chair cannot be used."""
+
+
+class InterfaceBuildError(RosError):
+    """Definitions of ROS messages cannot be generated or compiled on this computer."""
+
+
+class MessageError(RosError):
+    """A ROS message says something impossible, or comes in a form that is not understood."""

@@ -13,6 +13,12 @@ from waychair.errors import OutputError
 from waychair.types import Json
 
 
+def cache_folder() -> Path:
+    """Where this user's computer keeps what was built on it (`XDG_CACHE_HOME`, else ~/.cache)."""
+    cache = os.environ.get("XDG_CACHE_HOME")
+    return (Path(cache) if cache else Path.home() / ".cache") / "waychair"
+
+
 @contextmanager
 def replacing(path: Path) -> Iterator[Path]:
     """A temporary path beside `path`, moved onto it when the block ends well and removed when it does not.

@@ -49,9 +49,9 @@ def laser_scan(scan: Scan) -> Any:
     angle_max = scan.angle_min + scan.angle_step * (len(scan.ranges) - 1)
     angles = (scan.angle_min, angle_max, scan.angle_step)
     sweep_time = abs(scan.time_step) * len(scan.ranges)
-    return _make(
+    return make(
         "sensor_msgs/msg/LaserScan",
-        _header(scan.stamp_ns, LASER_FRAME),
+        header(scan.stamp_ns, LASER_FRAME),
         *angles,
         scan.time_step,
         sweep_time,
@@ -67,27 +67,27 @@ def odometry(
 ) -> Any:
     """nav_msgs/Odometry of the base in frame `parent`; covariance (3, 3) of x, y, theta, zeros when none is known."""
     at = parent_from_base
-    pose = _make("geometry_msgs/msg/Pose", _point(np.array([at.x, at.y, 0.0])), _quaternion(in_space(at).rotation))
-    speed = _make("geometry_msgs/msg/Twist", _vector((twist.v, 0.0, 0.0)), _vector((0.0, 0.0, twist.omega)))
-    return _make(
+    pose = make("geometry_msgs/msg/Pose", point(np.array([at.x, at.y, 0.0])), quaternion(in_space(at).rotation))
+    speed = make("geometry_msgs/msg/Twist", vector((twist.v, 0.0, 0.0)), vector((0.0, 0.0, twist.omega)))
+    return make(
         "nav_msgs/msg/Odometry",
-        _header(stamp_ns, parent),
+        header(stamp_ns, parent),
         BASE_FRAME,
-        _make("geometry_msgs/msg/PoseWithCovariance", pose, _in_space(covariance)),
-        _make("geometry_msgs/msg/TwistWithCovariance", speed, _in_space(None)),
+        make("geometry_msgs/msg/PoseWithCovariance", pose, covariance_in_space(covariance)),
+        make("geometry_msgs/msg/TwistWithCovariance", speed, covariance_in_space(None)),
     )
 
 
 def imu(sample: ImuSample) -> Any:
     """sensor_msgs/Imu: rates and specific force with unknown covariances (zeros), orientation not reported."""
-    return _make(
+    return make(
         "sensor_msgs/msg/Imu",
-        _header(sample.stamp_ns, IMU_FRAME),
-        _make("geometry_msgs/msg/Quaternion", 0.0, 0.0, 0.0, 1.0),
+        header(sample.stamp_ns, IMU_FRAME),
+        make("geometry_msgs/msg/Quaternion", 0.0, 0.0, 0.0, 1.0),
         UNREPORTED,
-        _vector(sample.gyro),
+        vector(sample.gyro),
         np.zeros(9),
-        _vector(sample.accel),
+        vector(sample.accel),
         np.zeros(9),
     )
 
@@ -112,9 +112,9 @@ def camera_info(frame: RgbdFrame) -> Any:
     """sensor_msgs/CameraInfo of a rectified picture: no distortion, projection of the camera matrix."""
     height, width = frame.depth.shape
     k = np.asarray(frame.camera_matrix, np.float64)
-    return _make(
+    return make(
         "sensor_msgs/msg/CameraInfo",
-        _header(frame.stamp_ns, OPTICAL_FRAME),
+        header(frame.stamp_ns, OPTICAL_FRAME),
         height,
         width,
         "plumb_bob",
@@ -124,15 +124,15 @@ def camera_info(frame: RgbdFrame) -> Any:
         np.hstack([k, np.zeros((3, 1))]).ravel(),
         0,
         0,
-        _make("sensor_msgs/msg/RegionOfInterest", 0, 0, 0, 0, False),
+        make("sensor_msgs/msg/RegionOfInterest", 0, 0, 0, 0, False),
     )
 
 
 def sonar_range(stamp_ns: int, index: int, distance: float) -> Any:
     """sensor_msgs/Range of one sonar, REP-117 codes kept."""
-    return _make(
+    return make(
         "sensor_msgs/msg/Range",
-        _header(stamp_ns, SONAR_FRAME.format(index)),
+        header(stamp_ns, SONAR_FRAME.format(index)),
         _ULTRASOUND,
         SONAR_CONE,
         *SONAR_RANGE,
@@ -146,50 +146,53 @@ def joint_states(ticks: WheelTicks, ticks_per_turn: int) -> Any:
     counts = [(count + (1 << 31)) % (1 << 32) - (1 << 31) for count in (ticks.left, ticks.right)]
     angles = np.array(counts) * (math.tau / ticks_per_turn)
     nothing = np.zeros(0)
-    header = _header(ticks.stamp_ns, "")
-    return _make("sensor_msgs/msg/JointState", header, list(WHEEL_JOINTS), angles, nothing, nothing)
+    joints = list(WHEEL_JOINTS)
+    return make("sensor_msgs/msg/JointState", header(ticks.stamp_ns, ""), joints, angles, nothing, nothing)
 
 
 def transforms(stamp_ns: int, parent_from_child: Mapping[tuple[str, str], Pose3]) -> Any:
     """tf2_msgs/TFMessage of transforms by (parent, child)."""
     stamped = [
-        _make(
+        make(
             "geometry_msgs/msg/TransformStamped",
-            _header(stamp_ns, parent),
+            header(stamp_ns, parent),
             child,
-            _make("geometry_msgs/msg/Transform", _vector(pose.translation), _quaternion(pose.rotation)),
+            make("geometry_msgs/msg/Transform", vector(pose.translation), quaternion(pose.rotation)),
         )
         for (parent, child), pose in parent_from_child.items()
     ]
-    return _make("tf2_msgs/msg/TFMessage", stamped)
+    return make("tf2_msgs/msg/TFMessage", stamped)
 
 
 def _image(stamp_ns: int, pixels: Any, encoding: str) -> Any:
     height, width = pixels.shape[:2]
     row = pixels.nbytes // height
     data = np.ascontiguousarray(pixels).view(np.uint8).ravel()
-    return _make("sensor_msgs/msg/Image", _header(stamp_ns, OPTICAL_FRAME), height, width, encoding, 0, row, data)
+    return make("sensor_msgs/msg/Image", header(stamp_ns, OPTICAL_FRAME), height, width, encoding, 0, row, data)
 
 
-def _make(name: str, *fields: Any) -> Any:
+def make(name: str, *fields: Any) -> Any:
     """A message of the given type from its fields in their order."""
     return TYPES.types[name](*fields)
 
 
-def _header(stamp_ns: int, frame: str) -> Any:
-    stamp = _make("builtin_interfaces/msg/Time", *divmod(stamp_ns, 1_000_000_000))
-    return _make("std_msgs/msg/Header", stamp, frame)
+def header(stamp_ns: int, frame: str) -> Any:
+    """std_msgs/Header."""
+    stamp = make("builtin_interfaces/msg/Time", *divmod(stamp_ns, 1_000_000_000))
+    return make("std_msgs/msg/Header", stamp, frame)
 
 
-def _vector(xyz: FloatArray | Sequence[float]) -> Any:
-    return _make("geometry_msgs/msg/Vector3", *map(float, xyz))
+def vector(xyz: FloatArray | Sequence[float]) -> Any:
+    """geometry_msgs/Vector3."""
+    return make("geometry_msgs/msg/Vector3", *map(float, xyz))
 
 
-def _point(xyz: FloatArray) -> Any:
-    return _make("geometry_msgs/msg/Point", *map(float, xyz))
+def point(xyz: FloatArray) -> Any:
+    """geometry_msgs/Point."""
+    return make("geometry_msgs/msg/Point", *map(float, xyz))
 
 
-def _quaternion(rotation: FloatArray) -> Any:
+def quaternion(rotation: FloatArray) -> Any:
     """geometry_msgs/Quaternion with w >= 0, by the largest component first (Shepperd 1978: no cancellation)."""
     m = rotation
     squares = np.array(
@@ -210,10 +213,10 @@ def _quaternion(rotation: FloatArray) -> Any:
     )
     largest = int(np.argmax(squares))
     xyzw = products[largest] / (2 * math.sqrt(squares[largest]))
-    return _make("geometry_msgs/msg/Quaternion", *map(float, xyzw if xyzw[3] >= 0 else -xyzw))
+    return make("geometry_msgs/msg/Quaternion", *map(float, xyzw if xyzw[3] >= 0 else -xyzw))
 
 
-def _in_space(covariance: FloatArray | None) -> FloatArray:
+def covariance_in_space(covariance: FloatArray | None) -> FloatArray:
     """(36,) covariance of x, y, z, roll, pitch, yaw from that of x, y, yaw (3, 3); zeros when none is known."""
     full = np.zeros((6, 6))
     if covariance is not None:

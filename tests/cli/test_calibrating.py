@@ -195,7 +195,7 @@ def rig(program: Path, monkeypatch: pytest.MonkeyPatch) -> Iterator[BoardRig]:
     """A chair at the ports `board` and `sensors`, in its own time, and somebody who lets it drive."""
     with BoardRig(program) as rig:
         ports = {"--port": rig.board.transport, "--sensors": rig.sensors}
-        monkeypatch.setattr("waychair.cli.real_chair.transport_from_text", lambda text, option: ports[option])
+        monkeypatch.setattr("waychair.firmware_bridge.transports.transport_from_text", lambda text, option: ports[option])
         monkeypatch.setattr("waychair.trials.board_drive.MonotonicClock", lambda: rig)
         monkeypatch.setattr("sys.stdin", io.StringIO("drive\n"))
         yield rig
@@ -293,8 +293,8 @@ def test_firmware_with_another_hash_is_refused_before_anything_moves(
 @pytest.mark.parametrize(
     ("port", "error", "says"),
     [
-        ("ttyUSB0", BadArgument, "--port must be /dev/..."),
-        ("tcp:localhost", BadArgument, "needs a host and a number"),
+        ("ttyUSB0", TransportError, "--port must be /dev/..."),
+        ("tcp:localhost", TransportError, "needs a host and a number"),
         ("/dev/no_such_port", TransportError, "cannot open the serial port"),
         ("pty:/dev/pts/none", TransportError, "cannot open the serial port"),
         ("tcp:127.0.0.1:1", TransportError, "cannot connect"),

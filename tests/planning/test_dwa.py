@@ -493,20 +493,3 @@ def test_a_place_to_be_entered_slowly_is_come_down_to_with_limited_jerk() -> Non
     assert max(speeds) > 0.6
     assert speeds[-1] == pytest.approx(0.25, abs=0.04)
     assert np.abs(np.diff(speeds, 2)).max() <= PROMPT.jerk * PROMPT.period**2 + 1e-9
-
-
-@pytest.mark.parametrize("off", [0.025, -0.03, 0.05, 0.2])
-def test_a_small_turn_is_made_by_a_chair_that_is_late_and_whose_dead_band_swallows_the_beginning(off: float) -> None:
-    limits = DwaSettings(heading_tolerance=0.02, reaction_time=0.3)
-    field = distance_field(hall())
-    pose, command, told = Pose2(3.0, 2.0, 0.0), Twist(), [Twist()] * 5
-    for _ in range(200):
-        choice = rotate_to_heading(pose, command, off, field, CHAIR_A, limits)
-        if choice.arrived:
-            break
-        command = choice.twist
-        told = [*told[1:], command]
-        felt = told[0].omega if abs(told[0].omega) > 0.09 else 0.0
-        pose = moved(pose, Twist(0.0, felt))
-    assert choice.arrived
-    assert abs(wrap_angle(pose.theta - off)) <= 0.02 + 0.01

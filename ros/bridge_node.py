@@ -1,0 +1,295 @@
+"""The bridge as a node: the half of a chair at its cable, from the navigator's speeds to the joystick lines.
+
+| takes | |
+|---|---|
+| cmd_vel, drive_request | the navigator's speeds, and whether it drives: of the navigator alone, and no older than 0.1 s |
+| scan, imu/data, joint_states, battery_state | for odometry, limits and the collision monitor, a process of its own |
+| localisation | for slow zones, and so that nobody drives who does not know where it is |
+| stop | the rider's Stop |
+
+| sends | |
+|---|---|
+| odom, /tf, /tf_static | dead reckoning, and the mounts of the chair's file |
+| drive_state | who drives and why, and what was sent |
+
+Services: `stop`, `confirm` (the rider's yes to the goal that waits), `reset_faults` (std_srvs/Trigger).
+
+Its tick follows each request of the navigator, so that no time is lost between them; without one it ticks by itself. The
+parts live by the computer's steady clock, whatever happens to ROS's: stamps are moved over as they come in.
+"""
+
+from __future__ import annotations
+
+import sys
+import time
+from collections.abc import Callable, Iterable, Sequence
+from dataclasses import dataclass, field, replace
+from pathlib import Path
+from typing import Any
+
+from waychair import ros_messages
+from waychair.calibration.dac import DEFAULT
+from waychair.config import setting
+from waychair.control.stops import Halt, halt
+from waychair.control.supervisor import DRIVEN
+from waychair.firmware_bridge.heartbeat import Heartbeat
+from waychair.firmware_bridge.transports import Reconnecting, transport_from_text
+from waychair.geometry import in_space
+from waychair.maps.zones import load_zones
+from waychair.ros import topics
+from waychair.ros.interface_types import interface_type
+from waychair.ros.known_chair import known_chair
+from waychair.ros.messages.chair import (
+    NO_GOAL,
+    DriveReport,
+    DriveRequest,
+    drive_state,
+    read_drive_request,
+    read_localisation,
+)
+from waychair.ros.messages.motion import read_twist, read_twist_stamped, transform
+from waychair.ros.messages.reports import Level, Report
+from waychair.ros.messages.sensors import read_battery, read_imu, read_scan, read_wheels
+from waychair.ros.mounts import static_transforms
+from waychair.ros.node import ChairNode, run_node
+from waychair.ros_messages import BASE_FRAME, ODOM_FRAME
+from waychair.runtime.drive_base import BaseSettings, DriveBase, Message
+from waychair.runtime.monitor_process import MonitorProcess, Watched
+from waychair.slam.localiser import Localisation
+from waychair.types import DriveMode, Odometry, Pose2, Twist
+
+SILENT_NS = 100_000_000
+"""A navigator or localiser that has said nothing for so long is dead, or as good as dead."""
+
+_TICK_NS = 45_000_000
+_WATCH_HZ = 50.0
+
+
+@dataclass(frozen=True, slots=True)
+class BridgeNodeSettings(BaseSettings):
+    """Which chair, on which cable, and on which map's zones."""
+
+    calibration: str = setting("", "", "the chair's file (`waychair calibrate`); empty: a simulated chair's")
+    chair: str = setting("A", "", "the simulated chair, where there is no file")
+    cable: str = setting("pty:/tmp/waychair-board", "", "of the board: /dev/..., pty:PATH or tcp:HOST:PORT")
+    map_folder: str = setting("", "", "the map whose zones limit the speed; empty: none")
+    navigator: str = setting("navigator", "", "the only node whose speeds are obeyed")
+    enable_stamped_cmd_vel: bool = setting(False, "", "cmd_vel is a TwistStamped, as in Nav2 from Kilted on")
+    deaf: bool = setting(False, "", "no speeds are obeyed, whoever sends them: the network is open")
+    unattended: bool = setting(False, "", "a goal is its own yes: for a chair that nobody sits in")
+
+
+@dataclass(slots=True)
+class _Heard:
+    """What came last from another node, and when by the steady clock [ns]."""
+
+    what: Any = None
+    at_ns: int = field(default=-SILENT_NS * 1000)
+
+    def take(self, what: Any) -> None:
+        self.what, self.at_ns = what, time.monotonic_ns()
+
+    def is_silent(self, now_ns: int) -> bool:
+        return now_ns - self.at_ns > SILENT_NS
+
+
+class BridgeNode(ChairNode[BridgeNodeSettings]):
+    """One `DriveBase`, its heartbeat and its monitor."""
+
+    def __init__(self) -> None:
+        super().__init__("bridge", BridgeNodeSettings)
+        s = self.settings
+        self._calibration = calibration = known_chair(s.calibration, s.chair)
+        self._ticks_per_turn = calibration.body.ticks_per_turn
+        watched = Watched(calibration.body, s.monitor, calibration.stops, calibration.self_mask)
+        monitor = MonitorProcess(watched)
+        monitor.__enter__()
+        self.at_end(lambda: monitor.__exit__(None, None, None))
+        cable = Reconnecting(lambda: transport_from_text(s.cable, "cable"))
+        zones = load_zones(Path(s.map_folder)) if s.map_folder else ()
+        model = None if calibration.dac else DEFAULT
+        self._base = DriveBase(calibration, cable, Pose2(), s, model, monitor, zones)
+        heartbeat = Heartbeat(self._base.bridge, cable)
+        heartbeat.__enter__()
+        self.at_end(lambda: heartbeat.__exit__(None, None, None))
+
+        self._request, self._command, self._located = _Heard(DriveRequest(0)), _Heard(Twist()), _Heard()
+        self._goal_id, self._over = NO_GOAL, NO_GOAL
+        self._mode = DriveMode.MANUAL
+        self._ticked_ns = 0
+        self._report_of_tick: DriveReport | None = None
+        self._localised_ns = 0
+
+        self._send_odometry, self._send_transform = self.publisher(topics.ODOMETRY), self.publisher(topics.TF)
+        self._send_state = self.publisher(topics.DRIVE_STATE)
+        self._send_mounts = self.publisher(topics.TF_STATIC)
+        self._send_mounts(ros_messages.transforms(self.now_ns(), static_transforms(calibration.body)))
+        self.listen(topics.JOINTS, lambda message: read_wheels(message, self._ticks_per_turn), self._hear_wheels)
+        self.listen(topics.IMU, read_imu, self._hear)
+        self.listen(topics.SCAN, read_scan, self._hear)
+        self.listen(topics.BATTERY, read_battery, self._hear, needed=False)
+        self.listen(topics.LOCALISATION, read_localisation, self._locate)
+        if s.enable_stamped_cmd_vel:
+            self.listen(
+                topics.STAMPED_COMMAND, lambda message: read_twist_stamped(message)[1], self._command.take, needed=False
+            )
+        else:
+            self.listen(topics.COMMAND, read_twist, self._command.take, needed=False)
+        self.listen(topics.DRIVE_REQUEST, read_drive_request, self._asked, needed=False)
+        self.listen(topics.STOP, lambda message: message, lambda message: self._base.stop(), needed=False)
+        self._serve("stop", self._stop)
+        self._serve("confirm", self._confirm)
+        self._serve("reset_faults", self._reset)
+        self.every(_WATCH_HZ, self._watch)
+
+    def reports(self) -> Iterable[Report]:
+        """Who drives, what stands against it, and whether the board is there."""
+        last = self._report_of_tick
+        if last is None:
+            return
+        first = last.halts[0][1] if last.halts else ""
+        level = Level.OK if last.ready else Level.WARN
+        values = (
+            ("mode", last.mode.value),
+            ("reason", last.reason),
+            ("halts", ", ".join(stop_id for stop_id, _ in last.halts)),
+            ("goal", str(last.goal_id)),
+        )
+        yield Report("drive", level, first, values)
+        telemetry = self._base.bridge.telemetry
+        if telemetry is None:
+            yield Report(
+                "board", Level.ERROR, self._base.bridge.trouble[0] if self._base.bridge.trouble else "no board"
+            )
+        else:
+            yield Report("board", Level.OK, "", (("state", str(telemetry.state)),))
+
+    def _hear(self, message: Message) -> None:
+        """A sensor's message, its stamp moved over to the steady clock."""
+        moved = replace(message, stamp_ns=message.stamp_ns + time.monotonic_ns() - self.now_ns())
+        self._base.hear(self._base.on_time(moved))
+
+    def _hear_wheels(self, message: Message) -> None:
+        self._hear(message)
+        odometry = self._base.odometry
+        if odometry is not None:
+            self._publish_odometry(replace(odometry, stamp_ns=message.stamp_ns))
+
+    def _publish_odometry(self, odometry: Odometry) -> None:
+        pose = odometry.odom_from_base
+        self._send_odometry(
+            ros_messages.odometry(odometry.stamp_ns, ODOM_FRAME, pose, odometry.twist, odometry.covariance)
+        )
+        self._send_transform(transform(odometry.stamp_ns, ODOM_FRAME, BASE_FRAME, in_space(pose)))
+
+    def _locate(self, located: tuple[int, Localisation]) -> None:
+        """What the localiser says; what it repeats shows that it lives."""
+        stamp_ns, localisation = located
+        self._located.take(localisation)
+        if stamp_ns != self._localised_ns:
+            self._localised_ns = stamp_ns
+            self._base.locate(localisation, stamp_ns + time.monotonic_ns() - self.now_ns())
+
+    def _asked(self, request: DriveRequest) -> None:
+        self._request.take(request)
+        self._tick()
+
+    def _watch(self) -> None:
+        """A tick of its own, when the navigator does not make one."""
+        if time.monotonic_ns() - self._ticked_ns > _TICK_NS:
+            self._tick()
+
+    def _tick(self) -> None:
+        """Decide who drives, send what that comes to, and say so."""
+        now_ns = self._ticked_ns = time.monotonic_ns()
+        request: DriveRequest = self._request.what
+        if request.active and request.goal_id != self._goal_id:
+            self._goal_id = request.goal_id
+            self._base.request()
+            if self.settings.unattended:
+                self._base.confirm()
+        active = request.active and self._goal_id not in (NO_GOAL, self._over)
+        verdict, _ = self._base.supervise(now_ns, active, self._halts(now_ns, active))
+        fresh = active and request.driving and not self._command.is_silent(now_ns)
+        driven = self._base.drive(now_ns, verdict, self._command.what if fresh else None)
+        self._mode = verdict.mode
+        if active and (verdict.drops_goal or driven.ended):
+            self._over = self._goal_id
+        lean = self._base.tilt
+        self._report_of_tick = DriveReport(
+            self.now_ns(),
+            self._goal_id,
+            verdict.mode,
+            driven.ended or verdict.reason,
+            self._goal_id == self._over,
+            self._base.ready,
+            driven.command if driven.sent.active else None,
+            driven.ended,
+            tuple((halted.stop.id, halted.text) for halted in self._base.halts),
+            0.0 if lean is None else lean.roll,
+            0.0 if lean is None else lean.pitch,
+        )
+        self._send_state(drive_state(self._report_of_tick))
+
+    def _halts(self, now_ns: int, active: bool) -> list[Halt]:
+        """What only a chair of several processes has: those that are silent, and those that are too many."""
+        halts = [halt("open_network")] if self.settings.deaf else []
+        if (active or self._mode in DRIVEN) and self._request.is_silent(now_ns):
+            halts.append(halt("navigator_silent"))
+        if self._located.is_silent(now_ns):
+            halts.append(halt("localiser_silent"))
+        stranger = self._stranger()
+        if stranger:
+            halts.append(halt("two_commanders", stranger))
+        return halts
+
+    def _stranger(self) -> str:
+        """Who publishes speeds or requests and is not the navigator, or is one too many; empty for nobody."""
+        for topic in (topics.COMMAND.name, topics.DRIVE_REQUEST.name):
+            offers = self.get_publishers_info_by_topic(self.resolve_topic_name(topic))
+            names = [offer.node_name for offer in offers]
+            others = [name for name in names if name != self.settings.navigator]
+            if others or len(names) > 1:
+                return others[0] if others else f"{len(names)} nodes of the name '{self.settings.navigator}'"
+        return ""
+
+    def _serve(self, name: str, call: Callable[[], tuple[bool, str]]) -> None:
+        """A service std_srvs/Trigger that answers with whether it was done, and a sentence."""
+
+        def answer(request: Any, response: Any) -> Any:
+            response.success, response.message = call()
+            return response
+
+        self.create_service(interface_type("std_srvs/srv/Trigger"), name, answer)
+
+    def _stop(self) -> tuple[bool, str]:
+        self._base.stop()
+        self._tick()
+        return True, "stopped"
+
+    def _confirm(self) -> tuple[bool, str]:
+        request: DriveRequest = self._request.what
+        if not request.active or self._goal_id in (NO_GOAL, self._over):
+            return False, "there is no goal to say yes to: ask for one first"
+        if self._mode in DRIVEN:
+            return True, "the drive is under way"
+        self._base.confirm()
+        self._tick()
+        last = self._report_of_tick
+        if last is not None and last.mode in DRIVEN:
+            return True, "the drive begins"
+        return False, "" if last is None else last.reason
+
+    def _reset(self) -> tuple[bool, str]:
+        self._over = self._goal_id
+        self._base.reset()
+        return True, "the faults were reset; ask for the goal again"
+
+
+def main(arguments: Sequence[str] | None = None) -> int:
+    """The node's process."""
+    return run_node(BridgeNode, arguments)
+
+
+if __name__ == "__main__":
+    sys.exit(main())

@@ -1,0 +1,296 @@
+"""A chair's nodes for programs: where it is, where it may go, and the drive there, by the verbs that Nav2's users know.
+
+    with ChairClient() as chair:
+        chair.go_to_pose(chair.places()["lift"].pose)
+        chair.confirm()                       # the rider's yes
+        while not chair.is_task_complete():
+            print(chair.feedback().distance_remaining)
+        print(chair.result().reason)
+
+Scripts for nav2_simple_commander's BasicNavigator find its names, too (`goToPose`, `isTaskComplete`, ...).
+"""
+
+from __future__ import annotations
+
+import enum
+import time
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass
+from types import TracebackType
+from typing import Any, Self, TypeVar
+
+import rclpy
+from rclpy.action import ActionClient
+from rclpy.context import Context
+from rclpy.executors import SingleThreadedExecutor
+from rclpy.node import Node
+
+from waychair.errors import RosError
+from waychair.ros import topics
+from waychair.ros.environment import enter_ros_environment
+from waychair.ros.interface_types import interface_type
+from waychair.ros.messages.chair import DriveReport, read_drive_state, read_localisation, read_places
+from waychair.ros.messages.motion import pose_stamped, pose_with_covariance, read_pose_stamped
+from waychair.ros.messages.wire import deserialised, native, serialised
+from waychair.slam.localiser import Localisation
+from waychair.types import Place, Pose2
+
+T = TypeVar("T")
+
+_SUCCEEDED, _CANCELED, _ABORTED = 4, 5, 6  # action_msgs/msg/GoalStatus
+
+
+class TaskResult(enum.Enum):
+    """How a drive ended."""
+
+    UNKNOWN = 0
+    SUCCEEDED = 1
+    CANCELED = 2
+    FAILED = 3
+
+
+@dataclass(frozen=True, slots=True)
+class Ended:
+    """How a drive ended, why, and Nav2's code of it."""
+
+    result: TaskResult
+    reason: str = ""
+    code: int = 0
+
+
+class ChairClient:
+    """One program's way to the nodes of one chair; each call waits for its answer no longer than it says."""
+
+    def __init__(self, name: str = "chair_client", *, domain: int | None = None, namespace: str = "") -> None:
+        """`namespace` is that of the chair's nodes.
+
+        Raises:
+            ConfigError: the domain is none of 0 to 101.
+        """
+        enter_ros_environment(domain=domain)
+        self._context = Context()
+        rclpy.init(context=self._context, args=[])
+        self.node = Node(name, context=self._context, namespace=namespace or None, start_parameter_services=False)
+        self._executor = SingleThreadedExecutor(context=self._context)
+        self._executor.add_node(self.node)
+        self._heard: dict[str, Any] = {}
+        self._action = ActionClient(
+            self.node, interface_type("nav2_msgs/action/NavigateToPose"), topics.NAVIGATE_TO_POSE
+        )
+        self._handle: Any = None
+        self._ended: Any = None
+        self._feedback: Any = None
+        self._initial: Any = None
+
+    def __enter__(self) -> Self:
+        return self
+
+    def __exit__(
+        self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
+    ) -> None:
+        self.close()
+
+    def close(self) -> None:
+        """Leave; a drive under way goes on."""
+        self._executor.shutdown()
+        self._action.destroy()
+        self.node.destroy_node()
+        rclpy.try_shutdown(context=self._context)
+
+    def wait_until_active(self, timeout_s: float = 10.0) -> None:
+        """Until the nodes are there and the chair knows where it is.
+
+        Raises:
+            RosError: they are not, in that time.
+        """
+        self.localisation(timeout_s)
+        if not self._until(self._action.server_is_ready, timeout_s):
+            raise RosError(f"no navigator answers within {timeout_s:g} s: start the chair with `waychair up`")
+
+    def places(self, timeout_s: float = 5.0) -> Mapping[str, Place]:
+        """The named places of the map.
+
+        Raises:
+            RosError: nobody says so, in that time.
+        """
+        return self._first(topics.PLACES, read_places, timeout_s, "navigator")
+
+    def localisation(self, timeout_s: float = 5.0) -> Localisation:
+        """Where the chair is, and how far that can be trusted.
+
+        Raises:
+            RosError: nobody says so, in that time.
+        """
+        return self._first(topics.LOCALISATION, read_localisation, timeout_s, "mapper")[1]
+
+    def drive_state(self, timeout_s: float = 5.0) -> DriveReport:
+        """Who drives, why, and what stands against a drive.
+
+        Raises:
+            RosError: nobody says so, in that time.
+        """
+        return self._first(topics.DRIVE_STATE, read_drive_state, timeout_s, "bridge")
+
+    def go_to_pose(self, pose: Pose2, timeout_s: float = 5.0) -> bool:
+        """Ask for a drive to a pose in map, which waits for the rider's `confirm`; whether it was accepted.
+
+        Raises:
+            RosError: no navigator answers in that time.
+        """
+        return self._send_goal(native(pose_stamped(self._now_ns(), pose)), timeout_s)
+
+    def confirm(self, timeout_s: float = 5.0) -> tuple[bool, str]:
+        """The rider's yes: whether the drive begins, and a sentence.
+
+        Raises:
+            RosError: no bridge answers in that time.
+        """
+        return self._trigger("confirm", timeout_s)
+
+    def stop(self, timeout_s: float = 5.0) -> tuple[bool, str]:
+        """The rider's Stop.
+
+        Raises:
+            RosError: no bridge answers in that time.
+        """
+        return self._trigger("stop", timeout_s)
+
+    def reset_faults(self, timeout_s: float = 5.0) -> tuple[bool, str]:
+        """Somebody has seen to what was wrong.
+
+        Raises:
+            RosError: no bridge answers in that time.
+        """
+        return self._trigger("reset_faults", timeout_s)
+
+    def cancel(self, timeout_s: float = 5.0) -> tuple[bool, str]:
+        """End whatever drive there is, whoever asked for it.
+
+        Raises:
+            RosError: no navigator answers in that time.
+        """
+        return self._trigger("cancel", timeout_s)
+
+    def cancel_task(self, timeout_s: float = 5.0) -> None:
+        """End the drive that this client asked for."""
+        if self._handle is not None:
+            done = self._handle.cancel_goal_async()
+            self._until(done.done, timeout_s)
+
+    def is_task_complete(self, wait_s: float = 0.1) -> bool:
+        """Whether the drive has ended, after waiting for so long at most."""
+        return self._ended is None or self._until(self._ended.done, wait_s)
+
+    def feedback(self) -> Any:
+        """The latest nav2_msgs/action/NavigateToPose feedback; None before the first."""
+        return self._feedback
+
+    def result(self) -> Ended:
+        """How the drive ended; unknown while it goes on."""
+        if self._ended is None or not self._ended.done():
+            return Ended(TaskResult.UNKNOWN)
+        answer = self._ended.result()
+        kinds = {_SUCCEEDED: TaskResult.SUCCEEDED, _CANCELED: TaskResult.CANCELED, _ABORTED: TaskResult.FAILED}
+        kind = kinds.get(answer.status, TaskResult.UNKNOWN)
+        return Ended(kind, str(answer.result.error_msg), int(answer.result.error_code))
+
+    def set_initial_pose(self, pose: Pose2, timeout_s: float = 5.0) -> None:
+        """Say where the chair stands.
+
+        Raises:
+            RosError: no mapper listens, in that time.
+        """
+        topic = topics.INITIAL_POSE
+        if self._initial is None:
+            self._initial = self.node.create_publisher(interface_type(topic.type), topic.name, topic.qos.profile())
+        if not self._until(lambda: self._initial.get_subscription_count() > 0, timeout_s):
+            raise RosError(f"no mapper listens to {topic.name} within {timeout_s:g} s: start the chair")
+        self._initial.publish(serialised(pose_with_covariance(self._now_ns(), pose)))
+
+    def goToPose(self, pose: Any, behavior_tree: str = "") -> bool:
+        """Of BasicNavigator: with a geometry_msgs/PoseStamped."""
+        return self._send_goal(pose, 5.0)
+
+    def setInitialPose(self, pose: Any) -> None:
+        """Of BasicNavigator: with a geometry_msgs/PoseStamped."""
+        from waychair.ros.messages.wire import plain
+
+        self.set_initial_pose(read_pose_stamped(plain(pose)))
+
+    cancelTask = cancel_task
+    isTaskComplete = is_task_complete
+    getFeedback = feedback
+
+    def getResult(self) -> TaskResult:
+        """Of BasicNavigator."""
+        return self.result().result
+
+    def waitUntilNav2Active(self, navigator: str = "", localizer: str = "") -> None:
+        """Of BasicNavigator; there is one navigator and one localiser."""
+        self.wait_until_active()
+
+    def spin(self, seconds: float) -> None:
+        """Take in what comes for so long."""
+        self._until(lambda: False, seconds)
+
+    def _send_goal(self, pose: Any, timeout_s: float) -> bool:
+        if not self._until(self._action.server_is_ready, timeout_s):
+            raise RosError(f"no navigator answers within {timeout_s:g} s: start the chair with `waychair up`")
+        goal = interface_type("nav2_msgs/action/NavigateToPose").Goal()
+        goal.pose = pose
+        self._feedback = self._ended = self._handle = None
+        sent = self._action.send_goal_async(goal, feedback_callback=self._take_feedback)
+        if not self._until(sent.done, timeout_s):
+            raise RosError(f"the navigator does not answer within {timeout_s:g} s: see `waychair status`")
+        handle = sent.result()
+        if handle is None or not handle.accepted:
+            return False
+        self._handle, self._ended = handle, handle.get_result_async()
+        return True
+
+    def _take_feedback(self, message: Any) -> None:
+        self._feedback = message.feedback
+
+    def _trigger(self, name: str, timeout_s: float) -> tuple[bool, str]:
+        """Ask a service std_srvs/Trigger."""
+        kind = interface_type("std_srvs/srv/Trigger")
+        client = self.node.create_client(kind, name)
+        try:
+            if not self._until(client.service_is_ready, timeout_s):
+                raise RosError(f"nobody offers '{name}' within {timeout_s:g} s: start the chair with `waychair up`")
+            asked = client.call_async(kind.Request())
+            if not self._until(asked.done, timeout_s):
+                raise RosError(f"'{name}' was not answered within {timeout_s:g} s: see `waychair status`")
+            answer = asked.result()
+            return bool(answer.success), str(answer.message)
+        finally:
+            self.node.destroy_client(client)
+
+    def _first(self, topic: topics.RosTopic, read: Callable[[Any], T], timeout_s: float, sender: str) -> T:
+        """The latest of a topic, from now on; the first call waits for one."""
+        if topic.name not in self._heard:
+            self._heard[topic.name] = None
+
+            def take(data: bytes) -> None:
+                self._heard[topic.name] = read(deserialised(data, topic.type))
+
+            self.node.create_subscription(interface_type(topic.type), topic.name, take, topic.qos.profile(), raw=True)
+        else:
+            self._until(lambda: False, 0.0)
+        if not self._until(lambda: self._heard[topic.name] is not None, timeout_s):
+            raise RosError(f"no {sender} says anything within {timeout_s:g} s: start the chair with `waychair up`")
+        found: T = self._heard[topic.name]
+        return found
+
+    def _until(self, true: Callable[[], bool], timeout_s: float) -> bool:
+        """Take in what comes until something is true; whether it is, in that time."""
+        ends = time.monotonic() + timeout_s
+        while not true():
+            left = ends - time.monotonic()
+            self._executor.spin_once(timeout_sec=max(0.0, min(left, 0.1)))
+            if left <= 0.0:
+                return true()
+        return True
+
+    def _now_ns(self) -> int:
+        return int(self.node.get_clock().now().nanoseconds)

@@ -1,0 +1,157 @@
+"""What a node takes in: raw messages of one topic, read into nouns, with an account of what is wrong with them."""
+
+from __future__ import annotations
+
+import time
+from collections.abc import Callable
+from typing import TYPE_CHECKING, Any, Generic, TypeVar
+
+from waychair.errors import MessageError
+from waychair.ros.interface_types import interface_type
+from waychair.ros.messages.reports import Level, Report
+from waychair.ros.messages.wire import deserialised
+from waychair.ros.topics import RosTopic
+from waychair.ros_transforms import stamp_ns as nanoseconds
+
+if TYPE_CHECKING:
+    from rclpy.node import Node
+
+T = TypeVar("T")
+
+CLOCK_ERROR_NS = 5_000_000_000
+"""A message that has just come but is stamped as far away as this comes from another clock."""
+
+SLOW = 0.8
+"""Part of the nominal rate below which a topic is called slow."""
+
+
+class Input(Generic[T]):
+    """One subscription: its messages' age by their stamps, how many came, were refused, or cannot come at all.
+
+    `latest` is what was read last; None before that.
+    """
+
+    def __init__(
+        self,
+        node: Node,
+        topic: RosTopic,
+        read: Callable[[Any], T],
+        take: Callable[[T], None] | None = None,
+        *,
+        needed: bool = True,
+    ) -> None:
+        """`read` makes a noun of a plain message, `take` is told it, in the executor's thread.
+
+        A message that `read` refuses (`MessageError`) is counted and reported, and nobody is told it. An input that is
+        not `needed` may stay silent.
+        """
+        from rclpy.event_handler import SubscriptionEventCallbacks
+
+        self.topic = topic
+        self.latest: T | None = None
+        self.stamp_ns: int | None = None
+        self._node = node
+        self._read = read
+        self._take = take
+        self._needed = needed
+        self._count = 0
+        self._refused = ""
+        self._mismatch = False
+        self._arrived_ns: int | None = None
+        self._reported = (time.monotonic_ns(), 0)
+        events = SubscriptionEventCallbacks(
+            incompatible_qos=lambda event: self._cannot_match(), incompatible_type=lambda event: self._cannot_match()
+        )
+        self.subscription = node.create_subscription(
+            interface_type(topic.type), topic.name, self._hear, topic.qos.profile(), event_callbacks=events, raw=True
+        )
+
+    @property
+    def name(self) -> str:
+        """The topic's name after remapping."""
+        return str(self.subscription.topic_name)
+
+    def age_ns(self) -> int | None:
+        """By the stamp, against the node's clock; None before the first message."""
+        return None if self.stamp_ns is None else self._now_ns() - self.stamp_ns
+
+    def is_stale(self) -> bool:
+        """Whether the last message is older than its declared rate allows, or there is none, or its clock is another."""
+        carries = self.topic.carries
+        return carries is not None and carries.is_stale(self.stamp_ns, self._now_ns())
+
+    def report(self) -> Report:
+        """How this input is, for /diagnostics; rates are those since the last report."""
+        before_ns, count = self._reported
+        now_ns = time.monotonic_ns()
+        self._reported = now_ns, self._count
+        rate_hz = (self._count - count) * 1e9 / max(1, now_ns - before_ns)
+        level, message = self._judge(rate_hz)
+        self._refused = ""
+        age_ns = self.age_ns()
+        values = [("topic", self.name), ("rate [Hz]", f"{rate_hz:.1f}"), ("messages", str(self._count))]
+        if age_ns is not None:
+            values.append(("age [s]", f"{age_ns * 1e-9:.3f}"))
+        return Report(f"input {self.topic.name}", level, message, tuple(values))
+
+    def trouble(self) -> str:
+        """Whose messages cannot come, and why: another type, or a QoS that does not fit what is asked for here."""
+        from rclpy.qos import QoSCompatibility, qos_check_compatible
+
+        wanted = self.topic.qos.profile()
+        for offer in self._node.get_publishers_info_by_topic(self.name):
+            sender = f"{offer.node_namespace.rstrip('/')}/{offer.node_name}"
+            if offer.topic_type != self.topic.type:
+                return f"{sender} sends {offer.topic_type} on {self.name}, not {self.topic.type}: remap one of them"
+            verdict, reason = qos_check_compatible(offer.qos_profile, wanted)
+            if verdict == QoSCompatibility.ERROR:
+                why = reason.strip().removeprefix("ERROR: ").rstrip(";")
+                return f"{sender} offers {self.name} with a QoS that does not fit ({why}): change its QoS"
+        return ""
+
+    def _judge(self, rate_hz: float) -> tuple[Level, str]:
+        carries, age_ns = self.topic.carries, self.age_ns()
+        if (self._mismatch or rate_hz == 0.0) and (trouble := self.trouble()):
+            return Level.ERROR, trouble
+        if self._refused:
+            return Level.ERROR, self._refused
+        if not self._needed and rate_hz == 0.0:
+            return Level.OK, "silent"
+        if age_ns is None or self._arrived_ns is None:
+            return Level.STALE, f"nothing has come yet on {self.name}: start what sends it"
+        if rate_hz > 0.0 and abs(age_ns) > CLOCK_ERROR_NS:
+            return Level.ERROR, (
+                f"stamps on {self.name} are {age_ns * 1e-9:.1f} s from this node's clock: set use_sim_time alike for all "
+                "nodes, and the computers' clocks"
+            )
+        if self.is_stale():
+            limit_s = (carries.max_age_ns() or 0) * 1e-9 if carries else 0.0
+            return Level.ERROR, f"the last message is {age_ns * 1e-9:.2f} s old, {limit_s:.2f} s at most are allowed"
+        if rate_hz < SLOW * self.topic.rate_hz:
+            return Level.WARN, f"{rate_hz:.1f} Hz, where {self.topic.rate_hz:g} Hz are expected"
+        return Level.OK, ""
+
+    def _hear(self, data: bytes) -> None:
+        self._arrived_ns = time.monotonic_ns()
+        self._count += 1
+        try:
+            message = deserialised(data, self.topic.type)
+            noun = self._read(message)
+        except MessageError as error:
+            self._refused = str(error)
+            return
+        header = getattr(message, "header", None)
+        self.stamp_ns = self._now_ns() if header is None else nanoseconds(header.stamp)
+        self.latest = noun
+        if self._take is not None:
+            self._take(noun)
+
+    def _cannot_match(self) -> None:
+        """Somebody sends what cannot be taken; said at once, and on /diagnostics as long as it lasts."""
+        self._mismatch = True
+        trouble = self.trouble()
+        if trouble:
+            self._node.get_logger().error(trouble)
+
+    def _now_ns(self) -> int:
+        return int(self._node.get_clock().now().nanoseconds)

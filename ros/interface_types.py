@@ -1,0 +1,49 @@
+"""The one way to the Python classes of ROS messages, services and actions, wherever they come from."""
+
+from __future__ import annotations
+
+import importlib
+import importlib.util
+import sys
+from functools import cache
+from typing import Any
+
+from waychair.errors import MissingExtra
+from waychair.ros.interface_builder import TEXTS, built_interfaces
+
+
+@cache
+def interface_type(name: str) -> Any:
+    """The class of an interface, as `tf2_msgs/msg/TFMessage`.
+
+    Packages of an installed ROS win over those that are built here; see `built_interfaces`.
+
+    Raises:
+        MissingExtra: ROS, or this package of it, is not installed.
+        InterfaceBuildError: the package has to be built and cannot be.
+    """
+    package, kind, leaf = name.split("/")
+    _make_importable(package)
+    try:
+        return getattr(importlib.import_module(f"{package}.{kind}"), leaf)
+    except ImportError as error:
+        raise MissingExtra(
+            f"the ROS messages {package} cannot be loaded ({error}): `pip install 'waychair[ros]'` (x86_64), or install "
+            "ROS 2 Jazzy and source its setup.bash"
+        ) from error
+
+
+def prepare() -> None:
+    """Build what would otherwise be built by its first use; nothing, where an installed ROS has it all.
+
+    Raises:
+        MissingExtra, InterfaceBuildError: as `interface_type`.
+    """
+    for texts in TEXTS.iterdir():
+        _make_importable(texts.name)
+
+
+def _make_importable(package: str) -> None:
+    if (TEXTS / package).is_dir() and importlib.util.find_spec(package) is None:
+        sys.path.append(str(built_interfaces()))  # last on the path: whatever is installed is found first
+        importlib.invalidate_caches()

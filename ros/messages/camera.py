@@ -1,0 +1,83 @@
+"""Pictures with depth: the two images and the camera's matrix, which come as separate messages of one stamp."""
+
+from __future__ import annotations
+
+from collections import OrderedDict
+from dataclasses import dataclass
+from typing import Any
+
+from waychair.errors import MessageError, RecordingError
+from waychair.ros.messages.wire import require_finite, stamp_of
+from waychair.ros_decoding import camera_matrix_from_message, depth_from_message, picture_from_message
+from waychair.types import RgbdFrame
+
+_WAITING = 8  # stamps whose other half has not come yet
+
+
+def read_rgbd(colour: Any, depth: Any, info: Any) -> RgbdFrame:
+    """Of a colour and a depth sensor_msgs/Image (16UC1 in mm or 32FC1 in m, REP-118) and a sensor_msgs/CameraInfo.
+
+    Raises:
+        MessageError: an encoding that is not known, bytes that do not fill the picture, pictures of different sizes or
+            stamps, or a camera that is not calibrated.
+    """
+    stamp_ns = stamp_of(colour)
+    if stamp_of(depth) != stamp_ns:
+        late_ms = (stamp_of(depth) - stamp_ns) * 1e-6
+        raise MessageError(f"depth is {late_ms:.1f} ms later than its picture: let the camera's driver align them")
+    require_finite("the camera's matrix", *map(float, info.k))
+    matrix = camera_matrix_from_message(info)
+    if matrix is None:
+        raise MessageError("the camera is not calibrated (its camera_info is zero): calibrate it")
+    try:
+        pixels, metres = picture_from_message(colour), depth_from_message(depth)
+    except RecordingError as error:
+        raise MessageError(f"a picture cannot be read: {error}") from error
+    if not pixels.shape[:2] == metres.shape == (info.height, info.width):
+        sizes = ", ".join(f"{width} x {height}" for height, width in (pixels.shape[:2], metres.shape))
+        raise MessageError(
+            f"picture and depth ({sizes}) differ from the camera's {info.width} x {info.height}: align depth to colour"
+        )
+    return RgbdFrame(stamp_ns, pixels, metres, matrix)
+
+
+@dataclass(slots=True)
+class _Half:
+    colour: Any = None
+    depth: Any = None
+
+
+class CameraPairing:
+    """Brings the pictures and depths of a camera together, in whichever order they come, and drops what stays alone."""
+
+    def __init__(self) -> None:
+        self._info: Any = None
+        self._waiting: OrderedDict[int, _Half] = OrderedDict()
+
+    def calibrated(self, info: Any) -> None:
+        """Take in a sensor_msgs/CameraInfo."""
+        self._info = info
+
+    def colour(self, message: Any) -> RgbdFrame | None:
+        """The frame, if its depth was there before; see `read_rgbd` for what it raises."""
+        half = self._half(message)
+        half.colour = message
+        return self._completed(stamp_of(message), half)
+
+    def depth(self, message: Any) -> RgbdFrame | None:
+        """The frame, if its picture was there before; see `read_rgbd` for what it raises."""
+        half = self._half(message)
+        half.depth = message
+        return self._completed(stamp_of(message), half)
+
+    def _half(self, message: Any) -> _Half:
+        half = self._waiting.setdefault(stamp_of(message), _Half())
+        while len(self._waiting) > _WAITING:
+            self._waiting.popitem(last=False)
+        return half
+
+    def _completed(self, stamp_ns: int, half: _Half) -> RgbdFrame | None:
+        if half.colour is None or half.depth is None or self._info is None:
+            return None
+        del self._waiting[stamp_ns]
+        return read_rgbd(half.colour, half.depth, self._info)

@@ -1,0 +1,44 @@
+"""Grid maps as nav_msgs/OccupancyGrid."""
+
+from __future__ import annotations
+
+import math
+from typing import Any
+
+import numpy as np
+
+from waychair.errors import MessageError
+from waychair.ros.messages.motion import pose, read_pose
+from waychair.ros.messages.wire import require_frame
+from waychair.ros_messages import MAP_FRAME, header, make
+from waychair.types import UNKNOWN, OccupancyGrid
+
+_OCCUPIED = 100
+
+
+def occupancy_grid(stamp_ns: int, grid: OccupancyGrid, frame: str = MAP_FRAME) -> Any:
+    """nav_msgs/OccupancyGrid, row 0 at the lower edge."""
+    height, width = grid.cells.shape
+    head = header(stamp_ns, frame)
+    info = make("nav_msgs/msg/MapMetaData", head.stamp, grid.resolution, width, height, pose(grid.map_from_grid))
+    return make("nav_msgs/msg/OccupancyGrid", head, info, np.ascontiguousarray(grid.cells, np.int8).ravel())
+
+
+def read_occupancy_grid(message: Any) -> OccupancyGrid:
+    """Of a nav_msgs/OccupancyGrid in map; the resolution, float32 on the wire, is rounded to what was meant.
+
+    Raises:
+        MessageError: another frame, cells that do not fill the grid or lie beyond -1..100, or no resolution.
+    """
+    require_frame(message, MAP_FRAME)
+    info = message.info
+    cells = np.asarray(message.data, np.int8)
+    if len(cells) != info.width * info.height or not len(cells):
+        raise MessageError(f"a map of {info.width} x {info.height} cells holds {len(cells)}: restart its sender")
+    low, high = int(cells.min()), int(cells.max())
+    if low < UNKNOWN or high > _OCCUPIED:
+        raise MessageError(f"a map's cells lie in {low}..{high}: they must be -1 (unknown) or 0..100 %")
+    resolution = float(info.resolution)
+    if not (math.isfinite(resolution) and resolution > 0.0):
+        raise MessageError(f"a map's resolution of {resolution:g} m is impossible: restart its sender")
+    return OccupancyGrid(cells.reshape(info.height, info.width), float(f"{resolution:.7g}"), read_pose(info.origin))

@@ -1,0 +1,201 @@
+"""Poses, twists, paths, odometry, transforms and speed limits."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Mapping
+from typing import Any
+
+import numpy as np
+
+from waychair.errors import MessageError
+from waychair.ros.messages.wire import require_finite, require_frame, stamp_of
+from waychair.ros_decoding import odometry_from_message
+from waychair.ros_messages import (
+    BASE_FRAME,
+    MAP_FRAME,
+    ODOM_FRAME,
+    covariance_in_space,
+    header,
+    make,
+    transforms,
+    vector,
+)
+from waychair.ros_transforms import BASE_FRAMES, frame_name, planar, pose_matrix
+from waychair.types import FloatArray, Odometry, Path, Pose2, Pose3, Twist
+
+_PLANAR = np.ix_([0, 1, 5], [0, 1, 5])  # x, y and yaw among x, y, z, roll, pitch, yaw
+_UNIT = 0.1  # a quaternion whose length differs from 1 by more is none
+
+
+def pose(at: Pose2) -> Any:
+    """geometry_msgs/Pose in the plane."""
+    half = math.remainder(at.theta, math.tau) / 2  # so that w >= 0
+    point = make("geometry_msgs/msg/Point", float(at.x), float(at.y), 0.0)
+    return make(
+        "geometry_msgs/msg/Pose", point, make("geometry_msgs/msg/Quaternion", 0.0, 0.0, math.sin(half), math.cos(half))
+    )
+
+
+def read_pose(message: Any) -> Pose2:
+    """x, y and yaw of a geometry_msgs/Pose.
+
+    Raises:
+        MessageError: a number is missing, or the quaternion is none, such as one of zeros.
+    """
+    at, turn = message.position, message.orientation
+    require_finite("a pose", at.x, at.y, at.z, turn.x, turn.y, turn.z, turn.w)
+    length = math.hypot(turn.x, turn.y, turn.z, turn.w)
+    if abs(length - 1.0) > _UNIT:
+        raise MessageError(f"a pose's quaternion has length {length:.3g}: it must be 1; (0, 0, 0, 1) is no turn")
+    return planar(pose_matrix(at, turn))
+
+
+def pose_stamped(stamp_ns: int, at: Pose2, frame: str = MAP_FRAME) -> Any:
+    """geometry_msgs/PoseStamped, as of a goal."""
+    return make("geometry_msgs/msg/PoseStamped", header(stamp_ns, frame), pose(at))
+
+
+def read_pose_stamped(message: Any, *frames: str) -> Pose2:
+    """The pose of a geometry_msgs/PoseStamped in one of `frames` (map, unless given).
+
+    Raises:
+        MessageError: another frame, or no pose (`read_pose`).
+    """
+    require_frame(message, *(frames or (MAP_FRAME,)))
+    return read_pose(message.pose)
+
+
+def pose_with_covariance(stamp_ns: int, at: Pose2, covariance: FloatArray | None = None) -> Any:
+    """geometry_msgs/PoseWithCovarianceStamped in map; covariance (3, 3) of x, y, theta, zeros when none is known."""
+    estimate = make("geometry_msgs/msg/PoseWithCovariance", pose(at), covariance_in_space(covariance))
+    return make("geometry_msgs/msg/PoseWithCovarianceStamped", header(stamp_ns, MAP_FRAME), estimate)
+
+
+def read_pose_with_covariance(message: Any) -> tuple[Pose2, FloatArray | None]:
+    """The pose in map and covariance (3, 3) of x, y, theta, None where all are zero.
+
+    Raises:
+        MessageError: another frame, no pose, or a covariance that is none.
+    """
+    require_frame(message, MAP_FRAME)
+    full = np.array(message.pose.covariance, np.float64).reshape(6, 6)
+    covariance: FloatArray = full[_PLANAR]
+    if not np.isfinite(covariance).all() or (np.diag(covariance) < 0.0).any():
+        raise MessageError("a pose's covariance is no number or negative: send zeros where it is not known")
+    return read_pose(message.pose.pose), covariance if covariance.any() else None
+
+
+def read_odometry(message: Any, frame: str = ODOM_FRAME) -> Odometry:
+    """Of a nav_msgs/Odometry of the base in `frame`.
+
+    Raises:
+        MessageError: other frames, or what is no pose.
+    """
+    stamp_of(message)
+    require_frame(message, frame)
+    child = frame_name(message.child_frame_id)
+    if child not in BASE_FRAMES:
+        raise MessageError(f"odometry is of '{child}', not of {BASE_FRAME}: set the driver's child_frame_id")
+    read_pose(message.pose.pose)
+    twist = message.twist.twist
+    require_finite("odometry's twist", twist.linear.x, twist.angular.z)
+    odometry = odometry_from_message(message)
+    assert odometry is not None  # it is finite
+    return odometry
+
+
+def twist(command: Twist) -> Any:
+    """geometry_msgs/Twist."""
+    return make("geometry_msgs/msg/Twist", vector((command.v, 0.0, 0.0)), vector((0.0, 0.0, command.omega)))
+
+
+def twist_stamped(stamp_ns: int, command: Twist) -> Any:
+    """geometry_msgs/TwistStamped in base_link."""
+    return make("geometry_msgs/msg/TwistStamped", header(stamp_ns, BASE_FRAME), twist(command))
+
+
+def read_twist(message: Any) -> Twist:
+    """Forward speed and turn of a geometry_msgs/Twist; the chair has no others.
+
+    Raises:
+        MessageError: one of them is no number.
+    """
+    v, omega = float(message.linear.x), float(message.angular.z)
+    require_finite("a twist", v, omega)
+    return Twist(v, omega)
+
+
+def read_twist_stamped(message: Any) -> tuple[int, Twist]:
+    """Stamp [ns] and twist of a geometry_msgs/TwistStamped in base_link.
+
+    Raises:
+        MessageError: another frame, or what is no number.
+    """
+    require_frame(message, BASE_FRAME, "")
+    return stamp_of(message), read_twist(message.twist)
+
+
+def path(stamp_ns: int, way: Path, frame: str = MAP_FRAME) -> Any:
+    """nav_msgs/Path."""
+    head = header(stamp_ns, frame)
+    stamped = [make("geometry_msgs/msg/PoseStamped", head, pose(Pose2(*row))) for row in way.poses.tolist()]
+    return make("nav_msgs/msg/Path", head, stamped)
+
+
+def read_path(message: Any) -> Path:
+    """Of a nav_msgs/Path in map.
+
+    Raises:
+        MessageError: another frame, or a pose that is none.
+    """
+    require_frame(message, MAP_FRAME)
+    poses = [read_pose(stamped.pose).array() for stamped in message.poses]
+    return Path(np.array(poses).reshape(-1, 3))
+
+
+def transform(stamp_ns: int, parent: str, child: str, parent_from_child: Pose3) -> Any:
+    """tf2_msgs/TFMessage of one transform."""
+    return transforms(stamp_ns, {(parent, child): parent_from_child})
+
+
+def read_transforms(message: Any) -> Mapping[tuple[str, str], tuple[int, Pose3]]:
+    """Stamps [ns] and `parent_from_child` of a tf2_msgs/TFMessage, by (parent, child).
+
+    Raises:
+        MessageError: a transform is no number, has no quaternion, or is of a frame in itself.
+    """
+    found = {}
+    for stamped in message.transforms:
+        parent, child = frame_name(stamped.header.frame_id), frame_name(stamped.child_frame_id)
+        move, turn = stamped.transform.translation, stamped.transform.rotation
+        require_finite(f"the transform of '{child}'", move.x, move.y, move.z, turn.x, turn.y, turn.z, turn.w)
+        length = math.hypot(turn.x, turn.y, turn.z, turn.w)
+        if not parent or not child or parent == child or abs(length - 1.0) > _UNIT:
+            raise MessageError(
+                f"the transform of '{child}' in '{parent}' is none (quaternion of length {length:.3g}): repair its sender"
+            )
+        matrix = pose_matrix(move, turn)
+        found[parent, child] = stamp_of(stamped), Pose3(matrix[:3, :3], matrix[:3, 3])
+    return found
+
+
+def speed_limit(stamp_ns: int, metres_per_second: float) -> Any:
+    """nav2_msgs/SpeedLimit; +inf lifts the limit."""
+    limit = 0.0 if math.isinf(metres_per_second) else metres_per_second
+    return make("nav2_msgs/msg/SpeedLimit", header(stamp_ns, MAP_FRAME), False, limit)
+
+
+def read_speed_limit(message: Any, full_speed: float) -> float:
+    """The limit [m/s] of a nav2_msgs/SpeedLimit, whose percentages are of `full_speed`; +inf where it is lifted.
+
+    Raises:
+        MessageError: it is negative or no number.
+    """
+    limit = float(message.speed_limit)
+    require_finite("a speed limit", limit)
+    if limit < 0.0:
+        raise MessageError(f"a speed limit of {limit:g} is impossible: send 0 to lift it, or use stop to stop")
+    if limit == 0.0:
+        return math.inf
+    return full_speed * limit / 100.0 if message.percentage else limit

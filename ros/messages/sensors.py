@@ -1,0 +1,177 @@
+"""Scans, IMU samples, wheels, sonars, joystick and battery: what sensors and drivers say on the usual topics.
+
+The way out is `waychair.ros_messages` for those that bags hold too; here is what is on the wire only, and the way in,
+which names what is wrong with a message instead of leaving it out.
+"""
+
+from __future__ import annotations
+
+import math
+from typing import Any
+
+import numpy as np
+
+from waychair.errors import MessageError
+from waychair.ros.messages.wire import require_finite, stamp_of
+from waychair.ros_decoding import imu_from_message, scan_from_message
+from waychair.ros_messages import UNREPORTED, WHEEL_JOINTS, header, make
+from waychair.types import ChairStatus, ImuSample, JoystickInput, Scan, SonarReadings, WheelTicks
+
+_COUNTS = 2**32
+_CHARGING, _DISCHARGING, _UNKNOWN = 1, 2, 0  # BatteryState.power_supply_status
+
+
+def read_scan(message: Any) -> Scan:
+    """Of a sensor_msgs/LaserScan (REP-117 codes kept), its angles turned to ascend.
+
+    Raises:
+        MessageError: it has no beams, angles that are no numbers, or another count of ranges than its angles say.
+    """
+    stamp_of(message)
+    require_finite("a scan's angle", message.angle_min, message.angle_max, message.angle_increment)
+    scan = scan_from_message(message)
+    if scan is None:
+        raise MessageError(f"a scan of {len(message.ranges)} ranges is none: check the lidar's driver")
+    beams = 1.0 + (message.angle_max - message.angle_min) / message.angle_increment
+    if abs(beams - len(scan.ranges)) > 1.5:  # drivers disagree on whether the last angle is that of the last beam
+        raise MessageError(
+            f"a scan has {len(scan.ranges)} ranges, but {beams:.0f} beams by its angles: check the lidar's driver"
+        )
+    return scan
+
+
+def read_imu(message: Any) -> ImuSample:
+    """Of a sensor_msgs/Imu in the sensor's own axes (REP-145).
+
+    Raises:
+        MessageError: a rate or an acceleration is no number, or is marked as not measured.
+    """
+    stamp_of(message)
+    for what, covariance in (
+        ("rate", message.angular_velocity_covariance),
+        ("acceleration", message.linear_acceleration_covariance),
+    ):
+        if covariance[0] == UNREPORTED[0]:
+            raise MessageError(f"an IMU sample holds no {what}: let the driver send imu/data with both")
+    sample = imu_from_message(message)
+    if sample is None:
+        raise MessageError("an IMU sample holds what is no number: check the IMU's driver")
+    return sample
+
+
+def read_wheels(message: Any, ticks_per_turn: int) -> WheelTicks:
+    """Of the two drive wheels in a sensor_msgs/JointState, among whatever other joints.
+
+    Raises:
+        MessageError: a wheel is missing, or its angle is no number.
+    """
+    angles = dict(zip(message.name, message.position, strict=False))
+    missing = [joint for joint in WHEEL_JOINTS if joint not in angles]
+    if missing:
+        raise MessageError(f"the joints {', '.join(message.name) or '(none)'} lack {missing[0]}: name the wheels so")
+    require_finite("a wheel's angle", *(angles[joint] for joint in WHEEL_JOINTS))
+    left, right = (_wrapped(round(angles[joint] * ticks_per_turn / math.tau)) for joint in WHEEL_JOINTS)
+    return WheelTicks(stamp_of(message), left, right)
+
+
+def _wrapped(count: int) -> int:
+    return (count + _COUNTS // 2) % _COUNTS - _COUNTS // 2
+
+
+def read_range(message: Any) -> float:
+    """Distance [m] of one sonar's sensor_msgs/Range, by REP-117; what lies beyond its limits becomes their codes.
+
+    Raises:
+        MessageError: its limits are impossible.
+    """
+    stamp_of(message)
+    low, high, distance = float(message.min_range), float(message.max_range), float(message.range)
+    if not 0.0 <= low < high:
+        raise MessageError(f"a sonar measures from {low:g} to {high:g} m, which is impossible: check its driver")
+    if distance < low:
+        return -math.inf
+    return math.inf if distance > high else distance
+
+
+class SonarRing:
+    """Puts the readings of the K sonars together, which come one by one; those of one stamp belong together."""
+
+    def __init__(self, count: int) -> None:
+        self._stamp_ns = -1
+        self._ranges = np.full(count, np.nan, np.float32)
+        self._heard = 0
+
+    def hear(self, index: int, message: Any) -> SonarReadings | None:
+        """All readings of a stamp, once the last of them is there; nan for a sonar that said nothing.
+
+        A ring that lacks one is complete when the next stamp begins.
+
+        Raises:
+            MessageError: see `read_range`.
+        """
+        distance, stamp_ns = read_range(message), stamp_of(message)
+        earlier = None
+        if stamp_ns != self._stamp_ns:
+            earlier = self._completed() if self._heard else None
+            self._stamp_ns = stamp_ns
+        self._ranges[index] = distance
+        self._heard += 1
+        return self._completed() if self._heard == len(self._ranges) else earlier
+
+    def _completed(self) -> SonarReadings:
+        readings = SonarReadings(self._stamp_ns, self._ranges)
+        self._ranges, self._heard = np.full(len(self._ranges), np.nan, np.float32), 0
+        return readings
+
+
+def joy(stick: JoystickInput) -> Any:
+    """sensor_msgs/Joy with the axes of teleop_twist_joy: turn (left positive), forward."""
+    axes = np.array([stick.turn, stick.forward], np.float32)
+    return make("sensor_msgs/msg/Joy", header(stick.stamp_ns, ""), axes, np.zeros(0, np.int32))
+
+
+def read_joy(message: Any) -> JoystickInput:
+    """The first stick of a sensor_msgs/Joy, cut to [-1, 1].
+
+    Raises:
+        MessageError: it has no two axes, or they are no numbers.
+    """
+    if len(message.axes) < 2:
+        raise MessageError(f"a joystick of {len(message.axes)} axes cannot steer: it takes two, turn and forward")
+    turn, forward = (float(axis) for axis in message.axes[:2])
+    require_finite("a joystick's axis", turn, forward)
+    return JoystickInput(stamp_of(message), min(max(forward, -1.0), 1.0), min(max(turn, -1.0), 1.0))
+
+
+def battery(status: ChairStatus) -> Any:
+    """sensor_msgs/BatteryState: what is not measured is nan."""
+    kinds = {None: _UNKNOWN, True: _CHARGING, False: _DISCHARGING}
+    nothing, none = math.nan, np.zeros(0, np.float32)
+    percentage = nothing if status.battery is None else status.battery
+    return make(
+        "sensor_msgs/msg/BatteryState",
+        header(status.stamp_ns, ""),
+        *(nothing for _ in range(6)),
+        percentage,
+        kinds[status.charging],
+        _UNKNOWN,
+        _UNKNOWN,
+        status.battery is not None,
+        none,
+        none,
+        "",
+        "",
+    )
+
+
+def read_battery(message: Any) -> ChairStatus:
+    """Charge and charging of a sensor_msgs/BatteryState; it says nothing of the seat.
+
+    Raises:
+        MessageError: a charge beyond [0, 1].
+    """
+    charge = float(message.percentage)
+    if not math.isnan(charge) and not 0.0 <= charge <= 1.0:
+        raise MessageError(f"a battery of charge {charge:g} is impossible: send a part from 0 to 1")
+    charging = {_CHARGING: True, _DISCHARGING: False}.get(message.power_supply_status)
+    return ChairStatus(stamp_of(message), None, charging, None if math.isnan(charge) else charge)

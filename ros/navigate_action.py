@@ -1,0 +1,152 @@
+"""The action navigate_to_pose as Nav2's clients expect it, around whatever drives: one goal at a time, the latest wins.
+
+A goal ends as succeeded, as canceled when a client asked for that, or as aborted with a code and a sentence. Codes are
+those of Nav2's planner server (nav2_msgs/action/ComputePathToPose, 200 to 208) where the reason is one of planning.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+from types import MappingProxyType
+from typing import Any, Protocol
+
+from rclpy.action import ActionServer, CancelResponse, GoalResponse
+from rclpy.action.server import ServerGoalHandle
+from rclpy.duration import Duration
+from rclpy.task import Future
+
+from waychair.errors import (
+    GoalOccupied,
+    GoalOutsideMap,
+    MessageError,
+    NoFreeSpace,
+    NoPath,
+    PlanningError,
+    StartOccupied,
+    StartOutsideMap,
+    WaychairError,
+)
+from waychair.ros.interface_types import interface_type
+from waychair.ros.messages.motion import pose_stamped, read_pose_stamped
+from waychair.ros.messages.wire import native
+from waychair.ros.node import ChairNode
+from waychair.ros.topics import NAVIGATE_TO_POSE
+from waychair.types import Pose2
+
+NONE = 0
+
+ERROR_CODES: Mapping[type[WaychairError], int] = MappingProxyType(
+    {
+        StartOutsideMap: 203,
+        GoalOutsideMap: 204,
+        StartOccupied: 205,
+        GoalOccupied: 206,
+        NoFreeSpace: 208,
+        NoPath: 208,
+        PlanningError: 200,
+    }
+)
+"""Nav2's codes of what keeps a planner from planning, the particular before the general."""
+
+
+def error_code(error: WaychairError) -> int:
+    """Nav2's code of a failure; 0 where it has none."""
+    return next((code for kind, code in ERROR_CODES.items() if isinstance(error, kind)), NONE)
+
+
+@dataclass(frozen=True, slots=True)
+class Progress:
+    """What a client is told on the way: where the chair is in map, times [s], recoveries so far, and the way left [m]."""
+
+    map_from_base: Pose2
+    elapsed_s: float
+    remaining_s: float
+    recoveries: int
+    distance_m: float
+
+
+class Drive(Protocol):
+    """What drives for the action. Both are called in the executor's thread and return at once."""
+
+    def begin(self, goal: Pose2) -> None:
+        """Set out for a pose in map; a drive under way ends for it. Raises `WaychairError` when it cannot."""
+
+    def cancel(self) -> None:
+        """Come to rest and give the goal up; `NavigateAction.end` follows when that is done."""
+
+
+class NavigateAction:
+    """The server. Its owner calls `tell` on the way and `end` when the drive is over, in the executor's thread."""
+
+    def __init__(self, node: ChairNode[Any], drive: Drive) -> None:
+        self._node = node
+        self._drive = drive
+        self._type = interface_type("nav2_msgs/action/NavigateToPose")
+        self._goal: tuple[ServerGoalHandle, Future] | None = None
+        server = ActionServer(
+            node,
+            self._type,
+            NAVIGATE_TO_POSE,
+            execute_callback=self._execute,
+            goal_callback=self._accept,
+            cancel_callback=self._cancel,
+        )
+        node.at_end(server.destroy)
+
+    @property
+    def active(self) -> bool:
+        """Whether a client waits for the end of a drive."""
+        return self._goal is not None
+
+    def tell(self, progress: Progress) -> None:
+        """Feedback to the client, if there is one."""
+        if self._goal is None:
+            return
+        feedback = self._type.Feedback()
+        feedback.current_pose = native(pose_stamped(self._node.now_ns(), progress.map_from_base))
+        feedback.navigation_time = Duration(seconds=progress.elapsed_s).to_msg()
+        feedback.estimated_time_remaining = Duration(seconds=progress.remaining_s).to_msg()
+        feedback.number_of_recoveries = progress.recoveries
+        feedback.distance_remaining = float(progress.distance_m)
+        self._goal[0].publish_feedback(feedback)
+
+    def end(self, *, reached: bool, reason: str = "", code: int = NONE) -> None:
+        """The drive is over: at the goal, canceled if a client asked for that, and for this reason otherwise."""
+        if self._goal is None:
+            return
+        handle, ended = self._goal
+        self._goal = None
+        if reached:
+            handle.succeed()
+        elif handle.is_cancel_requested:
+            handle.canceled()
+        else:
+            handle.abort()
+        result = self._type.Result()
+        result.error_code, result.error_msg = (NONE, "") if reached else (code, reason)
+        ended.set_result(result)
+
+    def _accept(self, goal: Any) -> GoalResponse:
+        try:
+            read_pose_stamped(goal.pose)
+        except MessageError as error:
+            self._node.get_logger().error(f"a goal was refused: {error}")
+            return GoalResponse.REJECT
+        return GoalResponse.ACCEPT
+
+    def _cancel(self, handle: ServerGoalHandle) -> CancelResponse:
+        if self._goal is None or self._goal[0] is not handle:
+            return CancelResponse.REJECT
+        self._node.executor.create_task(self._drive.cancel)  # after this, when the goal is marked as being canceled
+        return CancelResponse.ACCEPT
+
+    async def _execute(self, handle: ServerGoalHandle) -> Any:
+        self.end(reached=False, reason="another goal was given")
+        ended = Future()
+        self._goal = handle, ended
+        try:
+            self._drive.begin(read_pose_stamped(handle.request.pose))
+        except WaychairError as error:
+            self.end(reached=False, reason=str(error), code=error_code(error))
+        return await ended

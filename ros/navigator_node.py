@@ -1,0 +1,328 @@
+"""The navigator as a node: goals in, speeds out, twenty times a second.
+
+| takes | |
+|---|---|
+| map, localisation, odom | where it drives, and where the chair is |
+| scan, sonar_0.., camera/... | what is in the way |
+| goal_pose; the action navigate_to_pose | where to go; the rider's `confirm` begins the drive |
+| drive_state | who drives, what became of the last speeds, and what ended a drive |
+| speed_limit | how fast it may go |
+
+| sends | |
+|---|---|
+| cmd_vel, drive_request | to the bridge, which obeys no other node |
+| plan, local_plan, local_costmap/published_footprint | for displays |
+| places | the map's, for those who call them by name |
+
+Service: `cancel` (std_srvs/Trigger).
+"""
+
+from __future__ import annotations
+
+import math
+import sys
+import time
+from collections.abc import Iterable, Sequence
+from dataclasses import dataclass
+from pathlib import Path as FilePath
+from typing import Any
+
+import numpy as np
+
+from waychair.config import setting
+from waychair.control.navigator import Navigation, Stage
+from waychair.control.supervisor import Verdict
+from waychair.errors import ConfigError, WaychairError
+from waychair.maps.places import load_places
+from waychair.maps.zones import load_zones
+from waychair.ros import topics
+from waychair.ros.interface_types import interface_type
+from waychair.ros.known_chair import known_chair
+from waychair.ros.messages.camera import CameraPairing
+from waychair.ros.messages.chair import (
+    NO_GOAL,
+    DriveReport,
+    DriveRequest,
+    drive_request,
+    places,
+    read_drive_state,
+    read_localisation,
+)
+from waychair.ros.messages.maps import read_occupancy_grid
+from waychair.ros.messages.motion import (
+    path,
+    read_odometry,
+    read_pose_stamped,
+    read_speed_limit,
+    twist,
+    twist_stamped,
+)
+from waychair.ros.messages.reports import Level, Report
+from waychair.ros.messages.sensors import SonarRing, read_scan
+from waychair.ros.navigate_action import NavigateAction, Progress
+from waychair.ros.node import ChairNode, run_node
+from waychair.runtime.odometry_track import OdometryTrack
+from waychair.runtime.pilot import Pilot, PilotSettings
+from waychair.slam.localiser import Localisation
+from waychair.slam.tilt import Tilt
+from waychair.topics import COMMAND as COMMAND_RATE
+from waychair.topics import SCAN as SCAN_RATE
+from waychair.types import Goal, OccupancyGrid, Path, Pose2, RgbdFrame, Scan, SonarReadings, Twist
+
+_FEEDBACK_EVERY = 4  # ticks
+_SONARS = 8
+
+
+@dataclass(frozen=True, slots=True)
+class NavigatorNodeSettings(PilotSettings):
+    """Which chair, and which map's places and zones."""
+
+    calibration: str = setting("", "", "the chair's file; empty: a simulated chair's")
+    chair: str = setting("A", "", "the simulated chair, where there is no file")
+    map_folder: str = setting("", "", "the map's folder, for its places and zones; empty: none")
+    camera: bool = setting(True, "", "whether to look for floor edges and low things with the camera")
+    enable_stamped_cmd_vel: bool = setting(False, "", "cmd_vel is a TwistStamped, as in Nav2 from Kilted on")
+
+
+class NavigatorNode(ChairNode[NavigatorNodeSettings]):
+    """One `Pilot`, on the map of the mapper."""
+
+    def __init__(self) -> None:
+        super().__init__("navigator", NavigatorNodeSettings)
+        s = self.settings
+        self._calibration = known_chair(s.calibration, s.chair)
+        folder = FilePath(s.map_folder)
+        self._places = load_places(folder) if s.map_folder else {}
+        self._zones = load_zones(folder) if s.map_folder else ()
+        self._pilot: Pilot | None = None
+        self._next_map: OccupancyGrid | None = None
+        self._track = OdometryTrack()
+        self._scan: Scan | None = None
+        self._located: tuple[int, Localisation] | None = None
+        self._state: DriveReport | None = None
+        self._goal_id, self._began_ns, self._ticks = NO_GOAL, 0, 0
+        self._navigation: Navigation | None = None
+        self._shown: Path | None = None
+        self._limit = math.inf
+
+        stamped = s.enable_stamped_cmd_vel
+        self._send_command = self.publisher(topics.STAMPED_COMMAND if stamped else topics.COMMAND)
+        self._send_request = self.publisher(topics.DRIVE_REQUEST)
+        self._send_plan, self._send_local = self.publisher(topics.PLAN), self.publisher(topics.LOCAL_PLAN)
+        self._send_places = self.publisher(topics.PLACES)
+        self._send_places(places(self.now_ns(), self._places))
+        self.listen(topics.MAP, read_occupancy_grid, self._take_map)
+        self.listen(topics.ODOMETRY, read_odometry, self._track.take)
+        self.listen(topics.LOCALISATION, read_localisation, self._locate)
+        self.listen(topics.SCAN, read_scan, self._see)
+        self.listen(topics.DRIVE_STATE, read_drive_state, self._obey)
+        self._listen_to_sonars()
+        if s.camera:
+            self._listen_to_camera()
+        self.listen(topics.GOAL, read_pose_stamped, self._go, needed=False)
+        full_speed = s.limiter.max_speed
+        self.listen(
+            topics.SPEED_LIMIT, lambda message: read_speed_limit(message, full_speed), self._limit_speed, needed=False
+        )
+        self._action = NavigateAction(self, self)
+        self.create_service(interface_type("std_srvs/srv/Trigger"), "cancel", self._answer_cancel)
+        self.every(COMMAND_RATE.rate_hz, self._tick)
+
+    def reports(self) -> Iterable[Report]:
+        """How far the drive has come."""
+        navigation = self._navigation
+        if navigation is None:
+            yield Report("navigation", Level.STALE, "no map and no place on it are known yet")
+            return
+        reason = navigation.reason if self._pilot is None else self._pilot.navigator.reason
+        yield Report("navigation", Level.OK, reason, (("stage", navigation.stage.value),))
+
+    def begin(self, goal: Pose2) -> None:
+        """Of the action: set out for a pose; see `navigate_action.Drive`.
+
+        Raises:
+            ConfigError: there is no map yet.
+        """
+        if self._pilot is None:
+            raise ConfigError("there is no map yet: start the mapper, or wait for it")
+        self._pilot.go(self._tolerant(goal))
+        self._goal_id = self._began_ns = time.time_ns()
+
+    def cancel(self) -> None:
+        """Of the action, and of everybody: come to rest, the goal is given up."""
+        if self._pilot is not None:
+            self._pilot.drop("the drive was cancelled")
+
+    def _tolerant(self, goal: Pose2) -> Goal:
+        """With the tolerance of the place that is meant, if one is there."""
+        for place in self._places.values():
+            if math.hypot(place.pose.x - goal.x, place.pose.y - goal.y) < 0.01:
+                return Goal(goal, place.tolerance_m, place.tolerance_rad)
+        return Goal(goal)
+
+    def _go(self, goal: Pose2) -> None:
+        """By topic; a client of the action that waits is told that its goal was replaced."""
+        self._action.end(reached=False, reason="another goal was given")
+        try:
+            self.begin(goal)
+        except WaychairError as error:
+            self.get_logger().error(str(error))
+
+    def _answer_cancel(self, request: Any, response: Any) -> Any:
+        active = self._pilot is not None and self._pilot.navigator.active
+        self.cancel()
+        response.success, response.message = True, "cancelled" if active else "there was nothing to cancel"
+        return response
+
+    def _limit_speed(self, limit: float) -> None:
+        self._limit = limit
+
+    def _take_map(self, grid: OccupancyGrid) -> None:
+        """Used at once, or when the present drive is over."""
+        self._next_map = grid
+        self._renew()
+
+    def _renew(self) -> None:
+        if self._next_map is None or (self._pilot is not None and self._pilot.navigator.active):
+            return
+        grid, self._next_map = self._next_map, None
+        stops = self._calibration.stops
+        self._pilot = Pilot(grid, self._places, self._calibration.body, self.settings, stops, self._zones)
+
+    def _see(self, scan: Scan) -> None:
+        self._scan = scan
+        self._join()
+
+    def _locate(self, located: tuple[int, Localisation]) -> None:
+        if self._located is None or located[0] != self._located[0]:
+            self._located = located
+            self._join()
+
+    def _join(self) -> None:
+        """A scan is of use once it is known where it was taken."""
+        scan, located = self._scan, self._located
+        if self._pilot is None or scan is None or located is None or scan.stamp_ns != located[0]:
+            return
+        self._scan = None
+        self._pilot.see(self._calibration.seen(scan), located[1], self._track.twist)
+
+    def _listen_to_sonars(self) -> None:
+        ring = SonarRing(_SONARS)
+        for k in range(_SONARS):
+
+            def read(message: Any, k: int = k) -> SonarReadings | None:
+                return ring.hear(k, message)
+
+            self.listen(topics.sonar(k), read, self._hear, needed=False)
+
+    def _hear(self, readings: SonarReadings | None) -> None:
+        pose = None if readings is None else self._map_from_base(readings.stamp_ns)
+        if readings is not None and self._pilot is not None and pose is not None:
+            self._pilot.hear(readings, pose)
+
+    def _listen_to_camera(self) -> None:
+        pairing = CameraPairing()
+        self.listen(topics.DEPTH_INFO, lambda message: message, pairing.calibrated, needed=False)
+        self.listen(topics.COLOUR, pairing.colour, self._look, needed=False)
+        self.listen(topics.DEPTH, pairing.depth, self._look, needed=False)
+
+    def _look(self, frame: RgbdFrame | None) -> None:
+        pose = None if frame is None else self._map_from_base(frame.stamp_ns)
+        if frame is not None and self._pilot is not None and pose is not None:
+            state = self._state
+            lean = None if state is None else Tilt(frame.stamp_ns, state.roll, state.pitch)
+            self._pilot.look(frame, pose, lean)
+
+    def _map_from_base(self, stamp_ns: int) -> Pose2 | None:
+        """None while the odometry is silent or the chair's place unknown."""
+        odom_from_base = self._track.odom_from_base(stamp_ns)
+        if odom_from_base is None or self._located is None:
+            return None
+        return self._located[1].map_from_odom @ odom_from_base
+
+    def _obey(self, report: DriveReport) -> None:
+        """What the bridge has decided and done."""
+        self._state = report
+        pilot = self._pilot
+        if pilot is None or self._goal_id == NO_GOAL:
+            return
+        mine = report.goal_id == self._goal_id
+        if mine and pilot.navigator.active:
+            pilot.obey(Verdict(report.mode, report.reason, drops_goal=report.drops_goal))
+        pilot.learn(report.command if mine else None)
+
+    def _tick(self) -> None:
+        """One step of the navigator; what it wants goes to the bridge, whatever that is."""
+        now_ns = self.now_ns()
+        pose = self._map_from_base(now_ns)
+        pilot = self._pilot
+        if pilot is None or pose is None or self._located is None or self._is_late(now_ns):
+            if pilot is not None and pilot.navigator.active:
+                pilot.drop("the chair's place on the map is not known any more")
+            self._send(Twist(), DriveRequest(now_ns, self._goal_id))
+            self._tell_action()
+            return
+        pilot.expire(now_ns)
+        navigation = self._navigation = pilot.step(now_ns, pose, self._located[1].map_from_odom)
+        active = pilot.navigator.active
+        self._send(
+            self._slowed(navigation.twist) if navigation.driving else Twist(),
+            DriveRequest(now_ns, self._goal_id, active, active and navigation.driving),
+        )
+        self._show(navigation)
+        self._tell_action(pose)
+        self._renew()
+
+    def _is_late(self, now_ns: int) -> bool:
+        """Whether the last scan whose place is known is too old to drive by."""
+        return self._located is None or SCAN_RATE.is_stale(self._located[0], now_ns)
+
+    def _slowed(self, command: Twist) -> Twist:
+        share = min(1.0, self._limit / max(abs(command.v), 1e-9))
+        return Twist(share * command.v, share * command.omega)
+
+    def _send(self, command: Twist, request: DriveRequest) -> None:
+        stamped = self.settings.enable_stamped_cmd_vel
+        self._send_command(twist_stamped(request.stamp_ns, command) if stamped else twist(command))
+        self._send_request(drive_request(request))
+
+    def _show(self, navigation: Navigation) -> None:
+        if navigation.path is not None and navigation.path is not self._shown:
+            self._shown = navigation.path
+            self._send_plan(path(self.now_ns(), navigation.path))
+        choice = navigation.choice
+        if choice is not None and navigation.driving and len(choice.arc) > 1:
+            self._send_local(path(self.now_ns(), Path(np.asarray(choice.arc, np.float64)), topics.ODOMETRY.frame))
+
+    def _tell_action(self, pose: Pose2 | None = None) -> None:
+        """Feedback now and then, and the end of a drive at once."""
+        self._ticks += 1
+        if not self._action.active or self._pilot is None:
+            return
+        navigation = self._navigation
+        if not self._pilot.navigator.active:
+            arrived = self._pilot.navigator.stage is Stage.ARRIVED
+            self._action.end(reached=arrived, reason=self._pilot.navigator.reason)
+        elif pose is not None and navigation is not None and self._ticks % _FEEDBACK_EVERY == 0:
+            left = _way_left(navigation.path, pose)
+            elapsed_s = (time.time_ns() - self._began_ns) * 1e-9
+            seconds = left / max(self.settings.limiter.max_speed / 2, 0.05)
+            self._action.tell(Progress(pose, elapsed_s, seconds, max(0, navigation.plans - 1), left))
+
+
+def _way_left(way: Path | None, pose: Pose2) -> float:
+    """[m] along a path from the point of it that is nearest to a pose."""
+    if way is None or len(way.poses) < 2:
+        return 0.0
+    points = way.poses[:, :2]
+    nearest = int(np.argmin(np.hypot(*(points - (pose.x, pose.y)).T)))
+    return float(np.hypot(*np.diff(points[nearest:], axis=0).T).sum())
+
+
+def main(arguments: Sequence[str] | None = None) -> int:
+    """The node's process."""
+    return run_node(NavigatorNode, arguments)
+
+
+if __name__ == "__main__":
+    sys.exit(main())

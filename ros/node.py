@@ -1,0 +1,198 @@
+"""What all nodes of a chair share: parameters from settings, topics, diagnostics, a worker, and a clean end.
+
+A node is a class derived from `ChairNode`, and its process is `run_node` of it. Its callbacks run one after the other
+in the main thread; heavy work goes to `worker`.
+"""
+
+from __future__ import annotations
+
+import contextlib
+import os
+import time
+from collections.abc import Callable, Iterable, Sequence
+from typing import Any, Generic, TypeVar
+
+import rclpy
+from rclpy.clock import Clock, ClockType
+from rclpy.executors import ExternalShutdownException, SingleThreadedExecutor
+from rclpy.node import Node
+from rclpy.parameter import Parameter
+
+from waychair.config import Settings
+from waychair.errors import ConfigError, WaychairError
+from waychair.ros.environment import enter_ros_environment
+from waychair.ros.inputs import Input
+from waychair.ros.interface_types import interface_type
+from waychair.ros.messages.reports import Level, Report, diagnostics
+from waychair.ros.messages.wire import serialised
+from waychair.ros.parameters import descriptor, leaves, settings_from_parameters
+from waychair.ros.topics import DIAGNOSTICS, RosTopic
+from waychair.ros.worker import Worker
+
+S = TypeVar("S", bound=Settings)
+T = TypeVar("T")
+
+DIAGNOSTICS_HZ = 1.0
+
+_OF_ROS = ("use_sim_time", "start_type_description_service", "qos_overrides.")
+"""Parameters of every node of ROS, by how they begin."""
+
+
+class ChairNode(Node, Generic[S]):
+    """A ROS node with settings of type `S`, in force as `settings`."""
+
+    def __init__(
+        self, name: str, kind: type[S], dynamic: Iterable[str] = (), arguments: Sequence[str] | None = None
+    ) -> None:
+        """`dynamic` names the settings (with dots) that may change while the node runs; see `on_settings`.
+
+        `arguments` (`--ros-args ...`) are for this node alone, and stronger than those of its process.
+
+        Raises:
+            ConfigError: a parameter that there is not, of a wrong type, or with an impossible value.
+        """
+        own = None if arguments is None else list(arguments)
+        super().__init__(name, cli_args=own, automatically_declare_parameters_from_overrides=True)
+        self._kind = kind
+        self._dynamic = frozenset(dynamic)
+        self._inputs: list[Input[Any]] = []
+        self._closing = contextlib.ExitStack()
+        self.settings = self._declared()
+        self.steady_clock = Clock(clock_type=ClockType.STEADY_TIME)
+        self._diagnostics = self.publisher(DIAGNOSTICS)
+        self.every(DIAGNOSTICS_HZ, self._report)
+        self._worker: Worker | None = None
+
+    @property
+    def worker(self) -> Worker:
+        """The node's thread for heavy work, started by its first use."""
+        if self._worker is None:
+            self._worker = Worker(self)
+            self.at_end(self._worker.close)
+        return self._worker
+
+    def now_ns(self) -> int:
+        """The node's time: the computer's, or that of /clock with `use_sim_time`, 0 before its first tick."""
+        return int(self.get_clock().now().nanoseconds)
+
+    def publisher(self, topic: RosTopic) -> Callable[[Any], None]:
+        """What publishes plain messages on a topic."""
+        publisher = self.create_publisher(interface_type(topic.type), topic.name, topic.qos.profile())
+        return lambda message: publisher.publish(serialised(message))
+
+    def listen(
+        self,
+        topic: RosTopic,
+        read: Callable[[Any], T],
+        take: Callable[[T], None] | None = None,
+        *,
+        needed: bool = True,
+    ) -> Input[T]:
+        """Take a topic's messages in; its age, its refusals and misfits are reported on /diagnostics."""
+        self._inputs.append(Input(self, topic, read, take, needed=needed))
+        return self._inputs[-1]
+
+    def every(self, rate_hz: float, call: Callable[[], None]) -> Any:
+        """A timer on a clock that never stands still nor jumps, whatever /clock does."""
+        return self.create_timer(1.0 / rate_hz, call, clock=self.steady_clock)
+
+    def at_end(self, call: Callable[[], Any]) -> None:
+        """Have something called when the node ends, the last first."""
+        self._closing.callback(call)
+
+    def reports(self) -> Iterable[Report]:
+        """What this node says of itself on /diagnostics, besides its inputs; for nodes to override."""
+        return ()
+
+    def on_settings(self, settings: S) -> None:
+        """Told after a parameter was changed while the node runs; for nodes to override."""
+
+    def close(self) -> None:
+        """End what the node has started."""
+        self._closing.close()
+        self.destroy_node()
+
+    def set_parameters_atomically(self, parameter_list: list[Parameter]) -> Any:
+        """As rclpy's, but a value that is refused is refused with the settings' own sentence."""
+        answer = interface_type("rcl_interfaces/msg/SetParametersResult")
+        known = leaves(self.settings)
+        changed = [parameter for parameter in parameter_list if parameter.name in known]
+        fixed = [parameter.name for parameter in changed if parameter.name not in self._dynamic]
+        if fixed:
+            reason = f"{fixed[0]} cannot be changed while the node runs: give it at the start"
+            return answer(successful=False, reason=reason)
+        values = {name: leaf.parameter for name, leaf in known.items()}
+        values.update((parameter.name, parameter.value) for parameter in changed)
+        try:
+            settings = settings_from_parameters(self._kind, values, self.get_name())
+        except ConfigError as error:
+            return answer(successful=False, reason=str(error))
+        new = leaves(settings)
+        others = [parameter for parameter in parameter_list if parameter.name not in known]
+        typed = [Parameter(parameter.name, value=new[parameter.name].parameter) for parameter in changed]
+        result = super().set_parameters_atomically([*others, *typed])
+        if result.successful and typed:
+            self.settings = settings
+            self.on_settings(settings)
+        return result
+
+    def _declared(self) -> S:
+        """The settings that files and command line ask for, declared as parameters with their meaning and bounds."""
+        given = {name: parameter.value for name, parameter in self.get_parameters_by_prefix("").items()}
+        own = {name: value for name, value in given.items() if not name.startswith(_OF_ROS)}
+        settings = settings_from_parameters(self._kind, own, self.get_name())
+        for name in own:
+            self.undeclare_parameter(name)
+        for name, leaf in leaves(settings).items():
+            described = descriptor(leaf, dynamic=name in self._dynamic)
+            self.declare_parameter(name, leaf.parameter, described, ignore_override=True)
+        return settings
+
+    def _report(self) -> None:
+        reports = [
+            Report("node", Level.OK, "", (("pid", str(os.getpid())),)),
+            *(each.report() for each in self._inputs),
+        ]
+        if self.get_parameter("use_sim_time").value and self.now_ns() == 0:
+            reports.append(
+                Report("clock", Level.ERROR, "use_sim_time is set, but nobody sends /clock: start the simulator")
+            )
+        prefix = self.get_fully_qualified_name()
+        named = [
+            Report(f"{prefix}: {report.name}", report.level, report.message, report.values)
+            for report in (*reports, *self.reports())
+        ]
+        self._diagnostics(diagnostics(self.now_ns() or time.time_ns(), named))
+
+
+def run_node(make: Callable[[], ChairNode[Any]], arguments: Sequence[str] | None = None) -> int:
+    """The life of a node's process: its environment, the node, its callbacks until SIGINT or SIGTERM; the exit code.
+
+    `arguments` are those of ROS (`--ros-args ...`), this process's unless given. 0 after a signal, 2 when the node
+    cannot begin, of which the log says why in one sentence.
+    """
+    node: ChairNode[Any] | None = None
+    try:
+        enter_ros_environment()
+        _initialise(arguments)
+        node = make()
+        executor = SingleThreadedExecutor()
+        executor.add_node(node)
+        executor.spin()
+    except (KeyboardInterrupt, ExternalShutdownException):
+        pass
+    except WaychairError as error:
+        rclpy.logging.get_logger("waychair").fatal(str(error))
+        return 2
+    finally:
+        if node is not None:
+            node.close()
+        rclpy.try_shutdown()
+    return 0
+
+
+def _initialise(arguments: Sequence[str] | None) -> None:
+    try:
+        rclpy.init(args=None if arguments is None else list(arguments))
+    except RuntimeError as error:  # rcl's, such as of a parameter file that is none
+        raise ConfigError(f"ROS cannot begin: {' '.join(str(error).split())}") from error

@@ -1,0 +1,226 @@
+"""The simulated chair as a node, in real time: what a real one's sensors, drivers and cable would give.
+
+| sends | |
+|---|---|
+| scan, imu/data, sonar_0..7 | at the rates of `waychair.topics` |
+| camera/... | pictures and depth, where this computer can render |
+| joint_states | angles of the drive wheels, from their encoders |
+| odom, /tf, /tf_static | unless `publish_base` is off: dead reckoning, and the mounts of the chair's file |
+| ground_truth/odom | where the chair really is; a stack must not take it |
+| /clock | with `use_sim_time` |
+
+It takes `joy`, the rider's own stick. The joystick lines are held by the shipped firmware, which a bridge reaches by
+the pseudo-terminal `board_link`, as it would by a cable.
+"""
+
+from __future__ import annotations
+
+import sys
+import threading
+import time
+from collections.abc import Callable, Iterable, Mapping, Sequence
+from contextlib import ExitStack
+from dataclasses import dataclass, replace
+from pathlib import Path
+from typing import Any
+
+from waychair import ros_messages
+from waychair.calibration.dac import DEFAULT
+from waychair.config import Settings, setting
+from waychair.firmware_bridge.board import HostBoard, board_program
+from waychair.firmware_bridge.heartbeat import urgent
+from waychair.geometry import in_space
+from waychair.ros import topics
+from waychair.ros.messages.motion import transform
+from waychair.ros.messages.reports import Level, Report
+from waychair.ros.messages.sensors import read_joy
+from waychair.ros.mounts import static_transforms
+from waychair.ros.node import ChairNode, run_node
+from waychair.ros_messages import BASE_FRAME, MAP_FRAME, ODOM_FRAME
+from waychair.simulation.chair_file import load_chair
+from waychair.simulation.pacing import PaceMode, Pacer
+from waychair.simulation.pseudo_terminal import make_link
+from waychair.simulation.simulator import Simulator, SimulatorSettings, with_all_sensors
+from waychair.simulation.world import load_world
+from waychair.slam.odometry import OdometryFilter
+from waychair.trials.drive import Setting, board_settings
+from waychair.types import ImuSample, JoystickInput, Odometry, RgbdFrame, Scan, SonarReadings, WheelTicks
+
+
+@dataclass(frozen=True, slots=True)
+class SimulatorNodeSettings(Settings):
+    """Which chair drives in which world, and what there is of it."""
+
+    world: str = setting("small_clinic", "", "a world that ships (`waychair worlds`), or a plan's .yaml file")
+    level: str = setting("", "", "level of it; empty: the first")
+    chair: str = setting("A", "", "a chair that is built in, or a chair's .yaml file")
+    plant_model: str = setting("kinematic", "", "kinematic or mujoco")
+    seed: int = setting(0, "", "seed of sensors and noise", low=0, high=2**31)
+    people: bool = setting(True, "", "whether the people of the plan are there")
+    camera: bool = setting(True, "", "whether there is a camera")
+    sonars: bool = setting(True, "", "whether there are sonars")
+    board: bool = setting(True, "", "whether the firmware holds the lines, or else the rider's stick alone")
+    board_link: str = setting("", "", "name for the board's cable that stays the same; empty: the device's own")
+    publish_base: bool = setting(True, "", "whether to send odom, its transform, and the mounts")
+    urgent: bool = setting(False, "", "real-time priority for the simulation, where the system grants it")
+    clock_hz: float = setting(100.0, "Hz", "ticks of /clock with use_sim_time", low=1.0, high=200.0)
+
+
+class SimulatorNode(ChairNode[SimulatorNodeSettings]):
+    """One simulated chair; its time goes by in the worker's thread, to which the renderer belongs."""
+
+    def __init__(self) -> None:
+        super().__init__("simulator", SimulatorNodeSettings)
+        self._pacer = Pacer(PaceMode.REALTIME)
+        self._lost_s = 0.0
+        self._simulator: Simulator | None = None
+        self._cable = ""
+        self._ended = threading.Event()
+        self._sends: dict[str, Callable[[Any], None]] = {}
+        self._is_clock = bool(self.get_parameter("use_sim_time").value)
+        self._joystick = self.listen(topics.JOY, read_joy, needed=False)
+        self.worker.submit(self._simulate, lambda result: None)
+        self.at_end(self._ended.set)
+
+    def reports(self) -> Iterable[Report]:
+        """The pace, what the chair ran into, and where its cable is."""
+        if self._simulator is None:
+            return (Report("simulation", Level.STALE, "the world is being built"),)
+        lost_s, self._lost_s = self._pacer.lost_s - self._lost_s, self._pacer.lost_s
+        level, message = Level.OK, ""
+        if self._simulator.camera_problem is not None:
+            level, message = Level.WARN, self._simulator.camera_problem
+        if lost_s > 0.0:
+            level, message = Level.WARN, f"{lost_s:.2f} s behind the clock on the wall: the computer is too busy"
+        values = (
+            ("real time factor", f"{self._pacer.real_time_factor:.4f}"),
+            ("lost [s]", f"{self._lost_s:.3f}"),
+            ("contacts", str(self._simulator.contacts)),
+            ("cable", self._cable),
+        )
+        return (Report("simulation", level, message, values),)
+
+    def _simulate(self) -> None:
+        """Build the world and let its time go by with the wall's, until the node ends."""
+        if self.settings.urgent:
+            urgent()
+        with ExitStack() as ends:
+            simulator = self._built(ends)
+            body = simulator.body
+            self._odometry = OdometryFilter(body)
+            self._ticks_per_turn = body.ticks_per_turn
+            self._began_ns = time.time_ns() - simulator.now_ns
+            if self.settings.publish_base:
+                self._send(topics.TF_STATIC, ros_messages.transforms(self._stamp_ns(0), static_transforms(body)))
+            step_ns = simulator.settings.plant.step_ms * 1_000_000
+            clock_ns = round(1e9 / self.settings.clock_hz)
+            self._simulator = simulator
+            self._pacer.pace(simulator.now_ns)
+            while not self._ended.is_set():
+                simulator.rider = self._rider(simulator.now_ns)
+                messages = simulator.advance(step_ns)
+                if self._is_clock and simulator.now_ns % clock_ns < step_ns:
+                    self._tick(simulator.now_ns)
+                for message in messages:
+                    stamped = replace(message, stamp_ns=self._stamp_ns(message.stamp_ns))
+                    _SENDS[type(stamped)](self, stamped)
+                self._pacer.pace(simulator.now_ns)
+            self._simulator = None
+
+    def _built(self, ends: ExitStack) -> Simulator:
+        s, chair = self.settings, load_chair(self.settings.chair)
+        world = load_world(s.world, s.level or None)
+        every = with_all_sensors(SimulatorSettings(s.plant_model, chair.plant, chair.mujoco))
+        settings = replace(
+            every,
+            camera=every.camera if s.camera else replace(every.camera, rate_hz=0.0),
+            sonar=every.sonar if s.sonars else replace(every.sonar, rate_hz=0.0),
+        )
+        simulator = Simulator(world if s.people else replace(world, people=()), chair.body, settings, s.seed)
+        if s.board:
+            wiring = board_settings(Setting(world.grid, {}, chair.body, DEFAULT))
+            board = ends.enter_context(HostBoard(board_program(), wiring))
+            simulator.wire(board)
+            self._cable = board.path
+            if s.board_link:
+                link = Path(s.board_link)
+                if link.is_symlink():
+                    link.unlink()  # of a simulator that was killed: its terminal's number may be somebody's again
+                make_link(link, Path(board.path))
+                ends.callback(link.unlink, missing_ok=True)
+                self._cable = str(link)
+        return simulator
+
+    def _rider(self, now_ns: int) -> JoystickInput:
+        """The stick, which springs back when nobody says that it is held."""
+        stick = self._joystick.latest
+        if stick is None or self._joystick.is_stale():
+            return JoystickInput(now_ns)
+        return replace(stick, stamp_ns=now_ns)
+
+    def _stamp_ns(self, simulated_ns: int) -> int:
+        """Simulated time as the other nodes have it: theirs is the wall's, unless they follow /clock."""
+        if self._is_clock:
+            return simulated_ns
+        return self._began_ns + round(self._pacer.lost_s * 1e9) + simulated_ns
+
+    def _tick(self, now_ns: int) -> None:
+        self._send(topics.CLOCK, ros_messages.make("rosgraph_msgs/msg/Clock", ros_messages.header(now_ns, "").stamp))
+
+    def _send_scan(self, scan: Scan) -> None:
+        self._send(topics.SCAN, ros_messages.laser_scan(scan))
+
+    def _send_imu(self, sample: ImuSample) -> None:
+        self._odometry.update_imu(sample)
+        self._send(topics.IMU, ros_messages.imu(sample))
+
+    def _send_wheels(self, ticks: WheelTicks) -> None:
+        self._send(topics.JOINTS, ros_messages.joint_states(ticks, self._ticks_per_turn))
+        if self.settings.publish_base:
+            self._send_odometry(self._odometry.update_wheels(ticks))
+        assert self._simulator is not None
+        truth, twist = self._simulator.truth(), self._simulator.twist()
+        self._send(topics.TRUTH, ros_messages.odometry(ticks.stamp_ns, MAP_FRAME, truth, twist))
+
+    def _send_odometry(self, reading: Odometry) -> None:
+        pose = reading.odom_from_base
+        self._send(
+            topics.ODOMETRY,
+            ros_messages.odometry(reading.stamp_ns, ODOM_FRAME, pose, reading.twist, reading.covariance),
+        )
+        self._send(topics.TF, transform(reading.stamp_ns, ODOM_FRAME, BASE_FRAME, in_space(pose)))
+
+    def _send_sonars(self, readings: SonarReadings) -> None:
+        for k, distance in enumerate(readings.ranges.tolist()):
+            self._send(topics.sonar(k), ros_messages.sonar_range(readings.stamp_ns, k, distance))
+
+    def _send_frame(self, frame: RgbdFrame) -> None:
+        info = ros_messages.camera_info(frame)
+        self._send(topics.COLOUR_INFO, info)
+        self._send(topics.DEPTH_INFO, info)
+        self._send(topics.COLOUR, ros_messages.colour_image(frame))
+        self._send(topics.DEPTH, ros_messages.depth_image(frame))
+
+    def _send(self, topic: topics.RosTopic, message: Any) -> None:
+        """On a topic that is there from its first message on."""
+        if topic.name not in self._sends:
+            self._sends[topic.name] = self.publisher(topic)
+        self._sends[topic.name](message)
+
+
+_SENDS: Mapping[type, Callable[[SimulatorNode, Any], None]] = {
+    Scan: SimulatorNode._send_scan,
+    ImuSample: SimulatorNode._send_imu,
+    WheelTicks: SimulatorNode._send_wheels,
+    SonarReadings: SimulatorNode._send_sonars,
+    RgbdFrame: SimulatorNode._send_frame,
+}
+
+
+def main(arguments: Sequence[str] | None = None) -> int:
+    """The node's process."""
+    return run_node(SimulatorNode, arguments)
+
+
+if __name__ == "__main__":
+    sys.exit(main())

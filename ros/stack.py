@@ -1,0 +1,107 @@
+"""A chair's nodes as a table of processes: which ones, with which parameters, for a real chair or a simulated one."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+from pathlib import Path
+
+import yaml
+
+from waychair.errors import ConfigError
+from waychair.files import write_text
+from waychair.maps.map_files import save_map, yaml_path
+from waychair.maps.places import save_places
+from waychair.runtime.processes import Process
+from waychair.simulation.world import World, load_world
+from waychair.types import Pose2
+
+BOARD_LINK = "board"
+"""Name of the simulated board's cable in the folder of a run."""
+
+
+@dataclass(frozen=True, slots=True)
+class Stack:
+    """What is to run. `folder` is where the run keeps its files; `world` is that of a simulated chair.
+
+    Without a map a simulated chair is given its world's own plan, unless it is `mapping`. `parameters` is a YAML file of
+    the user's, which outweighs what is said here. `deaf`: no speeds are obeyed.
+    """
+
+    folder: Path
+    world: str = ""
+    map_folder: Path | None = None
+    mapping: bool = False
+    calibration: Path | None = None
+    cable: str = ""
+    camera: bool = True
+    people: bool = True
+    seed: int = 0
+    unattended: bool = False
+    deaf: bool = False
+    start: Pose2 | None = None
+    parameters: Path | None = None
+
+
+def processes(stack: Stack) -> tuple[Process, ...]:
+    """The table, its parameter files written into the stack's folder.
+
+    Raises:
+        ConfigError: there is neither a world nor a cable, or neither a map nor the wish to make one.
+        WorldError: there is no such world.
+        OutputError: the folder cannot be written to.
+    """
+    if not stack.world and not stack.cable:
+        raise ConfigError("there is no chair: name a world with --sim, or a real chair's --chair and --cable")
+    if not stack.world and stack.map_folder is None and not stack.mapping:
+        raise ConfigError("there is no map: name one with --map, or make one with --mapping")
+    folder = stack.folder.resolve()
+    cable = stack.cable or f"pty:{folder / BOARD_LINK}"
+    known = _known_map(stack, folder)
+    rows: dict[str, dict[str, object]] = {}
+    chair: dict[str, object] = {"calibration": str(stack.calibration.resolve()) if stack.calibration else ""}
+    place = {**chair, "map_folder": "" if known is None else str(known[0])}
+    if stack.world:
+        rows["simulator"] = {
+            "world": stack.world,
+            "seed": stack.seed,
+            "people": stack.people,
+            "camera": stack.camera,
+            "publish_base": False,
+            "board_link": str(folder / BOARD_LINK),
+        }
+    start = stack.start or (None if known is None else known[1])
+    rows["bridge"] = {**place, "cable": cable, "unattended": stack.unattended, "deaf": stack.deaf}
+    rows["mapper"] = {
+        **place,
+        "mapping": stack.mapping,
+        "start": "" if start is None else f"{start.x!r},{start.y!r},{start.theta!r}",
+        "remember": str(folder / "pose.json"),
+    }
+    rows["navigator"] = {**place, "camera": stack.camera}
+    return tuple(_process(name, values, folder, stack.parameters) for name, values in rows.items())
+
+
+def _known_map(stack: Stack, folder: Path) -> tuple[Path, Pose2 | None] | None:
+    """Folder of the map and where the chair stands on it, if that is known; None while one is being made."""
+    if stack.map_folder is not None:
+        return yaml_path(stack.map_folder).parent.resolve(), None
+    if stack.mapping:
+        return None
+    world = load_world(stack.world)
+    _save_plan(world, folder / "map")
+    return folder / "map", world.start
+
+
+def _save_plan(world: World, folder: Path) -> None:
+    """The world's own plan as a map."""
+    save_map(folder, world.grid)
+    save_places(folder, {place.name: place for place in world.places})
+
+
+def _process(name: str, values: Mapping[str, object], folder: Path, further: Path | None) -> Process:
+    path = folder / f"{name}.yaml"
+    write_text(path, yaml.safe_dump({f"/**/{name}": {"ros__parameters": dict(values)}}, sort_keys=False))
+    files = [path, *([further.resolve()] if further is not None else [])]
+    given = tuple(word for file in files for word in ("--params-file", str(file)))
+    return Process(name, f"waychair.ros.{name}_node", ("--ros-args", *given))

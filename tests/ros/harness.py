@@ -1,0 +1,118 @@
+"""A node of the tests' own, by which they watch other processes; everything waits for what it needs, nothing sleeps."""
+
+from __future__ import annotations
+
+import contextlib
+import signal
+import subprocess
+import sys
+import time
+from collections.abc import Callable, Iterator
+from pathlib import Path
+from typing import Any, Self
+
+import rclpy
+from rclpy.executors import SingleThreadedExecutor
+
+from waychair.ros.environment import ros_environment
+from waychair.ros.interface_types import interface_type
+from waychair.ros.messages.reports import Report, read_diagnostics
+from waychair.ros.messages.wire import deserialised, plain
+from waychair.ros.topics import DIAGNOSTICS, RosTopic
+
+PATIENCE_S = 40.0
+"""A loaded machine takes its time; only a test that fails waits so long."""
+
+
+class Heard(list[Any]):
+    """Messages in the order in which they came, until `close` is called."""
+
+    close: Callable[[], Any]
+
+
+class Harness:
+    """The tests' node and executor; `spin_until` is the only way of waiting."""
+
+    def __init__(self, domain: int) -> None:
+        self.domain = domain
+        rclpy.init(args=[])
+        self.node = rclpy.create_node("tests")
+        self.executor = SingleThreadedExecutor()
+        self.executor.add_node(self.node)
+
+    def __enter__(self) -> Self:
+        return self
+
+    def __exit__(self, *error: object) -> None:
+        self.node.destroy_node()
+        rclpy.try_shutdown()
+
+    def spin_until(self, condition: Callable[[], Any], what: str, meanwhile: Callable[[], None] | None = None) -> None:
+        """Serve the node until the condition holds, doing something over and over `meanwhile`."""
+        deadline = time.monotonic() + PATIENCE_S
+        while not condition():
+            assert time.monotonic() < deadline, f"waited in vain for {what}"
+            self.executor.spin_once(timeout_sec=0.05)
+            if meanwhile is not None:
+                meanwhile()
+
+    def heard(self, topic: RosTopic, name: str = "") -> Heard:
+        """A list that grows by the topic's plain messages while the harness spins."""
+        messages = Heard()
+        subscription = self.node.create_subscription(
+            interface_type(topic.type),
+            name or topic.name,
+            lambda data: messages.append(deserialised(data, topic.type)),
+            topic.qos.profile(),
+            raw=True,
+        )
+        messages.close = lambda: self.node.destroy_subscription(subscription)
+        return messages
+
+    def report(
+        self,
+        name: str,
+        says: Callable[[Report], bool] = lambda report: True,
+        meanwhile: Callable[[], None] | None = None,
+    ) -> Report:
+        """The first report on /diagnostics whose name ends so and that says so."""
+        found: list[Report] = []
+
+        def look(message: Any) -> None:
+            found.extend(r for r in read_diagnostics(plain(message)) if r.name.endswith(name) and says(r))
+
+        kind = interface_type(DIAGNOSTICS.type)
+        subscription = self.node.create_subscription(kind, DIAGNOSTICS.name, look, DIAGNOSTICS.qos.profile())
+        self.spin_until(lambda: found, f"the report '{name}'", meanwhile)
+        self.node.destroy_subscription(subscription)
+        return found[0]
+
+    @contextlib.contextmanager
+    def process(self, *command: str | Path) -> Iterator[subprocess.Popen[str]]:
+        """A Python process of the same domain, which is gone at the end of the block.
+
+        It is interrupted and not killed: who is killed stays in everybody's list of nodes for the 20 s of a DDS lease.
+        """
+        running = subprocess.Popen(
+            [sys.executable, *map(str, command)],
+            env=ros_environment(domain=self.domain),
+            stdout=subprocess.PIPE,
+            stderr=subprocess.STDOUT,
+            text=True,
+        )
+        try:
+            yield running
+        finally:
+            if running.poll() is None:
+                running.send_signal(signal.SIGINT)
+            with contextlib.suppress(subprocess.TimeoutExpired):
+                running.communicate(timeout=10.0)
+            running.kill()
+            running.communicate()
+
+
+def ended(process: subprocess.Popen[str], by: signal.Signals = signal.SIGINT) -> tuple[int, str]:
+    """The exit code and output of a process after a signal."""
+    process.send_signal(by)
+    output, _ = process.communicate(timeout=PATIENCE_S)
+    return process.returncode, output

@@ -1,0 +1,84 @@
+"""The table of topics, and the environment of the processes that meet on them."""
+
+from __future__ import annotations
+
+import importlib
+import re
+from pathlib import Path
+from xml.etree import ElementTree
+
+import pytest
+
+from waychair import topics as nouns
+from waychair.errors import ConfigError
+from waychair.ros import topics
+from waychair.ros.environment import PROFILE, ros_environment
+from waychair.ros.interface_builder import TEXTS
+from waychair.ros.topics import LATCHED, RELIABLE, SENSOR_DATA, RosTopic
+from waychair.ros_messages import TYPES
+
+TABLE = [value for value in vars(topics).values() if isinstance(value, RosTopic)] + [topics.sonar(k) for k in range(8)]
+
+
+@pytest.mark.parametrize("topic", TABLE, ids=lambda topic: topic.name)
+def test_every_topic_has_a_legal_name_and_a_type_that_is_known(topic: RosTopic) -> None:
+    assert re.fullmatch(r"/?[a-z][a-z0-9_]*(/[a-z][a-z0-9_]*)*", topic.name), "no part may begin with a digit"
+    assert topic.type in TYPES.types or Path(TEXTS, *topic.type.split("/")).with_suffix(".msg").is_file()
+
+
+def test_names_are_those_of_the_nouns_wherever_these_have_a_topic_of_their_own() -> None:
+    named_otherwise = {nouns.WHEELS, nouns.CAMERA, nouns.SONAR, nouns.JOYSTICK, nouns.STATUS}
+    for topic in TABLE:
+        if topic.carries is not None and topic.carries not in named_otherwise and topic is not topics.TRUTH:
+            assert topic.name == topic.carries.name
+    assert topics.IMU.rate_hz == 200.0
+    assert topics.MAP.rate_hz == 0.0
+
+
+def test_late_subscribers_get_maps_poses_and_mounts_but_no_old_readings() -> None:
+    assert {topic.name for topic in TABLE if topic.qos == LATCHED} >= {
+        "map", "amcl_pose", "robot_description", "/tf_static", "global_costmap/costmap", "local_costmap/costmap"
+    }  # fmt: skip
+    assert {topic.type for topic in TABLE if topic.qos == SENSOR_DATA} == {
+        f"sensor_msgs/msg/{name}" for name in ("LaserScan", "Imu", "Image", "CameraInfo", "Range", "Joy")
+    }
+
+
+def test_sensor_data_is_what_rclpy_calls_so() -> None:
+    qos = pytest.importorskip("rclpy.qos", reason="ROS is not installed (no rclpy)")
+    ours, theirs = SENSOR_DATA.profile(), qos.qos_profile_sensor_data
+    assert (ours.depth, ours.reliability, ours.durability) == (theirs.depth, theirs.reliability, theirs.durability)
+    assert qos.qos_check_compatible(ours, RELIABLE.profile())[0] == qos.QoSCompatibility.ERROR
+    assert qos.qos_check_compatible(RELIABLE.profile(), ours)[0] != qos.QoSCompatibility.ERROR
+
+
+def test_nodes_are_found_on_this_computer_only_unless_they_are_opened() -> None:
+    base = {"ROS_LOCALHOST_ONLY": "0", "ROS_STATIC_PEERS": "192.0.2.7", "PATH": "/bin", "ROS_DOMAIN_ID": "7"}
+    closed, opened = ros_environment(base=base), ros_environment(lan=True, domain=9, base=base)
+    assert closed["ROS_AUTOMATIC_DISCOVERY_RANGE"] == "LOCALHOST"
+    assert "ROS_STATIC_PEERS" not in closed
+    assert opened["ROS_AUTOMATIC_DISCOVERY_RANGE"] == "SUBNET"
+    assert opened["ROS_STATIC_PEERS"] == "192.0.2.7"
+    assert (closed["ROS_DOMAIN_ID"], opened["ROS_DOMAIN_ID"], closed["PATH"]) == ("7", "9", "/bin")
+    assert "ROS_LOCALHOST_ONLY" not in closed | opened
+
+
+@pytest.mark.parametrize("domain", ["102", "-1", "x", "232"])
+def test_a_domain_that_there_is_not_is_refused(domain: str) -> None:
+    with pytest.raises(ConfigError, match=f"ROS_DOMAIN_ID = {domain} is impossible: take one of 0 to 101"):
+        ros_environment(base={"ROS_DOMAIN_ID": domain})
+
+
+def test_the_profile_ships_and_a_users_own_stays() -> None:
+    assert ros_environment(base={})["FASTRTPS_DEFAULT_PROFILES_FILE"] == str(PROFILE)
+    own = {"FASTDDS_DEFAULT_PROFILES_FILE": "own.xml"}
+    assert "FASTRTPS_DEFAULT_PROFILES_FILE" not in ros_environment(base=own)
+    sizes = [int(node.text or 0) for node in ElementTree.parse(PROFILE).iter() if node.tag.endswith("segment_size")]
+    assert sizes == [32 << 20]
+
+
+def test_nothing_imports_ros_before_it_is_needed() -> None:
+    for name in ("topics", "environment", "interface_builder", "messages.sensors", "parameters"):
+        importlib.import_module(f"waychair.ros.{name}")
+        source = Path(importlib.import_module(f"waychair.ros.{name}").__file__ or "").read_text()
+        assert not re.search(r"^(import|from) (rclpy|\w+_msgs)", source, re.MULTILINE)
