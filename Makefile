@@ -2,12 +2,16 @@
 PYTHON_BIN := .venv/bin
 NAME ?= all
 
-.PHONY: demo test lint acceptance bench format clean
+.PHONY: demo seeds test lint acceptance bench format clean
 .DEFAULT_GOAL := test
 
-demo:  ## map a real recording, then drive to three places; ends in out/demo/report.html
+demo:  ## map a floor by joystick, find oneself on the map, drive to three places; ends in out/demo/report.html
 	@bash .ci/setup
 	@$(PYTHON_BIN)/waychair demo
+
+seeds:  ## twenty seeds of the demo; interrupted, it goes on where it was
+	@bash .ci/setup dev
+	@$(PYTHON_BIN)/python -m benchmarks.acceptance demo
 
 test: lint  ## everything that CI runs
 	@$(PYTHON_BIN)/pytest -q -n auto

@@ -33,6 +33,18 @@ app.command(
     help="Map a real recording, then drive the chair to three places in it.",
 )
 app.command(
+    "waychair.cli.black_box:why_command",
+    name="why",
+    help="Explain the chair's last stop from its black box.",
+)
+app.command("waychair.cli.stack:up_command", name="up", help="Start all ROS 2 nodes of a chair, real or simulated.")
+app.command("waychair.cli.stack:goto_command", name="goto", help="Send the running chair to places.")
+app.command("waychair.cli.record:record_command", name="record", help="Record what a chair's nodes say into a bag.")
+app.command("waychair.cli.record:save_command", name="save", help="Write the map of the running chair to a folder.")
+app.command("waychair.cli.stack:confirm_command", name="confirm", help="Say the rider's yes to the goal that waits.")
+app.command("waychair.cli.stack:cancel_command", name="cancel", help="End the running chair's drive.")
+app.command("waychair.cli.stack:status_command", name="status", help="Say where the running chair is, and how it is.")
+app.command(
     "waychair.cli.barn:barn_command",
     name="barn",
     help="Drive through the BARN benchmark's worlds without a map, and print the score.",

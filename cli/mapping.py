@@ -4,9 +4,14 @@ from __future__ import annotations
 
 import time
 from pathlib import Path
-from typing import Annotated, Literal
+from typing import TYPE_CHECKING, Annotated, Literal
 
 from cyclopts import Parameter
+
+if TYPE_CHECKING:
+    from collections.abc import Iterable
+
+    from waychair.types import Place
 
 from waychair.cli.recordings import RecordingOptions, stages
 from waychair.types import Json
@@ -18,7 +23,8 @@ def map_command(
     recording: Path,
     /,
     *,
-    out: Path,
+    out: Annotated[Path | None, Parameter(name=["--out", "-o"])] = None,
+    session: Path | None = None,
     reading: RecordingOptions = AS_RECORDED,
     config: Path | None = None,
     depth: Literal["on", "off", "only"] | None = None,
@@ -28,8 +34,8 @@ def map_command(
     """Make a map of a recording.
 
     Reads CARMEN logs (.clf, .log) and CoreSLAM logs (.dat), gzipped or not, ROS 1 bags, and ROS 2 bags (folder, .mcap,
-    .db3), told apart by their content; writes map.yaml, map.pgm, trajectory.tum, graph.g2o, config.yaml, report.json
-    and report.html. When it is stopped, the same command goes on near where it was.
+    .db3), told apart by their content; writes map.yaml, map.pgm, trajectory.tum, graph.g2o, config.yaml, report.json,
+    report.html, and session.npz for further drives. When it is stopped, the same command goes on near where it was.
 
     Pictures with depth in a bag add what the lidar does not see: table tops, low things, and where the floor ends;
     depth.yaml and depth.pgm then say which cells of the map those are.
@@ -45,7 +51,10 @@ def map_command(
     recording
         The log or bag.
     out
-        Folder for the map.
+        Folder for the map; with --session the map's own without it.
+    session
+        Folder of a map that this recording is a further drive through: both become one map. If they never meet, or the
+        command is stopped, the map stays as it was.
     config
         YAML file with settings that differ from the defaults (see `waychair config`).
     depth
@@ -58,10 +67,18 @@ def map_command(
     from dataclasses import replace
 
     from waychair import config as configuration
+    from waychair.errors import OutputError, SessionError
     from waychair.rgbd_folders import is_rgbd_folder
-    from waychair.runtime.mapping import MappingSettings, map_recording, save_mapping
+    from waychair.runtime.mapping import MappingSettings, join_recording, map_recording, save_mapping
+    from waychair.runtime.sessions import session_folder, written_aside
 
+    known = None if session is None else session_folder(session)
+    out = out or known
+    if out is None:
+        raise OutputError("no folder is given for the map: say --out FOLDER")
     if is_rgbd_folder(recording):
+        if known is not None:
+            raise SessionError("pictures without a lidar cannot be joined to a map: map the folder by itself")
         _map_pictures(recording, out, reading, config, quiet)
         return
     settings = MappingSettings() if config is None else configuration.load(MappingSettings, config)
@@ -72,16 +89,29 @@ def map_command(
         started = time.process_time()
         log = progress.read(recording, settings.input)
         reading_s = time.process_time() - started
-        mapping = map_recording(log, settings, progress.stage("mapping"), keep_in=out, reading_s=reading_s)
-        save_mapping(out, mapping, settings)
+        if known is None:
+            mapping = map_recording(log, settings, progress.stage("mapping"), keep_in=out, reading_s=reading_s)
+            save_mapping(out, mapping, settings)
+        else:
+            with written_aside(out, known) as aside:
+                mapping = join_recording(log, settings, known, aside, progress.stage("joining"), reading_s=reading_s)
+                save_mapping(aside, mapping, settings)
         progress.warn(mapping.report["warnings"][len(log.warnings) :])
     if not quiet:
         report = mapping.report
         print(
             f"{report['frames']} scans over {report['distance_m']:.0f} m, {report['key_scans']} key scans, "
             f"{report['edges']['loop']} loop closures, {report['grid']['known_m2']:.0f} m2 known, "
-            f"{_depth_line(report['depth'])}{_memory_line(report)}{report['cpu_seconds']['total']:.1f} s of CPU: {out}/map.yaml"
+            f"{_session_line(report)}{_depth_line(report['depth'])}{_memory_line(report)}{report['cpu_seconds']['total']:.1f} s of CPU: {out}/map.yaml"
         )
+
+
+def _session_line(report: Json) -> str:
+    """What a further drive has added, if it is one."""
+    if "session" not in report:
+        return ""
+    told = report["session"]
+    return f"drive {told['number']} added {told['key_scans_new']} key scans to {told['key_scans_before']}, "
 
 
 def _depth_line(depth: Json) -> str:
@@ -126,7 +156,7 @@ def _map_pictures(recording: Path, out: Path, reading: RecordingOptions, config:
 
 def places_command(
     *,
-    map: Path,
+    map: Path | None = None,
     add: Annotated[tuple[str, str] | None, Parameter(allow_leading_hyphen=True)] = None,
 ) -> None:
     """List the named places of a map, or add one.
@@ -134,15 +164,20 @@ def places_command(
     Parameters
     ----------
     map
-        Map folder or its map.yaml.
+        Map folder or its map.yaml; by default the map of the chair that is running.
     add
         NAME X,Y,YAW: a place to add, in metres and radians in the map.
     """
-    from waychair.cli.arguments import pose_from_text
+    from waychair.cli.arguments import BadArgument, pose_from_text
     from waychair.maps.map_files import load_map
     from waychair.maps.places import add_place, check_place, load_places
     from waychair.types import Place
 
+    if map is None:
+        if add is not None:
+            raise BadArgument("--add needs the --map that the place is added to")
+        _print_running_places()
+        return
     grid = load_map(map)
     if add is not None:
         name, text = add
@@ -150,8 +185,19 @@ def places_command(
         check_place(grid, place)
         add_place(map, name, place.pose, replace=True)
     places = load_places(map)
-    for place in places.values():
-        pose = place.pose
-        print(f"{place.name}: {pose.x:.2f}, {pose.y:.2f}, {pose.theta:.2f}")
+    _print_places(places.values())
     if not places:
         print(f"no places yet; add one with: waychair places --map {map} --add NAME X,Y,YAW")
+
+
+def _print_places(places: Iterable[Place]) -> None:
+    for place in places:
+        pose = place.pose
+        print(f"{place.name}: {pose.x:.2f}, {pose.y:.2f}, {pose.theta:.2f}")
+
+
+def _print_running_places() -> None:
+    from waychair.ros.client import ChairClient
+
+    with ChairClient() as client:
+        _print_places(client.places().values())

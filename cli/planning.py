@@ -188,6 +188,7 @@ def navigate_command(
     people: int = 0,
     sensors: bool = False,
     seed: int = 0,
+    box: Path | None = None,
 ) -> None:
     """Drive a simulated chair to places on a map and by its zones.
 
@@ -210,6 +211,8 @@ def navigate_command(
         With sonars, a depth camera and an IMU, besides the lidar.
     seed
         Seed of the simulated chair, its sensors and its noise, and of the people.
+    box
+        Log what the chair is told and does in this folder, for `waychair why`.
     """
     from rich.console import Console
     from rich.table import Table
@@ -231,13 +234,14 @@ def navigate_command(
         own = {place.name: place for place in plan.places}
         goals = [_place_among(own, text, "--goal") for text in goal]
         begin = plan.start if start is None else _place_among(own, start, "--start").pose
-        legs = navigate(plan.grid, begin, goals, seed, people, plan, sensors=sensors)
+        legs = navigate(plan.grid, begin, goals, seed, people, plan, sensors=sensors, box=box)
     else:
         grid, map_from_world = load_map(map), Pose2() if plan is None else plan.start.inverse()
         goals = [_place(map, text, "--goal") for text in goal]
         begin = _place(map, start or "0,0,0", "--start").pose
         scanned = scanned_part(grid, load_depth_layer(map, grid))
-        legs = navigate(grid, begin, goals, seed, people, plan, load_zones(map), sensors, scanned, map_from_world)
+        zones = load_zones(map)
+        legs = navigate(grid, begin, goals, seed, people, plan, zones, sensors, scanned, map_from_world, box)
     table = Table(*HEADER[:IN_TERMINAL])
     for leg in legs:
         table.add_row(*row(leg)[:IN_TERMINAL])

@@ -121,6 +121,11 @@ class Bridge:
         return self._session.telemetry
 
     @property
+    def greeting(self) -> HelloReply | None:
+        """What the board said of itself; None while it is silent, refused or gone."""
+        return self._session.reply
+
+    @property
     def armed(self) -> bool:
         """Whether the board acts on set-points: before, only zero is sent."""
         board = self._session.board

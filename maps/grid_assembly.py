@@ -105,6 +105,13 @@ class Assembly(Generic[T]):
         self._node[row] = _GONE
         self._changed.append(row)
 
+    def hung(self, number: int) -> tuple[T, int, FloatArray]:
+        """A scan, its node, and the sensor's pose (2, 3) from there at its first and last beam."""
+        row = self._rows[number]
+        scan = self._scans[row]
+        assert scan is not None
+        return scan, int(self._node[row]), self._node_from_laser[row].copy()
+
     def bend(self, nodes: FloatArray, near: FloatArray) -> None:
         """The nodes stand at poses (N, 3) [m, m, rad] now, the chair near a point (2,) [m]; the grid is yet to follow."""
         known = len(self._nodes)
@@ -193,12 +200,13 @@ class GridAssembly(Assembly[Scan]):
     """The lidar's scans, and the grid of them all."""
 
     def __init__(self, occupancy: OccupancySettings | None = None, settings: AssemblySettings | None = None) -> None:
-        self._cells = EvidenceGrid(occupancy)
-        super().__init__(self._cells, settings)
+        self.cells = EvidenceGrid(occupancy)
+        """What is drawn now."""
+        super().__init__(self.cells, settings)
 
     def grid(self) -> OccupancyGrid:
         """A copy of the grid as it is now; all unknown when nothing was drawn yet."""
-        return self._cells.grid()
+        return self.cells.grid()
 
 
 class DepthAssembly(Assembly[DepthScan]):

@@ -163,6 +163,26 @@ class EvidenceGrid:
         x, y = (low * s.resolution).tolist()
         return OccupancyGrid(cells, s.resolution, Pose2(x, y, 0.0))
 
+    def overlaid(self, newer: EvidenceGrid) -> EvidenceGrid:
+        """A new grid of this evidence with newer evidence over it, of cells of the same size.
+
+        Where the newer one knows a cell, the older is first limited to what it would be read as (`prob_min`,
+        `prob_max`), however many scans it comes from: a few looks outweigh all that was seen before. Elsewhere the
+        older one stands.
+        """
+        result = EvidenceGrid(self.settings)
+        for part in (self, newer):
+            if not part._evidence.size:
+                continue
+            result._include_cells(part._box[0], part._box[1])
+            left, down = part._box[0] - result._low
+            own = part._evidence[part._window()]
+            under = result._evidence[down : down + own.shape[0], left : left + own.shape[1]]
+            total = np.clip(under, self._least, self._most) + own
+            total[total == 0] = -1  # two that cancel out are known
+            under[own != 0] = total[own != 0]
+        return result
+
     def _hold(self, box: IntArray) -> None:
         """Make room for the cells of a box that holds the one in use."""
         end = self._low + self._evidence.shape[::-1]

@@ -10,7 +10,7 @@ from pathlib import Path
 
 import numpy as np
 
-from waychair.errors import OutputError, RecordingError
+from waychair.errors import OutputError, RecordingError, SessionError
 from waychair.recording import Recording
 from waychair.slam.appearance import Appearance, AppearanceSettings, PictureCost
 from waychair.slam.mapper import Mapper
@@ -72,11 +72,8 @@ def begin_memory(
     Raises:
         OutputError: the folder cannot be written to.
     """
-    try:
-        if next(recording.pictures(), None) is None:
-            return None
-    except RecordingError:
-        return None  # whoever draws by them says so
+    if not _has_pictures(recording):
+        return None
     if folder is None:
         return MemoryMaking(Appearance(settings, base_from_camera), recording.pictures())
     try:
@@ -86,6 +83,44 @@ def begin_memory(
         raise OutputError(f"cannot write to {folder}: {error.strerror}; choose another folder") from error
     memory = Memory.opened(folder / MEMORY, settings.memory)
     return MemoryMaking(Appearance(settings, base_from_camera, memory), recording.pictures())
+
+
+def go_on_with_memory(
+    recording: Recording, settings: AppearanceSettings, base_from_camera: Pose3, folder: Path, known: int
+) -> MemoryMaking | None:
+    """The memory of a map folder, whose anchors are the `known` key scans, goes on; None for a recording without pictures.
+
+    Where it is damaged it is moved aside and a new one begun; the making's `warnings` say so in the end.
+
+    Raises:
+        SessionError: it is the memory of another map.
+    """
+    if not _has_pictures(recording):
+        return None
+    memory = Memory.opened(folder / MEMORY, settings.memory)
+    if len(memory.anchors) > known:
+        anchors = len(memory.anchors)
+        memory.close()
+        raise SessionError(
+            f"{MEMORY} hangs on {anchors} key scans and the map has {known}, so it is that of another map: remove it, or "
+            "map the recordings again"
+        )
+    return MemoryMaking(Appearance(settings, base_from_camera, memory), recording.pictures())
+
+
+def bend_memory(folder: Path, mapper: Mapper) -> None:
+    """The memory of a folder, if there is one, follows the graph of a drive that had no pictures."""
+    if (folder / MEMORY).exists():
+        memory = Memory.opened(folder / MEMORY)
+        memory.bend(mapper.keys.poses)
+        memory.close()
+
+
+def _has_pictures(recording: Recording) -> bool:
+    try:
+        return next(recording.pictures(), None) is not None
+    except RecordingError:
+        return False  # whoever draws by them says so
 
 
 def revisits(memory: Memory, near: float, pause: int) -> int:

@@ -80,7 +80,7 @@ class ChairWatcher(Protocol):
 
 
 class Chair:
-    """A chair on a known map from a known start, at the end of a cable to its board."""
+    """A chair on a known map, at the end of a cable to its board."""
 
     def __init__(
         self,
@@ -88,7 +88,7 @@ class Chair:
         places: Mapping[str, Place],
         calibration: ChairCalibration,
         cable: Reconnecting,
-        start: Pose2,
+        start: Pose2 | None,
         settings: ChairSettings | None = None,
         model: DacModel | None = None,
         monitor: MonitorPort | None = None,
@@ -96,7 +96,7 @@ class Chair:
         scanned: OccupancyGrid | None = None,
         watcher: ChairWatcher | None = None,
     ) -> None:
-        """See `DriveBase` and `Pilot`; `scanned`: the map as a lidar sees it, where a camera has drawn into it, too.
+        """See `DriveBase` and `Pilot`; `start` None: it has to find out where it is. `scanned`: the map as a lidar sees it, where a camera has drawn into it, too.
 
         `watcher` is told all that the chair is told, and what it does.
 
@@ -105,7 +105,7 @@ class Chair:
         """
         self.settings = s = settings or ChairSettings()
         self._calibration = calibration
-        self._base = DriveBase(calibration, cable, start, s, model, monitor, zones)
+        self._base = DriveBase(calibration, cable, start or Pose2(), s, model, monitor, zones)
         self._pilot = Pilot(grid, places, calibration.body, s, calibration.stops, zones)
         known = grid if scanned is None else scanned
         self._localiser = Localiser(known, calibration.body.base_from_laser, start, s.localiser)

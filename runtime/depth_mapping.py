@@ -15,7 +15,7 @@ from waychair.maps.grid_assembly import AssemblySettings, DepthAssembly
 from waychair.maps.occupancy import OccupancySettings
 from waychair.slam.mapper import Mapper
 from waychair.slam.tilt import Tilt
-from waychair.types import OccupancyGrid, Pose2, Pose3, RgbdFrame
+from waychair.types import FloatArray, OccupancyGrid, Pose2, Pose3, RgbdFrame
 
 USES = ("on", "off", "only")
 """Depth images beside the lidar, not at all, or instead of the lidar."""
@@ -140,8 +140,16 @@ class DepthMapping:
         """Hang a picture on a node, in the place of the oldest where there are enough."""
         self.counts["kept"] += 1
         self._kept = picture.stamp_ns, pose
-        place = (mapper.keys.pose(node).inverse() @ pose).array()
-        self.assembly.add(self._number, self.scan(picture), node, place, place)
+        self.hang(self.scan(picture), node, (mapper.keys.pose(node).inverse() @ pose).array())
+
+    def hung(self) -> list[tuple[DepthScan, int, FloatArray]]:
+        """What is kept, the older first on each key scan: what a picture tells, its key scan, and where it was from there."""
+        told = (self.assembly.hung(number) for numbers in self._on_node.values() for number in numbers)
+        return [(scan, node, places[0]) for scan, node, places in told]
+
+    def hang(self, scan: DepthScan, node: int, place: FloatArray) -> None:
+        """What a picture tells, taken at a place (3,) [m, m, rad] from a key scan, replaces the oldest of many there."""
+        self.assembly.add(self._number, scan, node, place, place)
         on_node = self._on_node.setdefault(node, [])
         on_node.append(self._number)
         self._number += 1

@@ -33,7 +33,7 @@ from waychair.firmware_bridge.transports import Reconnecting
 from waychair.geometry import arc, transform_points
 from waychair.maps.zones import Zone, speed_limit
 from waychair.runtime.monitor_process import MonitorInStep, MonitorPort, Watched
-from waychair.slam.localiser import Localisation
+from waychair.slam.localisation import Localisation
 from waychair.slam.odometry import OdometryFilter
 from waychair.slam.tilt import Tilt, TiltFilter
 from waychair.types import (
@@ -263,7 +263,7 @@ class DriveBase:
         s, verdict = self.settings.monitor, self._monitor.verdict
         if self._mode not in DRIVEN:
             self._fitness.settle()
-        halts = [*further, *map(board_halt, self.bridge.trouble), *self._fitness.halts(now_ns)]
+        halts = [*map(board_halt, self.bridge.trouble), *self._fitness.halts(now_ns), *further]
         if self._loop.fault:
             halts.append(halt_as_told("disobeys", self._loop.fault))
         if is_silent(verdict, now_ns, s):

@@ -15,8 +15,9 @@ from waychair.config import Settings, setting
 from waychair.errors import NoScans
 from waychair.maps.depth_evidence import merged
 from waychair.maps.depth_layer import depth_layer
-from waychair.maps.grid_assembly import AssemblySettings, GridAssembly
+from waychair.maps.grid_assembly import AssemblySettings
 from waychair.maps.occupancy import EvidenceGrid, OccupancySettings
+from waychair.maps.session_grid import SessionGrid
 from waychair.runtime.depth_mapping import DepthMapping, DepthMappingSettings
 from waychair.slam.dead_reckoning import DeadReckoning
 from waychair.slam.mapper import Mapper, MapperResult, MapperSettings, odometry_of, twist_of
@@ -66,7 +67,8 @@ class LiveMapping:
         mount, height = base_from_laser, settings.laser_height
         body = replace(body, laser_x=mount.x, laser_y=mount.y, laser_theta=mount.theta, laser_z=height)
         self._reckoning = DeadReckoning(body, settings.odometry)
-        self._assembly = GridAssembly(settings.grid, settings.assembly)
+        self.scans = SessionGrid(settings.grid, settings.assembly)
+        """The scans that the grid is drawn from, by the numbers of their frames."""
         camera = base_from_camera or body.base_from_camera
         self.depth = DepthMapping(settings.depth, camera, body.front, settings.grid, settings.assembly)
         self._covered: list[list[int]] = []  # of each key scan: the frames in the grid that it stood for
@@ -113,12 +115,12 @@ class LiveMapping:
     def draw(self) -> int:
         """Bring the grid nearer to what it should be, by one slice of work (see `GridAssembly.draw`)."""
         with self._timed("grid"):
-            return self._assembly.draw() + self.depth.assembly.draw()
+            return self.scans.draw() + self.depth.assembly.draw()
 
     @property
     def pending(self) -> int:
         """At most so many scans and pictures are yet to be drawn or moved; 0 when the grid is up to date."""
-        return self._assembly.pending + self.depth.assembly.pending
+        return self.scans.pending + self.depth.assembly.pending
 
     def pose(self) -> Pose2:
         """`map_from_base` at the latest scan; the origin before the first."""
@@ -131,9 +133,9 @@ class LiveMapping:
     def layered_grid(self) -> tuple[OccupancyGrid, OccupancyGrid | None]:
         """The grid as it is drawn now, and what only the camera sees of it (`maps.depth_layer`); None without pictures."""
         if not len(self.depth.assembly):
-            return self._assembly.grid(), None
+            return self.scans.grid(), None
         # without a lidar its scans are made of the very pictures
-        scanned = (EvidenceGrid(self.settings.grid) if self.settings.depth.use == "only" else self._assembly).grid()
+        scanned = (EvidenceGrid(self.settings.grid) if self.settings.depth.use == "only" else self.scans).grid()
         grid, drops = merged(scanned, *self.depth.grids())
         return grid, depth_layer(scanned, grid, drops)
 
@@ -149,7 +151,7 @@ class LiveMapping:
         self.depth.follow(self.mapper, ended=True)
         with self._timed("grid"):
             self._bend()
-            self._assembly.settle()
+            self.scans.settle()
             self.depth.assembly.settle()
         return result
 
@@ -164,6 +166,13 @@ class LiveMapping:
                 self._hang(number, frames[number])
         self._bend()
 
+    def go_on(self, mapper: Mapper, sessions: int) -> None:
+        """Go on with the map of so many earlier drives, whose scans and pictures are then to be given by `scans.add` and
+        `depth.hang`; for a mapping that has seen no frame itself."""
+        self.mapper = mapper
+        self._covered = [list(latest) for latest in mapper.covered_frames]
+        self.scans.begin(sessions)
+
     def _follow(self, frame: SensorFrame) -> None:
         """What the mapper has just kept for the grid is added to it, and what it no longer keeps is dropped."""
         number = len(self.mapper.frames) - 1
@@ -176,7 +185,7 @@ class LiveMapping:
         if latest and latest[-1] == number:
             self._hang(number, frame)
             for old in set(before) - set(latest):
-                self._assembly.drop(old)
+                self.scans.drop(old)
             self._covered[key] = list(latest)
 
     def _hang(self, number: int, frame: SensorFrame) -> None:
@@ -185,11 +194,11 @@ class LiveMapping:
         hung, twist = self.mapper.frames[number], twist_of(frame) or Twist()
         first = hung.key_from_base @ self.base_from_laser
         last = hung.key_from_base @ swept(frame.scan, twist) @ self.base_from_laser
-        self._assembly.add(number, frame.scan, hung.key, first.array(), last.array())
+        self.scans.add(number, frame.scan, hung.key, first.array(), last.array())
 
     def _bend(self) -> None:
         here = self.pose()
-        for assembly in (self._assembly, self.depth.assembly):
+        for assembly in (self.scans, self.depth.assembly):
             assembly.bend(self.mapper.keys.poses, np.array([here.x, here.y]))
 
     def _tell(self, frame: SensorFrame) -> None:

@@ -3,7 +3,9 @@
 from __future__ import annotations
 
 import resource
+import shutil
 import sys
+import tempfile
 import time
 from collections.abc import Callable
 from contextlib import nullcontext
@@ -13,12 +15,12 @@ from typing import Literal
 
 from waychair import config
 from waychair.config import setting
-from waychair.errors import NoScans
+from waychair.errors import NoScans, SessionError
 from waychair.files import write_json
 from waychair.maps.depth_layer import save_depth_layer
 from waychair.maps.map_files import save_map
 from waychair.recording import InputSettings, Recording, write_tum
-from waychair.runtime.appearance_mapping import MemoryMaking, begin_memory
+from waychair.runtime.appearance_mapping import MEMORY, MemoryMaking, begin_memory, bend_memory, go_on_with_memory
 from waychair.runtime.depth_recording import (
     depth_report,
     live_from_pictures,
@@ -29,11 +31,21 @@ from waychair.runtime.depth_recording import (
 from waychair.runtime.live_mapping import LiveMapping, LiveMappingSettings
 from waychair.runtime.mapping_report import Cost, mapping_report, torn_warnings, write_mapping_page
 from waychair.runtime.resuming import Checkpoints, remove_checkpoint
+from waychair.runtime.sessions import (
+    MapState,
+    Meeting,
+    beginning,
+    check_sensors,
+    go_on,
+    load_state,
+    save_state,
+    state_of_map,
+)
 from waychair.slam.appearance import AppearanceSettings
 from waychair.slam.graph import write_g2o
 from waychair.slam.mapper import MapperResult
 from waychair.slam.mount_check import mount_warnings
-from waychair.types import Json, OccupancyGrid
+from waychair.types import Json, OccupancyGrid, Pose2, Pose3
 
 
 @dataclass(frozen=True, slots=True)
@@ -59,6 +71,8 @@ class Mapping:
     result: MapperResult
     report: Json
     depth: OccupancyGrid | None = None
+    state: MapState | None = None
+    """From which a further drive can go on."""
 
 
 def map_recording(
@@ -92,12 +106,8 @@ def map_recording(
     frames = [frame for frame in map(live.reckon, recording.frames) if frame.scan is not None]
     if not frames:
         raise NoScans(f"{recording.path} holds no laser scan, so no map can be made of it")
-    seeing = None
-    if settings.vision == "on":
-        lens = camera  # which is not looked for where depth is not drawn
-        if settings.depth.use == "off":
-            lens, _ = mount_of_camera(recording, replace(settings.depth, use="on"))
-        seeing = None if lens is None else begin_memory(recording, settings.appearance, lens, keep_in)
+    lens = _lens(recording, settings, camera)
+    seeing = None if lens is None else begin_memory(recording, settings.appearance, lens, keep_in)
     kept = None
     if keep_in is not None and seeing is None:
         kept = Checkpoints(keep_in, recording, settings, settings.checkpoint_interval)
@@ -114,7 +124,107 @@ def map_recording(
                 progress((index + 1) / len(frames))
     if camera is not None:
         amiss += see_pictures(live, recording)
-    return _finished(live, recording, (started, cpu, reading_s), amiss, first, seeing)
+    mapping = _finished(live, recording, (started, cpu, reading_s), amiss, first, seeing)
+    return replace(mapping, state=state_of_map(live, lens, _features(settings)))
+
+
+def join_recording(
+    recording: Recording,
+    settings: MappingSettings,
+    folder: Path,
+    keep_in: Path,
+    progress: Callable[[float], None] | None = None,
+    *,
+    reading_s: float = 0.0,
+) -> Mapping:
+    """Maps a recording as a further drive through the building of a map folder; the map of both (see `sessions`).
+
+    The memory of places goes on in `keep_in`, a copy of the folder; the folder itself is only read. A node that is tied
+    to an earlier one goes once it leaves the short-term memory (`reduce_graph`), so that nodes do not grow with the
+    number of drives.
+
+    Raises:
+        NoScans: the recording has no frame with a scan.
+        SessionError: the folder has nothing to go on from; the drive was recorded by other sensors, or never meets the
+            map.
+    """
+    started, cpu = time.perf_counter(), time.process_time()
+    if settings.depth.use == "only":
+        raise SessionError("a drive is joined to a map by its laser scans: leave out --depth only")
+    camera, amiss = mount_of_camera(recording, settings.depth)
+    lens, state = _lens(recording, settings, camera), load_state(folder)
+    check_sensors(state, recording.base_from_laser, settings, lens, _features(settings))
+    lean = replace(settings.appearance, memory=replace(settings.appearance.memory, reduce_graph=True))
+    settings = replace(settings, appearance=lean)
+    start = _beginning(recording, settings, state, folder, lens)
+    live = LiveMapping(settings, recording.base_from_laser, base_from_camera=camera)
+    grid = go_on(live, load_state(folder))
+    mapper, known = live.mapper, len(live.mapper.keys)
+    meeting = Meeting(grid, mapper)
+    if start is not None:
+        mapper.begin_at(*start)
+    seeing = None if lens is None else go_on_with_memory(recording, lean, lens, keep_in, known)
+    count = len(recording.frames)
+    for number, frame in enumerate(map(live.reckon, recording.frames)):
+        if frame.scan is not None:
+            live.include(frame)
+            if seeing is not None:
+                seeing.follow(mapper, frame)
+            if start is None:
+                meeting.follow(mapper, frame)
+        if progress is not None:
+            progress((number + 1) / count)
+    if not mapper.keys.reaches(mapper.frames[-1].key, known):
+        raise SessionError("the drive lost the map again and ends apart from it: record one that ends where it knows")
+    if camera is not None:
+        amiss += see_pictures(live, recording)
+    mapping = _finished(live, recording, (started, cpu, reading_s), amiss, 0, seeing)
+    if seeing is None:
+        bend_memory(keep_in, mapper)
+    mapping.report["session"] = {
+        "number": live.scans.session + 1,
+        "began_on_known_ground": start is not None,
+        "key_scans_before": known,
+        "key_scans_new": len(mapper.keys) - known,
+    }
+    return replace(mapping, state=state_of_map(live, lens, _features(settings)))
+
+
+def _beginning(
+    recording: Recording, settings: MappingSettings, state: MapState, folder: Path, lens: Pose3 | None
+) -> tuple[int, Pose2] | None:
+    """Where the drive begins on the map, found by driving it as far as the first loop that is proven."""
+    scratch = LiveMapping(settings, recording.base_from_laser)
+    grid, mapper = go_on(scratch, state), state.mapper
+    frames = [frame for frame in map(scratch.reckon, recording.frames) if frame.scan is not None]
+    if not frames:
+        raise NoScans(f"{recording.path} holds no laser scan, so it cannot be joined to a map")
+    with tempfile.TemporaryDirectory() as work:
+        if (folder / MEMORY).exists():
+            shutil.copy(folder / MEMORY, work)
+        seeing = None
+        if lens is not None:
+            seeing = go_on_with_memory(recording, settings.appearance, lens, Path(work), len(mapper.keys))
+        try:
+            return beginning(
+                mapper, grid, frames, lambda mapper, frame: seeing.follow(mapper, frame) if seeing else None
+            )
+        finally:
+            if seeing is not None:
+                seeing.appearance.memory.close()
+
+
+def _lens(recording: Recording, settings: MappingSettings, camera: Pose3 | None) -> Pose3 | None:
+    """The mount of the camera by whose pictures places are known again; None where they are not."""
+    if settings.vision == "off":
+        return None
+    if settings.depth.use == "off":  # it is not looked for where depth is not drawn
+        camera, _ = mount_of_camera(recording, replace(settings.depth, use="on"))
+    return camera
+
+
+def _features(settings: MappingSettings) -> str:
+    return settings.appearance.places.features.detector
 
 
 def _finished(
@@ -161,28 +271,31 @@ def live_result(live: LiveMapping, name: Path, source: str) -> Mapping:
 def _reported(live: LiveMapping, result: MapperResult, source: Recording, cost: Cost, resumed_at: int) -> Mapping:
     grid, depth = live.layered_grid()
     # a wrong mount tears the map as well, and is what has to be mended
-    amiss = mount_warnings(live.told, result.trajectory.poses, live.base_from_laser) or torn_warnings(result)
+    amiss = mount_warnings(live.told, result.driven.poses, live.base_from_laser) or torn_warnings(result)
     left_out = warnings_of(live.depth.counts, source.unread)
     report = mapping_report(source, [*source.warnings, *amiss, *left_out], result, grid, cost, resumed_at)
     report["depth"] = depth_report(live.depth.counts, depth)
     return Mapping(grid, result, report, depth)
 
 
-def save_mapping(folder: Path, mapping: Mapping, settings: MappingSettings) -> None:
+def save_mapping(folder: Path, mapping: Mapping, settings: LiveMappingSettings) -> None:
     """Writes map.pgm, map.yaml, trajectory.tum, graph.g2o, config.yaml, report.json and report.html, each whole or not.
 
-    A map with pictures also has depth.pgm and depth.yaml.
+    A map with pictures also has depth.pgm and depth.yaml, one of a recording's scans session.npz, from which a further
+    drive can go on.
 
     Raises:
         OutputError: the folder cannot be written to.
     """
-    write_tum(folder / "trajectory.tum", mapping.result.trajectory)
+    write_tum(folder / "trajectory.tum", mapping.result.driven)
     write_g2o(folder / "graph.g2o", mapping.result.key_poses, mapping.result.edges)
     config.save(settings, folder / "config.yaml")
     write_json(folder / "report.json", mapping.report)
     write_mapping_page(folder / "report.html", mapping.report, mapping.grid, mapping.result)
     save_depth_layer(folder, mapping.depth)
     save_map(folder, mapping.grid)
+    if mapping.state is not None:
+        save_state(folder, mapping.state)
     remove_checkpoint(folder)
 
 

@@ -44,7 +44,7 @@ def mapping_report(
     resumed_at: int,
 ) -> Json:
     """The report as JSON: input, counts, loops with their stamps, times by stage, memory."""
-    poses, stamps = result.trajectory.poses, result.trajectory.stamps_ns
+    poses, stamps = result.driven.poses, result.driven.stamps_ns
     kinds = [edge.kind for edge in result.edges]
     return {
         "waychair": __version__,
@@ -76,12 +76,12 @@ def mapping_report(
 
 def torn_warnings(result: MapperResult) -> list[str]:
     """One sentence for each time that the scans had nothing to do with those before, and whether that was mended."""
-    torn = [edge for edge in result.edges if edge.kind is EdgeKind.TORN]
+    torn = [e for e in result.edges if e.kind is EdgeKind.TORN and result.key_frames[e.j] >= result.begun]
     whole = [edge for edge in result.edges if edge.kind is not EdgeKind.TORN]
     nodes = len(result.key_poses)
     links = csr_matrix((np.ones(len(whole)), ([e.i for e in whole], [e.j for e in whole])), shape=(nodes, nodes))
     _, piece = connected_components(links, directed=False)
-    start = int(result.trajectory.stamps_ns[0])
+    start = int(result.driven.stamps_ns[0])
     warnings = []
     for edge in torn:
         seconds = (int(result.trajectory.stamps_ns[result.key_frames[edge.j]]) - start) * 1e-9
@@ -142,7 +142,7 @@ def draw_mapping(grid: OccupancyGrid, result: MapperResult) -> str:
     )
     cells = grid.cells[low[0] : high[0], low[1] : high[1]]
     (height, width), (y, x) = np.array(cells.shape) * grid.resolution, low * grid.resolution
-    way = _in_grid(result.trajectory.poses[:, :2], grid)
+    way = _in_grid(result.driven.poses[:, :2], grid)
     keys = _in_grid(result.key_poses[:, :2], grid)
     corner = np.minimum([x, y], way.min(axis=0)) - _MARGIN
     size = np.maximum([x + width, y + height], way.max(axis=0)) + _MARGIN - corner

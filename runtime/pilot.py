@@ -20,7 +20,7 @@ from waychair.geometry import transform_points
 from waychair.maps.zones import Zone
 from waychair.planning.motion import measured
 from waychair.runtime.drive_base import BaseSettings
-from waychair.slam.localiser import Localisation
+from waychair.slam.localisation import Localisation
 from waychair.slam.scan_points import scan_points
 from waychair.slam.tilt import Tilt
 from waychair.types import FloatArray, Goal, OccupancyGrid, Place, Pose2, RgbdFrame, Scan, SonarReadings, Twist

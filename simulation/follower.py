@@ -1,4 +1,4 @@
-"""A rider who knows the way: follows waypoints by the true pose, waits for people, and answers in joystick volts.
+"""A rider who knows the way: follows waypoints by the true pose, waits for people, and moves the joystick.
 
 It is for recording mapping drives. Straight legs are held by pure pursuit (Coulter, Implementation of the Pure Pursuit
 Path Tracking Algorithm, 1992); at a sharp corner the chair stops and turns in place, as riders do in narrow corridors.
@@ -19,10 +19,10 @@ from waychair.errors import WorldError
 from waychair.geometry import wrap_angle
 from waychair.simulation.contact import person_distance
 from waychair.simulation.kinematic_chair import moved
-from waychair.simulation.plant import PlantSettings, volts_from_twist
+from waychair.simulation.plant import PlantSettings, joystick_from_volts, volts_from_twist
 from waychair.simulation.scene import PersonState
 from waychair.simulation.simulator import SensorMessage, Simulator
-from waychair.types import FloatArray, Pose2, Twist
+from waychair.types import FloatArray, JoystickInput, Pose2, Twist
 
 PATIENCE_NS = 60_000_000_000
 """A drive that has not moved by 10 cm for so long has failed."""
@@ -66,14 +66,14 @@ class Follower:
         """Whether the last waypoint has been reached."""
         return self._next >= len(self._waypoints)
 
-    def volts(
+    def stick(
         self, map_from_base: Pose2, body: ChairBody | None = None, people: Sequence[PersonState] = ()
     ) -> tuple[float, float]:
-        """Stick volts (forward, turn) for the next tick; neutral once done, and while people are in the way of `body`."""
+        """Joystick (forward, turn) in [-1, 1] for the next tick; at rest once done, and while people are in `body`'s way."""
         twist = self._twist(map_from_base)
         if body and people and self._comes_near(map_from_base, twist, body, people):
             twist = Twist()
-        return volts_from_twist(self._plant, self._track, twist)
+        return joystick_from_volts(self._plant, *volts_from_twist(self._plant, self._track, twist))
 
     def _comes_near(self, pose: Pose2, twist: Twist, body: ChairBody, people: Sequence[PersonState]) -> bool:
         """Whether the chair would soon be nearer to a person than it should, and than it is."""
@@ -120,13 +120,17 @@ def _along(begin: _Point, end: _Point, beyond: float) -> _Point:
 def follow(simulator: Simulator, follower: Follower, tick_ns: int = 50_000_000) -> Iterator[SensorMessage]:
     """The messages of a whole drive along the follower's route, from the simulator's present state.
 
+    The rider's stick goes to the chair's lines, or through the board that is wired between them.
+
     Raises:
         WorldError: the chair touched something on the way, or made no way for a minute.
     """
+    simulator.release()
     since_ns, seen = simulator.now_ns, simulator.truth()
     try:
         while not follower.done:
-            simulator.drive(*follower.volts(simulator.truth(), simulator.body, simulator.people))
+            forward, turn = follower.stick(simulator.truth(), simulator.body, simulator.people)
+            simulator.rider = JoystickInput(simulator.now_ns, forward, turn)
             yield from simulator.advance(tick_ns)
             pose = simulator.truth()
             at = f"({pose.x:.2f}, {pose.y:.2f})"
@@ -137,4 +141,4 @@ def follow(simulator: Simulator, follower: Follower, tick_ns: int = 50_000_000) 
             elif simulator.now_ns - since_ns > PATIENCE_NS:
                 raise WorldError(f"the chair made no way for a minute at {at}: mend the route there")
     finally:
-        simulator.release()
+        simulator.rider = JoystickInput(simulator.now_ns)

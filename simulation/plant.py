@@ -139,6 +139,12 @@ def volts_from_joystick(settings: PlantSettings, forward: float, turn: float) ->
     )
 
 
+def joystick_from_volts(settings: PlantSettings, forward: float, turn: float) -> tuple[float, float]:
+    """The joystick (forward, turn) in [-1, 1] that gives these stick volts; turn positive to the left."""
+    forward, turn = ((volts - settings.neutral_volts) / settings.swing_volts for volts in (forward, turn))
+    return forward, -turn
+
+
 class Plant(Protocol):
     """What a chair is to the simulator; time passes one `PlantSettings.step_ms` a step."""
 

@@ -34,7 +34,6 @@ from waychair.slam.place_recognition import PlaceRecognition, RecognitionSetting
 from waychair.slam.place_verification import (
     features_of,
     fit_to_keys,
-    fit_to_node,
     motion_of_base,
     nearest_place,
 )
@@ -136,7 +135,11 @@ class Appearance:
         memory: Memory | None = None,
         vocabulary: Vocabulary | None = None,
     ) -> None:
-        """`base_from_camera` is the optical frame's mount. A memory of earlier sessions is known from the beginning."""
+        """`base_from_camera` is the optical frame's mount.
+
+        A memory of earlier sessions is known from the beginning; its anchors are the key scans of the mapper that is
+        followed, which goes on with the map of those sessions.
+        """
         self.settings = settings
         self.memory = memory or Memory(settings.memory)
         self.recognition = PlaceRecognition(settings.places, vocabulary)
@@ -144,11 +147,11 @@ class Appearance:
         self.refused: list[Refused] = []
         self.costs: list[PictureCost] = []
         self._mount = base_from_camera
-        self._first = len(self.memory.anchors)  # key scans of earlier sessions, of which this map knows nothing
         self._waiting: deque[_View] = deque()
         self._latest_ns: int | None = None
         self._last: int | None = None  # the node before, on this map
-        self._torn = self._loops = 0  # edges of these kinds so far
+        self._torn: int | None = None  # edges of these kinds so far
+        self._loops: int | None = None
         self._bent_by: list[tuple[Edge, Link]] = []
         self._rejected = 0
         if isinstance(self.recognition.vocabulary, IncrementalVocabulary):
@@ -175,15 +178,20 @@ class Appearance:
         except SensorError:
             self.counts["pictures that cannot be used"] += 1
             return
-        self._latest_ns = picture.stamp_ns
+        self.take(picture.stamp_ns, features, pinhole(picture.camera_matrix), time.process_time() - started)
+
+    def take(self, stamp_ns: int, features: Features, camera: FloatArray, spent_s: float = 0.0) -> None:
+        """A picture that was looked at already: its features, its camera (4,) as `pinhole` has it, and the CPU of both.
+
+        Unlike `see` it passes over none.
+        """
+        self._latest_ns = stamp_ns
         self.counts["pictures"] += 1
         self.counts["pictures that show too little"] += len(features) < self.settings.places.min_features
         if len(self._waiting) == _WAITING:
             self._waiting.popleft()
             self.counts[_NO_SCAN] += 1
-        self._waiting.append(
-            _View(picture.stamp_ns, features, pinhole(picture.camera_matrix), time.process_time() - started)
-        )
+        self._waiting.append(_View(stamp_ns, features, camera, spent_s))
 
     def follow(self, mapper: Mapper, frame: SensorFrame) -> None:
         """Takes in the pictures that are not later than the mapper's latest frame, which it was given."""
@@ -200,14 +208,14 @@ class Appearance:
     def finish(self, mapper: Mapper) -> None:
         """The graph was optimised once more: the memory follows, and everything is on the disk."""
         self._follow_graph(mapper)
-        self.memory.bend(self._anchors(mapper))
+        self.memory.bend(mapper.keys.poses)
         self.memory.flush()
 
     def _include(self, mapper: Mapper, frame: SensorFrame, view: _View, key: int, pose: Pose2) -> PictureCost:
         """One update."""
         started, memory = time.process_time(), self.memory
         self._tear(mapper)
-        memory.bend(self._anchors(mapper))
+        memory.bend(mapper.keys.poses)
         self._hang_again(mapper)
         new_id, before = memory.skeleton.count, time.process_time()  # the id that the memory will give
         words, new_words = self._words(new_id, view.features)
@@ -217,7 +225,7 @@ class Appearance:
         added = memory.add(
             self._node(mapper, frame, view, words, pose),
             of_odometry(motion or Pose2(), mapper.settings.noise),
-            self._first + key,
+            key,
             here.key_from_node,
             motion=motion,
             new_words=new_words,
@@ -281,8 +289,9 @@ class Appearance:
         memory = self.memory
         awake = {node.id for node in memory.awake}
         skeleton = memory.skeleton
-        neighbours = {node: [other for other in skeleton.ways_in_time(node) if other in awake] for node in awake}
-        twins = {node: skeleton.neighbours(node, (LinkKind.GLOBAL,)) for node in awake}
+        beside = {node: skeleton.beside(node) for node in awake}
+        neighbours = {node: [other for other in ways if other in awake] for node, (ways, _) in beside.items()}
+        twins = {node: [other for other in loops if other in awake] for node, (_, loops) in beside.items()}
         result = self.recognition.recognise(here.id, neighbours, twins)
         self._obey(memory.retrieve(result.hypothesis, here.pose(mapper)))
         closed = result.closure is not None and self._close(mapper, here, result.closure)
@@ -296,16 +305,14 @@ class Appearance:
             assert found.refusal is not None
             return self._refuse(here, place, found.refusal.value)
         old_from_here = motion_of_base(found.old_from_new, self._mount)
-        key = int(self.memory.skeleton.rows["anchor"][place]) - self._first
-        if key < 0:
-            return self._recollect(mapper, here, place, old_from_here)
+        key = int(self.memory.skeleton.rows["anchor"][place])
         map_from_here = mapper.keys.pose(key) @ self.memory.skeleton.anchor_from_node(place) @ old_from_here
         if key in mapper.keys.ways(here.key, mapper.settings.loops.min_way):
             return self._confirm(mapper, here, place, key, map_from_here)
         edge = mapper.close(key, map_from_here @ here.pose(mapper).inverse() @ mapper.pose())
         if isinstance(edge, Doubt):
             return self._refuse(here, place, edge.value)
-        self.memory.bend(self._anchors(mapper))
+        self.memory.bend(mapper.keys.poses)
         information = carried(edge.information, here.key_from_node.inverse())
         link = self._link(place, here.id, LinkKind.GLOBAL, information)
         self._bent_by.append((edge, link))
@@ -323,22 +330,13 @@ class Appearance:
         self._link(place, here.id, LinkKind.GLOBAL, fit.information)
         return True
 
-    def _recollect(self, mapper: Mapper, here: _Here, place: int, old_from_here: Pose2) -> bool:
-        """A place of an earlier session: its scans are in the memory, its key scans in no graph of this one."""
-        fit = fit_to_node(self.memory, place, here.scan, old_from_here, mapper)
-        if not self._agrees(old_from_here.inverse() @ fit.pose) or fit.inliers < self.settings.min_inliers:
-            return self._refuse(here, place, Doubt.OFF.value)
-        self.counts["places of earlier sessions"] += 1
-        self.memory.link(Link(place, here.id, LinkKind.GLOBAL, fit.pose, fit.information))
-        return True
-
     def _tie(self, mapper: Mapper, here: _Here) -> bool:
         """Whether the new node is linked to one on known ground; so are those before it once a loop was closed."""
-        loops = sum(edge.kind is EdgeKind.LOOP for edge in mapper.keys.edges)
-        closed, self._loops = loops > self._loops, loops
+        loops = mapper.keys.kinds[EdgeKind.LOOP]
+        closed, self._loops = self._loops is not None and loops > self._loops, loops
         tied = self._tie_node(mapper, here.id, here.key, here.scan)
         for node in self.memory.stm[:-1] if closed else ():
-            seen, key = self.memory.node(node).evidence, int(self.memory.skeleton.rows["anchor"][node]) - self._first
+            seen, key = self.memory.node(node).evidence, int(self.memory.skeleton.rows["anchor"][node])
             if seen is not None and not self.memory.skeleton.links(node, LOOPS):
                 scan = scan_points(seen.scan, seen.node_from_first, mapper.settings.matching.range_max)
                 self._tie_node(mapper, node, key, scan)
@@ -347,12 +345,12 @@ class Appearance:
     def _tie_node(self, mapper: Mapper, node: int, key: int, scan: ScanPoints) -> bool:
         """On known ground a node is linked to the nearest one there, if its scan lies on the surfaces round that."""
         settings, memory = self.settings, self.memory
-        around = [self._first + other for other in mapper.keys.ways(key, mapper.settings.loops.min_way)]
+        around = mapper.keys.ways(key, mapper.settings.loops.min_way)
         place = nearest_place(memory, around, node, settings.near_distance, settings.near_angle)
         if place is None or memory.skeleton.linked(place, node) is not None:
             return False
         pose = pose_from_array(memory.poses([node])[0])
-        fit = fit_to_keys(mapper, int(memory.skeleton.rows["anchor"][place]) - self._first, scan, pose)
+        fit = fit_to_keys(mapper, int(memory.skeleton.rows["anchor"][place]), scan, pose)
         if fit.inliers < settings.min_inliers or not self._agrees(pose.inverse() @ fit.pose):
             return False
         self._link(place, node, LinkKind.SPACE, fit.information)
@@ -388,8 +386,8 @@ class Appearance:
 
     def _tear(self, mapper: Mapper) -> None:
         """Where the mapper knows of no way from what was before, neither does the memory."""
-        torn = sum(edge.kind is EdgeKind.TORN for edge in mapper.keys.edges)
-        if torn > self._torn and self._last is not None:
+        torn = mapper.keys.kinds[EdgeKind.TORN]
+        if self._torn is not None and torn > self._torn and self._last is not None:
             self.memory.start_map()
             self._last = None
         self._torn = torn
@@ -399,17 +397,13 @@ class Appearance:
         for node in self.memory.stm:
             stamp_ns, anchor = int(self.memory.node(node).stamp_ns), int(self.memory.skeleton.rows["anchor"][node])
             placed = mapper.placed(stamp_ns, self.settings.gap)
-            if placed is None or anchor < self._first:
+            if placed is None:
                 continue
             key, pose = placed
             key_from_node = mapper.keys.pose(key).inverse() @ pose
             moved = self.memory.skeleton.anchor_from_node(node).inverse() @ key_from_node
-            if self._first + key != anchor or math.hypot(moved.x, moved.y) > _MOVED:
-                self.memory.hang(node, self._first + key, key_from_node)
-
-    def _anchors(self, mapper: Mapper) -> FloatArray:
-        """(A, 3) where the memory's anchors stand: those of earlier sessions nowhere, then the key scans."""
-        return np.concatenate([np.full((self._first, 3), np.nan), mapper.keys.poses])
+            if key != anchor or math.hypot(moved.x, moved.y) > _MOVED:
+                self.memory.hang(node, key, key_from_node)
 
     def _obey(self, change: Change) -> None:
         """Dictionary and filter follow the memory."""

@@ -1,4 +1,4 @@
-"""A mapper's whole state as plain arrays and text, from which the same mapper is made again.
+"""A mapper's whole state, or what holds one, as plain arrays and text, from which the same is made again.
 
 Nothing is pickled: numbers, texts, containers, arrays, enumerations and waychair's own objects are written as they
 are, and only classes of waychair are made when they are read. What one object shares with another stays shared.
@@ -12,7 +12,7 @@ import json
 from collections import Counter, defaultdict, deque
 from collections.abc import Callable, Mapping
 from dataclasses import fields, is_dataclass
-from typing import Any
+from typing import Any, TypeVar
 
 import numpy as np
 from numpy.typing import NDArray
@@ -20,6 +20,7 @@ from numpy.typing import NDArray
 from waychair.slam.mapper import Mapper
 
 State = Mapping[str, NDArray[Any]]
+T = TypeVar("T")
 
 _TREE = "tree"
 _SMALL = 16  # arrays of so few numbers are written into the text
@@ -27,10 +28,10 @@ _PACKAGE = "waychair."
 _FACTORIES: dict[str, Callable[[], Any]] = {"float": float, "int": int, "list": list, "dict": dict, "set": set}
 
 
-def state_of(mapper: Mapper) -> dict[str, NDArray[Any]]:
-    """The state as arrays by name, as `numpy.savez` takes them."""
+def state_of(value: object) -> dict[str, NDArray[Any]]:
+    """The state of a mapper, or of another object of waychair, as arrays by name, as `numpy.savez` takes them."""
     packer = _Packer()
-    tree = json.dumps(packer.pack(mapper), separators=(",", ":"))
+    tree = json.dumps(packer.pack(value), separators=(",", ":"))
     return {**packer.arrays, _TREE: np.frombuffer(tree.encode(), np.uint8)}
 
 
@@ -40,13 +41,22 @@ def mapper_from_state(state: State) -> Mapper:
     Raises:
         ValueError: it is not the state of a mapper of this version of the program.
     """
+    return made_again(state, Mapper)
+
+
+def made_again(state: State, kind: type[T]) -> T:
+    """The object of a kind that had this state.
+
+    Raises:
+        ValueError: it is not the state of such a one of this version of the program.
+    """
     try:
-        mapper = _Unpacker(state).unpack(json.loads(bytes(state[_TREE])))
-        if not isinstance(mapper, Mapper):
-            raise TypeError(f"it is that of a {type(mapper).__name__}")
+        made = _Unpacker(state).unpack(json.loads(bytes(state[_TREE])))
+        if not isinstance(made, kind):
+            raise TypeError(f"it is that of a {type(made).__name__}")
     except (KeyError, TypeError, AttributeError, IndexError, ImportError) as error:
-        raise ValueError(f"no mapper can be made of this state: {error}") from error
-    return mapper
+        raise ValueError(f"no {kind.__name__.lower()} can be made of this state: {error}") from error
+    return made
 
 
 class _Packer:

@@ -4,7 +4,8 @@ from __future__ import annotations
 
 import heapq
 import math
-from collections.abc import Sequence
+from collections import Counter
+from collections.abc import Mapping, Sequence
 
 import numpy as np
 
@@ -25,6 +26,8 @@ class KeyGraph:
         self._graph = PoseGraph(settings)
         self._linked: list[set[int]] = []
         self._left_out = 0
+        self.kinds: Counter[EdgeKind] = Counter()
+        """How many edges of each kind the poses rest on."""
 
     def __len__(self) -> int:
         return len(self.store)
@@ -74,6 +77,7 @@ class KeyGraph:
         self._forget_rejected()
 
     def _join(self, edge: Edge) -> None:
+        self.kinds[edge.kind] += 1
         if edge.kind is EdgeKind.TORN:  # nobody has gone that way
             return
         self._linked[edge.i].add(edge.j)
@@ -85,8 +89,33 @@ class KeyGraph:
             return
         self._left_out = len(self.rejected)
         self._linked = [set() for _ in self._linked]
+        self.kinds.clear()
         for edge in self.edges:
             self._join(edge)
+
+    def continued(self, renewed: Mapping[int, ScanPoints]) -> KeyGraph:
+        """The same graph for another drive: as it stands now, without the loops that were left out and without the
+        history of its optimisations; some key scans with newer surfaces."""
+        graph = KeyGraph(self._graph.settings)
+        for node in range(len(self)):
+            graph.store.append(renewed.get(node, self.store[node]))
+            graph._linked.append(set())
+        graph._graph.add(self.poses.copy(), self.edges)
+        for edge in self.edges:
+            graph._join(edge)
+        return graph
+
+    def reaches(self, node: int, before: int) -> bool:
+        """Whether a way along the edges leads from a key scan to one of the first ones, whose number is below `before`."""
+        seen, waiting = {node}, [node]
+        while waiting:
+            here = waiting.pop()
+            if here < before:
+                return True
+            fresh = self._linked[here] - seen
+            seen |= fresh
+            waiting += fresh
+        return False
 
     def reference(
         self, members: Sequence[int] | IntArray, centre: FloatArray, reach: float, settings: MatchSettings

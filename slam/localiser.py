@@ -7,7 +7,6 @@ alone. What it publishes moves smoothly: while it follows, `map_from_odom` chang
 
 from __future__ import annotations
 
-import enum
 import math
 from collections import deque
 from dataclasses import dataclass, field, replace
@@ -19,12 +18,15 @@ from waychair.config import Settings, setting
 from waychair.geometry import wrap_angle
 from waychair.maps.grid import occupied, points_from_cells
 from waychair.slam.beam_model import ON_OBJECT, HealthSettings, PlaceSettings, beam_classes, beam_map, probability
-from waychair.slam.recovery import Candidate, Recovery, RecoveryParts, RecoverySettings, SavedMap
+from waychair.slam.localisation import Localisation, LocalisationState
+from waychair.slam.recovery import Recovery, RecoveryParts, RecoverySettings, SavedMap
 from waychair.slam.reference import reference_from_points
 from waychair.slam.relocaliser import RelocaliserSettings, pyramid_from_grid
 from waychair.slam.scan_matching import Match, MatchSettings, Window, match
 from waychair.slam.scan_points import MIN_POINTS, ScanPoints, scan_points
 from waychair.types import FloatArray, OccupancyGrid, Pose2, Scan, Twist
+
+__all__ = ["Localisation", "LocalisationState", "Localiser", "LocaliserSettings", "walls"]
 
 
 @dataclass(frozen=True, slots=True)
@@ -61,42 +63,6 @@ class LocaliserSettings(Settings):
     places: PlaceSettings = field(default_factory=PlaceSettings)
     search: RelocaliserSettings = field(default_factory=RelocaliserSettings)
     recovery: RecoverySettings = field(default_factory=RecoverySettings)
-
-
-class LocalisationState(enum.Enum):
-    """Whether the pose can be driven by: yes; slowly, since too little is seen that bears it out; no."""
-
-    OK = "ok"
-    DEGRADED = "degraded"
-    LOST = "lost"
-
-
-@dataclass(frozen=True, slots=True)
-class Localisation:
-    """Pose at a scan and how far it can be trusted.
-
-    `map_from_base` = `map_from_odom` @ the odometry. `inliers`: share of the scan's points on the map's walls. `health`
-    in [0, 1]: probability that the pose is within 0.3 m and 5 degrees of the truth, by this scan alone: a chair that was
-    right before is more likely to be right than that, and 0.5 where people hide all walls. `covariance` (3, 3) of the pose
-    [m^2, m rad, rad^2] in the map frame, None while nothing fits. `remaining` is the correction still to come, in the
-    base frame: map_from_base @ remaining is where the scans say the chair is. `jumped`: this time the pose was moved at
-    once, because the chair has just found out where it is. `candidates`: places a lost chair may be at, best first.
-    """
-
-    map_from_base: Pose2
-    map_from_odom: Pose2
-    inliers: float
-    state: LocalisationState
-    health: float
-    covariance: FloatArray | None = None
-    remaining: Pose2 = field(default_factory=Pose2)
-    jumped: bool = False
-    candidates: tuple[Candidate, ...] = ()
-
-    @property
-    def lost(self) -> bool:
-        """Whether the pose must not be driven by."""
-        return self.state is LocalisationState.LOST
 
 
 class Localiser:

@@ -33,10 +33,10 @@ from waychair.slam.long_term_file import (
     read_all,
     read_evidence,
     read_node,
-    read_word,
+    read_words,
     write,
 )
-from waychair.slam.nodes import Evidence, Node, unpack_evidence
+from waychair.slam.nodes import Evidence, Node, unpack_evidence, unseal
 from waychair.types import Bytes, IntArray
 
 T = TypeVar("T")
@@ -164,9 +164,23 @@ class LongTerm:
             LongTermDamaged: a record is not what was written.
             LongTermError: the file cannot be read.
         """
-        found = [(word, data) for word in ids.tolist() if (data := self._read(read_word, word, "word")) is not None]
-        descriptors = np.array([np.frombuffer(data, np.uint8) for _, data in found], np.uint8)
-        return np.array([word for word, _ in found], np.int64), descriptors
+        if any(batch.holds_words(ids) for batch in (*self._handed, *self._waiting)):
+            self.flush()
+        wanted = ids.tolist()
+        records: dict[int, bytes] = {}
+        try:
+            for source in [self._reader] if self._spill is None else [self._reader, self._spill]:
+                records |= read_words(source, wanted)
+        except sqlite3.OperationalError as error:
+            raise self._unreadable(error) from error
+        except sqlite3.Error as error:
+            raise LongTermDamaged(f"the words of {self.path} are damaged: {error}") from error
+        rows = {word: records[word] for word in wanted if word in records}
+        try:
+            found = [np.frombuffer(unseal(word, data), np.uint8) for word, data in rows.items()]
+        except ValueError as error:
+            raise LongTermDamaged(f"a word of {self.path} is damaged: {error}") from error
+        return np.array(list(rows), np.int64), np.array(found, np.uint8)
 
     def newest_word(self) -> int:
         """The highest id of a word that is there, 0 without any.
@@ -207,13 +221,16 @@ class LongTerm:
             found = (read(source, number) for source in self._sources(number))
             return next((record for record in found if record is not None), None)
         except sqlite3.OperationalError as error:
-            self.fault = self.fault or LongTermError(f"cannot read {self.path}: {error}; is the disk there?")
-            raise self.fault from error
+            raise self._unreadable(error) from error
         except (ValueError, struct.error, sqlite3.Error) as error:
             raise LongTermDamaged(f"{what} {number} of {self.path} is damaged: {error}") from error
 
+    def _unreadable(self, error: sqlite3.Error) -> LongTermError:
+        self.fault = self.fault or LongTermError(f"cannot read {self.path}: {error}; is the disk there?")
+        return self.fault
+
     def _sources(self, number: int) -> list[sqlite3.Connection]:
-        """Where a node or word may be: the latest first. What is still on its way there is waited for."""
+        """Where a node may be: the latest first. What is still on its way there is waited for."""
         if any(batch.holds(number) for batch in (*self._handed, *self._waiting)):
             self.flush()
         return [self._reader] if self._spill is None else [self._spill, self._reader]

@@ -10,7 +10,7 @@ from __future__ import annotations
 
 import sqlite3
 import struct
-from collections.abc import Callable, Iterable, Iterator
+from collections.abc import Callable, Iterable, Iterator, Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any, TypeVar
@@ -40,6 +40,8 @@ _POSE = struct.Struct("<3d")
 
 _WAL_LIMIT = 16 * 2**20
 """Bytes to which the log is cut back when it has been written into the file."""
+
+_PARAMETERS = 500  # of one statement; SQLite takes 999 in its oldest versions
 
 T = TypeVar("T")
 
@@ -72,10 +74,13 @@ class Batch:
     anchors: tuple[IntArray, FloatArray] | None = None
     """Anchors that stand elsewhere now: ids (K,), poses (K, 3)."""
 
-    def holds(self, number: int) -> bool:
-        """Whether a node or a word of that number is among what is written."""
-        written = any(node.id == number for node in (*self.nodes, *self.rewritten))
-        return written or (self.words is not None and bool((self.words[0] == number).any()))
+    def holds(self, node: int) -> bool:
+        """Whether a node is among what is written."""
+        return any(written.id == node for written in (*self.nodes, *self.rewritten))
+
+    def holds_words(self, words: IntArray) -> bool:
+        """Whether one of the words (K,) is."""
+        return self.words is not None and bool(np.isin(words, self.words[0]).any())
 
 
 @dataclass(frozen=True, slots=True)
@@ -247,10 +252,18 @@ def read_evidence(connection: sqlite3.Connection, node: int) -> bytes | None:
     return None if row is None else unseal(node, row[0])
 
 
-def read_word(connection: sqlite3.Connection, word: int) -> bytes | None:
-    """The descriptor of a word, or None where there is none; raises as `read_node`."""
-    row = connection.execute("SELECT data FROM words WHERE id = ?", (word,)).fetchone()
-    return None if row is None else unseal(word, row[0])
+def read_words(connection: sqlite3.Connection, words: Sequence[int]) -> dict[int, bytes]:
+    """The records of those words that are there, as they lie in the file, for `unseal`.
+
+    Raises:
+        sqlite3.Error: they cannot be read.
+    """
+    found: dict[int, bytes] = {}
+    for first in range(0, len(words), _PARAMETERS):
+        part = words[first : first + _PARAMETERS]
+        marks = ", ".join("?" * len(part))
+        found.update(connection.execute(f"SELECT id, data FROM words WHERE id IN ({marks})", part))
+    return found
 
 
 def _node_row(node: Node) -> tuple[int, bytes, bytes, bytes]:

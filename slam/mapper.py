@@ -6,7 +6,7 @@ import math
 import time
 from bisect import bisect_left
 from collections import Counter, defaultdict
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from dataclasses import dataclass, field
 
@@ -79,7 +79,8 @@ class MapperResult:
 
     `trajectory` has one pose per frame, in the order of the input; key scan k stands at `key_poses[k]` (N, 3) and is
     the scan of frame `key_frames[k]`. The grid is to be drawn from `scan_frames`: the key scans and the latest scans
-    that they stood for, in their order in time. `counts` and `seconds` (CPU) by stage are for the report.
+    that they stood for, in their order in time. `counts` and `seconds` (CPU) by stage are for the report. The first
+    `begun` frames are those that are kept of earlier drives.
     """
 
     trajectory: Trajectory
@@ -90,6 +91,12 @@ class MapperResult:
     rejected: tuple[Rejected, ...]
     counts: dict[str, int]
     seconds: dict[str, float]
+    begun: int = 0
+
+    @property
+    def driven(self) -> Trajectory:
+        """The trajectory of the drive itself, without the frames of earlier ones."""
+        return Trajectory(self.trajectory.stamps_ns[self.begun :], self.trajectory.poses[self.begun :])
 
 
 @dataclass(frozen=True, slots=True)
@@ -116,6 +123,7 @@ class Mapper:
         self.frames: list[HungFrame] = []
         self.key_frames: list[int] = []
         self.covered_frames: list[list[int]] = []  # of each key scan: the latest frames that it stood for
+        self.begun = 0  # frames below this are of earlier drives
         self.counts: Counter[str] = Counter()
         self.seconds: defaultdict[str, float] = defaultdict(float)
         self._visited: list[int] = []  # latest key scans that the chair was at; the frames hang on the last one
@@ -125,6 +133,7 @@ class Mapper:
         self._anchored = Pose2()  # where the chair was in `here` when it was last matched with care
         self._reckoned = Pose2()  # where the odometry alone puts it since then
         self._loose = 0  # frames since the last one that its scan has placed
+        self._inliers = 1.0
         self._closer = LoopCloser(
             settings.loops, settings.matching, settings.noise, settings.running_reach, base_from_laser
         )
@@ -153,15 +162,31 @@ class Mapper:
         """`odom_from_base` at the latest frame that had one."""
         return self._odometry
 
+    @property
+    def inliers(self) -> float:
+        """Share of the latest scan's points on surfaces that were seen before; 0 where it has too few, 1 for the first."""
+        return self._inliers
+
+    @property
+    def is_placed(self) -> bool:
+        """Whether its scan has put the latest frame where it is, and not the odometry alone."""
+        return self._loose == 0
+
+    @property
+    def is_whole(self) -> bool:
+        """Whether the latest frame is joined to the first one, and not to what was begun anew after the chair was carried."""
+        return self.keys.reaches(self._here, 1)
+
     def placed(self, stamp_ns: int, gap_s: float) -> tuple[int, Pose2] | None:
         """The key scan that the frame nearest to a stamp hangs on, and `map_from_base` at the stamp, between two frames.
 
         None where there is no frame before and after it, or where the two are further apart than `gap_s`.
         """
-        after = bisect_left(self.frames, stamp_ns, key=lambda frame: frame.stamp_ns)
-        if after == len(self.frames) or (after == 0 and self.frames[0].stamp_ns != stamp_ns):
+        first = self.begun
+        after = bisect_left(self.frames, stamp_ns, lo=first, key=lambda frame: frame.stamp_ns)
+        if after == len(self.frames) or (after == first and self.frames[first].stamp_ns != stamp_ns):
             return None
-        low, high = self.frames[max(after - 1, 0)], self.frames[after]
+        low, high = self.frames[max(after - 1, first)], self.frames[after]
         apart_ns = high.stamp_ns - low.stamp_ns
         if apart_ns > gap_s * 1e9:
             return None
@@ -183,6 +208,26 @@ class Mapper:
             self._bend([edge])
         return edge
 
+    def continued(self, renewed: Mapping[int, ScanPoints]) -> Mapper:
+        """A mapper for another drive through the same building, which may begin anywhere: its first frame hangs on
+        nothing until a loop is closed, unless `begin_at` says where it is.
+
+        Some key scans have newer surfaces. Of the frames only those are left whose scans the grid is drawn from.
+        """
+        other = Mapper(self.settings, self.base_from_laser)
+        other.keys = self.keys.continued(renewed)
+        kept = sorted(self.key_frames + [frame for latest in self.covered_frames for frame in latest])
+        number = {frame: k for k, frame in enumerate(kept)}
+        other.frames = [self.frames[frame] for frame in kept]
+        other.key_frames = [number[frame] for frame in self.key_frames]
+        other.covered_frames = [[number[frame] for frame in latest] for latest in self.covered_frames]
+        other.begun = len(kept)
+        return other
+
+    def begin_at(self, key: int, key_from_base: Pose2) -> None:
+        """The drive begins here, as seen from a key scan of an earlier one; told before its first frame."""
+        self._arrive(key, key_from_base)
+
     def result(self) -> MapperResult:
         """The map so far, its graph optimised once more."""
         with self._timed("optimisation"):
@@ -199,6 +244,7 @@ class Mapper:
             self.keys.rejected,
             dict(self.counts + self._closer.counts),
             dict(self.seconds),
+            self.begun,
         )
 
     def _reckon(self, frame: SensorFrame) -> Pose2:
@@ -217,10 +263,11 @@ class Mapper:
 
     def _track(self, scan: ScanPoints, last_from_base: Pose2) -> Pose2:
         """Where the frame is beside the key scan it hangs on: the odometry, drawn onto the surfaces."""
-        if not self.frames:
+        if not self._visited:
             return Pose2()
         with self._timed("tracking"):
-            settings, key, last = self.settings, self.keys.pose(self._here), self.frames[-1].key_from_base
+            settings, key = self.settings, self.keys.pose(self._here)
+            last = self._anchored if self._begins else self.frames[-1].key_from_base
             self._reckoned = self._reckoned @ last_from_base
             guess = key @ last @ last_from_base
             if self._odometry is not None:
@@ -234,6 +281,7 @@ class Mapper:
                 found = match(scan, self._running(), guess, np.eye(3), window, settings.matching)
                 pose, inliers = found.pose, found.inliers
             placed = len(scan) >= MIN_POINTS and inliers >= settings.track_inliers
+            self._inliers = float(inliers) if len(scan) >= MIN_POINTS else 0.0
             self._loose = 0 if placed else self._loose + 1
             here_from_base = key.inverse() @ pose if placed else last @ last_from_base
             self._motion = last.inverse() @ here_from_base
@@ -245,12 +293,14 @@ class Mapper:
         """Whether the chair went far enough since it was last matched with care."""
         moved = self._anchored.inverse() @ here_from_base
         distance, turn = math.hypot(moved.x, moved.y), abs(moved.theta)
-        return not self.frames or distance >= self.settings.key_distance or turn >= self.settings.key_angle
+        return self._begins or distance >= self.settings.key_distance or turn >= self.settings.key_angle
 
     def _match(self, scan: ScanPoints, here_from_base: Pose2) -> Edge | None:
         """Edge from the key scan the chair hangs on to where it is: odometry, improved where the scan can tell."""
-        if not self.frames:
+        if not len(self.keys):
             return None
+        if not self._visited:  # another drive, which may begin anywhere
+            return Edge(len(self.keys) - 1, len(self.keys), Pose2(), of_nothing(), EdgeKind.TORN)
         with self._timed("matching"):
             settings, here, node = self.settings, self._here, len(self.keys)
             guess = self.keys.pose(here) @ here_from_base
@@ -352,6 +402,11 @@ class Mapper:
     @property
     def _here(self) -> int:
         return self._visited[-1]
+
+    @property
+    def _begins(self) -> bool:
+        """Whether this is the first frame of the drive."""
+        return len(self.frames) == self.begun
 
     def _running(self) -> Reference:
         """The surfaces of the latest key scans round the chair, and of earlier ones whose place beside it is certain:

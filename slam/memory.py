@@ -26,6 +26,7 @@ from pathlib import Path
 import numpy as np
 
 from waychair.errors import LongTermDamaged, LongTermError
+from waychair.slam.anchors import Anchors
 from waychair.slam.long_term import LongTerm
 from waychair.slam.long_term_file import State
 from waychair.slam.memory_journal import Journal
@@ -80,7 +81,7 @@ class Memory:
         self._awake: dict[int, Node] = {}
         self._cache: OrderedDict[int, Node] = OrderedDict()
         self._counts: Counter[str] = Counter()
-        self._anchors = np.empty((0, 3))
+        self._anchors = Anchors()
         self._start_ns: int | None = None
         self._now_ns = 0
         self._localised = 0  # the node that the latest loop led to
@@ -121,7 +122,7 @@ class Memory:
     @property
     def anchors(self) -> FloatArray:
         """(A, 3) where the anchors stand, as `bend` was told last, or an earlier session."""
-        return self._anchors
+        return self._anchors.poses
 
     def counts(self, words: int = 0) -> MemoryCounts:
         """What there is and was, beside the dictionary's number of words."""
@@ -143,7 +144,7 @@ class Memory:
 
     def poses(self, nodes: Iterable[int]) -> FloatArray:
         """(K, 3) [m, m, rad] of K nodes in map, awake or asleep; nan before their anchor has a pose."""
-        return self.skeleton.poses(nodes, self._anchors)
+        return self.skeleton.poses(nodes, self._anchors.poses)
 
     def start_map(self) -> int:
         """The next node has no way to the one before: the chair was carried, or its odometry began anew. The map's id."""
@@ -282,9 +283,8 @@ class Memory:
         self._journal.states.add(node)
 
     def bend(self, anchors: FloatArray) -> None:
-        """The anchors stand at (A, 3) [m, m, rad] in map now, and all nodes with them. The array is kept."""
-        self._journal.bent(self._anchors, anchors)
-        self._anchors = anchors
+        """The anchors stand at (A, 3) [m, m, rad] in map now, and all nodes with them; as `Anchors.stand` has it."""
+        self._journal.moved(self._anchors.stand(anchors))
 
     def evidence(self, nodes: Iterable[int], beams: int = 20_000) -> Iterator[list[tuple[int, Evidence]]]:
         """What nodes tell of the grid, asleep or not, in chunks of at most so many beams (one scan at least).
@@ -312,6 +312,8 @@ class Memory:
     def flush(self) -> None:
         """Returns when everything is on the disk."""
         self._write()
+        while self._journal.has_moved:
+            self._write()
         self.store.flush()
 
     def close(self) -> None:
@@ -469,8 +471,9 @@ class Memory:
     def _write(self, added: Node | None = None, words: tuple[IntArray, Bytes] | None = None) -> None:
         """All that has changed, in one transaction."""
         new = () if added is None else (added,)
-        journal, self._journal = self._journal, Journal()
-        self.store.write(journal.batch(new, words, self.skeleton, self._awake.keys(), self._anchors))
+        journal = self._journal
+        self.store.write(journal.batch(new, words, self.skeleton, self._awake.keys(), self._anchors.poses))
+        self._journal = journal.following()
 
     def _restore(self) -> None:
         """What earlier sessions have left; what was awake then is in the WM now, older than all that is to come."""
@@ -490,7 +493,7 @@ class Memory:
                 if link.kind is LinkKind.GLOBAL:
                     self.last_closure = max(self.last_closure, link.i, link.j)
         self.skeleton.reserve(stored.last + 1)
-        self._anchors = stored.anchors
+        self._anchors = Anchors(stored.anchors)
         self._wake([node for node, state in states.items() if state.awake and self.skeleton.kept(node) is Kept.LTM])
         self.map_id = max((map_id for _, map_id, _ in stored.nodes), default=-1) + 1
         self._counts.clear()

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import heapq
 from collections.abc import Collection, Iterable
 
 import numpy as np
@@ -11,11 +12,11 @@ from waychair.slam.nodes import Link, Node
 from waychair.slam.skeleton import Skeleton
 from waychair.types import Bytes, FloatArray, IntArray
 
-_MOVED = 1e-6  # [m], [rad] by which an anchor stands elsewhere
+_ANCHORS = 256  # written in one transaction at most; a loop may bend all there are
 
 
 class Journal:
-    """Collects changes, of which `batch` makes one transaction; begin another then."""
+    """Collects changes, of which `batch` makes one transaction; go on with what is `following` then."""
 
     def __init__(self) -> None:
         self.states: set[int] = set()
@@ -24,6 +25,12 @@ class Journal:
         self._children: list[tuple[Node | None, State]] = []
         self._gone: list[int] = []
         self._moved: set[int] = set()
+        self._written: list[int] = []  # anchors of the batch
+
+    @property
+    def has_moved(self) -> bool:
+        """Whether there are anchors that are yet to be written."""
+        return bool(self._moved)
 
     def linked(self, link: Link) -> None:
         """A link is new, or is another one than before."""
@@ -47,12 +54,16 @@ class Journal:
         self._forget(node.id)
         self._children.append((None if stored else node, state))
 
-    def bent(self, before: FloatArray, after: FloatArray) -> None:
-        """Anchors that stood at (A, 3) stand at (B, 3)."""
-        known = min(len(before), len(after))
-        with np.errstate(invalid="ignore"):
-            still = (np.abs(after[:known] - before[:known]) <= _MOVED).all(axis=1)
-        self._moved.update(np.flatnonzero(~still).tolist(), range(known, len(after)))
+    def moved(self, anchors: IntArray) -> None:
+        """Anchors (K,) stand elsewhere, or are new."""
+        self._moved.update(anchors.tolist())
+
+    def following(self) -> Journal:
+        """A new one, with the anchors that the batch had no room for."""
+        following = Journal()
+        following._moved = self._moved
+        following._moved.difference_update(self._written)
+        return following
 
     def batch(
         self,
@@ -62,8 +73,14 @@ class Journal:
         awake: Collection[int],
         anchors: FloatArray,
     ) -> Batch:
-        """All that has changed, with the nodes and words that are new."""
-        moved = np.array(sorted(k for k in self._moved if np.isfinite(anchors[k]).all()), np.int64)
+        """All that has changed, with the nodes and words that are new.
+
+        Of the anchors that have moved only so many: the newest, on which new nodes hang, and the others with the next
+        batches. A program that is killed meanwhile finds those where they stood before the loop, as a loop later.
+        """
+        self._written = heapq.nlargest(_ANCHORS, self._moved)
+        moved = np.array(sorted(self._written), np.int64)
+        moved = moved[np.isfinite(anchors[moved]).all(axis=1)]
         states = (_state(skeleton, node, node in awake) for node in sorted(self.states))
         return Batch(
             nodes=(*added, *(node for node, _ in self._children if node is not None)),

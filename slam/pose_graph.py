@@ -29,6 +29,9 @@ _REVIEW = 4
 class PoseGraph:
     """Nodes and edges in the order in which they were added; `poses` (N, 3) are those of the last `update`.
 
+    The array of poses is another one whenever a node has moved; where nodes were only added, the longer one begins with
+    the very memory of the shorter, now and then apart.
+
     `rejected` names the loops that were left out and why. They are looked at again whenever the whole graph is solved.
     """
 
@@ -36,6 +39,7 @@ class PoseGraph:
         self.settings = settings
         self._history: list[tuple[Any, ...]] = []  # every change, by which the same graph comes about again
         self.poses: FloatArray = np.empty((0, 3))
+        self._room = self.poses  # the array that poses are appended to, with room for more
         self._edges: list[Edge] = []
         self._rejected: dict[int, Rejected] = {}  # by the edge's place in the list
         self._removed: list[Rejected] = []
@@ -72,12 +76,21 @@ class PoseGraph:
         if not np.isfinite(poses).all():
             raise GraphError("a new node's pose is not finite; leave the node out")
         self._history.append(("add", poses, tuple(edges)))
-        self.poses = np.concatenate([self.poses, poses])
+        self._append(poses)
         for edge in edges:
             self._edges.append(edge)
             extends = edge.kind is not EdgeKind.LOOP and max(edge.i, edge.j) == self._attached
             self._attached += extends
             self._closed |= not extends
+
+    def _append(self, poses: FloatArray) -> None:
+        """New rows behind those that are there, which stay where they are as long as there is room."""
+        known, count = len(self.poses), len(self.poses) + len(poses)
+        if self.poses.base is not self._room or count > len(self._room):
+            self._room = np.empty((max(64, 2 * count), 3))
+            self._room[:known] = self.poses
+        self._room[known:count] = poses
+        self.poses = self._room[:count]
 
     def update(self) -> FloatArray:
         """Poses (N, 3) that fit all edges so far.

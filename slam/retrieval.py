@@ -9,10 +9,11 @@ from dataclasses import dataclass, field
 
 import numpy as np
 
+from waychair.slam.anchors import Anchors
 from waychair.slam.memory_settings import MemorySettings
 from waychair.slam.nodes import IN_TIME, Kept
 from waychair.slam.skeleton import ANY, Skeleton
-from waychair.types import FloatArray, IntArray, Pose2
+from waychair.types import IntArray, Pose2
 
 _ASLEEP = int(Kept.LTM)  # looked up often
 _LATEST = 32  # nodes of an anchor that are looked at, however often the chair has come by
@@ -33,14 +34,14 @@ class Surroundings:
 
 def surroundings(
     skeleton: Skeleton,
-    anchors: FloatArray,
+    anchors: Anchors,
     here: Pose2,
     newest: int,
     wm: Collection[int],
     path: Sequence[int],
     settings: MemorySettings,
 ) -> Surroundings:
-    """What is within `local_radius` of the chair at `here`, where the anchors stand at (A, 3) in map."""
+    """What is within `local_radius` of the chair at `here`."""
     near = _nearest(np.array(sorted(wm), np.int64), skeleton, anchors, here, settings.local_radius)
     sleepers = _sleepers(skeleton, anchors, here, newest, wm, settings) if settings.wake_by_place else []
     return Surroundings(newest, near, path, sleepers)
@@ -125,29 +126,25 @@ def _round_hypothesis(skeleton: Skeleton, hypothesis: int, most: int) -> Iterato
             yield from (node for node in reversed(level) if kept[node] == _ASLEEP)
 
 
-def _nearest(nodes: IntArray, skeleton: Skeleton, anchors: FloatArray, here: Pose2, radius: float) -> list[int]:
+def _nearest(nodes: IntArray, skeleton: Skeleton, anchors: Anchors, here: Pose2, radius: float) -> list[int]:
     """Those of the nodes (ascending) within the radius [m], nearest first."""
     if not len(nodes) or not len(anchors):
         return []
-    away = np.hypot(*(skeleton.poses(nodes, anchors)[:, :2] - (here.x, here.y)).T)
+    away = np.hypot(*(skeleton.poses(nodes, anchors.poses)[:, :2] - (here.x, here.y)).T)
     order = np.argsort(away, kind="stable")
     near: list[int] = nodes[order[away[order] <= radius]].tolist()
     return near
 
 
 def _sleepers(
-    skeleton: Skeleton, anchors: FloatArray, here: Pose2, newest: int, wm: Collection[int], settings: MemorySettings
+    skeleton: Skeleton, anchors: Anchors, here: Pose2, newest: int, wm: Collection[int], settings: MemorySettings
 ) -> list[int]:
     """Of each anchor in reach of which no node is awake the sleeping one, among the latest, that weighs most, and of
     equals the newest."""
-    if not len(anchors):
-        return []
     rows = skeleton.rows
-    away = np.hypot(*(anchors[:, :2] - (here.x, here.y)).T)
-    within = np.flatnonzero(away <= settings.local_radius)
     taken = {int(rows["anchor"][newest]), *rows["anchor"][np.fromiter(wm, np.int64)].tolist()}
     found: list[int] = []
-    for anchor in within[np.argsort(away[within], kind="stable")].tolist():
+    for anchor in anchors.near(here, settings.local_radius).tolist():
         if len(found) >= settings.max_local_retrieved:
             break
         asleep = [] if anchor in taken else [n for n in skeleton.on(anchor)[-_LATEST:] if rows["kept"][n] == _ASLEEP]

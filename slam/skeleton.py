@@ -54,6 +54,7 @@ class Skeleton:
         self._first = array("i", [-1]) * 64
         self._after = array("i")
         self._free: list[int] = []
+        self._beside: dict[int, tuple[tuple[int, ...], tuple[int, ...]]] = {}  # of nodes that were asked for
         self._on: dict[int, list[int]] = {}  # nodes that hang on an anchor
 
     def add(self, node: int, stamp_ns: int, map_id: int, anchor: int, anchor_from_node: Pose2) -> None:
@@ -98,6 +99,7 @@ class Skeleton:
             self._kinds.append(0)
             if row == len(self._links):
                 self._links = np.concatenate([self._links, np.zeros_like(self._links)])
+        self._forget(link.i, link.j)
         self._kinds[row] = link.kind
         self._links[row] = (link.i_from_j.array(), link.information)
         for half, node in ((2 * row, link.i), (2 * row + 1, link.j)):
@@ -110,6 +112,7 @@ class Skeleton:
         row = self._row(i, j)
         if row is None:
             return False
+        self._forget(i, j)
         for half in (2 * row, 2 * row + 1):
             node = self._ends[half]
             if self._first[node] == half:
@@ -190,9 +193,22 @@ class Skeleton:
         off_i, off_j = self.anchor_from_node(link.i), self.anchor_from_node(link.j)
         return Edge(i, j, off_i @ link.i_from_j @ off_j.inverse(), carried(link.information, off_j), kind)
 
-    def ways_in_time(self, node: int) -> list[int]:
+    def beside(self, node: int) -> tuple[tuple[int, ...], tuple[int, ...]]:
+        """Its neighbours along the way that was driven, and those over loops by appearance; known until a link changes,
+        so that asking for them every frame costs nothing however often the chair has come by."""
+        known = self._beside.get(node)
+        if known is None:
+            known = tuple(self.neighbours(node, IN_TIME)), tuple(self.neighbours(node, (LinkKind.GLOBAL,)))
+            self._beside[node] = known
+        return known
+
+    def ways_in_time(self, node: int) -> tuple[int, ...]:
         """Its neighbours along the way that was driven."""
-        return self.neighbours(node, IN_TIME)
+        return self.beside(node)[0]
+
+    def _forget(self, *nodes: int) -> None:
+        for node in nodes:
+            self._beside.pop(node, None)
 
     def _halves(self, node: int) -> Iterator[int]:
         half = self._first[node]

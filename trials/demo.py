@@ -1,63 +1,78 @@
-"""The demo: a recording becomes a map, and a simulated chair drives to three places in it through joystick volts.
+"""The demo: a rider drives a simulated chair round a floor, it makes the map on the way, and then drives by itself.
 
-With the real recording at hand, the building is the one that was recorded: the world is raised from its map. Without
-it, a world that ships is first driven along its mapping route, and mapped on the way; the chair then drives in the true
-world, by the map it made. A bag keeps what the sensors said.
+The rider's joystick moves the chair through the shipped firmware, and the mapper maps live. The map is saved, and all
+is begun anew: on the map the chair finds out where it stands, while the rider drives it a little. Then it drives to
+three named places, among people who walk, one of whom may suddenly step in front, and one door on the way that was
+planned is shut.
 """
 
 from __future__ import annotations
 
-import os
 import time
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from dataclasses import dataclass, replace
+from itertools import pairwise
 from pathlib import Path
+
+import numpy as np
 
 from waychair.calibration.chair import CHAIR_A
 from waychair.calibration.dac import DEFAULT
+from waychair.errors import PlanningError
+from waychair.firmware_bridge.board import HostBoard, board_program
 from waychair.geometry import wrap_angle
 from waychair.maps.map_files import load_map
 from waychair.maps.places import load_places, save_places
 from waychair.maps.zones import load_zones
-from waychair.recording import read_recording
+from waychair.planning.costmap import costmap_from_grid
+from waychair.planning.global_planner import plan
 from waychair.runtime.live_mapping import LiveMapping
-from waychair.runtime.mapping import Mapping, MappingSettings, live_result, map_recording, save_mapping
+from waychair.runtime.mapping import Mapping, MappingSettings, live_result, save_mapping
+from waychair.simulation.follower import Follower
 from waychair.simulation.plant import PlantSettings, randomised
-from waychair.simulation.simulator import SensorMessage, Simulator, SimulatorSettings
-from waychair.simulation.world import World, load_world, world_from_grid
+from waychair.simulation.simulator import SensorMessage, SimulatorSettings
+from waychair.simulation.world import World, load_world
+from waychair.slam.evaluation import TruthErrors, truth_errors
 from waychair.slam.synchroniser import Synchroniser
 from waychair.topics import SCAN, WHEELS
-from waychair.trials.drive import Leg, Setting, drive_to_places
+from waychair.trials.drive import Found, Leg, Setting, black_box, board_settings, chair_in, drive_leg, find_itself
 from waychair.trials.record import drive_route
-from waychair.types import Place, Pose2, Scan, WheelTicks
+from waychair.trials.revisits import truth_of
+from waychair.trials.ride import Ride, WatchedSimulator, ride_of
+from waychair.types import FloatArray, Place, Pose2, Scan, WheelTicks
 
-REAL_LOG = Path("lidar_intel") / "intel_first1088s.clf.gz"
-"""Intel Research Lab, Seattle, recorded by D. Haehnel: within the folder of recordings."""
-
-REAL_PLACES = (
-    Place("north office", Pose2(4.3, 3.0, 1.57)),
-    Place("east lounge", Pose2(15.5, -7.0, 0.0)),
-    Place("south corridor", Pose2(-5.0, -19.0, 3.14)),
-)
-"""Poses in the frame of the log's first scan, put where the recording robot went; the names are ours."""
-
+WORLD = "second_floor"
 SMALL_WORLD = "small_clinic"
 MOST_GOALS = 3
 """A world with more places than these is driven to its first ones only."""
+
+FIRST_GOALS = ("lift", "restroom")
+"""Where the drives lead first, where there are such places."""
+
+_AT_DOOR = 0.5
+"""A path leads through a door whose middle is this near [m]."""
 
 Progress = Callable[[str, float], None]
 
 
 @dataclass(frozen=True, slots=True)
 class Demo:
-    """What the demo made: the map, the legs that were driven in it, and the seconds each stage took."""
+    """What the demo made: the map and its errors, the legs that were driven on it, and the seconds each stage took.
 
-    title: str
-    lead: str
+    `found`: how the chair found out where it was. `closed` is the door that was shut, empty for none. `person_m` [m] is
+    how near a person came while the chair drove itself, +inf where nobody was about.
+    """
+
+    world: str
     mapping: Mapping
+    errors: TruthErrors
     setting: Setting
     legs: tuple[Leg, ...]
+    found: Found
+    closed: str
+    person_m: float
+    ride: Ride
     seconds: dict[str, float]
     seed: int
 
@@ -67,43 +82,63 @@ class Demo:
         return sum(leg.reached for leg in self.legs)
 
 
-def real_log() -> Path | None:
-    """The real recording (in `WAYCHAIR_DATA`, else ../shared/data), when it is there."""
-    path = Path(os.environ.get("WAYCHAIR_DATA", "../shared/data")) / REAL_LOG
-    return path if path.is_file() else None
-
-
 def run_demo(
     out: Path,
     seed: int = 0,
-    log: Path | None = None,
     progress: Progress = lambda stage, share: None,
-    world: str | Path = SMALL_WORLD,
-    people: bool = False,
+    world: str | Path = WORLD,
+    surprises: bool = True,
+    box: Path | None = None,
 ) -> Demo:
-    """Maps `log`, or without one a drive through `world`, into `out`/map and drives to up to three places there.
+    """Maps a drive through `world` into `out`/map, and drives to up to three places on that map.
 
-    `people` are those of the world; the chair foresees where they go.
+    Without `surprises` nobody is about and all doors stay open. `box` is the folder of a black box.
 
     Raises:
-        WorldError: there is no such world, or it has no mapping route.
+        WorldError: there is no such world, it has no mapping route, or the rider ran into something.
+        BoardBuildError: the firmware cannot be built here, for want of a C compiler.
     """
     stage = _Stages(progress)
-    scene = _recorded_scene(out, log, stage) if log else _simulated_scene(out, _world(world, people), seed, stage)
-    folder = out / "map"
-    save_places(folder, {place.name: _in_map(place, scene.map_from_world) for place in scene.world.places})
-    grid, places, zones = load_map(folder), load_places(folder), load_zones(folder)
-    setting = Setting(grid, places, CHAIR_A, DEFAULT, scene.map_from_world, zones=zones)
-    goals = [place.name for place in scene.world.places[:MOST_GOALS]]
-    with stage("drive"):
-        simulator = Simulator(scene.world, CHAIR_A, chair_of(seed), seed)
-        legs = drive_to_places(setting, simulator, goals, progress=lambda share: progress("drive", share))
-    return Demo(scene.title, scene.lead, scene.mapping, setting, legs, stage.seconds, seed)
-
-
-def _world(name: str | Path, people: bool) -> World:
-    world = load_world(name)
-    return world if people else world.without_people()
+    building = load_world(world) if surprises else load_world(world).without_people()
+    simulator = WatchedSimulator(building, CHAIR_A, chair_of(seed), seed)
+    with stage("map"):
+        mapping, errors = _mapped(out, simulator, stage)
+    with stage("save"):
+        save_mapping(out / "map", mapping, MappingSettings())
+        map_from_world = building.start.inverse()
+        save_places(out / "map", {place.name: _in_map(place, map_from_world) for place in building.places})
+    setting = _setting_of(out / "map", map_from_world)
+    goals = _goals(building)
+    closed = _door_on_the_way(building, goals) if surprises else ""
+    if closed:
+        simulator.close(closed)
+    simulator.populate(building.people)
+    with (
+        black_box(setting, box) as watcher,
+        chair_in(setting, simulator, watcher, told=False) as chair,
+    ):
+        with stage("find"):
+            found = find_itself(simulator, chair, Follower(_way_back(building), CHAIR_A.track, PlantSettings()))
+        began_ns, legs = simulator.now_ns, []
+        with stage("drive"):
+            for index, goal in enumerate(goals):
+                legs.append(drive_leg(setting, simulator, chair, goal))
+                progress("drive", (index + 1) / len(goals))
+    motion = simulator.motion().since(began_ns)
+    person_m = float(motion.people.min(initial=np.inf))
+    return Demo(
+        building.name,
+        mapping,
+        errors,
+        setting,
+        tuple(legs),
+        found,
+        closed,
+        person_m,
+        ride_of(motion),
+        stage.seconds,
+        seed,
+    )
 
 
 def chair_of(seed: int) -> SimulatorSettings:
@@ -111,42 +146,22 @@ def chair_of(seed: int) -> SimulatorSettings:
     return SimulatorSettings(plant=randomised(PlantSettings(), seed))
 
 
-@dataclass(frozen=True, slots=True)
-class _Scene:
-    """A world to drive in, with the map that was made of it."""
-
-    title: str
-    lead: str
-    world: World
-    mapping: Mapping
-    map_from_world: Pose2
-
-
-def _recorded_scene(out: Path, log: Path, stage: _Stages) -> _Scene:
-    """The building of a real recording: the world is raised from its map."""
-    mapping = _mapped(log, out / "map", stage)
-    world = world_from_grid(load_map(out / "map"), Pose2(), REAL_PLACES)
-    lead = f"Mapped from {log.name}; driven in a world raised from that map."
-    return _Scene("Intel Research Lab, from a real recording", lead, world, mapping, Pose2())
-
-
-def _simulated_scene(out: Path, world: World, seed: int, stage: _Stages) -> _Scene:
-    """A world of a floor plan: driven along its mapping route, recorded, and mapped by the chair on the way."""
-    route = world.route()
+def _mapped(out: Path, simulator: WatchedSimulator, stage: _Stages) -> tuple[Mapping, TruthErrors]:
+    """The floor's map, made while a rider drives its mapping route through the firmware, and how true it is."""
     bag = out / "drive.mcap"
     bag.unlink(missing_ok=True)
-    settings = MappingSettings()
-    with stage("map"):
-        simulator = Simulator(world, CHAIR_A, chair_of(seed), seed)
-        live = LiveMapping(settings, CHAIR_A.base_from_laser, CHAIR_A)
-        hears = _Hearing(live)
-        drive_route(simulator, CHAIR_A, route, bag, lambda share: stage.progress("map", share), hear=hears.message)
-        mapping = live_result(live, bag, "a simulated drive, mapped on the way")
-    with stage("save"):
-        save_mapping(out / "map", mapping, settings)
-    title = f"{world.name}, a simulated world"
-    lead = "A simulated chair was driven, mapped on the way, and drove in that map; it knows the map only."
-    return _Scene(title, lead, world, mapping, world.start.inverse())
+    live = LiveMapping(MappingSettings(), CHAIR_A.base_from_laser, CHAIR_A)
+    wiring = board_settings(Setting(simulator.world.grid, {}, CHAIR_A, DEFAULT))
+    route = simulator.world.route()
+    with HostBoard(board_program(), wiring) as board:
+        simulator.wire(board)
+        try:
+            hear = _Hearing(live).message
+            drive_route(simulator, CHAIR_A, route, bag, lambda share: stage.progress("map", share), hear=hear)
+        finally:
+            simulator.wire(None)
+    mapping = live_result(live, bag, "a simulated drive, mapped on the way")
+    return mapping, truth_errors(mapping.result.trajectory, truth_of(bag))
 
 
 class _Hearing:
@@ -165,15 +180,38 @@ class _Hearing:
                 self._live.process(frame)
 
 
-def _mapped(log: Path, folder: Path, stage: _Stages) -> Mapping:
-    settings = MappingSettings()
-    with stage("read"):
-        recording = read_recording(log)
-    with stage("map"):
-        mapping = map_recording(recording, settings, lambda share: stage.progress("map", share))
-    with stage("save"):
-        save_mapping(folder, mapping, settings)
-    return mapping
+def _setting_of(folder: Path, map_from_world: Pose2) -> Setting:
+    """The saved map, read again."""
+    places = load_places(folder)
+    return Setting(load_map(folder), places, CHAIR_A, DEFAULT, map_from_world, zones=load_zones(folder))
+
+
+def _goals(world: World) -> list[str]:
+    """Names of the places in the order in which they are driven to."""
+    names = [place.name for place in world.places]
+    first = [name for name in FIRST_GOALS if name in names]
+    return [*first, *(name for name in names if name not in first)][:MOST_GOALS]
+
+
+def _door_on_the_way(world: World, goals: list[str]) -> str:
+    """A door that a drive is planned through, the last ones first, and that can be driven round; empty for none."""
+    places = {place.name: place.pose for place in world.places}
+    for begin, end in reversed([(places[a], places[b]) for a, b in pairwise(goals)]):
+        way = plan(costmap_from_grid(world.grid, CHAIR_A), begin, end).poses[:, :2]
+        for door in world.doors:
+            if np.hypot(*(way - (door.middle.x, door.middle.y)).T).min() > _AT_DOOR:
+                continue
+            try:
+                plan(costmap_from_grid(world.with_closed([door.name]).grid, CHAIR_A), begin, end)
+            except PlanningError:
+                continue
+            return door.name
+    return ""
+
+
+def _way_back(world: World) -> FloatArray:
+    """The mapping route from its end."""
+    return world.route()[-2::-1]
 
 
 class _Stages:

@@ -6,6 +6,7 @@ from pathlib import Path
 
 import numpy as np
 
+from waychair.control.limiter import LimiterSettings
 from waychair.files import write_json
 from waychair.runtime.mapping import peak_memory_mb
 from waychair.runtime.report import (
@@ -23,6 +24,7 @@ from waychair.runtime.report import (
 from waychair.slam.graph import EdgeKind
 from waychair.trials.demo import Demo
 from waychair.trials.drive import Leg
+from waychair.trials.ride import ride_row
 from waychair.types import Json, Pose2
 
 HEADER = ("place", "reached", "way", "time", "off by", "contacts", "clearance", "plans", "localised within")
@@ -47,14 +49,22 @@ def row(leg: Leg) -> tuple[str, ...]:
 
 def report(demo: Demo) -> Json:
     """The demo as JSON."""
+    near = demo.person_m
     return {
-        "title": demo.title,
+        "world": demo.world,
         "seed": demo.seed,
+        "ate_m": round(demo.errors.rmse_m, 4),
+        "ate_max_m": round(demo.errors.errors.max_m, 4),
+        "loop_closures": sum(edge.kind is EdgeKind.LOOP for edge in demo.mapping.result.edges),
+        "found": {"found": demo.found.found, "s": round(demo.found.seconds, 2), "m": round(demo.found.metres, 2)},
+        "closed_door": demo.closed,
         "goals": len(demo.legs),
         "goals_reached": demo.reached,
         "contacts": sum(leg.contacts for leg in demo.legs),
+        "min_person_distance_m": round(near, 3) if np.isfinite(near) else None,
         "min_clearance_m": round(min(float(leg.clearance.min()) for leg in demo.legs), 4),
         "legs": [_leg(leg) for leg in demo.legs],
+        "ride": ride_row(demo.world, demo.ride),
         "mapping": demo.mapping.report,
         "stages": {name: round(value, 3) for name, value in demo.seconds.items()},
         "peak_memory_mb": round(peak_memory_mb(), 1),
@@ -71,11 +81,42 @@ def write_report(out: Path, demo: Demo) -> None:
     cpu = tuple((name, f"{value:.2f} s") for name, value in demo.mapping.report["cpu_seconds"].items())
     tables = (
         Table("Goals", HEADER, tuple(row(leg) for leg in demo.legs)),
+        Table("What else counts", ("figure", "value"), facts(demo)),
+        Table("Comfort", ("figure", "driven", "limit"), _comfort(demo)),
         Table("Time per stage, on the wall", ("stage", "time"), stages),
         Table("Mapping, processor time", ("stage", "time"), cpu),
     )
-    lead = f"{demo.lead} {demo.reached} of {len(demo.legs)} goals reached, {sum(leg.contacts for leg in demo.legs)} contacts, seed {demo.seed}."  # fmt: skip
-    write_page(out / "report.html", f"waychair demo: {demo.title}", lead, tables, pictures)
+    lead = (
+        f"A rider drove a simulated chair through {demo.world} by joystick while it made the map; begun anew on that map, "
+        f"it found out where it was and drove itself. {demo.reached} of {len(demo.legs)} goals reached, "
+        f"{sum(leg.contacts for leg in demo.legs)} contacts, seed {demo.seed}."
+    )
+    write_page(out / "report.html", f"waychair demo: {demo.world}", lead, tables, pictures)
+
+
+def facts(demo: Demo) -> tuple[tuple[str, str], ...]:
+    """What the demo comes to besides its goals, in words."""
+    found, near = demo.found, demo.person_m
+    loops = sum(edge.kind is EdgeKind.LOOP for edge in demo.mapping.result.edges)
+    return (
+        ("map's error (ATE)", f"{1000 * demo.errors.rmse_m:.0f} mm over {demo.mapping.report['distance_m']:.0f} m"),
+        ("loop closures", f"{loops}"),
+        ("found itself", f"after {found.seconds:.1f} s, {found.metres:.1f} m by joystick" if found.found else "no"),
+        ("a door that was shut", demo.closed or "none"),
+        ("nearest person", f"{near:.2f} m" if np.isfinite(near) else "nobody about"),
+    )
+
+
+def _comfort(demo: Demo) -> tuple[tuple[str, str, str], ...]:
+    ride, limits = demo.ride, LimiterSettings()
+    return (
+        ("speeding up", f"{ride.speeding_up:.2f} m/s^2", f"{limits.acceleration:.2f}"),
+        ("slowing down", f"{ride.slowing_down:.2f} m/s^2", f"{limits.braking:.2f}, emergency {limits.emergency:.2f}"),
+        ("sideways", f"{ride.sideways:.2f} m/s^2", f"{limits.lateral:.2f}"),
+        ("jerk, 99 % of the time", f"{ride.jerk_p99:.2f} m/s^3", f"{limits.jerk:.2f}"),
+        ("r.m.s., weighted by ISO 2631-1", f"{ride.weighted_rms:.3f} m/s^2", "0.315: not uncomfortable"),
+        ("hard stops", f"{ride.hard_stops}", ""),
+    )
 
 
 def _leg(leg: Leg) -> Json:
@@ -101,7 +142,7 @@ def _map_picture(demo: Demo) -> Picture:
     result = demo.mapping.result
     figure, axes = new_figure(8, 8)
     draw_map(axes, demo.mapping.grid)
-    axes.plot(*result.trajectory.poses[:, :2].T, color=COLOURS[0], linewidth=1.0, label="recorded drive")
+    axes.plot(*result.trajectory.poses[:, :2].T, color=COLOURS[0], linewidth=1.0, label="mapping drive")
     loops = [edge for edge in result.edges if edge.kind is EdgeKind.LOOP]
     for edge in loops:
         axes.plot(*result.key_poses[[edge.i, edge.j], :2].T, color=COLOURS[1], linewidth=0.8)

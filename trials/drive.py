@@ -8,8 +8,9 @@ from __future__ import annotations
 import math
 import time
 from collections.abc import Callable, Iterator, Mapping, Sequence
-from contextlib import contextmanager
+from contextlib import AbstractContextManager, contextmanager, nullcontext
 from dataclasses import dataclass, field
+from pathlib import Path
 
 import numpy as np
 
@@ -19,18 +20,24 @@ from waychair.calibration.dac import DacModel
 from waychair.calibration.stopping import StopTable
 from waychair.control.navigator import Stage
 from waychair.firmware_bridge.board import BoardSettings, HostBoard, board_program
-from waychair.firmware_bridge.transports import Reconnecting
+from waychair.firmware_bridge.transports import Reconnecting, Transport
 from waychair.geometry import wrap_angle
 from waychair.maps.zones import Zone
-from waychair.runtime.chair import Chair, ChairSettings, ChairState
+from waychair.runtime.black_box import About, BlackBox
+from waychair.runtime.chair import Chair, ChairSettings, ChairState, ChairWatcher
+from waychair.simulation.follower import Follower
 from waychair.simulation.simulator import SensorMessage, Simulator
+from waychair.slam.localiser import LocalisationState
 from waychair.topics import COMMAND
 from waychair.trials.simulated_stops import simulated_stops
-from waychair.types import FloatArray, Goal, OccupancyGrid, Place, Pose2
+from waychair.types import FloatArray, Goal, JoystickInput, OccupancyGrid, Place, Pose2
 
 TICK_NS = round(1e9 / COMMAND.rate_hz)
 BEAT_NS = 10_000_000
 """The board is kept company this often; a tick is a whole number of them."""
+
+_STANDING = 0.01
+"""Sum of speed and turning [m/s, rad/s] below which a chair stands."""
 
 READY_S = 5.0
 """A chair that was switched on has heard of its board, its lidar and its place by then."""
@@ -103,25 +110,45 @@ def drive_to_places(
     goals: Sequence[str],
     time_limit_s: float = 300.0,
     progress: Callable[[float], None] | None = None,
+    box: Path | None = None,
 ) -> tuple[Leg, ...]:
     """Drives to the named places in turn, each leg at most `time_limit_s` of simulated time.
 
+    `box`: folder of the black box that logs it, for `waychair why`.
+
     Raises:
+        BoxError: the black box cannot be written, or another program writes it.
         UnknownPlace: a goal is not among the places.
         BoardBuildError: the firmware cannot be built here, for want of a C compiler.
     """
     legs = []
-    with chair_in(setting, simulator) as chair:
+    with black_box(setting, box) as watcher, chair_in(setting, simulator, watcher) as chair:
         for index, goal in enumerate(goals):
-            legs.append(_leg(setting, simulator, chair, goal, time_limit_s))
+            legs.append(drive_leg(setting, simulator, chair, goal, time_limit_s))
             if progress is not None:
                 progress((index + 1) / len(goals))
     return tuple(legs)
 
 
+def black_box(setting: Setting, folder: Path | None) -> AbstractContextManager[BlackBox | None]:
+    """The black box of a chair in a setting; none without a folder."""
+    if folder is None:
+        return nullcontext()
+    return BlackBox(folder, About(setting.chair, calibration_of(setting), setting.places))
+
+
 @contextmanager
-def chair_in(setting: Setting, simulator: Simulator) -> Iterator[Chair]:
+def chair_in(
+    setting: Setting,
+    simulator: Simulator,
+    watcher: ChairWatcher | None = None,
+    tapped: Callable[[Transport], Transport] = lambda transport: transport,
+    told: bool = True,
+) -> Iterator[Chair]:
     """A chair where the simulated one stands, cabled to a board that is wired into it for as long as the block lasts.
+
+    `watcher` looks on; see `Chair`. `tapped` may put something into the cable. The chair is `told` where it stands, or
+    has to find out.
 
     Raises:
         BoardBuildError: the firmware cannot be built here, for want of a C compiler.
@@ -129,24 +156,25 @@ def chair_in(setting: Setting, simulator: Simulator) -> Iterator[Chair]:
     start = setting.map_from_world @ simulator.truth()
     with HostBoard(board_program(), board_settings(setting)) as board:
         simulator.wire(board)
-        cable = Reconnecting(lambda: board.transport)
+        cable = Reconnecting(lambda: tapped(board.transport))
         try:
             yield Chair(
                 setting.grid,
                 setting.places,
-                _calibration(setting),
+                calibration_of(setting),
                 cable,
-                start,
+                start if told else None,
                 setting.chair,
                 setting.calibration,
                 zones=setting.zones,
                 scanned=setting.scanned,
+                watcher=watcher,
             )
         finally:
             simulator.wire(None)
 
 
-def _calibration(setting: Setting) -> ChairCalibration:
+def calibration_of(setting: Setting) -> ChairCalibration:
     """What would be in the chair's file."""
     body = setting.body
     return ChairCalibration(body.chair_id, "", body, stops=setting.stops or simulated_stops(body))
@@ -185,7 +213,38 @@ def advance_tick(simulator: Simulator, chair: Chair) -> tuple[SensorMessage, ...
     return tuple(messages)
 
 
-def _leg(setting: Setting, simulator: Simulator, chair: Chair, goal: str, time_limit_s: float) -> Leg:
+@dataclass(frozen=True, slots=True)
+class Found:
+    """How long [s] and how far [m] a rider drove until the chair knew where it was; whether it ever did."""
+
+    found: bool
+    seconds: float
+    metres: float
+
+
+def find_itself(simulator: Simulator, chair: Chair, follower: Follower) -> Found:
+    """A rider drives along a route by joystick until the chair knows where it is, and lets it come to rest."""
+    began_ns, metres, last = simulator.now_ns, 0.0, simulator.truth()
+    while True:
+        messages = advance_tick(simulator, chair)
+        state = chair.step(simulator.now_ns, messages)
+        pose = simulator.truth()
+        metres, last = metres + math.dist((pose.x, pose.y), (last.x, last.y)), pose
+        found = state.localisation is not None and state.localisation.state is LocalisationState.OK
+        seconds = (simulator.now_ns - began_ns) * 1e-9
+        if found or follower.done:
+            break
+        forward, turn = follower.stick(pose, simulator.body, simulator.people)
+        simulator.rider = JoystickInput(simulator.now_ns, forward, turn)
+    simulator.rider = JoystickInput(simulator.now_ns)
+    while abs(simulator.twist().v) + abs(simulator.twist().omega) > _STANDING:
+        messages = advance_tick(simulator, chair)
+        chair.step(simulator.now_ns, messages)
+    return Found(found, seconds, metres)
+
+
+def drive_leg(setting: Setting, simulator: Simulator, chair: Chair, goal: str, time_limit_s: float = 300.0) -> Leg:
+    """Drives to one named place; see `drive_to_places`."""
     begin(simulator, chair, Goal(goal))
     began_ns, contacts = simulator.now_ns, simulator.contacts
     states: list[ChairState] = []

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import replace
+from pathlib import Path
 
 import numpy as np
 
@@ -35,12 +36,13 @@ def navigate(
     sensors: bool = False,
     scanned: OccupancyGrid | None = None,
     map_from_world: Pose2 | None = None,
+    box: Path | None = None,
 ) -> tuple[Leg, ...]:
     """Drives chair A from a start to places in turn, both in the map's frame, among so many people who walk about.
 
     A `world` that is given stands at `map_from_world`; its own start and people are left out. `zones` are the map's. With
     `sensors` the chair has sonars, a depth camera and an IMU besides its lidar. `scanned` is the map as a lidar sees it
-    in that world; in one raised from the map itself it sees all of it.
+    in that world; in one raised from the map itself it sees all of it. `box` is the folder of a black box.
 
     Raises:
         WorldError: the chair does not fit at the start, the start lies outside the map, or there is no room for people.
@@ -56,7 +58,7 @@ def navigate(
     simulator = Simulator(with_walkers(world, people, seed), CHAIR_A, chair, seed)
     places = {place.name: place for place in goals}
     setting = Setting(grid, places, CHAIR_A, DEFAULT, map_from_world, zones=zones, scanned=scanned)
-    return drive_to_places(setting, simulator, [place.name for place in goals])
+    return drive_to_places(setting, simulator, [place.name for place in goals], box=box)
 
 
 def with_walkers(world: World, count: int, seed: int, radius: float = 0.25) -> World:

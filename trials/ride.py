@@ -52,6 +52,12 @@ class Motion:
         k = max(int(np.searchsorted(self.stamps_ns, stamp_ns, side="right")) - 1, 0)
         return Pose2(*self.poses[k].tolist()), Twist(*self.twists[k].tolist())
 
+    def since(self, stamp_ns: int) -> Motion:
+        """What came after a stamp."""
+        later = self.stamps_ns > stamp_ns
+        told = self.told[later] if len(self.told) else self.told
+        return Motion(self.stamps_ns[later], self.poses[later], self.twists[later], self.people[later], told)
+
 
 class WatchedSimulator(Simulator):
     """A simulator that keeps the true motion, one sample whenever it was advanced."""

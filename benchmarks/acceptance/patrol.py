@@ -1,7 +1,8 @@
-"""A patrol through a synthetic building at 1 Hz: what a chair would see, measure and believe, without pictures.
+"""A patrol through a synthetic building at 1 Hz: the scans, odometry and features of a chair, without rendering pictures.
 
-Landmarks along the corridors stand for visual words: a view is those before the camera, some missed, some wrong, so that
-revisits look alike as far as they overlap. Odometry drifts. Every value follows from the seed.
+Landmarks on the walls of the corridors stand for corners: a view is those before the camera, some missed, some wrong,
+with noise on pixels, depth and bits, so that revisits look alike as far as they overlap. Odometry drifts. Every value
+follows from the seed.
 """
 
 from __future__ import annotations
@@ -12,26 +13,33 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from waychair.slam.nodes import Evidence, Node
-from waychair.types import FloatArray, Pose2, Scan
+from waychair.calibration.chair import CHAIR_A
+from waychair.geometry import in_space
+from waychair.slam.features import Features
+from waychair.types import Bytes, FloatArray, IntArray, Odometry, Pose2, Scan, SensorFrame
 
 SPACING = 20.0  # [m] between parallel corridors
 COLUMNS, ROWS = 4, 3  # of crossings
 WIDTH = 2.4  # [m] of a corridor
 _DENSITY = 40  # landmarks per metre of corridor
-_REACH, _HALF_VIEW = 7.0, math.radians(35)
+_REACH, _NEAREST = 7.0, 0.5  # [m] ahead of the camera
+_FOCAL, _CENTRE = 525.0, np.array([320.0, 240.0])  # [px]
+CAMERA = np.array([_FOCAL, _FOCAL, *_CENTRE])
+_PIXEL, _DEPTH, _BITS = 0.5, 0.01, 8  # noise: [px], share of the depth, of 256 bits on average
 _MOST, _SEEN, _WRONG = 150, 0.85, 10  # words in a view, share of landmarks found, words that are of none
 _SPEED, _TURN = 0.8, math.radians(45)  # per second
 _BEAMS = 180
+_CUPBOARDS = 5  # in a corridor
 _SECOND = 1_000_000_000
 
 
 @dataclass(frozen=True, slots=True)
 class Sight:
-    """One second of the patrol: where the chair is, and the node that is made of it (its odometry drifts)."""
+    """One second of the patrol: where the chair is, its scan with the odometry (which drifts), and what its camera sees."""
 
     truth: Pose2
-    node: Node
+    frame: SensorFrame
+    features: Features
 
 
 class Patrol:
@@ -46,6 +54,8 @@ class Patrol:
         for word, (x, y) in enumerate(self._landmarks.tolist()):
             self._cells.setdefault((int(x // _REACH), int(y // _REACH)), []).append(word)
         self._descriptors = places.integers(0, 256, (len(self._landmarks), 32), dtype=np.uint8)
+        heights = places.uniform(0.2, 2.2, len(self._landmarks))
+        self._points = np.column_stack([self._landmarks, heights])
 
     def sights(self) -> Iterator[Sight]:
         """One after the other, for ever."""
@@ -57,7 +67,9 @@ class Patrol:
                 driven = step.x * (1.01 + 0.01 * slip[0])
                 odometry = odometry @ Pose2(driven, step.y, step.theta * 1.01 + abs(step.x) * (0.001 + 0.004 * slip[1]))
             before = truth
-            yield Sight(truth, self._node(second, truth, odometry))
+            stamp = second * _SECOND
+            scan = Scan(stamp, _ranges(truth), -math.pi, math.tau / _BEAMS, range_max=25.0)
+            yield Sight(truth, SensorFrame(stamp, scan, wheels=(Odometry(stamp, odometry),)), self._view(truth))
 
     def _poses(self) -> Iterator[Pose2]:
         """Along the corridors from crossing to crossing, with stops."""
@@ -81,41 +93,39 @@ class Patrol:
                 c, s = math.cos(heading), math.sin(heading)
                 yield Pose2(x + c * along - s * off, y + s * along + c * off, heading + rng.normal(0.0, 0.01))
 
-    def _node(self, second: int, truth: Pose2, odometry: Pose2) -> Node:
-        rng, stamp = self._rng, second * _SECOND
-        words = self._in_view(truth)
-        words = words[rng.random(len(words)) < _SEEN][:_MOST]
-        points = (self._landmarks[words] - (truth.x, truth.y)) + rng.normal(0.0, 0.02, (len(words), 2))
-        c, s = math.cos(truth.theta), math.sin(truth.theta)
-        ahead, left = points @ (c, s), points @ (-s, c)
-        optical = np.stack([-left, np.zeros_like(left), ahead], axis=1).astype(np.float32)
-        pixels = np.stack([320 - 525 * left / np.maximum(ahead, 0.3), np.full_like(left, 240.0)], axis=1)
-        ids = words + 1
-        ids[rng.permutation(len(ids))[:_WRONG]] = rng.integers(len(self._landmarks), 10**6, min(_WRONG, len(ids)))
-        scan = Scan(stamp, _ranges(truth), -math.pi, math.tau / _BEAMS, range_max=25.0)
-        angles = scan.angles()
-        surface = (scan.ranges[:, None] * np.stack([np.cos(angles), np.sin(angles)], axis=1)).astype(np.float32)
-        return Node(
-            stamp,
-            odometry,
-            ids.astype(np.int32),
-            pixels.astype(np.float32),
-            optical,
-            self._descriptors[words],
-            surface,
-            Evidence(scan, Pose2(), Pose2()),
-        )
+    def _view(self, truth: Pose2) -> Features:
+        """Landmarks before the camera, the clearest first, as it sees them."""
+        rng, camera = self._rng, (in_space(truth) @ CHAIR_A.base_from_camera).inverse()
+        near = self._near(truth)
+        at = self._points[near] @ camera.rotation.T + camera.translation
+        pixels = _CENTRE + _FOCAL * at[:, :2] / np.maximum(at[:, 2:], _NEAREST)
+        inside = (pixels >= 0).all(axis=1) & (pixels < 2 * _CENTRE).all(axis=1)
+        inside &= (at[:, 2] > _NEAREST) & (at[:, 2] < _REACH) & (rng.random(len(near)) < _SEEN)
+        seen = np.flatnonzero(inside)
+        seen = seen[np.argsort(self._order[near[seen]])][:_MOST]
+        count = len(seen)
+        noisy = pixels[seen] + rng.normal(0.0, _PIXEL, (count, 2))
+        depth = at[seen, 2] * (1.0 + rng.normal(0.0, _DEPTH, count))
+        points = np.column_stack([(noisy - _CENTRE) / _FOCAL * depth[:, None], depth])
+        flips = np.packbits(rng.random((count, 256)) < _BITS / 256, axis=1)
+        descriptors = self._descriptors[near[seen]] ^ flips
+        wrong = rng.permutation(count)[:_WRONG]
+        descriptors[wrong] = rng.integers(0, 256, (len(wrong), 32), dtype=np.uint8)
+        return _features(noisy, points, descriptors)
 
-    def _in_view(self, pose: Pose2) -> np.ndarray[tuple[int], np.dtype[np.int64]]:
-        """Landmarks before the camera, the clearest first."""
+    def _near(self, pose: Pose2) -> IntArray:
+        """Landmarks in the cells round the chair."""
         column, row = int(pose.x // _REACH), int(pose.y // _REACH)
         round_it = [(column + i, row + j) for i in (-1, 0, 1) for j in (-1, 0, 1)]
-        words = np.array([word for cell in round_it for word in self._cells.get(cell, ())], np.int64)
-        away = self._landmarks[words] - (pose.x, pose.y)
-        distance = np.hypot(*away.T)
-        aside = np.abs(np.angle(np.exp(1j * (np.arctan2(away[:, 1], away[:, 0]) - pose.theta))))
-        seen = words[(distance < _REACH) & (distance > 0.5) & (aside < _HALF_VIEW)]
-        return seen[np.argsort(self._order[seen])]
+        return np.array([word for cell in round_it for word in self._cells.get(cell, ())], np.int64)
+
+
+def _features(pixels: FloatArray, points: FloatArray, descriptors: Bytes) -> Features:
+    count, single = len(pixels), np.float32
+    return Features(
+        pixels.astype(single), descriptors, points.astype(single),
+        np.ones(count, single), np.zeros(count, np.uint8), np.full(count, np.nan, single),
+    )  # fmt: skip
 
 
 def _corridors() -> list[tuple[FloatArray, FloatArray]]:
@@ -135,7 +145,8 @@ def _along(start: FloatArray, end: FloatArray, rng: np.random.Generator) -> Floa
 
 
 def _blocks() -> FloatArray:
-    """(K, 4) low x, low y, high x, high y of what is between the corridors, and of the four walls round all."""
+    """(K, 4) low x, low y, high x, high y of what is between the corridors, of the four walls round all, and of what stands
+    along them: without cupboards every corridor would look like every other one."""
     half, far = WIDTH / 2, 1.0
     right, top = (COLUMNS - 1) * SPACING + half, (ROWS - 1) * SPACING + half
     inner = [
@@ -149,7 +160,23 @@ def _blocks() -> FloatArray:
         (-half - far, -half - far, -half, top + far),
         (right, -half - far, right + far, top + far),
     ]
-    return np.array(inner + outer)
+    return np.concatenate([inner, outer, _cupboards(np.random.default_rng(8))])
+
+
+def _cupboards(rng: np.random.Generator) -> FloatArray:
+    """(K, 4) as `_blocks`: some on either wall of each corridor."""
+    blocks = []
+    for start, end in _corridors():
+        way = (end - start) / SPACING
+        across = np.array([-way[1], way[0]])
+        for _ in range(_CUPBOARDS):
+            along, length, depth = rng.uniform(2.0, SPACING - 4.0), rng.uniform(0.4, 2.0), rng.uniform(0.15, 0.4)
+            side = rng.choice([-1.0, 1.0]) * across
+            corners = start + np.array([along, along + length])[:, None] * way
+            wall, front = WIDTH / 2 * side, (WIDTH / 2 - depth) * side
+            points = np.concatenate([corners + wall, corners + front])
+            blocks.append([*points.min(axis=0), *points.max(axis=0)])
+    return np.array(blocks)
 
 
 _BLOCKS = _blocks()

@@ -188,11 +188,12 @@ def test_help_names_every_command_and_imports_nothing_heavy() -> None:
     assert done.returncode == 0, done.stderr
 
 
-def test_demo_without_the_recording_says_so_and_uses_the_small_world(tmp_path: Path) -> None:
-    command = [str(WAYCHAIR), "demo", "--out", str(tmp_path / "demo")]
+def test_the_demo_needs_no_recording_and_drives_a_world_that_ships(tmp_path: Path) -> None:
+    command = [str(WAYCHAIR), "demo", "--world", "small_clinic", "--no-surprises", "--out", str(tmp_path / "demo")]
     environment = {"PATH": "/usr/bin:/bin", "HOME": str(tmp_path), "WAYCHAIR_DATA": str(tmp_path / "none")}
     done = subprocess.run(command, capture_output=True, text=True, check=False, env=environment, cwd=tmp_path)
     assert done.returncode == 0, done.stderr
-    assert "small world" in done.stderr
     assert "3 of 3 goals reached" in done.stdout
-    assert json.loads((tmp_path / "demo" / "report.json").read_text())["goals_reached"] == 3
+    report = json.loads((tmp_path / "demo" / "report.json").read_text())
+    assert (report["goals_reached"], report["contacts"], report["found"]["found"]) == (3, 0, True)
+    assert report["ate_m"] < 0.1

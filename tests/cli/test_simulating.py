@@ -113,7 +113,7 @@ def test_a_recording_holds_all_sensors_at_their_rates(plan: Path, tmp_path: Path
     seconds = counts["/odom"] / 50.0
     rates = {topic: count / seconds for topic, count in counts.items() if topic != "/tf_static"}
     expected = {"/scan": 10, "/odom": 50, "/tf": 50, "/joint_states": 50, "/imu/data": 200, "/ground_truth/odom": 20}
-    expected |= {f"/sonar/{k}": 20 for k in range(8)}
+    expected |= {f"/sonar_{k}": 20 for k in range(8)}
     expected |= {
         f"/camera/{kind}/{what}": 15
         for kind in ("color", "aligned_depth_to_color")
@@ -218,7 +218,7 @@ def test_a_route_through_a_wall_of_the_chairs_width_is_refused_where_it_touches(
 def test_demo_drives_to_all_places_of_a_world_of_few(plan: Path, tmp_path: Path) -> None:
     demo = run_demo(tmp_path / "demo", seed=2, world=plan)
     assert [(leg.place, leg.reached, leg.contacts) for leg in demo.legs] == [("window", True, 0)]
-    assert demo.title.startswith("hall")
+    assert demo.world.startswith("hall")
     assert json.loads((tmp_path / "demo" / "map" / "report.json").read_text())["frames"] > 50
     again = run_demo(tmp_path / "demo", seed=2, world=plan)  # a second run replaces the first one's recording
     assert again.legs[0].error_m == demo.legs[0].error_m

@@ -37,7 +37,7 @@ def test_the_clinics_route_is_finished_without_contact(body: ChairBody, seed: in
     assert follower.done
     assert simulator.contacts == 0
     assert 1000 < scans < 2500
-    assert follower.volts(simulator.truth()) == (1.65, 1.65)
+    assert follower.stick(simulator.truth()) == (0.0, 0.0)
 
 
 def test_the_chair_rests_with_released_lines_when_the_route_is_done() -> None:
@@ -84,8 +84,8 @@ def test_the_rider_waits_for_who_is_ahead_or_would_be_brushed_in_a_turn_and_for_
     def drives(place: Pose2, goal: tuple[float, float]) -> bool:
         """Whether a chair at the origin sets out for the goal with a person standing at a place."""
         person = PersonState(place, 0.0, 0.0, 0.25, Behaviour.SEATED)
-        volts = Follower(np.array([goal]), CHAIR_A.track, NOMINAL).volts(Pose2(), CHAIR_A, (person,))
-        return volts != (1.65, 1.65)
+        stick = Follower(np.array([goal]), CHAIR_A.track, NOMINAL).stick(Pose2(), CHAIR_A, (person,))
+        return stick != (0.0, 0.0)
 
     ahead, aside = (3.0, 0.0), (0.0, 3.0)
     assert not drives(Pose2(CHAIR_A.front + 0.25 + 0.3, 0.0), ahead)

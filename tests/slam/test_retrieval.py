@@ -7,6 +7,7 @@ import pytest
 
 from tests.slam.corridor import SURE, chain, corridor, loop, stand, view
 from waychair.maps.grid_assembly import GridAssembly
+from waychair.slam.anchors import Anchors
 from waychair.slam.memory import Memory
 from waychair.slam.memory_settings import MemorySettings
 from waychair.slam.nodes import Kept, LinkKind
@@ -72,7 +73,9 @@ def test_awake_nodes_are_not_woken_again() -> None:
 def test_near_is_within_the_radius_and_nearest_first() -> None:
     anchors = np.zeros((31, 3))
     anchors[:, 0] = np.arange(31)
-    found = surroundings(half_asleep(), anchors, Pose2(14.2), 30, range(11, 28), (), MemorySettings(local_radius=2.0))
+    found = surroundings(
+        half_asleep(), Anchors(anchors), Pose2(14.2), 30, range(11, 28), (), MemorySettings(local_radius=2.0)
+    )
     assert list(found.near) == [14, 15, 13, 16]
 
 
@@ -80,11 +83,11 @@ def test_a_place_of_which_all_nodes_sleep_is_woken_by_where_it_is() -> None:
     skeleton, anchors = half_asleep(), np.zeros((31, 3))
     anchors[:, 0] = np.arange(31)
     reach = MemorySettings(local_radius=3.0, max_local_retrieved=2)
-    around = surroundings(skeleton, anchors, Pose2(5.2), 30, range(11, 28), (), reach)
+    around = surroundings(skeleton, Anchors(anchors), Pose2(5.2), 30, range(11, 28), (), reach)
     assert list(around.sleepers) == [5, 6]
     assert wanted(skeleton, None, around, reach) == [5, 6]
     letter = MemorySettings(local_radius=3.0, wake_by_place=False)
-    assert surroundings(skeleton, anchors, Pose2(5.2), 30, range(11, 28), (), letter).sleepers == []
+    assert surroundings(skeleton, Anchors(anchors), Pose2(5.2), 30, range(11, 28), (), letter).sleepers == []
 
 
 @pytest.mark.parametrize(("by_place", "known"), [(True, True), (False, False)])
@@ -113,9 +116,9 @@ def test_of_one_place_the_node_that_weighs_most_is_woken_and_none_where_one_is_a
     skeleton.rows["weight"][2] = 4
     anchors[1:, 0] = 1000.0
     reach = MemorySettings(local_radius=3.0)
-    assert list(surroundings(skeleton, anchors, Pose2(), 30, range(11, 28), (), reach).sleepers) == [2]
+    assert list(surroundings(skeleton, Anchors(anchors), Pose2(), 30, range(11, 28), (), reach).sleepers) == [2]
     skeleton.hang(11, 0, Pose2())
-    assert list(surroundings(skeleton, anchors, Pose2(), 30, range(11, 28), (), reach).sleepers) == []
+    assert list(surroundings(skeleton, Anchors(anchors), Pose2(), 30, range(11, 28), (), reach).sleepers) == []
 
 
 def test_neighbours_of_the_hypothesis_in_time_are_immunised_beyond_any_budget() -> None:

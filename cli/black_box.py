@@ -1,0 +1,45 @@
+"""The command that explains a stop from the chair's black box."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+from waychair.cli.arguments import BadArgument
+
+
+def why_command(*, box: Path = Path("out/box"), last: int = 1, json: bool = False, bag: Path | None = None) -> None:
+    """Explain the chair's last stop: what it was doing, what happened first, what followed, and what to do.
+
+    Parameters
+    ----------
+    box
+        The black box: the folder that --box named when the chair drove.
+    last
+        Explain so many stops, the latest first.
+    json
+        Print them as JSON.
+    bag
+        Write what the sensors said round the last stop as a ROS 2 bag, which `waychair map` reads: a new .mcap or .db3
+        file, or a new folder.
+    """
+    import msgspec
+
+    from waychair.runtime.why import explain, last_stops, sentences
+
+    if last < 1:
+        raise BadArgument(f"--last {last} explains nothing: give 1 or more")
+    stops = last_stops(box, last)
+    explained = [explain(stop) for stop in stops]
+    if bag is not None:
+        from waychair.runtime.black_box_bag import write_bag
+        from waychair.simulation.sonar import SonarSettings
+        from waychair.trials.record import mounts_of
+
+        write_bag(bag, stops[0].log, lambda body: mounts_of(body, SonarSettings().height))
+    for stop in stops:
+        if stop.part is not None:
+            stop.part.mark_read()
+    if json:
+        print(msgspec.json.format(msgspec.json.encode({"stops": explained}), indent=2).decode())
+    else:
+        print("\n\n".join("\n".join(sentences(each)) for each in explained))

@@ -1,0 +1,321 @@
+"""The black box of a chair: what it was told and did in the last ten minutes, and for good what was round each stop.
+
+`note` costs the control tick a few microseconds: it hands references to a queue, and a thread does the rest. Nothing
+the disk does holds the tick up: what the queue has no room for is dropped and counted, and a disk that is full or
+broken ends the log with one diagnostic while the chair drives on (F27).
+
+After the program is killed the log ends at most `write_ms` and a tick earlier; after a power cut at most `sync_ms` more,
+where disk and file system keep what `fdatasync` promised. The next run finds the loose end and keeps it as a part.
+"""
+
+from __future__ import annotations
+
+import contextlib
+import logging
+import queue
+import secrets
+import threading
+import time
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, field, replace
+from pathlib import Path
+from types import TracebackType
+from typing import Self
+
+import msgspec
+
+from waychair import __version__
+from waychair.calibration.calibration_file import ChairCalibration, content_hash
+from waychair.config import Settings, dump, setting
+from waychair.control.supervisor import DRIVEN
+from waychair.errors import BoxError
+from waychair.firmware_bridge.protocol import HelloReply
+from waychair.runtime.black_box_events import Event, Watch
+from waychair.runtime.black_box_file import (
+    BoardIdentity,
+    End,
+    Head,
+    Lost,
+    Moment,
+    Told,
+    encoded,
+    tick_from_state,
+)
+from waychair.runtime.black_box_store import (
+    Bounds,
+    Locked,
+    Part,
+    Parts,
+    Ring,
+    Segment,
+    cut_off,
+    finish,
+    segments_needed,
+    with_event,
+)
+from waychair.runtime.chair import ChairState
+from waychair.runtime.drive_base import Message
+from waychair.types import Goal, Place, RgbdFrame
+
+_LOGGER = logging.getLogger(__name__)
+_CLOSE_S = 5.0
+_MOVES, _ON_TICKS = 0.05, 20
+"""Commanded more than this [m/s] for so many ticks the chair has driven on after an event."""
+
+
+@dataclass(frozen=True, slots=True)
+class BlackBoxSettings(Settings):
+    """How much is kept, and how soon it is safe."""
+
+    minutes: float = setting(10.0, "min", "length of the ring", low=1.0, high=1440.0)
+    segment_s: float = setting(20.0, "s", "length of one of its files", low=1.0, high=600.0)
+    most_mb: int = setting(256, "MB", "most that the ring takes, whatever its length", low=1, high=100_000)
+    before_s: float = setting(30.0, "s", "kept before an event", low=0.0, high=600.0)
+    after_s: float = setting(30.0, "s", "kept after it", low=0.0, high=600.0)
+    parts: int = setting(20, "", "so many events are kept", low=1, high=10_000)
+    queue_ticks: int = setting(200, "", "ticks that wait for a slow disk; later ones are lost", low=10, high=10_000)
+    write_ms: int = setting(200, "ms", "what was noted is safe from the program's death after this", low=10, high=1000)
+    sync_ms: int = setting(1000, "ms", "and from a power cut after this", low=100, high=60_000)
+    pictures_hz: float = setting(0.0, "Hz", "pictures of the depth camera; 0: none", low=0.0, high=30.0)
+    jolt: float = setting(8.0, "m/s^2", "a horizontal acceleration that no drive makes", low=2.0, high=100.0)
+    jump: float = setting(0.5, "m", "a pose that moves by more at once has jumped", low=0.05, high=5.0)
+
+
+@dataclass(frozen=True, slots=True)
+class About:
+    """Whose log it is: the configuration in force, what is known of the chair, and the places of its map."""
+
+    configuration: Settings
+    calibration: ChairCalibration
+    places: Mapping[str, Place] = field(default_factory=dict)
+
+
+@dataclass(frozen=True, slots=True)
+class _Noted:
+    """What waits for the thread."""
+
+    state: ChairState
+    heard: tuple[Message, ...]
+    board: HelloReply | None
+    wall_ns: int
+
+
+class BlackBox:
+    """A `ChairWatcher` that logs, for as long as the block lasts.
+
+    `problem` is empty while it does, else why it has ended; `lost` ticks were not logged, since the disk was too slow.
+    """
+
+    def __init__(self, folder: Path, about: About, settings: BlackBoxSettings | None = None) -> None:
+        """`folder` is made where there is none; one that another run has left is gone on with."""
+        self.folder, self.settings = folder, settings or BlackBoxSettings()
+        self.problem = ""
+        self.lost = 0
+        places = {name: place.pose for name, place in about.places.items()}
+        self._head = Head(
+            secrets.token_hex(8),
+            0,
+            __version__,
+            dump(about.configuration),
+            msgspec.to_builtins(about.calibration),
+            content_hash(about.calibration),
+            places,
+        )
+        self._queue: queue.Queue[_Noted | Told | None] = queue.Queue(self.settings.queue_ticks)
+        self._pictured_ns: int | None = None
+
+    def __enter__(self) -> Self:
+        """
+        Raises:
+            BoxError: another program writes to it, or it cannot be written to.
+        """
+        self._lock = Locked(self.folder)
+        try:
+            self._writer = _Writer(self.folder, self._head, self.settings)
+        except OSError as error:
+            self._lock.__exit__()
+            raise BoxError(f"cannot write the black box {self.folder}: {error.strerror or error}") from error
+        self._thread = threading.Thread(target=self._work, name="black box", daemon=True)
+        self._thread.start()
+        return self
+
+    def __exit__(
+        self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
+    ) -> None:
+        try:
+            self._queue.put(None, timeout=_CLOSE_S)
+            self._thread.join(_CLOSE_S)
+        except queue.Full:
+            self.problem = self.problem or "the disk did not take the end of the log"
+        self._lock.__exit__()
+
+    def told(self, what: str, goals: tuple[Goal, ...] = ()) -> None:
+        """See `ChairWatcher`."""
+        self._put(Told(what, goals))
+
+    def note(self, heard: tuple[Message, ...], state: ChairState, board: HelloReply | None) -> None:
+        """See `ChairWatcher`."""
+        if self.problem:
+            return
+        kept = tuple(message for message in heard if not isinstance(message, RgbdFrame) or self._wanted(message))
+        self._put(_Noted(state, kept, board, time.time_ns()))
+
+    def _wanted(self, frame: RgbdFrame) -> bool:
+        """Whether it is time for a picture."""
+        if not self.settings.pictures_hz:
+            return False
+        before_ns, period_ns = self._pictured_ns, 0.99e9 / self.settings.pictures_hz
+        if before_ns is not None and 0 <= frame.stamp_ns - before_ns < period_ns:
+            return False
+        self._pictured_ns = frame.stamp_ns
+        return True
+
+    def _put(self, noted: _Noted | Told) -> None:
+        if self.problem:
+            return
+        try:
+            self._queue.put_nowait(noted)
+        except queue.Full:
+            self.lost += isinstance(noted, _Noted)
+
+    def _work(self) -> None:
+        """The thread: whatever goes wrong here ends the log and nothing else."""
+        pause_s, closing = self.settings.write_ms / 1000.0, False
+        try:
+            while not closing:
+                with contextlib.suppress(queue.Empty):
+                    noted = self._queue.get(timeout=pause_s)
+                    closing = noted is None
+                    if noted is not None:
+                        self._writer.take(noted, self.lost)
+                self._writer.flush()
+            self._writer.end()
+        except Exception as error:  # noqa: BLE001 - a chair does not stop because its log does
+            self._give_up(error)
+            while not closing:  # nobody shall wait for room in a queue that nobody empties
+                closing = self._queue.get() is None
+
+    def _give_up(self, error: Exception) -> None:
+        """Say so once; what was logged stays."""
+        why = error.strerror if isinstance(error, OSError) and error.strerror else str(error) or type(error).__name__
+        self.problem = f"the black box {self.folder} logs no more: {why}; make room or mend it, then start again"
+        self._writer.give_up(self.problem)
+        _LOGGER.warning("%s", self.problem)
+
+
+class _Writer:
+    """The thread's half: the ring, what happened, and the parts that are being kept."""
+
+    def __init__(self, folder: Path, head: Head, settings: BlackBoxSettings) -> None:
+        s = self._settings = settings
+        needed = segments_needed(max(60.0 * s.minutes, s.before_s + s.after_s), s.segment_s)
+        bounds = Bounds(needed, s.most_mb * 1_000_000, s.parts)
+        self._parts = Parts(folder, bounds)
+        self._keep_loose_end(folder)
+        self._ring = Ring(folder, bounds)
+        self._head = head
+        self._watch = Watch(s.jolt, s.jump)
+        self._open: list[Part] = []
+        self._driven_ticks = _ON_TICKS  # since the last event
+        self._lost = 0
+        self._written_s = self._synced_s = time.monotonic()
+        self._ring.begin(replace(head, wall_ns=time.time_ns()))
+
+    def _keep_loose_end(self, folder: Path) -> None:
+        """What a run that ended without a word has left is an event itself."""
+        left = cut_off(folder, self._settings.before_s)
+        if left is None:
+            return
+        event, log, segments = left
+        span_ns = event.stamp_ns - round(self._settings.before_s * 1e9), event.stamp_ns
+        part = self._parts.open(event, log.head, segments, span_ns)
+        self._parts.save(replace(part, closed=True))
+        finish(folder, event.text)
+
+    def take(self, noted: _Noted | Told, lost: int) -> None:
+        """Log it, and keep what it shows to have happened."""
+        if lost > self._lost:
+            self._ring.append(encoded(Lost(lost - self._lost)))
+            self._lost = lost
+        if isinstance(noted, Told):
+            self._ring.append(encoded(noted))
+            return
+        moment = Moment(tick_from_state(noted.state, noted.wall_ns), noted.heard)
+        tick = moment.tick
+        self._meet(noted.board)
+        segment = self._ring.segments[-1]
+        if self._ring.full_segment or not self._continues(segment, tick.stamp_ns):
+            self._next_segment()
+        self._ring.append(encoded(moment), tick.stamp_ns)
+        for event in self._watch.update(moment):
+            self._keep(event)
+        drives = tick.mode in DRIVEN and tick.sent.active
+        self._driven_ticks += drives and tick.command is not None and abs(tick.command.v) > _MOVES
+        self._close_parts(tick.stamp_ns)
+
+    def flush(self) -> None:
+        """Write and sync, if it is time."""
+        now_s = time.monotonic()
+        if now_s - self._written_s >= self._settings.write_ms / 1000.0:
+            self._ring.write()
+            self._written_s = now_s
+        if now_s - self._synced_s >= self._settings.sync_ms / 1000.0:
+            self._ring.sync()
+            self._synced_s = now_s
+
+    def end(self) -> None:
+        """Close on purpose."""
+        self._ring.append(encoded(End()))
+        self._close_parts(None)
+        self._ring.close()
+
+    def give_up(self, problem: str) -> None:
+        """Close because it has to be."""
+        self._ring.give_up(problem)
+
+    def _meet(self, board: HelloReply | None) -> None:
+        """A board that was not known yet, or another one, is written at the head of a segment."""
+        if board is None:
+            return
+        name = board.chair_id.rstrip(b"\0").decode(errors="replace")
+        identity = BoardIdentity(board.firmware_version, board.layout_hash, board.version, name)
+        if identity != self._head.board:
+            self._head = replace(self._head, board=identity)
+            self._ring.append(encoded(replace(self._head, wall_ns=time.time_ns())))
+
+    def _continues(self, segment: Segment, stamp_ns: int) -> bool:
+        """Whether a tick belongs to the present segment: a clock that went back begins another one."""
+        if segment.begin_ns is None or segment.end_ns is None:
+            return True
+        return segment.end_ns <= stamp_ns < segment.begin_ns + self._settings.segment_s * 1e9
+
+    def _next_segment(self) -> None:
+        self._keep_up(self._open)  # before the ring may drop what belongs to them
+        self._ring.begin(replace(self._head, wall_ns=time.time_ns()))
+
+    def _keep(self, event: Event) -> None:
+        """A part of its own, unless it follows from the event before: the chair has not driven on since."""
+        s, after_ns = self._settings, round(self._settings.after_s * 1e9)
+        if self._open and self._driven_ticks < _ON_TICKS:
+            self._open[-1] = with_event(self._open[-1], event, after_ns)
+            self._parts.save(self._open[-1])
+        else:
+            span_ns = event.stamp_ns - round(s.before_s * 1e9), event.stamp_ns + after_ns
+            self._ring.write()
+            self._open.append(self._parts.open(event, self._head, self._ring.segments, span_ns))
+        self._driven_ticks = 0
+
+    def _keep_up(self, parts: Sequence[Part]) -> None:
+        """Have them hold what was logged so far of theirs."""
+        if parts:
+            self._ring.write()
+        for part in parts:
+            self._parts.keep(part, self._ring.segments)
+
+    def _close_parts(self, now_ns: int | None) -> None:
+        """Those whose span is over; None: all of them."""
+        over = [part for part in self._open if now_ns is None or not part.begin_ns <= now_ns <= part.end_ns]
+        self._keep_up(over)
+        for part in over:
+            self._parts.save(replace(part, closed=True))
+            self._open.remove(part)

@@ -1,0 +1,152 @@
+"""What a black box keeps for good: every stop, fault, jolt and jump of the pose, found in the ticks as they come."""
+
+from __future__ import annotations
+
+import enum
+import math
+from collections.abc import Mapping
+from dataclasses import dataclass
+from types import MappingProxyType
+
+from waychair.control.navigator import Stage
+from waychair.control.stops import STOPS, Severity
+from waychair.control.supervisor import DRIVEN
+from waychair.runtime.black_box_file import Halted, Located, Moment, Tick
+from waychair.types import DriveMode, ImuSample
+
+
+class Gravity(enum.Enum):
+    """PAUSE: the chair stood and went on by itself; END: a drive was over, or did not begin; FAULT: something broke."""
+
+    PAUSE = "pause"
+    END = "end"
+    FAULT = "fault"
+
+
+@dataclass(frozen=True, slots=True)
+class Event:
+    """What happened at a tick: `id` of a row of `stops.STOPS` or of `OTHERS`, with a plain sentence."""
+
+    id: str
+    text: str
+    gravity: Gravity
+    stamp_ns: int
+    wall_ns: int
+
+
+OTHERS: Mapping[str, tuple[str, str]] = MappingProxyType(
+    {
+        "drive_failed": ("the drive was given up", "clear the way or choose another goal"),
+        "pose_corrected": (
+            "the chair found itself elsewhere on the map",
+            "see whether the map shows it right, then ask for the goal again",
+        ),
+        "jolt": ("the chair was jolted, as by a knock", "look for what it touched, and for damage"),
+        "program_ended": (
+            "the program ended without a word: it was killed, it crashed, or the power was cut",
+            "see the system's own log of that minute, then start it again and ask for the goal again",
+        ),
+    }
+)
+"""Events that are no rows of the table of stops: what happened, and what to do."""
+
+_SAME_PAUSE_NS = 2_000_000_000
+"""A reason to pause that is back within this time was never gone."""
+
+_SAME_JOLT_NS = 1_000_000_000
+_FAILED, _ENDED = Stage.FAILED.value, (Stage.FAILED.value, Stage.ARRIVED.value, Stage.IDLE.value)
+
+
+class Watch:
+    """Looks at each tick beside the one before."""
+
+    def __init__(self, jolt: float, jump: float) -> None:
+        """jolt: horizontal acceleration [m/s^2] that no drive makes; jump: of the pose at once [m]."""
+        self._jolt, self._jump = jolt, jump
+        self._drove = False
+        self._stage = Stage.IDLE.value
+        self._latched: frozenset[str] | None = None  # None until the chair has once been without
+        self._paused_ns: dict[str, int] = {}
+        self._located: Located | None = None
+        self._jolted_ns: int | None = None
+
+    def update(self, moment: Moment) -> tuple[Event, ...]:
+        """What happened in this tick, the gravest of each kind first."""
+        tick = moment.tick
+        found = [*self._end_of_drive(tick), *self._faults(tick), *self._jumped(tick), *self._jolts(moment)]
+        if tick.mode in DRIVEN:
+            found += self._pauses(tick)
+        self._drove, self._stage, self._located = tick.mode in DRIVEN, tick.stage, tick.located
+        named = {event.id: event for event in reversed(found)}
+        return tuple(event for event in found if named[event.id] is event)
+
+    def _end_of_drive(self, tick: Tick) -> list[Event]:
+        """A drive that ended before its goal, or was confirmed and did not begin."""
+        drives = tick.mode in DRIVEN
+        failed = tick.stage == _FAILED and (drives or self._stage not in _ENDED)
+        over = not drives and (self._drove or failed)
+        if over and tick.halt is not None:
+            waits = tick.halt.id == "unconfirmed"  # another goal was asked for, or nobody has said yes
+            return [] if waits else [_event(tick, tick.halt)]
+        if failed and (drives or self._drove):
+            return [Event("drive_failed", tick.stage_reason, Gravity.END, tick.stamp_ns, tick.wall_ns)]
+        if over and tick.mode is DriveMode.STOPPED:
+            return [_event(tick, Halted("stop_pressed", tick.reason))]
+        return []
+
+    def _faults(self, tick: Tick) -> list[Event]:
+        """What has to be reset and was not there before."""
+        now = {halted.id: halted for halted in tick.halts if _severity(halted) is Severity.LATCHES}
+        before, fresh = self._latched, [] if self._latched is None else [n for n in now if n not in self._latched]
+        if before is not None or not now:
+            self._latched = frozenset(now)
+        return [_event(tick, now[name]) for name in fresh]
+
+    def _pauses(self, tick: Tick) -> list[Event]:
+        """A drive that is held up."""
+        events = []
+        for halted in tick.halts:
+            if _severity(halted) is Severity.PAUSES:
+                before_ns = self._paused_ns.get(halted.id)
+                self._paused_ns[halted.id] = tick.stamp_ns
+                if before_ns is None or not 0 <= tick.stamp_ns - before_ns <= _SAME_PAUSE_NS:
+                    events.append(_event(tick, halted))
+        return events
+
+    def _jumped(self, tick: Tick) -> list[Event]:
+        """A pose that is corrected by much, at once."""
+        before, now = self._located, tick.located
+        if before is None or now is None or before == now:
+            return []
+        odom_from_base = now.map_from_odom.inverse() @ tick.map_from_base
+        was = before.map_from_odom @ odom_from_base
+        moved = math.hypot(was.x - tick.map_from_base.x, was.y - tick.map_from_base.y)
+        if moved <= self._jump:
+            return []
+        text = f"{OTHERS['pose_corrected'][0]} ({moved:.1f} m away): {OTHERS['pose_corrected'][1]}"
+        return [Event("pose_corrected", text, Gravity.FAULT, tick.stamp_ns, tick.wall_ns)]
+
+    def _jolts(self, moment: Moment) -> list[Event]:
+        """What the IMU feels of a knock; a drive brakes by less, and a lean of 8 degrees pulls by less."""
+        tick = moment.tick
+        felt = [math.hypot(*message.accel[:2]) for message in moment.heard if isinstance(message, ImuSample)]
+        hardest = max((value for value in felt if math.isfinite(value)), default=0.0)
+        if hardest < self._jolt:
+            return []
+        before_ns, self._jolted_ns = self._jolted_ns, tick.stamp_ns
+        if before_ns is not None and 0 <= tick.stamp_ns - before_ns < _SAME_JOLT_NS:
+            return []
+        text = f"{OTHERS['jolt'][0]} ({hardest:.0f} m/s2): {OTHERS['jolt'][1]}"
+        return [Event("jolt", text, Gravity.FAULT, tick.stamp_ns, tick.wall_ns)]
+
+
+def _severity(halted: Halted) -> Severity | None:
+    stop = STOPS.get(halted.id)
+    return None if stop is None else stop.severity
+
+
+def _event(tick: Tick, halted: Halted) -> Event:
+    by_severity = {Severity.PAUSES: Gravity.PAUSE, Severity.LATCHES: Gravity.FAULT}
+    severity = _severity(halted)
+    gravity = Gravity.END if severity is None else by_severity.get(severity, Gravity.END)
+    return Event(halted.id, halted.text, gravity, tick.stamp_ns, tick.wall_ns)

@@ -1,0 +1,407 @@
+"""The file format of the black box: what a chair was told and did, tick by tick, readable as far as it was written.
+
+A file is a row of records, each `mark kind length crc payload`: the mark `ab 57 42 01` is what a reader looks for
+after damage, the CRC-32 covers kind and payload, and the payload is MessagePack. A record of which the end is missing,
+or a byte is wrong, is left out and counted, and reading goes on at the next mark. The first record is a `Head`, so that
+every file says by itself which chair, configuration, calibration, board and software it is of.
+
+A bag needs an index or whole chunks to be read well; this log has to be read after a power cut, and holds what ROS has
+no messages for. `black_box_bag` makes a bag of it.
+"""
+
+from __future__ import annotations
+
+import struct
+import zlib
+from collections import deque
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass, field, replace
+from pathlib import Path
+from typing import Any, TypeAlias
+
+import msgspec
+import numpy as np
+
+from waychair.errors import BoxError
+from waychair.runtime.chair import ChairState
+from waychair.runtime.drive_base import Message
+from waychair.types import (
+    ChairStatus,
+    DriveMode,
+    Goal,
+    ImuSample,
+    Json,
+    Pose2,
+    RgbdFrame,
+    Scan,
+    Sent,
+    SonarReadings,
+    Telemetry,
+    Twist,
+    WheelTicks,
+)
+
+FORMAT = 1
+"""Version of the records; a log of another one is not guessed at."""
+
+_MARK = b"\xabWB\x01"
+_FRAME = struct.Struct("<4scII")
+_LARGEST = 1 << 24  # bytes of a payload: three uncompressed pictures
+
+
+@dataclass(frozen=True, slots=True)
+class BoardIdentity:
+    """What a board said of itself in its greeting: `layout_hash` is that of the messages on the wire."""
+
+    firmware_version: int
+    layout_hash: int
+    protocol_version: int
+    chair_id: str
+
+
+@dataclass(frozen=True, slots=True)
+class Head:
+    """What a chair's log is of. `session` names one run of the program, `configuration` is YAML with all values."""
+
+    session: str
+    wall_ns: int
+    software: str
+    configuration: str
+    calibration: Json
+    calibration_hash: str
+    places: dict[str, Pose2] = field(default_factory=dict)
+    board: BoardIdentity | None = None
+    format: int = FORMAT
+
+
+@dataclass(frozen=True, slots=True)
+class Halted:
+    """A row of the table of stops, by id, with its sentence and figures."""
+
+    id: str
+    text: str
+
+
+@dataclass(frozen=True, slots=True)
+class Located:
+    """What the localiser held at its last scan; see `Localisation`."""
+
+    state: str
+    health: float
+    inliers: float
+    map_from_odom: Pose2
+    remaining: Pose2
+    jumped: bool
+
+
+@dataclass(frozen=True, slots=True)
+class Tick:
+    """One tick of a chair: its `ChairState` without what can be computed again.
+
+    `goal`: where the path ends, None without one. `asked` is the navigator's twist. `wall_ns`: the clock on the wall.
+    """
+
+    stamp_ns: int
+    wall_ns: int
+    map_from_base: Pose2
+    twist: Twist
+    located: Located | None
+    mode: DriveMode
+    reason: str
+    share: float
+    drops_goal: bool
+    halt: Halted | None
+    halts: tuple[Halted, ...]
+    stage: str
+    stage_reason: str
+    asked: Twist
+    plans: int
+    goals: int
+    goal: Pose2 | None
+    command: Twist | None
+    sent: Sent
+    telemetry: Telemetry | None
+
+
+@dataclass(frozen=True, slots=True)
+class Told:
+    """What somebody asked of the chair after the tick before: go (with its goals), confirm, stop or reset."""
+
+    what: str
+    goals: tuple[Goal, ...] = ()
+
+
+@dataclass(frozen=True, slots=True)
+class Lost:
+    """So many ticks were not logged here, since the disk was too slow."""
+
+    ticks: int
+
+
+@dataclass(frozen=True, slots=True)
+class End:
+    """The log was closed on purpose; `problem` why before its time, if so."""
+
+    problem: str = ""
+
+
+@dataclass(frozen=True, slots=True)
+class StoredPicture:
+    """A picture with depth: JPEG, and a 16-bit PNG in millimetres (0: none)."""
+
+    stamp_ns: int
+    image: bytes
+    depth: bytes
+    camera_matrix: tuple[float, ...]
+    row_step: float
+
+
+@dataclass(frozen=True, slots=True)
+class Moment:
+    """A tick, and the messages that the chair heard since the one before."""
+
+    tick: Tick
+    heard: tuple[Message, ...] = ()
+
+
+Record: TypeAlias = Head | Moment | Told | Lost | End
+
+_KINDS: dict[bytes, type[Any]] = {b"H": Head, b"T": Moment, b"A": Told, b"L": Lost, b"E": End}
+_LETTERS = {kind: letter for letter, kind in _KINDS.items()}
+_HEARD = (WheelTicks, Scan, ImuSample, SonarReadings, ChairStatus, StoredPicture)
+
+
+def encoded(record: Record) -> bytes:
+    """A record as it lies in the file."""
+    values: Any = record
+    if isinstance(record, Moment):
+        values = record.tick, [(type(message).__name__, message) for message in map(_stored, record.heard)]
+    payload = _ENCODER.encode(values)
+    letter = _LETTERS[type(record)]
+    return _FRAME.pack(_MARK, letter, len(payload), zlib.crc32(payload, zlib.crc32(letter))) + payload
+
+
+def tick_from_state(state: ChairState, wall_ns: int) -> Tick:
+    """What is logged of a tick."""
+    verdict, navigation, found = state.verdict, state.navigation, state.localisation
+    path = navigation.path
+    return Tick(
+        stamp_ns=state.stamp_ns,
+        wall_ns=wall_ns,
+        map_from_base=state.map_from_base,
+        twist=state.twist,
+        located=None
+        if found is None
+        else Located(
+            found.state.value, found.health, found.inliers, found.map_from_odom, found.remaining, found.jumped
+        ),
+        mode=verdict.mode,
+        reason=verdict.reason,
+        share=verdict.share,
+        drops_goal=verdict.drops_goal,
+        halt=None if verdict.halt is None else Halted(verdict.halt.stop.id, verdict.halt.text),
+        halts=tuple(Halted(halted.stop.id, halted.text) for halted in state.halts),
+        stage=navigation.stage.value,
+        stage_reason=navigation.reason,
+        asked=navigation.twist,
+        plans=navigation.plans,
+        goals=navigation.goals,
+        goal=None if path is None or not len(path.poses) else Pose2(*path.poses[-1].tolist()),
+        command=state.command,
+        sent=state.sent,
+        telemetry=state.telemetry,
+    )
+
+
+@dataclass(frozen=True, slots=True)
+class Log:
+    """What is readable of one run: its latest head, moments in order, and what was asked for before which one (index).
+
+    `lost` ticks were not logged, `damaged` bytes are not readable; `end` None: it was cut off.
+    """
+
+    head: Head
+    moments: tuple[Moment, ...]
+    told: tuple[tuple[int, Told], ...]
+    lost: int
+    damaged: int
+    end: End | None
+
+    @property
+    def ticks(self) -> tuple[Tick, ...]:
+        """Without what was heard."""
+        return tuple(moment.tick for moment in self.moments)
+
+    def messages(self) -> Iterator[Message]:
+        """What the sensors said, in order."""
+        for moment in self.moments:
+            yield from moment.heard
+
+    def between(self, begin_ns: int, end_ns: int) -> Log:
+        """The ticks of a span of the chair's clock."""
+        kept = [k for k, moment in enumerate(self.moments) if begin_ns <= moment.tick.stamp_ns <= end_ns]
+        if not kept:
+            return replace(self, moments=(), told=())
+        first, last = kept[0], kept[-1]
+        told = tuple((k - first, each) for k, each in self.told if first <= k <= last + 1)
+        return replace(self, moments=self.moments[first : last + 1], told=told)
+
+
+def read_log(files: Sequence[Path]) -> Log:
+    """Files of one run in the order in which they were written.
+
+    Raises:
+        BoxError: nothing of a black box can be read in them, or it is of another version of the format.
+    """
+    heads, moments, told, lost, damaged = list[Head](), list[Moment](), list[tuple[int, Told]](), 0, 0
+    end: End | None = None
+    for file in files:
+        for record in _records(file):
+            end = None
+            if isinstance(record, Moment):
+                moments.append(record)
+            elif isinstance(record, Head):
+                heads.append(record)
+            elif isinstance(record, Told):
+                told.append((len(moments), record))
+            elif isinstance(record, Lost):
+                lost += record.ticks
+            elif isinstance(record, End):
+                end = record
+            else:
+                damaged += record
+    if not heads:
+        names = ", ".join(str(file) for file in files) or "no file"
+        raise BoxError(f"nothing of a black box can be read in {names}: it is no such log, or is damaged throughout")
+    return Log(heads[-1], tuple(moments), tuple(told), lost, damaged, end)
+
+
+def read_head(file: Path) -> Head | None:
+    """The head of a file; None if that is not readable.
+
+    Raises:
+        BoxError: it is of another version of the format.
+    """
+    return next((record for record in _records(file, 1 << 20) if isinstance(record, Head)), None)
+
+
+def read_end(file: Path) -> End | None:
+    """How a file was closed; None if it was not."""
+    last = deque(_records(file), maxlen=1)
+    return last[0] if last and isinstance(last[0], End) else None
+
+
+def _records(file: Path, most: int = -1) -> Iterator[Record | int]:
+    """Those of a file, or of its first bytes."""
+    try:
+        with file.open("rb") as opened:
+            data = opened.read(most)
+    except OSError as error:
+        raise BoxError(f"cannot read {file}: {error.strerror}; check the path and its permissions") from error
+    return records(data)
+
+
+def records(data: bytes) -> Iterator[Record | int]:
+    """Readable records; where there are others between them, how many bytes.
+
+    Raises:
+        BoxError: they are of another version of the format.
+    """
+    at = 0
+    while at < len(data):
+        record, end = _record_at(data, at)
+        if record is not None:
+            yield record
+        if end == at:
+            found = data.find(_MARK, at + 1)
+            end = len(data) if found < 0 else found
+            yield end - at
+        at = end
+
+
+def _record_at(data: bytes, at: int) -> tuple[Record | None, int]:
+    """The record at a place, None if it is of a kind that a later version writes, and its end; `at` where none is."""
+    if len(data) - at < _FRAME.size:
+        return None, at
+    mark, letter, length, crc = _FRAME.unpack_from(data, at)
+    end = at + _FRAME.size + length
+    if mark != _MARK or length > _LARGEST or end > len(data):
+        return None, at
+    payload = memoryview(data)[at + _FRAME.size : end]
+    if zlib.crc32(payload, zlib.crc32(letter)) != crc:
+        return None, at
+    if letter not in _KINDS:
+        return None, end
+    if letter == b"H" and _FORMAT.decode(payload).format != FORMAT:
+        raise BoxError(
+            f"the log is of format {_FORMAT.decode(payload).format}, and {FORMAT} is known: "
+            "read it with the version of waychair that wrote it"
+        )
+    try:
+        return _decoded(letter, payload), end
+    except (msgspec.MsgspecError, ValueError, TypeError, KeyError, IndexError):
+        return None, at
+
+
+def _decoded(letter: bytes, payload: memoryview) -> Record:
+    record: Record
+    if _KINDS[letter] is not Moment:
+        record = _DECODERS[letter].decode(payload)
+        return record
+    tick, heard = _MOMENTS.decode(payload)
+    decoded = (_HEARD_DECODERS[kind].decode(values) for kind, values in heard if kind in _HEARD_DECODERS)
+    return Moment(tick, tuple(_restored(message) for message in decoded))
+
+
+def _stored(message: Message | StoredPicture) -> Message | StoredPicture:
+    if not isinstance(message, RgbdFrame):
+        return message
+    import cv2
+
+    colour = message.image[..., ::-1] if message.image.ndim == 3 else message.image
+    millimetres = np.clip(np.rint(1000.0 * np.nan_to_num(message.depth, posinf=0.0, neginf=0.0)), 0, 65535)
+    _, image = cv2.imencode(".jpg", np.ascontiguousarray(colour))
+    _, depth = cv2.imencode(".png", millimetres.astype(np.uint16), [cv2.IMWRITE_PNG_COMPRESSION, 1])
+    matrix = tuple(float(value) for value in message.camera_matrix.ravel())
+    return StoredPicture(message.stamp_ns, image.tobytes(), depth.tobytes(), matrix, message.row_step)
+
+
+def _restored(message: Any) -> Message:
+    if not isinstance(message, StoredPicture):
+        heard: Message = message
+        return heard
+    import cv2
+
+    image = cv2.imdecode(np.frombuffer(message.image, np.uint8), cv2.IMREAD_UNCHANGED)
+    depth = cv2.imdecode(np.frombuffer(message.depth, np.uint8), cv2.IMREAD_UNCHANGED)
+    if image is None or depth is None:
+        raise ValueError("a picture is damaged")
+    colour = np.ascontiguousarray(image[..., ::-1] if image.ndim == 3 else image, np.uint8)
+    metres = np.where(depth > 0, depth.astype(np.float32) / np.float32(1000.0), np.float32(np.nan))
+    return RgbdFrame(message.stamp_ns, colour, metres, np.array(message.camera_matrix).reshape(3, 3), message.row_step)
+
+
+def _plain(value: Any) -> Any:
+    """Arrays as dtype, shape and bytes; numbers of numpy as Python's."""
+    if isinstance(value, np.ndarray):
+        return value.dtype.str, value.shape, value.tobytes()
+    if isinstance(value, np.generic):
+        return value.item()
+    raise NotImplementedError(f"a {type(value).__name__} cannot be logged")
+
+
+def _array(_: type, value: Any) -> Any:
+    dtype, shape, data = value
+    return np.frombuffer(data, dtype).reshape(shape)
+
+
+@dataclass(frozen=True, slots=True)
+class _AnyHead:
+    format: int = 0
+
+
+_ENCODER = msgspec.msgpack.Encoder(enc_hook=_plain)
+_DECODERS = {letter: msgspec.msgpack.Decoder(kind) for letter, kind in _KINDS.items() if kind is not Moment}
+_FORMAT = msgspec.msgpack.Decoder(_AnyHead)
+_HEARD_DECODERS = {kind.__name__: msgspec.msgpack.Decoder(kind, dec_hook=_array) for kind in _HEARD}
+_MOMENTS = msgspec.msgpack.Decoder(tuple[Tick, list[tuple[str, msgspec.Raw]]])

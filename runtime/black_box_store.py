@@ -1,0 +1,384 @@
+"""A black box on disk: a ring of segments, of which the oldest are dropped, and parts that are kept.
+
+    BOX/lock                      held by the program that writes
+    BOX/ring/00000042.log         one segment: see `black_box_file`
+    BOX/parts/0007-obstacle/      part.json, configuration.yaml, calibration.json and the segments round an event
+
+Segments are appended to, never mapped: a mapped file raises SIGBUS in whoever writes to it when the disk is full, which
+would kill the chair's program, and appending says so by an error. What was written survives the death of the program
+at once, and that of the computer from the next `fdatasync` on. A part holds hard links to its segments, so that keeping
+costs neither time nor room until the ring has dropped them; where there are no links, copies.
+"""
+
+from __future__ import annotations
+
+import contextlib
+import errno
+import fcntl
+import math
+import os
+import shutil
+from collections.abc import Sequence
+from dataclasses import dataclass, field, replace
+from pathlib import Path
+from typing import Any, Self
+
+import msgspec
+
+from waychair.calibration.calibration_file import SCHEMA
+from waychair.errors import BoxError
+from waychair.files import write_json, write_text
+from waychair.runtime.black_box_events import OTHERS, Event, Gravity
+from waychair.runtime.black_box_file import End, Head, Log, Tick, encoded, read_end, read_head, read_log
+
+RING, PARTS, LOCK = "ring", "parts", "lock"
+_ABOUT, _READ = "part.json", "read"
+LEAST_FREE = 64 << 20
+"""Logging ends when fewer bytes than these are free, so that the rest of the machine can go on."""
+
+
+@dataclass(frozen=True, slots=True)
+class Bounds:
+    """What a box may take: segments in the ring, their bytes together, and parts."""
+
+    segments: int
+    ring_bytes: int
+    parts: int
+
+
+@dataclass(slots=True)
+class Segment:
+    """A file of the ring and the span of the chair's clock that it holds, None while it holds no tick."""
+
+    path: Path
+    begin_ns: int | None = None
+    end_ns: int | None = None
+    size: int = 0
+
+    def overlaps(self, begin_ns: int, end_ns: int) -> bool:
+        """Whether it holds a tick of this span."""
+        return (
+            self.begin_ns is not None
+            and self.end_ns is not None
+            and self.begin_ns <= end_ns
+            and self.end_ns >= begin_ns
+        )
+
+
+class Ring:
+    """The segments of a box, written by one run of the program. All of it raises OSError when the disk will not."""
+
+    def __init__(self, folder: Path, bounds: Bounds) -> None:
+        """`folder` is the box's."""
+        self._folder, self._bounds = folder / RING, bounds
+        self._folder.mkdir(parents=True, exist_ok=True)
+        self._old = [Segment(path, size=path.stat().st_size) for path in segment_files(folder)]
+        self.segments: list[Segment] = []  # of this run
+        self._file: int | None = None
+        self._waiting = bytearray()
+
+    @property
+    def waiting(self) -> int:
+        """Bytes that are not written yet."""
+        return len(self._waiting)
+
+    @property
+    def full_segment(self) -> bool:
+        """Whether the present segment has its share of the ring's bytes."""
+        share = max(self._bounds.ring_bytes // self._bounds.segments, 1 << 16)
+        return bool(self.segments) and self.segments[-1].size + len(self._waiting) >= share
+
+    def begin(self, head: Head) -> None:
+        """A new segment; what exceeds the bounds is dropped.
+
+        Raises:
+            OSError: there is no room on the disk.
+        """
+        if shutil.disk_usage(self._folder).free < LEAST_FREE:
+            raise OSError(errno.ENOSPC, os.strerror(errno.ENOSPC))
+        self.close()
+        every = [*self._old, *self.segments]
+        number = 1 + max((int(segment.path.stem) for segment in every), default=0)
+        path = self._folder / f"{number:08d}.log"
+        self._file = os.open(path, os.O_WRONLY | os.O_CREAT | os.O_EXCL | os.O_APPEND | os.O_CLOEXEC, 0o644)
+        self.segments.append(Segment(path))
+        self._drop_oldest()
+        self._waiting += encoded(head)
+        self.sync()
+        sync_folder(self._folder)
+
+    def append(self, data: bytes, stamp_ns: int | None = None) -> None:
+        """A record, of a tick of this stamp or of none; it is written by the next `write`."""
+        self._waiting += data
+        segment = self.segments[-1]
+        if stamp_ns is not None:
+            segment.begin_ns = stamp_ns if segment.begin_ns is None else min(segment.begin_ns, stamp_ns)
+            segment.end_ns = stamp_ns if segment.end_ns is None else max(segment.end_ns, stamp_ns)
+
+    def write(self) -> None:
+        """Hand to the system what waits: from then on it survives the program's death."""
+        if self._file is None:
+            return
+        while self._waiting:
+            written = os.write(self._file, self._waiting)
+            self.segments[-1].size += written
+            del self._waiting[:written]
+
+    def sync(self) -> None:
+        """Have the disk keep it: from then on it survives a power cut, as far as the disk tells the truth."""
+        self.write()
+        if self._file is not None:
+            os.fdatasync(self._file)
+
+    def close(self) -> None:
+        """End the present segment, if there is one."""
+        if self._file is not None:
+            self.sync()
+            os.close(self._file)
+            self._file = None
+
+    def give_up(self, problem: str) -> None:
+        """The disk will not: drop the oldest segment, and write in the room of it what waits, and why the log ends."""
+        if self._file is None:
+            return
+        with contextlib.suppress(OSError):
+            every = [*self._old, *self.segments[:-1]]
+            if every:
+                every[0].path.unlink()
+            self._waiting += encoded(End(problem))  # after what is left of the record before
+            self.sync()
+        with contextlib.suppress(OSError):
+            os.close(self._file)
+        self._file = None
+
+    def _drop_oldest(self) -> None:
+        while True:
+            every = [*self._old, *self.segments]
+            size = sum(segment.size for segment in every)
+            if len(every) <= self._bounds.segments and size <= self._bounds.ring_bytes * (
+                1 - 1 / self._bounds.segments
+            ):
+                return
+            if len(every) == 1:
+                return
+            every[0].path.unlink(missing_ok=True)
+            (self._old or self.segments).pop(0)
+
+
+@dataclass(frozen=True, slots=True)
+class Part:
+    """What is kept of an event: what happened, in the order in which it did, and the span that belongs to it."""
+
+    folder: Path
+    session: str
+    events: tuple[Event, ...]
+    begin_ns: int
+    end_ns: int
+    software: str = ""
+    calibration_hash: str = ""
+    board: dict[str, Any] = field(default_factory=dict)
+    closed: bool = False
+
+    @property
+    def number(self) -> int:
+        """They are counted from 1."""
+        return int(self.folder.name.split("-")[0])
+
+    @property
+    def read(self) -> bool:
+        """Whether somebody has had it explained."""
+        return (self.folder / _READ).exists()
+
+    @property
+    def gravity(self) -> Gravity:
+        """Of the gravest event."""
+        return max((event.gravity for event in self.events), key=list(Gravity).index)
+
+    def mark_read(self) -> None:
+        """Somebody has seen it; a box that cannot be written to forgets that."""
+        with contextlib.suppress(OSError):
+            (self.folder / _READ).touch()
+
+    def log(self) -> Log:
+        """Its log.
+
+        Raises:
+            BoxError: nothing in it is readable.
+        """
+        return read_log(sorted(self.folder.glob("*.log"))).between(self.begin_ns, self.end_ns)
+
+
+class Parts:
+    """The kept parts of a box, written by one run of the program. All of it raises OSError when the disk will not."""
+
+    def __init__(self, folder: Path, bounds: Bounds) -> None:
+        self._box, self._folder, self._bounds = folder, folder / PARTS, bounds
+        self._folder.mkdir(parents=True, exist_ok=True)
+
+    def open(self, event: Event, head: Head, segments: Sequence[Segment], span_ns: tuple[int, int]) -> Part:
+        """Keep the segments of a span round an event; then drop what exceeds the bounds."""
+        taken = [part.number for part in parts_of(self._box)]
+        part = Part(
+            self._folder / f"{max(taken, default=0) + 1:04d}-{event.id}",
+            head.session,
+            (event,),
+            *span_ns,
+            head.software,
+            head.calibration_hash,
+            {} if head.board is None else msgspec.to_builtins(head.board),
+        )
+        part.folder.mkdir()
+        write_text(part.folder / "configuration.yaml", head.configuration)
+        known = {"schema": SCHEMA, **head.calibration, "hash": head.calibration_hash}
+        write_json(part.folder / "calibration.json", known)
+        self.keep(part, segments)
+        self.save(part)
+        self._drop_least()
+        return part
+
+    def keep(self, part: Part, segments: Sequence[Segment]) -> None:
+        """Link, or copy, what the part does not hold yet of the segments that belong to it."""
+        for segment in segments:
+            kept = part.folder / segment.path.name
+            if not segment.overlaps(part.begin_ns, part.end_ns) or not segment.path.exists():
+                continue
+            if kept.exists() and (kept.samefile(segment.path) or kept.stat().st_size == segment.path.stat().st_size):
+                continue
+            try:
+                os.link(segment.path, kept)
+            except OSError:
+                shutil.copyfile(segment.path, kept)
+
+    def save(self, part: Part) -> None:
+        """Write what is known of it."""
+        write_json(part.folder / _ABOUT, msgspec.to_builtins(part, enc_hook=lambda folder: folder.name))
+        with (part.folder / _ABOUT).open("rb") as file:
+            os.fsync(file.fileno())
+        sync_folder(part.folder)
+        sync_folder(self._folder)
+
+    def _drop_least(self) -> None:
+        """Too many: pauses before ends, of those the unread, of those the oldest; never the newest."""
+        kept = parts_of(self._box)
+        order = sorted(kept[:-1], key=lambda part: (part.gravity is not Gravity.PAUSE, part.read, part.number))
+        for part in order[: max(0, len(kept) - self._bounds.parts)]:
+            shutil.rmtree(part.folder, ignore_errors=True)
+
+
+class Locked:
+    """A box that nobody else writes to meanwhile; the system lets go of it when the program dies."""
+
+    def __init__(self, folder: Path) -> None:
+        """
+        Raises:
+            BoxError: another program writes to it, or it cannot be written to.
+        """
+        try:
+            folder.mkdir(parents=True, exist_ok=True)
+            self._file = os.open(folder / LOCK, os.O_RDWR | os.O_CREAT | os.O_CLOEXEC, 0o644)
+        except OSError as error:
+            raise BoxError(f"cannot write the black box {folder}: {error.strerror}; choose another folder") from error
+        try:
+            fcntl.flock(self._file, fcntl.LOCK_EX | fcntl.LOCK_NB)
+        except OSError as error:
+            os.close(self._file)
+            raise BoxError(f"another program writes the black box {folder}: give each chair its own folder") from error
+
+    def __enter__(self) -> Self:
+        return self
+
+    def __exit__(self, *_: object) -> None:
+        os.close(self._file)
+
+
+def is_written(folder: Path) -> bool:
+    """Whether a program writes to this box now."""
+    try:
+        with (folder / LOCK).open("rb") as file:
+            fcntl.flock(file, fcntl.LOCK_SH | fcntl.LOCK_NB)
+    except BlockingIOError:
+        return True
+    except OSError:
+        return False
+    return False
+
+
+def segment_files(folder: Path) -> list[Path]:
+    """The ring's, oldest first."""
+    return sorted(path for path in (folder / RING).glob("*.log") if path.stem.isdecimal())
+
+
+def parts_of(folder: Path) -> list[Part]:
+    """The parts of a box that can be read, oldest first."""
+    found = []
+    for path in sorted((folder / PARTS).glob("*/" + _ABOUT)):
+        with contextlib.suppress(OSError, msgspec.MsgspecError, ValueError):
+            values = msgspec.json.decode(path.read_bytes())
+            found.append(msgspec.convert({**values, "folder": str(path.parent)}, Part, dec_hook=_path))
+    return sorted((part for part in found if part.events), key=lambda part: part.number)
+
+
+def cut_off(folder: Path, before_s: float) -> tuple[Event, Log, list[Segment]] | None:
+    """What is left of a run that ended without a word: its end as an event, its last segments and what is in them.
+
+    None if none did.
+    """
+    files = [file for file in segment_files(folder) if _is_readable(file)]
+    if not files or read_end(files[-1]) is not None:
+        return None
+    session, segments = "", list[Segment]()
+    ended: Tick | None = None
+    for file in reversed(files):
+        log = read_log([file])
+        session = session or log.head.session
+        if log.head.session != session:
+            break
+        if log.moments:
+            stamps = [tick.stamp_ns for tick in log.ticks]
+            segments.insert(0, Segment(file, min(stamps), max(stamps), file.stat().st_size))
+            ended = ended or log.ticks[-1]
+            if ended.stamp_ns - min(stamps) > before_s * 1e9:
+                break
+    if ended is None:
+        return None
+    sentence, remedy = OTHERS["program_ended"]
+    event = Event("program_ended", f"{sentence}: {remedy}", Gravity.FAULT, ended.stamp_ns, ended.wall_ns)
+    return event, read_log([segment.path for segment in segments]), segments
+
+
+def _is_readable(file: Path) -> bool:
+    try:
+        return read_head(file) is not None
+    except BoxError:
+        return False
+
+
+def finish(folder: Path, problem: str) -> None:
+    """Say at the end of the ring that its last run is accounted for."""
+    with segment_files(folder)[-1].open("ab") as file:
+        file.write(encoded(End(problem)))
+
+
+def sync_folder(folder: Path) -> None:
+    """Have the disk keep the folder's list of files."""
+    descriptor = os.open(folder, os.O_RDONLY | os.O_DIRECTORY)
+    try:
+        os.fsync(descriptor)
+    finally:
+        os.close(descriptor)
+
+
+def with_event(part: Part, event: Event, after_ns: int) -> Part:
+    """The part with what happened next, and as long after that."""
+    return replace(part, events=(*part.events, event), end_ns=max(part.end_ns, event.stamp_ns + after_ns))
+
+
+def segments_needed(seconds: float, segment_s: float) -> int:
+    """So many segments always hold the last `seconds`."""
+    return math.ceil(seconds / segment_s) + 1
+
+
+def _path(kind: type, value: Any) -> Any:
+    if kind is Path:
+        return Path(value)
+    raise NotImplementedError(kind)

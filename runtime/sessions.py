@@ -1,0 +1,313 @@
+"""Several drives through one building, on different days, become one map.
+
+What a map is drawn from is kept beside it (`session.npz`): its graph of key scans, and the scans and pictures that hang
+on them. A further drive goes on with that graph. Until it is known where the drive began, its key scans hang on nothing
+(a map id of its own); the first loop that is proven, by pictures and scans or by scans alone, joins the two. Then the
+drive is taken from its beginning once more, now knowing where that is, so that what it sees again is covered by the key
+scans that are there, and the graph grows by what is new only.
+
+A key scan round which something has changed is renewed by the latest scan that it stood for; how the grid forgets what was
+moved away is in `maps.session_grid`.
+"""
+
+from __future__ import annotations
+
+import math
+import shutil
+import tempfile
+import zipfile
+from collections.abc import Callable, Iterator, Sequence
+from contextlib import contextmanager
+from dataclasses import dataclass
+from pathlib import Path
+
+import numpy as np
+from scipy.spatial import cKDTree
+
+from waychair.errors import OutputError, SessionError
+from waychair.files import replacing
+from waychair.maps.depth_scan import DepthScan
+from waychair.runtime.live_mapping import LiveMapping, LiveMappingSettings
+from waychair.slam.checkpoint import made_again, state_of
+from waychair.slam.edges import EdgeKind
+from waychair.slam.localiser import LocalisationState, Localiser, LocaliserSettings
+from waychair.slam.mapper import Mapper, twist_of
+from waychair.slam.scan_points import ScanPoints, scan_points
+from waychair.types import BoolArray, FloatArray, OccupancyGrid, Pose2, Pose3, Scan, SensorFrame
+
+SESSION = "session.npz"
+"""Name of the file in a map folder."""
+
+_MOUNT, _MOUNT_TURN = 0.05, math.radians(3.0)  # [m], [rad] by which mounts of one chair differ at most
+_NEAR, _ALIKE = 0.15, 0.85  # [m] from a point to the same surface, share of such points where nothing has changed
+
+
+@dataclass(frozen=True, slots=True)
+class KeptScan:
+    """A scan that the grid is drawn from: its session, its key scan, and the laser (2, 3) from there at both ends."""
+
+    session: int
+    scan: Scan
+    key: int
+    key_from_laser: FloatArray
+
+
+@dataclass(frozen=True, slots=True)
+class KeptPicture:
+    """What a picture with depth tells, its key scan, and where the chair was from there (3,)."""
+
+    told: DepthScan
+    key: int
+    key_from_base: FloatArray
+
+
+@dataclass(frozen=True, slots=True)
+class MapState:
+    """What a further drive goes on with. `scans` are those of the mapper's frames, in their order."""
+
+    mapper: Mapper
+    sessions: int
+    laser_height: float
+    base_from_camera: tuple[FloatArray, FloatArray] | None
+    features: str
+    scans: tuple[KeptScan, ...]
+    pictures: tuple[KeptPicture, ...]
+
+
+def state_of_map(live: LiveMapping, base_from_camera: Pose3 | None, features: str) -> MapState:
+    """Of a settled mapping; `features` is how pictures are recognised."""
+    mapper = live.mapper
+    numbers = sorted(mapper.key_frames + [frame for latest in mapper.covered_frames for frame in latest])
+    scans = [KeptScan(*live.scans.hung(number)) for number in numbers]
+    of_frame = dict(zip(numbers, scans, strict=True))
+    pictures = tuple(KeptPicture(*hung) for hung in live.depth.hung())
+    camera = None if base_from_camera is None else (base_from_camera.rotation, base_from_camera.translation)
+    return MapState(
+        mapper.continued(_renewed(mapper, of_frame)),
+        live.scans.session + 1,
+        live.settings.laser_height,
+        camera,
+        features,
+        tuple(scans),
+        pictures,
+    )
+
+
+def save_state(folder: Path, state: MapState) -> None:
+    """
+    Raises:
+        OutputError: it cannot be written.
+    """
+    with replacing(folder / SESSION) as aside, aside.open("wb") as file:
+        np.savez(file, **state_of(state))  # type: ignore[arg-type]
+
+
+def session_folder(map: Path) -> Path:
+    """The folder of a map given by it or by its map.yaml.
+
+    Raises:
+        SessionError: there is none.
+    """
+    folder = map.parent if map.name == "map.yaml" else map
+    if not folder.is_dir():
+        raise SessionError(f"there is no map folder {folder} to join the drive to: give that of an earlier drive's map")
+    return folder
+
+
+def load_state(folder: Path) -> MapState:
+    """
+    Raises:
+        SessionError: there is none, or it is damaged or of another version.
+    """
+    path = folder / SESSION
+    try:
+        with np.load(path, allow_pickle=False) as state:
+            return made_again(state, MapState)
+    except FileNotFoundError as error:
+        raise SessionError(f"{folder} holds no {SESSION} to go on from: map its recording again to get one") from error
+    except (OSError, ValueError, KeyError, EOFError, zipfile.BadZipFile) as error:
+        raise SessionError(f"{path} is damaged or of another version ({error}): map its recording again") from error
+
+
+def check_sensors(
+    state: MapState,
+    base_from_laser: Pose2,
+    settings: LiveMappingSettings,
+    base_from_camera: Pose3 | None,
+    features: str,
+) -> None:
+    """
+    Raises:
+        SessionError: the drive was recorded by other sensors than the map.
+    """
+    gap = state.mapper.base_from_laser.inverse() @ base_from_laser
+    height = settings.laser_height - state.laser_height
+    if math.hypot(gap.x, gap.y, height) > _MOUNT or abs(gap.theta) > _MOUNT_TURN:
+        then, now = (
+            "({:.2f} m, {:.2f} m, {:.2f} rad) at {:.2f} m".format(*pose.array(), up)
+            for pose, up in (
+                (state.mapper.base_from_laser, state.laser_height),
+                (base_from_laser, settings.laser_height),
+            )
+        )
+        raise SessionError(f"the map was made with the laser {then}, this drive has it {now}: map it by itself")
+    if state.base_from_camera is None or base_from_camera is None:
+        return
+    rotation, translation = state.base_from_camera
+    moved = float(np.linalg.norm(base_from_camera.translation - translation))
+    turned = math.acos(min(1.0, max(-1.0, (float(np.trace(rotation.T @ base_from_camera.rotation)) - 1.0) / 2.0)))
+    if moved > _MOUNT or turned > _MOUNT_TURN:
+        raise SessionError(
+            f"the map's camera was mounted elsewhere, by {moved:.2f} m and {turned:.2f} rad: map the drive by itself"
+        )
+    if state.features != features:
+        raise SessionError(
+            f"the map knows its places by {state.features}, this drive would by {features}: set that in --config"
+        )
+
+
+def go_on(live: LiveMapping, state: MapState) -> OccupancyGrid:
+    """A mapping that has seen nothing goes on with an earlier map, whose grid by its scans is returned.
+
+    The state is used up.
+    """
+    live.go_on(state.mapper, state.sessions)
+    for number, kept in enumerate(state.scans):
+        live.scans.begin(kept.session)
+        first, last = kept.key_from_laser
+        live.scans.add(number, kept.scan, kept.key, first, last)
+    live.scans.begin(state.sessions)
+    for picture in state.pictures:
+        live.depth.hang(picture.told, picture.key, picture.key_from_base)
+    live.scans.bend(live.mapper.keys.poses, np.zeros(2))
+    live.scans.settle()
+    return live.scans.grid()
+
+
+class Meeting:
+    """Whether a drive and the map of earlier ones have met, and by scans alone where the drive is on that map.
+
+    The chair is looked for on the saved grid as one that is switched on somewhere (`slam.localiser`). Where it says to
+    know, its scans have to fit the key scans there as those of any other loop, at two places some way apart.
+    """
+
+    def __init__(self, grid: OccupancyGrid, mapper: Mapper) -> None:
+        """`grid` is that of the map whose key scans the mapper has so far."""
+        self.joined = False
+        self._known = len(mapper.keys)
+        self._localiser = Localiser(grid, mapper.base_from_laser, None, LocaliserSettings())
+        self._loops = -1
+
+    def follow(self, mapper: Mapper, frame: SensorFrame) -> None:
+        """After the mapper was given a frame, and a loop was closed by whoever else does."""
+        if self.joined or frame.scan is None:
+            return
+        # what the scans say of the way since the drive began is better than what the wheels do
+        found = self._localiser.process(frame.scan, mapper.pose(), twist_of(frame))
+        if found.state is LocalisationState.OK:
+            here = found.map_from_base @ found.remaining
+            mapper.close(nearest_key(mapper, here, self._known)[0], here)
+        self._check(mapper)
+
+    def _check(self, mapper: Mapper) -> None:
+        """Whether a way leads from the chair to one of the key scans of earlier drives, looked for after each loop."""
+        closed = mapper.keys.kinds[EdgeKind.LOOP]
+        if not self.joined and closed != self._loops:
+            self.joined = mapper.keys.reaches(mapper.frames[-1].key, self._known)
+            self._loops = closed
+
+
+def nearest_key(mapper: Mapper, pose: Pose2, known: int) -> tuple[int, float]:
+    """Of the first `known` key scans the one nearest to a pose, and how far away that is [m]."""
+    away = np.hypot(*(mapper.keys.poses[:known, :2] - (pose.x, pose.y)).T)
+    nearest = int(np.argmin(away))
+    return nearest, float(away[nearest])
+
+
+def beginning(
+    mapper: Mapper, grid: OccupancyGrid, frames: Sequence[SensorFrame], follow: Callable[[Mapper, SensorFrame], None]
+) -> tuple[int, Pose2] | None:
+    """Where a drive begins on a map: the key scan next to its first frame, and that frame's pose from there.
+
+    None where it begins on ground that the map does not know. The mapper goes on with the map that the grid is of, and
+    has seen nothing else; `follow` is called after each frame, as by whoever closes loops by pictures.
+
+    Raises:
+        SessionError: the drive never comes to where the map was made, or nowhere that can be told from elsewhere.
+    """
+    known, meeting = len(mapper.keys), Meeting(grid, mapper)
+    for frame in frames:
+        mapper.process(frame)
+        follow(mapper, frame)
+        meeting.follow(mapper, frame)
+        if meeting.joined:
+            break
+    else:
+        raise SessionError(
+            "the drive meets the map nowhere that both recognise: record one that passes through a place that the map "
+            "knows, or map it by itself"
+        )
+    first = mapper.frames[mapper.begun]
+    pose = mapper.keys.pose(first.key) @ first.key_from_base
+    nearest, away = nearest_key(mapper, pose, known)
+    if away > mapper.settings.certain_way:
+        return None
+    return nearest, mapper.keys.pose(nearest).inverse() @ pose
+
+
+@contextmanager
+def written_aside(folder: Path, like: Path) -> Iterator[Path]:
+    """A folder with a copy of `like`, which takes the place of `folder` when the block ends well, and goes when not.
+
+    So whatever happens to a drive that is to be joined, the map that was there stays as it was.
+
+    Raises:
+        OutputError: it cannot be written.
+    """
+    folder = folder.absolute()
+    try:
+        folder.parent.mkdir(parents=True, exist_ok=True)
+        with tempfile.TemporaryDirectory(prefix=f".{folder.name}.", dir=folder.parent) as work:
+            aside = Path(work) / "new"
+            shutil.copytree(like, aside)
+            yield aside
+            if folder.exists():
+                before = Path(work) / "before"
+                folder.rename(before)
+                try:
+                    aside.rename(folder)
+                except OSError:
+                    before.rename(folder)
+                    raise
+            else:
+                aside.rename(folder)
+    except OSError as error:
+        raise OutputError(f"cannot write {folder}: {error.strerror or error}; choose another folder") from error
+
+
+def _renewed(mapper: Mapper, scans: dict[int, KeptScan]) -> dict[int, ScanPoints]:
+    """New surfaces of the key scans round which something has changed, by the latest scan that they stood for: what is
+    no longer seen is left out, what is new is added."""
+    renewed = {}
+    for key, latest in enumerate(mapper.covered_frames):
+        if not latest or latest[-1] < mapper.begun:
+            continue
+        kept = scans[latest[-1]]
+        seen = scan_points(kept.scan, Pose2(*kept.key_from_laser[0].tolist()), mapper.settings.matching.range_max)
+        before = mapper.keys.store[key]
+        if not len(before) or not len(seen):
+            continue
+        there = _beside(before.points, seen.points)
+        known = _beside(seen.points, before.points)
+        if min(there.mean(), known.mean()) < _ALIKE:
+            # what has stayed is kept where it was: placed anew each day it would drift
+            points = np.concatenate([before.points[there], seen.points[~known]])
+            renewed[key] = ScanPoints(points, np.concatenate([before.normals[there], seen.normals[~known]]))
+    return renewed
+
+
+def _beside(points: FloatArray, surface: FloatArray) -> BoolArray:
+    """(N,) whether points (N, 2) lie near one of a surface (M, 2)."""
+    away, _ = cKDTree(surface).query(points, distance_upper_bound=_NEAR)
+    near: BoolArray = away <= _NEAR
+    return near

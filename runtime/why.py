@@ -1,0 +1,296 @@
+"""Why a chair stopped, in plain sentences, from its black box."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+from datetime import UTC, datetime
+from itertools import pairwise
+from pathlib import Path
+
+from waychair.control.stops import STOPS, Severity
+from waychair.control.supervisor import DRIVEN
+from waychair.errors import BoxError
+from waychair.runtime.black_box_events import Event, Gravity
+from waychair.runtime.black_box_file import BoardIdentity, Halted, Log, Tick
+from waychair.runtime.black_box_store import PARTS, RING, Part, cut_off, is_written, parts_of, segment_files
+from waychair.runtime.why_evidence import Scene, evidence, look_at, remedy_of
+from waychair.types import DriveMode, Pose2
+
+_STANDS, _TURNS = 0.03, 0.06
+_NEAR = 0.3
+_BACK_S = 30.0
+"""How far back an ended run's last words are read [s]."""
+
+
+@dataclass(frozen=True, slots=True)
+class Explanation:
+    """One stop. `id` names its gravest reason, `wall_ns` is its time by the clock on the wall."""
+
+    id: str
+    wall_ns: int
+    doing: str
+    first: str
+    evidence: tuple[str, ...]
+    followed: tuple[str, ...]
+    remedy: str
+    look_at: tuple[str, ...]
+    where: Pose2
+    folder: str
+    software: str
+    calibration_hash: str
+    board: BoardIdentity | None
+
+
+@dataclass(frozen=True, slots=True)
+class Stop:
+    """What the box holds of one stop; `part` None while the run after it has not kept it yet."""
+
+    events: tuple[Event, ...]
+    log: Log
+    folder: Path
+    part: Part | None = None
+
+
+def last_stops(box: Path, count: int = 1) -> list[Stop]:
+    """The latest stops that a box knows of, the latest first.
+
+    Raises:
+        BoxError: there is no black box, or none of it can be read, or nothing has stopped the chair.
+    """
+    if not (box / RING).is_dir() and not (box / PARTS).is_dir():
+        what = "is no black box: it holds neither ring/ nor parts/" if box.exists() else "does not exist"
+        raise BoxError(f"{box} {what}; give the folder that --box named when the chair drove")
+    stops = [*_loose_end(box)]
+    problems = []
+    for part in reversed(parts_of(box)):
+        if len(stops) >= count:
+            break
+        try:
+            stops.append(Stop(part.events, _not_empty(part.log(), part.folder), part.folder, part))
+        except BoxError as error:
+            problems.append(str(error))
+    if stops:
+        return stops[:count]
+    if problems:
+        raise BoxError(problems[0])
+    if list((box / PARTS).glob("*")) or not segment_files(box):
+        raise BoxError(f"there is nothing to be read in the black box {box}: it is empty or damaged throughout")
+    raise BoxError(f"nothing has stopped the chair so far by the black box {box}")
+
+
+def _loose_end(box: Path) -> list[Stop]:
+    """A run that ended without a word, and that no later one has found."""
+    if is_written(box):
+        return []
+    left = cut_off(box, _BACK_S)
+    if left is None:
+        return []
+    event, log = left[0], left[1]
+    return [Stop((event,), log.between(event.stamp_ns - round(_BACK_S * 1e9), event.stamp_ns), box / RING)]
+
+
+def _not_empty(log: Log, folder: Path) -> Log:
+    if not log.moments:
+        raise BoxError(f"{folder} holds no tick that can be read: it is damaged")
+    return log
+
+
+def explain(stop: Stop) -> Explanation:
+    """What happened, in the order in which it did."""
+    log, worst = stop.log, _worst(stop.events)
+    at = _index(log, stop.events[0])
+    begun = _onset(log, at)
+    first = _first(stop.events[0], log, at, begun)
+    reasons = dict.fromkeys([first.id, *(event.id for event in stop.events)])
+    shown = dict.fromkeys(
+        sentence for name in reasons for sentence in evidence(_scene(log, stop.events, name, at), name)
+    )
+    tick = log.moments[at].tick
+    return Explanation(
+        id=worst.id,
+        wall_ns=worst.wall_ns,
+        doing=_doing(log, max(begun - 1, 0), at),
+        first=_told_first(first, log, begun, worst),
+        evidence=tuple(shown),
+        followed=tuple(_followed(stop, at, first)),
+        remedy=remedy_of(worst.id, worst.text),
+        look_at=tuple(dict.fromkeys(hint for name in reasons for hint in look_at(name))),
+        where=tick.map_from_base,
+        folder=str(stop.folder),
+        software=log.head.software,
+        calibration_hash=log.head.calibration_hash,
+        board=log.head.board,
+    )
+
+
+def sentences(explanation: Explanation) -> list[str]:
+    """An explanation as lines for a person."""
+    e = explanation
+    when = datetime.fromtimestamp(e.wall_ns * 1e-9, UTC).astimezone().strftime("%Y-%m-%d %H:%M:%S")
+    lines = [f"{when}: {e.id}", f"  What it was doing: {e.doing}.", f"  What happened first: {e.first}."]
+    lines += [f"    - {sentence}" for sentence in e.evidence]
+    lines += ["  What followed:", *(f"    - {sentence}" for sentence in e.followed)] if e.followed else []
+    lines.append(f"  What to do: {e.remedy}.")
+    lines += ["  Worth a look:", *(f"    - {hint}" for hint in e.look_at)] if e.look_at else []
+    board = (
+        "no board" if e.board is None else f"firmware {e.board.firmware_version >> 8}.{e.board.firmware_version & 255}"
+    )
+    wire = "" if e.board is None else f" (wire {e.board.layout_hash:08x})"
+    lines.append(f"  By: {e.folder}, waychair {e.software}, calibration {e.calibration_hash[:12]}, {board}{wire}")
+    return lines
+
+
+def _worst(events: tuple[Event, ...]) -> Event:
+    """The first of the gravest."""
+    return max(events, key=lambda event: list(Gravity).index(event.gravity))
+
+
+def _index(log: Log, event: Event) -> int:
+    """The tick of an event."""
+    gaps = [abs(tick.stamp_ns - event.stamp_ns) for tick in log.ticks]
+    return gaps.index(min(gaps))
+
+
+def _scene(log: Log, events: tuple[Event, ...], name: str, at: int) -> Scene:
+    """The tick at which a reason is looked at: that of its event."""
+    event = next((event for event in events if event.id == name), None)
+    return Scene(log, at if event is None else _index(log, event))
+
+
+def _onset(log: Log, at: int) -> int:
+    """The tick from which on something has held the drive up without a break, up to the event."""
+    begun = at
+    while begun > 0 and _held_up(log.moments[begun - 1].tick):
+        begun -= 1
+    return begun
+
+
+def _held_up(tick: Tick) -> bool:
+    return tick.mode in DRIVEN and any(_counts(halted) for halted in tick.halts)
+
+
+def _counts(halted: Halted) -> bool:
+    stop = STOPS.get(halted.id)
+    return stop is not None and stop.severity >= Severity.PAUSES
+
+
+def _first(event: Event, log: Log, at: int, begun: int) -> Halted:
+    """What came before all else: the event, or what had held the drive up before it."""
+    halts = [halted for halted in log.moments[begun].tick.halts if _counts(halted)] if begun < at else []
+    return halts[0] if halts else Halted(event.id, event.text)
+
+
+def _told_first(first: Halted, log: Log, begun: int, worst: Event) -> str:
+    before_s = (worst.stamp_ns - log.moments[begun].tick.stamp_ns) * 1e-9
+    earlier = f", {before_s:.1f} s earlier" if before_s >= 0.1 else ""
+    sentence = STOPS[first.id].sentence if first.id in STOPS else first.text.partition(": ")[0]
+    return f"{sentence} ({first.id}{earlier})"
+
+
+def _doing(log: Log, index: int, at: int) -> str:
+    """Where to, how fast and where, in the tick before it began; the event was `at`."""
+    tick = log.moments[index].tick
+    here = tick.map_from_base
+    where = f"at {here.x:.2f}, {here.y:.2f} on the map"
+    speed = tick.twist.v
+    moves = f"at {abs(speed):.2f} m/s{' backwards' if speed < -_STANDS else ''}"
+    if abs(speed) < _STANDS:
+        moves = "turning on the spot" if abs(tick.twist.omega) > _TURNS else "standing"
+    if tick.mode not in DRIVEN:
+        who = "Stop had been pressed" if tick.mode is DriveMode.STOPPED else "the computer did not drive"
+        asked = max((k for k, told in log.told if told.what == "go" and k <= at), default=None)
+        if asked is not None and not any(moment.tick.mode in DRIVEN for moment in log.moments[asked:at]):
+            who = f"it was to set off to {_goal(log, at)}"
+        return f"{who}; the chair was {moves} {where}"
+    hand = ", with the rider's hand on the joystick" if tick.mode is DriveMode.ASSISTED else ""
+    return f"driving by itself{hand} to {_goal(log, index)}, {moves}, {where}"
+
+
+def _goal(log: Log, index: int) -> str:
+    """Its name or its pose, and how far it was as the crow flies."""
+    tick = log.moments[index].tick
+    asked = [told.goals for k, told in log.told if told.what == "go" and k <= index]
+    goals = asked[-1] if asked else ()
+    left = tick.goals or len(goals)  # none is left of a drive that has just failed
+    target = goals[len(goals) - left].target if 0 < left <= len(goals) else tick.goal
+    pose = log.head.places.get(target) if isinstance(target, str) else target
+    pose = pose or tick.goal
+    if pose is None:
+        return target if isinstance(target, str) else "a goal to which it knew no way"
+    name = target if isinstance(target, str) else _place_at(log, pose)
+    here = tick.map_from_base
+    return f"{name} ({math.hypot(pose.x - here.x, pose.y - here.y):.1f} m away)"
+
+
+def _place_at(log: Log, pose: Pose2) -> str:
+    names = {
+        name: math.hypot(place.x - pose.x, place.y - pose.y)
+        for name, place in log.head.places.items()
+        if math.hypot(place.x - pose.x, place.y - pose.y) < _NEAR
+    }
+    return min(names, key=names.__getitem__, default=f"{pose.x:.2f}, {pose.y:.2f}")
+
+
+def _followed(stop: Stop, at: int, first: Halted) -> list[str]:
+    """What came of it until the next drive, with seconds after the first event."""
+    log, began_ns = stop.log, stop.log.moments[at].tick.stamp_ns
+    ticks = _until_next_drive(log.ticks[max(at - 1, 0) :])
+    after = ticks[1 if at else 0 :]
+    told = [(event.stamp_ns, event.text) for event in stop.events if event.id != first.id]
+    told += [
+        (after[k - at].stamp_ns, f"somebody asked for: {each.what}")
+        for k, each in log.told
+        if at < k < at + len(after) and each.what != "confirm"
+    ]
+    told += [*_released(after), *_came_to_rest(after), *_over(ticks)]
+    told.sort(key=lambda entry: entry[0])
+    lines = [f"{max(0.0, (stamp_ns - began_ns) * 1e-9):.1f} s later: {text}" for stamp_ns, text in told]
+    if log.lost:
+        lines.append(f"{log.lost} ticks are missing in the log: the disk was too slow")
+    if log.damaged:
+        lines.append(f"{log.damaged} bytes of the log cannot be read")
+    if log.end is not None and log.end.problem and not log.end.problem.startswith("the program ended"):
+        lines.append(f"the log ends early: {log.end.problem}")
+    return lines
+
+
+def _released(after: tuple[Tick, ...]) -> list[tuple[int, str]]:
+    """When the lines were let go."""
+    if not after or not after[0].sent.active:
+        return [(after[0].stamp_ns, "the computer had let go of the joystick lines")] if after else []
+    tick = next((tick for tick in after if not tick.sent.active), None)
+    if tick is None:
+        return []
+    why = "" if tick.sent.reason in ("", "no command") else f": {tick.sent.reason}"
+    return [(tick.stamp_ns, f"the computer let go of the joystick lines{why}")]
+
+
+def _came_to_rest(after: tuple[Tick, ...]) -> list[tuple[int, str]]:
+    """When the chair stood, and how far it had gone until then."""
+    way = 0.0
+    for before, tick in pairwise(after):
+        way += abs(before.twist.v) * (tick.stamp_ns - before.stamp_ns) * 1e-9
+        if abs(tick.twist.v) < _STANDS and abs(tick.twist.omega) < _TURNS:
+            return [(tick.stamp_ns, f"the chair stood, {way:.2f} m on")]
+    return [] if not after else [(after[-1].stamp_ns, "the chair still moved where the log ends")]
+
+
+def _over(ticks: tuple[Tick, ...]) -> list[tuple[int, str]]:
+    """When the drive was over, and whether another one began."""
+    told = []
+    for before, tick in pairwise(ticks):
+        was, drives = before.mode in DRIVEN, tick.mode in DRIVEN
+        if was and not drives:
+            told.append((tick.stamp_ns, f"the drive was over: {tick.reason or tick.stage_reason}"))
+        elif drives and not was:
+            told.append((tick.stamp_ns, "another drive was confirmed and began"))
+    return told
+
+
+def _until_next_drive(ticks: tuple[Tick, ...]) -> tuple[Tick, ...]:
+    """Up to the tick in which another drive begins."""
+    for index, (before, tick) in enumerate(pairwise(ticks)):
+        if index and tick.mode in DRIVEN and before.mode not in DRIVEN:
+            return ticks[: index + 2]
+    return ticks

@@ -1,0 +1,336 @@
+"""What a log shows of a stop: figures as plain sentences, one function for each kind of reason."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass
+from types import MappingProxyType
+from typing import Any, TypeVar
+
+import msgspec
+import numpy as np
+import yaml
+
+from waychair.calibration.calibration_file import ChairCalibration
+from waychair.control.collision_monitor import measuring, points_now
+from waychair.control.navigator import Stage
+from waychair.control.stops import STOPS
+from waychair.control.supervisor import DRIVEN, SupervisorSettings
+from waychair.errors import WaychairError
+from waychair.runtime.black_box_file import Log, Tick
+from waychair.types import ChairStatus, FloatArray, ImuSample, RgbdFrame, Scan, WheelTicks
+
+_M = TypeVar("_M")
+_A_MOMENT_NS = 500_000_000
+
+
+@dataclass(frozen=True, slots=True)
+class Scene:
+    """A log, and the tick in it that is looked at."""
+
+    log: Log
+    index: int
+
+    @property
+    def tick(self) -> Tick:
+        """What the chair knew and did then."""
+        return self.log.moments[self.index].tick
+
+    def latest(self, kind: type[_M]) -> _M | None:
+        """What a sensor said last."""
+        for moment in reversed(self.log.moments[: self.index + 1]):
+            for message in reversed(moment.heard):
+                if isinstance(message, kind):
+                    return message
+        return None
+
+    def recent(self, ns: int = _A_MOMENT_NS) -> list[Tick]:
+        """The ticks up to this one, so long."""
+        until_ns = self.tick.stamp_ns
+        return [tick for tick in self.log.ticks[: self.index + 1] if until_ns - tick.stamp_ns <= ns]
+
+    def calibration(self) -> ChairCalibration:
+        """Of the chair, or of the default one if this version cannot read it."""
+        try:
+            return msgspec.convert(self.log.head.calibration, ChairCalibration)
+        except (msgspec.ValidationError, WaychairError):
+            return ChairCalibration("", "")
+
+    def setting(self, *path: str, default: float) -> float:
+        """A figure of the configuration in force."""
+        try:
+            value: Any = yaml.safe_load(self.log.head.configuration)
+            for name in path:
+                value = value[name]
+            return float(value)
+        except (yaml.YAMLError, KeyError, TypeError, ValueError):
+            return default
+
+
+def evidence(scene: Scene, stop_id: str) -> tuple[str, ...]:
+    """What the log shows of a reason."""
+    name = "board" if stop_id.startswith("board_") else stop_id
+    return tuple(sentence for sentence in _SHOWN.get(name, _nothing)(scene) if sentence)
+
+
+def nearest_obstacle(scene: Scene) -> str:
+    """The nearest thing that the last scan shows where the chair was going, or else anywhere."""
+    scan, tick = scene.latest(Scan), scene.tick
+    if scan is None:
+        return ""
+    calibration = scene.calibration()
+    body, seen = calibration.body, calibration.seen(scan)
+    told = measuring(seen, np.zeros(len(seen.ranges), np.bool_))
+    points = points_now(seen, told, body, tick.twist, tick.stamp_ns)
+    if not len(points):
+        return "the last scan shows nothing"
+    beyond = np.maximum(points[:, 0] - body.front, -body.rear - points[:, 0])
+    beside = np.abs(points[:, 1]) - body.width / 2
+    gaps = np.hypot(np.maximum(beyond, 0.0), np.maximum(beside, 0.0))
+    on_the_way = _on_the_way(points, tick, body.width)
+    among = np.where(on_the_way, gaps, np.inf) if on_the_way.any() else gaps
+    index = int(np.argmin(among))
+    x, y = points[index]
+    bearing = math.degrees(math.atan2(y, x - body.laser_x))
+    where = "ahead" if abs(bearing) < 60 else "behind" if abs(bearing) > 120 else "beside it"
+    side = "" if abs(y) < 0.1 else f", {abs(y):.2f} m to the {'left' if y > 0 else 'right'} of its middle"
+    return f"the nearest thing that the lidar saw was {gaps[index]:.2f} m from the chair, {where}{side}"
+
+
+def _on_the_way(points: FloatArray, tick: Tick, width: float) -> np.ndarray[Any, np.dtype[np.bool_]]:
+    """(N,) points that lie in the direction in which the chair was to go, no more than its width aside."""
+    backwards = (tick.asked.v or tick.twist.v) < 0.0
+    towards = -points[:, 0] if backwards else points[:, 0]
+    ahead: np.ndarray[Any, np.dtype[np.bool_]] = (towards > 0.0) & (np.abs(points[:, 1]) < width)
+    return ahead
+
+
+def _age(kind: type[Scan | WheelTicks | ImuSample | RgbdFrame | ChairStatus], what: str) -> _Shown:
+    def shown(scene: Scene) -> tuple[str, ...]:
+        message = scene.latest(kind)
+        if message is None:
+            return (f"no {what} is in the log",)
+        return (f"the last {what} was {(scene.tick.stamp_ns - message.stamp_ns) * 1e-9:.2f} s old",)
+
+    return shown
+
+
+def _nothing(scene: Scene) -> tuple[str, ...]:
+    return ()
+
+
+def _coverage(scene: Scene) -> tuple[str, ...]:
+    scan = scene.latest(Scan)
+    if scan is None or not len(scan.ranges):
+        return ("no scan is in the log",)
+    return (f"{100 * np.isfinite(scan.ranges).mean():.0f} % of the last scan's beams measured something",)
+
+
+def _repeated(scene: Scene) -> tuple[str, ...]:
+    scans = [
+        message
+        for moment in scene.log.moments[: scene.index + 1]
+        for message in moment.heard
+        if isinstance(message, Scan)
+    ]
+    same = 0
+    for before, after in zip(scans[-2::-1], scans[:0:-1], strict=True):
+        if not np.array_equal(before.ranges, after.ranges, equal_nan=True):
+            break
+        same += 1
+    return (f"the last {same + 1} scans were the same to the last bit",)
+
+
+def _obstacle(scene: Scene) -> tuple[str, ...]:
+    tick = scene.tick
+    return nearest_obstacle(scene), f"it was to drive at {tick.asked.v:.2f} m/s and did {tick.twist.v:.2f} m/s"
+
+
+def _place(scene: Scene) -> tuple[str, ...]:
+    located = scene.tick.located
+    if located is None:
+        return ("the localiser had said nothing yet",)
+    away = math.hypot(located.remaining.x, located.remaining.y)
+    fits = f"the pose was right with a probability of {100 * located.health:.0f} %"
+    return (
+        f"{fits}, and {100 * located.inliers:.0f} % of the scan lay on the map's walls",
+        f"the scans say that the chair is {away:.2f} m from where it was held to be" if away > 0.05 else "",
+    )
+
+
+def _stick(scene: Scene) -> tuple[str, ...]:
+    sticks = [tick.telemetry.joystick for tick in scene.recent() if tick.telemetry is not None]
+    if not sticks:
+        return ("the board did not report the joystick",)
+    most = max(sticks, key=lambda stick: max(abs(stick.forward), abs(stick.turn)))
+    limit = scene.setting("supervisor", "override", default=SupervisorSettings().override)
+    way = "forward" if most.forward >= 0 else "back"
+    side = "to the left" if most.turn >= 0 else "to the right"
+    pushed = f"{abs(most.forward):.2f} {way} and {abs(most.turn):.2f} {side}"
+    return (f"the joystick was pushed {pushed} of its whole way; {limit:.2f} takes over",)
+
+
+def _asked_for(scene: Scene) -> tuple[str, ...]:
+    for index, told in reversed(scene.log.told):
+        if told.what == "stop" and index <= scene.index:
+            return (f"Stop came in the tick at {_clock(scene, index)}",)
+    return ()
+
+
+def _clock(scene: Scene, index: int) -> str:
+    seconds = (scene.log.moments[index].tick.stamp_ns - scene.tick.stamp_ns) * 1e-9
+    return "that moment" if abs(seconds) < 0.06 else f"{seconds:+.2f} s"
+
+
+def _disobeys(scene: Scene) -> tuple[str, ...]:
+    tick = scene.tick
+    told, moved = (f"{each.v:.2f} m/s and {each.omega:.2f} rad/s" for each in (tick.command or tick.asked, tick.twist))
+    return (f"it was told {told}, and moved by {moved}",)
+
+
+def _board(scene: Scene) -> tuple[str, ...]:
+    """The board's last report, and what it did not do of what it was sent."""
+    ticks = scene.log.ticks[: scene.index + 1]
+    reported = next((tick for tick in reversed(ticks) if tick.telemetry is not None), None)
+    if reported is None or reported.telemetry is None:
+        return ("the board has reported nothing in this log",)
+    telemetry, sent = reported.telemetry, reported.sent
+    age_s = (scene.tick.stamp_ns - telemetry.stamp_ns) * 1e-9
+    faults = f", with {', '.join(telemetry.faults)}" if telemetry.faults else ""
+    read, told = (f"{each.forward_volts:.2f} V and {each.turn_volts:.2f} V" for each in (telemetry, sent))
+    return (
+        f"the board's last report was {age_s:.2f} s old: {telemetry.state}{faults}, lines held by {telemetry.holder}",
+        f"the lines read {read}, and {told} were sent",
+    )
+
+
+def _lean(scene: Scene) -> tuple[str, ...]:
+    samples = [
+        message.accel
+        for moment in scene.log.moments[max(0, scene.index - 9) : scene.index + 1]
+        for message in moment.heard
+        if isinstance(message, ImuSample)
+    ]
+    if not samples:
+        return ("the log holds no word of the IMU",)
+    x, y, z = np.mean(samples, axis=0)
+    return (f"the IMU's mean over half a second leans by {math.degrees(math.atan2(math.hypot(x, y), z)):.0f} degrees",)
+
+
+def _contacts(scene: Scene) -> tuple[str, ...]:
+    status = scene.latest(ChairStatus)
+    if status is None:
+        return ("the chair's contacts have said nothing in this log",)
+    words = {None: "not known", True: "yes", False: "no"}
+    charge = "not known" if status.battery is None else f"{100 * status.battery:.0f} %"
+    return (f"somebody seated: {words[status.seated]}; charging: {words[status.charging]}; battery: {charge}",)
+
+
+def _given_up(scene: Scene) -> tuple[str, ...]:
+    """How long it had waited, by how many plans, and what was near."""
+    waits = {Stage.WAITING.value, Stage.FAILED.value}
+    since = scene.index
+    while since > 0 and scene.log.moments[since - 1].tick.stage in waits:
+        since -= 1
+    waited_s = (scene.tick.stamp_ns - scene.log.moments[since].tick.stamp_ns) * 1e-9
+    plans = scene.tick.plans
+    return (
+        f"it had waited for {waited_s:.1f} s" if waited_s > 0.1 else "",
+        f"it had made {plans} plan{'s' if plans != 1 else ''} of a way",
+        nearest_obstacle(scene),
+    )
+
+
+def _silent_monitor(scene: Scene) -> tuple[str, ...]:
+    since = scene.index
+    while since > 0 and any(h.id == "monitor_silent" for h in scene.log.moments[since - 1].tick.halts):
+        since -= 1
+    seconds = (scene.tick.stamp_ns - scene.log.moments[since].tick.stamp_ns) * 1e-9
+    return (f"it had been missed for {seconds:.1f} s more than it may be",)
+
+
+def _last_tick(scene: Scene) -> tuple[str, ...]:
+    tick = scene.tick
+    moves = abs(tick.twist.v) > 0.02 or abs(tick.twist.omega) > 0.05
+    drives = tick.mode in DRIVEN and tick.sent.active
+    motion, holder = "moved" if moves else "stood", "computer" if drives else "rider"
+    return (f"in the last tick of the log the chair {motion}, and the {holder} had the lines",)
+
+
+_Shown = Callable[[Scene], tuple[str, ...]]
+
+_SHOWN: Mapping[str, _Shown] = MappingProxyType(
+    {
+        "stop_pressed": _asked_for,
+        "taken_over": _stick,
+        "seat_empty": _contacts,
+        "charging": _contacts,
+        "battery_low": _contacts,
+        "status_stale": _age(ChairStatus, "word of the contacts"),
+        "lidar_stale": _age(Scan, "scan"),
+        "lidar_late": _age(Scan, "scan"),
+        "lidar_blind": _coverage,
+        "lidar_frozen": _repeated,
+        "wheels_stale": _age(WheelTicks, "reading of the wheels"),
+        "imu_stale": _age(ImuSample, "sample of the IMU"),
+        "depth_stale": _age(RgbdFrame, "picture"),
+        "obstacle": _obstacle,
+        "monitor_silent": _silent_monitor,
+        "lost": _place,
+        "pose_jump": _place,
+        "pose_corrected": _place,
+        "tilt": _lean,
+        "disobeys": _disobeys,
+        "board": _board,
+        "board_estop": _board,
+        "drive_failed": _given_up,
+        "jolt": _obstacle,
+        "program_ended": _last_tick,
+    }
+)
+
+LOOK_AT: Mapping[str, tuple[str, ...]] = MappingProxyType(
+    {
+        "lidar": ("the lidar's cable, power and window", "its scans just before"),
+        "wheels": ("the encoders' cable", "the readings of the wheels just before"),
+        "imu": ("the IMU's cable",),
+        "depth": ("the camera's cable",),
+        "status": ("the cable of the contacts",),
+        "obstacle": ("the last scan, for what stood there: legs, a trolley, glass, the rider's own feet",),
+        "monitor": ("the processor load of that minute, and whether the monitor's process was killed",),
+        "lost": (
+            "the map beside the scans: has much been moved?",
+            "whether the wheels slipped or the chair was carried",
+        ),
+        "pose": ("the map beside the scans: do two places look alike?",),
+        "navigator": ("whether the navigator's process was killed, and the processor load of that minute",),
+        "localiser": ("whether the localiser's process was killed, and the processor load of that minute",),
+        "two": ("which programs publish speeds for this chair",),
+        "tilt": ("the floor there, and how the IMU is mounted",),
+        "disobeys": ("the chair's speed dial, its brakes' levers, and what may hold it up",),
+        "board": ("the board's cable and power, and the wiring of the joystick lines",),
+        "taken": ("nothing, if the rider meant it; else what leans on the joystick",),
+        "stop": ("nothing, if somebody meant it",),
+        "seat": ("the seat switch",),
+        "charging": ("the charger's plug",),
+        "battery": ("the battery",),
+        "drive": ("what stands in the way, and whether the map still shows it right",),
+        "jolt": ("what the chair touched",),
+        "program": ("the system's log of that minute, for lack of memory or power",),
+    }
+)
+"""What is worth a look, by the first word of a reason's id."""
+
+
+def look_at(stop_id: str) -> tuple[str, ...]:
+    """What is worth a look for whoever finds out why."""
+    return LOOK_AT.get(stop_id.split("_")[0], ())
+
+
+def remedy_of(stop_id: str, text: str) -> str:
+    """What to do: the table's words, or the sentence's own after its colon."""
+    stop = STOPS.get(stop_id)
+    if stop is not None:
+        return stop.remedy
+    return text.rpartition(": ")[2]

@@ -1,0 +1,296 @@
+"""One floor driven through day after day while its furniture is moved: does the map stay small, whole and right?
+
+Each session strews some pieces of furniture over the floor, of which a part stands elsewhere than in the session before,
+drives the floor's mapping route from another of its corners, and joins the drive to the map so far. Measured are
+
+- *nodes*: key scans of the map, against those of the first session.
+- *health*: the share of scans at which a chair that follows this session's drive on the map of the sessions before says
+  that all is well. So it meets furniture that was moved since the map was made.
+- *ghosts*: occupied cells of the map where a piece stood that was away in this session and in the one before, further
+  than 0.2 m from anything solid now; as a share of the cells that the pieces that went had been drawn with.
+"""
+
+from __future__ import annotations
+
+import itertools
+import math
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass, field, replace
+from pathlib import Path
+
+import msgspec
+import numpy as np
+
+from waychair.calibration.chair import CHAIR_A
+from waychair.geometry import interpolate, rotation, transform_points
+from waychair.maps.distance_field import distance_field
+from waychair.maps.grid import cells_from_points, inside, occupied, points_from_cells
+from waychair.maps.map_files import load_map
+from waychair.recording import Recording
+from waychair.runtime.mapping import Mapping, MappingSettings, join_recording, map_recording, save_mapping
+from waychair.runtime.sessions import written_aside
+from waychair.simulation.floor_plan import FloorPlan, PlanBox
+from waychair.simulation.follower import Follower, follow
+from waychair.simulation.plan_file import load_building
+from waychair.simulation.plant import PlantSettings
+from waychair.simulation.simulator import Simulator, SimulatorSettings
+from waychair.simulation.world import WORLDS, World, world_from_plan
+from waychair.slam.dead_reckoning import DeadReckoning
+from waychair.slam.evaluation import truth_errors
+from waychair.slam.localiser import LocalisationState, Localiser, LocaliserSettings
+from waychair.slam.mapper import odometry_of, twist_of
+from waychair.types import (
+    BoolArray,
+    Float32Array,
+    FloatArray,
+    Json,
+    OccupancyGrid,
+    Pose2,
+    Scan,
+    SensorFrame,
+    Trajectory,
+    WheelTicks,
+)
+
+PIECES, MOVED = 12, 4
+"""Pieces of furniture that can be moved, and how many stand elsewhere in the next session."""
+
+_BESIDE_WAY, _ROUND_CORNER = 0.5, 0.95  # [m] of the axle's way that stay free: the chair turns at corners
+_CLEAR = 0.2  # [m] from what is solid now, beyond which an occupied cell is a ghost
+
+
+@dataclass(frozen=True, slots=True)
+class Drive:
+    """A session: the floor as it was then, its movable pieces, and the drive with the true poses at its scans."""
+
+    world: World
+    pieces: tuple[PlanBox, ...]
+    frames: tuple[SensorFrame, ...]
+    truth: Trajectory
+
+
+@dataclass(slots=True)
+class Lifelong:
+    """What is known of the sessions so far; `rows` are their figures."""
+
+    folder: Path
+    drives: list[Drive] = field(default_factory=list)
+    rows: list[Json] = field(default_factory=list)
+    drawn: dict[PlanBox, int] = field(default_factory=dict)
+    """Cells that each piece was drawn with when it stood there."""
+
+    def add(self, drive: Drive) -> None:
+        """One more session.
+
+        Raises:
+            SessionError: the drive cannot be joined to the map.
+        """
+        health = 1.0 if not self.drives else health_on(load_map(self.folder), self.drives[0], drive)
+        mapping = joined(self.folder, drive, len(self.drives))
+        self.drives.append(drive)
+        errors = truth_errors(mapping.result.driven, drive.truth)
+        solid = distance_field(drive.world.grid).metres
+        ghosts, gone = self._ghosts(mapping.grid, errors.truth_from_map, solid)
+        for piece in drive.pieces:
+            self.drawn[piece] = max(self.drawn.get(piece, 0), _cells_on(mapping.grid, errors.truth_from_map, piece))
+        self.rows.append(
+            {
+                "session": len(self.drives),
+                "nodes": len(mapping.result.key_poses),
+                "health_ok": round(health, 4),
+                "ghosts": ghosts,
+                "gone": gone,
+                "ate_m": round(errors.rmse_m, 4),
+                "known_m2": mapping.report["grid"]["known_m2"],
+                "cpu_s": round(mapping.report["cpu_seconds"]["total"], 1),
+            }
+        )
+
+    def figures(self) -> Json:
+        """Of all sessions."""
+        gone = sum(row["gone"] for row in self.rows)
+        return {
+            "sessions": len(self.rows),
+            "nodes_first": self.rows[0]["nodes"],
+            "nodes_last": self.rows[-1]["nodes"],
+            "growth": round(self.rows[-1]["nodes"] / self.rows[0]["nodes"], 4),
+            "health_ok_worst": min(row["health_ok"] for row in self.rows),
+            "health_ok_mean": round(float(np.mean([row["health_ok"] for row in self.rows[1:] or self.rows])), 4),
+            "ghost_cells": sum(row["ghosts"] for row in self.rows),
+            "ghost_share": round(sum(row["ghosts"] for row in self.rows) / max(gone, 1), 4),
+            "cells_of_what_was_moved": gone,
+            "ate_m_worst": max(row["ate_m"] for row in self.rows),
+        }
+
+    def _ghosts(self, grid: OccupancyGrid, truth_from_map: Pose2, solid: Float32Array) -> tuple[int, int]:
+        """Occupied cells where pieces stood that two sessions have seen gone, and the cells they were drawn with."""
+        if len(self.drives) < 3:
+            return 0, 0
+        here = {piece for drive in self.drives[-2:] for piece in drive.pieces}
+        gone = {piece for drive in self.drives[:-2] for piece in drive.pieces} - here
+        world, found = self.drives[-1].world.grid, 0
+        for piece in gone:
+            at = _occupied_on(grid, truth_from_map, piece)
+            cells = cells_from_points(world, at)
+            cells = cells[inside(world, cells)]
+            found += int((solid[tuple(cells.T)] > _CLEAR).sum())
+        return found, sum(self.drawn[piece] for piece in gone)
+
+
+def sessions(name: str, count: int, seed: int, share: float = 1.0) -> Iterator[Drive]:
+    """Drives through a shipped floor with furniture that is moved from one to the next.
+
+    `share` is the part of the mapping route that is driven. The whole of it is driven all the way round from where the
+    drive begins; of a part, what is ahead.
+    """
+    building = load_building(WORLDS / f"{name}.yaml")
+    plan, rng = building.levels[0].plan, np.random.default_rng(seed)
+    route = np.array(plan.routes["mapping"], float)
+    route = route[: max(3, round(share * len(route)))]
+    empty = world_from_plan(msgspec.structs.replace(plan, people=[]), building.name)
+    pieces: list[PlanBox] = []
+    for number in range(count):
+        going = set(rng.permutation(PIECES)[:MOVED].tolist()) if number else set()
+        pieces = [piece for k, piece in enumerate(pieces) if k not in going]
+        pieces += strewn(empty, route, pieces, PIECES - len(pieces), rng)
+        yield _drive(plan, building.name, _from_corner(route, number, share), tuple(pieces), seed + 1000 * number)
+
+
+def strewn(
+    world: World, route: FloatArray, others: Sequence[PlanBox], count: int, rng: np.random.Generator
+) -> list[PlanBox]:
+    """So many pieces more, in sight of the route (N, 2) [m], off the way, off each other and off what is solid."""
+    room, made = distance_field(world.grid).metres, list[PlanBox]()
+    way = _samples(route)
+    while len(made) < count:
+        at = way[int(rng.integers(len(way)))] + rng.uniform(-2.5, 2.5, 2)
+        length, width = rng.uniform(0.4, 1.0), rng.uniform(0.3, 0.5)
+        yaw = float(rng.choice([0.0, math.pi / 2]) + rng.normal(0.0, 0.1))
+        piece = PlanBox(tuple(at.tolist()), (float(length), float(width)), yaw, high=1.0)
+        outline = _outline(piece)
+        cells = cells_from_points(world.grid, outline)
+        if not inside(world.grid, cells).all() or room[tuple(cells.T)].min() < 0.1:
+            continue
+        if not _sees(room, world.grid, way, at) or _nearest(outline, way) < _BESIDE_WAY:
+            continue
+        if (
+            _nearest(outline, route) < _ROUND_CORNER
+            or _nearest(outline, [[world.start.x, world.start.y]]) < _ROUND_CORNER
+        ):
+            continue
+        if any(math.dist(at, other.centre) < 1.2 for other in (*others, *made)):
+            continue
+        made.append(piece)
+    return made
+
+
+def joined(folder: Path, drive: Drive, number: int) -> Mapping:
+    """The map of the folder with one drive more, which is in the folder then."""
+    settings = MappingSettings()
+    recording = Recording(Path(f"session-{number + 1}"), drive.frames, CHAIR_A.base_from_laser, "simulated")
+    if number == 0:
+        mapping = map_recording(recording, settings)
+        save_mapping(folder, mapping, settings)
+        return mapping
+    with written_aside(folder, folder) as aside:
+        mapping = join_recording(recording, settings, folder, aside)
+        save_mapping(aside, mapping, settings)
+    return mapping
+
+
+def health_on(grid: OccupancyGrid, first: Drive, drive: Drive, every: int = 2) -> float:
+    """Share of the scans at which a chair that is told where the drive begins on the map says that all is well.
+
+    The map's frame is that of the first drive's first pose.
+    """
+    origin, start = (Pose2(*each.truth.poses[0].tolist()) for each in (first, drive))
+    localiser = Localiser(grid, CHAIR_A.base_from_laser, origin.inverse() @ start, LocaliserSettings())
+    reckoning, states = DeadReckoning(CHAIR_A), []
+    for number, frame in enumerate(map(reckoning.update, drive.frames)):
+        odometry = odometry_of(frame)
+        if number % every or frame.scan is None or odometry is None:
+            continue
+        states.append(localiser.process(frame.scan, odometry.odom_from_base, twist_of(frame)).state)
+    return sum(state is LocalisationState.OK for state in states) / len(states)
+
+
+def _from_corner(route: FloatArray, number: int, share: float) -> FloatArray:
+    """The route from one of its corners on; the first session begins where the route does."""
+    if share < 1.0:
+        return route[number % max(1, len(route) // 3) :]
+    first = 3 * number % (len(route) - 1)
+    return np.concatenate([route[first:], route[: first + 1]]) if first else route
+
+
+def _drive(plan: FloorPlan, building: str, way: FloatArray, pieces: tuple[PlanBox, ...], seed: int) -> Drive:
+    """Along the way, from rest at its beginning and facing along it, or from where the plan says if that is near."""
+    start = Pose2(*plan.start)
+    if math.dist((start.x, start.y), way[0]) > 0.1:
+        ahead = next(point for point in way[1:] if math.dist(point, way[0]) > 0.1)
+        (x, y), (dx, dy) = way[0].tolist(), (ahead - way[0]).tolist()
+        start = Pose2(x, y, math.atan2(dy, dx))
+    furnished = msgspec.structs.replace(plan, boxes=[*plan.boxes, *pieces], people=[])
+    world = replace(world_from_plan(furnished, building), start=start)
+    simulator = Simulator(world, CHAIR_A, SimulatorSettings(), seed)
+    stamps, poses, frames, ticks = [simulator.now_ns], [simulator.truth()], list[SensorFrame](), list[WheelTicks]()
+    for message in follow(simulator, Follower(way, CHAIR_A.track, PlantSettings())):
+        if simulator.now_ns > stamps[-1]:
+            stamps.append(simulator.now_ns)
+            poses.append(simulator.truth())
+        if isinstance(message, WheelTicks):
+            ticks.append(message)
+        elif isinstance(message, Scan):
+            frames.append(SensorFrame(message.stamp_ns, message, wheels=tuple(ticks)))
+            ticks = []
+    at = np.array([frame.stamp_ns for frame in frames], np.int64)
+    truth = Trajectory(at, np.array([_at(stamp, stamps, poses) for stamp in at.tolist()]))
+    return Drive(world, pieces, tuple(frames), truth)
+
+
+def _at(stamp_ns: int, stamps: list[int], poses: list[Pose2]) -> FloatArray:
+    """The true pose (3,) at a stamp, between those at the ends of the simulator's ticks."""
+    after = min(max(int(np.searchsorted(stamps, stamp_ns)), 1), len(stamps) - 1)
+    part = (stamp_ns - stamps[after - 1]) / (stamps[after] - stamps[after - 1])
+    return interpolate(poses[after - 1], poses[after], part).array()
+
+
+def _samples(route: FloatArray, step: float = 0.1) -> FloatArray:
+    """Points (M, 2) along the straight legs."""
+    legs = [
+        a + (b - a) * np.linspace(0.0, 1.0, max(2, math.ceil(math.dist(a, b) / step)))[:, None]
+        for a, b in itertools.pairwise(route)
+    ]
+    return np.concatenate(legs)
+
+
+def _outline(piece: PlanBox, step: float = 0.05) -> FloatArray:
+    """Points (N, 2) [m] all over its floor."""
+    x, y = (np.arange(-side / 2, side / 2 + step / 2, step) for side in piece.size)
+    points = np.stack(np.meshgrid(x, y), axis=-1).reshape(-1, 2)
+    outline: FloatArray = points @ rotation(piece.yaw).T + np.array(piece.centre)
+    return outline
+
+
+def _nearest(points: FloatArray, others: FloatArray | list[list[float]]) -> float:
+    away = points[:, None] - np.asarray(others, float)[None]
+    return float(np.hypot(away[..., 0], away[..., 1]).min())
+
+
+def _sees(room: Float32Array, grid: OccupancyGrid, way: FloatArray, at: FloatArray) -> bool:
+    """Whether nothing solid is between a point and the nearest one of the way."""
+    nearest = way[int(np.argmin(np.hypot(*(way - at).T)))]
+    line = nearest + (at - nearest) * np.linspace(0.0, 1.0, 60)[:, None]
+    return bool((room[tuple(cells_from_points(grid, line).T)] > 0.0).all())
+
+
+def _occupied_on(grid: OccupancyGrid, truth_from_map: Pose2, piece: PlanBox) -> FloatArray:
+    """Middles (N, 2) [m, world] of the map's occupied cells on a piece's floor, and up to a cell beside it."""
+    cells = np.argwhere(occupied(grid))
+    at = transform_points(truth_from_map, points_from_cells(grid, cells))
+    local = np.abs((at - np.array(piece.centre)) @ rotation(piece.yaw))
+    on: BoolArray = (local <= np.array(piece.size) / 2 + grid.resolution).all(axis=1)
+    return at[on]
+
+
+def _cells_on(grid: OccupancyGrid, truth_from_map: Pose2, piece: PlanBox) -> int:
+    return len(_occupied_on(grid, truth_from_map, piece))

@@ -1,0 +1,468 @@
+"""Replay regression: a recorded drive through each part of a chair by itself must give yesterday's outputs.
+
+A tape holds all that a chair heard and was told in a simulated drive, down to the bytes of its board. Each part is fed
+from the tape alone, never from another part, so that a change shows in the part in which it was made. The reference
+holds each part's outputs tick by tick; a difference names part, tick and field, with the old and the new value.
+"""
+
+from __future__ import annotations
+
+import json
+import lzma
+import math
+from collections.abc import Callable, Iterator, Mapping, Sequence
+from dataclasses import dataclass, replace
+from pathlib import Path
+from types import MappingProxyType
+from typing import Any, TypeAlias
+
+import msgspec
+import numpy as np
+
+from waychair.calibration.calibration_file import ChairCalibration
+from waychair.control.navigator import Stage
+from waychair.control.stops import STOPS, Halt
+from waychair.control.supervisor import Verdict
+from waychair.errors import BoxError, ConfigError
+from waychair.files import write_bytes
+from waychair.firmware_bridge.protocol import HelloReply
+from waychair.firmware_bridge.transports import Reconnecting, Transport
+from waychair.runtime.black_box_file import Halted, Located, Moment, Told, encoded, records, tick_from_state
+from waychair.runtime.chair import Chair, ChairState
+from waychair.runtime.drive_base import DriveBase, Message
+from waychair.runtime.pilot import Pilot
+from waychair.simulation.simulator import Simulator
+from waychair.slam.localisation import Localisation, LocalisationState
+from waychair.slam.localiser import Localiser
+from waychair.slam.odometry import OdometryFilter
+from waychair.trials.drive import BEAT_NS, TICK_NS, Setting, calibration_of, chair_in
+from waychair.types import Goal, ImuSample, Pose2, Scan, Twist, WheelTicks
+
+Value: TypeAlias = float | int | bool | str | None
+Row: TypeAlias = dict[str, Value]
+"""What came of one tick, by field."""
+
+_DIGITS = 6
+
+TOLERANCES: Mapping[str, float] = MappingProxyType(
+    {
+        "odometry": 1e-4,
+        "localiser": 5e-3,
+        "localiser.health": 0.05,
+        "localiser.inliers": 0.02,
+        "pilot": 5e-3,
+        "base": 2e-3,
+        "base.forward_volts": 0.02,
+        "base.turn_volts": 0.02,
+    }
+)
+"""By part, or by part and field: numbers that differ by no more are equal. Processors round alike, but for this."""
+
+IGNORED: Mapping[str, str] = MappingProxyType(
+    {
+        "pilot.reason": "a sentence may be put better; the stage is compared",
+        "base.reason": "a sentence may be put better; mode and halts are compared",
+    }
+)
+"""Fields that are kept for whoever looks, and not compared, with the reason."""
+
+
+@dataclass(frozen=True, slots=True)
+class TapedTick:
+    """All that came in before one tick and in it; `moment` is a record of the black box.
+
+    `beats`: moments [ns] between two ticks, with what the board had said by then; `answers`: what it said in the tick.
+    `active`: whether there was a goal. `odom_from_base`: the odometry at the tick's scan, None without one.
+    """
+
+    beats: tuple[tuple[int, bytes], ...]
+    answers: bytes
+    told: tuple[Told, ...]
+    active: bool
+    moment: bytes
+    odom_from_base: Pose2 | None
+
+
+@dataclass(frozen=True, slots=True)
+class Tape:
+    """A drive that began at `start` on the map."""
+
+    start: Pose2
+    ticks: tuple[TapedTick, ...]
+
+    def moments(self) -> Iterator[tuple[TapedTick, Moment]]:
+        """Its ticks, unpacked.
+
+        Raises:
+            BoxError: they are of another version.
+        """
+        for taped in self.ticks:
+            moment = next(records(taped.moment))
+            if not isinstance(moment, Moment):
+                raise BoxError("the tape holds ticks of another version: record it anew with --record --reason")
+            yield taped, moment
+
+
+def save_tape(path: Path, tape: Tape) -> None:
+    """Write it, compressed."""
+    write_bytes(path, lzma.compress(msgspec.msgpack.encode(tape), preset=9))
+
+
+def load_tape(path: Path) -> Tape:
+    """
+    Raises:
+        BoxError: there is no tape, or it is damaged or of another version.
+    """
+    try:
+        return msgspec.msgpack.decode(lzma.decompress(path.read_bytes()), type=Tape)
+    except (OSError, EOFError, lzma.LZMAError, msgspec.MsgspecError) as error:
+        raise BoxError(f"cannot read the tape {path}: {error}; record it anew with --record") from error
+
+
+def record(
+    setting: Setting, simulator: Simulator, acts: Mapping[int, Callable[[Simulator, Chair], None]], ticks: int
+) -> Tape:
+    """Drive so many ticks, and do at some of them what `acts` says.
+
+    Sensors are taped to the millimetre and thousandth, which is all that the chair is told, too.
+    """
+    start = setting.map_from_world @ simulator.truth()
+    taps: list[_Tap] = []
+
+    def tapped(transport: Transport) -> Transport:
+        taps.append(_Tap(transport))
+        return taps[-1]
+
+    listener, odometry = _Listener(), OdometryFilter(setting.body)
+    taped: list[TapedTick] = []
+    with chair_in(setting, simulator, listener, tapped) as chair:
+        for index in range(ticks):
+            acts.get(index, _nothing)(simulator, chair)
+            beats, heard = [], list[Message]()
+            for _ in range(TICK_NS // BEAT_NS):
+                now_ns = simulator.now_ns
+                chair.beat(now_ns)
+                beats.append((now_ns, _cut(taps)))
+                heard += map(_rounded, simulator.advance(BEAT_NS))
+            told, active = listener.take(), chair.navigator.active
+            state = chair.step(simulator.now_ns, heard)
+            at_scan = _odometry_at_scan(odometry, heard)
+            moment = encoded(Moment(tick_from_state(state, 0), tuple(heard)))
+            taped.append(TapedTick(tuple(beats), _cut(taps), told, active, moment, at_scan))
+    return Tape(start, tuple(taped))
+
+
+def replays(setting: Setting) -> Mapping[str, Callable[[Tape], list[Row]]]:
+    """Each part by its name: from a tape to its outputs."""
+    calibration = calibration_of(setting)
+    return {
+        "odometry": lambda tape: _replay_odometry(tape, calibration),
+        "localiser": lambda tape: _replay_localiser(tape, setting, calibration),
+        "pilot": lambda tape: _replay_pilot(tape, setting, calibration),
+        "base": lambda tape: _replay_base(tape, setting, calibration),
+    }
+
+
+@dataclass(frozen=True, slots=True)
+class Difference:
+    """The first row in which a field of a part is another, and in how many it is."""
+
+    part: str
+    field: str
+    row: int
+    old: Value
+    new: Value
+    rows: int
+    of: int
+
+    def __str__(self) -> str:
+        tolerance = _tolerance(self.part, self.field)
+        return (
+            f"{self.part}: {self.field} was {self.old} and is {self.new} in row {self.row} (tolerance {tolerance:g}); "
+            f"it differs in {self.rows} of {self.of} rows"
+        )
+
+
+def differences(part: str, old: Sequence[Row], new: Sequence[Row]) -> list[Difference]:
+    """What is compared and differs, by field, in the order of the first row in which it does."""
+    if len(old) != len(new):
+        return [Difference(part, "rows", min(len(old), len(new)), len(old), len(new), 1, 1)]
+    names = dict.fromkeys(name for row in (*old[:1], *new[:1]) for name in row)
+    found = []
+    for name in names:
+        if f"{part}.{name}" in IGNORED:
+            continue
+        pairs = [(before.get(name), after.get(name)) for before, after in zip(old, new, strict=True)]
+        other = [k for k, pair in enumerate(pairs) if not _alike(*pair, _tolerance(part, name))]
+        if other:
+            found.append(Difference(part, name, other[0], *pairs[other[0]], len(other), len(pairs)))
+    return sorted(found, key=lambda difference: difference.row)
+
+
+@dataclass(frozen=True, slots=True)
+class Reference:
+    """Yesterday's outputs of a part, and why they were changed each time."""
+
+    part: str
+    reasons: tuple[str, ...]
+    rows: tuple[Row, ...]
+
+
+def save_reference(path: Path, part: str, rows: Sequence[Row], reason: str) -> None:
+    """Make these outputs the reference, for a reason that is kept with those before.
+
+    Raises:
+        ConfigError: no reason is given.
+    """
+    if not reason.strip():
+        raise ConfigError(f"the reference of the {part} is not rewritten without a reason: give --reason")
+    before = load_reference(path).reasons if path.exists() else ()
+    columns = {name: [row.get(name) for row in rows] for name in (rows[0] if rows else {})}
+    text = json.dumps({"part": part, "reasons": [*before, reason.strip()], "columns": columns}, allow_nan=False)
+    write_bytes(path, lzma.compress(text.encode(), preset=9))
+
+
+def load_reference(path: Path) -> Reference:
+    """
+    Raises:
+        BoxError: there is no reference, or it is damaged.
+    """
+    try:
+        values: dict[str, Any] = json.loads(lzma.decompress(path.read_bytes()))
+        columns: dict[str, list[Value]] = values["columns"]
+        rows = [dict(zip(columns, row, strict=True)) for row in zip(*columns.values(), strict=True)]
+        return Reference(values["part"], tuple(values["reasons"]), tuple(rows))
+    except (OSError, EOFError, lzma.LZMAError, ValueError, KeyError) as error:
+        raise BoxError(f"cannot read the reference {path}: {error}; make it anew with --update --reason") from error
+
+
+def _replay_odometry(tape: Tape, calibration: ChairCalibration) -> list[Row]:
+    """The odometry filter alone, after each tick."""
+    filter_, rows = OdometryFilter(calibration.body), list[Row]()
+    for _, moment in tape.moments():
+        reading = None
+        for message in moment.heard:
+            if isinstance(message, WheelTicks):
+                reading = filter_.update_wheels(message)
+            elif isinstance(message, ImuSample):
+                reading = filter_.update_imu(message)
+        if reading is not None:
+            spread = 0.0 if reading.covariance is None else math.sqrt(float(np.trace(reading.covariance)))
+            pose, twist = reading.odom_from_base, reading.twist
+            values = {"slipping": filter_.slipping, "sigma": spread, "v": twist.v, "omega": twist.omega}
+            rows.append(_row(**_pose(pose), **values))
+    return rows
+
+
+def _replay_localiser(tape: Tape, setting: Setting, calibration: ChairCalibration) -> list[Row]:
+    """The localiser, by the odometry of the tape, after each scan."""
+    known = setting.grid if setting.scanned is None else setting.scanned
+    localiser = Localiser(known, calibration.body.base_from_laser, tape.start, setting.chair.localiser)
+    rows = []
+    for taped, moment in tape.moments():
+        for scan in moment.heard:
+            if isinstance(scan, Scan) and taped.odom_from_base is not None:
+                found = localiser.process(calibration.seen(scan), taped.odom_from_base, moment.tick.twist)
+                away = math.hypot(found.remaining.x, found.remaining.y)
+                values = {"state": found.state.value, "health": found.health, "inliers": found.inliers}
+                rows.append(_row(**_pose(found.map_from_base), **values, remaining=away, jumped=found.jumped))
+    return rows
+
+
+def _replay_pilot(tape: Tape, setting: Setting, calibration: ChairCalibration) -> list[Row]:
+    """Pilot and navigator, by the poses, verdicts and commands of the tape."""
+    pilot = Pilot(setting.grid, setting.places, calibration.body, setting.chair, calibration.stops, setting.zones)
+    rows = []
+    for taped, moment in tape.moments():
+        tick = moment.tick
+        for told in taped.told:
+            if told.what == "go":
+                pilot.go(*told.goals)
+        for scan in moment.heard:
+            if isinstance(scan, Scan) and tick.located is not None:
+                pilot.see(calibration.seen(scan), _localisation(tick.located, tick.map_from_base), tick.twist)
+        pilot.expire(tick.stamp_ns)
+        halt = None if tick.halt is None else _halt(tick.halt)
+        pilot.obey(Verdict(tick.mode, tick.reason, tick.share, halt, drops_goal=tick.drops_goal))
+        map_from_odom = None if tick.located is None else tick.located.map_from_odom
+        found = pilot.step(tick.stamp_ns, tick.map_from_base, map_from_odom)
+        pilot.learn(tick.command if tick.sent.active else None, "")
+        way = 0.0 if found.path is None else found.path.length()
+        values = {"stage": found.stage.value, "reason": found.reason, "plans": found.plans, "goals": found.goals}
+        rows.append(_row(**values, v=found.twist.v, omega=found.twist.omega, way=way))
+    return rows
+
+
+def _replay_base(tape: Tape, setting: Setting, calibration: ChairCalibration) -> list[Row]:
+    """Supervisor, limits, monitor and bridge, by the board's bytes and the localiser's word of the tape."""
+    board = _Replayed()
+    cable = Reconnecting(lambda: board)
+    base = DriveBase(calibration, cable, tape.start, setting.chair, setting.calibration, zones=setting.zones)
+    asks = {"go": base.request, "confirm": base.confirm, "stop": base.stop, "reset": base.reset}
+    rows = []
+    for taped, moment in tape.moments():
+        tick = moment.tick
+        for told in taped.told:
+            asks[told.what]()
+        for now_ns, said in taped.beats:
+            board.say(said)
+            base.beat(now_ns)
+        for message in moment.heard:
+            base.hear(base.on_time(message))
+            if isinstance(message, Scan) and tick.located is not None:
+                base.locate(_localisation(tick.located, tick.map_from_base), message.stamp_ns)
+        board.say(taped.answers)
+        verdict, _ = base.supervise(tick.stamp_ns, taped.active)
+        drives = tick.stage in (Stage.DRIVING.value, Stage.WAITING.value, Stage.PAUSED.value)
+        driven = base.drive(tick.stamp_ns, verdict, tick.asked if drives else None)
+        command = driven.command or Twist()
+        rows.append(
+            _row(
+                mode=verdict.mode.value,
+                halts=" ".join(sorted(halted.stop.id for halted in base.halts)),
+                reason=verdict.reason,
+                commands=driven.command is not None,
+                v=command.v,
+                omega=command.omega,
+                active=driven.sent.active,
+                forward_volts=driven.sent.forward_volts,
+                turn_volts=driven.sent.turn_volts,
+                **_pose(base.map_from_base(tick.stamp_ns)),
+            )
+        )
+    return rows
+
+
+class _Tap:
+    """A transport that keeps what was read."""
+
+    def __init__(self, transport: Transport) -> None:
+        self._transport = transport
+        self.heard = b""
+
+    @property
+    def closed(self) -> bool:
+        return self._transport.closed
+
+    def write(self, data: bytes) -> bool:
+        return self._transport.write(data)
+
+    def read(self) -> bytes:
+        data = self._transport.read()
+        self.heard += data
+        return data
+
+    def fileno(self) -> int:
+        return self._transport.fileno()
+
+    def close(self) -> None:
+        self._transport.close()
+
+
+class _Replayed:
+    """A transport that says what it is told to, and takes everything."""
+
+    closed = False
+
+    def __init__(self) -> None:
+        self._says = b""
+
+    def say(self, data: bytes) -> None:
+        """To be read from now on."""
+        self._says += data
+
+    def write(self, data: bytes) -> bool:
+        return True
+
+    def read(self) -> bytes:
+        data, self._says = self._says, b""
+        return data
+
+    def fileno(self) -> int:
+        return -1
+
+    def close(self) -> None:
+        pass
+
+
+class _Listener:
+    """What somebody asked of the chair since the last tick."""
+
+    def __init__(self) -> None:
+        self._told: list[Told] = []
+
+    def told(self, what: str, goals: tuple[Goal, ...] = ()) -> None:
+        self._told.append(Told(what, goals))
+
+    def note(self, heard: tuple[Message, ...], state: ChairState, board: HelloReply | None) -> None:
+        pass
+
+    def take(self) -> tuple[Told, ...]:
+        told, self._told = tuple(self._told), []
+        return told
+
+
+def _nothing(simulator: Simulator, chair: Chair) -> None:
+    pass
+
+
+def _cut(taps: list[_Tap]) -> bytes:
+    """What was read since the last cut."""
+    data = b"".join(tap.heard for tap in taps)
+    for tap in taps:
+        tap.heard = b""
+    return data
+
+
+def _rounded(message: Message) -> Message:
+    if isinstance(message, Scan):
+        return replace(message, ranges=np.round(message.ranges, 3))
+    if isinstance(message, ImuSample):
+        return replace(message, accel=np.round(message.accel, 3), gyro=np.round(message.gyro, 3))
+    return message
+
+
+def _odometry_at_scan(odometry: OdometryFilter, heard: Sequence[Message]) -> Pose2 | None:
+    at_scan = None
+    for message in heard:
+        if isinstance(message, WheelTicks):
+            odometry.update_wheels(message)
+        elif isinstance(message, ImuSample):
+            odometry.update_imu(message)
+        elif isinstance(message, Scan):
+            at_scan = odometry.predict(message.stamp_ns).odom_from_base
+    return at_scan
+
+
+def _localisation(located: Located, map_from_base: Pose2) -> Localisation:
+    return Localisation(
+        map_from_base,
+        located.map_from_odom,
+        located.inliers,
+        LocalisationState(located.state),
+        located.health,
+        remaining=located.remaining,
+        jumped=located.jumped,
+    )
+
+
+def _halt(halted: Halted) -> Halt:
+    return Halt(STOPS[halted.id], halted.text)
+
+
+def _pose(pose: Pose2) -> dict[str, Value]:
+    return {"x": pose.x, "y": pose.y, "theta": pose.theta}
+
+
+def _row(**values: Value) -> Row:
+    return {name: round(value, _DIGITS) if isinstance(value, float) else value for name, value in values.items()}
+
+
+def _tolerance(part: str, field: str) -> float:
+    return TOLERANCES.get(f"{part}.{field}", TOLERANCES[part])
+
+
+def _alike(old: Value, new: Value, tolerance: float) -> bool:
+    if isinstance(old, bool) or isinstance(new, bool) or not isinstance(old, int | float):
+        return old is new if isinstance(old, bool) else old == new
+    return isinstance(new, int | float) and abs(old - new) <= tolerance
