@@ -218,9 +218,7 @@ class DriveBase:
         self._localisation = localisation
         self._fitness.locate(localisation, self.odom_from_base(stamp_ns))
 
-    def supervise(
-        self, now_ns: int, active: bool, further: Iterable[Halt] = ()
-    ) -> tuple[Verdict, Telemetry | None]:
+    def supervise(self, now_ns: int, active: bool, further: Iterable[Halt] = ()) -> tuple[Verdict, Telemetry | None]:
         """Who drives in this tick, where there is a goal or not (`active`), and the board's last report.
 
         `further` is what else stands against a drive, by those who know of it. The report is None while there is no

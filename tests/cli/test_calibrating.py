@@ -195,7 +195,9 @@ def rig(program: Path, monkeypatch: pytest.MonkeyPatch) -> Iterator[BoardRig]:
     """A chair at the ports `board` and `sensors`, in its own time, and somebody who lets it drive."""
     with BoardRig(program) as rig:
         ports = {"--port": rig.board.transport, "--sensors": rig.sensors}
-        monkeypatch.setattr("waychair.firmware_bridge.transports.transport_from_text", lambda text, option: ports[option])
+        monkeypatch.setattr(
+            "waychair.firmware_bridge.transports.transport_from_text", lambda text, option: ports[option]
+        )
         monkeypatch.setattr("waychair.trials.board_drive.MonotonicClock", lambda: rig)
         monkeypatch.setattr("sys.stdin", io.StringIO("drive\n"))
         yield rig
