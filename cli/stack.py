@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import signal
 import sys
 import time
 from pathlib import Path
@@ -13,6 +14,8 @@ if TYPE_CHECKING:
     from waychair.ros.client import ChairClient
 
 Pose = Annotated[str, Parameter(allow_leading_hyphen=True)]
+
+_WATCH_S = 0.05
 
 WARNING = """\
 waychair is research software, not a medical device. Modifying a wheelchair may void its approval. Somebody must walk
@@ -32,12 +35,13 @@ def up_command(
     people: bool = True,
     seed: int = 0,
     unattended: bool = False,
+    urgent: bool = False,
     lan: bool = False,
     domain: int | None = None,
     params: Path | None = None,
     out: Path = Path("out/up"),
 ) -> None:
-    """Start all nodes of a chair, and keep them running until Ctrl-C.
+    """Start all nodes of a chair, and keep them running until Ctrl-C or SIGTERM.
 
     Parameters
     ----------
@@ -61,6 +65,8 @@ def up_command(
         Seed of the simulated chair.
     unattended
         Of a simulated chair: a goal needs no yes.
+    urgent
+        Real-time priority for the nodes, where the system grants it: on a computer that does other things, too.
     lan
         Let other computers on the network see the nodes; without security keys no speeds are obeyed then.
     domain
@@ -75,7 +81,7 @@ def up_command(
     from waychair.ros.environment import is_secured, ros_environment
     from waychair.ros.interface_types import interface_type
     from waychair.ros.stack import Stack, processes
-    from waychair.runtime.processes import Supervision
+    from waychair.runtime.processes import Supervision, signalled
 
     if unattended and sim is None:
         raise BadArgument("--unattended is for simulated chairs: whoever sits in a real one says yes")
@@ -83,7 +89,7 @@ def up_command(
     deaf = lan and not is_secured(environment)
     stack = Stack(
         out, sim or "", map, mapping, chair, cable, camera, people, seed, unattended, deaf,
-        None if start is None else pose_from_text(start, "--start"), params,
+        None if start is None else pose_from_text(start, "--start"), params, urgent,
     )  # fmt: skip
     table = processes(stack)
     interface_type("waychair_msgs/msg/DriveState")  # built here, or every node would wait for the first
@@ -94,10 +100,12 @@ def up_command(
             + ("No speeds are obeyed, since there are no security keys." if deaf else "Messages are signed."),
             file=sys.stderr,
         )
+    ending = signalled(signal.SIGINT, signal.SIGTERM)
     with Supervision(table, environment, lambda sentence: print(f"waychair: {sentence}", file=sys.stderr)) as running:
-        while not (over := running.watch()):
-            time.sleep(0.05)
-    raise RosError(f"{over}: see its messages above")
+        while not ending():
+            time.sleep(_WATCH_S)
+            if over := running.watch():
+                raise RosError(f"{over}: see its messages above")
 
 
 def goto_command(*goals: Pose, yes: bool = False, timeout: float = 600.0, domain: int | None = None) -> None:

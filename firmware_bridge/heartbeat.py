@@ -19,6 +19,9 @@ from waychair.firmware_bridge.transports import Reconnecting
 
 PERIOD_S = 0.02
 
+URGENT = 10
+"""Above the priorities of a chair's nodes (`waychair up --urgent`), below those of the system's own threads."""
+
 
 def urgent(process: int = 0) -> bool:
     """Real-time priority for a process, by default the calling thread; false where the system does not grant it.
@@ -26,7 +29,7 @@ def urgent(process: int = 0) -> bool:
     Linux grants it to root and to users with an `rtprio` limit (sched(7), limits.conf(5)).
     """
     try:
-        os.sched_setscheduler(process, os.SCHED_FIFO, os.sched_param(1))
+        os.sched_setscheduler(process, os.SCHED_FIFO, os.sched_param(URGENT))
     except (AttributeError, OSError):
         return False
     return True

@@ -37,6 +37,7 @@ FREE_THRESH = 0.196
 Pixels: TypeAlias = NDArray[Any]
 Mode = Literal["trinary", "scale", "raw"]
 _REQUIRED = ("image", "resolution", "origin", "negate", "occupied_thresh", "free_thresh")
+_SILENT = 0  # of OpenCV's log levels
 
 
 @dataclass(frozen=True, slots=True)
@@ -206,12 +207,13 @@ def _read_image(path: Path) -> tuple[Pixels, int]:
 @contextmanager
 def _quiet_opencv() -> Iterator[None]:
     """Without OpenCV's own lines on stderr about a damaged file."""
-    level = cv2.utils.logging.getLogLevel()
-    cv2.utils.logging.setLogLevel(cv2.utils.logging.LOG_LEVEL_SILENT)
+    log: Any = getattr(cv2.utils, "logging", cv2)  # before OpenCV 5 the functions are in cv2 itself
+    level = log.getLogLevel()
+    log.setLogLevel(_SILENT)
     try:
         yield
     finally:
-        cv2.utils.logging.setLogLevel(level)
+        log.setLogLevel(level)
 
 
 def _trinary_cells(image: FloatArray, info: MapInfo) -> Cells:

@@ -2,7 +2,7 @@
 
 | takes | |
 |---|---|
-| cmd_vel, drive_request | the navigator's speeds, and whether it drives: of the navigator alone, and no older than 0.1 s |
+| cmd_vel, drive_request | the navigator's speeds, and whether it drives: of the navigator alone, and from just now |
 | scan, imu/data, joint_states, battery_state | for odometry, limits and the collision monitor, a process of its own |
 | localisation | for slow zones, and so that nobody drives who does not know where it is |
 | stop | the rider's Stop |
@@ -15,7 +15,8 @@
 Services: `stop`, `confirm` (the rider's yes to the goal that waits), `reset_faults` (std_srvs/Trigger).
 
 Its tick follows each request of the navigator, so that no time is lost between them; without one it ticks by itself. The
-parts live by the computer's steady clock, whatever happens to ROS's: stamps are moved over as they come in.
+parts live by the computer's steady clock, whatever happens to ROS's: stamps are moved over as they come in, and what is
+stamped by another clock is left out. What was asked for before this node began is over: nothing goes on by itself.
 """
 
 from __future__ import annotations
@@ -37,6 +38,7 @@ from waychair.firmware_bridge.transports import Reconnecting, transport_from_tex
 from waychair.geometry import in_space
 from waychair.maps.zones import load_zones
 from waychair.ros import topics
+from waychair.ros.description import robot_description, wheel_transforms
 from waychair.ros.interface_types import interface_type
 from waychair.ros.known_chair import known_chair
 from waychair.ros.messages.chair import (
@@ -55,14 +57,21 @@ from waychair.ros.node import ChairNode, run_node
 from waychair.ros_messages import BASE_FRAME, ODOM_FRAME
 from waychair.runtime.drive_base import BaseSettings, DriveBase, Message
 from waychair.runtime.monitor_process import MonitorProcess, Watched
-from waychair.slam.localiser import Localisation
-from waychair.types import DriveMode, Odometry, Pose2, Twist
+from waychair.slam.localisation import Localisation
+from waychair.topics import SCAN as SCAN_RATE
+from waychair.types import DriveMode, Odometry, Pose2, Twist, WheelTicks
 
 SILENT_NS = 100_000_000
 """A navigator or localiser that has said nothing for so long is dead, or as good as dead."""
 
+OTHER_CLOCK_NS = 500_000_000
+"""What is stamped farther from now was held up, or is of another clock (F16)."""
+
+_AHEAD_NS = 50_000_000  # of a request, where /clock ticks
 _TICK_NS = 45_000_000
+_WHEELS_HZ = 10.0
 _WATCH_HZ = 50.0
+_NAMES_NS = 200_000_000  # between two looks at who publishes, as long as there are no more than before
 
 
 @dataclass(frozen=True, slots=True)
@@ -115,28 +124,32 @@ class BridgeNode(ChairNode[BridgeNodeSettings]):
 
         self._request, self._command, self._located = _Heard(DriveRequest(0)), _Heard(Twist()), _Heard()
         self._goal_id, self._over = NO_GOAL, NO_GOAL
+        self._asked_before = False
         self._mode = DriveMode.MANUAL
         self._ticked_ns = 0
         self._report_of_tick: DriveReport | None = None
-        self._localised_ns = 0
+        self._localised_ns, self._place_ns = 0, -OTHER_CLOCK_NS * 1000  # by the scan's stamp, and by the steady clock
+        self._motion = [self.resolve_topic_name(topic.name) for topic in (topics.COMMAND, topics.DRIVE_REQUEST)]
+        self._sender_counts, self._named_ns, self._stranger = [0, 0], 0, ""
 
         self._send_odometry, self._send_transform = self.publisher(topics.ODOMETRY), self.publisher(topics.TF)
         self._send_state = self.publisher(topics.DRIVE_STATE)
         self._send_mounts = self.publisher(topics.TF_STATIC)
         self._send_mounts(ros_messages.transforms(self.now_ns(), static_transforms(calibration.body)))
+        self.publisher(topics.ROBOT_DESCRIPTION)(robot_description(calibration.body))
+        self._wheels = WheelTicks(0, 0, 0)
+        self.every(_WHEELS_HZ, self._show_wheels)
         self.listen(topics.JOINTS, lambda message: read_wheels(message, self._ticks_per_turn), self._hear_wheels)
         self.listen(topics.IMU, read_imu, self._hear)
         self.listen(topics.SCAN, read_scan, self._hear)
         self.listen(topics.BATTERY, read_battery, self._hear, needed=False)
         self.listen(topics.LOCALISATION, read_localisation, self._locate)
         if s.enable_stamped_cmd_vel:
-            self.listen(
-                topics.STAMPED_COMMAND, lambda message: read_twist_stamped(message)[1], self._command.take, needed=False
-            )
+            self.listen(topics.STAMPED_COMMAND, read_twist_stamped, self._take_stamped, needed=False)
         else:
             self.listen(topics.COMMAND, read_twist, self._command.take, needed=False)
         self.listen(topics.DRIVE_REQUEST, read_drive_request, self._asked, needed=False)
-        self.listen(topics.STOP, lambda message: message, lambda message: self._base.stop(), needed=False)
+        self.listen(topics.STOP, lambda message: message, lambda message: self._stop(), needed=False)
         self._serve("stop", self._stop)
         self._serve("confirm", self._confirm)
         self._serve("reset_faults", self._reset)
@@ -164,16 +177,24 @@ class BridgeNode(ChairNode[BridgeNodeSettings]):
         else:
             yield Report("board", Level.OK, "", (("state", str(telemetry.state)),))
 
-    def _hear(self, message: Message) -> None:
-        """A sensor's message, its stamp moved over to the steady clock."""
-        moved = replace(message, stamp_ns=message.stamp_ns + time.monotonic_ns() - self.now_ns())
-        self._base.hear(self._base.on_time(moved))
+    def _hear(self, message: Message) -> bool:
+        """A sensor's message, its stamp moved over to the steady clock; whether it is of this clock at all."""
+        age_ns = self.now_ns() - message.stamp_ns
+        if abs(age_ns) > OTHER_CLOCK_NS:
+            return False
+        self._base.hear(self._base.on_time(replace(message, stamp_ns=time.monotonic_ns() - age_ns)))
+        return True
 
-    def _hear_wheels(self, message: Message) -> None:
-        self._hear(message)
-        odometry = self._base.odometry
+    def _hear_wheels(self, message: WheelTicks) -> None:
+        self._wheels = message
+        odometry = self._base.odometry if self._hear(message) else None
         if odometry is not None:
             self._publish_odometry(replace(odometry, stamp_ns=message.stamp_ns))
+
+    def _show_wheels(self) -> None:
+        """How the wheels have turned, for who draws the chair."""
+        frames = wheel_transforms(self._calibration.body, self._wheels)
+        self._send_transform(ros_messages.transforms(self.now_ns(), frames))
 
     def _publish_odometry(self, odometry: Odometry) -> None:
         pose = odometry.odom_from_base
@@ -183,20 +204,37 @@ class BridgeNode(ChairNode[BridgeNodeSettings]):
         self._send_transform(transform(odometry.stamp_ns, ODOM_FRAME, BASE_FRAME, in_space(pose)))
 
     def _locate(self, located: tuple[int, Localisation]) -> None:
-        """What the localiser says; what it repeats shows that it lives."""
+        """What the localiser says; what it repeats shows that it lives, not that it sees."""
         stamp_ns, localisation = located
         self._located.take(localisation)
-        if stamp_ns != self._localised_ns:
+        self._place_ns = time.monotonic_ns() - (self.now_ns() - stamp_ns)
+        if stamp_ns != self._localised_ns and not SCAN_RATE.is_stale(self._place_ns, time.monotonic_ns()):
             self._localised_ns = stamp_ns
-            self._base.locate(localisation, stamp_ns + time.monotonic_ns() - self.now_ns())
+            self._base.locate(localisation, self._place_ns)
+
+    def _take_stamped(self, command: tuple[int, Twist]) -> None:
+        if self._is_of_now(command[0]):
+            self._command.take(command[1])
 
     def _asked(self, request: DriveRequest) -> None:
+        """The navigator wants something; one that was held up on its way is none."""
+        if not self._is_of_now(request.stamp_ns):
+            return
+        if request.active and not self._asked_before:
+            self._goal_id = self._over = request.goal_id
+        self._asked_before = True
         self._request.take(request)
         self._tick()
 
+    def _is_of_now(self, stamp_ns: int) -> bool:
+        """F2: decided no longer ago than the last gate allows."""
+        return -_AHEAD_NS <= self.now_ns() - stamp_ns <= self.settings.bridge.max_age_ms * 1_000_000
+
     def _watch(self) -> None:
-        """A tick of its own, when the navigator does not make one."""
-        if time.monotonic_ns() - self._ticked_ns > _TICK_NS:
+        """A tick of its own, when the navigator does not make one, or somebody has fallen silent during a drive."""
+        now_ns = time.monotonic_ns()
+        silent = self._request.is_silent(now_ns) or self._located.is_silent(now_ns)
+        if now_ns - self._ticked_ns > _TICK_NS or (silent and self._mode in DRIVEN):
             self._tick()
 
     def _tick(self) -> None:
@@ -228,6 +266,7 @@ class BridgeNode(ChairNode[BridgeNodeSettings]):
             tuple((halted.stop.id, halted.text) for halted in self._base.halts),
             0.0 if lean is None else lean.roll,
             0.0 if lean is None else lean.pitch,
+            request.scan_ns,
         )
         self._send_state(drive_state(self._report_of_tick))
 
@@ -236,22 +275,27 @@ class BridgeNode(ChairNode[BridgeNodeSettings]):
         halts = [halt("open_network")] if self.settings.deaf else []
         if (active or self._mode in DRIVEN) and self._request.is_silent(now_ns):
             halts.append(halt("navigator_silent"))
-        if self._located.is_silent(now_ns):
+        if self._located.is_silent(now_ns) or SCAN_RATE.is_stale(self._place_ns, now_ns):
             halts.append(halt("localiser_silent"))
-        stranger = self._stranger()
-        if stranger:
-            halts.append(halt("two_commanders", stranger))
+        self._look_for_strangers(now_ns)
+        if self._stranger:
+            halts.append(halt("two_commanders", self._stranger))
         return halts
 
-    def _stranger(self) -> str:
-        """Who publishes speeds or requests and is not the navigator, or is one too many; empty for nobody."""
-        for topic in (topics.COMMAND.name, topics.DRIVE_REQUEST.name):
-            offers = self.get_publishers_info_by_topic(self.resolve_topic_name(topic))
-            names = [offer.node_name for offer in offers]
+    def _look_for_strangers(self, now_ns: int) -> None:
+        """Who publishes speeds or requests and is not the navigator, or is one too many.
+
+        A publisher is known here before its first message is, so that none of those is obeyed.
+        """
+        counts = [self.count_publishers(name) for name in self._motion]
+        if counts == self._sender_counts and now_ns - self._named_ns < _NAMES_NS:
+            return
+        self._sender_counts, self._named_ns, self._stranger = counts, now_ns, ""
+        for topic in self._motion:
+            names = [each.node_name for each in self.get_publishers_info_by_topic(topic)]
             others = [name for name in names if name != self.settings.navigator]
             if others or len(names) > 1:
-                return others[0] if others else f"{len(names)} nodes of the name '{self.settings.navigator}'"
-        return ""
+                self._stranger = others[0] if others else f"{len(names)} nodes of the name '{self.settings.navigator}'"
 
     def _serve(self, name: str, call: Callable[[], tuple[bool, str]]) -> None:
         """A service std_srvs/Trigger that answers with whether it was done, and a sentence."""

@@ -22,22 +22,26 @@ from typing import Any, Self, TypeVar
 import rclpy
 from rclpy.action import ActionClient
 from rclpy.context import Context
-from rclpy.executors import SingleThreadedExecutor
 from rclpy.node import Node
 
 from waychair.errors import RosError
 from waychair.ros import topics
 from waychair.ros.environment import enter_ros_environment
+from waychair.ros.executor import NodeExecutor
 from waychair.ros.interface_types import interface_type
 from waychair.ros.messages.chair import DriveReport, read_drive_state, read_localisation, read_places
 from waychair.ros.messages.motion import pose_stamped, pose_with_covariance, read_pose_stamped
 from waychair.ros.messages.wire import deserialised, native, serialised
-from waychair.slam.localiser import Localisation
+from waychair.slam.localisation import Localisation
 from waychair.types import Place, Pose2
 
 T = TypeVar("T")
 
 _SUCCEEDED, _CANCELED, _ABORTED = 4, 5, 6  # action_msgs/msg/GoalStatus
+
+_LISTEN_S = 0.3
+_SILENT_S = 3.0
+"""A navigator tells five times a second how a drive goes; one that says nothing for so long has died."""
 
 
 class TaskResult(enum.Enum):
@@ -71,15 +75,17 @@ class ChairClient:
         self._context = Context()
         rclpy.init(context=self._context, args=[])
         self.node = Node(name, context=self._context, namespace=namespace or None, start_parameter_services=False)
-        self._executor = SingleThreadedExecutor(context=self._context)
+        self._executor = NodeExecutor(context=self._context)
         self._executor.add_node(self.node)
         self._heard: dict[str, Any] = {}
+        self._services: dict[str, Any] = {}
         self._action = ActionClient(
             self.node, interface_type("nav2_msgs/action/NavigateToPose"), topics.NAVIGATE_TO_POSE
         )
         self._handle: Any = None
         self._ended: Any = None
         self._feedback: Any = None
+        self._fed_s = 0.0
         self._initial: Any = None
 
     def __enter__(self) -> Self:
@@ -178,8 +184,12 @@ class ChairClient:
             self._until(done.done, timeout_s)
 
     def is_task_complete(self, wait_s: float = 0.1) -> bool:
-        """Whether the drive has ended, after waiting for so long at most."""
-        return self._ended is None or self._until(self._ended.done, wait_s)
+        """Whether the drive has ended, after waiting for so long at most; as it has when the navigator died."""
+        if self._ended is None or self._until(self._ended.done, wait_s):
+            return True
+        if time.monotonic() - self._fed_s > _SILENT_S:
+            self.spin(_LISTEN_S)  # whoever has not asked for long has not listened either
+        return self._ended.done() or self._is_deserted
 
     def feedback(self) -> Any:
         """The latest nav2_msgs/action/NavigateToPose feedback; None before the first."""
@@ -187,6 +197,8 @@ class ChairClient:
 
     def result(self) -> Ended:
         """How the drive ended; unknown while it goes on."""
+        if self._ended is not None and not self._ended.done() and self._is_deserted:
+            return Ended(TaskResult.FAILED, "the navigator does not answer any more: see `waychair status`")
         if self._ended is None or not self._ended.done():
             return Ended(TaskResult.UNKNOWN)
         answer = self._ended.result()
@@ -202,7 +214,9 @@ class ChairClient:
         """
         topic = topics.INITIAL_POSE
         if self._initial is None:
-            self._initial = self.node.create_publisher(interface_type(topic.type), topic.name, topic.qos.profile())
+            self._initial = self.node.create_publisher(
+                interface_type(topic.type), topic.name, topics.profile(topic.qos)
+            )
         if not self._until(lambda: self._initial.get_subscription_count() > 0, timeout_s):
             raise RosError(f"no mapper listens to {topic.name} within {timeout_s:g} s: start the chair")
         self._initial.publish(serialised(pose_with_covariance(self._now_ns(), pose)))
@@ -246,25 +260,30 @@ class ChairClient:
         if handle is None or not handle.accepted:
             return False
         self._handle, self._ended = handle, handle.get_result_async()
+        self._fed_s = time.monotonic()
         return True
 
     def _take_feedback(self, message: Any) -> None:
-        self._feedback = message.feedback
+        self._feedback, self._fed_s = message.feedback, time.monotonic()
+
+    @property
+    def _is_deserted(self) -> bool:
+        return self._ended is not None and time.monotonic() - self._fed_s > _SILENT_S
 
     def _trigger(self, name: str, timeout_s: float) -> tuple[bool, str]:
         """Ask a service std_srvs/Trigger."""
         kind = interface_type("std_srvs/srv/Trigger")
-        client = self.node.create_client(kind, name)
-        try:
-            if not self._until(client.service_is_ready, timeout_s):
-                raise RosError(f"nobody offers '{name}' within {timeout_s:g} s: start the chair with `waychair up`")
-            asked = client.call_async(kind.Request())
-            if not self._until(asked.done, timeout_s):
-                raise RosError(f"'{name}' was not answered within {timeout_s:g} s: see `waychair status`")
-            answer = asked.result()
-            return bool(answer.success), str(answer.message)
-        finally:
-            self.node.destroy_client(client)
+        if name not in self._services:
+            self._services[name] = self.node.create_client(kind, name)
+        client = self._services[name]
+        if not self._until(client.service_is_ready, timeout_s):
+            raise RosError(f"nobody offers '{name}' within {timeout_s:g} s: start the chair with `waychair up`")
+        asked = client.call_async(kind.Request())
+        if not self._until(asked.done, timeout_s):
+            client.remove_pending_request(asked)
+            raise RosError(f"'{name}' was not answered within {timeout_s:g} s: see `waychair status`")
+        answer = asked.result()
+        return bool(answer.success), str(answer.message)
 
     def _first(self, topic: topics.RosTopic, read: Callable[[Any], T], timeout_s: float, sender: str) -> T:
         """The latest of a topic, from now on; the first call waits for one."""
@@ -274,7 +293,9 @@ class ChairClient:
             def take(data: bytes) -> None:
                 self._heard[topic.name] = read(deserialised(data, topic.type))
 
-            self.node.create_subscription(interface_type(topic.type), topic.name, take, topic.qos.profile(), raw=True)
+            self.node.create_subscription(
+                interface_type(topic.type), topic.name, take, topics.profile(topic.qos), raw=True
+            )
         else:
             self._until(lambda: False, 0.0)
         if not self._until(lambda: self._heard[topic.name] is not None, timeout_s):

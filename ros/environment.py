@@ -16,6 +16,9 @@ PROFILE = Path(__file__).resolve().parent / "config" / "fastdds.xml"
 """Fast DDS with shared memory for pictures, and fast announcements."""
 
 _PROFILE_VARIABLES = ("FASTRTPS_DEFAULT_PROFILES_FILE", "FASTDDS_DEFAULT_PROFILES_FILE")
+_OPENED = "WAYCHAIR_LAN"
+"""Tells the processes of a chair, which enter their environment by themselves, that it was opened on purpose."""
+
 _DOMAINS = range(102)  # those whose ports do not meet a Linux computer's ephemeral ones
 
 
@@ -37,8 +40,11 @@ def ros_environment(
     if wanted:
         variables["ROS_DOMAIN_ID"] = wanted
     variables.pop("ROS_LOCALHOST_ONLY", None)  # outdated, and stronger than what follows
+    lan = lan or variables.get(_OPENED) == "1"
     variables["ROS_AUTOMATIC_DISCOVERY_RANGE"] = "SUBNET" if lan else "LOCALHOST"
-    if not lan:
+    if lan:
+        variables[_OPENED] = "1"
+    else:
         variables.pop("ROS_STATIC_PEERS", None)
     if not any(variables.get(name) for name in _PROFILE_VARIABLES):
         variables[_PROFILE_VARIABLES[0]] = str(PROFILE)

@@ -10,7 +10,7 @@ from waychair.errors import MessageError
 from waychair.ros.interface_types import interface_type
 from waychair.ros.messages.reports import Level, Report
 from waychair.ros.messages.wire import deserialised
-from waychair.ros.topics import RosTopic
+from waychair.ros.topics import RosTopic, profile
 from waychair.ros_transforms import stamp_ns as nanoseconds
 
 if TYPE_CHECKING:
@@ -36,7 +36,7 @@ class Input(Generic[T]):
         node: Node,
         topic: RosTopic,
         read: Callable[[Any], T],
-        take: Callable[[T], None] | None = None,
+        take: Callable[[T], object] | None = None,
         *,
         needed: bool = True,
     ) -> None:
@@ -47,6 +47,7 @@ class Input(Generic[T]):
         """
         from rclpy.event_handler import SubscriptionEventCallbacks
 
+        silent = SubscriptionEventCallbacks(use_default_callbacks=False)  # a wait for each event costs more than a look
         self.topic = topic
         self.latest: T | None = None
         self.stamp_ns: int | None = None
@@ -56,14 +57,11 @@ class Input(Generic[T]):
         self._needed = needed
         self._count = 0
         self._refused = ""
-        self._mismatch = False
+        self._senders, self._trouble = 0, ""
         self._arrived_ns: int | None = None
         self._reported = (time.monotonic_ns(), 0)
-        events = SubscriptionEventCallbacks(
-            incompatible_qos=lambda event: self._cannot_match(), incompatible_type=lambda event: self._cannot_match()
-        )
         self.subscription = node.create_subscription(
-            interface_type(topic.type), topic.name, self._hear, topic.qos.profile(), event_callbacks=events, raw=True
+            interface_type(topic.type), topic.name, self._hear, profile(topic.qos), event_callbacks=silent, raw=True
         )
 
     @property
@@ -98,7 +96,7 @@ class Input(Generic[T]):
         """Whose messages cannot come, and why: another type, or a QoS that does not fit what is asked for here."""
         from rclpy.qos import QoSCompatibility, qos_check_compatible
 
-        wanted = self.topic.qos.profile()
+        wanted = profile(self.topic.qos)
         for offer in self._node.get_publishers_info_by_topic(self.name):
             sender = f"{offer.node_namespace.rstrip('/')}/{offer.node_name}"
             if offer.topic_type != self.topic.type:
@@ -111,8 +109,8 @@ class Input(Generic[T]):
 
     def _judge(self, rate_hz: float) -> tuple[Level, str]:
         carries, age_ns = self.topic.carries, self.age_ns()
-        if (self._mismatch or rate_hz == 0.0) and (trouble := self.trouble()):
-            return Level.ERROR, trouble
+        if misfit := self._misfit():
+            return Level.ERROR, misfit
         if self._refused:
             return Level.ERROR, self._refused
         if not self._needed and rate_hz == 0.0:
@@ -146,12 +144,14 @@ class Input(Generic[T]):
         if self._take is not None:
             self._take(noun)
 
-    def _cannot_match(self) -> None:
-        """Somebody sends what cannot be taken; said at once, and on /diagnostics as long as it lasts."""
-        self._mismatch = True
-        trouble = self.trouble()
-        if trouble:
-            self._node.get_logger().error(trouble)
+    def _misfit(self) -> str:
+        """`trouble`, looked for when somebody new sends or has left, and logged once."""
+        senders = self._node.count_publishers(self.name)
+        if senders != self._senders:
+            before, self._senders, self._trouble = self._trouble, senders, self.trouble()
+            if self._trouble not in ("", before):
+                self._node.get_logger().error(self._trouble)
+        return self._trouble
 
     def _now_ns(self) -> int:
         return int(self._node.get_clock().now().nanoseconds)

@@ -3,6 +3,7 @@
 | takes | |
 |---|---|
 | scan, odom | what it matches, and where dead reckoning had the chair meanwhile |
+| imu/data | while it maps: how the chair turned and leans |
 | initialpose | where the rider says that the chair is |
 
 | sends | |
@@ -12,26 +13,30 @@
 | localisation, amcl_pose | where each scan was taken, and how far that can be trusted |
 
 Services: `map_server/load_map`, `map_saver/save_map` (nav2_msgs). With a map it localises: where the chair stood when the
-node last ran, where `start` says, or from nowhere. Without one, or with `mapping`, it maps.
+node last ran, where `start` says, or from nowhere. Without one, or with `mapping`, it maps: as `waychair map` would map a
+bag of the same drive.
 """
 
 from __future__ import annotations
 
-import json
 import math
 import sys
 from collections import deque
 from collections.abc import Iterable, Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any
+
+from rclpy.callback_groups import MutuallyExclusiveCallbackGroup
+from rclpy.task import Future
 
 from waychair.config import Settings, setting
 from waychair.errors import ConfigError, OutputError, WaychairError
-from waychair.files import write_json
 from waychair.geometry import in_space
 from waychair.maps.depth_layer import load_depth_layer, scanned_part
 from waychair.maps.map_files import load_map, save_map
+from waychair.maps.places import load_places, save_places
+from waychair.maps.zones import load_zones, save_zones
 from waychair.ros import topics
 from waychair.ros.interface_types import interface_type
 from waychair.ros.known_chair import known_chair
@@ -44,17 +49,24 @@ from waychair.ros.messages.motion import (
     transform,
 )
 from waychair.ros.messages.reports import Level, Report
-from waychair.ros.messages.sensors import read_scan
+from waychair.ros.messages.sensors import read_imu, read_scan
 from waychair.ros.node import ChairNode, run_node
+from waychair.ros.topics import RosTopic
 from waychair.ros_messages import MAP_FRAME, ODOM_FRAME
+from waychair.runtime.last_pose import remember_pose, remembered_pose
 from waychair.runtime.live_mapping import LiveMapping, LiveMappingSettings
 from waychair.runtime.odometry_track import OdometryTrack
 from waychair.slam.localiser import Localisation, LocalisationState, Localiser, LocaliserSettings
-from waychair.types import Odometry, Pose2, Scan, SensorFrame
+from waychair.types import Odometry, Pose2, Scan
+
+if TYPE_CHECKING:
+    from waychair.ros.growing_map import GrowingMap
 
 _ALIVE_HZ = 25.0
 _MAP_HZ = 0.5
-_REMEMBER_HZ = 1.0
+_PATIENCE_S = 2.0
+_REMEMBER_HZ = 4.0
+_MOVED = 0.05  # m and rad beyond which the pose is worth remembering
 
 
 @dataclass(frozen=True, slots=True)
@@ -67,12 +79,15 @@ class MapperNodeSettings(Settings):
     chair: str = setting("A", "", "the simulated chair, where there is no file")
     start: str = setting("", "", "X,Y,YAW in map [m, m, rad] where the chair stands; empty: see `remember`")
     remember: str = setting("", "", "file in which the pose is kept from one run to the next; empty: it is not")
+    keep: str = setting(
+        "", "", "folder for a map that is made, written when the node ends; empty: only when it is asked for"
+    )
     localiser: LocaliserSettings = field(default_factory=LocaliserSettings)
     live: LiveMappingSettings = field(default_factory=LiveMappingSettings)
 
 
 class MapperNode(ChairNode[MapperNodeSettings]):
-    """A `Localiser` or a `LiveMapping`, and what it needs of the odometry."""
+    """A `Localiser` or a `GrowingMap`, and what it needs of the odometry."""
 
     def __init__(self) -> None:
         super().__init__("mapper", MapperNodeSettings)
@@ -80,30 +95,50 @@ class MapperNode(ChairNode[MapperNodeSettings]):
         calibration = known_chair(s.calibration, s.chair)
         self._calibration, self._body = calibration, calibration.body
         self._track = OdometryTrack()
-        self._since: deque[Odometry] = deque(maxlen=500)  # odometry since the last frame
         self._waiting: deque[Scan] = deque(maxlen=5)
         self._found: tuple[int, Localisation] | None = None
+        self._remembered: Pose2 | None = None
         self._send_map, self._send_pose = self.publisher(topics.MAP), self.publisher(topics.POSE)
         self._send_transform, self._send_found = self.publisher(topics.TF), self.publisher(topics.LOCALISATION)
         self._localiser: Localiser | None = None
-        self._mapping: LiveMapping | None = None
+        self._growing: GrowingMap | None = None
         if s.map_folder and not s.mapping:
             self._use(Path(s.map_folder), self._first_pose())
         else:
-            self._mapping = LiveMapping(s.live, self._body.base_from_laser, self._body)
-            self.every(_MAP_HZ, self._publish_growing_map)
-        self.listen(topics.ODOMETRY, read_odometry, self._move)
-        self.listen(topics.SCAN, read_scan, self._see)
+            self._growing = self._begin_map()
+        odometry, scan = topics.ODOMETRY, topics.SCAN
+        if self._growing is not None:
+            odometry, scan = _all_of(odometry), _all_of(scan)
+        self.listen(odometry, read_odometry, self._move)
+        self.listen(scan, read_scan, self._see)
         self.listen(
             topics.INITIAL_POSE, read_pose_with_covariance, lambda given: self._set_pose(given[0]), needed=False
         )
         self.create_service(interface_type("nav2_msgs/srv/LoadMap"), "map_server/load_map", self._load)
-        self.create_service(interface_type("nav2_msgs/srv/SaveMap"), "map_saver/save_map", self._save)
+        own = MutuallyExclusiveCallbackGroup()  # so that the others go on while a map is saved
+        self.create_service(
+            interface_type("nav2_msgs/srv/SaveMap"), "map_saver/save_map", self._save, callback_group=own
+        )
         self.every(_ALIVE_HZ, self._repeat)
         self.every(_REMEMBER_HZ, self._remember)
 
+    def _begin_map(self) -> GrowingMap:
+        """Make a map, as `waychair map` does of a bag of the same drive."""
+        from waychair.ros.growing_map import GrowingMap  # late: who localises starts without it
+
+        s = self.settings
+        if s.keep:
+            self.at_end(self._keep)  # once the worker, which comes later, has ended
+        live = LiveMapping(s.live, self._body.base_from_laser, self._body)
+        growing = GrowingMap(self.worker, live, self._publish)
+        self.listen(_all_of(topics.IMU), read_imu, growing.feel, needed=False)
+        self.every(_MAP_HZ, self._publish_growing_map)
+        return growing
+
     def reports(self) -> Iterable[Report]:
-        """Whether the chair knows where it is."""
+        """Whether the chair knows where it is, and whether a map that is made keeps up."""
+        if self._growing is not None:
+            yield self._growing.report()
         if self._found is None:
             yield Report("localisation", Level.STALE, "no scan has come yet with odometry to it")
             return
@@ -126,9 +161,9 @@ class MapperNode(ChairNode[MapperNodeSettings]):
         """
         grid = load_map(folder)
         scanned = scanned_part(grid, load_depth_layer(folder, grid))
-        self._grid = grid
+        self._folder, self._grid = folder, grid
         self._localiser = Localiser(scanned, self._body.base_from_laser, start, self.settings.localiser)
-        self._mapping = None
+        self._growing = None
         self._send_map(occupancy_grid(self.now_ns(), grid))
 
     def _first_pose(self) -> Pose2 | None:
@@ -140,16 +175,10 @@ class MapperNode(ChairNode[MapperNodeSettings]):
         s = self.settings
         if s.start:
             return pose_from_text(s.start)
-        path = Path(s.remember)
-        if not s.remember or not path.exists():
-            return None
         try:
-            known = json.loads(path.read_text(encoding="utf-8"))
-            if known["map"] != str(Path(s.map_folder).resolve()):
-                return None
-            return Pose2(*(float(value) for value in known["pose"]))
-        except (OSError, ValueError, KeyError, TypeError):
-            self.get_logger().warning(f"{path} holds no pose: the chair looks for itself")
+            return remembered_pose(Path(s.remember), Path(s.map_folder)) if s.remember else None
+        except ConfigError as error:
+            self.get_logger().warning(f"{error}; until then the chair looks for itself")
             return None
 
     def _remember(self) -> None:
@@ -160,11 +189,12 @@ class MapperNode(ChairNode[MapperNodeSettings]):
         found = self._found[1]
         if found.state is LocalisationState.LOST:
             return
-        pose = found.map_from_base
+        pose, before = found.map_from_base, self._remembered
+        if before is not None and max(map(abs, (before.inverse() @ pose).array())) < _MOVED:
+            return
+        self._remembered = pose
         try:
-            write_json(
-                Path(s.remember), {"map": str(Path(s.map_folder).resolve()), "pose": [pose.x, pose.y, pose.theta]}
-            )
+            remember_pose(Path(s.remember), Path(s.map_folder), pose)
         except OutputError as error:
             self.get_logger().warning(str(error), throttle_duration_sec=60.0)
 
@@ -176,35 +206,42 @@ class MapperNode(ChairNode[MapperNodeSettings]):
         self._localiser.restart(pose)
 
     def _move(self, odometry: Odometry) -> None:
-        self._track.take(odometry)
-        self._since.append(odometry)
-        while self._waiting and self._waiting[0].stamp_ns <= odometry.stamp_ns:
-            self._place(self._waiting.popleft())
+        anew = self._track.take(odometry)
+        if self._growing is not None:
+            self._growing.move(odometry, anew)
+            return
+        if anew:
+            self._begin_anew()
+        self._place_waiting(odometry.stamp_ns)
 
     def _see(self, scan: Scan) -> None:
-        """A scan is placed once the odometry has reached it."""
+        """A scan is placed once the odometry has reached it, or nearly so, and those before it were placed."""
+        if self._growing is not None:
+            self._growing.see(self._calibration.seen(scan))
+            return
+        if self._waiting and scan.stamp_ns <= self._waiting[-1].stamp_ns:
+            self._waiting.clear()  # a clock was set back
         self._waiting.append(scan)
         if self._track.odom_from_base(scan.stamp_ns) is not None:
-            self._place(self._waiting.pop())
+            self._place_waiting(scan.stamp_ns)
+
+    def _place_waiting(self, until_ns: int) -> None:
+        while self._waiting and self._waiting[0].stamp_ns <= until_ns:
+            self._place(self._waiting.popleft())
+
+    def _begin_anew(self) -> None:
+        """The odometry has: the chair is looked for round where it was seen last."""
+        if self._localiser is None or self._found is None or self._found[1].lost:
+            return
+        self.get_logger().warning("the odometry began anew: the chair is looked for round its last place")
+        self._localiser.restart(self._found[1].map_from_base)
 
     def _place(self, raw: Scan) -> None:
         odom_from_base = self._track.odom_from_base(raw.stamp_ns)
-        if odom_from_base is None:
+        if odom_from_base is None or self._localiser is None:
             return
         scan = self._calibration.seen(raw)
-        if self._localiser is not None:
-            self._publish(scan.stamp_ns, self._localiser.process(scan, odom_from_base, self._track.twist))
-            return
-        mapping = self._mapping
-        assert mapping is not None
-        since, self._since = tuple(self._since), deque(maxlen=500)
-        frame = SensorFrame(scan.stamp_ns, scan=scan, wheels=since)
-
-        def placed(pose: Pose2) -> None:
-            map_from_odom = pose @ odom_from_base.inverse()
-            self._publish(scan.stamp_ns, Localisation(pose, map_from_odom, 1.0, LocalisationState.OK, 1.0))
-
-        self.worker.submit(lambda: mapping.process(frame), placed)
+        self._publish(scan.stamp_ns, self._localiser.process(scan, odom_from_base, self._track.twist))
 
     def _publish(self, stamp_ns: int, found: Localisation) -> None:
         self._found = stamp_ns, found
@@ -220,9 +257,8 @@ class MapperNode(ChairNode[MapperNodeSettings]):
         self._send_transform(transform(self.now_ns(), MAP_FRAME, ODOM_FRAME, in_space(found.map_from_odom)))
 
     def _publish_growing_map(self) -> None:
-        mapping = self._mapping
-        if mapping is not None and self._found is not None:
-            self.worker.submit(mapping.grid, lambda grid: self._send_map(occupancy_grid(self.now_ns(), grid)))
+        if self._growing is not None:
+            self._growing.draw(lambda grid: self._send_map(occupancy_grid(self.now_ns(), grid)))
 
     def _load(self, request: Any, response: Any) -> Any:
         """nav2_msgs/srv/LoadMap; the URL is a map folder's or its map.yaml's."""
@@ -234,16 +270,42 @@ class MapperNode(ChairNode[MapperNodeSettings]):
             response.result = response.RESULT_INVALID_MAP_DATA
         return response
 
-    def _save(self, request: Any, response: Any) -> Any:
-        """nav2_msgs/srv/SaveMap, into the folder that the URL names."""
-        try:
-            grid = self._grid if self._mapping is None else self._mapping.grid()
-            save_map(Path(request.map_url.removeprefix("file://")), grid)
-            response.result = True
-        except WaychairError as error:
-            self.get_logger().error(str(error))
-            response.result = False
+    async def _save(self, request: Any, response: Any) -> Any:
+        """nav2_msgs/srv/SaveMap, into the folder that the URL names: all of a map, with its places and zones."""
+        folder = Path(request.map_url.removeprefix("file://"))
+        saved: Any = Future()
+        if self._growing is not None:
+            self._growing.save(folder, saved.set_result)
+        else:
+            self.worker.submit(lambda: self._copy_map(folder), saved.set_result)
+        trouble = await saved
+        if trouble:
+            self.get_logger().error(trouble)
+        response.result = not trouble
         return response
+
+    def _copy_map(self, folder: Path) -> str:
+        """What went wrong, or an empty sentence."""
+        try:
+            known = self._folder
+            save_map(folder, self._grid)
+            save_places(folder, load_places(known))
+            save_zones(folder, load_zones(known))
+        except WaychairError as error:
+            return str(error)
+        return ""
+
+    def _keep(self) -> None:
+        """At the end, a map that was being made is not lost."""
+        if self._growing is not None:
+            trouble = self._growing.keep(Path(self.settings.keep))
+            if trouble:
+                self.get_logger().error(trouble)
+
+
+def _all_of(topic: RosTopic) -> RosTopic:
+    """A topic of which nothing is to be missed, though this process may be busy for a second or two."""
+    return replace(topic, qos=replace(topic.qos, depth=round(_PATIENCE_S * topic.rate_hz)))
 
 
 def pose_from_text(text: str) -> Pose2:

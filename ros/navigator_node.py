@@ -31,6 +31,7 @@ import numpy as np
 
 from waychair.config import setting
 from waychair.control.navigator import Navigation, Stage
+from waychair.control.stops import halt
 from waychair.control.supervisor import Verdict
 from waychair.errors import ConfigError, WaychairError
 from waychair.maps.places import load_places
@@ -63,14 +64,17 @@ from waychair.ros.navigate_action import NavigateAction, Progress
 from waychair.ros.node import ChairNode, run_node
 from waychair.runtime.odometry_track import OdometryTrack
 from waychair.runtime.pilot import Pilot, PilotSettings
-from waychair.slam.localiser import Localisation
+from waychair.slam.localisation import Localisation
 from waychair.slam.tilt import Tilt
+from waychair.topics import CAMERA as CAMERA_RATE
 from waychair.topics import COMMAND as COMMAND_RATE
 from waychair.topics import SCAN as SCAN_RATE
-from waychair.types import Goal, OccupancyGrid, Path, Pose2, RgbdFrame, Scan, SonarReadings, Twist
+from waychair.types import Goal, OccupancyGrid, Odometry, Path, Pose2, RgbdFrame, Scan, SonarReadings, Twist
 
 _FEEDBACK_EVERY = 4  # ticks
 _SONARS = 8
+_SILENT_NS = 500_000_000
+"""For so long a drive waits at rest for the bridge or for the chair's place (F25)."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -100,6 +104,11 @@ class NavigatorNode(ChairNode[NavigatorNodeSettings]):
         self._scan: Scan | None = None
         self._located: tuple[int, Localisation] | None = None
         self._state: DriveReport | None = None
+        self._told_ns: int | None = None  # when the bridge spoke last, by the steady clock
+        self._seen_ns = 0  # stamp of the last scan that was of use
+        self._placed_ns: int | None = None  # when the chair's place was known
+        self._frame: RgbdFrame | None = None
+        self._looked_ns: int | None = None  # when the camera spoke
         self._goal_id, self._began_ns, self._ticks = NO_GOAL, 0, 0
         self._navigation: Navigation | None = None
         self._shown: Path | None = None
@@ -112,7 +121,7 @@ class NavigatorNode(ChairNode[NavigatorNodeSettings]):
         self._send_places = self.publisher(topics.PLACES)
         self._send_places(places(self.now_ns(), self._places))
         self.listen(topics.MAP, read_occupancy_grid, self._take_map)
-        self.listen(topics.ODOMETRY, read_odometry, self._track.take)
+        self.listen(topics.ODOMETRY, read_odometry, self._move)
         self.listen(topics.LOCALISATION, read_localisation, self._locate)
         self.listen(topics.SCAN, read_scan, self._see)
         self.listen(topics.DRIVE_STATE, read_drive_state, self._obey)
@@ -141,12 +150,14 @@ class NavigatorNode(ChairNode[NavigatorNodeSettings]):
         """Of the action: set out for a pose; see `navigate_action.Drive`.
 
         Raises:
-            ConfigError: there is no map yet.
+            ConfigError: there is no map yet, or nobody to drive with.
         """
         if self._pilot is None:
             raise ConfigError("there is no map yet: start the mapper, or wait for it")
+        if missing := self._missing(time.monotonic_ns()):
+            raise ConfigError(missing)
         self._pilot.go(self._tolerant(goal))
-        self._goal_id = self._began_ns = time.time_ns()
+        self._goal_id, self._began_ns = time.time_ns(), time.monotonic_ns()
 
     def cancel(self) -> None:
         """Of the action, and of everybody: come to rest, the goal is given up."""
@@ -188,6 +199,11 @@ class NavigatorNode(ChairNode[NavigatorNodeSettings]):
         grid, self._next_map = self._next_map, None
         stops = self._calibration.stops
         self._pilot = Pilot(grid, self._places, self._calibration.body, self.settings, stops, self._zones)
+        self.settle()
+
+    def _move(self, odometry: Odometry) -> None:
+        if self._track.take(odometry):
+            self._located = None  # it was found by odometry that is over
 
     def _see(self, scan: Scan) -> None:
         self._scan = scan
@@ -203,7 +219,7 @@ class NavigatorNode(ChairNode[NavigatorNodeSettings]):
         scan, located = self._scan, self._located
         if self._pilot is None or scan is None or located is None or scan.stamp_ns != located[0]:
             return
-        self._scan = None
+        self._scan, self._seen_ns = None, scan.stamp_ns
         self._pilot.see(self._calibration.seen(scan), located[1], self._track.twist)
 
     def _listen_to_sonars(self) -> None:
@@ -223,10 +239,16 @@ class NavigatorNode(ChairNode[NavigatorNodeSettings]):
     def _listen_to_camera(self) -> None:
         pairing = CameraPairing()
         self.listen(topics.DEPTH_INFO, lambda message: message, pairing.calibrated, needed=False)
-        self.listen(topics.COLOUR, pairing.colour, self._look, needed=False)
-        self.listen(topics.DEPTH, pairing.depth, self._look, needed=False)
+        self.listen(topics.COLOUR, pairing.colour, self._take_frame, needed=False)
+        self.listen(topics.DEPTH, pairing.depth, self._take_frame, needed=False)
 
-    def _look(self, frame: RgbdFrame | None) -> None:
+    def _take_frame(self, frame: RgbdFrame | None) -> None:
+        if frame is not None:
+            self._frame, self._looked_ns = frame, time.monotonic_ns()
+
+    def _look(self) -> None:
+        """At the latest frame, just after a tick: it takes a good part of the time to the next one."""
+        frame, self._frame = self._frame, None
         pose = None if frame is None else self._map_from_base(frame.stamp_ns)
         if frame is not None and self._pilot is not None and pose is not None:
             state = self._state
@@ -242,7 +264,7 @@ class NavigatorNode(ChairNode[NavigatorNodeSettings]):
 
     def _obey(self, report: DriveReport) -> None:
         """What the bridge has decided and done."""
-        self._state = report
+        self._state, self._told_ns = report, time.monotonic_ns()
         pilot = self._pilot
         if pilot is None or self._goal_id == NO_GOAL:
             return
@@ -252,33 +274,60 @@ class NavigatorNode(ChairNode[NavigatorNodeSettings]):
         pilot.learn(report.command if mine else None)
 
     def _tick(self) -> None:
-        """One step of the navigator; what it wants goes to the bridge, whatever that is."""
-        now_ns = self.now_ns()
+        self._step()
+        self._look()
+
+    def _step(self) -> None:
+        """One step of the navigator; what it wants goes to the bridge, whatever that is.
+
+        Stamps are of ROS's clock; the navigator itself lives by the computer's steady one, whatever happens to that.
+        """
+        now_ns, steady_ns = self.now_ns(), time.monotonic_ns()
         pose = self._map_from_base(now_ns)
         pilot = self._pilot
+        missing = self._missing(steady_ns)
+        if missing and pilot is not None and pilot.navigator.active:
+            pilot.drop(missing)
         if pilot is None or pose is None or self._located is None or self._is_late(now_ns):
-            if pilot is not None and pilot.navigator.active:
-                pilot.drop("the chair's place on the map is not known any more")
-            self._send(Twist(), DriveRequest(now_ns, self._goal_id))
+            self._send(Twist(), DriveRequest(now_ns, self._goal_id, pilot is not None and pilot.navigator.active))
             self._tell_action()
             return
-        pilot.expire(now_ns)
-        navigation = self._navigation = pilot.step(now_ns, pose, self._located[1].map_from_odom)
+        self._placed_ns = steady_ns
+        pilot.expire(steady_ns)
+        navigation = self._navigation = pilot.step(steady_ns, pose, self._located[1].map_from_odom)
         active = pilot.navigator.active
         self._send(
             self._slowed(navigation.twist) if navigation.driving else Twist(),
-            DriveRequest(now_ns, self._goal_id, active, active and navigation.driving),
+            DriveRequest(now_ns, self._goal_id, active, active and navigation.driving, self._seen_ns),
         )
         self._show(navigation)
         self._tell_action(pose)
         self._renew()
+
+    def _missing(self, now_ns: int) -> str:
+        """Why no goal can be kept: the bridge is silent, the chair's place, or the camera, where that matters so much."""
+        if self._told_ns is None or now_ns - self._told_ns > _SILENT_NS:
+            return "the bridge does not answer: wait until it is back, then ask for the goal again"
+        if self._placed_ns is None or now_ns - self._placed_ns > _SILENT_NS:
+            return "the chair's place on the map is not known: wait until it is, then ask for the goal again"
+        return halt("depth_stale").text if self._is_blind(now_ns) and self._blind_stops else ""
+
+    @property
+    def _blind_stops(self) -> bool:
+        return self.settings.fitness.depth_silent == "stop"
+
+    def _is_blind(self, now_ns: int) -> bool:
+        """F13: whether there is a camera that has fallen silent, so that nobody sees drop-offs."""
+        return self._looked_ns is not None and CAMERA_RATE.is_stale(self._looked_ns, now_ns)
 
     def _is_late(self, now_ns: int) -> bool:
         """Whether the last scan whose place is known is too old to drive by."""
         return self._located is None or SCAN_RATE.is_stale(self._located[0], now_ns)
 
     def _slowed(self, command: Twist) -> Twist:
-        share = min(1.0, self._limit / max(abs(command.v), 1e-9))
+        blind = self._is_blind(time.monotonic_ns())
+        limit = min(self._limit, self.settings.fitness.slow_speed) if blind else self._limit
+        share = min(1.0, limit / max(abs(command.v), 1e-9))
         return Twist(share * command.v, share * command.omega)
 
     def _send(self, command: Twist, request: DriveRequest) -> None:
@@ -305,7 +354,7 @@ class NavigatorNode(ChairNode[NavigatorNodeSettings]):
             self._action.end(reached=arrived, reason=self._pilot.navigator.reason)
         elif pose is not None and navigation is not None and self._ticks % _FEEDBACK_EVERY == 0:
             left = _way_left(navigation.path, pose)
-            elapsed_s = (time.time_ns() - self._began_ns) * 1e-9
+            elapsed_s = (time.monotonic_ns() - self._began_ns) * 1e-9
             seconds = left / max(self.settings.limiter.max_speed / 2, 0.05)
             self._action.tell(Progress(pose, elapsed_s, seconds, max(0, navigation.plans - 1), left))
 

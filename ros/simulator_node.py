@@ -7,6 +7,7 @@
 | joint_states | angles of the drive wheels, from their encoders |
 | odom, /tf, /tf_static | unless `publish_base` is off: dead reckoning, and the mounts of the chair's file |
 | ground_truth/odom | where the chair really is; a stack must not take it |
+| ground_truth/lines | what is on the joystick lines, at each change; likewise |
 | /clock | with `use_sim_time` |
 
 It takes `joy`, the rider's own stick. The joystick lines are held by the shipped firmware, which a bridge reaches by
@@ -27,10 +28,12 @@ from typing import Any
 from waychair import ros_messages
 from waychair.calibration.dac import DEFAULT
 from waychair.config import Settings, setting
-from waychair.firmware_bridge.board import HostBoard, board_program
+from waychair.firmware_bridge.board import BoardInputs, HostBoard, LineState, board_program
 from waychair.firmware_bridge.heartbeat import urgent
 from waychair.geometry import in_space
 from waychair.ros import topics
+from waychair.ros.description import robot_description
+from waychair.ros.messages.chair import Lines, lines
 from waychair.ros.messages.motion import transform
 from waychair.ros.messages.reports import Level, Report
 from waychair.ros.messages.sensors import read_joy
@@ -66,6 +69,16 @@ class SimulatorNodeSettings(Settings):
     clock_hz: float = setting(100.0, "Hz", "ticks of /clock with use_sim_time", low=1.0, high=200.0)
 
 
+class _Board(HostBoard):
+    """The board; `left` is what it left on the lines last."""
+
+    left: LineState | None = None
+
+    def step(self, now_ms: int, inputs: BoardInputs) -> LineState:
+        self.left = super().step(now_ms, inputs)
+        return self.left
+
+
 class SimulatorNode(ChairNode[SimulatorNodeSettings]):
     """One simulated chair; its time goes by in the worker's thread, to which the renderer belongs."""
 
@@ -74,6 +87,8 @@ class SimulatorNode(ChairNode[SimulatorNodeSettings]):
         self._pacer = Pacer(PaceMode.REALTIME)
         self._lost_s = 0.0
         self._simulator: Simulator | None = None
+        self._board: _Board | None = None
+        self._left: LineState | None = None
         self._cable = ""
         self._ended = threading.Event()
         self._sends: dict[str, Callable[[Any], None]] = {}
@@ -112,13 +127,16 @@ class SimulatorNode(ChairNode[SimulatorNodeSettings]):
             self._began_ns = time.time_ns() - simulator.now_ns
             if self.settings.publish_base:
                 self._send(topics.TF_STATIC, ros_messages.transforms(self._stamp_ns(0), static_transforms(body)))
+                self._send(topics.ROBOT_DESCRIPTION, robot_description(body))
             step_ns = simulator.settings.plant.step_ms * 1_000_000
             clock_ns = round(1e9 / self.settings.clock_hz)
             self._simulator = simulator
+            self.settle()
             self._pacer.pace(simulator.now_ns)
             while not self._ended.is_set():
                 simulator.rider = self._rider(simulator.now_ns)
                 messages = simulator.advance(step_ns)
+                self._tell_lines()
                 if self._is_clock and simulator.now_ns % clock_ns < step_ns:
                     self._tick(simulator.now_ns)
                 for message in messages:
@@ -139,7 +157,7 @@ class SimulatorNode(ChairNode[SimulatorNodeSettings]):
         simulator = Simulator(world if s.people else replace(world, people=()), chair.body, settings, s.seed)
         if s.board:
             wiring = board_settings(Setting(world.grid, {}, chair.body, DEFAULT))
-            board = ends.enter_context(HostBoard(board_program(), wiring))
+            board = self._board = ends.enter_context(_Board(board_program(), wiring))
             simulator.wire(board)
             self._cable = board.path
             if s.board_link:
@@ -166,6 +184,15 @@ class SimulatorNode(ChairNode[SimulatorNodeSettings]):
 
     def _tick(self, now_ns: int) -> None:
         self._send(topics.CLOCK, ros_messages.make("rosgraph_msgs/msg/Clock", ros_messages.header(now_ns, "").stamp))
+
+    def _tell_lines(self) -> None:
+        """When the lines have changed; stamped by the clock, behind which the simulated time may be a little."""
+        left, before = None if self._board is None else self._board.left, self._left
+        if left is None or (before is not None and _on_lines(left) == _on_lines(before)):
+            return
+        self._left = left
+        on_lines = Lines(self.now_ns(), left.holder, left.forward_mv / 1000.0, left.turn_mv / 1000.0)
+        self._send(topics.LINES, lines(on_lines))
 
     def _send_scan(self, scan: Scan) -> None:
         self._send(topics.SCAN, ros_messages.laser_scan(scan))
@@ -215,6 +242,10 @@ _SENDS: Mapping[type, Callable[[SimulatorNode, Any], None]] = {
     SonarReadings: SimulatorNode._send_sonars,
     RgbdFrame: SimulatorNode._send_frame,
 }
+
+
+def _on_lines(state: LineState) -> tuple[int, int, int]:
+    return state.holder, state.forward_mv, state.turn_mv
 
 
 def main(arguments: Sequence[str] | None = None) -> int:

@@ -12,6 +12,7 @@ from waychair.errors import ConfigError
 from waychair.files import write_text
 from waychair.maps.map_files import save_map, yaml_path
 from waychair.maps.places import save_places
+from waychair.runtime.last_pose import remember_pose
 from waychair.runtime.processes import Process
 from waychair.simulation.world import World, load_world
 from waychair.types import Pose2
@@ -19,13 +20,21 @@ from waychair.types import Pose2
 BOARD_LINK = "board"
 """Name of the simulated board's cable in the folder of a run."""
 
+MADE_MAP = "made_map"
+"""Name of the folder, in that of a run, for the map that was made in it."""
+
+_POSE_FILE = "pose.json"
+
+_PRIORITIES = {"simulator": 5, "bridge": 4, "mapper": 3, "navigator": 2}
+"""Of urgent processes: who stops the chair comes before who drives it, and a simulated world is on time for all."""
+
 
 @dataclass(frozen=True, slots=True)
 class Stack:
     """What is to run. `folder` is where the run keeps its files; `world` is that of a simulated chair.
 
     Without a map a simulated chair is given its world's own plan, unless it is `mapping`. `parameters` is a YAML file of
-    the user's, which outweighs what is said here. `deaf`: no speeds are obeyed.
+    the user's, which outweighs what is said here. `deaf`: no speeds are obeyed. `urgent`: with real-time priority.
     """
 
     folder: Path
@@ -41,6 +50,7 @@ class Stack:
     deaf: bool = False
     start: Pose2 | None = None
     parameters: Path | None = None
+    urgent: bool = False
 
 
 def processes(stack: Stack) -> tuple[Process, ...]:
@@ -71,15 +81,18 @@ def processes(stack: Stack) -> tuple[Process, ...]:
             "board_link": str(folder / BOARD_LINK),
         }
     start = stack.start or (None if known is None else known[1])
+    if known is not None and start is not None:
+        # As what the mapper remembers: when it is started again during a run, the chair stands elsewhere.
+        remember_pose(folder / _POSE_FILE, known[0], start)
     rows["bridge"] = {**place, "cable": cable, "unattended": stack.unattended, "deaf": stack.deaf}
     rows["mapper"] = {
         **place,
         "mapping": stack.mapping,
-        "start": "" if start is None else f"{start.x!r},{start.y!r},{start.theta!r}",
-        "remember": str(folder / "pose.json"),
+        "remember": str(folder / _POSE_FILE),
+        "keep": str(folder / MADE_MAP),
     }
     rows["navigator"] = {**place, "camera": stack.camera}
-    return tuple(_process(name, values, folder, stack.parameters) for name, values in rows.items())
+    return tuple(_process(name, values, folder, stack) for name, values in rows.items())
 
 
 def _known_map(stack: Stack, folder: Path) -> tuple[Path, Pose2 | None] | None:
@@ -99,9 +112,10 @@ def _save_plan(world: World, folder: Path) -> None:
     save_places(folder, {place.name: place for place in world.places})
 
 
-def _process(name: str, values: Mapping[str, object], folder: Path, further: Path | None) -> Process:
+def _process(name: str, values: Mapping[str, object], folder: Path, stack: Stack) -> Process:
     path = folder / f"{name}.yaml"
     write_text(path, yaml.safe_dump({f"/**/{name}": {"ros__parameters": dict(values)}}, sort_keys=False))
-    files = [path, *([further.resolve()] if further is not None else [])]
+    files = [path, *([stack.parameters.resolve()] if stack.parameters is not None else [])]
     given = tuple(word for file in files for word in ("--params-file", str(file)))
-    return Process(name, f"waychair.ros.{name}_node", ("--ros-args", *given))
+    priority = _PRIORITIES[name] if stack.urgent else 0
+    return Process(name, f"waychair.ros.{name}_node", ("--ros-args", *given), priority)

@@ -7,13 +7,16 @@ resumes by itself when it is back.
 from __future__ import annotations
 
 import ctypes
+import os
 import signal
 import subprocess
 import sys
 import time
 from collections import deque
 from collections.abc import Callable, Mapping, Sequence
+from contextlib import suppress
 from dataclasses import dataclass, field
+from functools import partial
 from types import TracebackType
 from typing import Self
 
@@ -22,11 +25,15 @@ from waychair.config import Settings, setting
 
 @dataclass(frozen=True, slots=True)
 class Process:
-    """A row: its name, the Python module that it runs, and that one's arguments."""
+    """A row: its name, the Python module that it runs, and that one's arguments.
+
+    `priority` above 0 is a real-time one, where the system grants it (sched(7)).
+    """
 
     name: str
     module: str
     arguments: tuple[str, ...] = ()
+    priority: int = 0
 
 
 @dataclass(frozen=True, slots=True)
@@ -73,7 +80,7 @@ class Supervision:
         """Ask all to end, the last that was started first, and kill what does not."""
         for each in reversed(self._running):
             if each.process.poll() is None:
-                each.process.send_signal(signal.SIGINT)
+                each.process.send_signal(signal.SIGTERM)
         ends = time.monotonic() + self._settings.patience_s
         for each in self._running:
             try:
@@ -111,12 +118,25 @@ class Supervision:
             command,
             env=self._environment,
             start_new_session=True,
-            preexec_fn=_end_with_parent,  # noqa: PLW1509 - this process has no other threads
+            preexec_fn=partial(_begin, os.getpid(), row.priority),  # noqa: PLW1509 - this process has no other threads
         )
         self._told(f"'{row.name}' runs as process {process.pid}")
         return process
 
 
-def _end_with_parent() -> None:
-    """Asks Linux for SIGTERM when the parent dies, however it dies (prctl(2), PR_SET_PDEATHSIG)."""
+def signalled(*signals: signal.Signals) -> Callable[[], bool]:
+    """Whether one of these signals has come, from now on, in place of what they would do to this process."""
+    came: list[int] = []
+    for each in signals:
+        signal.signal(each, lambda number, frame: came.append(number))
+    return lambda: bool(came)
+
+
+def _begin(parent: int, priority: int) -> None:
+    """Asks Linux for SIGTERM when the parent dies, however it dies (prctl(2), PR_SET_PDEATHSIG), and for priority."""
     ctypes.CDLL(None).prctl(1, signal.SIGTERM)
+    if priority > 0:
+        with suppress(OSError):
+            os.sched_setscheduler(0, os.SCHED_RR, os.sched_param(priority))
+    if os.getppid() != parent:  # it has died before it was asked
+        os._exit(1)

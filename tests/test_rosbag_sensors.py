@@ -90,7 +90,7 @@ def test_every_topic_has_its_type_rate_and_offered_quality(bag: Path) -> None:
         "/camera/color/camera_info": ("sensor_msgs/msg/CameraInfo", 15, best_effort),
         "/camera/aligned_depth_to_color/image_raw": ("sensor_msgs/msg/Image", 15, best_effort),
         "/camera/aligned_depth_to_color/camera_info": ("sensor_msgs/msg/CameraInfo", 15, best_effort),
-        **{f"/sonar/{k}": ("sensor_msgs/msg/Range", 20, best_effort) for k in range(3)},
+        **{f"/sonar_{k}": ("sensor_msgs/msg/Range", 20, best_effort) for k in range(3)},
     }
     with opened(bag) as reader:
         qos = {c.topic: c.ext.offered_qos_profiles[0] for c in reader.connections}  # type: ignore[union-attr]
@@ -151,7 +151,7 @@ def test_a_grey_picture_is_mono8(tmp_path: Path) -> None:
 
 
 def test_sonars_have_a_topic_and_a_frame_each_and_keep_the_codes_of_rep_117(bag: Path) -> None:
-    readings = [messages(bag, f"/sonar/{k}")[0] for k in range(3)]
+    readings = [messages(bag, f"/sonar_{k}")[0] for k in range(3)]
     assert [reading.range for reading in readings] == [1.0, math.inf, -math.inf]
     assert [reading.header.frame_id for reading in readings] == ["sonar_0", "sonar_1", "sonar_2"]
     assert {reading.radiation_type for reading in readings} == {0}

@@ -40,7 +40,7 @@ RATES = {
     "/camera/color/camera_info": 15.0,
     "/camera/aligned_depth_to_color/image_raw": 15.0,
     "/camera/aligned_depth_to_color/camera_info": 15.0,
-    "/sonar/0": 20.0,
+    "/sonar_0": 20.0,
     "/tf": 50.0,
 }
 """Messages per second that a bag must hold [Hz]."""

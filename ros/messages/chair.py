@@ -9,10 +9,11 @@ from typing import Any
 import numpy as np
 
 from waychair.errors import MessageError
+from waychair.firmware_bridge.protocol import Holder
 from waychair.ros.messages.motion import pose, read_pose, read_twist, twist
 from waychair.ros.messages.wire import require_finite, require_frame, stamp_of
 from waychair.ros_messages import BASE_FRAME, MAP_FRAME, header, make
-from waychair.slam.localiser import Localisation, LocalisationState
+from waychair.slam.localisation import Localisation, LocalisationState
 from waychair.types import DriveMode, Place, Twist
 
 NO_GOAL = 0
@@ -21,12 +22,16 @@ NO_GOAL = 0
 
 @dataclass(frozen=True, slots=True)
 class DriveRequest:
-    """What the navigator wants: `active` while there is a goal to reach, `driving` while it asks for speeds."""
+    """What the navigator wants: `active` while there is a goal to reach, `driving` while it asks for speeds.
+
+    `scan_ns`: stamp of the latest scan by which that was decided; 0 without one.
+    """
 
     stamp_ns: int
     goal_id: int = NO_GOAL
     active: bool = False
     driving: bool = False
+    scan_ns: int = 0
 
 
 @dataclass(frozen=True, slots=True)
@@ -35,7 +40,7 @@ class DriveReport:
 
     `command` is what was sent, None while the lines are let go. `drops_goal`: that goal is over. `ended`: why bridge or
     board ended a drive. `halts` are ids and sentences of what stands against a drive. The chair leans by `roll` and
-    `pitch` [rad].
+    `pitch` [rad]. `scan_ns` is that of the request it answers.
     """
 
     stamp_ns: int
@@ -49,17 +54,30 @@ class DriveReport:
     halts: tuple[tuple[str, str], ...] = field(default=())
     roll: float = 0.0
     pitch: float = 0.0
+    scan_ns: int = 0
+
+
+@dataclass(frozen=True, slots=True)
+class Lines:
+    """What is on a simulated chair's joystick lines [V] from `stamp_ns` on, and who holds them."""
+
+    stamp_ns: int
+    holder: Holder
+    forward: float
+    turn: float
 
 
 def drive_request(request: DriveRequest) -> Any:
     """waychair_msgs/DriveRequest."""
     head = header(request.stamp_ns, BASE_FRAME)
-    return make("waychair_msgs/msg/DriveRequest", head, request.goal_id, request.active, request.driving)
+    flags = request.active, request.driving
+    return make("waychair_msgs/msg/DriveRequest", head, request.goal_id, *flags, request.scan_ns)
 
 
 def read_drive_request(message: Any) -> DriveRequest:
     """Of a waychair_msgs/DriveRequest."""
-    return DriveRequest(stamp_of(message), int(message.goal_id), bool(message.active), bool(message.driving))
+    flags = bool(message.active), bool(message.driving)
+    return DriveRequest(stamp_of(message), int(message.goal_id), *flags, int(message.scan_ns))
 
 
 def drive_state(report: DriveReport) -> Any:
@@ -80,6 +98,7 @@ def drive_state(report: DriveReport) -> Any:
         [text for _, text in report.halts],
         report.roll,
         report.pitch,
+        report.scan_ns,
     )
 
 
@@ -102,7 +121,25 @@ def read_drive_state(message: Any) -> DriveReport:
         tuple(zip(message.halts, message.halt_texts, strict=False)),
         float(message.roll),
         float(message.pitch),
+        int(message.scan_ns),
     )
+
+
+def lines(on_lines: Lines) -> Any:
+    """waychair_msgs/Lines."""
+    head = header(on_lines.stamp_ns, BASE_FRAME)
+    return make("waychair_msgs/msg/Lines", head, int(on_lines.holder), on_lines.forward, on_lines.turn)
+
+
+def read_lines(message: Any) -> Lines:
+    """Of a waychair_msgs/Lines.
+
+    Raises:
+        MessageError: nobody of that name can hold them, or what is no number.
+    """
+    require_finite("a line's voltage", message.forward, message.turn)
+    holder = _value(Holder, int(message.holder))
+    return Lines(stamp_of(message), holder, float(message.forward), float(message.turn))
 
 
 def localisation(stamp_ns: int, found: Localisation) -> Any:
@@ -167,7 +204,7 @@ def read_places(message: Any) -> dict[str, Place]:
     }
 
 
-def _value(kind: Any, text: str) -> Any:
+def _value(kind: Any, text: str | int) -> Any:
     """The member of an enumeration.
 
     Raises:

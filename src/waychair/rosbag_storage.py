@@ -81,7 +81,7 @@ class BagWriter(Writer):
         self.path.mkdir(mode=0o755)
         self._reserve = Reserve(self.path.with_name("reserve"))
         kind = _Mcap if self.storage_plugin == StoragePlugin.MCAP else _Sqlite3
-        self.storage = kind(self.path, self.compression_mode, self._reserve)
+        self.storage = self._held = kind(self.path, self.compression_mode, self._reserve)
 
     def write(self, connection: Connection, timestamp: int, data: bytes | memoryview) -> None:
         """Appends a message of `timestamp` [ns] to a connection of this bag."""
@@ -92,6 +92,10 @@ class BagWriter(Writer):
             self._unseen = 0
             self.full = shutil.disk_usage(self.path).free < LEAST_FREE
         self.full = self.full or self._reserve.used
+
+    def flush(self) -> None:
+        """Brings all messages so far to the file, where they outlive this process."""
+        self._held.flush()
 
 
 class _ReservedFile(io.FileIO):
@@ -118,6 +122,12 @@ class _Mcap(McapWriter):
         self.bio.close()
         self.bio = io.BufferedWriter(_ReservedFile(self.path, reserve))
 
+    def flush(self) -> None:
+        """Ends the chunk at hand; the messages of a torn one could not be read."""
+        if self.chunk.bio.tell():
+            self.close_chunk()
+        self.bio.flush()
+
 
 class _Sqlite3(Sqlite3Writer):
     """Commits as it goes; when the disk is full, once more what sqlite has rolled back."""
@@ -139,6 +149,10 @@ class _Sqlite3(Sqlite3Writer):
         self._waiting_bytes += len(data)
         if self._waiting_bytes > LOOK_EVERY:
             self._store()
+
+    def flush(self) -> None:
+        """Commits what waits."""
+        self._store()
 
     def close(self, version: int, metadata: str) -> None:
         self._store()

@@ -2,24 +2,16 @@
 
 from __future__ import annotations
 
-import itertools
-import shutil
 import signal
-import sqlite3
-import tempfile
 import threading
 from collections.abc import Callable, Iterator, Mapping
 from contextlib import contextmanager
-from dataclasses import dataclass
 from pathlib import Path
 from types import FrameType, TracebackType
 from typing import Any, Literal, Self
 
-from rosbags.interfaces import Connection, Qos, QosDurability, QosHistory, QosLiveliness, QosReliability, QosTime
-from rosbags.rosbag2 import StoragePlugin
-
-from waychair import ros_messages
-from waychair.errors import OutputError, RecordingError
+from waychair import ros_messages, ros_topics
+from waychair.errors import RecordingError
 from waychair.geometry import in_space
 from waychair.ros_messages import (
     BASE_FRAME,
@@ -30,56 +22,11 @@ from waychair.ros_messages import (
     ODOM_FRAME,
     OPTICAL_FRAME,
 )
-from waychair.rosbag_storage import BagWriter
-from waychair.topics import IMU, ODOMETRY, SCAN, SONAR
+from waychair.ros_topics import RosTopic
+from waychair.rosbag_output import BagOutput
 from waychair.types import ImuSample, Odometry, Pose2, Pose3, RgbdFrame, Scan, SonarReadings, Twist, WheelTicks
 
-_STORAGES = {"mcap": StoragePlugin.MCAP, "sqlite3": StoragePlugin.SQLITE3}
-_SUFFIXES = {"mcap": ".mcap", "sqlite3": ".db3"}
 _STAMP_LIMIT_NS = (1 << 31) * 1_000_000_000  # builtin_interfaces/Time counts seconds in int32
-_FOREVER = QosTime(0x7FFFFFFF, 0xFFFFFFFF)
-
-
-def _qos(depth: int, reliability: QosReliability, durability: QosDurability = QosDurability.VOLATILE) -> Qos:
-    return Qos(
-        QosHistory.KEEP_LAST,
-        depth,
-        reliability,
-        durability,
-        _FOREVER,
-        _FOREVER,
-        QosLiveliness.AUTOMATIC,
-        _FOREVER,
-        False,
-    )
-
-
-_SENSOR = _qos(5, QosReliability.BEST_EFFORT)
-_RELIABLE = _qos(10, QosReliability.RELIABLE)
-_TRANSFORMS = _qos(100, QosReliability.RELIABLE)
-_LATCHED = _qos(1, QosReliability.RELIABLE, QosDurability.TRANSIENT_LOCAL)
-"""What Nav2 and tf2 expect to be offered; static transforms are kept for subscribers that come late."""
-
-
-@dataclass(frozen=True, slots=True)
-class _BagTopic:
-    name: str
-    msgtype: str
-    qos: Qos
-
-
-_SCAN = _BagTopic(f"/{SCAN.name}", "sensor_msgs/msg/LaserScan", _SENSOR)
-_ODOMETRY = _BagTopic(f"/{ODOMETRY.name}", "nav_msgs/msg/Odometry", _RELIABLE)
-_TRUTH = _BagTopic("/ground_truth/odom", "nav_msgs/msg/Odometry", _RELIABLE)
-_TF = _BagTopic("/tf", "tf2_msgs/msg/TFMessage", _TRANSFORMS)
-_TF_STATIC = _BagTopic("/tf_static", "tf2_msgs/msg/TFMessage", _LATCHED)
-_IMU = _BagTopic(f"/{IMU.name}", "sensor_msgs/msg/Imu", _SENSOR)
-_JOINTS = _BagTopic("/joint_states", "sensor_msgs/msg/JointState", _RELIABLE)
-_COLOUR = _BagTopic("/camera/color/image_raw", "sensor_msgs/msg/Image", _SENSOR)
-_COLOUR_INFO = _BagTopic("/camera/color/camera_info", "sensor_msgs/msg/CameraInfo", _SENSOR)
-_DEPTH = _BagTopic("/camera/aligned_depth_to_color/image_raw", "sensor_msgs/msg/Image", _SENSOR)
-_DEPTH_INFO = _BagTopic("/camera/aligned_depth_to_color/camera_info", "sensor_msgs/msg/CameraInfo", _SENSOR)
-"""The camera's are the names of RealSense drivers with depth aligned to colour, which RTAB-Map's examples take."""
 
 
 class RecordingWriter:
@@ -92,7 +39,7 @@ class RecordingWriter:
     | `ImuSample` | /imu/data |
     | `WheelTicks` | /joint_states: wheel angles; left out unless `ticks_per_turn` is given |
     | `RgbdFrame` | /camera/color/{image_raw,camera_info}, /camera/aligned_depth_to_color/{image_raw,camera_info} |
-    | `SonarReadings` | /sonar/0, /sonar/1, ... |
+    | `SonarReadings` | /sonar_0, /sonar_1, ... |
     | `write_truth` | /ground_truth/odom in frame map: for scores; a stack must not subscribe to it |
     | the mounts | /tf_static, before anything else |
 
@@ -125,9 +72,6 @@ class RecordingWriter:
 
         The optical frame of `camera_link` need not be given: it follows from REP-103.
         """
-        by_suffix = next((name for name, suffix in _SUFFIXES.items() if suffix == path.suffix), None)
-        if storage is not None and by_suffix not in (None, storage):
-            raise OutputError(f"{path} ends in {path.suffix} but {storage} was asked for; leave one of the two out")
         if isinstance(mounts, Pose2):
             mounts = {LASER_FRAME: in_space(mounts)}
         self.path = path
@@ -135,47 +79,27 @@ class RecordingWriter:
         if CAMERA_FRAME in mounts:
             self._mounts[CAMERA_FRAME, OPTICAL_FRAME] = CAMERA_FROM_OPTICAL
         self._ticks_per_turn = ticks_per_turn
-        self._storage = storage or by_suffix or "mcap"
-        self._single_file = by_suffix is not None
-        self._connections: dict[_BagTopic, Connection] = {}
+        self._output = BagOutput(path, storage)
         self._latest_ns = -1
 
     def __enter__(self) -> Self:
-        self._refuse_existing()
-        try:
-            self.path.parent.mkdir(parents=True, exist_ok=True)
-            self._aside = Path(tempfile.mkdtemp(prefix=f".{self.path.stem}.", dir=self.path.parent))
-        except OSError as error:
-            raise OutputError(f"cannot write {self.path}: {error.strerror}; choose another folder") from error
-        try:
-            self._writer = BagWriter(self._aside / self.path.stem, _STORAGES[self._storage])
-            self._writer.open()
-        except OSError as error:
-            shutil.rmtree(self._aside, ignore_errors=True)
-            raise OutputError(f"cannot write {self.path}: {error.strerror}; choose another disk") from error
+        self._output.open()
         return self
 
     def __exit__(
         self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
     ) -> None:
-        try:
-            if self._writer.storage is None:  # closed when the disk was full
-                return
-            if isinstance(error, KeyboardInterrupt) and self._latest_ns >= 0:
-                error.add_note(f"what was recorded so far is in {self._close(self._part())}")
-                return
-            if error is not None:
-                self._writer.abort()
-                return
-            if self._latest_ns < 0:
-                self._writer.abort()
-                raise RecordingError(f"nothing was written to {self.path}: record at least one message")
-            self._refuse_existing()
-            self._close(self.path)
-        except (OSError, sqlite3.Error) as failure:
-            raise OutputError(f"cannot write {self.path}: {failure}; choose another disk") from failure
-        finally:
-            shutil.rmtree(self._aside, ignore_errors=True)
+        if not self._output.is_open:  # closed when the disk was full
+            return
+        if isinstance(error, KeyboardInterrupt) and self._latest_ns >= 0:
+            error.add_note(f"what was recorded so far is in {self._output.keep_part()}")
+        elif error is not None:
+            self._output.discard()
+        elif self._latest_ns < 0:
+            self._output.discard()
+            raise RecordingError(f"nothing was written to {self.path}: record at least one message")
+        else:
+            self._output.finish()
 
     def write(self, message: Scan | Odometry | ImuSample | WheelTicks | RgbdFrame | SonarReadings) -> None:
         """Append what a sensor, or the odometry, has said."""
@@ -185,80 +109,51 @@ class RecordingWriter:
     def write_truth(self, stamp_ns: int, map_from_base: Pose2, twist: Twist) -> None:
         """Append where the base really is, and how it moves in its own frame."""
         with self._message(stamp_ns):
-            self._put(_TRUTH, ros_messages.odometry(stamp_ns, MAP_FRAME, map_from_base, twist))
+            self._put(ros_topics.TRUTH, ros_messages.odometry(stamp_ns, MAP_FRAME, map_from_base, twist))
 
     @contextmanager
     def _message(self, stamp_ns: int) -> Iterator[None]:
         """Around everything that is put for one stamp, which an interrupt leaves whole."""
         if not 0 <= stamp_ns < _STAMP_LIMIT_NS:
             raise RecordingError(f"the stamp {stamp_ns} ns cannot be expressed in ROS; use nanoseconds since 1970")
-        try:
-            with _interrupt_held():
-                first, self._latest_ns = self._latest_ns < 0, max(self._latest_ns, stamp_ns)
-                if first:
-                    self._put(_TF_STATIC, ros_messages.transforms(stamp_ns, self._mounts))
-                yield
-                part = self._close(self._part()) if self._writer.full else None
-        except (OSError, sqlite3.Error) as error:
-            raise OutputError(f"cannot write {self.path}: {error}; choose another disk") from error
-        if part is not None:
-            megabytes = self._writer.size / 1e6
-            raise OutputError(
-                f"the disk of {self.path} is full: the {megabytes:.0f} MB recorded so far are in {part}; make room on it"
-            )
+        with _interrupt_held():
+            first, self._latest_ns = self._latest_ns < 0, max(self._latest_ns, stamp_ns)
+            if first:
+                self._put(ros_topics.TF_STATIC, ros_messages.transforms(stamp_ns, self._mounts))
+            yield
+            self._output.refuse_full()
 
     def _put_scan(self, scan: Scan) -> None:
-        self._put(_SCAN, ros_messages.laser_scan(scan))
+        self._put(ros_topics.SCAN, ros_messages.laser_scan(scan))
 
     def _put_odometry(self, reading: Odometry) -> None:
         pose = reading.odom_from_base
         self._put(
-            _ODOMETRY,
+            ros_topics.ODOMETRY,
             ros_messages.odometry(reading.stamp_ns, ODOM_FRAME, pose, reading.twist, reading.covariance),
         )
-        self._put(_TF, ros_messages.transforms(reading.stamp_ns, {(ODOM_FRAME, BASE_FRAME): in_space(pose)}))
+        self._put(ros_topics.TF, ros_messages.transforms(reading.stamp_ns, {(ODOM_FRAME, BASE_FRAME): in_space(pose)}))
 
     def _put_imu(self, sample: ImuSample) -> None:
-        self._put(_IMU, ros_messages.imu(sample))
+        self._put(ros_topics.IMU, ros_messages.imu(sample))
 
     def _put_ticks(self, ticks: WheelTicks) -> None:
         if self._ticks_per_turn is not None:
-            self._put(_JOINTS, ros_messages.joint_states(ticks, self._ticks_per_turn))
+            self._put(ros_topics.JOINTS, ros_messages.joint_states(ticks, self._ticks_per_turn))
 
     def _put_frame(self, frame: RgbdFrame) -> None:
         info = ros_messages.camera_info(frame)
-        self._put(_COLOUR, ros_messages.colour_image(frame))
-        self._put(_COLOUR_INFO, info)
-        self._put(_DEPTH, ros_messages.depth_image(frame))
-        self._put(_DEPTH_INFO, info)
+        self._put(ros_topics.COLOUR, ros_messages.colour_image(frame))
+        self._put(ros_topics.COLOUR_INFO, info)
+        self._put(ros_topics.DEPTH, ros_messages.depth_image(frame))
+        self._put(ros_topics.DEPTH_INFO, info)
 
     def _put_sonars(self, readings: SonarReadings) -> None:
         for k, distance in enumerate(readings.ranges.tolist()):
-            topic = _BagTopic(f"/{SONAR.name}/{k}", "sensor_msgs/msg/Range", _SENSOR)
-            self._put(topic, ros_messages.sonar_range(readings.stamp_ns, k, distance))
+            self._put(ros_topics.sonar(k), ros_messages.sonar_range(readings.stamp_ns, k, distance))
 
-    def _put(self, topic: _BagTopic, message: Any) -> None:
-        if topic not in self._connections:
-            self._connections[topic] = self._writer.add_connection(
-                topic.name, topic.msgtype, typestore=ros_messages.TYPES, offered_qos_profiles=(topic.qos,)
-            )
-        self._writer.write(self._connections[topic], self._latest_ns, ros_messages.serialised(message))
-
-    def _close(self, path: Path) -> Path:
-        """Ends the bag and moves it to this path."""
-        self._writer.close()
-        bag = self._writer.path
-        result = bag / f"{bag.name}{_SUFFIXES[self._storage]}" if self._single_file else bag
-        return result.rename(path)
-
-    def _part(self) -> Path:
-        """A new path beside the bag's for what there is of it, with the same ending, so that programs know it."""
-        names = (f"{self.path.stem}.part{k or ''}{self.path.suffix}" for k in itertools.count())
-        return next(path for path in map(self.path.with_name, names) if not path.exists())
-
-    def _refuse_existing(self) -> None:
-        if self.path.exists():
-            raise OutputError(f"{self.path} exists already; remove it or choose another name")
+    def _put(self, topic: RosTopic, message: Any) -> None:
+        self._output.write(topic.absolute, topic.type, topic.qos, self._latest_ns, ros_messages.serialised(message))
 
 
 _PUTS: Mapping[type, Callable[[RecordingWriter, Any], None]] = {

@@ -122,7 +122,12 @@ def test_a_run_that_is_killed_goes_on_and_gives_the_same_map(data_dir: Path, tmp
         assert (tmp_path / "killed" / name).read_bytes() == (tmp_path / "whole" / name).read_bytes(), name
     assert json.loads((tmp_path / "killed" / "report.json").read_text())["resumed_at_frame"] > 0
     assert json.loads((tmp_path / "whole" / "report.json").read_text())["resumed_at_frame"] == 0
-    assert {path.name for path in (tmp_path / "killed").iterdir()} == {*RESULTS, "report.json", "report.html"}
+    assert {path.name for path in (tmp_path / "killed").iterdir()} == {
+        *RESULTS,
+        "report.json",
+        "report.html",
+        "session.npz",
+    }
 
 
 def interrupted(recording: Recording, settings: MappingSettings, folder: Path, at: float) -> KeyboardInterrupt:
@@ -194,3 +199,21 @@ def test_an_evaluation_that_cannot_be_made_is_one_sentence(tmp_path: Path) -> No
     assert "only 2 of 2 poses" in refused(waychair("evaluate", tum, "--truth", tum))
     assert "none.tum" in refused(waychair("evaluate", tmp_path / "none.tum", "--truth", tum))
     assert "no relations at" in refused(waychair("evaluate", tum, "--relations", tmp_path / "none"))
+
+
+def test_a_further_drive_joins_a_map_or_leaves_it_as_it_was(data_dir: Path, drive: Path, tmp_path: Path) -> None:
+    log, folder = data_dir / "wheelchair_sena" / "sena_one_loop.clf.gz", tmp_path / "map"
+    assert waychair("map", log, "--out", folder, "--quiet").returncode == 0
+    before = {path.name: path.read_bytes() for path in folder.iterdir()}
+    done = waychair("map", log, "--session", folder, "-o", tmp_path / "both")
+    assert done.returncode == 0, done.stderr
+    assert "drive 2 added" in done.stdout
+    keys = [json.loads((each / "report.json").read_text())["key_scans"] for each in (folder, tmp_path / "both")]
+    assert keys[0] <= keys[1] <= 1.1 * keys[0]
+    assert "drive 3 added" in waychair("map", log, "--session", tmp_path / "both" / "map.yaml").stdout
+    for wrong, told in ((drive, "map it by itself"), (tmp_path / "none", "none")):
+        assert told in refused(waychair("map", wrong, "--session", folder))
+    assert "--out FOLDER" in refused(waychair("map", log))
+    assert "no map folder" in refused(waychair("map", log, "--session", tmp_path / "nowhere"))
+    assert {path.name: path.read_bytes() for path in folder.iterdir()} == before
+    assert {path.name for path in tmp_path.iterdir()} == {"map", "both"}

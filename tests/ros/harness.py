@@ -18,7 +18,7 @@ from waychair.ros.environment import ros_environment
 from waychair.ros.interface_types import interface_type
 from waychair.ros.messages.reports import Report, read_diagnostics
 from waychair.ros.messages.wire import deserialised, plain
-from waychair.ros.topics import DIAGNOSTICS, RosTopic
+from waychair.ros.topics import DIAGNOSTICS, RosTopic, profile
 
 PATIENCE_S = 40.0
 """A loaded machine takes its time; only a test that fails waits so long."""
@@ -63,7 +63,7 @@ class Harness:
             interface_type(topic.type),
             name or topic.name,
             lambda data: messages.append(deserialised(data, topic.type)),
-            topic.qos.profile(),
+            profile(topic.qos),
             raw=True,
         )
         messages.close = lambda: self.node.destroy_subscription(subscription)
@@ -82,7 +82,7 @@ class Harness:
             found.extend(r for r in read_diagnostics(plain(message)) if r.name.endswith(name) and says(r))
 
         kind = interface_type(DIAGNOSTICS.type)
-        subscription = self.node.create_subscription(kind, DIAGNOSTICS.name, look, DIAGNOSTICS.qos.profile())
+        subscription = self.node.create_subscription(kind, DIAGNOSTICS.name, look, profile(DIAGNOSTICS.qos))
         self.spin_until(lambda: found, f"the report '{name}'", meanwhile)
         self.node.destroy_subscription(subscription)
         return found[0]

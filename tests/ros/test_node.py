@@ -16,7 +16,7 @@ import pytest
 from waychair import ros_messages
 from waychair.errors import ConfigError
 from waychair.ros.messages.reports import Level
-from waychair.ros.topics import RELIABLE, SCAN
+from waychair.ros.topics import RELIABLE, SCAN, profile
 from waychair.types import Scan
 
 if TYPE_CHECKING:
@@ -46,7 +46,7 @@ def sender(ros: Harness, topic: Any) -> Iterator[Callable[[Any], None]]:
     from waychair.ros.interface_types import interface_type
     from waychair.ros.messages.wire import serialised
 
-    publisher = ros.node.create_publisher(interface_type(topic.type), topic.name, topic.qos.profile())
+    publisher = ros.node.create_publisher(interface_type(topic.type), topic.name, profile(topic.qos))
     yield lambda message: publisher.publish(message if isinstance(message, bytes) else serialised(message))
     ros.node.destroy_publisher(publisher)
 

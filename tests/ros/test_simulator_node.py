@@ -126,7 +126,7 @@ def test_the_riders_stick_moves_the_chair_and_springs_back(simulation: Simulatio
     from waychair.ros.interface_types import interface_type
     from waychair.ros.messages.wire import serialised
 
-    publisher = ros.node.create_publisher(interface_type(topics.JOY.type), "/ward/joy", topics.JOY.qos.profile())
+    publisher = ros.node.create_publisher(interface_type(topics.JOY.type), "/ward/joy", topics.profile(topics.JOY.qos))
     truth = simulation.heard["ground_truth/odom"]
 
     def speed() -> float:

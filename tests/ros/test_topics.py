@@ -14,7 +14,7 @@ from waychair.errors import ConfigError
 from waychair.ros import topics
 from waychair.ros.environment import PROFILE, ros_environment
 from waychair.ros.interface_builder import TEXTS
-from waychair.ros.topics import LATCHED, RELIABLE, SENSOR_DATA, RosTopic
+from waychair.ros.topics import LATCHED, RELIABLE, SENSOR_DATA, RosTopic, profile
 from waychair.ros_messages import TYPES
 
 TABLE = [value for value in vars(topics).values() if isinstance(value, RosTopic)] + [topics.sonar(k) for k in range(8)]
@@ -46,10 +46,10 @@ def test_late_subscribers_get_maps_poses_and_mounts_but_no_old_readings() -> Non
 
 def test_sensor_data_is_what_rclpy_calls_so() -> None:
     qos = pytest.importorskip("rclpy.qos", reason="ROS is not installed (no rclpy)")
-    ours, theirs = SENSOR_DATA.profile(), qos.qos_profile_sensor_data
+    ours, theirs = profile(SENSOR_DATA), qos.qos_profile_sensor_data
     assert (ours.depth, ours.reliability, ours.durability) == (theirs.depth, theirs.reliability, theirs.durability)
-    assert qos.qos_check_compatible(ours, RELIABLE.profile())[0] == qos.QoSCompatibility.ERROR
-    assert qos.qos_check_compatible(RELIABLE.profile(), ours)[0] != qos.QoSCompatibility.ERROR
+    assert qos.qos_check_compatible(ours, profile(RELIABLE))[0] == qos.QoSCompatibility.ERROR
+    assert qos.qos_check_compatible(profile(RELIABLE), ours)[0] != qos.QoSCompatibility.ERROR
 
 
 def test_nodes_are_found_on_this_computer_only_unless_they_are_opened() -> None:
@@ -61,6 +61,12 @@ def test_nodes_are_found_on_this_computer_only_unless_they_are_opened() -> None:
     assert opened["ROS_STATIC_PEERS"] == "192.0.2.7"
     assert (closed["ROS_DOMAIN_ID"], opened["ROS_DOMAIN_ID"], closed["PATH"]) == ("7", "9", "/bin")
     assert "ROS_LOCALHOST_ONLY" not in closed | opened
+    of_a_node = ros_environment(base=opened)
+    assert of_a_node["ROS_AUTOMATIC_DISCOVERY_RANGE"] == "SUBNET", "a node of an opened chair is opened"
+    assert (
+        ros_environment(base={"ROS_AUTOMATIC_DISCOVERY_RANGE": "SUBNET"})["ROS_AUTOMATIC_DISCOVERY_RANGE"]
+        == "LOCALHOST"
+    )
 
 
 @pytest.mark.parametrize("domain", ["102", "-1", "x", "232"])

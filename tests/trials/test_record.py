@@ -74,7 +74,7 @@ def test_everything_the_simulator_says_is_recorded_with_the_truth_of_each_tick(t
                 "/scan", "/odom", "/tf", "/joint_states", "/imu/data", "/ground_truth/odom",
                 "/camera/color/image_raw", "/camera/color/camera_info",
                 "/camera/aligned_depth_to_color/image_raw", "/camera/aligned_depth_to_color/camera_info",
-                *(f"/sonar/{k}" for k in range(8)),
+                *(f"/sonar_{k}" for k in range(8)),
             ],
             ticks,
         ),

@@ -1,0 +1,269 @@
+"""A chair's nodes as they run: `waychair up` in a process of its own, looked at from outside and driven about."""
+
+from __future__ import annotations
+
+import math
+import os
+import re
+import signal
+import subprocess
+import sys
+import time
+from collections import deque
+from collections.abc import Callable, Iterator, Mapping
+from dataclasses import dataclass, field
+from pathlib import Path
+from types import TracebackType
+from typing import Any, Self
+
+from waychair.control.stops import halt
+from waychair.control.supervisor import DRIVEN
+from waychair.firmware_bridge.protocol import Holder
+from waychair.ros import topics
+from waychair.ros.client import ChairClient
+from waychair.ros.environment import ros_environment
+from waychair.ros.interface_types import interface_type
+from waychair.ros.messages.chair import (
+    DriveReport,
+    Lines,
+    read_drive_request,
+    read_drive_state,
+    read_lines,
+    read_localisation,
+)
+from waychair.ros.messages.motion import read_odometry
+from waychair.ros.messages.wire import deserialised
+from waychair.slam.localisation import Localisation, LocalisationState
+from waychair.types import Odometry, Pose2
+
+WORLD = "small_clinic"
+PATIENCE_S = 60.0
+_RUNS_AS = re.compile(r"'(\w+)' runs as process (\d+)")
+COMMAND = (sys.executable, "-c", "from waychair.cli.main import main; main()")
+"""`waychair`, as the interpreter that runs this has it."""
+
+
+_AGAIN_S = 3.0
+
+_FORGIVEN = {"board_host_silent"}
+"""Asking for a goal clears it."""
+
+
+@dataclass(slots=True)
+class Seen:
+    """What a topic said: (arrival by the clock on the wall [ns], what), of the last minute or so."""
+
+    all: deque[tuple[int, Any]] = field(default_factory=lambda: deque(maxlen=4000))
+
+    @property
+    def last(self) -> Any:
+        """None before the first."""
+        return self.all[-1][1] if self.all else None
+
+    def since(self, stamp_ns: int) -> Iterator[tuple[int, Any]]:
+        """What arrived after a moment."""
+        return ((at_ns, what) for at_ns, what in self.all if at_ns > stamp_ns)
+
+
+class LiveStack:
+    """`waychair up` of a simulated chair, for as long as the block lasts; its messages are kept while `spin` runs.
+
+    It is ready for a drive when the block begins, `start_s` after its start.
+    """
+
+    def __init__(self, folder: Path, domain: int, *arguments: str, world: str = WORLD) -> None:
+        self.folder, self.domain = folder, domain
+        folder.mkdir(parents=True, exist_ok=True)
+        self._log = folder / "up.log"
+        self._command = [*COMMAND, "up", "--sim", world, "--out", str(folder / "run"), "--urgent", *arguments]
+        self.client = ChairClient("onlooker", domain=domain)
+        self.states, self.places, self.lines, self.truth = Seen(), Seen(), Seen(), Seen()
+        self.requests = Seen()
+        self.listen(topics.DRIVE_REQUEST, read_drive_request, self.requests)
+        self.listen(topics.DRIVE_STATE, read_drive_state, self.states)
+        self.listen(topics.LOCALISATION, read_localisation, self.places)
+        self.listen(topics.LINES, read_lines, self.lines)
+        self.listen(topics.TRUTH, lambda message: read_odometry(message, topics.TRUTH.frame), self.truth)
+
+    def __enter__(self) -> Self:
+        with self._log.open("w") as log:
+            self.process = subprocess.Popen(
+                self._command, env=ros_environment(domain=self.domain), stdout=log, stderr=subprocess.STDOUT
+            )
+        began_s = time.monotonic()
+        self.until_ready()
+        self.start_s = time.monotonic() - began_s
+        return self
+
+    def __exit__(
+        self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
+    ) -> None:
+        self.end()
+        self.client.close()
+
+    def end(self, by: signal.Signals = signal.SIGTERM) -> int:
+        """The exit code after a signal; a stack that has ended already stays so."""
+        if self.process.poll() is None:
+            self.process.send_signal(by)
+        return self.process.wait(20.0)
+
+    @property
+    def log(self) -> str:
+        """What `waychair up` and its nodes have said so far."""
+        return self._log.read_text(encoding="utf-8")
+
+    @property
+    def pids(self) -> Mapping[str, int]:
+        """Of the processes, by name; each as it was started last."""
+        return {name: int(pid) for name, pid in _RUNS_AS.findall(self.log)}
+
+    @property
+    def state(self) -> DriveReport | None:
+        """What the bridge said last."""
+        return self.states.last  # type: ignore[no-any-return]
+
+    @property
+    def localisation(self) -> Localisation | None:
+        """What the mapper said last."""
+        return None if self.places.last is None else self.places.last[1]
+
+    @property
+    def really(self) -> Odometry | None:
+        """Where the simulated chair is."""
+        return self.truth.last  # type: ignore[no-any-return]
+
+    @property
+    def driving(self) -> bool:
+        """Whether the computer drives, by what the bridge said last."""
+        return self.state is not None and self.state.mode in DRIVEN
+
+    def listen(self, topic: topics.RosTopic, read: Callable[[Any], Any], seen: Seen) -> None:
+        """Keep what a topic says."""
+
+        def take(data: bytes) -> None:
+            seen.all.append((time.time_ns(), read(deserialised(data, topic.type))))
+
+        self.client.node.create_subscription(
+            interface_type(topic.type), topic.name, take, topics.profile(topic.qos), raw=True
+        )
+
+    def spin(self, seconds: float) -> None:
+        """Take in what comes."""
+        self.client.spin(seconds)
+
+    def until(self, true: Callable[[], Any], what: str, patience_s: float = PATIENCE_S) -> None:
+        """Take in what comes until something is true.
+
+        Raises:
+            AssertionError: it is not in that time.
+        """
+        ends = time.monotonic() + patience_s
+        while not true():
+            assert time.monotonic() < ends, f"waited in vain for {what}:\n{self.history()}\n{self.log}"
+            self.client.spin(0.01)
+
+    def history(self) -> str:
+        """What the bridge said last, a line for each change."""
+        said = [f"{s.mode.value}: {s.reason} {s.ended} {dict(s.halts)}" for _, s in self.states.all]
+        stamps = [s.stamp_ns for _, s in self.states.all]
+        changes = [k for k in range(len(said)) if k == 0 or said[k] != said[k - 1]]
+        lines = [f"{(stamps[k] - stamps[0]) * 1e-9:.3f} s {said[k]}" for k in changes[-12:]]
+        return "\n".join([*lines, f"ended {self.client.result()}, at {self.localisation}, really {self.really}"])
+
+    def until_ready(self, since_ns: int = 0) -> None:
+        """Until a drive could begin and the chair knows where it is, by what was said after a moment."""
+        self.until(lambda: self._is_ready(since_ns), "the chair to be ready")
+
+    def _is_ready(self, since_ns: int) -> bool:
+        if self.state is None or self.localisation is None or self.requests.last is None:
+            return False
+        fresh = min(self.state.stamp_ns, self.places.last[0], self.requests.last.scan_ns) > since_ns
+        open_halts = {stop_id for stop_id, _ in self.state.halts} - _FORGIVEN
+        return fresh and not open_halts and self.localisation.state is LocalisationState.OK
+
+    def off_m(self) -> float:
+        """How far the chair's own idea of where it is lies from the truth, now [m]."""
+        assert self.localisation is not None
+        assert self.really is not None
+        told, true = self.localisation.map_from_base, self.really.odom_from_base
+        return math.hypot(told.x - true.x, told.y - true.y)
+
+    def drive(self, ask: Callable[[], object], there: Callable[[], bool], patience_s: float = 120.0) -> None:
+        """Ask for a drive, say yes, and take in what comes until something is true.
+
+        Asked again when the drive ends before that: a computer that is busy with other things is late now and then,
+        and every lateness ends a drive.
+        """
+        asked_s = -_AGAIN_S
+
+        def done() -> bool:
+            nonlocal asked_s
+            if self.waits:
+                self.client.confirm(10.0)
+            elif not self.driving and time.monotonic() - asked_s > _AGAIN_S:
+                ask()
+                asked_s = time.monotonic()
+            return there()
+
+        self.until(done, "the drive", patience_s)
+
+    def begin(self, goal: Pose2) -> None:
+        """Ask for a drive by the action, say yes, and see the chair move."""
+        self.drive(lambda: self.client.go_to_pose(goal, 10.0), lambda: self.driving and self._moves())
+
+    @property
+    def waits(self) -> bool:
+        """Whether a goal waits for the rider's yes."""
+        return self.state is not None and self.state.reason == halt("unconfirmed").text
+
+    def _moves(self) -> bool:
+        return self.really is not None and abs(self.really.twist.v) > 0.15
+
+
+@dataclass(frozen=True, slots=True)
+class Death:
+    """What became of a drive when a process was killed: by when the computer's hold on the lines had ended [ms] after
+    it, by the simulator's stamps; when a drive could have begun again [s]; how far the chair was off then [m].
+
+    `jitter_ms`: how much later than due the machine served the one who measured, meanwhile.
+    """
+
+    process: str
+    gone_ms: float
+    back_s: float
+    off_m: float
+    jitter_ms: float
+    resumed: bool
+
+
+def kill(stack: LiveStack, name: str, how: signal.Signals = signal.SIGKILL) -> Death:
+    """Kill a process of a stack that drives."""
+    pid, dead_ns = stack.pids[name], time.time_ns()
+    os.kill(pid, how)
+    stack.until(lambda: gone_after(stack, dead_ns) is not None, "the lines to be let go", 5.0)
+    gone_ns = gone_after(stack, dead_ns)
+    assert gone_ns is not None
+    late_ms = jitter_ms(stack, dead_ns)
+    if how is signal.SIGSTOP:
+        stack.spin(0.5)
+        os.kill(pid, signal.SIGCONT)
+    else:
+        stack.until(lambda: stack.pids[name] != pid, f"another {name}")
+    stack.until_ready(gone_ns)
+    back_s = (time.time_ns() - dead_ns) * 1e-9
+    stack.until(lambda: stack.really is not None and abs(stack.really.twist.v) < 0.01, "the chair to rest")
+    stack.spin(1.0)
+    held = any(lines.holder is Holder.BOARD and lines.stamp_ns > gone_ns for _, lines in stack.lines.since(dead_ns))
+    return Death(name, (gone_ns - dead_ns) / 1e6, back_s, stack.off_m(), late_ms, held or stack.driving)
+
+
+def gone_after(stack: LiveStack, dead_ns: int) -> int | None:
+    """Stamp of the first moment after `dead_ns` at which the computer does not hold the lines."""
+    after: list[Lines] = [lines for _, lines in stack.lines.all if lines.stamp_ns > dead_ns]
+    return next((lines.stamp_ns for lines in after if lines.holder is not Holder.BOARD), None)
+
+
+def jitter_ms(stack: LiveStack, since_ns: int) -> float:
+    """Greatest lateness with which a message of the simulator, sent every 20 ms, came."""
+    late = [at_ns - odometry.stamp_ns for at_ns, odometry in stack.truth.since(since_ns)]
+    return max(late, default=0) / 1e6

@@ -1,0 +1,121 @@
+"""The chair for RViz and whoever else draws or checks it: a URDF and the frames of its wheels, from the chair's file.
+
+The joints are named as in joint_states; fixed joints stand where the static transforms put their frames (`mounts`), so
+that both are of one file. Angles and axes follow REP-103; a joint's `rpy` are turns about the fixed axes x, y, z in turn
+(http://wiki.ros.org/urdf/XML/joint).
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+from typing import Any
+from xml.etree import ElementTree
+from xml.etree.ElementTree import Element, SubElement
+
+import numpy as np
+from scipy.spatial.transform import Rotation
+
+from waychair.calibration.chair import BodyLayer, ChairBody
+from waychair.ros.mounts import static_transforms
+from waychair.ros_messages import BASE_FRAME, WHEEL_JOINTS, make
+from waychair.types import Pose3, WheelTicks
+
+WHEEL_FRAMES = tuple(joint.replace("_joint", "_link") for joint in WHEEL_JOINTS)
+
+_WHEEL_WIDTH = 0.05  # m; of the picture only
+_SEAT = (0.10, 0.50)  # m above the floor; of the picture of a chair whose outline is the same at all heights
+_SENSOR_SIZE = 0.04  # m; of the picture only
+_COLOURS = {"body": "0.20 0.35 0.60 0.45", "wheel": "0.10 0.10 0.10 1", "sensor": "0.90 0.55 0.10 1"}
+
+
+def robot_description(body: ChairBody) -> Any:
+    """std_msgs/String with the chair's URDF."""
+    return make("std_msgs/msg/String", urdf(body))
+
+
+def urdf(body: ChairBody) -> str:
+    """URDF (XML) of a chair: its outline, drive wheels that turn, and the frames of its sensors."""
+    robot = Element("robot", name=f"waychair_{body.chair_id}")
+    for name, rgba in _COLOURS.items():
+        SubElement(SubElement(robot, "material", name=name), "color", rgba=rgba)
+    _add_base(robot, body)
+    for frame, joint, (_, mount) in zip(WHEEL_FRAMES, WHEEL_JOINTS, _wheels(body, (0.0, 0.0)).items(), strict=True):
+        _add_wheel(robot, frame, body.wheel_radius)
+        _add_joint(robot, joint, "continuous", BASE_FRAME, frame, mount, axis="0 1 0")
+    for (parent, frame), mount in static_transforms(body).items():
+        link = SubElement(robot, "link", name=frame)
+        if parent == BASE_FRAME:
+            _add_shape(
+                link, "visual", "box", Pose3(np.eye(3), np.zeros(3)), "sensor", size=_numbers([_SENSOR_SIZE] * 3)
+            )
+        _add_joint(robot, f"{frame}_joint", "fixed", parent, frame, mount)
+    ElementTree.indent(robot)
+    return '<?xml version="1.0"?>\n' + ElementTree.tostring(robot, encoding="unicode") + "\n"
+
+
+def wheel_transforms(body: ChairBody, ticks: WheelTicks) -> dict[tuple[str, str], Pose3]:
+    """`base_from_wheel` of both drive wheels by (parent, child), as their joints' angles have turned them."""
+    angle = math.tau / body.ticks_per_turn
+    return _wheels(body, (ticks.left * angle, ticks.right * angle))
+
+
+def _wheels(body: ChairBody, angles: tuple[float, float]) -> dict[tuple[str, str], Pose3]:
+    """The wheels stand on the floor under the axle, and roll forward about y, to the left."""
+    found = {}
+    for frame, side, angle in zip(WHEEL_FRAMES, (1.0, -1.0), angles, strict=True):
+        c, s = math.cos(angle), math.sin(angle)
+        turn = np.array([[c, 0.0, s], [0.0, 1.0, 0.0], [-s, 0.0, c]])
+        found[BASE_FRAME, frame] = Pose3(turn, np.array([0.0, side * body.track / 2, body.wheel_radius]))
+    return found
+
+
+def _add_base(robot: Element, body: ChairBody) -> None:
+    """The outline; to be drawn only so high that the sensors can be seen, to keep clear of as high as it reaches."""
+    base = SubElement(robot, "link", name=BASE_FRAME)
+    layers = body.height_layers()
+    seat = BodyLayer(*_SEAT, body.front, body.rear, body.width / 2)
+    for layer in body.layers or (seat,):
+        _add_layer(base, "visual", layer, "body")
+    for layer in layers:
+        _add_layer(base, "collision", layer)
+
+
+def _add_layer(base: Element, kind: str, layer: BodyLayer, material: str = "") -> None:
+    middle = np.array([(layer.front - layer.rear) / 2, 0.0, (layer.bottom + layer.top) / 2])
+    size = (layer.front + layer.rear, 2 * layer.half_width, layer.top - layer.bottom)
+    _add_shape(base, kind, "box", Pose3(np.eye(3), middle), material, size=_numbers(size))
+
+
+def _add_wheel(robot: Element, frame: str, radius: float) -> None:
+    """A cylinder, whose own axis is z, turned to lie along y."""
+    link = SubElement(robot, "link", name=frame)
+    across = Pose3(Rotation.from_euler("x", math.pi / 2).as_matrix(), np.zeros(3))
+    for kind, material in (("visual", "wheel"), ("collision", "")):
+        _add_shape(link, kind, "cylinder", across, material, radius=_numbers([radius]), length=_numbers([_WHEEL_WIDTH]))
+
+
+def _add_shape(link: Element, kind: str, shape: str, at: Pose3, material: str, **sizes: str) -> None:
+    drawn = SubElement(link, kind)
+    _add_origin(drawn, at)
+    SubElement(SubElement(drawn, "geometry"), shape, sizes)
+    if material:
+        SubElement(drawn, "material", name=material)
+
+
+def _add_joint(robot: Element, name: str, kind: str, parent: str, child: str, at: Pose3, axis: str = "") -> None:
+    joint = SubElement(robot, "joint", name=name, type=kind)
+    _add_origin(joint, at)
+    SubElement(joint, "parent", link=parent)
+    SubElement(joint, "child", link=child)
+    if axis:
+        SubElement(joint, "axis", xyz=axis)
+
+
+def _add_origin(element: Element, at: Pose3) -> None:
+    turns = Rotation.from_matrix(at.rotation).as_euler("xyz")
+    SubElement(element, "origin", xyz=_numbers(at.translation), rpy=_numbers(turns))
+
+
+def _numbers(values: Sequence[float] | Any) -> str:
+    return " ".join(f"{float(value) + 0.0:.9g}" for value in np.round(np.asarray(values, np.float64), 12))

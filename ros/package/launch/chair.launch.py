@@ -1,0 +1,79 @@
+"""All nodes of a chair, as `waychair up` starts them: ros2 launch waychair_ros chair.launch.py sim:=small_clinic
+
+Nodes, parameters and their files are those of `waychair.ros.stack`. A node that dies is started again; nothing drives on
+by itself.
+"""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+from launch import LaunchDescription
+from launch.actions import DeclareLaunchArgument, OpaqueFunction
+from launch_ros.actions import Node
+
+from waychair.ros.stack import Stack, processes
+
+if TYPE_CHECKING:
+    from launch import LaunchContext, LaunchDescriptionEntity
+
+ARGUMENTS = {
+    "sim": ("", "simulate a chair in this world (`waychair worlds`)"),
+    "map": ("", "map folder to drive on; a simulated chair without one is given its world's own plan"),
+    "mapping": ("false", "make a map on the way"),
+    "chair": ("", "a real chair's calibration file"),
+    "cable": ("", "port of a real chair's board: /dev/ttyUSB0, pty:PATH or tcp:HOST:PORT"),
+    "camera": ("true", "with a camera"),
+    "people": ("true", "with the world's people"),
+    "seed": ("0", "seed of the simulated chair"),
+    "namespace": ("", "namespace of all nodes"),
+    "params": ("", "a ROS parameter file that outweighs the others"),
+    "out": ("out/up", "folder for the run's files"),
+}
+
+
+def generate_launch_description() -> LaunchDescription:
+    """Of ros2 launch."""
+    declared = [
+        DeclareLaunchArgument(name, default_value=value, description=about)
+        for name, (value, about) in ARGUMENTS.items()
+    ]
+    return LaunchDescription([*declared, OpaqueFunction(function=nodes)])
+
+
+def nodes(context: LaunchContext) -> list[LaunchDescriptionEntity]:
+    """The processes, once the arguments are known."""
+    given = {name: context.launch_configurations[name] for name in ARGUMENTS}
+    stack = Stack(
+        folder=Path(given["out"]),
+        world=given["sim"],
+        map_folder=_path(given["map"]),
+        mapping=_is_true(given["mapping"]),
+        calibration=_path(given["chair"]),
+        cable=given["cable"],
+        camera=_is_true(given["camera"]),
+        people=_is_true(given["people"]),
+        seed=int(given["seed"]),
+        parameters=_path(given["params"]),
+    )
+    return [
+        Node(
+            package="waychair_ros",
+            executable=row.name,
+            namespace=given["namespace"],
+            arguments=list(row.arguments),
+            output="screen",
+            respawn=True,
+            respawn_delay=0.2,
+        )
+        for row in processes(stack)
+    ]
+
+
+def _path(text: str) -> Path | None:
+    return Path(text) if text else None
+
+
+def _is_true(text: str) -> bool:
+    return text.lower() in ("true", "1", "yes", "on")

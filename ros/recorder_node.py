@@ -1,0 +1,179 @@
+"""The recorder as a node: all that the chair's nodes say, into a ROS 2 bag, without ros2cli.
+
+Messages are kept as the bytes that came, logged at the time at which they came. Every second what there is goes to the
+file, so that a recorder that is killed leaves all but its last second (see `BagOutput.aside`); one that is asked to end
+leaves the whole bag at its path.
+"""
+
+from __future__ import annotations
+
+import sys
+from collections import Counter
+from collections.abc import Callable, Iterable, Sequence
+from dataclasses import dataclass, replace
+from pathlib import Path
+from typing import Any
+
+from waychair.calibration.chair import CHAIR_A, sonar_mounts
+from waychair.config import Settings, setting
+from waychair.errors import RecordingError
+from waychair.ros import topics
+from waychair.ros.interface_types import interface_type
+from waychair.ros.messages.reports import Level, Report
+from waychair.ros.node import ChairNode, live, run_node
+from waychair.ros.topics import RosTopic, profile
+from waychair.rosbag_output import BagOutput
+
+DRIVE: tuple[RosTopic, ...] = (
+    topics.SCAN,
+    topics.IMU,
+    topics.JOINTS,
+    topics.ODOMETRY,
+    topics.TF,
+    topics.TF_STATIC,
+    *(topics.sonar(k) for k in range(len(sonar_mounts(CHAIR_A)))),
+    topics.BATTERY,
+    topics.JOY,
+    topics.TRUTH,
+    topics.MAP,
+    topics.PLACES,
+    topics.LOCALISATION,
+    topics.POSE,
+    topics.INITIAL_POSE,
+    topics.GOAL,
+    topics.PLAN,
+    topics.LOCAL_PLAN,
+    topics.SPEED_LIMIT,
+    topics.STOP,
+    topics.COMMAND,
+    topics.DRIVE_REQUEST,
+    topics.DRIVE_STATE,
+    topics.ROBOT_DESCRIPTION,
+    topics.DIAGNOSTICS,
+)
+PICTURES: tuple[RosTopic, ...] = (topics.COLOUR, topics.COLOUR_INFO, topics.DEPTH, topics.DEPTH_INFO)
+"""Some 25 MB a second before they are compressed."""
+
+_DEPTH = 200  # messages that wait while the disk is busy
+_FLUSH_HZ = 1.0
+
+
+@dataclass(frozen=True, slots=True)
+class RecorderNodeSettings(Settings):
+    """Where to, and what."""
+
+    out: str = setting(
+        "drive.mcap", "", "the bag: a file that ends in .mcap or .db3, or a folder; there must be none yet"
+    )
+    camera: bool = setting(False, "", "pictures and depth, too")
+
+
+@dataclass(frozen=True, slots=True)
+class Recorded:
+    """A bag that was recorded: seconds from its first to its last message, and how many came by topic."""
+
+    path: Path
+    seconds: float
+    counts: dict[str, int]
+    megabytes: float
+
+
+class RecorderNode(ChairNode[RecorderNodeSettings]):
+    """One `BagOutput`; `recorded` is what came of it, once the node has ended."""
+
+    def __init__(self, settings: RecorderNodeSettings | None = None) -> None:
+        """The settings stand for the node's parameters, for who starts it by itself."""
+        super().__init__("recorder", RecorderNodeSettings)
+        self.settings = settings or self.settings
+        self.recorded: Recorded | None = None
+        self._counts: Counter[str] = Counter()
+        self._span_ns: tuple[int, int] | None = None
+        self._misfits: set[RosTopic] = set()
+        self._heard: dict[RosTopic, Any] = {}
+        self._bag = BagOutput(Path(self.settings.out))
+        for topic in DRIVE + (PICTURES if self.settings.camera else ()):
+            self._listen(topic, replace(topic, qos=replace(topic.qos, depth=_DEPTH)))
+        self._bag.open()
+        self.at_end(self._end)
+        self.get_logger().info(f"recording; until it is whole the bag is in {self._bag.aside}")
+        self.every(_FLUSH_HZ, self._bag.flush)
+        self.every(_FLUSH_HZ, self._fit)
+
+    def reports(self) -> Iterable[Report]:
+        """How much there is, of which topics."""
+        counts = ((name, str(count)) for name, count in sorted(self._counts.items()))
+        values = (("MB", f"{self._bag.size / 1e6:.1f}"), *counts)
+        level = Level.OK if self._counts else Level.WARN
+        yield Report("recording", level, "" if self._counts else "nothing has come yet", values)
+
+    def _listen(self, topic: RosTopic, wanted: RosTopic) -> None:
+        from rclpy.event_handler import SubscriptionEventCallbacks
+
+        events = SubscriptionEventCallbacks(incompatible_qos=lambda event: self._misfits.add(topic))
+        subscription = self.create_subscription(
+            interface_type(topic.type), topic.name, self._taker(topic), profile(wanted.qos),
+            event_callbacks=events, raw=True,
+        )  # fmt: skip
+        self._heard[topic] = subscription
+
+    def _fit(self) -> None:
+        """Take what is offered with less than is usual: best is some of it."""
+        for topic in self._misfits:
+            self.destroy_subscription(self._heard[topic])
+            self._listen(topic, replace(topic, qos=topics.Qos(_DEPTH, reliable=False)))
+        self._misfits.clear()
+
+    def _taker(self, topic: RosTopic) -> Callable[[bytes], None]:
+        name = self.resolve_topic_name(topic.name)
+
+        def take(data: bytes) -> None:
+            now_ns = self.now_ns()
+            self._bag.write(name, topic.type, topic.qos, now_ns, data)
+            self._bag.refuse_full()
+            self._counts[name] += 1
+            self._span_ns = (now_ns if self._span_ns is None else self._span_ns[0], now_ns)
+
+        return take
+
+    def _end(self) -> None:
+        """
+        Raises:
+            RecordingError: nothing came.
+            OutputError: the bag cannot be finished.
+        """
+        if not self._bag.is_open:
+            return
+        if self._span_ns is None or set(self._counts) == {topics.DIAGNOSTICS.name}:  # its own
+            self._bag.discard()
+            raise RecordingError("nothing was recorded, for nobody said anything: start the chair with `waychair up`")
+        megabytes = self._bag.size / 1e6
+        first, last = self._span_ns
+        self.recorded = Recorded(self._bag.finish(), (last - first) * 1e-9, dict(self._counts), megabytes)
+
+
+def record(path: Path, camera: bool = False) -> Recorded:
+    """Record what the chair's nodes say, until SIGINT or SIGTERM.
+
+    Raises:
+        OutputError: there is something at the path already, it cannot be written to, or its disk is full.
+        RecordingError: nothing came.
+    """
+    nodes: list[RecorderNode] = []
+
+    def make() -> RecorderNode:
+        nodes.append(RecorderNode(RecorderNodeSettings(str(path), camera)))
+        return nodes[0]
+
+    live(make, ())
+    recorded = nodes[0].recorded
+    assert recorded is not None  # or `live` has raised
+    return recorded
+
+
+def main(arguments: Sequence[str] | None = None) -> int:
+    """The node's process."""
+    return run_node(RecorderNode, arguments)
+
+
+if __name__ == "__main__":
+    sys.exit(main())

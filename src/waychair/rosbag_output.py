@@ -1,0 +1,184 @@
+"""A ROS 2 bag that is written aside, and is at its path only when it is whole."""
+
+from __future__ import annotations
+
+import itertools
+import shutil
+import sqlite3
+import tempfile
+from collections.abc import Iterator
+from contextlib import contextmanager
+from pathlib import Path
+from typing import Literal
+
+from rosbags.interfaces import Connection, QosDurability, QosHistory, QosLiveliness, QosReliability, QosTime
+from rosbags.interfaces import Qos as BagQos
+from rosbags.rosbag2 import StoragePlugin
+
+from waychair.errors import OutputError
+from waychair.ros_messages import TYPES
+from waychair.ros_topics import Qos
+from waychair.rosbag_storage import BagWriter
+
+_STORAGES = {"mcap": StoragePlugin.MCAP, "sqlite3": StoragePlugin.SQLITE3}
+_SUFFIXES = {"mcap": ".mcap", "sqlite3": ".db3"}
+_FOREVER = QosTime(0x7FFFFFFF, 0xFFFFFFFF)
+
+
+class BagOutput:
+    """Messages by topic and time, in a folder beside the path until `finish`; a topic is declared by its first message.
+
+    A path that ends in .mcap or .db3 becomes that single file, any other path the folder of a bag; chunks of mcap are
+    compressed (zstd). Until it is finished the bag is in `aside`; what `flush` has brought there outlives this process,
+    and `read_recording` reads it, though it has no index.
+    """
+
+    def __init__(self, path: Path, storage: Literal["mcap", "sqlite3"] | None = None) -> None:
+        """
+        Raises:
+            OutputError: the path ends as that of another storage.
+        """
+        by_suffix = next((name for name, suffix in _SUFFIXES.items() if suffix == path.suffix), None)
+        if storage is not None and by_suffix not in (None, storage):
+            raise OutputError(f"{path} ends in {path.suffix} but {storage} was asked for; leave one of the two out")
+        self.path = path
+        self._storage = storage or by_suffix or "mcap"
+        self._single_file = by_suffix is not None
+        self._connections: dict[str, Connection] = {}
+
+    def open(self) -> None:
+        """
+        Raises:
+            OutputError: there is something at the path already, it cannot be written to, or its disk is full.
+        """
+        path = self.path
+        self._refuse_existing()
+        try:
+            path.parent.mkdir(parents=True, exist_ok=True)
+            self._folder = Path(tempfile.mkdtemp(prefix=f".{path.stem}.", dir=path.parent))
+        except OSError as error:
+            raise OutputError(f"cannot write {path}: {error.strerror}; choose another folder") from error
+        try:
+            self._writer = BagWriter(self._folder / path.stem, _STORAGES[self._storage])
+            self._writer.open()
+        except OSError as error:
+            self._remove()
+            raise OutputError(f"cannot write {path}: {error.strerror}; choose another disk") from error
+
+    @property
+    def aside(self) -> Path:
+        """Where the messages are meanwhile."""
+        bag = self._writer.path
+        return bag / f"{bag.name}{_SUFFIXES[self._storage]}"
+
+    @property
+    def size(self) -> int:
+        """Bytes of all messages so far."""
+        return self._writer.size
+
+    @property
+    def is_open(self) -> bool:
+        """Whether it takes messages: until it is finished, kept as a part, or discarded."""
+        return self._writer.storage is not None
+
+    def write(self, topic: str, msgtype: str, qos: Qos, log_ns: int, data: bytes | memoryview) -> None:
+        """Append a message's CDR bytes, logged at a time; `qos` is what its sender offers.
+
+        Raises:
+            OutputError: the disk cannot be written to.
+        """
+        with self._told():
+            if topic not in self._connections:
+                self._connections[topic] = self._writer.add_connection(
+                    topic, msgtype, typestore=TYPES, offered_qos_profiles=(_offered(qos),)
+                )
+            self._writer.write(self._connections[topic], log_ns, data)
+
+    def flush(self) -> None:
+        """Bring all messages so far to the file.
+
+        Raises:
+            OutputError: the disk cannot be written to.
+        """
+        with self._told():
+            self._writer.flush()
+
+    def refuse_full(self) -> None:
+        """To be called between messages that belong together and the next ones.
+
+        Raises:
+            OutputError: the disk is full; what there is was closed, and is kept beside the path.
+        """
+        if self._writer.full:
+            megabytes = self.size / 1e6
+            raise OutputError(
+                f"the disk of {self.path} is full: the {megabytes:.0f} MB recorded so far are in {self.keep_part()}; "
+                "make room on it"
+            )
+
+    def finish(self) -> Path:
+        """Close the bag and move it to its path.
+
+        Raises:
+            OutputError: there is something by now, so that the bag was kept beside it; or the disk cannot be written to.
+        """
+        if self.path.exists():
+            raise OutputError(f"{self.path} exists already by now: the bag is in {self.keep_part()}")
+        try:
+            return self._close(self.path)
+        finally:
+            self._remove()
+
+    def keep_part(self) -> Path:
+        """Close what there is of the bag and keep it beside the path, with the same ending, so that programs know it.
+
+        Raises:
+            OutputError: the disk cannot be written to.
+        """
+        try:
+            names = (f"{self.path.stem}.part{k or ''}{self.path.suffix}" for k in itertools.count())
+            return self._close(next(path for path in map(self.path.with_name, names) if not path.exists()))
+        finally:
+            self._remove()
+
+    def discard(self) -> None:
+        """Leave nothing behind."""
+        try:
+            with self._told():
+                self._writer.abort()
+        finally:
+            self._remove()
+
+    def _close(self, path: Path) -> Path:
+        with self._told():
+            self._writer.close()
+            return (self.aside if self._single_file else self._writer.path).rename(path)
+
+    def _remove(self) -> None:
+        shutil.rmtree(self._folder, ignore_errors=True)
+
+    def _refuse_existing(self) -> None:
+        if self.path.exists():
+            raise OutputError(f"{self.path} exists already; remove it or choose another name")
+
+    @contextmanager
+    def _told(self) -> Iterator[None]:
+        try:
+            yield
+        except (OSError, sqlite3.Error) as error:
+            raise OutputError(f"cannot write {self.path}: {error}; choose another disk") from error
+
+
+def _offered(qos: Qos) -> BagQos:
+    """As rosbag2 keeps it."""
+    return BagQos(
+        QosHistory.KEEP_LAST,
+        qos.depth,
+        QosReliability.RELIABLE if qos.reliable else QosReliability.BEST_EFFORT,
+        QosDurability.TRANSIENT_LOCAL if qos.latched else QosDurability.VOLATILE,
+        _FOREVER,
+        _FOREVER,
+        QosLiveliness.AUTOMATIC,
+        _FOREVER,
+        False,
+    )

@@ -1,0 +1,276 @@
+"""A map that the nodes make on the way: it is the one that `waychair map` makes of the drive's bag."""
+
+from __future__ import annotations
+
+import json
+import math
+import signal
+from collections.abc import Callable
+from dataclasses import replace
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+import pytest
+
+from waychair.geometry import in_space
+from waychair.maps.map_files import load_map
+from waychair.recording import read_recording, read_tum
+from waychair.ros import topics
+from waychair.ros.growing_map import MOST_BEHIND, GrowingMap
+from waychair.ros.messages import motion, sensors
+from waychair.ros.messages.chair import read_localisation
+from waychair.runtime.live_mapping import LiveMapping, LiveMappingSettings
+from waychair.runtime.mapping import MappingSettings, map_recording
+from waychair.slam.localiser import Localisation, LocalisationState
+from waychair.types import FloatArray, ImuSample, JoystickInput, OccupancyGrid, Odometry, Pose2, Scan, Twist
+
+if TYPE_CHECKING:
+    from tests.ros.harness import Harness
+
+WAY_M = 2.5
+BAR_M = 0.02
+
+
+def occupied(grid: OccupancyGrid) -> FloatArray:
+    """(N, 2) [m] middles of occupied cells."""
+    rows, columns = np.nonzero(grid.cells >= 65)
+    corner = [grid.map_from_grid.x, grid.map_from_grid.y]
+    return np.stack([columns + 0.5, rows + 0.5], axis=1) * grid.resolution + corner
+
+
+def test_the_map_of_the_recorded_bag_is_the_live_one(ros: Harness, tmp_path: Path) -> None:
+    """Driven by the rider's stick, in real time; both listened from the first message on."""
+    from tests.ros.harness import ended
+    from waychair.ros.interface_types import interface_type
+    from waychair.ros.messages.wire import serialised
+
+    truth = ros.heard(topics.TRUTH)
+    found = ros.heard(topics.LOCALISATION)
+    maps = ros.heard(topics.MAP)
+    moved = ros.heard(topics.TF)
+    stick = ros.node.create_publisher(interface_type(topics.JOY.type), topics.JOY.name, topics.profile(topics.JOY.qos))
+    kind = interface_type("nav2_msgs/srv/SaveMap")
+    saver = ros.node.create_client(kind, "map_saver/save_map")
+
+    def push(forward: float, turn: float) -> Callable[[], None]:
+        now = ros.node.get_clock().now
+        return lambda: stick.publish(serialised(sensors.joy(JoystickInput(now().nanoseconds, forward, turn))))
+
+    def way() -> float:
+        first, last = (message.pose.pose.position for message in (truth[0], truth[-1]))
+        return math.hypot(last.x - first.x, last.y - first.y)
+
+    bag, live, kept = tmp_path / "drive.mcap", tmp_path / "live", tmp_path / "kept"
+    mapping = ("-p", "mapping:=true", "-p", f"keep:={kept}")
+    simulated = ("-p", "world:=small_clinic", "-p", "people:=false", "-p", "camera:=false", "-p", "board:=false")
+    with (
+        ros.process("-m", "waychair.ros.recorder_node", "--ros-args", "-p", f"out:={bag}") as recorder,
+        ros.process("-m", "waychair.ros.mapper_node", "--ros-args", *mapping) as mapper,
+    ):
+        ros.spin_until(lambda: ros.node.count_subscribers("imu/data") == 2, "recorder and mapper")
+        with ros.process("-m", "waychair.ros.simulator_node", "--ros-args", *simulated):
+            ros.spin_until(lambda: len(found) > 5, "the first places")
+            ros.spin_until(lambda: way() > WAY_M, "the drive", push(0.5, 0.05))
+            ros.spin_until(lambda: abs(truth[-1].twist.twist.linear.x) < 0.01, "the chair to rest")
+            ros.spin_until(saver.service_is_ready, "the service")
+            answer = saver.call_async(kind.Request(map_url=str(live)))
+            before = len(found)
+            ros.spin_until(answer.done, "the map to be saved")
+            assert answer.result().result
+            assert len(found) > before, "the mapper goes on while it saves"
+        assert ended(mapper)[0] == 0
+        assert ended(recorder)[0] == 0
+    ros.node.destroy_publisher(stick)
+    ros.node.destroy_client(saver)
+
+    offline = map_recording(read_recording(bag), MappingSettings())
+    driven = read_tum(live / "trajectory.tum")
+    common, first, second = np.intersect1d(driven.stamps_ns, offline.result.driven.stamps_ns, return_indices=True)
+    assert len(common) >= 0.9 * len(driven.stamps_ns)
+    apart = driven.poses[first] - offline.result.driven.poses[second]
+    assert np.hypot(apart[:, 0], apart[:, 1]).max() < BAR_M
+    one, other = occupied(load_map(live)), occupied(offline.grid)
+    nearest = np.array([np.hypot(*(other - point).T).min() for point in one])
+    assert np.quantile(nearest, 0.95) < 0.051, "no wall is more than a cell elsewhere"
+
+    last = read_localisation(found[-1])[1]
+    assert last.state is LocalisationState.OK
+    assert last.health == last.inliers > 0.5
+    transforms = [
+        pose for each in moved for edge, (_, pose) in motion.read_transforms(each).items() if edge[0] == "map"
+    ]
+    np.testing.assert_allclose(transforms[-1].translation, in_space(last.map_from_odom).translation, atol=1e-6)
+    assert 0 < len(maps) < 30
+    assert len(load_map(kept).cells) >= len(load_map(live).cells), "the map is kept at the end, too"
+
+
+def test_a_map_that_stays_as_it_is_is_sent_once(room: Room) -> None:
+    for k in range(10):
+        room.drive(k, Pose2())
+    drawn: list[OccupancyGrid] = []
+    for _ in range(3):
+        room.growing.draw(drawn.append)
+    assert len(drawn) == 1
+
+
+def stamp(k: int) -> int:
+    """[ns] of the scan in step k."""
+    return (k + 11) * 100_000_000
+
+
+class Inline:
+    """Does each job at once, or keeps them until they are asked for."""
+
+    def __init__(self) -> None:
+        self.held: list[tuple[Callable[[], Any], Callable[[Any], None]]] | None = None
+
+    def submit(self, job: Callable[[], Any], done: Callable[[Any], None]) -> None:
+        if self.held is None:
+            done(job())
+        else:
+            self.held.append((job, done))
+
+
+class Room:
+    """A chair in a room of 6 x 4 m, whose messages go to a growing map."""
+
+    def __init__(self) -> None:
+        self.worker, self.found = Inline(), list[tuple[int, Localisation]]()
+        live = LiveMapping(LiveMappingSettings(), Pose2())
+        self.growing = GrowingMap(self.worker, live, lambda *found: self.found.append(found))  # type: ignore[arg-type]
+        for k in range(-5, 0):  # while all topics are found
+            self.drive(k, Pose2())
+        assert self.found == []
+
+    def see(self, stamp_ns: int, pose: Pose2) -> Scan:
+        angles = -math.pi + np.arange(360) * (2 * math.pi / 360) + pose.theta
+        c, s = np.cos(angles), np.sin(angles)
+        with np.errstate(divide="ignore"):
+            x = np.where(c > 0, (4.0 - pose.x) / c, (-2.0 - pose.x) / c)
+            y = np.where(s > 0, (2.5 - pose.y) / s, (-1.5 - pose.y) / s)
+        return Scan(
+            stamp_ns, np.minimum(np.abs(x), np.abs(y)).astype(np.float32), -math.pi, 2 * math.pi / 360, 0.0, 0.05, 30.0
+        )
+
+    def drive(self, k: int, pose: Pose2, odom: Pose2 | None = None, anew: bool = False) -> None:
+        """A tenth of a second: IMU, odometry, a scan, and odometry to it."""
+        now = stamp(k)
+        own = pose if odom is None else odom
+        self.growing.feel(ImuSample(now - 2_000_000, np.array([0.0, 0.0, 9.81]), np.zeros(3)))
+        self.growing.move(Odometry(now - 1_000_000, own, Twist(0.4, 0.0)), anew)
+        self.growing.see(self.see(now, pose))
+        self.growing.feel(ImuSample(now + 1_000_000, np.array([0.0, 0.0, 9.81]), np.zeros(3)))
+        self.growing.move(Odometry(now + 1_000_000, own, Twist(0.4, 0.0)))
+
+
+@pytest.fixture
+def room() -> Room:
+    return Room()
+
+
+def test_the_first_frames_hold_too_little_and_are_left_out_as_are_scans_without_odometry() -> None:
+    found: list[tuple[int, Localisation]] = []
+    live = LiveMapping(LiveMappingSettings(), Pose2())
+    room = Room()
+    room.growing = GrowingMap(room.worker, live, lambda *each: found.append(each))  # type: ignore[arg-type]
+    for k in range(5):
+        room.growing.see(room.see(stamp(k) - 1_000_000_000, Pose2()))
+    for k in range(5, 15):
+        room.drive(k, Pose2())
+    assert [stamp_ns for stamp_ns, _ in found] == [stamp(k) for k in range(10, 15)]
+
+
+def test_a_base_that_was_started_again_does_not_tear_the_map(room: Room) -> None:
+    for k in range(30):
+        room.drive(k, Pose2(0.04 * k, 0.0, 0.0))
+    for k in range(30, 60):
+        room.drive(k, Pose2(0.04 * k, 0.0, 0.0), Pose2(0.04 * (k - 30)), anew=k == 30)
+    stamp_ns, last = room.found[-1]
+    assert stamp_ns == stamp(59)
+    assert last.state is LocalisationState.OK
+    assert math.hypot(last.map_from_base.x - 0.04 * 59, last.map_from_base.y) < 0.05
+    np.testing.assert_allclose((last.map_from_odom @ Pose2(0.04 * 29)).array(), last.map_from_base.array(), atol=1e-3)
+
+
+def test_a_drive_near_its_beginning_is_not_taken_for_a_new_one(room: Room) -> None:
+    for k in range(20):
+        room.drive(k, Pose2(0.02 * k, 0.0, 0.0))
+    room.drive(20, Pose2(0.4, 0.0, 0.0), Pose2(0.4, 0.0, 0.0), anew=True)
+    assert room.found[-1][1].map_from_odom.x == pytest.approx(0.0, abs=0.03)
+
+
+def test_a_chair_in_another_room_is_lost_until_the_parts_join(room: Room) -> None:
+    """It was carried: what it sees has nothing to do with what it saw."""
+    for k in range(20):
+        room.drive(k, Pose2(0.04 * k, 0.0, 0.0))
+    elsewhere = room.see(0, Pose2())
+    for k in range(20, 40):
+        now = stamp(k)
+        odom = Pose2(0.04 * k, 0.0, 0.0)
+        ragged = 1.0 + 0.8 * np.abs(np.sin(np.arange(360) * 0.11 + 0.04 * k)).astype(np.float32)
+        room.growing.move(Odometry(now - 1_000_000, odom, Twist(0.4, 0.0)))
+        room.growing.see(replace(elsewhere, stamp_ns=now, ranges=ragged))
+        room.growing.feel(ImuSample(now + 1_000_000, np.array([0.0, 0.0, 9.81]), np.zeros(3)))
+        room.growing.move(Odometry(now + 1_000_000, odom, Twist(0.4, 0.0)))
+    states = {found.state for _, found in room.found[20:]}
+    assert states & {LocalisationState.DEGRADED, LocalisationState.LOST}
+
+
+def test_a_slow_computer_loses_scans_but_no_odometry_and_says_so(room: Room) -> None:
+    room.drive(0, Pose2())
+    room.worker.held = []
+    for k in range(1, MOST_BEHIND + 21):
+        room.drive(k, Pose2(0.02 * k, 0.0, 0.0))
+    assert "wait to be mapped" in room.growing.report().message
+    while room.worker.held:
+        job, done = room.worker.held.pop(0)
+        done(job())
+    assert room.growing.blind == 19  # one is at hand
+    assert room.found[-1][1].map_from_base.x == pytest.approx(0.02 * (MOST_BEHIND + 20), abs=0.05)
+    assert room.growing.report().message == ""
+
+
+def test_a_map_is_saved_whole_and_a_folder_that_cannot_be_is_named(room: Room, tmp_path: Path) -> None:
+    for k in range(10):
+        room.drive(k, Pose2(0.04 * k, 0.0, 0.0))
+    told: list[str] = []
+    room.growing.save(tmp_path / "map", told.append)
+    assert told == [""]
+    report = json.loads((tmp_path / "map" / "report.json").read_text())
+    assert report["frames"] == 10
+    assert (tmp_path / "map" / "session.npz").is_file()
+    (tmp_path / "file").touch()
+    room.growing.save(tmp_path / "file" / "map", told.append)
+    assert "file" in told[1]
+
+
+def test_before_the_first_scan_there_is_no_map_to_save(room: Room, tmp_path: Path) -> None:
+    told: list[str] = []
+    room.growing.save(tmp_path / "map", told.append)
+    assert told[0].startswith("there is no map yet")
+    assert room.growing.keep(tmp_path / "map") == ""
+    assert not (tmp_path / "map").exists()
+
+
+def test_a_mapper_that_localises_saves_its_map_with_places_and_zones(ros: Harness, tmp_path: Path) -> None:
+    from tests.ros.harness import ended
+    from waychair.maps.map_files import save_map
+    from waychair.maps.places import load_places, save_places
+    from waychair.ros.interface_types import interface_type
+    from waychair.simulation.world import load_world
+
+    world = load_world("small_clinic")
+    save_map(tmp_path / "map", world.grid)
+    save_places(tmp_path / "map", {place.name: place for place in world.places})
+    kind = interface_type("nav2_msgs/srv/SaveMap")
+    saver = ros.node.create_client(kind, "map_saver/save_map")
+    with ros.process("-m", "waychair.ros.mapper_node", "--ros-args", "-p", f"map_folder:={tmp_path / 'map'}") as mapper:
+        ros.spin_until(saver.service_is_ready, "the service")
+        answer = saver.call_async(kind.Request(map_url=f"file://{tmp_path / 'copy'}"))
+        ros.spin_until(answer.done, "the map to be saved")
+        assert answer.result().result
+        assert ended(mapper, signal.SIGTERM)[0] == 0
+    ros.node.destroy_client(saver)
+    assert load_places(tmp_path / "copy") == load_places(tmp_path / "map")
+    np.testing.assert_array_equal(load_map(tmp_path / "copy").cells, load_map(tmp_path / "map").cells)

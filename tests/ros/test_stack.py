@@ -1,0 +1,234 @@
+"""The whole stack as `waychair up` starts it: goals by every way, a rider's Stop, strangers, deaths, and its end.
+
+Real processes, real DDS, the simulated chair in real time. What must be soon is judged by stamps that the processes take
+themselves, and granted what the computer that runs the test was late by.
+"""
+
+from __future__ import annotations
+
+import importlib.util
+import random
+import signal
+import subprocess
+from collections.abc import Iterator
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+import pytest
+
+from waychair.types import Pose2
+
+if importlib.util.find_spec("rclpy") is None:
+    pytest.skip("ROS is not installed (no rclpy)", allow_module_level=True)
+
+from benchmarks.acceptance.live_stack import COMMAND, LiveStack, Seen, gone_after, jitter_ms, kill
+
+from waychair.ros import topics
+from waychair.ros.client import TaskResult
+from waychair.ros.environment import ros_environment
+from waychair.ros.interface_types import interface_type
+from waychair.ros.messages.maps import read_occupancy_grid
+from waychair.ros.messages.motion import pose_stamped, twist
+from waychair.ros.messages.wire import native, serialised
+from waychair.ros_messages import make
+from waychair.types import Twist
+
+if TYPE_CHECKING:
+    from tests.ros.harness import Harness
+
+GONE_MS, BACK_S = 150.0, 5.0
+SOON_MS = 100.0
+"""From a rider's Stop to free lines: a tick, and what the board and the messages take."""
+
+FAR = Pose2(10.4, 4.5, 3.1415926)
+TRIES = 3
+"""A busy computer may end a drive."""
+
+
+@pytest.fixture(scope="module")
+def stack(ros: Harness, tmp_path_factory: pytest.TempPathFactory) -> Iterator[LiveStack]:
+    with LiveStack(tmp_path_factory.mktemp("stack"), ros.domain, "--no-camera", "--no-people") as running:
+        yield running
+
+
+def arrives(stack: LiveStack, x: float) -> bool:
+    """Whether the chair comes to rest at x, on the line along which these tests drive."""
+    assert stack.really is not None
+    return not stack.driving and abs(stack.really.odom_from_base.x - x) < 0.3 and abs(stack.really.twist.v) < 0.05
+
+
+def test_who_comes_late_gets_the_map_and_the_places(stack: LiveStack) -> None:
+    maps = Seen()
+    stack.listen(topics.MAP, read_occupancy_grid, maps)
+    stack.until(lambda: maps.last is not None, "the map")
+    assert maps.last.cells.shape == (200, 300)
+    assert set(stack.client.places()) == {"bath", "ward", "reception", "entrance", "lift"}
+
+
+def test_without_a_goal_there_is_nothing_to_say_yes_to(stack: LiveStack) -> None:
+    assert stack.client.confirm() == (False, "there is no goal to say yes to: ask for one first")
+
+
+def test_a_goal_by_topic_waits_for_the_riders_yes_and_is_reached(stack: LiveStack) -> None:
+    node = stack.client.node
+    publisher = node.create_publisher(interface_type(topics.GOAL.type), "goal_pose", topics.profile(topics.GOAL.qos))
+    stack.until(lambda: publisher.get_subscription_count() > 0, "the navigator to listen")
+
+    def ask() -> None:
+        publisher.publish(serialised(pose_stamped(node.get_clock().now().nanoseconds, Pose2(2.0, 1.0, 0.0))))
+        stack.spin(0.5)
+        assert not stack.driving
+
+    stack.drive(ask, lambda: arrives(stack, 2.0))
+    node.destroy_publisher(publisher)
+
+
+def test_a_goal_by_the_names_of_nav2s_own_client_is_reached_with_feedback(stack: LiveStack) -> None:
+    client = stack.client
+    client.waitUntilNav2Active()
+
+    def ask() -> None:
+        assert client.goToPose(native(pose_stamped(client.node.get_clock().now().nanoseconds, Pose2(2.8, 1.0, 0.0))))
+
+    stack.drive(ask, lambda: client.getResult() is TaskResult.SUCCEEDED)
+    assert client.isTaskComplete()
+    assert client.getFeedback().distance_remaining >= 0.0
+    stack.until(lambda: arrives(stack, 2.8), "the truth to follow")
+
+
+def test_several_goals_in_a_row_by_the_command_line_are_reached(stack: LiveStack) -> None:
+    for _ in range(TRIES):
+        told = waychair(stack, "goto", "3.6,1.0,0", "4.4,1.0,0", "--yes")
+        if told.returncode == 0:
+            break
+    assert told.returncode == 0, told.stderr
+    assert [line.split(":")[0] for line in told.stdout.splitlines()] == ["3.6,1.0,0", "4.4,1.0,0"]
+    stack.until(lambda: arrives(stack, 4.4), "the truth to follow")
+
+
+def test_status_says_where_the_chair_is_and_that_nothing_stands_against_a_drive(stack: LiveStack) -> None:
+    stack.until_ready()
+    told = waychair(stack, "status")
+    assert told.returncode == 0, told.stderr
+    assert "(ok, " in told.stdout
+    assert "nothing stands against a drive" in told.stdout
+
+
+def test_a_goal_in_an_unknown_frame_is_refused_and_moves_nothing(stack: LiveStack) -> None:
+    goal = native(pose_stamped(stack.client.node.get_clock().now().nanoseconds, FAR, "narnia"))
+    assert not stack.client.goToPose(goal)
+    assert "the frame 'narnia' is unknown here: send it in map" in stack.log
+    assert stack.client.confirm()[0] is False
+
+
+@pytest.mark.parametrize("way", ["topic", "service"])
+def test_the_riders_stop_frees_the_lines_at_once_and_nothing_resumes(stack: LiveStack, way: str) -> None:
+    stack.begin(FAR)
+    node = stack.client.node
+    publisher = node.create_publisher(interface_type(topics.STOP.type), "stop", topics.profile(topics.STOP.qos))
+    stack.until(lambda: publisher.get_subscription_count() > 0, "the bridge to listen")
+    pressed_ns = node.get_clock().now().nanoseconds
+    if way == "topic":
+        publisher.publish(serialised(make("std_msgs/msg/Empty", 0)))
+    else:
+        assert stack.client.stop() == (True, "stopped")
+    stack.until(lambda: gone_after(stack, pressed_ns) is not None, "the lines to be let go")
+    gone_ns = gone_after(stack, pressed_ns)
+    assert gone_ns is not None
+    assert (gone_ns - pressed_ns) / 1e6 < SOON_MS + jitter_ms(stack, pressed_ns)
+    stack.until(stack.client.is_task_complete, "the client to be told")
+    assert stack.client.result().reason == "Stop was pressed: ask for a goal again to drive on"
+    assert not resumes(stack, gone_ns)
+    assert stack.client.confirm()[0] is False
+    node.destroy_publisher(publisher)
+
+
+def test_a_cancelled_drive_comes_to_rest(stack: LiveStack) -> None:
+    stack.begin(FAR)
+    stack.client.cancelTask()
+    stack.until(stack.client.is_task_complete, "the client to be told")
+    assert stack.client.getResult() is TaskResult.CANCELED
+    stack.until(lambda: not stack.driving, "the drive to end")
+
+
+def test_another_goal_ends_the_drive_under_way_and_waits_for_a_yes_of_its_own(stack: LiveStack) -> None:
+    stack.begin(FAR)
+    first = stack.state.goal_id if stack.state is not None else 0
+    assert stack.client.go_to_pose(Pose2(1.0, 1.0, 0.0))
+    stack.until(lambda: stack.state is not None and stack.state.goal_id != first, "the other goal")
+    assert not stack.driving
+    assert stack.client.cancel() == (True, "cancelled")
+
+
+def test_f26_a_second_publisher_of_speeds_ends_the_drive(stack: LiveStack) -> None:
+    stack.begin(FAR)
+    node = stack.client.node
+    publisher = node.create_publisher(
+        interface_type(topics.COMMAND.type), topics.COMMAND.name, topics.profile(topics.COMMAND.qos)
+    )
+    came_ns = node.get_clock().now().nanoseconds
+    publisher.publish(serialised(twist(Twist(0.8, 0.0))))
+    stack.until(lambda: gone_after(stack, came_ns) is not None, "the lines to be let go")
+    assert stack.state is not None
+    stack.until(lambda: "two_commanders" in dict(stack.state.halts if stack.state else ()), "the stop's name")
+    assert "onlooker" in dict(stack.state.halts)["two_commanders"]
+    assert stack.client.confirm()[0] is False
+    node.destroy_publisher(publisher)
+    stack.until_ready(node.get_clock().now().nanoseconds)
+    assert not resumes(stack, came_ns + 1_000_000_000)
+
+
+@pytest.mark.parametrize("name", ["navigator", "mapper", "bridge"])
+def test_f25_a_node_that_is_killed_stops_the_chair_and_comes_back(stack: LiveStack, name: str) -> None:
+    stack.begin(FAR if stack.really is None or stack.really.odom_from_base.x < 5.0 else Pose2(1.0, 1.0, 0.0))
+    stack.spin(random.Random(name).uniform(0.1, 1.5))
+    death = kill(stack, name)
+    assert death.gone_ms <= GONE_MS + death.jitter_ms
+    assert death.back_s <= BACK_S + stack.start_s
+    assert death.off_m < 0.15
+    assert not death.resumed
+
+
+def test_a_navigator_that_hangs_stops_the_chair_and_its_drive_is_over_when_it_wakes(stack: LiveStack) -> None:
+    stack.begin(FAR if stack.really is None or stack.really.odom_from_base.x < 5.0 else Pose2(1.0, 1.0, 0.0))
+    death = kill(stack, "navigator", signal.SIGSTOP)
+    assert death.gone_ms <= GONE_MS + death.jitter_ms
+    assert not death.resumed
+
+
+def test_it_ends_cleanly_when_it_is_asked_to(stack: LiveStack) -> None:
+    pids = stack.pids.values()
+    assert stack.end(signal.SIGTERM) == 0
+    assert not any(Path(f"/proc/{pid}").exists() for pid in pids)
+    assert "Traceback" not in stack.log
+
+
+def test_nothing_outlives_it_when_it_is_killed(ros: Harness, tmp_path: Path) -> None:
+    with LiveStack(tmp_path, ros.domain, "--no-camera", "--no-people") as stack:
+        pids = stack.pids.values()
+        stack.end(signal.SIGKILL)
+        stack.until(lambda: not any(map(is_alive, pids)), "the processes to end")
+
+
+def waychair(stack: LiveStack, *arguments: str) -> subprocess.CompletedProcess[str]:
+    """A command, as at a terminal."""
+    environment = ros_environment(domain=stack.domain)
+    return subprocess.run(
+        [*COMMAND, *arguments], env=environment, capture_output=True, text=True, check=False, timeout=120.0
+    )
+
+
+def is_alive(pid: int) -> bool:
+    """Whether there is such a process, which is not merely waited for."""
+    try:
+        return Path(f"/proc/{pid}/stat").read_text().rsplit(") ", 1)[1][0] != "Z"
+    except OSError:
+        return False
+
+
+def resumes(stack: LiveStack, since_ns: int) -> bool:
+    """Whether the computer takes the lines again in the next half second."""
+    stack.spin(0.5)
+    return stack.driving or any(
+        state.command is not None for at_ns, state in stack.states.since(since_ns) if state.stamp_ns > since_ns + 10**8
+    )

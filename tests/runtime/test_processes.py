@@ -1,0 +1,125 @@
+"""Processes as a table: started, started again, and ended together, however the one that started them ends."""
+
+from __future__ import annotations
+
+import os
+import signal
+import subprocess
+import sys
+import textwrap
+import time
+from collections.abc import Callable
+from pathlib import Path
+
+import pytest
+
+from waychair.runtime.processes import Process, Supervision, SupervisionSettings, signalled
+
+PATIENCE_S = 30.0
+QUICK = SupervisionSettings(pause_s=0.0, patience_s=0.5)
+
+SLEEPS = "import time\nwhile True: time.sleep(0.1)\n"
+DEAF = "import signal, time\nsignal.signal(signal.SIGTERM, signal.SIG_IGN)\n" + SLEEPS
+DIES = "import sys\nsys.exit(3)\n"
+
+
+@pytest.fixture
+def modules(tmp_path: Path) -> Path:
+    """A folder of Python modules that processes can run."""
+    for name, text in (("sleeps", SLEEPS), ("deaf", DEAF), ("dies", DIES)):
+        (tmp_path / f"{name}.py").write_text(f"open({str(tmp_path)!r} + '/{name}.began', 'w')\n" + text)
+    return tmp_path
+
+
+def environment(modules: Path) -> dict[str, str]:
+    return {**os.environ, "PYTHONPATH": str(modules)}
+
+
+def until(true: Callable[[], object]) -> None:
+    ends = time.monotonic() + PATIENCE_S
+    while not true():
+        assert time.monotonic() < ends
+        time.sleep(0.005)
+
+
+def is_alive(pid: int) -> bool:
+    try:
+        stat = Path(f"/proc/{pid}/stat").read_text()
+    except OSError:
+        return False
+    return stat.rsplit(") ", 1)[1][0] != "Z"
+
+
+def test_all_begin_and_end_together_also_who_does_not_want_to(modules: Path) -> None:
+    told: list[str] = []
+    table = [Process("one", "sleeps"), Process("two", "deaf")]
+    with Supervision(table, environment(modules), told.append, QUICK) as running:
+        pids = running.pids
+        until(lambda: all((modules / f"{name}.began").exists() for name in ("sleeps", "deaf")))
+        assert running.watch() == ""
+    assert set(pids) == {"one", "two"}
+    assert not any(map(is_alive, pids.values()))
+    assert told == [f"'{name}' runs as process {pid}" for name, pid in pids.items()]
+
+
+def test_who_is_killed_is_started_again_and_the_others_stay(modules: Path) -> None:
+    told: list[str] = []
+    table = [Process("one", "sleeps"), Process("two", "sleeps")]
+    with Supervision(table, environment(modules), told.append, QUICK) as running:
+        before = dict(running.pids)
+        os.kill(before["one"], signal.SIGKILL)
+        until(lambda: running.watch() == "" and running.pids["one"] != before["one"])
+        assert running.pids["two"] == before["two"]
+        assert is_alive(running.pids["one"])
+    assert "'one' ended by signal SIGKILL: it is started again, and no drive goes on by itself" in told
+
+
+def test_who_dies_again_and_again_ends_all(modules: Path) -> None:
+    over: list[str] = []
+    table = [Process("one", "sleeps"), Process("two", "dies")]
+    with Supervision(table, environment(modules), settings=QUICK) as running:
+        until(lambda: over.append(running.watch()) or over[-1])
+        pids = running.pids
+    assert over[-1] == "the process 'two' ended with status 3, 5 times in 60 s"
+    assert not any(map(is_alive, pids.values()))
+
+
+@pytest.mark.skipif(sys.platform != "linux", reason="asks Linux for the parent's death")
+def test_none_outlives_a_supervisor_that_was_killed(modules: Path) -> None:
+    script = textwrap.dedent(
+        """
+        import os, time
+        from waychair.runtime.processes import Process, Supervision
+        with Supervision([Process("one", "sleeps"), Process("two", "sleeps")], os.environ) as running:
+            print(*running.pids.values(), flush=True)
+            time.sleep(600)
+        """
+    )
+    with subprocess.Popen(
+        [sys.executable, "-c", script], env=environment(modules), stdout=subprocess.PIPE, text=True
+    ) as supervisor:
+        assert supervisor.stdout is not None
+        pids = [int(word) for word in supervisor.stdout.readline().split()]
+        assert len(pids) == 2
+        supervisor.kill()
+        until(lambda: not any(map(is_alive, pids)))
+
+
+@pytest.mark.skipif(sys.platform != "linux", reason="real-time priorities as Linux has them")
+def test_a_row_has_its_priority_where_the_system_grants_it(modules: Path) -> None:
+    with Supervision([Process("one", "sleeps", priority=2)], environment(modules), settings=QUICK) as running:
+        policy = os.sched_getscheduler(running.pids["one"])
+        priority = os.sched_getparam(running.pids["one"]).sched_priority
+    granted = (os.SCHED_RR, 2)
+    assert (policy, priority) in (granted, (os.SCHED_OTHER, 0))
+
+
+def test_a_signal_is_told_and_ends_nothing() -> None:
+    before = signal.getsignal(signal.SIGUSR1)
+    try:
+        came = signalled(signal.SIGUSR1)
+        assert not came()
+        os.kill(os.getpid(), signal.SIGUSR1)
+        until(came)
+    finally:
+        signal.signal(signal.SIGUSR1, before)
