@@ -30,7 +30,7 @@ app.command(
 app.command(
     "waychair.cli.driving:demo_command",
     name="demo",
-    help="Map a real recording, then drive the chair to three places in it.",
+    help="Map a floor by joystick, then let the chair find itself on it and drive to three places.",
 )
 app.command(
     "waychair.cli.black_box:why_command",

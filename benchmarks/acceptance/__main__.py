@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import sys
 from collections.abc import Callable
+from importlib import import_module
 from pathlib import Path
 
 from benchmarks.acceptance import (
@@ -35,6 +36,17 @@ from benchmarks.acceptance import (
 )
 from waychair.files import write_json
 from waychair.types import Json
+
+
+def _with_ros(module: str, name: str) -> Callable[[Path], Json]:
+    """A figure of a module that needs ROS, which is imported when it is asked for."""
+
+    def figure(out: Path) -> Json:
+        found: Json = getattr(import_module(f"benchmarks.acceptance.{module}"), name)(out)
+        return found
+
+    return figure
+
 
 FIGURES: dict[str, Callable[[Path], Json]] = {
     "intel": logs.intel,
@@ -85,6 +97,12 @@ FIGURES: dict[str, Callable[[Path], Json]] = {
     "help": start_up.run,
     "monitor_killed": monitor.monitor_killed,
     "steps_out": monitor.steps_out,
+    "ros_goals": _with_ros("ros_stack", "ros_goals"),
+    "ros_killed": _with_ros("ros_stack", "ros_killed"),
+    "ros_latency": _with_ros("ros_stack", "ros_latency"),
+    "ros_mapping": _with_ros("ros_mapping", "ros_mapping"),
+    "ros_period": _with_ros("ros_stack", "ros_period"),
+    "ros_rates": _with_ros("ros_stack", "ros_rates"),
     "inverse": calibration.inverse,
     "straight": closed_loop.straight,
     "closed_loop_margins": closed_loop.closed_loop_margins,
