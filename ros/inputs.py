@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import time
 from collections.abc import Callable
+from dataclasses import replace
 from typing import TYPE_CHECKING, Any, Generic, TypeVar
 
 from waychair.errors import MessageError
@@ -20,6 +21,8 @@ T = TypeVar("T")
 
 CLOCK_ERROR_NS = 5_000_000_000
 """A message that has just come but is stamped as far away as this comes from another clock."""
+
+_KEPT_S = 0.1  # of messages that wait while the node is busy
 
 SLOW = 0.8
 """Part of the nominal rate below which a topic is called slow."""
@@ -60,8 +63,9 @@ class Input(Generic[T]):
         self._senders, self._trouble = 0, ""
         self._arrived_ns: int | None = None
         self._reported = (time.monotonic_ns(), 0)
+        qos = replace(topic.qos, depth=max(topic.qos.depth, round(_KEPT_S * topic.rate_hz)))
         self.subscription = node.create_subscription(
-            interface_type(topic.type), topic.name, self._hear, profile(topic.qos), event_callbacks=silent, raw=True
+            interface_type(topic.type), topic.name, self._hear, profile(qos), event_callbacks=silent, raw=True
         )
 
     @property

@@ -191,8 +191,8 @@ class LiveStack:
     def drive(self, ask: Callable[[], object], there: Callable[[], bool], patience_s: float = 120.0) -> None:
         """Ask for a drive, say yes, and take in what comes until something is true.
 
-        Asked again when the drive ends before that: a computer that is busy with other things is late now and then,
-        and every lateness ends a drive.
+        Asked again when the drive ends before that, after a reset where one is asked for: a computer that is busy with
+        other things is late now and then, and every lateness ends a drive.
         """
         asked_s = -_AGAIN_S
 
@@ -201,6 +201,8 @@ class LiveStack:
             if self.waits:
                 self.client.confirm(10.0)
             elif not self.driving and time.monotonic() - asked_s > _AGAIN_S:
+                if self.state is not None and self.state.halts:
+                    self.client.reset_faults(10.0)
                 ask()
                 asked_s = time.monotonic()
             return there()

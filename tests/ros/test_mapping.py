@@ -257,20 +257,21 @@ def test_a_mapper_that_localises_saves_its_map_with_places_and_zones(ros: Harnes
     from tests.ros.harness import ended
     from waychair.maps.map_files import save_map
     from waychair.maps.places import load_places, save_places
-    from waychair.ros.interface_types import interface_type
     from waychair.simulation.world import load_world
 
     world = load_world("small_clinic")
     save_map(tmp_path / "map", world.grid)
     save_places(tmp_path / "map", {place.name: place for place in world.places})
-    kind = interface_type("nav2_msgs/srv/SaveMap")
-    saver = ros.node.create_client(kind, "map_saver/save_map")
+    save = ("-c", "from waychair.cli.main import main; main()", "save")
+    (tmp_path / "file").touch()
     with ros.process("-m", "waychair.ros.mapper_node", "--ros-args", "-p", f"map_folder:={tmp_path / 'map'}") as mapper:
-        ros.spin_until(saver.service_is_ready, "the service")
-        answer = saver.call_async(kind.Request(map_url=f"file://{tmp_path / 'copy'}"))
-        ros.spin_until(answer.done, "the map to be saved")
-        assert answer.result().result
+        with ros.process(*save, tmp_path / "copy") as saver:
+            output, _ = saver.communicate(timeout=60.0)
+        assert saver.returncode == 0, output
+        with ros.process(*save, tmp_path / "file" / "copy") as saver:
+            output, _ = saver.communicate(timeout=60.0)
+        assert saver.returncode == 1
+        assert output.splitlines()[-1].startswith(f"waychair: the map was not saved in {tmp_path / 'file' / 'copy'}")
         assert ended(mapper, signal.SIGTERM)[0] == 0
-    ros.node.destroy_client(saver)
     assert load_places(tmp_path / "copy") == load_places(tmp_path / "map")
     np.testing.assert_array_equal(load_map(tmp_path / "copy").cells, load_map(tmp_path / "map").cells)

@@ -1,0 +1,110 @@
+"""The bridge alone, told things by somebody who is not the navigator, or by another clock; without a board."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterator
+from dataclasses import dataclass
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+import pytest
+
+from waychair.ros import topics
+from waychair.ros.messages.chair import DriveReport, DriveRequest, drive_request, read_drive_state
+from waychair.ros.messages.reports import Level
+from waychair.ros.messages.wire import serialised
+from waychair.ros_messages import laser_scan, make
+from waychair.types import Scan
+
+if TYPE_CHECKING:
+    from tests.ros.harness import Harness, Heard
+
+HOUR_NS = 3_600_000_000_000
+
+
+@dataclass
+class BridgeAlone:
+    """The process, and what it says."""
+
+    ros: Harness
+    states: Heard
+
+    @property
+    def state(self) -> DriveReport:
+        """The latest."""
+        return read_drive_state(self.states[-1])
+
+    def now_ns(self) -> int:
+        return int(self.ros.node.get_clock().now().nanoseconds)
+
+    def sender(self, topic: topics.RosTopic) -> Callable[[Any], None]:
+        """What publishes on a topic that the bridge listens to."""
+        from waychair.ros.interface_types import interface_type
+
+        publisher = self.ros.node.create_publisher(interface_type(topic.type), topic.name, topics.profile(topic.qos))
+        self.ros.spin_until(lambda: publisher.get_subscription_count() > 0, "the bridge to listen")
+        return lambda message: publisher.publish(serialised(message))
+
+    def next_state(self) -> DriveReport:
+        """One that was made after now."""
+        since_ns = self.now_ns()
+        self.ros.spin_until(lambda: self.states and self.state.stamp_ns > since_ns, "another state")
+        return self.state
+
+
+@pytest.fixture(scope="module")
+def bridge(ros: Harness, tmp_path_factory: pytest.TempPathFactory) -> Iterator[BridgeAlone]:
+    cable = Path(tmp_path_factory.mktemp("cable"), "none")
+    states = ros.heard(topics.DRIVE_STATE)
+    with ros.process("-m", "waychair.ros.bridge_node", "--ros-args", "-p", f"cable:=pty:{cable}"):
+        ros.spin_until(lambda: states, "the bridge")
+        yield BridgeAlone(ros, states)
+    states.close()
+
+
+def test_alone_it_names_all_that_is_missing_and_is_not_ready(bridge: BridgeAlone) -> None:
+    halts = dict(bridge.next_state().halts)
+    assert {"board_unusable", "lidar_stale", "wheels_stale", "localiser_silent"} <= set(halts)
+    assert not bridge.state.ready
+    assert bridge.state.command is None
+
+
+def test_scans_of_another_clock_are_named_and_not_taken(bridge: BridgeAlone) -> None:
+    send = bridge.sender(topics.SCAN)
+
+    def scan() -> None:
+        old = Scan(bridge.now_ns() - HOUR_NS, np.full(90, 2.0, np.float32), -1.5, 0.03, 0.0, 0.1, 10.0)
+        send(laser_scan(old))
+
+    report = bridge.ros.report("input scan", lambda report: "this node's clock" in report.message, scan)
+    assert report.level is Level.ERROR
+    assert "3600" in report.message
+    assert "lidar_stale" in dict(bridge.next_state().halts)
+
+
+def test_f26_whoever_else_publishes_speeds_is_named(bridge: BridgeAlone) -> None:
+    bridge.sender(topics.COMMAND)
+    bridge.ros.spin_until(lambda: "two_commanders" in dict(bridge.state.halts), "the stop's name")
+    assert "somebody else commands the chair, too (tests)" in dict(bridge.state.halts)["two_commanders"]
+
+
+def test_requests_that_were_held_up_are_not_taken_and_what_was_asked_for_before_is_over(bridge: BridgeAlone) -> None:
+    send = bridge.sender(topics.DRIVE_REQUEST)
+    for age_ns in (200_000_000, HOUR_NS, -HOUR_NS):
+        send(drive_request(DriveRequest(bridge.now_ns() - age_ns, 7, True, True)))
+    bridge.ros.report("input drive_request", lambda report: dict(report.values)["messages"] == "3")
+    assert bridge.next_state().goal_id == 0
+    bridge.ros.spin_until(
+        lambda: bridge.state.goal_id == 7,
+        "the request",
+        lambda: send(drive_request(DriveRequest(bridge.now_ns(), 7, True, True))),
+    )
+    assert bridge.state.drops_goal, "a goal from before the bridge began does not go on by itself"
+    assert bridge.state.command is None
+
+
+def test_a_stop_by_topic_is_taken_at_once_and_a_yes_to_nothing_refused(bridge: BridgeAlone) -> None:
+    bridge.sender(topics.STOP)(make("std_msgs/msg/Empty", 0))
+    bridge.ros.spin_until(lambda: bridge.state.mode.value == "stopped", "the stop")
+    assert bridge.state.command is None
