@@ -13,6 +13,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 import pytest
 
+from tests.ros.realtime import ALONE
 from waychair.geometry import in_space
 from waychair.maps.map_files import load_map
 from waychair.recording import read_recording, read_tum
@@ -27,6 +28,8 @@ from waychair.types import FloatArray, ImuSample, JoystickInput, OccupancyGrid, 
 
 if TYPE_CHECKING:
     from tests.ros.harness import Harness
+
+pytestmark = ALONE
 
 WAY_M = 2.5
 BAR_M = 0.02

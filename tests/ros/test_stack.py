@@ -16,6 +16,7 @@ from typing import TYPE_CHECKING
 
 import pytest
 
+from tests.ros.realtime import ALONE
 from waychair.types import Pose2
 
 if importlib.util.find_spec("rclpy") is None:
@@ -35,6 +36,8 @@ from waychair.types import Twist
 
 if TYPE_CHECKING:
     from tests.ros.harness import Harness
+
+pytestmark = ALONE
 
 GONE_MS, BACK_S = 150.0, 5.0
 SOON_MS = 100.0
