@@ -6,7 +6,7 @@ from pathlib import Path
 
 from waychair.calibration.calibration_file import ChairCalibration, load_calibration
 from waychair.simulation.chair_file import load_chair
-from waychair.trials.simulated_stops import simulated_stops
+from waychair.trials.simulated_stops import simulated_calibration
 
 
 def known_chair(file: str, simulated: str) -> ChairCalibration:
@@ -18,5 +18,4 @@ def known_chair(file: str, simulated: str) -> ChairCalibration:
     """
     if file:
         return load_calibration(Path(file))
-    body = load_chair(simulated).body
-    return ChairCalibration(body.chair_id, "", body, stops=simulated_stops(body))
+    return simulated_calibration(load_chair(simulated).body)

@@ -29,7 +29,7 @@ from waychair.simulation.follower import Follower
 from waychair.simulation.simulator import SensorMessage, Simulator
 from waychair.slam.localiser import LocalisationState
 from waychair.topics import COMMAND
-from waychair.trials.simulated_stops import simulated_stops
+from waychair.trials.simulated_stops import simulated_calibration
 from waychair.types import FloatArray, Goal, JoystickInput, OccupancyGrid, Place, Pose2
 
 TICK_NS = round(1e9 / COMMAND.rate_hz)
@@ -176,8 +176,7 @@ def chair_in(
 
 def calibration_of(setting: Setting) -> ChairCalibration:
     """What would be in the chair's file."""
-    body = setting.body
-    return ChairCalibration(body.chair_id, "", body, stops=setting.stops or simulated_stops(body))
+    return simulated_calibration(setting.body, setting.stops)
 
 
 def begin(simulator: Simulator, chair: Chair, goal: Goal) -> None:

@@ -6,6 +6,7 @@ from functools import lru_cache
 
 import numpy as np
 
+from waychair.calibration.calibration_file import ChairCalibration
 from waychair.calibration.chair import ChairBody
 from waychair.calibration.dac import DEFAULT, counts_from_wheel_speeds, neutral_counts, volts_from_counts
 from waychair.calibration.stopping import Stop, StopSettings, StopTable, stop_from_motion, stop_table, stops_to_measure
@@ -25,6 +26,11 @@ def simulated_stops(body: ChairBody, plant: PlantSettings | None = None) -> Stop
     plan = stops_to_measure(_PLAN, _PLAN.fastest)
     stops = tuple(_stop(body, plant or PlantSettings(), Twist(v, omega)) for v, omega in plan)
     return stop_table(stops, body.circumscribed_radius, _PLAN)
+
+
+def simulated_calibration(body: ChairBody, stops: StopTable | None = None) -> ChairCalibration:
+    """What would be in the file of a simulated chair of this body; its stops are measured unless they are given."""
+    return ChairCalibration(body.chair_id, "", body, stops=stops or simulated_stops(body))
 
 
 def _stop(body: ChairBody, plant: PlantSettings, twist: Twist) -> Stop:

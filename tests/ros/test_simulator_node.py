@@ -138,6 +138,7 @@ def test_the_riders_stick_moves_the_chair_and_springs_back(simulation: Simulatio
 
     ros.spin_until(lambda: speed() > 0.05, "the chair to move", push)
     ros.spin_until(lambda: abs(speed()) < 0.01, "the chair to rest")
+    assert max(each.twist.twist.linear.x for each in truth) > 0.05
     ros.node.destroy_publisher(publisher)
 
 

@@ -211,6 +211,7 @@ def test_nothing_outlives_it_when_it_is_killed(ros: Harness, tmp_path: Path) -> 
         pids = stack.pids.values()
         stack.end(signal.SIGKILL)
         stack.until(lambda: not any(map(is_alive, pids)), "the processes to end")
+        assert not any(map(is_alive, pids))
 
 
 def waychair(stack: LiveStack, *arguments: str) -> subprocess.CompletedProcess[str]:
