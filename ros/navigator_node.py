@@ -344,19 +344,24 @@ class NavigatorNode(ChairNode[NavigatorNodeSettings]):
             self._send_local(path(self.now_ns(), Path(np.asarray(choice.arc, np.float64)), topics.ODOMETRY.frame))
 
     def _tell_action(self, pose: Pose2 | None = None) -> None:
-        """Feedback now and then, and the end of a drive at once."""
+        """Feedback now and then and once at the end, and the end of a drive at once."""
         self._ticks += 1
         if not self._action.active or self._pilot is None:
             return
+        navigator = self._pilot.navigator
+        if not navigator.active or self._ticks % _FEEDBACK_EVERY == 0:
+            self._tell_progress(pose)
+        if not navigator.active:
+            self._action.end(reached=navigator.stage is Stage.ARRIVED, reason=navigator.reason)
+
+    def _tell_progress(self, pose: Pose2 | None) -> None:
         navigation = self._navigation
-        if not self._pilot.navigator.active:
-            arrived = self._pilot.navigator.stage is Stage.ARRIVED
-            self._action.end(reached=arrived, reason=self._pilot.navigator.reason)
-        elif pose is not None and navigation is not None and self._ticks % _FEEDBACK_EVERY == 0:
-            left = _way_left(navigation.path, pose)
-            elapsed_s = (time.monotonic_ns() - self._began_ns) * 1e-9
-            seconds = left / max(self.settings.limiter.max_speed / 2, 0.05)
-            self._action.tell(Progress(pose, elapsed_s, seconds, max(0, navigation.plans - 1), left))
+        if pose is None or navigation is None:
+            return
+        left = _way_left(navigation.path, pose)
+        elapsed_s = (time.monotonic_ns() - self._began_ns) * 1e-9
+        seconds = left / max(self.settings.limiter.max_speed / 2, 0.05)
+        self._action.tell(Progress(pose, elapsed_s, seconds, max(0, navigation.plans - 1), left))
 
 
 def _way_left(way: Path | None, pose: Pose2) -> float:

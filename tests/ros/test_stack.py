@@ -95,6 +95,7 @@ def test_a_goal_by_the_names_of_nav2s_own_client_is_reached_with_feedback(stack:
 
     stack.drive(ask, lambda: client.getResult() is TaskResult.SUCCEEDED)
     assert client.isTaskComplete()
+    stack.until(lambda: client.getFeedback() is not None, "the way left")
     assert client.getFeedback().distance_remaining >= 0.0
     stack.until(lambda: arrives(stack, 2.2), "the truth to follow")
 
