@@ -6,14 +6,18 @@ from pathlib import Path
 
 from waychair.cli.arguments import BadArgument
 
+USUAL = (Path("out/up/box"), Path("out/box"))
+"""Where the nodes keep theirs, and where a simulated drive's is in the guides."""
 
-def why_command(*, box: Path = Path("out/box"), last: int = 1, json: bool = False, bag: Path | None = None) -> None:
+
+def why_command(*, box: Path | None = None, last: int = 1, json: bool = False, bag: Path | None = None) -> None:
     """Explain the chair's last stop: what it was doing, what happened first, what followed, and what to do.
 
     Parameters
     ----------
     box
-        The black box: the folder that --box named when the chair drove.
+        The black box: the folder that --box named when the chair drove; by default whichever of `out/up/box`, the
+        nodes' own, and `out/box` was written last.
     last
         Explain so many stops, the latest first.
     json
@@ -24,11 +28,12 @@ def why_command(*, box: Path = Path("out/box"), last: int = 1, json: bool = Fals
     """
     import msgspec
 
+    from waychair.runtime.black_box_store import last_written_s
     from waychair.runtime.why import explain, last_stops, sentences
 
     if last < 1:
         raise BadArgument(f"--last {last} explains nothing: give 1 or more")
-    stops = last_stops(box, last)
+    stops = last_stops(box or max(USUAL, key=last_written_s), last)
     explained = [explain(stop) for stop in stops]
     if bag is not None:
         from waychair.runtime.black_box_bag import write_bag

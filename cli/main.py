@@ -33,6 +33,11 @@ app.command(
     help="Map a floor by joystick, then let the chair find itself on it and drive to three places.",
 )
 app.command(
+    "waychair.cli.page:page_command",
+    name="page",
+    help="Drive a simulated chair, in real time, by a page in the browser.",
+)
+app.command(
     "waychair.cli.black_box:why_command",
     name="why",
     help="Explain the chair's last stop from its black box.",

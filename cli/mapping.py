@@ -44,7 +44,7 @@ def map_command(
     begins anew.
 
     Of a folder of colour and depth pictures (TUM RGB-D's rgb/ and depth/, or frame-N.color and frame-N.depth.png) it
-    writes trajectory.tum, in space and of the camera's optical frame, config.yaml and report.json.
+    writes trajectory.tum, in space and of the camera's optical frame, memory.db, config.yaml and report.json.
 
     Parameters
     ----------
@@ -142,7 +142,7 @@ def _map_pictures(recording: Path, out: Path, reading: RecordingOptions, config:
     settings = replace(settings, input=reading.over(settings.input))
     with stages(quiet) as progress:
         folder = progress.read(recording, settings.input)
-        mapping = map_pictures(folder, settings, progress.stage("mapping"))
+        mapping = map_pictures(folder, settings, progress.stage("mapping"), keep_in=out)
         save_pictures_map(out, mapping, settings)
         progress.warn(mapping.report["warnings"][len(folder.warnings) :])
     if not quiet:
@@ -150,7 +150,7 @@ def _map_pictures(recording: Path, out: Path, reading: RecordingOptions, config:
         print(
             f"{report['placed']} of {report['pictures']} pictures placed over {report['distance_m']:.1f} m, "
             f"{report['counts']['key_frames']} key frames, {report['counts']['loops']} loop closures, "
-            f"{report['frame_ms']['mean']:.0f} ms of CPU a picture: {out}/trajectory.tum"
+            f"{_memory_line(report)}{report['frame_ms']['mean']:.0f} ms of CPU a picture: {out}/trajectory.tum"
         )
 
 

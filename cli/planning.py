@@ -11,6 +11,10 @@ from cyclopts import Parameter
 if TYPE_CHECKING:
     from collections.abc import Mapping
 
+    from waychair.planning.costmap import Costmap
+    from waychair.planning.global_planner import PlannerSettings
+    from waychair.runtime.report import Picture
+    from waychair.types import Path as Poses
     from waychair.types import Place
 
 Pose = Annotated[str, Parameter(allow_leading_hyphen=True)]
@@ -23,6 +27,7 @@ def plan_command(
     goal: Pose | None = None,
     scen: Path | None = None,
     planner: str = "dstar-lite",
+    smooth: str = "auto",
     png: Path | None = None,
     json: bool = False,
 ) -> None:
@@ -39,9 +44,11 @@ def plan_command(
     scen
         All queries of a Moving AI scenario instead of a start and a goal.
     planner
-        dstar-lite, astar or dijkstra.
+        dstar-lite, astar, dijkstra or harmonic.
+    smooth
+        taut, band, none, or auto: the rubber band for harmonic, else taut. For the chair only.
     png
-        Draw the path on the map into this file.
+        Draw the path on the map into this file; with harmonic or band its potential, D* Lite's path, and the turns, too.
     json
         Print JSON.
     """
@@ -59,10 +66,12 @@ def plan_command(
     elif map.suffix == SUFFIX:
         _plan_on_cells(map, start, goal, planner, png, json)
     else:
-        _plan_for_the_chair(map, start, goal, planner, png, json)
+        _plan_for_the_chair(map, start, goal, planner, smooth, png, json)
 
 
-def _plan_for_the_chair(map: Path, start: str, goal: str, planner: str, png: Path | None, json: bool) -> None:
+def _plan_for_the_chair(
+    map: Path, start: str, goal: str, planner: str, smooth: str, png: Path | None, json: bool
+) -> None:
     """A path in metres, wide enough for the chair."""
     import time
 
@@ -71,22 +80,48 @@ def _plan_for_the_chair(map: Path, start: str, goal: str, planner: str, png: Pat
     from waychair.maps.zones import load_zones
     from waychair.planning.costmap import CostmapSettings, check_free_space, costmap_from_grid
     from waychair.planning.global_planner import GlobalPlanner, PlannerSettings, check_goal
+    from waychair.runtime.planning_report import turn_histogram
     from waychair.runtime.report import path_picture, write_png
 
+    settings = PlannerSettings(planner=planner, smooth=smooth)
     grid = load_map(map)
     begin, end = _place(map, start, "--start"), _place(map, goal, "--goal")
     costmap = costmap_from_grid(grid, CHAIR_A, CostmapSettings(), zones=load_zones(map))
     check_free_space(costmap)
     check_goal(costmap, CHAIR_A, end.pose)
-    search = GlobalPlanner(end.pose, PlannerSettings(planner=planner))
+    search = GlobalPlanner(end.pose, settings)
     begun = time.thread_time()
     path = search.replan(costmap, begin.pose)
     ms = 1e3 * (time.thread_time() - begun)
     if png is not None:
-        write_png(png, path_picture(grid, path, (begin, end)))
-    values = {"length_m": path.length(), "cost": search.cost / _per_cell(), "ms": ms, "poses": path.poses.tolist()}
+        plain = path_picture(grid, path, (begin, end))
+        write_png(png, _with_potential(costmap, begin, end, settings, path) if settings.smoothing == "band" else plain)
+    turns = {f"{edge}": count for edge, count in zip(*(part.tolist() for part in turn_histogram(path)), strict=True)}
+    values = {"length_m": path.length(), "cost": search.cost / _per_cell(), "ms": ms, "turns_from_deg": turns}
     said = f"{path.length():.2f} m from {begin.name} to {end.name}" + (f": {png}" if png else "")
-    print(_json(values) if json else said)
+    if settings.smoothing == "band":
+        said += "\nturns at every 0.10 m, from degrees: " + ", ".join(
+            f"{edge}: {count}" for edge, count in turns.items()
+        )
+    print(_json({**values, "poses": path.poses.tolist()}) if json else said)
+
+
+def _with_potential(costmap: Costmap, begin: Place, end: Place, settings: PlannerSettings, path: Poses) -> Picture:
+    """The potential, and the path beside that of the default planner."""
+    import numpy as np
+
+    from waychair.maps.grid import cells_from_points
+    from waychair.planning.global_planner import PlannerSettings, plan
+    from waychair.planning.harmonic import log_field
+    from waychair.planning.harmonic_search import absorption_from_prices
+    from waychair.planning.laplace_solvers import Problem
+    from waychair.runtime.planning_report import potential_picture
+
+    row, column = cells_from_points(costmap.grid, np.array([[end.pose.x, end.pose.y]]))[0].tolist()
+    found = log_field(Problem(absorption_from_prices(costmap.prices), (row, column)))
+    paths = {f"{settings.planner}, {settings.smoothing}": path}
+    paths["dstar-lite, taut"] = plan(costmap, begin.pose, end.pose, PlannerSettings())
+    return potential_picture(costmap, found, paths, (begin, end))
 
 
 def _plan_on_cells(map: Path, start: str, goal: str, planner: str, png: Path | None, json: bool) -> None:

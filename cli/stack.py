@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 import signal
 import sys
 import time
@@ -12,10 +13,13 @@ from cyclopts import Parameter
 
 if TYPE_CHECKING:
     from waychair.ros.client import ChairClient
+    from waychair.ros.messages.chair import DriveReport
+    from waychair.types import Pose2
 
 Pose = Annotated[str, Parameter(allow_leading_hyphen=True)]
 
 _WATCH_S = 0.05
+_SAME_GOAL_M = 0.05
 
 WARNING = """\
 waychair is research software, not a medical device. Modifying a wheelchair may void its approval. Somebody must walk
@@ -40,6 +44,12 @@ def up_command(
     domain: int | None = None,
     params: Path | None = None,
     out: Path = Path("out/up"),
+    box: Path | None = None,
+    no_box: Annotated[bool, Parameter(negative=())] = False,
+    page: bool | None = None,
+    page_port: int | None = None,
+    page_lan: bool = False,
+    token: str | None = None,
 ) -> None:
     """Start all nodes of a chair, and keep them running until Ctrl-C or SIGTERM.
 
@@ -75,14 +85,29 @@ def up_command(
         A ROS parameter file.
     out
         Folder for the run's files.
+    box
+        Folder of the black box, which `waychair why` reads; by default `box` in the run's.
+    no_box
+        Keep no black box.
+    page
+        Serve the rider's page; by default where the extra [ui] is installed.
+    page_port
+        Port of the page; by default 8000, or a free one where that is taken.
+    page_lan
+        Let other computers on the network open the page, with the token; the nodes themselves stay unseen.
+    token
+        What they have to show; by default one is made and printed.
     """
     from waychair.cli.arguments import BadArgument, pose_from_text
-    from waychair.errors import RosError
+    from waychair.cli.page_process import TOKEN, has_ui, page_address, page_token, port_of_page
+    from waychair.errors import MissingExtra, RosError
     from waychair.ros.environment import is_secured, ros_environment
     from waychair.ros.interface_types import interface_type
     from waychair.ros.stack import Stack, processes
     from waychair.runtime.processes import Supervision, signalled
 
+    if page and not has_ui():
+        raise MissingExtra("the page needs the extra [ui]: pip install 'waychair[ui]'")
     if unattended and sim is None:
         raise BadArgument("--unattended is for simulated chairs: whoever sits in a real one says yes")
     environment = ros_environment(domain=domain, lan=lan)
@@ -90,8 +115,12 @@ def up_command(
     stack = Stack(
         out, sim or "", map, mapping, chair, cable, camera, people, seed, unattended, deaf,
         None if start is None else pose_from_text(start, "--start"), params, urgent,
+        None if no_box else box or out / "box",
+        port_of_page(page_port) if page or (page is None and has_ui()) else None,
+        "0.0.0.0" if page_lan else "127.0.0.1",
     )  # fmt: skip
     table = processes(stack)
+    environment = {**environment, TOKEN: page_token(page_lan, token)}
     interface_type("waychair_msgs/msg/DriveState")  # built here, or every node would wait for the first
     print(WARNING, file=sys.stderr)
     if lan:
@@ -99,6 +128,10 @@ def up_command(
             "The nodes can be seen from the whole network: map, pictures, scans and goals. "
             + ("No speeds are obeyed, since there are no security keys." if deaf else "Messages are signed."),
             file=sys.stderr,
+        )
+    if stack.page_port is not None:
+        print(
+            f"waychair: the page is at {page_address(stack.page_port, page_lan, environment[TOKEN])}", file=sys.stderr
         )
     ending = signalled(signal.SIGINT, signal.SIGTERM)
     with Supervision(table, environment, lambda sentence: print(f"waychair: {sentence}", file=sys.stderr)) as running:
@@ -122,19 +155,14 @@ def goto_command(*goals: Pose, yes: bool = False, timeout: float = 600.0, domain
     domain
         ROS domain of the chair.
     """
-    from waychair.cli.arguments import BadArgument, pose_from_text
-    from waychair.maps.places import find
+    from waychair.cli.arguments import BadArgument
     from waychair.ros.client import ChairClient, TaskResult
 
     if not goals:
         raise BadArgument("name a place to go to, or X,Y,YAW; `waychair places` lists them")
     with ChairClient(domain=domain) as client:
         client.wait_until_active()
-        known = client.places()
-        poses = []
-        for text in goals:
-            is_pose = "," in text and text not in known
-            poses.append(pose_from_text(text, "a goal") if is_pose else find(known, text).pose)
+        poses = [_pose(client, text) for text in goals]
         for text, pose in zip(goals, poses, strict=True):
             if not client.go_to_pose(pose):
                 _fail(f"the goal '{text}' was refused; see `waychair status`")
@@ -151,21 +179,27 @@ def goto_command(*goals: Pose, yes: bool = False, timeout: float = 600.0, domain
             print(f"{text}: reached, {at.x:.2f}, {at.y:.2f}, {at.theta:.2f}")
 
 
-def confirm_command(*, domain: int | None = None) -> None:
-    """Say the rider's yes to the goal that waits.
+def confirm_command(goal: Pose | None = None, /, *, domain: int | None = None) -> None:
+    """Say the rider's yes to the goal that waits, and to no other that comes meanwhile.
 
     Parameters
     ----------
+    goal
+        The place or pose that must be the one that waits; by default it is whichever does, and is named.
     domain
         ROS domain of the chair.
     """
     from waychair.ros.client import ChairClient
 
     with ChairClient(domain=domain) as client:
-        done, sentence = client.confirm()
+        state = client.drive_state()
+        named = _named(client, state)
+        if goal is not None and _distance(_pose(client, goal), state.goal) > _SAME_GOAL_M:
+            _fail(f"the goal that waits is {named}: look at it, then say yes to that one")
+        done, sentence = client.confirm(goal_id=state.goal_id)
     if not done:
         _fail(sentence)
-    print(sentence)
+    print(f"{named}: {sentence}")
 
 
 def cancel_command(*, domain: int | None = None) -> None:
@@ -198,6 +232,7 @@ def status_command(*, json: bool = False, domain: int | None = None) -> None:
 
     with ChairClient(domain=domain) as client:
         state, found = client.drive_state(), client.localisation()
+        goal = _named(client, state)
     pose = found.map_from_base
     if json:
         facts = {
@@ -206,6 +241,8 @@ def status_command(*, json: bool = False, domain: int | None = None) -> None:
             "health": found.health,
             "mode": state.mode.value,
             "reason": state.reason,
+            "goal": goal if state.driving or state.waits else None,
+            "last_stop": state.last_stop,
             "ready": state.ready,
             "halts": dict(state.halts),
         }
@@ -213,10 +250,44 @@ def status_command(*, json: bool = False, domain: int | None = None) -> None:
         return
     print(f"place         {pose.x:.2f}, {pose.y:.2f}, {pose.theta:.2f} ({found.state.value}, {found.health:.0%})")
     print(f"mode          {state.mode.value}{': ' if state.reason else ''}{state.reason}")
+    print(f"next          {_next(state, goal)}")
+    if state.last_stop:
+        print(f"last stop     {state.last_stop}; more by `waychair why`")
     for stop_id, sentence in state.halts:
         print(f"{stop_id:13s} {sentence}")
     if not state.halts:
         print("ready         nothing stands against a drive")
+
+
+def _next(state: DriveReport, goal: str) -> str:
+    """What the chair will do if nobody does anything."""
+    if state.driving:
+        return "it goes where a page's joystick points" if state.steered else f"it drives to {goal}"
+    if state.waits:
+        return f"it waits for the rider's yes to {goal}"
+    return "it stays where it is until a goal is asked for"
+
+
+def _pose(client: ChairClient, text: str) -> Pose2:
+    """Of a place of the running chair's map, or as it is written."""
+    from waychair.cli.arguments import pose_from_text
+    from waychair.maps.places import find
+
+    known = client.places()
+    return pose_from_text(text, "a goal") if "," in text and text not in known else find(known, text).pose
+
+
+def _named(client: ChairClient, state: DriveReport) -> str:
+    """What people call the bridge's goal."""
+    if not state.goal_id:
+        return "no goal"
+    near = {name: _distance(place.pose, state.goal) for name, place in client.places().items()}
+    name = min(near, key=near.__getitem__, default="")
+    return name if name and near[name] < _SAME_GOAL_M else f"{state.goal.x:.2f}, {state.goal.y:.2f}"
+
+
+def _distance(one: Pose2, other: Pose2) -> float:
+    return math.hypot(one.x - other.x, one.y - other.y)
 
 
 def _begin(client: ChairClient, yes: bool) -> None:

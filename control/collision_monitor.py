@@ -7,7 +7,9 @@ the turn. What is kept free round the outline grows with the speed, too: at a cr
 and what lies within the margin of a faster drive does not stop the chair but slows it down to where the margin is free.
 Ahead it is longer. Towards what is slim and stands free it is longer still, and wide, at any speed: a lidar at the
 height of shins sees legs, and whom they belong to reaches beyond them. Where the way is too narrow for that, as in many
-a corridor, the chair stops and gives way; who is still there after a while is passed nearer by, at a crawl.
+a corridor, the chair stops and gives way; who is still there after a while is passed nearer by, at a crawl. Of the map
+it lets itself be told one thing, which takes only that extra room back: where a slim thing has always stood, as the legs
+of a table do. It stops before it as before anything.
 
 It also judges the lidar: one that is silent, sees too little or repeats a scan stops the chair. A verdict is stamped,
 and says of which scan it was made; who lets speed through asks for a fresh one (`refusal`), so that a monitor that died
@@ -28,7 +30,7 @@ from waychair.calibration.stopping import StopTable
 from waychair.config import Settings, setting
 from waychair.errors import ConfigError
 from waychair.geometry import arcs, transform_points
-from waychair.types import BoolArray, FloatArray, IntArray, Scan, Twist
+from waychair.types import BoolArray, FloatArray, IntArray, Pose2, Scan, Twist
 
 
 @dataclass(frozen=True, slots=True)
@@ -57,6 +59,8 @@ class MonitorSettings(Settings):
     ahead_after: float = setting(0.33, "m", "ahead_of_legs once it has given way", low=0.0, high=1.0)
     beside_after: float = setting(0.20, "m", "beside_legs once it has given way", low=0.0, high=1.0)
     slim: float = setting(0.35, "m", "legs are no wider than this, together", low=0.05, high=1.0)
+    furniture: float = setting(0.1, "m", "legs so near to what the map shows are of that", low=0.0, high=0.3)
+    furniture_ms: int = setting(400, "ms", "what was told of mapped things holds so long", low=20, high=1000)
     least_points: int = setting(3, "", "so many points are something, fewer are noise", low=1, high=100)
     reaction_s: float = setting(
         0.3, "s", "from a verdict to the first braking, before that was measured", low=0.0, high=2.0
@@ -131,6 +135,12 @@ class Monitor:
         self._blindness = ""
         self._gives_way_since_ns: int | None = None
         self._passes_until_ns: int | None = None
+        self._furniture: FloatArray = np.empty((0, 2))
+        self._furnished_ns: int | None = None
+
+    def furnish(self, mapped: FloatArray, stamp_ns: int) -> None:
+        """Told what might be legs but has always stood there, (N, 2) [m] in base at `stamp_ns`, by who is sure of it."""
+        self._furniture, self._furnished_ns = mapped, stamp_ns
 
     def see(self, scan: Scan) -> None:
         """Take in a scan, as the lidar gave it."""
@@ -161,7 +171,9 @@ class Monitor:
         if not all(map(math.isfinite, (command.v, command.omega, measured.v, measured.omega))):
             return MonitorVerdict(now_ns, scan_ns, command, 0.0, stop="obstacle")
         told = measuring(scan, self._hidden)
-        points, slim = points_now(scan, told, self._body, measured, now_ns), self._slim[told]
+        points = points_now(scan, told, self._body, measured, now_ns)
+        slim = self._slim[told]
+        slim[slim] = ~self._is_furniture(points[slim], measured, now_ns)
         share, contact_s = self._permitted(points, slim, command)
         if share == 0.0 and slim.any():
             passing, passing_contact_s = self._permitted(points, slim, command, gave_way=True)
@@ -170,6 +182,18 @@ class Monitor:
         if not _stands(measured):
             self._gives_way_since_ns = None
         return MonitorVerdict(now_ns, scan_ns, command, share, contact_s, "" if share > 0.0 else "obstacle")
+
+    def _is_furniture(self, points: FloatArray, measured: Twist, now_ns: int) -> BoolArray:
+        """(N,) which of points (N, 2) [m, base frame] are where something has always stood."""
+        stamp_ns, s = self._furnished_ns, self._settings
+        if stamp_ns is None or not len(self._furniture) or not _is_fresh(stamp_ns, s.furniture_ms, now_ns):
+            return np.zeros(len(points), np.bool_)
+        seconds = (now_ns - stamp_ns) * 1e-9
+        (moved,) = arcs(np.array([measured.v * seconds]), np.array([measured.omega * seconds]))
+        known = transform_points(Pose2(*moved).inverse(), self._furniture)
+        gaps = np.hypot(*(points[:, None] - known[None]).transpose(2, 0, 1))
+        near: BoolArray = gaps.min(axis=1) <= s.furniture
+        return near
 
     def _permitted(
         self, points: FloatArray, slim: BoolArray, command: Twist, gave_way: bool = False

@@ -52,6 +52,8 @@ class DoorDrive:
         self._lined_up = self._entered = self._in_position = False
         self._retreating, self._turn_back = False, 0.0
         self.tries = 0
+        self.refused = False
+        """Whether the chair stands at the last gate and will not enter: no door was found there, or never straight."""
 
     @property
     def entered(self) -> bool:
@@ -120,6 +122,7 @@ class DoorDrive:
         """Stop, and turn back if there are tries left."""
         stopped = DwaResult(braking(command, limits), np.zeros((0, 2)), np.zeros(0), at.array()[None])
         if not self.watch.sure or self.tries >= self._settings.tries:
+            self.refused = abs(command.v) < 0.01
             return replace(stopped, blocked=True)
         if abs(command.v) < 0.01:
             self.tries, self._retreating = self.tries + 1, True

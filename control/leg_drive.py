@@ -16,7 +16,7 @@ from waychair.geometry import compose, transform_points
 from waychair.maps.distance_field import DistanceField
 from waychair.planning.dwa import DwaResult, choose
 from waychair.planning.fine_field import fine_field
-from waychair.planning.legs import Leg, Manner, whole
+from waychair.planning.legs import Door, Leg, Manner, whole
 from waychair.planning.motion import DwaSettings, Motion, slowing_speed
 from waychair.planning.tracks import Track
 from waychair.types import FloatArray, OccupancyGrid, Path, Pose2, Twist
@@ -78,6 +78,11 @@ class LegDrive:
     def entered(self) -> bool:
         """Whether the chair is in a door, and nothing but going on makes sense."""
         return self._door is not None and self._door.entered
+
+    @property
+    def refused_door(self) -> Door | None:
+        """The leg's door when the chair will not enter it as one."""
+        return self.leg.door if self._door is not None and self._door.refused else None
 
     def remaining(self, pose: Pose2) -> float | None:
         """Way [m] to the leg's end from a pose in map, None while the chair turns at it or tries a door again.

@@ -7,26 +7,26 @@ decides where to go, never who drives.
 
 from __future__ import annotations
 
-import enum
 import math
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, replace
 
 import numpy as np
-from scipy.spatial import cKDTree
 
 from waychair.calibration.chair import BodyLayer, ChairBody
 from waychair.config import Settings, setting
 from waychair.control.corrections import Corrections, CorrectionSettings
 from waychair.control.leg_drive import LegDrive, LegDriveSettings, View
+from waychair.control.navigation import ACTIVE, Navigation, Stage
 from waychair.control.recovery import Recovery, RecoverySettings
-from waychair.control.surroundings import Surroundings, SurroundingsSettings, without_veils
+from waychair.control.surroundings import Surroundings, SurroundingsSettings, much_is_gone, without_veils
 from waychair.errors import GoalOccupied, PlanningError
 from waychair.geometry import transform_points
 from waychair.maps.distance_field import DistanceField
 from waychair.maps.places import find
 from waychair.maps.zones import Zone
-from waychair.planning.costmap import CostmapSettings, LiveCostmap, closed_off
+from waychair.planning.costmap import CostmapSettings
+from waychair.planning.drawn_map import DrawnMap
 from waychair.planning.dwa import DwaResult
 from waychair.planning.global_planner import GlobalPlanner, PlannerSettings, check_goal
 from waychair.planning.legs import Leg, Manner
@@ -34,31 +34,26 @@ from waychair.planning.motion import DwaSettings, Motion, braking, crawling, mot
 from waychair.planning.slices import Slices
 from waychair.planning.tracks import Track, Tracker, TrackSettings, gap, may_be_behind, room_round
 from waychair.planning.warm_up import warm_up
-from waychair.types import FloatArray, Goal, OccupancyGrid, Path, Place, Pose2, RgbdFrame, SonarReadings, Twist
+from waychair.types import (
+    BoolArray,
+    FloatArray,
+    Goal,
+    OccupancyGrid,
+    Path,
+    Place,
+    Pose2,
+    RgbdFrame,
+    SonarReadings,
+    Twist,
+)
 
-
-class Stage(enum.Enum):
-    """How far the drive to a goal has come."""
-
-    IDLE = "idle"
-    DRIVING = "driving"
-    WAITING = "waiting"
-    PAUSED = "paused"
-    ARRIVED = "arrived"
-    FAILED = "failed"
-
-
-_ACTIVE = (Stage.DRIVING, Stage.WAITING, Stage.PAUSED)
+__all__ = ["Navigation", "Navigator", "NavigatorSettings", "Stage"]
 
 _RESTED_TICKS, _AT_REST = 8, 1e-3
 """A chair that was commanded less than this [m/s, rad/s] for so many ticks stands."""
 
 _ROOM_TO_LEAVE = 0.03
 """Left between the chair and the room of people [m], on cells of the window, so that it can go away from them."""
-
-
-_MOVED, _MUCH = 0.1, 0.2
-"""What is this far [m] from where it was has moved; this part of what is in the way is much."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -89,28 +84,6 @@ class NavigatorSettings(Settings):
     legs: LegDriveSettings = field(default_factory=LegDriveSettings)
 
 
-@dataclass(frozen=True, slots=True)
-class Navigation:
-    """The twist of this tick, the stage, why in a plain sentence, the path that is followed and its present leg.
-
-    `goals`: how many are still to be reached, the present one included. `choice.arc` is in odom.
-    """
-
-    stage: Stage
-    twist: Twist = field(default_factory=Twist)
-    reason: str = ""
-    path: Path | None = None
-    plans: int = 0
-    choice: DwaResult | None = None
-    leg: Leg | None = None
-    goals: int = 0
-
-    @property
-    def driving(self) -> bool:
-        """Whether the computer wants the joystick lines, be it to stand still on them."""
-        return self.stage in _ACTIVE
-
-
 class Navigator:
     """Drives to goals, one after the other, on a known map."""
 
@@ -123,14 +96,13 @@ class Navigator:
         zones: Sequence[Zone] = (),
     ) -> None:
         warm_up()
-        self._grid = closed_off(grid, zones)
+        self.settings = settings or NavigatorSettings()
+        self._drawn = DrawnMap(grid, body, self.settings.costmap, zones)
         self._places = places
         self._body = body
-        self._settings = settings or NavigatorSettings()
-        self._surroundings = Surroundings(grid, body, self._settings.surroundings, zones)
-        self._costmaps = LiveCostmap(grid, body, self._settings.costmap, zones)
-        self._recovery = Recovery(self._settings.recovery)
-        self._tracker = Tracker(self._settings.tracks)
+        self._surroundings = Surroundings(self._drawn.grid, body, self.settings.surroundings)
+        self._recovery = Recovery(self.settings.recovery)
+        self._tracker = Tracker(self.settings.tracks)
         self._tracks: tuple[Track, ...] = ()
         self._among_people = False
         self._motion, self._before = Motion(), Twist()
@@ -139,7 +111,7 @@ class Navigator:
         self._stage, self._reason = Stage.IDLE, "no goal"
         self._goals: list[Goal] = []
         self._planner: GlobalPlanner | None = None
-        self._dwa = self._settings.dwa
+        self._dwa = self.settings.dwa
         self._path: Path | None = None
         self._legs: list[Leg] = []
         self._leg: LegDrive | None = None
@@ -151,13 +123,13 @@ class Navigator:
         self._stepped_ns: int | None = None
         self._rested = _RESTED_TICKS
         self._plans = 0
-        self._corrections = Corrections(self._settings.corrections)
+        self._corrections = Corrections(self.settings.corrections)
         self._jumping = False
 
     @property
     def active(self) -> bool:
         """Whether there is a goal still to reach."""
-        return self._stage in _ACTIVE
+        return self._stage in ACTIVE
 
     @property
     def stage(self) -> Stage:
@@ -177,6 +149,25 @@ class Navigator:
         """
         self._goals = [self._posed(each) for each in (goal, *further)]
         self._begin(self._goals[0])
+
+    def redraw(self, drawn: DrawnMap, places: Mapping[str, Place]) -> None:
+        """Go on by another drawing of the same map, with other places; a drive under way is planned anew."""
+        self._places = places
+        if drawn is self._drawn:
+            return
+        self._drawn, self._local = drawn, None
+        self._surroundings.redraw(drawn.grid)
+        if self._planner is not None and self.active:
+            self._plan_to(self._planner.goal)
+
+    def knows(self, points: FloatArray, within: float) -> BoolArray:
+        """(N,) which of points (N, 2) [m] in map are within so much [m] of what the map shows."""
+        return self._drawn.shows(points, within)
+
+    @property
+    def people(self) -> FloatArray:
+        """(K, 2) [m] in odom: where those are who walk about, or have."""
+        return np.array([track.position for track in self._tracks]).reshape(-1, 2)
 
     def pause(self) -> None:
         """Stop and stand until `resume`."""
@@ -229,7 +220,7 @@ class Navigator:
         self._motion = motion_after(self._motion, self._before, self._command, self._dwa)
         self._before = self._command
         if obstacles is not None:
-            obstacles, self._local = without_veils(obstacles, self._settings.veil), None
+            obstacles, self._local = without_veils(obstacles, self.settings.veil), None
             self._surroundings.see(now_ns, pose, obstacles, beyond)
             self._tracks = self._see_people(now_ns, pose, obstacles, odom_from_map)
             self._among_people = self._is_among_people(odom_from_map @ pose)
@@ -249,18 +240,22 @@ class Navigator:
 
     def _begin(self, goal: Goal) -> None:
         assert isinstance(goal.target, Pose2)
-        self._planner = GlobalPlanner(goal.target, self._settings.planner)
+        self._plan_to(goal.target)
         # what remains of the tolerance is left to the localisation's own error
         self._dwa = replace(
-            self._settings.dwa,
-            goal_tolerance=min(self._settings.dwa.goal_tolerance, 0.6 * goal.tolerance_m),
-            goal_release=min(self._settings.dwa.goal_release, 0.9 * goal.tolerance_m),
-            heading_tolerance=min(self._settings.dwa.heading_tolerance, goal.tolerance_rad / 2),
+            self.settings.dwa,
+            goal_tolerance=min(self.settings.dwa.goal_tolerance, 0.6 * goal.tolerance_m),
+            goal_release=min(self.settings.dwa.goal_release, 0.9 * goal.tolerance_m),
+            heading_tolerance=min(self.settings.dwa.heading_tolerance, goal.tolerance_rad / 2),
         )
         self._stage, self._reason = Stage.DRIVING, ""
+        self._recovery.reset()
+
+    def _plan_to(self, goal: Pose2) -> None:
+        """From scratch."""
+        self._planner = GlobalPlanner(goal, self.settings.planner)
         self._path, self._planned_ns, self._plans, self._leg = None, None, 0, None
         self._planning, self._stops_to_plan = None, False
-        self._recovery.reset()
 
     def _posed(self, goal: Goal) -> Goal:
         """The goal with the pose and tolerances of the place that it names."""
@@ -290,11 +285,11 @@ class Navigator:
 
     def _gap(self, track: Track, odom_from_base: Pose2) -> float:
         """Distance [m] from the chair's outline with its margin to the middle of a person."""
-        return gap(track.position, odom_from_base, self._body) - self._settings.dwa.margin
+        return gap(track.position, odom_from_base, self._body) - self.settings.dwa.margin
 
     def _is_among_people(self, odom_from_base: Pose2) -> bool:
         """Whether there are people near who go on by themselves."""
-        s = self._settings
+        s = self.settings
         return any(
             track.walks(s.tracks) and self._gap(track, odom_from_base) < s.recovery.about for track in self._tracks
         )
@@ -302,14 +297,14 @@ class Navigator:
     def _is_somebody_behind(self, now_ns: int, odom_from_base: Pose2) -> bool:
         """Whether people may be where the chair would back out to."""
         everybody = (*self._tracks, *self._tracker.lost)
-        return may_be_behind(everybody, now_ns, odom_from_base, self._body, self._settings.recovery.way)
+        return may_be_behind(everybody, now_ns, odom_from_base, self._body, self.settings.recovery.way)
 
     def _see_people(self, now_ns: int, pose: Pose2, obstacles: FloatArray, odom_from_map: Pose2) -> tuple[Track, ...]:
         """Tracks, in odom, of those who go their way, or went it before they stood; room is left round them."""
         strangers = transform_points(odom_from_map, self._surroundings.strangers(obstacles))
         people = tuple(track for track in self._tracker.update(now_ns, strangers) if track.walked)
-        spare = self._settings.dwa.margin + _ROOM_TO_LEAVE
-        s = self._settings.tracks
+        spare = self.settings.dwa.margin + _ROOM_TO_LEAVE
+        s = self.settings.tracks
         wide = s.room_after if self._recovery.standing(now_ns) > s.room_after_s else s.room
         room = room_round(people, wide, odom_from_map @ pose, self._body, spare)
         walking = (*(each for each in people if each.walks(s)), *self._tracker.lost)
@@ -346,24 +341,24 @@ class Navigator:
     def _follow(self, view: View, behind: bool) -> DwaResult:
         """The next command on the present leg, never backwards where somebody may be `behind`."""
         if self._leg is None:
-            self._leg = LegDrive(self._legs, self._grid, self._body, self._settings.legs)
+            self._leg = LegDrive(self._legs, self._drawn.grid, self._body, self.settings.legs)
         limits = crawling(self._dwa) if self._jumping else self._dwa
         if behind:
             limits = replace(limits, max_reverse=0.0)
         if len(self._legs) > 1:
-            limits = replace(limits, goal_tolerance=self._settings.corner_tolerance)
+            limits = replace(limits, goal_tolerance=self.settings.corner_tolerance)
         return self._leg.step(view, limits)
 
     def _remaining(self, pose: Pose2) -> float | None:
         """Way [m] to the goal, None while the chair turns at the end of a leg."""
-        leg = self._leg or LegDrive(self._legs, self._grid, self._body, self._settings.legs)
+        leg = self._leg or LegDrive(self._legs, self._drawn.grid, self._body, self.settings.legs)
         here = leg.remaining(pose)
         return None if here is None else here + sum(leg.path.length() for leg in self._legs[1:])
 
     def _outcome(self, now_ns: int, choice: DwaResult) -> Navigation:
         """Reached, given up, waiting or driving."""
         if self._recovery.exhausted:
-            tries = self._settings.recovery.tries
+            tries = self.settings.recovery.tries
             self.cancel(f"no way through after {tries} tries: clear the way or choose another goal")
             return self._navigation(braking(self._command, self._dwa), choice)
         if choice.arrived:
@@ -374,6 +369,9 @@ class Navigator:
                 self._stage, self._reason = Stage.ARRIVED, "arrived"
             return self._navigation(Twist(), choice)
         if choice.blocked:
+            if self._planner is not None and self._leg is not None and self._leg.refused_door is not None:
+                self._planner.distrust(self._leg.refused_door)
+                self._planned_ns = None
             return self._halt(now_ns, "something is in the way", choice)
         self._recovery.moves()
         self._stage, self._reason = Stage.DRIVING, ""
@@ -389,7 +387,7 @@ class Navigator:
         if self.active:
             waited = self._recovery.stands(now_ns)
             self._stage, self._reason = Stage.WAITING, f"{why}; waiting"
-            s = self._settings.recovery
+            s = self.settings.recovery
             if waited > (s.patience_with_people if self._among_people else s.patience):
                 self.cancel(f"{why}, for {waited:.0f} s: clear the way or choose another goal")
         return self._navigation(braking(self._command, self._dwa), choice)
@@ -407,7 +405,7 @@ class Navigator:
     def _needs_plan(self, now_ns: int, pose: Pose2) -> bool:
         if self._planned_ns is None:
             return True
-        if now_ns - self._planned_ns < self._settings.replan_period * 1e9:
+        if now_ns - self._planned_ns < self.settings.replan_period * 1e9:
             return False
         if self._leg is not None and self._leg.entered and self._path is not None:
             return False
@@ -415,16 +413,11 @@ class Navigator:
             return True
         away = np.hypot(*(self._path.poses[:, :2] - (pose.x, pose.y)).T)
         nearest = int(np.argmin(away))
-        if away[nearest] > self._settings.off_path:
+        if away[nearest] > self.settings.off_path:
             return True
-        steps = math.ceil(self._settings.look_ahead / self._settings.planner.spacing)
+        steps = math.ceil(self.settings.look_ahead / self.settings.planner.spacing)
         ahead = self._path.poses[nearest : nearest + steps, :2]
-        upright, layered = self._surroundings.lasting()
-        news = np.concatenate([upright, *(points for _, points in layered)])
-        if not len(news):
-            return False
-        gaps = np.hypot(*(ahead[:, None] - news[None]).transpose(2, 0, 1))
-        return bool(gaps.min() < self._body.width / 2)
+        return self._surroundings.stands_near(ahead, self._body.width / 2)
 
     def _plan(self, now_ns: int, pose: Pose2) -> bool:
         """Plan, or go on planning; whether that is done. What takes longer than a tick is planned from standstill."""
@@ -433,8 +426,8 @@ class Navigator:
                 return False
             self._planning, self._stops_to_plan = None, False
         lasts_s = 0.0 if self._planning is None else (now_ns - (self._planned_ns or now_ns)) * 1e-9
-        if lasts_s > self._settings.longest_plan and self._others_in_the_way():
-            self._planning = None
+        if lasts_s > self.settings.longest_plan and much_is_gone(self._planned_round, self._surroundings.lasting()[0]):
+            self._planning = None  # what it is being made round is gone, so that it is worth nothing
         if self._planning is None:
             self._planned_ns, self._planning = now_ns, self._planned(pose)
         for _ in self._planning:
@@ -442,16 +435,6 @@ class Navigator:
             return False
         self._planning = None
         return True
-
-    def _others_in_the_way(self) -> bool:
-        """Whether much of what a plan is being made round is gone, so that it is worth nothing."""
-        upright, _ = self._surroundings.lasting()
-        if not len(self._planned_round):
-            return False
-        if not len(upright):
-            return True
-        away, _ = cKDTree(upright).query(self._planned_round, distance_upper_bound=_MOVED)
-        return bool(np.isinf(away).mean() > _MUCH)
 
     def _planned(self, pose: Pose2) -> Slices[None]:
         """A new path over the map and what is in the way now; while there is none, the chair waits."""
@@ -462,7 +445,7 @@ class Navigator:
         path = None
         try:
             if self._plans == 0:  # a goal that the map alone rules out is refused, not waited for
-                costmap = self._costmaps.costmap()
+                costmap = self._drawn.costmap()
                 check_goal(costmap, self._body, self._planner.goal)
                 path = yield from self._planner.replan_in_slices(costmap, pose)
         except PlanningError as error:
@@ -477,7 +460,7 @@ class Navigator:
         if self._path is None:  # having waited for a way is no reason to back out now that there is one
             self._recovery.moves()
         legs = list(self._planner.legs)
-        leg = LegDrive(legs, self._grid, self._body, self._settings.legs)
+        leg = LegDrive(legs, self._drawn.grid, self._body, self.settings.legs)
         if self._leg is not None and len(legs) == len(self._legs) == 1 and legs[0].manner is Manner.FREE:
             leg.in_position = self._leg.in_position
         self._path, self._legs, self._leg, self._plans = path, legs, leg, self._plans + 1
@@ -488,13 +471,13 @@ class Navigator:
         """A path round what is in the way now; what stands at a goal that is still far may be gone by then."""
         assert self._planner is not None
         goal, among_people = self._planner.goal, self._among_people
-        costmap = self._costmaps.costmap(upright, layered)
+        costmap = self._drawn.costmap(upright, layered)
         try:
             return (yield from self._planner.replan_in_slices(costmap, pose, among_people))
         except GoalOccupied:
-            if math.hypot(goal.x - pose.x, goal.y - pose.y) < self._settings.waits_from:
+            if math.hypot(goal.x - pose.x, goal.y - pose.y) < self.settings.waits_from:
                 raise
-        room = self._body.circumscribed_radius + self._settings.costmap.inflation_radius
+        room = self._body.circumscribed_radius + self.settings.costmap.inflation_radius
         layered = [(layer, points[np.hypot(*(points - (goal.x, goal.y)).T) > room]) for layer, points in layered]
         upright = upright[np.hypot(*(upright - (goal.x, goal.y)).T) > room]
-        return (yield from self._planner.replan_in_slices(self._costmaps.costmap(upright, layered), pose, among_people))
+        return (yield from self._planner.replan_in_slices(self._drawn.costmap(upright, layered), pose, among_people))

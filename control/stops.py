@@ -115,6 +115,20 @@ _ROWS: tuple[Stop, ...] = (
         _ENDS,
         _COMFORT,
     ),
+    Stop(
+        "pushed",
+        "the chair is being pushed by hand",
+        "once it stands, see whether the map shows it right, then ask for the goal again",
+        _ENDS,
+        _RELEASE,
+    ),
+    Stop(
+        "page_gone",
+        "no page answers any more on which Stop could be pressed",
+        "open the page again, then ask for the goal again",
+        _ENDS,
+        _COMFORT,
+    ),
     Stop("tilt", "the floor is too steep", "drive to level ground by joystick", _ENDS, _COMFORT),
     Stop("disobeys", "the chair does not do as it is told", "press Reset once it was seen to", _LATCHES, _RELEASE),
     Stop(
@@ -150,6 +164,9 @@ _ROWS: tuple[Stop, ...] = (
 
 STOPS: Mapping[str, Stop] = MappingProxyType({stop.id: stop for stop in (*_ROWS, *_board_stops())})
 """The table, by id."""
+
+BY_MAP_ONLY = frozenset({"lost", "pose_jump", "pushed", "navigator_silent", "localiser_silent", "page_gone"})
+"""Stops of who drives by a map to a goal; they do not stand against somebody who steers, and sees where to."""
 
 _BY_ADVICE: Mapping[str, Stop] = MappingProxyType(
     {advice: STOPS[f"board_{str(fault.name).lower()}"] for fault, advice in FAULT_ADVICE.items()}

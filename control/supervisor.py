@@ -4,6 +4,9 @@ The computer drives only while a goal is active that was confirmed when nothing 
 rider does nothing. A push of the joystick ends the drive at once and for good, and so does a fault: what was asked for
 is dropped, so that nothing begins or resumes by itself when the fault clears. A fault leaves the rider's joystick live.
 
+A joystick on a page is a drive of its own: it moves the chair through the computer, at walking speed and watched over,
+and ends whatever the computer drove to.
+
 The board decides by the same rule as `Override` within a millisecond, without this computer; whichever of the two is
 more sensitive ends the drive. Only a deflection below the threshold can be blended with the computer's command, so a
 rider with tremor or spasm needs both set alike, here and on the board, higher and longer.
@@ -18,7 +21,7 @@ from dataclasses import dataclass
 from types import MappingProxyType
 
 from waychair.config import Settings, setting
-from waychair.control.stops import Braking, Halt, Severity, gravest, halt
+from waychair.control.stops import BY_MAP_ONLY, Braking, Halt, Severity, gravest, halt
 from waychair.errors import ConfigError
 from waychair.types import DriveMode, JoystickInput
 
@@ -32,6 +35,9 @@ class SupervisorSettings(Settings):
     at_rest: float = setting(0.1, "", "deflection up to which no hand is on the stick", low=0.02, high=0.2)
     assist: bool = setting(False, "", "a hand on the stick slows the drive, instead of nothing until it takes over")
     confirm_s: float = setting(60.0, "s", "a goal that nobody confirms for so long is dropped", low=1.0, high=3600.0)
+    countdown_s: float = setting(
+        0.0, "s", "from the rider's yes to the first motion, for whoever announces it", low=0.0, high=30.0
+    )
 
     def __post_init__(self) -> None:
         Settings.__post_init__(self)
@@ -47,6 +53,7 @@ class Event(enum.Enum):
     STOP = "the rider pressed Stop"
     TAKE_OVER = "the rider pushes the stick"
     FAULT = "something is wrong that ends a drive"
+    STEER = "somebody steers by a page's joystick"
     NO_GOAL = "there is nowhere to go"
     REFUSAL = "a drive was confirmed that must not begin"
     CONFIRM = "a drive was confirmed, and nothing stands against it"
@@ -58,21 +65,21 @@ class Event(enum.Enum):
 _MANUAL, _ASSISTED, _AUTONOMOUS, _STOPPED = DriveMode
 
 _NEXT: Mapping[DriveMode, tuple[DriveMode, ...]] = {
-    #             STOP      TAKE_OVER FAULT     NO_GOAL   REFUSAL   CONFIRM      REQUEST   HAND       QUIET
-    _MANUAL:     (_STOPPED, _MANUAL,  _MANUAL,  _MANUAL,  _MANUAL,  _AUTONOMOUS, _MANUAL,  _MANUAL,   _MANUAL),
-    _STOPPED:    (_STOPPED, _MANUAL,  _STOPPED, _STOPPED, _STOPPED, _AUTONOMOUS, _STOPPED, _STOPPED,  _STOPPED),
-    _AUTONOMOUS: (_STOPPED, _MANUAL,  _MANUAL,  _MANUAL,  _MANUAL,  _AUTONOMOUS, _MANUAL,  _ASSISTED, _AUTONOMOUS),
-    _ASSISTED:   (_STOPPED, _MANUAL,  _MANUAL,  _MANUAL,  _MANUAL,  _ASSISTED,   _MANUAL,  _ASSISTED, _AUTONOMOUS),
+    #             STOP      TAKE_OVER FAULT     STEER      NO_GOAL   REFUSAL   CONFIRM      REQUEST   HAND       QUIET
+    _MANUAL:     (_STOPPED, _MANUAL,  _MANUAL,  _ASSISTED, _MANUAL,  _MANUAL,  _AUTONOMOUS, _MANUAL,  _MANUAL,   _MANUAL),
+    _STOPPED:    (_STOPPED, _MANUAL,  _STOPPED, _ASSISTED, _STOPPED, _STOPPED, _AUTONOMOUS, _STOPPED, _STOPPED,  _STOPPED),
+    _AUTONOMOUS: (_STOPPED, _MANUAL,  _MANUAL,  _ASSISTED, _MANUAL,  _MANUAL,  _AUTONOMOUS, _MANUAL,  _ASSISTED, _AUTONOMOUS),
+    _ASSISTED:   (_STOPPED, _MANUAL,  _MANUAL,  _ASSISTED, _MANUAL,  _MANUAL,  _ASSISTED,   _MANUAL,  _ASSISTED, _AUTONOMOUS),
 }  # fmt: skip
 
 TABLE: Mapping[tuple[DriveMode, Event], DriveMode] = MappingProxyType(
     {(mode, event): after for mode, row in _NEXT.items() for event, after in zip(Event, row, strict=True)}
 )
-"""The mode after a mode and an event. Only CONFIRM leads from a mode in which the computer rests to one in which it
-drives."""
+"""The mode after a mode and an event. Only CONFIRM and STEER, both somebody's own act, lead from a mode in which the
+computer rests to one in which it drives."""
 
 DRIVEN = (DriveMode.AUTONOMOUS, DriveMode.ASSISTED)
-"""The modes in which the computer drives, alone or with the rider's hand on the stick."""
+"""The modes in which the computer drives, alone, with the rider's hand on the stick, or as a page's joystick says."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -81,6 +88,7 @@ class Situation:
 
     `joystick` None: unknown; `taken_over`: the rider pushes, or the board let the computer's command go because of
     that; `requested` and `confirmed`: since the last tick another goal was asked for, and somebody said yes to it.
+    `steered`: a page's joystick is held, or the chair is held at rest for it.
     """
 
     joystick: JoystickInput | None
@@ -90,6 +98,7 @@ class Situation:
     requested: bool
     confirmed: bool
     halts: tuple[Halt, ...] = ()
+    steered: bool = False
 
 
 @dataclass(frozen=True, slots=True)
@@ -97,6 +106,7 @@ class Verdict:
     """The mode of this tick and, unless the computer drives, why not and how a chair in motion comes to rest.
 
     `share`: the part of its speed that the rider's hand leaves the computer. `drops_goal`: what was asked for is over.
+    `steered`: the computer drives as a page's joystick says.
     """
 
     mode: DriveMode
@@ -105,6 +115,7 @@ class Verdict:
     halt: Halt | None = None
     braking: Braking = Braking.COMFORT
     drops_goal: bool = False
+    steered: bool = False
 
     @property
     def computer_drives(self) -> bool:
@@ -137,6 +148,8 @@ def supervise(mode: DriveMode, situation: Situation, settings: SupervisorSetting
     """Mode that follows `mode` in a situation."""
     event = event_in(situation, settings)
     after = TABLE[mode, event]
+    if event is Event.STEER:
+        return Verdict(after, Event.STEER.value, drops_goal=situation.goal_active, steered=True)
     if after in DRIVEN:
         share = _share(situation.joystick, settings) if settings.assist else 1.0
         return Verdict(after, "the rider's hand on the joystick slows the drive" if share < 1.0 else "", share)
@@ -151,12 +164,13 @@ def supervise(mode: DriveMode, situation: Situation, settings: SupervisorSetting
 
 def event_in(situation: Situation, settings: SupervisorSettings) -> Event:
     """What counts of a situation."""
-    worst = gravest(situation.halts)
+    worst = _worst(situation)
     hand = settings.assist and _share(situation.joystick, settings) < 1.0
     happens = {
         Event.STOP: situation.stop_pressed,
         Event.TAKE_OVER: situation.taken_over,
         Event.FAULT: worst is not None and worst.stop.severity >= Severity.ENDS,
+        Event.STEER: situation.steered,
         Event.NO_GOAL: not situation.goal_active,
         Event.REFUSAL: situation.confirmed and any(h.stop.severity is Severity.REFUSES for h in situation.halts),
         Event.CONFIRM: situation.confirmed,
@@ -175,8 +189,13 @@ def _why(event: Event, situation: Situation) -> Halt:
         return halt("taken_over")
     if event is Event.REFUSAL:
         return next(h for h in situation.halts if h.stop.severity is Severity.REFUSES)
-    worst = gravest(situation.halts)
+    worst = _worst(situation)
     return worst if event is Event.FAULT and worst is not None else halt("unconfirmed")
+
+
+def _worst(situation: Situation) -> Halt | None:
+    """Who steers needs no map: what is wrong with that holds up nobody who looks where the chair goes."""
+    return gravest(halted for halted in situation.halts if not (situation.steered and halted.stop.id in BY_MAP_ONLY))
 
 
 def deflection_of(stick: JoystickInput) -> float:

@@ -7,6 +7,7 @@ from collections.abc import Sequence
 from dataclasses import dataclass, field, replace
 
 import numpy as np
+from scipy.spatial import cKDTree
 
 from waychair.calibration.chair import BodyLayer, ChairBody, sonar_mounts
 from waychair.config import Settings, setting
@@ -31,6 +32,9 @@ from waychair.planning.obstacle_layer import (
     without,
 )
 from waychair.types import BoolArray, FloatArray, OccupancyGrid, Pose2, RgbdFrame, SonarReadings
+
+_MOVED, _MUCH = 0.1, 0.2
+"""What is this far [m] from where it was has moved; this part of what is in the way is much."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -63,12 +67,16 @@ class Surroundings:
         self, grid: OccupancyGrid, body: ChairBody, settings: SurroundingsSettings, zones: Sequence[Zone] = ()
     ) -> None:
         self._body, self._settings = body, settings
-        self._grid = grid = closed_off(grid, zones)
-        self._walls = occupied(grid)
-        self._from_walls = distances(self._walls, grid.resolution)
+        self.redraw(closed_off(grid, zones))
         self._scanned = self._room = self._walkers = self._edges = np.empty((0, 2))
         self._lidar = self._sonar = self._drops = self._missing = EMPTY
         self._depth: dict[BodyLayer, ObstacleLayer] = dict.fromkeys(body.height_layers(), EMPTY)
+
+    def redraw(self, grid: OccupancyGrid) -> None:
+        """The walls are those of this grid from now on; what was seen stays known."""
+        self._grid = grid
+        self._walls = occupied(grid)
+        self._from_walls = distances(self._walls, grid.resolution)
 
     def see(self, now_ns: int, pose: Pose2, points: FloatArray, beyond: FloatArray | None = None) -> None:
         """A scan from map_from_base: where its beams ended, (N, 2) [m] in map, replaces the scan before.
@@ -156,6 +164,13 @@ class Surroundings:
         layered = ((layer, self._but_walkers(points)) for layer, points in self.layered())
         return np.concatenate([self._but_walkers(upright), self._no_ground()]), tuple(layered)
 
+    def stands_near(self, points: FloatArray, gap: float) -> bool:
+        """Whether anything that is `lasting` stands nearer than `gap` [m] to one of points (N, 2) [m] in map."""
+        upright, layered = self.lasting()
+        news = np.concatenate([upright, *(seen for _, seen in layered)])
+        gaps = np.hypot(*(points[:, None] - news[None]).transpose(2, 0, 1))
+        return bool(gaps.min(initial=math.inf) < gap)
+
     def _but_walkers(self, points: FloatArray) -> FloatArray:
         """Those of points (N, 2) [m] that are not of somebody who walks."""
         gaps = np.hypot(*(points[:, None] - self._walkers[None]).transpose(2, 0, 1))
@@ -199,6 +214,14 @@ class Surroundings:
             return True
         gaps = np.hypot(*(arc[:, None] - self._scanned[None]).transpose(2, 0, 1))
         return bool(gaps.min(initial=math.inf) <= self._settings.known_within)
+
+
+def much_is_gone(before: FloatArray, now: FloatArray) -> bool:
+    """Whether much of what was in the way, (N, 2) [m], is not there any more."""
+    if not len(before) or not len(now):
+        return bool(len(before))
+    away, _ = cKDTree(now).query(before, distance_upper_bound=_MOVED)
+    return bool(np.isinf(away).mean() > _MUCH)
 
 
 def without_veils(points: FloatArray, gap: float) -> FloatArray:

@@ -210,12 +210,9 @@ class GridAssembly(Assembly[Scan]):
 
 
 class DepthAssembly(Assembly[DepthScan]):
-    """What depth images tell of the floor plan, and the grids of what stands on the floor and of where it ends."""
+    """What depth images tell of the floor plan."""
 
     def __init__(self, occupancy: OccupancySettings | None = None, settings: AssemblySettings | None = None) -> None:
-        self._cells = DepthEvidence(occupancy)
-        super().__init__(self._cells, settings)
-
-    def grids(self) -> tuple[OccupancyGrid, OccupancyGrid]:
-        """Copies of the grid of obstacles and of the grid of drop-offs, as they are now."""
-        return self._cells.obstacles.grid(), self._cells.drops.grid()
+        self.cells = DepthEvidence(occupancy)
+        """What is drawn now."""
+        super().__init__(self.cells, settings)

@@ -19,6 +19,7 @@ from numpy.typing import NDArray
 
 from waychair.errors import MapError, MapNotFound
 from waychair.files import write_bytes, write_text
+from waychair.maps.erased import load_erased, without
 from waychair.maps.grid import OCCUPIED_FROM
 from waychair.types import UNKNOWN, Bytes, Cells, FloatArray, OccupancyGrid, Pose2
 
@@ -97,7 +98,10 @@ def _scale_image(grid: OccupancyGrid) -> bytes:
 def load_map(path: Path) -> OccupancyGrid:
     """The grid of a map folder or of its YAML file; the image may be anything OpenCV reads (PGM, PNG, BMP).
 
+    What people have erased of it (`maps.erased`) is free floor.
+
     Raises:
+        ZoneError: the file of what was erased is broken.
         MapNotFound: the YAML or the image it names is not there.
         MapError: the YAML or the image is broken; the message says where.
     """
@@ -109,7 +113,8 @@ def load_map(path: Path) -> OccupancyGrid:
         cells = cells_from_image(shades, info)[0][image[..., 0]]
     else:
         cells = cells_from_image(image / float(brightest), info)
-    return OccupancyGrid(np.ascontiguousarray(np.flipud(cells)), info.resolution, info.map_from_grid)
+    grid = OccupancyGrid(np.ascontiguousarray(np.flipud(cells)), info.resolution, info.map_from_grid)
+    return without(grid, load_erased(path))
 
 
 def yaml_path(path: Path) -> Path:

@@ -163,12 +163,12 @@ class EvidenceGrid:
         x, y = (low * s.resolution).tolist()
         return OccupancyGrid(cells, s.resolution, Pose2(x, y, 0.0))
 
-    def overlaid(self, newer: EvidenceGrid) -> EvidenceGrid:
+    def overlaid(self, newer: EvidenceGrid, *, limited: bool = True) -> EvidenceGrid:
         """A new grid of this evidence with newer evidence over it, of cells of the same size.
 
         Where the newer one knows a cell, the older is first limited to what it would be read as (`prob_min`,
         `prob_max`), however many scans it comes from: a few looks outweigh all that was seen before. Elsewhere the
-        older one stands.
+        older one stands. Not `limited`, all that was ever seen counts alike.
         """
         result = EvidenceGrid(self.settings)
         for part in (self, newer):
@@ -178,7 +178,7 @@ class EvidenceGrid:
             left, down = part._box[0] - result._low
             own = part._evidence[part._window()]
             under = result._evidence[down : down + own.shape[0], left : left + own.shape[1]]
-            total = np.clip(under, self._least, self._most) + own
+            total = (np.clip(under, self._least, self._most) if limited else under) + own
             total[total == 0] = -1  # two that cancel out are known
             under[own != 0] = total[own != 0]
         return result

@@ -11,14 +11,15 @@ from __future__ import annotations
 import difflib
 import math
 from collections.abc import Mapping
+from dataclasses import replace as changed
 from pathlib import Path
 
 import numpy as np
 import yaml
 
 from waychair.errors import PlaceError, UnknownPlace
-from waychair.files import write_text
 from waychair.geometry import wrap_angle
+from waychair.maps.anchors import load_anchors, write_anchored
 from waychair.maps.grid import OCCUPIED_FROM, cells_from_points, inside
 from waychair.types import OccupancyGrid, Place, Pose2
 
@@ -37,7 +38,10 @@ def places_path(folder: Path) -> Path:
 def load_places(folder: Path) -> dict[str, Place]:
     """The places of a map by name, in the order of the file; none when there is no such file yet.
 
+    They have followed the map's nodes (`maps.anchors`).
+
     Raises:
+        MapError: what holds them there is damaged.
         PlaceError: the file is broken; the message names the line and the place.
     """
     path = places_path(folder)
@@ -60,7 +64,10 @@ def load_places(folder: Path) -> dict[str, Place]:
             line = key.start_mark.line + 1
             raise PlaceError(f"{path} line {line}: the place '{place.name}' is there twice; rename or remove one")
         places[place.name] = place
-    return places
+    anchors = load_anchors(path.parent)
+    return {
+        name: changed(place, pose=anchors.follow("places", name, [place.pose])[0]) for name, place in places.items()
+    }
 
 
 def save_places(folder: Path, places: Mapping[str, Place]) -> None:
@@ -68,11 +75,13 @@ def save_places(folder: Path, places: Mapping[str, Place]) -> None:
 
     Raises:
         PlaceError: a name or a number is impossible.
+        MapError: what holds them on the map's nodes is damaged.
         OutputError: the folder cannot be made or written to.
     """
-    values = {place.name: _values(_checked(place)) for place in places.values()}
+    values = {place.name: _values(checked_place(place)) for place in places.values()}
     text = yaml.safe_dump(values, sort_keys=False, default_flow_style=None, allow_unicode=True, width=10_000)
-    write_text(places_path(folder), text if values else "")
+    held = {place.name: [place.pose] for place in places.values()}
+    write_anchored(places_path(folder), text if values else "", "places", held)
 
 
 def add_place(folder: Path, name: str, pose: Pose2, *, replace: bool = False) -> Place:
@@ -83,7 +92,7 @@ def add_place(folder: Path, name: str, pose: Pose2, *, replace: bool = False) ->
         OutputError: the folder cannot be made or written to.
     """
     places = load_places(folder)
-    place = _checked(Place(name.strip(), pose))
+    place = checked_place(Place(name.strip(), pose))
     if place.name in places and not replace:
         raise PlaceError(f"there is a place '{place.name}' already; choose another name or replace it")
     save_places(folder, {**places, place.name: place})
@@ -120,7 +129,12 @@ def check_place(grid: OccupancyGrid, place: Place) -> None:
         raise PlaceError(f"{at} lies in a wall; choose a point in free space")
 
 
-def _checked(place: Place) -> Place:
+def checked_place(place: Place) -> Place:
+    """The place, if it could be written and read again.
+
+    Raises:
+        PlaceError: a name or a number is impossible.
+    """
     if not place.name or place.name != place.name.strip() or not place.name.isprintable():
         raise PlaceError(f"{place.name!r} cannot be the name of a place; use letters, digits and single spaces")
     if not all(math.isfinite(value) for value in (place.pose.x, place.pose.y, place.pose.theta)):
@@ -152,6 +166,6 @@ def _place(path: Path, key: yaml.Node, value: yaml.Node) -> Place:
         raise PlaceError(f"{where}: '{key.value}' must be {_SHAPE}")
     x, y, yaw, *tolerances = numbers
     try:
-        return _checked(Place(key.value, Pose2(x, y, wrap_angle(yaw) if math.isfinite(yaw) else yaw), *tolerances))
+        return checked_place(Place(key.value, Pose2(x, y, wrap_angle(yaw) if math.isfinite(yaw) else yaw), *tolerances))
     except PlaceError as error:
         raise PlaceError(f"{where}: {error}") from error

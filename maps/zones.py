@@ -13,17 +13,17 @@ from __future__ import annotations
 import enum
 import math
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 
 import numpy as np
 import yaml
 
 from waychair.errors import ZoneError
-from waychair.files import write_text
 from waychair.geometry import transform_points, wrap_angle
+from waychair.maps.anchors import Anchors, load_anchors, write_anchored
 from waychair.maps.places import places_path
-from waychair.types import BoolArray, FloatArray, OccupancyGrid
+from waychair.types import BoolArray, FloatArray, OccupancyGrid, Pose2
 
 ZONES_YAML = "zones.yaml"
 _SHAPE = "{keep_out: true | slow: SPEED | one_way: HEADING, polygon: [[x, y], [x, y], [x, y], ...]}"
@@ -52,7 +52,10 @@ class Zone:
 def load_zones(folder: Path) -> tuple[Zone, ...]:
     """The zones of a map that is given by its folder or its YAML file; none when it has no such file.
 
+    They have followed the map's nodes (`maps.anchors`).
+
     Raises:
+        MapError: what holds them there is damaged.
         ZoneError: the file is broken; the message names the line and the zone.
     """
     path = places_path(folder).with_name(ZONES_YAML)
@@ -75,13 +78,15 @@ def load_zones(folder: Path) -> tuple[Zone, ...]:
         if zone.name in zones:
             raise ZoneError(f"{where}: the zone '{zone.name}' is there twice; rename or remove one")
         zones[zone.name] = zone
-    return tuple(zones.values())
+    anchors = load_anchors(path.parent)
+    return tuple(_followed(zone, anchors) for zone in zones.values())
 
 
 def save_zones(folder: Path, zones: Sequence[Zone]) -> None:
     """Write the zones of a map, whole or not at all.
 
     Raises:
+        MapError: what holds them on the map's nodes is damaged.
         OutputError: the folder cannot be made or written to.
     """
     values = {
@@ -92,7 +97,38 @@ def save_zones(folder: Path, zones: Sequence[Zone]) -> None:
         for zone in zones
     }
     text = yaml.safe_dump(values, sort_keys=False, default_flow_style=None, allow_unicode=True, width=10_000)
-    write_text(places_path(folder).with_name(ZONES_YAML), text if values else "")
+    held = {zone.name: zone_points(zone) for zone in zones}
+    write_anchored(places_path(folder).with_name(ZONES_YAML), text if values else "", "zones", held)
+
+
+def zone_points(zone: Zone) -> list[Pose2]:
+    """What of a zone is anchored: its corners, turned to its heading, if it has one."""
+    theta = zone.value if zone.rule is Rule.ONE_WAY else 0.0
+    return [Pose2(x, y, theta) for x, y in zone.polygon.tolist()]
+
+
+def checked_zone(zone: Zone) -> Zone:
+    """The zone, if it could be written and read again.
+
+    Raises:
+        ZoneError: a name, a corner or a number is impossible.
+    """
+    if not zone.name or zone.name != zone.name.strip() or not zone.name.isprintable():
+        raise ZoneError(f"{zone.name!r} cannot be the name of a zone; use letters, digits and single spaces")
+    at = f"the zone '{zone.name}'"
+    value: object = True if zone.rule is Rule.KEEP_OUT else float(zone.value)
+    polygon = checked_polygon(at, zone.polygon.tolist())
+    return Zone(zone.name, zone.rule, polygon, _value(at, zone.rule, {zone.rule.value: value}))
+
+
+def _followed(zone: Zone, anchors: Anchors) -> Zone:
+    points = zone_points(zone)
+    now = anchors.follow("zones", zone.name, points)
+    if now == points:
+        return zone
+    turned = sum(wrap_angle(b.theta - a.theta) for a, b in zip(points, now, strict=True)) / len(points)
+    value = wrap_angle(zone.value + turned) if zone.rule is Rule.ONE_WAY else zone.value
+    return replace(zone, polygon=np.array([[pose.x, pose.y] for pose in now]), value=value)
 
 
 def holds(zone: Zone, points: FloatArray) -> BoolArray:
@@ -151,7 +187,7 @@ def _zone(where: str, key: yaml.Node, value: yaml.Node) -> Zone:
     if unknown or len(rules) != 1:
         found = f"not '{unknown[0]}'" if unknown else f"it has {len(rules)}"
         raise ZoneError(f"{at} must have one of keep_out, slow and one_way, {found}")
-    return Zone(key.value, rules[0], _polygon(at, fields), _value(at, rules[0], fields))
+    return Zone(key.value, rules[0], checked_polygon(at, fields.get("polygon")), _value(at, rules[0], fields))
 
 
 def _value(at: str, rule: Rule, fields: Mapping[str, object]) -> float:
@@ -167,9 +203,14 @@ def _value(at: str, rule: Rule, fields: Mapping[str, object]) -> float:
     return wrap_angle(float(value)) if rule is Rule.ONE_WAY else float(value)
 
 
-def _polygon(at: str, fields: Mapping[str, object]) -> FloatArray:
+def checked_polygon(at: str, corners: object) -> FloatArray:
+    """(N, 2) [m] of a list of corners; `at` says where that stands.
+
+    Raises:
+        ZoneError: it is none, or has no area.
+    """
     try:
-        polygon = np.array(fields.get("polygon"), np.float64)
+        polygon = np.array(corners, np.float64)
     except (TypeError, ValueError):
         polygon = np.empty(0)
     if polygon.ndim != 2 or polygon.shape[1] != 2 or len(polygon) < 3 or not np.isfinite(polygon).all():

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Sequence
 from dataclasses import dataclass, field, replace
 from itertools import pairwise
 
@@ -10,16 +11,17 @@ import numpy as np
 
 from waychair.calibration.chair import ChairBody
 from waychair.config import Settings, setting
-from waychair.errors import GoalOccupied, GoalOutsideMap, NoPath, StartOccupied, StartOutsideMap
+from waychair.errors import ConfigError, GoalOccupied, GoalOutsideMap, NoPath, StartOccupied, StartOutsideMap
 from waychair.geometry import transform_points
 from waychair.maps.grid import cells_from_points, inside, points_from_cells
 from waychair.planning.costmap import Costmap, check_free_space
 from waychair.planning.footprint import fits
 from waychair.planning.grid_graph import Cell
-from waychair.planning.grid_planner import GridPlanner, grid_planner
-from waychair.planning.legs import Leg, Manner, whole
+from waychair.planning.grid_planner import HARMONIC, GridPlanner, grid_planner
+from waychair.planning.legs import Door, Leg, Manner, whole
 from waychair.planning.narrows import legs_between_turns, line_up, tight_doors
 from waychair.planning.route import RouteSettings, checked, door_leg
+from waychair.planning.rubber_band import BandSettings, band
 from waychair.planning.slices import Slices, finished
 from waychair.planning.smoothing import pull_taut, round_corners
 from waychair.types import FloatArray, IntArray, Path, Pose2
@@ -29,7 +31,8 @@ from waychair.types import FloatArray, IntArray, Path, Pose2
 class PlannerSettings(Settings):
     """How a path is made of cells."""
 
-    planner: str = setting("dstar-lite", "", "planner on the grid: dstar-lite, astar or dijkstra")
+    planner: str = setting("dstar-lite", "", "planner on the grid: dstar-lite, astar, dijkstra or harmonic")
+    smooth: str = setting("auto", "", "taut, band, none or auto: band for harmonic, else taut")
     start_reach: float = setting(0.3, "m", "how far off a start too close to a wall may begin", low=0.0, high=2.0)
     spacing: float = setting(0.1, "m", "distance of the path's poses", low=0.01, high=1.0)
     rounding: int = setting(10, "passes", "smoothing passes over the corners", low=0, high=1000)
@@ -40,6 +43,25 @@ class PlannerSettings(Settings):
     run_up: float = setting(1.0, "m", "straight way before the middle of a door", low=0.1, high=3.0)
     turn_from: float = setting(1.2, "rad", "sharper corners at a door are turned in place", low=0.2, high=3.2)
     route: RouteSettings = field(default_factory=RouteSettings)
+    band: BandSettings = field(default_factory=BandSettings)
+
+    def __post_init__(self) -> None:
+        Settings.__post_init__(self)
+        grid_planner(self.planner)
+        if self.smooth not in SMOOTHINGS:
+            raise ConfigError(
+                f"there is no way to smooth a path called '{self.smooth}'; choose {', '.join(SMOOTHINGS)}"
+            )
+
+    @property
+    def smoothing(self) -> str:
+        """How the path is smoothed: taut, band or none."""
+        if self.smooth != "auto":
+            return self.smooth
+        return "band" if self.planner == HARMONIC else "taut"
+
+
+SMOOTHINGS = ("auto", "taut", "band", "none")
 
 
 def plan(costmap: Costmap, start: Pose2, goal: Pose2, settings: PlannerSettings = PlannerSettings()) -> Path:
@@ -71,6 +93,11 @@ class GlobalPlanner:
         self._costmap: Costmap | None = None
         self._search: GridPlanner | None = None
         self.legs: tuple[Leg, ...] = ()
+        self._distrusted: list[Door] = []
+
+    def distrust(self, door: Door) -> None:
+        """Where the map seems to have this door none was found: what is narrow there is a tight place like any other."""
+        self._distrusted.append(door)
 
     @property
     def pops(self) -> int:
@@ -107,7 +134,7 @@ class GlobalPlanner:
                 f"({self.goal.x:.2f}, {self.goal.y:.2f}); clear the way or choose another goal"
             ) from error
         settings = replace(self.settings, exactly=self.settings.exactly and not among_people)
-        self.legs = yield from _legs_from_cells(costmap, search.path(), start, self.goal, settings)
+        self.legs = yield from _legs_from_cells(costmap, search.path(), start, self.goal, settings, self._distrusted)
         return whole(self.legs)
 
     def _updated_search(self, costmap: Costmap, start: Cell, goal: Cell) -> GridPlanner:
@@ -193,7 +220,12 @@ def _in_sight(costmap: Costmap, first: Cell, second: Cell) -> bool:
 
 
 def _legs_from_cells(
-    costmap: Costmap, cells: IntArray, start: Pose2, goal: Pose2, settings: PlannerSettings
+    costmap: Costmap,
+    cells: IntArray,
+    start: Pose2,
+    goal: Pose2,
+    settings: PlannerSettings,
+    distrusted: Sequence[Door] = (),
 ) -> Slices[tuple[Leg, ...]]:
     """The chain of cells pulled taut where that is no dearer, cut at tight doors, and checked for the rectangle."""
     cell = costmap.grid.resolution
@@ -203,11 +235,11 @@ def _legs_from_cells(
     # The exact ends stand for their cells; a start too close to a wall is joined to where the plan begins.
     chain = np.concatenate([ends[:1], chain if costmap.prices[_cell(costmap, start)] == 0 else chain[1:]])
     chain = np.concatenate([chain[:-1] if len(chain) > 1 else chain, ends[1:]])
-    taut = _evenly_spaced(chain[pull_taut(costmap.prices, chain, costmap.barred)], settings.spacing / cell)
+    taut = _evenly_spaced(_pulled(costmap, chain, settings), settings.spacing / cell)
     legs: list[Leg] = []
     here, begin, widest = start, 0, costmap.body.width + settings.route.door_slack
     for first, _, door in tight_doors(costmap, taut, settings.narrow, widest):
-        through = door_leg(costmap, door, here, goal)
+        through = None if _is_one_of(door, distrusted) else door_leg(costmap, door, here, goal)
         if through is None:
             continue
         entry, leaving = transform_points(grid_from_map, through.path.poses[[0, -1], :2]) / cell
@@ -230,6 +262,16 @@ def _legs_from_cells(
     return tuple(whole_legs)
 
 
+def _is_one_of(door: Door, others: Sequence[Door]) -> bool:
+    """Whether a door stands where another one does."""
+    at = door.map_from_door
+    return any(math.hypot(at.x - other.map_from_door.x, at.y - other.map_from_door.y) < _SAME for other in others)
+
+
+_SAME = 0.3
+"""Doors whose middles are no farther apart [m] are one, seen in another plan."""
+
+
 def _free_legs(costmap: Costmap, points: FloatArray, heading: float, settings: PlannerSettings) -> list[Leg]:
     """Legs along points [cells], lined up with what is narrow, corners rounded, the last one ending in a heading.
 
@@ -237,17 +279,32 @@ def _free_legs(costmap: Costmap, points: FloatArray, heading: float, settings: P
     """
     cell = costmap.grid.resolution
     spacing = settings.spacing / cell
-    taut = _evenly_spaced(points[pull_taut(costmap.prices, points, costmap.barred)], spacing)
+    taut = _evenly_spaced(_pulled(costmap, points, settings), spacing)
     lined_up, run_ends = line_up(costmap, taut, settings.narrow, settings.run_up)
     parts = []
     for part in legs_between_turns(costmap, lined_up, run_ends, settings.turn_from):
-        rounded = round_corners(costmap.prices, _evenly_spaced(part, spacing), settings.rounding)
+        rounded = _rounded(costmap, _evenly_spaced(part, spacing), settings)
         at = transform_points(costmap.grid.map_from_grid, rounded * cell)
         parts.append(np.column_stack([at, _headings(at)]))
     for part, following in pairwise(parts):
         part[-1, 2] = following[0, 2]
     parts[-1][-1, 2] = heading
     return [Leg(Path(part)) for part in parts]
+
+
+def _pulled(costmap: Costmap, points: FloatArray, settings: PlannerSettings) -> FloatArray:
+    """The points pulled taut; those of the harmonic planner only on request, as they keep clear of walls."""
+    if settings.smoothing == "none" or (settings.smoothing == "band" and settings.planner == HARMONIC):
+        return points
+    return points[pull_taut(costmap.prices, points, costmap.barred)]
+
+
+def _rounded(costmap: Costmap, points: FloatArray, settings: PlannerSettings) -> FloatArray:
+    """The points with their corners rounded, by the price of the cells or, along the band, for the rectangle."""
+    if settings.smoothing == "none":
+        return points
+    rounded = round_corners(costmap.prices, points, settings.rounding)
+    return band(costmap, rounded, settings.band) if settings.smoothing == "band" else rounded
 
 
 def _join(legs: list[Leg]) -> None:

@@ -10,6 +10,7 @@ from waychair.errors import ConfigError, GoalOccupied, GoalOutsideMap, NoFreeSpa
 from waychair.planning.dstar_lite import DStarLite
 from waychair.planning.grid_graph import Cell, Prices
 from waychair.planning.grid_search import AStar, Dijkstra, GridPath
+from waychair.planning.harmonic_search import HarmonicSearch
 from waychair.types import Bytes, IntArray
 
 
@@ -43,14 +44,20 @@ GRID_PLANNERS: Mapping[str, GridPlannerFactory] = MappingProxyType(
 )
 
 
+HARMONIC = "harmonic"
+"""The planner that follows a potential rather than the cheapest way."""
+
+
 def grid_planner(name: str) -> GridPlannerFactory:
-    """The planner of this name.
+    """The planner of this name: one of those that find the cheapest way, or the harmonic one, which keeps more clear.
 
     Raises:
         ConfigError: there is none.
     """
+    if name == HARMONIC:
+        return HarmonicSearch
     if name not in GRID_PLANNERS:
-        raise ConfigError(f"there is no planner '{name}'; choose {', '.join(GRID_PLANNERS)}")
+        raise ConfigError(f"there is no planner '{name}'; choose {', '.join(GRID_PLANNERS)}, {HARMONIC}")
     return GRID_PLANNERS[name]
 
 

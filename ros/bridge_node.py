@@ -6,13 +6,15 @@
 | scan, imu/data, joint_states, battery_state | for odometry, limits and the collision monitor, a process of its own |
 | localisation | for slow zones, and so that nobody drives who does not know where it is |
 | stop | the rider's Stop |
+| page_joystick, page_watch, layout_changed | of a page: its joystick, that it is there, other zones |
 
 | sends | |
 |---|---|
 | odom, /tf, /tf_static | dead reckoning, and the mounts of the chair's file |
 | drive_state | who drives and why, and what was sent |
 
-Services: `stop`, `confirm` (the rider's yes to the goal that waits), `reset_faults` (std_srvs/Trigger).
+Services: `confirm` (waychair_msgs/Confirm: the rider's yes to the goal that was shown), `stop`, `reset_faults`
+(std_srvs/Trigger). All that it is told, hears and does is kept in a black box.
 
 Its tick follows each request of the navigator, so that no time is lost between them; without one it ticks by itself. The
 parts live by the computer's steady clock, whatever happens to ROS's: stamps are moved over as they come in, and what is
@@ -33,12 +35,15 @@ from waychair.calibration.dac import DEFAULT
 from waychair.config import setting
 from waychair.control.stops import Halt, halt
 from waychair.control.supervisor import DRIVEN
+from waychair.errors import WaychairError
 from waychair.firmware_bridge.heartbeat import Heartbeat
 from waychair.firmware_bridge.transports import Reconnecting, transport_from_text
 from waychair.geometry import in_space
+from waychair.maps.places import load_places
 from waychair.maps.zones import load_zones
 from waychair.ros import topics
 from waychair.ros.description import robot_description, wheel_transforms
+from waychair.ros.drive_log import Decided, DriveLog
 from waychair.ros.interface_types import interface_type
 from waychair.ros.known_chair import known_chair
 from waychair.ros.messages.chair import (
@@ -49,17 +54,20 @@ from waychair.ros.messages.chair import (
     read_drive_request,
     read_localisation,
 )
-from waychair.ros.messages.motion import read_twist, read_twist_stamped, transform
+from waychair.ros.messages.motion import pose_with_covariance, read_twist, read_twist_stamped, transform
 from waychair.ros.messages.reports import Level, Report
-from waychair.ros.messages.sensors import read_battery, read_imu, read_scan, read_wheels
+from waychair.ros.messages.sensors import read_battery, read_imu, read_page_joystick, read_scan, read_wheels
 from waychair.ros.mounts import static_transforms
 from waychair.ros.node import ChairNode, run_node
 from waychair.ros_messages import BASE_FRAME, ODOM_FRAME
+from waychair.runtime.black_box import About, BlackBoxSettings
 from waychair.runtime.drive_base import BaseSettings, DriveBase, Message
 from waychair.runtime.monitor_process import MonitorProcess, Watched
-from waychair.slam.localisation import Localisation
+from waychair.runtime.page_watch import PageWatch
+from waychair.runtime.wheel_counts import WheelCounts
+from waychair.slam.localisation import Localisation, LocalisationState
 from waychair.topics import SCAN as SCAN_RATE
-from waychair.types import DriveMode, Odometry, Pose2, Twist, WheelTicks
+from waychair.types import DriveMode, Goal, JoystickInput, Odometry, Pose2, Twist, WheelTicks
 
 SILENT_NS = 100_000_000
 """A navigator or localiser that has said nothing for so long is dead, or as good as dead."""
@@ -83,7 +91,10 @@ class BridgeNodeSettings(BaseSettings):
     cable: str = setting("pty:/tmp/waychair-board", "", "of the board: /dev/..., pty:PATH or tcp:HOST:PORT")
     map_folder: str = setting("", "", "the map whose zones limit the speed; empty: none")
     navigator: str = setting("navigator", "", "the only node whose speeds are obeyed")
+    page: str = setting("page", "", "the only node whose joystick is obeyed")
     enable_stamped_cmd_vel: bool = setting(False, "", "cmd_vel is a TwistStamped, as in Nav2 from Kilted on")
+    box: str = setting("", "", "folder of the black box; empty: none")
+    black_box: BlackBoxSettings = field(default_factory=BlackBoxSettings)
     deaf: bool = setting(False, "", "no speeds are obeyed, whoever sends them: the network is open")
     unattended: bool = setting(False, "", "a goal is its own yes: for a chair that nobody sits in")
 
@@ -121,6 +132,7 @@ class BridgeNode(ChairNode[BridgeNodeSettings]):
         heartbeat = Heartbeat(self._base.bridge, cable)
         heartbeat.__enter__()
         self.at_end(lambda: heartbeat.__exit__(None, None, None))
+        self._log = self._begun_log()
 
         self._request, self._command, self._located = _Heard(DriveRequest(0)), _Heard(Twist()), _Heard()
         self._goal_id, self._over = NO_GOAL, NO_GOAL
@@ -128,16 +140,23 @@ class BridgeNode(ChairNode[BridgeNodeSettings]):
         self._mode = DriveMode.MANUAL
         self._ticked_ns = 0
         self._report_of_tick: DriveReport | None = None
+        self._last_stop = ""
+        self._watch_of_pages = PageWatch()
+        self._placed: Localisation | None = None  # by the last scan that could be
         self._localised_ns, self._place_ns = 0, -OTHER_CLOCK_NS * 1000  # by the scan's stamp, and by the steady clock
-        self._motion = [self.resolve_topic_name(topic.name) for topic in (topics.COMMAND, topics.DRIVE_REQUEST)]
-        self._sender_counts, self._named_ns, self._stranger = [0, 0], 0, ""
+        self._motion = {
+            self.resolve_topic_name(topics.COMMAND.name): s.navigator,
+            self.resolve_topic_name(topics.DRIVE_REQUEST.name): s.navigator,
+            self.resolve_topic_name(topics.PAGE_JOYSTICK.name): s.page,
+        }  # what moves the chair, and the only node that may send it
+        self._sender_counts, self._named_ns, self._stranger = [0] * len(self._motion), 0, ""
 
         self._send_odometry, self._send_transform = self.publisher(topics.ODOMETRY), self.publisher(topics.TF)
-        self._send_state = self.publisher(topics.DRIVE_STATE)
+        self._send_state, self._send_pose = self.publisher(topics.DRIVE_STATE), self.publisher(topics.INITIAL_POSE)
         self._send_mounts = self.publisher(topics.TF_STATIC)
         self._send_mounts(ros_messages.transforms(self.now_ns(), static_transforms(calibration.body)))
         self.publisher(topics.ROBOT_DESCRIPTION)(robot_description(calibration.body))
-        self._wheels = WheelTicks(0, 0, 0)
+        self._wheels, self._counts = WheelTicks(0, 0, 0), WheelCounts(self._ticks_per_turn)
         self.every(_WHEELS_HZ, self._show_wheels)
         self.listen(topics.JOINTS, lambda message: read_wheels(message, self._ticks_per_turn), self._hear_wheels)
         self.listen(topics.IMU, read_imu, self._hear)
@@ -149,14 +168,29 @@ class BridgeNode(ChairNode[BridgeNodeSettings]):
         else:
             self.listen(topics.COMMAND, read_twist, self._command.take, needed=False)
         self.listen(topics.DRIVE_REQUEST, read_drive_request, self._asked, needed=False)
+        self.listen(topics.PAGE_JOYSTICK, read_page_joystick, self._steered, needed=False)
+        self.listen(topics.PAGE_WATCH, lambda message: message, self._watched, needed=False)
+        self.listen(topics.LAYOUT, lambda message: message, self._redraw, needed=False)
         self.listen(topics.STOP, lambda message: message, lambda message: self._stop(), needed=False)
         self._serve("stop", self._stop)
-        self._serve("confirm", self._confirm)
+        self.create_service(interface_type("waychair_msgs/srv/Confirm"), "confirm", self._answer_yes)
         self._serve("reset_faults", self._reset)
         self.every(_WATCH_HZ, self._watch)
 
+    def _begun_log(self) -> DriveLog | None:
+        """The black box, where one is asked for."""
+        s = self.settings
+        if not s.box:
+            return None
+        places = load_places(Path(s.map_folder)) if s.map_folder else {}
+        log = DriveLog(Path(s.box), About(s, self._calibration, places), s.black_box)
+        self.at_end(log.close)
+        return log
+
     def reports(self) -> Iterable[Report]:
         """Who drives, what stands against it, and whether the board is there."""
+        if self._log is not None:
+            yield self._log.report()
         last = self._report_of_tick
         if last is None:
             return
@@ -182,11 +216,14 @@ class BridgeNode(ChairNode[BridgeNodeSettings]):
         age_ns = self.now_ns() - message.stamp_ns
         if abs(age_ns) > OTHER_CLOCK_NS:
             return False
-        self._base.hear(self._base.on_time(replace(message, stamp_ns=time.monotonic_ns() - age_ns)))
+        heard = replace(message, stamp_ns=time.monotonic_ns() - age_ns)
+        self._base.hear(self._base.on_time(heard))
+        if self._log is not None:
+            self._log.hear(heard)
         return True
 
     def _hear_wheels(self, message: WheelTicks) -> None:
-        self._wheels = message
+        self._wheels = message = self._counts.update(message)
         odometry = self._base.odometry if self._hear(message) else None
         if odometry is not None:
             self._publish_odometry(replace(odometry, stamp_ns=message.stamp_ns))
@@ -209,7 +246,7 @@ class BridgeNode(ChairNode[BridgeNodeSettings]):
         self._located.take(localisation)
         self._place_ns = time.monotonic_ns() - (self.now_ns() - stamp_ns)
         if stamp_ns != self._localised_ns and not SCAN_RATE.is_stale(self._place_ns, time.monotonic_ns()):
-            self._localised_ns = stamp_ns
+            self._localised_ns, self._placed = stamp_ns, localisation
             self._base.locate(localisation, self._place_ns)
 
     def _take_stamped(self, command: tuple[int, Twist]) -> None:
@@ -224,6 +261,8 @@ class BridgeNode(ChairNode[BridgeNodeSettings]):
             self._goal_id = self._over = request.goal_id
         self._asked_before = True
         self._request.take(request)
+        if request.scan_ns:
+            self._base.furnish(request.furniture, time.monotonic_ns() - (self.now_ns() - request.scan_ns))
         self._tick()
 
     def _is_of_now(self, stamp_ns: int) -> bool:
@@ -243,16 +282,25 @@ class BridgeNode(ChairNode[BridgeNodeSettings]):
         request: DriveRequest = self._request.what
         if request.active and request.goal_id != self._goal_id:
             self._goal_id = request.goal_id
+            self._tell("go", Goal(request.goal))
             self._base.request()
             if self.settings.unattended:
                 self._base.confirm()
         active = request.active and self._goal_id not in (NO_GOAL, self._over)
-        verdict, _ = self._base.supervise(now_ns, active, self._halts(now_ns, active))
+        verdict, telemetry = self._base.supervise(now_ns, active, self._halts(now_ns, active))
         fresh = active and request.driving and not self._command.is_silent(now_ns)
-        driven = self._base.drive(now_ns, verdict, self._command.what if fresh else None)
+        asked = self._command.what if fresh else None
+        driven = self._base.drive(now_ns, verdict, asked)
         self._mode = verdict.mode
+        if self._mode not in DRIVEN:
+            self._watch_of_pages.over()
+        if self._base.stands_again:
+            self._look_again()
         if active and (verdict.drops_goal or driven.ended):
-            self._over = self._goal_id
+            self._over, self._last_stop = self._goal_id, driven.ended or verdict.reason
+        if self._log is not None:
+            decided = Decided(now_ns, request, asked or Twist(), self._placed, verdict, driven, telemetry)
+            self._log.note(self._base, decided)
         lean = self._base.tilt
         self._report_of_tick = DriveReport(
             self.now_ns(),
@@ -267,6 +315,10 @@ class BridgeNode(ChairNode[BridgeNodeSettings]):
             0.0 if lean is None else lean.roll,
             0.0 if lean is None else lean.pitch,
             request.scan_ns,
+            request.goal,
+            self._last_stop,
+            self._base.countdown_s(now_ns) or 0.0,
+            verdict.steered,
         )
         self._send_state(drive_state(self._report_of_tick))
 
@@ -280,10 +332,11 @@ class BridgeNode(ChairNode[BridgeNodeSettings]):
         self._look_for_strangers(now_ns)
         if self._stranger:
             halts.append(halt("two_commanders", self._stranger))
+        halts += self._watch_of_pages.halts(now_ns)
         return halts
 
     def _look_for_strangers(self, now_ns: int) -> None:
-        """Who publishes speeds or requests and is not the navigator, or is one too many.
+        """Who publishes speeds, requests or a page's joystick and is not the one that may, or is one too many.
 
         A publisher is known here before its first message is, so that none of those is obeyed.
         """
@@ -291,11 +344,11 @@ class BridgeNode(ChairNode[BridgeNodeSettings]):
         if counts == self._sender_counts and now_ns - self._named_ns < _NAMES_NS:
             return
         self._sender_counts, self._named_ns, self._stranger = counts, now_ns, ""
-        for topic in self._motion:
+        for topic, sender in self._motion.items():
             names = [each.node_name for each in self.get_publishers_info_by_topic(topic)]
-            others = [name for name in names if name != self.settings.navigator]
-            if others or len(names) > 1:
-                self._stranger = others[0] if others else f"{len(names)} nodes of the name '{self.settings.navigator}'"
+            others = [name for name in names if name != sender]
+            if others or (len(names) > 1 and sender == self.settings.navigator):
+                self._stranger = others[0] if others else f"{len(names)} nodes of the name '{sender}'"
 
     def _serve(self, name: str, call: Callable[[], tuple[bool, str]]) -> None:
         """A service std_srvs/Trigger that answers with whether it was done, and a sentence."""
@@ -306,17 +359,59 @@ class BridgeNode(ChairNode[BridgeNodeSettings]):
 
         self.create_service(interface_type("std_srvs/srv/Trigger"), name, answer)
 
+    def _tell(self, what: str, *goals: Goal) -> None:
+        """The log, what somebody asked for."""
+        if self._log is not None:
+            self._log.told(what, goals)
+
+    def _steered(self, stick: JoystickInput | None) -> None:
+        """A page's joystick; nobody's on an open network, nor what was held up on its way."""
+        now_ns = time.monotonic_ns()
+        if stick is None or self.settings.deaf:
+            self._base.let_go(now_ns)
+        elif self._is_of_now(stick.stamp_ns):
+            self._base.steer(stick.forward, stick.turn, now_ns)
+
+    def _watched(self, message: Any) -> None:
+        self._watch_of_pages.seen(["page"], time.monotonic_ns())
+
+    def _redraw(self, message: Any) -> None:
+        """Other zones from now on."""
+        if not self.settings.map_folder:
+            return
+        try:
+            self._base.zones = load_zones(Path(self.settings.map_folder))
+        except WaychairError as error:
+            self.get_logger().error(f"{error}; the zones stay as they were")
+
+    def _look_again(self) -> None:
+        """The chair was pushed by hand: where its scans do not quite bear out where to, the localiser looks anew."""
+        located: Localisation | None = self._located.what
+        if located is not None and located.state is LocalisationState.DEGRADED:
+            self._send_pose(pose_with_covariance(self.now_ns(), located.map_from_base))
+
     def _stop(self) -> tuple[bool, str]:
+        self._tell("stop")
         self._base.stop()
         self._tick()
         return True, "stopped"
 
-    def _confirm(self) -> tuple[bool, str]:
+    def _answer_yes(self, request: Any, response: Any) -> Any:
+        response.success, response.message = self._confirm(int(request.goal_id), request.on_page)
+        return response
+
+    def _confirm(self, goal_id: int, on_page: bool = False) -> tuple[bool, str]:
+        """The rider's yes to one goal: to no other that has come meanwhile."""
         request: DriveRequest = self._request.what
         if not request.active or self._goal_id in (NO_GOAL, self._over):
             return False, "there is no goal to say yes to: ask for one first"
+        if goal_id != self._goal_id:
+            return False, "another goal waits than the one that was shown: look at it, then say yes to that one"
         if self._mode in DRIVEN:
             return True, "the drive is under way"
+        if on_page:
+            self._watch_of_pages.began(time.monotonic_ns())
+        self._tell("confirm")
         self._base.confirm()
         self._tick()
         last = self._report_of_tick
@@ -326,6 +421,7 @@ class BridgeNode(ChairNode[BridgeNodeSettings]):
 
     def _reset(self) -> tuple[bool, str]:
         self._over = self._goal_id
+        self._tell("reset")
         self._base.reset()
         return True, "the faults were reset; ask for the goal again"
 

@@ -29,7 +29,14 @@ from waychair.ros import topics
 from waychair.ros.environment import enter_ros_environment
 from waychair.ros.executor import NodeExecutor
 from waychair.ros.interface_types import interface_type
-from waychair.ros.messages.chair import DriveReport, read_drive_state, read_localisation, read_places
+from waychair.ros.messages.chair import (
+    NO_GOAL,
+    DriveReport,
+    goal_id_of,
+    read_drive_state,
+    read_localisation,
+    read_places,
+)
 from waychair.ros.messages.motion import pose_stamped, pose_with_covariance, read_pose_stamped
 from waychair.ros.messages.wire import deserialised, native, serialised
 from waychair.slam.localisation import Localisation
@@ -145,13 +152,26 @@ class ChairClient:
         """
         return self._send_goal(native(pose_stamped(self._now_ns(), pose)), timeout_s)
 
-    def confirm(self, timeout_s: float = 5.0) -> tuple[bool, str]:
-        """The rider's yes: whether the drive begins, and a sentence.
+    @property
+    def goal_id(self) -> int:
+        """Of the goal that this client asked for last; `NO_GOAL` before the first."""
+        return NO_GOAL if self._handle is None else goal_id_of(self._handle.goal_id)
+
+    def confirm(self, timeout_s: float = 5.0, *, goal_id: int | None = None) -> tuple[bool, str]:
+        """The rider's yes to one goal, by default the one that this client asked for: whether the drive begins, and a
+        sentence. It is refused when another goal has come meanwhile.
+
+        `goal_id` is that of a `drive_state` which was shown to the rider.
 
         Raises:
             RosError: no bridge answers in that time.
         """
-        return self._trigger("confirm", timeout_s)
+        kind = interface_type("waychair_msgs/srv/Confirm")
+        if goal_id is None:  # which the bridge hears of a moment after the client
+            goal_id = self.goal_id
+            self.drive_state(timeout_s)
+            self._until(lambda: self._heard[topics.DRIVE_STATE.name].goal_id == goal_id, min(timeout_s, _LISTEN_S))
+        return self._ask("confirm", kind, kind.Request(goal_id=goal_id), timeout_s)
 
     def stop(self, timeout_s: float = 5.0) -> tuple[bool, str]:
         """The rider's Stop.
@@ -273,12 +293,16 @@ class ChairClient:
     def _trigger(self, name: str, timeout_s: float) -> tuple[bool, str]:
         """Ask a service std_srvs/Trigger."""
         kind = interface_type("std_srvs/srv/Trigger")
+        return self._ask(name, kind, kind.Request(), timeout_s)
+
+    def _ask(self, name: str, kind: Any, request: Any, timeout_s: float) -> tuple[bool, str]:
+        """Ask a service that answers with whether it was done, and a sentence."""
         if name not in self._services:
             self._services[name] = self.node.create_client(kind, name)
         client = self._services[name]
         if not self._until(client.service_is_ready, timeout_s):
             raise RosError(f"nobody offers '{name}' within {timeout_s:g} s: start the chair with `waychair up`")
-        asked = client.call_async(kind.Request())
+        asked = client.call_async(request)
         if not self._until(asked.done, timeout_s):
             client.remove_pending_request(asked)
             raise RosError(f"'{name}' was not answered within {timeout_s:g} s: see `waychair status`")

@@ -1,6 +1,7 @@
 """A map that a node makes on the way: messages in as they come, the chair's place out, all the work beside the executor.
 
-The frames are those that a bag of the same messages holds for `waychair map`, so that both make the same map.
+The frames are those that a bag of the same messages holds for `waychair map`, so that both make the same map. Both
+begin with the last scan before the chair first moves.
 """
 
 from __future__ import annotations
@@ -17,6 +18,7 @@ from waychair.errors import WaychairError
 from waychair.geometry import wrap_angle
 from waychair.ros.messages.reports import Level, Report
 from waychair.ros.worker import Worker
+from waychair.runtime.first_motion import rests
 from waychair.runtime.live_mapping import LiveMapping
 from waychair.runtime.mapping import live_result, save_mapping
 from waychair.runtime.sessions import state_of_map
@@ -40,10 +42,16 @@ _FASTER = 0.5  # m/s and rad/s by which it may be faster than it was
 class GrowingMap:
     """A `LiveMapping` at work in a node's worker, one job at a time."""
 
-    def __init__(self, worker: Worker, live: LiveMapping, placed: Callable[[int, Localisation], None]) -> None:
-        """`placed` is told the stamp [ns] of each scan and where it puts the chair, in the executor's thread."""
+    def __init__(
+        self, worker: Worker, begin: Callable[[], LiveMapping], placed: Callable[[int, Localisation], None]
+    ) -> None:
+        """`begin` makes an empty map, anew with each scan until the chair first moves (`first_motion`).
+
+        `placed` is told the stamp [ns] of each scan and where it puts the chair, in the executor's thread.
+        """
         self.blind = 0  # frames whose scans were left out, since the computer was too slow
-        self._worker, self._live, self._placed = worker, live, placed
+        self._worker, self._begin, self._placed = worker, begin, placed
+        self._live, self._rests = begin(), True
         self._synchroniser = Synchroniser(
             (topics.SCAN, topics.ODOMETRY, topics.IMU), SynchroniserSettings(wait_s=_WAIT_S)
         )
@@ -140,6 +148,9 @@ class GrowingMap:
         What a map's own making can say of its pose: LOST, where the chair was carried and the map is torn there; DEGRADED,
         where the odometry alone has put it. `health` is no more than the share of the scan on known surfaces.
         """
+        self._rests = self._rests and rests(frame)
+        if self._rests and frame.scan is not None:
+            self._live = self._begin()
         pose = self._live.process(frame)
         own = odometry_of(frame)
         if frame.scan is None or own is None:

@@ -12,9 +12,9 @@
 | /tf | odom in map, often, so that nobody waits for it |
 | localisation, amcl_pose | where each scan was taken, and how far that can be trusted |
 
-Services: `map_server/load_map`, `map_saver/save_map` (nav2_msgs). With a map it localises: where the chair stood when the
-node last ran, where `start` says, or from nowhere. Without one, or with `mapping`, it maps: as `waychair map` would map a
-bag of the same drive.
+Services: `map_server/load_map`, `map_saver/save_map` (nav2_msgs), `reinitialize_global_localization` (std_srvs/Empty).
+With a map it localises: where the chair stood when the node last ran, where `start` says, or from nowhere. Without one,
+or with `mapping`, it maps: as `waychair map` would map a bag of the same drive.
 """
 
 from __future__ import annotations
@@ -27,6 +27,7 @@ from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
+import numpy as np
 from rclpy.callback_groups import MutuallyExclusiveCallbackGroup
 from rclpy.task import Future
 
@@ -115,6 +116,8 @@ class MapperNode(ChairNode[MapperNodeSettings]):
             topics.INITIAL_POSE, read_pose_with_covariance, lambda given: self._set_pose(given[0]), needed=False
         )
         self.create_service(interface_type("nav2_msgs/srv/LoadMap"), "map_server/load_map", self._load)
+        self.listen(topics.LAYOUT, lambda message: message, lambda message: self._redraw(), needed=False)
+        self.create_service(interface_type("std_srvs/srv/Empty"), "reinitialize_global_localization", self._forget)
         own = MutuallyExclusiveCallbackGroup()  # so that the others go on while a map is saved
         self.create_service(
             interface_type("nav2_msgs/srv/SaveMap"), "map_saver/save_map", self._save, callback_group=own
@@ -129,8 +132,9 @@ class MapperNode(ChairNode[MapperNodeSettings]):
         s = self.settings
         if s.keep:
             self.at_end(self._keep)  # once the worker, which comes later, has ended
-        live = LiveMapping(s.live, self._body.base_from_laser, self._body)
-        growing = GrowingMap(self.worker, live, self._publish)
+        growing = GrowingMap(
+            self.worker, lambda: LiveMapping(s.live, self._body.base_from_laser, self._body), self._publish
+        )
         self.listen(_all_of(topics.IMU), read_imu, growing.feel, needed=False)
         self.every(_MAP_HZ, self._publish_growing_map)
         return growing
@@ -204,6 +208,25 @@ class MapperNode(ChairNode[MapperNodeSettings]):
             self.get_logger().warning("a map is being made: there is no pose to set on it")
             return
         self._localiser.restart(pose)
+
+    def _forget(self, request: Any, response: Any) -> Any:
+        """As Nav2's localiser has it: the chair may be anywhere on the map."""
+        if self._localiser is not None:
+            self._localiser.restart(None)
+        return response
+
+    def _redraw(self) -> None:
+        """Something may have been erased of the map: it is shown and driven by so, while places are known by all of it."""
+        if self._localiser is None:
+            return
+        try:
+            grid = load_map(self._folder)
+        except WaychairError as error:
+            self.get_logger().error(f"{error}; the map stays as it was")
+            return
+        if not np.array_equal(grid.cells, self._grid.cells):
+            self._grid = grid
+            self._send_map(occupancy_grid(self.now_ns(), grid))
 
     def _move(self, odometry: Odometry) -> None:
         anew = self._track.take(odometry)

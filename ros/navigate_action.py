@@ -28,6 +28,7 @@ from waychair.errors import (
     WaychairError,
 )
 from waychair.ros.interface_types import interface_type
+from waychair.ros.messages.chair import goal_id_of
 from waychair.ros.messages.motion import pose_stamped, read_pose_stamped
 from waychair.ros.messages.wire import native
 from waychair.ros.node import ChairNode
@@ -69,7 +70,7 @@ class Progress:
 class Drive(Protocol):
     """What drives for the action. Both are called in the executor's thread and return at once."""
 
-    def begin(self, goal: Pose2) -> None:
+    def begin(self, goal: Pose2, goal_id: int) -> None:
         """Set out for a pose in map; a drive under way ends for it. Raises `WaychairError` when it cannot."""
 
     def cancel(self) -> None:
@@ -146,7 +147,7 @@ class NavigateAction:
         ended = Future()
         self._goal = handle, ended
         try:
-            self._drive.begin(read_pose_stamped(handle.request.pose))
+            self._drive.begin(read_pose_stamped(handle.request.pose), goal_id_of(handle.goal_id))
         except WaychairError as error:
             self.end(reached=False, reason=str(error), code=error_code(error))
         return await ended

@@ -1,4 +1,4 @@
-"""The navigator as a node: goals in, speeds out, twenty times a second.
+"""The navigator as a node: goals in, speeds out, twenty times a second, every other time just behind a scan.
 
 | takes | |
 |---|---|
@@ -12,6 +12,7 @@
 |---|---|
 | cmd_vel, drive_request | to the bridge, which obeys no other node |
 | plan, local_plan, local_costmap/published_footprint | for displays |
+| people | where those are who walk about |
 | places | the map's, for those who call them by name |
 
 Service: `cancel` (std_srvs/Trigger).
@@ -34,6 +35,7 @@ from waychair.control.navigator import Navigation, Stage
 from waychair.control.stops import halt
 from waychair.control.supervisor import Verdict
 from waychair.errors import ConfigError, WaychairError
+from waychair.geometry import transform_points
 from waychair.maps.places import load_places
 from waychair.maps.zones import load_zones
 from waychair.ros import topics
@@ -52,6 +54,7 @@ from waychair.ros.messages.chair import (
 from waychair.ros.messages.maps import read_occupancy_grid
 from waychair.ros.messages.motion import (
     path,
+    points,
     read_odometry,
     read_pose_stamped,
     read_speed_limit,
@@ -62,6 +65,7 @@ from waychair.ros.messages.reports import Level, Report
 from waychair.ros.messages.sensors import SonarRing, read_scan
 from waychair.ros.navigate_action import NavigateAction, Progress
 from waychair.ros.node import ChairNode, run_node
+from waychair.ros.tick_phase import TickPhase
 from waychair.runtime.odometry_track import OdometryTrack
 from waychair.runtime.pilot import Pilot, PilotSettings
 from waychair.slam.localisation import Localisation
@@ -71,7 +75,9 @@ from waychair.topics import COMMAND as COMMAND_RATE
 from waychair.topics import SCAN as SCAN_RATE
 from waychair.types import Goal, OccupancyGrid, Odometry, Path, Pose2, RgbdFrame, Scan, SonarReadings, Twist
 
+_PERIOD_NS = round(1e9 / COMMAND_RATE.rate_hz)
 _FEEDBACK_EVERY = 4  # ticks
+_PEOPLE_EVERY = 2
 _SONARS = 8
 _SILENT_NS = 500_000_000
 """For so long a drive waits at rest for the bridge or for the chair's place (F25)."""
@@ -99,6 +105,7 @@ class NavigatorNode(ChairNode[NavigatorNodeSettings]):
         self._places = load_places(folder) if s.map_folder else {}
         self._zones = load_zones(folder) if s.map_folder else ()
         self._pilot: Pilot | None = None
+        self._grid: OccupancyGrid | None = None
         self._next_map: OccupancyGrid | None = None
         self._track = OdometryTrack()
         self._scan: Scan | None = None
@@ -109,7 +116,7 @@ class NavigatorNode(ChairNode[NavigatorNodeSettings]):
         self._placed_ns: int | None = None  # when the chair's place was known
         self._frame: RgbdFrame | None = None
         self._looked_ns: int | None = None  # when the camera spoke
-        self._goal_id, self._began_ns, self._ticks = NO_GOAL, 0, 0
+        self._goal, self._goal_id, self._began_ns, self._ticks = Pose2(), NO_GOAL, 0, 0
         self._navigation: Navigation | None = None
         self._shown: Path | None = None
         self._limit = math.inf
@@ -120,6 +127,8 @@ class NavigatorNode(ChairNode[NavigatorNodeSettings]):
         self._send_plan, self._send_local = self.publisher(topics.PLAN), self.publisher(topics.LOCAL_PLAN)
         self._send_places = self.publisher(topics.PLACES)
         self._send_places(places(self.now_ns(), self._places))
+        self._send_people = self.publisher(topics.PEOPLE)
+        self.listen(topics.LAYOUT, lambda message: message, lambda message: self._redraw(), needed=False)
         self.listen(topics.MAP, read_occupancy_grid, self._take_map)
         self.listen(topics.ODOMETRY, read_odometry, self._move)
         self.listen(topics.LOCALISATION, read_localisation, self._locate)
@@ -135,7 +144,8 @@ class NavigatorNode(ChairNode[NavigatorNodeSettings]):
         )
         self._action = NavigateAction(self, self)
         self.create_service(interface_type("std_srvs/srv/Trigger"), "cancel", self._answer_cancel)
-        self.every(COMMAND_RATE.rate_hz, self._tick)
+        self._phase = TickPhase(_PERIOD_NS)
+        self._timer = self.every(COMMAND_RATE.rate_hz, self._tick)
 
     def reports(self) -> Iterable[Report]:
         """How far the drive has come."""
@@ -146,7 +156,7 @@ class NavigatorNode(ChairNode[NavigatorNodeSettings]):
         reason = navigation.reason if self._pilot is None else self._pilot.navigator.reason
         yield Report("navigation", Level.OK, reason, (("stage", navigation.stage.value),))
 
-    def begin(self, goal: Pose2) -> None:
+    def begin(self, goal: Pose2, goal_id: int) -> None:
         """Of the action: set out for a pose; see `navigate_action.Drive`.
 
         Raises:
@@ -157,7 +167,7 @@ class NavigatorNode(ChairNode[NavigatorNodeSettings]):
         if missing := self._missing(time.monotonic_ns()):
             raise ConfigError(missing)
         self._pilot.go(self._tolerant(goal))
-        self._goal_id, self._began_ns = time.time_ns(), time.monotonic_ns()
+        self._goal, self._goal_id, self._began_ns = goal, goal_id, time.monotonic_ns()
 
     def cancel(self) -> None:
         """Of the action, and of everybody: come to rest, the goal is given up."""
@@ -175,7 +185,7 @@ class NavigatorNode(ChairNode[NavigatorNodeSettings]):
         """By topic; a client of the action that waits is told that its goal was replaced."""
         self._action.end(reached=False, reason="another goal was given")
         try:
-            self.begin(goal)
+            self.begin(goal, time.time_ns())
         except WaychairError as error:
             self.get_logger().error(str(error))
 
@@ -197,9 +207,25 @@ class NavigatorNode(ChairNode[NavigatorNodeSettings]):
         if self._next_map is None or (self._pilot is not None and self._pilot.navigator.active):
             return
         grid, self._next_map = self._next_map, None
+        self._grid = grid
         stops = self._calibration.stops
         self._pilot = Pilot(grid, self._places, self._calibration.body, self.settings, stops, self._zones)
         self.settle()
+
+    def _redraw(self) -> None:
+        """Places and zones have changed: a drive under way is planned anew by them."""
+        if not self.settings.map_folder:
+            return
+        folder = FilePath(self.settings.map_folder)
+        try:
+            self._places, self._zones = load_places(folder), load_zones(folder)
+        except WaychairError as error:
+            self.get_logger().error(f"{error}; places and zones stay as they were")
+            return
+        named, zones, pilot, grid = self._places, self._zones, self._pilot, self._grid
+        self._send_places(places(self.now_ns(), named))
+        if pilot is not None and grid is not None:
+            self.worker.submit(lambda: pilot.drawn(grid, zones), lambda drawn: pilot.redraw(drawn, named))
 
     def _move(self, odometry: Odometry) -> None:
         if self._track.take(odometry):
@@ -220,6 +246,7 @@ class NavigatorNode(ChairNode[NavigatorNodeSettings]):
         if self._pilot is None or scan is None or located is None or scan.stamp_ns != located[0]:
             return
         self._scan, self._seen_ns = None, scan.stamp_ns
+        self._timer.timer_period_ns = self._phase.came(time.monotonic_ns())
         self._pilot.see(self._calibration.seen(scan), located[1], self._track.twist)
 
     def _listen_to_sonars(self) -> None:
@@ -274,6 +301,8 @@ class NavigatorNode(ChairNode[NavigatorNodeSettings]):
         pilot.learn(report.command if mine else None)
 
     def _tick(self) -> None:
+        self._phase.ticked(time.monotonic_ns())
+        self._timer.timer_period_ns = _PERIOD_NS
         self._step()
         self._look()
 
@@ -289,20 +318,36 @@ class NavigatorNode(ChairNode[NavigatorNodeSettings]):
         if missing and pilot is not None and pilot.navigator.active:
             pilot.drop(missing)
         if pilot is None or pose is None or self._located is None or self._is_late(now_ns):
-            self._send(Twist(), DriveRequest(now_ns, self._goal_id, pilot is not None and pilot.navigator.active))
+            self._send(Twist(), self._request(now_ns))
             self._tell_action()
             return
         self._placed_ns = steady_ns
         pilot.expire(steady_ns)
         navigation = self._navigation = pilot.step(steady_ns, pose, self._located[1].map_from_odom)
-        active = pilot.navigator.active
-        self._send(
-            self._slowed(navigation.twist) if navigation.driving else Twist(),
-            DriveRequest(now_ns, self._goal_id, active, active and navigation.driving, self._seen_ns),
-        )
+        command = self._slowed(navigation.twist) if navigation.driving else Twist()
+        self._send(command, self._request(now_ns, navigation))
         self._show(navigation)
         self._tell_action(pose)
         self._renew()
+
+    def _request(self, now_ns: int, navigation: Navigation | None = None) -> DriveRequest:
+        """What is wanted of the bridge, by this tick's navigation or, without one, nothing but that there is a goal."""
+        if self._pilot is None:
+            return DriveRequest(now_ns)
+        navigator, last = self._pilot.navigator, navigation or self._navigation
+        driving = navigator.active and navigation is not None and navigation.driving
+        return DriveRequest(
+            now_ns,
+            self._goal_id,
+            navigator.active,
+            driving,
+            0 if navigation is None else self._seen_ns,
+            self._goal,
+            navigator.stage.value,
+            navigator.reason,
+            0 if last is None else last.plans,
+            self._pilot.furniture,
+        )
 
     def _missing(self, now_ns: int) -> str:
         """Why no goal can be kept: the bridge is silent, the chair's place, or the camera, where that matters so much."""
@@ -339,6 +384,9 @@ class NavigatorNode(ChairNode[NavigatorNodeSettings]):
         if navigation.path is not None and navigation.path is not self._shown:
             self._shown = navigation.path
             self._send_plan(path(self.now_ns(), navigation.path))
+        if self._ticks % _PEOPLE_EVERY == 0 and self._pilot is not None and self._located is not None:
+            people = transform_points(self._located[1].map_from_odom, self._pilot.navigator.people)
+            self._send_people(points(self.now_ns(), people))
         choice = navigation.choice
         if choice is not None and navigation.driving and len(choice.arc) > 1:
             self._send_local(path(self.now_ns(), Path(np.asarray(choice.arc, np.float64)), topics.ODOMETRY.frame))

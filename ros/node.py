@@ -34,6 +34,7 @@ from waychair.ros.messages.wire import serialised
 from waychair.ros.parameters import descriptor, leaves, settings_from_parameters
 from waychair.ros.topics import DIAGNOSTICS, RosTopic, profile
 from waychair.ros.worker import Worker
+from waychair.runtime.processes import BEAT_HZ, beats
 
 S = TypeVar("S", bound=Settings)
 T = TypeVar("T")
@@ -67,6 +68,8 @@ class ChairNode(Node, Generic[S]):
         self.steady_clock = Clock(clock_type=ClockType.STEADY_TIME)
         self._diagnostics = self.publisher(DIAGNOSTICS)
         self.every(DIAGNOSTICS_HZ, self._report)
+        if (beat := beats()) is not None:
+            self.every(BEAT_HZ, beat)
         self._worker: Worker | None = None
 
     @property

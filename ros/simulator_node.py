@@ -28,6 +28,7 @@ from typing import Any
 from waychair import ros_messages
 from waychair.calibration.dac import DEFAULT
 from waychair.config import Settings, setting
+from waychair.errors import OutputError
 from waychair.firmware_bridge.board import BoardInputs, HostBoard, LineState, board_program
 from waychair.firmware_bridge.heartbeat import urgent
 from waychair.geometry import in_space
@@ -40,6 +41,7 @@ from waychair.ros.messages.sensors import read_joy
 from waychair.ros.mounts import static_transforms
 from waychair.ros.node import ChairNode, run_node
 from waychair.ros_messages import BASE_FRAME, MAP_FRAME, ODOM_FRAME
+from waychair.runtime.last_pose import remember_pose, remembered_pose
 from waychair.simulation.chair_file import load_chair
 from waychair.simulation.pacing import PaceMode, Pacer
 from waychair.simulation.pseudo_terminal import make_link
@@ -47,7 +49,9 @@ from waychair.simulation.simulator import Simulator, SimulatorSettings, with_all
 from waychair.simulation.world import load_world
 from waychair.slam.odometry import OdometryFilter
 from waychair.trials.drive import Setting, board_settings
-from waychair.types import ImuSample, JoystickInput, Odometry, RgbdFrame, Scan, SonarReadings, WheelTicks
+from waychair.types import ImuSample, JoystickInput, Odometry, Pose2, RgbdFrame, Scan, SonarReadings, WheelTicks
+
+_REMEMBER_HZ = 10.0
 
 
 @dataclass(frozen=True, slots=True)
@@ -64,6 +68,9 @@ class SimulatorNodeSettings(Settings):
     sonars: bool = setting(True, "", "whether there are sonars")
     board: bool = setting(True, "", "whether the firmware holds the lines, or else the rider's stick alone")
     board_link: str = setting("", "", "name for the board's cable that stays the same; empty: the device's own")
+    remember: str = setting(
+        "", "", "file in which the chair's place is kept, for a simulator that was killed; empty: none"
+    )
     publish_base: bool = setting(True, "", "whether to send odom, its transform, and the mounts")
     urgent: bool = setting(False, "", "real-time priority for the simulation, where the system grants it")
     clock_hz: float = setting(100.0, "Hz", "ticks of /clock with use_sim_time", low=1.0, high=200.0)
@@ -94,6 +101,9 @@ class SimulatorNode(ChairNode[SimulatorNodeSettings]):
         self._sends: dict[str, Callable[[Any], None]] = {}
         self._is_clock = bool(self.get_parameter("use_sim_time").value)
         self._joystick = self.listen(topics.JOY, read_joy, needed=False)
+        self._remembered: Pose2 | None = None
+        if self.settings.remember:
+            self.every(_REMEMBER_HZ, self._remember)
         self.worker.submit(self._simulate, lambda result: None)
         self.at_end(self._ended.set)
 
@@ -148,6 +158,8 @@ class SimulatorNode(ChairNode[SimulatorNodeSettings]):
     def _built(self, ends: ExitStack) -> Simulator:
         s, chair = self.settings, load_chair(self.settings.chair)
         world = load_world(s.world, s.level or None)
+        if s.remember and (stood := remembered_pose(Path(s.remember), Path(s.world))) is not None:
+            world = replace(world, start=stood)
         every = with_all_sensors(SimulatorSettings(s.plant_model, chair.plant, chair.mujoco))
         settings = replace(
             every,
@@ -168,6 +180,18 @@ class SimulatorNode(ChairNode[SimulatorNodeSettings]):
                 ends.callback(link.unlink, missing_ok=True)
                 self._cable = str(link)
         return simulator
+
+    def _remember(self) -> None:
+        """Keep where the chair is: one that is simulated again goes on from there, as a real one would have stayed."""
+        simulator, s = self._simulator, self.settings
+        pose = None if simulator is None else simulator.truth()
+        if pose is None or pose == self._remembered:
+            return
+        self._remembered = pose
+        try:
+            remember_pose(Path(s.remember), Path(s.world), pose)
+        except OutputError as error:
+            self.get_logger().warning(str(error), throttle_duration_sec=60.0)
 
     def _rider(self, now_ns: int) -> JoystickInput:
         """The stick, which springs back when nobody says that it is held."""

@@ -10,7 +10,9 @@ import yaml
 
 from waychair.errors import ConfigError
 from waychair.files import write_text
-from waychair.maps.map_files import save_map, yaml_path
+from waychair.maps.erased import load_erased, without
+from waychair.maps.layout import forget
+from waychair.maps.map_files import MAP_YAML, load_map, save_map, yaml_path
 from waychair.maps.places import save_places
 from waychair.runtime.last_pose import remember_pose
 from waychair.runtime.processes import Process
@@ -23,7 +25,13 @@ BOARD_LINK = "board"
 MADE_MAP = "made_map"
 """Name of the folder, in that of a run, for the map that was made in it."""
 
-_POSE_FILE = "pose.json"
+_POSE_FILE, _TRUTH_FILE = "pose.json", "simulated_pose.json"
+
+_PAGE, _PAGE_MODULE = "page", "waychair.cli.page_process"
+"""It brings the page's node and the web server together, which do not know each other."""
+
+COUNTDOWN_S = 3.0
+"""From the rider's yes to the first motion, where a page announces it."""
 
 _PRIORITIES = {"simulator": 5, "bridge": 4, "mapper": 3, "navigator": 2}
 """Of urgent processes: who stops the chair comes before who drives it, and a simulated world is on time for all."""
@@ -35,6 +43,8 @@ class Stack:
 
     Without a map a simulated chair is given its world's own plan, unless it is `mapping`. `parameters` is a YAML file of
     the user's, which outweighs what is said here. `deaf`: no speeds are obeyed. `urgent`: with real-time priority.
+    `box`: folder of the black box; None: no log is kept. `page_port`: of the page, on `page_host`; None: there is none.
+    Where there is one a drive begins with a countdown, for the page announces it.
     """
 
     folder: Path
@@ -51,6 +61,9 @@ class Stack:
     start: Pose2 | None = None
     parameters: Path | None = None
     urgent: bool = False
+    box: Path | None = None
+    page_port: int | None = None
+    page_host: str = "127.0.0.1"
 
 
 def processes(stack: Stack) -> tuple[Process, ...]:
@@ -72,6 +85,7 @@ def processes(stack: Stack) -> tuple[Process, ...]:
     chair: dict[str, object] = {"calibration": str(stack.calibration.resolve()) if stack.calibration else ""}
     place = {**chair, "map_folder": "" if known is None else str(known[0])}
     if stack.world:
+        (folder / _TRUTH_FILE).unlink(missing_ok=True)  # of an earlier run
         rows["simulator"] = {
             "world": stack.world,
             "seed": stack.seed,
@@ -79,12 +93,20 @@ def processes(stack: Stack) -> tuple[Process, ...]:
             "camera": stack.camera,
             "publish_base": False,
             "board_link": str(folder / BOARD_LINK),
+            "remember": str(folder / _TRUTH_FILE),
         }
     start = stack.start or (None if known is None else known[1])
     if known is not None and start is not None:
         # As what the mapper remembers: when it is started again during a run, the chair stands elsewhere.
         remember_pose(folder / _POSE_FILE, known[0], start)
-    rows["bridge"] = {**place, "cable": cable, "unattended": stack.unattended, "deaf": stack.deaf}
+    rows["bridge"] = {
+        **place,
+        "cable": cable,
+        "unattended": stack.unattended,
+        "deaf": stack.deaf,
+        "box": "" if stack.box is None else str(stack.box.resolve()),
+        "supervisor.countdown_s": 0.0 if stack.page_port is None else COUNTDOWN_S,
+    }
     rows["mapper"] = {
         **place,
         "mapping": stack.mapping,
@@ -92,6 +114,8 @@ def processes(stack: Stack) -> tuple[Process, ...]:
         "keep": str(folder / MADE_MAP),
     }
     rows["navigator"] = {**place, "camera": stack.camera}
+    if stack.page_port is not None:
+        rows[_PAGE] = {**place, "host": stack.page_host, "port": stack.page_port}
     return tuple(_process(name, values, folder, stack) for name, values in rows.items())
 
 
@@ -107,7 +131,12 @@ def _known_map(stack: Stack, folder: Path) -> tuple[Path, Pose2 | None] | None:
 
 
 def _save_plan(world: World, folder: Path) -> None:
-    """The world's own plan as a map."""
+    """The world's own plan as a map; what people have drawn on it in an earlier run stays."""
+    if (folder / MAP_YAML).is_file():
+        known, grid = load_map(folder), without(world.grid, load_erased(folder))
+        if known.cells.shape == grid.cells.shape and (known.cells == grid.cells).all():
+            return
+    forget(folder)  # it was drawn on another world's
     save_map(folder, world.grid)
     save_places(folder, {place.name: place for place in world.places})
 
@@ -117,5 +146,6 @@ def _process(name: str, values: Mapping[str, object], folder: Path, stack: Stack
     write_text(path, yaml.safe_dump({f"/**/{name}": {"ros__parameters": dict(values)}}, sort_keys=False))
     files = [path, *([stack.parameters.resolve()] if stack.parameters is not None else [])]
     given = tuple(word for file in files for word in ("--params-file", str(file)))
-    priority = _PRIORITIES[name] if stack.urgent else 0
-    return Process(name, f"waychair.ros.{name}_node", ("--ros-args", *given), priority)
+    priority = _PRIORITIES.get(name, 0) if stack.urgent else 0
+    module = _PAGE_MODULE if name == _PAGE else f"waychair.ros.{name}_node"
+    return Process(name, module, ("--ros-args", *given), priority, vital=name != _PAGE)

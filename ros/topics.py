@@ -75,6 +75,18 @@ SPEED_LIMIT = RosTopic("speed_limit", "nav2_msgs/msg/SpeedLimit", RELIABLE, MAP_
 STOP = RosTopic("stop", "std_msgs/msg/Empty", RELIABLE)
 """The rider's stop; a service of the same name (std_srvs/Trigger) does the same and answers."""
 
+PAGE_JOYSTICK = RosTopic("page_joystick", "sensor_msgs/msg/Joy", RELIABLE, BASE_FRAME)
+"""A page's joystick, while it is held; without axes: it was let go."""
+
+PAGE_WATCH = RosTopic("page_watch", "std_msgs/msg/Empty", RELIABLE)
+"""Said several times a second while a page is open on which Stop can be pressed."""
+
+LAYOUT = RosTopic("layout_changed", "std_msgs/msg/Empty", RELIABLE)
+"""Places, zones or what was erased of the map have changed in its folder."""
+
+PEOPLE = RosTopic("people", "geometry_msgs/msg/PoseArray", RELIABLE, MAP_FRAME)
+"""Where those are who walk about, or have."""
+
 ROBOT_DESCRIPTION = RosTopic("robot_description", "std_msgs/msg/String", LATCHED)
 CLOCK = RosTopic("/clock", "rosgraph_msgs/msg/Clock", Qos(1))
 DIAGNOSTICS = RosTopic("/diagnostics", "diagnostic_msgs/msg/DiagnosticArray")

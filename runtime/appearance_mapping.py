@@ -12,10 +12,12 @@ import numpy as np
 
 from waychair.errors import OutputError, RecordingError, SessionError
 from waychair.recording import Recording
-from waychair.slam.appearance import Appearance, AppearanceSettings, PictureCost
+from waychair.slam.appearance import Appearance, AppearanceSettings
 from waychair.slam.mapper import Mapper
 from waychair.slam.memory import Memory
+from waychair.slam.memory_settings import MemorySettings
 from waychair.slam.nodes import LOOPS, LinkKind
+from waychair.slam.place_memory import PictureCost, PlaceMemory
 from waychair.types import Json, Pose3, RgbdFrame, SensorFrame
 
 MEMORY = "memory.db"
@@ -49,7 +51,8 @@ class MemoryMaking:
         late = sum(1 for _ in self._pictures) + (self._next is not None)
         self.appearance.counts["pictures after the last scan"] = late
         self.appearance.finish(mapper)
-        report, store = memory_report(self.appearance), self.appearance.memory.store
+        near, store = self.appearance.settings.near_distance, self.appearance.memory.store
+        report = memory_report(self.appearance.places, near)
         self.appearance.memory.close()
         self.warnings += (*store.notes, *([] if store.fault is None else [str(store.fault)]))
         return report
@@ -76,13 +79,31 @@ def begin_memory(
         return None
     if folder is None:
         return MemoryMaking(Appearance(settings, base_from_camera), recording.pictures())
+    memory = new_memory(folder, settings.memory)
+    return MemoryMaking(Appearance(settings, base_from_camera, memory), recording.pictures())
+
+
+def new_memory(folder: Path, settings: MemorySettings) -> Memory:
+    """An empty memory in a folder; one that was there goes.
+
+    Raises:
+        OutputError: the folder cannot be written to.
+    """
+    remove_memory(folder)
+    return Memory.opened(folder / MEMORY, settings)
+
+
+def remove_memory(folder: Path) -> None:
+    """No memory is in the folder then.
+
+    Raises:
+        OutputError: the folder cannot be written to.
+    """
     try:
         for ending in ("", "-wal", "-shm"):
             (folder / (MEMORY + ending)).unlink(missing_ok=True)
     except OSError as error:
         raise OutputError(f"cannot write to {folder}: {error.strerror}; choose another folder") from error
-    memory = Memory.opened(folder / MEMORY, settings.memory)
-    return MemoryMaking(Appearance(settings, base_from_camera, memory), recording.pictures())
 
 
 def go_on_with_memory(
@@ -138,21 +159,24 @@ def revisits(memory: Memory, near: float, pause: int) -> int:
     return count
 
 
-def memory_report(appearance: Appearance) -> Json:
-    """Counts of pictures, memory, words and loops, and the time per picture; what each is stands in `paper_tables`."""
-    memory, settings, costs = appearance.memory, appearance.settings, appearance.costs
-    counts = memory.counts(len(appearance.recognition.vocabulary))
+def memory_report(places: PlaceMemory, near: float) -> Json:
+    """Counts of pictures, memory, words and loops, and the time per picture; what each is stands in `paper_tables`.
+
+    `near` [m] is how close to an earlier node the camera has come back.
+    """
+    memory, costs = places.memory, places.costs
+    counts = memory.counts(len(places.recognition.vocabulary))
     kinds = Counter(link.kind for link in memory.skeleton.every_link())
-    left_out = {name: count for name, count in appearance.counts.items() if name != "pictures" and count}
+    left_out = {name: count for name, count in places.counts.items() if name != "pictures" and count}
     return {
-        "pictures": appearance.counts["pictures"],
+        "pictures": places.counts["pictures"],
         "left_out": left_out,
         "memory": asdict(counts),
         "references": _total(costs, lambda cost: cost.words),
         "words_made": _total(costs, lambda cost: cost.new_words),
         "links": {"by appearance": kinds[LinkKind.GLOBAL], "on known ground": kinds[LinkKind.SPACE]},
-        "revisits": revisits(memory, settings.near_distance, settings.memory.stm_size),
-        "refused": dict(Counter(refused.reason for refused in appearance.refused)),
+        "revisits": revisits(memory, near, memory.settings.stm_size),
+        "refused": dict(Counter(refused.reason for refused in places.refused)),
         "per_picture": {
             "words": _mean(costs, lambda cost: cost.words),
             "extraction_ms": _mean(costs, lambda cost: cost.extraction_ms),

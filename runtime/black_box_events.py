@@ -54,6 +54,9 @@ _SAME_PAUSE_NS = 2_000_000_000
 """A reason to pause that is back within this time was never gone."""
 
 _SAME_JOLT_NS = 1_000_000_000
+_SAME_END_NS = 500_000_000
+"""Where base and navigator are two processes, one hears of a drive's end after the other."""
+
 _FAILED, _ENDED = Stage.FAILED.value, (Stage.FAILED.value, Stage.ARRIVED.value, Stage.IDLE.value)
 
 
@@ -69,16 +72,26 @@ class Watch:
         self._paused_ns: dict[str, int] = {}
         self._located: Located | None = None
         self._jolted_ns: int | None = None
+        self._ended_ns: int | None = None
 
     def update(self, moment: Moment) -> tuple[Event, ...]:
         """What happened in this tick, the gravest of each kind first."""
         tick = moment.tick
-        found = [*self._end_of_drive(tick), *self._faults(tick), *self._jumped(tick), *self._jolts(moment)]
+        found = [*self._end_once(tick), *self._faults(tick), *self._jumped(tick), *self._jolts(moment)]
         if tick.mode in DRIVEN:
             found += self._pauses(tick)
         self._drove, self._stage, self._located = tick.mode in DRIVEN, tick.stage, tick.located
         named = {event.id: event for event in reversed(found)}
         return tuple(event for event in found if named[event.id] is event)
+
+    def _end_once(self, tick: Tick) -> list[Event]:
+        """The end of a drive, if it is not the one that was told just before."""
+        events = self._end_of_drive(tick)
+        before_ns = self._ended_ns
+        if events:
+            self._ended_ns = tick.stamp_ns
+        same = before_ns is not None and 0 <= tick.stamp_ns - before_ns < _SAME_END_NS and not self._drove
+        return [] if same else events
 
     def _end_of_drive(self, tick: Tick) -> list[Event]:
         """A drive that ended before its goal, or was confirmed and did not begin."""

@@ -303,6 +303,13 @@ def is_written(folder: Path) -> bool:
     return False
 
 
+def last_written_s(folder: Path) -> float:
+    """When a box was written to last, by the clock on the wall [s]; 0 for what is none."""
+    with contextlib.suppress(OSError):
+        return max((file.stat().st_mtime for file in segment_files(folder)), default=0.0)
+    return 0.0
+
+
 def segment_files(folder: Path) -> list[Path]:
     """The ring's, oldest first."""
     return sorted(path for path in (folder / RING).glob("*.log") if path.stem.isdecimal())

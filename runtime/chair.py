@@ -23,10 +23,11 @@ from waychair.firmware_bridge.bridge import Bridge
 from waychair.firmware_bridge.protocol import HelloReply
 from waychair.firmware_bridge.transports import Reconnecting
 from waychair.maps.zones import Zone
+from waychair.planning.drawn_map import DrawnMap
 from waychair.runtime.drive_base import DriveBase, Message
 from waychair.runtime.monitor_process import MonitorPort
 from waychair.runtime.pilot import Pilot, PilotSettings
-from waychair.slam.localiser import Localisation, Localiser, LocaliserSettings
+from waychair.slam.localiser import Localisation, LocalisationState, Localiser, LocaliserSettings
 from waychair.types import (
     Goal,
     OccupancyGrid,
@@ -73,7 +74,7 @@ class ChairWatcher(Protocol):
     """Who looks on while a chair drives, as a black box does. It must neither wait nor raise."""
 
     def told(self, what: str, goals: tuple[Goal, ...] = ()) -> None:
-        """Somebody asked for something: go (to these goals), confirm, stop or reset."""
+        """Somebody asked for something: go (to these goals), confirm, cancel, stop or reset."""
 
     def note(self, heard: tuple[Message, ...], state: ChairState, board: HelloReply | None) -> None:
         """A tick is over: what was heard in it, what came of it, and what the board said of itself."""
@@ -143,10 +144,36 @@ class Chair:
         if self._pilot.waits:
             self._base.confirm()
 
+    @property
+    def waits(self) -> bool:
+        """Whether there is a goal to say yes to."""
+        return self._pilot.waits
+
+    def countdown_s(self, now_ns: int) -> float | None:
+        """Until the first motion of a drive that has begun [s]; None when it is not waited for."""
+        return self._base.countdown_s(now_ns)
+
+    def cancel(self) -> None:
+        """Come to rest and give the goal up."""
+        self._tell("cancel")
+        self._pilot.drop("the drive was cancelled")
+
     def stop(self) -> None:
-        """The rider's Stop: nothing moves by itself until a new goal is asked for."""
+        """The rider's Stop: nothing moves by itself until a new goal is asked for, or somebody steers."""
         self._tell("stop")
         self._base.stop()
+
+    def steer(self, forward: float, turn: float, now_ns: int) -> None:
+        """A page's joystick is held there; see `DriveBase.steer`."""
+        self._base.steer(forward, turn, now_ns)
+
+    def let_go(self, now_ns: int) -> None:
+        """A page's joystick was let go."""
+        self._base.let_go(now_ns)
+
+    def relocalise(self, map_from_base: Pose2 | None) -> None:
+        """Find out anew where the chair is, near a pose or anywhere."""
+        self._localiser.restart(map_from_base)
 
     def reset(self) -> None:
         """Somebody's deliberate act: the faults were seen to, the emergency stop was released on purpose.
@@ -157,18 +184,32 @@ class Chair:
         self._tell("reset")
         self._base.reset()
 
+    def drawn(self, grid: OccupancyGrid, zones: Sequence[Zone]) -> DrawnMap:
+        """A map made ready for `redraw`; takes a while, and may be called from any thread."""
+        return self._pilot.drawn(grid, zones)
+
+    def redraw(self, drawn: DrawnMap, zones: Sequence[Zone], places: Mapping[str, Place]) -> None:
+        """Other places and zones from now on, and what was erased of the map. It knows its place by the map as it was."""
+        self._base.zones = tuple(zones)
+        self._pilot.redraw(drawn, places)
+
     def beat(self, now_ns: int) -> None:
         """Keep the board company between two ticks."""
         self._base.beat(now_ns)
 
-    def step(self, now_ns: int, messages: Iterable[Message]) -> ChairState:
-        """One tick: take in the messages, decide who drives, and let the bridge send what that comes to."""
+    def step(self, now_ns: int, messages: Iterable[Message], further: Iterable[Halt] = ()) -> ChairState:
+        """One tick: take in the messages, decide who drives, and let the bridge send what that comes to.
+
+        `further` is what else stands against a drive, by those who know of it.
+        """
         heard = tuple(messages)
         for message in heard:
             self._take_in(self._base.on_time(message))
         pose = self._base.map_from_base(now_ns)
         self._pilot.expire(now_ns)
-        verdict, telemetry = self._base.supervise(now_ns, self._pilot.navigator.active)
+        verdict, telemetry = self._base.supervise(now_ns, self._pilot.navigator.active, further)
+        if self._base.stands_again and self._is_in_doubt:
+            self._localiser.restart(pose)  # it was pushed, and what it sees does not quite bear out where to
         self._pilot.obey(verdict)
         map_from_odom = None if self._localisation is None else self._localisation.map_from_odom
         navigation = self._pilot.step(now_ns, pose, map_from_odom)
@@ -190,6 +231,11 @@ class Chair:
             self._watcher.note(heard, state, self.bridge.greeting)
         return state
 
+    @property
+    def _is_in_doubt(self) -> bool:
+        """One that is lost looks for itself by itself."""
+        return self._localisation is not None and self._localisation.state is LocalisationState.DEGRADED
+
     def _tell(self, what: str, goals: tuple[Goal, ...] = ()) -> None:
         if self._watcher is not None:
             self._watcher.told(what, goals)
@@ -204,6 +250,7 @@ class Chair:
             self._localisation = self._localiser.process(scan, odom_from_base, base.twist)
             base.locate(self._localisation, scan.stamp_ns)
             self._pilot.see(scan, self._localisation, base.twist)
+            base.furnish(self._pilot.furniture, scan.stamp_ns)
         elif isinstance(message, SonarReadings) and self._localisation is not None:
             self._pilot.hear(message, base.map_from_base(message.stamp_ns))
         elif isinstance(message, RgbdFrame) and self._localisation is not None:

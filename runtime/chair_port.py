@@ -52,7 +52,9 @@ class ChairView:
     `goal` is the place or the point that was asked for, empty without one; `waits`: for the rider's yes;
     `countdown_s`: until the first motion, None when nothing is about to begin. `next_action` is what the chair will do
     next and `last_stop` why it stopped last, in plain sentences. `map_revision` and `layout_revision` change with the
-    grid, and with places and zones. `panel` is for engineers: figures by name, units in the names.
+    grid, and with places and zones. `panel` is for engineers: figures by name, units in the names. `stamp_ns` is of the
+    computer's steady clock (`time.monotonic_ns`), and so is `free_since_ns`: since when the lines are the rider's own
+    joystick's, None while the computer holds them. `steered`: a page's joystick does.
     """
 
     stamp_ns: int
@@ -73,6 +75,8 @@ class ChairView:
     map_revision: int = 0
     layout_revision: int = 0
     panel: Mapping[str, float] = field(default_factory=dict)
+    free_since_ns: int | None = None
+    steered: bool = False
 
 
 @dataclass(frozen=True, slots=True)
@@ -106,8 +110,12 @@ class ChairPort(Protocol):
     def go(self, goal: str | Pose2) -> Answer:
         """Ask for a drive to a place or a pose in map; it waits for `confirm`."""
 
-    def confirm(self) -> Answer:
-        """The rider's yes: tone and phrase, 3 s in which `cancel` and `stop` prevent it, then the drive."""
+    def confirm(self, goal: str = "") -> Answer:
+        """The rider's yes: tone and phrase, 3 s in which `cancel` and `stop` prevent it, then the drive.
+
+        `goal` is what the page showed (`ChairView.goal`): a yes to it is none to another that has come meanwhile. Empty:
+        to whatever waits.
+        """
 
     def cancel(self) -> Answer:
         """Come to rest and give the goal up."""
@@ -119,7 +127,8 @@ class ChairPort(Protocol):
         """Somebody has seen to what was wrong."""
 
     def steer(self, forward: float, turn: float) -> Answer:
-        """The page's joystick, each in [-1, 1], at walking speed at most; told again within `STEER_S` or let go."""
+        """The page's joystick, each in [-1, 1], left positive, at walking speed at most; told again within `STEER_S` or
+        let go. It ends a drive. After Stop, and after whatever else has ended it, it counts once it was let go."""
 
     def release(self) -> Answer:
         """The page's joystick was let go."""

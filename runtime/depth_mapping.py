@@ -11,8 +11,9 @@ from waychair.config import Settings, setting
 from waychair.errors import ConfigError
 from waychair.geometry import wrap_angle
 from waychair.maps.depth_scan import DepthScan, DepthSettings, depth_scan, frame_problem
-from waychair.maps.grid_assembly import AssemblySettings, DepthAssembly
+from waychair.maps.grid_assembly import AssemblySettings
 from waychair.maps.occupancy import OccupancySettings
+from waychair.maps.session_grid import SessionDepth
 from waychair.slam.mapper import Mapper
 from waychair.slam.tilt import Tilt
 from waychair.types import FloatArray, OccupancyGrid, Pose2, Pose3, RgbdFrame
@@ -67,7 +68,7 @@ class DepthMapping:
         self.settings = settings
         self.counts: Counter[str] = Counter()
         self._mount, self._front = base_from_camera, front
-        self.assembly = DepthAssembly(occupancy, assembly)
+        self.assembly = SessionDepth(occupancy, assembly)
         self._tilts: list[Tilt] = []
         self._waiting: deque[RgbdFrame] = deque()
         self._latest_ns: int | None = None
@@ -142,10 +143,11 @@ class DepthMapping:
         self._kept = picture.stamp_ns, pose
         self.hang(self.scan(picture), node, (mapper.keys.pose(node).inverse() @ pose).array())
 
-    def hung(self) -> list[tuple[DepthScan, int, FloatArray]]:
-        """What is kept, the older first on each key scan: what a picture tells, its key scan, and where it was from there."""
+    def hung(self) -> list[tuple[int, DepthScan, int, FloatArray]]:
+        """What is kept, the older first on each key scan: the session of a picture, what it tells, its key scan, and where
+        it was from there."""
         told = (self.assembly.hung(number) for numbers in self._on_node.values() for number in numbers)
-        return [(scan, node, places[0]) for scan, node, places in told]
+        return [(session, scan, node, places[0]) for session, scan, node, places in told]
 
     def hang(self, scan: DepthScan, node: int, place: FloatArray) -> None:
         """What a picture tells, taken at a place (3,) [m, m, rad] from a key scan, replaces the oldest of many there."""

@@ -25,6 +25,8 @@ from waychair.control.collision_monitor import MonitorSettings, is_silent, permi
 from waychair.control.fitness import Fitness, FitnessSettings
 from waychair.control.kinematics import wheel_speeds_from_twist
 from waychair.control.limiter import Limiter, LimiterSettings
+from waychair.control.pushing import Pushing, PushingSettings
+from waychair.control.steering import Steering, SteeringSettings
 from waychair.control.stops import STOPS, Braking, Halt, Severity, board_halt, halt, halt_as_told
 from waychair.control.supervisor import DRIVEN, Override, Situation, SupervisorSettings, Verdict, supervise
 from waychair.control.unseen import Sector, UnseenSettings, sectors_of_scan, sight_share
@@ -39,6 +41,7 @@ from waychair.slam.tilt import Tilt, TiltFilter
 from waychair.types import (
     ChairStatus,
     DriveMode,
+    FloatArray,
     ImuSample,
     Odometry,
     Pose2,
@@ -69,6 +72,8 @@ class BaseSettings(Settings):
     monitor: MonitorSettings = field(default_factory=MonitorSettings)
     unseen: UnseenSettings = field(default_factory=UnseenSettings)
     bridge: BridgeSettings = field(default_factory=BridgeSettings)
+    steering: SteeringSettings = field(default_factory=SteeringSettings)
+    pushing: PushingSettings = field(default_factory=PushingSettings)
 
 
 @dataclass(frozen=True, slots=True)
@@ -108,7 +113,6 @@ class DriveBase:
         self.settings = s = settings or BaseSettings()
         self.body = body = calibration.body
         self._calibration = calibration
-        self._zones = zones
         self._delays = calibration.sensor_delays or SensorDelays()
         self._odometry = OdometryFilter(body)
         self._tilt = TiltFilter(body)
@@ -121,7 +125,13 @@ class DriveBase:
         self._limiter = Limiter(s.limiter)
         self._fitness = Fitness(body, s.fitness)
         self._override = Override(s.supervisor)
+        self._steering, self._pushing = Steering(s.steering), Pushing(s.pushing)
+        self._begins_ns: int | None = None  # when the drive that was said yes to may move
+        self.stands_again = False
+        """In this tick the chair was found to stand after it was pushed, and may be elsewhere than it knows."""
         self._start = start
+        self.zones = tuple(zones)
+        """Of the map; others may be drawn at any time."""
         self._mode = DriveMode.MANUAL
         self._requested = self._confirmed = self._stop_pressed = False
         self._latched: Halt | None = None
@@ -130,6 +140,7 @@ class DriveBase:
         self._wheels: Odometry | None = None
         self._twists: list[Twist] = []  # since the last tick
         self._measured = Twist()  # their mean
+        self._looked_ns, self._looks_since_ns = 0, 0  # of ticks: the last one, and the first without a gap since
         self._sectors: list[Sector] = []  # what the latest scan sees of
         self._localisation: Localisation | None = None
 
@@ -173,15 +184,33 @@ class DriveBase:
         What the computer itself did to the board (a lost cable, a pause) is forgiven by that.
         """
         self._requested, self._confirmed, self._stop_pressed = True, False, False
+        self._steering.end()
         self.bridge.reset()
 
     def confirm(self) -> None:
-        """The rider's yes: the drive begins in the next tick, unless something is wrong."""
+        """The rider's yes: the drive begins in the next tick, unless something is wrong; it moves after the countdown."""
         self._confirmed = True
 
+    def countdown_s(self, now_ns: int) -> float | None:
+        """Until the first motion of a drive that has begun [s]; None when it is not waited for."""
+        if self._begins_ns is None or now_ns >= self._begins_ns:
+            return None
+        return (self._begins_ns - now_ns) * 1e-9
+
     def stop(self) -> None:
-        """The rider's Stop: nothing moves by itself until a new goal is asked for."""
+        """The rider's Stop: nothing moves by itself until a new goal is asked for, or somebody steers."""
         self._stop_pressed = True
+        self._steering.end()
+
+    def steer(self, forward: float, turn: float, now_ns: int) -> None:
+        """A page's joystick is held there, each axis in [-1, 1], left positive; see `Steering`."""
+        if self._steering.push(forward, turn, now_ns):
+            self._stop_pressed = False
+            self.bridge.reset()
+
+    def let_go(self, now_ns: int) -> None:
+        """A page's joystick was let go."""
+        self._steering.let_go(now_ns)
 
     def reset(self) -> None:
         """Somebody's deliberate act: the faults were seen to, the emergency stop was released on purpose."""
@@ -225,20 +254,33 @@ class DriveBase:
         board that could be driven through.
         """
         telemetry = self.bridge.listen(now_ns)
-        self.halts = self._look_for_halts(now_ns, further)
         stick = None if telemetry is None else telemetry.joystick
+        released = self._sent is not None and not self._sent.active and self._mode not in DRIVEN
+        self.stands_again = self._pushing.update(now_ns, released, stick, self._wheels)
+        self.halts = self._look_for_halts(now_ns, further)
         taken_over = self._override.update(stick) or self.bridge.taken_over
+        steered, confirmed = self._steering.counts(now_ns), self._confirmed
         situation = Situation(
-            stick, taken_over, self._stop_pressed, active, self._requested, self._confirmed, self.halts
+            stick, taken_over, self._stop_pressed, active, self._requested, confirmed, self.halts, steered
         )
         self._requested = self._confirmed = False
         verdict = supervise(self._mode, situation, self.settings.supervisor)
         self._mode = verdict.mode
+        if steered and not verdict.steered:
+            self._steering.end()
+        if not verdict.computer_drives or verdict.steered:
+            self._begins_ns = None
+        elif confirmed:
+            self._begins_ns = now_ns + round(self.settings.supervisor.countdown_s * 1e9)
         return verdict, telemetry
 
     def drive(self, now_ns: int, verdict: Verdict, asked: Twist | None) -> Driven:
-        """Send what a twist comes to within all limits; None: nothing is asked for, and the chair comes to rest."""
+        """Send what a twist comes to within all limits; None: nothing is asked for, and the chair comes to rest.
+
+        Of whoever steers it is the page's joystick that asks.
+        """
         self._measure()
+        asked = self._steering.twist(now_ns) if verdict.steered else asked
         command = self._limited(now_ns, verdict, asked)
         trimmed = self._loop.step(command if self.bridge.armed else None, self._measured, now_ns, self._sent)
         speeds = None if command is None else wheel_speeds_from_twist(trimmed, self.body.track)
@@ -248,6 +290,10 @@ class DriveBase:
         self._limiter.rest()
         was_driving = command is not None and before is not None and before.active
         return Driven(command, self._sent, self._sent.reason if was_driving else "")
+
+    def furnish(self, mapped: FloatArray, scan_ns: int) -> None:
+        """Told what of a scan might be legs but has always stood there, (N, 2) [m] in the base frame of `scan_ns`."""
+        self._monitor.furnish(mapped, scan_ns)
 
     def _measure(self) -> None:
         """The mean over a tick, for one sample of an encoder is coarse."""
@@ -259,12 +305,16 @@ class DriveBase:
     def _look_for_halts(self, now_ns: int, further: Iterable[Halt]) -> tuple[Halt, ...]:
         """All that is wrong now, and what was wrong with the last drive until somebody resets it."""
         s, verdict = self.settings.monitor, self._monitor.verdict
+        self._look_again(now_ns)
         if self._mode not in DRIVEN:
             self._fitness.settle()
         halts = [*map(board_halt, self.bridge.trouble), *self._fitness.halts(now_ns), *further]
+        if self._pushing.pushed:
+            halts.append(halt("pushed"))
         if self._loop.fault:
             halts.append(halt_as_told("disobeys", self._loop.fault))
-        if is_silent(verdict, now_ns, s):
+        heard_out = verdict is None or now_ns - self._looks_since_ns > s.silent_ms * 1_000_000
+        if heard_out and is_silent(verdict, now_ns, s):
             halts.append(halt("monitor_silent"))
         elif verdict is not None and verdict.stop:
             halts.append(halt(verdict.stop))
@@ -275,12 +325,23 @@ class DriveBase:
             halts.append(self._latched)
         return tuple(halts)
 
+    def _look_again(self, now_ns: int) -> None:
+        """F17: who was held up has not heard the monitor meanwhile, and cannot say that it was silent.
+
+        What was commanded before is over: by its age the bridge sends zero, and then lets go.
+        """
+        if now_ns - self._looked_ns > self.settings.bridge.late_ms * 1_000_000:
+            self._looks_since_ns = now_ns
+        self._looked_ns = now_ns
+
     def _limited(self, now_ns: int, verdict: Verdict, twist: Twist | None) -> Twist | None:
         """What is commanded: the twist within all limits, or the way to rest; None to let go of the lines."""
         driving = verdict.computer_drives and twist is not None
         braking = None if driving else verdict.braking
         asked = self._limiter.command
-        if driving and twist is not None:
+        if driving and self.countdown_s(now_ns) is not None:
+            asked, braking = Twist(), Braking.COMFORT
+        elif driving and twist is not None:
             asked = Twist(verdict.share * twist.v, verdict.share * twist.omega)
         self._monitor.judge(asked, self.twist, now_ns)
         if not driving and (braking is Braking.RELEASE or not self._limiter.moving):
@@ -308,7 +369,7 @@ class DriveBase:
             self._loop.speed_limit,
             self._fitness.speed_limit(now_ns),
             permitted_speed(self._calibration.stops),
-            speed_limit(self._zones, outline),
+            speed_limit(self.zones, outline),
         )
 
     def _gate(self, now_ns: int) -> str:

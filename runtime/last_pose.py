@@ -1,4 +1,4 @@
-"""Where a chair stood last, kept in a file from one run of its localiser to the next."""
+"""Where a chair stood last, kept in a file from one run to the next: as its localiser knows it, or its simulator."""
 
 from __future__ import annotations
 
@@ -12,7 +12,7 @@ from waychair.types import Pose2
 
 
 def remember_pose(path: Path, map_folder: Path, pose: Pose2) -> None:
-    """Keep a pose on a map.
+    """Keep a pose on a map, or in a world by its name.
 
     Raises:
         OutputError: the file cannot be written.

@@ -172,6 +172,7 @@ class LiveMapping:
         self.mapper = mapper
         self._covered = [list(latest) for latest in mapper.covered_frames]
         self.scans.begin(sessions)
+        self.depth.assembly.begin(sessions)
 
     def _follow(self, frame: SensorFrame) -> None:
         """What the mapper has just kept for the grid is added to it, and what it no longer keeps is dropped."""

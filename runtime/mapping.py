@@ -28,6 +28,7 @@ from waychair.runtime.depth_recording import (
     see_pictures,
     warnings_of,
 )
+from waychair.runtime.first_motion import begins_at
 from waychair.runtime.live_mapping import LiveMapping, LiveMappingSettings
 from waychair.runtime.mapping_report import Cost, mapping_report, torn_warnings, write_mapping_page
 from waychair.runtime.resuming import Checkpoints, remove_checkpoint
@@ -88,6 +89,8 @@ def map_recording(
     With a folder to keep its state in, a run that was stopped goes on where it was last kept, and gives what it would
     have given; the state is removed when the map is saved. `reading_s` is the CPU time that reading took, for the report.
 
+    What a chair with an IMU saw before it first moved is left out, but for the last scan (`first_motion`).
+
     Pictures with depth are drawn after the scans, or, as the settings say, left out, or mapped instead of the scans.
     Unless vision is off, they also close loops, and the memory of their places is left in the folder; such a run, when
     it is stopped, begins anew.
@@ -102,6 +105,7 @@ def map_recording(
     if settings.depth.use == "only":
         live = live_from_pictures(recording, settings, camera, progress)
         return _finished(live, recording, (started, cpu, reading_s), amiss, 0)
+    recording = replace(recording, frames=recording.frames[begins_at(recording.frames) :])
     live = LiveMapping(settings, recording.base_from_laser, base_from_camera=camera)
     frames = [frame for frame in map(live.reckon, recording.frames) if frame.scan is not None]
     if not frames:

@@ -29,7 +29,7 @@ from waychair.calibration.self_mask import SelfMask
 from waychair.calibration.stopping import StopTable
 from waychair.control.collision_monitor import Monitor, MonitorSettings, MonitorVerdict
 from waychair.firmware_bridge.heartbeat import urgent
-from waychair.types import Scan, Twist
+from waychair.types import FloatArray, Scan, Twist
 
 PERIOD_S = 0.02
 """The process judges this often."""
@@ -37,6 +37,7 @@ PERIOD_S = 0.02
 _LARGEST = 1 << 17  # bytes of a message: a scan of 10 000 beams is a third of it
 _SCAN = struct.Struct("<cqddddd")
 _COMMAND = struct.Struct("<cdddd")
+_FURNITURE = struct.Struct("<cq")
 _VERDICT = struct.Struct("<cqqdddd")
 _NO_SCAN = -(2**63)
 
@@ -65,6 +66,9 @@ class MonitorPort(Protocol):
     def see(self, scan: Scan) -> None:
         """Pass a raw scan on."""
 
+    def furnish(self, mapped: FloatArray, stamp_ns: int) -> None:
+        """Pass on what might be legs but has always stood there, (N, 2) [m] in the base frame of `stamp_ns`."""
+
     def judge(self, command: Twist, measured: Twist, now_ns: int) -> None:
         """Pass on what is to be commanded, and how the chair moves."""
 
@@ -88,6 +92,10 @@ class MonitorInStep:
     def see(self, scan: Scan) -> None:
         """See `MonitorPort`."""
         self._monitor.see(scan)
+
+    def furnish(self, mapped: FloatArray, stamp_ns: int) -> None:
+        """See `MonitorPort`."""
+        self._monitor.furnish(mapped, stamp_ns)
 
     def judge(self, command: Twist, measured: Twist, now_ns: int) -> None:
         """See `MonitorPort`."""
@@ -134,6 +142,11 @@ class MonitorProcess:
         with self._lock:
             _send(self._socket, _scan_message(scan))
 
+    def furnish(self, mapped: FloatArray, stamp_ns: int) -> None:
+        """See `MonitorPort`; the stamp is of the clock that the processes share."""
+        with self._lock:
+            _send(self._socket, _FURNITURE.pack(b"f", stamp_ns) + np.ascontiguousarray(mapped, "<f4").tobytes())
+
     def judge(self, command: Twist, measured: Twist, now_ns: int) -> None:
         """See `MonitorPort`; the process stamps its verdict itself."""
         with self._lock:
@@ -172,6 +185,10 @@ def watch(channel: socket.socket, monitor: Monitor) -> None:
         for message in _received(channel):
             if message[:1] == b"s":
                 monitor.see(_scan_from(message))
+            elif message[:1] == b"f":
+                _, stamp_ns = _FURNITURE.unpack_from(message)
+                mapped = np.frombuffer(message, "<f4", offset=_FURNITURE.size).astype(np.float64)
+                monitor.furnish(mapped.reshape(-1, 2), stamp_ns)
             else:
                 _, v, omega, v_now, omega_now = _COMMAND.unpack(message)
                 command, measured = Twist(v, omega), Twist(v_now, omega_now)

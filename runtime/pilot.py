@@ -14,13 +14,15 @@ import numpy as np
 
 from waychair.calibration.chair import ChairBody
 from waychair.calibration.stopping import StopTable, permitted_speed
+from waychair.control.collision_monitor import points_now, slim_beams
 from waychair.control.navigator import Navigation, Navigator, NavigatorSettings
 from waychair.control.supervisor import Verdict
 from waychair.geometry import transform_points
 from waychair.maps.zones import Zone
+from waychair.planning.drawn_map import DrawnMap
 from waychair.planning.motion import measured
 from waychair.runtime.drive_base import BaseSettings
-from waychair.slam.localisation import Localisation
+from waychair.slam.localisation import Localisation, LocalisationState
 from waychair.slam.scan_points import scan_points
 from waychair.slam.tilt import Tilt
 from waychair.types import FloatArray, Goal, OccupancyGrid, Place, Pose2, RgbdFrame, Scan, SonarReadings, Twist
@@ -31,6 +33,9 @@ class PilotSettings(BaseSettings):
     """The navigator's own settings, beside the limits of the base that it plans within."""
 
     navigator: NavigatorSettings = field(default_factory=NavigatorSettings)
+
+
+_NOTHING: FloatArray = np.empty((0, 2))
 
 
 @dataclass(frozen=True, slots=True)
@@ -60,6 +65,8 @@ class Pilot:
         self._goals: tuple[Goal, ...] = ()  # that wait for a yes
         self._goals_since_ns: int | None = None
         self._sight = _Sight()  # since the last tick
+        self.furniture = _NOTHING
+        """(N, 2) [m] in the base of the latest scan: what of it might be legs but has always stood there, by a sure place."""
 
     def go(self, goal: Goal, *further: Goal) -> None:
         """Take a goal, and those after it, which wait for the rider's yes.
@@ -80,6 +87,14 @@ class Pilot:
         self._goals = ()
         self.navigator.cancel(reason)
 
+    def drawn(self, grid: OccupancyGrid, zones: Sequence[Zone]) -> DrawnMap:
+        """A map made ready for `redraw`; takes a while, and may be called from any thread."""
+        return DrawnMap(grid, self.body, self.navigator.settings.costmap, zones)
+
+    def redraw(self, drawn: DrawnMap, places: Mapping[str, Place]) -> None:
+        """Go on by another drawing of the map; a drive under way is planned anew, one that has ended stays so."""
+        self.navigator.redraw(drawn, places)
+
     def see(self, scan: Scan, localisation: Localisation, twist: Twist) -> None:
         """Told what a scan shows but for the chair itself, and where it was taken."""
         reach, mount = self.settings.navigator.obstacle_range, self.body.base_from_laser
@@ -88,7 +103,17 @@ class Pilot:
         clear = replace(scan, ranges=np.where(scan.ranges >= reach, np.float32(0.999 * reach), np.float32(math.nan)))
         beyond = scan_points(clear, mount, reach, twist).points
         pose = localisation.map_from_base
+        self.furniture = (
+            self._mapped_legs(scan, pose, twist) if localisation.state is LocalisationState.OK else _NOTHING
+        )
         self._sight = _Sight(transform_points(pose, points), transform_points(pose, beyond))
+
+    def _mapped_legs(self, scan: Scan, pose: Pose2, twist: Twist) -> FloatArray:
+        s = self.settings.monitor
+        slim = slim_beams(scan, np.zeros(len(scan.ranges), np.bool_), s)
+        points = points_now(scan, slim, self.body, twist, scan.stamp_ns)
+        mapped: FloatArray = points[self.navigator.knows(transform_points(pose, points), s.furniture)]
+        return mapped
 
     def hear(self, readings: SonarReadings, map_from_base: Pose2) -> None:
         """Told what the sonars say."""

@@ -14,7 +14,9 @@ from waychair.config import Settings
 from waychair.errors import NoPictures
 from waychair.files import write_json
 from waychair.recording import InputSettings, Recording, write_tum
+from waychair.runtime.appearance_mapping import memory_report, new_memory, remove_memory
 from waychair.runtime.mapping import peak_memory_mb
+from waychair.slam.memory import Memory
 from waychair.slam.rgbd_mapper import RgbdMap, RgbdMapper, RgbdMapperSettings
 from waychair.types import Json, RgbdFrame
 
@@ -36,15 +38,22 @@ class RgbdMapping:
 
 
 def map_pictures(
-    recording: Recording, settings: RgbdMappingSettings, progress: Callable[[float], None] | None = None
+    recording: Recording,
+    settings: RgbdMappingSettings,
+    progress: Callable[[float], None] | None = None,
+    keep_in: Path | None = None,
 ) -> RgbdMapping:
     """The pose of every picture whose place can be told; frames that show nothing are left out and counted by reason.
 
+    The memory of its places is written in the folder `keep_in` while the map is made, or kept in RAM without one.
+
     Raises:
         NoPictures: none has depth and anything to be seen, so that no map could be begun.
+        OutputError: the folder cannot be written to.
     """
     started, cpu = time.perf_counter(), time.process_time()
-    mapper = RgbdMapper(settings.rgbd)
+    memory = Memory(settings.rgbd.memory) if keep_in is None else new_memory(keep_in, settings.rgbd.memory)
+    mapper = RgbdMapper(settings.rgbd, memory)
     spent: list[float] = []
     for frame in _in_order(recording):
         before = time.process_time()
@@ -52,17 +61,21 @@ def map_pictures(
         spent.append(time.process_time() - before)
         if progress is not None:
             progress(min(1.0, len(spent) / max(recording.picture_count, 1)))
-    result = mapper.result()
+    mapper.finish()
+    result, told = mapper.result(), memory_report(mapper.places.places, settings.rgbd.near_distance)
+    memory.close()
     if len(result.trajectory.stamps_ns) == 0:
-        told = "; ".join(f"{count} {reason}" for reason, count in {**recording.unread, **result.states}.items())
-        raise NoPictures(f"no place can be told from the pictures of {recording.path} ({told or 'there are none'})")
-    return RgbdMapping(
-        result, _report(recording, result, spent, time.process_time() - cpu, time.perf_counter() - started)
-    )
+        if keep_in is not None:
+            remove_memory(keep_in)
+        why = "; ".join(f"{count} {reason}" for reason, count in {**recording.unread, **result.states}.items())
+        raise NoPictures(f"no place can be told from the pictures of {recording.path} ({why or 'there are none'})")
+    report = _report(recording, result, spent, time.process_time() - cpu, time.perf_counter() - started)
+    report["warnings"] += [*memory.store.notes, *([] if memory.store.fault is None else [str(memory.store.fault)])]
+    return RgbdMapping(result, {**report, "memory": told})
 
 
 def save_pictures_map(folder: Path, mapping: RgbdMapping, settings: RgbdMappingSettings) -> None:
-    """Writes trajectory.tum, config.yaml and report.json, each whole or not.
+    """Writes trajectory.tum, config.yaml and report.json, each whole or not; memory.db is there since it was mapped.
 
     Raises:
         OutputError: the folder cannot be written to.

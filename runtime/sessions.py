@@ -54,8 +54,9 @@ class KeptScan:
 
 @dataclass(frozen=True, slots=True)
 class KeptPicture:
-    """What a picture with depth tells, its key scan, and where the chair was from there (3,)."""
+    """The session of a picture with depth, what it tells, its key scan, and where the chair was from there (3,)."""
 
+    session: int
     told: DepthScan
     key: int
     key_from_base: FloatArray
@@ -178,7 +179,9 @@ def go_on(live: LiveMapping, state: MapState) -> OccupancyGrid:
         live.scans.add(number, kept.scan, kept.key, first, last)
     live.scans.begin(state.sessions)
     for picture in state.pictures:
+        live.depth.assembly.begin(picture.session)
         live.depth.hang(picture.told, picture.key, picture.key_from_base)
+    live.depth.assembly.begin(state.sessions)
     live.scans.bend(live.mapper.keys.poses, np.zeros(2))
     live.scans.settle()
     return live.scans.grid()

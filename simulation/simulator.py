@@ -18,7 +18,7 @@ import numpy as np
 from waychair.calibration.chair import ChairBody
 from waychair.config import Settings, setting
 from waychair.errors import ConfigError, WorldError
-from waychair.firmware_bridge.board import BoardInputs, HostBoard, at_rest
+from waychair.firmware_bridge.board import BoardInputs, HostBoard, LineState, at_rest
 from waychair.simulation.camera import Camera, CameraSettings
 from waychair.simulation.contact import (
     Contact,
@@ -36,7 +36,7 @@ from waychair.simulation.lidar import Lidar, LidarSettings
 from waychair.simulation.mujoco_chair import MujocoChair, substeps
 from waychair.simulation.mujoco_model import MujocoSettings
 from waychair.simulation.people import CONTACT_GAP, People
-from waychair.simulation.plant import Plant, PlantSettings, volts_from_joystick
+from waychair.simulation.plant import Plant, PlantSettings, volts_from_joystick, volts_from_twist
 from waychair.simulation.rays import scenery_of
 from waychair.simulation.renderer import Renderer, camera_matrix, renderer_problem
 from waychair.simulation.scene import PersonPlan, PersonState
@@ -114,6 +114,10 @@ class Simulator:
         self.world = world
         self.around_board: BoardInputs = at_rest()
         self.contact_reports: list[Contact] = []
+        self.lines: LineState | None = None
+        """What the board has left on the joystick lines last; None before one was wired in."""
+        self.pushed: Twist | None = None
+        """How somebody pushes the chair about by hand, its motors out of gear; None: nobody does."""
         self._seed = seed
         self._step_ns = self.settings.plant.step_ms * 1_000_000
         self._lines: tuple[float, float] | None = None
@@ -269,7 +273,8 @@ class Simulator:
     def _step(self) -> None:
         volts = self._lines or self._stick_volts()
         speed = abs(self._chair.twist.v)
-        free = self._chair.step(*(self._board_volts if self._board is not None else volts), self._is_free)
+        volts = self._board_volts if self._board is not None else volts
+        free = self._chair.step(*(volts if self.pushed is None else self._volts_of(self.pushed)), self._is_free)
         self.now_ns += self._step_ns
         if self._board is not None:
             self._step_board(self._board)
@@ -279,6 +284,10 @@ class Simulator:
             self._note_people(speed)
         self._note_contacts(free, speed)
 
+    def _volts_of(self, pushed: Twist) -> tuple[float, float]:
+        """What the wheels would have to be driven by to turn as they are pushed."""
+        return volts_from_twist(self.settings.plant, self.body.track, pushed)
+
     def _stick_volts(self) -> tuple[float, float]:
         return volts_from_joystick(self.settings.plant, self.rider.forward, self.rider.turn)
 
@@ -286,7 +295,7 @@ class Simulator:
         """The board lives until now; what it leaves on the lines drives the chair from now on."""
         forward, turn = (round(1000.0 * volts) for volts in self._stick_volts())
         inputs = replace(self.around_board, joystick_forward_mv=forward, joystick_turn_mv=turn)
-        lines = board.step(self.now_ns // 1_000_000, inputs)
+        lines = self.lines = board.step(self.now_ns // 1_000_000, inputs)
         self._board_volts = lines.forward_mv / 1000.0, lines.turn_mv / 1000.0
 
     def _sense(self, messages: list[SensorMessage]) -> None:

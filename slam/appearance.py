@@ -14,23 +14,22 @@ from __future__ import annotations
 
 import math
 import time
-from collections import Counter, deque
+from collections import deque
 from dataclasses import dataclass, field
 
-import numpy as np
-
 from waychair.config import Settings, setting
-from waychair.errors import LongTermError, SensorError
+from waychair.errors import SensorError
 from waychair.geometry import pose_from_array, rotation, transform_points
 from waychair.slam.edges import Edge, EdgeKind
 from waychair.slam.features import Features, extract
 from waychair.slam.information import of_odometry
 from waychair.slam.loop_closure import Doubt
 from waychair.slam.mapper import Mapper, twist_of
-from waychair.slam.memory import Change, Memory
+from waychair.slam.memory import Memory
 from waychair.slam.memory_settings import MemorySettings
 from waychair.slam.nodes import LOOPS, Evidence, Kept, Link, LinkKind, Node, WordIds, carried
-from waychair.slam.place_recognition import PlaceRecognition, RecognitionSettings
+from waychair.slam.place_memory import PictureCost, PlaceMemory
+from waychair.slam.place_recognition import RecognitionSettings
 from waychair.slam.place_verification import (
     features_of,
     fit_to_keys,
@@ -41,8 +40,8 @@ from waychair.slam.registration import RegistrationSettings, register
 from waychair.slam.rehearsal import Verdict, is_moving
 from waychair.slam.reprojection import pinhole
 from waychair.slam.scan_points import ScanPoints, scan_points, swept
-from waychair.slam.vocabulary import IncrementalVocabulary, SleepingWords, Vocabulary
-from waychair.types import Bytes, FloatArray, IntArray, Pose2, Pose3, RgbdFrame, SensorFrame, Twist
+from waychair.slam.vocabulary import Vocabulary
+from waychair.types import FloatArray, Pose2, Pose3, RgbdFrame, SensorFrame, Twist
 
 _WAITING = 8  # pictures that wait for the scan after them
 _NO_SCAN = "pictures without a scan before and after them"
@@ -75,26 +74,6 @@ class AppearanceSettings(Settings):
     places: RecognitionSettings = field(default_factory=RecognitionSettings)
     registration: RegistrationSettings = field(default_factory=RegistrationSettings)
     memory: MemorySettings = field(default_factory=MemorySettings)
-
-
-@dataclass(frozen=True, slots=True)
-class Refused:
-    """A place that was taken for that of a node, and why it is not believed."""
-
-    node: int
-    place: int
-    reason: str
-
-
-@dataclass(frozen=True, slots=True)
-class PictureCost:
-    """What one picture cost: CPU [ms] of its features, of its words, and of everything; its words, and the new ones."""
-
-    extraction_ms: float
-    words_ms: float
-    total_ms: float
-    words: int
-    new_words: int
 
 
 @dataclass(frozen=True, slots=True)
@@ -141,11 +120,9 @@ class Appearance:
         followed, which goes on with the map of those sessions.
         """
         self.settings = settings
-        self.memory = memory or Memory(settings.memory)
-        self.recognition = PlaceRecognition(settings.places, vocabulary)
-        self.counts: Counter[str] = Counter()
-        self.refused: list[Refused] = []
-        self.costs: list[PictureCost] = []
+        self.places = PlaceMemory(settings.places, memory or Memory(settings.memory), vocabulary)
+        self.memory, self.recognition = self.places.memory, self.places.recognition
+        self.counts, self.refused, self.costs = self.places.counts, self.places.refused, self.places.costs
         self._mount = base_from_camera
         self._waiting: deque[_View] = deque()
         self._latest_ns: int | None = None
@@ -154,15 +131,11 @@ class Appearance:
         self._loops: int | None = None
         self._bent_by: list[tuple[Edge, Link]] = []
         self._rejected = 0
-        if isinstance(self.recognition.vocabulary, IncrementalVocabulary):
-            self.recognition.vocabulary.begin_at(self.memory.store.newest_word() + 1)
-        for node in self.memory.awake:
-            self._recall(node, np.iinfo(np.int32).max)
 
     @property
     def loops(self) -> tuple[Link, ...]:
         """Those found by appearance that the memory holds now."""
-        return tuple(link for link in self.memory.skeleton.every_link() if link.kind is LinkKind.GLOBAL)
+        return self.places.loops
 
     def see(self, picture: RgbdFrame) -> None:
         """A picture, in the order of time; those between two that are looked at are passed over."""
@@ -217,8 +190,8 @@ class Appearance:
         self._tear(mapper)
         memory.bend(mapper.keys.poses)
         self._hang_again(mapper)
-        new_id, before = memory.skeleton.count, time.process_time()  # the id that the memory will give
-        words, new_words = self._words(new_id, view.features)
+        new_id, before = self.places.next_id, time.process_time()
+        words, new_words = self.places.words(view.features)
         words_s = time.process_time() - before
         motion = self._motion(pose)
         here = self._here(mapper, frame, view, new_id, key, pose)
@@ -230,16 +203,16 @@ class Appearance:
             motion=motion,
             new_words=new_words,
         )
-        self._obey(added.change)
+        self.places.obey(added.change)
         if added.id != new_id:  # the chair stands, and sees what it saw before
             self.recognition.leave(new_id)
             self._last = added.id
         elif self._recognise(mapper, here) or not self._stands(motion, added.verdict):
             self._last = new_id
         else:
-            self._obey(memory.drop(new_id))
+            self.places.obey(memory.drop(new_id))
         spent_s = time.process_time() - started + view.extraction_s
-        self._obey(memory.transfer(1e3 * spent_s))
+        self.places.obey(memory.transfer(1e3 * spent_s))
         new = 0 if new_words is None else len(new_words[0])
         return PictureCost(1e3 * view.extraction_s, 1e3 * words_s, 1e3 * spent_s, int((words > 0).sum()), new)
 
@@ -249,18 +222,6 @@ class Appearance:
 
     def _stands(self, motion: Pose2 | None, verdict: Verdict) -> bool:
         return motion is not None and verdict is Verdict.APART and not is_moving(motion, self.settings.memory)
-
-    def _words(self, node: int, features: Features) -> tuple[WordIds, tuple[IntArray, Bytes] | None]:
-        """(N,) words of a new node, and those made of it, as the store keeps them."""
-        vocabulary = self.recognition.vocabulary
-        if not isinstance(vocabulary, IncrementalVocabulary):
-            return self.recognition.see(node, features), None
-        first = vocabulary.next_id
-        words = self.recognition.see(node, features)
-        made = np.unique(words[words >= first])
-        if len(made) == 0:
-            return words, None
-        return words, (made.astype(np.int64), vocabulary.descriptors_of(made).view(np.uint8))
 
     def _here(self, mapper: Mapper, frame: SensorFrame, view: _View, node: int, key: int, pose: Pose2) -> _Here:
         """The new node beside its key scan, and its scan: that of the frame after the picture, seen from the node."""
@@ -286,14 +247,8 @@ class Appearance:
 
     def _recognise(self, mapper: Mapper, here: _Here) -> bool:
         """Whether a loop was closed, or the node tied to one on known ground."""
-        memory = self.memory
-        awake = {node.id for node in memory.awake}
-        skeleton = memory.skeleton
-        beside = {node: skeleton.beside(node) for node in awake}
-        neighbours = {node: [other for other in ways if other in awake] for node, (ways, _) in beside.items()}
-        twins = {node: [other for other in loops if other in awake] for node, (_, loops) in beside.items()}
-        result = self.recognition.recognise(here.id, neighbours, twins)
-        self._obey(memory.retrieve(result.hypothesis, here.pose(mapper)))
+        result = self.places.recognise(here.id)
+        self.places.obey(self.memory.retrieve(result.hypothesis, here.pose(mapper)))
         closed = result.closure is not None and self._close(mapper, here, result.closure)
         return self._tie(mapper, here) or closed
 
@@ -303,7 +258,7 @@ class Appearance:
         found = register(features_of(old), here.view.features, here.view.camera, self.settings.registration)
         if found.old_from_new is None:
             assert found.refusal is not None
-            return self._refuse(here, place, found.refusal.value)
+            return self.places.refuse(here.id, place, found.refusal.value)
         old_from_here = motion_of_base(found.old_from_new, self._mount)
         key = int(self.memory.skeleton.rows["anchor"][place])
         map_from_here = mapper.keys.pose(key) @ self.memory.skeleton.anchor_from_node(place) @ old_from_here
@@ -311,7 +266,7 @@ class Appearance:
             return self._confirm(mapper, here, place, key, map_from_here)
         edge = mapper.close(key, map_from_here @ here.pose(mapper).inverse() @ mapper.pose())
         if isinstance(edge, Doubt):
-            return self._refuse(here, place, edge.value)
+            return self.places.refuse(here.id, place, edge.value)
         self.memory.bend(mapper.keys.poses)
         information = carried(edge.information, here.key_from_node.inverse())
         link = self._link(place, here.id, LinkKind.GLOBAL, information)
@@ -323,10 +278,10 @@ class Appearance:
         """The map has the two side by side already: no edge is needed, but picture and scan must agree with it."""
         gap = here.pose(mapper).inverse() @ map_from_here
         if not self._agrees(gap):
-            return self._refuse(here, place, "the map has the two elsewhere")
+            return self.places.refuse(here.id, place, "the map has the two elsewhere")
         fit = fit_to_keys(mapper, key, here.scan, here.pose(mapper))
         if fit.inliers < self.settings.min_inliers:
-            return self._refuse(here, place, Doubt.OFF.value)
+            return self.places.refuse(here.id, place, Doubt.OFF.value)
         self._link(place, here.id, LinkKind.GLOBAL, fit.information)
         return True
 
@@ -367,10 +322,6 @@ class Appearance:
         self.memory.link(link)
         return link
 
-    def _refuse(self, here: _Here, place: int, reason: str) -> bool:
-        self.refused.append(Refused(here.id, place, reason))
-        return False
-
     def _follow_graph(self, mapper: Mapper) -> None:
         """Loops that the back end has left out are none, unless it takes them back."""
         self._rejected = len(mapper.keys.rejected)
@@ -379,7 +330,7 @@ class Appearance:
             linked = memory.skeleton.linked(link.i, link.j) is not None
             if linked and id(edge) not in believed:
                 memory.unlink(link.i, link.j)
-                self.refused.append(Refused(link.j, link.i, "the rest of the graph contradicts it"))
+                self.places.refuse(link.j, link.i, "the rest of the graph contradicts it")
             gone = Kept.GONE in (memory.skeleton.kept(link.i), memory.skeleton.kept(link.j))
             if not linked and not gone and id(edge) in believed:
                 memory.link(link)
@@ -404,33 +355,3 @@ class Appearance:
             moved = self.memory.skeleton.anchor_from_node(node).inverse() @ key_from_node
             if key != anchor or math.hypot(moved.x, moved.y) > _MOVED:
                 self.memory.hang(node, key, key_from_node)
-
-    def _obey(self, change: Change) -> None:
-        """Dictionary and filter follow the memory."""
-        for node in change.slept:
-            self.recognition.leave(node.id)  # its words are in the store since they were made
-        for node in change.woken:
-            self._recall(node, None)
-        for place in change.entered_wm:
-            self.recognition.enter(place)
-
-    def _recall(self, node: Node, since: int | None) -> None:
-        """The words of a node that wakes are known again; those asleep are compared with what was made after them.
-
-        Args:
-            node: as it was put to sleep.
-            since: the first word that may be another name of one asleep; None: the one after it.
-        """
-        vocabulary = self.recognition.vocabulary
-        try:
-            ids, rows = self.memory.store.words(vocabulary.missing(node.words).astype(np.int64))
-        except LongTermError:  # the store says so; without its words the node is seen, and not recognised
-            ids, rows = np.empty(0, np.int64), np.empty((0, 0), np.uint8)
-        asleep = vocabulary.no_words()
-        if len(ids):
-            descriptors = rows if vocabulary.binary else rows.view(np.float32)
-            later = ids + 1 if since is None else np.full(len(ids), since)
-            asleep = SleepingWords(ids.astype(np.int32), descriptors, later.astype(np.int32))
-        words = self.recognition.wake(node.id, node.words, asleep)
-        if not np.array_equal(words, node.words):
-            self.memory.rewrite(node.id, words)

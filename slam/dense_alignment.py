@@ -2,7 +2,7 @@
 
 Every pixel of the earlier picture that has depth is put where the motion takes it, and the difference in brightness
 there is made small (direct alignment with depth: Kerl, Sturm, Cremers, ICRA 2013; here in the inverse compositional
-form of Baker and Matthews, IJCV 2004, with Huber's weights and the mean brightness free).
+form of Baker and Matthews, IJCV 2004, with Huber's weights, brightness and contrast free).
 """
 
 from __future__ import annotations
@@ -98,10 +98,10 @@ def dense_kernel(
     count = len(points)
     if count < _LEAST:
         return np.inf, 0.0
-    offset, loss, inside = 0.0, np.inf, 0
+    offset, gain, loss, inside = 0.0, 1.0, np.inf, 0
     back = np.empty((3, 3))
     for _ in range(iterations):
-        normal, gradient = np.zeros((7, 7)), np.zeros(7)
+        normal, gradient = np.zeros((8, 8)), np.zeros(8)
         total, inside = 0.0, 0
         for n in range(count):
             px, py, pz = points[n, 0], points[n, 1], points[n, 2]
@@ -117,7 +117,7 @@ def dense_kernel(
             seen = (1.0 - b) * ((1.0 - a) * now[r, c] + a * now[r, c + 1]) + b * (
                 (1.0 - a) * now[r + 1, c] + a * now[r + 1, c + 1]
             )
-            away = seen - bright[n] - offset
+            away = seen - gain * bright[n] - offset
             size = abs(away)
             weight = 1.0 if size <= _HUBER else _HUBER / size
             total += min(size, _HUBER * 3.0)
@@ -127,17 +127,22 @@ def dense_kernel(
                 for j in range(i, 6):
                     normal[i, j] += weight * slopes[n, i] * slopes[n, j]
                 normal[i, 6] += weight * slopes[n, i]
+                normal[i, 7] += weight * slopes[n, i] * bright[n]
             gradient[6] += weight * away
+            gradient[7] += weight * away * bright[n]
             normal[6, 6] += weight
+            normal[6, 7] += weight * bright[n]
+            normal[7, 7] += weight * bright[n] * bright[n]
         if inside < _LEAST:
             return np.inf, 0.0
         loss = total / inside
-        for i in range(7):
+        for i in range(8):
             for j in range(i):
                 normal[i, j] = normal[j, i]
             normal[i, i] += 1e-6 * normal[i, i] + 1e-9
         step = np.asarray(np.linalg.solve(normal, gradient), np.float64)
         offset += step[6]
+        gain += step[7]
         # the pixels of the earlier picture move by the step, so this one moves by its inverse
         back[:] = np.eye(3)
         back_shift = np.zeros(3)

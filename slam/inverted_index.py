@@ -6,6 +6,8 @@ form a chain in one pool of arrays, so that adding, removing and scoring cost wh
 
 from __future__ import annotations
 
+from collections.abc import KeysView
+
 import numpy as np
 from numba import njit
 
@@ -35,6 +37,11 @@ class InvertedIndex:
 
     def __contains__(self, node: int) -> bool:
         return node in self._row_of
+
+    @property
+    def nodes(self) -> KeysView[int]:
+        """Those there are, in the order in which they came."""
+        return self._row_of.keys()
 
     def slots_of(self, node: int) -> Int32Array:
         """(N,) the words of a node, in the order of its features."""

@@ -15,6 +15,7 @@ import numpy as np
 from waychair.config import Settings, setting
 from waychair.geometry import compose, interpolate
 from waychair.slam.graph import Edge, EdgeKind, GraphSettings, Rejected
+from waychair.slam.hung_frames import HungFrame, HungFrames
 from waychair.slam.information import NoiseSettings, of_match, of_nothing, of_odometry, turned
 from waychair.slam.key_graph import KeyGraph
 from waychair.slam.loop_closure import Doubt, LoopCloser, LoopSettings
@@ -99,15 +100,6 @@ class MapperResult:
         return Trajectory(self.trajectory.stamps_ns[self.begun :], self.trajectory.poses[self.begun :])
 
 
-@dataclass(frozen=True, slots=True)
-class HungFrame:
-    """A frame hangs on a key scan and moves with it: its stamp, the key scan, and where it is from there."""
-
-    stamp_ns: int
-    key: int
-    key_from_base: Pose2
-
-
 class Mapper:
     """Graph SLAM over key scans; feed it frames in the order of the recording, then ask for the `result`.
 
@@ -120,7 +112,7 @@ class Mapper:
         self.settings = settings
         self.base_from_laser = base_from_laser
         self.keys = KeyGraph(settings.graph)
-        self.frames: list[HungFrame] = []
+        self.frames = HungFrames()
         self.key_frames: list[int] = []
         self.covered_frames: list[list[int]] = []  # of each key scan: the latest frames that it stood for
         self.begun = 0  # frames below this are of earlier drives
@@ -218,7 +210,7 @@ class Mapper:
         other.keys = self.keys.continued(renewed)
         kept = sorted(self.key_frames + [frame for latest in self.covered_frames for frame in latest])
         number = {frame: k for k, frame in enumerate(kept)}
-        other.frames = [self.frames[frame] for frame in kept]
+        other.frames = self.frames.take(kept)
         other.key_frames = [number[frame] for frame in self.key_frames]
         other.covered_frames = [[number[frame] for frame in latest] for latest in self.covered_frames]
         other.begun = len(kept)
@@ -232,11 +224,9 @@ class Mapper:
         """The map so far, its graph optimised once more."""
         with self._timed("optimisation"):
             self.keys.finish()
-        stamps = np.array([frame.stamp_ns for frame in self.frames], np.int64)
-        keys = np.array([frame.key for frame in self.frames], np.int64)
-        key_from_base = np.array([frame.key_from_base.array() for frame in self.frames])
+        frames = self.frames
         return MapperResult(
-            Trajectory(stamps, compose(self.keys.poses[keys], key_from_base)),
+            Trajectory(frames.stamps_ns, compose(self.keys.poses[frames.keys], frames.poses)),
             self.keys.poses.copy(),
             tuple(self.key_frames),
             tuple(sorted(self.key_frames + [frame for latest in self.covered_frames for frame in latest])),

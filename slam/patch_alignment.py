@@ -1,7 +1,7 @@
 """Where a small patch of an earlier picture is seen in this one, to a fraction of a pixel.
 
 The patch is first turned and scaled as the two poses say, then shifted by the inverse compositional form of Lucas and
-Kanade (Baker and Matthews, IJCV 2004) with its brightness free, from coarse to fine; as each patch is always compared
+Kanade (Baker and Matthews, IJCV 2004) with its brightness and contrast free, from coarse to fine; as each patch is always compared
 with the picture in which its point was first seen, errors do not add up along a track (as in SVO, Forster et al.,
 TRO 2017, section IV).
 """
@@ -119,20 +119,24 @@ def align_kernel(
         if weakest < _TEXTURE * count:
             alike[n] = -1.0
             continue
+        level, contrast = moments(patch[1:-1, 1:-1])
         x, y, inside = found[n, 0], found[n, 1], True
         for _ in range(_ITERATIONS):
             if not (HALF < x < width - 1 - HALF - 1e-6 and HALF < y < height - 1 - HALF - 1e-6):
                 inside = False
                 break
-            bx = by = mean = 0.0
             for r in range(side):
                 for c in range(side):
-                    away = _sample(picture, x + c - HALF, y + r - HALF) - patch[r + 1, c + 1]
+                    now[r, c] = _sample(picture, x + c - HALF, y + r - HALF)
+            # a camera that sets its own exposure sees the same patch brighter and with more contrast
+            bright, spread = moments(now)
+            gain = contrast / max(spread, 1e-9)
+            bx = by = 0.0
+            for r in range(side):
+                for c in range(side):
+                    away = gain * (now[r, c] - bright) - (patch[r + 1, c + 1] - level)
                     bx += gx[r, c] * away
                     by += gy[r, c] * away
-                    mean += away
-            mean /= count
-            bx, by = bx - sx * mean, by - sy * mean
             dx = (yy * bx - xy * by) / determinant
             dy = (xx * by - xy * bx) / determinant
             x, y = x - dx, y - dy
@@ -147,6 +151,18 @@ def align_kernel(
             for c in range(side):
                 now[r, c] = _sample(picture, x + c - HALF, y + r - HALF)
         alike[n] = correlation(patch, now)
+
+
+@njit(cache=True)
+def moments(patch: FloatArray) -> tuple[float, float]:
+    """Mean and standard deviation of a patch."""
+    total = square = 0.0
+    for r in range(patch.shape[0]):
+        for c in range(patch.shape[1]):
+            total += patch[r, c]
+            square += patch[r, c] * patch[r, c]
+    mean = total / patch.size
+    return mean, math.sqrt(max(square / patch.size - mean * mean, 0.0))
 
 
 @njit(cache=True)

@@ -8,7 +8,7 @@ sleep and `wake` when it is called back. `photographs` runs a plain sequence of 
 from __future__ import annotations
 
 from collections import deque
-from collections.abc import Callable, Iterable, Iterator
+from collections.abc import Callable, Collection, Iterable, Iterator
 from dataclasses import dataclass, field
 
 import numpy as np
@@ -121,6 +121,19 @@ class PlaceRecognition:
                 reason = f"{support.inliers} of {support.matches} matches fit one camera motion"
         closure = None if reason else hypothesis
         return Recognition(node, places, likelihood, posterior, hypothesis, value, closure, reason)
+
+    def likeliest(self, features: Features, most: int, excluded: Collection[int] = ()) -> list[int]:
+        """Nodes awake, the newest as well, that look most like a view which is not kept; the best first, by words alone.
+
+        For a chair that is lost: what it believed before says nothing, and the view is learnt only once it is placed.
+        """
+        index = self.vocabulary.index
+        nodes = np.array([node for node in index.nodes if node not in set(excluded)], np.int64)
+        if len(features) < self.settings.min_features or len(nodes) == 0:
+            return []
+        scores = index.scores(self.vocabulary.known(features.descriptors), nodes)
+        best = np.argsort(-scores, kind="stable")[:most]
+        return [int(nodes[k]) for k in best if scores[k] > 0.0]
 
     def _doubt(self, places: int, value: float, before: float) -> str:
         if places < 2:

@@ -6,18 +6,21 @@ import time
 from collections import Counter, defaultdict
 from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
-from dataclasses import dataclass, field
-from typing import Protocol
+from dataclasses import dataclass, field, replace
 
 import numpy as np
 
 from waychair.config import Settings, setting
 from waychair.slam.depth_icp import IcpSettings, refine_by_depth
-from waychair.slam.features import Features
-from waychair.slam.registration import angle_between, register
+from waychair.slam.key_places import KeyPlaces, on_floor, shadows
+from waychair.slam.memory import Memory
+from waychair.slam.memory_settings import MemorySettings
+from waychair.slam.nodes import LinkKind
+from waychair.slam.place_recognition import RecognitionSettings
+from waychair.slam.registration import Registration, angle_between, register
 from waychair.slam.spatial_graph import SpatialEdge, SpatialSettings, solve_spatial
 from waychair.slam.visual_map import DEPTH_STEP, VisualMap
-from waychair.slam.visual_odometry import OdometrySettings, Tracked, VisualOdometry
+from waychair.slam.visual_odometry import OdometrySettings, Track, Tracked, VisualOdometry
 from waychair.types import FloatArray, Pose3, RgbdFrame, Trajectory3
 
 _TORN = np.diag([1.0] * 3 + [25.0] * 3)  # covariance [rad^2], [m^2] of a motion that nothing has seen
@@ -29,28 +32,29 @@ _MANY = 100  # landmarks shared by two key frames whose relative pose is known a
 class RgbdMapperSettings(Settings):
     """When a loop is looked for and believed, and the parts' own settings."""
 
-    loop_gap: int = setting(10, "", "latest key frames that make no loop", low=1, high=10_000)
-    loop_shared: int = setting(10, "", "nor those that share so many landmarks with the new one", low=1, high=10_000)
-    loop_every: int = setting(2, "", "key frames from one search for loops to the next", low=1, high=100)
-    loop_rest: int = setting(6, "", "key frames after a closed loop in which none is looked for", low=0, high=1000)
+    loop_shared: int = setting(
+        10, "", "key frames that share so many landmarks with the new one make no loop", low=1, high=10_000
+    )
     max_blame: int = setting(
         2, "", "loops that an older edge may contradict before it is itself left out", low=1, high=1000
     )
     loop_inliers: int = setting(60, "", "matches that agree make a loop", low=8, high=1000)
     loop_distance: float = setting(0.03, "m", "a loop that moves less changes nothing", low=0.0, high=10.0)
     loop_angle: float = setting(0.02, "rad", "the same for its turn", low=0.0, high=3.2)
+    near_distance: float = setting(
+        1.0, "m", "from an earlier place, linked to it, the camera has come back", low=0.0, high=10.0
+    )
     step_angle: float = setting(0.02, "rad", "standard deviation between neighbouring key frames", low=1e-5, high=1.0)
     step_distance: float = setting(0.02, "m", "the same for the way", low=1e-5, high=1.0)
     neighbours: int = setting(3, "", "key frames each is tied to: those that share most with it", low=1, high=20)
+    loop_share: float = setting(
+        0.9, "", "of the matches must still agree when depth has moved the two", low=0.0, high=1.0
+    )
     odometry: OdometrySettings = field(default_factory=OdometrySettings)
+    places: RecognitionSettings = field(default_factory=RecognitionSettings)
+    memory: MemorySettings = field(default_factory=MemorySettings)
     icp: IcpSettings = field(default_factory=IcpSettings)
     graph: SpatialSettings = field(default_factory=SpatialSettings)
-
-
-class Recall(Protocol):
-    """What says which key frames a picture may show again: best first, none of those excluded."""
-
-    def candidates(self, features: Features, excluded: Sequence[int] = (), most: int = 3) -> list[int]: ...
 
 
 @dataclass(frozen=True, slots=True)
@@ -90,15 +94,17 @@ class _Hung:
 
 
 class RgbdMapper:
-    """Feed it frames in their order, then ask for the `result`.
+    """Feed it frames in their order, then `finish`, then ask for the `result`.
 
-    `recall` may be replaced by anything with `candidates`; by default the odometry's own vote is asked.
+    Every key frame is a place of `places`, whose Bayes filter says which earlier one it may show again.
     """
 
-    def __init__(self, settings: RgbdMapperSettings | None = None, recall: Recall | None = None) -> None:
+    def __init__(self, settings: RgbdMapperSettings | None = None, memory: Memory | None = None) -> None:
+        """The memory is a new one; by default it is in RAM."""
         self.settings = settings or RgbdMapperSettings()
-        self.odometry = VisualOdometry(self.settings.odometry)
-        self._recall = recall
+        words = replace(self.settings.places, features=self.settings.odometry.features)
+        self.places = KeyPlaces(words, memory or Memory(self.settings.memory))
+        self.odometry = VisualOdometry(self.settings.odometry, self.places.likeliest)
         self.loops: list[Loop] = []
         self.rejected: list[str] = []
         self.states: Counter[str] = Counter()
@@ -107,7 +113,6 @@ class RgbdMapper:
         self._ties: list[list[tuple[int, int]]] = []  # of each key frame: earlier ones that share most with it
         self.refused_icp = 0  # loops that depth could not refine
         self._blamed: Counter[tuple[int, int]] = Counter()  # edges that contradicted a loop
-        self._closed_at = -self.settings.loop_rest  # key frame that closed the last loop
         self._confirmed = 0
 
     def process(self, frame: RgbdFrame) -> Tracked:
@@ -117,11 +122,19 @@ class RgbdMapper:
         self.states[tracked.state.value] += 1
         if tracked.key is not None:
             self._ties.append(self._tied(tracked))
-            with self._timed("loops"):
-                self._close_loops(tracked.key)
+            if tracked.key:  # the first is made anew when the second picture has shown how the camera moves
+                with self._timed("loops"):
+                    self._include(tracked.key, tracked.state is Track.STARTED)
         if tracked.camera_from_map is not None:
             self._hang(frame.stamp_ns, tracked)
         return tracked
+
+    def finish(self) -> None:
+        """After the last frame: the memory is complete, and on the disk."""
+        if self.odometry.map is not None:
+            if not len(self.places):
+                self._include(0, True)
+            self.places.finish(shadows(self.map.key_frames))
 
     def result(self) -> RgbdMap:
         """The map so far."""
@@ -172,28 +185,52 @@ class RgbdMapper:
         best = np.argsort(-shared, kind="stable")[: self.settings.neighbours].tolist()
         return [(key, int(shared[key])) for key in best if shared[key] >= self.settings.loop_shared]
 
-    def _close_loops(self, key: int) -> None:
-        """Key frames that look like the newest but share no landmarks with it: is it the same place?"""
-        settings, own = self.settings, self.map.key_frames[key]
-        if key % settings.loop_every or key - self._closed_at < settings.loop_rest:
-            return
-        shared = self.map.sharing(own.landmarks)
-        near = set(range(key - settings.loop_gap, key + 1))
-        near.update(np.flatnonzero(shared >= settings.loop_shared).tolist())
-        recall: Recall = self._recall or self.odometry.recall
-        for candidate in recall.candidates(own.features, sorted(near)):
-            there = self.map.key_frames[candidate]
-            found = register(there.features, own.features, self.map.camera, settings.odometry.registration)
-            if found.old_from_new is None or found.inliers < settings.loop_inliers:
-                continue
-            coarse = self.map.camera / DEPTH_STEP
-            by_depth = refine_by_depth(there.depth, own.depth, coarse, found.old_from_new, settings.icp)
-            self.refused_icp += by_depth.refusal is not None
-            loop = Loop(candidate, key, by_depth.old_from_new, found.covariance, found.inliers)
-            if self._is_known(loop):
-                self._confirmed += 1
-            elif self._close(loop):
-                break
+    def _include(self, newest: int, torn: bool) -> None:
+        """The newest key frame becomes a place; where an earlier one shows the same, a loop is closed."""
+        hypothesis, keys = None, self.map.key_frames
+        for key in range(len(self.places), newest + 1):
+            if torn and key:
+                self.places.start_map()
+            step = self._step(dict(self._ties[key]).get(key - 1, 0))
+            spent_s = self.odometry.extraction_s if key == newest else 0.0
+            hypothesis = self.places.add(keys[key], on_floor(step), shadows(keys[: key + 1]), spent_s)
+        if hypothesis is not None:
+            self._look(hypothesis, newest)
+
+    def _look(self, old: int, new: int) -> bool:
+        """Whether the two key frames are linked: as the map has them if they see the same of it, else by a new loop."""
+        settings, keys = self.settings, self.map.key_frames
+        if self.map.sharing(keys[new].landmarks)[old] >= settings.loop_shared:
+            return self._confirm(old, new)
+        camera, there, here = self.map.camera, keys[old], keys[new]
+        found = register(there.features, here.features, camera, settings.odometry.registration)
+        if found.old_from_new is None or found.inliers < settings.loop_inliers:
+            why = "too few features agree" if found.refusal is None else found.refusal.value
+            self.places.refuse(old, new, why)
+            return False
+        loop = Loop(old, new, self._refined(found, old, new), found.covariance, found.inliers)
+        if self._is_known(loop):
+            return self._confirm(old, new)
+        return self._close(loop)
+
+    def _confirm(self, old: int, new: int) -> bool:
+        """Links two places that the map has where they are seen to be."""
+        keys = self.map.key_frames
+        old_from_new = keys[old].camera_from_map @ keys[new].camera_from_map.inverse()
+        self.places.link(old, new, LinkKind.GLOBAL, old_from_new, on_floor(self._step(_MANY)))
+        self._confirmed += 1
+        return True
+
+    def _refined(self, found: Registration, old: int, new: int) -> Pose3:
+        """`old_from_new` by depth where the features agree with it as well: rows that are exposed one after the other
+        bend the depth of a camera that turns, and that of features is set right."""
+        assert found.old_from_new is not None
+        settings, keys, camera = self.settings, self.map.key_frames, self.map.camera
+        fit = refine_by_depth(keys[old].depth, keys[new].depth, camera / DEPTH_STEP, found.old_from_new, settings.icp)
+        if fit.refusal is None and found.share(fit.old_from_new, camera) >= settings.loop_share:
+            return fit.old_from_new
+        self.refused_icp += 1
+        return found.old_from_new
 
     def _is_known(self, loop: Loop) -> bool:
         """Whether the map says already what a loop says."""
@@ -217,30 +254,37 @@ class RgbdMapper:
         worst = edges[int(np.argmax(solution.errors))]
         if solution.errors.max() > self.settings.graph.max_error:
             self.rejected.append(f"loop {i}-{j}: edge {worst.i}-{worst.j} contradicts it")
+            self.places.refuse(i, j, "the rest of the graph contradicts it")
             self._blamed[worst.i, worst.j] += 1
             return False
         self.loops.append(loop)
-        self._closed_at = j
         self.map.move(solution.poses)
         self.map.join(keys[j].piece, keys[i].piece)
         self.odometry.resettle(keys[i].piece)
+        self.places.bend(shadows(keys))
+        self.places.link(i, j, LinkKind.GLOBAL, loop.i_from_j, on_floor(loop.covariance))
         return True
 
     def _edges(self, loops: Sequence[Loop]) -> list[SpatialEdge]:
         """How the key frames lie to those they share landmarks with, as the map has it; where the motion was not seen,
         next to nothing; and the loops. What contradicted too many loops is left out (as RTAB-Map's repair does)."""
         settings, keys = self.settings, self.map.key_frames
-        step = np.diag([settings.step_angle**2] * 3 + [settings.step_distance**2] * 3)
         edges = []
         blamed = {pair for pair, times in self._blamed.items() if times >= settings.max_blame}
         for j, every in enumerate(self._ties):
             ties = [(i, shared) for i, shared in every if (i, j) not in blamed]
             for i, shared in ties or ([(j - 1, 0)] if j else []):
                 i_from_j = keys[i].camera_from_map @ keys[j].camera_from_map.inverse()
-                doubt = max(1.0, _MANY / shared) if shared else 1.0  # the fewer landmarks two share, the less is known
-                edges.append(SpatialEdge(i, j, i_from_j, doubt**2 * step if ties else _TORN))
+                edges.append(SpatialEdge(i, j, i_from_j, self._step(shared)))
         kept = [loop for loop in loops if (loop.i, loop.j) not in blamed]
-        return [*edges, *(SpatialEdge(loop.i, loop.j, loop.i_from_j, loop.covariance) for loop in kept)]
+        return [*edges, *(SpatialEdge(loop.i, loop.j, loop.i_from_j, loop.covariance, True) for loop in kept)]
+
+    def _step(self, shared: int) -> FloatArray:
+        """Covariance (6, 6) between key frames that share so many landmarks: the fewer, the less is known."""
+        if not shared:
+            return _TORN
+        doubt, settings = max(1.0, _MANY / shared), self.settings
+        return doubt**2 * np.diag([settings.step_angle**2] * 3 + [settings.step_distance**2] * 3)
 
     @contextmanager
     def _timed(self, stage: str) -> Iterator[None]:

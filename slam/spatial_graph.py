@@ -23,6 +23,8 @@ class SpatialEdge:
     j: int
     i_from_j: Pose3
     covariance: FloatArray
+    loop: bool = False
+    """Found by what two places look like: where it does not fit the rest it pulls the less, the less it fits."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -33,7 +35,9 @@ class SpatialSettings(Settings):
         3.0, "sigma", "an edge further from its measure makes the newest loop doubtful (RGBD/OptimizeMaxError)",
         low=0.1, high=100.0,
     )  # fmt: skip
-    kernel: float = setting(2.0, "sigma", "width of the Huber kernel on every edge", low=0.1, high=100.0)
+    kernel: float = setting(
+        2.0, "sigma", "width of the kernel: Huber's on ways, Cauchy's on loops", low=0.1, high=100.0
+    )
     iterations: int = setting(30, "", "Levenberg-Marquardt steps", low=1, high=1000)
 
 
@@ -58,9 +62,12 @@ def solve_spatial(poses: Sequence[Pose3], edges: Sequence[SpatialEdge], settings
         values.insert(node, gtsam.Pose3(gtsam.Rot3(pose.rotation), pose.translation))
     held = gtsam.noiseModel.Isotropic.Sigma(6, _HELD)
     graph.add(gtsam.PriorFactorPose3(0, values.atPose3(0), held))
-    huber = gtsam.noiseModel.mEstimator.Huber.Create(settings.kernel)
+    kernels = gtsam.noiseModel.mEstimator
+    huber, cauchy = kernels.Huber.Create(settings.kernel), kernels.Cauchy.Create(settings.kernel)
     for edge in edges:
-        noise = gtsam.noiseModel.Robust.Create(huber, gtsam.noiseModel.Gaussian.Covariance(edge.covariance))
+        noise = gtsam.noiseModel.Robust.Create(
+            cauchy if edge.loop else huber, gtsam.noiseModel.Gaussian.Covariance(edge.covariance)
+        )
         measured = gtsam.Pose3(gtsam.Rot3(edge.i_from_j.rotation), edge.i_from_j.translation)
         graph.add(gtsam.BetweenFactorPose3(edge.i, edge.j, measured, noise))
     parameters = gtsam.LevenbergMarquardtParams()

@@ -8,8 +8,11 @@ over the latest of them. Instead of descriptors, which lie on whole pixels, patc
 from __future__ import annotations
 
 import enum
+import time
 from collections import Counter
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field, replace
+from typing import TypeAlias
 
 import cv2
 import numpy as np
@@ -18,12 +21,14 @@ from scipy.spatial.transform import Rotation
 from waychair.config import Settings, setting
 from waychair.slam.dense_alignment import align_pictures
 from waychair.slam.features import Features, FeatureSettings, extract, gray_image
-from waychair.slam.key_frame_vote import KeyFrameVote
 from waychair.slam.patch_alignment import affine_kernel, align
 from waychair.slam.registration import RegistrationSettings, register
 from waychair.slam.reprojection import NoiseModel, PoseFit, back_project, fit_pose, pinhole, project, unrolled
 from waychair.slam.visual_map import DEPTH_STEP, KeyFrame, VisualMap, inverse_depths, pyramid_of
 from waychair.types import Bytes, Float32Array, FloatArray, IntArray, Pose3, RgbdFrame
+
+Recall: TypeAlias = Callable[[Features, Sequence[int]], Sequence[int]]
+"""Key frames that look most like a picture, best first, none of those excluded."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -39,7 +44,9 @@ class OdometrySettings(Settings):
     min_inliers: int = setting(20, "", "fewer landmarks do not make a pose", low=6, high=1000)
     min_share: float = setting(0.4, "", "a smaller share of what is found is a false pose", low=0.0, high=1.0)
     max_speed: float = setting(2.0, "m/s", "a pose that would mean a faster camera is false", low=0.1, high=100.0)
-    key_share: float = setting(0.75, "", "a key frame is made when fewer of its landmarks are seen", low=0.05, high=1.0)
+    key_share: float = setting(
+        0.75, "", "a key frame is made when fewer of those of the nearest are seen", low=0.05, high=1.0
+    )
     key_angle: float = setting(0.25, "rad", "or after this turn", low=0.01, high=3.0)
     key_distance: float = setting(0.15, "m", "or after this way", low=0.01, high=10.0)
     window: int = setting(8, "", "latest key frames that are adjusted together", low=2, high=100)
@@ -81,6 +88,7 @@ class Tracked:
 
 
 _SOON = 0.3  # [s] within which the camera goes on as before
+_PAUSE, _LONG = 1.7, 0.1  # times the shortest time between pictures, or [s]: longer ones are pauses
 
 
 @dataclass(frozen=True, slots=True)
@@ -100,10 +108,14 @@ class _Picture:
 class VisualOdometry:
     """Feed it frames in their order with `process`; `map` holds the key frames and landmarks so far."""
 
-    def __init__(self, settings: OdometrySettings | None = None) -> None:
+    def __init__(self, settings: OdometrySettings | None = None, recall: Recall | None = None) -> None:
+        """`recall` is asked where a camera that is lost may be; without it the latest key frames alone are."""
         self.settings = settings or OdometrySettings()
         self.map: VisualMap | None = None
-        self.recall = KeyFrameVote()
+        self.extraction_s = 0.0
+        """CPU that the features of the newest key frame took."""
+        self._recall = recall
+        self._extracted: tuple[_Picture, Features] | None = None
         self.piece = 0  # of the map that the camera is in
         self.counts: Counter[str] = Counter()
         self._last: _Picture | None = None
@@ -111,7 +123,7 @@ class VisualOdometry:
         self._velocity = np.zeros(6)  # rotation vector [rad/s], translation [m/s] of the camera's motion
         self._stamp = 0
         self._unsure_start = False  # the first key frame's rows are taken to be exposed at once
-        self._at_key = 0  # landmarks seen when the last key frame was made
+        self._interval = _SOON  # [s] the shortest between two pictures
 
     @property
     def _known(self) -> VisualMap:
@@ -127,11 +139,12 @@ class VisualOdometry:
         picture = _Picture(frame, pyramid_of(gray), frame.depth)
         if self.map is None:
             return self._note(self._start(picture))
+        paused = self._has_paused(picture)
         tracked = self._follow(picture, self._guess(picture, self._predict(frame.stamp_ns)), Track.FOLLOWED)
         if tracked is not None and self._unsure_start and picture.frame.row_step:
             tracked = self._start_again(picture, tracked)
-        if tracked is None:
-            tracked = self._find_again(picture)
+        if tracked is None or paused or self._is_key(tracked):  # a map is not built on a wrong one
+            tracked = self._likelier(picture, tracked)
         if tracked is None:
             return self._note(self._begin_anew(picture))
         if tracked.state is Track.FOLLOWED and self._is_key(tracked):
@@ -163,7 +176,7 @@ class VisualOdometry:
     def _start(self, picture: _Picture, velocity: FloatArray | None = None) -> Tracked:
         """The first key frame, at the map's origin; its velocity is not known before the second picture."""
         camera = pinhole(picture.frame.camera_matrix)
-        self.map, self.recall, self._unsure_start = VisualMap(camera), KeyFrameVote(), velocity is None
+        self.map, self._unsure_start = VisualMap(camera), velocity is None
         started = Tracked(Track.STARTED, Pose3(np.eye(3), np.zeros(3)))
         tracked = self._add_key(picture, started if velocity is None else replace(started, velocity=velocity))
         if len(tracked.landmarks) < self.settings.min_inliers:
@@ -179,6 +192,27 @@ class VisualOdometry:
         first, self.counts["key_frames"] = self._last, 0
         self._start(first, tracked.velocity)
         return self._follow(picture, tracked.camera_from_map, Track.FOLLOWED)
+
+    def _has_paused(self, picture: _Picture) -> bool:
+        """Whether it has been so long since the last picture that a guess of the motion since then may be a wrong one.
+
+        Things before a camera that lie nearly in a plane are seen almost alike from two places (Schweighofer and Pinz,
+        PAMI 2006): what is begun near the wrong one stays there.
+        """
+        elapsed = (picture.frame.stamp_ns - self._stamp) * 1e-9
+        self._interval = min(self._interval, elapsed)
+        return elapsed > min(_PAUSE * self._interval, _LONG)
+
+    def _likelier(self, picture: _Picture, guessed: Tracked | None) -> Tracked | None:
+        """What was guessed, or where the features say the picture was taken if more of the map is seen from there."""
+        piece = self.piece
+        found = self._find_again(picture)
+        if guessed is None or found is None:
+            return found if guessed is None else guessed
+        if self.piece != piece or len(found.landmarks) <= len(guessed.landmarks):
+            self.piece = piece  # what is followed stays in its piece; a loop joins it to another
+            return guessed
+        return replace(found, state=Track.FOLLOWED)
 
     def _remember(self, picture: _Picture, tracked: Tracked) -> None:
         assert tracked.camera_from_map is not None
@@ -225,11 +259,11 @@ class VisualOdometry:
         if good.sum() < settings.min_inliers:
             return None
         raw = np.column_stack([pixels[good], inverse_depths(picture.depth, pixels[good]), 2.0 ** level[good]])
-        pose = guess
+        points, pose = self._known.points[wanted[good]], guess
         for _ in range(2):  # the second time with the rows' motion as the first has shown it
             velocity = self._velocity_to(pose, picture) if known_velocity is None else known_velocity
             seen = unrolled(raw, velocity, picture.row_time(raw[:, 1]), camera)
-            fit: PoseFit = fit_pose(self._known.points[wanted[good]], seen, camera, guess, settings.noise)
+            fit: PoseFit = fit_pose(points, seen, camera, guess, settings.noise)
             pose = fit.camera_from_map
         if fit.inliers.sum() < max(settings.min_inliers, settings.min_share * good.sum()):
             return None
@@ -301,13 +335,27 @@ class VisualOdometry:
         return pixels, level
 
     def _is_key(self, tracked: Tracked) -> bool:
+        """Whether no key frame was taken near here, or of the one that was too little is seen now.
+
+        It is the nearest one that is asked and not the latest: a camera that comes back to what it knows makes none.
+        """
         assert tracked.camera_from_map is not None
         settings = self.settings
-        if len(tracked.landmarks) < settings.key_share * self._at_key:
-            return True
-        moved = tracked.camera_from_map @ self._known.key_frames[-1].camera_from_map.inverse()
-        turned = float(np.linalg.norm(Rotation.from_matrix(moved.rotation).as_rotvec()))
-        return turned > settings.key_angle or float(np.linalg.norm(moved.translation)) > settings.key_distance
+        own = [key for key in self._known.key_frames if key.piece == self.piece]
+        away = [self._away(tracked.camera_from_map, key.camera_from_map) for key in own]
+        nearest = int(np.argmin(away))
+        known = own[nearest].landmarks
+        most = min(int(self._known.alive[known].sum()), settings.landmarks)
+        share = settings.key_share * min(1.0, 0.75 + away[nearest])  # near by it is blur that hides them, not the way
+        return away[nearest] > 1.0 or len(tracked.landmarks) < share * most
+
+    def _away(self, pose: Pose3, other: Pose3) -> float:
+        """How far two poses, camera_from_map, are apart: 1 where another key frame is due."""
+        moved = pose @ other.inverse()
+        turned = float(np.arccos(np.clip(0.5 * (np.trace(moved.rotation) - 1.0), -1.0, 1.0)))
+        return max(
+            turned / self.settings.key_angle, float(np.linalg.norm(moved.translation)) / self.settings.key_distance
+        )
 
     def _add_key(self, picture: _Picture, tracked: Tracked) -> Tracked:
         """A key frame of the picture, with new landmarks where it has few, and the latest key frames adjusted."""
@@ -324,7 +372,7 @@ class VisualOdometry:
         fresh = self._known.add_landmarks(points, pixels, key)
         landmarks = np.concatenate([tracked.landmarks, fresh])
         seen = np.concatenate([tracked.observed, observed])
-        features = self._level(extract(picture.frame, settings.features), picture, tracked.velocity)
+        features = self._level(self._features(picture), picture, tracked.velocity)
         coarse = np.ascontiguousarray(picture.depth[::DEPTH_STEP, ::DEPTH_STEP])
         self._known.key_frames.append(
             KeyFrame(
@@ -338,13 +386,19 @@ class VisualOdometry:
                 self.piece,
             )
         )
-        self.recall.add(features)
         self.counts["key_frames"] += 1
         if tracked.state is not Track.STARTED:
             self.counts["given_up"] += self._known.adjust(self._window(key), settings.noise, settings.adjustments)
         own = self._known.key_frames[key]
-        self._at_key = min(len(own.landmarks), settings.landmarks)
         return Tracked(tracked.state, own.camera_from_map, own.landmarks, own.observed, key, tracked.velocity)
+
+    def _features(self, picture: _Picture) -> Features:
+        """The picture's features, which are looked for once."""
+        if self._extracted is None or self._extracted[0] is not picture:
+            started = time.process_time()
+            self._extracted = picture, extract(picture.frame, self.settings.features)
+            self.extraction_s = time.process_time() - started
+        return self._extracted[1]
 
     def _level(self, features: Features, picture: _Picture, velocity: FloatArray) -> Features:
         """Features as they would lie had all rows been exposed at once."""
@@ -387,10 +441,9 @@ class VisualOdometry:
 
     def _find_again(self, picture: _Picture) -> Tracked | None:
         """The pose by the features of the latest key frames, and of those that look most like the picture."""
-        features = extract(picture.frame, self.settings.features)
-        keys = self._known.key_frames
+        features, keys = self._features(picture), self._known.key_frames
         latest, piece = list(range(len(keys) - 1, max(-1, len(keys) - 4), -1)), self.piece
-        for key in [*latest, *self.recall.candidates(features, latest)]:
+        for key in [*latest, *(self._recall(features, latest) if self._recall else ())]:
             found = register(keys[key].features, features, self._known.camera, self.settings.registration)
             if found.old_from_new is None:
                 continue

@@ -80,6 +80,14 @@ class Vocabulary(ABC):
         """
 
     @abstractmethod
+    def known(self, descriptors: Descriptors) -> Int32Array:
+        """(K,) slots of the words among descriptors (N, W) of a view that is not kept; nothing is learnt of it.
+
+        Raises:
+            VocabularyError: the descriptors are of the other kind.
+        """
+
+    @abstractmethod
     def forget(self, node: int) -> None:
         """Drop the references of a node that goes to sleep."""
 
@@ -144,6 +152,18 @@ class IncrementalVocabulary(Vocabulary):
         slots = np.where(chosen >= 0, chosen, slot_of_founder[-1 - np.minimum(chosen, -1)]).astype(np.int32)
         self.index.add(node, slots)
         return self._id_of[slots]
+
+    def known(self, descriptors: Descriptors) -> Int32Array:
+        """(K,) slots of the words that some of the descriptors (N, W) clearly are.
+
+        Raises:
+            VocabularyError: the descriptors are of the other kind.
+        """
+        self._checked(descriptors)
+        found, distances = self._nearest(descriptors)
+        clear = (found[:, 1] >= 0) & (distances[:, 0] <= self.settings.ratio * distances[:, 1])
+        slots: Int32Array = found[clear, 0].astype(np.int32)
+        return slots
 
     @property
     def next_id(self) -> int:
@@ -249,10 +269,18 @@ class FixedVocabulary(Vocabulary):
         Raises:
             VocabularyError: the descriptors are of the other kind.
         """
-        self._checked(descriptors)
-        slots = nearest_words(descriptors, self.words).astype(np.int32)
+        slots = self.known(descriptors)
         self.index.add(node, slots)
         return slots + np.int32(1)
+
+    def known(self, descriptors: Descriptors) -> Int32Array:
+        """(N,) slots of the words nearest to the descriptors (N, W).
+
+        Raises:
+            VocabularyError: the descriptors are of the other kind.
+        """
+        self._checked(descriptors)
+        return nearest_words(descriptors, self.words).astype(np.int32)
 
     def forget(self, node: int) -> None:
         """Drop the references of a node that goes to sleep."""

@@ -6,13 +6,14 @@ from collections.abc import Sequence
 from dataclasses import replace
 from pathlib import Path
 
+import cv2
 import numpy as np
 
 from waychair.calibration.chair import CHAIR_A
 from waychair.calibration.dac import DEFAULT
 from waychair.errors import WorldError
 from waychair.maps.distance_field import distance_field
-from waychair.maps.grid import points_from_cells
+from waychair.maps.grid import OCCUPIED_FROM, points_from_cells
 from waychair.maps.zones import Zone
 from waychair.simulation.scene import Behaviour, PersonPlan
 from waychair.simulation.simulator import Simulator, with_all_sensors
@@ -20,6 +21,9 @@ from waychair.simulation.world import World, world_from_grid
 from waychair.trials.demo import chair_of
 from waychair.trials.drive import Leg, Setting, drive_to_places
 from waychair.types import OccupancyGrid, Place, Pose2
+
+_SPECK = 0.1
+"""Unknown ground of less than this [m^2] is taken to be as free as what is round it."""
 
 _CLEAR_OF_START = 1.5
 """Nobody stands nearer [m] to the chair when it sets off."""
@@ -47,7 +51,8 @@ def navigate(
     Raises:
         WorldError: the chair does not fit at the start, the start lies outside the map, or there is no room for people.
     """
-    scanned = None if world is None else scanned
+    if world is None:
+        grid, scanned = shut_off(grid), None
     map_from_world = map_from_world or Pose2()
     world = (
         world_from_grid(grid, start)
@@ -59,6 +64,20 @@ def navigate(
     places = {place.name: place for place in goals}
     setting = Setting(grid, places, CHAIR_A, DEFAULT, map_from_world, zones=zones, scanned=scanned)
     return drive_to_places(setting, simulator, [place.name for place in goals], box=box)
+
+
+def shut_off(grid: OccupancyGrid) -> OccupancyGrid:
+    """The map with a wall where free ground borders on the unknown: in a building every beam ends somewhere.
+
+    Specks that no beam happened to cross stay open.
+    """
+    unknown = (grid.cells < 0).astype(np.uint8)
+    _, patches, facts, _ = cv2.connectedComponentsWithStats(unknown, connectivity=4)
+    large = facts[:, cv2.CC_STAT_AREA] * grid.resolution**2 >= _SPECK
+    large[0] = False  # what is known
+    border = cv2.dilate(((grid.cells >= 0) & (grid.cells < OCCUPIED_FROM)).astype(np.uint8), np.ones((3, 3), np.uint8))
+    cells = np.where(large[patches] & (border > 0), np.int8(100), grid.cells)
+    return replace(grid, cells=cells)
 
 
 def with_walkers(world: World, count: int, seed: int, radius: float = 0.25) -> World:

@@ -51,7 +51,10 @@ def _floor(world: str) -> tuple[Json, Json]:
     scored = score(seen)
     scored["ate_m"], scored["ate_lidar_only_m"] = (ate(each) for each in (seen, blind))
     steps = np.diff(seen.result.trajectory.poses[:, :2], axis=0)
-    report = {"distance_m": float(np.hypot(*steps.T).sum()), "memory": memory_report(seen.appearance)}
+    report = {
+        "distance_m": float(np.hypot(*steps.T).sum()),
+        "memory": memory_report(seen.appearance.places, seen.appearance.settings.near_distance),
+    }
     scored["frame_ms"] = report["memory"]["per_picture"]["total_ms"]
     scored["frame_p99_ms"] = report["memory"]["per_picture"]["total_p99_ms"]
     return scored, report

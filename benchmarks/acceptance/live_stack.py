@@ -16,8 +16,6 @@ from pathlib import Path
 from types import TracebackType
 from typing import Any, Self
 
-from waychair.control.stops import halt
-from waychair.control.supervisor import DRIVEN
 from waychair.firmware_bridge.protocol import Holder
 from waychair.ros import topics
 from waychair.ros.client import ChairClient
@@ -41,6 +39,23 @@ PATIENCE_S = 60.0
 _RUNS_AS = re.compile(r"'(\w+)' runs as process (\d+)")
 COMMAND = (sys.executable, "-c", "from waychair.cli.main import main; main()")
 """`waychair`, as the interpreter that runs this has it."""
+
+
+def waychair(domain: int, *arguments: str, timeout_s: float = 300.0) -> subprocess.CompletedProcess[str]:
+    """A command as at a terminal, of no priority: who keeps time would wait for it, if whoever asks has one."""
+    return subprocess.run(
+        [*COMMAND, *arguments],
+        env=ros_environment(domain=domain),
+        capture_output=True,
+        text=True,
+        check=False,
+        timeout=timeout_s,
+        preexec_fn=_without_priority,
+    )
+
+
+def _without_priority() -> None:
+    os.sched_setscheduler(0, os.SCHED_OTHER, os.sched_param(0))
 
 
 _AGAIN_S = 3.0
@@ -76,6 +91,8 @@ class LiveStack:
         folder.mkdir(parents=True, exist_ok=True)
         self._log = folder / "up.log"
         self._command = [*COMMAND, "up", "--sim", world, "--out", str(folder / "run"), "--urgent", *arguments]
+        if "--page" not in arguments:
+            self._command.append("--no-page")
         self.client = ChairClient("onlooker", domain=domain)
         self.states, self.places, self.lines, self.truth = Seen(), Seen(), Seen(), Seen()
         self.requests = Seen()
@@ -135,7 +152,7 @@ class LiveStack:
     @property
     def driving(self) -> bool:
         """Whether the computer drives, by what the bridge said last."""
-        return self.state is not None and self.state.mode in DRIVEN
+        return self.state is not None and self.state.driving
 
     def listen(self, topic: topics.RosTopic, read: Callable[[Any], Any], seen: Seen) -> None:
         """Keep what a topic says."""
@@ -194,12 +211,13 @@ class LiveStack:
         Asked again when the drive ends before that, after a reset where one is asked for: a computer that is busy with
         other things is late now and then, and every lateness ends a drive.
         """
+        self.until(lambda: not self.driving, "the end of the drive before")
         asked_s = -_AGAIN_S
 
         def done() -> bool:
             nonlocal asked_s
-            if self.waits:
-                self.client.confirm(10.0)
+            if self.waits and self.state is not None:
+                self.client.confirm(10.0, goal_id=self.state.goal_id)
             elif not self.driving and time.monotonic() - asked_s > _AGAIN_S:
                 if self.state is not None and self.state.halts:
                     self.client.reset_faults(10.0)
@@ -216,7 +234,7 @@ class LiveStack:
     @property
     def waits(self) -> bool:
         """Whether a goal waits for the rider's yes."""
-        return self.state is not None and self.state.reason == halt("unconfirmed").text
+        return self.state is not None and self.state.waits
 
     def _moves(self) -> bool:
         return self.really is not None and abs(self.really.twist.v) > 0.15
@@ -239,11 +257,12 @@ class Death:
 
 
 def kill(stack: LiveStack, name: str, how: signal.Signals = signal.SIGKILL) -> Death:
-    """Kill a process of a stack that drives."""
+    """Kill a process of a stack that drives; with the simulator dies its board, which holds the lines."""
     pid, dead_ns = stack.pids[name], time.time_ns()
+    gone = let_go_after if name == "simulator" else gone_after
     os.kill(pid, how)
-    stack.until(lambda: gone_after(stack, dead_ns) is not None, "the lines to be let go", 5.0)
-    gone_ns = gone_after(stack, dead_ns)
+    stack.until(lambda: gone(stack, dead_ns) is not None, "the lines to be let go", 5.0)
+    gone_ns = gone(stack, dead_ns)
     assert gone_ns is not None
     late_ms = jitter_ms(stack, dead_ns)
     if how is signal.SIGSTOP:
@@ -263,6 +282,12 @@ def gone_after(stack: LiveStack, dead_ns: int) -> int | None:
     """Stamp of the first moment after `dead_ns` at which the computer does not hold the lines."""
     after: list[Lines] = [lines for _, lines in stack.lines.all if lines.stamp_ns > dead_ns]
     return next((lines.stamp_ns for lines in after if lines.holder is not Holder.BOARD), None)
+
+
+def let_go_after(stack: LiveStack, dead_ns: int) -> int | None:
+    """Stamp of the first tick of the bridge after `dead_ns` by which it commands nothing."""
+    after: list[DriveReport] = [state for _, state in stack.states.all if state.stamp_ns > dead_ns]
+    return next((state.stamp_ns for state in after if state.command is None), None)
 
 
 def jitter_ms(stack: LiveStack, since_ns: int) -> float:

@@ -17,7 +17,7 @@ import numpy as np
 
 from benchmarks.acceptance.patrol import CAMERA, Patrol, Sight
 from waychair.calibration.chair import CHAIR_A
-from waychair.geometry import rotation
+from waychair.geometry import compose, rotation
 from waychair.maps.grid import cells_from_points, inside
 from waychair.runtime.live_mapping import LiveMapping, LiveMappingSettings
 from waychair.slam.appearance import Appearance, AppearanceSettings
@@ -100,7 +100,7 @@ class _Drive:
     def ate(self) -> float:
         """RMSE [m] of the trajectory as the map has it now."""
         mapper = self.live.mapper
-        poses = np.array([(mapper.keys.pose(frame.key) @ frame.key_from_base).array() for frame in mapper.frames])
+        poses = compose(mapper.keys.poses[mapper.frames.keys], mapper.frames.poses)
         return aligned_rmse(poses, self.truth)
 
     def close(self) -> None:
@@ -166,7 +166,7 @@ class _Drive:
     def _known(self) -> float:
         """Share of all places where the chair has ever been that the grid knows to be free, asleep or not."""
         grid, mapper = self.live.grid(), self.live.mapper
-        at = np.array([(mapper.keys.pose(frame.key) @ frame.key_from_base).array()[:2] for frame in mapper.frames])
+        at = compose(mapper.keys.poses[mapper.frames.keys], mapper.frames.poses)[:, :2]
         cells = cells_from_points(grid, at)
         there = inside(grid, cells)
         values = grid.cells[tuple(cells[there].T)]

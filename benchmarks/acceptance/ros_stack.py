@@ -10,7 +10,6 @@ import itertools
 import math
 import os
 import random
-import subprocess
 import time
 from collections.abc import Sequence
 from pathlib import Path
@@ -18,10 +17,9 @@ from typing import Any
 
 import numpy as np
 
-from benchmarks.acceptance.live_stack import COMMAND, WORLD, Death, LiveStack, Seen, kill
+from benchmarks.acceptance.live_stack import WORLD, Death, LiveStack, Seen, kill, waychair
 from waychair.ros import topics
 from waychair.ros.client import TaskResult
-from waychair.ros.environment import ros_environment
 from waychair.ros.interface_types import interface_type
 from waychair.ros.messages.motion import pose_stamped
 from waychair.ros.messages.reports import read_diagnostics
@@ -34,6 +32,8 @@ _DOMAIN = 87
 _DEATHS = int(os.environ.get("WAYCHAIR_DEATHS", "20"))
 _PLAIN = ("--no-camera", "--no-people")
 _SENSORS: tuple[RosTopic, ...] = (topics.IMU, topics.ODOMETRY, topics.SCAN, topics.COLOUR, topics.DEPTH)
+_KILLED = ("navigator", "mapper", "bridge", "simulator")
+_PATIENCE_S = 120.0
 _KEPT = 0.97
 """Share of a sensor's nominal rate that counts as held: what is best effort may lose one."""
 
@@ -49,12 +49,10 @@ def ros_killed(out: Path) -> Json:
     """Each node killed 20 times at a random moment of a drive: the lines let go, back, and nothing resumed."""
     deaths: list[Death] = []
     rng = random.Random(1)
-    for name in ("navigator", "mapper", "bridge"):
-        with LiveStack(out / name, _DOMAIN, *_PLAIN) as stack:
-            for _ in range(_DEATHS):
-                stack.begin(far_goal(stack))
-                stack.spin(rng.uniform(0.2, 4.0))
-                deaths.append(kill(stack, name))
+    with LiveStack(out.with_suffix(""), _DOMAIN, *_PLAIN) as stack:
+        for name in _KILLED * _DEATHS:  # in turn: who dies again and again is not started again for ever
+            under_way(stack, rng.uniform(0.2, 4.0))
+            deaths.append(kill(stack, name))
     gone, back = (np.array([getattr(death, key) for death in deaths]) for key in ("gone_ms", "back_s"))
     resumed = sum(death.resumed for death in deaths)
     return {
@@ -65,7 +63,7 @@ def ros_killed(out: Path) -> Json:
         "jitter_ms": round(max(death.jitter_ms for death in deaths), 1),
         **{
             f"{name}_{key}": round(max(getattr(d, key) for d in deaths if d.process == name), 2)
-            for name in ("navigator", "mapper", "bridge")
+            for name in _KILLED
             for key in ("gone_ms", "back_s")
         },
         "median_gone_ms": round(float(np.median(gone)), 1),
@@ -77,20 +75,13 @@ def ros_goals(out: Path) -> Json:
     """Goals by topic, by the names of Nav2's own client, and by the command line, several in a row: all are reached."""
     known = places()
     reached: dict[str, bool] = {}
-    with LiveStack(out, _DOMAIN, *_PLAIN) as stack:
+    with LiveStack(out.with_suffix(""), _DOMAIN, *_PLAIN) as stack:
         for name in ("reception", "ward"):
             reached[f"topic {name}"] = by_topic(stack, known[name])
         for name in ("entrance", "reception"):
             reached[f"action {name}"] = by_action(stack, known[name])
         names = ("entrance", "lift", "reception")
-        told = subprocess.run(
-            [*COMMAND, "goto", *names, "--yes"],
-            env=ros_environment(domain=_DOMAIN),
-            capture_output=True,
-            text=True,
-            check=False,
-            timeout=300.0,
-        )
+        told = waychair(_DOMAIN, "goto", *names, "--yes")
         stack.spin(0.5)
         last = is_at(stack, known[names[-1]])
         reached["command line"] = told.returncode == 0 and told.stdout.count("reached") == len(names) and last
@@ -104,7 +95,7 @@ def ros_rates(out: Path) -> Json:
     Rates are those that bridge and navigator themselves report of what reached them, the mean of 20 s.
     """
     seconds = 20.0
-    with LiveStack(out, _DOMAIN) as stack:
+    with LiveStack(out.with_suffix(""), _DOMAIN) as stack:
         reports = Seen()
         stack.listen(topics.DIAGNOSTICS, read_diagnostics, reports)
         stack.begin(far_goal(stack))
@@ -127,7 +118,7 @@ def ros_rates(out: Path) -> Json:
 
 def ros_period(out: Path) -> Json:
     """The control loop of 20 Hz while it drives, by the stamps of its requests."""
-    with LiveStack(out, _DOMAIN, *_PLAIN) as stack:
+    with LiveStack(out.with_suffix(""), _DOMAIN, *_PLAIN) as stack:
         stack.begin(far_goal(stack))
         stack.spin(20.0)
         periods = _periods_ms(stack)
@@ -140,7 +131,7 @@ def ros_latency(out: Path) -> Json:
     The simulator stamps both, a scan by its beginning; a request names the scan by which it was decided, and the bridge
     the one of the request that it answers. Scans after which the lines stayed as they were are left out.
     """
-    with LiveStack(out, _DOMAIN, *_PLAIN) as stack:
+    with LiveStack(out.with_suffix(""), _DOMAIN, *_PLAIN) as stack:
         scans = Seen()
         stack.listen(topics.SCAN, lambda message: (_stamp(message), len(message.ranges), message.time_increment), scans)
         for _ in range(2):
@@ -162,14 +153,26 @@ def latencies_ms(stack: LiveStack, scans: Seen) -> list[float]:
     changes = np.array([lines.stamp_ns for _, lines in stack.lines.all])
     ends = {stamp: stamp + round((count - 1) * step * 1e9) for _, (stamp, count, step) in scans.all}
     delays, counted = [], set()
-    for _, state in stack.states.all:
+    states = [state for _, state in stack.states.all]
+    for state, after in itertools.pairwise(states):
         if state.command is None or state.scan_ns in counted or state.scan_ns not in ends:
             continue
         counted.add(state.scan_ns)
         later = changes[changes >= state.stamp_ns]
-        if len(later) and later[0] - state.stamp_ns < 50_000_000:
+        if len(later) and later[0] < after.stamp_ns:  # else they changed by what was decided next
             delays.append((later[0] - ends[state.scan_ns]) / 1e6)
     return delays
+
+
+def under_way(stack: LiveStack, seconds: float) -> None:
+    """A drive that has gone on for so long; another one, where a computer that stalls has ended it before."""
+    ends = time.monotonic() + _PATIENCE_S
+    while True:
+        stack.begin(far_goal(stack))
+        stack.spin(seconds)
+        if stack.driving:
+            return
+        assert time.monotonic() < ends, f"no drive lasts {seconds:.1f} s:\n{stack.history()}\n{stack.log}"
 
 
 def far_goal(stack: LiveStack) -> Pose2:

@@ -8,23 +8,32 @@ from typing import Any
 
 import numpy as np
 
+from waychair.control.stops import halt
+from waychair.control.supervisor import DRIVEN
 from waychair.errors import MessageError
 from waychair.firmware_bridge.protocol import Holder
 from waychair.ros.messages.motion import pose, read_pose, read_twist, twist
 from waychair.ros.messages.wire import require_finite, require_frame, stamp_of
 from waychair.ros_messages import BASE_FRAME, MAP_FRAME, header, make
 from waychair.slam.localisation import Localisation, LocalisationState
-from waychair.types import DriveMode, Place, Twist
+from waychair.types import DriveMode, FloatArray, Place, Pose2, Twist
 
 NO_GOAL = 0
 """The id of no goal; that of a goal is never used again."""
+
+
+def goal_id_of(unique: Any) -> int:
+    """The id of an action's goal, from its unique_identifier_msgs/UUID."""
+    return int.from_bytes(bytes(unique.uuid)[:8], "little") or 1
 
 
 @dataclass(frozen=True, slots=True)
 class DriveRequest:
     """What the navigator wants: `active` while there is a goal to reach, `driving` while it asks for speeds.
 
-    `scan_ns`: stamp of the latest scan by which that was decided; 0 without one.
+    `scan_ns`: stamp of the latest scan by which that was decided; 0 without one. `goal` is where that goal lies in map;
+    stage, reason and plans are the `Navigation`'s. `furniture` (N, 2) [m] in the base
+    of that scan: what in it might be legs but is on the map.
     """
 
     stamp_ns: int
@@ -32,6 +41,11 @@ class DriveRequest:
     active: bool = False
     driving: bool = False
     scan_ns: int = 0
+    goal: Pose2 = field(default_factory=Pose2)
+    stage: str = "idle"
+    reason: str = ""
+    plans: int = 0
+    furniture: FloatArray = field(default_factory=lambda: np.empty((0, 2)), compare=False)
 
 
 @dataclass(frozen=True, slots=True)
@@ -40,7 +54,9 @@ class DriveReport:
 
     `command` is what was sent, None while the lines are let go. `drops_goal`: that goal is over. `ended`: why bridge or
     board ended a drive. `halts` are ids and sentences of what stands against a drive. The chair leans by `roll` and
-    `pitch` [rad]. `scan_ns` is that of the request it answers.
+    `pitch` [rad]. `scan_ns` is that of the request it answers, `goal` where its goal lies in map. `last_stop`: why the
+    last drive was over, or did not begin. `countdown_s`: until the first motion of a drive that has begun, 0 when none is
+    about to begin. `steered`: a page's joystick drives.
     """
 
     stamp_ns: int
@@ -55,6 +71,20 @@ class DriveReport:
     roll: float = 0.0
     pitch: float = 0.0
     scan_ns: int = 0
+    goal: Pose2 = field(default_factory=Pose2)
+    last_stop: str = ""
+    countdown_s: float = 0.0
+    steered: bool = False
+
+    @property
+    def driving(self) -> bool:
+        """Whether the computer drives: to this goal, or as a page's joystick says."""
+        return self.mode in DRIVEN
+
+    @property
+    def waits(self) -> bool:
+        """Whether this goal waits for the rider's yes."""
+        return self.reason == halt("unconfirmed").text
 
 
 @dataclass(frozen=True, slots=True)
@@ -71,13 +101,33 @@ def drive_request(request: DriveRequest) -> Any:
     """waychair_msgs/DriveRequest."""
     head = header(request.stamp_ns, BASE_FRAME)
     flags = request.active, request.driving
-    return make("waychair_msgs/msg/DriveRequest", head, request.goal_id, *flags, request.scan_ns)
+    way = pose(request.goal), request.stage, request.reason, request.plans
+    furniture = np.ascontiguousarray(request.furniture, np.float32).ravel()
+    return make("waychair_msgs/msg/DriveRequest", head, request.goal_id, *flags, request.scan_ns, *way, furniture)
 
 
 def read_drive_request(message: Any) -> DriveRequest:
-    """Of a waychair_msgs/DriveRequest."""
-    flags = bool(message.active), bool(message.driving)
-    return DriveRequest(stamp_of(message), int(message.goal_id), *flags, int(message.scan_ns))
+    """Of a waychair_msgs/DriveRequest.
+
+    Raises:
+        MessageError: a goal that is no pose, or furniture at no place.
+    """
+    furniture = np.asarray(message.furniture, np.float64)
+    require_finite("the place of furniture", *furniture.tolist())
+    if len(furniture) % 2:
+        raise MessageError(f"furniture has {len(furniture)} coordinates, which is odd: restart what sends it")
+    return DriveRequest(
+        stamp_of(message),
+        int(message.goal_id),
+        bool(message.active),
+        bool(message.driving),
+        int(message.scan_ns),
+        read_pose(message.goal),
+        str(message.stage),
+        str(message.reason),
+        int(message.plans),
+        furniture.reshape(-1, 2),
+    )
 
 
 def drive_state(report: DriveReport) -> Any:
@@ -87,6 +137,7 @@ def drive_state(report: DriveReport) -> Any:
         "waychair_msgs/msg/DriveState",
         header(report.stamp_ns, BASE_FRAME),
         report.goal_id,
+        pose(report.goal),
         report.mode.value,
         report.reason,
         report.drops_goal,
@@ -94,6 +145,9 @@ def drive_state(report: DriveReport) -> Any:
         command is not None,
         twist(command or Twist()),
         report.ended,
+        report.last_stop,
+        report.countdown_s,
+        report.steered,
         [stop_id for stop_id, _ in report.halts],
         [text for _, text in report.halts],
         report.roll,
@@ -106,9 +160,9 @@ def read_drive_state(message: Any) -> DriveReport:
     """Of a waychair_msgs/DriveState.
 
     Raises:
-        MessageError: a mode that there is not, or what is no number.
+        MessageError: a mode that there is not, a goal that is no pose, or what is no number.
     """
-    require_finite("the chair's lean", message.roll, message.pitch)
+    require_finite("the chair's lean and the countdown", message.roll, message.pitch, message.countdown)
     return DriveReport(
         stamp_of(message),
         int(message.goal_id),
@@ -122,6 +176,10 @@ def read_drive_state(message: Any) -> DriveReport:
         float(message.roll),
         float(message.pitch),
         int(message.scan_ns),
+        read_pose(message.goal),
+        str(message.last_stop),
+        float(message.countdown),
+        bool(message.steered),
     )
 
 

@@ -143,6 +143,24 @@ def path(stamp_ns: int, way: Path, frame: str = MAP_FRAME) -> Any:
     return make("nav_msgs/msg/Path", head, stamped)
 
 
+def points(stamp_ns: int, at: FloatArray, frame: str = MAP_FRAME) -> Any:
+    """geometry_msgs/PoseArray of points (N, 2) [m]."""
+    poses = [pose(Pose2(x, y)) for x, y in at.tolist()]
+    return make("geometry_msgs/msg/PoseArray", header(stamp_ns, frame), poses)
+
+
+def read_points(message: Any, frame: str = MAP_FRAME) -> FloatArray:
+    """(N, 2) [m] of a geometry_msgs/PoseArray.
+
+    Raises:
+        MessageError: another frame, or what is no number.
+    """
+    require_frame(message, frame)
+    at = np.array([[each.position.x, each.position.y] for each in message.poses], np.float64).reshape(-1, 2)
+    require_finite("a point", *at.ravel().tolist())
+    return at
+
+
 def read_path(message: Any) -> Path:
     """Of a nav_msgs/Path in map.
 

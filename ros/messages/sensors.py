@@ -143,6 +143,15 @@ def read_joy(message: Any) -> JoystickInput:
     return JoystickInput(stamp_of(message), min(max(forward, -1.0), 1.0), min(max(turn, -1.0), 1.0))
 
 
+def read_page_joystick(message: Any) -> JoystickInput | None:
+    """A page's joystick as of `read_joy`; None where the message has no axes: it was let go.
+
+    Raises:
+        MessageError: see `read_joy`.
+    """
+    return read_joy(message) if len(message.axes) else None
+
+
 def battery(status: ChairStatus) -> Any:
     """sensor_msgs/BatteryState: what is not measured is nan."""
     kinds = {None: _UNKNOWN, True: _CHARGING, False: _DISCHARGING}

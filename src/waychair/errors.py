@@ -134,6 +134,14 @@ class NoPath(PlanningError):
     """Start and goal are not connected by free space wide enough for the chair."""
 
 
+class MapTooLarge(PlanningError):
+    """The map has more cells than a planner may take memory for."""
+
+
+class NotConverged(PlanningError):
+    """A field was not computed exactly enough in the work or the time allowed."""
+
+
 class OutputError(WaychairError):
     """A result cannot be written where it was asked for."""
 

@@ -3,6 +3,8 @@
 from __future__ import annotations
 
 import json
+import os
+import shutil
 from pathlib import Path
 
 import pytest
@@ -46,6 +48,20 @@ def test_why_as_json_holds_the_same(box: Path, capsys: pytest.CaptureFixture[str
     (stop,) = json.loads(capsys.readouterr().out)["stops"]
     assert stop["id"] == "lidar_stale"
     assert {"doing", "first", "evidence", "followed", "remedy", "look_at", "board", "calibration_hash"} <= set(stop)
+
+
+def test_the_usual_box_is_the_one_that_was_written_last(
+    box: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    monkeypatch.chdir(tmp_path)
+    with pytest.raises(BoxError, match=r"out/up/box does not exist; give the folder that --box named"):
+        why_command()
+    for name, stamp_s in (("out/up/box", 1000), ("out/box", 2000), ("out/up/box", 3000)):
+        shutil.copytree(box, name, dirs_exist_ok=True)
+        for file in Path(name, "ring").iterdir():
+            os.utime(file, (stamp_s, stamp_s))
+        why_command()
+        assert f"  By: {name}/parts/" in capsys.readouterr().out
 
 
 def test_a_stop_can_be_mapped(box: Path, tmp_path: Path) -> None:

@@ -88,6 +88,15 @@ def planned(capsys: pytest.CaptureFixture[str], map: Path, start: str, goal: str
     return values
 
 
+def test_the_harmonic_planner_draws_its_potential_and_counts_its_turns(flat: Path, tmp_path: Path) -> None:
+    png = tmp_path / "potential.png"
+    ways = ("--map", flat, "--start", "0,0", "--goal", "kitchen")
+    said = waychair("plan", *ways, "--planner", "harmonic", "--png", png).stdout
+    assert "turns at every 0.10 m, from degrees: 0: " in said
+    assert png.read_bytes()[:4] == b"\x89PNG"
+    assert "choose auto, taut, band, none" in refused(waychair("plan", *ways, "--smooth", "rope"))
+
+
 @pytest.mark.parametrize("planner", ["dstar-lite", "astar", "dijkstra"])
 def test_a_benchmark_query_is_column_and_row_with_row_0_on_top(
     benchmark: Path, planner: str, capsys: pytest.CaptureFixture[str]

@@ -261,6 +261,55 @@ def test_legs_that_stand_free_are_told_from_a_wall_and_from_the_rim_of_one() -> 
     assert not slim_beams(replace(scan, ranges=ranges), np.zeros(BEAMS, np.bool_), S).any()
 
 
+def furnished(slim: FloatArray) -> MonitorVerdict:
+    """The verdict on a crawl towards legs 0.25 m ahead and a little beside, told at 0 where slim things stand."""
+    monitor = Monitor(CHAIR_A)
+    monitor.see(scan_of(np.array([LEG])))
+    monitor.furnish(slim, 0)
+    return monitor.judge(Twist(0.1, 0.0), Twist(), 50 * MS)
+
+
+LEG = (CHAIR_A.front + 0.25, CHAIR_A.width / 2 + 0.10)
+NOTHING = np.empty((0, 2))
+
+
+def test_a_slim_thing_that_has_always_stood_there_is_given_no_persons_room() -> None:
+    assert furnished(NOTHING).stop == "obstacle"
+    assert furnished(np.array([LEG])).share == 1.0
+
+
+@pytest.mark.parametrize(("off", "is_furniture"), [(0.04, True), (0.16, False)])
+def test_legs_beside_the_place_of_furniture_are_a_persons(off: float, is_furniture: bool) -> None:
+    slim = np.array([[LEG[0], LEG[1] + off]])
+    assert (furnished(slim).stop == "") == is_furniture
+
+
+@pytest.mark.parametrize(("age_ms", "is_furniture"), [(S.furniture_ms, True), (S.furniture_ms + 1, False)])
+def test_what_was_told_of_furniture_long_ago_is_forgotten(age_ms: int, is_furniture: bool) -> None:
+    monitor = Monitor(CHAIR_A)
+    monitor.see(scan_of(np.array([LEG]), stamp_ns=age_ms * MS))
+    monitor.furnish(np.array([LEG]), 0)
+    assert (monitor.judge(Twist(0.1, 0.0), Twist(), age_ms * MS).stop == "") == is_furniture
+
+
+def test_furniture_is_carried_on_by_the_motion_since() -> None:
+    monitor, turning = Monitor(CHAIR_A), Twist(0.0, 1.0)
+    there = transform_points(arc(0.0, 0.25).inverse(), np.array([LEG]))
+    monitor.see(scan_of(there, stamp_ns=250 * MS))
+    monitor.furnish(np.array([LEG]), 0)
+    seen_turned = monitor.judge(Twist(0.1, 0.0), turning, 250 * MS)
+    monitor.furnish(NOTHING, 0)
+    assert seen_turned.share > monitor.judge(Twist(0.1, 0.0), turning, 250 * MS).share
+
+
+def test_the_chair_stops_before_furniture_as_before_anything() -> None:
+    ahead = np.array([[CHAIR_A.front + 0.02, 0.0]])
+    monitor = Monitor(CHAIR_A)
+    monitor.see(scan_of(ahead + np.array([0.05, 0.0])))  # its near side is where the middle is said to be
+    monitor.furnish(ahead, 0)
+    assert monitor.judge(Twist(0.3, 0.0), Twist(), 50 * MS).stop == "obstacle"
+
+
 def test_a_scan_is_carried_on_by_the_motion_since_each_of_its_beams() -> None:
     body = CHAIR_A
     still = scan_of(np.array([[2.0, 0.3]]))

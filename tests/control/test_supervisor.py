@@ -3,12 +3,13 @@
 from __future__ import annotations
 
 import math
+from dataclasses import replace
 
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from waychair.control.stops import Braking, Halt, halt
+from waychair.control.stops import BY_MAP_ONLY, STOPS, Braking, Halt, Severity, halt
 from waychair.control.supervisor import (
     DRIVEN,
     TABLE,
@@ -57,10 +58,10 @@ def situation(
     return Situation(JoystickInput(0, forward, turn), taken_over, stop, goal, requested, confirmed, halts)
 
 
-def test_the_table_is_whole_and_only_a_confirmed_drive_leads_from_rest_to_motion() -> None:
+def test_the_table_is_whole_and_only_somebodys_own_act_leads_from_rest_to_motion() -> None:
     assert set(TABLE) == {(mode, event) for mode in DriveMode for event in Event}
     begins = {event for (mode, event), after in TABLE.items() if mode not in DRIVEN and after in DRIVEN}
-    assert begins == {Event.CONFIRM}
+    assert begins == {Event.CONFIRM, Event.STEER}
     ends = {Event.STOP, Event.TAKE_OVER, Event.FAULT, Event.NO_GOAL, Event.REFUSAL, Event.REQUEST}
     assert not any(TABLE[mode, event] in DRIVEN for mode in DriveMode for event in ends)
 
@@ -238,3 +239,28 @@ def test_a_chair_whose_stick_is_unknown_still_obeys_faults_and_goals() -> None:
     assert supervise(DriveMode.MANUAL, unknown, ASSISTING).mode is DriveMode.AUTONOMOUS
     nothing = Situation(None, False, False, False, False, False)
     assert supervise(DriveMode.MANUAL, nothing, SETTINGS).mode is DriveMode.MANUAL
+
+
+@given(MODES, SITUATIONS)
+def test_steering_moves_the_chair_in_every_mode_unless_stop_the_rider_or_a_fault_comes_first(
+    mode: DriveMode, now: Situation
+) -> None:
+    verdict = supervise(mode, replace(now, steered=True), SETTINGS)
+    assert verdict.steered == (event_in(replace(now, steered=True), SETTINGS) is Event.STEER)
+    assert not (verdict.steered and (now.stop_pressed or now.taken_over))
+    assert not verdict.steered or (verdict.mode is DriveMode.ASSISTED and verdict.drops_goal == now.goal_active)
+
+
+@pytest.mark.parametrize("stop_id", sorted(STOPS))
+def test_who_steers_is_held_up_by_all_that_is_wrong_but_with_the_map(stop_id: str) -> None:
+    against = STOPS[stop_id].severity >= Severity.ENDS and stop_id not in BY_MAP_ONLY
+    steering = replace(situation(goal=False, halts=(halt(stop_id),)), steered=True)
+    assert supervise(DriveMode.MANUAL, steering, SETTINGS).steered != against
+    assert not supervise(DriveMode.MANUAL, replace(steering, steered=False), SETTINGS).computer_drives
+
+
+def test_a_drive_that_somebody_steers_away_from_is_over_and_does_not_resume() -> None:
+    steered = supervise(DriveMode.AUTONOMOUS, replace(situation(), steered=True), SETTINGS)
+    assert (steered.mode, steered.drops_goal) == (DriveMode.ASSISTED, True)
+    after = supervise(steered.mode, situation(goal=False), SETTINGS)
+    assert (after.mode, after.computer_drives) == (DriveMode.MANUAL, False)

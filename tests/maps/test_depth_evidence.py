@@ -109,7 +109,7 @@ def test_what_was_drawn_follows_its_nodes_and_is_then_what_drawing_anew_gives() 
     anew, places = DepthEvidence(), compose(bent, off[None])
     for scan, node in ((STAIRS, 0), (SHELF, 1)):
         anew.add(places[node : node + 1], places[node : node + 1], [scan])
-    for now, expected in zip(assembly.grids(), grids(anew), strict=True):
+    for now, expected in zip(grids(assembly.cells), grids(anew), strict=True):
         np.testing.assert_array_equal(now.cells, expected.cells)
         assert now.map_from_grid == expected.map_from_grid
 

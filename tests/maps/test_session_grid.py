@@ -6,11 +6,12 @@ import numpy as np
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
+from tests.maps.depth_rooms import picture, scan_of_picture
 from tests.maps.test_grid_assembly import CELLS, HERE, NOBODY, POSES, assembled, assert_same, scan_from
 
 from waychair.maps.grid import cells_from_points, occupied
 from waychair.maps.occupancy import EvidenceGrid, build_grid
-from waychair.maps.session_grid import SessionGrid
+from waychair.maps.session_grid import SessionDepth, SessionGrid
 from waychair.types import BoolArray, Scan
 
 PIECE = np.array([[5.0, 4.5]])
@@ -123,3 +124,37 @@ def test_older_evidence_is_limited_where_newer_knows_the_cell_and_else_stands(
 
 def test_an_assembly_of_one_session_is_not_another_one() -> None:
     assert_same(lived(EMPTY).grid(), assembled(POSES, EMPTY).grid())
+
+
+def seen_by_depth(often: int) -> tuple[BoolArray, BoolArray]:
+    """Whether a low box that a first session has seen so often, and a stairwell, are there after nine looks of another
+    that sees floor in their stead."""
+    before = scan_of_picture(picture(boxes=[(2.4, 2.8, -0.3, 0.1, 0.0, 0.3)], holes=[(2.2, 3.2, 0.4, 1.2, 0.5)]))
+    floor = scan_of_picture(picture())
+    grid, here = SessionDepth(), np.zeros(3)
+    for number in range(often):
+        grid.add(number, before, 0, here, here)
+    grid.begin(1)
+    for number in range(9):
+        grid.add(often + number, floor, 0, here, here)
+    grid.bend(np.zeros((1, 3)), np.zeros(2))
+    grid.settle()
+    obstacles, drops = grid.grids()
+    return occupied(obstacles), occupied(drops)
+
+
+def test_a_thing_that_only_the_camera_saw_fades_and_a_stairwell_does_not() -> None:
+    for often in (8, 30):
+        obstacles, drops = seen_by_depth(often)
+        assert not obstacles.any()
+        assert drops.any()
+
+
+def test_within_a_session_depth_is_one_sum() -> None:
+    grid, here = SessionDepth(), np.zeros(3)
+    box = scan_of_picture(picture(boxes=[(2.4, 2.8, -0.3, 0.1, 0.0, 0.3)]))
+    for number, scan in enumerate([*[box] * 8, *[scan_of_picture(picture())] * 3]):
+        grid.add(number, scan, 0, here, here)
+    grid.bend(np.zeros((1, 3)), np.zeros(2))
+    grid.settle()
+    assert occupied(grid.grids()[0]).any()

@@ -126,3 +126,15 @@ def test_a_start_in_the_door_and_straight_goes_on_from_there_and_a_goal_in_it_en
     end = legs(costmap, Pose2(2.0, 4.0), Pose2(5.0, 4.0, 0.0))
     (door,) = (leg for leg in end if leg.manner is Manner.DOOR)
     assert door.path.poses[-1, 0] == pytest.approx(5.0, abs=0.02)
+
+
+def test_where_no_door_was_found_the_narrow_place_is_planned_like_any_other_from_then_on() -> None:
+    costmap = doorway(0.8)
+    planner = GlobalPlanner(Pose2(9.0, 4.0))
+    planner.replan(costmap, Pose2(2.0, 4.0))
+    (leg,) = (leg for leg in planner.legs if leg.manner is Manner.DOOR)
+    assert leg.door is not None
+    planner.distrust(leg.door)
+    path = planner.replan(costmap, Pose2(3.0, 4.2))
+    assert path.poses[-1, 0] == pytest.approx(9.0)
+    assert not any(leg.manner is Manner.DOOR for leg in planner.legs)

@@ -34,7 +34,7 @@ class DriveNode(ChairNode[DriveSettings]):
         self._action = NavigateAction(self, self)
         self.every(RATE_HZ, self._tick)
 
-    def begin(self, goal: Pose2) -> None:
+    def begin(self, goal: Pose2, goal_id: int) -> None:
         """See `Drive`."""
         if abs(goal.x) > 50.0:
             raise GoalOccupied(f"the goal ({goal.x:g}, {goal.y:g}) lies in a wall")

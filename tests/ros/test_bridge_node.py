@@ -104,6 +104,20 @@ def test_requests_that_were_held_up_are_not_taken_and_what_was_asked_for_before_
     assert bridge.state.command is None
 
 
+def test_a_yes_must_name_a_goal_that_waits(bridge: BridgeAlone) -> None:
+    from waychair.ros.interface_types import interface_type
+
+    kind = interface_type("waychair_msgs/srv/Confirm")
+    client = bridge.ros.node.create_client(kind, "confirm")
+    bridge.ros.spin_until(client.service_is_ready, "the service")
+    for goal_id in (0, 7, 8):
+        asked = client.call_async(kind.Request(goal_id=goal_id))
+        bridge.ros.spin_until(asked.done, "the answer")
+        assert not asked.result().success
+        assert asked.result().message == "there is no goal to say yes to: ask for one first"
+    assert bridge.next_state().command is None
+
+
 def test_a_stop_by_topic_is_taken_at_once_and_a_yes_to_nothing_refused(bridge: BridgeAlone) -> None:
     bridge.sender(topics.STOP)(make("std_msgs/msg/Empty", 0))
     bridge.ros.spin_until(lambda: bridge.state.mode.value == "stopped", "the stop")

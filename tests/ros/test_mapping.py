@@ -141,7 +141,7 @@ class Room:
     def __init__(self) -> None:
         self.worker, self.found = Inline(), list[tuple[int, Localisation]]()
         live = LiveMapping(LiveMappingSettings(), Pose2())
-        self.growing = GrowingMap(self.worker, live, lambda *found: self.found.append(found))  # type: ignore[arg-type]
+        self.growing = GrowingMap(self.worker, lambda: live, lambda *found: self.found.append(found))  # type: ignore[arg-type]
         for k in range(-5, 0):  # while all topics are found
             self.drive(k, Pose2())
         assert self.found == []
@@ -176,7 +176,7 @@ def test_the_first_frames_hold_too_little_and_are_left_out_as_are_scans_without_
     found: list[tuple[int, Localisation]] = []
     live = LiveMapping(LiveMappingSettings(), Pose2())
     room = Room()
-    room.growing = GrowingMap(room.worker, live, lambda *each: found.append(each))  # type: ignore[arg-type]
+    room.growing = GrowingMap(room.worker, lambda: live, lambda *each: found.append(each))  # type: ignore[arg-type]
     for k in range(5):
         room.growing.see(room.see(stamp(k) - 1_000_000_000, Pose2()))
     for k in range(5, 15):

@@ -25,7 +25,8 @@ from waychair.errors import BoxError
 from waychair.firmware_bridge.protocol import FIRMWARE_VERSION, LAYOUT_HASH
 from waychair.runtime import black_box_store
 from waychair.runtime.black_box import BlackBox, BlackBoxSettings
-from waychair.runtime.black_box_file import read_log
+from waychair.runtime.black_box_events import Watch
+from waychair.runtime.black_box_file import Moment, read_log, tick_from_state
 from waychair.runtime.black_box_store import is_written, parts_of, segment_files
 from waychair.runtime.chair import ChairSettings
 from waychair.types import ImuSample, RgbdFrame, WheelTicks
@@ -146,6 +147,23 @@ def test_what_follows_from_a_stop_belongs_to_it_and_another_drive_does_not(
     logged(tmp_path, [stopped, stopped, quiet])
     parts = parts_of(tmp_path)
     assert [[event.id for event in part.events] for part in parts] == [["lidar_late", "lidar_stale"]] * 2
+
+
+def test_whoever_hears_of_a_drives_end_later_makes_no_second_end(stopped: Drive) -> None:
+    """As the navigator does, where it is a process of its own."""
+    states = [state for _, state, _ in stopped.notes]
+    ended = next(k for k, state in enumerate(states) if k and not state.verdict.computer_drives and state.verdict.halt)
+    before, at = states[ended - 1], states[ended]
+    lagging = replace(at, navigation=before.navigation)
+    late = replace(at, stamp_ns=at.stamp_ns + 30_000_000, verdict=replace(at.verdict, drops_goal=False))
+    much_later = replace(late, stamp_ns=at.stamp_ns + 900_000_000)
+    watch = Watch(8.0, 0.5)
+    told = [
+        [event.id for event in watch.update(Moment(tick_from_state(state, 0)))] for state in (before, lagging, late)
+    ]
+    assert told[1:] == [["lidar_stale"], []]
+    watch.update(Moment(tick_from_state(before, 0)))
+    assert [event.id for event in watch.update(Moment(tick_from_state(much_later, 0)))] == ["lidar_stale"]
 
 
 def test_a_knock_is_an_event(quiet: Drive, tmp_path: Path) -> None:

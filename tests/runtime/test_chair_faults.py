@@ -69,6 +69,28 @@ def test_f11_a_late_scan_slows_the_chair_and_half_a_second_ends_the_drive(ride: 
     assert not ride.tick(40).sent.active  # it is back, but nothing resumes by itself
 
 
+def test_f17_a_chair_that_was_held_up_ends_its_drive_and_needs_no_reset(ride: Ride) -> None:
+    ride.drive()
+    base, now_ns = ride.chair._base, ride.simulator.now_ns + 3_000_000_000
+    before = base._monitor.verdict
+    assert before is not None
+    assert now_ns - before.stamp_ns > ride.chair.settings.monitor.silent_ms * 1_000_000
+    verdict, _ = base.supervise(now_ns, active=True)
+    assert not verdict.computer_drives
+    assert "monitor_silent" not in {halted.stop.id for halted in base.halts}
+    assert base._latched is None
+
+
+def test_a_monitor_that_stays_silent_after_that_is_named_half_a_second_later(ride: Ride) -> None:
+    ride.drive()
+    base, now_ns = ride.chair._base, ride.simulator.now_ns + 3_000_000_000
+    named = []
+    for tick in range(14):
+        base.supervise(now_ns + tick * 50_000_000, active=True)
+        named.append("monitor_silent" in {halted.stop.id for halted in base.halts})
+    assert named.index(True) == 11
+
+
 def test_f11_a_scan_that_comes_back_within_half_a_second_lets_the_drive_go_on(ride: Ride) -> None:
     ride.drive()
     ride.change = only(WheelTicks)

@@ -89,7 +89,7 @@ def test_small_turns_come_to_an_end_whatever_the_dead_band_of_the_turn_axis_is(
 
 def test_the_chair_plans_and_limits_by_the_jerk_and_the_stops_of_its_file() -> None:
     with Ride() as ride:
-        dwa = ride.chair.navigator._settings.dwa
+        dwa = ride.chair.navigator.settings.dwa
         assert dwa.stops is not None
         assert dwa.reaction_time >= dwa.stops.delay_s
         ride.drive(60)

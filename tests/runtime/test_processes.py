@@ -9,6 +9,7 @@ import sys
 import textwrap
 import time
 from collections.abc import Callable
+from dataclasses import replace
 from pathlib import Path
 
 import pytest
@@ -21,12 +22,23 @@ QUICK = SupervisionSettings(pause_s=0.0, patience_s=0.5)
 SLEEPS = "import time\nwhile True: time.sleep(0.1)\n"
 DEAF = "import signal, time\nsignal.signal(signal.SIGTERM, signal.SIG_IGN)\n" + SLEEPS
 DIES = "import sys\nsys.exit(3)\n"
+BEATS = textwrap.dedent(
+    """
+    import time
+    from waychair.runtime.processes import beats
+    beat = beats()
+    while True:
+        beat()
+        time.sleep(0.02)
+    """
+)
+COMPUTES = BEATS.split("while")[0] + "beat()\nwhile True: pass\n"
 
 
 @pytest.fixture
 def modules(tmp_path: Path) -> Path:
     """A folder of Python modules that processes can run."""
-    for name, text in (("sleeps", SLEEPS), ("deaf", DEAF), ("dies", DIES)):
+    for name, text in (("sleeps", SLEEPS), ("deaf", DEAF), ("dies", DIES), ("beats", BEATS), ("computes", COMPUTES)):
         (tmp_path / f"{name}.py").write_text(f"open({str(tmp_path)!r} + '/{name}.began', 'w')\n" + text)
     return tmp_path
 
@@ -72,6 +84,52 @@ def test_who_is_killed_is_started_again_and_the_others_stay(modules: Path) -> No
         assert running.pids["two"] == before["two"]
         assert is_alive(running.pids["one"])
     assert "'one' ended by signal SIGKILL: it is started again, and no drive goes on by itself" in told
+
+
+def test_who_hangs_is_killed_and_started_again(modules: Path) -> None:
+    told: list[str] = []
+    quick = replace(QUICK, idle_s=0.5)
+    with Supervision([Process("one", "beats")], environment(modules), told.append, quick) as running:
+        pid = running.pids["one"]
+        until(lambda: running.watch() == "" and running._running[0].beaten_s is not None)
+        os.kill(pid, signal.SIGSTOP)
+        until(lambda: running.watch() == "" and running.pids["one"] != pid)
+        assert not is_alive(pid)
+        assert is_alive(running.pids["one"])
+    assert any(sentence.startswith("'one' has hung for ") for sentence in told)
+
+
+def test_who_computes_or_never_beat_is_given_time(modules: Path) -> None:
+    table = [Process("one", "computes"), Process("two", "sleeps")]
+    quick = replace(QUICK, idle_s=0.5, idle_share=0.0)
+    with Supervision(table, environment(modules), settings=quick) as running:
+        pids = dict(running.pids)
+        until(lambda: running.watch() == "" and running._running[0].beaten_s is not None)
+        ends = time.monotonic() + 1.0
+        while time.monotonic() < ends:
+            assert running.watch() == ""
+            time.sleep(0.01)
+        assert running.pids == pids
+
+
+def test_who_computes_for_much_too_long_hangs(modules: Path) -> None:
+    with Supervision(
+        [Process("one", "computes")], environment(modules), settings=replace(QUICK, idle_s=0.5, busy_s=1.0)
+    ) as running:
+        pid = running.pids["one"]
+        until(lambda: running.watch() == "" and running.pids["one"] != pid)
+
+
+def test_a_supervisor_that_was_held_up_itself_kills_nobody(modules: Path) -> None:
+    with Supervision([Process("one", "beats")], environment(modules), settings=replace(QUICK, idle_s=0.5)) as running:
+        pid = running.pids["one"]
+        until(lambda: running.watch() == "" and running._running[0].beaten_s is not None)
+        os.kill(pid, signal.SIGSTOP)
+        time.sleep(1.5)  # as if the whole computer had been asleep
+        assert running.watch() == ""
+        os.kill(pid, signal.SIGCONT)
+        assert running.watch() == ""
+        assert running.pids["one"] == pid
 
 
 def test_who_dies_again_and_again_ends_all(modules: Path) -> None:

@@ -43,6 +43,14 @@ def test_the_motion_between_two_pictures_is_recovered(moved: Pose3) -> None:
     assert (deviations < 0.1).all()
 
 
+def test_matches_agree_with_the_pose_they_gave_and_not_with_one_beside_it() -> None:
+    found = register(features_at(pose()), features_at(pose((0, 0.05, 0))), CAMERA, SETTINGS)
+    assert found.old_from_new is not None
+    assert found.share(found.old_from_new, CAMERA) > 0.95
+    assert found.share(found.old_from_new @ pose((0, 0.03, 0)), CAMERA) < 0.5
+    assert dataclasses.replace(found, points=np.empty((0, 3))).share(found.old_from_new, CAMERA) == 0.0
+
+
 def test_a_guess_gives_the_same_pose_and_a_wrong_guess_is_done_without() -> None:
     moved = pose((0, 0.08, 0), (0.1, 0.02, 0.05))
     old, new = features_at(pose()), features_at(moved)

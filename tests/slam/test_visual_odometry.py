@@ -6,6 +6,7 @@ import dataclasses
 from itertools import islice
 from pathlib import Path
 
+import cv2
 import numpy as np
 import pytest
 from scipy.spatial.transform import Rotation
@@ -126,6 +127,26 @@ def test_patches_are_found_to_a_tenth_of_a_pixel_under_turn_and_scale() -> None:
     shifted = points + np.array([delta, 0.0, 0.0]) / CAMERA[0] * points[:, 2:]
     derivative = (project(shifted, here, CAMERA)[:, :2] - expected) / delta
     np.testing.assert_allclose(affine[:, :, 0], derivative, atol=1e-3)
+
+
+def test_an_exposure_that_changes_shifts_no_patch_and_no_guess() -> None:
+    before, moved = render(pose()), pose((0.0, 0.02, 0.0), (0.02, 0.0, 0.0))
+    now = render(moved)
+    darker = np.clip(np.rint(0.6 * now.image + 15.0), 0, 255).astype(np.uint8)
+    corners = cv2.goodFeaturesToTrack(before.image, 60, 0.01, 12.0).reshape(-1, 2).astype(np.float64)
+    inverse = inverse_depths(before.depth, corners)
+    at, inverse = corners[np.isfinite(inverse)], inverse[np.isfinite(inverse)]
+    points = np.column_stack([(at - CAMERA[2:]) / CAMERA[:2], np.ones(len(at))]) / inverse[:, None]
+    expected = project(points, moved.inverse(), CAMERA)[:, :2]
+    affine = np.tile(np.eye(2), (len(at), 1, 1))
+    found = {}
+    for name, image in (("same", now.image), ("darker", darker)):
+        found[name] = align(pyramid_of(before.image), pyramid_of(image), at, affine, expected + 0.7, (1, 0), 4.0, 0.8)
+    both = (found["same"][1] == 0) & (found["darker"][1] == 0)
+    assert both.sum() > 20
+    assert np.median(np.linalg.norm(found["darker"][0][both] - found["same"][0][both], axis=1)) < 0.03
+    fit = align_pictures(pyramid_of(before.image), before.depth, pyramid_of(darker), CAMERA, STILL, (3, 2, 1))
+    assert angle_between(fit.now_from_before, moved.inverse()) < 0.01
 
 
 @pytest.mark.parametrize("moved", [pose((0, 0.1, 0)), pose((0.03, -0.05, 0.1), (0.05, 0.02, 0.05))])

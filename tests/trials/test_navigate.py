@@ -1,4 +1,4 @@
-"""People for a drive on a saved map."""
+"""The world that is raised from a saved map, and the people in it."""
 
 from __future__ import annotations
 
@@ -10,8 +10,8 @@ import pytest
 
 from waychair.errors import WorldError
 from waychair.simulation.world import world_from_grid
-from waychair.trials.navigate import with_walkers
-from waychair.types import OccupancyGrid, Pose2
+from waychair.trials.navigate import navigate, shut_off, with_walkers
+from waychair.types import OccupancyGrid, Place, Pose2
 
 
 def hall(side: int) -> OccupancyGrid:
@@ -32,3 +32,25 @@ def test_walkers_stand_on_free_ground_apart_from_each_other_and_off_the_start() 
 def test_more_people_than_there_is_room_for_are_refused_with_advice() -> None:
     with pytest.raises(WorldError, match="take fewer"):
         with_walkers(world_from_grid(hall(60), Pose2(1.5, 1.5)), 50, 0)
+
+
+def test_free_ground_is_shut_off_where_the_unknown_begins_but_not_at_specks() -> None:
+    grid = hall(60)
+    grid.cells[20:40, 40:58], grid.cells[10, 10] = -1, -1
+    raised = shut_off(grid).cells
+    wall = raised[20:40, 40:58]
+    assert (wall[[0, -1]] == 100).all()
+    assert (wall[:, 0] == 100).all()
+    assert (wall[1:-1, 1:-1] == -1).all()
+    assert raised[10, 10] == -1
+    assert (np.delete(raised, np.s_[20:40], axis=0) == np.delete(grid.cells, np.s_[20:40], axis=0)).all()
+
+
+def test_a_chair_turns_beside_the_legs_of_a_table_that_are_on_its_map() -> None:
+    grid = hall(120)
+    for x, y in ((3.75, 2.6), (3.0, 2.1), (2.2, 3.6)):
+        grid.cells[round(y / 0.05), round(x / 0.05)] = 100
+    (leg,) = navigate(grid, Pose2(1.0, 4.5, -0.5), [Place("table", Pose2(3.0, 3.0, -1.5))])
+    assert leg.reached, leg.reason
+    assert leg.contacts == 0
+    assert leg.duration_s < 40.0

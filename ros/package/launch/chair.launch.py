@@ -30,6 +30,7 @@ ARGUMENTS = {
     "namespace": ("", "namespace of all nodes"),
     "params": ("", "a ROS parameter file that outweighs the others"),
     "out": ("out/up", "folder for the run's files"),
+    "box": ("", "folder of the black box; by default `box` in the run's"),
 }
 
 
@@ -56,6 +57,7 @@ def nodes(context: LaunchContext) -> list[LaunchDescriptionEntity]:
         people=_is_true(given["people"]),
         seed=int(given["seed"]),
         parameters=_path(given["params"]),
+        box=_path(given["box"]) or Path(given["out"], "box"),
     )
     return [
         Node(

@@ -1,0 +1,251 @@
+"""Scenes and measurements for the harmonic planner: the paper's figure 5 anew, fields on maps, times of the solvers.
+
+`python -m benchmarks.harmonic` prints one JSON object with all of them.
+"""
+
+from __future__ import annotations
+
+import json
+import math
+import statistics
+import time
+from collections.abc import Callable
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from waychair.calibration.chair import CHAIR_A
+from waychair.maps.moving_ai import load_free_cells
+from waychair.planning.costmap import Costmap, CostmapSettings, costmap_from_grid
+from waychair.planning.footprint import footprint, room
+from waychair.planning.grid_graph import Cell
+from waychair.planning.harmonic import LogField, descend, log_field, streamline, summits_of
+from waychair.planning.laplace_solvers import SolverSettings, problem_of, relative_residual, solve
+from waychair.planning.rubber_band import BandSettings, band, length_of, paper_band, resampled, turning_angles
+from waychair.types import BoolArray, FloatArray, OccupancyGrid
+
+CELL = 0.05
+
+
+@dataclass(frozen=True, slots=True)
+class BandScene:
+    """A room [m] with boxes (x0, y0, x1, y1), a start and a goal; the paper's lengths before and after."""
+
+    name: str
+    size: tuple[float, float]
+    boxes: tuple[tuple[float, float, float, float], ...]
+    start: tuple[float, float]
+    goal: tuple[float, float]
+    paper_m: tuple[float, float]
+
+
+SCENES = (
+    BandScene("one box", (6.0, 6.0), ((2.2, 0.0, 3.0, 3.2),), (1.0, 1.0), (5.0, 1.2), (2.34, 2.34)),
+    BandScene(
+        "two walls", (8.0, 6.0), ((2.4, 0.0, 2.7, 3.8), (5.0, 2.2, 5.3, 6.0)), (1.0, 1.0), (7.0, 5.0), (3.80, 3.72)
+    ),
+    BandScene("door", (8.0, 6.0), ((3.8, 0.0, 4.1, 3.2), (3.8, 4.8, 4.1, 6.0)), (1.0, 1.0), (7.0, 1.5), (2.85, 2.75)),
+    BandScene(
+        "scattered boxes",
+        (8.0, 6.0),
+        ((2.0, 2.4, 2.6, 3.2), (3.8, 3.4, 4.4, 6.0), (4.2, 0.6, 4.8, 1.6), (5.8, 2.6, 6.4, 3.2)),
+        (0.9, 4.8),
+        (6.9, 1.2),
+        (3.22, 3.26),
+    ),
+)
+
+
+def costmap_of(scene: BandScene) -> Costmap:
+    """The scene's costmap for chair A, with a wall all round."""
+    height, width = round(scene.size[1] / CELL), round(scene.size[0] / CELL)
+    cells = np.zeros((height, width), np.int8)
+    cells[[0, -1]], cells[:, [0, -1]] = 100, 100
+    for x0, y0, x1, y1 in scene.boxes:
+        cells[round(y0 / CELL) : round(y1 / CELL), round(x0 / CELL) : round(x1 / CELL)] = 100
+    return costmap_from_grid(OccupancyGrid(cells, CELL), CHAIR_A, CostmapSettings())
+
+
+def cell_at(point: tuple[float, float]) -> Cell:
+    """Row and column under a point [m]."""
+    return int(point[1] / CELL), int(point[0] / CELL)
+
+
+@dataclass(frozen=True, slots=True)
+class Bands:
+    """The lines of one scene, points (N, 2) [cells]: best neighbours, the paper's band over them, and ours."""
+
+    found: LogField
+    costmap: Costmap
+    descent: FloatArray
+    paper: FloatArray
+    ours: FloatArray
+
+
+def bands(scene: BandScene, settings: BandSettings | None = None) -> Bands:
+    """Descent and both bands in a scene."""
+    costmap = costmap_of(scene)
+    found = log_field(problem_of(costmap.prices > 0, cell_at(scene.goal)))
+    cells = descend(found, cell_at(scene.start))
+    points = cells[:, ::-1] + 0.5
+    return Bands(found, costmap, points, paper_band(found, points), band(costmap, points, settings or BandSettings()))
+
+
+def rectangle_fits(costmap: Costmap, points: FloatArray) -> bool:
+    """Whether chair A with the band's margin fits all along a line, headed along it."""
+    shape = footprint(costmap.body, BandSettings().margin, costmap.field)
+    line = resampled(points, 0.05 / CELL)
+    ahead = np.diff(line, axis=0)
+    return all(
+        room(shape, x, y, math.atan2(dy, dx)) >= 0.0
+        for (x, y), (dx, dy) in zip(line[1:-1].tolist(), ahead[1:].tolist(), strict=True)
+    )
+
+
+def row_of(scene: BandScene) -> dict[str, Any]:
+    """Lengths [m], sharpest turns [deg] and least clearances [m] of a scene's lines, turns at every 0.10 m."""
+    lines = bands(scene)
+    row: dict[str, Any] = {"scene": scene.name, "paper_m": scene.paper_m}
+    for name, points in (("descent", lines.descent), ("paper_band", lines.paper), ("band", lines.ours)):
+        even = resampled(points, 0.10 / CELL)
+        degrees = np.degrees(turning_angles(even))
+        rows, columns = np.floor(even[:, ::-1]).astype(int).T
+        row[name] = {
+            "length_m": round(length_of(points) * CELL, 3),
+            "sharpest_deg": round(float(degrees.max()), 1),
+            "histogram_by_10_deg": np.histogram(degrees, np.arange(0, 100, 10))[0].tolist(),
+            "rectangle_fits": rectangle_fits(lines.costmap, points),
+            "clearance_m": round(float(lines.costmap.clearance[rows, columns].min()), 3),
+        }
+    return row
+
+
+def floors(folder: Path) -> dict[str, BoolArray]:
+    """Free cells (H, W) of the Moving AI maps in a folder, by name."""
+    return {path.stem: load_free_cells(path) for path in sorted(folder.glob("*.map"))}
+
+
+def field_row(name: str, free: BoolArray, goals: int, descents: int, seed: int) -> dict[str, Any]:
+    """Fields to random goals of a map: cells without a better neighbour, and descents and streamlines that arrive."""
+    rng = np.random.default_rng(seed)
+    cells = np.argwhere(free)
+    lacking, arrived, lines, begun, lowest = 0, 0, 0, 0, 0.0
+    times = []
+    for _ in range(goals):
+        row, column = cells[rng.integers(len(cells))].tolist()
+        began = time.thread_time()
+        found = log_field(problem_of(free, (row, column)))
+        times.append(1e3 * (time.thread_time() - began))
+        lacking += summits_of(found)
+        joined = np.argwhere(np.isfinite(found.logs))
+        lowest = min(lowest, float(found.logs[np.isfinite(found.logs)].min()))
+        for start in joined[rng.integers(len(joined), size=descents)].tolist():
+            begun += 1
+            arrived += descend(found, (start[0], start[1]))[-1].tolist() == [row, column]
+        for start in joined[rng.integers(len(joined), size=descents // 10)].tolist():
+            lines += streamline(found, np.array([start[1] + 0.5, start[0] + 0.5]))[-1].tolist() == [
+                column + 0.5,
+                row + 0.5,
+            ]
+    return {
+        "map": name,
+        "free": len(cells),
+        "goals": goals,
+        "cells_without_a_better_neighbour": lacking,
+        "descents": begun,
+        "arrived": arrived,
+        "streamlines": begun // 10,
+        "streamlines_arrived": lines,
+        "least_log_v": round(lowest, 1),
+        "median_field_cpu_ms": round(statistics.median(times), 1),
+    }
+
+
+def rooms(side: int = 1024, count: int = 8, seed: int = 0) -> BoolArray:
+    """(side, side) free cells of a square of rooms with a door of ten cells between neighbours."""
+    rng = np.random.default_rng(seed)
+    free = open_floor(side)
+    step = side // count
+    for i in range(1, count):
+        free[i * step] = free[:, i * step] = False
+    for i in range(1, count):
+        for j in range(count):
+            for across in (False, True):
+                at = j * step + int(rng.integers(5, step - 15))
+                (free.T if across else free)[i * step, at : at + 10] = True
+    return free
+
+
+def open_floor(side: int = 1024) -> BoolArray:
+    """(side, side) free cells with a wall all round."""
+    free = np.ones((side, side), np.bool_)
+    free[[0, -1]] = free[:, [0, -1]] = False
+    return free
+
+
+def cpu_ms(run: Callable[[], Any], times: int) -> float:
+    """Median CPU time of this thread [ms]."""
+    taken = []
+    for _ in range(times):
+        began = time.thread_time()
+        run()
+        taken.append(1e3 * (time.thread_time() - began))
+    return statistics.median(taken)
+
+
+def speed_row(name: str, free: BoolArray, goal: Cell, times: int = 5) -> dict[str, Any]:
+    """CPU time of one thread for a field to 1e-8, and for its update after 20 cells near each other have changed."""
+    problem = problem_of(free, goal)
+    solved = solve(problem)
+    rng = np.random.default_rng(1)
+    updates, cycles = [], []
+    worst = 0.0
+    for _ in range(times):
+        changed = free.copy()
+        middle = rng.integers(60, np.array(free.shape) - 60)
+        cells = middle + rng.integers(-20, 21, (20, 2))
+        changed[cells[:, 0], cells[:, 1]] ^= True
+        changed[goal] = True
+        other = problem_of(changed, goal)
+        began = time.thread_time()
+        warm = solve(other, SolverSettings(), solved)
+        updates.append(1e3 * (time.thread_time() - began))
+        cycles.append(warm.sweeps)
+        worst = max(worst, relative_residual(other, warm.v))
+    return {
+        "map": f"{name} {free.shape[0]} x {free.shape[1]}",
+        "cold_cpu_ms": round(cpu_ms(lambda: solve(problem), times), 1),
+        "cycles": solved.sweeps,
+        "residual": relative_residual(problem, solved.v),
+        "update_cpu_ms": round(statistics.median(updates), 1),
+        "slowest_update_cpu_ms": round(max(updates), 1),
+        "update_cycles_of_all_cells": cycles,
+        "update_residual": worst,
+    }
+
+
+def solver_rows(free: BoolArray, goal: Cell, tolerance: float = 1e-8) -> list[dict[str, Any]]:
+    """CPU time and sweeps of each solver on one map."""
+    rows = []
+    for name in ("gauss-seidel", "sor", "multigrid", "direct"):
+        settings = SolverSettings(solver=name, tolerance=tolerance, most_sweeps=1_000_000, memory=1e6)
+        began = time.thread_time()
+        found = solve(problem_of(free, goal), settings)
+        took = 1e3 * (time.thread_time() - began)
+        rows.append({"solver": name, "sweeps": found.sweeps, "cpu_ms": round(took, 1), "residual": found.residual})
+    return rows
+
+
+if __name__ == "__main__":
+    print(
+        json.dumps(
+            {
+                "bands": [row_of(scene) for scene in SCENES],
+                "speed": [speed_row("rooms", rooms(), (500, 300)), speed_row("open", open_floor(), (500, 300))],
+                "solvers": solver_rows(rooms(256, 4), (125, 75)),
+            },
+            indent=1,
+        )
+    )

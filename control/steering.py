@@ -1,0 +1,81 @@
+"""A joystick on a page, which steers the chair through the computer: at walking speed, watched over as any command is.
+
+It is no match for the rider's own: that one is wired to the chair and wins at once. A page's is heard of over a
+network, so silence is letting go, and what was interrupted while it was held begins again only once it was let go.
+"""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+
+from waychair.config import Settings, setting
+from waychair.types import Twist
+
+
+@dataclass(frozen=True, slots=True)
+class SteeringSettings(Settings):
+    """What a page's joystick at its ends comes to, and for how long it counts."""
+
+    speed: float = setting(0.6, "m/s", "of a page's joystick pushed forward: a slow walk", low=0.05, high=1.0)
+    reverse: float = setting(0.3, "m/s", "of one pulled back", low=0.05, high=1.0)
+    turn: float = setting(0.6, "rad/s", "of one pushed aside", low=0.05, high=2.0)
+    told_s: float = setting(0.3, "s", "without word for so long it was let go", low=0.05, high=1.0)
+    stays_s: float = setting(
+        10.0, "s", "so long the chair is held at rest, so that the next push acts at once", low=0.0, high=60.0
+    )
+
+
+_FORGOTTEN_NS = 2_000_000_000
+"""A push that was interrupted goes on over gaps shorter than this: the network was slow, nobody let go."""
+
+
+class Steering:
+    """What a page's joystick says, and whether it counts."""
+
+    def __init__(self, settings: SteeringSettings | None = None) -> None:
+        self._settings = settings or SteeringSettings()
+        self._asked = Twist()
+        self._told_ns: int | None = None  # while it is held
+        self._holds_until_ns: int | None = None  # the lines, be it at rest
+        self._blocked = False
+
+    def push(self, forward: float, turn: float, now_ns: int) -> bool:
+        """Told where it is, each axis in [-1, 1], left positive; whether this begins a new push that counts.
+
+        What is not finite is letting go.
+        """
+        if not (math.isfinite(forward) and math.isfinite(turn)):
+            self.let_go(now_ns)
+            return False
+        s, was_held = self._settings, self.is_held(now_ns)
+        silent = self._told_ns is None or now_ns - self._told_ns > _FORGOTTEN_NS
+        self._blocked = self._blocked and not silent
+        self._told_ns = now_ns
+        ahead = s.speed if forward > 0.0 else s.reverse
+        self._asked = Twist(ahead * min(1.0, max(-1.0, forward)), s.turn * min(1.0, max(-1.0, turn)))
+        if not self._blocked:
+            self._holds_until_ns = now_ns + round((s.told_s + s.stays_s) * 1e9)
+        return not (was_held or self._blocked)
+
+    def let_go(self, now_ns: int) -> None:
+        """Told that nobody holds it: the chair comes to rest, and is held there for a while."""
+        if self.is_held(now_ns) and not self._blocked:
+            self._holds_until_ns = now_ns + round(self._settings.stays_s * 1e9)
+        self._told_ns, self._blocked = None, False
+
+    def end(self) -> None:
+        """Told that something else counts now: a push that goes on counts only once it was let go."""
+        self._blocked, self._holds_until_ns = True, None
+
+    def is_held(self, now_ns: int) -> bool:
+        """Whether somebody holds it, as far as is known."""
+        return self._told_ns is not None and now_ns - self._told_ns <= self._settings.told_s * 1e9
+
+    def counts(self, now_ns: int) -> bool:
+        """Whether the lines are the page's, to move the chair or to hold it at rest."""
+        return self._holds_until_ns is not None and now_ns <= self._holds_until_ns
+
+    def twist(self, now_ns: int) -> Twist:
+        """What it asks for now."""
+        return self._asked if self.counts(now_ns) and self.is_held(now_ns) else Twist()

@@ -1,0 +1,153 @@
+"""What hangs on a map's nodes: `anchors.yaml` beside `map.yaml`, so that what people drew stays where it belongs.
+
+When further drives bend a map, its nodes (`graph.g2o`) move, and with them the rooms. A point that was saved keeps the
+node that was nearest to it and its pose from there, beside its pose in map at that time. A file whose pose somebody has
+changed by hand since then is believed more than that.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, field
+from pathlib import Path
+
+import numpy as np
+import yaml
+
+from waychair.errors import MapError
+from waychair.files import write_text
+from waychair.types import FloatArray, Pose2
+
+ANCHORS_YAML = "anchors.yaml"
+GRAPH = "graph.g2o"
+
+_SAME = 1e-6
+"""Poses this near to each other [m], [rad] are the one that was saved."""
+
+
+@dataclass(frozen=True, slots=True)
+class Anchor:
+    """The number of a node, a point's pose in map when it was saved, and from the node."""
+
+    node: int
+    was: Pose2
+    from_node: Pose2
+
+
+@dataclass(frozen=True, slots=True)
+class Anchors:
+    """Of each kind of thing (`places`, ...) and name: the anchors of its points, in their order.
+
+    And the nodes (N, 3) [m, m, rad], as they are now.
+    """
+
+    held: Mapping[str, Mapping[str, Sequence[Anchor]]] = field(default_factory=dict)
+    nodes: FloatArray = field(default_factory=lambda: np.empty((0, 3)))
+
+    def follow(self, kind: str, name: str, poses: Sequence[Pose2]) -> list[Pose2]:
+        """Where the points of a thing are by now; as they are given, where that is not what was saved."""
+        anchors = self.held.get(kind, {}).get(name, ())
+        if len(anchors) != len(poses):
+            return list(poses)
+        return [self._followed(anchor, pose) for anchor, pose in zip(anchors, poses, strict=True)]
+
+    def _followed(self, anchor: Anchor, pose: Pose2) -> Pose2:
+        change = anchor.was.inverse() @ pose
+        if max(abs(change.x), abs(change.y), abs(change.theta)) > _SAME or anchor.node >= len(self.nodes):
+            return pose
+        return Pose2(*self.nodes[anchor.node].tolist()) @ anchor.from_node
+
+
+def load_anchors(folder: Path) -> Anchors:
+    """Of a map's folder; empty where nothing was anchored.
+
+    Raises:
+        MapError: the file is damaged, or the graph.
+    """
+    path = folder / ANCHORS_YAML
+    if not path.is_file():
+        return Anchors()
+    try:
+        values = yaml.load(path.read_text(encoding="utf-8"), Loader=_LOADER) or {}
+        held = {
+            kind: {str(name): tuple(_anchor(row) for row in rows) for name, rows in things.items()}
+            for kind, things in values.items()
+        }
+    except (OSError, ValueError, TypeError, AttributeError, yaml.YAMLError) as error:
+        raise MapError(f"{path} is damaged ({' '.join(str(error).split())}): delete it") from error
+    return Anchors(held, load_nodes(folder))
+
+
+def anchored(folder: Path, kind: str, things: Mapping[str, Sequence[Pose2]]) -> str | None:
+    """The file's text with all things of a kind anchored, by name, on the map's nodes as they are now.
+
+    None for a map without nodes: there is nothing to hang them on. To be written once they are.
+
+    Raises:
+        MapError: the file is damaged, or the graph.
+    """
+    known = load_anchors(folder)
+    nodes = load_nodes(folder)
+    if not len(nodes):
+        return None
+    values = {
+        other: {name: [_values(anchor) for anchor in anchors] for name, anchors in held.items()}
+        for other, held in known.held.items()
+    }
+    values[kind] = {name: [_values(_nearest(nodes, pose)) for pose in poses] for name, poses in things.items()}
+    return yaml.safe_dump(values, sort_keys=False, default_flow_style=None, allow_unicode=True, width=10_000)
+
+
+def write_anchored(path: Path, text: str, kind: str, things: Mapping[str, Sequence[Pose2]]) -> None:
+    """Write the file of all things of a kind, and what they hang on beside it.
+
+    Raises:
+        MapError: the anchors are damaged, or the graph.
+        OutputError: the folder cannot be made or written to.
+    """
+    anchors = anchored(path.parent, kind, things)
+    write_text(path, text)
+    if anchors is not None:
+        write_text(path.with_name(ANCHORS_YAML), anchors)
+
+
+def load_nodes(folder: Path) -> FloatArray:
+    """(N, 3) poses [m, m, rad] of the nodes that a map was made by, by their numbers; none without a graph.
+
+    Raises:
+        MapError: the graph is damaged.
+    """
+    path = folder / GRAPH
+    if not path.is_file():
+        return np.empty((0, 3))
+    try:
+        lines = path.read_text(encoding="utf-8").splitlines()
+        rows = [line.split() for line in lines if line.startswith("VERTEX_SE2 ")]
+        poses = np.array([[float(value) for value in row[2:5]] for row in rows]).reshape(-1, 3)
+        numbers = [int(row[1]) for row in rows]
+    except (OSError, ValueError, IndexError) as error:
+        raise MapError(f"{path} is damaged ({error}): map the recording again") from error
+    if numbers != list(range(len(numbers))) or not np.isfinite(poses).all():
+        raise MapError(f"{path} is damaged: its nodes must be numbered from 0 on and finite; map the recording again")
+    return poses
+
+
+def _nearest(nodes: FloatArray, pose: Pose2) -> Anchor:
+    node = int(np.argmin(np.hypot(*(nodes[:, :2] - (pose.x, pose.y)).T)))
+    return Anchor(node, pose, Pose2(*nodes[node].tolist()).inverse() @ pose)
+
+
+def _values(anchor: Anchor) -> list[float]:
+    was, there = anchor.was, anchor.from_node
+    return [anchor.node, was.x, was.y, was.theta, there.x, there.y, there.theta]
+
+
+def _anchor(row: Sequence[float]) -> Anchor:
+    node, *values = row
+    if len(values) != 6 or not all(map(math.isfinite, values)) or int(node) != node or node < 0:
+        raise ValueError(f"{row} is no anchor")
+    return Anchor(int(node), Pose2(*values[:3]), Pose2(*values[3:]))
+
+
+_LOADER = getattr(yaml, "CSafeLoader", yaml.SafeLoader)

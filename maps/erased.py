@@ -1,0 +1,80 @@
+"""What people have erased of a map: `erased.yaml` beside `map.yaml`, a list of polygons.
+
+    - [[1.0, 2.0], [3.0, 2.0], [3.0, 4.0]]
+
+The corners are x, y [m] in map. What the map shows in there, a ghost of something that is gone, counts as free floor;
+the map's image stays as it was made.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from pathlib import Path
+
+import numpy as np
+import yaml
+
+from waychair.errors import ZoneError
+from waychair.maps.anchors import load_anchors, write_anchored
+from waychair.maps.places import places_path
+from waychair.maps.zones import Rule, Zone, cells_of, checked_polygon
+from waychair.types import FloatArray, OccupancyGrid, Pose2
+
+ERASED_YAML = "erased.yaml"
+
+
+def load_erased(folder: Path) -> tuple[FloatArray, ...]:
+    """The polygons (N, 2) [m] of a map that is given by its folder or its YAML file; none without such a file.
+
+    They have followed the map's nodes (`maps.anchors`).
+
+    Raises:
+        MapError: what holds them there is damaged.
+        ZoneError: the file is broken.
+    """
+    path = places_path(folder).with_name(ERASED_YAML)
+    if not path.exists():
+        return ()
+    try:
+        values = yaml.safe_load(path.read_text(encoding="utf-8"))
+    except (OSError, UnicodeDecodeError) as error:
+        raise ZoneError(f"cannot read {path}: {error}") from error
+    except (yaml.YAMLError, ValueError) as error:
+        raise ZoneError(f"{path} is not YAML: {' '.join(str(error).split())}") from error
+    if values is None:
+        return ()
+    if not isinstance(values, list):
+        raise ZoneError(f"{path} must be a list of polygons [[x, y], [x, y], [x, y], ...]")
+    polygons = [checked_polygon(f"{path}, polygon {number}", each) for number, each in enumerate(values, 1)]
+    anchors = load_anchors(path.parent)
+    now = [anchors.follow("erased", str(number), erased_points(polygon)) for number, polygon in enumerate(polygons)]
+    return tuple(np.array([[pose.x, pose.y] for pose in corners]) for corners in now)
+
+
+def save_erased(folder: Path, polygons: Sequence[FloatArray]) -> None:
+    """Write the polygons of a map, whole or not at all.
+
+    Raises:
+        MapError: what holds them on the map's nodes is damaged.
+        OutputError: the folder cannot be made or written to.
+    """
+    values = [polygon.tolist() for polygon in polygons]
+    text = yaml.safe_dump(values, default_flow_style=None, width=10_000)
+    held = {str(number): erased_points(polygon) for number, polygon in enumerate(polygons)}
+    write_anchored(places_path(folder).with_name(ERASED_YAML), text if values else "", "erased", held)
+
+
+def erased_points(polygon: FloatArray) -> list[Pose2]:
+    """What of a polygon (N, 2) is anchored."""
+    return [Pose2(x, y) for x, y in polygon.tolist()]
+
+
+def without(grid: OccupancyGrid, polygons: Sequence[FloatArray]) -> OccupancyGrid:
+    """The grid with the polygons' cells free; itself without any."""
+    if not polygons:
+        return grid
+    cells = grid.cells.copy()
+    for polygon in polygons:
+        part, within = cells_of(Zone("", Rule.KEEP_OUT, np.asarray(polygon)), grid)
+        cells[part][within] = 0
+    return OccupancyGrid(cells, grid.resolution, grid.map_from_grid)

@@ -1,0 +1,42 @@
+"""A map with what people have drawn on it, made ready to plan on."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+import numpy as np
+
+from waychair.calibration.chair import BodyLayer, ChairBody
+from waychair.maps.distance_field import distances
+from waychair.maps.grid import cells_from_points, inside, occupied
+from waychair.maps.zones import Zone
+from waychair.planning.costmap import Costmap, CostmapSettings, LiveCostmap, closed_off
+from waychair.types import BoolArray, FloatArray, OccupancyGrid
+
+
+class DrawnMap:
+    """The grid with its keep-out zones closed, and its costmap.
+
+    Making one takes as long as many control steps: who drives has somebody else make it.
+    """
+
+    def __init__(
+        self, grid: OccupancyGrid, body: ChairBody, settings: CostmapSettings, zones: Sequence[Zone] = ()
+    ) -> None:
+        self._from_things = distances(occupied(grid), grid.resolution)
+        self.grid = closed_off(grid, zones)
+        self._costmaps = LiveCostmap(grid, body, settings, zones)
+
+    def costmap(
+        self, live_points: FloatArray | None = None, layered: Sequence[tuple[BodyLayer, FloatArray]] = ()
+    ) -> Costmap:
+        """Under obstacles that come and go; see `LiveCostmap.costmap`."""
+        return self._costmaps.costmap(live_points, layered)
+
+    def shows(self, points: FloatArray, within: float) -> BoolArray:
+        """(N,) which of points (N, 2) [m] in map are within so much [m] of a thing that the map shows; zones are none."""
+        cells = cells_from_points(self.grid, points)
+        on_map = inside(self.grid, cells)
+        shown = np.zeros(len(points), np.bool_)
+        shown[on_map] = self._from_things[tuple(cells[on_map].T)] <= within
+        return shown

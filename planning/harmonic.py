@@ -1,0 +1,362 @@
+"""Harmonic potential fields: from every free cell that is connected to the goal, uphill in v leads there.
+
+The idea is Connolly, Burns and Weiss's (1990): a harmonic function has no local extremum, so that descent cannot be
+trapped. It holds for the numbers, too, only if none is lost: v falls by a factor with every width of a corridor,
+and the source paper's u = 1 - v, in float32, is flat on most of a real floor. Here the logarithm of v is kept. It is
+found in stages: a solver finds v from the goal on, as far as its accuracy goes; what is known then is held, all is
+rescaled by the largest value at the border, and the next stage goes on from there. What no stage was spent on holds a
+lower bound that has no local maximum either, so that every descent arrives, from there on a less smooth way.
+"""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass, field
+
+import numpy as np
+from numba import njit
+from scipy.ndimage import find_objects
+
+from waychair.config import Settings, setting
+from waychair.errors import NoPath, NotConverged, StartOutsideMap
+from waychair.planning.grid_graph import Cell
+from waychair.planning.laplace_solvers import GoOn, Problem, SolverSettings, check_memory, run_solver
+from waychair.planning.log_relay import Indices, log_sweep, spread
+from waychair.planning.multigrid import finest_level
+from waychair.types import BoolArray, Bytes, Float32Array, FloatArray, IntArray
+
+_NO_BARS = np.empty((0, 0), np.uint8)
+
+_SMOOTHING, _REPAIRS = 2, 200
+"""Sweeps in logarithms that follow the stages, and how many more at most until no cell lacks a better neighbour."""
+
+_DIRECTED_SWEEPS = 60
+"""Of a map with one-way zones, whose matrix is not symmetric: no stage can solve it, the sweeps do."""
+
+
+@dataclass(frozen=True, slots=True)
+class HarmonicSettings(Settings):
+    """How far and how exactly the field is found."""
+
+    solver: SolverSettings = field(default_factory=lambda: SolverSettings(tolerance=1e-13, most_sweeps=400))
+    trusted: float = setting(
+        1e-8, "", "smaller values, beside a stage's largest, are left to the next", low=1e-12, high=0.1
+    )
+    stages: int = setting(1000, "", "after which the rest is only bounded from below", low=0, high=100_000)
+    step: float = setting(0.4, "cells", "of a streamline", low=0.05, high=1.0)
+
+
+@dataclass(frozen=True, slots=True)
+class LogField:
+    """The harmonic field as logs (H, W) float64 = log v: 0 at the goal, -inf where no way leads from.
+
+    `stages` and `sweeps` are what it took; `solved` is how many cells the stages found, of those `connected`.
+    """
+
+    logs: FloatArray
+    goal: Cell
+    connected: int
+    solved: int
+    stages: int
+    sweeps: int
+    barred: Bytes = field(default_factory=lambda: _NO_BARS)
+
+
+def log_field(
+    problem: Problem,
+    settings: HarmonicSettings = HarmonicSettings(),
+    warm_start: LogField | None = None,
+    until: Cell | None = None,
+    barred: Bytes | None = None,
+    go_on: GoOn | None = None,
+) -> LogField:
+    """The field of a problem in logarithms; every connected cell but the goal has a strictly better neighbour.
+
+    With a cell `until`, stages end when that one is solved. A `warm_start` of a similar problem saves the stages most
+    of their work. `barred` (H, W) has the directions of one-way zones, as in `grid_graph`.
+
+    Raises:
+        MapTooLarge, NotConverged, ConfigError: see `laplace_solvers.solve`.
+    """
+    absorption = problem.absorption
+    check_memory(absorption.size, "multigrid", settings.solver.memory)
+    bars = _NO_BARS if barred is None else barred
+    order, numbers = spread(absorption, bars, problem.goal[0], problem.goal[1])
+    reachable = np.zeros(absorption.size, np.bool_)
+    reachable[order] = True
+    logs = np.full(absorption.shape, -np.inf)
+    logs[problem.goal] = 0.0
+    stages, sweeps = 0, 0
+    if barred is None:
+        stages, sweeps = _staged(problem, reachable.reshape(absorption.shape), logs, settings, warm_start, until, go_on)
+    in_order = logs.ravel()[order]
+    solved = int(np.isfinite(in_order).sum())
+    _finish(in_order, numbers, absorption.ravel()[order], _SMOOTHING if barred is None else _DIRECTED_SWEEPS)
+    logs.ravel()[order] = in_order
+    return LogField(logs, problem.goal, len(order), solved, stages, sweeps, bars)
+
+
+def _staged(
+    problem: Problem,
+    reachable: BoolArray,
+    logs: FloatArray,
+    settings: HarmonicSettings,
+    warm_start: LogField | None,
+    until: Cell | None,
+    go_on: GoOn | None,
+) -> tuple[int, int]:
+    """Find `logs` (H, W), in place, from the goal on; returns the stages and the sweeps that took."""
+    stages, sweeps = 0, 0
+    warm = warm_start.logs if warm_start is not None and warm_start.logs.shape == logs.shape else None
+    while stages < settings.stages and (until is None or not reachable[until] or not np.isfinite(logs[until])):
+        unknown = reachable & ~np.isfinite(logs)
+        boxes = find_objects(unknown.astype(np.int8))
+        if not boxes:
+            break
+        rows, columns = (slice(max(part.start - 1, 0), part.stop + 1) for part in boxes[0])
+        box = (rows, columns)
+        found, done = _stage(
+            np.where(unknown[box], problem.absorption[box], np.float32(np.inf)),
+            logs[box],
+            None if warm is None else warm[box],
+            settings,
+            go_on,
+        )
+        stages, sweeps = stages + 1, sweeps + done
+        if not np.isfinite(found).any():
+            break
+        logs[box] = np.where(np.isfinite(found), found, logs[box])
+    return stages, sweeps
+
+
+def _stage(
+    absorption: Float32Array, known: FloatArray, warm: FloatArray | None, settings: HarmonicSettings, go_on: GoOn | None
+) -> tuple[FloatArray, int]:
+    """Logs (H, W) of the unknown cells that one solution tells well enough, -inf of the others; and its sweeps."""
+    level = finest_level(absorption)
+    free = level.inverse > 0
+    border = np.pad(known, 1, constant_values=-np.inf)
+    beside = free[1:-1, 2:] | free[1:-1, :-2] | free[2:, 1:-1] | free[:-2, 1:-1]
+    scale = float(known[beside].max(initial=-np.inf))
+    none = np.full(known.shape, -np.inf)
+    if scale == -np.inf:
+        return none, 0
+    with np.errstate(under="ignore"):
+        values = np.exp(border - scale, out=np.zeros_like(border), where=border <= scale)
+    b = np.zeros_like(values)
+    b[1:-1, 1:-1] = values[1:-1, 2:] + values[1:-1, :-2] + values[2:, 1:-1] + values[:-2, 1:-1]
+    b[~free] = 0.0
+    x = np.zeros_like(b)
+    if warm is not None:
+        x[1:-1, 1:-1] = np.exp(np.minimum(warm - scale, 0.0))
+        x[~free] = 0.0
+    _, sweeps = run_solver(settings.solver.solver, level, absorption, x, b, settings.solver, go_on)
+    told = x[1:-1, 1:-1] > settings.trusted * x.max()
+    return np.where(told, np.log(x[1:-1, 1:-1], where=told, out=none.copy()) + scale, none), sweeps
+
+
+def _finish(logs: FloatArray, numbers: Indices, absorption: Float32Array, sweeps: int) -> None:
+    """Fill what is not known of logs (N,), in the order of the steps from the goal, and let no cell be a summit.
+
+    Raises:
+        NotConverged: some cell still is.
+    """
+    diagonals = (4.0 + absorption).astype(np.float32)
+    count = len(logs)
+    _fill(logs, numbers, diagonals)
+    for sweep in range(sweeps):
+        log_sweep(logs, numbers, diagonals, 1, count, sweep % 2 == 0)
+    for repair in range(_REPAIRS):
+        if not summits(logs, numbers):
+            return
+        log_sweep(logs, numbers, diagonals, 1, count, repair % 2 == 0)
+    raise NotConverged(
+        f"{summits(logs, numbers)} cells of the field have no better neighbour; ask the solver for a smaller tolerance"
+    )
+
+
+@njit(cache=True, nogil=True)
+def _fill(logs: FloatArray, numbers: Indices, diagonals: Float32Array) -> None:
+    """Bound the unknown cells from below: at least what comes from the neighbours nearer to the goal passes on."""
+    for k in range(1, len(logs)):
+        if logs[k] == -np.inf:
+            best = -np.inf
+            for d in range(4):
+                if numbers[k, d] >= 0:
+                    best = max(best, logs[numbers[k, d]])
+            logs[k] = best - math.log(diagonals[k])
+
+
+@njit(cache=True, nogil=True)
+def summits(logs: FloatArray, numbers: Indices) -> int:
+    """How many cells but the first have no strictly better neighbour."""
+    count = 0
+    for k in range(1, len(logs)):
+        better = False
+        for d in range(4):
+            better |= numbers[k, d] >= 0 and logs[numbers[k, d]] > logs[k]
+        count += not better
+    return count
+
+
+def summits_of(found: LogField) -> int:
+    """How many connected cells but the goal have no strictly better neighbour, in plain array arithmetic."""
+    padded = np.pad(found.logs, 1, constant_values=-np.inf)
+    best = np.maximum.reduce([padded[1:-1, 2:], padded[1:-1, :-2], padded[2:, 1:-1], padded[:-2, 1:-1]])
+    lacking = np.isfinite(found.logs) & (best <= found.logs)
+    lacking[found.goal] = False
+    return int(lacking.sum())
+
+
+def descend(found: LogField, start: Cell) -> IntArray:
+    """Cells (N, 2) from a start to the goal, each the best of the eight neighbours of the one before.
+
+    A diagonal step needs both cells beside it free. The source paper's index of the best neighbour, among four.
+
+    Raises:
+        StartOutsideMap, StartOccupied, NoPath.
+    """
+    _check_start(found, start)
+    cells, count = _descend(found.logs, found.barred, start[0], start[1], found.connected)
+    if count == 0:
+        raise NoPath(
+            f"the descent from column {start[1]}, row {start[0]} does not reach the goal; solve the field anew"
+        )
+    return cells[:count]
+
+
+def _check_start(found: LogField, start: Cell) -> None:
+    height, width = found.logs.shape
+    at = f"the start in column {start[1]}, row {start[0]}"
+    if not (0 <= start[0] < height and 0 <= start[1] < width):
+        raise StartOutsideMap(
+            f"{at} lies outside the map of {width} columns and {height} rows; choose a cell inside it"
+        )
+    if not np.isfinite(found.logs[start]):
+        raise NoPath(f"{at} is not connected to the goal; clear the way or choose another goal")
+
+
+@njit(cache=True, nogil=True)
+def _descend(logs: FloatArray, barred: Bytes, row: int, column: int, most: int) -> tuple[IntArray, int]:
+    """The cells, and how many there are; 0 when it goes no further."""
+    height, width = logs.shape
+    cells = np.empty((most, 2), np.int64)
+    rows, columns = (0, 1, 1, 1, 0, -1, -1, -1), (1, 1, 0, -1, -1, -1, 0, 1)
+    count = 0
+    while count < most:
+        cells[count, 0], cells[count, 1] = row, column
+        count += 1
+        here = logs[row, column]
+        if here == 0.0:
+            return cells, count
+        best, to_row, to_column = here, row, column
+        for d in range(8):
+            i, j = row + rows[d], column + columns[d]
+            if not (0 <= i < height and 0 <= j < width) or not logs[i, j] > best:
+                continue
+            if d % 2 == 1 and (logs[row, j] == -np.inf or logs[i, column] == -np.inf):
+                continue
+            if barred.size and (barred[row, column] | barred[i, j]) >> d & 1:
+                continue
+            best, to_row, to_column = logs[i, j], i, j
+        if best == here:
+            return cells, 0
+        row, column = to_row, to_column
+    return cells, 0
+
+
+def streamline(found: LogField, start: FloatArray, settings: HarmonicSettings = HarmonicSettings()) -> FloatArray:
+    """Points (N, 2), columns and rows [cells], from a start along the gradient of the field, between the cells, too.
+
+    (0.5, 0.5) is the middle of cell (0, 0). Where the interpolated gradient leads into a wall or no higher, the best
+    neighbour's middle is gone to: every such detour is higher than all before, so that the line arrives.
+
+    Raises:
+        StartOutsideMap, StartOccupied, NoPath.
+    """
+    cell = (math.floor(start[1]), math.floor(start[0]))
+    _check_start(found, cell)
+    points, count = _streamline(found.logs, start[0], start[1], settings.step, 64 * found.connected + 64)
+    if count == 0:
+        raise NoPath(f"the line from column {cell[1]}, row {cell[0]} does not reach the goal; solve the field anew")
+    goal = np.array([found.goal[1] + 0.5, found.goal[0] + 0.5])
+    return np.concatenate([points[:count], goal[None]])
+
+
+_PATIENCE = 6
+"""Steps in which a streamline has to come higher than before."""
+
+
+@njit(cache=True, nogil=True)
+def _streamline(logs: FloatArray, x: float, y: float, step: float, most: int) -> tuple[FloatArray, int]:
+    height, width = logs.shape
+    points = np.empty((min(most, 1 << 20), 2))
+    count, best, since = 0, -np.inf, 0
+    while count < len(points):
+        points[count, 0], points[count, 1] = x, y
+        count += 1
+        row, column = int(y), int(x)
+        if logs[row, column] == 0.0:
+            return points, count
+        if logs[row, column] > best:
+            best, since = logs[row, column], 0
+        else:
+            since += 1
+        gx, gy = gradient(logs, x, y)
+        size = math.sqrt(gx * gx + gy * gy)
+        if since < _PATIENCE and size > 0.0:
+            to_x, to_y = x + step * gx / size, y + step * gy / size
+            half_x, half_y = 0.5 * (x + to_x), 0.5 * (y + to_y)
+            if _free(logs, to_x, to_y) and _free(logs, half_x, half_y) and _open_between(logs, x, y, to_x, to_y):
+                x, y = to_x, to_y
+                continue
+        # to the middle of the best of the four neighbours, from that of this cell
+        highest, to_row, to_column = logs[row, column], row, column
+        for d in range(4):
+            i, j = row + (d == 0) - (d == 1), column + (d == 2) - (d == 3)
+            if 0 <= i < height and 0 <= j < width and logs[i, j] > highest:
+                highest, to_row, to_column = logs[i, j], i, j
+        if highest == logs[row, column]:
+            return points, 0
+        x, y = to_column + 0.5, to_row + 0.5
+        since = 0
+    return points, 0
+
+
+@njit(cache=True, inline="always")
+def _free(logs: FloatArray, x: float, y: float) -> bool:
+    return bool(0.0 <= x < logs.shape[1] and 0.0 <= y < logs.shape[0] and logs[int(y), int(x)] > -np.inf)
+
+
+@njit(cache=True, inline="always")
+def _open_between(logs: FloatArray, x: float, y: float, to_x: float, to_y: float) -> bool:
+    """Whether a step to a diagonal neighbour passes no corner of a wall."""
+    if int(x) == int(to_x) or int(y) == int(to_y):
+        return True
+    return bool(logs[int(y), int(to_x)] > -np.inf and logs[int(to_y), int(x)] > -np.inf)
+
+
+@njit(cache=True, nogil=True)
+def gradient(logs: FloatArray, x: float, y: float) -> tuple[float, float]:
+    """Direction in which v, interpolated between the middles of the four cells round a point, grows; walls hold 0.
+
+    In units of the largest of the four values, so that nothing is lost however small they are.
+    """
+    left, above = math.floor(x - 0.5), math.floor(y - 0.5)
+    fx, fy = x - 0.5 - left, y - 0.5 - above
+    top = -np.inf
+    for i in range(2):
+        for j in range(2):
+            top = max(top, _at(logs, above + i, left + j))
+    if top == -np.inf:
+        return 0.0, 0.0
+    a, b = math.exp(_at(logs, above, left) - top), math.exp(_at(logs, above, left + 1) - top)
+    c, d = math.exp(_at(logs, above + 1, left) - top), math.exp(_at(logs, above + 1, left + 1) - top)
+    return (1 - fy) * (b - a) + fy * (d - c), (1 - fx) * (c - a) + fx * (d - b)
+
+
+@njit(cache=True, inline="always")
+def _at(logs: FloatArray, row: int, column: int) -> float:
+    if 0 <= row < logs.shape[0] and 0 <= column < logs.shape[1]:
+        return float(logs[row, column])
+    return -np.inf

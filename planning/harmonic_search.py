@@ -1,0 +1,106 @@
+"""The harmonic field as a planner on the grid: the same questions as D* Lite is asked, answered by a descent.
+
+Prices enter as absorption: an impassable cell absorbs all, and a cell dearer than free floor a part of what passes
+through it, so that the field avoids it the more the dearer it is.
+"""
+
+from __future__ import annotations
+
+import numpy as np
+
+from waychair.errors import NoPath
+from waychair.planning.grid_graph import (
+    DIAGONAL,
+    FREE_PRICE,
+    STRAIGHT,
+    Cell,
+    Prices,
+    check_changes,
+    check_prices,
+    padded_index,
+)
+from waychair.planning.harmonic import HarmonicSettings, LogField, descend, log_field
+from waychair.planning.laplace_solvers import Problem
+from waychair.types import Bytes, Float32Array, IntArray
+
+ABSORBED = 2e-3
+"""Absorbed by a cell of twice the price of free floor: over some ten cells it costs as much as a little of a wall."""
+
+
+def absorption_from_prices(prices: Prices) -> Float32Array:
+    """Absorption (H, W) float32 of cells with prices (H, W): 0 of free floor, infinite where nothing passes."""
+    dearer = (prices.astype(np.float32) / np.float32(FREE_PRICE) - 1) * np.float32(ABSORBED)
+    absorbed: Float32Array = np.where(prices > 0, np.maximum(dearer, 0), np.inf).astype(np.float32)
+    return absorbed
+
+
+class HarmonicSearch:
+    """The interface of `DStarLite` over a harmonic field that is kept, and solved anew from what it was.
+
+    Raises (constructor):
+        ValueError: a cell outside the grid, an impossible price.
+    """
+
+    def __init__(
+        self,
+        prices: Prices,
+        goal: Cell,
+        start: Cell,
+        barred: Bytes | None = None,
+        settings: HarmonicSettings | None = None,
+    ) -> None:
+        check_prices(prices)
+        for cell in (goal, start):
+            padded_index(cell, prices.shape)
+        self._prices, self._barred = prices.copy(), barred
+        self._goal, self._start = goal, start
+        self._settings = settings or HarmonicSettings()
+        self._field: LogField | None = None
+        self._stale = True
+        self._cells: IntArray | None = None
+        self.pops = 0
+
+    def move_start(self, cell: Cell) -> None:
+        """The next `replan` starts from this cell."""
+        padded_index(cell, self._prices.shape)
+        self._start, self._cells = cell, None
+
+    def update(self, cells: IntArray, prices: Prices) -> None:
+        """Cells (N, 2) have new prices (N,)."""
+        check_changes(cells, prices, self._prices.shape)
+        self._prices[cells[:, 0], cells[:, 1]] = prices
+        self._stale, self._cells = True, None
+
+    def replan(self) -> int:
+        """Cost of the way that the field leads along, in the searches' unit, which is not the least.
+
+        Raises:
+            NoPath: the start is not connected to the goal.
+            MapTooLarge, NotConverged: see `log_field`.
+        """
+        if self._prices[self._start] == 0 or self._prices[self._goal] == 0:
+            self._cells = None
+            raise NoPath("start and goal are not connected by passable cells; clear the way or choose another goal")
+        found = self._field
+        if found is None or self._stale or not np.isfinite(found.logs[self._start]):
+            problem = Problem(absorption_from_prices(self._prices), self._goal)
+            found = log_field(problem, self._settings, self._field, self._start, self._barred)
+            self._field, self._stale = found, False
+            self.pops += found.sweeps * found.connected
+        self._cells = descend(found, self._start)
+        return _cost(self._prices, self._cells)
+
+    def path(self) -> IntArray:
+        """Cells (N, 2) of the plan in force; raises `NoPath`."""
+        if self._cells is None:
+            raise NoPath("there is no plan in force; call replan first")
+        return self._cells
+
+
+def _cost(prices: Prices, cells: IntArray) -> int:
+    """Sum of the steps' costs, as in `grid_graph`."""
+    along = prices[cells[:, 0], cells[:, 1]].astype(np.int64)
+    diagonal = (np.diff(cells, axis=0) != 0).all(axis=1)
+    both = along[:-1] + along[1:]
+    steps = np.where(diagonal, DIAGONAL // 2 * both // FREE_PRICE, STRAIGHT // (2 * FREE_PRICE) * both)
+    return int(steps.sum())

@@ -1,0 +1,384 @@
+"""Laplace's equation on a grid, by any of several solvers behind one function.
+
+The source paper (harmonic fields on a GPU and a rubber band for smart wheelchairs, section II) solves for u, 0 at the
+goal and 1 in obstacles. Here it is v = 1 - u, 1 at the goal and 0 in obstacles: far from the goal u differs from 1 by
+less than a float64 can tell, while v is as exact there as anywhere. A cell may absorb part of what passes through
+it (the diagonal is 4 + absorption): an obstacle absorbs all, a dear or perhaps occupied cell a little.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass
+from types import MappingProxyType
+
+import numpy as np
+from numba import njit
+
+from waychair.config import Settings, setting
+from waychair.errors import ConfigError, GoalOccupied, GoalOutsideMap, MapTooLarge, NotConverged
+from waychair.planning.grid_graph import Cell
+from waychair.planning.multigrid import Level, apply, conjugate_gradients, finest_level, levels_from, relax
+from waychair.types import BoolArray, Float32Array, FloatArray, IntArray
+
+GoOn = Callable[[], bool]
+"""Asked between sweeps whether there is time for more; whoever has a clock gives one."""
+
+_BYTES = MappingProxyType({"gauss-seidel": 40, "sor": 40, "multigrid": 90, "direct": 2000, "gpu": 90})
+"""Memory [bytes] that a cell takes in a solver's arrays, about; the direct one's factors grow faster than the map."""
+
+_AROUND = (24, 64, 128)
+"""Cells round what changed that are solved by themselves before all are, one square after the other."""
+
+
+_FADES = 0.03
+"""A square that leaves more than this part of what was wrong shows that the change is no matter of one place."""
+
+
+@dataclass(frozen=True, slots=True)
+class SolverSettings(Settings):
+    """Which solver, how exactly, and for how long."""
+
+    solver: str = setting("multigrid", "", "gauss-seidel, sor, multigrid, direct, gpu, or auto: gpu where there is one")
+    tolerance: float = setting(1e-8, "", "of |b - A v| / |b|", low=1e-14, high=1.0)
+    most_sweeps: int = setting(20_000, "", "sweeps, or cycles of multigrid, after which it gives up", low=1, high=10**9)
+    omega: float = setting(0.0, "", "over-relaxation of sor; 0: by the map's size", low=0.0, high=1.999)
+    initial: float = setting(0.0, "", "what free cells hold before the first sweep", low=0.0, high=1.0)
+    memory: float = setting(4000.0, "MB", "that a solver may take", low=1.0, high=1e7)
+
+
+PAPER_SOLVER = SolverSettings(solver="gauss-seidel", initial=0.5, tolerance=1e-6, most_sweeps=1_000_000)
+"""The paper's: Eq 1 row by row, in place, from the middle of the range; it gives no number of iterations."""
+
+
+@dataclass(frozen=True, slots=True)
+class Problem:
+    """Where the field is wanted: absorption (H, W) float32, 0 of free floor and infinite of obstacles; and the goal.
+
+    Raises:
+        GoalOutsideMap, GoalOccupied: the goal is no free cell of the map.
+    """
+
+    absorption: Float32Array
+    goal: Cell
+
+    def __post_init__(self) -> None:
+        height, width = self.absorption.shape
+        row, column = self.goal
+        if not (0 <= row < height and 0 <= column < width):
+            raise GoalOutsideMap(
+                f"the goal in column {column}, row {row} lies outside the map of {width} columns and {height} rows; "
+                "choose a cell inside it"
+            )
+        if not math.isfinite(self.absorption[self.goal]):
+            raise GoalOccupied(f"the goal in column {column}, row {row} is occupied; choose a free cell")
+
+
+def problem_of(free: BoolArray, goal: Cell) -> Problem:
+    """The problem of free cells (H, W) that absorb nothing."""
+    return Problem(np.where(free, np.float32(0.0), np.float32(np.inf)), goal)
+
+
+@dataclass(frozen=True, slots=True)
+class Field:
+    """v (H, W) float64: 1 at the goal, 0 in obstacles. residual: |b - A v| / |b|; sweeps: how many that took."""
+
+    v: FloatArray
+    residual: float
+    sweeps: int
+
+
+def solve(
+    problem: Problem,
+    settings: SolverSettings = SolverSettings(),
+    warm_start: Field | None = None,
+    go_on: GoOn | None = None,
+) -> Field:
+    """The field of a problem; from a `warm_start` of the same shape only what differs has to be found.
+
+    Raises:
+        MapTooLarge: the solver would take more memory than it may.
+        NotConverged: the tolerance was not reached in the sweeps, or the time, allowed.
+        ConfigError: there is no such solver.
+    """
+    solver = _chosen(settings.solver)
+    absorption = problem.absorption
+    check_memory(absorption.size, solver, settings.memory)
+    walls = absorption.copy()
+    walls[problem.goal] = np.inf
+    level = finest_level(walls)
+    row, column = problem.goal[0] + 1, problem.goal[1] + 1
+    b = np.zeros(level.x.shape)
+    for d, e in ((0, 1), (1, 0), (0, -1), (-1, 0)):
+        b[row + d, column + e] = level.inverse[row + d, column + e] > 0
+    x = np.zeros_like(b)
+    if warm_start is not None and warm_start.v.shape == absorption.shape:
+        x[1:-1, 1:-1] = warm_start.v
+    elif settings.initial:
+        x[1:-1, 1:-1] = settings.initial
+    x[level.inverse == 0] = 0.0
+    residual, sweeps = run_solver(solver, level, walls, x, b, settings, go_on, warm_start is not None)
+    v = x[1:-1, 1:-1].copy()
+    v[problem.goal] = 1.0
+    return Field(v, residual, sweeps)
+
+
+def run_solver(
+    solver: str,
+    level: Level,
+    absorption: Float32Array,
+    x: FloatArray,
+    b: FloatArray,
+    settings: SolverSettings,
+    go_on: GoOn | None,
+    warm: bool = False,
+) -> tuple[float, int]:
+    """Improve x (H + 2, W + 2) in place till A x = b; returns the relative residual that is left, and the sweeps.
+
+    Raises:
+        NotConverged: as in `solve`.
+    """
+    residual, sweeps = _SOLVERS[solver](level, absorption, x, b, settings, go_on, warm)
+    if not residual <= settings.tolerance:
+        raise NotConverged(
+            f"the field's relative residual is {residual:.1e} after {sweeps} sweeps of {solver}, not "
+            f"{settings.tolerance:.1e}; allow more sweeps or time, or take a coarser map"
+        )
+    return residual, sweeps
+
+
+def relative_residual(problem: Problem, v: FloatArray) -> float:
+    """|b - A v| / |b| of values (H, W) with the goal's 1 among them, in plain array arithmetic."""
+    free = np.isfinite(problem.absorption)
+    free[problem.goal] = False
+    b, padded = np.zeros_like(v), np.pad(np.where(free, v, 0.0), 1)
+    b[problem.goal] = 1.0
+    spread = np.pad(b, 1)
+    at_cells = np.where(free, _neighbours(spread), 0.0)
+    with np.errstate(invalid="ignore"):
+        left = at_cells + _neighbours(padded) - (4.0 + problem.absorption.astype(np.float64)) * np.where(free, v, 0.0)
+    return float(np.linalg.norm(left[free]) / (np.linalg.norm(at_cells) or 1.0))
+
+
+def _neighbours(padded: FloatArray) -> FloatArray:
+    """(H, W) sums over the four neighbours of (H + 2, W + 2)."""
+    total: FloatArray = padded[1:-1, 2:] + padded[1:-1, :-2] + padded[2:, 1:-1] + padded[:-2, 1:-1]
+    return total
+
+
+def check_memory(cells: int, solver: str, memory: float) -> None:
+    """Refuse a map that a solver would take more than `memory` [MB] for.
+
+    Raises:
+        MapTooLarge: it would.
+    """
+    needed = cells * _BYTES[solver] / 1e6
+    if needed > memory:
+        raise MapTooLarge(
+            f"a map of {cells} cells takes {needed:.0f} MB by {solver}, and {memory:.0f} MB are allowed; take coarser "
+            "cells, or allow more memory"
+        )
+
+
+def _chosen(solver: str) -> str:
+    """The solver by its name, or that for this computer."""
+    if solver == "auto":
+        from waychair.planning.laplace_gpu import gpu_at_hand
+
+        return "gpu" if gpu_at_hand() else "multigrid"
+    if solver not in _SOLVERS:
+        raise ConfigError(f"there is no solver '{solver}'; choose auto, {', '.join(_SOLVERS)}")
+    return solver
+
+
+def _multigrid(
+    level: Level,
+    absorption: Float32Array,
+    x: FloatArray,
+    b: FloatArray,
+    settings: SolverSettings,
+    go_on: GoOn | None,
+    warm: bool,
+) -> tuple[float, int]:
+    if warm:
+        residual = _solved_nearby(level, absorption, x, b, settings.tolerance)
+        if residual <= settings.tolerance:
+            return residual, 0
+    levels = levels_from(level, absorption)
+    return conjugate_gradients(levels, x, b, settings.tolerance, settings.most_sweeps, go_on)
+
+
+def _solved_nearby(level: Level, absorption: Float32Array, x: FloatArray, b: FloatArray, tolerance: float) -> float:
+    """Improve x round the cells where it is wrong, in larger and larger squares; returns the residual that is left.
+
+    What changes in one place is a matter of that place: its effect fades with the distance.
+    """
+    whole = math.sqrt(float(np.vdot(b, b))) or 1.0
+    before = math.inf
+    for around in _AROUND:
+        apply(level, x, level.r)
+        rest = b - level.r
+        residual = math.sqrt(float(np.vdot(rest, rest))) / whole
+        if residual <= tolerance or residual > _FADES * before:
+            return residual
+        before = residual
+        wrong = np.argwhere(np.abs(rest) > 0.1 * tolerance * whole)
+        low = np.maximum(wrong.min(axis=0) - around, 1)
+        high = np.minimum(wrong.max(axis=0) + around, np.array(x.shape) - 2)
+        if np.prod(high - low + 1) > 0.25 * x.size:
+            return residual
+        _solve_square(level, absorption, x, rest, low, high, tolerance * whole)
+    apply(level, x, level.r)
+    return float(np.linalg.norm(b - level.r)) / whole
+
+
+def _solve_square(
+    level: Level,
+    absorption: Float32Array,
+    x: FloatArray,
+    rest: FloatArray,
+    low: IntArray,
+    high: IntArray,
+    enough: float,
+) -> None:
+    """Correct x from row and column `low` to `high` (in the padded grid), holding what lies outside."""
+    inner = (slice(int(low[0]), int(high[0]) + 1), slice(int(low[1]), int(high[1]) + 1))
+    part = finest_level(absorption[low[0] - 1 : high[0], low[1] - 1 : high[1]])
+    levels = levels_from(part, absorption[low[0] - 1 : high[0], low[1] - 1 : high[1]])
+    b, correction = np.zeros(part.x.shape), np.zeros(part.x.shape)
+    b[1:-1, 1:-1] = rest[inner]
+    size = float(np.linalg.norm(b))
+    if size > 0.0:
+        conjugate_gradients(levels, correction, b, min(0.1 * enough / size, 0.5), 30)
+        x[inner] += correction[1:-1, 1:-1]
+
+
+def _red_black(
+    level: Level,
+    absorption: Float32Array,
+    x: FloatArray,
+    b: FloatArray,
+    settings: SolverSettings,
+    go_on: GoOn | None,
+    warm: bool,
+) -> tuple[float, int]:
+    """Successive over-relaxation; by default with the factor that is best for an empty square of the map's side."""
+    omega = settings.omega or 2.0 / (1.0 + math.sin(math.pi / max(x.shape)))
+
+    def sweep() -> None:
+        relax(level, x, b, 0, omega)
+        relax(level, x, b, 1, omega)
+
+    return _swept(sweep, level, x, b, settings, go_on)
+
+
+def _gauss_seidel(
+    level: Level,
+    absorption: Float32Array,
+    x: FloatArray,
+    b: FloatArray,
+    settings: SolverSettings,
+    go_on: GoOn | None,
+    warm: bool,
+) -> tuple[float, int]:
+    return _swept(lambda: row_by_row(level, x, b), level, x, b, settings, go_on)
+
+
+def _swept(
+    sweep: Callable[[], None],
+    level: Level,
+    x: FloatArray,
+    b: FloatArray,
+    settings: SolverSettings,
+    go_on: GoOn | None,
+) -> tuple[float, int]:
+    whole = float(np.linalg.norm(b)) or 1.0
+    residual, done = math.inf, 0
+    while True:
+        apply(level, x, level.r)
+        residual = float(np.linalg.norm(b - level.r)) / whole
+        if residual <= settings.tolerance or done >= settings.most_sweeps or (go_on is not None and not go_on()):
+            return residual, done
+        for _ in range(min(_BETWEEN, settings.most_sweeps - done)):
+            sweep()
+            done += 1
+
+
+_BETWEEN = 10
+"""Sweeps between two looks at the residual, which costs about as much as one."""
+
+
+@njit(cache=True, nogil=True)
+def row_by_row(level: Level, x: FloatArray, b: FloatArray) -> None:
+    """The paper's Eq 1 on a sequential computer: each cell the mean of its neighbours, new where there are."""
+    east, south, inverse = level.east, level.south, level.inverse
+    for i in range(1, x.shape[0] - 1):
+        for j in range(1, x.shape[1] - 1):
+            across = east[i, j] * x[i, j + 1] + east[i, j - 1] * x[i, j - 1]
+            along = south[i, j] * x[i + 1, j] + south[i - 1, j] * x[i - 1, j]
+            x[i, j] = inverse[i, j] * (b[i, j] + across + along)
+
+
+def _direct(
+    level: Level,
+    absorption: Float32Array,
+    x: FloatArray,
+    b: FloatArray,
+    settings: SolverSettings,
+    go_on: GoOn | None,
+    warm: bool,
+) -> tuple[float, int]:
+    """Sparse LU without pivoting (SuperLU), which a diagonally dominant matrix does not need: nothing cancels."""
+    from scipy.sparse import csc_matrix
+    from scipy.sparse.linalg import splu
+
+    free = level.inverse > 0
+    count = int(free.sum())
+    if count == 0:
+        return 0.0, 0
+    number = np.full(x.shape, -1, np.int64)
+    number[free] = np.arange(count)
+    rows, columns = [np.arange(count)], [np.arange(count)]
+    absorbed = np.zeros(x.shape)
+    absorbed[1:-1, 1:-1] = absorption
+    values = [4.0 + absorbed[free]]
+    for shift in ((0, 1), (1, 0), (0, -1), (-1, 0)):
+        other = np.roll(number, (-shift[0], -shift[1]), (0, 1))[free]
+        linked = other >= 0
+        rows.append(np.flatnonzero(linked))
+        columns.append(other[linked])
+        values.append(np.full(int(linked.sum()), -1.0))
+    entries = (np.concatenate(values), (np.concatenate(rows), np.concatenate(columns)))
+    matrix = csc_matrix(entries, shape=(count, count))
+    factors = splu(matrix, permc_spec="MMD_AT_PLUS_A", diag_pivot_thresh=0.0, options={"SymmetricMode": True})
+    x[free] = factors.solve(b[free])
+    rest = b[free] - matrix @ x[free]
+    return float(np.linalg.norm(rest) / (np.linalg.norm(b) or 1.0)), 1
+
+
+def _on_gpu(
+    level: Level,
+    absorption: Float32Array,
+    x: FloatArray,
+    b: FloatArray,
+    settings: SolverSettings,
+    go_on: GoOn | None,
+    warm: bool,
+) -> tuple[float, int]:
+    from waychair.planning.laplace_gpu import conjugate_gradients_on_gpu
+
+    return conjugate_gradients_on_gpu(
+        levels_from(level, absorption), x, b, settings.tolerance, settings.most_sweeps, go_on
+    )
+
+
+_SOLVERS: Mapping[str, Callable[..., tuple[float, int]]] = MappingProxyType(
+    {
+        "gauss-seidel": _gauss_seidel,
+        "sor": _red_black,
+        "multigrid": _multigrid,
+        "direct": _direct,
+        "gpu": _on_gpu,
+    }
+)

@@ -1,0 +1,273 @@
+"""The rubber band: a path is an elastic line, pulled straight by its tension and held off by what stands round it.
+
+`paper_band` is the source paper's (section IV, Eq 2): each point moves towards where the tension of its two neighbours
+and the force of the harmonic potential balance best. `band` needs no potential, so that it takes the path of any
+planner: tension pulls the line taut, stiffness spreads its bends, the distance field pushes it off obstacles, and no
+step is taken to where the chair's rectangle would not fit, or would have to turn tighter than before.
+"""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+
+import numpy as np
+from numba import njit
+
+from waychair.config import Settings, setting
+from waychair.maps.distance_field import interpolated
+from waychair.planning.costmap import Costmap
+from waychair.planning.footprint import Footprint, footprint, room
+from waychair.planning.grid_graph import Prices
+from waychair.planning.harmonic import LogField
+from waychair.types import Float32Array, FloatArray
+
+
+@dataclass(frozen=True, slots=True)
+class BandSettings(Settings):
+    """What pulls and what pushes."""
+
+    spacing: float = setting(0.1, "m", "of the points", low=0.01, high=1.0)
+    passes: int = setting(800, "", "over all points", low=0, high=100_000)
+    tension: float = setting(0.01, "", "part of the way to the middle of both neighbours", low=0.0, high=0.5)
+    stiffness: float = setting(0.5, "", "part of the way to where the bend is spread evenly", low=0.0, high=0.5)
+    push: float = setting(0.03, "", "part of what is missing to the wanted clearance", low=0.0, high=1.0)
+    clearance: float = setting(0.6, "m", "wanted between the path and obstacles", low=0.0, high=5.0)
+    margin: float = setting(0.045, "m", "kept free round the chair's rectangle", low=0.0, high=0.5)
+    turn: float = setting(math.radians(14.0), "rad", "sharpest turn from one point to the next", low=0.01, high=math.pi)
+
+
+@dataclass(frozen=True, slots=True)
+class PaperBandSettings(Settings):
+    """The source paper's band; it gives neither the step nor the number of passes."""
+
+    delta: float = setting(0.2, "cells", "step towards the balance, 0 < delta < 1", low=0.001, high=0.999)
+    passes: int = setting(200, "", "over all points", low=0, high=100_000)
+
+
+PAPER_BAND = PaperBandSettings()
+
+
+def band(costmap: Costmap, points: FloatArray, settings: BandSettings = BandSettings()) -> FloatArray:
+    """Points (M, 2) of the relaxed line of points (N, 2), columns and rows [cells]; the ends stay.
+
+    What it keeps: no point enters an impassable cell; where the rectangle fitted, along the line, it fits; where it did
+    not, the line comes no nearer to obstacles; and it gets no longer: it is pushed less rather than that.
+    """
+    cell = costmap.grid.resolution
+    line = resampled(points, settings.spacing / cell)
+    if len(line) < 3:
+        return line
+    shape = footprint(costmap.body, settings.margin, costmap.field)
+    for share in (1.0, 0.25, 0.0):
+        moved = line
+        for _ in range(_ROUNDS):
+            forces = (settings.tension, settings.stiffness, share * settings.push, settings.clearance / cell)
+            passes = settings.passes // _ROUNDS
+            moved = _relaxed(costmap.prices, shape, costmap.clearance, moved, *forces, settings.turn, passes)
+            moved = resampled(moved, settings.spacing / cell)
+        if length_of(moved) <= length_of(points):
+            return moved
+    return line
+
+
+_ROUNDS = 4
+"""How often the points are spaced evenly again: tension draws them together where the line is shortest."""
+
+
+def paper_band(found: LogField, points: FloatArray, settings: PaperBandSettings = PAPER_BAND) -> FloatArray:
+    """The source paper's band on points (N, 2), columns and rows [cells], of a path over a field; the ends stay.
+
+    Of a point and the eight steps of one cell round it, the one at which the forces balance best is stepped towards by
+    delta. The potential's force against a step is F = 1/v there - 1/v here; it is taken in units of 1/v here, since v
+    falls so fast with the distance from the goal that a force in fixed units vanishes near it and bursts far from it.
+    """
+    return _paper_relaxed(found.logs, points, settings.delta, settings.passes)
+
+
+def resampled(points: FloatArray, spacing: float) -> FloatArray:
+    """Points along a polyline, evenly spaced by at most `spacing`, its two ends included."""
+    steps = np.hypot(*np.diff(points, axis=0).T)
+    along = np.concatenate([[0.0], np.cumsum(steps)])
+    count = max(math.ceil(along[-1] / spacing - 1e-9), 1) + 1
+    at = np.linspace(0.0, along[-1], count)
+    return np.column_stack([np.interp(at, along, points[:, 0]), np.interp(at, along, points[:, 1])])
+
+
+def turning_angles(points: FloatArray) -> FloatArray:
+    """(N - 2,) by how much [rad] a polyline turns at each of its inner points, without the sign."""
+    steps = np.diff(points, axis=0)
+    headings = np.arctan2(steps[:, 1], steps[:, 0])
+    turns = np.diff(headings)
+    return np.abs(np.arctan2(np.sin(turns), np.cos(turns)))
+
+
+def length_of(points: FloatArray) -> float:
+    """Length of a polyline (N, 2), in the points' unit."""
+    return float(np.hypot(*np.diff(points, axis=0).T).sum())
+
+
+@njit(cache=True, nogil=True)
+def _relaxed(
+    prices: Prices,
+    shape: Footprint,
+    clearance: Float32Array,
+    points: FloatArray,
+    tension: float,
+    stiffness: float,
+    push: float,
+    wanted: float,
+    sharpest: float,
+    passes: int,
+) -> FloatArray:
+    line = points.copy()
+    last = len(line) - 1
+    for turn in range(passes):
+        moved = 0.0
+        for step in range(1, last):
+            k = step if turn % 2 == 0 else last - step
+            x, y = line[k, 0], line[k, 1]
+            middle_x = 0.5 * (line[k - 1, 0] + line[k + 1, 0]) - x
+            middle_y = 0.5 * (line[k - 1, 1] + line[k + 1, 1]) - y
+            dx, dy = tension * middle_x, tension * middle_y
+            if 1 < k < last - 1:  # where the sum of the squared second differences is least
+                dx += stiffness * ((4 * middle_x * 2 - (line[k - 2, 0] + line[k + 2, 0] - 2 * x)) / 6)
+                dy += stiffness * ((4 * middle_y * 2 - (line[k - 2, 1] + line[k + 2, 1] - 2 * y)) / 6)
+            else:
+                dx, dy = dx + stiffness * middle_x, dy + stiffness * middle_y
+            off_x, off_y = _push(clearance, shape.cell, x, y, wanted)
+            dx, dy = dx + push * off_x, dy + push * off_y
+            for share in (1.0, 0.5, 0.25):
+                if _may_move(prices, shape, clearance, line, k, x + share * dx, y + share * dy, sharpest):
+                    line[k, 0], line[k, 1] = x + share * dx, y + share * dy
+                    moved = max(moved, share * math.hypot(dx, dy))
+                    break
+        if moved < _STILL:
+            break
+    return line
+
+
+@njit(cache=True, inline="always")
+def _push(clearance: Float32Array, cell: float, x: float, y: float, wanted: float) -> tuple[float, float]:
+    """What a point lacks of the wanted clearance [cells], away from what is nearest."""
+    lacking = wanted - interpolated(clearance, x, y) / cell
+    if lacking <= 0.0:
+        return 0.0, 0.0
+    gx = interpolated(clearance, x + 0.5, y) - interpolated(clearance, x - 0.5, y)
+    gy = interpolated(clearance, x, y + 0.5) - interpolated(clearance, x, y - 0.5)
+    steep = math.hypot(gx, gy) + 1e-12
+    return lacking * gx / steep, lacking * gy / steep
+
+
+_STILL = 1e-3
+"""Movement [cells] in a pass below which the line is at rest."""
+
+
+@njit(cache=True, nogil=True)
+def _may_move(
+    prices: Prices,
+    shape: Footprint,
+    clearance: Float32Array,
+    line: FloatArray,
+    k: int,
+    x: float,
+    y: float,
+    sharpest: float,
+) -> bool:
+    """Whether point k may go to (x, y): passable, turned no tighter, and the rectangle fits, or did not before."""
+    old_x, old_y = line[k, 0], line[k, 1]
+    for side in range(-1, 2, 2):
+        if not _passable(prices, x, y, line[k + side, 0], line[k + side, 1]):
+            return False
+    turned = _sharpest_about(line, k)
+    line[k, 0], line[k, 1] = x, y
+    allowed = _sharpest_about(line, k) <= max(sharpest, turned)
+    fits = allowed and _fits_about(shape, line, k)
+    line[k, 0], line[k, 1] = old_x, old_y
+    if fits or not allowed:
+        return bool(fits)
+    nearer = interpolated(clearance, x, y) < interpolated(clearance, old_x, old_y)
+    return not nearer and not _fits_about(shape, line, k)
+
+
+@njit(cache=True, inline="always")
+def _passable(prices: Prices, x: float, y: float, to_x: float, to_y: float) -> bool:
+    """Whether no cell under a short line is impassable, but for that of its end."""
+    count = int(4 * max(abs(to_x - x), abs(to_y - y))) + 1
+    for i in range(count):
+        at_x, at_y = x + i / count * (to_x - x), y + i / count * (to_y - y)
+        if not (0 <= at_x < prices.shape[1] and 0 <= at_y < prices.shape[0]):
+            return False
+        row, column = int(at_y), int(at_x)
+        if prices[row, column] == 0 and not (row == int(to_y) and column == int(to_x)):
+            return False
+    return True
+
+
+@njit(cache=True, nogil=True)
+def _sharpest_about(line: FloatArray, k: int) -> float:
+    """The sharpest turn [rad] at point k or at one of its neighbours."""
+    sharpest = 0.0
+    for m in range(max(k - 1, 1), min(k + 2, len(line) - 1)):
+        ax, ay = line[m, 0] - line[m - 1, 0], line[m, 1] - line[m - 1, 1]
+        bx, by = line[m + 1, 0] - line[m, 0], line[m + 1, 1] - line[m, 1]
+        sharpest = max(sharpest, abs(math.atan2(ax * by - ay * bx, ax * bx + ay * by)))
+    return sharpest
+
+
+@njit(cache=True, nogil=True)
+def _fits_about(shape: Footprint, line: FloatArray, k: int) -> bool:
+    """Whether the rectangle fits at point k and halfway to both neighbours, headed along the line."""
+    if not _fits(shape, line[k, 0], line[k, 1], line[k + 1, 0] - line[k - 1, 0], line[k + 1, 1] - line[k - 1, 1]):
+        return False
+    for m in range(k - 1, k + 1):
+        dx, dy = line[m + 1, 0] - line[m, 0], line[m + 1, 1] - line[m, 1]
+        if not _fits(shape, line[m, 0] + dx / 2, line[m, 1] + dy / 2, dx, dy):
+            return False
+    return True
+
+
+@njit(cache=True, inline="always")
+def _fits(shape: Footprint, x: float, y: float, dx: float, dy: float) -> bool:
+    return bool(room(shape, x, y, math.atan2(dy, dx)) >= 0.0)
+
+
+@njit(cache=True, nogil=True)
+def _paper_relaxed(logs: FloatArray, points: FloatArray, delta: float, passes: int) -> FloatArray:
+    line = points.copy()
+    for _ in range(passes):
+        for k in range(1, len(line) - 1):
+            x, y = line[k, 0], line[k, 1]
+            here = log_between(logs, x, y)
+            # tension at a point moved by (dx, dy): (sum of the neighbours - 2 * point) - 2 * (dx, dy)
+            pull_x = line[k - 1, 0] + line[k + 1, 0] - 2 * x
+            pull_y = line[k - 1, 1] + line[k + 1, 1] - 2 * y
+            best, to_x, to_y = pull_x * pull_x + pull_y * pull_y, 0.0, 0.0
+            for i in range(9):
+                dx, dy = float(i % 3 - 1), float(i // 3 - 1)
+                there = log_between(logs, x + delta * dx, y + delta * dy)
+                if there == -np.inf or (dx == 0.0 and dy == 0.0):
+                    continue
+                force = math.exp(min(here - there, 50.0)) - 1.0  # F, against the step
+                size = math.sqrt(dx * dx + dy * dy)
+                rest_x = pull_x - 2 * delta * dx - force * dx / size
+                rest_y = pull_y - 2 * delta * dy - force * dy / size
+                if rest_x * rest_x + rest_y * rest_y < best - 1e-12:
+                    best, to_x, to_y = rest_x * rest_x + rest_y * rest_y, dx, dy
+            line[k, 0], line[k, 1] = x + delta * to_x, y + delta * to_y
+    return line
+
+
+@njit(cache=True, inline="always")
+def log_between(logs: FloatArray, x: float, y: float) -> float:
+    """log v at a point [cells], v interpolated between the middles of the four cells round it; -inf in a wall."""
+    if not (0 <= x < logs.shape[1] and 0 <= y < logs.shape[0]) or logs[int(y), int(x)] == -np.inf:
+        return -np.inf
+    left, above = math.floor(x - 0.5), math.floor(y - 0.5)
+    top, total = logs[int(y), int(x)], 0.0
+    for i in range(above, above + 2):
+        for j in range(left, left + 2):
+            if 0 <= i < logs.shape[0] and 0 <= j < logs.shape[1]:
+                share = (1.0 - abs(x - 0.5 - j)) * (1.0 - abs(y - 0.5 - i))
+                total += share * math.exp(logs[i, j] - top)
+    return float(top + math.log(max(total, 1e-300)))

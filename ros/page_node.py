@@ -1,0 +1,56 @@
+"""The page as a node: it hears what a page shows, and says what a page asks for (`page_port`).
+
+| takes | |
+|---|---|
+| drive_state, drive_request, localisation, odom, scan, plan, people, map, places | what is shown |
+| camera/... | while somebody looks at its pictures |
+
+| sends | |
+|---|---|
+| page_joystick, page_watch | a page's joystick while it is held; that there is a page to press Stop on |
+| stop, initialpose, layout_changed | what a page asks for |
+
+It calls `confirm`, `cancel`, `stop`, `reset_faults`, `reinitialize_global_localization`, and navigate_to_pose.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from contextlib import AbstractContextManager
+from dataclasses import dataclass
+from pathlib import Path
+
+from waychair.config import Settings, setting
+from waychair.ros.known_chair import known_chair
+from waychair.ros.node import ChairNode
+from waychair.ros.page_port import PagePort
+from waychair.runtime.chair_port import ChairPort
+
+_LOOK_HZ = 5.0
+
+
+@dataclass(frozen=True, slots=True)
+class PageNodeSettings(Settings):
+    """Which chair, which map's folder, and where the page is served."""
+
+    calibration: str = setting("", "", "the chair's file; empty: a simulated chair's")
+    chair: str = setting("A", "", "the simulated chair, where there is no file")
+    map_folder: str = setting("", "", "the map that is driven on, for what is drawn on it; empty: none")
+    host: str = setting("127.0.0.1", "", "address that the page is served on")
+    port: int = setting(8000, "", "and its port", low=1, high=65535)
+
+
+class PageNode(ChairNode[PageNodeSettings]):
+    """A `PagePort` and, for as long as the node lives, the server of its page."""
+
+    def __init__(self, serve: Callable[[ChairPort, PageNodeSettings], AbstractContextManager[str]]) -> None:
+        """`serve` gives the page's address."""
+        super().__init__("page", PageNodeSettings)
+        s = self.settings
+        folder = Path(s.map_folder) if s.map_folder else None
+        port = PagePort(self, known_chair(s.calibration, s.chair), folder)
+        self.every(_LOOK_HZ, port.look)
+        server = serve(port, s)
+        address = server.__enter__()
+        self.at_end(lambda: server.__exit__(None, None, None))
+        self.get_logger().info(f"the page is at {address.partition('#')[0]}")

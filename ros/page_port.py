@@ -1,0 +1,444 @@
+"""A chair's nodes as a page has them: what they say, put together, and what a page asks for, handed on.
+
+Messages come in by the node's executor; a page's wishes come from the web server's threads, which wait for the answers.
+"""
+
+from __future__ import annotations
+
+import math
+import resource
+import threading
+import time
+from collections.abc import Callable, Sequence
+from dataclasses import replace
+from pathlib import Path
+from typing import Any
+
+import cv2
+import numpy as np
+from rclpy.action import ActionClient
+
+from waychair.calibration.calibration_file import ChairCalibration
+from waychair.control.navigator import Stage
+from waychair.errors import WaychairError
+from waychair.maps.layout import Layout as Drawings
+from waychair.maps.places import check_place, find
+from waychair.maps.zones import Zone
+from waychair.ros import topics
+from waychair.ros.interface_types import interface_type
+from waychair.ros.messages.chair import (
+    DriveReport,
+    DriveRequest,
+    goal_id_of,
+    read_drive_request,
+    read_drive_state,
+    read_localisation,
+    read_places,
+)
+from waychair.ros.messages.maps import read_occupancy_grid
+from waychair.ros.messages.motion import pose_stamped, pose_with_covariance, read_odometry, read_path, read_points
+from waychair.ros.messages.sensors import joy, read_scan
+from waychair.ros.messages.wire import native
+from waychair.ros.node import ChairNode
+from waychair.ros_decoding import picture_from_message
+from waychair.ros_messages import make
+from waychair.runtime.chair_port import ANSWER_S, Answer, ChairView, Layout
+from waychair.runtime.chair_story import Scene, check_zone, next_action, obstacle_of, shown_points
+from waychair.runtime.sentences import sentence
+from waychair.slam.localisation import Localisation, LocalisationState
+from waychair.types import DriveMode, FloatArray, JoystickInput, OccupancyGrid, Odometry, Place, Pose2, Scan
+
+_SILENT_NS = 500_000_000
+"""A node that says nothing for so long is gone for a page."""
+
+_PICTURE_NS = 200_000_000
+_LOOKS_NS = 3_000_000_000
+"""Pictures are taken in for so long after the last one was asked for."""
+
+_AT_PLACE = 0.01
+"""A goal this near [m] to a place is that place."""
+
+_NOWHERE = np.empty((0, 2))
+
+
+class PagePort:
+    """A `ChairPort` over the nodes that a node of this process hears."""
+
+    def __init__(self, node: ChairNode[Any], calibration: ChairCalibration, map_folder: Path | None) -> None:
+        """`map_folder`: of the map that the nodes drive on; None while one is made."""
+        self._node, self._calibration, self._map_folder = node, calibration, map_folder
+        self._state: DriveReport | None = None
+        self._told_ns = self._free_since_ns = 0
+        self._request = DriveRequest(0)
+        self._odometry = Odometry(0, Pose2())
+        self._scan: Scan | None = None
+        self._located: tuple[int, Localisation] | None = None
+        self._points, self._way, self._people = _NOWHERE, _NOWHERE, _NOWHERE
+        self._grid: OccupancyGrid | None = None
+        self._places: dict[str, Place] = {}
+        self._map_revision, self._layout_revision = 0, 1
+        self._last_stop, self._label, self._had_goal, self._was_pushed, self._was_driven = "", "", False, False, False
+        self._drawing = threading.Lock()
+        self._camera: Any = None
+        self._picture: tuple[int, bytes] | None = None
+        self._asked_picture_ns = 0
+        self._listen()
+        self._send_stick = node.publisher(topics.PAGE_JOYSTICK)
+        self._send_watch, self._send_layout = node.publisher(topics.PAGE_WATCH), node.publisher(topics.LAYOUT)
+        self._send_stop, self._send_pose = node.publisher(topics.STOP), node.publisher(topics.INITIAL_POSE)
+        trigger = interface_type("std_srvs/srv/Trigger")
+        self._services = {name: node.create_client(trigger, name) for name in ("stop", "cancel", "reset_faults")}
+        self._confirm = node.create_client(interface_type("waychair_msgs/srv/Confirm"), "confirm")
+        self._forget = node.create_client(interface_type("std_srvs/srv/Empty"), "reinitialize_global_localization")
+        self._action = ActionClient(node, interface_type("nav2_msgs/action/NavigateToPose"), topics.NAVIGATE_TO_POSE)
+        node.at_end(self._action.destroy)
+        self._drawings = None if map_folder is None else Drawings(map_folder)
+
+    def _listen(self) -> None:
+        listen = self._node.listen
+        listen(topics.DRIVE_STATE, read_drive_state, self._take_state)
+        listen(topics.DRIVE_REQUEST, read_drive_request, self._take_request)
+        listen(topics.LOCALISATION, read_localisation, self._take_place)
+        listen(topics.ODOMETRY, read_odometry, self._take_odometry)
+        listen(topics.SCAN, read_scan, self._take_scan)
+        listen(topics.PLAN, read_path, self._take_way, needed=False)
+        listen(topics.PEOPLE, read_points, self._take_people, needed=False)
+        listen(topics.MAP, read_occupancy_grid, self._take_grid, needed=False)
+        listen(topics.PLACES, read_places, self._take_places, needed=False)
+
+    @property
+    def outline(self) -> FloatArray:
+        """See `ChairPort`."""
+        return self._calibration.body.outline()
+
+    def view(self) -> ChairView:
+        """See `ChairPort`."""
+        now_ns, state, located = time.monotonic_ns(), self._state, self._located
+        found = None if located is None else located[1]
+        lost = found is None or found.state is LocalisationState.LOST
+        pose = None if found is None else found.map_from_odom @ self._odometry.odom_from_base
+        silent = state is None or now_ns - self._told_ns > _SILENT_NS
+        shown = ChairView(
+            stamp_ns=now_ns,
+            map_from_base=pose,
+            localisation=LocalisationState.LOST if found is None else found.state,
+            health=0.0 if found is None else found.health,
+            mode=DriveMode.MANUAL,
+            twist=self._odometry.twist,
+            next_action="The chair's nodes do not answer. The joystick is yours.",
+            last_stop=self._last_stop,
+            scan=self._points,
+            people=self._people,
+            map_revision=self._map_revision,
+            layout_revision=self._layout_revision,
+            panel=self._panel(),
+            free_since_ns=self._free_since_ns or None,
+        )
+        if silent or state is None:
+            return replace(shown, free_since_ns=shown.free_since_ns or self._told_ns or now_ns)
+        has_goal, request = self._had_goal, self._request  # as of that state, so that goal and end are told at once
+        goal, way = (self._label, self._way) if has_goal else ("", _NOWHERE)
+        obstacles = tuple(obstacle_of(stop_id, text) for stop_id, text in state.halts)
+        countdown_s, waits = state.countdown_s or None, has_goal and state.waits
+        scene = Scene(
+            state.mode, state.steered, goal, waits, countdown_s,
+            _stage(request.stage), request.reason, None if lost else pose, way, obstacles,
+            state.command is not None,
+        )  # fmt: skip
+        return replace(
+            shown,
+            mode=state.mode,
+            goal=goal,
+            waits=waits,
+            countdown_s=countdown_s,
+            next_action=next_action(scene),
+            obstacles=obstacles,
+            path=way,
+            steered=state.steered,
+        )
+
+    def grid(self) -> OccupancyGrid | None:
+        """See `ChairPort`."""
+        return self._grid
+
+    def layout(self) -> Layout:
+        """See `ChairPort`."""
+        with self._drawing:
+            if self._drawings is None:
+                return Layout(self._places)
+            drawn = self._drawings.drawing
+            return Layout(dict(drawn.places), drawn.zones, self._drawings.undoable)
+
+    def picture(self) -> bytes | None:
+        """See `ChairPort`; the camera is listened to while somebody looks."""
+        self._asked_picture_ns = time.monotonic_ns()
+        return None if self._picture is None else self._picture[1]
+
+    def look(self) -> None:
+        """To be called now and then in the executor's thread: begins or ends listening to the camera."""
+        looks = time.monotonic_ns() - self._asked_picture_ns < _LOOKS_NS
+        if looks and self._camera is None:
+            kind = interface_type(topics.COLOUR.type)
+            qos = topics.profile(topics.COLOUR.qos)
+            self._camera = self._node.create_subscription(kind, topics.COLOUR.name, self._take_picture, qos)
+        elif not looks and self._camera is not None:
+            self._node.destroy_subscription(self._camera)
+            self._camera = self._picture = None
+
+    def go(self, goal: str | Pose2) -> Answer:
+        """See `ChairPort`."""
+        try:
+            pose = find(self._places, goal).pose if isinstance(goal, str) else goal
+        except WaychairError as error:
+            return Answer(False, str(error))
+        if not self._action.server_is_ready():
+            return Answer(False, "the navigator does not answer: wait until it is back")
+        asked = interface_type("nav2_msgs/action/NavigateToPose").Goal()
+        asked.pose = native(pose_stamped(self._node.now_ns(), pose))
+        handle = _waited(self._action.send_goal_async(asked))
+        if handle is None or not handle.accepted:
+            return Answer(False, "the navigator does not take this goal: see whether it runs")
+        ended, goal_id = handle.get_result_async(), goal_id_of(handle.goal_id)
+        until = time.monotonic() + ANSWER_S / 2
+        while time.monotonic() < until:
+            if ended.done():
+                why = str(ended.result().result.error_msg)
+                return Answer(not why, why or f"the chair is at {self._name_of(pose)}")
+            if self._state is not None and self._state.goal_id == goal_id:
+                return Answer(True, f"press Drive to go to {self._name_of(pose)}")
+            time.sleep(0.01)
+        return Answer(False, "the bridge does not know of the goal: see whether it runs")
+
+    def confirm(self, goal: str = "") -> Answer:
+        """See `ChairPort`."""
+        state = self._state
+        if state is None or not (self._has_goal(state) and state.waits):
+            return Answer(False, "there is nothing to say yes to: choose a place first")
+        if goal and goal != self._label:
+            return Answer(False, f"meanwhile somebody chose {self._label}: look where it leads, then press Drive")
+        kind = interface_type("waychair_msgs/srv/Confirm")
+        return self._asked(self._confirm, kind.Request(goal_id=state.goal_id, on_page=True))
+
+    def cancel(self) -> Answer:
+        """See `ChairPort`."""
+        return self._triggered("cancel")
+
+    def stop(self) -> Answer:
+        """See `ChairPort`; by topic and by service, whichever is there first."""
+        self._send_stop(make("std_msgs/msg/Empty", 0))
+        return self._triggered("stop")
+
+    def reset(self) -> Answer:
+        """See `ChairPort`."""
+        return self._triggered("reset_faults")
+
+    def steer(self, forward: float, turn: float) -> Answer:
+        """See `ChairPort`."""
+        self._send_stick(joy(JoystickInput(self._node.now_ns(), forward, turn)))
+        state = self._state
+        if state is None or state.steered or not state.halts:
+            return Answer(True, "")
+        return Answer(False, obstacle_of(*state.halts[0]).sentence)
+
+    def release(self) -> Answer:
+        """See `ChairPort`."""
+        let_go = joy(JoystickInput(self._node.now_ns()))
+        self._send_stick(replace(let_go, axes=np.zeros(0, np.float32)))
+        return Answer(True, "")
+
+    def place_here(self, name: str, tolerance_m: float, tolerance_rad: float) -> Answer:
+        """See `ChairPort`."""
+        view = self.view()
+        if view.map_from_base is None or view.localisation is LocalisationState.LOST:
+            return Answer(False, "the chair does not know where it is: drive it to where it does")
+        return self.set_place(Place(name.strip(), view.map_from_base, tolerance_m, tolerance_rad))
+
+    def set_place(self, place: Place) -> Answer:
+        """See `ChairPort`."""
+
+        def change(drawings: Drawings) -> None:
+            if self._grid is not None:
+                check_place(self._grid, place)
+            drawings.set_place(place)
+
+        return self._drawn(change, f"saved {place.name}")
+
+    def remove_place(self, name: str) -> Answer:
+        """See `ChairPort`."""
+        return self._drawn(lambda drawings: drawings.remove_place(name), f"removed {name}")
+
+    def set_zone(self, zone: Zone) -> Answer:
+        """See `ChairPort`."""
+
+        def change(drawings: Drawings) -> None:
+            check_zone(zone, self.view().map_from_base, self.outline)
+            drawings.set_zone(zone)
+
+        return self._drawn(change, f"drew {zone.name}")
+
+    def remove_zone(self, name: str) -> Answer:
+        """See `ChairPort`."""
+        return self._drawn(lambda drawings: drawings.remove_zone(name), f"removed {name}")
+
+    def erase(self, polygon: FloatArray) -> Answer:
+        """See `ChairPort`."""
+        return self._drawn(lambda drawings: drawings.erase(polygon), "erased")
+
+    def undo(self) -> Answer:
+        """See `ChairPort`."""
+        return self._drawn(lambda drawings: drawings.undo(), "undone")
+
+    def relocalise(self, map_from_base: Pose2 | None = None) -> Answer:
+        """See `ChairPort`."""
+        if map_from_base is not None:
+            self._send_pose(pose_with_covariance(self._node.now_ns(), map_from_base))
+        elif not self._forget.service_is_ready():
+            return Answer(False, "the localiser does not answer: wait until it is back")
+        else:
+            self._forget.call_async(interface_type("std_srvs/srv/Empty").Request())
+        return Answer(True, "the chair looks where it is")
+
+    def watched(self, pages: Sequence[str]) -> None:
+        """See `ChairPort`."""
+        if pages:
+            self._send_watch(make("std_msgs/msg/Empty", 0))
+
+    def _drawn(self, change: Callable[[Drawings], None], done: str) -> Answer:
+        """Change what is drawn in the map's folder, and tell the nodes."""
+        with self._drawing:
+            if self._drawings is None:
+                return Answer(False, "the map is being made: save it, and start the chair on it first")
+            try:
+                change(self._drawings)
+            except WaychairError as error:
+                return Answer(False, str(error))
+            self._layout_revision += 1
+        self._send_layout(make("std_msgs/msg/Empty", 0))
+        return Answer(True, done)
+
+    def _triggered(self, name: str) -> Answer:
+        return self._asked(self._services[name], interface_type("std_srvs/srv/Trigger").Request())
+
+    def _asked(self, client: Any, request: Any) -> Answer:
+        if not client.service_is_ready():
+            return Answer(False, f"nobody answers to '{client.srv_name}': wait until the chair's nodes are back")
+        asked = client.call_async(request)
+        answer = _waited(asked)
+        if answer is None:
+            client.remove_pending_request(asked)
+            return Answer(False, f"'{client.srv_name}' was not answered: see whether the chair stands")
+        return Answer(bool(answer.success), str(answer.message))
+
+    def _has_goal(self, state: DriveReport) -> bool:
+        request = self._request
+        return request.active and request.goal_id == state.goal_id and not state.drops_goal
+
+    def _name_of(self, goal: Pose2) -> str:
+        for place in self._places.values():
+            if math.hypot(place.pose.x - goal.x, place.pose.y - goal.y) < _AT_PLACE:
+                return place.name
+        return f"{goal.x:.1f}, {goal.y:.1f}"
+
+    def _take_state(self, state: DriveReport) -> None:
+        now_ns = time.monotonic_ns()
+        if state.command is not None:
+            self._free_since_ns = 0
+        elif not self._free_since_ns:
+            self._free_since_ns = now_ns
+        self._told_ns = now_ns
+        self._note_end(state)
+        self._state = state
+
+    def _note_end(self, state: DriveReport) -> None:
+        """Why a drive is over, or was none."""
+        has_goal = self._has_goal(state)
+        halts, request = dict(state.halts), self._request
+        driven = state.driving
+        if self._state is None:
+            self._last_stop = sentence(state.last_stop)  # from before this page began
+        if has_goal:
+            self._label = self._name_of(state.goal)
+        elif self._had_goal:
+            arrived = _stage(request.stage) is Stage.ARRIVED
+            why = request.reason if not state.drops_goal else state.last_stop or state.reason
+            self._last_stop = sentence(f"arrived at {self._label}" if arrived else why)
+        elif self._was_driven and not driven and state.reason:
+            self._last_stop = sentence(state.reason)
+        elif "pushed" in halts and not self._was_pushed:
+            self._last_stop = sentence(halts["pushed"])
+        self._had_goal, self._was_pushed, self._was_driven = has_goal, "pushed" in halts, driven
+
+    def _take_request(self, request: DriveRequest) -> None:
+        self._request = request
+
+    def _take_odometry(self, odometry: Odometry) -> None:
+        self._odometry = odometry
+
+    def _take_scan(self, scan: Scan) -> None:
+        self._scan = scan
+        self._join()
+
+    def _take_place(self, located: tuple[int, Localisation]) -> None:
+        self._located = located
+        self._join()
+
+    def _join(self) -> None:
+        """A scan is shown once it is known where it was taken."""
+        scan, located = self._scan, self._located
+        if scan is None or located is None or scan.stamp_ns != located[0]:
+            return
+        self._scan = None
+        mount = self._calibration.body.base_from_laser
+        self._points = shown_points(self._calibration.seen(scan), mount, located[1].map_from_base, self._odometry.twist)
+
+    def _take_way(self, way: Any) -> None:
+        self._way = way.poses[:, :2]
+
+    def _take_people(self, people: FloatArray) -> None:
+        self._people = people
+
+    def _take_grid(self, grid: OccupancyGrid) -> None:
+        self._grid = grid
+        self._map_revision += 1
+
+    def _take_places(self, places: dict[str, Place]) -> None:
+        self._places = places
+        self._layout_revision += 1
+
+    def _take_picture(self, message: Any) -> None:
+        now_ns = time.monotonic_ns()
+        if self._picture is not None and now_ns - self._picture[0] < _PICTURE_NS:
+            return
+        pixels = picture_from_message(message)
+        colours = pixels[..., ::-1] if pixels.ndim == 3 else pixels
+        done, data = cv2.imencode(".jpg", np.ascontiguousarray(colours))
+        if done:
+            self._picture = now_ns, bytes(data)
+
+    def _panel(self) -> dict[str, float]:
+        """Figures for engineers."""
+        now_ns, state = self._node.now_ns(), self._state
+        figures = {
+            "plans of this drive": float(self._request.plans),
+            "memory of this page's process, peak [MB]": resource.getrusage(resource.RUSAGE_SELF).ru_maxrss / 1e3,
+        }
+        if self._located is not None:
+            figures["place, age [ms]"] = (now_ns - self._located[0]) * 1e-6
+            figures["share of the scan on walls"] = self._located[1].inliers
+        if state is not None:
+            figures["bridge, age [ms]"] = (now_ns - state.stamp_ns) * 1e-6
+            figures["lean, sideways [rad]"], figures["lean, ahead [rad]"] = state.roll, state.pitch
+        if self._grid is not None:
+            figures["cells of the map"] = float(self._grid.cells.size)
+        return figures
+
+
+def _stage(text: str) -> Stage:
+    return Stage(text) if text in {stage.value for stage in Stage} else Stage.IDLE
+
+
+def _waited(future: Any) -> Any:
+    """What a call to a node came to, whose answer the executor's thread takes in; None without one in time."""
+    done = threading.Event()
+    future.add_done_callback(lambda _: done.set())
+    return future.result() if done.wait(0.8 * ANSWER_S) else None

@@ -1,0 +1,112 @@
+"""A chair's drive as it is told to people: what comes next, and what stands against it."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Iterable
+from dataclasses import dataclass, field
+
+import numpy as np
+
+from waychair.control.navigator import Stage
+from waychair.control.stops import STOPS, Halt
+from waychair.control.supervisor import DRIVEN
+from waychair.errors import ZoneError
+from waychair.geometry import transform_points
+from waychair.maps.zones import Rule, Zone, holds
+from waychair.runtime.chair_port import Obstacle
+from waychair.runtime.sentences import driving_sentence, sentence
+from waychair.slam.scan_points import scan_points
+from waychair.types import DriveMode, FloatArray, Pose2, Scan, Twist
+
+_POINTS = 360
+"""Of a scan that are shown."""
+
+
+@dataclass(frozen=True, slots=True)
+class Scene:
+    """What is told of: who drives, to which `goal`, whether that waits for a yes or is about to begin, and how it goes.
+
+    `way` (N, 2) [m] in map; `reason` is the navigator's. `holds_lines`: the computer does, be it at rest.
+    """
+
+    mode: DriveMode
+    steered: bool
+    goal: str
+    waits: bool
+    countdown_s: float | None
+    stage: Stage
+    reason: str
+    pose: Pose2 | None
+    way: FloatArray
+    obstacles: tuple[Obstacle, ...] = field(default=())
+    holds_lines: bool = True
+
+
+def next_action(scene: Scene) -> str:
+    """One sentence, or two."""
+    if scene.steered:
+        return _steered(scene)
+    if scene.mode in DRIVEN and scene.goal:
+        return _driving(scene)
+    stands = "Stopped." if scene.mode is DriveMode.STOPPED else "The joystick is yours."
+    if scene.obstacles:
+        first = scene.obstacles[0]
+        return f"{stands} {sentence(f'{first.sentence}: {first.remedy}')}"
+    if scene.waits:
+        return f"Waits for your yes to drive to {scene.goal}."
+    return f"{stands} Choose a place to drive to."
+
+
+def _steered(scene: Scene) -> str:
+    if not scene.holds_lines:
+        return "A page steers; the chair answers once it has stood for two seconds."
+    pauses = [each for each in scene.obstacles if each.stop_id == "obstacle"]
+    if pauses:
+        return f"A page steers. {sentence(pauses[0].sentence)}"
+    return "A page steers; it stops when that is let go."
+
+
+def _driving(scene: Scene) -> str:
+    if scene.countdown_s is not None:
+        return f"Sets off to {scene.goal} in a moment."
+    pauses = next((each for each in scene.obstacles if each.stop_id == "obstacle"), None)
+    if pauses is not None:
+        return f"Stands: {pauses.sentence}. It goes on by itself once the way is free."
+    if scene.stage is Stage.WAITING:
+        return f"Stands: {sentence(scene.reason)} It goes on by itself once there is a way."
+    if scene.pose is None or not len(scene.way):
+        return f"Looks for a way to {scene.goal}."
+    return driving_sentence(scene.goal, scene.way, scene.pose)
+
+
+def shown_points(scan: Scan, mount: Pose2, pose: Pose2, twist: Twist) -> FloatArray:
+    """(N, 2) [m] in map: where the beams of a scan from map_from_base ended, thinned to what a display needs."""
+    points = scan_points(scan, mount, math.inf, twist).points
+    return transform_points(pose, points[:: max(1, len(points) // _POINTS)])
+
+
+def check_zone(zone: Zone, pose: Pose2 | None, outline: FloatArray) -> None:
+    """Refuse to close the ground that the chair stands on.
+
+    Raises:
+        ZoneError: the zone does.
+    """
+    if zone.rule is not Rule.KEEP_OUT or pose is None:
+        return
+    if holds(zone, transform_points(pose, np.vstack([outline, [[0.0, 0.0]]]))).any():
+        raise ZoneError("the chair stands in there: drive it out first, or draw the zone beside it")
+
+
+def obstacles_of(halts: Iterable[Halt]) -> tuple[Obstacle, ...]:
+    """What stands against a drive, each with what helps."""
+    return tuple(obstacle_of(halted.stop.id, halted.text) for halted in halts)
+
+
+def obstacle_of(stop_id: str, text: str) -> Obstacle:
+    """One stop, whose text ends in its remedy."""
+    remedy = STOPS[stop_id].remedy
+    happened = text.removesuffix(remedy).rstrip(": ") if remedy else text
+    if happened == text:  # another part's own sentence
+        happened, _, remedy = text.rpartition("; ") if "; " in text else text.partition(": ")
+    return Obstacle(stop_id, happened, remedy)

@@ -1,0 +1,75 @@
+"""What a chair does next, and why it stopped, in plain sentences for whoever sits in it."""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+
+from waychair.geometry import wrap_angle
+from waychair.types import FloatArray, Pose2
+
+_TURN = math.radians(40.0)
+_WITHIN = 1.0
+"""A way that turns by more than this within this [m] takes a turn."""
+
+_SOON = 8.0
+"""Turns farther ahead [m] are not spoken of yet."""
+
+_HERE = 0.6
+"""A turn so near [m] is now."""
+
+
+def sentence(text: str) -> str:
+    """A clause as a sentence of its own."""
+    text = text.strip()
+    return "" if not text else text[0].upper() + text[1:] + ("" if text[-1] in ".!?" else ".")
+
+
+def way_ahead(way: FloatArray, pose: Pose2) -> FloatArray:
+    """The part of a way (N, 2) [m] that is still to be driven from a pose, from the nearest of its points on."""
+    if len(way) < 2:
+        return way
+    return way[int(np.argmin(np.hypot(*(way - (pose.x, pose.y)).T))) :]
+
+
+def length_of(way: FloatArray) -> float:
+    """[m]"""
+    return float(np.hypot(*np.diff(way, axis=0).T).sum()) if len(way) > 1 else 0.0
+
+
+def next_turn(way: FloatArray) -> tuple[float, str] | None:
+    """How far ahead [m] a way (N, 2) [m] takes its next turn, and to which side; None where it is straight so far."""
+    steps = np.diff(way, axis=0)
+    lengths = np.hypot(*steps.T)
+    steps, lengths = steps[lengths > 1e-6], lengths[lengths > 1e-6]
+    headings, at = np.arctan2(steps[:, 1], steps[:, 0]), np.concatenate([[0.0], np.cumsum(lengths)[:-1]])
+    for k in range(len(headings)):
+        if at[k] > _SOON:
+            return None
+        near = np.flatnonzero((at > at[k]) & (at <= at[k] + _WITHIN))
+        turns = np.array([wrap_angle(headings[j] - headings[k]) for j in near])
+        if len(turns) and np.abs(turns).max() > _TURN:
+            return float(at[k]), "left" if turns[np.abs(turns).argmax()] > 0.0 else "right"
+    return None
+
+
+def driving_sentence(goal: str, way: FloatArray, pose: Pose2) -> str:
+    """What comes next on the way (N, 2) [m] to a goal."""
+    ahead = way_ahead(way, pose)
+    left = length_of(ahead)
+    if len(ahead) < 2:
+        return f"Drives to {goal}."
+    turn = next_turn(ahead)
+    if turn is None:
+        return f"Goes straight on; {_metres(left)} to {goal}."
+    away, side = turn
+    if away < _HERE:
+        return f"Turns {side}; {_metres(left)} to {goal}."
+    return f"Goes on, and in {_metres(away)} turns {side}; {_metres(left)} to {goal}."
+
+
+def _metres(length: float) -> str:
+    if length < 0.95:
+        return "less than 1 m"
+    return f"{length:.0f} m"

@@ -1,0 +1,41 @@
+"""Encoder counts that go on where they were, although what counts them was started again from zero."""
+
+from __future__ import annotations
+
+from waychair.types import WheelTicks
+
+_SILENT_NS = 300_000_000
+_COUNTS = 2**32  # they wrap here
+
+
+class WheelCounts:
+    """Keeps what is to be added to the counts of two encoders."""
+
+    def __init__(self, ticks_per_turn: int) -> None:
+        """ticks_per_turn: of a wheel."""
+        self._turn = ticks_per_turn
+        self._before: WheelTicks | None = None
+        self._added = (0, 0)
+
+    def update(self, reading: WheelTicks) -> WheelTicks:
+        """A reading whose counts follow from those before.
+
+        Counts near zero after a silence, and far from what they were, were begun anew: the chair is taken to have stood
+        meanwhile. Otherwise a motion of metres would be read out of them, in the second that it took.
+        """
+        before, self._before = self._before, reading
+        if before is not None and reading.stamp_ns - before.stamp_ns > _SILENT_NS:
+            was, now = (before.left, before.right), (reading.left, reading.right)
+            near_zero = max(map(abs, now)) < self._turn // 4
+            jump = max(abs(_wrapped(a - b)) for a, b in zip(now, was, strict=True))
+            if near_zero and jump > self._turn // 2:
+                self._added = (
+                    _wrapped(self._added[0] + was[0] - now[0]),
+                    _wrapped(self._added[1] + was[1] - now[1]),
+                )
+        left, right = reading.left + self._added[0], reading.right + self._added[1]
+        return WheelTicks(reading.stamp_ns, _wrapped(left), _wrapped(right))
+
+
+def _wrapped(count: int) -> int:
+    return (count + _COUNTS // 2) % _COUNTS - _COUNTS // 2

@@ -1,0 +1,64 @@
+"""The last gate before a door: who may not enter says so, once the chair stands there."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+
+from waychair.calibration.chair import CHAIR_A
+from waychair.control.door_drive import DoorDrive, DoorDriveSettings
+from waychair.geometry import arc
+from waychair.maps.distance_field import DistanceField
+from waychair.planning.dwa import DwaResult
+from waychair.planning.legs import Door, Leg, Manner
+from waychair.planning.motion import DwaSettings
+from waychair.types import FloatArray, Path, Pose2, Twist
+
+WIDTH = 0.8
+OPEN = DistanceField(np.full((200, 200), 2.0, np.float32), 0.05, Pose2(-5.0, -5.0, 0.0))
+PERIOD_S = 0.05
+
+
+def leg() -> Leg:
+    """Straight through a door round the origin, from 1.6 m before it."""
+    xs = np.linspace(-1.6, 1.2, 29)
+    return Leg(Path(np.column_stack([xs, np.zeros((29, 2))])), Manner.DOOR, door=Door(Pose2(), WIDTH))
+
+
+def jambs(seed: int) -> FloatArray:
+    """Points of the near face of a wall on both sides of the door, with a centimetre of noise."""
+    rng = np.random.default_rng(seed)
+    ys = np.linspace(WIDTH / 2, 1.4, 60)
+    points = np.concatenate([np.column_stack([np.full(60, -0.075), side * ys]) for side in (1.0, -1.0)])
+    noisy: FloatArray = points + rng.normal(0.0, 0.005, points.shape)
+    return noisy
+
+
+def driven(sees: bool, ticks: int = 400) -> tuple[DoorDrive, Pose2, DwaResult]:
+    """A chair that does as it is told, until it is through, refused, or the ticks are over."""
+    drive = DoorDrive(leg(), Pose2(), CHAIR_A, DoorDriveSettings())
+    pose, command = Pose2(-1.6, 0.0, 0.0), Twist()
+    for tick in range(ticks):
+        if sees:
+            drive.watch.see(jambs(tick))
+        choice = drive.step(pose, command, OPEN, DwaSettings())
+        command = choice.twist
+        pose = pose @ arc(command.v * PERIOD_S, command.omega * PERIOD_S)
+        if choice.arrived or drive.refused:
+            break
+    return drive, pose, choice
+
+
+def test_a_door_that_is_seen_is_driven_through() -> None:
+    drive, pose, choice = driven(sees=True)
+    assert choice.arrived
+    assert not drive.refused
+    assert pose.x == pytest.approx(1.2, abs=0.03)
+
+
+def test_before_a_door_that_nobody_sees_the_chair_stops_at_the_gate_and_refuses_it() -> None:
+    drive, pose, choice = driven(sees=False)
+    assert drive.refused
+    assert not drive.entered
+    assert choice.blocked
+    assert pose.x + CHAIR_A.front < 0.0

@@ -1,0 +1,113 @@
+"""The rubber band: no sharp turns, no longer way, and never nearer to anything than the chair may be."""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+import pytest
+from benchmarks.harmonic import CELL, SCENES, BandScene, bands, costmap_of, rectangle_fits
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+from waychair.calibration.chair import CHAIR_A
+from waychair.errors import PlanningError
+from waychair.planning.costmap import costmap_from_grid
+from waychair.planning.global_planner import PlannerSettings, plan
+from waychair.planning.grid_planner import plan_on_cells
+from waychair.planning.harmonic import log_field
+from waychair.planning.laplace_solvers import problem_of
+from waychair.planning.rubber_band import (
+    BandSettings,
+    _sharpest_about,
+    band,
+    length_of,
+    log_between,
+    resampled,
+    turning_angles,
+)
+from waychair.types import FloatArray, OccupancyGrid, Pose2
+
+
+def sharpest(points: FloatArray) -> float:
+    """Sharpest turn [deg] at every 0.10 m."""
+    return math.degrees(turning_angles(resampled(points, 0.10 / CELL)).max())
+
+
+@pytest.mark.parametrize("scene", SCENES, ids=lambda scene: scene.name)
+def test_after_the_band_no_turn_is_sharp_no_way_longer_and_the_chair_fits(scene: BandScene) -> None:
+    lines = bands(scene)
+    assert sharpest(lines.descent) > 35
+    assert sharpest(lines.ours) <= 15
+    assert length_of(lines.ours) <= length_of(lines.descent)
+    assert rectangle_fits(lines.costmap, lines.ours)
+    np.testing.assert_allclose(lines.ours[[0, -1]], lines.descent[[0, -1]])
+
+
+@pytest.mark.parametrize("scene", SCENES, ids=lambda scene: scene.name)
+def test_the_papers_band_softens_the_turns_and_shortens_the_way(scene: BandScene) -> None:
+    lines = bands(scene)
+    assert sharpest(lines.paper) < 0.6 * sharpest(lines.descent)
+    assert length_of(lines.paper) <= length_of(lines.descent)
+    rows, columns = np.floor(lines.paper[:, ::-1]).astype(int).T
+    assert np.isfinite(lines.found.logs[rows, columns]).all()
+
+
+@given(st.integers(0, 1000))
+@settings(max_examples=15)
+def test_on_d_star_lites_paths_the_band_crosses_nothing_and_is_never_longer(seed: int) -> None:
+    rng = np.random.default_rng(seed)
+    cells = np.zeros((100, 120), np.int8)
+    for row, column in rng.integers(15, 100, (5, 2)):
+        cells[row : row + 6, column : column + 6] = 100
+    costmap = costmap_from_grid(OccupancyGrid(cells, CELL), CHAIR_A)
+    try:
+        chain = plan_on_cells(costmap.prices, (8, 8), (90, 110)).cells[:, ::-1] + 0.5
+    except PlanningError:
+        return
+    line = band(costmap, chain, BandSettings(passes=100))
+    assert length_of(line) <= length_of(chain) + 1e-9
+    fine = resampled(line, 0.2)
+    rows, columns = np.floor(fine[:, ::-1]).astype(int).T
+    assert (costmap.prices[rows, columns] > 0).all()
+
+
+def test_a_path_that_touches_already_is_not_brought_nearer() -> None:
+    costmap = costmap_of(SCENES[0])
+    along = np.column_stack([np.full(40, 38.2), np.linspace(20.0, 58.0, 40)])  # beside the box, half a chair away
+    along[1:-1:2, 0] -= 0.8
+    line = band(costmap, along)
+    assert (line[:, 0] <= 38.2 + 1e-9).all()
+
+
+def test_lines_of_one_or_two_points_are_given_back() -> None:
+    costmap = costmap_of(SCENES[0])
+    short = np.array([[20.0, 20.0], [21.0, 20.0]])
+    np.testing.assert_allclose(band(costmap, short), short)
+
+
+def test_turns_about_a_point_are_the_polylines() -> None:
+    line = np.random.default_rng(0).normal(size=(9, 2)).cumsum(axis=0)
+    turns = turning_angles(line)
+    for k in range(1, 8):
+        near = [turns[m - 1] for m in (k - 1, k, k + 1) if 1 <= m <= 7]
+        assert _sharpest_about(line, k) == pytest.approx(max(near))
+
+
+def test_log_between_middles_is_that_of_the_interpolated_field() -> None:
+    found = log_field(problem_of(np.ones((9, 9), np.bool_), (4, 6)))
+    v = np.exp(found.logs)
+    x, y = 2.9, 3.7
+    a, b = x - 2.5, y - 3.5
+    expected = (1 - b) * ((1 - a) * v[3, 2] + a * v[3, 3]) + b * ((1 - a) * v[4, 2] + a * v[4, 3])
+    assert log_between(found.logs, x, y) == pytest.approx(math.log(expected))
+    assert log_between(found.logs, -0.1, 3.0) == -math.inf
+
+
+def test_d_star_lites_path_takes_the_band_on_request() -> None:
+    costmap = costmap_of(SCENES[1])
+    start, goal = Pose2(1.0, 1.0, 1.2), Pose2(7.0, 5.0, 1.2)
+    plain = plan(costmap, start, goal)
+    soft = plan(costmap, start, goal, PlannerSettings(smooth="band"))
+    assert soft.length() <= plain.length() + 0.02
+    assert sharpest(soft.poses[:, :2] / CELL) <= max(15.0, sharpest(plain.poses[:, :2] / CELL))

@@ -1,0 +1,253 @@
+"""The page of the whole stack, as `waychair up` serves it: real processes, real DDS, the web server, in real time."""
+
+from __future__ import annotations
+
+import importlib.util
+import json
+import os
+import signal
+import socket
+import threading
+import time
+import urllib.error
+import urllib.request
+from collections.abc import Callable, Iterator
+from typing import TYPE_CHECKING, Any, Self
+
+import pytest
+
+from tests.ros.realtime import ALONE
+
+for needed in ("rclpy", "fastapi", "websockets"):
+    if importlib.util.find_spec(needed) is None:
+        pytest.skip(f"{needed} is not installed", allow_module_level=True)
+
+from benchmarks.acceptance.live_stack import LiveStack, gone_after, jitter_ms
+from websockets.exceptions import WebSocketException
+from websockets.sync.client import connect
+
+from waychair.maps.places import load_places
+from waychair.maps.zones import load_zones
+from waychair.runtime.sentences import sentence
+
+if TYPE_CHECKING:
+    from tests.ros.harness import Harness
+
+pytestmark = ALONE
+
+SOON_MS = 100.0
+TRIES = 5
+"""A busy computer may end a drive."""
+
+NEAR = [1.9, 1.0, 0.0]
+
+
+def free_port() -> int:
+    with socket.create_server(("127.0.0.1", 0)) as listener:
+        return int(listener.getsockname()[1])
+
+
+class Page:
+    """An open page: it answers all that it is sent; what it was told last is in `view`."""
+
+    def __init__(self, port: int, name: str) -> None:
+        self._port, self._name, self._ended = port, name, threading.Event()
+        self.view: dict[str, Any] = {}
+        self.stick: tuple[float, float] | None = None
+        self._thread = threading.Thread(target=self._live)
+
+    def __enter__(self) -> Self:
+        self._thread.start()
+        return self
+
+    def __exit__(self, *_: object) -> None:
+        self._ended.set()
+        self._thread.join()
+
+    def do(self, command: str, **asked: object) -> dict[str, Any]:
+        """The answer to a command by POST."""
+        request = urllib.request.Request(
+            f"http://127.0.0.1:{self._port}/api/do/{command}",
+            json.dumps(asked).encode(),
+            {"content-type": "application/json"},
+        )
+        try:
+            with urllib.request.urlopen(request, timeout=10.0) as answer:
+                return dict(json.load(answer))
+        except (urllib.error.URLError, ConnectionError) as error:
+            return {"done": False, "sentence": str(error)}
+
+    def _live(self) -> None:
+        address = f"ws://127.0.0.1:{self._port}/api/live"
+        while not self._ended.is_set():
+            try:
+                with connect(address, origin=f"http://127.0.0.1:{self._port}", max_size=None) as link:
+                    link.send(json.dumps({"token": "", "page": self._name}))
+                    self._listen(link)
+            except (OSError, WebSocketException, TimeoutError):
+                time.sleep(0.2)
+
+    def _listen(self, link: Any) -> None:
+        while not self._ended.is_set():
+            told = json.loads(link.recv(timeout=2.0))
+            if told.get("type") == "view":
+                self.view = told
+                link.send(json.dumps({"seen": told["n"], "visible": True}))
+                if self.stick is not None:
+                    forward, turn = self.stick
+                    link.send(json.dumps({"do": "steer", "with": {"forward": forward, "turn": turn}, "id": 0}))
+
+
+@pytest.fixture(scope="module")
+def port() -> int:
+    return free_port()
+
+
+@pytest.fixture(scope="module")
+def stack(ros: Harness, port: int, tmp_path_factory: pytest.TempPathFactory) -> Iterator[LiveStack]:
+    options = ("--no-camera", "--no-people", "--page", "--page-port", str(port))
+    with LiveStack(tmp_path_factory.mktemp("page"), ros.domain, *options) as running:
+        yield running
+
+
+@pytest.fixture
+def page(stack: LiveStack, port: int) -> Iterator[Page]:
+    with Page(port, "tests") as open_page:
+        stack.until(lambda: open_page.view.get("localisation") == "ok", "the page")
+        yield open_page
+
+
+def sets_off(stack: LiveStack, page: Page, there: Callable[[], bool]) -> None:
+    """Ask for the far place by the page and say yes, again where a busy computer has ended the drive."""
+    asked_s = -10.0
+
+    def done() -> bool:
+        nonlocal asked_s
+        if page.view["waits"]:
+            page.do("confirm")
+        elif not page.view["goal"] and time.monotonic() - asked_s > 3.0:
+            if page.view["obstacles"]:
+                page.do("reset")
+            page.do("go", place="ward")
+            asked_s = time.monotonic()
+        return there()
+
+    stack.until(done, "the drive", 60.0)
+
+
+def until_ready(stack: LiveStack, page: Page) -> None:
+    """Nothing stands against a drive, once what a busy computer did was reset."""
+    reset_s = -10.0
+
+    def ready() -> bool:
+        nonlocal reset_s
+        if page.view["obstacles"] and time.monotonic() - reset_s > 3.0:
+            page.do("reset")
+            reset_s = time.monotonic()
+        return not page.view["obstacles"] and page.view["localisation"] == "ok"
+
+    stack.until(ready, "the chair to be ready")
+
+
+def turns(page: Page) -> bool:
+    return bool(page.view["twist"][1] > 0.2)
+
+
+def moves(page: Page) -> bool:
+    return abs(page.view["twist"][0]) > 0.1
+
+
+def test_a_goal_of_a_page_is_counted_down_driven_to_and_reached(stack: LiveStack, page: Page) -> None:
+    assert "did you mean" in page.do("go", place="wart")["sentence"]
+    assert not page.do("confirm")["done"]
+    counted = False
+    for _ in range(TRIES):
+        until_ready(stack, page)
+        asked = page.do("go", pose=NEAR)
+        assert asked["done"], asked
+        stack.until(lambda: page.view["waits"] or not page.view["goal"], "the page to ask for a yes")
+        page.do("confirm")
+        stack.until(lambda: page.view["countdown"] is not None or not page.view["goal"], "the countdown")
+        counted = counted or page.view["countdown"] is not None
+        stack.until(lambda: not page.view["goal"], "the end of the drive")
+        if page.view["last"].startswith("Arrived at"):
+            break
+    assert counted
+    assert page.view["last"] == "Arrived at 1.9, 1.0."
+    assert stack.really is not None
+    assert abs(stack.really.odom_from_base.x - NEAR[0]) < 0.2
+
+
+def test_stop_on_a_page_frees_the_lines_within_a_tenth_of_a_second(stack: LiveStack, page: Page) -> None:
+    sets_off(stack, page, lambda: moves(page))
+    pressed_ns = time.time_ns()
+    assert page.do("stop") == {"done": True, "sentence": "stopped"}
+    stack.until(lambda: gone_after(stack, pressed_ns) is not None, "the lines to be let go")
+    gone_ns = gone_after(stack, pressed_ns)
+    assert gone_ns is not None
+    assert (gone_ns - pressed_ns) / 1e6 < SOON_MS + jitter_ms(stack, pressed_ns)
+    stack.until(lambda: page.view["mode"] == "stopped" and not moves(page), "the chair to rest")
+    assert page.view["last"].startswith("Stop was pressed")
+
+
+def test_a_drive_ends_when_its_last_page_is_closed(stack: LiveStack, port: int) -> None:
+    said = ""
+    for _ in range(TRIES):
+        with Page(port, "first") as first, Page(port, "second") as second:
+            stack.until(lambda: first.view and second.view, "two pages")
+            sets_off(stack, first, lambda: moves(second) and second.view["goal"] == "ward")
+        stack.until(lambda: not stack.driving, "the drive to end", 5.0)
+        said = stack.state.last_stop if stack.state is not None else ""
+        if said.startswith("no page answers"):
+            break
+    assert said.startswith("no page answers")
+
+
+def test_a_drive_ends_when_the_pages_server_dies(stack: LiveStack, page: Page) -> None:
+    sets_off(stack, page, lambda: moves(page))
+    server = stack.pids["page"]
+    os.kill(server, signal.SIGKILL)
+    stack.until(lambda: not stack.driving, "the drive to end", 5.0)
+    stack.until(lambda: stack.really is not None and abs(stack.really.twist.v) < 0.01, "the chair to rest", 10.0)
+    page.view = {}
+    stack.until(lambda: page.view.get("last"), "the page to be back", 30.0)
+    assert stack.state is not None
+    assert page.view["last"] == sentence(stack.state.last_stop)  # known to the new server as well
+    assert not stack.driving
+
+
+def test_a_page_steers_and_letting_go_stops(stack: LiveStack, page: Page) -> None:
+    for _ in range(TRIES):
+        until_ready(stack, page)
+        page.stick, ends = (0.0, 1.0), time.monotonic() + 8.0
+        while not turns(page) and time.monotonic() < ends:
+            stack.spin(0.05)
+        if turns(page):
+            break
+        page.stick = None  # what a busy computer has interrupted counts once it was let go
+        stack.spin(1.0)
+    assert (page.view["mode"], page.view["steered"]) == ("assisted", True)
+    page.stick = None
+    stack.until(lambda: abs(page.view["twist"][1]) < 0.02, "the chair to rest", 5.0)
+    assert page.do("stop")["done"]
+    stack.until(lambda: page.view["mode"] == "stopped", "the page to show it")
+    stack.until(lambda: stack.really is not None and abs(stack.really.twist.omega) < 0.01, "the chair to rest", 5.0)
+
+
+def test_what_is_drawn_on_a_page_is_in_the_maps_files_and_known_to_all_nodes(stack: LiveStack, page: Page) -> None:
+    folder = stack.folder / "run" / "map"
+    first = page.view["layout"]
+    assert page.do("place_here", name="desk", tolerance_m=0.05, tolerance_rad=0.03)["done"]
+    wall = [[6.0, 5.0], [7.0, 5.0], [7.0, 6.0]]
+    assert page.do("set_zone", name="wet", rule="keep_out", polygon=wall)["done"]
+    stack.until(lambda: page.view["layout"] > first, "the page to show it")
+    stack.until(lambda: "desk" in stack.client.places(), "the navigator to know it")
+    assert "desk" in load_places(folder)
+    assert [zone.name for zone in load_zones(folder)] == ["wet"]
+    map_before = page.view["map"]
+    assert page.do("erase", polygon=[[5.0, 4.2], [5.6, 4.2], [5.6, 4.8], [5.0, 4.8]])["done"]
+    stack.until(lambda: page.view["map"] > map_before, "the mapper to show it")
+    for _ in range(3):
+        assert page.do("undo")["done"]
+    assert "nothing to undo" in page.do("undo")["sentence"]
+    stack.until(lambda: "desk" not in stack.client.places(), "the navigator to forget it")

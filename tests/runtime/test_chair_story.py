@@ -1,0 +1,115 @@
+"""What a rider is told: the next move, what stands against it, and what helps."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+
+from waychair.control.navigator import Stage
+from waychair.control.stops import STOPS, halt, halt_as_told
+from waychair.errors import ZoneError
+from waychair.maps.zones import Rule, Zone
+from waychair.runtime.chair_story import Scene, check_zone, next_action, obstacles_of
+from waychair.runtime.sentences import driving_sentence, next_turn, sentence, way_ahead
+from waychair.types import DriveMode, Pose2
+
+STRAIGHT = np.stack([np.arange(0.0, 10.0, 0.1), np.zeros(100)], axis=1)
+LEFT = np.concatenate([STRAIGHT[:31], np.stack([np.full(50, 3.0), np.arange(0.1, 5.05, 0.1)], axis=1)])
+HERE = Pose2()
+SCENE = Scene(DriveMode.AUTONOMOUS, False, "lift", False, None, Stage.DRIVING, "", HERE, LEFT)
+
+
+@pytest.mark.parametrize(
+    ("way", "pose", "said"),
+    [
+        (STRAIGHT, HERE, "Goes straight on; 10 m to lift."),
+        (LEFT, HERE, "Goes on, and in 2 m turns left; 8 m to lift."),
+        (LEFT * [1, -1], Pose2(2.8, 0.0), "Turns right; 5 m to lift."),
+        (LEFT, Pose2(3.0, 4.5), "Goes straight on; less than 1 m to lift."),
+        (LEFT[:1], HERE, "Drives to lift."),
+    ],
+)
+def test_the_next_move_is_said_with_its_distance(way: np.ndarray, pose: Pose2, said: str) -> None:
+    assert driving_sentence("lift", way, pose) == said
+
+
+@given(st.integers(0, 80), st.floats(-3.0, 3.0))
+def test_a_way_that_is_turned_as_a_whole_has_the_same_turns(first: int, angle: float) -> None:
+    turned = LEFT @ np.array([[np.cos(angle), np.sin(angle)], [-np.sin(angle), np.cos(angle)]])
+    before, after = next_turn(LEFT[first:]), next_turn(turned[first:])
+    assert (before is None) == (after is None)
+    if before is not None and after is not None:
+        assert after == (
+            pytest.approx(before[0], abs=0.11),
+            before[1],
+        )  # the next point may be the first beyond the angle
+
+
+def test_points_that_lie_on_each_other_are_no_turn() -> None:
+    assert next_turn(np.repeat(STRAIGHT, 3, axis=0)) is None
+    assert next_turn(np.zeros((5, 2))) is None
+    assert len(way_ahead(np.empty((0, 2)), HERE)) == 0
+
+
+@pytest.mark.parametrize(
+    ("scene", "said"),
+    [
+        (replace(SCENE, countdown_s=2.0), "Sets off to lift in a moment."),
+        (replace(SCENE, way=np.empty((0, 2))), "Looks for a way to lift."),
+        (
+            replace(SCENE, stage=Stage.WAITING, reason="something is in the way; waiting"),
+            "Stands: Something is in the way; waiting. It goes on by itself once there is a way.",
+        ),
+        (
+            replace(SCENE, obstacles=obstacles_of([halt("obstacle")])),
+            "Stands: something is close ahead. It goes on by itself once the way is free.",
+        ),
+        (replace(SCENE, mode=DriveMode.MANUAL, waits=True), "Waits for your yes to drive to lift."),
+        (replace(SCENE, mode=DriveMode.STOPPED, goal=""), "Stopped. Choose a place to drive to."),
+        (replace(SCENE, mode=DriveMode.MANUAL, goal=""), "The joystick is yours. Choose a place to drive to."),
+        (
+            replace(SCENE, mode=DriveMode.MANUAL, goal="", obstacles=obstacles_of([halt("lidar_stale")])),
+            "The joystick is yours. The lidar is silent: check its cable and power.",
+        ),
+        (
+            replace(SCENE, mode=DriveMode.ASSISTED, steered=True, goal=""),
+            "A page steers; it stops when that is let go.",
+        ),
+        (
+            replace(SCENE, mode=DriveMode.ASSISTED, steered=True, goal="", holds_lines=False),
+            "A page steers; the chair answers once it has stood for two seconds.",
+        ),
+    ],
+)
+def test_what_the_chair_will_do_next_is_one_plain_sentence(scene: Scene, said: str) -> None:
+    assert next_action(scene) == said
+
+
+@pytest.mark.parametrize("stop_id", sorted(STOPS))
+def test_every_stop_is_told_apart_from_what_helps(stop_id: str) -> None:
+    (told,) = obstacles_of([halt(stop_id, "0.3 m")])
+    assert told.remedy == STOPS[stop_id].remedy
+    assert told.sentence == (STOPS[stop_id].sentence + " (0.3 m)")
+
+
+def test_another_parts_own_sentence_is_split_where_its_advice_begins() -> None:
+    (told,) = obstacles_of([halt_as_told("disobeys", "the chair moves at neutral: -0.2 m/s; calibrate again")])
+    assert (told.sentence, told.remedy) == ("the chair moves at neutral: -0.2 m/s", "calibrate again")
+
+
+def test_sentences_begin_large_and_end_in_a_stop() -> None:
+    assert [sentence(text) for text in ("", " no goal ", "Done.")] == ["", "No goal.", "Done."]
+
+
+def test_nobody_closes_the_ground_under_the_chair() -> None:
+    outline = np.array([[0.75, 0.3], [-0.25, 0.3], [-0.25, -0.3], [0.75, -0.3]])
+    here = Zone("here", Rule.KEEP_OUT, np.array([[0.5, -1.0], [2.0, -1.0], [2.0, 1.0], [0.5, 1.0]]))
+    with pytest.raises(ZoneError, match="stands in there"):
+        check_zone(here, HERE, outline)
+    check_zone(here, Pose2(-1.0), outline)
+    check_zone(here, None, outline)
+    check_zone(replace(here, rule=Rule.SLOW, value=0.2), HERE, outline)

@@ -1,0 +1,48 @@
+"""Where a map begins, by what wheels and IMU say of the chair's first motion."""
+
+from __future__ import annotations
+
+import numpy as np
+from hypothesis import given
+from hypothesis import strategies as st
+
+from waychair.runtime.first_motion import begins_at, rests
+from waychair.types import ImuSample, Odometry, Pose2, Scan, SensorFrame, Twist, WheelTicks
+
+IMU = (ImuSample(0, np.array([0.0, 0.0, 9.81]), np.zeros(3)),)
+SCAN = Scan(0, np.ones(9, np.float32), -1.0, 0.25, 0.0, 0.1, 10.0)
+
+
+def frame(v: float = 0.0, omega: float = 0.0, imu: bool = True, scan: bool = True) -> SensorFrame:
+    return SensorFrame(
+        0, scan=SCAN if scan else None, wheels=(Odometry(0, Pose2(), Twist(v, omega)),), imu=IMU if imu else ()
+    )
+
+
+@given(st.integers(1, 40), st.integers(1, 5))
+def test_whoever_looks_on_from_earlier_on_begins_with_the_same_scan(resting: int, moving: int) -> None:
+    frames = [frame() for _ in range(resting)] + [frame(0.3) for _ in range(moving)]
+    assert begins_at(frames) == resting - 1
+
+
+def test_a_frame_without_a_scan_begins_nothing() -> None:
+    assert begins_at([frame(), frame(), frame(scan=False), frame(0.3)]) == 1
+
+
+def test_noise_is_no_motion_and_a_turn_on_the_spot_is_one() -> None:
+    assert rests(frame(0.02, -0.05))
+    assert not rests(frame(0.021))
+    assert not rests(frame(-0.3))
+    assert not rests(frame(0.0, 0.06))
+
+
+def test_a_chair_that_never_moves_or_has_no_imu_or_counts_only_loses_nothing() -> None:
+    assert begins_at([frame()] * 9) == 0
+    assert begins_at([frame(imu=False)] * 9 + [frame(0.3, imu=False)]) == 0
+    counts = SensorFrame(0, scan=SCAN, wheels=(WheelTicks(0, 0, 0),), imu=IMU)
+    assert begins_at([counts] * 9 + [frame(0.3)]) == 0
+
+
+def test_readings_that_are_late_at_rest_begin_nothing_either() -> None:
+    late = SensorFrame(0, scan=SCAN, imu=IMU)
+    assert begins_at([frame(), late, frame(), frame(0.3)]) == 2

@@ -1,0 +1,59 @@
+"""A chair's port that keeps a note of what it was asked, and can be made to wait."""
+
+from __future__ import annotations
+
+import threading
+import time
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
+from typing import Any
+
+from waychair.runtime.chair_port import ChairPort
+
+
+@dataclass(frozen=True, slots=True)
+class Call:
+    """A call of the port, and when it began and ended by the steady clock."""
+
+    name: str
+    asked: tuple[Any, ...]
+    began_ns: int
+    ended_ns: int
+
+
+class Noted:
+    """Passes all on to a real port. What is only looked at is not noted."""
+
+    def __init__(self, port: ChairPort) -> None:
+        self.port = port
+        self.calls: list[Call] = []
+        self.watchers: list[tuple[str, ...]] = []
+        self.gates: dict[str, threading.Event] = {}
+        """Calls of these names wait until the event is set."""
+
+    @property
+    def outline(self) -> Any:
+        return self.port.outline
+
+    def watched(self, pages: Sequence[str]) -> None:
+        self.watchers.append(tuple(pages))
+        self.port.watched(pages)
+
+    def __getattr__(self, name: str) -> Callable[..., Any]:
+        call = getattr(self.port, name)
+        if name in ("view", "grid", "layout", "picture"):
+            return call  # type: ignore[no-any-return]
+
+        def noted(*asked: Any) -> Any:
+            began_ns = time.monotonic_ns()
+            if name in self.gates:
+                self.gates[name].wait()
+            answer = call(*asked)
+            self.calls.append(Call(name, asked, began_ns, time.monotonic_ns()))
+            return answer
+
+        return noted
+
+    def named(self, name: str) -> list[Call]:
+        """The calls of one name."""
+        return [call for call in self.calls if call.name == name]

@@ -1,0 +1,461 @@
+"""A chair in a simulator, in real time, as a page has it: everybody can touch it, without ROS and without a chair.
+
+    with LiveChair("small_clinic") as chair:
+        chair.go("reception")
+        chair.confirm()
+
+Between the chair and the simulated lines stands the shipped firmware. What a page asks for is what a page of a real
+chair asks for.
+"""
+
+from __future__ import annotations
+
+import logging
+import resource
+import tempfile
+import threading
+import time
+from collections.abc import Callable, Iterator, Sequence
+from contextlib import ExitStack, contextmanager
+from dataclasses import replace
+from pathlib import Path
+from types import TracebackType
+from typing import Self
+
+import cv2
+import numpy as np
+
+from waychair.calibration.chair import CHAIR_A
+from waychair.calibration.dac import DEFAULT
+from waychair.control.navigator import Stage
+from waychair.control.supervisor import SupervisorSettings
+from waychair.errors import WaychairError
+from waychair.firmware_bridge.heartbeat import urgent
+from waychair.geometry import transform_points
+from waychair.maps.depth_layer import load_depth_layer, scanned_part
+from waychair.maps.layout import Layout as Drawings
+from waychair.maps.map_files import load_map, save_map
+from waychair.maps.places import check_place, save_places
+from waychair.maps.zones import Zone
+from waychair.planning.drawn_map import DrawnMap
+from waychair.runtime.chair import Chair, ChairSettings, ChairState
+from waychair.runtime.chair_port import Answer, ChairView, Layout
+from waychair.runtime.chair_story import Scene, check_zone, next_action, obstacles_of, shown_points
+from waychair.runtime.sentences import sentence
+from waychair.simulation.simulator import SensorMessage, Simulator, SimulatorSettings
+from waychair.simulation.world import World, load_world
+from waychair.slam.localisation import LocalisationState
+from waychair.trials.demo import chair_of
+from waychair.trials.drive import Setting, black_box, chair_in
+from waychair.trials.real_time import RealTime
+from waychair.types import DriveMode, FloatArray, Goal, OccupancyGrid, Place, Pose2, RgbdFrame, Scan, Twist
+
+COUNTDOWN_S = 3.0
+"""From the rider's yes to the first motion."""
+
+_PICTURES_HZ = 2.0
+_NOWHERE = ChairView(
+    0, None, LocalisationState.LOST, 0.0, DriveMode.MANUAL, Twist(), next_action="The chair is started."
+)
+
+
+class LiveChair:
+    """A `ChairPort` over a chair in a simulated world, for as long as the block lasts."""
+
+    def __init__(
+        self,
+        world: str | Path | World,
+        map_folder: Path | None = None,
+        seed: int = 0,
+        people: bool = True,
+        *,
+        camera: bool = False,
+        countdown_s: float = COUNTDOWN_S,
+        box: Path | None = None,
+        urgently: bool = False,
+    ) -> None:
+        """`map_folder`: a map of a drive that began at the world's start; without one the chair has the world's own
+        plan, and what is drawn on it is forgotten at the end. `camera`: there are pictures to look at. `box` is the
+        folder of a black box. `urgently`: with real-time priority, where the system grants it.
+
+        Raises:
+            WorldError: there is no such world.
+        """
+        building = world if isinstance(world, World) else load_world(world)
+        self._world = building if people else building.without_people()
+        self._map_folder, self._box, self._seed, self._camera = map_folder, box, seed, camera
+        self._urgently = urgently
+        supervisor = SupervisorSettings(countdown_s=countdown_s)
+        self._settings = replace(ChairSettings(), supervisor=supervisor)
+        self._countdown_s = countdown_s
+        self._view = _NOWHERE
+        self._label, self._last_stop = "", ""
+        self._had_goal = self._was_pushed = self._was_driven = False  # at the last tick
+        self._points = np.empty((0, 2))
+        self._frame: RgbdFrame | None = None
+        self._jpeg: tuple[int, bytes] | None = None
+        self._map_revision = self._layout_revision = 1
+        self._drawing = threading.Lock()
+        self._begun = threading.Event()
+        self._failure: Exception | None = None
+        self._simulator: Simulator
+        self._chair: Chair
+        self._time: RealTime
+        self._drawings: Drawings
+        self._folder: Path
+        self._grid: OccupancyGrid
+        self._prepared: DrawnMap
+        self._thread = threading.Thread(target=self._live, name="live chair", daemon=True)
+
+    def __enter__(self) -> Self:
+        """
+        Raises:
+            WaychairError: the map cannot be read, or the firmware cannot be built here.
+        """
+        self._thread.start()
+        self._begun.wait()
+        if self._failure is not None:
+            self._thread.join()
+            raise self._failure
+        return self
+
+    def __exit__(
+        self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
+    ) -> None:
+        """The lines are let go.
+
+        Raises:
+            Exception: what the chair's thread died of.
+        """
+        self._time.end()
+        self._thread.join()
+        if self._failure is not None and error is None:
+            raise self._failure
+
+    @property
+    def outline(self) -> FloatArray:
+        """See `ChairPort`."""
+        return CHAIR_A.outline()
+
+    @property
+    def alive(self) -> bool:
+        """Whether its time goes by; see `__exit__` for why not."""
+        return self._thread.is_alive()
+
+    @property
+    def simulator(self) -> Simulator:
+        """What it drives in: to push it, to hold its own joystick, to know the truth."""
+        return self._simulator
+
+    def view(self) -> ChairView:
+        """See `ChairPort`."""
+        return self._view
+
+    def grid(self) -> OccupancyGrid | None:
+        """See `ChairPort`."""
+        return self._grid
+
+    def layout(self) -> Layout:
+        """See `ChairPort`."""
+        with self._drawing:
+            drawn = self._drawings.drawing
+            return Layout(dict(drawn.places), drawn.zones, self._drawings.undoable)
+
+    def picture(self) -> bytes | None:
+        """See `ChairPort`."""
+        frame, known = self._frame, self._jpeg
+        if frame is None:
+            return None
+        if known is None or known[0] != frame.stamp_ns:
+            done, data = cv2.imencode(".jpg", np.ascontiguousarray(frame.image[..., ::-1]))
+            self._jpeg = known = frame.stamp_ns, bytes(data) if done else b""
+        return known[1]
+
+    def go(self, goal: str | Pose2) -> Answer:
+        """See `ChairPort`."""
+        label = goal if isinstance(goal, str) else f"{goal.x:.1f}, {goal.y:.1f}"
+
+        def asked() -> Answer:
+            self._chair.go(Goal(goal))
+            self._label = label
+            self._time.step()
+            return Answer(True, f"press Drive to go to {label}")
+
+        return self._answered(asked)
+
+    def confirm(self, goal: str = "") -> Answer:
+        """See `ChairPort`."""
+
+        def said() -> Answer:
+            if not self._chair.waits:
+                return Answer(False, "there is nothing to say yes to: choose a place first")
+            if goal and goal != self._label:
+                return Answer(False, f"meanwhile somebody chose {self._label}: look where it leads, then press Drive")
+            self._time.watch.began(time.monotonic_ns())
+            self._chair.confirm()
+            verdict = self._time.step().verdict
+            if verdict.computer_drives:
+                return Answer(True, f"sets off to {self._label} in {self._countdown_s:.0f} s")
+            return Answer(False, verdict.reason)
+
+        return self._answered(said)
+
+    def cancel(self) -> Answer:
+        """See `ChairPort`."""
+
+        def done() -> Answer:
+            self._chair.cancel()
+            self._time.step()
+            return Answer(True, "the drive is given up")
+
+        return self._answered(done)
+
+    def stop(self) -> Answer:
+        """See `ChairPort`."""
+
+        def done() -> Answer:
+            self._chair.stop()
+            self._time.step()
+            return Answer(True, "stopped")
+
+        return self._answered(done, first=True)
+
+    def reset(self) -> Answer:
+        """See `ChairPort`."""
+
+        def done() -> Answer:
+            self._chair.reset()
+            return Answer(True, "the faults were reset; ask for the goal again")
+
+        return self._answered(done)
+
+    def steer(self, forward: float, turn: float) -> Answer:
+        """See `ChairPort`; whether it counts is answered by what is known of the last tick."""
+        self._time.tell(lambda: self._chair.steer(forward, turn, self._simulator.now_ns))
+        view = self._view
+        if view.steered or not view.obstacles:
+            return Answer(True, "")
+        return Answer(False, view.obstacles[0].sentence)
+
+    def release(self) -> Answer:
+        """See `ChairPort`."""
+        self._time.tell(lambda: self._chair.let_go(self._simulator.now_ns))
+        return Answer(True, "")
+
+    def place_here(self, name: str, tolerance_m: float, tolerance_rad: float) -> Answer:
+        """See `ChairPort`."""
+        view = self._view
+        if view.map_from_base is None or view.localisation is LocalisationState.LOST:
+            return Answer(False, "the chair does not know where it is: drive it to where it does")
+        return self.set_place(Place(name.strip(), view.map_from_base, tolerance_m, tolerance_rad))
+
+    def set_place(self, place: Place) -> Answer:
+        """See `ChairPort`."""
+
+        def change(drawings: Drawings) -> None:
+            check_place(self._grid, place)
+            drawings.set_place(place)
+
+        return self._drawn(change, f"saved {place.name}")
+
+    def remove_place(self, name: str) -> Answer:
+        """See `ChairPort`."""
+        return self._drawn(lambda drawings: drawings.remove_place(name), f"removed {name}")
+
+    def set_zone(self, zone: Zone) -> Answer:
+        """See `ChairPort`."""
+
+        def change(drawings: Drawings) -> None:
+            check_zone(zone, self._view.map_from_base, self.outline)
+            drawings.set_zone(zone)
+
+        return self._drawn(change, f"drew {zone.name}")
+
+    def remove_zone(self, name: str) -> Answer:
+        """See `ChairPort`."""
+        return self._drawn(lambda drawings: drawings.remove_zone(name), f"removed {name}")
+
+    def erase(self, polygon: FloatArray) -> Answer:
+        """See `ChairPort`."""
+        return self._drawn(lambda drawings: drawings.erase(polygon), "erased")
+
+    def undo(self) -> Answer:
+        """See `ChairPort`."""
+        return self._drawn(lambda drawings: drawings.undo(), "undone")
+
+    def relocalise(self, map_from_base: Pose2 | None = None) -> Answer:
+        """See `ChairPort`."""
+
+        def done() -> Answer:
+            self._chair.relocalise(map_from_base)
+            return Answer(True, "the chair looks where it is")
+
+        return self._answered(done)
+
+    def watched(self, pages: Sequence[str]) -> None:
+        """See `ChairPort`."""
+        self._time.watch.seen(pages, time.monotonic_ns())
+
+    def _answered(self, what: Callable[[], Answer], first: bool = False) -> Answer:
+        if not self.alive:
+            return Answer(False, "the simulated chair has ended: start it again")
+        try:
+            return self._time.ask(what, first)
+        except WaychairError as error:
+            return Answer(False, str(error))
+
+    def _drawn(self, change: Callable[[Drawings], None], done: str) -> Answer:
+        """Change what is drawn, in the files first; then the chair drives by it, a running drive by a new plan."""
+        with self._drawing:
+            before = self._drawings.drawing
+            try:
+                change(self._drawings)
+                now = self._drawings.drawing
+                erased = not now.has_erased_as(before)
+                if erased:
+                    self._grid = load_map(self._folder)
+                    self._map_revision += 1
+                if erased or not now.has_zones_of(before):
+                    self._prepared = self._chair.drawn(self._grid, now.zones)
+                prepared = self._prepared
+                self._time.ask(lambda: self._chair.redraw(prepared, now.zones, now.places))
+            except WaychairError as error:
+                return Answer(False, str(error))
+            self._layout_revision += 1
+        return Answer(True, done)
+
+    def _live(self) -> None:
+        """The thread."""
+        try:
+            with ExitStack() as ends:
+                self._build(ends)
+                self._begun.set()
+                if self._urgently:
+                    urgent()
+                self._time.run()
+        except Exception as error:
+            if self._begun.is_set():  # else it is raised where the block begins
+                logging.getLogger(__name__).exception("the simulated chair has failed")
+            self._failure = error  # raised again where the block ends
+            self._view = replace(
+                self._view,
+                mode=DriveMode.STOPPED,
+                next_action="Stopped. The simulated chair has ended: start it again.",
+                last_stop=sentence(f"the simulated chair has failed: {error}"),
+                free_since_ns=time.monotonic_ns(),
+            )
+        finally:
+            self._begun.set()
+
+    def _build(self, ends: ExitStack) -> None:
+        world, camera = self._world, self._camera
+        self._folder = ends.enter_context(_plan_folder(world)) if self._map_folder is None else self._map_folder
+        map_from_world = Pose2() if self._map_folder is None else world.start.inverse()
+        self._drawings = Drawings(self._folder)
+        self._grid = grid = load_map(self._folder)
+        scanned = scanned_part(grid, load_depth_layer(self._folder, grid))
+        drawn = self._drawings.drawing
+        setting = Setting(
+            grid, drawn.places, CHAIR_A, DEFAULT, map_from_world, self._settings, zones=drawn.zones, scanned=scanned
+        )
+        self._simulator = Simulator(world, CHAIR_A, _sensed(chair_of(self._seed), camera), self._seed)
+        watcher = ends.enter_context(black_box(setting, self._box))
+        self._chair = ends.enter_context(chair_in(setting, self._simulator, watcher))
+        self._prepared = self._chair.drawn(grid, drawn.zones)
+        self._time = RealTime(self._chair, self._simulator, self._heard)
+
+    def _heard(self, messages: tuple[SensorMessage, ...], state: ChairState) -> None:
+        """A tick is over: what is there to see."""
+        for message in messages:
+            if isinstance(message, Scan) and state.localisation is not None:
+                pose = state.localisation.map_from_base
+                self._points = shown_points(message, CHAIR_A.base_from_laser, pose, state.twist)
+            elif isinstance(message, RgbdFrame):
+                self._frame = message
+        self._note_end(state)
+        self._view = self._viewed(state)
+
+    def _note_end(self, state: ChairState) -> None:
+        """Why a drive is over, or was none."""
+        navigator, pushed = self._chair.navigator, any(halted.stop.id == "pushed" for halted in state.halts)
+        has_goal = self._chair.waits or navigator.active
+        if self._had_goal and not has_goal:
+            arrived = navigator.stage is Stage.ARRIVED
+            self._last_stop = sentence(f"arrived at {self._label}" if arrived else navigator.reason)
+        elif self._was_driven and not state.verdict.computer_drives and state.verdict.halt is not None:
+            self._last_stop = sentence(state.verdict.reason)
+        elif pushed and not self._was_pushed:
+            self._last_stop = sentence(next(halted.text for halted in state.halts if halted.stop.id == "pushed"))
+        self._had_goal, self._was_pushed, self._was_driven = has_goal, pushed, state.verdict.computer_drives
+
+    def _viewed(self, state: ChairState) -> ChairView:
+        chair, found, navigation = self._chair, state.localisation, state.navigation
+        knows = found is not None and found.state is not LocalisationState.LOST
+        pose = state.map_from_base if found is not None else None
+        way = np.empty((0, 2)) if not self._had_goal or navigation.path is None else navigation.path.poses[:, :2]
+        goal = self._label if self._had_goal else ""
+        countdown_s = chair.countdown_s(state.stamp_ns)
+        obstacles = obstacles_of(state.halts)
+        scene = Scene(
+            state.verdict.mode, state.verdict.steered, goal, chair.waits, countdown_s,
+            chair.navigator.stage, chair.navigator.reason, pose if knows else None, way, obstacles,
+            state.sent.active,
+        )  # fmt: skip
+        people = np.empty((0, 2))
+        if found is not None and len(odometric := chair.navigator.people):
+            people = transform_points(found.map_from_odom, odometric)
+        return ChairView(
+            stamp_ns=time.monotonic_ns(),
+            map_from_base=pose,
+            localisation=LocalisationState.LOST if found is None else found.state,
+            health=0.0 if found is None else found.health,
+            mode=state.verdict.mode,
+            twist=state.twist,
+            goal=goal,
+            waits=chair.waits,
+            countdown_s=countdown_s,
+            next_action=next_action(scene),
+            last_stop=self._last_stop,
+            obstacles=obstacles,
+            scan=self._points,
+            path=way,
+            people=people,
+            map_revision=self._map_revision,
+            layout_revision=self._layout_revision,
+            panel=self._panel(state),
+            free_since_ns=self._time.free_since_ns,
+            steered=state.verdict.steered,
+        )
+
+    def _panel(self, state: ChairState) -> dict[str, float]:
+        """Figures for engineers."""
+        pace, told = self._time.pace, state.telemetry
+        figures = {
+            "tick, mean [ms CPU]": 1e3 * pace.tick_s,
+            "tick, longest [ms CPU]": 1e3 * pace.longest_tick_s,
+            "ticks that came late": float(pace.late),
+            "time given up [s]": pace.lost_s,
+            "forward line [V]": state.sent.forward_volts,
+            "turn line [V]": state.sent.turn_volts,
+            "plans of this drive": float(state.navigation.plans),
+            "contacts": float(self._simulator.contacts),
+            "cells of the map": float(self._grid.cells.size),
+            "memory, peak [MB]": resource.getrusage(resource.RUSAGE_SELF).ru_maxrss / 1e3,
+        }
+        if told is not None and told.round_trip_ns is not None:
+            figures["board, round trip [ms]"] = told.round_trip_ns * 1e-6
+        return figures
+
+
+def _sensed(settings: SimulatorSettings, camera: bool) -> SimulatorSettings:
+    """With lidar and wheels, and with pictures to look at; these few are not driven by."""
+    return replace(settings, camera=replace(settings.camera, rate_hz=_PICTURES_HZ if camera else 0.0))
+
+
+@contextmanager
+def _plan_folder(world: World) -> Iterator[Path]:
+    """The world's own plan as a map, for as long as the block lasts."""
+    with tempfile.TemporaryDirectory(prefix="waychair-") as name:
+        save_map(Path(name), world.grid)
+        save_places(Path(name), {place.name: place for place in world.places})
+        yield Path(name)

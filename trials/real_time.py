@@ -1,0 +1,157 @@
+"""A chair in a simulator that lives by the clock on the wall, in a thread of its own.
+
+Everything that touches the two happens in that thread: whoever asks for something from outside is served between two
+beats of the board, within a few milliseconds, and waits for the answer no longer than `ANSWER_S`.
+"""
+
+from __future__ import annotations
+
+import logging
+import threading
+import time
+from collections import deque
+from collections.abc import Callable
+from concurrent.futures import Future
+from concurrent.futures import TimeoutError as TooLate
+from dataclasses import dataclass
+from typing import TypeVar
+
+from waychair.errors import WaychairError
+from waychair.firmware_bridge.protocol import Holder
+from waychair.runtime.chair import Chair, ChairState
+from waychair.runtime.chair_port import ANSWER_S
+from waychair.runtime.page_watch import PageWatch
+from waychair.simulation.simulator import SensorMessage, Simulator
+from waychair.trials.drive import BEAT_NS, TICK_NS
+from waychair.types import RgbdFrame
+
+T = TypeVar("T")
+
+_SLACK_NS = 50_000_000
+"""A delay beyond this is never caught up: the simulated time falls behind for good."""
+
+
+@dataclass(slots=True)
+class Pace:
+    """How the time goes by: ticks, those among them that came too late, time given up [s], CPU of a tick [s]."""
+
+    ticks: int = 0
+    late: int = 0
+    lost_s: float = 0.0
+    tick_s: float = 0.0
+    longest_tick_s: float = 0.0
+
+
+class RealTime:
+    """The thread's loop. `heard` is told of each tick's messages and state."""
+
+    def __init__(
+        self, chair: Chair, simulator: Simulator, heard: Callable[[tuple[SensorMessage, ...], ChairState], None]
+    ) -> None:
+        self.pace = Pace()
+        self.watch = PageWatch()
+        self.free_since_ns: int | None = time.monotonic_ns()
+        """Since when the rider's joystick has been on the lines; None while the board holds them."""
+        self._chair, self._simulator, self._heard = chair, simulator, heard
+        self._asks: deque[tuple[Callable[[], object], Future[object]]] = deque()
+        self._woken = threading.Event()
+        self._ended = False
+        self._messages: list[SensorMessage] = []
+        self._due_ns = 0
+
+    def ask(self, what: Callable[[], T], first: bool = False) -> T:
+        """Have something done in the thread, before all else that waits if it is to come `first`; its answer.
+
+        Raises:
+            WaychairError: what it raises, or nobody has answered in time.
+        """
+        asked: Future[object] = Future()
+        (self._asks.appendleft if first else self._asks.append)((what, asked))
+        self._woken.set()
+        try:
+            answer: T = asked.result(ANSWER_S)  # type: ignore[assignment]
+        except TooLate as error:
+            raise WaychairError(f"the chair has not answered within {ANSWER_S:g} s: see whether it stands") from error
+        return answer
+
+    def tell(self, what: Callable[[], object]) -> None:
+        """Have something done in the thread, without waiting for it."""
+        self._asks.append((what, Future()))
+        self._woken.set()
+
+    def end(self) -> None:
+        """Ask the loop to end."""
+        self._ended = True
+        self._woken.set()
+
+    def run(self) -> None:
+        """Until `end`; then the lines are let go."""
+        self._due_ns = time.monotonic_ns()
+        try:
+            while not self._ended:
+                for _ in range(TICK_NS // BEAT_NS):
+                    self._wait()
+                    self._beat()
+                self.step()
+        finally:
+            self._chair.stop()
+            self.step()
+            self._beat()
+            self._beat()
+            self._refuse()
+
+    def step(self) -> ChairState:
+        """A tick of the chair: the regular one, or one more that somebody's wish must not wait for."""
+        messages, self._messages = tuple(self._messages), []
+        started, now_ns = time.thread_time(), time.monotonic_ns()
+        to_drive = (message for message in messages if not isinstance(message, RgbdFrame))  # pictures are for people
+        state = self._chair.step(self._simulator.now_ns, to_drive, self.watch.halts(now_ns))
+        if not state.verdict.computer_drives:
+            self.watch.over()
+        self._heard(messages, state)
+        spent = time.thread_time() - started
+        pace = self.pace
+        pace.ticks += 1
+        pace.tick_s += 0.05 * (spent - pace.tick_s)
+        pace.longest_tick_s = max(pace.longest_tick_s, spent)
+        return state
+
+    def _beat(self) -> None:
+        """A hundredth of a second of the world, in which the board is kept company."""
+        self._chair.beat(self._simulator.now_ns)
+        self._messages += self._simulator.advance(BEAT_NS)
+        lines = self._simulator.lines
+        if lines is None or lines.holder != Holder.BOARD:
+            self.free_since_ns = self.free_since_ns or time.monotonic_ns()
+        else:
+            self.free_since_ns = None
+
+    def _wait(self) -> None:
+        """Until the next beat is due, serving whoever asks."""
+        self._due_ns += BEAT_NS
+        while True:
+            self._woken.clear()
+            self._serve()
+            left_ns = self._due_ns - time.monotonic_ns()
+            if left_ns <= 0 or self._ended:
+                break
+            self._woken.wait(left_ns * 1e-9)
+        late_ns = time.monotonic_ns() - self._due_ns
+        if late_ns > _SLACK_NS:
+            self.pace.late += 1
+            self.pace.lost_s += late_ns * 1e-9
+            logging.getLogger(__name__).warning("a tick of the simulated chair came %.0f ms late", late_ns * 1e-6)
+            self._due_ns += late_ns
+
+    def _serve(self) -> None:
+        while self._asks:
+            what, asked = self._asks.popleft()
+            try:
+                asked.set_result(what())
+            except WaychairError as error:
+                asked.set_exception(error)
+
+    def _refuse(self) -> None:
+        """Whoever still waits is told that nobody answers any more."""
+        while self._asks:
+            self._asks.popleft()[1].set_exception(WaychairError("the simulated chair has ended: start it again"))

@@ -1,0 +1,153 @@
+"""What a page may ask of a chair, in one table: the name on the wire, its figures, and the call of the `ChairPort`.
+
+Whatever is missing, unknown, of the wrong type or not finite is refused before the chair hears of it.
+"""
+
+from __future__ import annotations
+
+import logging
+import math
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass
+from typing import Annotated, Any
+
+import msgspec
+import numpy as np
+
+from waychair.errors import WaychairError
+from waychair.geometry import wrap_angle
+from waychair.maps.zones import SLOWEST, Rule, Zone
+from waychair.runtime.chair_port import Answer, ChairPort
+from waychair.types import Place, Pose2
+
+STOP = "stop"
+RELEASE = "release"
+STICK = ("steer", RELEASE)
+"""Of these only the newest counts: a hand's older wishes are nobody's any more."""
+
+_FAR = 1e5
+Metres = Annotated[float, msgspec.Meta(ge=-_FAR, le=_FAR)]
+Angle = Annotated[float, msgspec.Meta(ge=-1e3, le=1e3)]
+Axis = Annotated[float, msgspec.Meta(ge=-1.0, le=1.0)]
+Name = Annotated[str, msgspec.Meta(min_length=1, max_length=60)]
+Corners = Annotated[list[tuple[Metres, Metres]], msgspec.Meta(min_length=3, max_length=200)]
+Tolerance = Annotated[float, msgspec.Meta(gt=0.0, le=5.0)]
+Speed = Annotated[float, msgspec.Meta(ge=SLOWEST, le=5.0)]
+
+
+class _Asked(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
+    """What comes with a command."""
+
+
+class _Nothing(_Asked, frozen=True):
+    pass
+
+
+class _Going(_Asked, frozen=True):
+    place: str = ""
+    pose: tuple[Metres, Metres, Angle] | None = None
+
+
+class _Confirmed(_Asked, frozen=True):
+    goal: Annotated[str, msgspec.Meta(max_length=60)] = ""
+
+
+class _Stick(_Asked, frozen=True):
+    forward: Axis
+    turn: Axis
+
+
+class _Here(_Asked, frozen=True):
+    name: Name
+    tolerance_m: Tolerance
+    tolerance_rad: Tolerance
+
+
+class _Placed(_Here, frozen=True):
+    pose: tuple[Metres, Metres, Angle]
+
+
+class _Named(_Asked, frozen=True):
+    name: Name
+
+
+class _Drawn(_Asked, frozen=True):
+    name: Name
+    rule: Rule
+    polygon: Corners
+    speed: Speed = 0.3
+    heading: Angle = 0.0
+
+
+class _Erased(_Asked, frozen=True):
+    polygon: Corners
+
+
+class _Found(_Asked, frozen=True):
+    pose: tuple[Metres, Metres, Angle] | None = None
+
+
+def _pose(values: tuple[float, float, float]) -> Pose2:
+    x, y, theta = values
+    return Pose2(x, y, wrap_angle(theta))
+
+
+def _go(port: ChairPort, asked: _Going) -> Answer:
+    if bool(asked.place) == (asked.pose is not None):
+        return Answer(False, "a drive leads to a place or to a point: choose one")
+    return port.go(asked.place if asked.pose is None else _pose(asked.pose))
+
+
+def _set_place(port: ChairPort, asked: _Placed) -> Answer:
+    return port.set_place(Place(asked.name, _pose(asked.pose), asked.tolerance_m, asked.tolerance_rad))
+
+
+def _set_zone(port: ChairPort, asked: _Drawn) -> Answer:
+    value = {Rule.KEEP_OUT: 0.0, Rule.SLOW: asked.speed, Rule.ONE_WAY: wrap_angle(asked.heading)}[asked.rule]
+    polygon = np.array(asked.polygon, np.float64)
+    x, y = (polygon - polygon[0]).T
+    if not math.fabs((x * np.roll(y, -1) - y * np.roll(x, -1)).sum()) > 1e-6:
+        return Answer(False, "the corners of this zone enclose nothing: set them in order round it")
+    return port.set_zone(Zone(asked.name, asked.rule, polygon, value))
+
+
+@dataclass(frozen=True, slots=True)
+class _Command:
+    asked: type[_Asked]
+    call: Callable[[ChairPort, Any], Answer]
+
+
+COMMANDS: Mapping[str, _Command] = {
+    STOP: _Command(_Nothing, lambda port, _: port.stop()),
+    "steer": _Command(_Stick, lambda port, asked: port.steer(asked.forward, asked.turn)),
+    RELEASE: _Command(_Nothing, lambda port, _: port.release()),
+    "go": _Command(_Going, _go),
+    "confirm": _Command(_Confirmed, lambda port, asked: port.confirm(asked.goal)),
+    "cancel": _Command(_Nothing, lambda port, _: port.cancel()),
+    "reset": _Command(_Nothing, lambda port, _: port.reset()),
+    "place_here": _Command(_Here, lambda port, at: port.place_here(at.name, at.tolerance_m, at.tolerance_rad)),
+    "set_place": _Command(_Placed, _set_place),
+    "remove_place": _Command(_Named, lambda port, asked: port.remove_place(asked.name)),
+    "set_zone": _Command(_Drawn, _set_zone),
+    "remove_zone": _Command(_Named, lambda port, asked: port.remove_zone(asked.name)),
+    "erase": _Command(_Erased, lambda port, asked: port.erase(np.array(asked.polygon, np.float64))),
+    "undo": _Command(_Nothing, lambda port, _: port.undo()),
+    "relocalise": _Command(_Found, lambda port, at: port.relocalise(None if at.pose is None else _pose(at.pose))),
+}
+"""Every command by its name on the wire."""
+
+
+def obey(port: ChairPort, name: str, asked: object) -> Answer:
+    """Do what a page asks: `asked` is the JSON object that came with the command. Never raises."""
+    command = COMMANDS.get(name)
+    if command is None:
+        return Answer(False, f"the chair knows no '{name[:40]}': reload this page")
+    try:
+        return command.call(port, msgspec.convert(asked, command.asked))
+    except msgspec.ValidationError as error:
+        return Answer(False, f"that cannot be done: {error}")
+    except WaychairError as error:
+        return Answer(False, str(error))
+    except Exception:  # whoever presses a button is answered, whatever is broken behind it
+        logging.getLogger(__name__).exception("'%s' failed", name)
+        return Answer(False, "something is broken in the chair's program: see its messages, and start it again")

@@ -1,0 +1,119 @@
+"""Who may talk to a page's server: this computer's own pages, and beyond it those who hold the token.
+
+A page of another site that is open in the same browser can reach this server, too. It is refused by the `Origin` and
+`Sec-Fetch-Site` headers, which it cannot forge; and a name of its own that it points at this computer (DNS rebinding)
+is refused by the `Host` header. (Fetch and Fetch Metadata standards; WebSockets know no same-origin rule.)
+"""
+
+from __future__ import annotations
+
+import hmac
+import ipaddress
+from collections.abc import Awaitable, Callable, MutableMapping, Sequence
+from typing import Any
+from urllib.parse import urlsplit
+
+Message = MutableMapping[str, Any]
+Receive = Callable[[], Awaitable[Message]]
+Send = Callable[[Message], Awaitable[None]]
+AsgiApp = Callable[[Message, Receive, Send], Awaitable[None]]
+
+API = "/api/"
+LIVE = "/api/live"
+"""Its token comes in the first message: browsers cannot send one with the request."""
+
+_POLICY = (
+    "default-src 'none'; script-src 'self'; style-src 'self'; img-src 'self' blob: data:; connect-src 'self'; "
+    "base-uri 'none'; form-action 'none'; frame-ancestors 'none'"
+)
+_HEADERS = (
+    (b"content-security-policy", _POLICY.encode()),
+    (b"x-content-type-options", b"nosniff"),
+    (b"referrer-policy", b"no-referrer"),
+    (b"cross-origin-opener-policy", b"same-origin"),
+    (b"cross-origin-resource-policy", b"same-origin"),
+)
+
+
+def is_token(told: str, token: str) -> bool:
+    """Whether a page holds the token, compared in constant time; everybody does where none is asked for."""
+    return not token or hmac.compare_digest(told.encode(), token.encode())
+
+
+def is_host(host: str, names: Sequence[str]) -> bool:
+    """Whether a `Host` header names this server: an address, localhost or one of `names`, with or without a port."""
+    try:
+        name = urlsplit(f"//{host}").hostname or ""
+    except ValueError:
+        return False
+    if name == "localhost" or name in {known.lower() for known in names}:
+        return True
+    try:
+        ipaddress.ip_address(name)
+    except ValueError:
+        return False
+    return True
+
+
+class Guard:
+    """Middleware that lets through what may come in, and gives every answer its safety headers.
+
+    `names`: what this server is called beyond localhost and its addresses. `local`: only a loopback address is a host.
+    """
+
+    def __init__(self, app: AsgiApp, token: str, names: Sequence[str] = (), local: bool = True) -> None:
+        self._app = app
+        self._token = token
+        self._names = names
+        self._local = local
+
+    async def __call__(self, scope: Message, receive: Receive, send: Send) -> None:
+        """One request or one socket."""
+        if scope["type"] not in ("http", "websocket"):
+            await self._app(scope, receive, send)
+            return
+
+        async def send_guarded(message: Message) -> None:
+            if message["type"] == "http.response.start":
+                headers = [*message.get("headers", ()), *_HEADERS]
+                if all(name != b"cache-control" for name, _ in headers):
+                    headers.append((b"cache-control", b"no-cache"))  # or a browser might show yesterday's page
+                message["headers"] = headers
+            await send(message)
+
+        told = {name.decode("latin-1").lower(): value.decode("latin-1") for name, value in scope["headers"]}
+        status, reason = self._refusal(scope, told)
+        if not status:
+            await self._app(scope, receive, send_guarded)
+        elif scope["type"] == "websocket":
+            await send({"type": "websocket.close", "code": 4000 + status, "reason": reason})
+        else:
+            kind = [(b"content-type", b"text/plain; charset=utf-8")]
+            await send_guarded({"type": "http.response.start", "status": status, "headers": kind})
+            await send({"type": "http.response.body", "body": reason.encode()})
+
+    def _refusal(self, scope: Message, headers: dict[str, str]) -> tuple[int, str]:
+        """The status and the sentence of a refusal; 0 for none."""
+        host = headers.get("host", "")
+        if not is_host(host, self._names) or (self._local and not _is_loopback(host)):
+            return 403, "This name is not known here: open the page by the address that waychair printed."
+        origin = headers.get("origin")
+        if origin is not None and urlsplit(origin).netloc.lower() != host.lower():
+            return 403, "Pages of other sites may not talk to the chair."
+        if headers.get("sec-fetch-site", "none") not in ("same-origin", "none") and scope["path"].startswith(API):
+            return 403, "Pages of other sites may not talk to the chair."
+        if scope["type"] == "http" and scope["path"].startswith(API):
+            scheme, _, told = headers.get("authorization", "").partition(" ")
+            if not is_token(told if scheme.lower() == "bearer" else "", self._token):
+                return 401, "The token is missing or wrong: it was printed when waychair started."
+        return 0, ""
+
+
+def _is_loopback(host: str) -> bool:
+    name = urlsplit(f"//{host}").hostname or ""
+    if name == "localhost":
+        return True
+    try:
+        return ipaddress.ip_address(name).is_loopback
+    except ValueError:
+        return False

@@ -1,0 +1,285 @@
+"""The page's server: static files, one socket per page, commands by socket and by POST. It speaks to a `ChairPort`.
+
+    with page_server(port, http_port=8000) as address: ...  # this computer only
+    with page_server(port, host="0.0.0.0", token=secrets.token_urlsafe(16)) as address: ...
+
+Over the socket (/api/live) a page says `{"token", "page"}` first. Then it is sent what `wire` makes, ten views a second,
+answers each with `{"seen": n, "visible": bool}`, and asks with `{"do": name, "with": {...}, "id": n}` (`commands`). The
+same commands but for the stick's are POSTed to /api/do/NAME, so that Stop has two ways.
+"""
+
+from __future__ import annotations
+
+import asyncio
+import contextlib
+import ipaddress
+import logging
+import socket
+import threading
+from collections.abc import AsyncIterator, Iterator, Sequence
+from contextlib import asynccontextmanager, contextmanager
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+import msgspec
+
+from waychair.errors import ConfigError, MissingExtra, OutputError
+from waychair.runtime.chair_port import ChairPort
+from waychair.ui.broadcaster import Broadcaster, Desk, OpenPage
+from waychair.ui.commands import COMMANDS, STICK
+from waychair.ui.guard import API, LIVE, Guard, is_token
+from waychair.ui.wire import THEMES
+
+if TYPE_CHECKING:
+    import uvicorn
+    from fastapi import FastAPI, WebSocket
+    from starlette.requests import Request
+    from starlette.responses import Response
+
+STATIC = Path(__file__).parent / "static"
+
+HELLO_S = 5.0
+"""A socket that has not shown its token by then is closed."""
+
+UNAUTHORISED = 4401
+"""Close code of a socket whose token is missing or wrong."""
+
+_LARGEST = 65_536
+_ENDING_S = 3
+
+
+def app(port: ChairPort, token: str = "", *, names: Sequence[str] = (), local: bool = True) -> FastAPI:
+    """The page of a chair as an ASGI application.
+
+    `token`: asked of every page unless empty. `local`: it is reached by localhost and loopback addresses only;
+    otherwise by any address and by `names`, too.
+
+    Raises:
+        MissingExtra: the extra [ui] is not installed.
+    """
+    try:
+        from fastapi import FastAPI
+        from starlette.responses import FileResponse
+        from starlette.routing import Mount, Route, WebSocketRoute
+        from starlette.staticfiles import StaticFiles
+        from xstatic.pkg import leaflet
+    except ImportError as error:
+        raise MissingExtra("the page needs the extra [ui]: pip install 'waychair[ui]'") from error
+
+    broadcaster = Broadcaster(port)
+
+    @asynccontextmanager
+    async def lifespan(_: FastAPI) -> AsyncIterator[None]:
+        telling = asyncio.create_task(broadcaster.run())
+        telling.add_done_callback(_say_why)
+        try:
+            yield
+        finally:
+            telling.cancel()
+            await asyncio.gather(telling, return_exceptions=True)
+            await asyncio.to_thread(broadcaster.close)
+
+    async def index(_: Request) -> Response:
+        return FileResponse(STATIC / "index.html", headers={"cache-control": "no-cache"})
+
+    async def live(page: WebSocket) -> None:
+        await _live(page, broadcaster, token)
+
+    routes = [
+        Route("/", index),
+        Route(API + "grid.png", _Grid(broadcaster).answer),
+        Route(API + "picture.jpg", _Camera(broadcaster).answer),
+        Route(API + "do/{name}", _Commands(broadcaster).answer, methods=["POST"]),
+        WebSocketRoute(LIVE, live),
+        Mount("/static", StaticFiles(directory=STATIC)),
+        Mount("/leaflet", StaticFiles(directory=leaflet.BASE_DIR)),
+    ]
+    pages = FastAPI(routes=routes, docs_url=None, redoc_url=None, openapi_url=None, lifespan=lifespan)
+    pages.add_middleware(Guard, token=token, names=names, local=local)
+    return pages
+
+
+@contextmanager
+def page_server(
+    port: ChairPort,
+    *,
+    host: str = "127.0.0.1",
+    http_port: int = 0,
+    token: str = "",
+    names: Sequence[str] = (),
+) -> Iterator[str]:
+    """The page while the block lasts, in a thread: gives its address. `http_port` 0 takes a free one.
+
+    Raises:
+        ConfigError: it would be open to the network without a token.
+        OutputError: the port is taken or not allowed.
+        MissingExtra: the extra [ui] is not installed.
+    """
+    server, listener, address = _prepared(port, host, http_port, token, names)
+    thread = threading.Thread(target=server.run, kwargs={"sockets": [listener]}, name="page-server")
+    thread.start()
+    try:
+        yield address
+    finally:
+        server.should_exit = True
+        thread.join()
+        listener.close()
+
+
+def _prepared(
+    port: ChairPort, host: str, http_port: int, token: str, names: Sequence[str]
+) -> tuple[uvicorn.Server, socket.socket, str]:
+    """A server, the socket it listens on, and the page's address."""
+    local = _is_local(host)
+    if not local and not token:
+        raise ConfigError(f"the page on {host} would be open to the whole network: give it a token")
+    pages = app(port, token, names=names, local=local)
+    import uvicorn
+
+    config = uvicorn.Config(
+        pages,
+        log_level="warning",
+        ws_max_size=_LARGEST,
+        ws_max_queue=64,
+        ws_per_message_deflate=False,
+        timeout_graceful_shutdown=_ENDING_S,
+        server_header=False,
+    )
+    try:
+        listener = socket.create_server((host, http_port), family=socket.AF_INET6 if ":" in host else socket.AF_INET)
+    except OSError as error:
+        raise OutputError(
+            f"the page cannot be served on {host}:{http_port}: {error.strerror}; choose another"
+        ) from error
+    number = listener.getsockname()[1]
+    name = f"[{host}]" if ":" in host else host
+    return uvicorn.Server(config), listener, f"http://{name}:{number}/" + (f"#token={token}" if token else "")
+
+
+def _is_local(host: str) -> bool:
+    if host == "localhost":
+        return True
+    try:
+        return ipaddress.ip_address(host).is_loopback
+    except ValueError:
+        return False
+
+
+async def _live(page: WebSocket, broadcaster: Broadcaster, token: str) -> None:
+    """One page's socket, from its first message to its end."""
+    from starlette.websockets import WebSocketDisconnect
+
+    await page.accept()
+    try:
+        hello = await asyncio.wait_for(page.receive_json(), HELLO_S)
+        page_id = str(hello.get("page", ""))[:64] if isinstance(hello, dict) else ""
+        if not page_id or not is_token(str(hello.get("token", "")), token):
+            await page.close(UNAUTHORISED, "the token is missing or wrong")
+            return
+    except (TimeoutError, ValueError, KeyError, WebSocketDisconnect):
+        with contextlib.suppress(RuntimeError):
+            await page.close(UNAUTHORISED, "nobody said who is there")
+        return
+    opened = OpenPage(page_id)
+    desk = Desk(broadcaster, opened)
+    broadcaster.join(opened)
+    tasks = [
+        asyncio.create_task(work) for work in (_hear(page, broadcaster, opened, desk), _tell(page, opened), desk.run())
+    ]
+    try:
+        await asyncio.wait(tasks, return_when=asyncio.FIRST_COMPLETED)
+    finally:
+        broadcaster.leave(opened)
+        for task in tasks:
+            task.cancel()
+        await asyncio.wait(tasks)
+        no_news = (
+            WebSocketDisconnect | msgspec.DecodeError | KeyError | None
+        )  # it went away, or said what is no message
+        for task in tasks:
+            if not task.cancelled() and not isinstance(task.exception(), no_news):
+                logging.getLogger(__name__).error("a page was dropped", exc_info=task.exception())
+
+
+async def _hear(page: WebSocket, broadcaster: Broadcaster, opened: OpenPage, desk: Desk) -> None:
+    """What a page says, until its socket closes or it says something that is no message."""
+    while True:
+        said = msgspec.json.decode(await page.receive_text(), type=dict[str, object])
+        if "seen" in said:
+            (broadcaster.answered if said.get("visible") is True else broadcaster.hidden)(opened)
+        elif isinstance(asked := said.get("with", {}), dict):
+            desk.take(str(said.get("do", "")), asked, said.get("id"))
+
+
+async def _tell(page: WebSocket, opened: OpenPage) -> None:
+    """Whatever there is to tell a page, as fast as it takes it."""
+    while True:
+        for text in await opened.next_messages():
+            await page.send_text(text)
+
+
+class _Grid:
+    """The map's picture; a browser that has it is told so."""
+
+    def __init__(self, broadcaster: Broadcaster) -> None:
+        self._broadcaster = broadcaster
+
+    async def answer(self, request: Request) -> Response:
+        from starlette.responses import Response
+
+        theme = request.query_params.get("theme", THEMES[0])
+        found = await self._broadcaster.picture(theme) if theme in THEMES else None
+        if found is None:
+            return Response(status_code=404)
+        tag, picture = found
+        headers = {"etag": tag, "cache-control": "private, no-cache"}
+        if request.headers.get("if-none-match") == tag:
+            return Response(status_code=304, headers=headers)
+        return Response(picture, media_type="image/png", headers=headers)
+
+
+class _Camera:
+    """The camera's latest picture."""
+
+    def __init__(self, broadcaster: Broadcaster) -> None:
+        self._broadcaster = broadcaster
+
+    async def answer(self, _: Request) -> Response:
+        from starlette.responses import Response
+
+        picture = await self._broadcaster.call(self._broadcaster.port.picture)
+        headers = {"cache-control": "no-store"}
+        if picture is None:
+            return Response(status_code=204, headers=headers)
+        return Response(picture, media_type="image/jpeg", headers=headers)
+
+
+class _Commands:
+    """A command by POST."""
+
+    def __init__(self, broadcaster: Broadcaster) -> None:
+        self._broadcaster = broadcaster
+
+    async def answer(self, request: Request) -> Response:
+        from starlette.responses import JSONResponse
+
+        name = request.path_params["name"]
+        if name not in COMMANDS or name in STICK:  # a hand is known by its socket
+            return JSONResponse({"done": False, "sentence": "the chair knows no such command"}, 404)
+        body = b""
+        async for part in request.stream():
+            body += part
+            if len(body) > _LARGEST:
+                return JSONResponse({"done": False, "sentence": "that is too much at once"}, 413)
+        try:
+            asked = msgspec.json.decode(body or b"{}", type=dict[str, object])
+        except msgspec.DecodeError:
+            return JSONResponse({"done": False, "sentence": "that is no JSON object"}, 400)
+        answer = await self._broadcaster.obey(name, asked)
+        return JSONResponse({"done": answer.done, "sentence": answer.sentence})
+
+
+def _say_why(task: asyncio.Task[None]) -> None:
+    """A broadcaster that failed leaves its pages without news, and the chair without pages: both say so by themselves."""
+    if not task.cancelled() and (error := task.exception()) is not None:
+        logging.getLogger(__name__).error("the page is told nothing any more", exc_info=error)

@@ -1,0 +1,149 @@
+// What the chair does, will do and why it stopped; the yes before a drive, the seconds before it moves, and its end.
+
+import { draws } from "./draw.js";
+import { ask, on } from "./link.js";
+import { follow, headingInMap, onPlace, onPress } from "./map_view.js";
+import { $, element, moves, note, now, say, sentenceOf, setText } from "./page.js";
+import { announce } from "./sound.js";
+import { onStop } from "./stop.js";
+import { showTab } from "./tabs.js";
+
+const SPOKEN_MS = 2000;
+const LOCALISATION = { ok: "Knows its place", degraded: "Unsure of its place", lost: "Does not know its place" };
+const MODES = { manual: "mode-manual", stopped: "mode-manual", assisted: "mode-assisted", autonomous: "mode-autonomous" };
+
+let asked = false; // on this page, so that only here the focus moves to the question
+let counting = false;
+let point = null;
+
+/** Ask for a drive; the chair then waits for a yes. */
+export async function goTo(wish) {
+  asked = true;
+  if (!(await say(ask("go", wish)))) asked = false;
+}
+
+/** The name of the goal as a person says it. */
+const named = ({ goal }) => goal || "the point on the map";
+
+on("view", (view) => {
+  setText($("next"), sentenceOf(view.next) || "The chair stands. Choose where to go.");
+  setText($("last"), view.last ? `Last stop: ${sentenceOf(view.last)}` : "");
+  $("last").hidden = !view.last || moves(view);
+  showFacts(view);
+  showObstacles(view.obstacles);
+  showQuestion(view);
+  showCountdown(view);
+  showModes(view);
+  $("cancel").hidden = !(view.mode === "autonomous" || (view.mode === "assisted" && view.goal));
+  $("reset").hidden = !view.obstacles.some((each) => each.reset);
+  document.body.classList.toggle("moves", moves(view));
+  speak(view);
+});
+
+function showFacts({ localisation, health, twist }) {
+  setText($("place-fact"), `${LOCALISATION[localisation]} (${Math.round(100 * (health ?? 0))} %)`);
+  $("place-fact").dataset.state = localisation;
+  setText($("speed-fact"), `${Math.abs(twist[0]).toFixed(1)} m/s`);
+}
+
+function showObstacles(obstacles) {
+  const list = $("obstacles");
+  const text = JSON.stringify(obstacles);
+  list.hidden = obstacles.length === 0;
+  if (list.dataset.shown === text) return;
+  list.dataset.shown = text;
+  const items = obstacles.map(({ text: sentence, remedy }) =>
+    element("li", {}, element("b", { textContent: sentenceOf(sentence) }), " ", sentenceOf(remedy)),
+  );
+  list.replaceChildren(...items);
+}
+
+function showQuestion(view) {
+  const was = $("ask").hidden;
+  $("ask").hidden = !view.waits || view.countdown !== null;
+  if ($("ask").hidden) return;
+  setText($("ask-title"), `Drive to ${named(view)}?`);
+  setText($("ask-text"), "After your yes there are three seconds in which you can cancel.");
+  if (was && asked) $("ask-title").focus();
+}
+
+function showCountdown(view) {
+  const was = counting;
+  counting = view.countdown !== null;
+  $("count").hidden = !counting;
+  if (counting) {
+    setText($("count-number"), String(Math.max(1, Math.ceil(view.countdown))));
+    setText($("count-title"), `About to drive to ${named(view)}`);
+  }
+  if (counting && !was) {
+    announce(`The chair is about to drive to ${named(view)}. Press Stop or Cancel to prevent it.`);
+    if (asked) $("count-title").focus();
+    follow(true);
+  }
+  if (!counting && now.before && !view.waits && !moves(view) && was) asked = false;
+}
+
+function showModes({ mode }) {
+  for (const id of new Set(Object.values(MODES))) {
+    $(id).setAttribute("aria-pressed", String(MODES[mode] === id && mode !== "stopped"));
+  }
+}
+
+let said = "";
+let saidAt = -Infinity;
+
+/** The newest sentence for screen readers, no quicker than it can be read out. */
+function speak(view) {
+  const parts = [view.next, ...view.obstacles.map(({ text, remedy }) => `${text}: ${remedy}`)];
+  const text = parts.map(sentenceOf).filter(Boolean).join(" ");
+  if (text === said || performance.now() - saidAt < SPOKEN_MS) return;
+  [said, saidAt] = [text, performance.now()];
+  setText($("said"), text);
+}
+
+onPlace((place) => goTo({ place: place.name }));
+onPress(([x, y]) => {
+  if (draws()) return;
+  point = [x, y];
+  $("here").hidden = false;
+  setText($("here-title"), "This point on the map");
+});
+
+/** A pose at the point that was pressed, looking away from the chair. */
+function posed() {
+  const from = now.view?.pose;
+  const heading = from ? Math.atan2(point[1] - from[1], point[0] - from[0]) : headingInMap(0);
+  return [...point, heading];
+}
+
+const closePoint = () => {
+  $("here").hidden = true;
+  point = null;
+};
+
+$("here-drive").addEventListener("click", () => {
+  goTo({ pose: posed() });
+  closePoint();
+});
+$("here-found").addEventListener("click", () => {
+  const heading = now.view?.pose?.[2] ?? headingInMap(0);
+  say(ask("relocalise", { pose: [...point, heading] }));
+  closePoint();
+});
+$("here-no").addEventListener("click", closePoint);
+$("ask-yes").addEventListener("click", () => say(ask("confirm", { goal: now.view.goal })));
+$("ask-no").addEventListener("click", () => say(ask("cancel")));
+$("count-no").addEventListener("click", () => say(ask("cancel")));
+$("cancel").addEventListener("click", () => say(ask("cancel")));
+$("reset").addEventListener("click", () => say(ask("reset")));
+$("mode-manual").addEventListener("click", () => {
+  if (now.view?.goal || moves(now.view)) say(ask("cancel"));
+  else note("The joystick is yours already.");
+});
+$("mode-assisted").addEventListener("click", () => showTab("steer", "stick"));
+$("mode-autonomous").addEventListener("click", () => showTab("places", "search"));
+onStop(() => {
+  asked = false;
+  closePoint();
+  globalThis.speechSynthesis?.cancel();
+});

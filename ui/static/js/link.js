@@ -1,0 +1,116 @@
+// The way to the chair: one socket, and fetch beside it. Silence counts as a lost connection.
+
+const SILENT_MS = 1000;
+const RETRY_MS = 300;
+const HEARD = new EventTarget();
+
+const id = sessionStorage.getItem("page") ?? self.crypto?.randomUUID?.() ?? `${Date.now()}-${Math.random()}`;
+sessionStorage.setItem("page", id);
+if (location.hash.startsWith("#token=")) {
+  sessionStorage.setItem("token", decodeURIComponent(location.hash.slice(7)));
+  history.replaceState(null, "", location.pathname); // so that it is not seen over a shoulder or kept as a bookmark
+}
+
+let socket = null;
+let heardAt = performance.now();
+let stamp = null;
+let stampAt = performance.now();
+let state = "connecting"; // connecting, open, lost, mute (the chair says nothing new), refused
+let number = 0;
+const waiting = new Map();
+
+/** Listen: "chair", "map", "layout", "view" with the message as detail; "state" with the connection's. */
+export const on = (kind, heard) => HEARD.addEventListener(kind, (event) => heard(event.detail));
+
+export const linkState = () => state;
+
+export function enter(token) {
+  sessionStorage.setItem("token", token);
+  connect();
+}
+
+const token = () => sessionStorage.getItem("token") ?? "";
+const tell = (kind, detail) => HEARD.dispatchEvent(new CustomEvent(kind, { detail }));
+
+function become(next) {
+  if (next === state) return;
+  state = next;
+  if (next !== "open") {
+    for (const done of waiting.values()) done({ done: false, sentence: "The connection to the chair was lost." });
+    waiting.clear();
+  }
+  tell("state", state);
+}
+
+function connect() {
+  const scheme = location.protocol === "https:" ? "wss" : "ws";
+  const mine = new WebSocket(`${scheme}://${location.host}/api/live`);
+  socket?.close();
+  socket = mine;
+  mine.onopen = () => mine.send(JSON.stringify({ token: token(), page: id }));
+  mine.onmessage = ({ data }) => mine === socket && hear(JSON.parse(data));
+  mine.onclose = ({ code }) => {
+    if (mine !== socket) return;
+    socket = null;
+    if (code === 4401) {
+      become("refused");
+    } else {
+      become("lost");
+      setTimeout(() => socket ?? connect(), RETRY_MS);
+    }
+  };
+}
+
+function hear(message) {
+  heardAt = performance.now();
+  if (message.type === "view") {
+    answer(message.n);
+    if (message.stamp !== stamp) [stamp, stampAt] = [message.stamp, heardAt];
+    become(heardAt - stampAt > SILENT_MS ? "mute" : "open");
+  }
+  if (message.type === "answer") {
+    waiting.get(message.id)?.(message);
+    waiting.delete(message.id);
+  }
+  tell(message.type, message);
+}
+
+const answer = (seen) =>
+  socket?.readyState === WebSocket.OPEN &&
+  socket.send(JSON.stringify({ seen, visible: document.visibilityState === "visible" }));
+
+setInterval(() => {
+  if (performance.now() - heardAt > SILENT_MS && (state === "open" || state === "mute")) {
+    become("lost");
+    socket?.close();
+    socket = null;
+    connect();
+  }
+}, 200);
+
+document.addEventListener("visibilitychange", () => answer(0));
+
+/** Ask the chair for something: answers {done, sentence}, and says no by itself where the connection is lost. */
+export function ask(name, asked = {}) {
+  if (socket?.readyState !== WebSocket.OPEN) {
+    return Promise.resolve({ done: false, sentence: "The page has no connection to the chair." });
+  }
+  number += 1;
+  const mine = number;
+  socket.send(JSON.stringify({ do: name, with: asked, id: mine }));
+  return new Promise((done) => waiting.set(mine, done));
+}
+
+/** The same by fetch: a second way, for Stop. */
+export const post = (name) =>
+  fetch(`api/do/${name}`, { method: "POST", headers: headers(), keepalive: true, body: "{}" });
+
+/** A picture as an object URL, null where there is none. */
+export async function picture(path) {
+  const found = await fetch(path, { headers: headers() });
+  return found.status === 200 ? URL.createObjectURL(await found.blob()) : null;
+}
+
+const headers = () => (token() ? { authorization: `Bearer ${token()}` } : {});
+
+connect();

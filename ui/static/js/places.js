@@ -1,0 +1,53 @@
+// Places as large buttons, found by typing; the ones driven to lately come first.
+
+import { goTo } from "./drive.js";
+import { on } from "./link.js";
+import { $, element, now } from "./page.js";
+
+const IN_GROUP = 6; // so many places are walked through by one switch at a time
+
+const latest = () => JSON.parse(localStorage.getItem("latest") ?? "[]");
+
+function remember(name) {
+  localStorage.setItem("latest", JSON.stringify([name, ...latest().filter((other) => other !== name)].slice(0, 5)));
+}
+
+function choose(name) {
+  remember(name);
+  goTo({ place: name });
+}
+
+function inOrder(places) {
+  const first = latest();
+  const rank = ({ name }) => (first.includes(name) ? first.indexOf(name) : first.length);
+  return [...places].sort((a, b) => rank(a) - rank(b) || a.name.localeCompare(b.name));
+}
+
+export function listPlaces() {
+  const wish = $("search").value.trim().toLocaleLowerCase();
+  const shown = inOrder(now.layout.places).filter(({ name }) => name.toLocaleLowerCase().includes(wish));
+  const focused = document.activeElement?.dataset?.place;
+  $("place-list").replaceChildren(
+    ...shown.map(({ name }, index) => {
+      const button = element("button", { type: "button", className: "place", textContent: name });
+      button.dataset.scan = "";
+      button.dataset.place = name;
+      button.addEventListener("click", () => choose(name));
+      const item = element("li", {}, button);
+      item.dataset.scanGroup = `Places ${Math.floor(index / IN_GROUP) + 1}`;
+      return item;
+    }),
+  );
+  if (focused) [...$("place-list").querySelectorAll("button")].find(({ dataset }) => dataset.place === focused)?.focus();
+  $("no-place").hidden = shown.length > 0;
+  $("no-place").textContent = wish
+    ? "No place has that in its name."
+    : "This map has no places yet. Drive to one by joystick, then save it under Edit.";
+}
+
+on("layout", listPlaces);
+$("search").addEventListener("input", listPlaces);
+$("search").addEventListener("keydown", ({ key }) => {
+  const only = $("place-list").querySelectorAll("button");
+  if (key === "Enter" && only.length === 1) only[0].click();
+});

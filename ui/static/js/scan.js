@@ -1,0 +1,152 @@
+// One switch: a frame walks through groups of buttons, then through the buttons of the group that was taken. The switch
+// is Space or Enter; while the chair moves it is Stop and nothing else.
+
+import { $, moves, now, setText } from "./page.js";
+import { onSpace, stop } from "./stop.js";
+
+const BOUNCE_MS = 250;
+const ROUNDS = 2; // through a group's buttons before the groups come again
+
+const option = $("option-scanning");
+const interval = $("option-interval");
+
+let running = localStorage.getItem("scanning") === "on";
+let timer = 0;
+let group = null; // name of the group that was taken
+let index = -1;
+let rounds = 0;
+let marked = [];
+let pressedAt = -Infinity;
+let releases = null;
+
+const usable = (target) => !target.disabled && target.offsetParent !== null;
+const groupOf = (target) => target.closest("[data-scan-group]")?.dataset.scanGroup ?? "";
+
+/** Groups on the page by name, each with its buttons; one without a group stands for itself. */
+function groups() {
+  const found = new Map();
+  for (const target of document.querySelectorAll("[data-scan]")) {
+    if (!usable(target)) continue;
+    const name = groupOf(target) || target.textContent.trim();
+    found.set(name, [...(found.get(name) ?? []), target]);
+  }
+  return found;
+}
+
+/** What the frame walks through now: [name, targets] each; Stop leads. */
+function stations() {
+  const all = groups();
+  if (group && all.has(group)) return all.get(group).map((target) => [labelOf(target), [target]]);
+  group = null;
+  return [["Stop", [$("stop")]], ...all];
+}
+
+const labelOf = (target) => target.getAttribute("aria-label") ?? target.textContent.trim();
+
+function mark(targets) {
+  for (const target of marked) target.classList.remove("scanned");
+  marked = targets;
+  for (const target of marked) target.classList.add("scanned");
+  marked[0]?.scrollIntoView({ block: "nearest" });
+}
+
+function step() {
+  if (moves(now.view)) {
+    [group, index, rounds] = [null, -1, 0];
+    mark([$("stop")]);
+    return;
+  }
+  const all = stations();
+  index += 1;
+  if (index >= all.length) {
+    [index, rounds] = [0, rounds + 1];
+    if (group && rounds >= ROUNDS) {
+      [group, index, rounds] = [null, -1, 0];
+      step();
+      return;
+    }
+  }
+  mark(all[Math.min(index, all.length - 1)][1]);
+}
+
+/** The switch was pressed: takes what the frame is on. */
+function press() {
+  const at = performance.now();
+  if (at - pressedAt < BOUNCE_MS) return;
+  pressedAt = at;
+  if (moves(now.view) || marked[0] === $("stop")) {
+    stop();
+    return;
+  }
+  if (marked.length > 1) {
+    [group, index, rounds] = [groupOf(marked[0]), -1, 0];
+  } else if (marked.length === 1) {
+    take(marked[0]);
+  }
+  restart();
+}
+
+function take(target) {
+  [group, index, rounds] = [null, -1, 0];
+  if (target.dataset.hold) {
+    target.dispatchEvent(new KeyboardEvent("keydown", { key: "Enter" }));
+    releases = target; // for as long as the switch is held
+  } else {
+    target.click();
+  }
+}
+
+function restart() {
+  clearInterval(timer);
+  if (!running) {
+    mark([]);
+    return;
+  }
+  timer = setInterval(step, Number(interval.value));
+  step();
+}
+
+function set(on) {
+  running = on;
+  [group, index, rounds] = [null, -1, 0];
+  localStorage.setItem("scanning", on ? "on" : "off");
+  option.setAttribute("aria-pressed", String(on));
+  document.body.classList.toggle("scanning", on);
+  setText($("stop-keys"), on ? "the switch is Stop while the chair moves" : "or press Esc or Space");
+  restart();
+}
+
+const isWriting = ({ target }) => target.matches("input, select, textarea");
+
+onSpace(() => {
+  if (!running) return false;
+  press();
+  return true;
+});
+addEventListener(
+  "keydown",
+  (event) => {
+    if (!running || event.key !== "Enter" || !event.isTrusted || isWriting(event)) return;
+    event.preventDefault();
+    event.stopImmediatePropagation();
+    if (!event.repeat) press();
+  },
+  true,
+);
+addEventListener(
+  "keyup",
+  ({ key, isTrusted }) => {
+    if (!releases || !isTrusted || (key !== "Enter" && key !== " ")) return;
+    releases.dispatchEvent(new KeyboardEvent("keyup", { key: "Enter" }));
+    releases = null;
+  },
+  true,
+);
+
+interval.value = localStorage.getItem("interval") ?? interval.value;
+interval.addEventListener("change", () => {
+  localStorage.setItem("interval", interval.value);
+  restart();
+});
+option.addEventListener("click", () => set(!running));
+set(running);
