@@ -15,7 +15,8 @@ seeds:  ## twenty seeds of the demo; interrupted, it goes on where it was
 
 test: lint  ## everything that CI runs
 	@$(PYTHON_BIN)/pytest -q -n auto
-	@WAYCHAIR_REALTIME=1 $(PYTHON_BIN)/pytest -q tests/ros/test_stack.py tests/ros/test_mapping.py tests/ros/test_page.py
+	@WAYCHAIR_REALTIME=1 $(PYTHON_BIN)/pytest -q tests/ros/test_stack.py tests/ros/test_mapping.py tests/ros/test_page.py \
+		tests/ui/test_browser.py
 
 lint:
 	@bash .ci/setup dev

@@ -42,6 +42,10 @@ class Pace:
     longest_tick_s: float = 0.0
 
 
+_HANDOVER_BEATS = 5
+"""The board hands the lines over in 20 ms from when the cable has brought it word."""
+
+
 class RealTime:
     """The thread's loop. `heard` is told of each tick's messages and state."""
 
@@ -96,8 +100,8 @@ class RealTime:
         finally:
             self._chair.stop()
             self.step()
-            self._beat()
-            self._beat()
+            for _ in range(_HANDOVER_BEATS):
+                self._beat()
             self._refuse()
 
     def step(self) -> ChairState:
