@@ -77,7 +77,7 @@ class PagePort:
         self._grid: OccupancyGrid | None = None
         self._places: dict[str, Place] = {}
         self._map_revision, self._layout_revision = 0, 1
-        self._last_stop, self._label, self._had_goal, self._was_pushed, self._was_driven = "", "", False, False, False
+        self._last_stop, self._label, self._had_goal, self._was_pushed, self._was_steered = "", "", False, False, False
         self._drawing = threading.Lock()
         self._camera: Any = None
         self._picture: tuple[int, bytes] | None = None
@@ -353,7 +353,6 @@ class PagePort:
         """Why a drive is over, or was none."""
         has_goal = self._has_goal(state)
         halts, request = dict(state.halts), self._request
-        driven = state.driving
         if self._state is None:
             self._last_stop = sentence(state.last_stop)  # from before this page began
         if has_goal:
@@ -362,11 +361,11 @@ class PagePort:
             arrived = _stage(request.stage) is Stage.ARRIVED
             why = request.reason if not state.drops_goal else state.last_stop or state.reason
             self._last_stop = sentence(f"arrived at {self._label}" if arrived else why)
-        elif self._was_driven and not driven and state.reason:
+        elif self._was_steered and not state.steered and state.reason:
             self._last_stop = sentence(state.reason)
         elif "pushed" in halts and not self._was_pushed:
             self._last_stop = sentence(halts["pushed"])
-        self._had_goal, self._was_pushed, self._was_driven = has_goal, "pushed" in halts, driven
+        self._had_goal, self._was_pushed, self._was_steered = has_goal, "pushed" in halts, state.steered
 
     def _take_request(self, request: DriveRequest) -> None:
         self._request = request
