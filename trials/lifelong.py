@@ -148,11 +148,12 @@ def sessions(name: str, count: int, seed: int, share: float = 1.0) -> Iterator[D
     route = np.array(plan.routes["mapping"], float)
     route = route[: max(3, round(share * len(route)))]
     empty = world_from_plan(msgspec.structs.replace(plan, people=[]), building.name)
+    driven = np.concatenate([route, route[:1]]) if share == 1.0 else route  # all the way round
     pieces: list[PlanBox] = []
     for number in range(count):
         going = set(rng.permutation(PIECES)[:MOVED].tolist()) if number else set()
         pieces = [piece for k, piece in enumerate(pieces) if k not in going]
-        pieces += strewn(empty, route, pieces, PIECES - len(pieces), rng)
+        pieces += strewn(empty, driven, pieces, PIECES - len(pieces), rng)
         yield _drive(plan, building.name, _from_corner(route, number, share), tuple(pieces), seed + 1000 * number)
 
 
