@@ -23,6 +23,10 @@ from waychair.planning.legs import Leg
 from waychair.planning.motion import DwaSettings, Motion, braking
 from waychair.types import FloatArray, Pose2, Twist
 
+_BEHIND = (0.04,)
+"""Kept free [m] in a retreat, which nobody has planned: behind, the map is all there is, and the place on it is as good
+as 2 cm."""
+
 
 @dataclass(frozen=True, slots=True)
 class DoorDriveSettings(Settings):
@@ -136,7 +140,8 @@ class DoorDrive:
         steps = np.linspace(at.x + 0.1, self._turn_back, 12)
         line = np.column_stack([steps, np.zeros((12, 2))])
         odom_line: FloatArray = compose(self.watch.odom_from_door.array(), line)
-        choice = track(pose, command, odom_line, True, distances, self._body, limits, self._settings.tracking)
+        tracking = self._settings.tracking
+        choice = track(pose, command, odom_line, True, distances, self._body, limits, tracking, margins=_BEHIND)
         if choice.in_position or choice.blocked:
             standing = abs(command.v) < 0.01
             self._retreating = not standing

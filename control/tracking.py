@@ -8,6 +8,7 @@ whose errors die away over a distance driven, not over time: the same at every s
 from __future__ import annotations
 
 import math
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -103,18 +104,20 @@ def track(
     settings: TrackingSettings = TrackingSettings(),
     in_position: bool = False,
     motion: Motion | None = None,
+    margins: Sequence[float] = _MARGINS,
 ) -> DwaResult:
     """The next command on a line of poses (N, 3) [m, m, rad]; pose, poses and distances are in one frame.
 
     As `dwa.choose`: `in_position` at its end, `arrived` turned to its last heading and standing, `blocked` when the
-    body could not stop before touching something. With a `motion` the jerk along the line is limited.
+    body could not stop before touching something. With a `motion` the jerk along the line is limited. Of the `margins`
+    [m] the first is kept with which there is a way on.
     """
     limits = replace(
         limits,
         max_omega=min(limits.max_omega, settings.max_omega),
         heading_tolerance=settings.heading_tolerance,
     )
-    for margin in _MARGINS:  # a line that was planned with less is kept to with less
+    for margin in margins:  # a line that was planned with less is kept to with less
         result = _tracked(
             pose,
             command,

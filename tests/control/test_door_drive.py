@@ -62,3 +62,23 @@ def test_before_a_door_that_nobody_sees_the_chair_stops_at_the_gate_and_refuses_
     assert not drive.entered
     assert choice.blocked
     assert pose.x + CHAIR_A.front < 0.0
+
+
+def test_a_retreat_ends_before_what_is_behind_with_room_for_the_error_of_the_place() -> None:
+    drive = DoorDrive(leg(), Pose2(), CHAIR_A, DoorDriveSettings())
+    for seed in range(20):
+        drive.watch.see(jambs(seed))
+    behind = -1.5  # [m] where a wall stands across the room
+    xs = -5.0 + 0.05 * (np.arange(200) + 0.5)
+    away = np.maximum(xs - behind, 0.0).astype(np.float32)
+    room = DistanceField(np.tile(np.minimum(away, 2.0), (200, 1)), 0.05, Pose2(-5.0, -5.0, 0.0))
+    pose, command = Pose2(-CHAIR_A.front - 0.15, 0.06, 0.0), Twist()  # at the gate, too far off the axis
+    rear = [pose.x - CHAIR_A.rear]
+    for _ in range(200):
+        choice = drive.step(pose, command, room, DwaSettings())
+        command = choice.twist
+        pose = pose @ arc(command.v * PERIOD_S, command.omega * PERIOD_S)
+        rear.append(pose.x - CHAIR_A.rear)
+    assert drive.tries > 0
+    assert min(rear) < rear[0] - 0.05, "it did back off"
+    assert min(rear) > behind + 0.09
