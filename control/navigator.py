@@ -100,7 +100,7 @@ class Navigator:
         self._drawn = DrawnMap(grid, body, self.settings.costmap, zones)
         self._places = places
         self._body = body
-        self._surroundings = Surroundings(self._drawn.grid, body, self.settings.surroundings)
+        self._surroundings = Surroundings(self._drawn, body, self.settings.surroundings)
         self._recovery = Recovery(self.settings.recovery)
         self._tracker = Tracker(self.settings.tracks)
         self._tracks: tuple[Track, ...] = ()
@@ -156,7 +156,7 @@ class Navigator:
         if drawn is self._drawn:
             return
         self._drawn, self._local = drawn, None
-        self._surroundings.redraw(drawn.grid)
+        self._surroundings.redraw(drawn)
         if self._planner is not None and self.active:
             self._plan_to(self._planner.goal)
 

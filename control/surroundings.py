@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Sequence
 from dataclasses import dataclass, field, replace
 
 import numpy as np
@@ -12,11 +11,10 @@ from scipy.spatial import cKDTree
 from waychair.calibration.chair import BodyLayer, ChairBody, sonar_mounts
 from waychair.config import Settings, setting
 from waychair.maps.depth_scan import levelled_mount
-from waychair.maps.distance_field import DistanceField, distances
+from waychair.maps.distance_field import DistanceField, are_within, distances
 from waychair.maps.grid import cells_from_points, inside, occupied
 from waychair.maps.ground import GroundSettings, ground_view
-from waychair.maps.zones import Zone
-from waychair.planning.costmap import closed_off
+from waychair.planning.drawn_map import DrawnMap
 from waychair.planning.obstacle_layer import (
     EMPTY,
     ObstacleLayer,
@@ -63,20 +61,17 @@ class SurroundingsSettings(Settings):
 class Surroundings:
     """Keeps the walls, the latest scan, and what each sensor has seen that the map does not explain."""
 
-    def __init__(
-        self, grid: OccupancyGrid, body: ChairBody, settings: SurroundingsSettings, zones: Sequence[Zone] = ()
-    ) -> None:
+    def __init__(self, drawn: DrawnMap, body: ChairBody, settings: SurroundingsSettings) -> None:
         self._body, self._settings = body, settings
-        self.redraw(closed_off(grid, zones))
+        self.redraw(drawn)
         self._scanned = self._room = self._walkers = self._edges = np.empty((0, 2))
         self._lidar = self._sonar = self._drops = self._missing = EMPTY
         self._depth: dict[BodyLayer, ObstacleLayer] = dict.fromkeys(body.height_layers(), EMPTY)
 
-    def redraw(self, grid: OccupancyGrid) -> None:
-        """The walls are those of this grid from now on; what was seen stays known."""
-        self._grid = grid
-        self._walls = occupied(grid)
-        self._from_walls = distances(self._walls, grid.resolution)
+    def redraw(self, drawn: DrawnMap) -> None:
+        """The walls are those of this map from now on; what was seen stays known."""
+        self._grid, self._from_walls = drawn.grid, drawn.from_walls
+        self._walls = occupied(drawn.grid)
 
     def see(self, now_ns: int, pose: Pose2, points: FloatArray, beyond: FloatArray | None = None) -> None:
         """A scan from map_from_base: where its beams ended, (N, 2) [m] in map, replaces the scan before.
@@ -200,12 +195,7 @@ class Surroundings:
 
     def _on_walls(self, points: FloatArray) -> BoolArray:
         """(N,) whether points (N, 2) [m] in map are a wall of the map."""
-        cells = cells_from_points(self._grid, points)
-        within = inside(self._grid, cells)
-        rows, cols = cells[within].T
-        explained = np.zeros(len(cells), np.bool_)
-        explained[within] = self._from_walls[rows, cols] <= self._settings.known_within
-        return explained
+        return are_within(self._from_walls, self._grid, points, self._settings.known_within)
 
     def _explained(self, sight: Sight) -> bool:
         """Whether something that is known lies on the arc that an echo came from."""

@@ -14,8 +14,8 @@ import cv2
 import numpy as np
 from numba import njit
 
-from waychair.maps.grid import occupied
-from waychair.types import BoolArray, Float32Array, IntArray, OccupancyGrid, Pose2
+from waychair.maps.grid import cells_from_points, inside, occupied
+from waychair.types import BoolArray, Float32Array, FloatArray, IntArray, OccupancyGrid, Pose2
 
 
 @dataclass(frozen=True, slots=True)
@@ -44,6 +44,18 @@ def distances(obstacles: BoolArray, resolution: float) -> Float32Array:
     cells = cv2.distanceTransform((~obstacles).astype(np.uint8), cv2.DIST_L2, cv2.DIST_MASK_PRECISE)
     result: Float32Array = np.asarray(cells, np.float32) * np.float32(resolution)
     return result
+
+
+def are_within(metres: Float32Array, grid: OccupancyGrid, points: FloatArray, reach: float) -> BoolArray:
+    """(N,) which of points (N, 2) [m] in map lie in cells at most `reach` [m] from an obstacle; none does off the grid.
+
+    metres: the `distances` (H, W) of the obstacles, on the cells of the grid.
+    """
+    cells = cells_from_points(grid, points)
+    on_grid = inside(grid, cells)
+    within = np.zeros(len(points), np.bool_)
+    within[on_grid] = metres[tuple(cells[on_grid].T)] <= reach
+    return within
 
 
 def near_distances(obstacles: BoolArray, resolution: float, reach: float) -> Float32Array:

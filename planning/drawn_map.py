@@ -4,18 +4,16 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 
-import numpy as np
-
 from waychair.calibration.chair import BodyLayer, ChairBody
-from waychair.maps.distance_field import distances
-from waychair.maps.grid import cells_from_points, inside, occupied
+from waychair.maps.distance_field import are_within, distances
+from waychair.maps.grid import occupied
 from waychair.maps.zones import Zone
 from waychair.planning.costmap import Costmap, CostmapSettings, LiveCostmap, closed_off
 from waychair.types import BoolArray, FloatArray, OccupancyGrid
 
 
 class DrawnMap:
-    """The grid with its keep-out zones closed, and its costmap.
+    """The grid with its keep-out zones closed, `from_walls` (H, W) its `distances`, and its costmap.
 
     Making one takes as long as many control steps: who drives has somebody else make it.
     """
@@ -23,8 +21,9 @@ class DrawnMap:
     def __init__(
         self, grid: OccupancyGrid, body: ChairBody, settings: CostmapSettings, zones: Sequence[Zone] = ()
     ) -> None:
-        self._from_things = distances(occupied(grid), grid.resolution)
         self.grid = closed_off(grid, zones)
+        self.from_walls = distances(occupied(self.grid), grid.resolution)
+        self._from_things = self.from_walls if self.grid is grid else distances(occupied(grid), grid.resolution)
         self._costmaps = LiveCostmap(grid, body, settings, zones)
 
     def costmap(
@@ -35,8 +34,4 @@ class DrawnMap:
 
     def shows(self, points: FloatArray, within: float) -> BoolArray:
         """(N,) which of points (N, 2) [m] in map are within so much [m] of a thing that the map shows; zones are none."""
-        cells = cells_from_points(self.grid, points)
-        on_map = inside(self.grid, cells)
-        shown = np.zeros(len(points), np.bool_)
-        shown[on_map] = self._from_things[tuple(cells[on_map].T)] <= within
-        return shown
+        return are_within(self._from_things, self.grid, points, within)

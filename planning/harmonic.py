@@ -20,7 +20,7 @@ from scipy.ndimage import find_objects
 from waychair.config import Settings, setting
 from waychair.errors import NoPath, NotConverged, StartOutsideMap
 from waychair.planning.grid_graph import Cell
-from waychair.planning.laplace_solvers import GoOn, Problem, SolverSettings, check_memory, run_solver
+from waychair.planning.laplace_solvers import GoOn, Problem, SolverSettings, System, check_memory, run_solver
 from waychair.planning.log_relay import Indices, log_sweep, spread
 from waychair.planning.multigrid import finest_level
 from waychair.types import BoolArray, Bytes, Float32Array, FloatArray, IntArray
@@ -150,7 +150,7 @@ def _stage(
     if warm is not None:
         x[1:-1, 1:-1] = np.exp(np.minimum(warm - scale, 0.0))
         x[~free] = 0.0
-    _, sweeps = run_solver(settings.solver.solver, level, absorption, x, b, settings.solver, go_on)
+    _, sweeps = run_solver(settings.solver.solver, System(level, absorption, x, b, settings.solver, go_on))
     told = x[1:-1, 1:-1] > settings.trusted * x.max()
     return np.where(told, np.log(x[1:-1, 1:-1], where=told, out=none.copy()) + scale, none), sweeps
 

@@ -118,32 +118,37 @@ def solve(
     elif settings.initial:
         x[1:-1, 1:-1] = settings.initial
     x[level.inverse == 0] = 0.0
-    residual, sweeps = run_solver(solver, level, walls, x, b, settings, go_on, warm_start is not None)
+    residual, sweeps = run_solver(solver, System(level, walls, x, b, settings, go_on, warm_start is not None))
     v = x[1:-1, 1:-1].copy()
     v[problem.goal] = 1.0
     return Field(v, residual, sweeps)
 
 
-def run_solver(
-    solver: str,
-    level: Level,
-    absorption: Float32Array,
-    x: FloatArray,
-    b: FloatArray,
-    settings: SolverSettings,
-    go_on: GoOn | None,
-    warm: bool = False,
-) -> tuple[float, int]:
-    """Improve x (H + 2, W + 2) in place till A x = b; returns the relative residual that is left, and the sweeps.
+@dataclass(frozen=True, slots=True)
+class System:
+    """A x = b on a level, x and b (H + 2, W + 2), of cells that absorb; x is improved in place. `warm`: nearly right."""
+
+    level: Level
+    absorption: Float32Array
+    x: FloatArray
+    b: FloatArray
+    settings: SolverSettings
+    go_on: GoOn | None = None
+    warm: bool = False
+
+
+def run_solver(solver: str, system: System) -> tuple[float, int]:
+    """Improve x in place till A x = b; returns the relative residual that is left, and the sweeps.
 
     Raises:
         NotConverged: as in `solve`.
     """
-    residual, sweeps = _SOLVERS[solver](level, absorption, x, b, settings, go_on, warm)
-    if not residual <= settings.tolerance:
+    residual, sweeps = _SOLVERS[solver](system)
+    tolerance = system.settings.tolerance
+    if not residual <= tolerance:
         raise NotConverged(
             f"the field's relative residual is {residual:.1e} after {sweeps} sweeps of {solver}, not "
-            f"{settings.tolerance:.1e}; allow more sweeps or time, or take a coarser map"
+            f"{tolerance:.1e}; allow more sweeps or time, or take a coarser map"
         )
     return residual, sweeps
 
@@ -192,21 +197,14 @@ def _chosen(solver: str) -> str:
     return solver
 
 
-def _multigrid(
-    level: Level,
-    absorption: Float32Array,
-    x: FloatArray,
-    b: FloatArray,
-    settings: SolverSettings,
-    go_on: GoOn | None,
-    warm: bool,
-) -> tuple[float, int]:
-    if warm:
-        residual = _solved_nearby(level, absorption, x, b, settings.tolerance)
-        if residual <= settings.tolerance:
+def _multigrid(system: System) -> tuple[float, int]:
+    x, b, s = system.x, system.b, system.settings
+    if system.warm:
+        residual = _solved_nearby(system.level, system.absorption, x, b, s.tolerance)
+        if residual <= s.tolerance:
             return residual, 0
-    levels = levels_from(level, absorption)
-    return conjugate_gradients(levels, x, b, settings.tolerance, settings.most_sweeps, go_on)
+    levels = levels_from(system.level, system.absorption)
+    return conjugate_gradients(levels, x, b, s.tolerance, s.most_sweeps, system.go_on)
 
 
 def _solved_nearby(level: Level, absorption: Float32Array, x: FloatArray, b: FloatArray, tolerance: float) -> float:
@@ -254,45 +252,24 @@ def _solve_square(
         x[inner] += correction[1:-1, 1:-1]
 
 
-def _red_black(
-    level: Level,
-    absorption: Float32Array,
-    x: FloatArray,
-    b: FloatArray,
-    settings: SolverSettings,
-    go_on: GoOn | None,
-    warm: bool,
-) -> tuple[float, int]:
+def _red_black(system: System) -> tuple[float, int]:
     """Successive over-relaxation; by default with the factor that is best for an empty square of the map's side."""
-    omega = settings.omega or 2.0 / (1.0 + math.sin(math.pi / max(x.shape)))
+    level, x, b = system.level, system.x, system.b
+    omega = system.settings.omega or 2.0 / (1.0 + math.sin(math.pi / max(x.shape)))
 
     def sweep() -> None:
         relax(level, x, b, 0, omega)
         relax(level, x, b, 1, omega)
 
-    return _swept(sweep, level, x, b, settings, go_on)
+    return _swept(sweep, system)
 
 
-def _gauss_seidel(
-    level: Level,
-    absorption: Float32Array,
-    x: FloatArray,
-    b: FloatArray,
-    settings: SolverSettings,
-    go_on: GoOn | None,
-    warm: bool,
-) -> tuple[float, int]:
-    return _swept(lambda: row_by_row(level, x, b), level, x, b, settings, go_on)
+def _gauss_seidel(system: System) -> tuple[float, int]:
+    return _swept(lambda: row_by_row(system.level, system.x, system.b), system)
 
 
-def _swept(
-    sweep: Callable[[], None],
-    level: Level,
-    x: FloatArray,
-    b: FloatArray,
-    settings: SolverSettings,
-    go_on: GoOn | None,
-) -> tuple[float, int]:
+def _swept(sweep: Callable[[], None], system: System) -> tuple[float, int]:
+    level, x, b, settings, go_on = system.level, system.x, system.b, system.settings, system.go_on
     whole = float(np.linalg.norm(b)) or 1.0
     residual, done = math.inf, 0
     while True:
@@ -320,20 +297,13 @@ def row_by_row(level: Level, x: FloatArray, b: FloatArray) -> None:
             x[i, j] = inverse[i, j] * (b[i, j] + across + along)
 
 
-def _direct(
-    level: Level,
-    absorption: Float32Array,
-    x: FloatArray,
-    b: FloatArray,
-    settings: SolverSettings,
-    go_on: GoOn | None,
-    warm: bool,
-) -> tuple[float, int]:
+def _direct(system: System) -> tuple[float, int]:
     """Sparse LU without pivoting (SuperLU), which a diagonally dominant matrix does not need: nothing cancels."""
     from scipy.sparse import csc_matrix
     from scipy.sparse.linalg import splu
 
-    free = level.inverse > 0
+    x, b = system.x, system.b
+    free = system.level.inverse > 0
     count = int(free.sum())
     if count == 0:
         return 0.0, 0
@@ -341,7 +311,7 @@ def _direct(
     number[free] = np.arange(count)
     rows, columns = [np.arange(count)], [np.arange(count)]
     absorbed = np.zeros(x.shape)
-    absorbed[1:-1, 1:-1] = absorption
+    absorbed[1:-1, 1:-1] = system.absorption
     values = [4.0 + absorbed[free]]
     for shift in ((0, 1), (1, 0), (0, -1), (-1, 0)):
         other = np.roll(number, (-shift[0], -shift[1]), (0, 1))[free]
@@ -357,23 +327,14 @@ def _direct(
     return float(np.linalg.norm(rest) / (np.linalg.norm(b) or 1.0)), 1
 
 
-def _on_gpu(
-    level: Level,
-    absorption: Float32Array,
-    x: FloatArray,
-    b: FloatArray,
-    settings: SolverSettings,
-    go_on: GoOn | None,
-    warm: bool,
-) -> tuple[float, int]:
+def _on_gpu(system: System) -> tuple[float, int]:
     from waychair.planning.laplace_gpu import conjugate_gradients_on_gpu
 
-    return conjugate_gradients_on_gpu(
-        levels_from(level, absorption), x, b, settings.tolerance, settings.most_sweeps, go_on
-    )
+    levels, s = levels_from(system.level, system.absorption), system.settings
+    return conjugate_gradients_on_gpu(levels, system.x, system.b, s.tolerance, s.most_sweeps, system.go_on)
 
 
-_SOLVERS: Mapping[str, Callable[..., tuple[float, int]]] = MappingProxyType(
+_SOLVERS: Mapping[str, Callable[[System], tuple[float, int]]] = MappingProxyType(
     {
         "gauss-seidel": _gauss_seidel,
         "sor": _red_black,

@@ -22,8 +22,7 @@ from waychair.calibration.calibration_file import ChairCalibration
 from waychair.control.navigator import Stage
 from waychair.errors import WaychairError
 from waychair.maps.layout import Layout as Drawings
-from waychair.maps.places import check_place, find
-from waychair.maps.zones import Zone
+from waychair.maps.places import find
 from waychair.ros import topics
 from waychair.ros.interface_types import interface_type
 from waychair.ros.messages.chair import (
@@ -43,7 +42,8 @@ from waychair.ros.node import ChairNode
 from waychair.ros_decoding import picture_from_message
 from waychair.ros_messages import make
 from waychair.runtime.chair_port import ANSWER_S, Answer, ChairView, Layout
-from waychair.runtime.chair_story import Scene, check_zone, next_action, obstacle_of, shown_points
+from waychair.runtime.chair_story import Scene, next_action, obstacle_of, shown_points
+from waychair.runtime.drawing_port import DrawingPort
 from waychair.runtime.sentences import sentence
 from waychair.slam.localisation import Localisation, LocalisationState
 from waychair.types import DriveMode, FloatArray, JoystickInput, OccupancyGrid, Odometry, Place, Pose2, Scan
@@ -61,7 +61,7 @@ _AT_PLACE = 0.01
 _NOWHERE = np.empty((0, 2))
 
 
-class PagePort:
+class PagePort(DrawingPort):
     """A `ChairPort` over the nodes that a node of this process hears."""
 
     def __init__(self, node: ChairNode[Any], calibration: ChairCalibration, map_folder: Path | None) -> None:
@@ -245,48 +245,6 @@ class PagePort:
         let_go = joy(JoystickInput(self._node.now_ns()))
         self._send_stick(replace(let_go, axes=np.zeros(0, np.float32)))
         return Answer(True, "")
-
-    def place_here(self, name: str, tolerance_m: float, tolerance_rad: float) -> Answer:
-        """See `ChairPort`."""
-        view = self.view()
-        if view.map_from_base is None or view.localisation is LocalisationState.LOST:
-            return Answer(False, "the chair does not know where it is: drive it to where it does")
-        return self.set_place(Place(name.strip(), view.map_from_base, tolerance_m, tolerance_rad))
-
-    def set_place(self, place: Place) -> Answer:
-        """See `ChairPort`."""
-
-        def change(drawings: Drawings) -> None:
-            if self._grid is not None:
-                check_place(self._grid, place)
-            drawings.set_place(place)
-
-        return self._drawn(change, f"saved {place.name}")
-
-    def remove_place(self, name: str) -> Answer:
-        """See `ChairPort`."""
-        return self._drawn(lambda drawings: drawings.remove_place(name), f"removed {name}")
-
-    def set_zone(self, zone: Zone) -> Answer:
-        """See `ChairPort`."""
-
-        def change(drawings: Drawings) -> None:
-            check_zone(zone, self.view().map_from_base, self.outline)
-            drawings.set_zone(zone)
-
-        return self._drawn(change, f"drew {zone.name}")
-
-    def remove_zone(self, name: str) -> Answer:
-        """See `ChairPort`."""
-        return self._drawn(lambda drawings: drawings.remove_zone(name), f"removed {name}")
-
-    def erase(self, polygon: FloatArray) -> Answer:
-        """See `ChairPort`."""
-        return self._drawn(lambda drawings: drawings.erase(polygon), "erased")
-
-    def undo(self) -> Answer:
-        """See `ChairPort`."""
-        return self._drawn(lambda drawings: drawings.undo(), "undone")
 
     def relocalise(self, map_from_base: Pose2 | None = None) -> Answer:
         """See `ChairPort`."""

@@ -35,12 +35,12 @@ from waychair.geometry import transform_points
 from waychair.maps.depth_layer import load_depth_layer, scanned_part
 from waychair.maps.layout import Layout as Drawings
 from waychair.maps.map_files import load_map, save_map
-from waychair.maps.places import check_place, save_places
-from waychair.maps.zones import Zone
+from waychair.maps.places import save_places
 from waychair.planning.drawn_map import DrawnMap
 from waychair.runtime.chair import Chair, ChairSettings, ChairState
 from waychair.runtime.chair_port import Answer, ChairView, Layout
-from waychair.runtime.chair_story import Scene, check_zone, next_action, obstacles_of, shown_points
+from waychair.runtime.chair_story import Scene, next_action, obstacles_of, shown_points
+from waychair.runtime.drawing_port import DrawingPort
 from waychair.runtime.sentences import sentence
 from waychair.simulation.simulator import SensorMessage, Simulator, SimulatorSettings
 from waychair.simulation.world import World, load_world
@@ -48,7 +48,7 @@ from waychair.slam.localisation import LocalisationState
 from waychair.trials.demo import chair_of
 from waychair.trials.drive import Setting, black_box, chair_in
 from waychair.trials.real_time import RealTime
-from waychair.types import DriveMode, FloatArray, Goal, OccupancyGrid, Place, Pose2, RgbdFrame, Scan, Twist
+from waychair.types import DriveMode, FloatArray, Goal, OccupancyGrid, Pose2, RgbdFrame, Scan, Twist
 
 COUNTDOWN_S = 3.0
 """From the rider's yes to the first motion."""
@@ -59,7 +59,7 @@ _NOWHERE = ChairView(
 )
 
 
-class LiveChair:
+class LiveChair(DrawingPort):
     """A `ChairPort` over a chair in a simulated world, for as long as the block lasts."""
 
     def __init__(
@@ -241,47 +241,6 @@ class LiveChair:
         """See `ChairPort`."""
         self._time.tell(lambda: self._chair.let_go(self._simulator.now_ns))
         return Answer(True, "")
-
-    def place_here(self, name: str, tolerance_m: float, tolerance_rad: float) -> Answer:
-        """See `ChairPort`."""
-        view = self._view
-        if view.map_from_base is None or view.localisation is LocalisationState.LOST:
-            return Answer(False, "the chair does not know where it is: drive it to where it does")
-        return self.set_place(Place(name.strip(), view.map_from_base, tolerance_m, tolerance_rad))
-
-    def set_place(self, place: Place) -> Answer:
-        """See `ChairPort`."""
-
-        def change(drawings: Drawings) -> None:
-            check_place(self._grid, place)
-            drawings.set_place(place)
-
-        return self._drawn(change, f"saved {place.name}")
-
-    def remove_place(self, name: str) -> Answer:
-        """See `ChairPort`."""
-        return self._drawn(lambda drawings: drawings.remove_place(name), f"removed {name}")
-
-    def set_zone(self, zone: Zone) -> Answer:
-        """See `ChairPort`."""
-
-        def change(drawings: Drawings) -> None:
-            check_zone(zone, self._view.map_from_base, self.outline)
-            drawings.set_zone(zone)
-
-        return self._drawn(change, f"drew {zone.name}")
-
-    def remove_zone(self, name: str) -> Answer:
-        """See `ChairPort`."""
-        return self._drawn(lambda drawings: drawings.remove_zone(name), f"removed {name}")
-
-    def erase(self, polygon: FloatArray) -> Answer:
-        """See `ChairPort`."""
-        return self._drawn(lambda drawings: drawings.erase(polygon), "erased")
-
-    def undo(self) -> Answer:
-        """See `ChairPort`."""
-        return self._drawn(lambda drawings: drawings.undo(), "undone")
 
     def relocalise(self, map_from_base: Pose2 | None = None) -> Answer:
         """See `ChairPort`."""

@@ -13,6 +13,8 @@ from waychair.calibration.chair import CHAIR_A, BodyLayer, sonar_mounts
 from waychair.control.surroundings import Surroundings, SurroundingsSettings
 from waychair.maps.distance_field import DistanceField
 from waychair.maps.zones import Rule, Zone
+from waychair.planning.costmap import CostmapSettings
+from waychair.planning.drawn_map import DrawnMap
 from waychair.slam.tilt import Tilt
 from waychair.types import FloatArray, OccupancyGrid, Pose2, RgbdFrame, SonarReadings
 
@@ -28,7 +30,7 @@ def hall() -> OccupancyGrid:
 
 
 def around(*zones: Zone) -> Surroundings:
-    return Surroundings(hall(), CHAIR_A, SurroundingsSettings(), zones)
+    return Surroundings(DrawnMap(hall(), CHAIR_A, CostmapSettings(), zones), CHAIR_A, SurroundingsSettings())
 
 
 def wall_behind(extent: float = 0.6) -> FloatArray:
@@ -192,7 +194,7 @@ def test_by_a_chair_that_leans_more_than_any_ramp_a_level_floor_is_seen_as_one_i
 def test_a_board_at_the_height_of_the_arm_rests_counts_for_that_layer_alone() -> None:
     layers = (BodyLayer(0.0, 0.5, 0.75, 0.25, 0.25), BodyLayer(0.5, 1.4, 0.7, 0.25, 0.3))
     body = dataclasses.replace(CHAIR_A, camera_y=0.0, camera_pitch=0.0, layers=layers)
-    seen = Surroundings(hall(), body, SurroundingsSettings())
+    seen = Surroundings(DrawnMap(hall(), body, CostmapSettings()), body, SurroundingsSettings())
     depth = np.full((120, 160), np.nan, np.float32)
     depth[70:75] = 1.5  # 0.95 m - 1.5 m * (10 ... 15) / 200: 0.84 to 0.88 m high
     camera = np.array([[200.0, 0.0, 80.0], [0.0, 200.0, 60.0], [0.0, 0.0, 1.0]])

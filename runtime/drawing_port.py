@@ -1,0 +1,78 @@
+"""The part of a `ChairPort` that draws on the map: alike whoever has the chair, but for who is told of a change."""
+
+from __future__ import annotations
+
+from abc import ABC, abstractmethod
+from collections.abc import Callable
+
+from waychair.maps.layout import Layout as Drawings
+from waychair.maps.places import check_place
+from waychair.maps.zones import Zone
+from waychair.runtime.chair_port import Answer, ChairView
+from waychair.runtime.chair_story import check_zone
+from waychair.slam.localisation import LocalisationState
+from waychair.types import FloatArray, OccupancyGrid, Place
+
+
+class DrawingPort(ABC):
+    """Checks what is drawn, and has `_drawn` make the change."""
+
+    @property
+    @abstractmethod
+    def outline(self) -> FloatArray:
+        """See `ChairPort`."""
+
+    @abstractmethod
+    def view(self) -> ChairView:
+        """See `ChairPort`."""
+
+    @abstractmethod
+    def grid(self) -> OccupancyGrid | None:
+        """See `ChairPort`."""
+
+    @abstractmethod
+    def _drawn(self, change: Callable[[Drawings], None], done: str) -> Answer:
+        """Make a change of what is drawn, tell whoever drives by it, and answer `done` or why not."""
+
+    def place_here(self, name: str, tolerance_m: float, tolerance_rad: float) -> Answer:
+        """See `ChairPort`."""
+        view = self.view()
+        if view.map_from_base is None or view.localisation is LocalisationState.LOST:
+            return Answer(False, "the chair does not know where it is: drive it to where it does")
+        return self.set_place(Place(name.strip(), view.map_from_base, tolerance_m, tolerance_rad))
+
+    def set_place(self, place: Place) -> Answer:
+        """See `ChairPort`."""
+
+        def change(drawings: Drawings) -> None:
+            grid = self.grid()
+            if grid is not None:
+                check_place(grid, place)
+            drawings.set_place(place)
+
+        return self._drawn(change, f"saved {place.name}")
+
+    def remove_place(self, name: str) -> Answer:
+        """See `ChairPort`."""
+        return self._drawn(lambda drawings: drawings.remove_place(name), f"removed {name}")
+
+    def set_zone(self, zone: Zone) -> Answer:
+        """See `ChairPort`."""
+
+        def change(drawings: Drawings) -> None:
+            check_zone(zone, self.view().map_from_base, self.outline)
+            drawings.set_zone(zone)
+
+        return self._drawn(change, f"drew {zone.name}")
+
+    def remove_zone(self, name: str) -> Answer:
+        """See `ChairPort`."""
+        return self._drawn(lambda drawings: drawings.remove_zone(name), f"removed {name}")
+
+    def erase(self, polygon: FloatArray) -> Answer:
+        """See `ChairPort`."""
+        return self._drawn(lambda drawings: drawings.erase(polygon), "erased")
+
+    def undo(self) -> Answer:
+        """See `ChairPort`."""
+        return self._drawn(lambda drawings: drawings.undo(), "undone")
