@@ -149,12 +149,14 @@ def sessions(name: str, count: int, seed: int, share: float = 1.0) -> Iterator[D
     route = route[: max(3, round(share * len(route)))]
     empty = world_from_plan(msgspec.structs.replace(plan, people=[]), building.name)
     driven = np.concatenate([route, route[:1]]) if share == 1.0 else route  # all the way round
+    loop = _loop(empty, route)
     pieces: list[PlanBox] = []
     for number in range(count):
         going = set(rng.permutation(PIECES)[:MOVED].tolist()) if number else set()
         pieces = [piece for k, piece in enumerate(pieces) if k not in going]
         pieces += strewn(empty, driven, pieces, PIECES - len(pieces), rng)
-        yield _drive(plan, building.name, _from_corner(route, number, share), tuple(pieces), seed + 1000 * number)
+        way = _from_corner(loop if number and share == 1.0 else route, number, share)
+        yield _drive(plan, building.name, way, tuple(pieces), seed + 1000 * number)
 
 
 def strewn(
@@ -213,6 +215,12 @@ def health_on(grid: OccupancyGrid, first: Drive, drive: Drive, every: int = 2) -
             continue
         states.append(localiser.process(frame.scan, odometry.odom_from_base, twist_of(frame)).state)
     return sum(state is LocalisationState.OK for state in states) / len(states)
+
+
+def _loop(world: World, route: FloatArray) -> FloatArray:
+    """The route (N, 2) [m] as the way round and round: without its end, where there is no room to turn for another round."""
+    end = distance_field(world.grid).metres[tuple(cells_from_points(world.grid, route[-1:]).T)]
+    return route[:-1] if end[0] < _ROUND_CORNER else route
 
 
 def _from_corner(route: FloatArray, number: int, share: float) -> FloatArray:
