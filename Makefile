@@ -8,7 +8,7 @@ REALTIME := WAYCHAIR_REALTIME=1 $(PYTHON_BIN)/pytest -q \
 .DEFAULT_GOAL := test
 
 demo:  ## map a floor by joystick, find oneself on the map, drive to three places; ends in out/demo/report.html
-	@bash .ci/setup
+	@bash .ci/setup ui
 	@$(PYTHON_BIN)/waychair demo
 
 seeds:  ## twenty seeds of the demo; interrupted, it goes on where it was

@@ -3,7 +3,15 @@
 from __future__ import annotations
 
 import sys
+from collections.abc import Iterator
+from contextlib import contextmanager
 from pathlib import Path
+from typing import TYPE_CHECKING
+
+if TYPE_CHECKING:
+    from rich.console import Console
+
+    from waychair.trials.demo_page import DemoPage
 
 
 def demo_command(
@@ -13,11 +21,13 @@ def demo_command(
     world: str = "second_floor",
     surprises: bool = True,
     box: Path | None = None,
+    headless: bool = False,
+    page_port: int | None = None,
     quiet: bool = False,
 ) -> None:
     """Map a simulated floor by joystick, then let the chair find itself on the map and drive to three places.
 
-    Ends in report.html and report.json.
+    Ends in report.html and report.json. While it runs, as fast as it can, a page in the browser shows it.
 
     Parameters
     ----------
@@ -31,6 +41,10 @@ def demo_command(
         People walk about, one may step suddenly in front, and a door on the planned way is shut.
     box
         Log what the chair is told and does in this folder, for `waychair why`.
+    headless
+        Without the page.
+    page_port
+        Of the page; by default 8000, or a free one where that is taken.
     quiet
         Print nothing but errors.
     """
@@ -39,10 +53,12 @@ def demo_command(
     from rich.table import Table
 
     from waychair.trials.demo import run_demo
+    from waychair.trials.demo_page import DemoPage
     from waychair.trials.demo_report import HEADER, IN_TERMINAL, facts, row, write_report
 
     console = Console(stderr=True, quiet=quiet)
-    with Progress(console=console, transient=True, disable=quiet) as bar:
+    page = DemoPage()
+    with _shown(page, headless, page_port, console), Progress(console=console, transient=True, disable=quiet) as bar:
         tasks: dict[str, TaskID] = {}
 
         def show(stage: str, share: float) -> None:
@@ -50,7 +66,7 @@ def demo_command(
                 tasks[stage] = bar.add_task(stage, total=1.0)
             bar.update(tasks[stage], completed=share)
 
-        demo = run_demo(out, seed, show, world, surprises, box)
+        demo = run_demo(out, seed, show, world, surprises, box, page)
     write_report(out, demo)
     if not quiet:
         table = Table(*HEADER[:IN_TERMINAL], title=demo.world)
@@ -60,5 +76,22 @@ def demo_command(
         for name, value in facts(demo):
             print(f"{name:22s} {value}")
         print(f"{demo.reached} of {len(demo.legs)} goals reached; see {out / 'report.html'}")
-    if demo.reached < len(demo.legs):
+    if demo.reached < len(demo.legs) or page.stopped:
         sys.exit(1)
+
+
+@contextmanager
+def _shown(page: DemoPage, headless: bool, port: int | None, console: Console) -> Iterator[None]:
+    """The demo's page, for as long as the block lasts."""
+    from waychair.cli.page_process import has_ui, port_of_page
+    from waychair.ui.server import page_server
+
+    if headless:
+        yield
+    elif not has_ui():
+        console.print("To watch this in a browser: pip install 'waychair[ui]'", markup=False)
+        yield
+    else:
+        with page_server(page, http_port=port_of_page(port)) as address:
+            console.print(f"To watch this in a browser, open {address}")
+            yield

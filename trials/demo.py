@@ -9,7 +9,7 @@ planned is shut.
 from __future__ import annotations
 
 import time
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager
 from dataclasses import dataclass, replace
 from itertools import pairwise
@@ -27,6 +27,7 @@ from waychair.maps.places import load_places, save_places
 from waychair.maps.zones import load_zones
 from waychair.planning.costmap import costmap_from_grid
 from waychair.planning.global_planner import plan
+from waychair.runtime.chair import Chair, ChairState
 from waychair.runtime.live_mapping import LiveMapping
 from waychair.runtime.mapping import Mapping, MappingSettings, live_result, save_mapping
 from waychair.simulation.follower import Follower
@@ -82,6 +83,27 @@ class Demo:
         return sum(leg.reached for leg in self.legs)
 
 
+class DemoWatcher:
+    """Who looks on while the demo runs, in its thread; this one does not care."""
+
+    def maps(self, live: LiveMapping, scan: Scan) -> None:
+        """A scan more is in the map that a rider makes."""
+
+    def drives(self, setting: Setting, chair: Chair) -> None:
+        """From now on this chair finds itself, and drives, on that map."""
+
+    def heads_for(self, goal: str) -> None:
+        """It is about to drive to a place."""
+
+    def ticks(self, messages: Sequence[SensorMessage], state: ChairState) -> None:
+        """A tick of its is over."""
+
+    @property
+    def stopped(self) -> bool:
+        """Whether nothing is to be driven to any more."""
+        return False
+
+
 def run_demo(
     out: Path,
     seed: int = 0,
@@ -89,20 +111,21 @@ def run_demo(
     world: str | Path = WORLD,
     surprises: bool = True,
     box: Path | None = None,
+    watcher: DemoWatcher | None = None,
 ) -> Demo:
     """Maps a drive through `world` into `out`/map, and drives to up to three places on that map.
 
-    Without `surprises` nobody is about and all doors stay open. `box` is the folder of a black box.
+    Without `surprises` nobody is about and all doors stay open. `box` is the folder of a black box. `watcher` looks on.
 
     Raises:
         WorldError: there is no such world, it has no mapping route, or the rider ran into something.
         BoardBuildError: the firmware cannot be built here, for want of a C compiler.
     """
-    stage = _Stages(progress)
+    stage, watcher = _Stages(progress), watcher or DemoWatcher()
     building = load_world(world) if surprises else load_world(world).without_people()
     simulator = WatchedSimulator(building, CHAIR_A, chair_of(seed), seed)
     with stage("map"):
-        mapping, errors = _mapped(out, simulator, stage)
+        mapping, errors = _mapped(out, simulator, stage, watcher)
     with stage("save"):
         save_mapping(out / "map", mapping, MappingSettings())
         map_from_world = building.start.inverse()
@@ -114,15 +137,20 @@ def run_demo(
         simulator.close(closed)
     simulator.populate(building.people)
     with (
-        black_box(setting, box) as watcher,
-        chair_in(setting, simulator, watcher, told=False) as chair,
+        black_box(setting, box) as log,
+        chair_in(setting, simulator, log, told=False) as chair,
     ):
+        watcher.drives(setting, chair)
         with stage("find"):
-            found = find_itself(simulator, chair, Follower(_way_back(building), CHAIR_A.track, PlantSettings()))
+            back = Follower(_way_back(building), CHAIR_A.track, PlantSettings())
+            found = find_itself(simulator, chair, back, watcher.ticks)
         began_ns, legs = simulator.now_ns, []
         with stage("drive"):
             for index, goal in enumerate(goals):
-                legs.append(drive_leg(setting, simulator, chair, goal))
+                if watcher.stopped:
+                    break
+                watcher.heads_for(goal)
+                legs.append(drive_leg(setting, simulator, chair, goal, heard=watcher.ticks))
                 progress("drive", (index + 1) / len(goals))
     motion = simulator.motion().since(began_ns)
     person_m = float(motion.people.min(initial=np.inf))
@@ -146,7 +174,9 @@ def chair_of(seed: int) -> SimulatorSettings:
     return SimulatorSettings(plant=randomised(PlantSettings(), seed))
 
 
-def _mapped(out: Path, simulator: WatchedSimulator, stage: _Stages) -> tuple[Mapping, TruthErrors]:
+def _mapped(
+    out: Path, simulator: WatchedSimulator, stage: _Stages, watcher: DemoWatcher
+) -> tuple[Mapping, TruthErrors]:
     """The floor's map, made while a rider drives its mapping route through the firmware, and how true it is."""
     bag = out / "drive.mcap"
     bag.unlink(missing_ok=True)
@@ -156,7 +186,7 @@ def _mapped(out: Path, simulator: WatchedSimulator, stage: _Stages) -> tuple[Map
     with HostBoard(board_program(), wiring) as board:
         simulator.wire(board)
         try:
-            hear = _Hearing(live).message
+            hear = _Hearing(live, watcher).message
             drive_route(simulator, CHAIR_A, route, bag, lambda share: stage.progress("map", share), hear=hear)
         finally:
             simulator.wire(None)
@@ -167,9 +197,9 @@ def _mapped(out: Path, simulator: WatchedSimulator, stage: _Stages) -> tuple[Map
 class _Hearing:
     """The ears of a live mapping: messages of the sensors come in, frames that are complete are mapped."""
 
-    def __init__(self, live: LiveMapping) -> None:
+    def __init__(self, live: LiveMapping, watcher: DemoWatcher) -> None:
         topics = (SCAN, WHEELS)
-        self._live = live
+        self._live, self._watcher = live, watcher
         self._frames = Synchroniser(topics)
         self._topics = {topic.type: topic for topic in topics}
 
@@ -178,6 +208,8 @@ class _Hearing:
         if isinstance(message, Scan | WheelTicks):
             for frame in self._frames.add(self._topics[type(message)], message):
                 self._live.process(frame)
+                if frame.scan is not None:
+                    self._watcher.maps(self._live, frame.scan)
 
 
 def _setting_of(folder: Path, map_from_world: Pose2) -> Setting:

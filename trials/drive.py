@@ -39,6 +39,9 @@ BEAT_NS = 10_000_000
 _STANDING = 0.01
 """Sum of speed and turning [m/s, rad/s] below which a chair stands."""
 
+Heard = Callable[[tuple[SensorMessage, ...], ChairState], None]
+"""Told of each tick's messages and what came of them, once it is over."""
+
 READY_S = 5.0
 """A chair that was switched on has heard of its board, its lidar and its place by then."""
 
@@ -221,12 +224,15 @@ class Found:
     metres: float
 
 
-def find_itself(simulator: Simulator, chair: Chair, follower: Follower) -> Found:
+def find_itself(
+    simulator: Simulator, chair: Chair, follower: Follower, heard: Heard = lambda messages, state: None
+) -> Found:
     """A rider drives along a route by joystick until the chair knows where it is, and lets it come to rest."""
     began_ns, metres, last = simulator.now_ns, 0.0, simulator.truth()
     while True:
         messages = advance_tick(simulator, chair)
         state = chair.step(simulator.now_ns, messages)
+        heard(messages, state)
         pose = simulator.truth()
         metres, last = metres + math.dist((pose.x, pose.y), (last.x, last.y)), pose
         found = state.localisation is not None and state.localisation.state is LocalisationState.OK
@@ -238,11 +244,18 @@ def find_itself(simulator: Simulator, chair: Chair, follower: Follower) -> Found
     simulator.rider = JoystickInput(simulator.now_ns)
     while abs(simulator.twist().v) + abs(simulator.twist().omega) > _STANDING:
         messages = advance_tick(simulator, chair)
-        chair.step(simulator.now_ns, messages)
+        heard(messages, chair.step(simulator.now_ns, messages))
     return Found(found, seconds, metres)
 
 
-def drive_leg(setting: Setting, simulator: Simulator, chair: Chair, goal: str, time_limit_s: float = 300.0) -> Leg:
+def drive_leg(
+    setting: Setting,
+    simulator: Simulator,
+    chair: Chair,
+    goal: str,
+    time_limit_s: float = 300.0,
+    heard: Heard = lambda messages, state: None,
+) -> Leg:
     """Drives to one named place; see `drive_to_places`."""
     begin(simulator, chair, Goal(goal))
     began_ns, contacts = simulator.now_ns, simulator.contacts
@@ -253,6 +266,7 @@ def drive_leg(setting: Setting, simulator: Simulator, chair: Chair, goal: str, t
         started = time.perf_counter()
         state = chair.step(simulator.now_ns, messages)
         ticks.append(1e3 * (time.perf_counter() - started))
+        heard(messages, state)
         states.append(state)
         truth.append((setting.map_from_world @ simulator.truth()).array())
         clearance.append(simulator.clearance())

@@ -27,19 +27,17 @@ import numpy as np
 
 from waychair.calibration.chair import CHAIR_A
 from waychair.calibration.dac import DEFAULT
-from waychair.control.navigator import Stage
 from waychair.control.supervisor import SupervisorSettings
 from waychair.errors import WaychairError
 from waychair.firmware_bridge.heartbeat import urgent
-from waychair.geometry import transform_points
 from waychair.maps.depth_layer import load_depth_layer, scanned_part
 from waychair.maps.layout import Layout as Drawings
 from waychair.maps.map_files import load_map, save_map
 from waychair.maps.places import save_places
 from waychair.planning.drawn_map import DrawnMap
 from waychair.runtime.chair import Chair, ChairSettings, ChairState
+from waychair.runtime.chair_display import ChairDisplay
 from waychair.runtime.chair_port import Answer, ChairView, Layout
-from waychair.runtime.chair_story import Scene, next_action, obstacles_of, shown_points
 from waychair.runtime.drawing_port import DrawingPort
 from waychair.runtime.sentences import sentence
 from waychair.simulation.simulator import SensorMessage, Simulator, SimulatorSettings
@@ -48,7 +46,7 @@ from waychair.slam.localisation import LocalisationState
 from waychair.trials.demo import chair_of
 from waychair.trials.drive import Setting, black_box, chair_in
 from waychair.trials.real_time import RealTime
-from waychair.types import DriveMode, FloatArray, Goal, OccupancyGrid, Pose2, RgbdFrame, Scan, Twist
+from waychair.types import DriveMode, FloatArray, Goal, OccupancyGrid, Pose2, RgbdFrame, Twist
 
 COUNTDOWN_S = 3.0
 """From the rider's yes to the first motion."""
@@ -89,9 +87,6 @@ class LiveChair(DrawingPort):
         self._settings = replace(ChairSettings(), supervisor=supervisor)
         self._countdown_s = countdown_s
         self._view = _NOWHERE
-        self._label, self._last_stop = "", ""
-        self._had_goal = self._was_pushed = self._was_driven = False  # at the last tick
-        self._points = np.empty((0, 2))
         self._frame: RgbdFrame | None = None
         self._jpeg: tuple[int, bytes] | None = None
         self._map_revision = self._layout_revision = 1
@@ -100,6 +95,7 @@ class LiveChair(DrawingPort):
         self._failure: Exception | None = None
         self._simulator: Simulator
         self._chair: Chair
+        self._display: ChairDisplay
         self._time: RealTime
         self._drawings: Drawings
         self._folder: Path
@@ -177,7 +173,7 @@ class LiveChair(DrawingPort):
 
         def asked() -> Answer:
             self._chair.go(Goal(goal))
-            self._label = label
+            self._display.label = label
             self._time.step()
             return Answer(True, f"press Drive to go to {label}")
 
@@ -189,13 +185,15 @@ class LiveChair(DrawingPort):
         def said() -> Answer:
             if not self._chair.waits:
                 return Answer(False, "there is nothing to say yes to: choose a place first")
-            if goal and goal != self._label:
-                return Answer(False, f"meanwhile somebody chose {self._label}: look where it leads, then press Drive")
+            if goal and goal != self._display.label:
+                return Answer(
+                    False, f"meanwhile somebody chose {self._display.label}: look where it leads, then press Drive"
+                )
             self._time.watch.began(time.monotonic_ns())
             self._chair.confirm()
             verdict = self._time.step().verdict
             if verdict.computer_drives:
-                return Answer(True, f"sets off to {self._label} in {self._countdown_s:.0f} s")
+                return Answer(True, f"sets off to {self._display.label} in {self._countdown_s:.0f} s")
             return Answer(False, verdict.reason)
 
         return self._answered(said)
@@ -320,70 +318,20 @@ class LiveChair(DrawingPort):
         self._simulator = Simulator(world, CHAIR_A, _sensed(chair_of(self._seed), camera), self._seed)
         watcher = ends.enter_context(black_box(setting, self._box))
         self._chair = ends.enter_context(chair_in(setting, self._simulator, watcher))
+        self._display = ChairDisplay(self._chair, CHAIR_A.base_from_laser)
         self._prepared = self._chair.drawn(grid, drawn.zones)
         self._time = RealTime(self._chair, self._simulator, self._heard)
 
     def _heard(self, messages: tuple[SensorMessage, ...], state: ChairState) -> None:
         """A tick is over: what is there to see."""
-        for message in messages:
-            if isinstance(message, Scan) and state.localisation is not None:
-                pose = state.localisation.map_from_base
-                self._points = shown_points(message, CHAIR_A.base_from_laser, pose, state.twist)
-            elif isinstance(message, RgbdFrame):
-                self._frame = message
-        self._note_end(state)
-        self._view = self._viewed(state)
-
-    def _note_end(self, state: ChairState) -> None:
-        """Why a drive is over, or was none."""
-        navigator, pushed = self._chair.navigator, any(halted.stop.id == "pushed" for halted in state.halts)
-        has_goal = self._chair.waits or navigator.active
-        if self._had_goal and not has_goal:
-            arrived = navigator.stage is Stage.ARRIVED
-            self._last_stop = sentence(f"arrived at {self._label}" if arrived else navigator.reason)
-        elif self._was_driven and not state.verdict.computer_drives and state.verdict.halt is not None:
-            self._last_stop = sentence(state.verdict.reason)
-        elif pushed and not self._was_pushed:
-            self._last_stop = sentence(next(halted.text for halted in state.halts if halted.stop.id == "pushed"))
-        self._had_goal, self._was_pushed, self._was_driven = has_goal, pushed, state.verdict.computer_drives
-
-    def _viewed(self, state: ChairState) -> ChairView:
-        chair, found, navigation = self._chair, state.localisation, state.navigation
-        knows = found is not None and found.state is not LocalisationState.LOST
-        pose = state.map_from_base if found is not None else None
-        way = np.empty((0, 2)) if not self._had_goal or navigation.path is None else navigation.path.poses[:, :2]
-        goal = self._label if self._had_goal else ""
-        countdown_s = chair.countdown_s(state.stamp_ns)
-        obstacles = obstacles_of(state.halts)
-        scene = Scene(
-            state.verdict.mode, state.verdict.steered, goal, chair.waits, countdown_s,
-            chair.navigator.stage, chair.navigator.reason, pose if knows else None, way, obstacles,
-            state.sent.active,
-        )  # fmt: skip
-        people = np.empty((0, 2))
-        if found is not None and len(odometric := chair.navigator.people):
-            people = transform_points(found.map_from_odom, odometric)
-        return ChairView(
-            stamp_ns=time.monotonic_ns(),
-            map_from_base=pose,
-            localisation=LocalisationState.LOST if found is None else found.state,
-            health=0.0 if found is None else found.health,
-            mode=state.verdict.mode,
-            twist=state.twist,
-            goal=goal,
-            waits=chair.waits,
-            countdown_s=countdown_s,
-            next_action=next_action(scene),
-            last_stop=self._last_stop,
-            obstacles=obstacles,
-            scan=self._points,
-            path=way,
-            people=people,
+        self._display.hear(messages, state)
+        self._frame = next((each for each in reversed(messages) if isinstance(each, RgbdFrame)), self._frame)
+        self._view = replace(
+            self._display.view(state),
             map_revision=self._map_revision,
             layout_revision=self._layout_revision,
             panel=self._panel(state),
             free_since_ns=self._time.free_since_ns,
-            steered=state.verdict.steered,
         )
 
     def _panel(self, state: ChairState) -> dict[str, float]:

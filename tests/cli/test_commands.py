@@ -189,11 +189,13 @@ def test_help_names_every_command_and_imports_nothing_heavy() -> None:
 
 
 def test_the_demo_needs_no_recording_and_drives_a_world_that_ships(tmp_path: Path) -> None:
-    command = [str(WAYCHAIR), "demo", "--world", "small_clinic", "--no-surprises", "--out", str(tmp_path / "demo")]
+    command = [str(WAYCHAIR), "demo", "--world", "small_clinic", "--no-surprises", "--headless"]
+    command += ["--out", str(tmp_path / "demo")]
     environment = {"PATH": "/usr/bin:/bin", "HOME": str(tmp_path), "WAYCHAIR_DATA": str(tmp_path / "none")}
     done = subprocess.run(command, capture_output=True, text=True, check=False, env=environment, cwd=tmp_path)
     assert done.returncode == 0, done.stderr
     assert "3 of 3 goals reached" in done.stdout
+    assert "http" not in done.stderr
     report = json.loads((tmp_path / "demo" / "report.json").read_text())
     assert (report["goals_reached"], report["contacts"], report["found"]["found"]) == (3, 0, True)
     assert report["ate_m"] < 0.1

@@ -1,0 +1,86 @@
+"""What a page shows of a chair in this program, put together tick by tick."""
+
+from __future__ import annotations
+
+import time
+from collections.abc import Iterable
+
+import numpy as np
+
+from waychair.control.navigator import Stage
+from waychair.geometry import transform_points
+from waychair.runtime.chair import Chair, ChairState
+from waychair.runtime.chair_port import ChairView
+from waychair.runtime.chair_story import Scene, next_action, obstacles_of, shown_points
+from waychair.runtime.sentences import sentence
+from waychair.slam.localisation import LocalisationState
+from waychair.types import FloatArray, Pose2, Scan
+
+
+class ChairDisplay:
+    """Keeps the latest scan, what is driven to, and why the last drive is over; used in the chair's own thread."""
+
+    def __init__(self, chair: Chair, base_from_laser: Pose2) -> None:
+        self.label = ""
+        """What the latest goal is called; told by who asks for it."""
+        self._chair, self._base_from_laser = chair, base_from_laser
+        self._last_stop = ""
+        self._had_goal = self._was_pushed = self._was_driven = False  # at the last tick
+        self._points: FloatArray = np.empty((0, 2))
+
+    def hear(self, messages: Iterable[object], state: ChairState) -> None:
+        """A tick is over."""
+        for message in messages:
+            if isinstance(message, Scan) and state.localisation is not None:
+                pose = state.localisation.map_from_base
+                self._points = shown_points(message, self._base_from_laser, pose, state.twist)
+        self._note_end(state)
+
+    def view(self, state: ChairState) -> ChairView:
+        """The chair at the end of the tick that was heard last; revisions and the panel are for others to add."""
+        chair, found, navigation = self._chair, state.localisation, state.navigation
+        knows = found is not None and found.state is not LocalisationState.LOST
+        pose = state.map_from_base if found is not None else None
+        way = np.empty((0, 2)) if not self._had_goal or navigation.path is None else navigation.path.poses[:, :2]
+        goal = self.label if self._had_goal else ""
+        countdown_s = chair.countdown_s(state.stamp_ns)
+        obstacles = obstacles_of(state.halts)
+        scene = Scene(
+            state.verdict.mode, state.verdict.steered, goal, chair.waits, countdown_s,
+            chair.navigator.stage, chair.navigator.reason, pose if knows else None, way, obstacles,
+            state.sent.active,
+        )  # fmt: skip
+        people = np.empty((0, 2))
+        if found is not None and len(odometric := chair.navigator.people):
+            people = transform_points(found.map_from_odom, odometric)
+        return ChairView(
+            stamp_ns=time.monotonic_ns(),
+            map_from_base=pose,
+            localisation=LocalisationState.LOST if found is None else found.state,
+            health=0.0 if found is None else found.health,
+            mode=state.verdict.mode,
+            twist=state.twist,
+            goal=goal,
+            waits=chair.waits,
+            countdown_s=countdown_s,
+            next_action=next_action(scene),
+            last_stop=self._last_stop,
+            obstacles=obstacles,
+            scan=self._points,
+            path=way,
+            people=people,
+            steered=state.verdict.steered,
+        )
+
+    def _note_end(self, state: ChairState) -> None:
+        """Why a drive is over, or was none."""
+        navigator, pushed = self._chair.navigator, any(halted.stop.id == "pushed" for halted in state.halts)
+        has_goal = self._chair.waits or navigator.active
+        if self._had_goal and not has_goal:
+            arrived = navigator.stage is Stage.ARRIVED
+            self._last_stop = sentence(f"arrived at {self.label}" if arrived else navigator.reason)
+        elif self._was_driven and not state.verdict.computer_drives and state.verdict.halt is not None:
+            self._last_stop = sentence(state.verdict.reason)
+        elif pushed and not self._was_pushed:
+            self._last_stop = sentence(next(halted.text for halted in state.halts if halted.stop.id == "pushed"))
+        self._had_goal, self._was_pushed, self._was_driven = has_goal, pushed, state.verdict.computer_drives

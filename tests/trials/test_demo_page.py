@@ -1,0 +1,135 @@
+"""The demo on a page: shown as it runs, and stopped for good by whoever looks on."""
+
+from __future__ import annotations
+
+import contextlib
+import json
+import os
+import re
+import subprocess
+import sys
+import time
+import urllib.request
+from collections.abc import Sequence
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from waychair.runtime.chair import ChairState
+from waychair.runtime.chair_port import ChairView
+from waychair.runtime.live_mapping import LiveMapping
+from waychair.simulation.simulator import SensorMessage
+from waychair.slam.localisation import LocalisationState
+from waychair.trials.demo import run_demo
+from waychair.trials.demo_page import DemoPage
+from waychair.types import UNKNOWN, DriveMode, Scan
+
+PLAN = """\
+name: hall
+size: [8.0, 6.0]
+start: [1.5, 3.0, 0.0]
+walls:
+  - {start: [0.0, 0.0], end: [8.0, 0.0]}
+  - {start: [8.0, 0.0], end: [8.0, 6.0]}
+  - {start: [8.0, 6.0], end: [0.0, 6.0]}
+  - {start: [0.0, 6.0], end: [0.0, 0.0]}
+boxes:
+  - {centre: [4.0, 5.5], size: [1.2, 0.6]}
+  - {centre: [5.5, 0.5], size: [0.6, 0.6]}
+places:
+  door: [2.0, 3.0, 3.1]
+  window: [6.0, 3.6, 0.0]
+routes:
+  mapping: [[6.0, 3.0], [2.0, 3.0]]
+"""
+
+
+@pytest.fixture
+def plan(tmp_path: Path) -> Path:
+    path = tmp_path / "hall.yaml"
+    path.write_text(PLAN, encoding="utf-8")
+    return path
+
+
+class Onlooker(DemoPage):
+    """Keeps what a page would have seen, and stops the drive to one place once it moves."""
+
+    def __init__(self, stops: str = "") -> None:
+        super().__init__()
+        self.seen: list[ChairView] = []
+        self._stops = stops
+
+    def _due(self) -> bool:
+        return True  # every view, however fast the computer
+
+    def ticks(self, messages: Sequence[SensorMessage], state: ChairState) -> None:
+        super().ticks(messages, state)
+        self.seen.append(self.view())
+        if state.navigation.twist.v > 0.1 and self.view().goal == self._stops:
+            assert self.stop().done
+
+
+def test_a_page_sees_the_map_grow_and_the_chair_drive_to_each_place(plan: Path, tmp_path: Path) -> None:
+    known = []
+
+    class OfMapping(Onlooker):
+        def maps(self, live: LiveMapping, scan: Scan) -> None:
+            super().maps(live, scan)
+            grid = self.grid()
+            assert grid is not None
+            known.append(int((grid.cells != UNKNOWN).sum()))
+            assert self.view().mode is DriveMode.MANUAL
+            assert "by joystick" in self.view().next_action
+
+    page = OfMapping()
+    demo = run_demo(tmp_path / "demo", seed=1, world=plan, surprises=False, watcher=page)
+    assert [leg.reached for leg in demo.legs] == [True, True]
+    assert known[-1] > 1.02 * known[0] > 0
+    assert set(page.layout().places) == {"door", "window"}
+    goals = [view.goal for view in page.seen if view.goal]
+    assert list(dict.fromkeys(goals)) == ["door", "window"]
+    driving = [view for view in page.seen if view.mode is DriveMode.AUTONOMOUS]
+    assert all(view.localisation is LocalisationState.OK and len(view.scan) > 50 for view in driving)
+    assert any(len(view.path) for view in driving)
+    assert page.seen[-1].last_stop == "Arrived at window."
+    assert np.array_equal(page.grid().cells, demo.setting.grid.cells)  # type: ignore[union-attr]
+
+
+def test_stop_ends_the_drive_and_those_that_were_to_come(plan: Path, tmp_path: Path) -> None:
+    page = Onlooker(stops="door")
+    demo = run_demo(tmp_path / "demo", seed=1, world=plan, surprises=False, watcher=page)
+    (leg,) = demo.legs
+    assert leg.place == "door"
+    assert not leg.reached
+    assert "Stop was pressed" in leg.reason
+    assert abs(leg.commands[-1]).max() == 0.0
+    assert leg.error_m > 0.5
+    assert page.stopped
+
+
+def test_what_a_demo_does_not_do_is_said_in_one_sentence() -> None:
+    page = DemoPage()
+    refused = [page.go("door"), page.confirm(), page.steer(1.0, 0.0), page.undo(), page.relocalise()]
+    assert not any(answer.done for answer in refused)
+    assert all("waychair page" in answer.sentence for answer in refused)
+    assert page.stop().done
+    assert page.stopped
+
+
+def test_the_command_serves_the_page_while_it_runs(plan: Path, tmp_path: Path) -> None:
+    command = [sys.executable, "-c", "from waychair.cli.main import main; main()", "demo", "--world", str(plan)]
+    command += ["--no-surprises", "--out", str(tmp_path / "demo")]
+    wide = {**os.environ, "COLUMNS": "200"}
+    with subprocess.Popen(command, env=wide, stderr=subprocess.PIPE, text=True) as running:
+        assert running.stderr is not None
+        address = re.search(r"http://127\.0\.0\.1:\d+/", running.stderr.readline())
+        assert address is not None
+        page, ends = "", time.monotonic() + 20.0
+        while not page and time.monotonic() < ends:
+            with contextlib.suppress(OSError):
+                page = urllib.request.urlopen(address[0], timeout=5.0).read().decode()
+        assert "Stop" in page
+        running.stderr.read()
+    assert running.returncode == 0
+    assert json.loads((tmp_path / "demo" / "report.json").read_text())["goals_reached"] == 2

@@ -1,0 +1,189 @@
+"""The demo on a page, while it runs and as fast as it runs: looked at, and stopped for good by whoever wants to."""
+
+from __future__ import annotations
+
+import threading
+import time
+from collections.abc import Sequence
+from dataclasses import replace
+
+from waychair.calibration.chair import CHAIR_A
+from waychair.maps.zones import Zone
+from waychair.runtime.chair import Chair, ChairState
+from waychair.runtime.chair_display import ChairDisplay
+from waychair.runtime.chair_port import Answer, ChairView, Layout
+from waychair.runtime.chair_story import shown_points
+from waychair.runtime.live_mapping import LiveMapping
+from waychair.simulation.simulator import SensorMessage
+from waychair.slam.localisation import LocalisationState
+from waychair.trials.demo import DemoWatcher
+from waychair.trials.drive import Setting
+from waychair.types import DriveMode, FloatArray, OccupancyGrid, Place, Pose2, Scan, Twist
+
+_VIEWS_S, _GRIDS_S = 0.05, 1.0  # between two of them, by the clock on the wall
+_SHOWN = Answer(False, "this demo drives by itself; `waychair page` gives you a chair of your own")
+_MAPPING = "A rider drives by joystick; the chair makes the map on the way."
+_FINDING = "A rider drives by joystick until the chair knows where it is on the map."
+_NOWHERE = ChairView(
+    0, None, LocalisationState.LOST, 0.0, DriveMode.MANUAL, Twist(), next_action="The demo is about to begin."
+)
+
+
+class DemoPage(DemoWatcher):
+    """A `ChairPort` of which the demo's thread is the chair: what pages see is put together between its ticks."""
+
+    def __init__(self) -> None:
+        self._view = _NOWHERE
+        self._grid: OccupancyGrid | None = None
+        self._layout = Layout()
+        self._revision = 0
+        self._chair: Chair | None = None  # while a rider makes the map
+        self._display: ChairDisplay
+        self._stop = threading.Event()
+        self._viewed_s = self._drawn_s = 0.0
+
+    # --- what the demo tells --------------------------------------------------------------------------------------
+
+    def maps(self, live: LiveMapping, scan: Scan) -> None:
+        """See `DemoWatcher`."""
+        if not self._due():
+            return
+        now_s, pose = time.monotonic(), live.pose()
+        if now_s - self._drawn_s >= _GRIDS_S:
+            self._drawn_s = now_s
+            self._show(live.grid(), Layout())
+        self._view = replace(
+            _NOWHERE,
+            map_from_base=pose,
+            localisation=LocalisationState.OK,
+            health=1.0,
+            next_action=_MAPPING,
+            scan=shown_points(scan, live.base_from_laser, pose, Twist()),
+            map_revision=self._revision,
+            layout_revision=self._revision,
+        )
+
+    def drives(self, setting: Setting, chair: Chair) -> None:
+        """See `DemoWatcher`."""
+        self._chair = chair
+        self._display = ChairDisplay(chair, CHAIR_A.base_from_laser)
+        self._show(setting.grid, Layout(dict(setting.places), tuple(setting.zones)))
+
+    def heads_for(self, goal: str) -> None:
+        """See `DemoWatcher`."""
+        self._display.label = goal
+
+    def ticks(self, messages: Sequence[SensorMessage], state: ChairState) -> None:
+        """See `DemoWatcher`."""
+        self._display.hear(messages, state)
+        assert self._chair is not None
+        if self._stop.is_set() and (self._chair.waits or self._chair.navigator.active):
+            self._chair.stop()
+        if self._due():
+            view = self._display.view(state)
+            told = view.next_action if self._display.label else _FINDING
+            self._view = replace(view, next_action=told, map_revision=self._revision, layout_revision=self._revision)
+
+    @property
+    def stopped(self) -> bool:
+        """See `DemoWatcher`."""
+        return self._stop.is_set()
+
+    def _due(self) -> bool:
+        now_s = time.monotonic()
+        if now_s - self._viewed_s < _VIEWS_S:
+            return False
+        self._viewed_s = now_s
+        return True
+
+    def _show(self, grid: OccupancyGrid, layout: Layout) -> None:
+        self._grid, self._layout = grid, layout
+        self._revision += 1
+
+    # --- what pages ask -------------------------------------------------------------------------------------------
+
+    @property
+    def outline(self) -> FloatArray:
+        """See `ChairPort`."""
+        return CHAIR_A.outline()
+
+    def view(self) -> ChairView:
+        """See `ChairPort`; where the demo computes for long, its own time stands still, and nothing is stale."""
+        return replace(self._view, stamp_ns=time.monotonic_ns())
+
+    def grid(self) -> OccupancyGrid | None:
+        """See `ChairPort`."""
+        return self._grid
+
+    def layout(self) -> Layout:
+        """See `ChairPort`."""
+        return self._layout
+
+    def picture(self) -> bytes | None:
+        """See `ChairPort`; there is none."""
+        return None
+
+    def stop(self) -> Answer:
+        """See `ChairPort`: the computer drives nowhere from its next tick on; a rider's joystick is the rider's."""
+        self._stop.set()
+        who = "stopped" if self._chair is not None else "it is a rider who drives now"
+        return Answer(True, f"{who}: the computer drives nowhere in this demo any more")
+
+    def cancel(self) -> Answer:
+        """See `ChairPort`; a demo has nothing else to do."""
+        return self.stop()
+
+    def go(self, goal: str | Pose2) -> Answer:
+        """See `ChairPort`."""
+        return _SHOWN
+
+    def confirm(self, goal: str = "") -> Answer:
+        """See `ChairPort`."""
+        return _SHOWN
+
+    def reset(self) -> Answer:
+        """See `ChairPort`."""
+        return _SHOWN
+
+    def steer(self, forward: float, turn: float) -> Answer:
+        """See `ChairPort`."""
+        return _SHOWN
+
+    def release(self) -> Answer:
+        """See `ChairPort`."""
+        return Answer(True, "")
+
+    def place_here(self, name: str, tolerance_m: float, tolerance_rad: float) -> Answer:
+        """See `ChairPort`."""
+        return _SHOWN
+
+    def set_place(self, place: Place) -> Answer:
+        """See `ChairPort`."""
+        return _SHOWN
+
+    def remove_place(self, name: str) -> Answer:
+        """See `ChairPort`."""
+        return _SHOWN
+
+    def set_zone(self, zone: Zone) -> Answer:
+        """See `ChairPort`."""
+        return _SHOWN
+
+    def remove_zone(self, name: str) -> Answer:
+        """See `ChairPort`."""
+        return _SHOWN
+
+    def erase(self, polygon: FloatArray) -> Answer:
+        """See `ChairPort`."""
+        return _SHOWN
+
+    def undo(self) -> Answer:
+        """See `ChairPort`."""
+        return _SHOWN
+
+    def relocalise(self, map_from_base: Pose2 | None = None) -> Answer:
+        """See `ChairPort`."""
+        return _SHOWN
+
+    def watched(self, pages: Sequence[str]) -> None:
+        """See `ChairPort`: the demo was begun at a terminal, and goes on without a page."""
