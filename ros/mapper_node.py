@@ -57,7 +57,7 @@ from waychair.ros_messages import MAP_FRAME, ODOM_FRAME
 from waychair.runtime.last_pose import remember_pose, remembered_pose
 from waychair.runtime.live_mapping import LiveMapping, LiveMappingSettings
 from waychair.runtime.odometry_track import OdometryTrack
-from waychair.slam.localiser import Localisation, LocalisationState, Localiser, LocaliserSettings
+from waychair.slam.localiser import Localisation, LocalisationState, Localiser, LocaliserSettings, saved_map
 from waychair.types import Odometry, Pose2, Scan
 
 if TYPE_CHECKING:
@@ -216,17 +216,20 @@ class MapperNode(ChairNode[MapperNodeSettings]):
         return response
 
     def _redraw(self) -> None:
-        """Something may have been erased of the map: it is shown and driven by so, while places are known by all of it."""
-        if self._localiser is None:
+        """Something may have been erased of the map."""
+        localiser = self._localiser
+        if localiser is None:
             return
         try:
             grid = load_map(self._folder)
+            scanned = scanned_part(grid, load_depth_layer(self._folder, grid))
         except WaychairError as error:
             self.get_logger().error(f"{error}; the map stays as it was")
             return
         if not np.array_equal(grid.cells, self._grid.cells):
             self._grid = grid
             self._send_map(occupancy_grid(self.now_ns(), grid))
+            self.worker.submit(lambda: saved_map(scanned, self.settings.localiser), localiser.redraw)
 
     def _move(self, odometry: Odometry) -> None:
         anew = self._track.take(odometry)

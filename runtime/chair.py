@@ -27,7 +27,8 @@ from waychair.planning.drawn_map import DrawnMap
 from waychair.runtime.drive_base import DriveBase, Message
 from waychair.runtime.monitor_process import MonitorPort
 from waychair.runtime.pilot import Pilot, PilotSettings
-from waychair.slam.localiser import Localisation, LocalisationState, Localiser, LocaliserSettings
+from waychair.slam.localiser import Localisation, LocalisationState, Localiser, LocaliserSettings, saved_map
+from waychair.slam.recovery import SavedMap
 from waychair.types import (
     Goal,
     OccupancyGrid,
@@ -188,10 +189,21 @@ class Chair:
         """A map made ready for `redraw`; takes a while, and may be called from any thread."""
         return self._pilot.drawn(grid, zones)
 
-    def redraw(self, drawn: DrawnMap, zones: Sequence[Zone], places: Mapping[str, Place]) -> None:
-        """Other places and zones from now on, and what was erased of the map. It knows its place by the map as it was."""
+    def known(self, scanned: OccupancyGrid) -> SavedMap:
+        """The map as a lidar sees it, made ready for `redraw`; takes a while, and may be called from any thread."""
+        return saved_map(scanned, self.settings.localiser)
+
+    def redraw(
+        self, drawn: DrawnMap, zones: Sequence[Zone], places: Mapping[str, Place], known: SavedMap | None = None
+    ) -> None:
+        """Other places and zones from now on, and what was erased of the map.
+
+        known: where something was erased, what the chair knows its place by from now on.
+        """
         self._base.zones = tuple(zones)
         self._pilot.redraw(drawn, places)
+        if known is not None:
+            self._localiser.redraw(known)
 
     def beat(self, now_ns: int) -> None:
         """Keep the board company between two ticks."""

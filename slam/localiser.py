@@ -72,11 +72,9 @@ class Localiser:
         self, grid: OccupancyGrid, base_from_laser: Pose2, start: Pose2 | None, settings: LocaliserSettings
     ) -> None:
         """`start` is a pose in the map, known to the settings' start window, or None: then the chair finds itself."""
-        matching = settings.matching
-        reference = reference_from_points(*walls(grid), matching.resolution, matching.sigma)
-        self._saved = SavedMap(reference, beam_map(grid), pyramid_from_grid(grid, settings.search))
+        self._saved = saved_map(grid, settings)
         self._base_from_laser, self._settings = base_from_laser, settings
-        self._parts = RecoveryParts(settings.recovery, settings.search, settings.places, matching)
+        self._parts = RecoveryParts(settings.recovery, settings.search, settings.places, settings.matching)
         self._sensor = np.array([base_from_laser.x, base_from_laser.y])
         self._estimate = self._published = Pose2()  # map_from_odom as the scans say, and as it is given out
         self.restart(start)
@@ -89,6 +87,12 @@ class Localiser:
         self._silent_scans, self._doubtful_way, self._unfit_way = 0, 0.0, Pose2()
         self._surprises: deque[bool] = deque(maxlen=10)
         self._last_odometry: Pose2 | None = None
+
+    def redraw(self, saved: SavedMap) -> None:
+        """From the next scan on, the map is this: the same building, drawn anew. Where the chair is stays known."""
+        self._saved = saved
+        if self._state is LocalisationState.LOST:
+            self._recovery = Recovery(saved, self._sensor, self._parts)
 
     def process(self, scan: Scan, odom_from_base: Pose2, twist: Twist | None = None) -> Localisation:
         """Pose at a scan that began where the odometry says `odom_from_base`, at this twist."""
@@ -188,6 +192,13 @@ class Localiser:
         here = here @ Pose2(share * gap.x, share * gap.y, share * wrap_angle(gap.theta))
         self._published = here @ odom_from_base.inverse()
         return here
+
+
+def saved_map(grid: OccupancyGrid, settings: LocaliserSettings) -> SavedMap:
+    """A map as a localiser of these settings knows it; takes as long as several scans, and may be made in any thread."""
+    matching = settings.matching
+    reference = reference_from_points(*walls(grid), matching.resolution, matching.sigma)
+    return SavedMap(reference, beam_map(grid), pyramid_from_grid(grid, settings.search))
 
 
 def walls(grid: OccupancyGrid) -> tuple[FloatArray, FloatArray]:

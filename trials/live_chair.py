@@ -268,14 +268,15 @@ class LiveChair(DrawingPort):
             try:
                 change(self._drawings)
                 now = self._drawings.drawing
-                erased = not now.has_erased_as(before)
+                erased, known = not now.has_erased_as(before), None
                 if erased:
                     self._grid = load_map(self._folder)
                     self._map_revision += 1
+                    known = self._chair.known(scanned_part(self._grid, load_depth_layer(self._folder, self._grid)))
                 if erased or not now.has_zones_of(before):
                     self._prepared = self._chair.drawn(self._grid, now.zones)
                 prepared = self._prepared
-                self._time.ask(lambda: self._chair.redraw(prepared, now.zones, now.places))
+                self._time.ask(lambda: self._chair.redraw(prepared, now.zones, now.places, known))
             except WaychairError as error:
                 return Answer(False, str(error))
             self._layout_revision += 1

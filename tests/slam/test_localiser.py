@@ -12,7 +12,7 @@ import pytest
 from tests.slam.conftest import WALLS, cast, scan_at
 from waychair.maps.grid import cells_from_points
 from waychair.recording import read_recording
-from waychair.slam.localiser import Localisation, LocalisationState, Localiser, LocaliserSettings, walls
+from waychair.slam.localiser import Localisation, LocalisationState, Localiser, LocaliserSettings, saved_map, walls
 from waychair.types import FloatArray, OccupancyGrid, Odometry, Pose2, Scan
 
 
@@ -86,6 +86,28 @@ def test_a_blinded_chair_that_drove_on_looks_for_itself_and_finds_itself(flat: O
     assert said[0][0].lost
     assert said[-1][0].state is LocalisationState.OK
     assert said[-1][1] < 0.1
+
+
+def test_what_is_erased_of_the_map_speaks_against_the_chairs_place_no_longer(flat: OccupancyGrid) -> None:
+    haunted = replace(flat, cells=flat.cells.copy())
+    low, high = cells_from_points(flat, np.array([[2.6, 0.6], [3.4, 2.4]]))
+    haunted.cells[low[0] : high[0], low[1] : high[1]] = 100  # a cupboard that is gone, right ahead
+    settings, way = LocaliserSettings(), straight(Pose2(1.2, 1.5, 0.0), 1.0)
+    localiser = Localiser(haunted, Pose2(), way[0], settings)
+    before = [found.health for found, _ in drive_on(localiser, way[:10], Pose2())]
+    localiser.redraw(saved_map(flat, settings))
+    after = [found.health for found, _ in drive_on(localiser, way[10:], Pose2())]
+    assert after[0] > max(before) + 0.05
+    assert min(after) > 0.9
+
+
+def test_a_chair_that_is_lost_looks_for_itself_on_the_map_as_it_is_now(flat: OccupancyGrid) -> None:
+    settings, bare = LocaliserSettings(), replace(flat, cells=np.zeros_like(flat.cells))
+    localiser = Localiser(bare, Pose2(), None, settings)
+    way = straight(Pose2(1.5, 1.5, 0.0), 3.5)
+    assert all(found.lost for found, _ in drive_on(localiser, way[:10], Pose2()))
+    localiser.redraw(saved_map(flat, settings))
+    assert drive_on(localiser, way[10:], Pose2())[-1][0].state is LocalisationState.OK
 
 
 def test_a_chair_that_is_lifted_to_another_place_is_never_ok_with_a_wrong_pose(flat: OccupancyGrid) -> None:
