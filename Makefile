@@ -4,7 +4,7 @@ NAME ?= all
 REALTIME := WAYCHAIR_REALTIME=1 $(PYTHON_BIN)/pytest -q \
 	tests/ros/test_stack.py tests/ros/test_mapping.py tests/ros/test_page.py tests/ui/test_browser.py
 
-.PHONY: demo seeds test lint acceptance bench format clean
+.PHONY: demo seeds night test lint acceptance bench format clean
 .DEFAULT_GOAL := test
 
 demo:  ## map a floor by joystick, find oneself on the map, drive to three places; ends in out/demo/report.html
@@ -14,6 +14,10 @@ demo:  ## map a floor by joystick, find oneself on the map, drive to three place
 seeds:  ## twenty seeds of the demo; interrupted, it goes on where it was
 	@bash .ci/setup dev
 	@$(PYTHON_BIN)/python -m benchmarks.acceptance demo
+
+night:  ## adds hours of simulated driving to those there are: make night HOURS=8
+	@bash .ci/setup dev
+	@NIGHT_HOURS=$(or $(HOURS),4) $(PYTHON_BIN)/python -m benchmarks.acceptance nights
 
 test: lint  ## everything that CI runs
 	@$(PYTHON_BIN)/pytest -q -n auto

@@ -20,11 +20,12 @@ from waychair.calibration.chair import CHAIR_A
 from waychair.maps.moving_ai import load_free_cells
 from waychair.planning.costmap import Costmap, CostmapSettings, costmap_from_grid
 from waychair.planning.footprint import footprint, room
+from waychair.planning.global_planner import PlannerSettings, plan
 from waychair.planning.grid_graph import Cell
 from waychair.planning.harmonic import LogField, descend, log_field, streamline, summits_of
 from waychair.planning.laplace_solvers import SolverSettings, problem_of, relative_residual, solve
 from waychair.planning.rubber_band import BandSettings, band, length_of, paper_band, resampled, turning_angles
-from waychair.types import BoolArray, FloatArray, OccupancyGrid
+from waychair.types import BoolArray, FloatArray, OccupancyGrid, Pose2
 
 CELL = 0.05
 
@@ -122,44 +123,82 @@ def row_of(scene: BandScene) -> dict[str, Any]:
     return row
 
 
+DOORS = (0.8, 0.9, 1.0, 1.2, 1.5)
+DOOR_ENDS = {
+    "straight on": (Pose2(1.0, 3.2, 0.0), Pose2(7.0, 2.9, 0.0)),
+    "across the room": (Pose2(1.0, 1.0, 0.8), Pose2(7.0, 5.0, 0.5)),
+    "from beside it": (Pose2(3.2, 0.8, 1.5), Pose2(5.4, 4.6, 1.0)),
+}
+
+
+def door_row(door: float, name: str) -> dict[str, Any]:
+    """The harmonic planner's whole path between two rooms through a door [m]: lengths [m] and sharpest turns [deg]."""
+    cells = np.zeros((120, 162), np.int8)
+    cells[[0, -1]], cells[:, [0, -1]], cells[:, 80:82] = 100, 100, 100
+    half = round(door / CELL / 2)
+    cells[60 - half : 60 + half, 80:82] = 0
+    costmap = costmap_from_grid(OccupancyGrid(cells, CELL), CHAIR_A)
+    row: dict[str, Any] = {"door_m": door, "comes": name}
+    for smooth in ("none", "band"):
+        path = plan(costmap, *DOOR_ENDS[name], PlannerSettings(planner="harmonic", smooth=smooth))
+        degrees = np.degrees(turning_angles(resampled(path.poses[:, :2], 0.10)))
+        row[smooth] = {
+            "length_m": round(path.length(), 2),
+            "sharpest_deg": round(float(degrees.max()), 1),
+            "turns_above_15_deg": int((degrees > 15.0).sum()),
+        }
+    return row
+
+
 def floors(folder: Path) -> dict[str, BoolArray]:
     """Free cells (H, W) of the Moving AI maps in a folder, by name."""
     return {path.stem: load_free_cells(path) for path in sorted(folder.glob("*.map"))}
 
 
-def field_row(name: str, free: BoolArray, goals: int, descents: int, seed: int) -> dict[str, Any]:
-    """Fields to random goals of a map: cells without a better neighbour, and descents and streamlines that arrive."""
+@dataclass(frozen=True, slots=True)
+class FieldRun:
+    """A field to one goal: cells without a better neighbour, descents and streamlines that arrived, and of how many."""
+
+    lacking: int
+    descents: int
+    arrived: int
+    lines: int
+    lines_arrived: int
+    lowest: float
+    cpu_ms: float
+
+
+def field_run(free: BoolArray, descents: int, seed: int) -> FieldRun:
+    """The field to a random goal of free cells (H, W), descents from random cells, and a tenth as many streamlines."""
     rng = np.random.default_rng(seed)
     cells = np.argwhere(free)
-    lacking, arrived, lines, begun, lowest = 0, 0, 0, 0, 0.0
-    times = []
-    for _ in range(goals):
-        row, column = cells[rng.integers(len(cells))].tolist()
-        began = time.thread_time()
-        found = log_field(problem_of(free, (row, column)))
-        times.append(1e3 * (time.thread_time() - began))
-        lacking += summits_of(found)
-        joined = np.argwhere(np.isfinite(found.logs))
-        lowest = min(lowest, float(found.logs[np.isfinite(found.logs)].min()))
-        for start in joined[rng.integers(len(joined), size=descents)].tolist():
-            begun += 1
-            arrived += descend(found, (start[0], start[1]))[-1].tolist() == [row, column]
-        for start in joined[rng.integers(len(joined), size=descents // 10)].tolist():
-            lines += streamline(found, np.array([start[1] + 0.5, start[0] + 0.5]))[-1].tolist() == [
-                column + 0.5,
-                row + 0.5,
-            ]
+    row, column = cells[rng.integers(len(cells))].tolist()
+    began = time.thread_time()
+    found = log_field(problem_of(free, (row, column)))
+    cpu_ms = 1e3 * (time.thread_time() - began)
+    joined = np.argwhere(np.isfinite(found.logs))
+    starts = joined[rng.integers(len(joined), size=descents)].tolist()
+    begins = joined[rng.integers(len(joined), size=descents // 10)].tolist()
+    arrived = sum(descend(found, (i, j))[-1].tolist() == [row, column] for i, j in starts)
+    middle = [column + 0.5, row + 0.5]
+    lines = sum(streamline(found, np.array([j + 0.5, i + 0.5]))[-1].tolist() == middle for i, j in begins)
+    lowest = float(found.logs[np.isfinite(found.logs)].min())
+    return FieldRun(summits_of(found), len(starts), arrived, len(begins), lines, lowest, cpu_ms)
+
+
+def field_row(name: str, free: BoolArray, runs: list[FieldRun]) -> dict[str, Any]:
+    """The runs on one map put together."""
     return {
         "map": name,
-        "free": len(cells),
-        "goals": goals,
-        "cells_without_a_better_neighbour": lacking,
-        "descents": begun,
-        "arrived": arrived,
-        "streamlines": begun // 10,
-        "streamlines_arrived": lines,
-        "least_log_v": round(lowest, 1),
-        "median_field_cpu_ms": round(statistics.median(times), 1),
+        "free": int(free.sum()),
+        "goals": len(runs),
+        "cells_without_a_better_neighbour": sum(run.lacking for run in runs),
+        "descents": sum(run.descents for run in runs),
+        "arrived": sum(run.arrived for run in runs),
+        "streamlines": sum(run.lines for run in runs),
+        "streamlines_arrived": sum(run.lines_arrived for run in runs),
+        "least_log_v": round(min(run.lowest for run in runs), 1),
+        "median_field_cpu_ms": round(statistics.median(run.cpu_ms for run in runs), 1),
     }
 
 

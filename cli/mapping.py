@@ -158,6 +158,8 @@ def places_command(
     *,
     map: Path | None = None,
     add: Annotated[tuple[str, str] | None, Parameter(allow_leading_hyphen=True)] = None,
+    domain: int | None = None,
+    namespace: str = "",
 ) -> None:
     """List the named places of a map, or add one.
 
@@ -167,6 +169,10 @@ def places_command(
         Map folder or its map.yaml; by default the map of the chair that is running.
     add
         NAME X,Y,YAW: a place to add, in metres and radians in the map.
+    domain
+        ROS domain of the chair that is running.
+    namespace
+        Namespace of its nodes.
     """
     from waychair.cli.arguments import BadArgument, pose_from_text
     from waychair.maps.map_files import load_map
@@ -176,7 +182,7 @@ def places_command(
     if map is None:
         if add is not None:
             raise BadArgument("--add needs the --map that the place is added to")
-        _print_running_places()
+        _print_running_places(domain, namespace)
         return
     grid = load_map(map)
     if add is not None:
@@ -196,8 +202,8 @@ def _print_places(places: Iterable[Place]) -> None:
         print(f"{place.name}: {pose.x:.2f}, {pose.y:.2f}, {pose.theta:.2f}")
 
 
-def _print_running_places() -> None:
+def _print_running_places(domain: int | None, namespace: str) -> None:
     from waychair.ros.client import ChairClient
 
-    with ChairClient() as client:
+    with ChairClient(domain=domain, namespace=namespace) as client:
         _print_places(client.places().values())

@@ -42,6 +42,7 @@ def up_command(
     urgent: bool = False,
     lan: bool = False,
     domain: int | None = None,
+    namespace: str = "",
     params: Path | None = None,
     out: Path = Path("out/up"),
     box: Path | None = None,
@@ -81,6 +82,8 @@ def up_command(
         Let other computers on the network see the nodes; without security keys no speeds are obeyed then.
     domain
         ROS domain, 0 to 101.
+    namespace
+        For the names of all nodes and topics: several chairs in one domain.
     params
         A ROS parameter file.
     out
@@ -117,7 +120,7 @@ def up_command(
         None if start is None else pose_from_text(start, "--start"), params, urgent,
         None if no_box else box or out / "box",
         port_of_page(page_port) if page or (page is None and has_ui()) else None,
-        "0.0.0.0" if page_lan else "127.0.0.1",
+        "0.0.0.0" if page_lan else "127.0.0.1", namespace,
     )  # fmt: skip
     table = processes(stack)
     environment = {**environment, TOKEN: page_token(page_lan, token)}
@@ -141,7 +144,9 @@ def up_command(
                 raise RosError(f"{over}: see its messages above")
 
 
-def goto_command(*goals: Pose, yes: bool = False, timeout: float = 600.0, domain: int | None = None) -> None:
+def goto_command(
+    *goals: Pose, yes: bool = False, timeout: float = 600.0, domain: int | None = None, namespace: str = ""
+) -> None:
     """Send the running chair to places, one after the other.
 
     Parameters
@@ -154,13 +159,15 @@ def goto_command(*goals: Pose, yes: bool = False, timeout: float = 600.0, domain
         Seconds for each drive.
     domain
         ROS domain of the chair.
+    namespace
+        Namespace of the chair's nodes.
     """
     from waychair.cli.arguments import BadArgument
     from waychair.ros.client import ChairClient, TaskResult
 
     if not goals:
         raise BadArgument("name a place to go to, or X,Y,YAW; `waychair places` lists them")
-    with ChairClient(domain=domain) as client:
+    with ChairClient(domain=domain, namespace=namespace) as client:
         client.wait_until_active()
         poses = [_pose(client, text) for text in goals]
         for text, pose in zip(goals, poses, strict=True):
@@ -179,7 +186,7 @@ def goto_command(*goals: Pose, yes: bool = False, timeout: float = 600.0, domain
             print(f"{text}: reached, {at.x:.2f}, {at.y:.2f}, {at.theta:.2f}")
 
 
-def confirm_command(goal: Pose | None = None, /, *, domain: int | None = None) -> None:
+def confirm_command(goal: Pose | None = None, /, *, domain: int | None = None, namespace: str = "") -> None:
     """Say the rider's yes to the goal that waits, and to no other that comes meanwhile.
 
     Parameters
@@ -188,10 +195,12 @@ def confirm_command(goal: Pose | None = None, /, *, domain: int | None = None) -
         The place or pose that must be the one that waits; by default it is whichever does, and is named.
     domain
         ROS domain of the chair.
+    namespace
+        Namespace of the chair's nodes.
     """
     from waychair.ros.client import ChairClient
 
-    with ChairClient(domain=domain) as client:
+    with ChairClient(domain=domain, namespace=namespace) as client:
         state = client.drive_state()
         named = _named(client, state)
         if goal is not None and _distance(_pose(client, goal), state.goal) > _SAME_GOAL_M:
@@ -202,21 +211,23 @@ def confirm_command(goal: Pose | None = None, /, *, domain: int | None = None) -
     print(f"{named}: {sentence}")
 
 
-def cancel_command(*, domain: int | None = None) -> None:
+def cancel_command(*, domain: int | None = None, namespace: str = "") -> None:
     """End the drive; the chair comes to rest.
 
     Parameters
     ----------
     domain
         ROS domain of the chair.
+    namespace
+        Namespace of the chair's nodes.
     """
     from waychair.ros.client import ChairClient
 
-    with ChairClient(domain=domain) as client:
+    with ChairClient(domain=domain, namespace=namespace) as client:
         print(client.cancel()[1])
 
 
-def status_command(*, json: bool = False, domain: int | None = None) -> None:
+def status_command(*, json: bool = False, domain: int | None = None, namespace: str = "") -> None:
     """Where the chair is, how sure it is of that, who drives, and what stands against a drive.
 
     Parameters
@@ -225,12 +236,14 @@ def status_command(*, json: bool = False, domain: int | None = None) -> None:
         Print JSON.
     domain
         ROS domain of the chair.
+    namespace
+        Namespace of the chair's nodes.
     """
     import json as writer
 
     from waychair.ros.client import ChairClient
 
-    with ChairClient(domain=domain) as client:
+    with ChairClient(domain=domain, namespace=namespace) as client:
         state, found = client.drive_state(), client.localisation()
         goal = _named(client, state)
     pose = found.map_from_base

@@ -8,31 +8,32 @@ decides where to go, never who drives.
 from __future__ import annotations
 
 import math
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 
 import numpy as np
 
 from waychair.calibration.chair import BodyLayer, ChairBody
 from waychair.config import Settings, setting
+from waychair.control.bystanders import Bystanders
 from waychair.control.corrections import Corrections, CorrectionSettings
 from waychair.control.leg_drive import LegDrive, LegDriveSettings, View
 from waychair.control.navigation import ACTIVE, Navigation, Stage
 from waychair.control.recovery import Recovery, RecoverySettings
 from waychair.control.surroundings import Surroundings, SurroundingsSettings, much_is_gone, without_veils
-from waychair.errors import GoalOccupied, PlanningError
+from waychair.errors import GoalOccupied, NotConverged, PlanningError
 from waychair.geometry import transform_points
 from waychair.maps.distance_field import DistanceField
 from waychair.maps.places import find
 from waychair.maps.zones import Zone
-from waychair.planning.costmap import CostmapSettings
+from waychair.planning.costmap import Costmap, CostmapSettings
 from waychair.planning.drawn_map import DrawnMap
 from waychair.planning.dwa import DwaResult
 from waychair.planning.global_planner import GlobalPlanner, PlannerSettings, check_goal
 from waychair.planning.legs import Leg, Manner
 from waychair.planning.motion import DwaSettings, Motion, braking, crawling, motion_after
 from waychair.planning.slices import Slices
-from waychair.planning.tracks import Track, Tracker, TrackSettings, gap, may_be_behind, room_round
+from waychair.planning.tracks import TrackSettings
 from waychair.planning.warm_up import warm_up
 from waychair.types import (
     BoolArray,
@@ -52,9 +53,6 @@ __all__ = ["Navigation", "Navigator", "NavigatorSettings", "Stage"]
 _RESTED_TICKS, _AT_REST = 8, 1e-3
 """A chair that was commanded less than this [m/s, rad/s] for so many ticks stands."""
 
-_ROOM_TO_LEAVE = 0.03
-"""Left between the chair and the room of people [m], on cells of the window, so that it can go away from them."""
-
 
 @dataclass(frozen=True, slots=True)
 class NavigatorSettings(Settings):
@@ -72,6 +70,9 @@ class NavigatorSettings(Settings):
     )
     veil: float = setting(
         0.1, "m", "a point this far from those of both neighbouring beams hangs between two surfaces", low=0.0, high=1.0
+    )
+    longest_field: float = setting(
+        10.0, "s", "a potential that takes longer is given up, and the path there is is kept", low=0.1, high=600.0
     )
     waits_from: float = setting(2.0, "m", "from so near the chair waits until its goal is free", low=0.1, high=50.0)
     corrections: CorrectionSettings = field(default_factory=CorrectionSettings)
@@ -102,8 +103,7 @@ class Navigator:
         self._body = body
         self._surroundings = Surroundings(self._drawn, body, self.settings.surroundings)
         self._recovery = Recovery(self.settings.recovery)
-        self._tracker = Tracker(self.settings.tracks)
-        self._tracks: tuple[Track, ...] = ()
+        self._people = Bystanders(body, self.settings.tracks, self.settings.recovery, self.settings.dwa.margin)
         self._among_people = False
         self._motion, self._before = Motion(), Twist()
         self._local: DistanceField | None = None
@@ -119,7 +119,8 @@ class Navigator:
         self._planned_ns: int | None = None
         self._planning: Slices[None] | None = None
         self._planned_round: FloatArray = np.empty((0, 2))
-        self._stops_to_plan = False
+        self._stops_to_plan = self._stands_to_plan = False
+        self._here, self._map_from_odom = Pose2(), Pose2()
         self._stepped_ns: int | None = None
         self._rested = _RESTED_TICKS
         self._plans = 0
@@ -167,7 +168,7 @@ class Navigator:
     @property
     def people(self) -> FloatArray:
         """(K, 2) [m] in odom: where those are who walk about, or have."""
-        return np.array([track.position for track in self._tracks]).reshape(-1, 2)
+        return self._people.positions
 
     def pause(self) -> None:
         """Stop and stand until `resume`."""
@@ -215,6 +216,7 @@ class Navigator:
         localisation has corrected the odometry by; without it odom is the map.
         """
         odom_from_map = Pose2() if map_from_odom is None else map_from_odom.inverse()
+        self._here, self._map_from_odom = pose, odom_from_map.inverse()
         since_ns, self._stepped_ns = now_ns - (self._stepped_ns or now_ns), now_ns
         self._rested = self._rested + 1 if max(abs(self._command.v), abs(self._command.omega)) < _AT_REST else 0
         self._motion = motion_after(self._motion, self._before, self._command, self._dwa)
@@ -222,15 +224,16 @@ class Navigator:
         if obstacles is not None:
             obstacles, self._local = without_veils(obstacles, self.settings.veil), None
             self._surroundings.see(now_ns, pose, obstacles, beyond)
-            self._tracks = self._see_people(now_ns, pose, obstacles, odom_from_map)
-            self._among_people = self._is_among_people(odom_from_map @ pose)
+            stood_s = self._recovery.standing(now_ns)
+            self._people.see(now_ns, pose, obstacles, odom_from_map, self._surroundings, stood_s)
+            self._among_people = self._people.about(odom_from_map @ pose)
         if self._planner is None or not self.active:
             return self._navigation(Twist())
         if self._stage is Stage.PAUSED:
             return self._navigation(braking(self._command, self._dwa))
         # a corrected pose: slow down, and line up anew from where the chair really is
         self._note_correction(now_ns, pose, odom_from_map)
-        if (self._planning is not None or self._needs_plan(now_ns, pose)) and not self._plan(now_ns, pose):
+        if (self._planning is not None or self._needs_plan(now_ns, pose)) and not self._plan(now_ns):
             self._recovery.stands_to_plan(since_ns)
             return self._navigation(braking(self._command, self._dwa))
         if self._path is None or not self.active:
@@ -255,7 +258,7 @@ class Navigator:
         """From scratch."""
         self._planner = GlobalPlanner(goal, self.settings.planner)
         self._path, self._planned_ns, self._plans, self._leg = None, None, 0, None
-        self._planning, self._stops_to_plan = None, False
+        self._planning, self._stops_to_plan, self._stands_to_plan = None, False, False
 
     def _posed(self, goal: Goal) -> Goal:
         """The goal with the pose and tolerances of the place that it names."""
@@ -279,45 +282,12 @@ class Navigator:
             None if obstacles is None else transform_points(odom_from_map, obstacles),
             transform_points(odom_from_map, self._surroundings.unscanned()),
             None if self._jumping else self._motion,  # comfort does not hold back what caution asks for
-            # who is nearer than a forecast is good for is an obstacle, where they stand
-            tuple(track for track in self._tracks if self._gap(track, odom_from_map @ pose) > track.radius),
+            self._people.foreseen(odom_from_map @ pose),
         )
-
-    def _gap(self, track: Track, odom_from_base: Pose2) -> float:
-        """Distance [m] from the chair's outline with its margin to the middle of a person."""
-        return gap(track.position, odom_from_base, self._body) - self.settings.dwa.margin
-
-    def _is_among_people(self, odom_from_base: Pose2) -> bool:
-        """Whether there are people near who go on by themselves."""
-        s = self.settings
-        return any(
-            track.walks(s.tracks) and self._gap(track, odom_from_base) < s.recovery.about for track in self._tracks
-        )
-
-    def _is_somebody_behind(self, now_ns: int, odom_from_base: Pose2) -> bool:
-        """Whether people may be where the chair would back out to."""
-        everybody = (*self._tracks, *self._tracker.lost)
-        return may_be_behind(everybody, now_ns, odom_from_base, self._body, self.settings.recovery.way)
-
-    def _see_people(self, now_ns: int, pose: Pose2, obstacles: FloatArray, odom_from_map: Pose2) -> tuple[Track, ...]:
-        """Tracks, in odom, of those who go their way, or went it before they stood; room is left round them."""
-        strangers = transform_points(odom_from_map, self._surroundings.strangers(obstacles))
-        people = tuple(track for track in self._tracker.update(now_ns, strangers) if track.walked)
-        spare = self.settings.dwa.margin + _ROOM_TO_LEAVE
-        s = self.settings.tracks
-        wide = s.room_after if self._recovery.standing(now_ns) > s.room_after_s else s.room
-        room = room_round(people, wide, odom_from_map @ pose, self._body, spare)
-        walking = (*(each for each in people if each.walks(s)), *self._tracker.lost)
-        walkers = np.array([each.position for each in walking]).reshape(-1, 2)
-        map_from_odom = odom_from_map.inverse()
-        self._surroundings.keep_clear_of(
-            transform_points(map_from_odom, room), transform_points(map_from_odom, walkers)
-        )
-        return people
 
     def _choose(self, now_ns: int, pose: Pose2, view: View) -> DwaResult:
         """Follow the path; where that has been impossible for a while, first back out the way the chair came."""
-        tries, behind = self._recovery.tries, self._is_somebody_behind(now_ns, view.pose)
+        tries, behind = self._recovery.tries, self._people.behind(now_ns, view.pose)
         backing = self._recovery.step(
             now_ns,
             view.pose,
@@ -390,7 +360,7 @@ class Navigator:
             s = self.settings.recovery
             if waited > (s.patience_with_people if self._among_people else s.patience):
                 self.cancel(f"{why}, for {waited:.0f} s: clear the way or choose another goal")
-        return self._navigation(braking(self._command, self._dwa), choice)
+        return self._navigation(braking(self._command, self._dwa) if choice is None else choice.twist, choice)
 
     def _note_correction(self, now_ns: int, pose: Pose2, odom_from_map: Pose2) -> None:
         """Whether the localisation has just moved the chair; as that begins and ends, the plan is void.
@@ -419,41 +389,53 @@ class Navigator:
         ahead = self._path.poses[nearest : nearest + steps, :2]
         return self._surroundings.stands_near(ahead, self._body.width / 2)
 
-    def _plan(self, now_ns: int, pose: Pose2) -> bool:
-        """Plan, or go on planning; whether that is done. What takes longer than a tick is planned from standstill."""
+    def _plan(self, now_ns: int) -> bool:
+        """Plan, or go on planning; whether to drive on. What takes longer than a tick is planned from standstill.
+
+        But for what holds wherever the chair is: meanwhile it goes on by the path it has, if it has one.
+        """
         if self._stops_to_plan:
             if self._rested < _RESTED_TICKS:
                 return False
-            self._planning, self._stops_to_plan = None, False
+            self._planning, self._stops_to_plan, self._stands_to_plan = None, False, True
         lasts_s = 0.0 if self._planning is None else (now_ns - (self._planned_ns or now_ns)) * 1e-9
         if lasts_s > self.settings.longest_plan and much_is_gone(self._planned_round, self._surroundings.lasting()[0]):
             self._planning = None  # what it is being made round is gone, so that it is worth nothing
         if self._planning is None:
-            self._planned_ns, self._planning = now_ns, self._planned(pose)
+            self._planned_ns, self._planning = now_ns, self._planned(now_ns)
         for _ in self._planning:
+            if self._planner is not None and self._planner.holds_anywhere:
+                return self._path is not None and not self._stands_to_plan
             self._stops_to_plan = self._rested < _RESTED_TICKS
             return False
-        self._planning = None
+        self._planning, self._stands_to_plan = None, False
         return True
 
-    def _planned(self, pose: Pose2) -> Slices[None]:
-        """A new path over the map and what is in the way now; while there is none, the chair waits."""
+    def _planned(self, now_ns: int) -> Slices[None]:
+        """A new path over the map and what is in the way now; while there is none, the chair waits.
+
+        A field that is not found in time changes nothing: the path there is is kept.
+        """
         assert self._planner is not None
         upright, layered = self._surroundings.lasting()
         self._planned_round = upright
-        news = len(upright) or any(len(points) for _, points in layered)
+        foreseen = self._people.under_way(self._map_from_odom).tracks
+        news = len(upright) or any(len(points) for _, points in layered) or foreseen
         path = None
         try:
             if self._plans == 0:  # a goal that the map alone rules out is refused, not waited for
                 costmap = self._drawn.costmap()
                 check_goal(costmap, self._body, self._planner.goal)
-                path = yield from self._planner.replan_in_slices(costmap, pose)
+                path = yield from self._planner.replan_in_slices(costmap, self._pose, go_on=self._until(now_ns))
         except PlanningError as error:
             self.cancel(str(error))
             return
         try:
             if news or path is None:
-                path = yield from self._path_among(pose, upright, layered)
+                path = yield from self._path_among(now_ns, upright, layered)
+        except NotConverged as error:
+            self._no_way = str(error)
+            return
         except PlanningError as error:
             self._path, self._leg, self._no_way = None, None, str(error)
             return
@@ -466,18 +448,31 @@ class Navigator:
         self._path, self._legs, self._leg, self._plans = path, legs, leg, self._plans + 1
 
     def _path_among(
-        self, pose: Pose2, upright: FloatArray, layered: Sequence[tuple[BodyLayer, FloatArray]]
+        self, now_ns: int, upright: FloatArray, layered: Sequence[tuple[BodyLayer, FloatArray]]
     ) -> Slices[Path]:
         """A path round what is in the way now; what stands at a goal that is still far may be gone by then."""
         assert self._planner is not None
-        goal, among_people = self._planner.goal, self._among_people
-        costmap = self._drawn.costmap(upright, layered)
+        goal = self._planner.goal
         try:
-            return (yield from self._planner.replan_in_slices(costmap, pose, among_people))
+            return (yield from self._path_over(now_ns, self._drawn.costmap(upright, layered)))
         except GoalOccupied:
-            if math.hypot(goal.x - pose.x, goal.y - pose.y) < self.settings.waits_from:
+            if math.hypot(goal.x - self._here.x, goal.y - self._here.y) < self.settings.waits_from:
                 raise
         room = self._body.circumscribed_radius + self.settings.costmap.inflation_radius
         layered = [(layer, points[np.hypot(*(points - (goal.x, goal.y)).T) > room]) for layer, points in layered]
         upright = upright[np.hypot(*(upright - (goal.x, goal.y)).T) > room]
-        return (yield from self._planner.replan_in_slices(self._drawn.costmap(upright, layered), pose, among_people))
+        return (yield from self._path_over(now_ns, self._drawn.costmap(upright, layered)))
+
+    def _path_over(self, now_ns: int, costmap: Costmap) -> Slices[Path]:
+        """A path over a costmap among those who are on their way."""
+        assert self._planner is not None
+        people, cruise = self._people.under_way(self._map_from_odom), self.settings.dwa.max_speed
+        return self._planner.replan_among(costmap, self._pose, people, cruise, self._among_people, self._until(now_ns))
+
+    def _pose(self) -> Pose2:
+        """Where the chair is now, in map."""
+        return self._here
+
+    def _until(self, began_ns: int) -> Callable[[], bool]:
+        """Whether there still is time for a field begun at some time."""
+        return lambda: (self._stepped_ns or 0) - began_ns < self.settings.longest_field * 1e9

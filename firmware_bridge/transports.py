@@ -13,6 +13,7 @@ import socket
 import time
 import tty
 from collections.abc import Callable
+from pathlib import Path
 from typing import Protocol
 
 from waychair.errors import TransportError
@@ -198,7 +199,7 @@ def transport_from_text(text: str, what: str = "a port") -> Transport:
     """The open port of /dev/ttyUSB0, pty:PATH or tcp:HOST:PORT; `what` is its name where it is none of these.
 
     Raises:
-        TransportError: it is none of these, or cannot be opened.
+        TransportError: it is none of these, cannot be opened, or a pseudo-terminal's link has outlived it.
     """
     kind, _, rest = text.partition(":")
     if kind == "tcp":
@@ -209,7 +210,21 @@ def transport_from_text(text: str, what: str = "a port") -> Transport:
     path = rest if kind == "pty" else text
     if not path.startswith("/"):
         raise TransportError(f"{what} must be /dev/..., pty:/dev/pts/N or tcp:HOST:PORT, not '{text}'")
+    if kind == "pty" and _is_older_than_its_terminal(Path(path)):
+        raise TransportError(f"{path} leads to another program's terminal: start the program that made it again")
     return SerialTransport(path)
+
+
+def _is_older_than_its_terminal(link: Path) -> bool:
+    """Whether a link was made before the terminal that it leads to now.
+
+    Of a program that was killed the link stays, and the number of its terminal is given to whoever asks next (pts(4)):
+    who goes by the link would talk to a stranger's board, and take its answers away from it.
+    """
+    try:
+        return link.is_symlink() and link.stat().st_ctime_ns > link.lstat().st_mtime_ns
+    except OSError:
+        return False  # there is no terminal: the attempt to open it says so
 
 
 class Reconnecting:

@@ -51,10 +51,12 @@ from waychair.planning.motion import (
     DwaSettings,
     Motion,
     braking,
+    braking_hard,
     change_within,
     crawling,
     slowing_speed,
     standing,
+    stop_time,
     stopping,
     towards,
 )
@@ -144,7 +146,10 @@ def choose(
     longest = min(settings.max_speed * settings.horizon, _FAR)
     scores = comfortable_score(features, settings.weights, longest, settings.max_speed)
     scores = np.where(features.admissible, scores, -np.inf)
-    return _best(candidates, scores, ahead, command, shape, distances, settings, motion)
+    best = _best(candidates, scores, ahead, command, shape, distances, settings, motion)
+    if best.blocked and _meets_somebody(command, ahead, tracks, shape, distances, settings):
+        return replace(best, twist=braking_hard(command, settings))
+    return best
 
 
 def rotate_to_heading(
@@ -268,17 +273,45 @@ def _with_people(
     """
     if not tracks:
         return features
-    people = np.array([track.row(settings.reaction_time) for track in tracks])
-    people[:, :2] = poses_in_cells(distances, np.column_stack([people[:, :2], np.zeros(len(people))]))[:, :2]
-    people[:, 2:4] = people[:, 2:4] @ rotation(distances.map_from_grid.theta) / shape.cell
     needed = np.minimum(_time_needed(features.candidates, settings), settings.horizon)
     tried = np.concatenate([features.candidates, np.zeros((1, 2))])  # the last one stands
-    met = people_ahead(shape, in_cells(distances, ahead), tried, people, settings.horizon)
+    met = _met(tried, ahead, tracks, shape, distances, settings)
     met, stood = met[:-1], met[-1]
     stands = (features.candidates == 0.0).all(axis=1)
     in_time = met[:, 0] > needed + _COURTESY
     better = (met[:, 0] > np.maximum(needed, stood[0])) & (met[:, 1] >= stood[1])
     return replace(features, admissible=features.admissible & (in_time | stands | better), people_gap=met[:, 1])
+
+
+def _meets_somebody(
+    command: Twist,
+    ahead: Pose2,
+    tracks: Sequence[Track],
+    shape: Footprint,
+    distances: DistanceField,
+    settings: DwaSettings,
+) -> bool:
+    """Whether a chair that brakes in comfort would still be under way when it meets somebody."""
+    if not tracks or standing(command):
+        return False
+    present = np.array([[command.v, command.omega]])
+    return bool(_met(present, ahead, tracks, shape, distances, settings)[0, 0] < stop_time(command, settings))
+
+
+def _met(
+    candidates: FloatArray,
+    ahead: Pose2,
+    tracks: Sequence[Track],
+    shape: Footprint,
+    distances: DistanceField,
+    settings: DwaSettings,
+) -> FloatArray:
+    """(N, 2) when [s] each candidate meets a person, who goes on as now, and the least gap [m]; see `people_ahead`."""
+    people = np.array([track.row(settings.reaction_time) for track in tracks])
+    people[:, :2] = poses_in_cells(distances, np.column_stack([people[:, :2], np.zeros(len(people))]))[:, :2]
+    people[:, 2:4] = people[:, 2:4] @ rotation(distances.map_from_grid.theta) / shape.cell
+    met: FloatArray = people_ahead(shape, in_cells(distances, ahead), candidates, people, settings.horizon)
+    return met
 
 
 def _leaves(features: Features, ahead: Pose2, roomier: Footprint, distances: DistanceField) -> BoolArray:

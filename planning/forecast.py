@@ -3,13 +3,12 @@
 The source paper names as its own weakness that somebody who crosses far ahead re-routes the chair sideways or even
 backwards, and as its remedy an occupancy that reflects a time window into the future. Here each cell holds the share of
 that window for which somebody is expected on it; it makes the cell dearer, never impassable. And a way round is taken
-only where it costs less time than waiting does.
+only where it gets there sooner than waiting does.
 """
 
 from __future__ import annotations
 
 import math
-from collections.abc import Iterable
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -19,49 +18,55 @@ from waychair.geometry import transform_points
 from waychair.planning.costmap import Costmap
 from waychair.planning.grid_graph import MAX_PRICE
 from waychair.planning.tracks import Track
-from waychair.types import Float32Array, FloatArray, OccupancyGrid
+from waychair.types import BoolArray, Float32Array, FloatArray, OccupancyGrid
 
 
 @dataclass(frozen=True, slots=True)
 class ForecastSettings(Settings):
     """How far ahead people are expected to go on, and what being in their way is worth."""
 
-    window: float = setting(4.0, "s", "of time looked ahead", low=0.1, high=60.0)
+    window: float = setting(4.0, "s", "of time looked ahead; 0: nobody is foreseen", low=0.0, high=60.0)
     step: float = setting(0.2, "s", "between two looks", low=0.02, high=5.0)
-    room: float = setting(0.3, "m", "kept round a person, beyond the chair's half width", low=0.0, high=2.0)
     dearer: float = setting(20.0, "", "times the price where somebody is expected all the time", low=0.0, high=900.0)
+
+    def looks(self) -> FloatArray:
+        """(T,) the times [s] in the window that are looked at, from now on."""
+        return np.arange(0.0, self.window + 1e-9, self.step) if self.window else np.empty(0)
+
+
+@dataclass(frozen=True, slots=True)
+class People:
+    """Those who are on their way, as `tracks` in map, and the distance [m] to be kept from the middle of each."""
+
+    tracks: tuple[Track, ...]
+    radius: float
 
 
 def predicted_occupancy(
-    tracks: Iterable[Track], grid: OccupancyGrid, radius: float, settings: ForecastSettings = ForecastSettings()
+    people: People, grid: OccupancyGrid, settings: ForecastSettings = ForecastSettings()
 ) -> Float32Array:
-    """(H, W) in [0, 1]: the share of the window for which somebody is within `radius` [m] of a cell's middle.
+    """(H, W) in [0, 1]: the share of the window for which somebody is within their radius of a cell's middle.
 
-    `tracks` are in the grid's map; they go on as they go. How uncertain their speed is widens what they may take up by
-    one sigma; the share is less by as much as the disc is larger, as they are somewhere in it.
+    They go on as they go. How uncertain their speed is widens what they may take up by one sigma; the share is less by
+    as much as the disc is larger, as they are somewhere in it.
     """
     share = np.zeros(grid.cells.shape, np.float32)
-    looks = np.arange(0.0, settings.window + 1e-9, settings.step)
     grid_from_map = grid.map_from_grid.inverse()
-    for track in tracks:
-        taken = np.zeros_like(share)
-        for seconds in looks:
-            x, y, _, _, _, grows = track.row(float(seconds)).tolist()
-            middle = transform_points(grid_from_map, np.array([[x, y]]))[0] / grid.resolution
-            wide = radius + seconds * grows
-            _add_disc(taken, middle, wide / grid.resolution, (radius / wide) ** 2 / len(looks))
-        share = 1 - (1 - share) * (1 - np.minimum(taken, 1))
-    return share.astype(np.float32)
-
-
-def _add_disc(into: Float32Array, middle: FloatArray, radius: float, value: float) -> None:
-    low = np.maximum(np.floor(middle - radius).astype(int), 0)
-    high = np.minimum(np.ceil(middle + radius).astype(int) + 1, into.shape[::-1])
-    if (low >= high).any():
-        return
-    x, y = np.meshgrid(np.arange(low[0], high[0]) + 0.5, np.arange(low[1], high[1]) + 0.5)
-    within = np.hypot(x - middle[0], y - middle[1]) <= radius
-    into[low[1] : high[1], low[0] : high[0]] += np.float32(value) * within
+    looks = settings.looks()
+    for track in people.tracks:
+        at = track.position + looks[:, None] * track.velocity
+        middles = transform_points(grid_from_map, at) / grid.resolution
+        radii = (people.radius + looks * track.speed_sigma) / grid.resolution
+        low = np.clip(np.floor((middles - radii[:, None]).min(axis=0)).astype(int), 0, share.shape[::-1])
+        high = np.clip(np.ceil((middles + radii[:, None]).max(axis=0)).astype(int) + 1, low, share.shape[::-1])
+        x, y = np.arange(low[0], high[0]) + 0.5, np.arange(low[1], high[1])[:, None] + 0.5
+        taken = np.zeros((high[1] - low[1], high[0] - low[0]))
+        for (middle_x, middle_y), radius in zip(middles.tolist(), radii.tolist(), strict=True):
+            within = (x - middle_x) ** 2 + (y - middle_y) ** 2 <= radius**2
+            taken += within * ((people.radius / (radius * grid.resolution)) ** 2 / len(looks))
+        part = share[low[1] : high[1], low[0] : high[0]]
+        part[:] = 1 - (1 - part) * (1 - np.minimum(taken, 1))
+    return share
 
 
 def with_forecast(
@@ -71,28 +76,37 @@ def with_forecast(
 
     The harmonic field takes the price as absorption, so that the prediction bends it as it bends D* Lite's way.
     """
-    dearer = costmap.prices * (1.0 + settings.dearer * occupancy.astype(np.float64))
-    return replace(costmap, prices=np.minimum(np.rint(dearer), MAX_PRICE).astype(np.int32))
+    prices, expected = costmap.prices.copy(), np.nonzero(occupancy)
+    dearer = prices[expected] * (1.0 + settings.dearer * occupancy[expected].astype(np.float64))
+    prices[expected] = np.minimum(np.rint(dearer), MAX_PRICE).astype(np.int32)
+    return replace(costmap, prices=prices)
 
 
-def waits(direct_m: float, round_m: float, wait_s: float, cruise: float) -> bool:
-    """Whether to wait `wait_s` [s] and go the direct way [m] rather than the way round [m], both at `cruise` [m/s].
+def arrival(
+    people: People, points: FloatArray, cruise: float, settings: ForecastSettings = ForecastSettings()
+) -> tuple[float, float]:
+    """When a path of points (N, 2) [m] in map is done at a speed [m/s], and how much of that is waiting at its start [s].
 
-    With no way round (infinite) it waits; for a wait without end (infinite) it does not, unless there is no other way.
+    One waits until the whole way can be gone without meeting anybody; both are infinite where that is not within the
+    window. Of whoever is on the way at the window's end nothing is known but that: they may stay there.
     """
-    return math.isinf(round_m) or wait_s <= (round_m - direct_m) / cruise
+    along = np.concatenate([[0.0], np.hypot(*np.diff(points, axis=0).T).cumsum()]) / cruise
+    taken = _taken(people, points, settings)
+    if not taken.any():
+        return float(along[-1]), 0.0
+    looks = settings.looks()
+    for wait in looks.tolist():
+        there = np.searchsorted(looks, wait + along, side="right") - 1
+        if not taken[there, np.arange(len(points))].any():
+            return float(along[-1]) + wait, wait
+    return math.inf, math.inf
 
 
-def passing_time(tracks: Iterable[Track], points: FloatArray, radius: float, settings: ForecastSettings) -> float:
-    """Time [s] until nobody is expected within `radius` [m] of a path's points (N, 2) in map, inf beyond the window.
-
-    0 where nobody is in the way now or in the window.
-    """
-    clear_at = 0.0
-    looks = np.arange(0.0, settings.window + 1e-9, settings.step)
-    for track in tracks:
-        for seconds in looks:
-            at = track.row(float(seconds))[:2]
-            if np.hypot(*(points - at).T).min(initial=math.inf) <= radius:
-                clear_at = max(clear_at, float(seconds) + settings.step)
-    return math.inf if clear_at > settings.window else clear_at
+def _taken(people: People, points: FloatArray, settings: ForecastSettings) -> BoolArray:
+    """(T, N) at which of the looks somebody is expected too near to which of the points (N, 2)."""
+    looks = settings.looks()
+    taken = np.zeros((len(looks), len(points)), np.bool_)
+    for track in people.tracks:
+        at = track.position + looks[:, None] * track.velocity
+        taken |= np.hypot(*(points - at[:, None]).transpose(2, 0, 1)) <= people.radius
+    return taken

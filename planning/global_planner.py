@@ -3,7 +3,8 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
+from contextlib import suppress
 from dataclasses import dataclass, field, replace
 from itertools import pairwise
 
@@ -11,19 +12,30 @@ import numpy as np
 
 from waychair.calibration.chair import ChairBody
 from waychair.config import Settings, setting
-from waychair.errors import ConfigError, GoalOccupied, GoalOutsideMap, NoPath, StartOccupied, StartOutsideMap
+from waychair.errors import (
+    ConfigError,
+    GoalOccupied,
+    GoalOutsideMap,
+    NoPath,
+    PlanningError,
+    StartOccupied,
+    StartOutsideMap,
+)
 from waychair.geometry import transform_points
 from waychair.maps.grid import cells_from_points, inside, points_from_cells
 from waychair.planning.costmap import Costmap, check_free_space
 from waychair.planning.footprint import fits
+from waychair.planning.forecast import ForecastSettings, People, arrival, predicted_occupancy, with_forecast
 from waychair.planning.grid_graph import Cell
-from waychair.planning.grid_planner import HARMONIC, GridPlanner, grid_planner
+from waychair.planning.grid_planner import HARMONIC, GridPlanner, grid_planner, prepared
+from waychair.planning.harmonic import HarmonicSettings
+from waychair.planning.laplace_solvers import GoOn
 from waychair.planning.legs import Door, Leg, Manner, whole
 from waychair.planning.narrows import legs_between_turns, line_up, tight_doors
 from waychair.planning.route import RouteSettings, checked, door_leg
 from waychair.planning.rubber_band import BandSettings, band
 from waychair.planning.slices import Slices, finished
-from waychair.planning.smoothing import pull_taut, round_corners
+from waychair.planning.smoothing import line_cost, pull_taut, round_corners
 from waychair.types import FloatArray, IntArray, Path, Pose2
 
 
@@ -42,6 +54,8 @@ class PlannerSettings(Settings):
     exactly: bool = setting(True, "", "tight turns are planned, and the last metre is kept to exactly")
     run_up: float = setting(1.0, "m", "straight way before the middle of a door", low=0.1, high=3.0)
     turn_from: float = setting(1.2, "rad", "sharper corners at a door are turned in place", low=0.2, high=3.2)
+    harmonic: HarmonicSettings = field(default_factory=HarmonicSettings)
+    forecast: ForecastSettings = field(default_factory=ForecastSettings)
     route: RouteSettings = field(default_factory=RouteSettings)
     band: BandSettings = field(default_factory=BandSettings)
 
@@ -93,6 +107,7 @@ class GlobalPlanner:
         self._costmap: Costmap | None = None
         self._search: GridPlanner | None = None
         self.legs: tuple[Leg, ...] = ()
+        self.holds_anywhere = False
         self._distrusted: list[Door] = []
 
     def distrust(self, door: Door) -> None:
@@ -113,37 +128,82 @@ class GlobalPlanner:
 
         Raises:
             NoFreeSpace, StartOutsideMap, StartOccupied, GoalOutsideMap, GoalOccupied, NoPath.
+            MapTooLarge, NotConverged: by the harmonic planner.
         """
-        return finished(self.replan_in_slices(costmap, start))
+        return finished(self.replan_in_slices(costmap, lambda: start))
 
-    def replan_in_slices(self, costmap: Costmap, start: Pose2, among_people: bool = False) -> Slices[Path]:
-        """The same in bounded parts: the way over the cells is found in the first, tight turns take more.
+    def replan_in_slices(
+        self, costmap: Costmap, start: Callable[[], Pose2], among_people: bool = False, go_on: GoOn | None = None
+    ) -> Slices[Path]:
+        """The same in bounded parts: the harmonic field, then the way over the cells, then tight turns.
 
-        `among_people` no tight turns are made of where they stand now, and no line is kept to that they may cross:
-        whether the rectangle passes is left to the local planner.
+        The field holds from wherever the chair is by then, so that `start` is asked anew; while `holds_anywhere` it may
+        go on by the plan it has. `go_on` says whether there is time for more of it. `among_people` no tight turns are
+        made of where they stand now, and no line is kept to that they may cross: whether the rectangle passes is left
+        to the local planner.
         """
-        check_free_space(costmap)
-        start_cell = _start_cell(costmap, start, self.settings.start_reach)
-        goal_cell = _goal_cell(costmap, self.goal)
-        search = self._updated_search(costmap, start_cell, goal_cell)
+        try:
+            self.holds_anywhere = True
+            yield from prepared(self._search_over(costmap, start()), go_on)
+        finally:
+            self.holds_anywhere = False
+        here = start()
+        search = self._search_over(costmap, here)
         try:
             self.cost = search.replan()
         except NoPath as error:
             raise NoPath(
-                f"no way wide enough for the chair leads from ({start.x:.2f}, {start.y:.2f}) to "
+                f"no way wide enough for the chair leads from ({here.x:.2f}, {here.y:.2f}) to "
                 f"({self.goal.x:.2f}, {self.goal.y:.2f}); clear the way or choose another goal"
             ) from error
         settings = replace(self.settings, exactly=self.settings.exactly and not among_people)
-        self.legs = yield from _legs_from_cells(costmap, search.path(), start, self.goal, settings, self._distrusted)
+        self.legs = yield from _legs_from_cells(costmap, search.path(), here, self.goal, settings, self._distrusted)
         return whole(self.legs)
+
+    def replan_among(
+        self,
+        costmap: Costmap,
+        start: Callable[[], Pose2],
+        people: People,
+        cruise: float,
+        near: bool = False,
+        go_on: GoOn | None = None,
+    ) -> Slices[Path]:
+        """As `replan_in_slices` among people who are on their way, who may be `near`: foreseen, not walls.
+
+        The direct way is taken where nobody is met on it at `cruise` [m/s], or where a way round them, over the costmap
+        with their forecast, is done no sooner than waiting and the direct way.
+        """
+        direct = yield from self.replan_in_slices(costmap, start, near, go_on)
+        forecast = self.settings.forecast
+        direct_s, wait_s = arrival(people, direct.poses[:, :2], cruise, forecast)
+        if wait_s == 0.0:
+            return direct
+        legs = self.legs
+        expected = with_forecast(costmap, predicted_occupancy(people, costmap.grid, forecast), forecast)
+        with suppress(PlanningError):  # then there is no way round
+            around = yield from self.replan_in_slices(expected, start, near, go_on)
+            if arrival(people, around.poses[:, :2], cruise, forecast)[0] < direct_s:
+                return around
+        self.legs = legs
+        return direct
+
+    def _search_over(self, costmap: Costmap, start: Pose2) -> GridPlanner:
+        """The search over a costmap from the start."""
+        check_free_space(costmap)
+        start_cell = _start_cell(costmap, start, self.settings.start_reach)
+        return self._updated_search(costmap, start_cell, _goal_cell(costmap, self.goal))
 
     def _updated_search(self, costmap: Costmap, start: Cell, goal: Cell) -> GridPlanner:
         """The search over these prices, made anew only when the grid is another one."""
         before, self._costmap = self._costmap, costmap
         if self._search is None or before is None or not _same_geometry(before, costmap):
-            self._search = grid_planner(self.settings.planner)(costmap.prices, goal, start, costmap.barred)
+            make = grid_planner(self.settings.planner, self.settings.harmonic)
+            self._search = make(costmap.prices, goal, start, costmap.barred)
             return self._search
         self._search.move_start(start)
+        if before is costmap:
+            return self._search
         changed = np.argwhere(costmap.prices != before.prices)
         if len(changed):
             self._search.update(changed, costmap.prices[changed[:, 0], changed[:, 1]])
@@ -237,6 +297,7 @@ def _legs_from_cells(
     chain = np.concatenate([chain[:-1] if len(chain) > 1 else chain, ends[1:]])
     taut = _evenly_spaced(_pulled(costmap, chain, settings), settings.spacing / cell)
     legs: list[Leg] = []
+    leaves: float | None = None
     here, begin, widest = start, 0, costmap.body.width + settings.route.door_slack
     for first, _, door in tight_doors(costmap, taut, settings.narrow, widest):
         through = None if _is_one_of(door, distrusted) else door_leg(costmap, door, here, goal)
@@ -245,16 +306,22 @@ def _legs_from_cells(
         entry, leaving = transform_points(grid_from_map, through.path.poses[[0, -1], :2]) / cell
         if math.dist(through.path.poses[0, :2], (here.x, here.y)) > settings.spacing / 2:
             before = begin + _nearest(taut[begin : max(first, begin + 1)], entry)
-            chunk = np.concatenate([taut[begin : before + 1], entry[None]])
-            legs += _free_legs(costmap, chunk, float(through.path.poses[0, 2]), settings)
+            chunk = taut[begin : before + 1]
+            swung = _swung(costmap, chunk, entry, leaving - entry) if settings.smoothing == "band" else None
+            chunk = np.concatenate([chunk if swung is None else swung, entry[None]])
+            heading = float(through.path.poses[0, 2])
+            legs += _free_legs(costmap, chunk, heading, settings, leaves, straight_in=swung is not None)
         legs.append(through)
         here = Pose2(*through.path.poses[-1])
         begin = first + _nearest(taut[first:], leaving)
         beyond = taut[begin + 1 :]
         if not len(beyond) and math.dist(taut[begin], leaving) > settings.spacing / cell:
             beyond = taut[begin:]  # the goal itself, which is not yet reached
+        swung = _swung(costmap, beyond[::-1], leaving, entry - leaving) if settings.smoothing == "band" else None
+        leaves = None if swung is None else float(through.path.poses[-1, 2])
+        beyond = beyond if swung is None else swung[::-1]
         taut = np.concatenate([taut[:begin], leaving[None], beyond])
-    legs += _free_legs(costmap, taut[begin:], goal.theta, settings)
+    legs += _free_legs(costmap, taut[begin:], goal.theta, settings, leaves)
     _join(legs)
     if settings.narrow == 0.0 or not settings.exactly:  # whether the rectangle passes is left to the local planner
         return tuple(legs)
@@ -272,9 +339,17 @@ _SAME = 0.3
 """Doors whose middles are no farther apart [m] are one, seen in another plan."""
 
 
-def _free_legs(costmap: Costmap, points: FloatArray, heading: float, settings: PlannerSettings) -> list[Leg]:
+def _free_legs(
+    costmap: Costmap,
+    points: FloatArray,
+    heading: float,
+    settings: PlannerSettings,
+    leaves: float | None = None,
+    straight_in: bool = False,
+) -> list[Leg]:
     """Legs along points [cells], lined up with what is narrow, corners rounded, the last one ending in a heading.
 
+    A band leaves the first point in the direction `leaves` [rad], and arrives at the last `straight_in` its heading.
     Corners at which the chair is to turn in place are not rounded: there one leg ends and the next begins.
     """
     cell = costmap.grid.resolution
@@ -282,8 +357,10 @@ def _free_legs(costmap: Costmap, points: FloatArray, heading: float, settings: P
     taut = _evenly_spaced(_pulled(costmap, points, settings), spacing)
     lined_up, run_ends = line_up(costmap, taut, settings.narrow, settings.run_up)
     parts = []
-    for part in legs_between_turns(costmap, lined_up, run_ends, settings.turn_from):
-        rounded = _rounded(costmap, _evenly_spaced(part, spacing), settings)
+    cut = legs_between_turns(costmap, lined_up, run_ends, settings.turn_from)
+    for k, part in enumerate(cut):
+        ends = (leaves if k == 0 else None, heading if straight_in and k == len(cut) - 1 else None)
+        rounded = _rounded(costmap, _evenly_spaced(part, spacing), settings, ends)
         at = transform_points(costmap.grid.map_from_grid, rounded * cell)
         parts.append(np.column_stack([at, _headings(at)]))
     for part, following in pairwise(parts):
@@ -299,12 +376,25 @@ def _pulled(costmap: Costmap, points: FloatArray, settings: PlannerSettings) -> 
     return points[pull_taut(costmap.prices, points, costmap.barred)]
 
 
-def _rounded(costmap: Costmap, points: FloatArray, settings: PlannerSettings) -> FloatArray:
-    """The points with their corners rounded, by the price of the cells or, along the band, for the rectangle."""
+def _rounded(
+    costmap: Costmap, points: FloatArray, settings: PlannerSettings, ends: tuple[float | None, float | None]
+) -> FloatArray:
+    """The points with their corners rounded, by the price of the cells or, along the band, for the rectangle.
+
+    `ends` are the headings [rad] in map that a band has at its ends, if they are given.
+    """
     if settings.smoothing == "none":
         return points
-    rounded = round_corners(costmap.prices, points, settings.rounding)
-    return band(costmap, rounded, settings.band) if settings.smoothing == "band" else rounded
+    if ends == (None, None):
+        points = round_corners(costmap.prices, points, settings.rounding)
+    if settings.smoothing != "band":
+        return points
+    # with an end that is given there is a curve already, which must not be cut
+    turned = costmap.grid.map_from_grid.theta
+    leaves, arrives = (
+        None if end is None else np.array([math.cos(end - turned), math.sin(end - turned)]) for end in ends
+    )
+    return band(costmap, points, settings.band, leaves, arrives)
 
 
 def _join(legs: list[Leg]) -> None:
@@ -315,6 +405,33 @@ def _join(legs: list[Leg]) -> None:
             here[:2] = there[:2]
         else:
             there[:2] = here[:2]
+
+
+def _swung(costmap: Costmap, points: FloatArray, end: FloatArray, direction: FloatArray) -> FloatArray | None:
+    """Points [cells] that lead to beside the end of a door's leg, their last part swung into its direction (2,).
+
+    That part is a cubic Bezier curve, so that a band has no corner there to begin with. None where no such curve is
+    free, and where the chair would come from ahead: there it turns on the spot.
+    """
+    cell, along = costmap.grid.resolution, direction / np.hypot(*direction)
+    for k in range(len(points) - 1):
+        reach = math.dist(points[k], end)
+        way = end - points[max(k - 4, 0)]
+        if reach * cell > _SWING or way @ along < 0.2 * np.hypot(*way):
+            continue
+        into = points[min(k + 1, len(points) - 1)] - points[max(k - 4, 0)]
+        second, third = points[k] + 0.4 * reach * into / np.hypot(*into), end - 0.5 * reach * along
+        t = np.linspace(0.0, 1.0, math.ceil(reach) + 2)[1:-1, None]
+        curve = (1 - t) ** 3 * points[k] + 3 * t * (1 - t) ** 2 * second + 3 * t**2 * (1 - t) * third + t**3 * end
+        swung = np.concatenate([points[: k + 1], curve])
+        line = np.concatenate([swung[k:], end[None]])
+        if all(line_cost(costmap.prices, *a, *b) < math.inf for a, b in pairwise(line.tolist())):
+            return swung
+    return None
+
+
+_SWING = 1.6
+"""Way [m] before and after a door's leg in which a band turns into its direction."""
 
 
 def _nearest(points: FloatArray, point: FloatArray) -> int:

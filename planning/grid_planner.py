@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
+from functools import partial
 from types import MappingProxyType
 from typing import Protocol
 
@@ -10,7 +11,10 @@ from waychair.errors import ConfigError, GoalOccupied, GoalOutsideMap, NoFreeSpa
 from waychair.planning.dstar_lite import DStarLite
 from waychair.planning.grid_graph import Cell, Prices
 from waychair.planning.grid_search import AStar, Dijkstra, GridPath
+from waychair.planning.harmonic import HarmonicSettings
 from waychair.planning.harmonic_search import HarmonicSearch
+from waychair.planning.laplace_solvers import GoOn
+from waychair.planning.slices import Slices
 from waychair.types import Bytes, IntArray
 
 
@@ -48,17 +52,29 @@ HARMONIC = "harmonic"
 """The planner that follows a potential rather than the cheapest way."""
 
 
-def grid_planner(name: str) -> GridPlannerFactory:
+def grid_planner(name: str, harmonic: HarmonicSettings | None = None) -> GridPlannerFactory:
     """The planner of this name: one of those that find the cheapest way, or the harmonic one, which keeps more clear.
+
+    `harmonic` are the settings of that one.
 
     Raises:
         ConfigError: there is none.
     """
     if name == HARMONIC:
-        return HarmonicSearch
+        return partial(HarmonicSearch, settings=harmonic)
     if name not in GRID_PLANNERS:
         raise ConfigError(f"there is no planner '{name}'; choose {', '.join(GRID_PLANNERS)}, {HARMONIC}")
     return GRID_PLANNERS[name]
+
+
+def prepared(planner: GridPlanner, go_on: GoOn | None = None) -> Slices[None]:
+    """Do, in slices, what would hold the next `replan` up: the harmonic planner solves its field, the others search.
+
+    Raises:
+        MapTooLarge, NotConverged: see `HarmonicSearch.prepare`.
+    """
+    if isinstance(planner, HarmonicSearch):
+        yield from planner.prepare(go_on)
 
 
 def plan_on_cells(prices: Prices, start: Cell, goal: Cell, planner: str = "dstar-lite") -> GridPath:

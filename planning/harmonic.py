@@ -23,6 +23,7 @@ from waychair.planning.grid_graph import Cell
 from waychair.planning.laplace_solvers import GoOn, Problem, SolverSettings, System, check_memory, run_solver
 from waychair.planning.log_relay import Indices, log_sweep, spread
 from waychair.planning.multigrid import finest_level
+from waychair.planning.slices import Parts, finished
 from waychair.types import BoolArray, Bytes, Float32Array, FloatArray, IntArray
 
 _NO_BARS = np.empty((0, 0), np.uint8)
@@ -44,6 +45,9 @@ class HarmonicSettings(Settings):
     )
     stages: int = setting(1000, "", "after which the rest is only bounded from below", low=0, high=100_000)
     step: float = setting(0.4, "cells", "of a streamline", low=0.05, high=1.0)
+    slice: int = setting(
+        1_000_000, "", "so many cells are visited in one control step, some three milliseconds", low=1, high=10**9
+    )
 
 
 @dataclass(frozen=True, slots=True)
@@ -72,6 +76,21 @@ def log_field(
 ) -> LogField:
     """The field of a problem in logarithms; every connected cell but the goal has a strictly better neighbour.
 
+    See `log_field_in_parts`, which this does in one go.
+    """
+    return finished(log_field_in_parts(problem, settings, warm_start, until, barred, go_on))
+
+
+def log_field_in_parts(
+    problem: Problem,
+    settings: HarmonicSettings = HarmonicSettings(),
+    warm_start: LogField | None = None,
+    until: Cell | None = None,
+    barred: Bytes | None = None,
+    go_on: GoOn | None = None,
+) -> Parts[LogField]:
+    """The field of a problem in logarithms, in parts of a few milliseconds each.
+
     With a cell `until`, stages end when that one is solved. A `warm_start` of a similar problem saves the stages most
     of their work. `barred` (H, W) has the directions of one-way zones, as in `grid_graph`.
 
@@ -86,12 +105,15 @@ def log_field(
     reachable[order] = True
     logs = np.full(absorption.shape, -np.inf)
     logs[problem.goal] = 0.0
+    yield 4 * absorption.size
     stages, sweeps = 0, 0
     if barred is None:
-        stages, sweeps = _staged(problem, reachable.reshape(absorption.shape), logs, settings, warm_start, until, go_on)
+        free = reachable.reshape(absorption.shape)
+        stages, sweeps = yield from _staged(problem, free, logs, settings, warm_start, until, go_on)
     in_order = logs.ravel()[order]
     solved = int(np.isfinite(in_order).sum())
-    _finish(in_order, numbers, absorption.ravel()[order], _SMOOTHING if barred is None else _DIRECTED_SWEEPS)
+    smoothing = _SMOOTHING if barred is None else _DIRECTED_SWEEPS
+    yield from _finish(in_order, numbers, absorption.ravel()[order], smoothing)
     logs.ravel()[order] = in_order
     return LogField(logs, problem.goal, len(order), solved, stages, sweeps, bars)
 
@@ -104,7 +126,7 @@ def _staged(
     warm_start: LogField | None,
     until: Cell | None,
     go_on: GoOn | None,
-) -> tuple[int, int]:
+) -> Parts[tuple[int, int]]:
     """Find `logs` (H, W), in place, from the goal on; returns the stages and the sweeps that took."""
     stages, sweeps = 0, 0
     warm = warm_start.logs if warm_start is not None and warm_start.logs.shape == logs.shape else None
@@ -115,7 +137,7 @@ def _staged(
             break
         rows, columns = (slice(max(part.start - 1, 0), part.stop + 1) for part in boxes[0])
         box = (rows, columns)
-        found, done = _stage(
+        found, done = yield from _stage(
             np.where(unknown[box], problem.absorption[box], np.float32(np.inf)),
             logs[box],
             None if warm is None else warm[box],
@@ -131,7 +153,7 @@ def _staged(
 
 def _stage(
     absorption: Float32Array, known: FloatArray, warm: FloatArray | None, settings: HarmonicSettings, go_on: GoOn | None
-) -> tuple[FloatArray, int]:
+) -> Parts[tuple[FloatArray, int]]:
     """Logs (H, W) of the unknown cells that one solution tells well enough, -inf of the others; and its sweeps."""
     level = finest_level(absorption)
     free = level.inverse > 0
@@ -150,29 +172,42 @@ def _stage(
     if warm is not None:
         x[1:-1, 1:-1] = np.exp(np.minimum(warm - scale, 0.0))
         x[~free] = 0.0
-    _, sweeps = run_solver(settings.solver.solver, System(level, absorption, x, b, settings.solver, go_on))
+    yield 4 * x.size
+    _, sweeps = yield from run_solver(settings.solver.solver, System(level, absorption, x, b, settings.solver, go_on))
     told = x[1:-1, 1:-1] > settings.trusted * x.max()
     return np.where(told, np.log(x[1:-1, 1:-1], where=told, out=none.copy()) + scale, none), sweeps
 
 
-def _finish(logs: FloatArray, numbers: Indices, absorption: Float32Array, sweeps: int) -> None:
+def _finish(logs: FloatArray, numbers: Indices, absorption: Float32Array, sweeps: int) -> Parts[None]:
     """Fill what is not known of logs (N,), in the order of the steps from the goal, and let no cell be a summit.
 
     Raises:
         NotConverged: some cell still is.
     """
     diagonals = (4.0 + absorption).astype(np.float32)
-    count = len(logs)
     _fill(logs, numbers, diagonals)
+    yield 2 * len(logs)
     for sweep in range(sweeps):
-        log_sweep(logs, numbers, diagonals, 1, count, sweep % 2 == 0)
+        yield from _swept(logs, numbers, diagonals, sweep % 2 == 0)
     for repair in range(_REPAIRS):
         if not summits(logs, numbers):
             return
-        log_sweep(logs, numbers, diagonals, 1, count, repair % 2 == 0)
+        yield from _swept(logs, numbers, diagonals, repair % 2 == 0)
     raise NotConverged(
         f"{summits(logs, numbers)} cells of the field have no better neighbour; ask the solver for a smaller tolerance"
     )
+
+
+def _swept(logs: FloatArray, numbers: Indices, diagonals: Float32Array, forward: bool) -> Parts[None]:
+    """One sweep over logs (N,) but the goal's, in chunks."""
+    chunks = [(first, min(first + _CHUNK, len(logs))) for first in range(1, len(logs), _CHUNK)]
+    for first, last in chunks if forward else chunks[::-1]:
+        log_sweep(logs, numbers, diagonals, first, last, forward)
+        yield _LOG_PRICE * (last - first)
+
+
+_CHUNK, _LOG_PRICE = 100_000, 12
+"""Cells of one chunk of a sweep in logarithms, and the time each takes, beside one in the other passes."""
 
 
 @njit(cache=True, nogil=True)

@@ -19,8 +19,9 @@ from waychair.planning.grid_graph import (
     check_prices,
     padded_index,
 )
-from waychair.planning.harmonic import HarmonicSettings, LogField, descend, log_field
-from waychair.planning.laplace_solvers import Problem
+from waychair.planning.harmonic import HarmonicSettings, LogField, descend, log_field_in_parts
+from waychair.planning.laplace_solvers import GoOn, Problem
+from waychair.planning.slices import Slices, finished, sliced
 from waychair.types import Bytes, Float32Array, IntArray
 
 ABSORBED = 2e-3
@@ -71,24 +72,40 @@ class HarmonicSearch:
         self._prices[cells[:, 0], cells[:, 1]] = prices
         self._stale, self._cells = True, None
 
+    def prepare(self, go_on: GoOn | None = None) -> Slices[None]:
+        """Solve the field, in slices, if what it is of has changed; left off in between, the field before is kept.
+
+        Raises:
+            MapTooLarge, NotConverged: see `log_field_in_parts`.
+        """
+        if not self._connectable:
+            return
+        found = self._field
+        if found is None or self._stale or not np.isfinite(found.logs[self._start]):
+            problem = Problem(absorption_from_prices(self._prices), self._goal)
+            work = log_field_in_parts(problem, self._settings, found, self._start, self._barred, go_on)
+            found = yield from sliced(work, self._settings.slice)
+            self._field, self._stale = found, False
+            self.pops += found.sweeps * found.connected
+
     def replan(self) -> int:
         """Cost of the way that the field leads along, in the searches' unit, which is not the least.
 
         Raises:
             NoPath: the start is not connected to the goal.
-            MapTooLarge, NotConverged: see `log_field`.
+            MapTooLarge, NotConverged: see `prepare`.
         """
-        if self._prices[self._start] == 0 or self._prices[self._goal] == 0:
-            self._cells = None
+        self._cells = None
+        finished(self.prepare())
+        if self._field is None or not self._connectable:
             raise NoPath("start and goal are not connected by passable cells; clear the way or choose another goal")
-        found = self._field
-        if found is None or self._stale or not np.isfinite(found.logs[self._start]):
-            problem = Problem(absorption_from_prices(self._prices), self._goal)
-            found = log_field(problem, self._settings, self._field, self._start, self._barred)
-            self._field, self._stale = found, False
-            self.pops += found.sweeps * found.connected
-        self._cells = descend(found, self._start)
+        self._cells = descend(self._field, self._start)
         return _cost(self._prices, self._cells)
+
+    @property
+    def _connectable(self) -> bool:
+        """Whether neither end is impassable."""
+        return bool(self._prices[self._start] != 0 and self._prices[self._goal] != 0)
 
     def path(self) -> IntArray:
         """Cells (N, 2) of the plan in force; raises `NoPath`."""

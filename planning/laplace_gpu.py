@@ -17,7 +17,7 @@ import numba
 import numpy as np
 
 from waychair.errors import MissingExtra
-from waychair.planning.multigrid import COARSEST_SWEEPS, Level
+from waychair.planning.multigrid import COARSEST_SWEEPS, SMOOTHINGS, Level
 from waychair.types import FloatArray
 
 cuda: Any
@@ -107,18 +107,20 @@ def _v_cycle(k: _Kernels, grids: tuple[_Grid, ...]) -> None:
     def relax(grid: _Grid, colour: int) -> None:
         k.relax[grid.blocks, _BLOCK](grid.east, grid.south, grid.inverse, grid.x, grid.b, colour)
 
-    for grid, coarser in pairwise(grids):
+    for depth, (grid, coarser) in enumerate(pairwise(grids)):
         k.clear[grid.blocks, _BLOCK](grid.x)
-        relax(grid, 0)
-        relax(grid, 1)
+        for _ in range(SMOOTHINGS if depth else 1):
+            relax(grid, 0)
+            relax(grid, 1)
         k.rest[grid.blocks, _BLOCK](grid.east, grid.south, grid.inverse, grid.x, grid.b, grid.r)
         k.gather[coarser.blocks, _BLOCK](grid.r, coarser.b)
     last = grids[-1]
     k.relax_all[1, _BLOCK](last.east, last.south, last.inverse, last.x, last.b)
-    for coarser, grid in pairwise(grids[::-1]):
+    for depth, (grid, coarser) in reversed(list(enumerate(pairwise(grids)))):
         k.prolong[grid.blocks, _BLOCK](coarser.x, grid.x, grid.inverse)
-        relax(grid, 1)
-        relax(grid, 0)
+        for _ in range(SMOOTHINGS if depth else 1):
+            relax(grid, 1)
+            relax(grid, 0)
 
 
 class _Kernels(NamedTuple):

@@ -20,6 +20,7 @@ from waychair.config import Settings, setting
 from waychair.errors import ConfigError, GoalOccupied, GoalOutsideMap, MapTooLarge, NotConverged
 from waychair.planning.grid_graph import Cell
 from waychair.planning.multigrid import Level, apply, conjugate_gradients, finest_level, levels_from, relax
+from waychair.planning.slices import Parts, finished
 from waychair.types import BoolArray, Float32Array, FloatArray, IntArray
 
 GoOn = Callable[[], bool]
@@ -118,7 +119,8 @@ def solve(
     elif settings.initial:
         x[1:-1, 1:-1] = settings.initial
     x[level.inverse == 0] = 0.0
-    residual, sweeps = run_solver(solver, System(level, walls, x, b, settings, go_on, warm_start is not None))
+    system = System(level, walls, x, b, settings, go_on, warm_start is not None)
+    residual, sweeps = finished(run_solver(solver, system))
     v = x[1:-1, 1:-1].copy()
     v[problem.goal] = 1.0
     return Field(v, residual, sweeps)
@@ -137,13 +139,13 @@ class System:
     warm: bool = False
 
 
-def run_solver(solver: str, system: System) -> tuple[float, int]:
+def run_solver(solver: str, system: System) -> Parts[tuple[float, int]]:
     """Improve x in place till A x = b; returns the relative residual that is left, and the sweeps.
 
     Raises:
         NotConverged: as in `solve`.
     """
-    residual, sweeps = _SOLVERS[solver](system)
+    residual, sweeps = yield from _SOLVERS[solver](system)
     tolerance = system.settings.tolerance
     if not residual <= tolerance:
         raise NotConverged(
@@ -197,14 +199,15 @@ def _chosen(solver: str) -> str:
     return solver
 
 
-def _multigrid(system: System) -> tuple[float, int]:
+def _multigrid(system: System) -> Parts[tuple[float, int]]:
     x, b, s = system.x, system.b, system.settings
     if system.warm:
         residual = _solved_nearby(system.level, system.absorption, x, b, s.tolerance)
         if residual <= s.tolerance:
             return residual, 0
     levels = levels_from(system.level, system.absorption)
-    return conjugate_gradients(levels, x, b, s.tolerance, s.most_sweeps, system.go_on)
+    yield x.size
+    return (yield from conjugate_gradients(levels, x, b, s.tolerance, s.most_sweeps, system.go_on))
 
 
 def _solved_nearby(level: Level, absorption: Float32Array, x: FloatArray, b: FloatArray, tolerance: float) -> float:
@@ -248,11 +251,11 @@ def _solve_square(
     b[1:-1, 1:-1] = rest[inner]
     size = float(np.linalg.norm(b))
     if size > 0.0:
-        conjugate_gradients(levels, correction, b, min(0.1 * enough / size, 0.5), 30)
+        finished(conjugate_gradients(levels, correction, b, min(0.1 * enough / size, 0.5), 30))
         x[inner] += correction[1:-1, 1:-1]
 
 
-def _red_black(system: System) -> tuple[float, int]:
+def _red_black(system: System) -> Parts[tuple[float, int]]:
     """Successive over-relaxation; by default with the factor that is best for an empty square of the map's side."""
     level, x, b = system.level, system.x, system.b
     omega = system.settings.omega or 2.0 / (1.0 + math.sin(math.pi / max(x.shape)))
@@ -264,11 +267,11 @@ def _red_black(system: System) -> tuple[float, int]:
     return _swept(sweep, system)
 
 
-def _gauss_seidel(system: System) -> tuple[float, int]:
+def _gauss_seidel(system: System) -> Parts[tuple[float, int]]:
     return _swept(lambda: row_by_row(system.level, system.x, system.b), system)
 
 
-def _swept(sweep: Callable[[], None], system: System) -> tuple[float, int]:
+def _swept(sweep: Callable[[], None], system: System) -> Parts[tuple[float, int]]:
     level, x, b, settings, go_on = system.level, system.x, system.b, system.settings, system.go_on
     whole = float(np.linalg.norm(b)) or 1.0
     residual, done = math.inf, 0
@@ -280,6 +283,7 @@ def _swept(sweep: Callable[[], None], system: System) -> tuple[float, int]:
         for _ in range(min(_BETWEEN, settings.most_sweeps - done)):
             sweep()
             done += 1
+            yield x.size
 
 
 _BETWEEN = 10
@@ -297,7 +301,7 @@ def row_by_row(level: Level, x: FloatArray, b: FloatArray) -> None:
             x[i, j] = inverse[i, j] * (b[i, j] + across + along)
 
 
-def _direct(system: System) -> tuple[float, int]:
+def _direct(system: System) -> Parts[tuple[float, int]]:
     """Sparse LU without pivoting (SuperLU), which a diagonally dominant matrix does not need: nothing cancels."""
     from scipy.sparse import csc_matrix
     from scipy.sparse.linalg import splu
@@ -321,20 +325,22 @@ def _direct(system: System) -> tuple[float, int]:
         values.append(np.full(int(linked.sum()), -1.0))
     entries = (np.concatenate(values), (np.concatenate(rows), np.concatenate(columns)))
     matrix = csc_matrix(entries, shape=(count, count))
+    yield x.size
     factors = splu(matrix, permc_spec="MMD_AT_PLUS_A", diag_pivot_thresh=0.0, options={"SymmetricMode": True})
     x[free] = factors.solve(b[free])
     rest = b[free] - matrix @ x[free]
     return float(np.linalg.norm(rest) / (np.linalg.norm(b) or 1.0)), 1
 
 
-def _on_gpu(system: System) -> tuple[float, int]:
+def _on_gpu(system: System) -> Parts[tuple[float, int]]:
     from waychair.planning.laplace_gpu import conjugate_gradients_on_gpu
 
     levels, s = levels_from(system.level, system.absorption), system.settings
+    yield system.x.size
     return conjugate_gradients_on_gpu(levels, system.x, system.b, s.tolerance, s.most_sweeps, system.go_on)
 
 
-_SOLVERS: Mapping[str, Callable[[System], tuple[float, int]]] = MappingProxyType(
+_SOLVERS: Mapping[str, Callable[[System], Parts[tuple[float, int]]]] = MappingProxyType(
     {
         "gauss-seidel": _gauss_seidel,
         "sor": _red_black,

@@ -32,6 +32,8 @@ class DwaSettings(Settings):
     acceleration: float = setting(0.5, "m/s^2", "speeding up", low=0.05, high=3.0)
     braking: float = setting(0.6, "m/s^2", "slowing down", low=0.05, high=3.0)
     alpha: float = setting(0.8, "rad/s^2", "change of the turning speed, both ways", low=0.05, high=5.0)
+    emergency: float = setting(1.5, "m/s^2", "slowing down for who would be met before that", low=0.2, high=4.0)
+    emergency_alpha: float = setting(3.0, "rad/s^2", "as above, of turning", low=0.2, high=10.0)
     jerk: float = setting(0.7, "m/s^3", "change of the acceleration", low=0.05, high=1000.0)
     alpha_jerk: float = setting(4.0, "rad/s^3", "change of alpha", low=0.05, high=1000.0)
     max_lateral: float = setting(0.5, "m/s^2", "sideways acceleration v * omega", low=0.05, high=5.0)
@@ -99,6 +101,12 @@ def braking(command: Twist, settings: DwaSettings) -> Twist:
     """One control period of braking on the same arc: v and omega fall in proportion."""
     left = 1.0 - settings.period / max(stop_time(command, settings), settings.period)
     return Twist(command.v * left, command.omega * left)
+
+
+def braking_hard(command: Twist, settings: DwaSettings) -> Twist:
+    """One control period of braking on the same arc as in an emergency."""
+    hard, hard_alpha = max(settings.emergency, settings.braking), max(settings.emergency_alpha, settings.alpha)
+    return braking(command, replace(settings, braking=hard, alpha=hard_alpha))
 
 
 def stopping(command: Twist, settings: DwaSettings, motion: Motion | None) -> Twist:

@@ -4,7 +4,8 @@ Every free cell is linked to its four neighbours: diagonal * x - sum of neighbou
 stands for two by two fine ones and is free when any of them is. The V-cycle (Briggs, Henson and McCormick, A Multigrid
 Tutorial, 2000, chapter 3) interpolates bilinearly between the middles of cells and restricts by the transpose; it
 smooths by red-black Gauss-Seidel, red first on the way down and black first on the way up, so that it is symmetric and
-may precondition conjugate gradients (Tatebe 1993).
+may precondition conjugate gradients (Tatebe 1993). How far a wall is from a coarse cell's middle is kept by direction:
+it is no whole number of cells (finite volumes whose border cuts a cell).
 
 All arrays of a level have a border of cells that are not free, so that no neighbour needs a bounds check.
 """
@@ -19,11 +20,16 @@ from typing import NamedTuple
 import numpy as np
 from numba import njit
 
+from waychair.planning.slices import Parts, finished
 from waychair.types import Float32Array, FloatArray
 
-_WALL_SHARE = 0.6
-"""Weight on a coarser level of a wall's link to the cells beside it: its middle moves away by as much as the side grows
-by, less half a cell, so that it loses less than the half that a link in free space loses to the wider spacing."""
+_NEAREST_WALL = 4.0
+"""Weight that a wall's link has at most for each of a coarse cell's fine ones: one still nearer to the coarse cell's
+middle, or past it, says no more than that the wall is there."""
+
+SMOOTHINGS = 2
+"""Sweeps before and after the correction on all levels but the finest, where a sweep costs three times as much as on
+all others together; what the coarse levels get wrong beside walls is smoothed away where it is cheap."""
 
 _COARSEST = 6
 """Sides up to which a level is relaxed rather than coarsened [cells]."""
@@ -60,14 +66,11 @@ def finest_level(absorption: Float32Array) -> Level:
 
 def levels_from(finest: Level, absorption: Float32Array) -> tuple[Level, ...]:
     """The finest level and all the coarser ones."""
-    walls, kept = np.zeros_like(finest.east), np.zeros_like(finest.east)
-    walls[1:-1, 1:-1] = 4.0
-    walls[:, 1:] -= finest.east[:, :-1]
-    walls[:, :-1] -= finest.east[:, :-1]
-    walls[1:] -= finest.south[:-1]
-    walls[:-1] -= finest.south[:-1]
     free = finest.inverse > 0
-    walls[~free] = 0.0
+    walls, kept = np.zeros((*finest.east.shape, 4), np.float32), np.zeros_like(finest.east)
+    for d, links in enumerate((finest.east, finest.south)):
+        walls[..., d] = free & (links == 0)
+        walls[..., d + 2] = free & (np.roll(links, 1, 1 - d) == 0)
     kept[1:-1, 1:-1][free[1:-1, 1:-1]] = absorption[free[1:-1, 1:-1]]
     levels = [finest]
     while min(levels[-1].inverse.shape) - 2 > _COARSEST:
@@ -76,35 +79,40 @@ def levels_from(finest: Level, absorption: Float32Array) -> tuple[Level, ...]:
     return tuple(levels)
 
 
-@njit(cache=True)
+@njit(cache=True, nogil=True)
 def _coarser(
     east: Float32Array, south: Float32Array, inverse: FloatArray, walls: Float32Array, kept: Float32Array
 ) -> tuple[Level, Float32Array, Float32Array]:
-    """The next level, and what its walls and its absorption take of each cell."""
-    height, width = (inverse.shape[0] - 1) // 2 + 2, (inverse.shape[1] - 1) // 2 + 2
-    shape = (height, width)
-    new_east, new_south, new_inverse = (
-        np.zeros(shape, np.float32),
-        np.zeros(shape, np.float32),
-        np.zeros(shape),
-    )
-    new_walls, new_kept = np.zeros(shape, np.float32), np.zeros(shape, np.float32)
+    """The next level, what its walls take of each cell to the east, south, west and north (H, W, 4), and what it absorbs.
+
+    A wall's weight is one over its distance from the cell's middle. Half a fine cell farther, or nearer, is that of the
+    coarse cell; the distance counts half as much in its wider cells, and each of its two fine cells for half.
+    """
+    shape = ((inverse.shape[0] - 1) // 2 + 2, (inverse.shape[1] - 1) // 2 + 2)
+    new_east, new_south = np.zeros(shape, np.float32), np.zeros(shape, np.float32)
+    new_walls, new_kept = np.zeros((shape[0], shape[1], 4), np.float32), np.zeros(shape, np.float32)
+    new_inverse = np.zeros(shape)
     for i in range(1, inverse.shape[0] - 1):
         for j in range(1, inverse.shape[1] - 1):
             if inverse[i, j] > 0:
                 row, column = (i + 1) // 2, (j + 1) // 2
                 new_inverse[row, column] = 1.0
-                new_walls[row, column] += np.float32(_WALL_SHARE) * walls[i, j]
                 new_kept[row, column] += kept[i, j]
-                if j % 2 == 0:
-                    new_east[row, column] += np.float32(0.5) * east[i, j]
-                if i % 2 == 0:
-                    new_south[row, column] += np.float32(0.5) * south[i, j]
-    for i in range(1, height - 1):
-        for j in range(1, width - 1):
+                new_east[row, column] += np.float32(0.5 * (j % 2 == 0)) * east[i, j]
+                new_south[row, column] += np.float32(0.5 * (i % 2 == 0)) * south[i, j]
+                for d in range(4):
+                    wall = walls[i, j, d]
+                    if wall > 0:
+                        outer = ((i if d % 2 else j) % 2 == 0) == (d < 2)
+                        nearer = 1.0 + 0.5 * wall if outer else max(1.0 - 0.5 * wall, 1e-3)
+                        new_walls[row, column, d] += np.float32(min(wall / nearer, _NEAREST_WALL))
+    for i in range(1, shape[0] - 1):
+        for j in range(1, shape[1] - 1):
             if new_inverse[i, j] > 0:
                 links = new_east[i, j] + new_east[i, j - 1] + new_south[i, j] + new_south[i - 1, j]
-                new_inverse[i, j] = 1.0 / max(links + new_walls[i, j] + new_kept[i, j], np.float32(1e-6))
+                for d in range(4):
+                    links += new_walls[i, j, d]
+                new_inverse[i, j] = 1.0 / max(links + new_kept[i, j], np.float32(1e-6))
     room = (np.zeros(shape), np.zeros(shape), np.zeros(shape))
     return Level(new_east, new_south, new_inverse, room[0], room[1], room[2]), new_walls, new_kept
 
@@ -112,13 +120,28 @@ def _coarser(
 @njit(cache=True, nogil=True)
 def relax(level: Level, x: FloatArray, b: FloatArray, colour: int, omega: float = 1.0) -> None:
     """Gauss-Seidel on the cells of one colour of a chessboard, in place, over-relaxed by omega."""
-    east, south, inverse = level.east, level.south, level.inverse
     for i in range(1, x.shape[0] - 1):
-        for j in range(1 + (i + colour + 1) % 2, x.shape[1] - 1, 2):
-            across = east[i, j] * x[i, j + 1] + east[i, j - 1] * x[i, j - 1]
-            along = south[i, j] * x[i + 1, j] + south[i - 1, j] * x[i - 1, j]
-            new = inverse[i, j] * (b[i, j] + across + along)
-            x[i, j] += omega * (new - x[i, j])
+        _relax_row(level, x, b, i, colour, omega)
+
+
+@njit(cache=True, nogil=True)
+def smooth(level: Level, colour: int) -> None:
+    """Gauss-Seidel on a level's `x`, one colour and then the other: a row behind, so that memory is gone through once."""
+    last = level.x.shape[0] - 2
+    for i in range(1, last + 1):
+        _relax_row(level, level.x, level.b, i, colour, 1.0)
+        if i > 1:
+            _relax_row(level, level.x, level.b, i - 1, 1 - colour, 1.0)
+    _relax_row(level, level.x, level.b, last, 1 - colour, 1.0)
+
+
+@njit(cache=True, nogil=True, inline="always")
+def _relax_row(level: Level, x: FloatArray, b: FloatArray, i: int, colour: int, omega: float) -> None:
+    east, south, inverse = level.east, level.south, level.inverse
+    for j in range(1 + (i + colour + 1) % 2, x.shape[1] - 1, 2):
+        across = east[i, j] * x[i, j + 1] + east[i, j - 1] * x[i, j - 1]
+        along = south[i, j] * x[i + 1, j] + south[i - 1, j] * x[i - 1, j]
+        x[i, j] += omega * (inverse[i, j] * (b[i, j] + across + along) - x[i, j])
 
 
 @njit(cache=True, nogil=True)
@@ -183,20 +206,27 @@ def _prolong(coarse: Level, fine: Level) -> None:
 
 def v_cycle(levels: tuple[Level, ...]) -> None:
     """Solve the finest level's A x = b roughly, from x = 0: its `b` is read, its `x` written."""
-    for level, coarser in pairwise(levels):
+    finished(_v_cycle(levels))
+
+
+def _v_cycle(levels: tuple[Level, ...]) -> Parts[None]:
+    for depth, (level, coarser) in enumerate(pairwise(levels)):
         level.x[:] = 0.0
-        relax(level, level.x, level.b, 0)
-        relax(level, level.x, level.b, 1)
+        for _ in range(SMOOTHINGS if depth else 1):
+            smooth(level, 0)
+            yield 2 * level.x.size
         _restrict(level, coarser.b)
+        yield level.x.size
     last = levels[-1]
     last.x[:] = 0.0
-    for colours in ((0, 1),) * COARSEST_SWEEPS + ((1, 0),) * COARSEST_SWEEPS:
-        for colour in colours:
-            relax(last, last.x, last.b, colour)
-    for coarser, level in pairwise(levels[::-1]):
+    for colour in (0,) * COARSEST_SWEEPS + (1,) * COARSEST_SWEEPS:
+        smooth(last, colour)
+    for depth, (level, coarser) in reversed(list(enumerate(pairwise(levels)))):
         _prolong(coarser, level)
-        relax(level, level.x, level.b, 1)
-        relax(level, level.x, level.b, 0)
+        yield level.x.size
+        for _ in range(SMOOTHINGS if depth else 1):
+            smooth(level, 1)
+            yield 2 * level.x.size
 
 
 def conjugate_gradients(
@@ -206,7 +236,7 @@ def conjugate_gradients(
     tolerance: float,
     most: int,
     go_on: Callable[[], bool] | None = None,
-) -> tuple[float, int]:
+) -> Parts[tuple[float, int]]:
     """Improve x (H + 2, W + 2), in place, until |b - A x| <= tolerance |b|; returns what was reached, and the cycles.
 
     Stops early after `most` cycles, or when `go_on` says so between two.
@@ -218,13 +248,14 @@ def conjugate_gradients(
     np.subtract(b, q, out=r)
     before, left, cycles = 0.0, math.sqrt(float(np.vdot(r, r))), 0
     while left > tolerance * whole and cycles < most and (go_on is None or go_on()):
-        v_cycle(levels)
+        yield from _v_cycle(levels)
         z = finest.x
         now = float(np.vdot(r, z))
         _next_direction(p, z, now / before if before else 0.0)
         length = now / (apply(finest, p, q) or 1.0)
         left = math.sqrt(_step(x, r, p, q, length))
         before, cycles = now, cycles + 1
+        yield 2 * x.size
     return left / whole, cycles
 
 

@@ -9,7 +9,7 @@ step is taken to where the chair's rectangle would not fit, or would have to tur
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 from numba import njit
@@ -48,26 +48,63 @@ class PaperBandSettings(Settings):
 PAPER_BAND = PaperBandSettings()
 
 
-def band(costmap: Costmap, points: FloatArray, settings: BandSettings = BandSettings()) -> FloatArray:
+def band(
+    costmap: Costmap,
+    points: FloatArray,
+    settings: BandSettings = BandSettings(),
+    leaves: FloatArray | None = None,
+    arrives: FloatArray | None = None,
+    longest: float | None = None,
+) -> FloatArray:
     """Points (M, 2) of the relaxed line of points (N, 2), columns and rows [cells]; the ends stay.
 
     What it keeps: no point enters an impassable cell; where the rectangle fitted, along the line, it fits; where it did
-    not, the line comes no nearer to obstacles; and it gets no longer: it is pushed less rather than that.
+    not, the line comes no nearer to obstacles; and it gets no longer than it was, or than `longest` [cells]: it is
+    pushed less rather than that. `leaves` and `arrives` (2,) are the directions that the line is to have at its ends;
+    where it would get too long for them it ends as it comes.
     """
     cell = costmap.grid.resolution
     line = resampled(points, settings.spacing / cell)
     if len(line) < 3:
         return line
+    most = length_of(points) if longest is None else longest
+    tries: list[tuple[BandSettings, tuple[FloatArray | None, FloatArray | None]]] = [(settings, (None, None))]
+    if leaves is not None or arrives is not None:  # pulled taut it would bend at its very end
+        tries.insert(0, (replace(settings, tension=_SLACK * settings.tension), (leaves, arrives)))
+    for forces, ends in tries:
+        for share in (1.0, 0.25, 0.0):
+            moved = _moved(costmap, line, forces, share, ends)
+            if length_of(moved) <= most:
+                return moved
+    return line
+
+
+_SLACK = 0.1
+"""Part of its tension that a line has which is to end in a direction."""
+
+
+def _moved(
+    costmap: Costmap,
+    line: FloatArray,
+    settings: BandSettings,
+    share: float,
+    ends: tuple[FloatArray | None, FloatArray | None],
+) -> FloatArray:
+    """The line at rest, pushed by a share of the settings' push; what lies beyond an end with a direction is a point."""
+    cell = costmap.grid.resolution
     shape = footprint(costmap.body, settings.margin, costmap.field)
-    for share in (1.0, 0.25, 0.0):
-        moved = line
-        for _ in range(_ROUNDS):
-            forces = (settings.tension, settings.stiffness, share * settings.push, settings.clearance / cell)
-            passes = settings.passes // _ROUNDS
-            moved = _relaxed(costmap.prices, shape, costmap.clearance, moved, *forces, settings.turn, passes)
-            moved = resampled(moved, settings.spacing / cell)
-        if length_of(moved) <= length_of(points):
-            return moved
+    forces = (settings.tension, settings.stiffness, share * settings.push, settings.clearance / cell)
+    step = settings.spacing / cell
+    before, beyond = (int(end is not None) for end in ends)
+    for _ in range(_ROUNDS):
+        if ends[0] is not None:
+            line = np.concatenate([line[:1] - step * ends[0], line])
+        if ends[1] is not None:
+            line = np.concatenate([line, line[-1:] + step * ends[1]])
+        held = 1 + before, len(line) - 1 - beyond
+        passes = settings.passes // _ROUNDS
+        line = _relaxed(costmap.prices, shape, costmap.clearance, line, *forces, settings.turn, passes, *held)
+        line = resampled(line[before : len(line) - beyond], step)
     return line
 
 
@@ -119,13 +156,16 @@ def _relaxed(
     wanted: float,
     sharpest: float,
     passes: int,
+    first: int,
+    stop: int,
 ) -> FloatArray:
+    """The line with its points from `first` to before `stop` moved, forth and back."""
     line = points.copy()
     last = len(line) - 1
     for turn in range(passes):
         moved = 0.0
-        for step in range(1, last):
-            k = step if turn % 2 == 0 else last - step
+        for step in range(stop - first):
+            k = first + step if turn % 2 == 0 else stop - 1 - step
             x, y = line[k, 0], line[k, 1]
             middle_x = 0.5 * (line[k - 1, 0] + line[k + 1, 0]) - x
             middle_y = 0.5 * (line[k - 1, 1] + line[k + 1, 1]) - y

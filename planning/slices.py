@@ -7,9 +7,13 @@ from typing import TypeAlias, TypeVar
 
 Result = TypeVar("Result")
 Slices: TypeAlias = Generator[None, None, Result]
+"""Yields wherever a control step may end."""
+
+Parts: TypeAlias = Generator[int, None, Result]
+"""Yields after each of many small parts how many cells of a grid that part has visited."""
 
 
-def finished(work: Slices[Result]) -> Result:
+def finished(work: Generator[object, None, Result]) -> Result:
     """The result, all parts done in one go."""
     while True:
         try:
@@ -17,3 +21,17 @@ def finished(work: Slices[Result]) -> Result:
         except StopIteration as done:
             result: Result = done.value
             return result
+
+
+def sliced(work: Parts[Result], most: int) -> Slices[Result]:
+    """Small parts put together to slices, each of which ends once it has visited `most` cells."""
+    visited = 0
+    while True:
+        try:
+            visited += next(work)
+        except StopIteration as done:
+            result: Result = done.value
+            return result
+        if visited >= most:
+            visited = 0
+            yield

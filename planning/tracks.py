@@ -47,6 +47,10 @@ class TrackSettings(Settings):
     acceleration: float = setting(1.0, "m/s^2", "of people, one sigma", low=0.01, high=10.0)
     sigma: float = setting(0.08, "m", "of a cluster's middle about the person's, legs swing", low=0.001, high=1.0)
     start_speed: float = setting(1.0, "m/s", "of one never seen before, one sigma", low=0.01, high=10.0)
+    sudden: float = setting(6.0, "m/s^2", "of who turns round or stops, one sigma", low=0.01, high=10.0)
+    surprise: float = setting(
+        3.2, "", "squared Mahalanobis distance from which who walks has done so: 80 %", low=0.5, high=100.0
+    )
     gate: float = setting(9.21, "", "squared Mahalanobis distance: 99 % of two degrees of freedom", low=1.0, high=100.0)
     believed_after: int = setting(4, "", "sightings", low=1, high=100)
     forgotten_after: float = setting(0.8, "s", "without being seen", low=0.05, high=60.0)
@@ -103,6 +107,23 @@ class Track:
         return np.array([*(self.position + seconds * self.velocity), *self.velocity, self.radius, self.speed_sigma])
 
 
+def seen_from(frame_from_map: Pose2, tracks: Iterable[Track]) -> tuple[Track, ...]:
+    """Tracks in another frame than that in which they were made."""
+    c, s = math.cos(frame_from_map.theta), math.sin(frame_from_map.theta)
+    turn = np.array([[c, -s], [s, c]])
+    both = np.kron(np.eye(2), turn)
+    return tuple(
+        replace(
+            track,
+            position=transform_points(frame_from_map, track.position[None])[0],
+            velocity=turn @ track.velocity,
+            covariance=both @ track.covariance @ both.T,
+            mark=transform_points(frame_from_map, track.mark[None])[0],
+        )
+        for track in tracks
+    )
+
+
 class Tracker:
     """Keeps the tracks from scan to scan, in a frame that does not jump."""
 
@@ -124,7 +145,9 @@ class Tracker:
         middles = clusters(points, s)
         taken = associate(expected, middles, s)
         kept = [
-            _corrected(track, middles[taken[i]], s) if i in taken else track
+            _corrected(_turned(self._tracks[i], track, middles[taken[i]], s), middles[taken[i]], s)
+            if i in taken
+            else track
             for i, track in enumerate(expected)
             if i in taken or stamp_ns - track.seen_ns <= s.forgotten_after * 1e9
         ]
@@ -257,6 +280,18 @@ def associate(tracks: tuple[Track, ...], middles: FloatArray, settings: TrackSet
     outside = distances > settings.gate
     rows, cols = linear_sum_assignment(np.where(outside, settings.gate * (min(distances.shape) + 1), distances))
     return {int(i): int(k) for i, k in zip(rows, cols, strict=True) if not outside[i, k]}
+
+
+def _turned(before: Track, expected: Track, middle: FloatArray, settings: TrackSettings) -> Track:
+    """What is expected of who was seen so far from there that they must have turned round or stopped: anything sudden.
+
+    A filter of constant velocity would take half a second to notice.
+    """
+    off = middle - expected.position
+    spread = expected.covariance[:2, :2] + settings.sigma**2 * np.eye(2)
+    if not before.walked or off @ np.linalg.solve(spread, off) < settings.surprise:
+        return expected
+    return predicted(before, expected.stamp_ns, replace(settings, acceleration=settings.sudden))
 
 
 def _corrected(track: Track, middle: FloatArray, settings: TrackSettings) -> Track:

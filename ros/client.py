@@ -26,7 +26,7 @@ from rclpy.node import Node
 
 from waychair.errors import RosError
 from waychair.ros import topics
-from waychair.ros.environment import enter_ros_environment
+from waychair.ros.environment import enter_ros_environment, namespace_arguments
 from waychair.ros.executor import NodeExecutor
 from waychair.ros.interface_types import interface_type
 from waychair.ros.messages.chair import (
@@ -76,12 +76,13 @@ class ChairClient:
         """`namespace` is that of the chair's nodes.
 
         Raises:
-            ConfigError: the domain is none of 0 to 101.
+            ConfigError: the domain is none of 0 to 101, or the namespace is impossible.
         """
         enter_ros_environment(domain=domain)
+        named = namespace_arguments(namespace)
         self._context = Context()
-        rclpy.init(context=self._context, args=[])
-        self.node = Node(name, context=self._context, namespace=namespace or None, start_parameter_services=False)
+        rclpy.init(context=self._context, args=["--ros-args", *named] if named else [])
+        self.node = Node(name, context=self._context, start_parameter_services=False)
         self._executor = NodeExecutor(context=self._context)
         self._executor.add_node(self.node)
         self._heard: dict[str, Any] = {}

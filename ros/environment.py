@@ -7,6 +7,7 @@ of motion can move the chair.
 from __future__ import annotations
 
 import os
+import re
 from collections.abc import Mapping
 from pathlib import Path
 
@@ -61,6 +62,22 @@ def enter_ros_environment(*, domain: int | None = None, lan: bool = False) -> No
     for name in set(os.environ) - set(variables):
         del os.environ[name]
     os.environ.update(variables)
+
+
+def namespace_arguments(namespace: str) -> tuple[str, ...]:
+    """What a node is started with to live in a namespace, after `--ros-args`; nothing, where that is empty.
+
+    Its transforms are told apart from those of other chairs as Nav2 does it: /tf and /tf_static lie in it, too.
+
+    Raises:
+        ConfigError: no namespace of ROS can be called so.
+    """
+    name = namespace.strip("/")
+    if not name:
+        return ()
+    if not re.fullmatch(r"[A-Za-z_]\w*(/[A-Za-z_]\w*)*", name, re.ASCII):
+        raise ConfigError(f"the namespace '{namespace}' is impossible: take letters, digits and _, such as left_chair")
+    return "-r", f"__ns:=/{name}", "-r", "/tf:=tf", "-r", "/tf_static:=tf_static"
 
 
 def is_secured(variables: Mapping[str, str]) -> bool:

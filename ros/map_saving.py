@@ -12,14 +12,14 @@ from waychair.ros.interface_types import interface_type
 SERVICE = "map_saver/save_map"
 
 
-def save_running_map(folder: Path, *, domain: int | None = None, timeout_s: float = 60.0) -> None:
+def save_running_map(folder: Path, *, domain: int | None = None, namespace: str = "", timeout_s: float = 60.0) -> None:
     """Ask the mapper; the folder is one of the mapper's computer.
 
     Raises:
         RosError: no mapper answers in that time, or it could not.
     """
     kind = interface_type("nav2_msgs/srv/SaveMap")
-    with ChairClient(domain=domain) as client:
+    with ChairClient(domain=domain, namespace=namespace) as client:
         asked = client.node.create_client(kind, SERVICE)
         ends = time.monotonic() + timeout_s
         while not asked.service_is_ready():

@@ -12,7 +12,8 @@
 | /tf | odom in map, often, so that nobody waits for it |
 | localisation, amcl_pose | where each scan was taken, and how far that can be trusted |
 
-Services: `map_server/load_map`, `map_saver/save_map` (nav2_msgs), `reinitialize_global_localization` (std_srvs/Empty).
+Services: `map_server/load_map`, `map_saver/save_map` (nav2_msgs), `reinitialize_global_localization` (std_srvs/Empty), and
+`amcl/get_state` (lifecycle_msgs), for scripts that wait for Nav2's localiser.
 With a map it localises: where the chair stood when the node last ran, where `start` says, or from nowhere. Without one,
 or with `mapping`, it maps: as `waychair map` would map a bag of the same drive.
 """
@@ -39,6 +40,7 @@ from waychair.maps.map_files import load_map, save_map
 from waychair.maps.places import load_places, save_places
 from waychair.maps.zones import load_zones, save_zones
 from waychair.ros import topics
+from waychair.ros.active_state import answer_for
 from waychair.ros.interface_types import interface_type
 from waychair.ros.known_chair import known_chair
 from waychair.ros.messages.chair import localisation
@@ -118,6 +120,7 @@ class MapperNode(ChairNode[MapperNodeSettings]):
         self.create_service(interface_type("nav2_msgs/srv/LoadMap"), "map_server/load_map", self._load)
         self.listen(topics.LAYOUT, lambda message: message, lambda message: self._redraw(), needed=False)
         self.create_service(interface_type("std_srvs/srv/Empty"), "reinitialize_global_localization", self._forget)
+        answer_for("amcl", self, lambda: self._found is not None)
         own = MutuallyExclusiveCallbackGroup()  # so that the others go on while a map is saved
         self.create_service(
             interface_type("nav2_msgs/srv/SaveMap"), "map_saver/save_map", self._save, callback_group=own

@@ -11,11 +11,10 @@
 | sends | |
 |---|---|
 | cmd_vel, drive_request | to the bridge, which obeys no other node |
-| plan, local_plan, local_costmap/published_footprint | for displays |
-| people | where those are who walk about |
+| plan, local_plan, people, global_costmap/costmap, local_costmap/published_footprint | see `NavigationDisplay` |
 | places | the map's, for those who call them by name |
 
-Service: `cancel` (std_srvs/Trigger).
+Services: `cancel` (std_srvs/Trigger), and `bt_navigator/get_state` (lifecycle_msgs), for scripts that wait for Nav2's.
 """
 
 from __future__ import annotations
@@ -35,10 +34,10 @@ from waychair.control.navigator import Navigation, Stage
 from waychair.control.stops import halt
 from waychair.control.supervisor import Verdict
 from waychair.errors import ConfigError, WaychairError
-from waychair.geometry import transform_points
 from waychair.maps.places import load_places
 from waychair.maps.zones import load_zones
 from waychair.ros import topics
+from waychair.ros.active_state import answer_for
 from waychair.ros.interface_types import interface_type
 from waychair.ros.known_chair import known_chair
 from waychair.ros.messages.camera import CameraPairing
@@ -53,8 +52,6 @@ from waychair.ros.messages.chair import (
 )
 from waychair.ros.messages.maps import read_occupancy_grid
 from waychair.ros.messages.motion import (
-    path,
-    points,
     read_odometry,
     read_pose_stamped,
     read_speed_limit,
@@ -64,6 +61,7 @@ from waychair.ros.messages.motion import (
 from waychair.ros.messages.reports import Level, Report
 from waychair.ros.messages.sensors import SonarRing, read_scan
 from waychair.ros.navigate_action import NavigateAction, Progress
+from waychair.ros.navigation_display import NavigationDisplay
 from waychair.ros.node import ChairNode, run_node
 from waychair.ros.tick_phase import TickPhase
 from waychair.runtime.odometry_track import OdometryTrack
@@ -77,7 +75,6 @@ from waychair.types import Goal, OccupancyGrid, Odometry, Path, Pose2, RgbdFrame
 
 _PERIOD_NS = round(1e9 / COMMAND_RATE.rate_hz)
 _FEEDBACK_EVERY = 4  # ticks
-_PEOPLE_EVERY = 2
 _SONARS = 8
 _SILENT_NS = 500_000_000
 """For so long a drive waits at rest for the bridge or for the chair's place (F25)."""
@@ -118,16 +115,14 @@ class NavigatorNode(ChairNode[NavigatorNodeSettings]):
         self._looked_ns: int | None = None  # when the camera spoke
         self._goal, self._goal_id, self._began_ns, self._ticks = Pose2(), NO_GOAL, 0, 0
         self._navigation: Navigation | None = None
-        self._shown: Path | None = None
         self._limit = math.inf
 
         stamped = s.enable_stamped_cmd_vel
         self._send_command = self.publisher(topics.STAMPED_COMMAND if stamped else topics.COMMAND)
         self._send_request = self.publisher(topics.DRIVE_REQUEST)
-        self._send_plan, self._send_local = self.publisher(topics.PLAN), self.publisher(topics.LOCAL_PLAN)
+        self._display = NavigationDisplay(self, self._calibration.body)
         self._send_places = self.publisher(topics.PLACES)
         self._send_places(places(self.now_ns(), self._places))
-        self._send_people = self.publisher(topics.PEOPLE)
         self.listen(topics.LAYOUT, lambda message: message, lambda message: self._redraw(), needed=False)
         self.listen(topics.MAP, read_occupancy_grid, self._take_map)
         self.listen(topics.ODOMETRY, read_odometry, self._move)
@@ -144,6 +139,7 @@ class NavigatorNode(ChairNode[NavigatorNodeSettings]):
         )
         self._action = NavigateAction(self, self)
         self.create_service(interface_type("std_srvs/srv/Trigger"), "cancel", self._answer_cancel)
+        answer_for("bt_navigator", self, lambda: self._navigation is not None)
         self._phase = TickPhase(_PERIOD_NS)
         self._timer = self.every(COMMAND_RATE.rate_hz, self._tick)
 
@@ -209,8 +205,13 @@ class NavigatorNode(ChairNode[NavigatorNodeSettings]):
         grid, self._next_map = self._next_map, None
         self._grid = grid
         stops = self._calibration.stops
-        self._pilot = Pilot(grid, self._places, self._calibration.body, self.settings, stops, self._zones)
+        self._pilot = pilot = Pilot(grid, self._places, self._calibration.body, self.settings, stops, self._zones)
+        self._show_map(pilot, grid)
         self.settle()
+
+    def _show_map(self, pilot: Pilot, grid: OccupancyGrid) -> None:
+        zones = self._zones
+        self._display.draw(lambda: pilot.drawn(grid, zones).costmap())
 
     def _redraw(self) -> None:
         """Places and zones have changed: a drive under way is planned anew by them."""
@@ -226,6 +227,7 @@ class NavigatorNode(ChairNode[NavigatorNodeSettings]):
         self._send_places(places(self.now_ns(), named))
         if pilot is not None and grid is not None:
             self.worker.submit(lambda: pilot.drawn(grid, zones), lambda drawn: pilot.redraw(drawn, named))
+            self._show_map(pilot, grid)
 
     def _move(self, odometry: Odometry) -> None:
         if self._track.take(odometry):
@@ -326,7 +328,8 @@ class NavigatorNode(ChairNode[NavigatorNodeSettings]):
         navigation = self._navigation = pilot.step(steady_ns, pose, self._located[1].map_from_odom)
         command = self._slowed(navigation.twist) if navigation.driving else Twist()
         self._send(command, self._request(now_ns, navigation))
-        self._show(navigation)
+        map_from_odom = self._located[1].map_from_odom
+        self._display.show(navigation, pilot.navigator.people, map_from_odom, self._track.odom_from_base(now_ns))
         self._tell_action(pose)
         self._renew()
 
@@ -379,17 +382,6 @@ class NavigatorNode(ChairNode[NavigatorNodeSettings]):
         stamped = self.settings.enable_stamped_cmd_vel
         self._send_command(twist_stamped(request.stamp_ns, command) if stamped else twist(command))
         self._send_request(drive_request(request))
-
-    def _show(self, navigation: Navigation) -> None:
-        if navigation.path is not None and navigation.path is not self._shown:
-            self._shown = navigation.path
-            self._send_plan(path(self.now_ns(), navigation.path))
-        if self._ticks % _PEOPLE_EVERY == 0 and self._pilot is not None and self._located is not None:
-            people = transform_points(self._located[1].map_from_odom, self._pilot.navigator.people)
-            self._send_people(points(self.now_ns(), people))
-        choice = navigation.choice
-        if choice is not None and navigation.driving and len(choice.arc) > 1:
-            self._send_local(path(self.now_ns(), Path(np.asarray(choice.arc, np.float64)), topics.ODOMETRY.frame))
 
     def _tell_action(self, pose: Pose2 | None = None) -> None:
         """Feedback now and then and once at the end, and the end of a drive at once."""

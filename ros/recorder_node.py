@@ -18,6 +18,7 @@ from waychair.calibration.chair import CHAIR_A, sonar_mounts
 from waychair.config import Settings, setting
 from waychair.errors import RecordingError
 from waychair.ros import topics
+from waychair.ros.environment import namespace_arguments
 from waychair.ros.interface_types import interface_type
 from waychair.ros.messages.reports import Level, Report
 from waychair.ros.node import ChairNode, live, run_node
@@ -151,10 +152,11 @@ class RecorderNode(ChairNode[RecorderNodeSettings]):
         self.recorded = Recorded(self._bag.finish(), (last - first) * 1e-9, dict(self._counts), megabytes)
 
 
-def record(path: Path, camera: bool = False) -> Recorded:
-    """Record what the chair's nodes say, until SIGINT or SIGTERM.
+def record(path: Path, camera: bool = False, namespace: str = "") -> Recorded:
+    """Record what the chair's nodes say, until SIGINT or SIGTERM; those of a namespace, where one is given.
 
     Raises:
+        ConfigError: the namespace is impossible.
         OutputError: there is something at the path already, it cannot be written to, or its disk is full.
         RecordingError: nothing came.
     """
@@ -164,7 +166,8 @@ def record(path: Path, camera: bool = False) -> Recorded:
         nodes.append(RecorderNode(RecorderNodeSettings(str(path), camera)))
         return nodes[0]
 
-    live(make, ())
+    named = namespace_arguments(namespace)
+    live(make, ("--ros-args", *named) if named else ())
     recorded = nodes[0].recorded
     assert recorded is not None  # or `live` has raised
     return recorded

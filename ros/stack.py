@@ -14,6 +14,7 @@ from waychair.maps.erased import load_erased, without
 from waychair.maps.layout import forget
 from waychair.maps.map_files import MAP_YAML, load_map, save_map, yaml_path
 from waychair.maps.places import save_places
+from waychair.ros.environment import namespace_arguments
 from waychair.runtime.last_pose import remember_pose
 from waychair.runtime.processes import Process
 from waychair.simulation.world import World, load_world
@@ -44,7 +45,7 @@ class Stack:
     Without a map a simulated chair is given its world's own plan, unless it is `mapping`. `parameters` is a YAML file of
     the user's, which outweighs what is said here. `deaf`: no speeds are obeyed. `urgent`: with real-time priority.
     `box`: folder of the black box; None: no log is kept. `page_port`: of the page, on `page_host`; None: there is none.
-    Where there is one a drive begins with a countdown, for the page announces it.
+    Where there is one a drive begins with a countdown, for the page announces it. `namespace`: of all nodes' names.
     """
 
     folder: Path
@@ -64,13 +65,15 @@ class Stack:
     box: Path | None = None
     page_port: int | None = None
     page_host: str = "127.0.0.1"
+    namespace: str = ""
 
 
 def processes(stack: Stack) -> tuple[Process, ...]:
     """The table, its parameter files written into the stack's folder.
 
     Raises:
-        ConfigError: there is neither a world nor a cable, or neither a map nor the wish to make one.
+        ConfigError: there is neither a world nor a cable, or neither a map nor the wish to make one, or the namespace
+            is impossible.
         WorldError: there is no such world.
         OutputError: the folder cannot be written to.
     """
@@ -146,6 +149,7 @@ def _process(name: str, values: Mapping[str, object], folder: Path, stack: Stack
     write_text(path, yaml.safe_dump({f"/**/{name}": {"ros__parameters": dict(values)}}, sort_keys=False))
     files = [path, *([stack.parameters.resolve()] if stack.parameters is not None else [])]
     given = tuple(word for file in files for word in ("--params-file", str(file)))
+    named = namespace_arguments(stack.namespace)
     priority = _PRIORITIES.get(name, 0) if stack.urgent else 0
     module = _PAGE_MODULE if name == _PAGE else f"waychair.ros.{name}_node"
-    return Process(name, module, ("--ros-args", *given), priority, vital=name != _PAGE)
+    return Process(name, module, ("--ros-args", *named, *given), priority, vital=name != _PAGE)

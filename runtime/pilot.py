@@ -22,6 +22,7 @@ from waychair.maps.zones import Zone
 from waychair.planning.drawn_map import DrawnMap
 from waychair.planning.motion import measured
 from waychair.runtime.drive_base import BaseSettings
+from waychair.runtime.echoes import Echoes, EchoSettings
 from waychair.slam.localisation import Localisation, LocalisationState
 from waychair.slam.scan_points import scan_points
 from waychair.slam.tilt import Tilt
@@ -33,6 +34,7 @@ class PilotSettings(BaseSettings):
     """The navigator's own settings, beside the limits of the base that it plans within."""
 
     navigator: NavigatorSettings = field(default_factory=NavigatorSettings)
+    echoes: EchoSettings = field(default_factory=EchoSettings)
 
 
 _NOTHING: FloatArray = np.empty((0, 2))
@@ -65,6 +67,7 @@ class Pilot:
         self._goals: tuple[Goal, ...] = ()  # that wait for a yes
         self._goals_since_ns: int | None = None
         self._sight = _Sight()  # since the last tick
+        self._echoes = Echoes(self.settings.echoes)
         self.furniture = _NOTHING
         """(N, 2) [m] in the base of the latest scan: what of it might be legs but has always stood there, by a sure place."""
 
@@ -116,8 +119,8 @@ class Pilot:
         return mapped
 
     def hear(self, readings: SonarReadings, map_from_base: Pose2) -> None:
-        """Told what the sonars say."""
-        self.navigator.hear(readings, map_from_base)
+        """Told what the sonars say; what is said once only does not count."""
+        self.navigator.hear(self._echoes.borne_out(readings), map_from_base)
 
     def look(self, frame: RgbdFrame, map_from_base: Pose2, tilt: Tilt | None) -> None:
         """Told what the depth camera sees, and how the chair leans, if that is known."""

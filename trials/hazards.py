@@ -81,7 +81,7 @@ class Hazard:
 
 @dataclass(frozen=True, slots=True)
 class HazardResult:
-    """How a run ended. `seconds`: of all legs; `edge_m`, `person_m`: least distances [m], the latter while it moves."""
+    """How a run ended. `seconds`, `way_m` [m] and `plans`: of all legs; `edge_m`, `person_m`: least distances [m], the latter while it moves."""
 
     scene: str
     seed: int
@@ -92,6 +92,8 @@ class HazardResult:
     edge_m: float
     person_m: float
     ride: Ride
+    plans: int
+    way_m: float
 
     def count(self, *kinds: Struck) -> int:
         """Number of contacts of these kinds."""
@@ -126,6 +128,8 @@ def run_hazard(hazard: Hazard, seed: int, time_limit_s: float = 150.0) -> Hazard
         least_to_edge(hazard.world, hazard.body, motion),
         float(motion.people[moves].min(initial=math.inf)),
         ride_of(motion),
+        sum(leg.plans for leg in legs),
+        sum(leg.distance_m for leg in legs),
     )
 
 

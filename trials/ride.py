@@ -72,8 +72,12 @@ class WatchedSimulator(Simulator):
         self._samples.append((self.now_ns, self.truth(), self.twist(), self.person_distance(), self._told()))
         return messages
 
+    def forget(self) -> None:
+        """The motion so far has been looked at."""
+        self._samples.clear()
+
     def motion(self) -> Motion:
-        """All of it so far."""
+        """All of it so far, or since it was forgotten."""
         stamps = np.array([stamp for stamp, *_ in self._samples], np.int64)
         poses = np.array([pose.array() for _, pose, *_ in self._samples]).reshape(-1, 3)
         twists = np.array([(twist.v, twist.omega) for _, _, twist, *_ in self._samples]).reshape(-1, 2)

@@ -20,11 +20,14 @@ from waychair.simulation.world import load_world
 from waychair.slam.evaluation import truth_errors
 from waychair.trials.depth_drive import drive_with_pictures, with_hazards
 from waychair.trials.depth_score import depth_score
+from waychair.trials.edge_approach import approach_edge
+from waychair.trials.hazards import EDGES
 from waychair.trials.map_score import wall_agreement
 from waychair.types import Json, RgbdFrame, SensorFrame
 
 FLOORS = ("second_floor", "basement")
 SECONDS = 120.0
+EDGE_SEEDS = 20
 NAMES = {"off": "lidar", "only": "depth", "on": "both"}
 
 
@@ -40,6 +43,18 @@ def limits(out: Path) -> Json:
     """
     rows = [row for floor in FLOORS for row in compared(floor, SECONDS, out.with_name(f"{out.stem}_{floor}.png"))]
     return {"passed": all(_holds(rows, floor) for floor in FLOORS), "rows": rows}
+
+
+def edges_mapped(out: Path, seeds: int = EDGE_SEEDS) -> Json:
+    """An edge ahead, beside while turning, behind while backing: all of it that comes near is in the grid by then."""
+    rows = []
+    for where in EDGES:
+        runs = [approach_edge(where, seed) for seed in range(seeds)]
+        points, known = sum(run.points for run in runs), sum(run.known for run in runs)
+        nearest = min(run.nearest_m for run in runs)
+        rows.append({"edge": where, "runs": seeds, "points": points, "known": known, "nearest_m": round(nearest, 3)})
+        print(f"  {rows[-1]}", flush=True)
+    return {"passed": all(row["known"] == row["points"] > 0 for row in rows), "rows": rows}
 
 
 def _holds(rows: list[Json], floor: str) -> bool:

@@ -59,6 +59,7 @@ def _without_priority() -> None:
 
 
 _AGAIN_S = 3.0
+"""A drive that is over for so long is over: by then everybody has been told how it ended."""
 
 _FORGIVEN = {"board_host_silent"}
 """Asking for a goal clears it."""
@@ -86,14 +87,15 @@ class LiveStack:
     It is ready for a drive when the block begins, `start_s` after its start.
     """
 
-    def __init__(self, folder: Path, domain: int, *arguments: str, world: str = WORLD) -> None:
+    def __init__(self, folder: Path, domain: int, *arguments: str, world: str = WORLD, namespace: str = "") -> None:
         self.folder, self.domain = folder, domain
         folder.mkdir(parents=True, exist_ok=True)
         self._log = folder / "up.log"
         self._command = [*COMMAND, "up", "--sim", world, "--out", str(folder / "run"), "--urgent", *arguments]
+        self._command += ["--namespace", namespace] if namespace else []
         if "--page" not in arguments:
             self._command.append("--no-page")
-        self.client = ChairClient("onlooker", domain=domain)
+        self.client = ChairClient("onlooker", domain=domain, namespace=namespace)
         self.states, self.places, self.lines, self.truth = Seen(), Seen(), Seen(), Seen()
         self.requests = Seen()
         self.listen(topics.DRIVE_REQUEST, read_drive_request, self.requests)
@@ -208,21 +210,23 @@ class LiveStack:
     def drive(self, ask: Callable[[], object], there: Callable[[], bool], patience_s: float = 120.0) -> None:
         """Ask for a drive, say yes, and take in what comes until something is true.
 
-        Asked again when the drive ends before that, after a reset where one is asked for: a computer that is busy with
-        other things is late now and then, and every lateness ends a drive.
+        Asked again when the drive has been over for a while before that, after a reset where one is asked for: a
+        computer that is busy with other things is late now and then, and every lateness ends a drive.
         """
         self.until(lambda: not self.driving, "the end of the drive before")
-        asked_s = -_AGAIN_S
+        busy_s = -math.inf
 
         def done() -> bool:
-            nonlocal asked_s
-            if self.waits and self.state is not None:
+            nonlocal busy_s
+            if self.driving:
+                busy_s = time.monotonic()
+            elif self.waits and self.state is not None:
                 self.client.confirm(10.0, goal_id=self.state.goal_id)
-            elif not self.driving and time.monotonic() - asked_s > _AGAIN_S:
+            elif time.monotonic() - busy_s > _AGAIN_S:
                 if self.state is not None and self.state.halts:
                     self.client.reset_faults(10.0)
                 ask()
-                asked_s = time.monotonic()
+                busy_s = time.monotonic()
             return there()
 
         self.until(done, "the drive", patience_s)

@@ -12,12 +12,14 @@ import os
 import random
 import time
 from collections.abc import Sequence
+from dataclasses import asdict
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 
 from benchmarks.acceptance.live_stack import WORLD, Death, LiveStack, Seen, kill, waychair
+from waychair.files import write_json
 from waychair.ros import topics
 from waychair.ros.client import TaskResult
 from waychair.ros.interface_types import interface_type
@@ -46,13 +48,17 @@ def places() -> dict[str, Place]:
 
 
 def ros_killed(out: Path) -> Json:
-    """Each node killed 20 times at a random moment of a drive: the lines let go, back, and nothing resumed."""
+    """Each node killed 20 times at a random moment of a drive: the lines let go, back, and nothing resumed.
+
+    What became of each is written down at once, beside the stack's log.
+    """
     deaths: list[Death] = []
     rng = random.Random(1)
     with LiveStack(out.with_suffix(""), _DOMAIN, *_PLAIN) as stack:
         for name in _KILLED * _DEATHS:  # in turn: who dies again and again is not started again for ever
             under_way(stack, rng.uniform(0.2, 4.0))
             deaths.append(kill(stack, name))
+            write_json(stack.folder / "deaths.json", {"deaths": [asdict(death) for death in deaths]})
     gone, back = (np.array([getattr(death, key) for death in deaths]) for key in ("gone_ms", "back_s"))
     resumed = sum(death.resumed for death in deaths)
     return {

@@ -52,14 +52,18 @@ def _known_or_run(folder: Path | None, run: Callable[[int], Result], seed: int) 
 
 
 @cache
-def _kept() -> Path | None:
-    """Where the runs of this commit are kept; None where that would not say which code ran."""
+def commit() -> str:
+    """Of the code that runs; empty where it was changed since, or there is none."""
     try:
         changes = _git("status", "--porcelain")
-        commit = _git("rev-parse", "--short=12", "HEAD")
+        return "" if changes else _git("rev-parse", "--short=12", "HEAD")
     except (OSError, subprocess.CalledProcessError):
-        return None
-    return None if changes else Path("out") / "acceptance" / "runs" / commit
+        return ""
+
+
+def _kept() -> Path | None:
+    """Where the runs of this commit are kept; None where that would not say which code ran."""
+    return Path("out") / "acceptance" / "runs" / commit() if commit() else None
 
 
 def _git(*words: str) -> str:

@@ -149,6 +149,12 @@ def points(stamp_ns: int, at: FloatArray, frame: str = MAP_FRAME) -> Any:
     return make("geometry_msgs/msg/PoseArray", header(stamp_ns, frame), poses)
 
 
+def polygon(stamp_ns: int, corners: FloatArray, frame: str) -> Any:
+    """geometry_msgs/PolygonStamped of corners (N, 2) [m]."""
+    around = [make("geometry_msgs/msg/Point32", x, y, 0.0) for x, y in corners.tolist()]
+    return make("geometry_msgs/msg/PolygonStamped", header(stamp_ns, frame), make("geometry_msgs/msg/Polygon", around))
+
+
 def read_points(message: Any, frame: str = MAP_FRAME) -> FloatArray:
     """(N, 2) [m] of a geometry_msgs/PoseArray.
 

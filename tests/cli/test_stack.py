@@ -71,12 +71,19 @@ def test_a_users_own_parameters_come_last_and_so_outweigh(tmp_path: Path) -> Non
         assert row.arguments[-2:] == ("--params-file", str(own))
 
 
+def test_nodes_of_a_namespace_keep_their_transforms_in_it(tmp_path: Path) -> None:
+    for row in processes(Stack(tmp_path, world=WORLD, namespace="/ward_3/left")):
+        assert row.arguments[:3] == ("--ros-args", "-r", "__ns:=/ward_3/left")
+        assert {"/tf:=tf", "/tf_static:=tf_static"} <= set(row.arguments)
+
+
 @pytest.mark.parametrize(
     ("stack", "error", "sentence"),
     [
         (Stack(Path()), ConfigError, "there is no chair: name a world with --sim"),
         (Stack(Path(), cable="/dev/ttyUSB0"), ConfigError, "there is no map: name one with --map"),
         (Stack(Path(), world="atlantis"), WorldError, "atlantis"),
+        (Stack(Path("out"), world=WORLD, namespace="3rd"), ConfigError, "the namespace '3rd' is impossible"),
     ],
 )
 def test_what_cannot_be_run_is_refused(stack: Stack, error: type[Exception], sentence: str) -> None:

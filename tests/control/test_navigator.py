@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from dataclasses import replace
 
 import numpy as np
 import pytest
@@ -14,6 +15,7 @@ from waychair.errors import UnknownPlace
 from waychair.geometry import transform_points
 from waychair.planning.footprint import along_arc
 from waychair.planning.global_planner import PlannerSettings
+from waychair.planning.harmonic import HarmonicSettings
 from waychair.planning.manoeuvre import ManoeuvreSettings
 from waychair.planning.route import RouteSettings
 from waychair.planning.tracks import TrackSettings
@@ -288,6 +290,72 @@ def test_a_turn_that_takes_long_to_find_is_planned_over_ticks_from_standstill() 
     assert len(states) > 5
     assert all(state.stage is Stage.DRIVING and state.twist == Twist() for state in states[:-1])
     assert states[-1].path is not None
+
+
+def harmonic(**told: float) -> NavigatorSettings:
+    """By the harmonic planner, so slowly that its field takes many ticks."""
+    field = HarmonicSettings(slice=400_000)
+    return NavigatorSettings(planner=PlannerSettings(planner="harmonic", harmonic=field), **told)  # type: ignore[arg-type]
+
+
+def test_while_a_field_is_solved_over_ticks_the_chair_goes_on_by_the_path_it_has() -> None:
+    pilot = navigator(hall(), harmonic())
+    pilot.go(Goal(Pose2(10.0, 4.0, 0.0)))
+    states, _ = drive(pilot, Pose2(2.0, 4.0, 0.0), 12)
+    first = next(k for k, state in enumerate(states) if state.path is not None)
+    assert first > 5
+    assert all(state.twist == Twist() for state in states[:first])
+    board = segment(5.0, 2.5, 5.0, 4.5)
+    replanned = drive(pilot, Pose2(2.5, 4.0, 0.0), 4, board, 12_000_000_000)[0]
+    new = next(k for k, state in enumerate(replanned) if state.plans > states[-1].plans)
+    assert new > 5
+    assert all(state.path is states[-1].path and state.stage is Stage.DRIVING for state in replanned[:new])
+    assert replanned[new - 1].twist.v > 0.2
+    path = replanned[new].path
+    assert path is not None
+    assert np.hypot(*(path.poses[:, None, :2] - board[None]).transpose(2, 0, 1)).min() > CHAIR_A.width / 2
+
+
+def test_a_field_not_found_in_time_leaves_the_path_there_is() -> None:
+    pilot = navigator(hall(), harmonic())
+    pilot.go(Goal(Pose2(10.0, 4.0, 0.0)))
+    states, poses = drive(pilot, Pose2(2.0, 4.0, 0.0), 6)
+    pilot.settings = replace(pilot.settings, longest_field=0.1)
+    later = drive(pilot, poses[-1], 3, segment(8.0, 2.5, 8.0, 4.5), 6_000_000_000)[0]
+    assert later[-1].plans == states[-1].plans == 1
+    assert later[-1].path is states[-1].path
+    assert all(state.stage is Stage.DRIVING for state in later[:20])
+
+
+def test_a_field_that_is_never_found_is_said_with_its_residual() -> None:
+    pilot = navigator(hall(), harmonic(longest_field=0.1))
+    pilot.go(Goal(Pose2(10.0, 4.0, 0.0)))
+    states, poses = drive(pilot, Pose2(2.0, 4.0, 0.0), 6)
+    assert states[-1].stage is Stage.FAILED
+    assert "the field's relative residual is" in states[-1].reason
+    assert poses[-1] == poses[0]
+
+
+@pytest.mark.parametrize("planner", ["harmonic", "dstar-lite"])
+def test_who_crosses_far_ahead_neither_re_routes_the_chair_nor_sends_it_back(planner: str) -> None:
+    """Somebody walks across where the chair will be only when they are gone, and is seen all the way."""
+    pilot = navigator(hall(), NavigatorSettings(planner=PlannerSettings(planner=planner)))
+    pilot.go(Goal(Pose2(10.0, 4.0, 0.0)))
+    pose, turns = Pose2(2.0, 4.0, 0.0), np.linspace(0.0, math.tau, 24, endpoint=False)
+    bearings, states = np.linspace(-math.pi, math.pi, 720), []
+    for k in range(20 * 6):
+        middle = np.array([9.0, 7.0 - 0.9 * k * 0.05])
+        body = middle + 0.15 * np.column_stack([np.cos(turns), np.sin(turns)])
+        past = np.array([pose.x, pose.y]) + 12.0 * np.column_stack([np.cos(bearings), np.sin(bearings)])
+        off = bearings - math.atan2(middle[1] - pose.y, middle[0] - pose.x)
+        past = past[np.abs(np.arctan2(np.sin(off), np.cos(off))) > 0.05]
+        states.append(pilot.step(k * TICK_NS, pose, body if k % 2 == 0 else None, beyond=past))
+        v, omega = states[-1].twist.v, states[-1].twist.omega
+        pose = Pose2(*along_arc(pose.x, pose.y, pose.theta, v, omega, 0.05))
+        assert abs(pose.y - 4.0) < 0.3
+        assert v >= 0.0
+    assert states[-1].plans <= 2
+    assert pose.x > 4.5
 
 
 def crossing(pilot: Navigator, seconds: float = 9.0) -> tuple[float, float]:

@@ -21,6 +21,7 @@ from waychair.firmware_bridge.transports import (
     TcpTransport,
     Transport,
     open_pseudo_terminal,
+    transport_from_text,
 )
 
 LONG_S = 0.5
@@ -64,6 +65,26 @@ def test_a_serial_port_carries_every_byte_both_ways(terminal: tuple[int, int, st
     port.close()
     port.close()
     assert port.closed
+
+
+def test_a_link_that_has_outlived_its_terminal_is_refused_though_the_number_is_in_use_again(tmp_path: Path) -> None:
+    board, computer, path = open_pseudo_terminal()
+    link = tmp_path / "board"
+    link.symlink_to(path)
+    transport_from_text(f"pty:{link}").close()
+    os.close(board)
+    os.close(computer)
+    with pytest.raises(TransportError):
+        transport_from_text(f"pty:{link}")
+    strangers = []
+    time.sleep(0.05)  # the system's stamps are of its ticks
+    while not Path(path).exists():
+        strangers.append(open_pseudo_terminal())
+    with pytest.raises(TransportError, match="leads to another program's terminal"):
+        transport_from_text(f"pty:{link}")
+    for near, far, _ in strangers:
+        os.close(near)
+        os.close(far)
 
 
 def test_a_full_serial_line_is_an_answer_in_time_and_not_for_ever(terminal: tuple[int, int, str]) -> None:

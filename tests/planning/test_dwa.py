@@ -346,6 +346,15 @@ def test_whoever_walks_into_a_standing_chair_is_not_run_into() -> None:
     assert result.twist.v <= 0.0
 
 
+@pytest.mark.parametrize(("ahead", "braking"), [(0.6, 1.5), (1.0, 1.5), (1.4, 0.6)])
+def test_who_walks_at_the_chair_is_braked_for_as_hard_as_the_time_left_asks_for(ahead: float, braking: float) -> None:
+    field, pose, limits = distance_field(hall()), Pose2(3.0, 4.0), replace(PROMPT, reaction_time=0.15)
+    at = pose.x + CHAIR_A.front + 0.3 + ahead
+    result = choose(pose, Twist(0.8), straight(pose, 6.0), field, CHAIR_A, limits, tracks=(walker(at, 4.0, -0.8, 0.0),))
+    assert result.twist.v == pytest.approx(0.8 - braking * limits.period)
+    assert result.twist.omega == 0.0
+
+
 def test_who_comes_from_behind_may_be_driven_away_from() -> None:
     field, pose = distance_field(hall()), Pose2(4.0, 4.0)
     behind = walker(pose.x - CHAIR_A.rear - 0.6, 4.0, 0.5, 0.0)

@@ -111,3 +111,34 @@ def test_d_star_lites_path_takes_the_band_on_request() -> None:
     soft = plan(costmap, start, goal, PlannerSettings(smooth="band"))
     assert soft.length() <= plain.length() + 0.02
     assert sharpest(soft.poses[:, :2] / CELL) <= max(15.0, sharpest(plain.poses[:, :2] / CELL))
+
+
+def house(door: float) -> OccupancyGrid:
+    """Two rooms of 4 x 6 m with a door [m] in the middle of the wall between."""
+    cells = np.zeros((120, 162), np.int8)
+    cells[[0, -1]], cells[:, [0, -1]], cells[:, 80:82] = 100, 100, 100
+    half = round(door / CELL / 2)
+    cells[60 - half : 60 + half, 80:82] = 0
+    return OccupancyGrid(cells, CELL)
+
+
+@pytest.mark.parametrize("door", [0.9, 1.2])
+def test_the_whole_way_through_a_door_is_soft_no_longer_and_fits(door: float) -> None:
+    """Through the narrow one the chair goes on the door's axis: the band swings into it, and out of it."""
+    costmap = costmap_from_grid(house(door), CHAIR_A)
+    start, goal = Pose2(1.0, 1.0, 0.8), Pose2(7.0, 5.0, 0.5)
+    soft = plan(costmap, start, goal, PlannerSettings(planner="harmonic"))
+    stiff = plan(costmap, start, goal, PlannerSettings(planner="harmonic", smooth="none"))
+    assert sharpest(stiff.poses[:, :2] / CELL) > 25
+    assert sharpest(soft.poses[:, :2] / CELL) <= 15
+    assert soft.length() <= stiff.length()
+    assert rectangle_fits(costmap, soft.poses[1:-1, :2] / CELL)
+
+
+def test_who_comes_from_beside_a_narrow_door_turns_on_the_spot_before_it() -> None:
+    costmap = costmap_from_grid(house(0.9), CHAIR_A)
+    path = plan(costmap, Pose2(3.2, 0.8, 1.5), Pose2(5.4, 4.6, 1.0), PlannerSettings(planner="harmonic"))
+    even = resampled(path.poses[:, :2] / CELL, 0.10 / CELL)
+    sharp = np.flatnonzero(np.degrees(turning_angles(even)) > 15)
+    assert 1 <= len(sharp) <= 3
+    assert np.hypot(*(even[sharp + 1] * CELL - [2.5, 3.0]).T).max() < 0.3

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from dataclasses import replace
 
 import numpy as np
 import pytest
@@ -69,6 +70,31 @@ def test_a_walker_is_believed_after_some_sightings_and_its_velocity_found() -> N
     assert set(counts[SETTINGS.believed_after :]) == {1}
     np.testing.assert_allclose(tracks[0].velocity, [1.0, -0.5], atol=0.05)
     np.testing.assert_allclose(tracks[0].position, [2.9, 0.55], atol=0.05)
+
+
+def test_who_turns_round_is_noticed_twice_as_soon_as_by_constant_velocity() -> None:
+    def scans_until_noticed(settings: TrackSettings) -> int:
+        tracker, x = Tracker(settings), 0.0
+        for k in range(40):
+            x += 0.08 if k < 20 else -0.08
+            tracks = tracker.update(k * TICK_NS, blob(x, 0.0))
+            if k >= 20 and tracks[0].velocity[0] < -0.4:
+                return k - 19
+        return 20
+
+    assert scans_until_noticed(SETTINGS) <= 3
+    assert scans_until_noticed(replace(SETTINGS, surprise=100.0)) >= 6
+
+
+def test_who_walks_on_evenly_is_followed_no_less_smoothly_for_it() -> None:
+    rng = np.random.default_rng(2)
+    noise = [0.04 * rng.standard_normal(2) for _ in range(40)]
+    speeds = []
+    for settings in (SETTINGS, replace(SETTINGS, surprise=100.0)):
+        tracker = Tracker(settings)
+        tracks = [tracker.update(k * TICK_NS, blob(0.08 * k, 0.0) + noise[k]) for k in range(40)]
+        speeds.append(np.std([track.velocity[0] for (track,) in tracks[15:]]))
+    assert speeds[0] < 1.5 * speeds[1]
 
 
 def test_who_is_hidden_for_a_moment_keeps_its_number_and_who_is_gone_is_forgotten() -> None:

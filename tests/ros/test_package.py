@@ -97,7 +97,7 @@ def test_the_launch_file_starts_the_processes_of_waychair_up(launch_file: dict[s
     assert [node.named["executable"] for node in nodes] == ["simulator", "bridge", "mapper", "navigator"]
     for node in nodes:
         assert node.named["package"] == NAME
-        assert node.named["namespace"] == "ward"
+        assert node.named["arguments"][:3] == ["--ros-args", "-r", "__ns:=/ward"]
         assert Path(node.named["arguments"][-1]).is_file()
     values = yaml.safe_load((tmp_path / "simulator.yaml").read_text())["/**/simulator"]["ros__parameters"]
     assert (values["world"], values["camera"], values["people"]) == ("small_clinic", False, True)

@@ -15,9 +15,11 @@ from collections.abc import Iterator
 from pathlib import Path
 from typing import TYPE_CHECKING
 
+import numpy as np
 import pytest
 
 from tests.ros.realtime import ALONE
+from waychair.calibration.chair import CHAIR_A
 from waychair.types import Pose2
 
 if importlib.util.find_spec("rclpy") is None:
@@ -32,6 +34,7 @@ from waychair.ros.messages.maps import read_occupancy_grid
 from waychair.ros.messages.motion import pose_stamped, twist
 from waychair.ros.messages.reports import Level, read_diagnostics
 from waychair.ros.messages.wire import native, serialised
+from waychair.ros.topics import RELIABLE, RosTopic
 from waychair.ros_messages import make
 from waychair.types import Twist
 
@@ -66,7 +69,33 @@ def test_who_comes_late_gets_the_map_and_the_places(stack: LiveStack) -> None:
     stack.listen(topics.MAP, read_occupancy_grid, maps)
     stack.until(lambda: maps.last is not None, "the map")
     assert maps.last.cells.shape == (200, 300)
+    costs = Seen()
+    stack.listen(topics.GLOBAL_COSTMAP, read_occupancy_grid, costs)
+    stack.until(lambda: costs.last is not None, "the costmap")
+    assert set(np.unique(costs.last.cells[maps.last.cells == 0])) >= {0, 98, 99}
+    assert (costs.last.cells[maps.last.cells == 100] == 100).all()
     assert set(stack.client.places()) == {"bath", "ward", "reception", "entrance", "lift"}
+
+
+def test_the_footprint_is_round_where_the_chair_is_in_odom(stack: LiveStack) -> None:
+    outlines = Seen()
+    stack.listen(topics.FOOTPRINT, lambda message: (message.header.frame_id, message.polygon.points), outlines)
+    stack.until(lambda: outlines.last is not None, "the footprint")
+    frame, corners = outlines.last
+    xs, ys = np.array([(corner.x, corner.y) for corner in corners]).T
+    assert frame == "odom"
+    assert (np.ptp(xs), np.ptp(ys)) == pytest.approx((CHAIR_A.length, CHAIR_A.width), abs=0.01)
+
+
+@pytest.mark.parametrize("name", ["bt_navigator", "amcl"])
+def test_scripts_that_wait_for_nav2_find_its_nodes_active(stack: LiveStack, name: str) -> None:
+    kind = interface_type("lifecycle_msgs/srv/GetState")
+    asked = stack.client.node.create_client(kind, f"{name}/get_state")
+    stack.until(asked.service_is_ready, "the service")
+    answer = asked.call_async(kind.Request())
+    stack.until(answer.done, "the answer")
+    assert answer.result().current_state.label == "active"
+    stack.client.node.destroy_client(asked)
 
 
 def test_without_a_goal_there_is_nothing_to_say_yes_to(stack: LiveStack) -> None:
@@ -265,6 +294,19 @@ def test_it_ends_cleanly_when_it_is_asked_to(stack: LiveStack) -> None:
     assert stack.end(signal.SIGTERM) == 0
     assert not any(Path(f"/proc/{pid}").exists() for pid in pids)
     assert "Traceback" not in stack.log
+
+
+def test_a_chair_in_a_namespace_is_driven_in_it_alone(ros: Harness, tmp_path: Path) -> None:
+    with LiveStack(tmp_path, ros.domain, "--no-camera", "--no-people", namespace="left") as left:
+        frames = Seen()
+        left.listen(RosTopic("tf", "tf2_msgs/msg/TFMessage", RELIABLE), lambda message: message, frames)
+        told = waychair(ros.domain, "goto", "1.6,1.0,0", "--yes", "--namespace", "/left")
+        assert told.returncode == 0, told.stderr
+        assert frames.last is not None
+        assert waychair(ros.domain, "status").returncode == 1, "there is none outside"
+        names = {name for name, _ in left.client.node.get_topic_names_and_types()}
+    everybodys = {"/diagnostics", "/parameter_events", "/rosout"}
+    assert {name for name in names if not name.startswith("/left/")} <= everybodys
 
 
 def test_nothing_outlives_it_when_it_is_killed(ros: Harness, tmp_path: Path) -> None:

@@ -12,7 +12,7 @@ import pytest
 from waychair import topics as nouns
 from waychair.errors import ConfigError
 from waychair.ros import topics
-from waychair.ros.environment import PROFILE, ros_environment
+from waychair.ros.environment import PROFILE, namespace_arguments, ros_environment
 from waychair.ros.interface_builder import TEXTS
 from waychair.ros.topics import LATCHED, RELIABLE, SENSOR_DATA, RosTopic, profile
 from waychair.ros_messages import TYPES
@@ -73,6 +73,21 @@ def test_nodes_are_found_on_this_computer_only_unless_they_are_opened() -> None:
 def test_a_domain_that_there_is_not_is_refused(domain: str) -> None:
     with pytest.raises(ConfigError, match=f"ROS_DOMAIN_ID = {domain} is impossible: take one of 0 to 101"):
         ros_environment(base={"ROS_DOMAIN_ID": domain})
+
+
+@pytest.mark.parametrize(("given", "name"), [("left", "/left"), ("/left", "/left"), ("ward/chair_2/", "/ward/chair_2")])
+def test_a_namespace_may_be_given_with_slashes_or_without(given: str, name: str) -> None:
+    assert f"__ns:={name}" in namespace_arguments(given)
+
+
+def test_without_a_namespace_names_stay() -> None:
+    assert namespace_arguments("") == namespace_arguments("/") == ()
+
+
+@pytest.mark.parametrize("namespace", ["2nd", "left chair", "a//b", "sündig", "~", "a:=b"])
+def test_a_namespace_that_ros_does_not_allow_is_refused(namespace: str) -> None:
+    with pytest.raises(ConfigError, match="is impossible: take letters, digits and _"):
+        namespace_arguments(namespace)
 
 
 def test_the_profile_ships_and_a_users_own_stays() -> None:

@@ -58,12 +58,12 @@ def nodes(context: LaunchContext) -> list[LaunchDescriptionEntity]:
         seed=int(given["seed"]),
         parameters=_path(given["params"]),
         box=_path(given["box"]) or Path(given["out"], "box"),
+        namespace=given["namespace"],
     )
     return [
         Node(
             package="waychair_ros",
             executable=row.name,
-            namespace=given["namespace"],
             arguments=list(row.arguments),
             output="screen",
             respawn=True,

@@ -1,0 +1,81 @@
+"""Which echoes of the sonars count: those that are heard again."""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+
+from tests.runtime.riding import FAR, Ride
+from waychair.control.navigator import Stage
+from waychair.runtime.echoes import Echoes, EchoSettings
+from waychair.simulation.simulator import SimulatorSettings
+from waychair.simulation.sonar import SonarSettings
+from waychair.trials.drive import begin
+from waychair.types import SonarReadings
+
+PERIOD_MS = 50
+
+
+def told(*ranges: float, period_ms: int = PERIOD_MS) -> list[float]:
+    """What of one sonar's readings, one a period, counts; nan for what says nothing."""
+    echoes = Echoes(EchoSettings())
+    readings = (
+        SonarReadings(k * period_ms * 1_000_000, np.array([r], np.float32)) for k, r in enumerate(ranges, start=1)
+    )
+    return [round(float(echoes.borne_out(each).ranges[0]), 3) for each in readings]
+
+
+def test_an_echo_counts_from_the_second_time_on() -> None:
+    np.testing.assert_equal(told(1.0, 1.04, 0.98), [math.nan, 1.04, 0.98])
+
+
+def test_an_echo_that_is_heard_once_says_nothing_and_no_echo_says_as_much_as_before() -> None:
+    np.testing.assert_equal(told(math.inf, 1.0, math.inf, -math.inf), [math.inf, math.nan, math.inf, -math.inf])
+
+
+def test_an_echo_between_two_of_a_farther_wall_leaves_the_wall() -> None:
+    np.testing.assert_equal(told(2.0, 2.0, 0.7, 2.0), [math.nan, 2.0, math.nan, 2.0])
+
+
+def test_what_is_heard_every_other_time_is_there() -> None:
+    np.testing.assert_equal(told(1.0, math.inf, 1.0, math.inf, 1.0)[2:], [1.0, math.inf, 1.0])
+
+
+@pytest.mark.parametrize(("off", "counts"), [(0.14, True), (0.16, False)])
+def test_echoes_bear_each_other_out_as_far_as_the_chair_may_have_come_meanwhile(off: float, counts: bool) -> None:
+    assert math.isnan(told(1.0, 1.0 - off)[1]) is not counts
+
+
+@pytest.mark.parametrize(("period_ms", "counts"), [(250, True), (251, False)])
+def test_echoes_bear_each_other_out_for_a_moment_only(period_ms: int, counts: bool) -> None:
+    assert math.isnan(told(1.0, 1.0, period_ms=period_ms)[1]) is not counts
+
+
+def test_readings_of_another_clock_bear_nothing_out() -> None:
+    echoes = Echoes(EchoSettings())
+    for stamp_ns in (10**12, 50_000_000):  # set back
+        assert np.isnan(echoes.borne_out(SonarReadings(stamp_ns, np.ones(1, np.float32))).ranges).all()
+
+
+@given(st.lists(st.floats(0.0625, 4.0, width=32), min_size=8, max_size=8))
+def test_each_sonar_is_borne_out_by_itself_alone(ranges: list[float]) -> None:
+    echoes, moved = Echoes(EchoSettings()), np.array(ranges, np.float32)
+    moved[3] += 0.2
+    echoes.borne_out(SonarReadings(0, np.array(ranges, np.float32)))
+    found = echoes.borne_out(SonarReadings(PERIOD_MS * 1_000_000, moved)).ranges
+    assert np.flatnonzero(np.isnan(found)).tolist() == [3]
+
+
+def test_sonars_that_hear_each_other_by_chance_hold_no_drive_up() -> None:
+    noisy = SonarSettings(rate_hz=20.0, cross_talk=0.02)
+    with Ride(simulator=SimulatorSettings(sonar=noisy)) as ride:
+        begin(ride.simulator, ride.chair, FAR)
+        stages = [ride.tick().navigation.stage for _ in range(20 * 20)]
+        plans = ride.states[-1].navigation.plans
+    assert stages[-1] is Stage.ARRIVED
+    assert Stage.WAITING not in stages
+    assert plans <= 2

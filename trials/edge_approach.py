@@ -1,0 +1,170 @@
+"""A rider drives along edges of the floor while the chair maps: is each edge in the grid before the wheels come to it?
+
+The worlds are those of the edges that a chair drives by itself (`trials.hazards`): a pit ahead, a stairwell beside the
+chair that turns round its corner, a stairwell behind a chair that backs out of a booth.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Iterator
+from dataclasses import dataclass, replace
+from itertools import chain, pairwise
+
+import numpy as np
+
+from waychair.calibration.chair import CHAIR_A
+from waychair.errors import MissingExtra
+from waychair.geometry import transform_points
+from waychair.maps.depth_scan import DepthSettings
+from waychair.maps.distance_field import are_within, distances
+from waychair.maps.grid import occupied
+from waychair.runtime.depth_mapping import DepthMappingSettings
+from waychair.runtime.live_mapping import LiveMapping, LiveMappingSettings
+from waychair.simulation.follower import Follower, follow
+from waychair.simulation.plant import PlantSettings, joystick_from_volts, volts_from_twist
+from waychair.simulation.scene import Pit
+from waychair.simulation.simulator import SensorMessage, Simulator, SimulatorSettings, with_all_sensors
+from waychair.trials.hazards import EDGES, Guard
+from waychair.types import (
+    FloatArray,
+    ImuSample,
+    JoystickInput,
+    OccupancyGrid,
+    Pose2,
+    RgbdFrame,
+    Scan,
+    SensorFrame,
+    Twist,
+    WheelTicks,
+)
+
+NEAR = 0.35
+"""An edge that is so near [m] to the outline has to be in the grid: an emergency stop at 0.6 m/s takes 0.3 m."""
+
+_KEPT = 0.2  # [m] that the rider leaves between the outline and the edge
+_BACKING = 0.25  # [m/s]
+_SIZE, _CAMERA_HZ = (320, 240), 5.0
+_CLOSE = 0.15  # [m] from an edge, an occupied cell shows it: that much is kept free round edges anyway
+_TICK_NS = 50_000_000
+
+
+@dataclass(frozen=True, slots=True)
+class EdgeApproach:
+    """How a drive went: `points` of edges, 5 cm apart, came nearer than `NEAR` to the outline; so many were `known` then.
+
+    `nearest_m` [m]: how near the outline came to an edge.
+    """
+
+    where: str
+    seed: int
+    points: int
+    known: int
+    nearest_m: float
+
+
+def approach_edge(where: str, seed: int, camera: bool = True) -> EdgeApproach:
+    """Drives up to, along or back to an edge; `where`: ahead, beside or behind. `camera`: its pictures are mapped, too.
+
+    Raises:
+        WorldError: the rider ran into something.
+        MissingExtra: this machine cannot render pictures.
+    """
+    hazard = EDGES[where](Guard.CAMERA, seed)
+    world = hazard.world
+    settings = with_all_sensors(SimulatorSettings())
+    eye = replace(settings.camera, rate_hz=_CAMERA_HZ, width=_SIZE[0], height=_SIZE[1])
+    settings = replace(settings, camera=eye, sonar=replace(settings.sonar, rate_hz=0.0))
+    simulator = Simulator(world, CHAIR_A, settings, seed)
+    if simulator.camera_problem is not None:
+        raise MissingExtra(f"there are no pictures to map from: {simulator.camera_problem}")
+    depth = DepthMappingSettings(use="on", view=DepthSettings(step=2))  # half the size of a real picture
+    live = LiveMapping(replace(LiveMappingSettings(), depth=depth), CHAIR_A.base_from_laser, CHAIR_A)
+    edges = np.concatenate([_rim(pit) for pit in world.pits])
+    ears, map_from_world = _Ears(live), simulator.truth().inverse()
+    come, known, nearest = np.zeros(len(edges), np.bool_), 0, math.inf
+    for message in _drive(where, simulator, hazard.goals[0].pose):
+        if camera or not isinstance(message, RgbdFrame):
+            ears.message(message)
+        gaps = _gaps(simulator.truth(), edges)
+        nearest = min(nearest, float(gaps.min()))
+        new = (gaps < NEAR) & ~come
+        if new.any():
+            come |= new
+            known += _shown(live.grid(), transform_points(map_from_world, edges[new]))
+    return EdgeApproach(where, seed, int(come.sum()), known, nearest)
+
+
+def _drive(where: str, simulator: Simulator, goal: Pose2) -> Iterator[SensorMessage]:
+    """The rider's drive: forwards along a route, and then backwards where the edge is behind."""
+    start, pit = simulator.truth(), simulator.world.pits[0]
+    x, y = pit.middle.x, pit.middle.y
+    if where == "ahead":
+        return _along(simulator, [(x - pit.length / 2 - CHAIR_A.front - _KEPT, start.y)])
+    if where == "beside":
+        lane = y + pit.width / 2 + CHAIR_A.width / 2 + _KEPT
+        return _along(simulator, [(start.x, lane), (x + 0.5, lane)])
+    lane = y + pit.width / 2 + 1.0
+    rest = y + pit.width / 2 + CHAIR_A.rear + _KEPT
+    return chain(_along(simulator, [(goal.x, lane), (goal.x, goal.y)]), _back(simulator, rest))
+
+
+def _along(simulator: Simulator, route: list[tuple[float, float]]) -> Iterator[SensorMessage]:
+    return follow(simulator, Follower(np.array(route), CHAIR_A.track, PlantSettings()))
+
+
+def _back(simulator: Simulator, until_y: float) -> Iterator[SensorMessage]:
+    """Straight back until the axle is there [m, world]."""
+    plant = PlantSettings()
+    stick = joystick_from_volts(plant, *volts_from_twist(plant, CHAIR_A.track, Twist(-_BACKING, 0.0)))
+    while simulator.truth().y > until_y:
+        simulator.rider = JoystickInput(simulator.now_ns, *stick)
+        yield from simulator.advance(_TICK_NS)
+    simulator.rider = JoystickInput(simulator.now_ns)
+
+
+class _Ears:
+    """Gathers what the sensors say into frames, and has them mapped."""
+
+    def __init__(self, live: LiveMapping) -> None:
+        self._live = live
+        self._wheels: list[WheelTicks] = []
+        self._imu: list[ImuSample] = []
+
+    def message(self, message: SensorMessage) -> None:
+        if isinstance(message, WheelTicks):
+            self._wheels.append(message)
+        elif isinstance(message, ImuSample):
+            self._imu.append(message)
+        elif isinstance(message, RgbdFrame):
+            self._live.see(message)
+        elif isinstance(message, Scan):
+            frame = SensorFrame(message.stamp_ns, scan=message, wheels=tuple(self._wheels), imu=tuple(self._imu))
+            self._live.process(frame)
+            self._wheels, self._imu = [], []
+
+
+def _rim(pit: Pit, step: float = 0.05) -> FloatArray:
+    """Points (N, 2) [m, world] along the edges of a pit, a centimetre within it."""
+    a, b = pit.length / 2 - 0.01, pit.width / 2 - 0.01
+    corners = np.array([(a, b), (-a, b), (-a, -b), (a, -b), (a, b)])
+    sides = [
+        p + (q - p) * np.linspace(0.0, 1.0, math.ceil(math.dist(p, q) / step), endpoint=False)[:, None]
+        for p, q in pairwise(corners)
+    ]
+    return transform_points(pit.middle, np.concatenate(sides))
+
+
+def _gaps(pose: Pose2, points: FloatArray) -> FloatArray:
+    """(N,) distances [m] from the outline to points (N, 2) [m, world]."""
+    local = transform_points(pose.inverse(), points)
+    ahead = np.maximum(local[:, 0] - CHAIR_A.front, -CHAIR_A.rear - local[:, 0])
+    beside = np.abs(local[:, 1]) - CHAIR_A.width / 2
+    gaps: FloatArray = np.hypot(np.maximum(ahead, 0.0), np.maximum(beside, 0.0))
+    return gaps
+
+
+def _shown(grid: OccupancyGrid, points: FloatArray) -> int:
+    """How many of points (N, 2) [m, map] have an occupied cell near."""
+    from_things = distances(occupied(grid), grid.resolution)
+    return int(are_within(from_things, grid, points, _CLOSE).sum())

@@ -1,0 +1,154 @@
+"""A working shift: one chair, switched on once, drives from place to place for hours, among people who walk about.
+
+Each shift has another building, other people, a door that is shut though the map has it open, and places that nobody
+chose to be easy. What a single drive does not show shows here: what piles up, and what is rare.
+"""
+
+from __future__ import annotations
+
+import math
+import resource
+from collections import Counter
+from dataclasses import dataclass
+
+import numpy as np
+
+from waychair.calibration.chair import CHAIR_A
+from waychair.calibration.dac import DEFAULT
+from waychair.errors import PlanningError
+from waychair.maps.grid import points_from_cells
+from waychair.planning.costmap import Costmap, costmap_from_grid
+from waychair.planning.footprint import fits
+from waychair.planning.global_planner import plan
+from waychair.simulation.world import World, load_world
+from waychair.trials.demo import chair_of
+from waychair.trials.drive import Leg, Setting, chair_in, drive_leg
+from waychair.trials.hazards import Struck, struck
+from waychair.trials.navigate import with_walkers
+from waychair.trials.ride import WatchedSimulator
+from waychair.types import Place, Pose2
+
+BUILDINGS = ("small_clinic", "second_floor", "basement")
+PLACES = 8
+"""Places that are drawn by lot, besides those that the building names."""
+
+_ROOM = 0.6  # [m] from what is solid to such a place
+_FITS = 0.05  # [m] beside the outline there
+_GIVEN_UP = 3
+"""So many drives in a row that lead nowhere end the shift."""
+
+
+@dataclass(frozen=True, slots=True)
+class Shift:
+    """What a shift came to: simulated time [s], way [m], drives, and what was run into, by whose doing.
+
+    `failures`: of drives that did not reach their place, where to and why. `person_m` [m]: how near a person was while
+    the chair moved. `tick_ms`: 99th percentile of the control step in the first and the last tenth of the ticks;
+    `grown_mb`: by how much the program's memory grew after the first drive.
+    """
+
+    building: str
+    seed: int
+    shut: str
+    seconds: float
+    way_m: float
+    drives: int
+    reached: int
+    failures: tuple[str, ...]
+    struck: dict[str, int]
+    person_m: float
+    tick_ms: tuple[float, float]
+    grown_mb: float
+
+    @property
+    def at_fault(self) -> int:
+        """Contacts that were the chair's doing."""
+        return sum(count for what, count in self.struck.items() if what != Struck.BUMPED.value)
+
+
+def work(building: str, seed: int, seconds: float, people: int = 3) -> Shift:
+    """One shift of so many simulated seconds, the drive under way then being the last.
+
+    Raises:
+        WorldError: there is no such building, or no room in it for so many people.
+        BoardBuildError: the firmware cannot be built here, for want of a C compiler.
+    """
+    rng = np.random.default_rng(seed)
+    whole = load_world(building)
+    shut, world = _with_a_door_shut(whole, rng)
+    places = _places(whole, costmap_from_grid(world.grid, CHAIR_A), rng)
+    simulator = WatchedSimulator(with_walkers(world, people, seed), CHAIR_A, chair_of(seed), seed)
+    setting = Setting(whole.grid, places, CHAIR_A, DEFAULT)
+    legs: list[Leg] = []
+    hits: Counter[str] = Counter()
+    nearest, grown_from, began_ns, in_vain = math.inf, 0.0, simulator.now_ns, 0
+    with chair_in(setting, simulator) as chair:
+        at = ""
+        while simulator.now_ns - began_ns < seconds * 1e9 and in_vain < _GIVEN_UP:
+            at = str(rng.choice([name for name in places if name != at]))
+            reports = len(simulator.contact_reports)
+            leg = drive_leg(setting, simulator, chair, at)
+            motion = simulator.motion()
+            hits.update(
+                struck(contact, simulator.world, CHAIR_A, motion).value
+                for contact in simulator.contact_reports[reports:]
+            )
+            moves = np.abs(motion.twists).max(axis=1) > 0.02
+            nearest = min(nearest, float(motion.people[moves].min(initial=math.inf)))
+            simulator.forget()
+            in_vain = 0 if leg.reached else in_vain + 1
+            legs.append(leg)
+            grown_from = grown_from or _memory_mb()
+    ticks = np.concatenate([leg.tick_ms for leg in legs])
+    tenth = max(1, len(ticks) // 10)
+    first, last = (float(np.percentile(part, 99)) for part in (ticks[:tenth], ticks[-tenth:]))
+    return Shift(
+        building,
+        seed,
+        shut,
+        (simulator.now_ns - began_ns) * 1e-9,
+        sum(leg.distance_m for leg in legs),
+        len(legs),
+        sum(leg.reached for leg in legs),
+        tuple(f"{leg.place}: {leg.reason}" for leg in legs if not leg.reached),
+        dict(hits),
+        nearest,
+        (first, last),
+        _memory_mb() - grown_from,
+    )
+
+
+def _with_a_door_shut(world: World, rng: np.random.Generator) -> tuple[str, World]:
+    """The world with one of its doors shut, such that all its places can still be reached; no door where there is none."""
+    for name in rng.permutation([door.name for door in world.doors]).tolist():
+        shut = world.with_closed([name])
+        ground = costmap_from_grid(shut.grid, CHAIR_A)
+        if all(_leads(ground, world.start, place.pose) for place in world.places):
+            return name, shut
+    return "", world
+
+
+def _places(world: World, ground: Costmap, rng: np.random.Generator) -> dict[str, Place]:
+    """The building's, and some more where the chair fits and that it gets to from its start."""
+    places = {place.name: place for place in world.places}
+    roomy = points_from_cells(world.grid, np.argwhere((ground.clearance > _ROOM) & (world.grid.cells >= 0)))
+    while len(places) < len(world.places) + PLACES:
+        x, y = roomy[rng.integers(len(roomy))].tolist()
+        pose = Pose2(x, y, float(rng.uniform(-math.pi, math.pi)))
+        if fits(CHAIR_A, _FITS, ground.field, pose) and _leads(ground, world.start, pose):
+            name = f"spot {len(places) - len(world.places) + 1}"
+            places[name] = Place(name, pose)
+    return places
+
+
+def _leads(ground: Costmap, start: Pose2, goal: Pose2) -> bool:
+    try:
+        plan(ground, start, goal)
+    except PlanningError:
+        return False
+    return True
+
+
+def _memory_mb() -> float:
+    """Most that the program has held so far."""
+    return resource.getrusage(resource.RUSAGE_SELF).ru_maxrss / 1e3
