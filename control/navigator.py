@@ -72,7 +72,7 @@ class NavigatorSettings(Settings):
         0.1, "m", "a point this far from those of both neighbouring beams hangs between two surfaces", low=0.0, high=1.0
     )
     longest_field: float = setting(
-        10.0, "s", "a potential that takes longer is given up, and the path there is is kept", low=0.1, high=600.0
+        60.0, "s", "a potential that takes longer is given up, and the path there is is kept", low=0.1, high=600.0
     )
     waits_from: float = setting(2.0, "m", "from so near the chair waits until its goal is free", low=0.1, high=50.0)
     corrections: CorrectionSettings = field(default_factory=CorrectionSettings)

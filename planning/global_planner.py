@@ -180,6 +180,8 @@ class GlobalPlanner:
         if wait_s == 0.0:
             return direct
         legs = self.legs
+        self.holds_anywhere = True  # until the next search is done
+        yield
         expected = with_forecast(costmap, predicted_occupancy(people, costmap.grid, forecast), forecast)
         with suppress(PlanningError):  # then there is no way round
             around = yield from self.replan_in_slices(expected, start, near, go_on)

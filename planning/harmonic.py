@@ -46,7 +46,7 @@ class HarmonicSettings(Settings):
     stages: int = setting(1000, "", "after which the rest is only bounded from below", low=0, high=100_000)
     step: float = setting(0.4, "cells", "of a streamline", low=0.05, high=1.0)
     slice: int = setting(
-        1_000_000, "", "so many cells are visited in one control step, some three milliseconds", low=1, high=10**9
+        2_000_000, "", "so many cells are visited in one control step, some six milliseconds", low=1, high=10**9
     )
 
 
@@ -174,6 +174,7 @@ def _stage(
         x[~free] = 0.0
     yield 4 * x.size
     _, sweeps = yield from run_solver(settings.solver.solver, System(level, absorption, x, b, settings.solver, go_on))
+    yield 4 * x.size
     told = x[1:-1, 1:-1] > settings.trusted * x.max()
     return np.where(told, np.log(x[1:-1, 1:-1], where=told, out=none.copy()) + scale, none), sweeps
 

@@ -206,7 +206,7 @@ def _multigrid(system: System) -> Parts[tuple[float, int]]:
         if residual <= s.tolerance:
             return residual, 0
     levels = levels_from(system.level, system.absorption)
-    yield x.size
+    yield 8 * x.size
     return (yield from conjugate_gradients(levels, x, b, s.tolerance, s.most_sweeps, system.go_on))
 
 

@@ -16,18 +16,28 @@ _V, _OMEGA = 0.02, 0.05
 
 def rests(frame: SensorFrame) -> bool:
     """Whether wheels and IMU say that the chair stands; a frame without them says nothing."""
-    readings = [reading for reading in frame.wheels if isinstance(reading, Odometry)]
-    if not frame.imu or len(readings) < len(frame.wheels):
-        return False
-    return all(abs(reading.twist.v) <= _V and abs(reading.twist.omega) <= _OMEGA for reading in readings)
+    return bool(frame.imu) and _stands(frame)
 
 
 def begins_at(frames: Sequence[SensorFrame]) -> int:
-    """The last of the frames with a scan before the chair first moves; 0 where it never does, or moves from the start on."""
-    before = 0
+    """The last of the frames with a scan before the chair first moves; 0 where it never does, moves from the start on, or
+    has no IMU.
+
+    A recorder finds topics one after the other: while none of the IMU has come yet, the wheels' word is enough.
+    """
+    before, felt = 0, False
     for index, frame in enumerate(frames):
-        if not rests(frame):
-            return before
+        felt = felt or bool(frame.imu)
+        if not (rests(frame) if felt else _stands(frame)):
+            return before if felt else 0
         if frame.scan is not None:
             before = index
     return 0
+
+
+def _stands(frame: SensorFrame) -> bool:
+    """Whether no odometry of the frame says that the chair moves."""
+    readings = [reading for reading in frame.wheels if isinstance(reading, Odometry)]
+    if len(readings) < len(frame.wheels):
+        return False
+    return all(abs(reading.twist.v) <= _V and abs(reading.twist.omega) <= _OMEGA for reading in readings)

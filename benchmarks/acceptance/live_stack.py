@@ -110,7 +110,11 @@ class LiveStack:
                 self._command, env=ros_environment(domain=self.domain), stdout=log, stderr=subprocess.STDOUT
             )
         began_s = time.monotonic()
-        self.until_ready()
+        try:
+            self.until_ready()
+        except BaseException:
+            self.end()
+            raise
         self.start_s = time.monotonic() - began_s
         return self
 

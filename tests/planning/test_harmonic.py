@@ -12,7 +12,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from waychair.calibration.chair import CHAIR_A
-from waychair.errors import ConfigError, NoPath, StartOutsideMap
+from waychair.errors import ConfigError, NoPath, NotConverged, StartOutsideMap
 from waychair.maps.moving_ai import load_free_cells
 from waychair.planning.costmap import costmap_from_grid
 from waychair.planning.footprint import fits
@@ -24,6 +24,7 @@ from waychair.planning.harmonic import (
     descend,
     gradient,
     log_field,
+    log_field_in_parts,
     streamline,
     summits,
     summits_of,
@@ -31,6 +32,7 @@ from waychair.planning.harmonic import (
 from waychair.planning.harmonic_search import HarmonicSearch, absorption_from_prices
 from waychair.planning.laplace_solvers import SolverSettings, problem_of, solve
 from waychair.planning.log_relay import log_sweep, spread
+from waychair.planning.slices import finished, sliced
 from waychair.types import BoolArray, FloatArray, OccupancyGrid, Pose2
 
 REAL = ("real_intel", "real_freiburg-079")
@@ -133,6 +135,40 @@ def test_stages_end_with_the_start_and_the_rest_still_leads_to_the_goal() -> Non
     assert part.solved < part.connected == free.size
     assert all_arrive(part)
     assert tuple(descend(part, (4, 399))[-1]) == (2, 0)
+
+
+def test_a_field_solved_in_slices_is_that_solved_in_one_go() -> None:
+    free = np.random.default_rng(3).random((60, 70)) > 0.25
+    free[30, 20] = True
+    problem = problem_of(free, (30, 20))
+    whole = log_field(problem)
+    visits: list[int] = list(log_field_in_parts(problem))
+    slices = sliced(log_field_in_parts(problem), 50_000)
+    count = 0
+    while True:
+        try:
+            next(slices)
+        except StopIteration as done:
+            np.testing.assert_array_equal(done.value.logs, whole.logs)
+            break
+        count += 1
+    assert max(visits) <= 12 * free.size  # no part is much more than a sweep over the map
+    assert sum(visits) // (50_000 + max(visits)) <= count <= sum(visits) // 50_000
+
+
+def test_a_field_left_off_half_way_changes_nothing_of_the_one_there_is() -> None:
+    prices = np.full((40, 60), FREE_PRICE, np.int32)
+    search = HarmonicSearch(prices, (12, 50), (12, 5), settings=HarmonicSettings(slice=1))
+    cost = search.replan()
+    search.update(np.array([[12, 30]]), np.array([0], np.int32))
+    work = search.prepare()
+    next(work)
+    work.close()
+    search.update(np.array([[12, 30]]), np.array([FREE_PRICE], np.int32))
+    assert search.replan() == pytest.approx(cost, rel=1e-3)
+    slow = HarmonicSearch(prices, (12, 50), (12, 5))
+    with pytest.raises(NotConverged, match="allow more sweeps or time"):
+        finished(slow.prepare(lambda: False))
 
 
 def test_sweeps_in_logarithms_do_what_plain_python_does() -> None:

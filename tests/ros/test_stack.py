@@ -302,7 +302,7 @@ def test_a_chair_in_a_namespace_is_driven_in_it_alone(ros: Harness, tmp_path: Pa
         left.listen(RosTopic("tf", "tf2_msgs/msg/TFMessage", RELIABLE), lambda message: message, frames)
         told = waychair(ros.domain, "goto", "1.6,1.0,0", "--yes", "--namespace", "/left")
         assert told.returncode == 0, told.stderr
-        assert frames.last is not None
+        left.until(lambda: frames.last is not None, "a transform in the namespace")
         assert waychair(ros.domain, "status").returncode == 1, "there is none outside"
         names = {name for name, _ in left.client.node.get_topic_names_and_types()}
     everybodys = {"/diagnostics", "/parameter_events", "/rosout"}

@@ -25,6 +25,19 @@ def test_whoever_looks_on_from_earlier_on_begins_with_the_same_scan(resting: int
     assert begins_at(frames) == resting - 1
 
 
+@given(st.integers(0, 4), st.integers(1, 9))
+def test_whoever_finds_the_imu_a_little_later_than_the_wheels_begins_with_the_same_scan(
+    deaf: int, resting: int
+) -> None:
+    frames = [frame(imu=False)] * deaf + [frame()] * resting + [frame(0.3)]
+    assert begins_at(frames) == deaf + resting - 1
+    assert begins_at([SensorFrame(0, scan=SCAN), *frames]) == deaf + resting
+
+
+def test_who_moves_before_the_imu_is_found_began_before() -> None:
+    assert begins_at([frame(imu=False), frame(0.3, imu=False), frame(), frame(), frame(0.3)]) == 0
+
+
 def test_a_frame_without_a_scan_begins_nothing() -> None:
     assert begins_at([frame(), frame(), frame(scan=False), frame(0.3)]) == 1
 
