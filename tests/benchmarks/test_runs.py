@@ -35,8 +35,8 @@ def test_runs_of_another_name_are_others(tmp_path: Path, monkeypatch: pytest.Mon
 
 def test_nothing_is_kept_of_code_that_no_commit_names(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(runs, "_git", lambda *words: " M planning/dwa.py" if words[0] == "status" else "123456789abc")
-    runs._kept.cache_clear()
+    runs.commit.cache_clear()
     try:
         assert runs._kept() is None
     finally:
-        runs._kept.cache_clear()
+        runs.commit.cache_clear()

@@ -189,7 +189,7 @@ def test_help_names_every_command_and_imports_nothing_heavy() -> None:
 
 
 def test_the_demo_needs_no_recording_and_drives_a_world_that_ships(tmp_path: Path) -> None:
-    command = [str(WAYCHAIR), "demo", "--world", "small_clinic", "--no-surprises", "--headless"]
+    command = [str(WAYCHAIR), "demo", "--world", "corridor_t", "--no-surprises", "--headless"]
     command += ["--out", str(tmp_path / "demo")]
     environment = {"PATH": "/usr/bin:/bin", "HOME": str(tmp_path), "WAYCHAIR_DATA": str(tmp_path / "none")}
     done = subprocess.run(command, capture_output=True, text=True, check=False, env=environment, cwd=tmp_path)

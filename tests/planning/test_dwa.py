@@ -20,7 +20,6 @@ from waychair.planning.dwa_kernels import fits_after, local_section, measure, pe
 from waychair.planning.footprint import along_arc, fits, footprint, free_time, in_cells, poses_in_cells
 from waychair.planning.global_planner import PlannerSettings, plan
 from waychair.planning.motion import DwaSettings, Motion, braking, measured, motion_after, slowing_speed, towards
-from waychair.planning.tracks import Track
 from waychair.types import BoolArray, OccupancyGrid, Path, Pose2, Twist
 
 CELL = 0.05
@@ -320,47 +319,6 @@ def test_the_measured_way_to_rest_must_be_free_ahead(v: float) -> None:
         result = choose(Pose2(4.0, 4.0), Twist(v), straight(Pose2(4.0, 4.0), 6.0), field, CHAIR_A, limits)
         near = np.argmin(np.abs(result.candidates - (v, 0.0)).sum(axis=1))
         assert np.isfinite(result.scores[near]) == admitted
-
-
-def walker(x: float, y: float, vx: float, vy: float) -> Track:
-    return Track(1, 0, 0, 9, np.array([x, y]), np.array([vx, vy]), 0.01 * np.eye(4), 0.3)
-
-
-def test_people_who_will_cross_are_waited_for_before_they_are_in_the_way() -> None:
-    """From the side, still two metres off the path: the field is empty, only the prediction knows."""
-    field, pose = distance_field(hall()), Pose2(2.0, 4.0)
-    fast = Twist(0.8, 0.0)
-    alone = choose(pose, fast, straight(pose, 6.0), field, CHAIR_A, PROMPT)
-    crossing = choose(pose, fast, straight(pose, 6.0), field, CHAIR_A, PROMPT, tracks=(walker(3.6, 5.6, 0.0, -1.2),))
-    leaving = choose(pose, fast, straight(pose, 6.0), field, CHAIR_A, PROMPT, tracks=(walker(3.6, 5.6, 0.0, 1.2),))
-    assert alone.twist.v > 0.78
-    assert crossing.twist.v < 0.78 or abs(crossing.twist.omega) > 0.01
-    assert leaving.twist == alone.twist
-
-
-def test_whoever_walks_into_a_standing_chair_is_not_run_into() -> None:
-    field, pose = distance_field(hall()), Pose2(4.0, 4.0)
-    result = choose(pose, Twist(), straight(pose, 6.0), field, CHAIR_A, PROMPT, tracks=(walker(5.3, 4.0, -1.0, 0.0),))
-    stands = (result.candidates == 0.0).all(axis=1)
-    assert np.isfinite(result.scores[stands]).all()
-    assert result.twist.v <= 0.0
-
-
-@pytest.mark.parametrize(("ahead", "braking"), [(0.6, 1.5), (1.0, 1.5), (1.4, 0.6)])
-def test_who_walks_at_the_chair_is_braked_for_as_hard_as_the_time_left_asks_for(ahead: float, braking: float) -> None:
-    field, pose, limits = distance_field(hall()), Pose2(3.0, 4.0), replace(PROMPT, reaction_time=0.15)
-    at = pose.x + CHAIR_A.front + 0.3 + ahead
-    result = choose(pose, Twist(0.8), straight(pose, 6.0), field, CHAIR_A, limits, tracks=(walker(at, 4.0, -0.8, 0.0),))
-    assert result.twist.v == pytest.approx(0.8 - braking * limits.period)
-    assert result.twist.omega == 0.0
-
-
-def test_who_comes_from_behind_may_be_driven_away_from() -> None:
-    field, pose = distance_field(hall()), Pose2(4.0, 4.0)
-    behind = walker(pose.x - CHAIR_A.rear - 0.6, 4.0, 0.5, 0.0)
-    result = choose(pose, Twist(), straight(pose, 6.0), field, CHAIR_A, PROMPT, tracks=(behind,))
-    assert result.twist.v > 0.0
-    assert not np.isfinite(result.scores[result.candidates[:, 0] < 0.0]).any()
 
 
 def test_a_chair_that_may_not_reverse_only_comes_to_rest_backwards() -> None:

@@ -220,7 +220,7 @@ def test_a_disk_that_hangs_never_holds_the_chair_up(
 def test_a_full_or_broken_disk_ends_the_log_with_one_diagnostic(
     code: int, quiet: Drive, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, caplog: pytest.LogCaptureFixture
 ) -> None:
-    room = [60_000]
+    room = [80_000]
 
     def filling(file: int, data: bytes) -> int:
         if not room[0]:
