@@ -54,8 +54,7 @@ def predicted_occupancy(
     grid_from_map = grid.map_from_grid.inverse()
     looks = settings.looks()
     for track in people.tracks:
-        at = track.position + looks[:, None] * track.velocity
-        middles = transform_points(grid_from_map, at) / grid.resolution
+        middles = transform_points(grid_from_map, track.after(looks)) / grid.resolution
         radii = (people.radius + looks * track.speed_sigma) / grid.resolution
         low = np.clip(np.floor((middles - radii[:, None]).min(axis=0)).astype(int), 0, share.shape[::-1])
         high = np.clip(np.ceil((middles + radii[:, None]).max(axis=0)).astype(int) + 1, low, share.shape[::-1])
@@ -107,6 +106,5 @@ def _taken(people: People, points: FloatArray, settings: ForecastSettings) -> Bo
     looks = settings.looks()
     taken = np.zeros((len(looks), len(points)), np.bool_)
     for track in people.tracks:
-        at = track.position + looks[:, None] * track.velocity
-        taken |= np.hypot(*(points - at[:, None]).transpose(2, 0, 1)) <= people.radius
+        taken |= np.hypot(*(points - track.after(looks)[:, None]).transpose(2, 0, 1)) <= people.radius
     return taken

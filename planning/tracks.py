@@ -20,7 +20,7 @@ from scipy.optimize import linear_sum_assignment
 
 from waychair.calibration.chair import ChairBody
 from waychair.config import Settings, setting
-from waychair.geometry import transform_points
+from waychair.geometry import rotation, transform_points
 from waychair.types import FloatArray, IntArray, Pose2
 
 
@@ -102,6 +102,10 @@ class Track:
         """How uncertain its speed is [m/s], one sigma."""
         return math.sqrt(max(float(np.trace(self.covariance[2:, 2:])) / 2, 0.0))
 
+    def after(self, seconds: FloatArray) -> FloatArray:
+        """(T, 2) where it is [m] after so many seconds (T,)."""
+        return self.position + seconds[:, None] * self.velocity
+
     def row(self, seconds: float) -> FloatArray:
         """(6,): x, y [m] after so many seconds, vx, vy [m/s], radius [m] and what it grows by [m/s], one sigma."""
         return np.array([*(self.position + seconds * self.velocity), *self.velocity, self.radius, self.speed_sigma])
@@ -109,8 +113,7 @@ class Track:
 
 def seen_from(frame_from_map: Pose2, tracks: Iterable[Track]) -> tuple[Track, ...]:
     """Tracks in another frame than that in which they were made."""
-    c, s = math.cos(frame_from_map.theta), math.sin(frame_from_map.theta)
-    turn = np.array([[c, -s], [s, c]])
+    turn = rotation(frame_from_map.theta)
     both = np.kron(np.eye(2), turn)
     return tuple(
         replace(

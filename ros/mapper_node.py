@@ -225,14 +225,15 @@ class MapperNode(ChairNode[MapperNodeSettings]):
             return
         try:
             grid = load_map(self._folder)
+            if np.array_equal(grid.cells, self._grid.cells):
+                return
             scanned = scanned_part(grid, load_depth_layer(self._folder, grid))
         except WaychairError as error:
             self.get_logger().error(f"{error}; the map stays as it was")
             return
-        if not np.array_equal(grid.cells, self._grid.cells):
-            self._grid = grid
-            self._send_map(occupancy_grid(self.now_ns(), grid))
-            self.worker.submit(lambda: saved_map(scanned, self.settings.localiser), localiser.redraw)
+        self._grid = grid
+        self._send_map(occupancy_grid(self.now_ns(), grid))
+        self.worker.submit(lambda: saved_map(scanned, self.settings.localiser), localiser.redraw)
 
     def _move(self, odometry: Odometry) -> None:
         anew = self._track.take(odometry)

@@ -17,7 +17,8 @@ from waychair.simulation.plant import PlantSettings
 from waychair.simulation.scene import Block, Pit
 from waychair.simulation.simulator import Simulator, SimulatorSettings, with_all_sensors
 from waychair.simulation.world import World
-from waychair.types import FloatArray, ImuSample, Pose2, RgbdFrame, Scan, SensorFrame, Trajectory, WheelTicks
+from waychair.trials.frames import FrameGathering
+from waychair.types import FloatArray, Pose2, RgbdFrame, SensorFrame, Trajectory
 
 
 def drive_with_pictures(
@@ -39,6 +40,28 @@ def drive_with_pictures(
         WorldError: the chair touched something on the way.
         MissingExtra: this machine cannot render pictures.
     """
+    simulator, frames = simulator_with_pictures(world, body, camera_hz, size, seed), FrameGathering()
+    stamps, poses = [], []
+    for message in follow(simulator, Follower(route, body.track, PlantSettings())):
+        if isinstance(message, RgbdFrame):
+            take(message)
+        elif (frame := frames.add(message)) is not None:
+            take(frame)
+            stamps.append(frame.stamp_ns)
+            poses.append(simulator.truth().array())
+        if until_ns is not None and message.stamp_ns >= until_ns:
+            break
+    return Trajectory(np.array(stamps, np.int64), np.array(poses))
+
+
+def simulator_with_pictures(
+    world: World, body: ChairBody, camera_hz: float, size: tuple[int, int], seed: int
+) -> Simulator:
+    """A chair with lidar, wheels, IMU and a camera, whose pictures are `size`, columns and rows.
+
+    Raises:
+        MissingExtra: this machine cannot render pictures.
+    """
     settings = with_all_sensors(SimulatorSettings())
     camera = replace(settings.camera, rate_hz=camera_hz, width=size[0], height=size[1])
     simulator = Simulator(
@@ -46,24 +69,7 @@ def drive_with_pictures(
     )
     if simulator.camera_problem is not None:
         raise MissingExtra(f"there are no pictures to map from: {simulator.camera_problem}")
-    wheels: list[WheelTicks] = []
-    imu: list[ImuSample] = []
-    stamps, poses = [], []
-    for message in follow(simulator, Follower(route, body.track, PlantSettings())):
-        if isinstance(message, WheelTicks):
-            wheels.append(message)
-        elif isinstance(message, ImuSample):
-            imu.append(message)
-        elif isinstance(message, RgbdFrame):
-            take(message)
-        elif isinstance(message, Scan):
-            take(SensorFrame(message.stamp_ns, scan=message, wheels=tuple(wheels), imu=tuple(imu)))
-            stamps.append(message.stamp_ns)
-            poses.append(simulator.truth().array())
-            wheels, imu = [], []
-        if until_ns is not None and message.stamp_ns >= until_ns:
-            break
-    return Trajectory(np.array(stamps, np.int64), np.array(poses))
+    return simulator
 
 
 def with_hazards(world: World, seed: int, spacing: float = 4.0) -> World:

@@ -14,7 +14,6 @@ from itertools import chain, pairwise
 import numpy as np
 
 from waychair.calibration.chair import CHAIR_A
-from waychair.errors import MissingExtra
 from waychair.geometry import transform_points
 from waychair.maps.depth_scan import DepthSettings
 from waychair.maps.distance_field import are_within, distances
@@ -24,19 +23,17 @@ from waychair.runtime.live_mapping import LiveMapping, LiveMappingSettings
 from waychair.simulation.follower import Follower, follow
 from waychair.simulation.plant import PlantSettings, joystick_from_volts, volts_from_twist
 from waychair.simulation.scene import Pit
-from waychair.simulation.simulator import SensorMessage, Simulator, SimulatorSettings, with_all_sensors
+from waychair.simulation.simulator import SensorMessage, Simulator
+from waychair.trials.depth_drive import simulator_with_pictures
+from waychair.trials.frames import FrameGathering
 from waychair.trials.hazards import EDGES, Guard
 from waychair.types import (
     FloatArray,
-    ImuSample,
     JoystickInput,
     OccupancyGrid,
     Pose2,
     RgbdFrame,
-    Scan,
-    SensorFrame,
     Twist,
-    WheelTicks,
 )
 
 NEAR = 0.35
@@ -72,20 +69,17 @@ def approach_edge(where: str, seed: int, camera: bool = True) -> EdgeApproach:
     """
     hazard = EDGES[where](Guard.CAMERA, seed)
     world = hazard.world
-    settings = with_all_sensors(SimulatorSettings())
-    eye = replace(settings.camera, rate_hz=_CAMERA_HZ, width=_SIZE[0], height=_SIZE[1])
-    settings = replace(settings, camera=eye, sonar=replace(settings.sonar, rate_hz=0.0))
-    simulator = Simulator(world, CHAIR_A, settings, seed)
-    if simulator.camera_problem is not None:
-        raise MissingExtra(f"there are no pictures to map from: {simulator.camera_problem}")
+    simulator = simulator_with_pictures(world, CHAIR_A, _CAMERA_HZ, _SIZE, seed)
     depth = DepthMappingSettings(use="on", view=DepthSettings(step=2))  # half the size of a real picture
     live = LiveMapping(replace(LiveMappingSettings(), depth=depth), CHAIR_A.base_from_laser, CHAIR_A)
     edges = np.concatenate([_rim(pit) for pit in world.pits])
-    ears, map_from_world = _Ears(live), simulator.truth().inverse()
+    frames, map_from_world = FrameGathering(), simulator.truth().inverse()
     come, known, nearest = np.zeros(len(edges), np.bool_), 0, math.inf
     for message in _drive(where, simulator, hazard.goals[0].pose):
-        if camera or not isinstance(message, RgbdFrame):
-            ears.message(message)
+        if camera and isinstance(message, RgbdFrame):
+            live.see(message)
+        elif (frame := frames.add(message)) is not None:
+            live.process(frame)
         gaps = _gaps(simulator.truth(), edges)
         nearest = min(nearest, float(gaps.min()))
         new = (gaps < NEAR) & ~come
@@ -121,27 +115,6 @@ def _back(simulator: Simulator, until_y: float) -> Iterator[SensorMessage]:
         simulator.rider = JoystickInput(simulator.now_ns, *stick)
         yield from simulator.advance(_TICK_NS)
     simulator.rider = JoystickInput(simulator.now_ns)
-
-
-class _Ears:
-    """Gathers what the sensors say into frames, and has them mapped."""
-
-    def __init__(self, live: LiveMapping) -> None:
-        self._live = live
-        self._wheels: list[WheelTicks] = []
-        self._imu: list[ImuSample] = []
-
-    def message(self, message: SensorMessage) -> None:
-        if isinstance(message, WheelTicks):
-            self._wheels.append(message)
-        elif isinstance(message, ImuSample):
-            self._imu.append(message)
-        elif isinstance(message, RgbdFrame):
-            self._live.see(message)
-        elif isinstance(message, Scan):
-            frame = SensorFrame(message.stamp_ns, scan=message, wheels=tuple(self._wheels), imu=tuple(self._imu))
-            self._live.process(frame)
-            self._wheels, self._imu = [], []
 
 
 def _rim(pit: Pit, step: float = 0.05) -> FloatArray:

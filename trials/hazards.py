@@ -115,7 +115,6 @@ def run_hazard(hazard: Hazard, seed: int, time_limit_s: float = 150.0) -> Hazard
     legs = drive_to_places(setting_of(hazard), simulator, [goal.name for goal in hazard.goals], time_limit_s)
     motion = simulator.motion()
     failed = next((leg for leg in legs if not leg.reached), None)
-    moves = np.abs(motion.twists).max(axis=1) > MOVES
     return HazardResult(
         hazard.name,
         seed,
@@ -126,7 +125,7 @@ def run_hazard(hazard: Hazard, seed: int, time_limit_s: float = 150.0) -> Hazard
             (struck(contact, hazard.world, hazard.body, motion), contact.speed) for contact in simulator.contact_reports
         ),
         least_to_edge(hazard.world, hazard.body, motion),
-        float(motion.people[moves].min(initial=math.inf)),
+        least_to_people(motion),
         ride_of(motion),
         sum(leg.plans for leg in legs),
         sum(leg.distance_m for leg in legs),
@@ -167,6 +166,12 @@ def least_to_edge(world: World, body: ChairBody, motion: Motion) -> float:
         return math.inf
     edges = solid_from_blocks((), world.pits)
     return min(clearance(edges, body, Pose2(*pose)) for pose in motion.poses[::5].tolist())
+
+
+def least_to_people(motion: Motion) -> float:
+    """Least distance [m] to a person while the chair moves; +inf where nobody is about, or it stands."""
+    moves = np.abs(motion.twists).max(axis=1) > MOVES
+    return float(motion.people[moves].min(initial=math.inf))
 
 
 def hazard_of_scene(scene: Scene) -> Hazard:

@@ -39,6 +39,7 @@ from waychair.slam.dead_reckoning import DeadReckoning
 from waychair.slam.evaluation import truth_errors
 from waychair.slam.localiser import LocalisationState, Localiser, LocaliserSettings
 from waychair.slam.mapper import odometry_of, twist_of
+from waychair.trials.frames import FrameGathering
 from waychair.types import (
     BoolArray,
     Float32Array,
@@ -46,10 +47,8 @@ from waychair.types import (
     Json,
     OccupancyGrid,
     Pose2,
-    Scan,
     SensorFrame,
     Trajectory,
-    WheelTicks,
 )
 
 PIECES, MOVED = 12, 4
@@ -241,16 +240,13 @@ def _drive(plan: FloorPlan, building: str, way: FloatArray, pieces: tuple[PlanBo
     furnished = msgspec.structs.replace(plan, boxes=[*plan.boxes, *pieces], people=[])
     world = replace(world_from_plan(furnished, building), start=start)
     simulator = Simulator(world, CHAIR_A, SimulatorSettings(), seed)
-    stamps, poses, frames, ticks = [simulator.now_ns], [simulator.truth()], list[SensorFrame](), list[WheelTicks]()
+    stamps, poses, frames, gathering = [simulator.now_ns], [simulator.truth()], list[SensorFrame](), FrameGathering()
     for message in follow(simulator, Follower(way, CHAIR_A.track, PlantSettings())):
         if simulator.now_ns > stamps[-1]:
             stamps.append(simulator.now_ns)
             poses.append(simulator.truth())
-        if isinstance(message, WheelTicks):
-            ticks.append(message)
-        elif isinstance(message, Scan):
-            frames.append(SensorFrame(message.stamp_ns, message, wheels=tuple(ticks)))
-            ticks = []
+        if (frame := gathering.add(message)) is not None:
+            frames.append(frame)
     at = np.array([frame.stamp_ns for frame in frames], np.int64)
     truth = Trajectory(at, np.array([_at(stamp, stamps, poses) for stamp in at.tolist()]))
     return Drive(world, pieces, tuple(frames), truth)

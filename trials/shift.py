@@ -23,7 +23,7 @@ from waychair.planning.global_planner import plan
 from waychair.simulation.world import World, load_world
 from waychair.trials.demo import chair_of
 from waychair.trials.drive import Leg, Setting, chair_in, drive_leg
-from waychair.trials.hazards import Struck, struck
+from waychair.trials.hazards import Struck, least_to_people, struck
 from waychair.trials.navigate import with_walkers
 from waychair.trials.ride import WatchedSimulator
 from waychair.types import Place, Pose2
@@ -93,8 +93,7 @@ def work(building: str, seed: int, seconds: float, people: int = 3) -> Shift:
                 struck(contact, simulator.world, CHAIR_A, motion).value
                 for contact in simulator.contact_reports[reports:]
             )
-            moves = np.abs(motion.twists).max(axis=1) > 0.02
-            nearest = min(nearest, float(motion.people[moves].min(initial=math.inf)))
+            nearest = min(nearest, least_to_people(motion))
             simulator.forget()
             in_vain = 0 if leg.reached else in_vain + 1
             legs.append(leg)

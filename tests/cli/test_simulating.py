@@ -15,6 +15,7 @@ import cv2
 import pytest
 from rosbags.highlevel import AnyReader
 
+from tests.halls import BOXES, hall_plan
 from waychair.recording import read_recording
 from waychair.simulation.renderer import renderer_problem
 from waychair.simulation.world import shipped_worlds
@@ -23,24 +24,18 @@ from waychair.types import Odometry
 
 WAYCHAIR = Path(sys.executable).parent / "waychair"
 
-PLAN = """\
-name: hall
-size: [8.0, 6.0]
-start: [1.5, 3.0, 0.0]
-walls:
-  - {start: [0.0, 0.0], end: [8.0, 0.0]}
-  - {start: [8.0, 0.0], end: [8.0, 6.0]}
-  - {start: [8.0, 6.0], end: [0.0, 6.0]}
-  - {start: [0.0, 6.0], end: [0.0, 0.0]}
-boxes:
-  - {centre: [4.0, 5.5], size: [1.2, 0.6]}
-  - {centre: [5.5, 0.5], size: [0.6, 0.6]}
+PLAN = hall_plan(
+    8.0,
+    6.0,
+    BOXES
+    + """\
 places:
   window: [6.0, 3.6, 0.0]
 routes:
   mapping: [[6.0, 3.0], [2.0, 3.0]]
   short: [[2.5, 3.0]]
-"""
+""",
+)
 
 
 @pytest.fixture

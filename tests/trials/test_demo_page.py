@@ -16,6 +16,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
+from tests.halls import BOXES, hall_plan
 from waychair.runtime.chair import ChairState
 from waychair.runtime.chair_port import ChairView
 from waychair.runtime.live_mapping import LiveMapping
@@ -25,24 +26,18 @@ from waychair.trials.demo import run_demo
 from waychair.trials.demo_page import DemoPage
 from waychair.types import UNKNOWN, DriveMode, Scan
 
-PLAN = """\
-name: hall
-size: [8.0, 6.0]
-start: [1.5, 3.0, 0.0]
-walls:
-  - {start: [0.0, 0.0], end: [8.0, 0.0]}
-  - {start: [8.0, 0.0], end: [8.0, 6.0]}
-  - {start: [8.0, 6.0], end: [0.0, 6.0]}
-  - {start: [0.0, 6.0], end: [0.0, 0.0]}
-boxes:
-  - {centre: [4.0, 5.5], size: [1.2, 0.6]}
-  - {centre: [5.5, 0.5], size: [0.6, 0.6]}
+PLAN = hall_plan(
+    8.0,
+    6.0,
+    BOXES
+    + """\
 places:
   door: [2.0, 3.0, 3.1]
   window: [6.0, 3.6, 0.0]
 routes:
   mapping: [[6.0, 3.0], [2.0, 3.0]]
-"""
+""",
+)
 
 
 @pytest.fixture

@@ -11,21 +11,18 @@ import pytest
 from benchmarks.acceptance import nights as module
 from benchmarks.acceptance.nights import nights
 
+from tests.halls import hall_plan
 from waychair.trials.shift import Shift, work
 
-PLAN = """\
-name: hall
-size: [9.0, 6.0]
-start: [1.5, 3.0, 0.0]
-walls:
-  - {start: [0.0, 0.0], end: [9.0, 0.0]}
-  - {start: [9.0, 0.0], end: [9.0, 6.0]}
-  - {start: [9.0, 6.0], end: [0.0, 6.0]}
-  - {start: [0.0, 6.0], end: [0.0, 0.0]}
+PLAN = hall_plan(
+    9.0,
+    6.0,
+    """\
   - {start: [4.5, 0.0], end: [4.5, 6.0], doors: [{name: south, at: 1.5, width: 1.4}, {name: north, at: 4.5, width: 1.4}]}
 places:
   window: [7.0, 3.6, 0.0]
-"""
+""",
+)
 
 
 @pytest.fixture(scope="module")

@@ -1,0 +1,24 @@
+"""Floor plans of a hall with four walls, as text, for tests that need a small building."""
+
+from __future__ import annotations
+
+
+def hall_plan(width: float, depth: float, further: str) -> str:
+    """A hall of so many metres, the chair 1.5 m into it; `further` YAML follows its walls, which may go on with more."""
+    return f"""\
+name: hall
+size: [{width}, {depth}]
+start: [1.5, 3.0, 0.0]
+walls:
+  - {{start: [0.0, 0.0], end: [{width}, 0.0]}}
+  - {{start: [{width}, 0.0], end: [{width}, {depth}]}}
+  - {{start: [{width}, {depth}], end: [0.0, {depth}]}}
+  - {{start: [0.0, {depth}], end: [0.0, 0.0]}}
+{further}"""
+
+
+BOXES = """\
+boxes:
+  - {centre: [4.0, 5.5], size: [1.2, 0.6]}
+  - {centre: [5.5, 0.5], size: [0.6, 0.6]}
+"""

@@ -1,0 +1,26 @@
+"""Frames of a simulated drive: each scan with what wheels and IMU have said since the one before."""
+
+from __future__ import annotations
+
+from waychair.simulation.simulator import SensorMessage
+from waychair.types import ImuSample, Scan, SensorFrame, WheelTicks
+
+
+class FrameGathering:
+    """Keeps what has been said since the last scan."""
+
+    def __init__(self) -> None:
+        self._wheels: list[WheelTicks] = []
+        self._imu: list[ImuSample] = []
+
+    def add(self, message: SensorMessage) -> SensorFrame | None:
+        """The frame that a message completes, if it does."""
+        if isinstance(message, WheelTicks):
+            self._wheels.append(message)
+        elif isinstance(message, ImuSample):
+            self._imu.append(message)
+        elif isinstance(message, Scan):
+            frame = SensorFrame(message.stamp_ns, message, wheels=tuple(self._wheels), imu=tuple(self._imu))
+            self._wheels, self._imu = [], []
+            return frame
+        return None
