@@ -53,6 +53,9 @@ class MonitorSettings(Settings):
     beside_legs: float = setting(
         0.45, "m", "kept free besides on either side of such, while not yet past", low=0.0, high=1.0
     )
+    round_legs: float = setting(
+        0.20, "m", "kept free round the outline before such while the chair turns on the spot", low=0.0, high=1.0
+    )
     give_way_s: float = setting(
         1.5, "s", "the chair stands so long before legs that are in the way", low=0.0, high=20.0
     )
@@ -361,10 +364,13 @@ def contact_times(
     beside, besides_ahead = margins(command, body, s, pace)
     to_come = legs & ((x > body.front) | (x < -body.rear))
     beside_legs, ahead_of_legs = (s.beside_after, s.ahead_after) if gave_way else (s.beside_legs, s.ahead_of_legs)
-    half = body.width / 2 + beside + np.where(to_come, beside_legs, 0.0)
+    # a corner that swings faster than the chair drives comes upon who stands beside it
+    swings = abs(command.omega) * body.circumscribed_radius > abs(command.v)
+    around = beside + np.where(legs & swings, s.round_legs, 0.0)
+    half = body.width / 2 + np.maximum(around, beside + np.where(to_come, beside_legs, 0.0))
     ahead = beside + np.where(legs, max(besides_ahead, ahead_of_legs), besides_ahead)
-    front = body.front + (ahead if command.v > 0.0 else np.full(len(x), beside))
-    rear = body.rear + (ahead if command.v < 0.0 else np.full(len(x), beside))
+    front = body.front + np.maximum(around, ahead if command.v > 0.0 else 0.0)
+    rear = body.rear + np.maximum(around, ahead if command.v < 0.0 else 0.0)
     # the side that a point is nearest to moves in until the point lies a centimetre outside
     gaps = np.stack([front - x, rear + x, half - np.abs(y)])
     nearest, within = gaps.argmin(axis=0), gaps.min(axis=0)

@@ -287,7 +287,7 @@ class Navigator:
 
     def _choose(self, now_ns: int, pose: Pose2, view: View) -> DwaResult:
         """Follow the path; where that has been impossible for a while, first back out the way the chair came."""
-        tries, behind = self._recovery.tries, self._people.behind(now_ns, view.pose)
+        backed, behind = self._recovery.backing, self._people.behind(now_ns, view.pose)
         backing = self._recovery.step(
             now_ns,
             view.pose,
@@ -298,10 +298,12 @@ class Navigator:
             self._dwa,
             self._among_people or behind,
         )
-        if self._recovery.tries > tries:
-            self._planned_ns = None  # once backed out, plan anew from there
         if backing is not None:
             return backing
+        if backed:  # a way from where the chair was is none from here
+            self._path, self._leg, self._planned_ns, self._no_way = None, None, None, "backed out"
+            stop = braking(self._command, self._dwa)
+            return DwaResult(stop, np.zeros((0, 2)), np.zeros(0), view.pose.array()[None])
         choice = self._follow(view, behind)
         if choice.arrived and len(self._legs) > 1:  # stopped and turned: on with the next leg
             self._legs, self._leg = self._legs[1:], None

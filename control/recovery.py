@@ -16,6 +16,7 @@ import numpy as np
 
 from waychair.calibration.chair import ChairBody
 from waychair.config import Settings, setting
+from waychair.geometry import wrap_angle
 from waychair.maps.distance_field import DistanceField
 from waychair.planning.dwa import DwaResult
 from waychair.planning.escape import back_up
@@ -32,6 +33,8 @@ class RecoverySettings(Settings):
     )
     progress_time: float = setting(8.0, "s", "coming no nearer this long: back out and try again", low=1.0, high=600.0)
     progress: float = setting(0.1, "m", "nearer by this much is progress", low=0.01, high=5.0)
+    turning_time: float = setting(4.0, "s", "turning no farther this long: back out and try again", low=1.0, high=600.0)
+    turning: float = setting(0.1, "rad", "turned by this much is progress", low=0.01, high=3.0)
     way: float = setting(0.4, "m", "how far to back out", low=0.05, high=5.0)
     tries: int = setting(6, "", "giving up after so many", low=0, high=100)
     patience: float = setting(20.0, "s", "standing still this long before giving up", low=1.0, high=3600.0)
@@ -48,6 +51,7 @@ class Recovery:
         self.tries = 0
         self._standing_since: int | None = None
         self._nearest: tuple[int, float] | None = None  # when, and how near to the goal [m]
+        self._turned: tuple[int, float] | None = None  # when, and to which heading [rad]
         self._backing: tuple[int, Pose2] | None = None  # since when, and from where
 
     @property
@@ -55,9 +59,14 @@ class Recovery:
         """Whether all tries have been made."""
         return self.tries > self._settings.tries
 
+    @property
+    def backing(self) -> bool:
+        """Whether the chair is on its way out backwards."""
+        return self._backing is not None
+
     def reset(self) -> None:
         """A new goal: only the trail is kept."""
-        self.tries, self._standing_since, self._nearest, self._backing = 0, None, None, None
+        self.tries, self._standing_since, self._nearest, self._turned, self._backing = 0, None, None, None, None
 
     def stands(self, now_ns: int) -> float:
         """Told that nothing is possible in this tick; how long [s] that has been so."""
@@ -78,6 +87,8 @@ class Recovery:
             self._standing_since += duration_ns
         if self._nearest is not None:
             self._nearest = self._nearest[0] + duration_ns, self._nearest[1]
+        if self._turned is not None:
+            self._turned = self._turned[0] + duration_ns, self._turned[1]
 
     def step(
         self,
@@ -96,10 +107,10 @@ class Recovery:
         when they are needed. Who `waits` for people begins no backing, and ends it.
         """
         if waits:
-            self._backing, self._nearest = None, None
+            self._backing, self._nearest, self._turned = None, None, None
         if self._backing is None:
             self._remember(pose)
-            if waits or not self._stuck(now_ns, remaining):
+            if waits or not self._stuck(now_ns, pose, remaining):
                 return None
             self._backing, self.tries = (now_ns, pose), self.tries + 1
         self._take_back(pose)
@@ -110,18 +121,22 @@ class Recovery:
         lasted = (now_ns - since) * 1e-9
         if backed < self._settings.way and lasted < self._settings.progress_time and not choice.blocked:
             return choice
-        self._backing, self._nearest = None, None
+        self._backing, self._nearest, self._turned = None, None, None
         return None
 
-    def _stuck(self, now_ns: int, remaining: float | None) -> bool:
+    def _stuck(self, now_ns: int, pose: Pose2, remaining: float | None) -> bool:
+        s = self._settings
         if self._standing_since is not None:
-            return (now_ns - self._standing_since) * 1e-9 >= self._settings.wait * (1 + self.tries)
+            return (now_ns - self._standing_since) * 1e-9 >= s.wait * (1 + self.tries)
         if remaining is None:
             self._nearest = None
-            return False
-        if self._nearest is None or remaining < self._nearest[1] - self._settings.progress:
+            if self._turned is None or abs(wrap_angle(pose.theta - self._turned[1])) > s.turning:
+                self._turned = (now_ns, pose.theta)
+            return (now_ns - self._turned[0]) * 1e-9 >= s.turning_time
+        self._turned = None
+        if self._nearest is None or remaining < self._nearest[1] - s.progress:
             self._nearest = (now_ns, remaining)
-        return (now_ns - self._nearest[0]) * 1e-9 >= self._settings.progress_time
+        return (now_ns - self._nearest[0]) * 1e-9 >= s.progress_time
 
     def _remember(self, pose: Pose2) -> None:
         if not self._trail or math.hypot(self._trail[-1].x - pose.x, self._trail[-1].y - pose.y) > 0.05:

@@ -355,7 +355,9 @@ def robot_settings() -> ChairSettings:
         limiter=LimiterSettings(
             acceleration=1.0, braking=1.0, alpha=3.0, emergency_alpha=6.0, max_omega=1.5, jerk=10.0
         ),
-        monitor=MonitorSettings(ahead_of_legs=0.12, beside_legs=0.05, ahead_after=0.10, beside_after=0.05),
+        monitor=MonitorSettings(
+            ahead_of_legs=0.12, beside_legs=0.05, round_legs=0.05, ahead_after=0.10, beside_after=0.05
+        ),
     )
 
 

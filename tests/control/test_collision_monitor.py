@@ -238,6 +238,27 @@ def test_a_thing_beside_a_straight_way_is_on_the_way_of_a_turn() -> None:
     assert judged(beside, Twist(0.5, 0.5)).contact_s < 2.0
 
 
+BESIDE_CORNER = np.array([[0.55, CHAIR_A.width / 2 + 0.15], [0.65, CHAIR_A.width / 2 + 0.15]])
+"""Legs of who stands beside the front corner; shoulders reach 0.2 m beyond."""
+
+
+@pytest.mark.parametrize("omega", [0.5, 0.1])
+def test_a_corner_does_not_swing_under_the_shoulders_of_who_stands_beside(omega: float) -> None:
+    assert judged(BESIDE_CORNER, Twist(0.0, omega)).stop == "obstacle"
+    assert judged(BESIDE_CORNER, Twist(0.3, 0.0)).share == 1.0
+    assert judged(BESIDE_CORNER, Twist(0.0, -omega)).share == 1.0
+    assert judged(BESIDE_CORNER + np.array([0.0, 0.35]), Twist(0.0, omega)).share == 1.0
+
+
+def test_a_chair_turns_beside_furniture_as_beside_a_wall() -> None:
+    monitor = Monitor(CHAIR_A)
+    monitor.see(scan_of(BESIDE_CORNER))
+    near = Twist(0.0, 0.1)
+    assert monitor.judge(near, Twist(), 50 * MS).stop == "obstacle"
+    monitor.furnish(BESIDE_CORNER, 0)
+    assert monitor.judge(near, Twist(), 50 * MS).share == 1.0
+
+
 def test_fewer_points_than_a_thing_has_are_noise() -> None:
     monitor = Monitor(CHAIR_A)
     scan = scan_of(np.empty((0, 2)))

@@ -4,12 +4,22 @@ from __future__ import annotations
 
 import itertools
 import math
+from dataclasses import replace
 
 import numpy as np
 import pytest
 
+from waychair.calibration.chair import CHAIR_A
+from waychair.calibration.dac import DEFAULT
+from waychair.control.navigator import NavigatorSettings
+from waychair.control.recovery import RecoverySettings
 from waychair.errors import WorldError
+from waychair.runtime.chair import ChairSettings
+from waychair.simulation.scene import Behaviour, PersonPlan
+from waychair.simulation.simulator import Simulator
 from waychair.simulation.world import world_from_grid
+from waychair.trials.demo import chair_of
+from waychair.trials.drive import Setting, drive_to_places
 from waychair.trials.navigate import navigate, shut_off, with_walkers
 from waychair.types import OccupancyGrid, Place, Pose2
 
@@ -54,3 +64,17 @@ def test_a_chair_turns_beside_the_legs_of_a_table_that_are_on_its_map() -> None:
     assert leg.reached, leg.reason
     assert leg.contacts == 0
     assert leg.duration_s < 40.0
+
+
+def test_a_chair_does_not_turn_into_who_stands_by_and_says_in_the_end_that_it_is_in_the_way() -> None:
+    corner = CHAIR_A.circumscribed_radius + 0.13
+    standing = PersonPlan(Behaviour.PATH, np.array([[4.0 + corner * math.cos(1.01), 4.0 + corner * math.sin(1.01)]]))
+    grid = hall(160)
+    world = replace(world_from_grid(grid, Pose2(2.0, 4.0)), people=(standing,))
+    simulator = Simulator(world, CHAIR_A, chair_of(1), 1)
+    window = Place("window", Pose2(4.0, 4.0, math.pi / 2))
+    soon = ChairSettings(navigator=NavigatorSettings(recovery=RecoverySettings(tries=1)))
+    (leg,) = drive_to_places(Setting(grid, {"window": window}, CHAIR_A, DEFAULT, chair=soon), simulator, ["window"])
+    assert leg.contacts == 0
+    assert not leg.reached
+    assert "clear the way" in leg.reason

@@ -1,0 +1,66 @@
+"""Making no way: what counts as progress along the way and in a turn, and when the chair has backed out."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from waychair.calibration.chair import CHAIR_A
+from waychair.control.recovery import Recovery, RecoverySettings
+from waychair.maps.distance_field import DistanceField, distances
+from waychair.planning.motion import DwaSettings
+from waychair.types import Pose2, Twist
+
+S = RecoverySettings()
+TICK_NS = 50_000_000
+
+
+def hall() -> DistanceField:
+    return DistanceField(distances(np.zeros((200, 200), np.bool_), 0.05), 0.05, Pose2(-5.0, -5.0))
+
+
+def backs(recovery: Recovery, seconds: float, turning: float, remaining: float | None) -> float | None:
+    """After how many seconds of turning so fast [rad/s] the chair begins to back out; None if it does not."""
+    for tick in range(round(seconds * 20)):
+        pose = Pose2(0.0, 0.0, turning * tick / 20)
+        if recovery.step(tick * TICK_NS, pose, remaining, Twist(), hall, CHAIR_A, DwaSettings()) is not None:
+            return tick / 20
+    return None
+
+
+def test_a_turn_that_gets_no_farther_is_backed_out_of() -> None:
+    assert backs(Recovery(S), S.turning_time + 1.0, 0.0, None) == S.turning_time
+    assert backs(Recovery(S), 20.0, 2.0 * S.turning / S.turning_time, None) is None
+
+
+def test_turning_and_driving_have_clocks_of_their_own() -> None:
+    recovery = Recovery(S)
+    assert backs(recovery, S.turning_time - 0.1, 0.0, None) is None
+    assert backs(recovery, 0.1, 0.0, 3.0) is None
+    assert backs(recovery, S.turning_time - 0.1, 0.0, None) is None
+
+
+def test_who_stood_to_plan_or_waited_for_people_has_not_turned_in_vain() -> None:
+    recovery, half = Recovery(S), round(S.turning_time * 5e8)
+    args = (Pose2(), None, Twist(), hall, CHAIR_A, DwaSettings())
+    assert recovery.step(0, *args) is None
+    recovery.stands_to_plan(half)
+    assert recovery.step(3 * half - 1, *args) is None
+    assert recovery.step(3 * half, *args) is not None
+    recovery = Recovery(S)
+    assert recovery.step(0, *args) is None
+    assert recovery.step(half, *args, waits=True) is None
+    assert recovery.step(3 * half - 1, *args) is None
+    assert not recovery.backing
+
+
+def test_backing_out_ends_after_its_way_and_is_said_to_last_until_then() -> None:
+    recovery = Recovery(S)
+    args = (None, Twist(), hall, CHAIR_A, DwaSettings())
+    assert recovery.step(0, Pose2(), *args) is None
+    now = round(S.turning_time * 1e9)
+    assert recovery.step(now, Pose2(), *args) is not None
+    assert recovery.backing
+    assert recovery.step(now + TICK_NS, Pose2(-S.way / 2, 0.0), *args) is not None
+    assert recovery.step(now + 2 * TICK_NS, Pose2(-S.way, 0.0), *args) is None
+    assert not recovery.backing
+    assert recovery.tries == 1
