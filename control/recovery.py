@@ -16,7 +16,6 @@ import numpy as np
 
 from waychair.calibration.chair import ChairBody
 from waychair.config import Settings, setting
-from waychair.geometry import wrap_angle
 from waychair.maps.distance_field import DistanceField
 from waychair.planning.dwa import DwaResult
 from waychair.planning.escape import back_up
@@ -33,7 +32,7 @@ class RecoverySettings(Settings):
     )
     progress_time: float = setting(8.0, "s", "coming no nearer this long: back out and try again", low=1.0, high=600.0)
     progress: float = setting(0.1, "m", "nearer by this much is progress", low=0.01, high=5.0)
-    turning_time: float = setting(4.0, "s", "turning no farther this long: back out and try again", low=1.0, high=600.0)
+    turning_time: float = setting(5.0, "s", "turning no farther this long: back out and try again", low=1.0, high=600.0)
     turning: float = setting(0.1, "rad", "turned by this much is progress", low=0.01, high=3.0)
     way: float = setting(0.4, "m", "how far to back out", low=0.05, high=5.0)
     tries: int = setting(6, "", "giving up after so many", low=0, high=100)
@@ -51,7 +50,7 @@ class Recovery:
         self.tries = 0
         self._standing_since: int | None = None
         self._nearest: tuple[int, float] | None = None  # when, and how near to the goal [m]
-        self._turned: tuple[int, float] | None = None  # when, and to which heading [rad]
+        self._turned: tuple[int, Pose2] | None = None  # when the chair, turning, last came to be elsewhere, and where
         self._backing: tuple[int, Pose2] | None = None  # since when, and from where
 
     @property
@@ -103,7 +102,7 @@ class Recovery:
     ) -> DwaResult | None:
         """A command for backing out, or None while following the path is right.
 
-        `remaining` [m] is the way to the goal, None while turning at it. `local` gives the distances round the chair,
+        `remaining` [m] is the way to the goal, None while turning at it or trying a door again. `local` gives the distances round the chair,
         when they are needed. Who `waits` for people begins no backing, and ends it.
         """
         if waits:
@@ -130,8 +129,9 @@ class Recovery:
             return (now_ns - self._standing_since) * 1e-9 >= s.wait * (1 + self.tries)
         if remaining is None:
             self._nearest = None
-            if self._turned is None or abs(wrap_angle(pose.theta - self._turned[1])) > s.turning:
-                self._turned = (now_ns, pose.theta)
+            off = None if self._turned is None else self._turned[1].inverse() @ pose
+            if off is None or abs(off.theta) > s.turning or math.hypot(off.x, off.y) > s.progress:
+                self._turned = (now_ns, pose)
             return (now_ns - self._turned[0]) * 1e-9 >= s.turning_time
         self._turned = None
         if self._nearest is None or remaining < self._nearest[1] - s.progress:

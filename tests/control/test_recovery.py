@@ -32,6 +32,13 @@ def test_a_turn_that_gets_no_farther_is_backed_out_of() -> None:
     assert backs(Recovery(S), 20.0, 2.0 * S.turning / S.turning_time, None) is None
 
 
+def test_a_door_that_is_tried_again_is_driven_through_straight() -> None:
+    recovery = Recovery(S)
+    for tick in range(round(20 * 3 * S.turning_time)):
+        pose = Pose2(1.2 * S.progress / S.turning_time * tick / 20)
+        assert recovery.step(tick * TICK_NS, pose, None, Twist(), hall, CHAIR_A, DwaSettings()) is None
+
+
 def test_turning_and_driving_have_clocks_of_their_own() -> None:
     recovery = Recovery(S)
     assert backs(recovery, S.turning_time - 0.1, 0.0, None) is None
