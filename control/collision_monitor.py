@@ -28,6 +28,7 @@ from waychair.calibration.chair import ChairBody
 from waychair.calibration.self_mask import SelfMask
 from waychair.calibration.stopping import StopTable
 from waychair.config import Settings, setting
+from waychair.control.arc_entry import entry_times
 from waychair.errors import ConfigError
 from waychair.geometry import arcs, transform_points
 from waychair.types import BoolArray, FloatArray, IntArray, Pose2, Scan, Twist
@@ -376,7 +377,7 @@ def contact_times(
     nearest, within = gaps.argmin(axis=0), gaps.min(axis=0)
     shrink = np.maximum(within + _CLOSER, 0.0)
     sides = [side - np.where(nearest == row, shrink, 0.0) for row, side in enumerate((front, rear, half))]
-    times = _entry_times(x, y, command, *sides)
+    times = entry_times(x, y, command, *sides)
     times = np.where((within > 0.0) & (times < _SOON), 0.0, times)
     deep = np.minimum(np.minimum(body.front - x, body.rear + x), body.width / 2 - np.abs(y)) > _DEEP
     moves = abs(command.v) > 0.0 or abs(command.omega) > 0.0
@@ -391,55 +392,6 @@ _SOON = 1.0
 
 _DEEP = 0.05
 """A point this far inside the outline [m] is no noise at its edge."""
-
-
-def _entry_times(
-    x: FloatArray, y: FloatArray, command: Twist, front: FloatArray, rear: FloatArray, half: FloatArray
-) -> FloatArray:
-    """When points outside of rectangles (each its own) enter them, the chair driving on an arc.
-
-    In the chair's frame a fixed point turns by -omega about the centre of the arc (0, v / omega), or moves straight
-    back. It enters where it first crosses a side that lies between its neighbours.
-    """
-    v, omega = command.v, command.omega
-    best = np.full(len(x), math.inf)
-    if v == 0.0 and abs(omega) < _STRAIGHT:
-        return best
-    for level, upright in ((front, True), (-rear, True), (half, False), (-half, False)):
-        for t in _crossings(x, y, v, omega, level, upright):
-            px, py = _moved(x, y, v, omega, t)
-            inside = np.abs(py) <= half if upright else (px <= front) & (px >= -rear)
-            best = np.where((t >= 0.0) & inside & (t < best), t, best)
-    return best
-
-
-def _crossings(
-    x: FloatArray, y: FloatArray, v: float, omega: float, level: FloatArray, upright: bool
-) -> tuple[FloatArray, ...]:
-    """Times (N,) [s] at which points cross the line x = level (`upright`) or y = level; nan where they never do."""
-    with np.errstate(divide="ignore", invalid="ignore", over="ignore"):
-        if abs(omega) < _STRAIGHT:
-            return ((x - level) / v if upright else np.full(len(x), math.nan),)
-        radius_y = y - v / omega
-        reach, phase = np.hypot(x, radius_y), np.arctan2(radius_y, x)
-        part = (level / reach) if upright else (level - v / omega) / reach
-        turn = np.arccos(part) if upright else np.arcsin(part)
-        angles = (turn, -turn) if upright else (turn, math.pi - turn)
-        # the phase falls by omega t; the first time that is not in the past
-        return tuple(np.mod((phase - angle) * math.copysign(1.0, omega), math.tau) / abs(omega) for angle in angles)
-
-
-def _moved(x: FloatArray, y: FloatArray, v: float, omega: float, t: FloatArray) -> tuple[FloatArray, FloatArray]:
-    """Where points are in the chair's frame after times t (N,)."""
-    if abs(omega) < _STRAIGHT:
-        return x - v * t, y
-    c, s = np.cos(omega * t), np.sin(omega * t)
-    radius_y = y - v / omega
-    return c * x + s * radius_y, c * radius_y - s * x + v / omega
-
-
-_STRAIGHT = 1e-6
-"""An arc that turns by less [rad/s] is straight."""
 
 
 def stop_seconds(command: Twist, settings: MonitorSettings, stops: StopTable | None = None) -> float:
