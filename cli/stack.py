@@ -106,6 +106,7 @@ def up_command(
     from waychair.errors import MissingExtra, RosError
     from waychair.ros.environment import is_secured, ros_environment
     from waychair.ros.interface_types import interface_type
+    from waychair.ros.shared_memory import clear_dead
     from waychair.ros.stack import Stack, processes
     from waychair.runtime.processes import Supervision, signalled
 
@@ -136,6 +137,7 @@ def up_command(
         print(
             f"waychair: the page is at {page_address(stack.page_port, page_lan, environment[TOKEN])}", file=sys.stderr
         )
+    clear_dead()
     ending = signalled(signal.SIGINT, signal.SIGTERM)
     with Supervision(table, environment, lambda sentence: print(f"waychair: {sentence}", file=sys.stderr)) as running:
         while not ending():

@@ -170,6 +170,12 @@ class Navigator:
         """(K, 2) [m] in odom: where those are who walk about, or have."""
         return self._people.positions
 
+    @property
+    def near(self) -> DistanceField:
+        """How far from everything it is round the chair, in map; made by whoever asks first after a scan."""
+        self._local = near = self._local or self._surroundings.window(self._here)
+        return near
+
     def pause(self) -> None:
         """Stop and stand until `resume`."""
         if self.active:
@@ -271,7 +277,7 @@ class Navigator:
         """What there is to drive by, in odom."""
 
         def window() -> DistanceField:  # anew with every scan, but only where it is driven by
-            self._local = near = self._local or self._surroundings.window(pose)
+            near = self.near
             return DistanceField(near.metres, near.resolution, odom_from_map @ near.map_from_grid)
 
         return View(

@@ -129,9 +129,10 @@ class Recovery:
             return (now_ns - self._standing_since) * 1e-9 >= s.wait * (1 + self.tries)
         if remaining is None:
             self._nearest = None
-            off = None if self._turned is None else self._turned[1].inverse() @ pose
-            if off is None or abs(off.theta) > s.turning or math.hypot(off.x, off.y) > s.progress:
-                self._turned = (now_ns, pose)
+            since_ns, there = self._turned or (now_ns, pose)
+            off = there.inverse() @ pose
+            moved = abs(off.theta) > s.turning or math.hypot(off.x, off.y) > s.progress
+            self._turned = (now_ns, pose) if moved else (since_ns, there)
             return (now_ns - self._turned[0]) * 1e-9 >= s.turning_time
         self._turned = None
         if self._nearest is None or remaining < self._nearest[1] - s.progress:

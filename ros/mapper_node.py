@@ -41,6 +41,7 @@ from waychair.maps.places import load_places, save_places
 from waychair.maps.zones import load_zones, save_zones
 from waychair.ros import topics
 from waychair.ros.active_state import answer_for
+from waychair.ros.inputs import CLOCK_ERROR_NS
 from waychair.ros.interface_types import interface_type
 from waychair.ros.known_chair import known_chair
 from waychair.ros.messages.chair import localisation
@@ -249,6 +250,8 @@ class MapperNode(ChairNode[MapperNodeSettings]):
         if self._growing is not None:
             self._growing.see(self._calibration.seen(scan))
             return
+        if abs(self.now_ns() - scan.stamp_ns) > CLOCK_ERROR_NS:
+            return  # by this node's clock nobody could follow the transforms: its input says so, and nobody drives
         if self._waiting and scan.stamp_ns <= self._waiting[-1].stamp_ns:
             self._waiting.clear()  # a clock was set back
         self._waiting.append(scan)

@@ -3,13 +3,15 @@
 from __future__ import annotations
 
 from collections.abc import Callable
+from dataclasses import replace
 from typing import Any
 
 import numpy as np
 
 from waychair.calibration.chair import ChairBody
-from waychair.control.navigator import Navigation
+from waychair.control.navigator import Navigation, Navigator
 from waychair.geometry import transform_points
+from waychair.maps.distance_field import DistanceField
 from waychair.maps.grid import OCCUPIED_FROM
 from waychair.planning.costmap import Costmap
 from waychair.planning.grid_graph import MAX_PRICE
@@ -17,15 +19,20 @@ from waychair.ros import topics
 from waychair.ros.messages.maps import occupancy_grid
 from waychair.ros.messages.motion import path, points, polygon
 from waychair.ros.node import ChairNode
-from waychair.types import UNKNOWN, FloatArray, OccupancyGrid, Path, Pose2
+from waychair.types import UNKNOWN, OccupancyGrid, Path, Pose2
 
-_PEOPLE_EVERY = 2  # ticks
+_PEOPLE_EVERY, _NEAR_EVERY = 2, 10  # ticks
 _LOOK_HZ = 1.0
 _OCCUPIED, _CLOSED, _DEAREST = 100, 99, 98
+_SCALING, _INFLATION = 3.0, 0.7
+"""How fast costs fall with the distance [1/m], and how far from things there are any [m]: those of nav2_bringup."""
 
 
 class NavigationDisplay:
-    """The topics plan, local_plan, people, global_costmap/costmap and local_costmap/published_footprint."""
+    """The topics plan, local_plan, people, global_costmap/costmap, local_costmap/costmap and .../published_footprint.
+
+    What is dear, the costmaps, is made only while somebody looks.
+    """
 
     def __init__(self, node: ChairNode[Any], body: ChairBody) -> None:
         self._node, self._body = node, body
@@ -35,7 +42,7 @@ class NavigationDisplay:
         self._send_plan, self._send_local = node.publisher(topics.PLAN), node.publisher(topics.LOCAL_PLAN)
         self._send_people, self._send_costmap = node.publisher(topics.PEOPLE), node.publisher(topics.GLOBAL_COSTMAP)
         self._send_footprint = node.publisher(topics.FOOTPRINT)
-        self._costmap_name = node.resolve_topic_name(topics.GLOBAL_COSTMAP.name)
+        self._send_near = node.publisher(topics.LOCAL_COSTMAP)
         node.every(_LOOK_HZ, self._look)
 
     def draw(self, priced: Callable[[], Costmap]) -> None:
@@ -43,16 +50,20 @@ class NavigationDisplay:
         self._priced = priced
 
     def show(
-        self, navigation: Navigation, people: FloatArray, map_from_odom: Pose2, odom_from_base: Pose2 | None
+        self, navigation: Navigation, navigator: Navigator, map_from_odom: Pose2, odom_from_base: Pose2 | None
     ) -> None:
-        """A tick of the navigator; `people` (K, 2) [m] in odom."""
+        """A tick of the navigator, and what came of it."""
         self._ticks += 1
         now_ns, odom = self._node.now_ns(), topics.ODOMETRY.frame
         if navigation.path is not None and navigation.path is not self._shown:
             self._shown = navigation.path
             self._send_plan(path(now_ns, navigation.path))
         if self._ticks % _PEOPLE_EVERY == 0:
-            self._send_people(points(now_ns, transform_points(map_from_odom, people)))
+            self._send_people(points(now_ns, transform_points(map_from_odom, navigator.people)))
+        if self._ticks % _NEAR_EVERY == 0 and self._is_watched(topics.LOCAL_COSTMAP):
+            near = grid_from_distances(navigator.near, self._body)
+            near = replace(near, map_from_grid=map_from_odom.inverse() @ near.map_from_grid)
+            self._send_near(occupancy_grid(now_ns, near, odom))
         if odom_from_base is not None:
             self._send_footprint(polygon(now_ns, transform_points(odom_from_base, self._body.outline()), odom))
         choice = navigation.choice
@@ -62,10 +73,13 @@ class NavigationDisplay:
     def _look(self) -> None:
         """Whether somebody wants the costmap; who comes later than others gets the same, for it is latched."""
         priced = self._priced
-        if priced is None or self._node.count_subscribers(self._costmap_name) == 0:
+        if priced is None or not self._is_watched(topics.GLOBAL_COSTMAP):
             return
         self._priced = None
         self._node.worker.submit(lambda: grid_from_costmap(priced()), self._show_costmap)
+
+    def _is_watched(self, topic: topics.RosTopic) -> bool:
+        return bool(self._node.count_subscribers(self._node.resolve_topic_name(topic.name)) > 0)
 
     def _show_costmap(self, grid: OccupancyGrid) -> None:
         self._send_costmap(occupancy_grid(self._node.now_ns(), grid))
@@ -84,3 +98,19 @@ def grid_from_costmap(costmap: Costmap) -> OccupancyGrid:
     cells[known == UNKNOWN] = UNKNOWN
     cells[known >= OCCUPIED_FROM] = _OCCUPIED
     return OccupancyGrid(cells, costmap.grid.resolution, costmap.grid.map_from_grid)
+
+
+def grid_from_distances(near: DistanceField, body: ChairBody) -> OccupancyGrid:
+    """What stands round the chair as Nav2's inflation shows it, where the field lies.
+
+    100 is an obstacle, 99 where the chair's inscribed circle does not fit whichever way it looks; beyond that circle's
+    radius r a distance d costs 98 exp(-k (d - r)), and nothing from the inflation radius on. (nav2_costmap_2d,
+    `InflationLayer::computeCost`, in the percentages of `Costmap2DPublisher`.) Distances lie between cells' centres there
+    and here alike.
+    """
+    inscribed = min(body.front, body.rear, body.width / 2)
+    falling = np.rint(_DEAREST * np.exp(-_SCALING * (near.metres - inscribed)))
+    cells = np.where(near.metres < _INFLATION, falling.clip(0, _DEAREST), 0).astype(np.int8)
+    cells[near.metres <= inscribed] = _CLOSED
+    cells[near.metres == 0.0] = _OCCUPIED
+    return OccupancyGrid(cells, near.resolution, near.map_from_grid)

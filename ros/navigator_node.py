@@ -11,7 +11,7 @@
 | sends | |
 |---|---|
 | cmd_vel, drive_request | to the bridge, which obeys no other node |
-| plan, local_plan, people, global_costmap/costmap, local_costmap/published_footprint | see `NavigationDisplay` |
+| plan, local_plan, people, global_costmap/costmap, local_costmap/... | see `NavigationDisplay` |
 | places | the map's, for those who call them by name |
 
 Services: `cancel` (std_srvs/Trigger), and `bt_navigator/get_state` (lifecycle_msgs), for scripts that wait for Nav2's.
@@ -329,7 +329,7 @@ class NavigatorNode(ChairNode[NavigatorNodeSettings]):
         command = self._slowed(navigation.twist) if navigation.driving else Twist()
         self._send(command, self._request(now_ns, navigation))
         map_from_odom = self._located[1].map_from_odom
-        self._display.show(navigation, pilot.navigator.people, map_from_odom, self._track.odom_from_base(now_ns))
+        self._display.show(navigation, pilot.navigator, map_from_odom, self._track.odom_from_base(now_ns))
         self._tell_action(pose)
         self._renew()
 

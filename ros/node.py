@@ -32,7 +32,7 @@ from waychair.ros.interface_types import interface_type
 from waychair.ros.messages.reports import Level, Report, diagnostics
 from waychair.ros.messages.wire import serialised
 from waychair.ros.parameters import descriptor, leaves, settings_from_parameters
-from waychair.ros.topics import DIAGNOSTICS, RosTopic, profile
+from waychair.ros.topics import CLOCK, DIAGNOSTICS, RosTopic, profile
 from waychair.ros.worker import Worker
 from waychair.runtime.processes import BEAT_HZ, beats
 
@@ -168,15 +168,21 @@ class ChairNode(Node, Generic[S]):
             self.declare_parameter(name, leaf.parameter, described, ignore_override=True)
         return settings
 
+    def _clock_trouble(self) -> str:
+        """What is wrong with /clock, where this node follows it; empty otherwise."""
+        if not self.get_parameter("use_sim_time").value:
+            return ""
+        if self.now_ns() == 0:
+            return "use_sim_time is set, but nobody sends /clock: start the simulator"
+        senders = self.count_publishers(CLOCK.name)
+        return f"{senders} nodes send /clock, so that time jumps: stop all but one" if senders > 1 else ""
+
     def _report(self) -> None:
-        reports = [
-            Report("node", Level.OK, "", (("pid", str(os.getpid())),)),
-            *(each.report() for each in self._inputs),
-        ]
-        if self.get_parameter("use_sim_time").value and self.now_ns() == 0:
-            reports.append(
-                Report("clock", Level.ERROR, "use_sim_time is set, but nobody sends /clock: start the simulator")
-            )
+        reports = [Report("node", Level.OK, "", (("pid", str(os.getpid())),))]
+        if trouble := self._clock_trouble():
+            reports.append(Report("clock", Level.ERROR, trouble))
+        if self.now_ns():  # else the inputs' ages mean nothing
+            reports += [each.report() for each in self._inputs]
         prefix = self.get_fully_qualified_name()
         named = [
             Report(f"{prefix}: {report.name}", report.level, report.message, report.values)

@@ -43,7 +43,7 @@ from waychair.ros.node import ChairNode, run_node
 from waychair.ros_messages import BASE_FRAME, MAP_FRAME, ODOM_FRAME
 from waychair.runtime.last_pose import remember_pose, remembered_pose
 from waychair.simulation.chair_file import load_chair
-from waychair.simulation.pacing import PaceMode, Pacer
+from waychair.simulation.pacing import PaceMode, Pacer, PacingSettings
 from waychair.simulation.pseudo_terminal import make_link
 from waychair.simulation.simulator import Simulator, SimulatorSettings, with_all_sensors
 from waychair.simulation.world import load_world
@@ -52,6 +52,9 @@ from waychair.trials.drive import Setting, board_settings
 from waychair.types import ImuSample, JoystickInput, Odometry, Pose2, RgbdFrame, Scan, SonarReadings, WheelTicks
 
 _REMEMBER_HZ = 10.0
+_SLACK_S = 0.04
+"""A delay beyond this is never caught up: in the rush the board's time goes by without a word from the computer, whose
+silence it forgives for 0.1 s, and stamps are as old as the delay."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -91,7 +94,7 @@ class SimulatorNode(ChairNode[SimulatorNodeSettings]):
 
     def __init__(self) -> None:
         super().__init__("simulator", SimulatorNodeSettings)
-        self._pacer = Pacer(PaceMode.REALTIME)
+        self._pacer = Pacer(PaceMode.REALTIME, settings=PacingSettings(slack=_SLACK_S))
         self._lost_s = 0.0
         self._simulator: Simulator | None = None
         self._board: _Board | None = None

@@ -9,7 +9,7 @@ from pathlib import Path
 
 import pytest
 
-from tests.cli.test_commands import refused, waychair
+from tests.cli.command import refused, waychair
 from tests.runtime.boxes import driven, logged
 from tests.runtime.riding import START, Ride, hall
 from tests.runtime.test_chair_faults import only

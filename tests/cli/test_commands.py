@@ -11,25 +11,10 @@ from pathlib import Path
 import numpy as np
 import pytest
 
+from tests.cli.command import WAYCHAIR, refused, started, waychair
 from waychair.maps.map_files import load_map, save_map
 from waychair.recording import RecordingWriter, read_tum
 from waychair.types import OccupancyGrid, Odometry, Pose2, Scan
-
-WAYCHAIR = Path(sys.executable).parent / "waychair"
-
-
-def waychair(*arguments: str | Path, cwd: Path | None = None) -> subprocess.CompletedProcess[str]:
-    command = [str(WAYCHAIR), *map(str, arguments)]
-    return subprocess.run(command, capture_output=True, text=True, check=False, cwd=cwd)
-
-
-def refused(done: subprocess.CompletedProcess[str]) -> str:
-    """The one sentence on standard error of a command that failed as it should."""
-    assert done.returncode not in (0, -1), done.stdout
-    assert "Traceback" not in done.stderr
-    sentences = [line for line in done.stderr.splitlines() if line.startswith("waychair: ")]
-    assert len(sentences) == 1, done.stderr
-    return sentences[0]
 
 
 def room_scan(pose: Pose2, stamp_ns: int) -> Scan:
@@ -62,7 +47,7 @@ def bag(tmp_path_factory: pytest.TempPathFactory) -> Path:
 @pytest.fixture(scope="module")
 def map_folder(bag: Path, tmp_path_factory: pytest.TempPathFactory) -> Path:
     folder = tmp_path_factory.mktemp("map") / "room"
-    done = waychair("map", bag, "--out", folder)
+    done = started("map", bag, "--out", folder)
     assert done.returncode == 0, done.stderr
     assert "40 scans" in done.stdout
     return folder
@@ -163,7 +148,7 @@ def test_a_wrong_topic_lists_those_that_are_there(bag: Path, tmp_path: Path) -> 
 
 
 def test_a_map_that_is_not_there_is_named(tmp_path: Path) -> None:
-    assert "none" in refused(waychair("places", "--map", tmp_path / "none"))
+    assert "none" in refused(started("places", "--map", tmp_path / "none"))
 
 
 def test_default_configuration_is_printed_and_accepted(bag: Path, tmp_path: Path) -> None:
@@ -174,7 +159,7 @@ def test_default_configuration_is_printed_and_accepted(bag: Path, tmp_path: Path
 
 
 def test_help_names_every_command_and_imports_nothing_heavy() -> None:
-    done = waychair("--help")
+    done = started("--help")
     assert done.returncode == 0
     for name in ("map", "places", "demo", "config"):
         assert f" {name} " in done.stdout

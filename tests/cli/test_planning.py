@@ -9,7 +9,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from tests.cli.test_commands import refused, waychair
+from tests.cli.command import refused, waychair
 from waychair.cli.planning import plan_command
 from waychair.errors import NoFreeSpace, NoPath, WaychairError, ZoneError
 from waychair.maps.map_files import save_map

@@ -13,7 +13,7 @@ import numpy as np
 import pytest
 
 from tests.bags import SECOND, Bag, room_ranges
-from tests.cli.test_commands import WAYCHAIR, refused, waychair
+from tests.cli.command import WAYCHAIR, refused, waychair
 from waychair import config
 from waychair.recording import InputSettings, Recording, read_recording, read_tum
 from waychair.runtime.mapping import MappingSettings, map_recording, save_mapping

@@ -6,7 +6,7 @@ from pathlib import Path
 
 import pytest
 
-from tests.cli.test_commands import refused, waychair
+from tests.cli.command import refused, waychair
 from waychair.files import write_json
 
 

@@ -7,7 +7,6 @@ import os
 import re
 import signal
 import subprocess
-import sys
 import time
 from pathlib import Path
 
@@ -15,14 +14,13 @@ import cv2
 import pytest
 from rosbags.highlevel import AnyReader
 
+from tests.cli.command import WAYCHAIR, refused, waychair
 from tests.halls import BOXES, hall_plan
 from waychair.recording import read_recording
 from waychair.simulation.renderer import renderer_problem
 from waychair.simulation.world import shipped_worlds
 from waychair.trials.demo import run_demo
 from waychair.types import Odometry
-
-WAYCHAIR = Path(sys.executable).parent / "waychair"
 
 PLAN = hall_plan(
     8.0,
@@ -43,18 +41,6 @@ def plan(tmp_path: Path) -> Path:
     path = tmp_path / "hall.yaml"
     path.write_text(PLAN, encoding="utf-8")
     return path
-
-
-def waychair(*arguments: str | Path) -> subprocess.CompletedProcess[str]:
-    return subprocess.run([str(WAYCHAIR), *map(str, arguments)], capture_output=True, text=True, check=False)
-
-
-def refused(done: subprocess.CompletedProcess[str]) -> str:
-    """The one sentence on standard error of a command that failed as it should."""
-    assert done.returncode == 1, done.stdout
-    assert "Traceback" not in done.stderr
-    (sentence,) = [line for line in done.stderr.splitlines() if line.startswith("waychair: ")]
-    return sentence
 
 
 def test_worlds_lists_every_world_with_its_size_doors_routes_and_hazards() -> None:

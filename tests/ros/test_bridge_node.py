@@ -122,3 +122,14 @@ def test_a_stop_by_topic_is_taken_at_once_and_a_yes_to_nothing_refused(bridge: B
     bridge.sender(topics.STOP)(make("std_msgs/msg/Empty", 0))
     bridge.ros.spin_until(lambda: bridge.state.mode.value == "stopped", "the stop")
     assert bridge.state.command is None
+
+
+def test_on_an_open_network_it_obeys_no_speeds_and_says_why(ros: Harness) -> None:
+    states = ros.heard(topics.DRIVE_STATE, "open/drive_state")
+    arguments = ("-r", "__ns:=/open", "-p", "deaf:=true", "-p", "cable:=pty:/none")
+    with ros.process("-m", "waychair.ros.bridge_node", "--ros-args", *arguments):
+        ros.spin_until(lambda: states, "the bridge")
+        state = read_drive_state(states[-1])
+    states.close()
+    assert "set up security keys (SROS 2)" in dict(state.halts)["open_network"]
+    assert not state.ready

@@ -1,20 +1,22 @@
-"""The costmap as RViz has colours for it."""
+"""The costmaps as RViz has colours for them."""
 
 from __future__ import annotations
 
 import importlib.util
+from math import exp
 
 import numpy as np
 import pytest
 
 from waychair.calibration.chair import CHAIR_A
+from waychair.maps.distance_field import DistanceField
 from waychair.planning.costmap import costmap_from_grid
 from waychair.types import OccupancyGrid, Pose2
 
 if importlib.util.find_spec("rclpy") is None:
     pytest.skip("ROS is not installed (no rclpy)", allow_module_level=True)
 
-from waychair.ros.navigation_display import grid_from_costmap
+from waychair.ros.navigation_display import grid_from_costmap, grid_from_distances
 
 _AT = Pose2(1.0, -2.0, 0.3)
 
@@ -50,3 +52,13 @@ def test_what_is_unknown_stays_so_whatever_it_costs() -> None:
 def test_a_map_without_room_for_the_chair_has_no_cost_between() -> None:
     shown = grid_from_costmap(costmap_from_grid(OccupancyGrid(np.full((5, 5), 100, np.int8), 0.05, Pose2()), CHAIR_A))
     assert (shown.cells == 100).all()
+
+
+def test_what_stands_near_has_the_costs_of_nav2s_inflation() -> None:
+    inscribed = min(CHAIR_A.front, CHAIR_A.rear, CHAIR_A.width / 2)
+    metres = np.array([[0.0, 0.05, inscribed, inscribed + 0.1, 0.65, 0.75, 4.0]], np.float32)
+    shown = grid_from_distances(DistanceField(metres, 0.05, _AT), CHAIR_A)
+    falling = [round(98 * exp(-3.0 * (gap - inscribed))) for gap in (inscribed + 0.1, 0.65)]
+    assert shown.cells.tolist() == [[100, 99, 99, *falling, 0, 0]]
+    assert 98 > falling[0] > falling[1] > 0
+    assert (shown.resolution, shown.map_from_grid) == (0.05, _AT)

@@ -15,8 +15,8 @@ import pytest
 
 from waychair import ros_messages
 from waychair.errors import ConfigError
-from waychair.ros.messages.reports import Level
-from waychair.ros.topics import RELIABLE, SCAN, profile
+from waychair.ros.messages.reports import Level, Report
+from waychair.ros.topics import CLOCK, RELIABLE, SCAN, profile
 from waychair.types import Scan
 
 if TYPE_CHECKING:
@@ -165,6 +165,25 @@ def test_simulated_time_without_a_clock_is_reported(ros: Harness) -> None:
     with plain_node(ros, "-p", "use_sim_time:=true") as node:
         assert node.now_ns() == 0
         assert "nobody sends /clock" in ros.report("plain: clock").message
+
+
+def test_two_clocks_are_reported(ros: Harness) -> None:
+    clock = ros_messages.make(CLOCK.type, ros_messages.header(7_000_000_000, "").stamp)
+    with plain_node(ros, "-p", "use_sim_time:=true") as node, sender(ros, CLOCK) as send, sender(ros, CLOCK):
+        ros.spin_until(node.now_ns, "the time", lambda: send(clock))
+        report = ros.report("plain: clock", lambda report: "start the simulator" not in report.message)
+        assert report == Report(report.name, Level.ERROR, "2 nodes send /clock, so that time jumps: stop all but one")
+
+
+def test_a_stamp_of_the_future_is_called_so(ros: Harness) -> None:
+    with plain_node(ros), sender(ros, SCAN) as send:
+
+        def scan() -> None:
+            now = scan_now(ros)
+            send(ros_messages.laser_scan(replace(now, stamp_ns=now.stamp_ns + 3_000_000_000)))
+
+        report = ros.report("plain: input scan", lambda report: "ahead" in report.message, scan)
+        assert report.level is Level.ERROR
 
 
 def test_heavy_work_leaves_the_executor_free_and_comes_back_to_it(ros: Harness) -> None:

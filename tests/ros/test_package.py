@@ -119,8 +119,9 @@ def test_rviz_asks_for_each_topic_with_the_qos_that_is_offered() -> None:
     known = {topic.name: topic for topic in TABLE}
     shown = list(displays(yaml.safe_load((CONFIG / "waychair.rviz").read_text())))
     named = {display["Value"] for display in shown}
-    assert named - set(known) == {"map_updates"}  # of RViz's own; nobody sends it
-    assert named >= {"map", "scan", "plan", "local_plan", "robot_description", "amcl_pose", "initialpose", "goal_pose"}
+    maps = {"map", "global_costmap/costmap", "local_costmap/costmap"}
+    assert named - set(known) == {f"{name}_updates" for name in maps}  # of RViz's own; nobody sends them
+    assert named >= {"scan", "plan", "local_plan", "robot_description", "amcl_pose", "initialpose", "goal_pose", *maps}
     for display in shown:
         if display["Value"] in known:
             qos = known[display["Value"]].qos

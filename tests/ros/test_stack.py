@@ -18,8 +18,13 @@ from typing import TYPE_CHECKING
 import numpy as np
 import pytest
 
+from tests.cli import command
 from tests.ros.realtime import ALONE
 from waychair.calibration.chair import CHAIR_A
+from waychair.control.limiter import LimiterSettings
+from waychair.geometry import transform_points
+from waychair.maps.distance_field import are_within, distance_field
+from waychair.maps.grid import cells_from_points
 from waychair.types import Pose2
 
 if importlib.util.find_spec("rclpy") is None:
@@ -31,11 +36,11 @@ from waychair.ros import topics
 from waychair.ros.client import TaskResult
 from waychair.ros.interface_types import interface_type
 from waychair.ros.messages.maps import read_occupancy_grid
-from waychair.ros.messages.motion import pose_stamped, twist
+from waychair.ros.messages.motion import pose_stamped, pose_with_covariance, twist
 from waychair.ros.messages.reports import Level, read_diagnostics
-from waychair.ros.messages.wire import native, serialised
+from waychair.ros.messages.wire import deserialised, native, serialised
 from waychair.ros.topics import RELIABLE, RosTopic
-from waychair.ros_messages import make
+from waychair.ros_messages import header, make
 from waychair.types import Twist
 
 if TYPE_CHECKING:
@@ -85,6 +90,36 @@ def test_the_footprint_is_round_where_the_chair_is_in_odom(stack: LiveStack) -> 
     xs, ys = np.array([(corner.x, corner.y) for corner in corners]).T
     assert frame == "odom"
     assert (np.ptp(xs), np.ptp(ys)) == pytest.approx((CHAIR_A.length, CHAIR_A.width), abs=0.01)
+
+
+def test_what_stands_round_the_chair_is_shown_in_odom_to_who_looks(stack: LiveStack) -> None:
+    maps, costs, topic = Seen(), Seen(), topics.LOCAL_COSTMAP
+    stack.listen(topics.MAP, read_occupancy_grid, maps)
+    stack.until(lambda: maps.last is not None, "the map")
+    node = stack.client.node
+    looking = node.create_subscription(
+        interface_type(topic.type),
+        topic.name,
+        lambda data: costs.all.append((0, deserialised(data, topic.type))),
+        topics.profile(topic.qos),
+        raw=True,
+    )
+    stack.until(lambda: len(costs.all) > 1, "the costs round the chair")
+    node.destroy_subscription(looking)
+    assert costs.last.header.frame_id == "odom"
+    costs.last.header.frame_id = "map"
+    near = read_occupancy_grid(costs.last)
+    assert stack.localisation is not None
+    map_from_odom = stack.localisation.map_from_odom
+    odom_from_base = map_from_odom.inverse() @ stack.localisation.map_from_base
+    rows, columns = np.nonzero(near.cells == 100)
+    middles = (np.stack([columns, rows], axis=1) + 0.5) * near.resolution
+    stands = transform_points(map_from_odom @ near.map_from_grid, middles)
+    walls = distance_field(maps.last)
+    assert are_within(walls.metres, maps.last, stands, 0.1).mean() > 0.95
+    here = cells_from_points(near, np.array([[odom_from_base.x, odom_from_base.y]]))[0]
+    assert near.cells[tuple(here)] < 99
+    assert np.abs(here - np.array(near.cells.shape) / 2).max() * near.resolution < 0.3
 
 
 @pytest.mark.parametrize("name", ["bt_navigator", "amcl"])
@@ -155,6 +190,47 @@ def test_a_goal_in_an_unknown_frame_is_refused_and_moves_nothing(stack: LiveStac
     assert stack.client.confirm()[0] is False
 
 
+def test_a_speed_limit_is_kept_and_lifted(stack: LiveStack) -> None:
+    node, topic = stack.client.node, topics.SPEED_LIMIT
+    publisher = node.create_publisher(interface_type(topic.type), topic.name, topics.profile(topic.qos))
+    stack.until(lambda: publisher.get_subscription_count() > 0, "the navigator to listen")
+
+    def limit(percent: float) -> None:
+        head = header(node.get_clock().now().nanoseconds, "map")
+        publisher.publish(serialised(make(topic.type, head, True, percent)))
+
+    def ask() -> None:
+        stack.client.go_to_pose(far_from(stack), 10.0)
+
+    limit(100.0 * 0.15 / LimiterSettings().max_speed)
+    stack.drive(ask, lambda: keeps(stack, 0.1, 0.15 + 1e-6))
+    limit(0.0)
+    stack.client.cancel()
+    stack.drive(ask, lambda: keeps(stack, 0.2, 2.0))
+    node.destroy_publisher(publisher)
+    stack.client.cancel()
+
+
+def test_a_pose_that_is_set_far_off_ends_the_drive_and_the_right_one_puts_it_right(stack: LiveStack) -> None:
+    node, topic = stack.client.node, topics.INITIAL_POSE
+    publisher = node.create_publisher(interface_type(topic.type), topic.name, topics.profile(topic.qos))
+    stack.until(lambda: publisher.get_subscription_count() > 0, "the mapper to listen")
+    stack.begin(far_from(stack))
+    assert stack.localisation is not None
+    said_ns = node.get_clock().now().nanoseconds
+    publisher.publish(serialised(pose_with_covariance(said_ns, stack.localisation.map_from_base @ Pose2(3.0))))
+    stack.until(lambda: not stack.driving, "the drive to end")
+    assert any("pose_jump" in dict(state.halts) for _, state in stack.states.since(said_ns))
+    stack.until(lambda: stack.really is not None and abs(stack.really.twist.v) < 0.01, "the chair to rest")
+    assert stack.really is not None
+    right_ns = node.get_clock().now().nanoseconds
+    publisher.publish(serialised(pose_with_covariance(right_ns, stack.really.odom_from_base)))
+    stack.until(lambda: stack.off_m() < 0.1, "the place to be right")
+    stack.until_ready(right_ns)
+    assert not stack.driving
+    node.destroy_publisher(publisher)
+
+
 @pytest.mark.parametrize("way", ["topic", "service"])
 def test_the_riders_stop_frees_the_lines_at_once_and_nothing_resumes(stack: LiveStack, way: str) -> None:
     stack.begin(FAR)
@@ -177,7 +253,7 @@ def test_the_riders_stop_frees_the_lines_at_once_and_nothing_resumes(stack: Live
     node.destroy_publisher(publisher)
     told = waychair(stack.domain, "status").stdout
     assert "last stop     Stop was pressed: ask for a goal again to drive on" in told
-    why = waychair(stack.domain, "why", "--box", box_of(stack))
+    why = command.waychair("why", "--box", box_of(stack))
     assert ": stop_pressed\n" in why.stdout, why
     assert "driving by itself to" in why.stdout
 
@@ -248,7 +324,7 @@ def test_f25_a_node_that_is_killed_stops_the_chair_and_comes_back(stack: LiveSta
 def test_the_box_survives_a_killed_bridge_and_tells_what_it_was_doing(stack: LiveStack) -> None:
     stack.begin(far_from(stack))
     kill(stack, "bridge")
-    why = waychair(stack.domain, "why", "--box", box_of(stack))
+    why = command.waychair("why", "--box", box_of(stack))
     assert ": program_ended\n" in why.stdout, why
     assert "driving by itself to" in why.stdout
     assert "in the last tick of the log the chair moved, and the computer had the lines" in why.stdout
@@ -296,38 +372,51 @@ def test_it_ends_cleanly_when_it_is_asked_to(stack: LiveStack) -> None:
     assert "Traceback" not in stack.log
 
 
-def test_a_chair_in_a_namespace_is_driven_in_it_alone(ros: Harness, tmp_path: Path) -> None:
-    with LiveStack(tmp_path, ros.domain, "--no-camera", "--no-people", namespace="left") as left:
-        frames = Seen()
-        left.listen(RosTopic("tf", "tf2_msgs/msg/TFMessage", RELIABLE), lambda message: message, frames)
-        there = ("goto", "1.6,1.0,0", "--yes", "--namespace", "/left")
-        # asked again where a computer that stalls has ended the drive
-        left.until(lambda: waychair(ros.domain, *there).returncode == 0, "the chair to be driven in the namespace")
-        left.until(lambda: frames.last is not None, "a transform in the namespace")
-        assert waychair(ros.domain, "status").returncode == 1, "there is none outside"
-        everybodys = {"/diagnostics", "/parameter_events", "/rosout"}
-
-        def outside() -> set[str]:
-            """Topics that somebody publishes; an onlooker of another stack still listens to some."""
-            node = left.client.node
-            names = {name for name, _ in node.get_topic_names_and_types() if node.count_publishers(name)}
-            return {name for name in names if not name.startswith("/left/")} - everybodys
-
-        # nodes that were killed before are known for some seconds yet
-        left.until(lambda: not outside(), "nothing to be outside of the namespace")
+@pytest.fixture(scope="module")
+def left(ros: Harness, tmp_path_factory: pytest.TempPathFactory) -> Iterator[LiveStack]:
+    """Another chair's stack, in a namespace."""
+    folder = tmp_path_factory.mktemp("left")
+    with LiveStack(folder, ros.domain, "--no-camera", "--no-people", namespace="left") as running:
+        yield running
 
 
-def test_nothing_outlives_it_when_it_is_killed(ros: Harness, tmp_path: Path) -> None:
-    with LiveStack(tmp_path, ros.domain, "--no-camera", "--no-people") as stack:
-        pids = stack.pids.values()
-        stack.end(signal.SIGKILL)
-        stack.until(lambda: not any(map(is_alive, pids)), "the processes to end")
-        assert not any(map(is_alive, pids))
+def test_a_chair_in_a_namespace_is_driven_in_it_alone(left: LiveStack) -> None:
+    frames = Seen()
+    left.listen(RosTopic("tf", "tf2_msgs/msg/TFMessage", RELIABLE), lambda message: message, frames)
+    there = ("goto", "1.6,1.0,0", "--yes", "--namespace", "/left")
+    # asked again where a computer that stalls has ended the drive
+    left.until(lambda: waychair(left.domain, *there).returncode == 0, "the chair to be driven in the namespace")
+    left.until(lambda: frames.last is not None, "a transform in the namespace")
+    assert waychair(left.domain, "status").returncode == 1, "there is none outside"
+    everybodys = {"/diagnostics", "/parameter_events", "/rosout"}
+
+    def outside() -> set[str]:
+        """Topics that somebody publishes; an onlooker of another stack still listens to some."""
+        node = left.client.node
+        names = {name for name, _ in node.get_topic_names_and_types() if node.count_publishers(name)}
+        return {name for name in names if not name.startswith("/left/")} - everybodys
+
+    # nodes that were killed before are known for some seconds yet
+    left.until(lambda: not outside(), "nothing to be outside of the namespace")
+
+
+def test_nothing_outlives_it_when_it_is_killed(left: LiveStack) -> None:
+    pids = left.pids.values()
+    assert pids
+    assert all(map(is_alive, pids))
+    left.end(signal.SIGKILL)
+    left.until(lambda: not any(map(is_alive, pids)), "the processes to end")
 
 
 def far_from(stack: LiveStack) -> Pose2:
     """A goal at the other end of the line along which these tests drive."""
     return FAR if stack.really is None or stack.really.odom_from_base.x < 5.0 else Pose2(1.0, 1.0, 0.0)
+
+
+def keeps(stack: LiveStack, low: float, high: float) -> bool:
+    """Whether the computer has driven for half a second at a speed [m/s] between these."""
+    lately = [state.command for _, state in stack.states.since(time.time_ns() - 500_000_000)]
+    return len(lately) > 5 and all(command is not None and low < command.v <= high for command in lately)
 
 
 def box_of(stack: LiveStack) -> str:

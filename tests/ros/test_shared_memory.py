@@ -1,0 +1,51 @@
+"""What killed processes leave in shared memory is cleared; the living keep theirs."""
+
+from __future__ import annotations
+
+import fcntl
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+from waychair.ros.shared_memory import FOLDER, clear_dead
+
+if TYPE_CHECKING:
+    from tests.ros.harness import Harness
+
+NODE = Path(__file__).with_name("plain_node.py")
+SEGMENT, PORT = "fastrtps_0123456789abcdef", "fastrtps_port7411"
+
+
+def locks_of(pid: int) -> set[Path]:
+    """Of the segments that a process holds (proc(5))."""
+    links = [link.readlink() for link in Path(f"/proc/{pid}/fd").iterdir()]
+    return {path for path in links if path.parent == FOLDER and path.name.endswith("_el") and "port" not in path.name}
+
+
+def test_segments_of_the_killed_are_cleared_and_those_of_the_living_stay(ros: Harness) -> None:
+    with ros.process(NODE) as living, ros.process(NODE) as killed:
+        ros.spin_until(lambda: locks_of(living.pid) and locks_of(killed.pid), "their segments")
+        kept, left = locks_of(living.pid), locks_of(killed.pid)
+        killed.kill()
+        killed.wait()
+        assert all(lock.exists() for lock in left), "nobody else clears them"
+        assert clear_dead() >= len(left)
+        gone = [*left, *(lock.with_name(lock.name.removesuffix("_el")) for lock in left)]
+        assert not any(path.exists() for path in gone)
+        assert all(lock.exists() for lock in kept)
+
+
+def test_ports_are_cleared_only_when_nobody_lives(tmp_path: Path) -> None:
+    half_made, others = "fastrtps_port7413", "sem.mp-others"
+    for name in (SEGMENT, f"{SEGMENT}_el", PORT, f"{PORT}_el", f"sem.{PORT}_mutex", half_made, others):
+        (tmp_path / name).touch()
+    before = set(tmp_path.iterdir())
+    with (tmp_path / f"{SEGMENT}_el").open() as lock:
+        fcntl.flock(lock, fcntl.LOCK_EX)
+        assert clear_dead(tmp_path) == 0
+        assert set(tmp_path.iterdir()) == before
+    assert clear_dead(tmp_path) == 1
+    assert set(tmp_path.iterdir()) == {tmp_path / others}
+
+
+def test_where_there_is_no_shared_memory_there_is_nothing_to_clear(tmp_path: Path) -> None:
+    assert clear_dead(tmp_path / "none") == 0
