@@ -117,6 +117,28 @@ def _along(begin: _Point, end: _Point, beyond: float) -> _Point:
     return end[0] + part * x, end[1] + part * y
 
 
+class Progress:
+    """Watches that a rider gets on."""
+
+    def __init__(self, simulator: Simulator) -> None:
+        self._simulator = simulator
+        self._since_ns, self._seen = simulator.now_ns, simulator.truth()
+
+    def check(self) -> None:
+        """
+        Raises:
+            WorldError: the chair touched something, or made no way for a minute.
+        """
+        simulator, pose = self._simulator, self._simulator.truth()
+        at = f"({pose.x:.2f}, {pose.y:.2f})"
+        if simulator.in_contact:
+            raise WorldError(f"the chair touched something at {at}: move the route away from it")
+        if math.hypot(pose.x - self._seen.x, pose.y - self._seen.y) > 0.1:
+            self._since_ns, self._seen = simulator.now_ns, pose
+        elif simulator.now_ns - self._since_ns > PATIENCE_NS:
+            raise WorldError(f"the chair made no way for a minute at {at}: mend the route there")
+
+
 def follow(simulator: Simulator, follower: Follower, tick_ns: int = 50_000_000) -> Iterator[SensorMessage]:
     """The messages of a whole drive along the follower's route, from the simulator's present state.
 
@@ -126,19 +148,12 @@ def follow(simulator: Simulator, follower: Follower, tick_ns: int = 50_000_000) 
         WorldError: the chair touched something on the way, or made no way for a minute.
     """
     simulator.release()
-    since_ns, seen = simulator.now_ns, simulator.truth()
+    progress = Progress(simulator)
     try:
         while not follower.done:
             forward, turn = follower.stick(simulator.truth(), simulator.body, simulator.people)
             simulator.rider = JoystickInput(simulator.now_ns, forward, turn)
             yield from simulator.advance(tick_ns)
-            pose = simulator.truth()
-            at = f"({pose.x:.2f}, {pose.y:.2f})"
-            if simulator.in_contact:
-                raise WorldError(f"the chair touched something at {at}: move the route away from it")
-            if math.hypot(pose.x - seen.x, pose.y - seen.y) > 0.1:
-                since_ns, seen = simulator.now_ns, pose
-            elif simulator.now_ns - since_ns > PATIENCE_NS:
-                raise WorldError(f"the chair made no way for a minute at {at}: mend the route there")
+            progress.check()
     finally:
         simulator.rider = JoystickInput(simulator.now_ns)

@@ -8,6 +8,7 @@ planned is shut.
 
 from __future__ import annotations
 
+import math
 import time
 from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager
@@ -22,6 +23,8 @@ from waychair.calibration.dac import DEFAULT
 from waychair.errors import PlanningError
 from waychair.firmware_bridge.board import HostBoard, board_program
 from waychair.geometry import wrap_angle
+from waychair.maps.distance_field import distance_field
+from waychair.maps.grid import cells_from_points
 from waychair.maps.map_files import load_map
 from waychair.maps.places import load_places, save_places
 from waychair.maps.zones import load_zones
@@ -50,6 +53,9 @@ MOST_GOALS = 3
 
 FIRST_GOALS = ("lift", "restroom")
 """Where the drives lead first, where there are such places."""
+
+_GOES_ON, _SPARE = 2.0, 0.2
+"""How far [m] the rider goes on at most to turn round, and the room [m] this takes beside the chair's own."""
 
 _AT_DOOR = 0.5
 """A path leads through a door whose middle is this near [m]."""
@@ -242,8 +248,16 @@ def _door_on_the_way(world: World, goals: list[str]) -> str:
 
 
 def _way_back(world: World) -> FloatArray:
-    """The mapping route from its end."""
-    return world.route()[-2::-1]
+    """The mapping route from its end, to which the rider first goes on straight to where there is room to turn round."""
+    route, field = world.route(), distance_field(world.grid)
+    if len(route) < 2:
+        return route[:0]
+    ahead = (route[-1] - route[-2]) / math.dist(route[-1], route[-2])
+    for way in np.arange(0.0, _GOES_ON, field.resolution):
+        spot = route[-1] + way * ahead
+        if field.metres[tuple(cells_from_points(world.grid, spot[None])[0])] >= CHAIR_A.circumscribed_radius + _SPARE:
+            return np.concatenate([spot[None][: int(way > 0.0)], route[-2::-1]])
+    return route[-2::-1]
 
 
 class _Stages:

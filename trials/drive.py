@@ -25,7 +25,7 @@ from waychair.geometry import wrap_angle
 from waychair.maps.zones import Zone
 from waychair.runtime.black_box import About, BlackBox
 from waychair.runtime.chair import Chair, ChairSettings, ChairState, ChairWatcher
-from waychair.simulation.follower import Follower
+from waychair.simulation.follower import Follower, Progress
 from waychair.simulation.simulator import SensorMessage, Simulator
 from waychair.slam.localiser import LocalisationState
 from waychair.topics import COMMAND
@@ -227,8 +227,13 @@ class Found:
 def find_itself(
     simulator: Simulator, chair: Chair, follower: Follower, heard: Heard = lambda messages, state: None
 ) -> Found:
-    """A rider drives along a route by joystick until the chair knows where it is, and lets it come to rest."""
+    """A rider drives along a route by joystick until the chair knows where it is, and lets it come to rest.
+
+    Raises:
+        WorldError: the chair touched something on the way, or made no way for a minute.
+    """
     began_ns, metres, last = simulator.now_ns, 0.0, simulator.truth()
+    progress = Progress(simulator)
     while True:
         messages = advance_tick(simulator, chair)
         state = chair.step(simulator.now_ns, messages)
@@ -239,6 +244,7 @@ def find_itself(
         seconds = (simulator.now_ns - began_ns) * 1e-9
         if found or follower.done:
             break
+        progress.check()
         forward, turn = follower.stick(pose, simulator.body, simulator.people)
         simulator.rider = JoystickInput(simulator.now_ns, forward, turn)
     simulator.rider = JoystickInput(simulator.now_ns)
