@@ -148,7 +148,7 @@ def run_demo(
     ):
         watcher.drives(setting, chair)
         with stage("find"):
-            back = Follower(_way_back(building), CHAIR_A.track, PlantSettings())
+            back = Follower(way_back(building), CHAIR_A.track, PlantSettings())
             found = find_itself(simulator, chair, back, watcher.ticks)
         began_ns, legs = simulator.now_ns, []
         with stage("drive"):
@@ -247,7 +247,7 @@ def _door_on_the_way(world: World, goals: list[str]) -> str:
     return ""
 
 
-def _way_back(world: World) -> FloatArray:
+def way_back(world: World) -> FloatArray:
     """The mapping route from its end, to which the rider first goes on straight to where there is room to turn round."""
     route, field = world.route(), distance_field(world.grid)
     if len(route) < 2:

@@ -1,0 +1,44 @@
+"""Where the demo's rider turns round, once the map is made and all is begun anew."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from waychair.calibration.chair import CHAIR_A
+from waychair.errors import WorldError
+from waychair.simulation.follower import Follower, follow
+from waychair.simulation.plant import PlantSettings
+from waychair.simulation.simulator import Simulator
+from waychair.simulation.world import load_world
+from waychair.trials.demo import WORLD, chair_of, way_back
+from waychair.types import FloatArray, Pose2
+
+END = Pose2(6.45, 7.12, 2.78)
+"""Where the mapping drive really ends on the second floor, beside lockers."""
+
+
+def turns_round(route: FloatArray, seed: int) -> bool:
+    """Whether a rider gets under way back along a route, without touching anything."""
+    simulator = Simulator(replace(load_world(WORLD).without_people(), start=END), CHAIR_A, chair_of(seed), seed)
+    for _ in follow(simulator, Follower(route, CHAIR_A.track, PlantSettings())):
+        if simulator.truth().x > END.x + 1.0:
+            return True
+    return False
+
+
+@pytest.mark.parametrize("seed", range(5))
+def test_the_rider_goes_on_to_where_there_is_room_to_turn(seed: int) -> None:
+    assert turns_round(way_back(load_world(WORLD)), seed)
+
+
+def test_right_at_the_end_there_is_none() -> None:
+    with pytest.raises(WorldError, match="touched something"):
+        turns_round(load_world(WORLD).route()[-2::-1], 3)
+
+
+def test_where_there_is_room_the_rider_turns_at_once() -> None:
+    world = load_world("small_clinic")
+    assert np.array_equal(way_back(world), world.route()[-2::-1])
