@@ -216,7 +216,7 @@ class _Writer:
         self._head = head
         self._watch = Watch(s.jolt, s.jump)
         self._open: list[Part] = []
-        self._driven_ticks = _ON_TICKS  # since the last event
+        self._drove, self._driven_ticks = False, _ON_TICKS  # since the last event
         self._lost = 0
         self._written_s = self._synced_s = time.monotonic()
         self._ring.begin(replace(head, wall_ns=time.time_ns()))
@@ -247,6 +247,9 @@ class _Writer:
         if self._ring.full_segment or not self._continues(segment, tick.stamp_ns):
             self._next_segment()
         self._ring.append(encoded(moment), tick.stamp_ns)
+        if tick.mode in DRIVEN and not self._drove:  # nothing resumes by itself: somebody has said yes to another drive
+            self._driven_ticks = _ON_TICKS
+        self._drove = tick.mode in DRIVEN
         for event in self._watch.update(moment):
             self._keep(event)
         drives = tick.mode in DRIVEN and tick.sent.active

@@ -21,6 +21,7 @@ from tests.runtime.riding import Ride
 from tests.runtime.test_chair_faults import only
 from waychair.calibration.calibration_file import content_hash, load_calibration
 from waychair.config import load
+from waychair.control.supervisor import DRIVEN
 from waychair.errors import BoxError
 from waychair.firmware_bridge.protocol import FIRMWARE_VERSION, LAYOUT_HASH
 from waychair.runtime import black_box_store
@@ -147,6 +148,16 @@ def test_what_follows_from_a_stop_belongs_to_it_and_another_drive_does_not(
     logged(tmp_path, [stopped, stopped, quiet])
     parts = parts_of(tmp_path)
     assert [[event.id for event in part.events] for part in parts] == [["lidar_late", "lidar_stale"]] * 2
+
+
+def test_a_drive_that_ends_as_soon_as_it_began_has_a_stop_of_its_own(stopped: Drive, tmp_path: Path) -> None:
+    driven = [state.verdict.mode in DRIVEN for _, state, _ in stopped.notes]
+    begun, ended = driven.index(True), len(driven) - driven[::-1].index(True)
+    short = Drive({}, [*stopped.notes[: begun + 3], *stopped.notes[ended - 3 :]])
+    logged(tmp_path, [stopped, short])
+    first, second = parts_of(tmp_path)
+    assert second.events[0].stamp_ns - first.events[-1].stamp_ns < 30_000_000_000
+    assert [event.id for event in second.events] == ["lidar_late", "lidar_stale"]
 
 
 def test_whoever_hears_of_a_drives_end_later_makes_no_second_end(stopped: Drive) -> None:
