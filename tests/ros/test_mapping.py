@@ -278,3 +278,30 @@ def test_a_mapper_that_localises_saves_its_map_with_places_and_zones(ros: Harnes
         assert ended(mapper, signal.SIGTERM)[0] == 0
     assert load_places(tmp_path / "copy") == load_places(tmp_path / "map")
     np.testing.assert_array_equal(load_map(tmp_path / "copy").cells, load_map(tmp_path / "map").cells)
+
+
+def test_a_mapper_on_another_clock_takes_no_scan_and_says_why(ros: Harness, tmp_path: Path) -> None:
+    from waychair.maps.map_files import save_map
+    from waychair.ros.interface_types import interface_type
+    from waychair.ros.messages.wire import serialised
+    from waychair.ros_messages import header, make
+    from waychair.simulation.world import load_world
+
+    save_map(tmp_path / "map", load_world("small_clinic").grid)
+    found, topic = ros.heard(topics.LOCALISATION), topics.CLOCK
+    clock = ros.node.create_publisher(interface_type(topic.type), topic.name, topics.profile(topic.qos))
+
+    def tick(late_ns: int) -> Callable[[], None]:
+        now = ros.node.get_clock().now
+        return lambda: clock.publish(serialised(make(topic.type, header(now().nanoseconds - late_ns, "").stamp)))
+
+    simulated = ("-p", "world:=small_clinic", "-p", "people:=false", "-p", "camera:=false", "-p", "board:=false")
+    localising = ("-p", f"map_folder:={tmp_path / 'map'}", "-p", "use_sim_time:=true")
+    with (
+        ros.process("-m", "waychair.ros.simulator_node", "--ros-args", *simulated),
+        ros.process("-m", "waychair.ros.mapper_node", "--ros-args", *localising),
+    ):
+        ros.report("mapper: scan", lambda report: "set use_sim_time alike" in report.message, tick(60_000_000_000))
+        assert found == []
+        ros.spin_until(lambda: found, "a place by the right time", tick(0))
+    ros.node.destroy_publisher(clock)

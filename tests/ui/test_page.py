@@ -161,7 +161,7 @@ def test_a_zone_is_drawn_and_undone_by_keyboard_alone(browser: Browser, port: No
         assert zone.rule is Rule.SLOW
         assert len(zone.polygon) == 4
         (west, south), (east, north) = zone.polygon.min(axis=0), zone.polygon.max(axis=0)
-        assert east - west == pytest.approx(2 * (north - south), rel=0.01)
+        assert east - west == pytest.approx(2 * (north - south), rel=0.05)  # to a pixel or two
         page.focus("#undo")
         page.keyboard.press("Enter")
         until(lambda: port.layout().zones == (), "it is not undone")
