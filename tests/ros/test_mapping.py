@@ -301,7 +301,9 @@ def test_a_mapper_on_another_clock_takes_no_scan_and_says_why(ros: Harness, tmp_
         ros.process("-m", "waychair.ros.simulator_node", "--ros-args", *simulated),
         ros.process("-m", "waychair.ros.mapper_node", "--ros-args", *localising),
     ):
-        ros.report("mapper: scan", lambda report: "set use_sim_time alike" in report.message, tick(60_000_000_000))
+        ros.report(
+            "mapper: input scan", lambda report: "set use_sim_time alike" in report.message, tick(60_000_000_000)
+        )
         assert found == []
         ros.spin_until(lambda: found, "a place by the right time", tick(0))
     ros.node.destroy_publisher(clock)
