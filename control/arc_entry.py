@@ -18,8 +18,8 @@ def entry_times(
     """When [s] (N,) points outside of rectangles, each its own, enter them, the chair driving on an arc; +inf if never.
 
     x, y (N,) [m] in base; a rectangle reaches front, rear and half (N,) [m] from the axle's middle ahead, back and to
-    either side. In the chair's frame a fixed point turns by -omega about the centre of the arc (0, v / omega), or moves straight
-    back. It enters where it first crosses a side that lies between its neighbours.
+    either side. In the chair's frame a fixed point turns by -omega about the centre of the arc (0, v / omega), or moves
+    straight back. It enters where it first crosses a side that lies between its neighbours.
     """
     v, omega = command.v, command.omega
     times = np.full(len(x), math.inf)

@@ -293,7 +293,8 @@ class Navigator:
 
     def _choose(self, now_ns: int, pose: Pose2, view: View) -> DwaResult:
         """Follow the path; where that has been impossible for a while, first back out the way the chair came."""
-        backed, behind = self._recovery.backing, self._people.behind(now_ns, view.pose)
+        tries, backed = self._recovery.tries, self._recovery.backing
+        behind = self._people.behind(now_ns, view.pose)
         backing = self._recovery.step(
             now_ns,
             view.pose,
@@ -310,6 +311,8 @@ class Navigator:
             self._path, self._leg, self._planned_ns, self._no_way = None, None, None, "backed out"
             stop = braking(self._command, self._dwa)
             return DwaResult(stop, np.zeros((0, 2)), np.zeros(0), view.pose.array()[None])
+        if self._recovery.tries > tries:  # there is no way out backwards either
+            self._planned_ns = None
         choice = self._follow(view, behind)
         if choice.arrived and len(self._legs) > 1:  # stopped and turned: on with the next leg
             self._legs, self._leg = self._legs[1:], None

@@ -102,8 +102,8 @@ class Recovery:
     ) -> DwaResult | None:
         """A command for backing out, or None while following the path is right.
 
-        `remaining` [m] is the way to the goal, None while turning at it or trying a door again. `local` gives the distances round the chair,
-        when they are needed. Who `waits` for people begins no backing, and ends it.
+        `remaining` [m] is the way to the goal, None while turning at it or trying a door again. `local` gives the
+        distances round the chair, when they are needed. Who `waits` for people begins no backing, and ends it.
         """
         if waits:
             self._backing, self._nearest, self._turned = None, None, None

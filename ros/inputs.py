@@ -126,9 +126,10 @@ class Input(Generic[T]):
                 f"stamps on {self.name} are {age_ns * 1e-9:.1f} s from this node's clock: set use_sim_time alike for all "
                 "nodes, and the computers' clocks"
             )
-        if self.is_stale() and age_ns < 0:
-            return Level.ERROR, f"the last message is stamped {-age_ns * 1e-9:.2f} s ahead: set the computers' clocks"
         if self.is_stale():
+            if age_ns < 0:
+                ahead_s = -age_ns * 1e-9
+                return Level.ERROR, f"the last message is stamped {ahead_s:.2f} s ahead: set the computers' clocks"
             limit_s = (carries.max_age_ns() or 0) * 1e-9 if carries else 0.0
             return Level.ERROR, f"the last message is {age_ns * 1e-9:.2f} s old, {limit_s:.2f} s at most are allowed"
         if rate_hz < SLOW * self.topic.rate_hz:

@@ -23,8 +23,7 @@ from waychair.calibration.dac import DEFAULT
 from waychair.errors import PlanningError
 from waychair.firmware_bridge.board import HostBoard, board_program
 from waychair.geometry import wrap_angle
-from waychair.maps.distance_field import distance_field
-from waychair.maps.grid import cells_from_points
+from waychair.maps.distance_field import are_within, distance_field
 from waychair.maps.map_files import load_map
 from waychair.maps.places import load_places, save_places
 from waychair.maps.zones import load_zones
@@ -253,11 +252,12 @@ def way_back(world: World) -> FloatArray:
     if len(route) < 2:
         return route[:0]
     ahead = (route[-1] - route[-2]) / math.dist(route[-1], route[-2])
-    for way in np.arange(0.0, _GOES_ON, field.resolution):
-        spot = route[-1] + way * ahead
-        if field.metres[tuple(cells_from_points(world.grid, spot[None])[0])] >= CHAIR_A.circumscribed_radius + _SPARE:
-            return np.concatenate([spot[None][: int(way > 0.0)], route[-2::-1]])
-    return route[-2::-1]
+    spots = route[-1] + np.arange(0.0, _GOES_ON, field.resolution)[:, None] * ahead
+    shut = are_within(field.metres, world.grid, spots, CHAIR_A.width / 2)
+    tight = are_within(field.metres, world.grid, spots, CHAIR_A.circumscribed_radius + _SPARE)
+    first = int(np.argmin(tight))
+    reached = not tight[first] and not shut[:first].any()
+    return np.concatenate([spots[first : first + 1] if first and reached else route[:0], route[-2::-1]])
 
 
 class _Stages:

@@ -11,6 +11,7 @@ import pytest
 
 from tests.ui.noted import Noted
 from waychair.trials.live_chair import LiveChair
+from waychair.ui.server import page_server
 
 if TYPE_CHECKING:
     from playwright.sync_api import Browser
@@ -32,6 +33,13 @@ def port(chair: LiveChair) -> Iterator[Noted]:
     yield Noted(chair)
     chair.stop()
     chair.watched(())
+
+
+@pytest.fixture
+def address(port: Noted) -> Iterator[str]:
+    """Where the chair's page is served."""
+    with page_server(port) as served:
+        yield served
 
 
 @pytest.fixture(scope="session")

@@ -22,7 +22,6 @@ from tests.ui.noted import Noted
 from waychair.trials.live_chair import LiveChair
 from waychair.types import DriveMode
 from waychair.ui.broadcaster import ANSWERS_S
-from waychair.ui.server import page_server
 
 if TYPE_CHECKING:
     from playwright.sync_api import Browser, Page
@@ -42,12 +41,6 @@ def chair() -> Iterator[LiveChair]:
     """Each drive begins where the world does."""
     with LiveChair(WORLD, people=False, countdown_s=COUNTDOWN_S) as live:
         yield live
-
-
-@pytest.fixture
-def address(port: Noted) -> Iterator[str]:
-    with page_server(port) as served:
-        yield served
 
 
 def test_a_place_is_pressed_and_the_chair_arrives(browser: Browser, port: Noted, address: str) -> None:

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Iterator
 from contextlib import ExitStack
 from typing import TYPE_CHECKING
 
@@ -24,12 +23,6 @@ LOOKS = {
     "desktop, light": {"viewport": {"width": 1360, "height": 860}, "color_scheme": "light"},
     "phone, dark": {"viewport": {"width": 390, "height": 844}, "color_scheme": "dark"},
 }
-
-
-@pytest.fixture
-def address(port: Noted) -> Iterator[str]:
-    with page_server(port) as served:
-        yield served
 
 
 def bring_to(page: Page, port: Noted, state: str) -> None:
@@ -161,7 +154,7 @@ def test_a_zone_is_drawn_and_undone_by_keyboard_alone(browser: Browser, port: No
         assert zone.rule is Rule.SLOW
         assert len(zone.polygon) == 4
         (west, south), (east, north) = zone.polygon.min(axis=0), zone.polygon.max(axis=0)
-        assert east - west == pytest.approx(2 * (north - south), rel=0.05)  # to a pixel or two
+        assert east - west == pytest.approx(2 * (north - south), rel=0.01)
         page.focus("#undo")
         page.keyboard.press("Enter")
         until(lambda: port.layout().zones == (), "it is not undone")

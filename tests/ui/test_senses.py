@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Iterator
+from contextlib import contextmanager
 from typing import TYPE_CHECKING
 
 import pytest
@@ -42,10 +43,14 @@ speechSynthesis.cancel = () => { heard.silenced += 1; };
 """Listens at the loudspeaker, and in place of a voice, which Chromium without a window does not have."""
 
 
-@pytest.fixture
-def address(port: Noted) -> Iterator[str]:
-    with page_server(port) as served:
-        yield served
+@contextmanager
+def heard_page(browser: Browser, address: str) -> Iterator[Page]:
+    """A page that shows the chair, and is listened to."""
+    with page_at(browser, "about:blank") as page:
+        page.add_init_script(LISTEN)
+        page.goto(address)
+        page.wait_for_selector("#link-fact[data-state=open]")
+        yield page
 
 
 def set_off_heard(page: Page, place: str) -> None:
@@ -58,10 +63,7 @@ def set_off_heard(page: Page, place: str) -> None:
 
 def test_a_tone_and_a_phrase_come_before_the_chair_moves(browser: Browser, port: Noted, address: str) -> None:
     place = put_place(port, 1.2)
-    with page_at(browser, "about:blank") as page:
-        page.add_init_script(LISTEN)
-        page.goto(address)
-        page.wait_for_selector("#link-fact[data-state=open]")
+    with heard_page(browser, address) as page:
         set_off_heard(page, place)
         assert port.view().twist.v < 0.02
         heard = page.evaluate("heard")
@@ -76,10 +78,7 @@ def test_a_tone_and_a_phrase_come_before_the_chair_moves(browser: Browser, port:
 
 def test_a_page_that_is_to_be_quiet_is_quiet(browser: Browser, port: Noted, address: str) -> None:
     place = put_place(port, 1.2)
-    with page_at(browser, "about:blank") as page:
-        page.add_init_script(LISTEN)
-        page.goto(address)
-        page.wait_for_selector("#link-fact[data-state=open]")
+    with heard_page(browser, address) as page:
         page.click("#tab-options")
         page.click("#option-sound")
         page.click("#tab-places")

@@ -86,9 +86,8 @@ function setCorner(at) {
 
 /** Moves the cross by steps to the right and up, and brings it into view. */
 function move(right, up, steps = 1) {
-  const { x, y } = map.latLngToContainerPoint(toScreen(cross));
-  const spot = L.point(x + right * STEP_PX * steps, y - up * STEP_PX * steps);
-  cross = toMap(map.containerPointToLatLng(spot));
+  const way = L.point(right, -up).multiplyBy(STEP_PX * steps);
+  cross = toMap(map.unproject(map.project(toScreen(cross)).add(way))); // not by pixels of the screen: those are rounded
   map.panInside(toScreen(cross), { padding: [40, 40], animate: false });
   show();
 }
