@@ -85,6 +85,10 @@ class NavigatorSettings(Settings):
     legs: LegDriveSettings = field(default_factory=LegDriveSettings)
 
 
+_SLICES_STANDING = 3
+"""Slices of a field or band that are done in one tick while the chair stands for want of a way."""
+
+
 class Navigator:
     """Drives to goals, one after the other, on a known map."""
 
@@ -414,11 +418,13 @@ class Navigator:
             self._planning = None  # what it is being made round is gone, so that it is worth nothing
         if self._planning is None:
             self._planned_ns, self._planning = now_ns, self._planned(now_ns)
-        for _ in self._planning:
-            if self._planner is not None and self._planner.holds_anywhere:
-                return self._path is not None and not self._stands_to_plan
-            self._stops_to_plan = self._rested < _RESTED_TICKS
-            return False
+        drives = self._path is not None and not self._stands_to_plan
+        for done, _ in enumerate(self._planning, 1):
+            if self._planner is None or not self._planner.holds_anywhere:
+                self._stops_to_plan = self._rested < _RESTED_TICKS
+                return False
+            if drives or done == _SLICES_STANDING:
+                return drives
         self._planning, self._stands_to_plan = None, False
         return True
 

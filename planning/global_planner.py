@@ -5,7 +5,7 @@ from __future__ import annotations
 import math
 from collections.abc import Callable, Sequence
 from contextlib import suppress
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, field
 from itertools import pairwise
 
 import numpy as np
@@ -33,8 +33,8 @@ from waychair.planning.laplace_solvers import GoOn
 from waychair.planning.legs import Door, Leg, Manner, whole
 from waychair.planning.narrows import legs_between_turns, line_up, tight_doors
 from waychair.planning.route import RouteSettings, checked, door_leg
-from waychair.planning.rubber_band import BandSettings, band
-from waychair.planning.slices import Slices, finished
+from waychair.planning.rubber_band import BandSettings, band_in_parts
+from waychair.planning.slices import Slices, finished, sliced
 from waychair.planning.smoothing import line_cost, pull_taut, round_corners
 from waychair.types import FloatArray, IntArray, Path, Pose2
 
@@ -135,19 +135,28 @@ class GlobalPlanner:
     def replan_in_slices(
         self, costmap: Costmap, start: Callable[[], Pose2], among_people: bool = False, go_on: GoOn | None = None
     ) -> Slices[Path]:
-        """The same in bounded parts: the harmonic field, then the way over the cells, then tight turns.
+        """The same in bounded parts: the harmonic field, then the way over the cells and its band, then tight turns.
 
-        The field holds from wherever the chair is by then, so that `start` is asked anew; while `holds_anywhere` it may
-        go on by the plan it has. `go_on` says whether there is time for more of it. `among_people` no tight turns are
-        made of where they stand now, and no line is kept to that they may cross: whether the rectangle passes is left
-        to the local planner.
+        The field holds from wherever the chair is by then, so that `start` is asked anew, and a band is found before it
+        has gone far: while `holds_anywhere` it may go on by the plan it has. `go_on` says whether there is time for more
+        of the field. `among_people` no tight turns are made of where they stand now, and no line is kept to that they
+        may cross: whether the rectangle passes is left to the local planner.
         """
         try:
             self.holds_anywhere = True
             yield from prepared(self._search_over(costmap, start()), go_on)
+            here = start()
+            cells = self._cells(costmap, here)
+            legs = yield from _legs_from_cells(costmap, cells, here, self.goal, self.settings, self._distrusted)
         finally:
             self.holds_anywhere = False
-        here = start()
+        if self.settings.narrow > 0.0 and self.settings.exactly and not among_people:
+            legs = yield from checked(costmap, here, legs, self.settings.route)
+        self.legs = tuple(legs)
+        return whole(self.legs)
+
+    def _cells(self, costmap: Costmap, here: Pose2) -> IntArray:
+        """The way (N, 2) over the cells; raises `NoPath`."""
         search = self._search_over(costmap, here)
         try:
             self.cost = search.replan()
@@ -156,9 +165,7 @@ class GlobalPlanner:
                 f"no way wide enough for the chair leads from ({here.x:.2f}, {here.y:.2f}) to "
                 f"({self.goal.x:.2f}, {self.goal.y:.2f}); clear the way or choose another goal"
             ) from error
-        settings = replace(self.settings, exactly=self.settings.exactly and not among_people)
-        self.legs = yield from _legs_from_cells(costmap, search.path(), here, self.goal, settings, self._distrusted)
-        return whole(self.legs)
+        return search.path()
 
     def replan_among(
         self,
@@ -288,8 +295,8 @@ def _legs_from_cells(
     goal: Pose2,
     settings: PlannerSettings,
     distrusted: Sequence[Door] = (),
-) -> Slices[tuple[Leg, ...]]:
-    """The chain of cells pulled taut where that is no dearer, cut at tight doors, and checked for the rectangle."""
+) -> Slices[list[Leg]]:
+    """The chain of cells pulled taut where that is no dearer, and cut at tight doors; in slices, of its bands."""
     cell = costmap.grid.resolution
     grid_from_map = costmap.grid.map_from_grid.inverse()
     ends: FloatArray = transform_points(grid_from_map, np.array([[start.x, start.y], [goal.x, goal.y]])) / cell
@@ -312,7 +319,7 @@ def _legs_from_cells(
             swung = _swung(costmap, chunk, entry, leaving - entry) if settings.smoothing == "band" else None
             chunk = np.concatenate([chunk if swung is None else swung, entry[None]])
             heading = float(through.path.poses[0, 2])
-            legs += _free_legs(costmap, chunk, heading, settings, leaves, straight_in=swung is not None)
+            legs += yield from _free_legs(costmap, chunk, heading, settings, leaves, straight_in=swung is not None)
         legs.append(through)
         here = Pose2(*through.path.poses[-1])
         begin = first + _nearest(taut[first:], leaving)
@@ -323,12 +330,9 @@ def _legs_from_cells(
         leaves = None if swung is None else float(through.path.poses[-1, 2])
         beyond = beyond if swung is None else swung[::-1]
         taut = np.concatenate([taut[:begin], leaving[None], beyond])
-    legs += _free_legs(costmap, taut[begin:], goal.theta, settings, leaves)
+    legs += yield from _free_legs(costmap, taut[begin:], goal.theta, settings, leaves)
     _join(legs)
-    if settings.narrow == 0.0 or not settings.exactly:  # whether the rectangle passes is left to the local planner
-        return tuple(legs)
-    whole_legs = yield from checked(costmap, start, legs, settings.route)
-    return tuple(whole_legs)
+    return legs
 
 
 def _is_one_of(door: Door, others: Sequence[Door]) -> bool:
@@ -348,7 +352,7 @@ def _free_legs(
     settings: PlannerSettings,
     leaves: float | None = None,
     straight_in: bool = False,
-) -> list[Leg]:
+) -> Slices[list[Leg]]:
     """Legs along points [cells], lined up with what is narrow, corners rounded, the last one ending in a heading.
 
     A band leaves the first point in the direction `leaves` [rad], and arrives at the last `straight_in` its heading.
@@ -362,7 +366,7 @@ def _free_legs(
     cut = legs_between_turns(costmap, lined_up, run_ends, settings.turn_from)
     for k, part in enumerate(cut):
         ends = (leaves if k == 0 else None, heading if straight_in and k == len(cut) - 1 else None)
-        rounded = _rounded(costmap, _evenly_spaced(part, spacing), settings, ends)
+        rounded = yield from _rounded(costmap, _evenly_spaced(part, spacing), settings, ends)
         at = transform_points(costmap.grid.map_from_grid, rounded * cell)
         parts.append(np.column_stack([at, _headings(at)]))
     for part, following in pairwise(parts):
@@ -380,7 +384,7 @@ def _pulled(costmap: Costmap, points: FloatArray, settings: PlannerSettings) -> 
 
 def _rounded(
     costmap: Costmap, points: FloatArray, settings: PlannerSettings, ends: tuple[float | None, float | None]
-) -> FloatArray:
+) -> Slices[FloatArray]:
     """The points with their corners rounded, by the price of the cells or, along the band, for the rectangle.
 
     `ends` are the headings [rad] in map that a band has at its ends, if they are given.
@@ -396,7 +400,8 @@ def _rounded(
     leaves, arrives = (
         None if end is None else np.array([math.cos(end - turned), math.sin(end - turned)]) for end in ends
     )
-    return band(costmap, points, settings.band, leaves, arrives)
+    work = band_in_parts(costmap, points, settings.band, leaves, arrives)
+    return (yield from sliced(work, settings.harmonic.slice))
 
 
 def _join(legs: list[Leg]) -> None:

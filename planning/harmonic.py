@@ -5,7 +5,8 @@ trapped. It holds for the numbers, too, only if none is lost: v falls by a facto
 and the source paper's u = 1 - v, in float32, is flat on most of a real floor. Here the logarithm of v is kept. It is
 found in stages: a solver finds v from the goal on, as far as its accuracy goes; what is known then is held, all is
 rescaled by the largest value at the border, and the next stage goes on from there. What no stage was spent on holds a
-lower bound that has no local maximum either, so that every descent arrives, from there on a less smooth way.
+lower bound that has no local maximum either, so that every descent arrives, from there on a less smooth way. For the
+way from one start, stages are spent only on what lies about its shortest one.
 """
 
 from __future__ import annotations
@@ -21,7 +22,7 @@ from waychair.config import Settings, setting
 from waychair.errors import NoPath, NotConverged, StartOutsideMap
 from waychair.planning.grid_graph import Cell
 from waychair.planning.laplace_solvers import GoOn, Problem, SolverSettings, System, check_memory, run_solver
-from waychair.planning.log_relay import Indices, log_sweep, spread
+from waychair.planning.log_relay import Indices, between, log_sweep, spread
 from waychair.planning.multigrid import finest_level
 from waychair.planning.slices import Parts, finished
 from waychair.types import BoolArray, Bytes, Float32Array, FloatArray, IntArray
@@ -44,6 +45,9 @@ class HarmonicSettings(Settings):
         1e-8, "", "smaller values, beside a stage's largest, are left to the next", low=1e-12, high=0.1
     )
     stages: int = setting(1000, "", "after which the rest is only bounded from below", low=0, high=100_000)
+    detour: int = setting(
+        200, "steps", "longer than the shortest way from the start: what lies on no such way is not solved", low=0
+    )
     step: float = setting(0.4, "cells", "of a streamline", low=0.05, high=1.0)
     slice: int = setting(
         2_000_000, "", "so many cells are visited in one control step, some six milliseconds", low=1, high=10**9
@@ -54,13 +58,13 @@ class HarmonicSettings(Settings):
 class LogField:
     """The harmonic field as logs (H, W) float64 = log v: 0 at the goal, -inf where no way leads from.
 
-    `stages` and `sweeps` are what it took; `solved` is how many cells the stages found, of those `connected`.
+    `stages` and `sweeps` are what it took; `solved` (H, W) are the cells that they found, of those `connected`.
     """
 
     logs: FloatArray
     goal: Cell
     connected: int
-    solved: int
+    solved: BoolArray
     stages: int
     sweeps: int
     barred: Bytes = field(default_factory=lambda: _NO_BARS)
@@ -91,8 +95,8 @@ def log_field_in_parts(
 ) -> Parts[LogField]:
     """The field of a problem in logarithms, in parts of a few milliseconds each.
 
-    With a cell `until`, stages end when that one is solved. A `warm_start` of a similar problem saves the stages most
-    of their work. `barred` (H, W) has the directions of one-way zones, as in `grid_graph`.
+    With a cell `until`, only what lies between it and the goal is solved, and only as far as to it. A `warm_start` of a
+    similar problem saves the stages most of their work. `barred` (H, W) has the directions of one-way zones, as in `grid_graph`.
 
     Raises:
         MapTooLarge, NotConverged, ConfigError: see `laplace_solvers.solve`.
@@ -100,38 +104,48 @@ def log_field_in_parts(
     absorption = problem.absorption
     check_memory(absorption.size, "multigrid", settings.solver.memory)
     bars = _NO_BARS if barred is None else barred
-    order, numbers = spread(absorption, bars, problem.goal[0], problem.goal[1])
-    reachable = np.zeros(absorption.size, np.bool_)
-    reachable[order] = True
+    yield 3 * absorption.size  # what made the problem
+    order, numbers = yield from spread(absorption, bars, problem.goal)
     logs = np.full(absorption.shape, -np.inf)
     logs[problem.goal] = 0.0
-    yield 4 * absorption.size
+    yield absorption.size
     stages, sweeps = 0, 0
     if barred is None:
-        free = reachable.reshape(absorption.shape)
+        wanted = order if until is None else order[_between(order, numbers, absorption.shape, until, settings.detour)]
+        free = np.zeros(absorption.shape, np.bool_)
+        free.ravel()[wanted] = True
+        yield 4 * len(order)
         stages, sweeps = yield from _staged(problem, free, logs, settings, warm_start, until, go_on)
+    solved = np.isfinite(logs)
     in_order = logs.ravel()[order]
-    solved = int(np.isfinite(in_order).sum())
     smoothing = _SMOOTHING if barred is None else _DIRECTED_SWEEPS
     yield from _finish(in_order, numbers, absorption.ravel()[order], smoothing)
     logs.ravel()[order] = in_order
+    if barred is not None:
+        solved = np.isfinite(logs)
     return LogField(logs, problem.goal, len(order), solved, stages, sweeps, bars)
+
+
+def _between(order: Indices, numbers: Indices, shape: tuple[int, ...], start: Cell, detour: int) -> BoolArray:
+    """(N,) which cells of the order lie between a start and the goal; none if no way leads there."""
+    at = np.flatnonzero(order == start[0] * shape[1] + start[1])
+    return between(numbers, int(at[0]), detour) if len(at) else np.zeros(len(order), np.bool_)
 
 
 def _staged(
     problem: Problem,
-    reachable: BoolArray,
+    wanted: BoolArray,
     logs: FloatArray,
     settings: HarmonicSettings,
     warm_start: LogField | None,
     until: Cell | None,
     go_on: GoOn | None,
 ) -> Parts[tuple[int, int]]:
-    """Find `logs` (H, W), in place, from the goal on; returns the stages and the sweeps that took."""
+    """Find `logs` (H, W) of wanted cells, in place, from the goal on; returns the stages and the sweeps that took."""
     stages, sweeps = 0, 0
     warm = warm_start.logs if warm_start is not None and warm_start.logs.shape == logs.shape else None
-    while stages < settings.stages and (until is None or not reachable[until] or not np.isfinite(logs[until])):
-        unknown = reachable & ~np.isfinite(logs)
+    while stages < settings.stages and (until is None or not np.isfinite(logs[until])):
+        unknown = wanted & ~np.isfinite(logs)
         boxes = find_objects(unknown.astype(np.int8))
         if not boxes:
             break

@@ -7,6 +7,7 @@ through it, so that the field avoids it the more the dearer it is.
 from __future__ import annotations
 
 import numpy as np
+from scipy.ndimage import label
 
 from waychair.errors import NoPath
 from waychair.planning.grid_graph import (
@@ -35,6 +36,10 @@ def absorption_from_prices(prices: Prices) -> Float32Array:
     return absorbed
 
 
+_NEAR = 20
+"""So many cells beside what was solved a start may lie."""
+
+
 class HarmonicSearch:
     """The interface of `DStarLite` over a harmonic field that is kept, and solved anew from what it was.
 
@@ -57,7 +62,7 @@ class HarmonicSearch:
         self._goal, self._start = goal, start
         self._settings = settings or HarmonicSettings()
         self._field: LogField | None = None
-        self._stale = True
+        self._solved_for, self._stale = start, True
         self._cells: IntArray | None = None
         self.pops = 0
 
@@ -73,20 +78,30 @@ class HarmonicSearch:
         self._stale, self._cells = True, None
 
     def prepare(self, go_on: GoOn | None = None) -> Slices[None]:
-        """Solve the field, in slices, if what it is of has changed; left off in between, the field before is kept.
+        """Solve the field, in slices, if what it is of has changed, or the start is far from what was solved.
+
+        Left off in between, the field before is kept.
 
         Raises:
             MapTooLarge, NotConverged: see `log_field_in_parts`.
         """
         if not self._connectable:
             return
-        found = self._field
-        if found is None or self._stale or not np.isfinite(found.logs[self._start]):
+        if self._field is None or self._stale or not (self._start == self._solved_for or self._solved_near()):
             problem = Problem(absorption_from_prices(self._prices), self._goal)
-            work = log_field_in_parts(problem, self._settings, found, self._start, self._barred, go_on)
-            found = yield from sliced(work, self._settings.slice)
-            self._field, self._stale = found, False
+            work = log_field_in_parts(problem, self._settings, self._field, self._start, self._barred, go_on)
+            start, found = self._start, (yield from sliced(work, self._settings.slice))
+            self._field, self._solved_for, self._stale = found, start, False
             self.pops += found.sweeps * found.connected
+
+    def _solved_near(self) -> bool:
+        """Whether cells about the start, on its side of the walls, are solved."""
+        assert self._field is not None
+        row, column = self._start
+        top, left = max(row - _NEAR, 0), max(column - _NEAR, 0)
+        about = (slice(top, row + _NEAR + 1), slice(left, column + _NEAR + 1))
+        rooms, _ = label(np.isfinite(self._field.logs[about]))
+        return bool((self._field.solved[about] & (rooms == rooms[row - top, column - left]) & (rooms > 0)).any())
 
     def replan(self) -> int:
         """Cost of the way that the field leads along, in the searches' unit, which is not the least.

@@ -13,29 +13,53 @@ import numpy as np
 from numba import njit
 from numpy.typing import NDArray
 
-from waychair.types import Bytes, Float32Array, FloatArray
+from waychair.planning.grid_graph import Cell
+from waychair.planning.slices import Parts
+from waychair.types import BoolArray, Bytes, Float32Array, FloatArray
 
 Indices: TypeAlias = NDArray[np.int32]
 
 
-@njit(cache=True, nogil=True)
-def spread(absorption: Float32Array, barred: Bytes, row: int, column: int) -> tuple[Indices, Indices]:
+def spread(absorption: Float32Array, barred: Bytes, goal: Cell) -> Parts[tuple[Indices, Indices]]:
     """Cells from which steps lead to a goal: flat indices (N,) in the order of their steps, and numbers (N, 4).
 
     A cell's numbers are its neighbours' places in that order, -1 where no step leads: into a wall, or against a one-way
     zone (`barred` (H, W) as in `grid_graph`, or empty). The goal is the first.
     """
-    height, width = absorption.shape
-    place = np.full(height * width, -1, np.int32)
-    order = np.empty(height * width, np.int32)
-    steps = ((0, 1), (1, 0), (0, -1), (-1, 0))
-    order[0] = row * width + column
+    place = np.full(absorption.size, -1, np.int32)
+    order = np.empty(absorption.size, np.int32)
+    order[0] = goal[0] * absorption.shape[1] + goal[1]
     place[order[0]] = 0
-    count, at = 1, 0
-    while at < count:
+    count, done = 1, 0
+    while done < count:
+        last = done + _CHUNK
+        count, begun, done = _reach(absorption, barred, place, order, count, done, last), done, min(last, count)
+        yield _STEP_PRICE * (done - begun)
+    numbers = np.empty((count, 4), np.int32)
+    for first in range(0, count, _CHUNK):
+        last = min(first + _CHUNK, count)
+        _number(absorption.shape, barred, place, order, numbers, first, last)
+        yield _STEP_PRICE * (last - first)
+    return order[:count].copy(), numbers
+
+
+_CHUNK, _STEP_PRICE = 50_000, 11
+"""Cells of one part, and the time each takes, beside one that a solver visits."""
+
+_STEPS = ((0, 1), (1, 0), (0, -1), (-1, 0))
+
+
+@njit(cache=True, nogil=True)
+def _reach(
+    absorption: Float32Array, barred: Bytes, place: Indices, order: Indices, count: int, first: int, last: int
+) -> int:
+    """Go on from the cells of the order from `first` to before `last`; how many cells there are in it then."""
+    height, width = absorption.shape
+    at = first
+    while at < min(count, last):
         i, j = order[at] // width, order[at] % width
         for d in range(4):
-            k, m = i - steps[d][0], j - steps[d][1]
+            k, m = i - _STEPS[d][0], j - _STEPS[d][1]
             if not (0 <= k < height and 0 <= m < width) or absorption[k, m] == np.inf:
                 continue
             if barred.size and (barred[i, j] | barred[k, m]) >> (2 * d) & 1:
@@ -45,18 +69,54 @@ def spread(absorption: Float32Array, barred: Bytes, row: int, column: int) -> tu
                 order[count] = k * width + m
                 count += 1
         at += 1
-    numbers = np.full((count, 4), -1, np.int32)
-    for at in range(count):
+    return count
+
+
+@njit(cache=True, nogil=True)
+def _number(
+    shape: tuple[int, int], barred: Bytes, place: Indices, order: Indices, numbers: Indices, first: int, last: int
+) -> None:
+    """Fill the numbers of the cells of the order from `first` to before `last`."""
+    height, width = shape
+    for at in range(first, last):
         i, j = order[at] // width, order[at] % width
         for d in range(4):
-            k, m = i + steps[d][0], j + steps[d][1]
-            if (
-                0 <= k < height
-                and 0 <= m < width
-                and not (barred.size and (barred[i, j] | barred[k, m]) >> (2 * d) & 1)
-            ):
+            k, m = i + _STEPS[d][0], j + _STEPS[d][1]
+            numbers[at, d] = -1
+            if not (0 <= k < height and 0 <= m < width):
+                continue
+            if not (barred.size and (barred[i, j] | barred[k, m]) >> (2 * d) & 1):
                 numbers[at, d] = place[k * width + m]
-    return order[:count].copy(), numbers
+
+
+@njit(cache=True, nogil=True)
+def between(numbers: Indices, start: int, detour: int) -> BoolArray:
+    """(N,) which cells lie on a way from a start to the goal that is at most `detour` steps longer than the shortest.
+
+    Of numbers (N, 4) as `spread` gives them, no step being barred; `start` is the start's place in the order.
+    """
+    to_goal = np.zeros(len(numbers), np.int32)
+    for k in range(1, len(numbers)):
+        nearest = k
+        for d in range(4):
+            if 0 <= numbers[k, d] < nearest:
+                nearest = numbers[k, d]
+        to_goal[k] = to_goal[nearest] + 1
+    longest = to_goal[start] + detour
+    from_start = np.full(len(numbers), -1, np.int32)
+    queue = np.empty(len(numbers), np.int32)
+    from_start[start], queue[0] = 0, start
+    count, at = 1, 0
+    while at < count:
+        k = queue[at]
+        for d in range(4):
+            beside = numbers[k, d]
+            if beside >= 0 and from_start[beside] < 0 and from_start[k] + 1 + to_goal[beside] <= longest:
+                from_start[beside] = from_start[k] + 1
+                queue[count] = beside
+                count += 1
+        at += 1
+    return from_start >= 0
 
 
 @njit(cache=True, nogil=True)

@@ -20,6 +20,7 @@ from waychair.planning.costmap import Costmap
 from waychair.planning.footprint import Footprint, footprint, room
 from waychair.planning.grid_graph import Prices
 from waychair.planning.harmonic import LogField
+from waychair.planning.slices import Parts, finished
 from waychair.types import Float32Array, FloatArray
 
 
@@ -58,6 +59,21 @@ def band(
 ) -> FloatArray:
     """Points (M, 2) of the relaxed line of points (N, 2), columns and rows [cells]; the ends stay.
 
+    See `band_in_parts`, which this does in one go.
+    """
+    return finished(band_in_parts(costmap, points, settings, leaves, arrives, longest))
+
+
+def band_in_parts(
+    costmap: Costmap,
+    points: FloatArray,
+    settings: BandSettings = BandSettings(),
+    leaves: FloatArray | None = None,
+    arrives: FloatArray | None = None,
+    longest: float | None = None,
+) -> Parts[FloatArray]:
+    """Points (M, 2) of the relaxed line of points (N, 2), columns and rows [cells], in parts of about a millisecond.
+
     What it keeps: no point enters an impassable cell; where the rectangle fitted, along the line, it fits; where it did
     not, the line comes no nearer to obstacles; and it gets no longer than it was, or than `longest` [cells]: it is
     pushed less rather than that. `leaves` and `arrives` (2,) are the directions that the line is to have at its ends;
@@ -73,7 +89,7 @@ def band(
         tries.insert(0, (replace(settings, tension=_SLACK * settings.tension), (leaves, arrives)))
     for forces, ends in tries:
         for share in (1.0, 0.25, 0.0):
-            moved = _moved(costmap, line, forces, share, ends)
+            moved = yield from _moved(costmap, line, forces, share, ends)
             if length_of(moved) <= most:
                 return moved
     return line
@@ -89,7 +105,7 @@ def _moved(
     settings: BandSettings,
     share: float,
     ends: tuple[FloatArray | None, FloatArray | None],
-) -> FloatArray:
+) -> Parts[FloatArray]:
     """The line at rest, pushed by a share of the settings' push; what lies beyond an end with a direction is a point."""
     cell = costmap.grid.resolution
     shape = footprint(costmap.body, settings.margin, costmap.field)
@@ -101,15 +117,24 @@ def _moved(
             line = np.concatenate([line[:1] - step * ends[0], line])
         if ends[1] is not None:
             line = np.concatenate([line, line[-1:] + step * ends[1]])
-        held = 1 + before, len(line) - 1 - beyond
-        passes = settings.passes // _ROUNDS
-        line = _relaxed(costmap.prices, shape, costmap.clearance, line, *forces, settings.turn, passes, *held)
+        line = line.copy()
+        free = 1 + before, len(line) - 1 - beyond
+        passes, at_a_time = settings.passes // _ROUNDS, max(1, _PART // len(line))
+        for done in range(0, passes, at_a_time):
+            turns = done, min(done + at_a_time, passes)
+            still = _relax(costmap.prices, shape, costmap.clearance, line, *forces, settings.turn, *turns, *free)
+            yield _POINT_PRICE * len(line) * (turns[1] - turns[0])
+            if still:
+                break
         line = resampled(line[before : len(line) - beyond], step)
     return line
 
 
 _ROUNDS = 4
 """How often the points are spaced evenly again: tension draws them together where the line is shortest."""
+
+_PART, _POINT_PRICE = 2000, 300
+"""Points of one part, all its passes together, and the time each takes, beside a cell that a solver visits."""
 
 
 def paper_band(found: LogField, points: FloatArray, settings: PaperBandSettings = PAPER_BAND) -> FloatArray:
@@ -145,27 +170,30 @@ def length_of(points: FloatArray) -> float:
 
 
 @njit(cache=True, nogil=True)
-def _relaxed(
+def _relax(
     prices: Prices,
     shape: Footprint,
     clearance: Float32Array,
-    points: FloatArray,
+    line: FloatArray,
     tension: float,
     stiffness: float,
     push: float,
     wanted: float,
     sharpest: float,
-    passes: int,
+    turn: int,
+    turns: int,
     first: int,
     stop: int,
-) -> FloatArray:
-    """The line with its points from `first` to before `stop` moved, forth and back."""
-    line = points.copy()
+) -> bool:
+    """Move a line's points from `first` to before `stop`, forth and back, in pass `turn` to before `turns`.
+
+    Returns whether they are at rest.
+    """
     last = len(line) - 1
-    for turn in range(passes):
+    for now in range(turn, turns):
         moved = 0.0
         for step in range(stop - first):
-            k = first + step if turn % 2 == 0 else stop - 1 - step
+            k = first + step if now % 2 == 0 else stop - 1 - step
             x, y = line[k, 0], line[k, 1]
             middle_x = 0.5 * (line[k - 1, 0] + line[k + 1, 0]) - x
             middle_y = 0.5 * (line[k - 1, 1] + line[k + 1, 1]) - y
@@ -183,8 +211,8 @@ def _relaxed(
                     moved = max(moved, share * math.hypot(dx, dy))
                     break
         if moved < _STILL:
-            break
-    return line
+            return True
+    return False
 
 
 @njit(cache=True, inline="always")

@@ -31,7 +31,7 @@ from waychair.planning.harmonic import (
 )
 from waychair.planning.harmonic_search import HarmonicSearch, absorption_from_prices
 from waychair.planning.laplace_solvers import SolverSettings, problem_of, solve
-from waychair.planning.log_relay import log_sweep, spread
+from waychair.planning.log_relay import between, log_sweep, spread
 from waychair.planning.slices import finished, sliced
 from waychair.types import BoolArray, FloatArray, OccupancyGrid, Pose2
 
@@ -91,7 +91,7 @@ def test_on_real_floors_the_descent_arrives_from_all_free_cells(name: str, data_
     free = load_free_cells(data_dir / "movingai" / f"{name}.map")
     cells = np.argwhere(free)
     found = log_field(problem_of(free, (int(cells[0, 0]), int(cells[0, 1]))))
-    assert found.connected == len(cells) == found.solved
+    assert found.connected == len(cells) == found.solved.sum()
     assert found.logs[free].min() < -80  # float32 ends at -87, and u = 1 - v at -37
     assert summits_of(found) == 0
     assert all_arrive(found)
@@ -132,9 +132,72 @@ def test_stages_end_with_the_start_and_the_rest_still_leads_to_the_goal() -> Non
     whole = log_field(problem_of(free, (2, 0)))
     part = log_field(problem_of(free, (2, 0)), until=(2, 60))
     assert part.stages < whole.stages
-    assert part.solved < part.connected == free.size
+    assert part.solved.sum() < part.connected == free.size
     assert all_arrive(part)
     assert tuple(descend(part, (4, 399))[-1]) == (2, 0)
+
+
+def test_only_what_lies_on_a_short_enough_way_is_solved_and_every_descent_arrives_all_the_same() -> None:
+    free = np.random.default_rng(8).random((40, 60)) > 0.2
+    goal, start, detour = (20, 5), (20, 50), 6
+    free[goal] = free[start] = True
+    part = log_field(problem_of(free, goal), HarmonicSettings(detour=detour, stages=1000), until=start)
+    to_goal, to_start = steps_to(free, goal), steps_to(free, start)
+    within = to_goal + to_start <= to_goal[start] + detour
+    assert part.solved[start]
+    assert not (part.solved & ~within).any()
+    np.testing.assert_array_equal(between_on(free, goal, start, detour), within)
+    assert summits_of(part) == 0
+    assert all_arrive(part)
+
+
+def steps_to(free: BoolArray, cell: Cell) -> FloatArray:
+    """(H, W) least number of steps between four neighbours to a cell, by relaxation; infinite where there is no way."""
+    steps = np.full(free.shape, np.inf)
+    steps[cell] = 0.0
+    while True:
+        padded = np.pad(steps, 1, constant_values=np.inf)
+        near = np.minimum.reduce([padded[1:-1, 2:], padded[1:-1, :-2], padded[2:, 1:-1], padded[:-2, 1:-1]]) + 1
+        better = np.where(free, np.minimum(steps, near), np.inf)
+        if (better == steps).all():
+            return steps
+        steps = better
+
+
+def between_on(free: BoolArray, goal: Cell, start: Cell, detour: int) -> BoolArray:
+    """`between` on a grid (H, W)."""
+    order, numbers = finished(spread(problem_of(free, goal).absorption, np.empty((0, 0), np.uint8), goal))
+    at = int(np.flatnonzero(order == start[0] * free.shape[1] + start[1])[0])
+    cells = np.zeros(free.shape, np.bool_)
+    cells.ravel()[order[between(numbers, at, detour)]] = True
+    return cells
+
+
+def test_a_start_far_from_what_was_solved_is_solved_for_and_one_beside_it_is_not() -> None:
+    prices = np.full((30, 400), FREE_PRICE, np.int32)
+    prices[15, :-20] = 0  # two corridors, joined at the far end
+    search = HarmonicSearch(prices, (5, 2), (5, 200), settings=HarmonicSettings(detour=10))
+    search.replan()
+    solved = search.pops
+    assert solved > 0
+    search.move_start((9, 190))
+    search.replan()
+    assert search.pops == solved
+    search.move_start((25, 100))
+    search.replan()
+    assert search.pops > solved
+    assert tuple(search.path()[0]) == (25, 100)
+    assert tuple(search.path()[-1]) == (5, 2)
+
+
+def test_for_a_start_that_no_way_leads_from_nothing_is_solved() -> None:
+    prices = np.full((30, 40), FREE_PRICE, np.int32)
+    prices[15] = 0
+    search = HarmonicSearch(prices, (5, 2), (25, 30))
+    for _ in range(2):
+        with pytest.raises(NoPath, match="not connected"):
+            search.replan()
+    assert search.pops == 0
 
 
 def test_a_field_solved_in_slices_is_that_solved_in_one_go() -> None:
@@ -175,7 +238,7 @@ def test_sweeps_in_logarithms_do_what_plain_python_does() -> None:
     free = np.random.default_rng(5).random((9, 12)) > 0.2
     free[4, 4] = True
     problem = problem_of(free, (4, 4))
-    order, numbers = spread(problem.absorption, np.empty((0, 0), np.uint8), 4, 4)
+    order, numbers = finished(spread(problem.absorption, np.empty((0, 0), np.uint8), (4, 4)))
     logs = -np.arange(len(order)) / 3.0
     plain = logs.copy()
     for k in range(1, len(order)):

@@ -21,6 +21,7 @@ from waychair.planning.rubber_band import (
     BandSettings,
     _sharpest_about,
     band,
+    band_in_parts,
     length_of,
     log_between,
     resampled,
@@ -70,6 +71,22 @@ def test_on_d_star_lites_paths_the_band_crosses_nothing_and_is_never_longer(seed
     fine = resampled(line, 0.2)
     rows, columns = np.floor(fine[:, ::-1]).astype(int).T
     assert (costmap.prices[rows, columns] > 0).all()
+
+
+def test_a_band_in_parts_is_that_made_in_one_go() -> None:
+    costmap, settings = costmap_of(SCENES[0]), BandSettings(passes=82)
+    points = bands(SCENES[0]).descent
+    line = resampled(points, settings.spacing / CELL)
+    work = band_in_parts(costmap, points, settings)
+    parts: list[int] = []
+    while True:
+        try:
+            parts.append(next(work))
+        except StopIteration as done:
+            np.testing.assert_array_equal(done.value, band(costmap, points, settings))
+            break
+    assert len(parts) >= 4
+    assert max(parts) <= 300 * max(2000, len(line))
 
 
 def test_a_path_that_touches_already_is_not_brought_nearer() -> None:
