@@ -32,9 +32,10 @@ def spread(absorption: Float32Array, barred: Bytes, goal: Cell) -> Parts[tuple[I
     place[order[0]] = 0
     count, done = 1, 0
     while done < count:
-        last = done + _CHUNK
-        count, begun, done = _reach(absorption, barred, place, order, count, done, last), done, min(last, count)
-        yield _STEP_PRICE * (done - begun)
+        first, last = done, done + _CHUNK
+        count = _reach(absorption, barred, place, order, count, first, last)
+        done = min(last, count)
+        yield _STEP_PRICE * (done - first)
     numbers = np.empty((count, 4), np.int32)
     for first in range(0, count, _CHUNK):
         last = min(first + _CHUNK, count)
