@@ -25,6 +25,7 @@ from waychair.planning.grid_graph import Cell
 from waychair.planning.harmonic import LogField, descend, log_field, streamline, summits_of
 from waychair.planning.laplace_solvers import SolverSettings, problem_of, relative_residual, solve
 from waychair.planning.rubber_band import BandSettings, band, length_of, paper_band, resampled, turning_angles
+from waychair.planning.slices import finished
 from waychair.types import BoolArray, FloatArray, OccupancyGrid, Pose2
 
 CELL = 0.05
@@ -91,7 +92,8 @@ def bands(scene: BandScene, settings: BandSettings | None = None) -> Bands:
     found = log_field(problem_of(costmap.prices > 0, cell_at(scene.goal)))
     cells = descend(found, cell_at(scene.start))
     points = cells[:, ::-1] + 0.5
-    return Bands(found, costmap, points, paper_band(found, points), band(costmap, points, settings or BandSettings()))
+    ours = finished(band(costmap, points, settings or BandSettings()))
+    return Bands(found, costmap, points, paper_band(found, points), ours)
 
 
 def rectangle_fits(costmap: Costmap, points: FloatArray) -> bool:

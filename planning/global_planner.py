@@ -33,7 +33,7 @@ from waychair.planning.laplace_solvers import GoOn
 from waychair.planning.legs import Door, Leg, Manner, whole
 from waychair.planning.narrows import legs_between_turns, line_up, tight_doors
 from waychair.planning.route import RouteSettings, checked, door_leg
-from waychair.planning.rubber_band import BandSettings, band_in_parts
+from waychair.planning.rubber_band import BandSettings, band
 from waychair.planning.slices import Slices, finished, sliced
 from waychair.planning.smoothing import line_cost, pull_taut, round_corners
 from waychair.types import FloatArray, IntArray, Path, Pose2
@@ -400,7 +400,7 @@ def _rounded(
     leaves, arrives = (
         None if end is None else np.array([math.cos(end - turned), math.sin(end - turned)]) for end in ends
     )
-    work = band_in_parts(costmap, points, settings.band, leaves, arrives)
+    work = band(costmap, points, settings.band, leaves, arrives)
     return (yield from sliced(work, settings.harmonic.slice))
 
 

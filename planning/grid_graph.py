@@ -32,6 +32,9 @@ Cell: TypeAlias = tuple[int, int]
 Records: TypeAlias = NDArray[Any]
 """Structured array; its fields are named where its dtype is made."""
 
+SIDES = ((0, 1), (1, 0), (0, -1), (-1, 0))
+"""The straight steps in rows and columns: every second of the eight directions."""
+
 FREE_PRICE = 1000
 MAX_PRICE = 1_000_000
 STRAIGHT = 10_000

@@ -24,7 +24,7 @@ from waychair.planning.grid_graph import Cell
 from waychair.planning.laplace_solvers import GoOn, Problem, SolverSettings, System, check_memory, run_solver
 from waychair.planning.log_relay import Indices, between, log_sweep, spread
 from waychair.planning.multigrid import finest_level
-from waychair.planning.slices import Parts, finished
+from waychair.planning.slices import Parts, chunks, finished
 from waychair.types import BoolArray, Bytes, Float32Array, FloatArray, IntArray
 
 _NO_BARS = np.empty((0, 0), np.uint8)
@@ -112,17 +112,16 @@ def log_field_in_parts(
     stages, sweeps = 0, 0
     if barred is None:
         wanted = order if until is None else order[_between(order, numbers, absorption.shape, until, settings.detour)]
-        free = np.zeros(absorption.shape, np.bool_)
-        free.ravel()[wanted] = True
+        mask = _mask(absorption.shape, wanted)
         yield 4 * len(order)
-        stages, sweeps = yield from _staged(problem, free, logs, settings, warm_start, until, go_on)
-    solved = np.isfinite(logs)
+        stages, sweeps = yield from _staged(problem, mask, logs, settings, warm_start, until, go_on)
+        solved = np.isfinite(logs)
+    else:
+        solved = _mask(absorption.shape, order)
     in_order = logs.ravel()[order]
     smoothing = _SMOOTHING if barred is None else _DIRECTED_SWEEPS
     yield from _finish(in_order, numbers, absorption.ravel()[order], smoothing)
     logs.ravel()[order] = in_order
-    if barred is not None:
-        solved = np.isfinite(logs)
     return LogField(logs, problem.goal, len(order), solved, stages, sweeps, bars)
 
 
@@ -130,6 +129,13 @@ def _between(order: Indices, numbers: Indices, shape: tuple[int, ...], start: Ce
     """(N,) which cells of the order lie between a start and the goal; none if no way leads there."""
     at = np.flatnonzero(order == start[0] * shape[1] + start[1])
     return between(numbers, int(at[0]), detour) if len(at) else np.zeros(len(order), np.bool_)
+
+
+def _mask(shape: tuple[int, ...], cells: Indices) -> BoolArray:
+    """(H, W) true at the cells (N,) of flat indices."""
+    mask = np.zeros(shape, np.bool_)
+    mask.ravel()[cells] = True
+    return mask
 
 
 def _staged(
@@ -215,8 +221,8 @@ def _finish(logs: FloatArray, numbers: Indices, absorption: Float32Array, sweeps
 
 def _swept(logs: FloatArray, numbers: Indices, diagonals: Float32Array, forward: bool) -> Parts[None]:
     """One sweep over logs (N,) but the goal's, in chunks."""
-    chunks = [(first, min(first + _CHUNK, len(logs))) for first in range(1, len(logs), _CHUNK)]
-    for first, last in chunks if forward else chunks[::-1]:
+    parts = chunks(1, len(logs), _CHUNK)
+    for first, last in parts if forward else parts[::-1]:
         log_sweep(logs, numbers, diagonals, first, last, forward)
         yield _LOG_PRICE * (last - first)
 

@@ -89,8 +89,9 @@ class HarmonicSearch:
             return
         if self._field is None or self._stale or not (self._start == self._solved_for or self._solved_near()):
             problem = Problem(absorption_from_prices(self._prices), self._goal)
-            work = log_field_in_parts(problem, self._settings, self._field, self._start, self._barred, go_on)
-            start, found = self._start, (yield from sliced(work, self._settings.slice))
+            start = self._start
+            work = log_field_in_parts(problem, self._settings, self._field, start, self._barred, go_on)
+            found = yield from sliced(work, self._settings.slice)
             self._field, self._solved_for, self._stale = found, start, False
             self.pops += found.sweeps * found.connected
 

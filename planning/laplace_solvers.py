@@ -18,7 +18,7 @@ from numba import njit
 
 from waychair.config import Settings, setting
 from waychair.errors import ConfigError, GoalOccupied, GoalOutsideMap, MapTooLarge, NotConverged
-from waychair.planning.grid_graph import Cell
+from waychair.planning.grid_graph import SIDES, Cell
 from waychair.planning.multigrid import Level, apply, conjugate_gradients, finest_level, levels_from, relax
 from waychair.planning.slices import Parts, finished
 from waychair.types import BoolArray, Float32Array, FloatArray, IntArray
@@ -111,7 +111,7 @@ def solve(
     level = finest_level(walls)
     row, column = problem.goal[0] + 1, problem.goal[1] + 1
     b = np.zeros(level.x.shape)
-    for d, e in ((0, 1), (1, 0), (0, -1), (-1, 0)):
+    for d, e in SIDES:
         b[row + d, column + e] = level.inverse[row + d, column + e] > 0
     x = np.zeros_like(b)
     if warm_start is not None and warm_start.v.shape == absorption.shape:
@@ -317,7 +317,7 @@ def _direct(system: System) -> Parts[tuple[float, int]]:
     absorbed = np.zeros(x.shape)
     absorbed[1:-1, 1:-1] = system.absorption
     values = [4.0 + absorbed[free]]
-    for shift in ((0, 1), (1, 0), (0, -1), (-1, 0)):
+    for shift in SIDES:
         other = np.roll(number, (-shift[0], -shift[1]), (0, 1))[free]
         linked = other >= 0
         rows.append(np.flatnonzero(linked))

@@ -13,8 +13,8 @@ import numpy as np
 from numba import njit
 from numpy.typing import NDArray
 
-from waychair.planning.grid_graph import Cell
-from waychair.planning.slices import Parts
+from waychair.planning.grid_graph import SIDES, Cell
+from waychair.planning.slices import Parts, chunks
 from waychair.types import BoolArray, Bytes, Float32Array, FloatArray
 
 Indices: TypeAlias = NDArray[np.int32]
@@ -37,8 +37,7 @@ def spread(absorption: Float32Array, barred: Bytes, goal: Cell) -> Parts[tuple[I
         done = min(last, count)
         yield _STEP_PRICE * (done - first)
     numbers = np.empty((count, 4), np.int32)
-    for first in range(0, count, _CHUNK):
-        last = min(first + _CHUNK, count)
+    for first, last in chunks(0, count, _CHUNK):
         _number(absorption.shape, barred, place, order, numbers, first, last)
         yield _STEP_PRICE * (last - first)
     return order[:count].copy(), numbers
@@ -46,8 +45,6 @@ def spread(absorption: Float32Array, barred: Bytes, goal: Cell) -> Parts[tuple[I
 
 _CHUNK, _STEP_PRICE = 50_000, 11
 """Cells of one part, and the time each takes, beside one that a solver visits."""
-
-_STEPS = ((0, 1), (1, 0), (0, -1), (-1, 0))
 
 
 @njit(cache=True, nogil=True)
@@ -60,7 +57,7 @@ def _reach(
     while at < min(count, last):
         i, j = order[at] // width, order[at] % width
         for d in range(4):
-            k, m = i - _STEPS[d][0], j - _STEPS[d][1]
+            k, m = i - SIDES[d][0], j - SIDES[d][1]
             if not (0 <= k < height and 0 <= m < width) or absorption[k, m] == np.inf:
                 continue
             if barred.size and (barred[i, j] | barred[k, m]) >> (2 * d) & 1:
@@ -82,7 +79,7 @@ def _number(
     for at in range(first, last):
         i, j = order[at] // width, order[at] % width
         for d in range(4):
-            k, m = i + _STEPS[d][0], j + _STEPS[d][1]
+            k, m = i + SIDES[d][0], j + SIDES[d][1]
             numbers[at, d] = -1
             if not (0 <= k < height and 0 <= m < width):
                 continue

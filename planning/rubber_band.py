@@ -20,7 +20,7 @@ from waychair.planning.costmap import Costmap
 from waychair.planning.footprint import Footprint, footprint, room
 from waychair.planning.grid_graph import Prices
 from waychair.planning.harmonic import LogField
-from waychair.planning.slices import Parts, finished
+from waychair.planning.slices import Parts, chunks
 from waychair.types import Float32Array, FloatArray
 
 
@@ -50,21 +50,6 @@ PAPER_BAND = PaperBandSettings()
 
 
 def band(
-    costmap: Costmap,
-    points: FloatArray,
-    settings: BandSettings = BandSettings(),
-    leaves: FloatArray | None = None,
-    arrives: FloatArray | None = None,
-    longest: float | None = None,
-) -> FloatArray:
-    """Points (M, 2) of the relaxed line of points (N, 2), columns and rows [cells]; the ends stay.
-
-    See `band_in_parts`, which this does in one go.
-    """
-    return finished(band_in_parts(costmap, points, settings, leaves, arrives, longest))
-
-
-def band_in_parts(
     costmap: Costmap,
     points: FloatArray,
     settings: BandSettings = BandSettings(),
@@ -112,18 +97,16 @@ def _moved(
     forces = (settings.tension, settings.stiffness, share * settings.push, settings.clearance / cell)
     step = settings.spacing / cell
     before, beyond = (int(end is not None) for end in ends)
+    line = line.copy()
     for _ in range(_ROUNDS):
         if ends[0] is not None:
             line = np.concatenate([line[:1] - step * ends[0], line])
         if ends[1] is not None:
             line = np.concatenate([line, line[-1:] + step * ends[1]])
-        line = line.copy()
         free = 1 + before, len(line) - 1 - beyond
-        passes, at_a_time = settings.passes // _ROUNDS, max(1, _PART // len(line))
-        for done in range(0, passes, at_a_time):
-            turns = done, min(done + at_a_time, passes)
-            still = _relax(costmap.prices, shape, costmap.clearance, line, *forces, settings.turn, *turns, *free)
-            yield _POINT_PRICE * len(line) * (turns[1] - turns[0])
+        for begin, end in chunks(0, settings.passes // _ROUNDS, max(1, _PART // len(line))):
+            still = _relax(costmap.prices, shape, costmap.clearance, line, *forces, settings.turn, begin, end, *free)
+            yield _POINT_PRICE * len(line) * (end - begin)
             if still:
                 break
         line = resampled(line[before : len(line) - beyond], step)
@@ -180,20 +163,20 @@ def _relax(
     push: float,
     wanted: float,
     sharpest: float,
-    turn: int,
-    turns: int,
+    begin: int,
+    end: int,
     first: int,
     stop: int,
 ) -> bool:
-    """Move a line's points from `first` to before `stop`, forth and back, in pass `turn` to before `turns`.
+    """Move a line's points from `first` to before `stop`, forth and back, in the passes from `begin` to before `end`.
 
     Returns whether they are at rest.
     """
     last = len(line) - 1
-    for now in range(turn, turns):
+    for turn in range(begin, end):
         moved = 0.0
         for step in range(stop - first):
-            k = first + step if now % 2 == 0 else stop - 1 - step
+            k = first + step if turn % 2 == 0 else stop - 1 - step
             x, y = line[k, 0], line[k, 1]
             middle_x = 0.5 * (line[k - 1, 0] + line[k + 1, 0]) - x
             middle_y = 0.5 * (line[k - 1, 1] + line[k + 1, 1]) - y

@@ -23,6 +23,11 @@ def finished(work: Generator[object, None, Result]) -> Result:
             return result
 
 
+def chunks(first: int, stop: int, most: int) -> list[tuple[int, int]]:
+    """The numbers from `first` to before `stop`, cut into runs of at most so many: where each begins and ends."""
+    return [(begin, min(begin + most, stop)) for begin in range(first, stop, most)]
+
+
 def sliced(work: Parts[Result], most: int) -> Slices[Result]:
     """Small parts put together to slices, each of which ends once it has visited `most` cells."""
     visited = 0

@@ -12,6 +12,7 @@ from hypothesis import strategies as st
 
 from waychair.calibration.chair import CHAIR_A
 from waychair.errors import PlanningError
+from waychair.planning import rubber_band
 from waychair.planning.costmap import costmap_from_grid
 from waychair.planning.global_planner import PlannerSettings, plan
 from waychair.planning.grid_planner import plan_on_cells
@@ -21,12 +22,12 @@ from waychair.planning.rubber_band import (
     BandSettings,
     _sharpest_about,
     band,
-    band_in_parts,
     length_of,
     log_between,
     resampled,
     turning_angles,
 )
+from waychair.planning.slices import finished
 from waychair.types import FloatArray, OccupancyGrid, Pose2
 
 
@@ -66,41 +67,43 @@ def test_on_d_star_lites_paths_the_band_crosses_nothing_and_is_never_longer(seed
         chain = plan_on_cells(costmap.prices, (8, 8), (90, 110)).cells[:, ::-1] + 0.5
     except PlanningError:
         return
-    line = band(costmap, chain, BandSettings(passes=100))
+    line = finished(band(costmap, chain, BandSettings(passes=100)))
     assert length_of(line) <= length_of(chain) + 1e-9
     fine = resampled(line, 0.2)
     rows, columns = np.floor(fine[:, ::-1]).astype(int).T
     assert (costmap.prices[rows, columns] > 0).all()
 
 
-def test_a_band_in_parts_is_that_made_in_one_go() -> None:
+def test_a_band_in_many_parts_is_that_in_few(monkeypatch: pytest.MonkeyPatch) -> None:
     costmap, settings = costmap_of(SCENES[0]), BandSettings(passes=82)
     points = bands(SCENES[0]).descent
-    line = resampled(points, settings.spacing / CELL)
-    work = band_in_parts(costmap, points, settings)
+    length = len(resampled(points, settings.spacing / CELL))
+    whole = finished(band(costmap, points, settings))
+    monkeypatch.setattr(rubber_band, "_PART", 3 * length)
+    work = band(costmap, points, settings)
     parts: list[int] = []
     while True:
         try:
             parts.append(next(work))
         except StopIteration as done:
-            np.testing.assert_array_equal(done.value, band(costmap, points, settings))
+            np.testing.assert_array_equal(done.value, whole)
             break
-    assert len(parts) >= 4
-    assert max(parts) <= 300 * max(2000, len(line))
+    assert len(parts) >= 4 * (20 // 4)
+    assert max(parts) <= 300 * 4 * length
 
 
 def test_a_path_that_touches_already_is_not_brought_nearer() -> None:
     costmap = costmap_of(SCENES[0])
     along = np.column_stack([np.full(40, 38.2), np.linspace(20.0, 58.0, 40)])  # beside the box, half a chair away
     along[1:-1:2, 0] -= 0.8
-    line = band(costmap, along)
+    line = finished(band(costmap, along))
     assert (line[:, 0] <= 38.2 + 1e-9).all()
 
 
 def test_lines_of_one_or_two_points_are_given_back() -> None:
     costmap = costmap_of(SCENES[0])
     short = np.array([[20.0, 20.0], [21.0, 20.0]])
-    np.testing.assert_allclose(band(costmap, short), short)
+    np.testing.assert_allclose(finished(band(costmap, short)), short)
 
 
 def test_turns_about_a_point_are_the_polylines() -> None:
