@@ -9,31 +9,31 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable, Mapping, Sequence
-from dataclasses import dataclass, field, replace
+from dataclasses import replace
 
 import numpy as np
 
 from waychair.calibration.chair import BodyLayer, ChairBody
-from waychair.config import Settings, setting
 from waychair.control.bystanders import Bystanders
-from waychair.control.corrections import Corrections, CorrectionSettings
-from waychair.control.leg_drive import LegDrive, LegDriveSettings, View
+from waychair.control.corrections import Corrections
+from waychair.control.leg_drive import LegDrive, View
 from waychair.control.navigation import ACTIVE, Navigation, Stage
-from waychair.control.recovery import Recovery, RecoverySettings
-from waychair.control.surroundings import Surroundings, SurroundingsSettings, much_is_gone, without_veils
+from waychair.control.navigator_settings import NavigatorSettings
+from waychair.control.recovery import Recovery
+from waychair.control.surroundings import Surroundings, much_is_gone, without_veils
 from waychair.errors import GoalOccupied, NotConverged, PlanningError
 from waychair.geometry import transform_points
 from waychair.maps.distance_field import DistanceField
 from waychair.maps.places import find
 from waychair.maps.zones import Zone
-from waychair.planning.costmap import Costmap, CostmapSettings
+from waychair.planning.costmap import Costmap
 from waychair.planning.drawn_map import DrawnMap
 from waychair.planning.dwa import DwaResult
-from waychair.planning.global_planner import GlobalPlanner, PlannerSettings, check_goal
+from waychair.planning.forecast import arrival
+from waychair.planning.global_planner import GlobalPlanner, check_goal
 from waychair.planning.legs import Leg, Manner
-from waychair.planning.motion import DwaSettings, Motion, braking, crawling, motion_after
+from waychair.planning.motion import Motion, braking, crawling, motion_after
 from waychair.planning.slices import Slices
-from waychair.planning.tracks import TrackSettings
 from waychair.planning.warm_up import warm_up
 from waychair.types import (
     BoolArray,
@@ -52,37 +52,6 @@ __all__ = ["Navigation", "Navigator", "NavigatorSettings", "Stage"]
 
 _RESTED_TICKS, _AT_REST = 8, 1e-3
 """A chair that was commanded less than this [m/s, rad/s] for so many ticks stands."""
-
-
-@dataclass(frozen=True, slots=True)
-class NavigatorSettings(Settings):
-    """When to plan anew, and the parts' own settings."""
-
-    obstacle_range: float = setting(
-        6.0, "m", "beams beyond this are no obstacles to care about yet", low=1.0, high=50.0
-    )
-    look_ahead: float = setting(5.0, "m", "part of the path that must be free", low=0.5, high=50.0)
-    off_path: float = setting(0.5, "m", "farther from the path than this: plan anew", low=0.1, high=5.0)
-    corner_tolerance: float = setting(0.05, "m", "how exactly it stops to turn before a door", low=0.01, high=0.5)
-    replan_period: float = setting(1.0, "s", "shortest time between two plans", low=0.05, high=60.0)
-    longest_plan: float = setting(
-        2.0, "s", "a plan that takes longer is begun again if much has moved since", low=0.1, high=60.0
-    )
-    veil: float = setting(
-        0.1, "m", "a point this far from those of both neighbouring beams hangs between two surfaces", low=0.0, high=1.0
-    )
-    longest_field: float = setting(
-        60.0, "s", "a potential that takes longer is given up, and the path there is is kept", low=0.1, high=600.0
-    )
-    waits_from: float = setting(2.0, "m", "from so near the chair waits until its goal is free", low=0.1, high=50.0)
-    corrections: CorrectionSettings = field(default_factory=CorrectionSettings)
-    tracks: TrackSettings = field(default_factory=TrackSettings)
-    surroundings: SurroundingsSettings = field(default_factory=SurroundingsSettings)
-    recovery: RecoverySettings = field(default_factory=RecoverySettings)
-    costmap: CostmapSettings = field(default_factory=CostmapSettings)
-    planner: PlannerSettings = field(default_factory=PlannerSettings)
-    dwa: DwaSettings = field(default_factory=DwaSettings)
-    legs: LegDriveSettings = field(default_factory=LegDriveSettings)
 
 
 _SLICES_STANDING = 3
@@ -108,7 +77,7 @@ class Navigator:
         self._surroundings = Surroundings(self._drawn, body, self.settings.surroundings)
         self._recovery = Recovery(self.settings.recovery)
         self._people = Bystanders(body, self.settings.tracks, self.settings.recovery, self.settings.dwa.margin)
-        self._among_people = False
+        self._among_people = self._planned_among = False
         self._motion, self._before = Motion(), Twist()
         self._local: DistanceField | None = None
         self._command = Twist()
@@ -243,7 +212,7 @@ class Navigator:
             return self._navigation(braking(self._command, self._dwa))
         # a corrected pose: slow down, and line up anew from where the chair really is
         self._note_correction(now_ns, pose, odom_from_map)
-        if (self._planning is not None or self._needs_plan(now_ns, pose)) and not self._plan(now_ns):
+        if (self._planning is not None or self._needs_plan(now_ns)) and not self._plan(now_ns):
             self._recovery.stands_to_plan(since_ns)
             return self._navigation(braking(self._command, self._dwa))
         if self._path is None or not self.active:
@@ -307,7 +276,7 @@ class Navigator:
             view.local,
             self._body,
             self._dwa,
-            self._among_people or behind,
+            behind or self._people.passing(view.pose),
         )
         if backing is not None:
             return backing
@@ -387,7 +356,7 @@ class Navigator:
             self._planned_ns = None
         self._jumping = jumping
 
-    def _needs_plan(self, now_ns: int, pose: Pose2) -> bool:
+    def _needs_plan(self, now_ns: int) -> bool:
         if self._planned_ns is None:
             return True
         if now_ns - self._planned_ns < self.settings.replan_period * 1e9:
@@ -396,13 +365,15 @@ class Navigator:
             return False
         if self._path is None or self._stage is Stage.WAITING:
             return True
-        away = np.hypot(*(self._path.poses[:, :2] - (pose.x, pose.y)).T)
-        nearest = int(np.argmin(away))
-        if away[nearest] > self.settings.off_path:
+        if not self._planned_among and self._people.under_way(self._map_from_odom).tracks:
             return True
-        steps = math.ceil(self.settings.look_ahead / self.settings.planner.spacing)
-        ahead = self._path.poses[nearest : nearest + steps, :2]
-        return self._surroundings.stands_near(ahead, self._body.width / 2)
+        rest = self._rest()
+        if rest is None:
+            return True
+        ahead = rest[: math.ceil(self.settings.look_ahead / self.settings.planner.spacing)]
+        in_odom, half = transform_points(self._map_from_odom.inverse(), ahead), self._body.width / 2
+        radius = self.settings.tracks.radius
+        return self._surroundings.stands_near(ahead, half) or self._people.linger_near(in_odom, half + radius)
 
     def _plan(self, now_ns: int) -> bool:
         """Plan, or go on planning; whether to drive on. What takes longer than a tick is planned from standstill.
@@ -417,7 +388,8 @@ class Navigator:
         if lasts_s > self.settings.longest_plan and much_is_gone(self._planned_round, self._surroundings.lasting()[0]):
             self._planning = None  # what it is being made round is gone, so that it is worth nothing
         if self._planning is None:
-            self._planned_ns, self._planning = now_ns, self._planned(now_ns)
+            may_stay = self._planned_ns is not None and self._planned_among
+            self._planned_ns, self._planning = now_ns, self._planned(now_ns, may_stay)
         drives = self._path is not None and not self._stands_to_plan
         for done, _ in enumerate(self._planning, 1):
             if self._planner is None or not self._planner.holds_anywhere:
@@ -428,15 +400,17 @@ class Navigator:
         self._planning, self._stands_to_plan = None, False
         return True
 
-    def _planned(self, now_ns: int) -> Slices[None]:
+    def _planned(self, now_ns: int, may_stay: bool) -> Slices[None]:
         """A new path over the map and what is in the way now; while there is none, the chair waits.
 
-        A field that is not found in time changes nothing: the path there is is kept.
+        A field that is not found in time changes nothing: the path there is is kept. If it `may_stay`, it is kept among
+        people, too, unless another leads there much sooner: who turns this way and that is in everybody's way.
         """
         assert self._planner is not None
         upright, layered = self._surroundings.lasting()
         self._planned_round = upright
         foreseen = self._people.under_way(self._map_from_odom).tracks
+        self._planned_among = len(foreseen) > 0
         news = len(upright) or any(len(points) for _, points in layered) or foreseen
         path = None
         try:
@@ -456,6 +430,8 @@ class Navigator:
         except PlanningError as error:
             self._path, self._leg, self._no_way = None, None, str(error)
             return
+        if may_stay and foreseen and self._is_as_good(path):
+            return
         if self._path is None:  # having waited for a way is no reason to back out now that there is one
             self._recovery.moves()
         legs = list(self._planner.legs)
@@ -463,6 +439,26 @@ class Navigator:
         if self._leg is not None and len(legs) == len(self._legs) == 1 and legs[0].manner is Manner.FREE:
             leg.in_position = self._leg.in_position
         self._path, self._legs, self._leg, self._plans = path, legs, leg, self._plans + 1
+
+    def _is_as_good(self, path: Path) -> bool:
+        """Whether the rest of the present path is free, and is not done much later than another path among people."""
+        assert self._planner is not None
+        rest = self._rest()
+        if rest is None or not self._planner.is_free(rest):
+            return False
+        people, cruise = self._people.under_way(self._map_from_odom), self.settings.dwa.max_speed
+        forecast = self.settings.planner.forecast
+        now, then = (arrival(people, points, cruise, forecast)[0] for points in (rest, path.poses[:, :2]))
+        return now < then + self.settings.loyalty
+
+    def _rest(self) -> FloatArray | None:
+        """(N, 2) [m] what is still to come of the present path, None where there is none, or the chair is off it."""
+        if self._path is None:
+            return None
+        points = self._path.poses[:, :2]
+        away = np.hypot(*(points - (self._here.x, self._here.y)).T)
+        nearest = int(np.argmin(away))
+        return points[nearest:] if away[nearest] < self.settings.off_path else None
 
     def _path_among(
         self, now_ns: int, upright: FloatArray, layered: Sequence[tuple[BodyLayer, FloatArray]]

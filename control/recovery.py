@@ -35,7 +35,9 @@ class RecoverySettings(Settings):
     turning_time: float = setting(5.0, "s", "turning no farther this long: back out and try again", low=1.0, high=600.0)
     turning: float = setting(0.1, "rad", "turned by this much is progress", low=0.01, high=3.0)
     way: float = setting(0.4, "m", "how far to back out", low=0.05, high=5.0)
+    held_up: float = setting(1.0, "s", "backing out is given up when it is impossible this long", low=0.0, high=60.0)
     tries: int = setting(6, "", "giving up after so many", low=0, high=100)
+    past: float = setting(1.0, "m", "nearer by this much than when it tried last: tries count anew", low=0.1, high=50.0)
     patience: float = setting(20.0, "s", "standing still this long before giving up", low=1.0, high=3600.0)
     patience_with_people: float = setting(60.0, "s", "as above, among people who walk", low=1.0, high=3600.0)
     about: float = setting(1.0, "m", "who walks this near to the chair is waited for", low=0.0, high=10.0)
@@ -52,6 +54,8 @@ class Recovery:
         self._nearest: tuple[int, float] | None = None  # when, and how near to the goal [m]
         self._turned: tuple[int, Pose2] | None = None  # when the chair, turning, last came to be elsewhere, and where
         self._backing: tuple[int, Pose2] | None = None  # since when, and from where
+        self._held_up_since: int | None = None
+        self._tried_at: float | None = None  # how near to the goal [m]
 
     @property
     def exhausted(self) -> bool:
@@ -65,7 +69,8 @@ class Recovery:
 
     def reset(self) -> None:
         """A new goal: only the trail is kept."""
-        self.tries, self._standing_since, self._nearest, self._turned, self._backing = 0, None, None, None, None
+        self.tries, self._tried_at, self._standing_since = 0, None, None
+        self._nearest, self._turned, self._backing = None, None, None
 
     def stands(self, now_ns: int) -> float:
         """Told that nothing is possible in this tick; how long [s] that has been so."""
@@ -107,18 +112,25 @@ class Recovery:
         """
         if waits:
             self._backing, self._nearest, self._turned = None, None, None
+        if remaining is not None and self._tried_at is not None and remaining < self._tried_at - self._settings.past:
+            self.tries, self._tried_at = 0, None
         if self._backing is None:
             self._remember(pose)
             if waits or not self._stuck(now_ns, pose, remaining):
                 return None
-            self._backing, self.tries = (now_ns, pose), self.tries + 1
+            self._backing, self._held_up_since, self.tries = (now_ns, pose), None, self.tries + 1
+            if remaining is not None:
+                self._tried_at = min(remaining, math.inf if self._tried_at is None else self._tried_at)
         self._take_back(pose)
         since, origin = self._backing
         trail = np.array([passed.array() for passed in self._trail])
         choice = back_up(pose, command, trail, local(), body, settings, self._settings.way + 0.1)
         backed = math.hypot(pose.x - origin.x, pose.y - origin.y)
         lasted = (now_ns - since) * 1e-9
-        if backed < self._settings.way and lasted < self._settings.progress_time and not choice.blocked:
+        self._held_up_since = (self._held_up_since or now_ns) if choice.blocked else None
+        held_up = 0.0 if self._held_up_since is None else (now_ns - self._held_up_since) * 1e-9
+        s = self._settings
+        if backed < s.way and lasted < s.progress_time and held_up < s.held_up:
             return choice
         self._backing, self._nearest, self._turned = None, None, None
         return None

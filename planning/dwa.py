@@ -127,10 +127,12 @@ def choose(
     tolerance = settings.goal_release if in_position else settings.goal_tolerance
     if math.hypot(path.poses[-1, 0] - ahead.x, path.poses[-1, 1] - ahead.y) <= tolerance:
         turn = _rotate(pose, ahead, command, float(path.poses[-1, 2]), shape, distances, settings, motion)
+        turn = _sparing(turn, ahead, command, tracks, shape, distances, settings)
         return replace(turn, in_position=True)
     off_path = wrap_angle(float(section[min(10, len(section) - 1), 2]) - ahead.theta)
     if abs(off_path) > settings.turn_in_place_from and remaining > settings.goal_tolerance:
         turn = _rotate(pose, ahead, command, ahead.theta + off_path, shape, distances, settings, motion)
+        turn = _sparing(turn, ahead, command, tracks, shape, distances, settings)
         if not turn.blocked:
             return turn
 
@@ -210,6 +212,8 @@ def _window(
     omega = _samples(min(omega_low, omega_high), max(omega_low, omega_high), settings.omega_samples)
     # Those of one turning speed in a row, as `arc_fan` likes them.
     pairs = np.stack(np.meshgrid(v, omega), axis=-1).reshape(-1, 2)
+    # a turn on the spot that the drive's dead band swallows is none
+    pairs = pairs[(pairs[:, 0] != 0.0) | (pairs[:, 1] == 0.0) | (np.abs(pairs[:, 1]) >= settings.min_omega)]
     wheels = np.abs(pairs[:, 0]) + np.abs(pairs[:, 1]) * body.track / 2
     possible = (wheels <= settings.max_wheel_speed) & (np.abs(pairs[:, 0] * pairs[:, 1]) <= settings.max_lateral)
     # A command beyond the limits, say after they were lowered, leaves nothing possible: slow down whatever it takes.
@@ -273,14 +277,45 @@ def _with_people(
     """
     if not tracks:
         return features
-    needed = np.minimum(_time_needed(features.candidates, settings), settings.horizon)
-    tried = np.concatenate([features.candidates, np.zeros((1, 2))])  # the last one stands
-    met = _met(tried, ahead, tracks, shape, distances, settings)
+    spares, gaps = _spare(features.candidates, ahead, tracks, shape, distances, settings)
+    return replace(features, admissible=features.admissible & spares, people_gap=gaps)
+
+
+def _sparing(
+    turn: DwaResult,
+    ahead: Pose2,
+    command: Twist,
+    tracks: Sequence[Track],
+    shape: Footprint,
+    distances: DistanceField,
+    settings: DwaSettings,
+) -> DwaResult:
+    """A turn on the spot, or a stop where one of its corners would meet somebody who goes on."""
+    if not tracks or standing(turn.twist):
+        return turn
+    tried = np.array([[turn.twist.v, turn.twist.omega]])
+    if _spare(tried, ahead, tracks, shape, distances, settings)[0][0]:
+        return turn
+    return replace(turn, twist=braking(command, settings), blocked=True)
+
+
+def _spare(
+    candidates: FloatArray,
+    ahead: Pose2,
+    tracks: Sequence[Track],
+    shape: Footprint,
+    distances: DistanceField,
+    settings: DwaSettings,
+) -> tuple[BoolArray, FloatArray]:
+    """(N,) whether candidates meet nobody too soon, and their least gaps [m]; see `_with_people`."""
+    needed = np.minimum(_time_needed(candidates, settings), settings.horizon)
+    met = _met(np.concatenate([candidates, np.zeros((1, 2))]), ahead, tracks, shape, distances, settings)
     met, stood = met[:-1], met[-1]
-    stands = (features.candidates == 0.0).all(axis=1)
+    stands = (candidates == 0.0).all(axis=1)
     in_time = met[:, 0] > needed + _COURTESY
     better = (met[:, 0] > np.maximum(needed, stood[0])) & (met[:, 1] >= stood[1])
-    return replace(features, admissible=features.admissible & (in_time | stands | better), people_gap=met[:, 1])
+    spares: BoolArray = in_time | stands | better
+    return spares, met[:, 1]
 
 
 def _meets_somebody(

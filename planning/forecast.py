@@ -8,7 +8,6 @@ only where it gets there sooner than waiting does.
 
 from __future__ import annotations
 
-import math
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -18,7 +17,7 @@ from waychair.geometry import transform_points
 from waychair.planning.costmap import Costmap
 from waychair.planning.grid_graph import MAX_PRICE
 from waychair.planning.tracks import Track
-from waychair.types import BoolArray, Float32Array, FloatArray, OccupancyGrid
+from waychair.types import Float32Array, FloatArray, OccupancyGrid
 
 
 @dataclass(frozen=True, slots=True)
@@ -27,6 +26,9 @@ class ForecastSettings(Settings):
 
     window: float = setting(4.0, "s", "of time looked ahead; 0: nobody is foreseen", low=0.0, high=60.0)
     step: float = setting(0.2, "s", "between two looks", low=0.02, high=5.0)
+    stays: float = setting(
+        10.0, "s", "who is in the way all the time is expected to be for so long", low=0.0, high=600.0
+    )
     dearer: float = setting(20.0, "", "times the price where somebody is expected all the time", low=0.0, high=900.0)
 
     def looks(self) -> FloatArray:
@@ -86,25 +88,19 @@ def arrival(
 ) -> tuple[float, float]:
     """When a path of points (N, 2) [m] in map is done at a speed [m/s], and how much of that is waiting at its start [s].
 
-    One waits until the whole way can be gone without meeting anybody; both are infinite where that is not within the
-    window. Of whoever is on the way at the window's end nothing is known but that: they may stay there.
+    One waits until the whole way can be gone without meeting anybody, who go on as they go. Of whoever is met however
+    long one waits within the window nothing is known but that: they are waited for as long as somebody `stays`.
     """
     along = np.concatenate([[0.0], np.hypot(*np.diff(points, axis=0).T).cumsum()]) / cruise
-    taken = _taken(people, points, settings)
-    if not taken.any():
-        return float(along[-1]), 0.0
-    looks = settings.looks()
-    for wait in looks.tolist():
-        there = np.searchsorted(looks, wait + along, side="right") - 1
-        if not taken[there, np.arange(len(points))].any():
-            return float(along[-1]) + wait, wait
-    return math.inf, math.inf
+    longest = float(along[-1])
+    if not people.tracks or not settings.window:
+        return longest, 0.0
+    for wait in settings.looks().tolist():
+        if not _meets(people, points, wait + along):
+            return longest + wait, wait
+    return longest + settings.stays, settings.stays
 
 
-def _taken(people: People, points: FloatArray, settings: ForecastSettings) -> BoolArray:
-    """(T, N) at which of the looks somebody is expected too near to which of the points (N, 2)."""
-    looks = settings.looks()
-    taken = np.zeros((len(looks), len(points)), np.bool_)
-    for track in people.tracks:
-        taken |= np.hypot(*(points - track.after(looks)[:, None]).transpose(2, 0, 1)) <= people.radius
-    return taken
+def _meets(people: People, points: FloatArray, seconds: FloatArray) -> bool:
+    """Whether somebody is too near to one of points (N, 2) after so many seconds (N,)."""
+    return any(bool((np.hypot(*(points - each.after(seconds)).T) <= people.radius).any()) for each in people.tracks)

@@ -5,7 +5,7 @@ from __future__ import annotations
 import math
 from collections.abc import Callable, Sequence
 from contextlib import suppress
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from itertools import pairwise
 
 import numpy as np
@@ -29,6 +29,7 @@ from waychair.planning.forecast import ForecastSettings, People, arrival, predic
 from waychair.planning.grid_graph import Cell
 from waychair.planning.grid_planner import HARMONIC, GridPlanner, grid_planner, prepared
 from waychair.planning.harmonic import HarmonicSettings
+from waychair.planning.keep_right import KeepRightSettings, kept_right
 from waychair.planning.laplace_solvers import GoOn
 from waychair.planning.legs import Door, Leg, Manner, whole
 from waychair.planning.narrows import legs_between_turns, line_up, tight_doors
@@ -58,6 +59,7 @@ class PlannerSettings(Settings):
     forecast: ForecastSettings = field(default_factory=ForecastSettings)
     route: RouteSettings = field(default_factory=RouteSettings)
     band: BandSettings = field(default_factory=BandSettings)
+    keep_right: KeepRightSettings = field(default_factory=KeepRightSettings)
 
     def __post_init__(self) -> None:
         Settings.__post_init__(self)
@@ -155,6 +157,13 @@ class GlobalPlanner:
         self.legs = tuple(legs)
         return whole(self.legs)
 
+    def is_free(self, points: FloatArray) -> bool:
+        """Whether each of points (N, 2) [m] in map is passable on the costmap planned on last."""
+        if self._costmap is None:
+            return False
+        cells = cells_from_points(self._costmap.grid, points)
+        return bool(inside(self._costmap.grid, cells).all() and self._costmap.prices[tuple(cells.T)].all())
+
     def _cells(self, costmap: Costmap, here: Pose2) -> IntArray:
         """The way (N, 2) over the cells; raises `NoPath`."""
         search = self._search_over(costmap, here)
@@ -178,10 +187,12 @@ class GlobalPlanner:
     ) -> Slices[Path]:
         """As `replan_in_slices` among people who are on their way, who may be `near`: foreseen, not walls.
 
-        The direct way is taken where nobody is met on it at `cruise` [m/s], or where a way round them, over the costmap
-        with their forecast, is done no sooner than waiting and the direct way.
+        The direct way keeps to the right (`kept_right`). It is taken where nobody is met on it at `cruise` [m/s], or
+        where a way round them, over the costmap with their forecast, is done no sooner than waiting and the direct way.
         """
         direct = yield from self.replan_in_slices(costmap, start, near, go_on)
+        if people.tracks:
+            direct = self._moved_aside(costmap)
         forecast = self.settings.forecast
         direct_s, wait_s = arrival(people, direct.poses[:, :2], cruise, forecast)
         if wait_s == 0.0:
@@ -196,6 +207,15 @@ class GlobalPlanner:
                 return around
         self.legs = legs
         return direct
+
+    def _moved_aside(self, costmap: Costmap) -> Path:
+        """The way with its free legs to the right, where there is room."""
+        keep = self.settings.keep_right
+        self.legs = tuple(
+            replace(leg, path=kept_right(leg.path, costmap, keep)) if leg.manner is Manner.FREE else leg
+            for leg in self.legs
+        )
+        return whole(self.legs)
 
     def _search_over(self, costmap: Costmap, start: Pose2) -> GridPlanner:
         """The search over a costmap from the start."""

@@ -81,8 +81,9 @@ def measured(settings: DwaSettings, stops: StopTable | None) -> DwaSettings:
 
 
 def motion_after(motion: Motion, command: Twist, following: Twist, settings: DwaSettings) -> Motion:
-    """The motion once `following` has been commanded after `command`."""
-    change = Twist((following.v - command.v) / settings.period, (following.omega - command.omega) / settings.period)
+    """The motion once `following` has been commanded after `command`; what has come to a stand brakes no more."""
+    faster = 0.0 if following.v == 0.0 else (following.v - command.v) / settings.period
+    change = Twist(faster, (following.omega - command.omega) / settings.period)
     driving = abs(following.v) >= STANDING_V
     return Motion(change, int(math.copysign(1, following.v)) if driving else motion.direction)
 
@@ -153,8 +154,8 @@ def towards(command: Twist, target: Twist, settings: DwaSettings, motion: Motion
     now, period = motion.acceleration, settings.period
     v = command.v + _eased(share * dv, dv, now.v, settings.jerk, period)
     # hard braking may end in a stand, and is not carried on into driving the other way
-    v = max(v, 0.0) if min(command.v, target.v) >= 0.0 else v
-    v = min(v, 0.0) if max(command.v, target.v) <= 0.0 else v
+    way = command.v or target.v
+    v = max(v, 0.0) if way > 0.0 else min(v, 0.0) if way < 0.0 else 0.0
     return Twist(v, command.omega + _eased(share * domega, domega, now.omega, settings.alpha_jerk, period))
 
 

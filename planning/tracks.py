@@ -55,6 +55,10 @@ class TrackSettings(Settings):
     believed_after: int = setting(4, "", "sightings", low=1, high=100)
     forgotten_after: float = setting(0.8, "s", "without being seen", low=0.05, high=60.0)
     pause: float = setting(2.0, "s", "who stands for less is still on the way", low=0.0, high=60.0)
+    linger: float = setting(
+        2.0, "s", "who goes to and fro for longer near a chair that gets nowhere waits for it", low=0.0, high=600.0
+    )
+    settles: float = setting(15.0, "s", "who stands for longer stays", low=0.0, high=600.0)
     lately: float = setting(5.0, "s", "who walked out of sight no longer ago may still be about", low=0.0, high=60.0)
     room_after: float = setting(
         0.3, "m", "as room, once the chair has stood for people to pass, and they have not", low=0.05, high=1.0

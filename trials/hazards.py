@@ -33,6 +33,7 @@ from waychair.planning.tracks import TrackSettings
 from waychair.runtime.chair import ChairSettings
 from waychair.simulation.contact import HIGHEST, LOWEST, Contact, ContactKind, clearance, solid_from_blocks
 from waychair.simulation.floor_plan import FloorPlan, PlanPit, PlanWall
+from waychair.simulation.lidar import LidarSettings
 from waychair.simulation.plan_blocks import fill
 from waychair.simulation.scene import MATERIALS, Behaviour, Block, PersonPlan, Pit, Reflection
 from waychair.simulation.simulator import SimulatorSettings
@@ -311,7 +312,10 @@ _ON_EDGE = 1e-3
 
 
 def movers(count: int, seed: int) -> Hazard:
-    """The dynamic test of harmonic planning: a robot of 0.30 m has 2.21 m to go among discs, strewn by the seed."""
+    """The dynamic test of harmonic planning: a robot of 0.30 m has 2.21 m to go among discs, strewn by the seed.
+
+    The discs make way for nobody, from behind either: as on such robots the lidar is on top, and looks all round.
+    """
     world = load_world("movers")
     rng = np.random.default_rng(seed)
     walls = points_from_cells(world.grid, np.argwhere(occupied(world.grid)))
@@ -325,7 +329,8 @@ def movers(count: int, seed: int) -> Hazard:
         people.append(replace(_MOVER, path=at[None]))
         points = points[np.hypot(*(points - at).T) > 2 * _MOVER.radius]
     world = replace(world, people=tuple(people))
-    return Hazard(f"{count} movers", world, world.grid, (world.places[0],), ROBOT, chair=robot_settings())
+    sensors = SimulatorSettings(lidar=LidarSettings(field_of_view=6.28))
+    return Hazard(f"{count} movers", world, world.grid, (world.places[0],), ROBOT, (), sensors, robot_settings())
 
 
 def robot_settings() -> ChairSettings:

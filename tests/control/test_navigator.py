@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Callable
 from dataclasses import replace
 
 import numpy as np
@@ -382,3 +383,39 @@ def test_who_crosses_the_way_is_foreseen_and_let_pass() -> None:
     surprised, _ = crossing(navigator(hall(), blind))
     assert foreseen > 0.25
     assert foreseen > surprised
+
+
+def in_a_corridor(way: Callable[[float], tuple[float, float]], seconds: float) -> tuple[list[Navigation], list[Pose2]]:
+    """A chair that drives along a corridor of 2 m, y from 3 m to 5 m, in which somebody goes their way."""
+    pilot = navigator(hall((0.0, 0.0, 12.0, 3.0), (0.0, 5.0, 12.0, 8.0)))
+    pilot.go(Goal(Pose2(10.5, 4.0, 0.0)))
+    poses, states = [Pose2(1.5, 4.0, 0.0)], []
+    bearings, turns = np.linspace(-math.pi, math.pi, 720), np.linspace(0.0, math.tau, 24, endpoint=False)
+    for k in range(round(20 * seconds)):
+        pose = poses[-1]
+        x, y = way(k * 0.05)
+        body = np.array([x, y]) + 0.15 * np.column_stack([np.cos(turns), np.sin(turns)])
+        off = np.angle(np.exp(1j * (bearings - math.atan2(y - pose.y, x - pose.x))))
+        free = bearings[np.abs(off) > 0.3 / max(math.hypot(x - pose.x, y - pose.y), 0.3)]
+        past = np.array([pose.x, pose.y]) + 12.0 * np.column_stack([np.cos(free), np.sin(free)])
+        states.append(pilot.step(k * TICK_NS, pose, body if k % 2 == 0 else None, beyond=past))
+        if not pilot.active:
+            break
+        v, omega = states[-1].twist.v, states[-1].twist.omega
+        poses.append(Pose2(*along_arc(pose.x, pose.y, pose.theta, v, omega, 0.05)))
+    return states, poses
+
+
+def test_whom_the_chair_meets_in_a_corridor_it_passes_on_its_right() -> None:
+    states, poses = in_a_corridor(lambda s: (11.0 - 0.7 * s, 4.5), 30.0)
+    assert states[-1].stage is Stage.ARRIVED
+    met = next(pose for k, pose in enumerate(poses) if 11.0 - 0.7 * 0.05 * k < pose.x)
+    assert 3.55 < met.y < 3.8
+    assert abs(poses[-1].y - 4.0) < 0.15
+
+
+def test_past_somebody_who_goes_to_and_fro_there_is_one_plan_for_all_the_while() -> None:
+    states, poses = in_a_corridor(lambda s: (6.0, 4.55 + 0.25 * math.sin(2.0 * s)), 60.0)
+    assert states[-1].stage is Stage.ARRIVED
+    assert states[-1].plans <= 6
+    assert max(abs(pose.theta) for pose in poses) < 0.7

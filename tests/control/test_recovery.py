@@ -71,3 +71,41 @@ def test_backing_out_ends_after_its_way_and_is_said_to_last_until_then() -> None
     assert recovery.step(now + 2 * TICK_NS, Pose2(-S.way, 0.0), *args) is None
     assert not recovery.backing
     assert recovery.tries == 1
+
+
+def test_tries_are_counted_anew_once_the_chair_has_come_farther_than_it_was() -> None:
+    recovery = Recovery(S)
+
+    def step(seconds: float, remaining: float) -> bool:
+        now = round(seconds * 1e9)
+        return recovery.step(now, Pose2(), remaining, Twist(), hall, CHAIR_A, DwaSettings()) is not None
+
+    assert not step(0.0, 9.0)
+    assert step(S.progress_time, 9.0)
+    assert step(S.progress_time + 1.0, 9.3)
+    assert not step(2 * S.progress_time, 9.3)  # it has backed for as long as it may
+    assert not step(2 * S.progress_time + 1.0, 8.8)
+    assert step(3 * S.progress_time + 1.0, 8.8)
+    assert recovery.tries == 2
+    assert not step(4 * S.progress_time + 1.0, 8.1)  # 0.7 m farther than ever before
+    assert recovery.tries == 2
+    step(4 * S.progress_time + 2.0, 7.7)
+    assert recovery.tries == 0
+
+
+def test_somebody_who_is_too_near_for_a_moment_does_not_end_the_backing_out() -> None:
+    walls = np.ones((200, 200), np.bool_)  # nothing is free
+    shut = DistanceField(distances(walls, 0.05), 0.05, Pose2(-5.0, -5.0))
+    recovery = Recovery(S)
+    begun = round(S.progress_time * 1e9)
+
+    def step(now_ns: int, field: DistanceField) -> bool:
+        return recovery.step(now_ns, Pose2(), 9.0, Twist(), lambda: field, CHAIR_A, DwaSettings()) is not None
+
+    assert not step(0, hall())
+    assert step(begun, shut)
+    assert step(begun + round(0.9 * S.held_up * 1e9), shut)
+    assert step(begun + round(1.1 * S.held_up * 1e9), hall())
+    assert step(begun + round(1.2 * S.held_up * 1e9), shut)
+    assert not step(begun + round(2.3 * S.held_up * 1e9), shut)
+    assert recovery.tries == 1

@@ -9,7 +9,7 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from waychair.planning.motion import DwaSettings, Motion, motion_after, slowing_speed, stopping, towards
+from waychair.planning.motion import DwaSettings, Motion, braking_hard, motion_after, slowing_speed, stopping, towards
 from waychair.types import Twist
 
 PROMPT = DwaSettings(reaction_time=0.0)
@@ -44,11 +44,23 @@ def test_a_stop_in_comfort_keeps_its_arc_and_ends_in_a_stand_with_limited_jerk(
         motion, before, command = motion_after(motion, command, following, PROMPT), command, following
         assert 0.0 <= command.v <= before.v
         assert command.v * omega == pytest.approx(command.omega * v, abs=1e-6)
-        accelerations.append(motion.acceleration.v)
+        accelerations.append((command.v - before.v) / PROMPT.period)
     assert abs(command.v) < 1e-3
     if abs(v) / PROMPT.braking >= abs(omega) / PROMPT.alpha and a == 0.0:
         # a fifth for the last step of a tick
         assert np.abs(np.diff(accelerations)).max() <= 1.2 * PROMPT.jerk * PROMPT.period
+
+
+@given(st.floats(0.05, 0.8), st.floats(-0.2, 0.0))
+@settings(max_examples=60, deadline=None)
+def test_after_hard_braking_the_chair_backs_out_no_faster_than_it_is_to(v: float, target: float) -> None:
+    command, motion, slowest = Twist(v), Motion(), 0.0
+    for tick in range(200):
+        following = braking_hard(command, PROMPT) if tick < 6 else towards(command, Twist(target), PROMPT, motion)
+        motion, command = motion_after(motion, command, following, PROMPT), following
+        slowest = min(slowest, command.v)
+    assert slowest >= target - 0.01
+    assert command.v == pytest.approx(target, abs=0.01)
 
 
 @given(st.floats(0.0, 0.4), st.floats(0.0, 0.8), st.floats(-1.5, 0.0))

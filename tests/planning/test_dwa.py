@@ -181,6 +181,15 @@ def test_candidates_stay_inside_the_window_and_the_limits(command: Twist) -> Non
     assert np.abs(v * omega).max() <= 0.5
 
 
+def test_a_turn_on_the_spot_that_the_drive_swallows_is_no_candidate() -> None:
+    """Commanded for ever, it would pass for driving: the chair neither moved nor waited."""
+    field, pose = distance_field(hall()), Pose2(4.0, 4.0)
+    turns = choose(pose, Twist(), straight(pose, 6.0), field, CHAIR_A, PROMPT).candidates
+    on_the_spot = np.abs(turns[turns[:, 0] == 0.0, 1])
+    assert on_the_spot.min() == 0.0
+    assert np.sort(on_the_spot)[1] >= PROMPT.min_omega
+
+
 def test_the_window_speeds_up_and_brakes_at_different_rates() -> None:
     settings_ = DwaSettings(window_time=0.1, acceleration=0.5, braking=1.0)
     field = distance_field(hall())

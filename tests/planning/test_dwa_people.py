@@ -54,3 +54,26 @@ def test_who_comes_from_behind_may_be_driven_away_from() -> None:
     result = choose(pose, Twist(), straight(pose, 6.0), field, CHAIR_A, PROMPT, tracks=(behind,))
     assert result.twist.v > 0.0
     assert not np.isfinite(result.scores[result.candidates[:, 0] < 0.0]).any()
+
+
+def turning(tracks: tuple[Track, ...], at_goal: bool) -> tuple[Twist, bool]:
+    """What a chair does that is to turn to the left on the spot, on its way or at its goal."""
+    field, pose = distance_field(hall()), Pose2(4.0, 4.0)
+    path = straight(Pose2(4.0, 4.0, 2.0), 0.05 if at_goal else 4.0)
+    path.poses[-1, 2] = 2.0
+    result = choose(pose, Twist(0.0, 0.3), path, field, CHAIR_A, PROMPT, at_goal, tracks=tracks)
+    return result.twist, result.blocked
+
+
+@pytest.mark.parametrize("at_goal", [False, True])
+def test_no_corner_is_turned_into_somebody(at_goal: bool) -> None:
+    free, _ = turning((), at_goal)
+    assert free.omega > 0.3
+    beside = walker(4.0 + CHAIR_A.front, 4.0 + CHAIR_A.width / 2 + 0.4, 0.0, 0.0)
+    twist, blocked = turning((beside,), at_goal)
+    assert twist.omega <= 0.3
+    assert blocked or not at_goal
+    behind = walker(4.0 - CHAIR_A.rear - 0.4, 4.0, 0.0, 0.0)
+    away = walker(4.0 + CHAIR_A.front, 4.0 + CHAIR_A.width / 2 + 0.9, 0.0, 0.8)
+    assert turning((away,), at_goal)[0] == free
+    assert turning((behind,), at_goal)[0].omega <= free.omega

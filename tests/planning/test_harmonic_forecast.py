@@ -11,6 +11,7 @@ from waychair.calibration.chair import CHAIR_A
 from waychair.planning.costmap import costmap_from_grid
 from waychair.planning.forecast import ForecastSettings, People, arrival, predicted_occupancy, with_forecast
 from waychair.planning.global_planner import GlobalPlanner, PlannerSettings, plan
+from waychair.planning.keep_right import KeepRightSettings
 from waychair.planning.slices import finished
 from waychair.planning.tracks import Track, seen_from
 from waychair.types import OccupancyGrid, Pose2
@@ -88,9 +89,10 @@ def test_who_crosses_as_the_chair_comes_is_waited_for_no_longer_than_it_takes() 
     assert done == pytest.approx(6.25 + wait)
 
 
-def test_who_stays_on_the_way_is_not_waited_for_and_whoever_nobody_foresees_is_not_met() -> None:
+def test_who_stays_on_the_way_is_expected_to_go_some_time_and_whoever_nobody_foresees_is_not_met() -> None:
     stays = among(walker(2.5, 1.0, 0.0, 0.0))
-    assert arrival(stays, LINE, 0.8) == (math.inf, math.inf)
+    assert arrival(stays, LINE, 0.8) == (pytest.approx(16.25), 10.0)
+    assert arrival(stays, LINE, 0.8, ForecastSettings(stays=20.0)) == (pytest.approx(26.25), 20.0)
     assert arrival(stays, LINE, 0.8, ForecastSettings(window=0.0)) == (pytest.approx(6.25), 0.0)
 
 
@@ -100,7 +102,8 @@ START, GOAL = Pose2(1.0, 1.1, 0.0), Pose2(9.0, 1.1, 0.0)
 def planned(planner: str, people: People, longer: float) -> tuple[float, float, float]:
     """Lengths [m] of the direct way, of that among people, and of what their forecast alone would make of it."""
     costmap = costmap_from_grid(two_ways(longer), CHAIR_A)
-    search = GlobalPlanner(GOAL, PlannerSettings(planner=planner))
+    in_the_middle = KeepRightSettings(aside=0.0)  # so that the same way has the same length
+    search = GlobalPlanner(GOAL, PlannerSettings(planner=planner, keep_right=in_the_middle))
     direct = search.replan(costmap, START)
     chosen = finished(search.replan_among(costmap, lambda: START, people, 0.8))
     expected = with_forecast(costmap, predicted_occupancy(people, costmap.grid))

@@ -1,0 +1,72 @@
+"""To one side, as people keep who meet in a corridor: then each has the whole of the other side to pass on.
+
+A wheelchair in the middle of a corridor of 2 m leaves 0.7 m on either side. Hardly anybody squeezes past there: who comes
+stops before the chair, and the chair before them.
+"""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+
+import numpy as np
+
+from waychair.config import Settings, setting
+from waychair.maps.grid import cells_from_points, inside
+from waychair.planning.costmap import Costmap
+from waychair.types import UNKNOWN, BoolArray, FloatArray, Path
+
+
+@dataclass(frozen=True, slots=True)
+class KeepRightSettings(Settings):
+    """How far aside, how near to what is there, and how gently."""
+
+    aside: float = setting(
+        0.4, "m", "to the right of where there are no people; negative: to the left", low=-2.0, high=2.0
+    )
+    room: float = setting(0.25, "m", "kept free beside the chair on that side", low=0.0, high=2.0)
+    open: float = setting(1.5, "m", "with more room than this on all sides there is no need to", low=0.0, high=2.0)
+    slope: float = setting(0.3, "m/m", "of the way aside and back", low=0.05, high=1.0)
+
+
+_STEP = 0.05
+"""Between two places [m] that are looked at from the path aside."""
+
+
+def kept_right(path: Path, costmap: Costmap, settings: KeepRightSettings = KeepRightSettings()) -> Path:
+    """The path moved aside, where it is not open, as far as there is room; its ends, and its last heading, stay."""
+    poses = path.poses
+    if len(poses) < 3 or settings.aside == 0.0:
+        return path
+    side = math.copysign(1.0, settings.aside) * np.column_stack([np.sin(poses[:, 2]), -np.cos(poses[:, 2])])
+    steps = np.arange(1, round(abs(settings.aside) / _STEP) + 1) * _STEP
+    roomy = _has_room(poses[:, None, :2] + steps[:, None] * side[:, None], costmap, settings.room)
+    aside = _STEP * np.logical_and.accumulate(roomy, axis=1).sum(axis=1)
+    aside[_has_room(poses[:, None, :2], costmap, settings.open - costmap.body.width / 2)[:, 0]] = 0.0
+    aside[[0, -1]] = 0.0
+    moved = poses.copy()
+    moved[:, :2] += _eased(aside, poses[:, :2], settings.slope)[:, None] * side
+    ahead = np.diff(moved[:, :2], axis=0)
+    moved[:-1, 2] = np.where(ahead.any(axis=1), np.arctan2(ahead[:, 1], ahead[:, 0]), moved[:-1, 2])
+    return Path(moved)
+
+
+def _has_room(points: FloatArray, costmap: Costmap, room: float) -> BoolArray:
+    """(N, S) whether the chair may be at points (N, S, 2) [m] in map with `room` [m] beside it, on known floor."""
+    cells = cells_from_points(costmap.grid, points.reshape(-1, 2))
+    within = inside(costmap.grid, cells)
+    at = tuple(np.where(within[:, None], cells, 0).T)
+    needed = costmap.body.width / 2 + room + costmap.grid.resolution / 2  # to the face of a wall, not to its middle
+    roomy = within & (costmap.clearance[at] >= needed) & (costmap.grid.cells[at] != UNKNOWN)
+    if costmap.barred is not None:  # whichever way a one-way zone leads
+        roomy &= costmap.barred[at] == 0
+    by_pose: BoolArray = roomy.reshape(points.shape[:2])
+    return by_pose
+
+
+def _eased(aside: FloatArray, points: FloatArray, slope: float) -> FloatArray:
+    """(N,) the most that is nowhere more than `aside` (N,) [m], and changes by no more than the slope along points."""
+    rise = slope * np.concatenate([[0.0], np.hypot(*np.diff(points, axis=0).T).cumsum()])
+    from_begin = rise + np.minimum.accumulate(aside - rise)
+    eased: FloatArray = np.minimum.accumulate((from_begin + rise)[::-1])[::-1] - rise
+    return eased

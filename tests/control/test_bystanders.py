@@ -1,0 +1,158 @@
+"""Who is on their way, who lingers and who has settled; what each is to the planner, and when the chair stays put."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable
+
+import numpy as np
+import pytest
+
+from waychair.calibration.chair import CHAIR_A
+from waychair.control.bystanders import Bystanders
+from waychair.control.recovery import RecoverySettings
+from waychair.control.surroundings import Surroundings, SurroundingsSettings
+from waychair.planning.costmap import CostmapSettings
+from waychair.planning.drawn_map import DrawnMap
+from waychair.planning.tracks import TrackSettings
+from waychair.types import FloatArray, OccupancyGrid, Pose2
+
+SCAN_NS = 100_000_000
+HERE = Pose2(3.0, 4.0)
+SETTINGS = TrackSettings()
+HALL = DrawnMap(OccupancyGrid(np.zeros((160, 240), np.int8), 0.05), CHAIR_A, CostmapSettings())
+
+Way = Callable[[float], tuple[float, float]]
+"""Where somebody is [m], after so many seconds."""
+
+
+class Watch:
+    """Somebody whom a chair sees ten times a second."""
+
+    def __init__(self) -> None:
+        self.people = Bystanders(CHAIR_A, SETTINGS, RecoverySettings(), 0.03)
+        self.surroundings = Surroundings(HALL, CHAIR_A, SurroundingsSettings())
+        self.scans = 0
+
+    def see(self, way: Way, seconds: float, chair: Callable[[float], Pose2] = lambda _: HERE) -> None:
+        """So much more time passes."""
+        for _ in range(round(seconds * 10)):
+            points = body(*way(self.scans * 0.1))
+            pose = chair(self.scans * 0.1)
+            self.surroundings.see(self.scans * SCAN_NS, pose, points, past(pose, points))
+            self.people.see(self.scans * SCAN_NS, pose, points, Pose2(), self.surroundings, 0.0)
+            self.scans += 1
+
+    @property
+    def expected(self) -> tuple[FloatArray, FloatArray]:
+        """Where the planner expects the one person (2,) [m], and how fast (2,) [m/s]."""
+        (track,) = self.people.under_way(Pose2()).tracks
+        return track.position, track.velocity
+
+    @property
+    def is_an_obstacle(self) -> bool:
+        """Whether the person stands in the planner's way as a thing does."""
+        return len(self.surroundings.lasting()[0]) > 0
+
+
+def body(x: float, y: float) -> FloatArray:
+    turns = np.linspace(0.0, math.tau, 24, endpoint=False)
+    return np.array([x, y]) + 0.15 * np.column_stack([np.cos(turns), np.sin(turns)])
+
+
+def past(pose: Pose2, points: FloatArray) -> FloatArray:
+    """Where the beams end that meet nobody, 20 m away."""
+    bearings = np.linspace(-math.pi, math.pi, 720)
+    met = np.arctan2(points[:, 1] - pose.y, points[:, 0] - pose.x)
+    off = np.abs(np.angle(np.exp(1j * (bearings[:, None] - met)))).min(axis=1)
+    free = bearings[off > 0.05]
+    return np.array([pose.x, pose.y]) + 20.0 * np.column_stack([np.cos(free), np.sin(free)])
+
+
+def walks_by(seconds: float) -> tuple[float, float]:
+    return 1.0 + 0.8 * seconds, 6.0
+
+
+def comes_and_stands(seconds: float) -> tuple[float, float]:
+    return 5.0, min(1.0 + 0.8 * seconds, 4.0)
+
+
+def shuffles(seconds: float) -> tuple[float, float]:
+    """Comes up to the chair, and then goes 0.3 m to either side of y = 4.2 m, every 3 s."""
+    aside = 0.3 * math.sin(math.tau / 3.0 * (seconds - 3.0)) if seconds > 3.0 else 0.0
+    return max(7.0 - 0.8 * seconds, 4.6), 4.2 + aside
+
+
+def test_who_walks_by_is_foreseen_on_their_way_and_is_no_obstacle() -> None:
+    watch = Watch()
+    watch.see(walks_by, 4.0)
+    position, velocity = watch.expected
+    np.testing.assert_allclose(velocity, [0.8, 0.0], atol=0.15)
+    np.testing.assert_allclose(position, walks_by(3.9), atol=0.1)
+    assert not watch.is_an_obstacle
+    assert not watch.people.linger_near(np.array([walks_by(3.9)]), 0.5)
+
+
+def test_who_stands_is_expected_there_for_a_while_and_is_then_as_good_as_furniture() -> None:
+    watch = Watch()
+    watch.see(comes_and_stands, 3.75 + SETTINGS.pause + 2.0)
+    position, velocity = watch.expected
+    np.testing.assert_allclose(position, [5.0, 4.0], atol=0.1)
+    assert not velocity.any()
+    assert not watch.is_an_obstacle
+    watch.see(comes_and_stands, SETTINGS.settles)
+    assert watch.is_an_obstacle
+    assert not watch.people.under_way(Pose2()).tracks
+    assert not watch.people.linger_near(np.array([[5.0, 4.0]]), 0.5)
+
+
+def test_who_goes_to_and_fro_before_a_chair_that_stands_is_expected_in_the_middle_of_it() -> None:
+    watch = Watch()
+    watch.see(shuffles, 3.0 + SETTINGS.linger + 1.5)
+    for _ in range(30):
+        watch.see(shuffles, 0.1)
+        position, velocity = watch.expected
+        np.testing.assert_allclose(position, [4.6, 4.2], atol=0.25)
+        assert abs(position[1] - 4.2) < 0.2  # while they themselves are as far off as 0.3 m
+        assert not velocity.any()
+    assert watch.people.linger_near(np.array([[4.6, 4.2], [9.0, 9.0]]), 0.3)
+    assert not watch.people.linger_near(np.array([[4.6, 5.0]]), 0.3)
+    assert not watch.people.linger_near(np.empty((0, 2)), 0.3)
+
+
+def test_from_a_chair_that_gets_on_nobody_is_thought_to_linger() -> None:
+    watch = Watch()
+
+    def chair(seconds: float) -> Pose2:
+        return Pose2(0.3 * seconds, 4.0)
+
+    watch.see(lambda s: (1.6 + 0.3 * s, 4.2 + 0.3 * math.sin(math.tau / 3.0 * s)), 9.0, chair)
+    assert watch.people.passing(chair(8.9))
+    assert np.hypot(*watch.expected[1]) > 0.2
+
+
+@pytest.mark.parametrize(("way", "seconds", "passing"), [(shuffles, 4.0, True), (shuffles, 7.0, False)])
+def test_for_who_comes_the_chair_stays_put_and_for_who_then_lingers_not(
+    way: Way, seconds: float, passing: bool
+) -> None:
+    watch = Watch()
+    watch.see(way, seconds)
+    assert watch.people.about(HERE)
+    assert watch.people.passing(HERE) is passing
+
+
+def test_who_is_far_away_neither_passes_nor_lingers_by_the_chair() -> None:
+    watch = Watch()
+    watch.see(lambda s: (9.0, 4.0 + 0.3 * math.sin(math.tau / 3.0 * s)), 8.0)
+    assert not watch.people.about(HERE)
+    assert not watch.people.passing(HERE)
+    assert np.hypot(*watch.expected[1]) > 0.0
+
+
+def test_once_the_chair_has_stood_for_people_it_needs_less_room_beside_them() -> None:
+    watch = Watch()
+    watch.see(walks_by, 2.0)
+    assert watch.people.under_way(Pose2()).radius == pytest.approx(CHAIR_A.width / 2 + SETTINGS.room)
+    points = body(*walks_by(2.0))
+    watch.people.see(watch.scans * SCAN_NS, HERE, points, Pose2(), watch.surroundings, SETTINGS.room_after_s + 0.1)
+    assert watch.people.under_way(Pose2()).radius == pytest.approx(CHAIR_A.width / 2 + SETTINGS.room_after)
