@@ -37,6 +37,11 @@ def occupied(grid: OccupancyGrid) -> BoolArray:
     return result
 
 
+def cells_where(mask: BoolArray) -> IntArray:
+    """(N, 2) rows and columns of the cells that hold, in order: `np.argwhere`, many times as fast where there are few."""
+    return np.column_stack(np.unravel_index(np.flatnonzero(mask), mask.shape))
+
+
 def occupied_points(grid: OccupancyGrid) -> FloatArray:
     """(N, 2) centres [m] of the occupied cells."""
     return points_from_cells(grid, np.argwhere(occupied(grid)))

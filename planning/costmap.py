@@ -17,7 +17,7 @@ from waychair.calibration.chair import BodyLayer, ChairBody
 from waychair.config import Settings, setting
 from waychair.errors import NoFreeSpace
 from waychair.maps.distance_field import DistanceField, near_distances, update_near
-from waychair.maps.grid import cells_from_points, inside, occupied
+from waychair.maps.grid import cells_from_points, cells_where, inside, occupied
 from waychair.maps.zones import Rule, Zone, cells_of, keep_out_cells
 from waychair.planning.grid_graph import FREE_PRICE, MAX_PRICE, Prices, directions_against
 from waychair.types import UNKNOWN, BoolArray, Bytes, Float32Array, FloatArray, OccupancyGrid
@@ -111,7 +111,7 @@ class LiveCostmap:
         """
         cell = self._grid.resolution
         solid = self._fixed | _marked(self._grid, live_points)
-        changed = np.argwhere(solid != self._solid)
+        changed = cells_where(solid != self._solid)
         if len(changed):
             self._solid = solid
             self._clearance = self._clearance.copy()  # earlier costmaps keep theirs

@@ -14,6 +14,7 @@ import numpy as np
 
 from waychair.config import Settings, setting
 from waychair.geometry import transform_points
+from waychair.maps.grid import cells_where
 from waychair.planning.costmap import Costmap
 from waychair.planning.grid_graph import MAX_PRICE
 from waychair.planning.tracks import Track
@@ -77,7 +78,7 @@ def with_forecast(
 
     The harmonic field takes the price as absorption, so that the prediction bends it as it bends D* Lite's way.
     """
-    prices, expected = costmap.prices.copy(), np.nonzero(occupancy)
+    prices, expected = costmap.prices.copy(), tuple(cells_where(occupancy > 0.0).T)
     dearer = prices[expected] * (1.0 + settings.dearer * occupancy[expected].astype(np.float64))
     prices[expected] = np.minimum(np.rint(dearer), MAX_PRICE).astype(np.int32)
     return replace(costmap, prices=prices)

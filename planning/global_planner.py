@@ -22,7 +22,7 @@ from waychair.errors import (
     StartOutsideMap,
 )
 from waychair.geometry import transform_points
-from waychair.maps.grid import cells_from_points, inside, points_from_cells
+from waychair.maps.grid import cells_from_points, cells_where, inside, points_from_cells
 from waychair.planning.costmap import Costmap, check_free_space
 from waychair.planning.footprint import fits
 from waychair.planning.forecast import ForecastSettings, People, arrival, predicted_occupancy, with_forecast
@@ -233,7 +233,7 @@ class GlobalPlanner:
         self._search.move_start(start)
         if before is costmap:
             return self._search
-        changed = np.argwhere(costmap.prices != before.prices)
+        changed = cells_where(costmap.prices != before.prices)
         if len(changed):
             self._search.update(changed, costmap.prices[changed[:, 0], changed[:, 1]])
         return self._search
