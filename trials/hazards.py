@@ -347,7 +347,7 @@ def robot_settings() -> ChairSettings:
             ),
             dwa=DwaSettings(
                 max_speed=0.5,
-                max_omega=1.5,
+                max_omega=0.8,  # faster, its corners would catch up with discs that drift past
                 acceleration=1.0,
                 braking=1.0,
                 alpha=3.0,
@@ -358,7 +358,7 @@ def robot_settings() -> ChairSettings:
             ),
         ),
         limiter=LimiterSettings(
-            acceleration=1.0, braking=1.0, alpha=3.0, emergency_alpha=6.0, max_omega=1.5, jerk=10.0
+            acceleration=1.0, braking=1.0, alpha=3.0, emergency_alpha=6.0, max_omega=0.8, jerk=10.0
         ),
         monitor=MonitorSettings(
             ahead_of_legs=0.12, beside_legs=0.05, round_legs=0.05, ahead_after=0.10, beside_after=0.05
