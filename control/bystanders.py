@@ -21,7 +21,6 @@ _ROOM_TO_LEAVE = 0.03
 _NOWHERE = 0.3
 """A chair that has gone no farther than this [m] has got nowhere."""
 
-
 _FOLLOWS = 0.03
 """Part by which the middle of where somebody has been comes nearer to where they are, with every scan."""
 
@@ -108,13 +107,14 @@ class Bystanders:
 
     def _has_settled(self, track: Track) -> bool:
         """Whether somebody has stood for so long that they are as good as furniture."""
-        s = self._settings
-        return track.moved_ns is None or track.stamp_ns - track.moved_ns > s.settles * 1e9
+        return not track.moved_within(self._settings.settles)
 
     def _lingers(self, track: Track) -> bool:
         """Whether somebody stands, or goes to and fro before a chair that gets nowhere: they may soon go, or not."""
-        if self._has_settled(track) or not track.walks(self._settings):
-            return not self._has_settled(track)
+        if self._has_settled(track):
+            return False
+        if not track.walks(self._settings):
+            return True
         stay = self._stays_near.get(track.number)
         return stay is not None and track.stamp_ns - stay.since_ns > self._settings.linger * 1e9
 

@@ -44,4 +44,4 @@ def cells_where(mask: BoolArray) -> IntArray:
 
 def occupied_points(grid: OccupancyGrid) -> FloatArray:
     """(N, 2) centres [m] of the occupied cells."""
-    return points_from_cells(grid, np.argwhere(occupied(grid)))
+    return points_from_cells(grid, cells_where(occupied(grid)))

@@ -124,15 +124,16 @@ def choose(
     ahead = Pose2(*along_arc(pose.x, pose.y, pose.theta, command.v, command.omega, settings.reaction_time))
     section, remaining = local_section(path.poses, ahead.array(), settings.max_speed * settings.horizon + 0.5)
 
+    def turned_to(heading: float) -> DwaResult:
+        turn = _rotate(pose, ahead, command, heading, shape, distances, settings, motion)
+        return _sparing(turn, ahead, command, tracks, shape, distances, settings)
+
     tolerance = settings.goal_release if in_position else settings.goal_tolerance
     if math.hypot(path.poses[-1, 0] - ahead.x, path.poses[-1, 1] - ahead.y) <= tolerance:
-        turn = _rotate(pose, ahead, command, float(path.poses[-1, 2]), shape, distances, settings, motion)
-        turn = _sparing(turn, ahead, command, tracks, shape, distances, settings)
-        return replace(turn, in_position=True)
+        return replace(turned_to(float(path.poses[-1, 2])), in_position=True)
     off_path = wrap_angle(float(section[min(10, len(section) - 1), 2]) - ahead.theta)
     if abs(off_path) > settings.turn_in_place_from and remaining > settings.goal_tolerance:
-        turn = _rotate(pose, ahead, command, ahead.theta + off_path, shape, distances, settings, motion)
-        turn = _sparing(turn, ahead, command, tracks, shape, distances, settings)
+        turn = turned_to(ahead.theta + off_path)
         if not turn.blocked:
             return turn
 

@@ -13,7 +13,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from waychair.config import Settings, setting
-from waychair.geometry import transform_points
+from waychair.geometry import arc_lengths, transform_points
 from waychair.maps.grid import cells_where
 from waychair.planning.costmap import Costmap
 from waychair.planning.grid_graph import MAX_PRICE
@@ -92,7 +92,7 @@ def arrival(
     One waits until the whole way can be gone without meeting anybody, who go on as they go. Of whoever is met however
     long one waits within the window nothing is known but that: they are waited for as long as somebody `stays`.
     """
-    along = np.concatenate([[0.0], np.hypot(*np.diff(points, axis=0).T).cumsum()]) / cruise
+    along = arc_lengths(points) / cruise
     longest = float(along[-1])
     if not people.tracks or not settings.window:
         return longest, 0.0

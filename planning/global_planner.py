@@ -21,7 +21,7 @@ from waychair.errors import (
     StartOccupied,
     StartOutsideMap,
 )
-from waychair.geometry import transform_points
+from waychair.geometry import arc_lengths, transform_points
 from waychair.maps.grid import cells_from_points, cells_where, inside, points_from_cells
 from waychair.planning.costmap import Costmap, check_free_space
 from waychair.planning.footprint import fits
@@ -467,7 +467,7 @@ def _nearest(points: FloatArray, point: FloatArray) -> int:
 
 def _evenly_spaced(points: FloatArray, spacing: float) -> FloatArray:
     """Points along a polyline, at most `spacing` apart, its two ends included."""
-    along = np.concatenate([[0.0], np.cumsum(np.hypot(*np.diff(points, axis=0).T))])
+    along = arc_lengths(points)
     count = max(int(np.ceil(along[-1] / spacing)), 1) + 1
     at = np.linspace(0.0, along[-1], count)
     return np.column_stack([np.interp(at, along, points[:, 0]), np.interp(at, along, points[:, 1])])

@@ -12,6 +12,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from waychair.config import Settings, setting
+from waychair.geometry import arc_lengths, eased_below
 from waychair.maps.grid import cells_from_points, inside
 from waychair.planning.costmap import Costmap
 from waychair.types import UNKNOWN, BoolArray, FloatArray, Path
@@ -45,7 +46,8 @@ def kept_right(path: Path, costmap: Costmap, settings: KeepRightSettings = KeepR
     aside[_has_room(poses[:, None, :2], costmap, settings.open - costmap.body.width / 2)[:, 0]] = 0.0
     aside[[0, -1]] = 0.0
     moved = poses.copy()
-    moved[:, :2] += _eased(aside, poses[:, :2], settings.slope)[:, None] * side
+    eased = eased_below(aside, settings.slope * arc_lengths(poses[:, :2]))
+    moved[:, :2] += eased[:, None] * side
     ahead = np.diff(moved[:, :2], axis=0)
     moved[:-1, 2] = np.where(ahead.any(axis=1), np.arctan2(ahead[:, 1], ahead[:, 0]), moved[:-1, 2])
     return Path(moved)
@@ -62,11 +64,3 @@ def _has_room(points: FloatArray, costmap: Costmap, room: float) -> BoolArray:
         roomy &= costmap.barred[at] == 0
     by_pose: BoolArray = roomy.reshape(points.shape[:2])
     return by_pose
-
-
-def _eased(aside: FloatArray, points: FloatArray, slope: float) -> FloatArray:
-    """(N,) the most that is nowhere more than `aside` (N,) [m], and changes by no more than the slope along points."""
-    rise = slope * np.concatenate([[0.0], np.hypot(*np.diff(points, axis=0).T).cumsum()])
-    from_begin = rise + np.minimum.accumulate(aside - rise)
-    eased: FloatArray = np.minimum.accumulate((from_begin + rise)[::-1])[::-1] - rise
-    return eased

@@ -18,6 +18,7 @@ from numba import njit
 
 from waychair.config import Settings, setting
 from waychair.errors import ConfigError, GoalOccupied, GoalOutsideMap, MapTooLarge, NotConverged
+from waychair.maps.grid import cells_where
 from waychair.planning.grid_graph import SIDES, Cell
 from waychair.planning.multigrid import Level, apply, conjugate_gradients, finest_level, levels_from, relax
 from waychair.planning.slices import Parts, finished
@@ -224,7 +225,7 @@ def _solved_nearby(level: Level, absorption: Float32Array, x: FloatArray, b: Flo
         if residual <= tolerance or residual > _FADES * before:
             return residual
         before = residual
-        wrong = np.argwhere(np.abs(rest) > 0.1 * tolerance * whole)
+        wrong = cells_where(np.abs(rest) > 0.1 * tolerance * whole)
         low = np.maximum(wrong.min(axis=0) - around, 1)
         high = np.minimum(wrong.max(axis=0) + around, np.array(x.shape) - 2)
         if np.prod(high - low + 1) > 0.25 * x.size:

@@ -154,8 +154,7 @@ def towards(command: Twist, target: Twist, settings: DwaSettings, motion: Motion
     now, period = motion.acceleration, settings.period
     v = command.v + _eased(share * dv, dv, now.v, settings.jerk, period)
     # hard braking may end in a stand, and is not carried on into driving the other way
-    way = command.v or target.v
-    v = max(v, 0.0) if way > 0.0 else min(v, 0.0) if way < 0.0 else 0.0
+    v = v if v * (command.v or target.v) > 0.0 else 0.0
     return Twist(v, command.omega + _eased(share * domega, domega, now.omega, settings.alpha_jerk, period))
 
 

@@ -94,7 +94,11 @@ class Track:
 
     def walks(self, settings: TrackSettings) -> bool:
         """Whether it is on its way, but for a short pause."""
-        return self.moved_ns is not None and self.stamp_ns - self.moved_ns <= settings.pause * 1e9
+        return self.moved_within(settings.pause)
+
+    def moved_within(self, seconds: float) -> bool:
+        """Whether it has moved by itself in the last so many seconds."""
+        return self.moved_ns is not None and self.stamp_ns - self.moved_ns <= seconds * 1e9
 
     @property
     def speed(self) -> float:

@@ -11,6 +11,7 @@ import math
 import numpy as np
 from numba import njit
 
+from waychair.geometry import arc_lengths, eased_below
 from waychair.types import FloatArray
 
 SPACING = 0.05
@@ -40,12 +41,11 @@ def rail_from_path(path: FloatArray, speed: float) -> FloatArray:
     """
     line = _rounded(_without_repeats(path))
     points, direction, radius = line[:, :2], line[:, 2], line[:, 3]
-    along = np.concatenate([[0.0], np.hypot(*np.diff(points, axis=0).T).cumsum()])
+    along = arc_lengths(points)
     square = np.minimum(speed**2, ACCELERATION * radius)
     square[0] = square[-1] = 0.0
     gain = 2.0 * ACCELERATION * along
-    square = np.minimum.accumulate(square - gain) + gain
-    square = np.minimum.accumulate((square + gain)[::-1])[::-1] - gain
+    square = eased_below(square, gain)
     limit = np.maximum(np.sqrt(np.maximum(square, 0.0)), min(SLOWEST, speed))
     return np.column_stack([along, points, direction, limit])
 

@@ -11,8 +11,10 @@ from hypothesis import strategies as st
 
 from waychair.geometry import (
     arc,
+    arc_lengths,
     arcs,
     compose,
+    eased_below,
     in_space,
     interpolate,
     invert,
@@ -122,3 +124,18 @@ def test_many_arcs_at_once_are_the_same_as_one_by_one(motions: list[tuple[float,
 
 def test_a_quarter_circle_ends_beside_its_middle() -> None:
     assert arc(math.pi, math.pi / 2).array() == pytest.approx([2.0, 2.0, math.pi / 2])
+
+
+def test_the_way_along_points_begins_at_nothing_and_adds_up_their_steps() -> None:
+    assert arc_lengths(np.array([[0.0, 0.0], [3.0, 4.0], [3.0, 4.0], [3.0, 2.0]])) == pytest.approx(
+        [0.0, 5.0, 5.0, 7.0]
+    )
+    assert arc_lengths(np.array([[1.0, 2.0]])) == pytest.approx([0.0])
+
+
+@given(st.lists(st.tuples(st.floats(0.0, 5.0), st.floats(0.0, 1.0)), min_size=1, max_size=20))
+def test_what_is_eased_is_the_least_that_any_place_allows(places: list[tuple[float, float]]) -> None:
+    most, steps = np.array(places).T
+    rise = np.cumsum(steps)
+    allowed = most[None] + np.abs(rise[:, None] - rise[None])
+    assert eased_below(most, rise) == pytest.approx(allowed.min(axis=1), abs=1e-9)

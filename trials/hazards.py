@@ -25,7 +25,7 @@ from waychair.control.navigator import NavigatorSettings
 from waychair.control.recovery import RecoverySettings
 from waychair.geometry import rectangle, transform_points
 from waychair.maps.distance_field import distance_field
-from waychair.maps.grid import occupied, points_from_cells
+from waychair.maps.grid import occupied_points, points_from_cells
 from waychair.maps.zones import Rule, Zone
 from waychair.planning.critics import Weights
 from waychair.planning.motion import DwaSettings
@@ -318,7 +318,7 @@ def movers(count: int, seed: int) -> Hazard:
     """
     world = load_world("movers")
     rng = np.random.default_rng(seed)
-    walls = points_from_cells(world.grid, np.argwhere(occupied(world.grid)))
+    walls = occupied_points(world.grid)
     free = np.argwhere(distance_field(world.grid).metres > _MOVER.radius + world.grid.resolution)
     points = points_from_cells(world.grid, free)
     points = points[(points > walls.min(axis=0)).all(axis=1) & (points < walls.max(axis=0)).all(axis=1)]

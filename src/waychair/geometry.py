@@ -45,6 +45,18 @@ def transform_points(a_from_b: Pose2, points_b: FloatArray) -> FloatArray:
     return points_b @ rotation(a_from_b.theta).T + (a_from_b.x, a_from_b.y)
 
 
+def arc_lengths(points: FloatArray) -> FloatArray:
+    """(N,) the way along points (N, 2) from the first to each."""
+    return np.concatenate([[0.0], np.hypot(*np.diff(points, axis=0).T).cumsum()])
+
+
+def eased_below(most: FloatArray, rise: FloatArray) -> FloatArray:
+    """(N,) the most that is nowhere above `most` (N,), and changes between two places by no more than `rise` (N,) grows."""
+    risen = np.minimum.accumulate(most - rise) + rise
+    eased: FloatArray = np.minimum.accumulate((risen + rise)[::-1])[::-1] - rise
+    return eased
+
+
 def rotation(theta: float) -> FloatArray:
     """(2, 2) rotation matrix."""
     c, s = math.cos(theta), math.sin(theta)

@@ -8,6 +8,7 @@ from collections.abc import Callable
 import numpy as np
 import pytest
 
+from tests.people import body, half_view, past
 from waychair.calibration.chair import CHAIR_A
 from waychair.control.bystanders import Bystanders
 from waychair.control.recovery import RecoverySettings
@@ -37,9 +38,9 @@ class Watch:
     def see(self, way: Way, seconds: float, chair: Callable[[float], Pose2] = lambda _: HERE) -> None:
         """So much more time passes."""
         for _ in range(round(seconds * 10)):
-            points = body(*way(self.scans * 0.1))
-            pose = chair(self.scans * 0.1)
-            self.surroundings.see(self.scans * SCAN_NS, pose, points, past(pose, points))
+            at, pose = way(self.scans * 0.1), chair(self.scans * 0.1)
+            points, free = body(*at), past(pose, *at, half_view(pose, *at), 20.0)
+            self.surroundings.see(self.scans * SCAN_NS, pose, points, free)
             self.people.see(self.scans * SCAN_NS, pose, points, Pose2(), self.surroundings, 0.0)
             self.scans += 1
 
@@ -53,20 +54,6 @@ class Watch:
     def is_an_obstacle(self) -> bool:
         """Whether the person stands in the planner's way as a thing does."""
         return len(self.surroundings.lasting()[0]) > 0
-
-
-def body(x: float, y: float) -> FloatArray:
-    turns = np.linspace(0.0, math.tau, 24, endpoint=False)
-    return np.array([x, y]) + 0.15 * np.column_stack([np.cos(turns), np.sin(turns)])
-
-
-def past(pose: Pose2, points: FloatArray) -> FloatArray:
-    """Where the beams end that meet nobody, 20 m away."""
-    bearings = np.linspace(-math.pi, math.pi, 720)
-    met = np.arctan2(points[:, 1] - pose.y, points[:, 0] - pose.x)
-    off = np.abs(np.angle(np.exp(1j * (bearings[:, None] - met)))).min(axis=1)
-    free = bearings[off > 0.05]
-    return np.array([pose.x, pose.y]) + 20.0 * np.column_stack([np.cos(free), np.sin(free)])
 
 
 def walks_by(seconds: float) -> tuple[float, float]:

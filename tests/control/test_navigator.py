@@ -9,6 +9,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
+from tests.people import body, half_view, past
 from waychair.calibration.chair import CHAIR_A
 from waychair.control.navigator import Navigation, Navigator, NavigatorSettings, Stage
 from waychair.control.recovery import RecoverySettings
@@ -342,15 +343,10 @@ def test_who_crosses_far_ahead_neither_re_routes_the_chair_nor_sends_it_back(pla
     """Somebody walks across where the chair will be only when they are gone, and is seen all the way."""
     pilot = navigator(hall(), NavigatorSettings(planner=PlannerSettings(planner=planner)))
     pilot.go(Goal(Pose2(10.0, 4.0, 0.0)))
-    pose, turns = Pose2(2.0, 4.0, 0.0), np.linspace(0.0, math.tau, 24, endpoint=False)
-    bearings, states = np.linspace(-math.pi, math.pi, 720), []
+    pose, states = Pose2(2.0, 4.0, 0.0), []
     for k in range(20 * 6):
-        middle = np.array([9.0, 7.0 - 0.9 * k * 0.05])
-        body = middle + 0.15 * np.column_stack([np.cos(turns), np.sin(turns)])
-        past = np.array([pose.x, pose.y]) + 12.0 * np.column_stack([np.cos(bearings), np.sin(bearings)])
-        off = bearings - math.atan2(middle[1] - pose.y, middle[0] - pose.x)
-        past = past[np.abs(np.arctan2(np.sin(off), np.cos(off))) > 0.05]
-        states.append(pilot.step(k * TICK_NS, pose, body if k % 2 == 0 else None, beyond=past))
+        at = 9.0, 7.0 - 0.9 * k * 0.05
+        states.append(pilot.step(k * TICK_NS, pose, body(*at) if k % 2 == 0 else None, beyond=past(pose, *at, 0.05)))
         v, omega = states[-1].twist.v, states[-1].twist.omega
         pose = Pose2(*along_arc(pose.x, pose.y, pose.theta, v, omega, 0.05))
         assert abs(pose.y - 4.0) < 0.3
@@ -363,12 +359,10 @@ def crossing(pilot: Navigator, seconds: float = 9.0) -> tuple[float, float]:
     """Least distance [m] to somebody who crosses the chair's way at 0.7 m/s, and the chair's speed [m/s] then."""
     pilot.go(Goal(Pose2(10.0, 4.0, 0.0)))
     pose, command = Pose2(2.0, 4.0, 0.0), Twist()
-    turns = np.linspace(0.0, math.tau, 24, endpoint=False)
     nearest, speed = math.inf, 0.0
     for k in range(round(20 * seconds)):
         middle = np.array([6.0, 8.0 - 0.7 * k * 0.05])
-        body = middle + 0.15 * np.column_stack([np.cos(turns), np.sin(turns)])
-        command = pilot.step(k * TICK_NS, pose, body if k % 2 == 0 else None).twist
+        command = pilot.step(k * TICK_NS, pose, body(*middle) if k % 2 == 0 else None).twist
         pose = Pose2(*along_arc(pose.x, pose.y, pose.theta, command.v, command.omega, 0.05))
         x, y = transform_points(pose.inverse(), middle[None])[0]
         off = math.hypot(max(x - CHAIR_A.front, -CHAIR_A.rear - x, 0.0), max(abs(y) - CHAIR_A.width / 2, 0.0))
@@ -390,15 +384,11 @@ def in_a_corridor(way: Callable[[float], tuple[float, float]], seconds: float) -
     pilot = navigator(hall((0.0, 0.0, 12.0, 3.0), (0.0, 5.0, 12.0, 8.0)))
     pilot.go(Goal(Pose2(10.5, 4.0, 0.0)))
     poses, states = [Pose2(1.5, 4.0, 0.0)], []
-    bearings, turns = np.linspace(-math.pi, math.pi, 720), np.linspace(0.0, math.tau, 24, endpoint=False)
     for k in range(round(20 * seconds)):
         pose = poses[-1]
-        x, y = way(k * 0.05)
-        body = np.array([x, y]) + 0.15 * np.column_stack([np.cos(turns), np.sin(turns)])
-        off = np.angle(np.exp(1j * (bearings - math.atan2(y - pose.y, x - pose.x))))
-        free = bearings[np.abs(off) > 0.3 / max(math.hypot(x - pose.x, y - pose.y), 0.3)]
-        past = np.array([pose.x, pose.y]) + 12.0 * np.column_stack([np.cos(free), np.sin(free)])
-        states.append(pilot.step(k * TICK_NS, pose, body if k % 2 == 0 else None, beyond=past))
+        at = way(k * 0.05)
+        free = past(pose, *at, half_view(pose, *at))
+        states.append(pilot.step(k * TICK_NS, pose, body(*at) if k % 2 == 0 else None, beyond=free))
         if not pilot.active:
             break
         v, omega = states[-1].twist.v, states[-1].twist.omega

@@ -9,6 +9,7 @@ import numpy as np
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
+from tests.planning.test_dwa_people import walker
 
 from waychair.calibration.chair import CHAIR_A
 from waychair.maps.zones import Rule, Zone
@@ -18,7 +19,6 @@ from waychair.planning.forecast import People
 from waychair.planning.global_planner import GlobalPlanner, PlannerSettings
 from waychair.planning.keep_right import KeepRightSettings, kept_right
 from waychair.planning.slices import finished
-from waychair.planning.tracks import Track
 from waychair.types import UNKNOWN, FloatArray, OccupancyGrid, Path, Pose2
 
 START, GOAL = Pose2(1.0, 1.0), Pose2(9.0, 1.0, 0.3)
@@ -128,7 +128,7 @@ def test_wherever_things_stand_the_moved_path_keeps_the_room(seed: int, turned: 
 
 def test_the_planner_keeps_right_among_people_and_in_the_middle_alone() -> None:
     costmap = costmap_from_grid(corridor(), CHAIR_A)
-    somebody = Track(1, 0, 0, 9, np.array([30.0, 1.0]), np.array([-1.0, 0.0]), 0.01 * np.eye(4), 0.3, 0)
+    somebody = walker(30.0, 1.0, -1.0, 0.0)
     search = GlobalPlanner(GOAL, PlannerSettings())
     alone = finished(search.replan_among(costmap, lambda: START, People((), 0.7), 0.8))
     among = finished(search.replan_among(costmap, lambda: START, People((somebody,), 0.7), 0.8))
