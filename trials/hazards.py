@@ -411,7 +411,8 @@ class Appearance:
     """Somebody was suddenly there, straight ahead: how far [m], how fast the chair was [m/s], and what came of it.
 
     `nearest_m`: the outline's least distance to the person while the chair moved; `contact_speed` [m/s]: 0 for none.
-    `braking` [m/s^2]: mean deceleration from eight to three tenths of the speed, nan where it did not slow down so far.
+    `braking` [m/s^2]: mean deceleration from eight to three tenths of the speed, nan where it did not slow down so far;
+    `can_brake` [m/s^2]: an emergency's, or what the drive of this chair follows of it, if that is less.
     `reaction_s`: from the appearance until the chair had lost a tenth of its speed.
     """
 
@@ -421,6 +422,7 @@ class Appearance:
     nearest_m: float
     contact_speed: float
     braking: float
+    can_brake: float
     reaction_s: float
     ride: Ride
 
@@ -451,7 +453,8 @@ def run_appearance(ahead_m: float, seed: int) -> Appearance:
                 appeared_ns, speed = simulator.now_ns, simulator.twist().v
             elif appeared_ns is not None and abs(simulator.twist().v) < MOVES:
                 break
-    return _appearance(seed, ahead_m, speed, appeared_ns, simulator)
+    can_brake = min(LimiterSettings().emergency, simulator.settings.plant.deceleration)
+    return _appearance(seed, ahead_m, speed, appeared_ns, can_brake, simulator)
 
 
 _PERSON_RADIUS = 0.25
@@ -459,12 +462,12 @@ _APPEARANCE_S = 20.0
 
 
 def _appearance(
-    seed: int, ahead_m: float, speed: float, appeared_ns: int | None, simulator: WatchedSimulator
+    seed: int, ahead_m: float, speed: float, appeared_ns: int | None, can_brake: float, simulator: WatchedSimulator
 ) -> Appearance:
     """What the motion says."""
     motion = simulator.motion()
     if appeared_ns is None:  # it never came so far
-        return Appearance(seed, ahead_m, 0.0, math.inf, 0.0, math.nan, math.nan, ride_of(motion))
+        return Appearance(seed, ahead_m, 0.0, math.inf, 0.0, math.nan, can_brake, math.nan, ride_of(motion))
     after = motion.stamps_ns >= appeared_ns
     seconds, v = (motion.stamps_ns[after] - appeared_ns) * 1e-9, motion.twists[after, 0]
     moving = v > MOVES
@@ -477,6 +480,7 @@ def _appearance(
         float(motion.people[after][moving].min(initial=math.inf)),
         contact_speed,
         float((v[first] - v[last]) / (seconds[last] - seconds[first])) if last > first else math.nan,
+        can_brake,
         float(seconds[reacts]) if reacts else math.nan,
         ride_of(motion),
     )
