@@ -33,7 +33,7 @@ from waychair.calibration.chair import ChairBody
 from waychair.geometry import rotation, wrap_angle
 from waychair.maps.distance_field import DistanceField
 from waychair.planning.critics import Features, comfortable_score
-from waychair.planning.dwa_kernels import SPACING, fits_after, local_section, measure, people_ahead
+from waychair.planning.dwa_kernels import SPACING, first_free, fits_after, local_section, measure, people_ahead
 from waychair.planning.footprint import (
     EASE_STEP,
     Footprint,
@@ -58,7 +58,7 @@ from waychair.planning.motion import (
     standing,
     stop_time,
     stopping,
-    towards,
+    towards_each,
 )
 from waychair.types import BoolArray, FloatArray, Path, Pose2, Twist
 
@@ -367,15 +367,15 @@ def _best(
     motion: Motion | None,
 ) -> DwaResult:
     """The best candidate whose first step can stop; braking when there is none."""
-    start = in_cells(distances, ahead)
-    for i in np.argsort(-scores, kind="stable"):
-        if scores[i] == -np.inf:
-            break
-        twist = towards(command, Twist(*map(float, candidates[i])), settings, motion)
-        if _can_stop(twist, start, shape, settings):
-            stuck = bool(standing(twist) and standing(Twist(*candidates[i])))
-            return DwaResult(twist, candidates, scores, _arc(ahead, candidates[i], settings.horizon), blocked=stuck)
-    return DwaResult(braking(command, settings), candidates, scores, ahead.array()[None], blocked=True)
+    order = np.argsort(-scores, kind="stable")
+    order = order[scores[order] > -np.inf]
+    twists = towards_each(command, candidates[order], settings, motion)
+    first = first_free(shape, in_cells(distances, ahead), twists, _time_needed(twists, settings))
+    if first == len(order):
+        return DwaResult(braking(command, settings), candidates, scores, ahead.array()[None], blocked=True)
+    twist, candidate = Twist(*twists[first].tolist()), candidates[order[first]]
+    stuck = standing(twist) and standing(Twist(*candidate.tolist()))
+    return DwaResult(twist, candidates, scores, _arc(ahead, candidate, settings.horizon), blocked=stuck)
 
 
 def _arc(start: Pose2, candidate: FloatArray, horizon: float) -> FloatArray:

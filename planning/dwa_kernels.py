@@ -8,7 +8,7 @@ import numpy as np
 from numba import njit
 
 from waychair.planning.arc_fan import FINE, fill_table, free_times
-from waychair.planning.footprint import Footprint, along_arc, beside, room
+from waychair.planning.footprint import Footprint, along_arc, beside, free_time, room
 from waychair.types import BoolArray, FloatArray
 
 SPACING = 0.05
@@ -210,3 +210,25 @@ def fits_after(shape: Footprint, start: FloatArray, candidates: FloatArray, time
         x, y, theta = along_arc(start[0], start[1], start[2], v, omega, times[i])
         fits[i] = (v == 0.0 and omega == 0.0) or room(shape, x, y, theta) >= 0.0
     return fits
+
+
+@njit(cache=True, nogil=True)
+def first_free(shape: Footprint, start: FloatArray, twists: FloatArray, times: FloatArray) -> int:
+    """The first of some twists (N, 2) [m/s, rad/s] that can be driven for its time (N,) [s]; N where there is none.
+
+    start (3,) [cells, cells, rad]. What many candidates have in common, as most have their first step, is tried once.
+    """
+    tried = np.empty((len(twists), 2))
+    count = 0
+    for i in range(len(twists)):
+        v, omega = twists[i, 0], twists[i, 1]
+        known = False
+        for k in range(count):
+            known = known or (tried[k, 0] == v and tried[k, 1] == omega)
+        if known:
+            continue
+        if free_time(shape, start, v / shape.cell, omega, times[i], times[i]) >= times[i]:
+            return i
+        tried[count, 0], tried[count, 1] = v, omega
+        count += 1
+    return len(twists)

@@ -23,7 +23,7 @@ from numpy.typing import NDArray
 from waychair.calibration.chair import ChairBody
 from waychair.geometry import compose
 from waychair.maps.distance_field import DistanceField, interpolated
-from waychair.types import Float32Array, FloatArray, Pose2
+from waychair.types import BoolArray, Float32Array, FloatArray, Pose2
 
 SLACK = 1.0
 """Clearance [cells] that a disc needs beyond its radius."""
@@ -125,6 +125,11 @@ def fits(body: ChairBody, margin: float, field: DistanceField, pose: Pose2) -> b
     return bool(room(footprint(body, margin, field), at[0], at[1], at[2]) >= 0.0)
 
 
+def fits_each(body: ChairBody, margin: float, field: DistanceField, poses: FloatArray) -> BoolArray:
+    """(N,) what `fits` says of each of many poses (N, 3) in map."""
+    return _rooms(footprint(body, margin, field), poses_in_cells(field, poses)) >= 0.0
+
+
 @njit(cache=True, inline="always")
 def _distance(shape: Footprint, column: float, row: float) -> float:
     """Distance [cells] to the nearest obstacle centre, or to the field's border, beyond which nothing is known."""
@@ -156,6 +161,14 @@ def room(shape: Footprint, x: float, y: float, theta: float, wanted: float = 0.0
         else:
             i += 1
     return least
+
+
+@njit(cache=True, nogil=True)
+def _rooms(shape: Footprint, poses: FloatArray) -> FloatArray:
+    rooms = np.empty(len(poses))
+    for i in range(len(poses)):
+        rooms[i] = room(shape, poses[i, 0], poses[i, 1], poses[i, 2])
+    return rooms
 
 
 @njit(cache=True, inline="always")

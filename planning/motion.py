@@ -4,11 +4,15 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass, field, replace
+from typing import NamedTuple
+
+import numpy as np
+from numba import njit
 
 from waychair.calibration.stopping import StopTable, permitted_speed
 from waychair.config import Settings, setting
 from waychair.planning.critics import Weights
-from waychair.types import Twist
+from waychair.types import FloatArray, Twist
 
 CRAWL_V, CRAWL_OMEGA = 0.15, 0.4
 """Speeds [m/s], [rad/s] at which the chair gets out of a tight spot."""
@@ -145,19 +149,57 @@ def stop_time(twist: Twist, settings: DwaSettings) -> float:
 
 def towards(command: Twist, target: Twist, settings: DwaSettings, motion: Motion | None = None) -> Twist:
     """One control period from the command to the target: on a straight line in (v, omega), or with limited jerk."""
-    dv, domega = target.v - command.v, target.omega - command.omega
-    speeding_up = dv * command.v > 0 or command.v == 0
-    longest = max(abs(dv) / (settings.acceleration if speeding_up else settings.braking), abs(domega) / settings.alpha)
-    share = min(1.0, settings.period / longest) if longest > 0 else 1.0
-    if motion is None:
-        return Twist(command.v + share * dv, command.omega + share * domega)
-    now, period = motion.acceleration, settings.period
-    v = command.v + _eased(share * dv, dv, now.v, settings.jerk, period)
+    return Twist(*_step(_limits(settings, motion), command.v, command.omega, target.v, target.omega))
+
+
+def towards_each(command: Twist, targets: FloatArray, settings: DwaSettings, motion: Motion | None) -> FloatArray:
+    """(N, 2) what `towards` says for each of many targets (N, 2) [m/s, rad/s]."""
+    return _steps(_limits(settings, motion), command.v, command.omega, targets)
+
+
+class _Limits(NamedTuple):
+    """How a command may change in one period; `v` and `omega` are the accelerations now, of account if `eased`."""
+
+    period: float
+    acceleration: float
+    braking: float
+    alpha: float
+    jerk: float
+    alpha_jerk: float
+    eased: bool
+    v: float
+    omega: float
+
+
+def _limits(settings: DwaSettings, motion: Motion | None) -> _Limits:
+    now = Twist() if motion is None else motion.acceleration
+    s, eased = settings, motion is not None
+    return _Limits(s.period, s.acceleration, s.braking, s.alpha, s.jerk, s.alpha_jerk, eased, now.v, now.omega)
+
+
+@njit(cache=True, nogil=True)
+def _step(limits: _Limits, v: float, omega: float, to_v: float, to_omega: float) -> tuple[float, float]:
+    dv, domega = to_v - v, to_omega - omega
+    speeding_up = dv * v > 0 or v == 0
+    longest = max(abs(dv) / (limits.acceleration if speeding_up else limits.braking), abs(domega) / limits.alpha)
+    share = min(1.0, limits.period / longest) if longest > 0 else 1.0
+    if not limits.eased:
+        return v + share * dv, omega + share * domega
+    after = v + _eased(share * dv, dv, limits.v, limits.jerk, limits.period)
     # hard braking may end in a stand, and is not carried on into driving the other way
-    v = v if v * (command.v or target.v) > 0.0 else 0.0
-    return Twist(v, command.omega + _eased(share * domega, domega, now.omega, settings.alpha_jerk, period))
+    after = after if after * (v or to_v) > 0.0 else 0.0
+    return after, omega + _eased(share * domega, domega, limits.omega, limits.alpha_jerk, limits.period)
 
 
+@njit(cache=True, nogil=True)
+def _steps(limits: _Limits, v: float, omega: float, targets: FloatArray) -> FloatArray:
+    after = np.empty_like(targets)
+    for i in range(len(targets)):
+        after[i, 0], after[i, 1] = _step(limits, v, omega, targets[i, 0], targets[i, 1])
+    return after
+
+
+@njit(cache=True, nogil=True)
 def _eased(step: float, left: float, acceleration: float, jerk: float, period: float) -> float:
     """The step of a speed in one period, so that the acceleration changes by the jerk and is 0 when nothing is left."""
     # Reached from an acceleration a, the change still to come is a^2 / 2 jerk, and half a period's step.

@@ -17,11 +17,11 @@ from waychair.errors import NoPath
 from waychair.geometry import wrap_angle
 from waychair.planning.costmap import Costmap
 from waychair.planning.fine_field import fine_field
-from waychair.planning.footprint import fits, footprint, free_time, in_cells
+from waychair.planning.footprint import fits, fits_each, footprint, free_time, in_cells
 from waychair.planning.legs import Door, Leg, Manner
 from waychair.planning.manoeuvre import ManoeuvreSettings, manoeuvre_in_slices
 from waychair.planning.slices import Slices
-from waychair.types import FloatArray, Path, Pose2
+from waychair.types import BoolArray, FloatArray, Path, Pose2
 
 _FITS = 0.045
 """Kept free round the body [m] where the simple way is judged: what the local planner keeps, on its coarser cells."""
@@ -141,7 +141,7 @@ def _legs_of_leg(costmap: Costmap, start: Pose2, poses: FloatArray, settings: Ro
 
 def _tight_stretch(costmap: Costmap, start: Pose2, poses: FloatArray, turn_from: float) -> tuple[int, int] | None:
     """First and last index of the first poses that do not fit, or at which the chair cannot turn; None if all is well."""
-    bad = [k for k in range(1, len(poses) - 1) if not _stands_free(costmap, Pose2(*poses[k]))]
+    bad = (1 + np.flatnonzero(~_stand_free(costmap, poses[1:-1]))).tolist()
     into = _turn_at(costmap, Pose2(poses[0, 0], poses[0, 1], start.theta), float(poses[0, 2]), turn_from)
     heading = float(poses[-2, 2]) if len(poses) > 1 else start.theta
     out = _turn_at(costmap, Pose2(poses[-1, 0], poses[-1, 1], heading), float(poses[-1, 2]), 0.1)
@@ -174,11 +174,18 @@ def _turn_at(costmap: Costmap, pose: Pose2, heading: float, turn_from: float) ->
 
 
 def _stands_free(costmap: Costmap, pose: Pose2) -> bool:
-    """Whether the rectangle fits at a pose; the map's own cells say so where there is room."""
-    if fits(costmap.body, _FITS, costmap.field, pose):
-        return True
-    field = fine_field(costmap.grid, pose, costmap.body.circumscribed_radius + 0.1)
-    return fits(costmap.body, _FITS, field, pose)
+    """Whether the rectangle fits at a pose."""
+    return bool(_stand_free(costmap, pose.array()[None])[0])
+
+
+def _stand_free(costmap: Costmap, poses: FloatArray) -> BoolArray:
+    """(N,) whether the rectangle fits at poses (N, 3); the map's own cells say so where there is room."""
+    free = fits_each(costmap.body, _FITS, costmap.field, poses)
+    for k in np.flatnonzero(~free):
+        pose = Pose2(*poses[k])
+        field = fine_field(costmap.grid, pose, costmap.body.circumscribed_radius + 0.1)
+        free[k] = fits(costmap.body, _FITS, field, pose)
+    return free
 
 
 def _ends(costmap: Costmap, start: Pose2, poses: FloatArray, first: int, last: int, around: float) -> tuple[int, int]:

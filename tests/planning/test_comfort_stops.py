@@ -9,7 +9,16 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from waychair.planning.motion import DwaSettings, Motion, braking_hard, motion_after, slowing_speed, stopping, towards
+from waychair.planning.motion import (
+    DwaSettings,
+    Motion,
+    braking_hard,
+    motion_after,
+    slowing_speed,
+    stopping,
+    towards,
+    towards_each,
+)
 from waychair.types import Twist
 
 PROMPT = DwaSettings(reaction_time=0.0)
@@ -67,3 +76,43 @@ def test_after_hard_braking_the_chair_backs_out_no_faster_than_it_is_to(v: float
 def test_hard_braking_is_not_carried_on_into_driving_the_other_way(v: float, target: float, a: float) -> None:
     assert towards(Twist(v), Twist(target), PROMPT, Motion(Twist(a))).v >= 0.0
     assert towards(Twist(-v), Twist(-target), PROMPT, Motion(Twist(-a))).v <= 0.0
+
+
+def plainly_towards(command: Twist, target: Twist, acceleration: Twist | None) -> Twist:
+    """`towards` as it is told of: a straight line at the limits, the change of the acceleration within the jerk's."""
+    s, after = PROMPT, []
+    faster = s.acceleration if command.v == 0 or (target.v - command.v) * command.v > 0 else s.braking
+    times = abs(target.v - command.v) / faster, abs(target.omega - command.omega) / s.alpha
+    share = s.period / max(*times, s.period)
+    now = (None, None) if acceleration is None else (acceleration.v, acceleration.omega)
+    for begin, end, a, jerk in zip(
+        (command.v, command.omega), (target.v, target.omega), now, (s.jerk, s.alpha_jerk), strict=True
+    ):
+        if a is None:
+            after.append(begin + share * (end - begin))
+            continue
+        most = math.sqrt((jerk * s.period / 2) ** 2 + 2 * jerk * abs(end - begin)) - jerk * s.period / 2
+        wanted = float(np.clip(share * (end - begin) / s.period, -most, most))
+        after.append(begin + s.period * float(np.clip(wanted, a - jerk * s.period, a + jerk * s.period)))
+    way = command.v if command.v != 0 else target.v
+    if acceleration is not None and after[0] * way <= 0:
+        after[0] = 0.0
+    return Twist(*after)
+
+
+SPEEDS = st.one_of(st.just(0.0), st.floats(-0.8, 0.8))
+
+
+@given(SPEEDS, SPEEDS, st.lists(st.tuples(SPEEDS, SPEEDS), max_size=5), st.none() | st.tuples(SPEEDS, SPEEDS))
+@settings(max_examples=200, deadline=None)
+def test_steps_towards_many_targets_equal_a_plain_reference(
+    v: float, omega: float, targets: list[tuple[float, float]], accelerations: tuple[float, float] | None
+) -> None:
+    command, now = Twist(v, omega), None if accelerations is None else Twist(*accelerations)
+    motion = None if now is None else Motion(now)
+    found = towards_each(command, np.array(targets).reshape(-1, 2), PROMPT, motion)
+    assert len(found) == len(targets)
+    for step, target in zip(found.tolist(), targets, strict=True):
+        one, plain = towards(command, Twist(*target), PROMPT, motion), plainly_towards(command, Twist(*target), now)
+        assert step == [one.v, one.omega]
+        assert step == pytest.approx([plain.v, plain.omega], abs=1e-12)

@@ -16,7 +16,7 @@ from waychair.geometry import wrap_angle
 from waychair.maps.distance_field import DistanceField, distance_field, distances
 from waychair.planning.costmap import costmap_from_grid
 from waychair.planning.dwa import DwaResult, choose, rotate_to_heading
-from waychair.planning.dwa_kernels import fits_after, local_section, measure, people_ahead
+from waychair.planning.dwa_kernels import first_free, fits_after, local_section, measure, people_ahead
 from waychair.planning.footprint import along_arc, fits, footprint, free_time, in_cells, poses_in_cells
 from waychair.planning.global_planner import PlannerSettings, plan
 from waychair.planning.motion import DwaSettings, Motion, braking, measured, motion_after, slowing_speed, towards
@@ -407,6 +407,23 @@ def test_where_the_body_fits_after_an_arc_equals_a_plain_reference() -> None:
         end = Pose2(*along_arc(pose.x, pose.y, pose.theta, v, omega, time))
         assert fit == ((v == 0.0 and omega == 0.0) or fits(CHAIR_A, 0.02, field, end))
     assert 20 < found.sum() < 180
+
+
+def test_the_first_twist_that_can_be_driven_equals_a_plain_reference() -> None:
+    rng = np.random.default_rng(6)
+    found = []
+    for _ in range(60):
+        field = DistanceField(distances(rng.random((120, 120)) < 0.004, 0.05), 0.05)
+        shape, start = footprint(CHAIR_A, 0.02, field), in_cells(field, Pose2(3.0, 3.0, rng.uniform(-3.0, 3.0)))
+        twists = rng.uniform((-0.3, -0.8), (0.8, 0.8), (6, 2))[rng.integers(6, size=30)]  # most of them several times
+        times = rng.uniform(0.3, 1.5, 6)[np.unique(twists, axis=0, return_inverse=True)[1]]
+        free = [
+            free_time(shape, start, v / 0.05, omega, time, time) >= time
+            for (v, omega), time in zip(twists.tolist(), times.tolist(), strict=True)
+        ]
+        found.append(first_free(shape, start, twists, times))
+        assert found[-1] == (free.index(True) if any(free) else len(twists))
+    assert {0, 30} < set(found)
 
 
 def test_an_arc_that_cannot_be_driven_is_measured_no_further_than_how_long_it_is_free() -> None:

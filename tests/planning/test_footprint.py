@@ -17,6 +17,7 @@ from waychair.planning.footprint import (
     beside,
     eased_footprint,
     fits,
+    fits_each,
     footprint,
     free_time,
     in_cells,
@@ -106,6 +107,16 @@ def test_a_pose_called_free_never_touches_an_occupied_cell(seed: int, body: Chai
         assert not free or separation > 0
         # What is called occupied has something within the slack and a leaf's overhang of its outline.
         assert free or separation < 1.7 * CELL
+
+
+def test_many_poses_fit_where_each_does() -> None:
+    rng = np.random.default_rng(2)
+    field = field_of(rng.random((SIZE, SIZE)) < 0.003, Pose2(-0.7, 0.4, 0.3))
+    poses = rng.uniform((-0.5, 0.5, -4.0), (3.0, 4.0, 4.0), (300, 3))
+    found = fits_each(CHAIR_A, 0.02, field, poses)
+    assert found.tolist() == [fits(CHAIR_A, 0.02, field, Pose2(*pose)) for pose in poses.tolist()]
+    assert 20 < found.sum() < 280
+    assert fits_each(CHAIR_A, 0.02, field, np.empty((0, 3))).tolist() == []
 
 
 @given(st.integers(0, 2**32 - 1))
