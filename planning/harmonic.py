@@ -23,7 +23,6 @@ from waychair.errors import NoPath, NotConverged, StartOutsideMap
 from waychair.planning.grid_graph import Cell
 from waychair.planning.laplace_solvers import GoOn, Problem, SolverSettings, System, check_memory, run_solver
 from waychair.planning.log_relay import Indices, between, log_sweep, spread
-from waychair.planning.multigrid import finest_level
 from waychair.planning.slices import Parts, chunks, finished
 from waychair.types import BoolArray, Bytes, Float32Array, FloatArray, IntArray
 
@@ -175,8 +174,7 @@ def _stage(
     absorption: Float32Array, known: FloatArray, warm: FloatArray | None, settings: HarmonicSettings, go_on: GoOn | None
 ) -> Parts[tuple[FloatArray, int]]:
     """Logs (H, W) of the unknown cells that one solution tells well enough, -inf of the others; and its sweeps."""
-    level = finest_level(absorption)
-    free = level.inverse > 0
+    free = np.pad(absorption < np.inf, 1)
     border = np.pad(known, 1, constant_values=-np.inf)
     beside = free[1:-1, 2:] | free[1:-1, :-2] | free[2:, 1:-1] | free[:-2, 1:-1]
     scale = float(known[beside].max(initial=-np.inf))
@@ -193,7 +191,7 @@ def _stage(
         x[1:-1, 1:-1] = np.exp(np.minimum(warm - scale, 0.0))
         x[~free] = 0.0
     yield 4 * x.size
-    _, sweeps = yield from run_solver(settings.solver.solver, System(level, absorption, x, b, settings.solver, go_on))
+    _, sweeps = yield from run_solver(settings.solver.solver, System(absorption, x, b, settings.solver, go_on))
     yield 4 * x.size
     told = x[1:-1, 1:-1] > settings.trusted * x.max()
     return np.where(told, np.log(x[1:-1, 1:-1], where=told, out=none.copy()) + scale, none), sweeps

@@ -17,8 +17,8 @@ import numba
 import numpy as np
 
 from waychair.errors import MissingExtra
-from waychair.planning.multigrid import COARSEST_SWEEPS, SMOOTHINGS, Level
-from waychair.types import FloatArray
+from waychair.planning.multigrid import COARSEST_SWEEPS, OF_ITSELF, OF_NEIGHBOURS, Level, norm
+from waychair.types import Float32Array, FloatArray
 
 cuda: Any
 try:
@@ -41,18 +41,20 @@ def gpu_at_hand() -> bool:
 
 
 class _Grid(NamedTuple):
-    """A `Level` on the GPU, and in how many blocks it is worked on."""
+    """A `Level` on the GPU, room for what is left over the diagonal or as it is, and in how many blocks it is worked on."""
 
     east: Any
     south: Any
     inverse: Any
+    uniform: bool
     x: Any
     b: Any
-    r: Any
+    left: Any
     blocks: tuple[int, int]
 
 
 def conjugate_gradients_on_gpu(
+    absorption: Float32Array,
     levels: tuple[Level, ...],
     x: FloatArray,
     b: FloatArray,
@@ -70,7 +72,10 @@ def conjugate_gradients_on_gpu(
     k = _kernels()
     grids = tuple(_on_device(level) for level in levels)
     finest, at = grids[0], grids[0].blocks
-    there, p, q = cuda.to_device(x), cuda.to_device(np.zeros_like(x)), cuda.to_device(np.zeros_like(x))
+    absorbed, there, r, q = (
+        cuda.to_device(np.ascontiguousarray(part)) for part in (absorption, x, b, np.zeros_like(x))
+    )
+    p = cuda.to_device(np.zeros(x.shape, np.float32))
     sums = cuda.to_device(np.zeros(1))
 
     def dot(first: Any, second: Any) -> float:
@@ -78,20 +83,20 @@ def conjugate_gradients_on_gpu(
         k.dot[at, _BLOCK](first, second, sums)
         return float(sums.copy_to_host()[0])
 
-    whole = float(np.linalg.norm(b)) or 1.0
-    k.apply[at, _BLOCK](finest.east, finest.south, finest.inverse, there, q)
-    finest.b.copy_to_device(b)
-    k.add[at, _BLOCK](finest.b, q, -1.0)
-    before, left, cycles = 0.0, math.sqrt(dot(finest.b, finest.b)), 0
+    whole = norm(b) or 1.0
+    k.apply[at, _BLOCK](absorbed, there, q)
+    k.add[at, _BLOCK](r, q, -1.0)
+    before, left, cycles = 0.0, math.sqrt(dot(r, r)), 0
     while left > tolerance * whole and cycles < most and (go_on is None or go_on()):
+        k.rough[at, _BLOCK](r, finest.b)
         _v_cycle(k, grids)
-        now = dot(finest.b, finest.x)
-        k.turn[at, _BLOCK](p, finest.x, now / before if before else 0.0)
-        k.apply[at, _BLOCK](finest.east, finest.south, finest.inverse, p, q)
+        now = dot(r, finest.x)
+        k.turn[at, _BLOCK](p, finest.x, np.float32(now / before if before else 0.0))
+        k.apply[at, _BLOCK](absorbed, p, q)
         length = now / (dot(p, q) or 1.0)
         k.add[at, _BLOCK](there, p, length)
-        k.add[at, _BLOCK](finest.b, q, -length)
-        left = math.sqrt(dot(finest.b, finest.b))
+        k.add[at, _BLOCK](r, q, -length)
+        left = math.sqrt(dot(r, r))
         before, cycles = now, cycles + 1
     there.copy_to_host(x)
     return left / whole, cycles
@@ -99,40 +104,42 @@ def conjugate_gradients_on_gpu(
 
 def _on_device(level: Level) -> _Grid:
     blocks = (math.ceil(level.x.shape[1] / _COLUMNS), math.ceil(level.x.shape[0] / _ROWS))
-    east, south, inverse, x, b, r = (cuda.to_device(np.ascontiguousarray(part)) for part in level)
-    return _Grid(east, south, inverse, x, b, r, blocks)
+    links = (level.east, level.south) if not level.uniform else (np.ones((1, 1), np.float32),) * 2
+    east, south, inverse, x, b, left = (
+        cuda.to_device(np.ascontiguousarray(part)) for part in (*links, level.inverse, level.x, level.b, level.x)
+    )
+    return _Grid(east, south, inverse, level.uniform, x, b, left, blocks)
 
 
 def _v_cycle(k: _Kernels, grids: tuple[_Grid, ...]) -> None:
-    def relax(grid: _Grid, colour: int) -> None:
-        k.relax[grid.blocks, _BLOCK](grid.east, grid.south, grid.inverse, grid.x, grid.b, colour)
+    def smooth(grid: _Grid) -> None:
+        links = (grid.east, grid.south, grid.inverse, grid.uniform)
+        k.left[grid.blocks, _BLOCK](*links, grid.x, grid.b, grid.left)
+        k.smooth[grid.blocks, _BLOCK](*links, grid.left, grid.x)
 
-    for depth, (grid, coarser) in enumerate(pairwise(grids)):
+    for grid, coarser in pairwise(grids):
         k.clear[grid.blocks, _BLOCK](grid.x)
-        for _ in range(SMOOTHINGS if depth else 1):
-            relax(grid, 0)
-            relax(grid, 1)
-        k.rest[grid.blocks, _BLOCK](grid.east, grid.south, grid.inverse, grid.x, grid.b, grid.r)
-        k.gather[coarser.blocks, _BLOCK](grid.r, coarser.b)
+        smooth(grid)
+        k.left[grid.blocks, _BLOCK](grid.east, grid.south, grid.inverse, grid.uniform, grid.x, grid.b, grid.left)
+        k.gather[coarser.blocks, _BLOCK](grid.left, grid.inverse, coarser.inverse, coarser.b)
     last = grids[-1]
-    k.relax_all[1, _BLOCK](last.east, last.south, last.inverse, last.x, last.b)
-    for depth, (grid, coarser) in reversed(list(enumerate(pairwise(grids)))):
+    k.settle[1, _BLOCK](last.east, last.south, last.inverse, last.uniform, last.x, last.b, last.left)
+    for grid, coarser in reversed(list(pairwise(grids))):
         k.prolong[grid.blocks, _BLOCK](coarser.x, grid.x, grid.inverse)
-        for _ in range(SMOOTHINGS if depth else 1):
-            relax(grid, 1)
-            relax(grid, 0)
+        smooth(grid)
 
 
 class _Kernels(NamedTuple):
     clear: Any
-    relax: Any
-    relax_all: Any
+    left: Any
+    smooth: Any
+    settle: Any
     apply: Any
-    rest: Any
     gather: Any
     prolong: Any
     add: Any
     turn: Any
+    rough: Any
     dot: Any
 
 
@@ -141,6 +148,13 @@ def _kernels() -> _Kernels:
     """The kernels, made when they are first wanted: each thread has a cell, those on the border have nothing to do."""
     jit = cuda.jit
 
+    @cuda.jit(device=True)
+    def near(east: Any, south: Any, uniform: bool, x: Any, i: int, j: int) -> Any:
+        if uniform:
+            return (x[i, j + 1] + x[i, j - 1]) + (x[i + 1, j] + x[i - 1, j])
+        across = east[i, j] * x[i, j + 1] + east[i, j - 1] * x[i, j - 1]
+        return across + (south[i, j] * x[i + 1, j] + south[i - 1, j] * x[i - 1, j])
+
     @jit
     def clear(x: Any) -> None:
         j, i = cuda.grid(2)
@@ -148,64 +162,60 @@ def _kernels() -> _Kernels:
             x[i, j] = 0.0
 
     @jit
-    def relax(east: Any, south: Any, inverse: Any, x: Any, b: Any, colour: int) -> None:
+    def left(east: Any, south: Any, inverse: Any, uniform: bool, x: Any, b: Any, into: Any) -> None:
+        # over the diagonal
         j, i = cuda.grid(2)
-        if 0 < i < x.shape[0] - 1 and 0 < j < x.shape[1] - 1 and (i + j + colour) % 2 == 0:
-            across = east[i, j] * x[i, j + 1] + east[i, j - 1] * x[i, j - 1]
-            along = south[i, j] * x[i + 1, j] + south[i - 1, j] * x[i - 1, j]
-            x[i, j] = inverse[i, j] * (b[i, j] + across + along)
+        if 0 < i < x.shape[0] - 1 and 0 < j < x.shape[1] - 1:
+            into[i, j] = inverse[i, j] * (b[i, j] + near(east, south, uniform, x, i, j)) - x[i, j]
 
     @jit
-    def relax_all(east: Any, south: Any, inverse: Any, x: Any, b: Any) -> None:
+    def smooth(east: Any, south: Any, inverse: Any, uniform: bool, u: Any, x: Any) -> None:
+        j, i = cuda.grid(2)
+        if 0 < i < x.shape[0] - 1 and 0 < j < x.shape[1] - 1:
+            passed_on = inverse[i, j] * near(east, south, uniform, u, i, j)
+            x[i, j] += OF_ITSELF * u[i, j] + OF_NEIGHBOURS * passed_on
+
+    @jit
+    def settle(east: Any, south: Any, inverse: Any, uniform: bool, x: Any, b: Any, u: Any) -> None:
         # the coarsest level in one launch: one block goes through all of its cells, again and again
         first_j, first_i = cuda.grid(2)
         for i in range(first_i, x.shape[0], _ROWS):
             for j in range(first_j, x.shape[1], _COLUMNS):
                 x[i, j] = 0.0
-        for turn in range(4 * COARSEST_SWEEPS):
+        for turn in range(2 * COARSEST_SWEEPS):
             cuda.syncthreads()
-            colour = turn % 2 if turn < 2 * COARSEST_SWEEPS else 1 - turn % 2
             for i in range(first_i + 1, x.shape[0] - 1, _ROWS):
                 for j in range(first_j + 1, x.shape[1] - 1, _COLUMNS):
-                    if (i + j + colour) % 2 == 0:
-                        across = east[i, j] * x[i, j + 1] + east[i, j - 1] * x[i, j - 1]
-                        along = south[i, j] * x[i + 1, j] + south[i - 1, j] * x[i - 1, j]
-                        x[i, j] = inverse[i, j] * (b[i, j] + across + along)
+                    if turn % 2 == 0:
+                        u[i, j] = inverse[i, j] * (b[i, j] + near(east, south, uniform, x, i, j)) - x[i, j]
+                    else:
+                        passed_on = inverse[i, j] * near(east, south, uniform, u, i, j)
+                        x[i, j] += OF_ITSELF * u[i, j] + OF_NEIGHBOURS * passed_on
 
     @jit
-    def apply(east: Any, south: Any, inverse: Any, x: Any, into: Any) -> None:
+    def apply(absorption: Any, x: Any, into: Any) -> None:
+        # in float64, whatever x is
         j, i = cuda.grid(2)
         if 0 < i < x.shape[0] - 1 and 0 < j < x.shape[1] - 1:
             value = 0.0
-            if inverse[i, j] > 0:
-                across = east[i, j] * x[i, j + 1] + east[i, j - 1] * x[i, j - 1]
-                along = south[i, j] * x[i + 1, j] + south[i - 1, j] * x[i - 1, j]
-                value = x[i, j] / inverse[i, j] - across - along
+            if absorption[i - 1, j - 1] < math.inf:
+                across = np.float64(x[i, j + 1]) + np.float64(x[i, j - 1])
+                along = np.float64(x[i + 1, j]) + np.float64(x[i - 1, j])
+                value = (4.0 + np.float64(absorption[i - 1, j - 1])) * np.float64(x[i, j]) - (across + along)
             into[i, j] = value
 
     @jit
-    def rest(east: Any, south: Any, inverse: Any, x: Any, b: Any, into: Any) -> None:
-        j, i = cuda.grid(2)
-        if 0 < i < x.shape[0] - 1 and 0 < j < x.shape[1] - 1:
-            value = 0.0
-            if inverse[i, j] > 0:
-                across = east[i, j] * x[i, j + 1] + east[i, j - 1] * x[i, j - 1]
-                along = south[i, j] * x[i + 1, j] + south[i - 1, j] * x[i - 1, j]
-                value = b[i, j] + across + along - x[i, j] / inverse[i, j]
-            into[i, j] = value
-
-    @jit
-    def gather(r: Any, into: Any) -> None:
+    def gather(u: Any, inverse: Any, free: Any, into: Any) -> None:
         j, i = cuda.grid(2)
         if 0 < i < into.shape[0] - 1 and 0 < j < into.shape[1] - 1:
-            total = 0.0
+            total = np.float32(0.0)
             for di in range(-1, 3):
                 for dj in range(-1, 3):
                     row, column = 2 * i - 1 + di, 2 * j - 1 + dj
-                    if row < r.shape[0] and column < r.shape[1]:
+                    if row < u.shape[0] and column < u.shape[1] and inverse[row, column] > 0:
                         near = (3.0 if 0 <= di <= 1 else 1.0) * (3.0 if 0 <= dj <= 1 else 1.0)
-                        total += near * r[row, column]
-            into[i, j] = total / 16.0
+                        total += np.float32(near) * (u[row, column] / inverse[row, column])
+            into[i, j] = total * np.float32(1 / 16) if free[i, j] > 0 else np.float32(0.0)
 
     @jit
     def prolong(e: Any, x: Any, inverse: Any) -> None:
@@ -214,20 +224,27 @@ def _kernels() -> _Kernels:
             row, column = (i + 1) // 2, (j + 1) // 2
             beyond = row - 1 if i % 2 == 1 else row + 1
             aside = column - 1 if j % 2 == 1 else column + 1
-            near = 9.0 * e[row, column] + 3.0 * (e[row, aside] + e[beyond, column])
-            x[i, j] += (near + e[beyond, aside]) / 16.0
+            three = np.float32(3.0)
+            beside = three * e[row, aside] + e[beyond, aside]
+            x[i, j] += (three * (three * e[row, column] + e[beyond, column]) + beside) * np.float32(1 / 16)
 
     @jit
     def add(x: Any, p: Any, length: float) -> None:
         j, i = cuda.grid(2)
         if i < x.shape[0] and j < x.shape[1]:
-            x[i, j] += length * p[i, j]
+            x[i, j] += length * np.float64(p[i, j])
 
     @jit
-    def turn(p: Any, z: Any, beta: float) -> None:
+    def turn(p: Any, z: Any, beta: Any) -> None:
         j, i = cuda.grid(2)
         if i < p.shape[0] and j < p.shape[1]:
             p[i, j] = z[i, j] + beta * p[i, j]
+
+    @jit
+    def rough(r: Any, into: Any) -> None:
+        j, i = cuda.grid(2)
+        if i < r.shape[0] and j < r.shape[1]:
+            into[i, j] = r[i, j]
 
     @jit
     def dot(x: Any, y: Any, into: Any) -> None:
@@ -245,4 +262,4 @@ def _kernels() -> _Kernels:
         if own == 0:
             cuda.atomic.add(into, 0, parts[0])
 
-    return _Kernels(clear, relax, relax_all, apply, rest, gather, prolong, add, turn, dot)
+    return _Kernels(clear, left, smooth, settle, apply, gather, prolong, add, turn, rough, dot)

@@ -20,19 +20,22 @@ from waychair.config import Settings, setting
 from waychair.errors import ConfigError, GoalOccupied, GoalOutsideMap, MapTooLarge, NotConverged
 from waychair.maps.grid import cells_where
 from waychair.planning.grid_graph import SIDES, Cell
-from waychair.planning.multigrid import Level, apply, conjugate_gradients, finest_level, levels_from, relax
+from waychair.planning.multigrid import conjugate_gradients, levels_from, norm, rest_of
 from waychair.planning.slices import Parts, finished
 from waychair.types import BoolArray, Float32Array, FloatArray, IntArray
 
 GoOn = Callable[[], bool]
 """Asked between sweeps whether there is time for more; whoever has a clock gives one."""
 
-_BYTES = MappingProxyType({"gauss-seidel": 40, "sor": 40, "multigrid": 90, "direct": 2000, "gpu": 90})
+_BYTES = MappingProxyType({"gauss-seidel": 40, "sor": 40, "multigrid": 70, "direct": 2000, "gpu": 90})
 """Memory [bytes] that a cell takes in a solver's arrays, about; the direct one's factors grow faster than the map."""
 
 _AROUND = (24, 64, 128)
 """Cells round what changed that are solved by themselves before all are, one square after the other."""
 
+
+_WRONG = 1e-3
+"""Of the largest rest: what changed leaves such rests; what the warm start was not exact in is less, and everywhere."""
 
 _FADES = 0.03
 """A square that leaves more than this part of what was wrong shows that the change is no matter of one place."""
@@ -109,18 +112,18 @@ def solve(
     check_memory(absorption.size, solver, settings.memory)
     walls = absorption.copy()
     walls[problem.goal] = np.inf
-    level = finest_level(walls)
+    free = np.pad(walls < np.inf, 1)
     row, column = problem.goal[0] + 1, problem.goal[1] + 1
-    b = np.zeros(level.x.shape)
+    b = np.zeros(free.shape)
     for d, e in SIDES:
-        b[row + d, column + e] = level.inverse[row + d, column + e] > 0
+        b[row + d, column + e] = free[row + d, column + e]
     x = np.zeros_like(b)
     if warm_start is not None and warm_start.v.shape == absorption.shape:
         x[1:-1, 1:-1] = warm_start.v
     elif settings.initial:
         x[1:-1, 1:-1] = settings.initial
-    x[level.inverse == 0] = 0.0
-    system = System(level, walls, x, b, settings, go_on, warm_start is not None)
+    x[~free] = 0.0
+    system = System(walls, x, b, settings, go_on, warm_start is not None)
     residual, sweeps = finished(run_solver(solver, system))
     v = x[1:-1, 1:-1].copy()
     v[problem.goal] = 1.0
@@ -129,9 +132,11 @@ def solve(
 
 @dataclass(frozen=True, slots=True)
 class System:
-    """A x = b on a level, x and b (H + 2, W + 2), of cells that absorb; x is improved in place. `warm`: nearly right."""
+    """A x = b for cells (H, W) that absorb; those that do so infinitely are walls.
 
-    level: Level
+    x and b (H + 2, W + 2) are 0 in walls and on the border; x is improved in place. `warm`: nearly right.
+    """
+
     absorption: Float32Array
     x: FloatArray
     b: FloatArray
@@ -201,84 +206,83 @@ def _chosen(solver: str) -> str:
 
 
 def _multigrid(system: System) -> Parts[tuple[float, int]]:
-    x, b, s = system.x, system.b, system.settings
+    absorption, x, b, s = system.absorption, system.x, system.b, system.settings
     if system.warm:
-        residual = _solved_nearby(system.level, system.absorption, x, b, s.tolerance)
+        residual = _solved_nearby(absorption, x, b, s.tolerance)
         if residual <= s.tolerance:
             return residual, 0
-    levels = levels_from(system.level, system.absorption)
-    yield 8 * x.size
-    return (yield from conjugate_gradients(levels, x, b, s.tolerance, s.most_sweeps, system.go_on))
+    levels = levels_from(absorption)
+    yield 4 * x.size
+    return (yield from conjugate_gradients(absorption, levels, x, b, s.tolerance, s.most_sweeps, system.go_on))
 
 
-def _solved_nearby(level: Level, absorption: Float32Array, x: FloatArray, b: FloatArray, tolerance: float) -> float:
+def _solved_nearby(absorption: Float32Array, x: FloatArray, b: FloatArray, tolerance: float) -> float:
     """Improve x round the cells where it is wrong, in larger and larger squares; returns the residual that is left.
 
     What changes in one place is a matter of that place: its effect fades with the distance.
     """
-    whole = math.sqrt(float(np.vdot(b, b))) or 1.0
-    before = math.inf
+    whole = norm(b) or 1.0
+    before, rest = math.inf, np.zeros_like(b)
     for around in _AROUND:
-        apply(level, x, level.r)
-        rest = b - level.r
-        residual = math.sqrt(float(np.vdot(rest, rest))) / whole
+        residual = math.sqrt(rest_of(absorption, x, b, rest)) / whole
         if residual <= tolerance or residual > _FADES * before:
             return residual
         before = residual
-        wrong = cells_where(np.abs(rest) > 0.1 * tolerance * whole)
+        size = np.abs(rest)
+        wrong = cells_where(size > max(_WRONG * float(size.max()), 0.1 * tolerance * whole))
+        if not len(wrong):  # a little everywhere
+            return residual
         low = np.maximum(wrong.min(axis=0) - around, 1)
         high = np.minimum(wrong.max(axis=0) + around, np.array(x.shape) - 2)
         if np.prod(high - low + 1) > 0.25 * x.size:
             return residual
-        _solve_square(level, absorption, x, rest, low, high, tolerance * whole)
-    apply(level, x, level.r)
-    return float(np.linalg.norm(b - level.r)) / whole
+        _solve_square(absorption, x, rest, low, high, tolerance * whole)
+    return math.sqrt(rest_of(absorption, x, b, rest)) / whole
 
 
 def _solve_square(
-    level: Level,
-    absorption: Float32Array,
-    x: FloatArray,
-    rest: FloatArray,
-    low: IntArray,
-    high: IntArray,
-    enough: float,
+    absorption: Float32Array, x: FloatArray, rest: FloatArray, low: IntArray, high: IntArray, enough: float
 ) -> None:
     """Correct x from row and column `low` to `high` (in the padded grid), holding what lies outside."""
     inner = (slice(int(low[0]), int(high[0]) + 1), slice(int(low[1]), int(high[1]) + 1))
-    part = finest_level(absorption[low[0] - 1 : high[0], low[1] - 1 : high[1]])
-    levels = levels_from(part, absorption[low[0] - 1 : high[0], low[1] - 1 : high[1]])
-    b, correction = np.zeros(part.x.shape), np.zeros(part.x.shape)
-    b[1:-1, 1:-1] = rest[inner]
-    size = float(np.linalg.norm(b))
+    part = np.ascontiguousarray(absorption[low[0] - 1 : high[0], low[1] - 1 : high[1]])
+    b = np.pad(rest[inner], 1)
+    correction, size = np.zeros_like(b), norm(b)
     if size > 0.0:
-        finished(conjugate_gradients(levels, correction, b, min(0.1 * enough / size, 0.5), 30))
+        least = min(0.1 * enough / size, 0.5)
+        finished(conjugate_gradients(part, levels_from(part), correction, b, least, 30))
         x[inner] += correction[1:-1, 1:-1]
 
 
 def _red_black(system: System) -> Parts[tuple[float, int]]:
     """Successive over-relaxation; by default with the factor that is best for an empty square of the map's side."""
-    level, x, b = system.level, system.x, system.b
+    inverse, x, b = _inverse(system.absorption), system.x, system.b
     omega = system.settings.omega or 2.0 / (1.0 + math.sin(math.pi / max(x.shape)))
 
     def sweep() -> None:
-        relax(level, x, b, 0, omega)
-        relax(level, x, b, 1, omega)
+        relax(inverse, x, b, 0, omega)
+        relax(inverse, x, b, 1, omega)
 
     return _swept(sweep, system)
 
 
 def _gauss_seidel(system: System) -> Parts[tuple[float, int]]:
-    return _swept(lambda: row_by_row(system.level, system.x, system.b), system)
+    inverse = _inverse(system.absorption)
+    return _swept(lambda: row_by_row(inverse, system.x, system.b), system)
+
+
+def _inverse(absorption: Float32Array) -> FloatArray:
+    """(H + 2, W + 2) one over the matrix's diagonal, 0 in walls."""
+    inverse: FloatArray = np.pad(1.0 / (4.0 + absorption.astype(np.float64)), 1)
+    return inverse
 
 
 def _swept(sweep: Callable[[], None], system: System) -> Parts[tuple[float, int]]:
-    level, x, b, settings, go_on = system.level, system.x, system.b, system.settings, system.go_on
-    whole = float(np.linalg.norm(b)) or 1.0
+    x, b, settings, go_on = system.x, system.b, system.settings, system.go_on
+    whole, rest = norm(b) or 1.0, np.zeros_like(b)
     residual, done = math.inf, 0
     while True:
-        apply(level, x, level.r)
-        residual = float(np.linalg.norm(b - level.r)) / whole
+        residual = math.sqrt(rest_of(system.absorption, x, b, rest)) / whole
         if residual <= settings.tolerance or done >= settings.most_sweeps or (go_on is not None and not go_on()):
             return residual, done
         for _ in range(min(_BETWEEN, settings.most_sweeps - done)):
@@ -292,14 +296,21 @@ _BETWEEN = 10
 
 
 @njit(cache=True, nogil=True)
-def row_by_row(level: Level, x: FloatArray, b: FloatArray) -> None:
+def relax(inverse: FloatArray, x: FloatArray, b: FloatArray, colour: int, omega: float) -> None:
+    """Gauss-Seidel on the cells of one colour of a chessboard, in place, over-relaxed by omega."""
+    for i in range(1, x.shape[0] - 1):
+        for j in range(1 + (i + colour + 1) % 2, x.shape[1] - 1, 2):
+            near = x[i, j + 1] + x[i, j - 1] + x[i + 1, j] + x[i - 1, j]
+            x[i, j] += omega * (inverse[i, j] * (b[i, j] + near) - x[i, j])
+
+
+@njit(cache=True, nogil=True)
+def row_by_row(inverse: FloatArray, x: FloatArray, b: FloatArray) -> None:
     """The paper's Eq 1 on a sequential computer: each cell the mean of its neighbours, new where there are."""
-    east, south, inverse = level.east, level.south, level.inverse
     for i in range(1, x.shape[0] - 1):
         for j in range(1, x.shape[1] - 1):
-            across = east[i, j] * x[i, j + 1] + east[i, j - 1] * x[i, j - 1]
-            along = south[i, j] * x[i + 1, j] + south[i - 1, j] * x[i - 1, j]
-            x[i, j] = inverse[i, j] * (b[i, j] + across + along)
+            near = x[i, j + 1] + x[i, j - 1] + x[i + 1, j] + x[i - 1, j]
+            x[i, j] = inverse[i, j] * (b[i, j] + near)
 
 
 def _direct(system: System) -> Parts[tuple[float, int]]:
@@ -308,7 +319,7 @@ def _direct(system: System) -> Parts[tuple[float, int]]:
     from scipy.sparse.linalg import splu
 
     x, b = system.x, system.b
-    free = system.level.inverse > 0
+    free = np.pad(system.absorption < np.inf, 1)
     count = int(free.sum())
     if count == 0:
         return 0.0, 0
@@ -336,9 +347,11 @@ def _direct(system: System) -> Parts[tuple[float, int]]:
 def _on_gpu(system: System) -> Parts[tuple[float, int]]:
     from waychair.planning.laplace_gpu import conjugate_gradients_on_gpu
 
-    levels, s = levels_from(system.level, system.absorption), system.settings
+    levels, s = levels_from(system.absorption), system.settings
     yield system.x.size
-    return conjugate_gradients_on_gpu(levels, system.x, system.b, s.tolerance, s.most_sweeps, system.go_on)
+    return conjugate_gradients_on_gpu(
+        system.absorption, levels, system.x, system.b, s.tolerance, s.most_sweeps, system.go_on
+    )
 
 
 _SOLVERS: Mapping[str, Callable[[System], Parts[tuple[float, int]]]] = MappingProxyType(

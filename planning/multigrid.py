@@ -2,12 +2,17 @@
 
 Every free cell is linked to its four neighbours: diagonal * x - sum of neighbours = b, walls hold 0. A coarse cell
 stands for two by two fine ones and is free when any of them is. The V-cycle (Briggs, Henson and McCormick, A Multigrid
-Tutorial, 2000, chapter 3) interpolates bilinearly between the middles of cells and restricts by the transpose; it
-smooths by red-black Gauss-Seidel, red first on the way down and black first on the way up, so that it is symmetric and
-may precondition conjugate gradients (Tatebe 1993). How far a wall is from a coarse cell's middle is kept by direction:
-it is no whole number of cells (finite volumes whose border cuts a cell).
+Tutorial, 2000, chapter 3) interpolates bilinearly between the middles of cells and restricts by the transpose. It
+smooths by Chebyshev's polynomials of the fourth kind with the best weights for a V-cycle (Lottes, Optimal polynomial
+smoothers for multigrid V-cycles, 2022): the same ones before and after the correction, so that the cycle is symmetric
+and may precondition conjugate gradients (Tatebe 1993), and each step of one is a product with the matrix, in which no
+cell waits for another. How far a wall is from a coarse cell's middle is kept by direction: it is no whole number of
+cells (finite volumes whose border cuts a cell).
 
-All arrays of a level have a border of cells that are not free, so that no neighbour needs a bounds check.
+The cycle computes in float32, twice as many cells at a time: it says where to go, not how far it is still. What it is
+to solve, and what is left of it, are float64.
+
+All arrays have a border of cells that are not free, so that no neighbour needs a bounds check.
 """
 
 from __future__ import annotations
@@ -15,7 +20,7 @@ from __future__ import annotations
 import math
 from collections.abc import Callable
 from itertools import pairwise
-from typing import NamedTuple
+from typing import NamedTuple, TypeAlias
 
 import numpy as np
 from numba import njit
@@ -23,185 +28,275 @@ from numba import njit
 from waychair.planning.slices import Parts, finished
 from waychair.types import Float32Array, FloatArray
 
+AnyFloat: TypeAlias = Float32Array | FloatArray
+
 _NEAREST_WALL = 4.0
 """Weight that a wall's link has at most for each of a coarse cell's fine ones: one still nearer to the coarse cell's
 middle, or past it, says no more than that the wall is there."""
 
-SMOOTHINGS = 2
-"""Sweeps before and after the correction on all levels but the finest, where a sweep costs three times as much as on
-all others together; what the coarse levels get wrong beside walls is smoothed away where it is cheap."""
+_COARSEST, COARSEST_SWEEPS = 6, 8
+"""Sides up to which a level is solved by smoothing alone [cells], and how often it is smoothed."""
 
-_COARSEST = 6
-"""Sides up to which a level is relaxed rather than coarsened [cells]."""
 
-COARSEST_SWEEPS = 8
+def _polynomial() -> tuple[np.float32, np.float32]:
+    """What a smoothing adds of u, which is what is left over the diagonal, and of what u's neighbours pass on over it.
+
+    Two steps of Lottes' algorithm 3 with the weights of its table 1. No eigenvalue of the matrix over its diagonal is
+    larger than 2: a cell's links weigh no more than its diagonal.
+    """
+    first, second = 1.02387287570313, 1.26408905371085
+    share, before, after = 4 / 3 / 2, 1 / 5, 12 / 5 / 2
+    # one step is share * u; what is left over the diagonal after it, u - share * (u - passed on)
+    return (
+        np.float32(first * share + second * (before * share + after * (1 - share))),
+        np.float32(second * after * share),
+    )
+
+
+OF_ITSELF, OF_NEIGHBOURS = _polynomial()
+
+_PASS = 5
+"""Cells that a sweep of the cycle goes through while other work on the field goes through one."""
+
+_FAST = {"reassoc", "contract", "nsz"}
+"""What lets a compiler add up a row in several lanes. Not that nothing is infinite: walls absorb so much."""
 
 
 class Level(NamedTuple):
     """One grid, (H + 2, W + 2) with its border.
 
-    `east` and `south` hold the weights of the links to the next column and row, `inverse` that of the diagonal, 0 where
-    the cell is not free. `x`, `b`, `r` are room to work in.
+    `east` and `south` hold the weights of the links to the next column and row (empty where they are `uniform`, all 1),
+    `inverse` one over the diagonal, 0 where a cell is not free. `b` is what to solve, `x` what was found.
     """
 
     east: Float32Array
     south: Float32Array
-    inverse: FloatArray
-    x: FloatArray
-    b: FloatArray
-    r: FloatArray
+    inverse: Float32Array
+    uniform: bool
+    x: Float32Array
+    b: Float32Array
 
 
-def finest_level(absorption: Float32Array) -> Level:
-    """The level of a grid whose cells (H, W) absorb; those that absorb infinitely are walls."""
-    height, width = absorption.shape
-    inverse = np.zeros((height + 2, width + 2))
-    inverse[1:-1, 1:-1] = 1.0 / (4.0 + absorption.astype(np.float64))
-    free = inverse > 0
-    east, south = np.zeros(inverse.shape, np.float32), np.zeros(inverse.shape, np.float32)
-    east[:, :-1] = free[:, :-1] & free[:, 1:]
-    south[:-1] = free[:-1] & free[1:]
-    return Level(east, south, inverse, *(np.zeros(inverse.shape) for _ in range(3)))
-
-
-def levels_from(finest: Level, absorption: Float32Array) -> tuple[Level, ...]:
-    """The finest level and all the coarser ones."""
-    free = finest.inverse > 0
-    walls, kept = np.zeros((*finest.east.shape, 4), np.float32), np.zeros_like(finest.east)
-    for d, links in enumerate((finest.east, finest.south)):
-        walls[..., d] = free & (links == 0)
-        walls[..., d + 2] = free & (np.roll(links, 1, 1 - d) == 0)
-    kept[1:-1, 1:-1][free[1:-1, 1:-1]] = absorption[free[1:-1, 1:-1]]
-    levels = [finest]
-    while min(levels[-1].inverse.shape) - 2 > _COARSEST:
-        level, walls, kept = _coarser(levels[-1].east, levels[-1].south, levels[-1].inverse, walls, kept)
-        levels.append(level)
+def levels_from(absorption: Float32Array) -> tuple[Level, ...]:
+    """The levels of a grid whose cells (H, W) absorb, the finest first; those that absorb infinitely are walls."""
+    kept = np.pad(absorption, 1, constant_values=np.inf)
+    none = np.zeros((0, 0), np.float32)
+    levels = [_level(none, none, _finest_inverse(kept))]
+    walls = np.zeros((0, 0, 4), np.float32)
+    while min(levels[-1].x.shape) - 2 > _COARSEST:
+        east, south, walls, kept, inverse = _coarser(levels[-1], walls, kept)
+        levels.append(_level(east, south, inverse))
     return tuple(levels)
+
+
+def _level(east: Float32Array, south: Float32Array, inverse: Float32Array) -> Level:
+    """Uniform where no links are given."""
+    x, b = (np.zeros(inverse.shape, np.float32) for _ in range(2))
+    return Level(east, south, inverse, east.size == 0, x, b)
+
+
+@njit(cache=True, nogil=True, fastmath=_FAST)
+def _finest_inverse(absorption: Float32Array) -> Float32Array:
+    inverse = np.empty_like(absorption)
+    for i in range(absorption.shape[0]):
+        for j in range(absorption.shape[1]):
+            inverse[i, j] = np.float32(1.0) / (np.float32(4.0) + absorption[i, j])
+    return inverse
 
 
 @njit(cache=True, nogil=True)
 def _coarser(
-    east: Float32Array, south: Float32Array, inverse: FloatArray, walls: Float32Array, kept: Float32Array
-) -> tuple[Level, Float32Array, Float32Array]:
-    """The next level, what its walls take of each cell to the east, south, west and north (H, W, 4), and what it absorbs.
+    fine: Level, walls: Float32Array, kept: Float32Array
+) -> tuple[Float32Array, Float32Array, Float32Array, Float32Array, Float32Array]:
+    """The next level's links to the east and the south, what walls and it itself take of each cell, and `inverse`.
 
-    A wall's weight is one over its distance from the cell's middle. Half a fine cell farther, or nearer, is that of the
-    coarse cell; the distance counts half as much in its wider cells, and each of its two fine cells for half.
+    walls (H + 2, W + 2, 4) to the east, south, west and north, and kept (H + 2, W + 2), are the fine level's; where that
+    is uniform, a cell that is not free is a wall to its neighbours.
     """
-    shape = ((inverse.shape[0] - 1) // 2 + 2, (inverse.shape[1] - 1) // 2 + 2)
-    new_east, new_south = np.zeros(shape, np.float32), np.zeros(shape, np.float32)
+    height, width = fine.x.shape
+    shape = ((height - 1) // 2 + 2, (width - 1) // 2 + 2)
+    east, south = np.zeros(shape, np.float32), np.zeros(shape, np.float32)
     new_walls, new_kept = np.zeros((shape[0], shape[1], 4), np.float32), np.zeros(shape, np.float32)
-    new_inverse = np.zeros(shape)
-    for i in range(1, inverse.shape[0] - 1):
-        for j in range(1, inverse.shape[1] - 1):
-            if inverse[i, j] > 0:
-                row, column = (i + 1) // 2, (j + 1) // 2
-                new_inverse[row, column] = 1.0
-                new_kept[row, column] += kept[i, j]
-                new_east[row, column] += np.float32(0.5 * (j % 2 == 0)) * east[i, j]
-                new_south[row, column] += np.float32(0.5 * (i % 2 == 0)) * south[i, j]
-                for d in range(4):
-                    wall = walls[i, j, d]
-                    if wall > 0:
-                        outer = ((i if d % 2 else j) % 2 == 0) == (d < 2)
-                        nearer = 1.0 + 0.5 * wall if outer else max(1.0 - 0.5 * wall, 1e-3)
-                        new_walls[row, column, d] += np.float32(min(wall / nearer, _NEAREST_WALL))
+    inverse, free = np.zeros(shape, np.float32), fine.inverse
+    for row in range(1, shape[0] - 1):
+        for column in range(1, shape[1] - 1):
+            first_i, first_j = 2 * row - 1, 2 * column - 1
+            if fine.uniform and first_i + 2 < height and first_j + 2 < width and _amid(free, first_i, first_j):
+                inverse[row, column] = east[row, column] = south[row, column] = 1.0
+                above, below = kept[first_i], kept[first_i + 1]
+                new_kept[row, column] = above[first_j] + above[first_j + 1] + below[first_j] + below[first_j + 1]
+                continue
+            for i in range(first_i, min(first_i + 2, height - 1)):
+                for j in range(first_j, min(first_j + 2, width - 1)):
+                    if not free[i, j] > 0:
+                        continue
+                    inverse[row, column] = 1.0
+                    new_kept[row, column] += kept[i, j]
+                    if j % 2 == 0:
+                        link = np.float32(free[i, j + 1] > 0) if fine.uniform else fine.east[i, j]
+                        east[row, column] += np.float32(0.5) * link
+                    if i % 2 == 0:
+                        link = np.float32(free[i + 1, j] > 0) if fine.uniform else fine.south[i, j]
+                        south[row, column] += np.float32(0.5) * link
+                    for d in range(4):
+                        if fine.uniform:
+                            beside = free[i + (d == 1) - (d == 3), j + (d == 0) - (d == 2)]
+                            wall = np.float32(0.0 if beside > 0 else 1.0)
+                        else:
+                            wall = walls[i, j, d]
+                        if wall > 0:
+                            outer = ((i if d % 2 else j) % 2 == 0) == (d < 2)
+                            new_walls[row, column, d] += _wall_of_coarser(float(wall), outer)
     for i in range(1, shape[0] - 1):
         for j in range(1, shape[1] - 1):
-            if new_inverse[i, j] > 0:
-                links = new_east[i, j] + new_east[i, j - 1] + new_south[i, j] + new_south[i - 1, j]
+            if inverse[i, j] > 0:
+                links = east[i, j] + east[i, j - 1] + south[i, j] + south[i - 1, j]
                 for d in range(4):
                     links += new_walls[i, j, d]
-                new_inverse[i, j] = 1.0 / max(links + new_kept[i, j], np.float32(1e-6))
-    room = (np.zeros(shape), np.zeros(shape), np.zeros(shape))
-    return Level(new_east, new_south, new_inverse, room[0], room[1], room[2]), new_walls, new_kept
-
-
-@njit(cache=True, nogil=True)
-def relax(level: Level, x: FloatArray, b: FloatArray, colour: int, omega: float = 1.0) -> None:
-    """Gauss-Seidel on the cells of one colour of a chessboard, in place, over-relaxed by omega."""
-    for i in range(1, x.shape[0] - 1):
-        _relax_row(level, x, b, i, colour, omega)
-
-
-@njit(cache=True, nogil=True)
-def smooth(level: Level, colour: int) -> None:
-    """Gauss-Seidel on a level's `x`, one colour and then the other: a row behind, so that memory is gone through once."""
-    last = level.x.shape[0] - 2
-    for i in range(1, last + 1):
-        _relax_row(level, level.x, level.b, i, colour, 1.0)
-        if i > 1:
-            _relax_row(level, level.x, level.b, i - 1, 1 - colour, 1.0)
-    _relax_row(level, level.x, level.b, last, 1 - colour, 1.0)
+                inverse[i, j] = np.float32(1.0) / max(links + new_kept[i, j], np.float32(1e-6))
+    return east, south, new_walls, new_kept, inverse
 
 
 @njit(cache=True, nogil=True, inline="always")
-def _relax_row(level: Level, x: FloatArray, b: FloatArray, i: int, colour: int, omega: float) -> None:
-    east, south, inverse = level.east, level.south, level.inverse
-    for j in range(1 + (i + colour + 1) % 2, x.shape[1] - 1, 2):
-        across = east[i, j] * x[i, j + 1] + east[i, j - 1] * x[i, j - 1]
-        along = south[i, j] * x[i + 1, j] + south[i - 1, j] * x[i - 1, j]
-        x[i, j] += omega * (inverse[i, j] * (b[i, j] + across + along) - x[i, j])
+def _amid(free: Float32Array, i: int, j: int) -> bool:
+    """Whether two by two cells are free, and those beside them are."""
+    inner = free[i, j] > 0 and free[i, j + 1] > 0 and free[i + 1, j] > 0 and free[i + 1, j + 1] > 0
+    rows = free[i - 1, j] > 0 and free[i - 1, j + 1] > 0 and free[i + 2, j] > 0 and free[i + 2, j + 1] > 0
+    columns = free[i, j - 1] > 0 and free[i + 1, j - 1] > 0 and free[i, j + 2] > 0 and free[i + 1, j + 2] > 0
+    return bool(inner and rows and columns)
 
 
-@njit(cache=True, nogil=True)
-def apply(level: Level, x: FloatArray, into: FloatArray) -> float:
-    """The matrix times x; returns x times that."""
-    east, south, inverse = level.east, level.south, level.inverse
-    total = 0.0
-    for i in range(1, x.shape[0] - 1):
-        for j in range(1, x.shape[1] - 1):
-            value = 0.0
-            if inverse[i, j] > 0:
-                across = east[i, j] * x[i, j + 1] + east[i, j - 1] * x[i, j - 1]
-                along = south[i, j] * x[i + 1, j] + south[i - 1, j] * x[i - 1, j]
-                value = x[i, j] / inverse[i, j] - across - along
-            into[i, j] = value
-            total += value * x[i, j]
-    return total
+@njit(cache=True, nogil=True, inline="always")
+def _wall_of_coarser(wall: float, outer: bool) -> float:
+    """What a wall takes of a coarse cell by one of its fine ones, of which it takes so much.
+
+    A wall's weight is one over its distance from the cell's middle. Half a fine cell farther (`outer`), or nearer, is
+    that of the coarse cell; the distance counts half as much in its wider cells, and each of its two fine cells for half.
+    """
+    nearer = 1.0 + 0.5 * wall if outer else max(1.0 - 0.5 * wall, 1e-3)
+    return min(wall / nearer, _NEAREST_WALL)
 
 
-@njit(cache=True, nogil=True)
-def _restrict(level: Level, into: FloatArray) -> None:
-    """What is left of b - A x, gathered onto the coarser level's b."""
-    east, south, inverse, x, b, r = level.east, level.south, level.inverse, level.x, level.b, level.r
-    height, width = x.shape
-    for i in range(1, height - 1):
-        for j in range(1, width - 1):
-            value = 0.0
-            if inverse[i, j] > 0:
-                across = east[i, j] * x[i, j + 1] + east[i, j - 1] * x[i, j - 1]
-                along = south[i, j] * x[i + 1, j] + south[i - 1, j] * x[i - 1, j]
-                value = b[i, j] + across + along - x[i, j] / inverse[i, j]
-            r[i, j] = value
-    for i in range(1, into.shape[0] - 1):
-        first = 2 * i - 1
-        above, below = max(first - 1, 0), min(first + 2, height - 1)
-        second = min(first + 1, height - 1)
+@njit(cache=True, nogil=True, inline="always")
+def _near(level: Level, rows: Float32Array, i: int, j: int) -> np.float32:
+    """What the neighbours of a cell pass on to it, of rows kept four at a time; walls hold 0, as all arrays here do there."""
+    above, here, below = (i - 1) & 3, i & 3, (i + 1) & 3
+    near: np.float32
+    if level.uniform:
+        near = (rows[here, j + 1] + rows[here, j - 1]) + (rows[below, j] + rows[above, j])
+    else:
+        across = level.east[i, j] * rows[here, j + 1] + level.east[i, j - 1] * rows[here, j - 1]
+        near = across + (level.south[i, j] * rows[below, j] + level.south[i - 1, j] * rows[above, j])
+    return near
+
+
+@njit(cache=True, nogil=True, inline="always")
+def _smoothed_row(level: Level, u: Float32Array, x: Float32Array, i: int) -> None:
+    """A row of x that was smoothed from 0, by those of b over the diagonal."""
+    for j in range(1, level.x.shape[1] - 1):
+        x[i & 3, j] = OF_ITSELF * u[i & 3, j] + OF_NEIGHBOURS * (level.inverse[i, j] * _near(level, u, i, j))
+
+
+@njit(cache=True, nogil=True, fastmath=_FAST, error_model="numpy")
+def _descend(level: Level, coarser: Level) -> None:
+    """Smooth from x = 0, and gather what is left of b - A x onto the coarser level's b; x itself is not kept.
+
+    In one sweep: each row is worked on as soon as those that it needs are there, one row behind each other.
+    """
+    b, inverse, into = level.b, level.inverse, coarser.b
+    height, width = b.shape
+    u, x, rest = np.zeros((4, width), np.float32), np.zeros((4, width), np.float32), np.zeros((4, width), np.float32)
+    gathered = np.zeros(2 * into.shape[1], np.float32)
+    for last in range(1, 2 * into.shape[0] + 1):
+        if last < height - 1:
+            for j in range(1, width - 1):
+                u[last & 3, j] = inverse[last, j] * b[last, j]
+        else:
+            u[last & 3] = 0.0
+        i = last - 1
+        if 0 < i < height - 1:
+            _smoothed_row(level, u, x, i)
+        else:
+            x[i & 3] = 0.0
+        i = last - 2
+        if 0 < i < height - 1:
+            for j in range(1, width - 1):
+                left = b[i, j] + _near(level, x, i, j) - x[i & 3, j] / inverse[i, j]
+                rest[i & 3, j] = left if inverse[i, j] > 0 else np.float32(0.0)
+        else:
+            rest[i & 3] = 0.0
+        row = i // 2
+        if i % 2 == 0 or not 0 < row < into.shape[0] - 1:
+            continue
+        above, first, second, below = (i - 3) & 3, (i - 2) & 3, (i - 1) & 3, i & 3
+        for j in range(width):
+            gathered[j] = (rest[above, j] + rest[below, j]) + np.float32(3.0) * (rest[first, j] + rest[second, j])
         for j in range(1, into.shape[1] - 1):
-            a = 2 * j - 1
-            left, right = max(a - 1, 0), min(a + 2, width - 1)
-            c = min(a + 1, width - 1)
-            outer = r[above, left] + r[above, right] + r[below, left] + r[below, right]
-            sides = r[above, a] + r[above, c] + r[below, a] + r[below, c]
-            sides += r[first, left] + r[first, right] + r[second, left] + r[second, right]
-            inner = r[first, a] + r[first, c] + r[second, a] + r[second, c]
-            into[i, j] = (outer + 3.0 * sides + 9.0 * inner) / 16.0
+            sides, inner = gathered[2 * j - 2] + gathered[2 * j + 1], gathered[2 * j - 1] + gathered[2 * j]
+            total = (sides + np.float32(3.0) * inner) * np.float32(1 / 16)
+            into[row, j] = total if coarser.inverse[row, j] > 0 else np.float32(0.0)
+
+
+@njit(cache=True, nogil=True, fastmath=_FAST)
+def _ascend(coarser: Level, level: Level) -> None:
+    """x smoothed from 0 once more, the coarser level's x added, interpolated bilinearly, and all smoothed again."""
+    b, inverse, e = level.b, level.inverse, coarser.x
+    height, width = b.shape
+    u, x, left = np.zeros((4, width), np.float32), np.zeros((4, width), np.float32), np.zeros((4, width), np.float32)
+    near, between = np.zeros(e.shape[1], np.float32), np.zeros(2 * e.shape[1], np.float32)
+    for last in range(1, height + 2):
+        if last < height - 1:
+            for j in range(1, width - 1):
+                u[last & 3, j] = inverse[last, j] * b[last, j]
+        else:
+            u[last & 3] = 0.0
+        i = last - 1
+        if 0 < i < height - 1:
+            _smoothed_row(level, u, x, i)
+            row = (i + 1) // 2
+            beyond = row - 1 if i % 2 == 1 else row + 1
+            for j in range(e.shape[1]):
+                near[j] = (np.float32(3.0) * e[row, j] + e[beyond, j]) * np.float32(1 / 16)
+            for j in range(1, e.shape[1] - 1):
+                between[2 * j - 1] = np.float32(3.0) * near[j] + near[j - 1]
+                between[2 * j] = np.float32(3.0) * near[j] + near[j + 1]
+            for j in range(1, width - 1):
+                x[i & 3, j] += between[j] if inverse[i, j] > 0 else np.float32(0.0)
+        else:
+            x[i & 3] = 0.0
+        i = last - 2
+        if 0 < i < height - 1:
+            for j in range(1, width - 1):
+                left[i & 3, j] = inverse[i, j] * (b[i, j] + _near(level, x, i, j)) - x[i & 3, j]
+        else:
+            left[i & 3] = 0.0
+        i = last - 3
+        if 0 < i < height - 1:
+            for j in range(1, width - 1):
+                passed_on = inverse[i, j] * _near(level, left, i, j)
+                level.x[i, j] = x[i & 3, j] + OF_ITSELF * left[i & 3, j] + OF_NEIGHBOURS * passed_on
 
 
 @njit(cache=True, nogil=True)
-def _prolong(coarse: Level, fine: Level) -> None:
-    """Add the coarser level's x, interpolated bilinearly, to the finer level's."""
-    x, e, inverse = fine.x, coarse.x, fine.inverse
-    for i in range(1, x.shape[0] - 1):
-        row = (i + 1) // 2
-        beyond = row - 1 if i % 2 == 1 else row + 1
-        for j in range(1, x.shape[1] - 1):
-            if inverse[i, j] > 0:
-                column = (j + 1) // 2
-                aside = column - 1 if j % 2 == 1 else column + 1
-                near = 9.0 * e[row, column] + 3.0 * (e[row, aside] + e[beyond, column])
-                x[i, j] += (near + e[beyond, aside]) / 16.0
+def _settle(level: Level) -> None:
+    """Smooth the coarsest level from 0, again and again."""
+    x, b, inverse, east, south = level.x, level.b, level.inverse, level.east, level.south
+    left = np.zeros_like(x)
+    x[:] = 0.0
+    for turn in range(2 * COARSEST_SWEEPS):
+        of = x if turn % 2 == 0 else left
+        into = left if turn % 2 == 0 else x
+        for i in range(1, x.shape[0] - 1):
+            for j in range(1, x.shape[1] - 1):
+                if level.uniform:
+                    near = of[i, j + 1] + of[i, j - 1] + of[i + 1, j] + of[i - 1, j]
+                else:
+                    near = east[i, j] * of[i, j + 1] + east[i, j - 1] * of[i, j - 1]
+                    near += south[i, j] * of[i + 1, j] + south[i - 1, j] * of[i - 1, j]
+                if turn % 2 == 0:
+                    into[i, j] = inverse[i, j] * (b[i, j] + near) - of[i, j]
+                else:
+                    into[i, j] += OF_ITSELF * of[i, j] + OF_NEIGHBOURS * inverse[i, j] * near
 
 
 def v_cycle(levels: tuple[Level, ...]) -> None:
@@ -210,26 +305,17 @@ def v_cycle(levels: tuple[Level, ...]) -> None:
 
 
 def _v_cycle(levels: tuple[Level, ...]) -> Parts[None]:
-    for depth, (level, coarser) in enumerate(pairwise(levels)):
-        level.x[:] = 0.0
-        for _ in range(SMOOTHINGS if depth else 1):
-            smooth(level, 0)
-            yield 2 * level.x.size
-        _restrict(level, coarser.b)
-        yield level.x.size
-    last = levels[-1]
-    last.x[:] = 0.0
-    for colour in (0,) * COARSEST_SWEEPS + (1,) * COARSEST_SWEEPS:
-        smooth(last, colour)
-    for depth, (level, coarser) in reversed(list(enumerate(pairwise(levels)))):
-        _prolong(coarser, level)
-        yield level.x.size
-        for _ in range(SMOOTHINGS if depth else 1):
-            smooth(level, 1)
-            yield 2 * level.x.size
+    for level, coarser in pairwise(levels):
+        _descend(level, coarser)
+        yield 2 * level.x.size // _PASS
+    _settle(levels[-1])
+    for level, coarser in reversed(list(pairwise(levels))):
+        _ascend(coarser, level)
+        yield 3 * level.x.size // _PASS
 
 
 def conjugate_gradients(
+    absorption: Float32Array,
     levels: tuple[Level, ...],
     x: FloatArray,
     b: FloatArray,
@@ -239,40 +325,89 @@ def conjugate_gradients(
 ) -> Parts[tuple[float, int]]:
     """Improve x (H + 2, W + 2), in place, until |b - A x| <= tolerance |b|; returns what was reached, and the cycles.
 
-    Stops early after `most` cycles, or when `go_on` says so between two.
+    absorption (H, W): of the cells that A is of, as the levels are. x and b are 0 in walls and on the border. Stops
+    early after `most` cycles, or when `go_on` says so between two.
     """
     finest = levels[0]
-    r, p, q = finest.b, np.zeros_like(x), np.zeros_like(x)
-    whole = math.sqrt(float(np.vdot(b, b))) or 1.0
-    apply(finest, x, q)
-    np.subtract(b, q, out=r)
-    before, left, cycles = 0.0, math.sqrt(float(np.vdot(r, r))), 0
+    r, p = np.zeros_like(x), np.zeros_like(finest.x)
+    whole = norm(b) or 1.0
+    left = math.sqrt(rest_of(absorption, x, b, r))
+    finest.b[:] = r
+    before, cycles = 0.0, 0
     while left > tolerance * whole and cycles < most and (go_on is None or go_on()):
         yield from _v_cycle(levels)
-        z = finest.x
-        now = float(np.vdot(r, z))
-        _next_direction(p, z, now / before if before else 0.0)
-        length = now / (apply(finest, p, q) or 1.0)
-        left = math.sqrt(_step(x, r, p, q, length))
+        now = _dot(r, finest.x)
+        _next_direction(p, finest.x, now / before if before else 0.0)
+        yield x.size // _PASS
+        length = now / (_bent(absorption, p) or 1.0)
+        left = math.sqrt(_go(absorption, x, r, p, length, finest.b))
         before, cycles = now, cycles + 1
-        yield 2 * x.size
+        yield 3 * x.size // _PASS
     return left / whole, cycles
 
 
-@njit(cache=True, nogil=True)
-def _next_direction(p: FloatArray, z: FloatArray, beta: float) -> None:
+@njit(cache=True, nogil=True, fastmath=_FAST)
+def rest_of(absorption: Float32Array, x: FloatArray, b: FloatArray, into: FloatArray) -> float:
+    """b - A x, written; returns the square of its norm."""
+    total = 0.0
+    for i in range(absorption.shape[0]):
+        for j in range(absorption.shape[1]):
+            value = b[i + 1, j + 1] - _product(absorption, x, i, j)
+            into[i + 1, j + 1] = value
+            total += value * value
+    return total
+
+
+@njit(cache=True, nogil=True, inline="always")
+def _product(absorption: Float32Array, x: AnyFloat, i: int, j: int) -> float:
+    """A x in one cell of those that absorb, in float64 whatever x is; 0 in a wall."""
+    across = np.float64(x[i + 1, j + 2]) + np.float64(x[i + 1, j])
+    along = np.float64(x[i + 2, j + 1]) + np.float64(x[i, j + 1])
+    value = (4.0 + np.float64(absorption[i, j])) * np.float64(x[i + 1, j + 1]) - (across + along)
+    return float(value) if absorption[i, j] < np.inf else 0.0
+
+
+@njit(cache=True, nogil=True, fastmath=_FAST)
+def _bent(absorption: Float32Array, p: Float32Array) -> float:
+    """p times A p."""
+    total = 0.0
+    for i in range(absorption.shape[0]):
+        for j in range(absorption.shape[1]):
+            total += _product(absorption, p, i, j) * p[i + 1, j + 1]
+    return total
+
+
+def norm(x: FloatArray) -> float:
+    return math.sqrt(float(np.vdot(x, x)))
+
+
+@njit(cache=True, nogil=True, fastmath=_FAST)
+def _dot(r: FloatArray, z: Float32Array) -> float:
+    total = 0.0
+    for i in range(r.shape[0]):
+        for j in range(r.shape[1]):
+            total += r[i, j] * z[i, j]
+    return total
+
+
+@njit(cache=True, nogil=True, fastmath=_FAST)
+def _next_direction(p: Float32Array, z: Float32Array, beta: float) -> None:
+    share = np.float32(beta)
     for i in range(p.shape[0]):
         for j in range(p.shape[1]):
-            p[i, j] = z[i, j] + beta * p[i, j]
+            p[i, j] = z[i, j] + share * p[i, j]
 
 
-@njit(cache=True, nogil=True)
-def _step(x: FloatArray, r: FloatArray, p: FloatArray, q: FloatArray, length: float) -> float:
-    """Go along p: x and the rest r are updated; returns the square of what is left."""
+@njit(cache=True, nogil=True, fastmath=_FAST)
+def _go(
+    absorption: Float32Array, x: FloatArray, r: FloatArray, p: Float32Array, length: float, rough: Float32Array
+) -> float:
+    """Go along p: x, the rest r, and that again in float32 are updated; returns the square of what is left."""
     total = 0.0
-    for i in range(x.shape[0]):
-        for j in range(x.shape[1]):
-            x[i, j] += length * p[i, j]
-            r[i, j] -= length * q[i, j]
-            total += r[i, j] * r[i, j]
+    for i in range(absorption.shape[0]):
+        for j in range(absorption.shape[1]):
+            x[i + 1, j + 1] += length * p[i + 1, j + 1]
+            left = r[i + 1, j + 1] - length * _product(absorption, p, i, j)
+            r[i + 1, j + 1], rough[i + 1, j + 1] = left, left
+            total += left * left
     return total

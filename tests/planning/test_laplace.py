@@ -20,17 +20,15 @@ from waychair.planning.laplace_solvers import (
     SolverSettings,
     problem_of,
     relative_residual,
+    relax,
     solve,
 )
 from waychair.planning.multigrid import (
+    COARSEST_SWEEPS,
     Level,
-    _prolong,
-    _restrict,
-    apply,
     conjugate_gradients,
-    finest_level,
     levels_from,
-    relax,
+    rest_of,
     v_cycle,
 )
 from waychair.planning.slices import finished
@@ -48,10 +46,17 @@ def scattered(seed: int, height: int = 37, width: int = 50, full: float = 0.2) -
     return problem
 
 
-def level_of(problem: Problem) -> tuple[Level, Float32Array]:
+def walls_of(problem: Problem) -> Float32Array:
+    """What its cells absorb, the goal as much as a wall."""
     walls = problem.absorption.copy()
     walls[problem.goal] = np.inf
-    return finest_level(walls), walls
+    return walls
+
+
+def drawn(walls: Float32Array, seed: int) -> FloatArray:
+    """(H + 2, W + 2) numbers where there are no walls."""
+    free = np.pad(walls < np.inf, 1)
+    return np.where(free, np.random.default_rng(seed).normal(size=free.shape), 0.0)
 
 
 @pytest.mark.parametrize("solver", ["gauss-seidel", "sor", "multigrid"])
@@ -93,41 +98,98 @@ def test_multigrid_is_right_on_maps_of_any_shape(seed: int, height: int, width: 
 
 
 def test_the_v_cycle_is_symmetric_and_positive_so_that_it_may_precondition() -> None:
-    level, walls = level_of(scattered(4))
-    levels, rng = levels_from(level, walls), np.random.default_rng(0)
+    walls = walls_of(scattered(4))
+    levels = levels_from(walls)
 
     def cycled(b: FloatArray) -> FloatArray:
-        level.b[:] = b
+        levels[0].b[:] = b
         v_cycle(levels)
-        return level.x.copy()
+        return levels[0].x.astype(np.float64)
 
-    first, second = (np.where(level.inverse > 0, rng.normal(size=level.x.shape), 0.0) for _ in range(2))
-    assert np.vdot(first, cycled(second)) == pytest.approx(np.vdot(second, cycled(first)), rel=1e-5)
+    first, second = drawn(walls, 0), drawn(walls, 1)
+    assert np.vdot(first, cycled(second)) == pytest.approx(np.vdot(second, cycled(first)), rel=1e-4)
     assert np.vdot(first, cycled(first)) > 0
 
 
-def test_restriction_is_the_transpose_of_interpolation() -> None:
-    level, walls = level_of(scattered(5, 21, 30))
-    fine, coarse = levels_from(level, walls)[:2]
-    rng = np.random.default_rng(0)
-    fine.x[:] = 0.0
-    fine.b[:] = np.where(fine.inverse > 0, rng.normal(size=fine.x.shape), 0.0)
-    gathered = np.zeros_like(coarse.x)
-    _restrict(fine, gathered)
-    coarse.x[:] = 0.0
-    coarse.x[1:-1, 1:-1] = rng.normal(size=(coarse.x.shape[0] - 2, coarse.x.shape[1] - 2))
-    _prolong(coarse, fine)
-    assert np.vdot(gathered, coarse.x) == pytest.approx(np.vdot(fine.b, fine.x), rel=1e-12)
+def plain_matrix(level: Level) -> FloatArray:
+    """(N, N) of all cells of a level, its border's and its walls' rows and columns 0."""
+    height, width = level.x.shape
+    free = level.inverse > 0
+    matrix = np.zeros((height * width, height * width))
+    for i in range(1, height - 1):
+        for j in range(1, width - 1):
+            if free[i, j]:
+                at = i * width + j
+                matrix[at, at] = 1.0 / level.inverse[i, j]
+                for row, column, links, d, e in (
+                    (i, j + 1, level.east, 0, 0),
+                    (i, j - 1, level.east, 0, -1),
+                    (i + 1, j, level.south, 0, 0),
+                    (i - 1, j, level.south, -1, 0),
+                ):
+                    if free[row, column]:
+                        matrix[at, row * width + column] = -(1.0 if level.uniform else links[i + d, j + e])
+    return matrix
+
+
+def plain_interpolation(coarse: Level, fine: Level) -> FloatArray:
+    """(N, M) bilinear weights between the middles of cells, of the fine level's free cells and the coarse one's."""
+    height, width = fine.x.shape
+    columns = coarse.x.shape[1]
+    weights = np.zeros((fine.x.size, coarse.x.size))
+    for i in range(1, height - 1):
+        for j in range(1, width - 1):
+            row, column = (i + 1) // 2, (j + 1) // 2
+            for k, of_row in ((row, 0.75), (row - 1 if i % 2 else row + 1, 0.25)):
+                for m, of_column in ((column, 0.75), (column - 1 if j % 2 else column + 1, 0.25)):
+                    if fine.inverse[i, j] > 0 and coarse.inverse[k, m] > 0:
+                        weights[i * width + j, k * columns + m] = of_row * of_column
+    return weights
+
+
+def plain_smoothing(matrix: FloatArray, x: FloatArray, b: FloatArray) -> FloatArray:
+    """Two steps of Lottes' algorithm 3, as it is written there, with the weights of his table 1."""
+    diagonal = np.diag(matrix)
+    over = np.divide(1.0, diagonal, out=np.zeros_like(diagonal), where=diagonal > 0)
+    step, left = np.zeros_like(x), b - matrix @ x
+    for k, weight in ((1, 1.02387287570313), (2, 1.26408905371085)):
+        step = (2 * k - 3) / (2 * k + 1) * step + (8 * k - 4) / (2 * k + 1) / 2.0 * over * left
+        x = x + weight * step
+        left = left - matrix @ step
+    return x
+
+
+def plain_cycle(levels: tuple[Level, ...], b: FloatArray) -> FloatArray:
+    matrix, zero = plain_matrix(levels[0]), np.zeros_like(b)
+    if len(levels) == 1:
+        x = zero
+        for _ in range(COARSEST_SWEEPS):
+            x = plain_smoothing(matrix, x, b)
+        return x
+    weights = plain_interpolation(levels[1], levels[0])
+    x = plain_smoothing(matrix, zero, b)
+    # half of the coarser level's cells lie between any two: its links weigh half as much to either side
+    x = x + weights @ plain_cycle(levels[1:], weights.T @ (b - matrix @ x))
+    return plain_smoothing(matrix, x, b)
+
+
+@pytest.mark.parametrize(("height", "width"), [(21, 30), (14, 17), (32, 19), (7, 40)])
+def test_the_v_cycle_equals_a_plain_reference(height: int, width: int) -> None:
+    walls = walls_of(scattered(5, height, width))
+    levels, b = levels_from(walls), drawn(walls, 0)
+    assert len(levels) >= 2
+    levels[0].b[:] = b
+    v_cycle(levels)
+    plain = plain_cycle(levels, b.ravel()).reshape(b.shape)
+    np.testing.assert_allclose(levels[0].x, plain, atol=1e-5 * np.abs(plain).max())
 
 
 def test_the_kernels_do_what_plain_loops_do() -> None:
-    level, walls = level_of(scattered(6, 9, 11))
-    rng = np.random.default_rng(0)
-    x = np.where(level.inverse > 0, rng.normal(size=level.x.shape), 0.0)
-    b = np.where(level.inverse > 0, rng.normal(size=level.x.shape), 0.0)
-    free = level.inverse > 0
-    image, product = np.zeros_like(x), np.zeros_like(x)
-    assert apply(level, x, image) == pytest.approx(float(np.vdot(x, image)))
+    walls = walls_of(scattered(6, 9, 11))
+    x, b = drawn(walls, 0), drawn(walls, 1)
+    free = np.pad(walls < np.inf, 1)
+    rest, left = np.zeros_like(x), np.zeros_like(x)
+    assert rest_of(walls, x, b, rest) == pytest.approx(float(np.vdot(rest, rest)))
     relaxed = x.copy()
     for i in range(1, x.shape[0] - 1):
         for j in range(1, x.shape[1] - 1):
@@ -135,28 +197,41 @@ def test_the_kernels_do_what_plain_loops_do() -> None:
                 near = [(i + 1, j), (i - 1, j), (i, j + 1), (i, j - 1)]
                 total = sum(x[at] for at in near if free[at])
                 diagonal = 4.0 + float(walls[i - 1, j - 1])
-                product[i, j] = diagonal * x[i, j] - total
+                left[i, j] = b[i, j] - diagonal * x[i, j] + total
                 if (i + j) % 2 == 0:
                     relaxed[i, j] += 1.5 * ((b[i, j] + total) / diagonal - x[i, j])
-    np.testing.assert_allclose(image, product, atol=1e-5)
-    relax(level, x, b, 0, 1.5)
-    np.testing.assert_allclose(x, relaxed, atol=1e-6)
+    np.testing.assert_allclose(rest, left, atol=1e-14)
+    relax(np.pad(1.0 / (4.0 + walls.astype(np.float64)), 1), x, b, 0, 1.5)
+    np.testing.assert_allclose(x, relaxed, atol=1e-14)
+
+
+def test_what_is_left_is_told_as_it_is_however_small() -> None:
+    """The cycles are in float32, what they leave is not: the residual that is told is that of the answer."""
+    problem = scattered(11)
+    for tolerance in (1e-6, 1e-9, 1e-12, 1e-14):
+        found = solve(problem, SolverSettings(tolerance=tolerance))
+        assert found.residual <= tolerance
+        assert relative_residual(problem, found.v) <= 1.1 * tolerance + 2e-15
 
 
 @pytest.mark.parametrize("apart", [False, True])
-def test_after_changed_cells_a_warm_start_finds_the_same_with_no_more_work(apart: bool) -> None:
-    free = np.ones((150, 160), np.bool_)
-    free[40:110, 80] = False
-    before, goal, rng = problem_of(free, (75, 30)), (75, 30), np.random.default_rng(1)
+def test_after_changed_cells_a_warm_start_finds_the_same_with_less_work_if_they_are_in_one_place(apart: bool) -> None:
+    free, goal = np.ones((280, 280), np.bool_), (45, 30)
+    for wall in (70, 140, 210):
+        free[wall], free[:, wall] = False, False
+        for door in (30, 100, 180, 250):
+            free[wall, door : door + 6] = free[door : door + 6, wall] = True
+    before, rng = problem_of(free, goal), np.random.default_rng(1)
     field = solve(before)
     changed = free.copy()
-    cells = rng.integers(5, 145, (20, 2)) if apart else rng.integers(60, 101, (20, 2))
+    cells = rng.integers(5, 275, (20, 2)) if apart else rng.integers(85, 125, (20, 2))
     changed[cells[:, 0], cells[:, 1]] ^= True
     changed[goal] = True
     problem = problem_of(changed, goal)
     cold, warm = solve(problem), solve(problem, SolverSettings(), field)
     assert warm.residual <= 1e-8
-    assert warm.sweeps <= cold.sweeps if apart else warm.sweeps < cold.sweeps
+    assert warm.sweeps <= (cold.sweeps if apart else 1)
+    assert cold.sweeps >= 5
     np.testing.assert_allclose(warm.v, cold.v, atol=1e-6)
 
 
@@ -171,7 +246,7 @@ def test_a_goal_that_is_no_free_cell_is_refused() -> None:
 
 def test_a_map_that_takes_too_much_memory_is_refused_before_any_is_taken() -> None:
     absorption: Float32Array = np.broadcast_to(np.float32(0.0), (100_000, 100_000))
-    with pytest.raises(MapTooLarge, match="a map of 10000000000 cells takes 900000 MB by multigrid"):
+    with pytest.raises(MapTooLarge, match="a map of 10000000000 cells takes 700000 MB by multigrid"):
         solve(Problem(absorption, (0, 0)))
 
 
@@ -205,19 +280,21 @@ def test_without_a_gpu_it_is_refused_and_auto_takes_the_processor() -> None:
 ON_THE_SIMULATOR = """
 import numpy as np
 from waychair.planning.laplace_gpu import conjugate_gradients_on_gpu, gpu_at_hand
-from waychair.planning.multigrid import conjugate_gradients, finest_level, levels_from
+from waychair.planning.multigrid import conjugate_gradients, levels_from
 from waychair.planning.slices import finished
 assert gpu_at_hand()
 rng = np.random.default_rng(0)
-walls = np.where(rng.random((7, 9)) > 0.2, 0.0, np.inf).astype(np.float32)
-level = finest_level(walls)
-levels = levels_from(level, walls)
+walls = np.where(rng.random((7, 9)) > 0.2, rng.choice([0.0, 0.05], (7, 9)), np.inf).astype(np.float32)
+levels = levels_from(walls)
 assert len(levels) == 2
-b = np.where(level.inverse > 0, rng.random(level.x.shape), 0.0)
-ours, theirs = np.zeros_like(b), np.zeros_like(b)
-assert finished(conjugate_gradients(levels, ours, b, 0.0, 2))[1] == 2
-assert conjugate_gradients_on_gpu(levels, theirs, b, 0.0, 2)[1] == 2
-np.testing.assert_allclose(theirs, ours, rtol=1e-9, atol=1e-12)
+b = np.where(np.pad(walls < np.inf, 1), rng.random(levels[0].x.shape), 0.0)
+for most, near in ((1, 1e-6), (20, 1e-11)):
+    ours, theirs = np.zeros_like(b), np.zeros_like(b)
+    residual, cycles = finished(conjugate_gradients(walls, levels, ours, b, 1e-12, most))
+    there, gone = conjugate_gradients_on_gpu(walls, levels, theirs, b, 1e-12, most)
+    assert cycles == gone, (cycles, gone)
+    assert most == 1 or max(residual, there) <= 1e-12
+    np.testing.assert_allclose(theirs, ours, rtol=0, atol=near)
 print("equal")
 """
 
@@ -238,10 +315,10 @@ def test_the_gpus_kernels_run_on_the_simulator_give_what_the_processor_gives() -
 
 
 def test_conjugate_gradients_leave_an_exact_answer_alone() -> None:
-    level, walls = level_of(scattered(10))
-    rng = np.random.default_rng(0)
-    x = np.where(level.inverse > 0, rng.normal(size=level.x.shape), 0.0)
-    b = np.zeros_like(x)
-    apply(level, x, b)
-    residual, cycles = finished(conjugate_gradients(levels_from(level, walls), x, b, 1e-12, 10))
+    walls = walls_of(scattered(10))
+    x = drawn(walls, 0)
+    b, none = np.zeros_like(x), np.zeros_like(x)
+    rest_of(walls, x, none, b)
+    b = -b
+    residual, cycles = finished(conjugate_gradients(walls, levels_from(walls), x, b, 1e-15, 10))
     assert (residual, cycles) == (0.0, 0)
