@@ -296,7 +296,7 @@ def test_a_turn_that_takes_long_to_find_is_planned_over_ticks_from_standstill() 
 
 def harmonic(**told: float) -> NavigatorSettings:
     """By the harmonic planner, so slowly that its field takes many ticks."""
-    field = HarmonicSettings(slice=400_000)
+    field = HarmonicSettings(slice=120_000)
     return NavigatorSettings(planner=PlannerSettings(planner="harmonic", harmonic=field), **told)  # type: ignore[arg-type]
 
 
