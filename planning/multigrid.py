@@ -191,10 +191,44 @@ def _near(level: Level, rows: Float32Array, i: int, j: int) -> np.float32:
 
 
 @njit(cache=True, nogil=True, inline="always")
-def _smoothed_row(level: Level, u: Float32Array, x: Float32Array, i: int) -> None:
-    """A row of x that was smoothed from 0, by those of b over the diagonal."""
-    for j in range(1, level.x.shape[1] - 1):
-        x[i & 3, j] = OF_ITSELF * u[i & 3, j] + OF_NEIGHBOURS * (level.inverse[i, j] * _near(level, u, i, j))
+def _begin_row(level: Level, u: Float32Array, i: int) -> None:
+    """A row of what is left over the diagonal while x is 0; this one and all rows below are 0 outside the level."""
+    if 0 < i < level.x.shape[0] - 1:
+        for j in range(1, level.x.shape[1] - 1):
+            u[i & 3, j] = level.inverse[i, j] * level.b[i, j]
+    else:
+        u[i & 3] = 0.0
+
+
+@njit(cache=True, nogil=True, inline="always")
+def _smooth_row(level: Level, u: Float32Array, x: Float32Array, i: int) -> None:
+    """A row of x smoothed from 0."""
+    if 0 < i < level.x.shape[0] - 1:
+        for j in range(1, level.x.shape[1] - 1):
+            x[i & 3, j] = OF_ITSELF * u[i & 3, j] + OF_NEIGHBOURS * (level.inverse[i, j] * _near(level, u, i, j))
+    else:
+        x[i & 3] = 0.0
+
+
+@njit(cache=True, nogil=True, inline="always")
+def _rest_row(level: Level, x: Float32Array, rest: Float32Array, i: int) -> None:
+    """A row of b - A x."""
+    if 0 < i < level.x.shape[0] - 1:
+        for j in range(1, level.x.shape[1] - 1):
+            left = level.b[i, j] + _near(level, x, i, j) - x[i & 3, j] / level.inverse[i, j]
+            rest[i & 3, j] = left if level.inverse[i, j] > 0 else np.float32(0.0)
+    else:
+        rest[i & 3] = 0.0
+
+
+@njit(cache=True, nogil=True, inline="always")
+def _left_row(level: Level, x: Float32Array, u: Float32Array, i: int) -> None:
+    """A row of b - A x over the diagonal."""
+    if 0 < i < level.x.shape[0] - 1:
+        for j in range(1, level.x.shape[1] - 1):
+            u[i & 3, j] = level.inverse[i, j] * (level.b[i, j] + _near(level, x, i, j)) - x[i & 3, j]
+    else:
+        u[i & 3] = 0.0
 
 
 @njit(cache=True, nogil=True, fastmath=_FAST, error_model="numpy")
@@ -203,78 +237,55 @@ def _descend(level: Level, coarser: Level) -> None:
 
     In one sweep: each row is worked on as soon as those that it needs are there, one row behind each other.
     """
-    b, inverse, into = level.b, level.inverse, coarser.b
-    height, width = b.shape
+    width, into = level.x.shape[1], coarser.b
     u, x, rest = np.zeros((4, width), np.float32), np.zeros((4, width), np.float32), np.zeros((4, width), np.float32)
     gathered = np.zeros(2 * into.shape[1], np.float32)
-    for last in range(1, 2 * into.shape[0] + 1):
-        if last < height - 1:
-            for j in range(1, width - 1):
-                u[last & 3, j] = inverse[last, j] * b[last, j]
-        else:
-            u[last & 3] = 0.0
-        i = last - 1
-        if 0 < i < height - 1:
-            _smoothed_row(level, u, x, i)
-        else:
-            x[i & 3] = 0.0
-        i = last - 2
-        if 0 < i < height - 1:
-            for j in range(1, width - 1):
-                left = b[i, j] + _near(level, x, i, j) - x[i & 3, j] / inverse[i, j]
-                rest[i & 3, j] = left if inverse[i, j] > 0 else np.float32(0.0)
-        else:
-            rest[i & 3] = 0.0
-        row = i // 2
-        if i % 2 == 0 or not 0 < row < into.shape[0] - 1:
-            continue
-        above, first, second, below = (i - 3) & 3, (i - 2) & 3, (i - 1) & 3, i & 3
-        for j in range(width):
-            gathered[j] = (rest[above, j] + rest[below, j]) + np.float32(3.0) * (rest[first, j] + rest[second, j])
-        for j in range(1, into.shape[1] - 1):
-            sides, inner = gathered[2 * j - 2] + gathered[2 * j + 1], gathered[2 * j - 1] + gathered[2 * j]
-            total = (sides + np.float32(3.0) * inner) * np.float32(1 / 16)
-            into[row, j] = total if coarser.inverse[row, j] > 0 else np.float32(0.0)
+    for i in range(-1, 2 * into.shape[0] - 1):
+        _begin_row(level, u, i + 2)
+        _smooth_row(level, u, x, i + 1)
+        _rest_row(level, x, rest, i)
+        row = i // 2  # gathers four rows, of which an odd one is the last
+        if i % 2 == 1 and 0 < row < into.shape[0] - 1:
+            above, first, second, below = (i - 3) & 3, (i - 2) & 3, (i - 1) & 3, i & 3
+            for j in range(width):
+                gathered[j] = (rest[above, j] + rest[below, j]) + np.float32(3.0) * (rest[first, j] + rest[second, j])
+            for j in range(1, into.shape[1] - 1):
+                sides, inner = gathered[2 * j - 2] + gathered[2 * j + 1], gathered[2 * j - 1] + gathered[2 * j]
+                total = (sides + np.float32(3.0) * inner) * np.float32(1 / 16)
+                into[row, j] = total if coarser.inverse[row, j] > 0 else np.float32(0.0)
 
 
 @njit(cache=True, nogil=True, fastmath=_FAST)
 def _ascend(coarser: Level, level: Level) -> None:
     """x smoothed from 0 once more, the coarser level's x added, interpolated bilinearly, and all smoothed again."""
-    b, inverse, e = level.b, level.inverse, coarser.x
-    height, width = b.shape
+    (height, width), e = level.x.shape, coarser.x
     u, x, left = np.zeros((4, width), np.float32), np.zeros((4, width), np.float32), np.zeros((4, width), np.float32)
     near, between = np.zeros(e.shape[1], np.float32), np.zeros(2 * e.shape[1], np.float32)
-    for last in range(1, height + 2):
-        if last < height - 1:
+    for i in range(-2, height - 1):
+        _begin_row(level, u, i + 3)
+        _smooth_row(level, u, x, i + 2)
+        _add_row(coarser, level, x, i + 2, near, between)
+        _left_row(level, x, left, i + 1)
+        if i > 0:
             for j in range(1, width - 1):
-                u[last & 3, j] = inverse[last, j] * b[last, j]
-        else:
-            u[last & 3] = 0.0
-        i = last - 1
-        if 0 < i < height - 1:
-            _smoothed_row(level, u, x, i)
-            row = (i + 1) // 2
-            beyond = row - 1 if i % 2 == 1 else row + 1
-            for j in range(e.shape[1]):
-                near[j] = (np.float32(3.0) * e[row, j] + e[beyond, j]) * np.float32(1 / 16)
-            for j in range(1, e.shape[1] - 1):
-                between[2 * j - 1] = np.float32(3.0) * near[j] + near[j - 1]
-                between[2 * j] = np.float32(3.0) * near[j] + near[j + 1]
-            for j in range(1, width - 1):
-                x[i & 3, j] += between[j] if inverse[i, j] > 0 else np.float32(0.0)
-        else:
-            x[i & 3] = 0.0
-        i = last - 2
-        if 0 < i < height - 1:
-            for j in range(1, width - 1):
-                left[i & 3, j] = inverse[i, j] * (b[i, j] + _near(level, x, i, j)) - x[i & 3, j]
-        else:
-            left[i & 3] = 0.0
-        i = last - 3
-        if 0 < i < height - 1:
-            for j in range(1, width - 1):
-                passed_on = inverse[i, j] * _near(level, left, i, j)
+                passed_on = level.inverse[i, j] * _near(level, left, i, j)
                 level.x[i, j] = x[i & 3, j] + OF_ITSELF * left[i & 3, j] + OF_NEIGHBOURS * passed_on
+
+
+@njit(cache=True, nogil=True, inline="always")
+def _add_row(coarser: Level, level: Level, x: Float32Array, i: int, near: Float32Array, between: Float32Array) -> None:
+    """Add to a row what lies there between the coarser level's x; `near` and `between` are room for its rows."""
+    e = coarser.x
+    if 0 < i < level.x.shape[0] - 1:
+        row = (i + 1) // 2
+        beyond = row - 1 if i % 2 == 1 else row + 1
+        for j in range(e.shape[1]):
+            near[j] = (np.float32(3.0) * e[row, j] + e[beyond, j]) * np.float32(1 / 16)
+        for j in range(1, e.shape[1] - 1):
+            between[2 * j - 1] = np.float32(3.0) * near[j] + near[j - 1]
+            between[2 * j] = np.float32(3.0) * near[j] + near[j + 1]
+        for j in range(1, level.x.shape[1] - 1):
+            x[i & 3, j] += between[j] if level.inverse[i, j] > 0 else np.float32(0.0)
 
 
 @njit(cache=True, nogil=True)

@@ -168,7 +168,6 @@ def plain_cycle(levels: tuple[Level, ...], b: FloatArray) -> FloatArray:
         return x
     weights = plain_interpolation(levels[1], levels[0])
     x = plain_smoothing(matrix, zero, b)
-    # half of the coarser level's cells lie between any two: its links weigh half as much to either side
     x = x + weights @ plain_cycle(levels[1:], weights.T @ (b - matrix @ x))
     return plain_smoothing(matrix, x, b)
 
