@@ -166,10 +166,10 @@ def _poses(field: DistanceField, chain: FloatArray, start: Pose2, goal: Pose2) -
     for before, state in pairwise(chain):
         way, turn = state[4] * cell, state[5]
         if way == 0.0:
+            x, y, theta = rows[-1]
             if len(rows) > 1 and np.array_equal(rows[-1][:2], rows[-2][:2]):
                 rows.pop()  # one turn, however many steps it took
-            last = rows[-1]
-            rows.append(np.array([last[0], last[1], last[2] + turn]))
+            rows.append(np.array([x, y, theta + turn]))
             continue
         count = max(1, math.ceil(abs(way) / _SPACING))
         origin = compose(field.map_from_grid.array(), np.array([before[0] * cell, before[1] * cell, before[2]]))

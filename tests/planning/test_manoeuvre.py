@@ -52,6 +52,22 @@ def test_a_chair_turns_round_in_a_dead_end_without_touching_and_can_be_driven_li
     assert np.hypot(*steps[:, :2].T).max() < 0.06 or len(poses) < 20
 
 
+@pytest.mark.parametrize("body", [CHAIR_A, CHAIR_B, CHAIR_A_MID, CHAIR_A_FRONT], ids=lambda body: body.chair_id)
+def test_from_wherever_it_begins_a_chair_looks_along_the_way_that_it_drives(body: ChairBody) -> None:
+    """Turns in several steps that follow each other add up; where one was lost, the way went on across the chair."""
+    rng, field = np.random.default_rng(0), fine_field(DEAD_END, Pose2(2.5, 1.25), 3.0)
+    for _ in range(8):
+        turn = math.radians(rng.uniform(-10.0, 10.0))
+        start = Pose2(4.5 - body.front - rng.uniform(0.15, 0.6), 1.25 + rng.uniform(-0.2, 0.2), turn)
+        poses = manoeuvre(field, body, start, Pose2(1.5, 1.25, math.pi))
+        steps = np.diff(poses, axis=0)
+        goes = np.hypot(*steps[:, :2].T) > 0
+        across = -np.sin(poses[:-1, 2]) * steps[:, 0] + np.cos(poses[:-1, 2]) * steps[:, 1]
+        assert np.abs(across[goes]).max() < 0.02
+        assert np.abs(np.arctan2(np.sin(steps[goes, 2]), np.cos(steps[goes, 2]))).max() < 0.5
+        assert not any(touches(DEAD_END, body, pose) for pose in poses)
+
+
 def test_a_turn_that_does_not_fit_is_refused_with_advice() -> None:
     narrow = room(5.0, 2.5, (0.0, 0.0, 5.0, 0.8), (0.0, 1.7, 5.0, 2.5))
     with pytest.raises(NoPath, match="does not fit"):
