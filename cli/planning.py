@@ -121,7 +121,7 @@ def _with_potential(costmap: Costmap, begin: Place, end: Place, settings: Planne
     found = log_field(Problem(absorption_from_prices(costmap.prices), (row, column)))
     paths = {f"{settings.planner}, {settings.smoothing}": path}
     paths["dstar-lite, taut"] = plan(costmap, begin.pose, end.pose, PlannerSettings())
-    return potential_picture(costmap, found, paths, (begin, end))
+    return potential_picture(costmap.grid, found, paths, (begin, end))
 
 
 def _plan_on_cells(map: Path, start: str, goal: str, planner: str, png: Path | None, json: bool) -> None:
@@ -132,23 +132,38 @@ def _plan_on_cells(map: Path, start: str, goal: str, planner: str, png: Path | N
 
     from waychair.maps.moving_ai import load_free_cells
     from waychair.planning.grid_graph import FREE_PRICE
-    from waychair.planning.grid_planner import plan_on_cells
+    from waychair.planning.grid_planner import HARMONIC, plan_on_cells
+    from waychair.planning.harmonic import log_field
+    from waychair.planning.laplace_solvers import problem_of
+    from waychair.runtime.planning_report import potential_picture
     from waychair.runtime.report import path_picture, write_png
-    from waychair.types import OccupancyGrid, Place, Pose2
+    from waychair.types import IntArray, OccupancyGrid, Place, Pose2
     from waychair.types import Path as Poses
 
     free = load_free_cells(map)
+    prices = np.where(free, FREE_PRICE, 0).astype(np.int32)
     ends = _cell(start, "--start"), _cell(goal, "--goal")
     begun = time.thread_time()
-    found = plan_on_cells(np.where(free, FREE_PRICE, 0).astype(np.int32), *ends, planner)
+    found = plan_on_cells(prices, *ends, planner)
     ms = 1e3 * (time.thread_time() - begun)
     cost = found.cost / _per_cell()
     if png is not None:
         # drawn with y upwards, one metre a cell
         upright = OccupancyGrid(np.flipud(np.where(free, 0, 100).astype(np.int8)), 1.0)
-        points = np.column_stack([found.cells[:, 1] + 0.5, len(free) - 0.5 - found.cells[:, 0]])
-        marks = [Place(text, Pose2(*points[i].tolist())) for text, i in ((start, 0), (goal, -1))]
-        write_png(png, path_picture(upright, Poses(np.column_stack([points, np.zeros(len(points))])), marks))
+
+        def drawn(cells: IntArray) -> Poses:
+            points = np.column_stack([cells[:, 1] + 0.5, len(free) - 0.5 - cells[:, 0]])
+            return Poses(np.column_stack([points, np.zeros(len(points))]))
+
+        path = drawn(found.cells)
+        marks = [Place(text, Pose2(*path.poses[i].tolist())) for text, i in ((start, 0), (goal, -1))]
+        if planner == HARMONIC:
+            problem = problem_of(np.flipud(free), (len(free) - 1 - ends[1][0], ends[1][1]))
+            paths = {planner: path, "dstar-lite": drawn(plan_on_cells(prices, *ends, "dstar-lite").cells)}
+            picture = potential_picture(upright, log_field(problem), paths, marks, 1.0, "cells")
+        else:
+            picture = path_picture(upright, path, marks)
+        write_png(png, picture)
     values = {"cost": cost, "ms": ms, "cells": found.cells[:, ::-1].tolist()}
     print(_json(values) if json else f"{cost:.4f} cells from {start} to {goal}" + (f": {png}" if png else ""))
 

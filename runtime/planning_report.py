@@ -8,11 +8,10 @@ from collections.abc import Mapping, Sequence
 import numpy as np
 
 from waychair.geometry import transform_points
-from waychair.planning.costmap import Costmap
 from waychair.planning.harmonic import LogField, streamline
 from waychair.planning.rubber_band import resampled, turning_angles
 from waychair.runtime.report import COLOURS, Picture, draw_map, draw_places, new_figure, png_from_figure
-from waychair.types import FloatArray, IntArray, Path, Place
+from waychair.types import FloatArray, IntArray, OccupancyGrid, Path, Place
 
 EVERY_M = 0.10
 """Turns are measured on a path resampled at this distance [m]."""
@@ -21,25 +20,34 @@ _BIN_DEG = 5
 _LINES = 60
 
 
-def turns_of(path: Path) -> FloatArray:
-    """(N,) turning angles [rad] of a path at every 0.10 m."""
+def turns_of(path: Path, every: float = EVERY_M) -> FloatArray:
+    """(N,) turning angles [rad] of a path at every so many metres."""
     points = path.poses[:, :2]
     apart = np.append(True, np.hypot(*np.diff(points, axis=0).T) > 1e-6)
-    return turning_angles(resampled(points[apart], EVERY_M))
+    return turning_angles(resampled(points[apart], every))
 
 
-def turn_histogram(path: Path) -> tuple[IntArray, IntArray]:
+def turn_histogram(path: Path, every: float = EVERY_M) -> tuple[IntArray, IntArray]:
     """Lower edges [deg] of bins, and how many of a path's turns lie in each; up to the sharpest."""
-    degrees = np.degrees(turns_of(path))
+    degrees = np.degrees(turns_of(path, every))
     bins = max(math.ceil((degrees.max(initial=0.0) + 1e-9) / _BIN_DEG), 1)
     counts, edges = np.histogram(degrees, bins, (0, bins * _BIN_DEG))
     return edges[:-1].astype(np.int64), counts.astype(np.int64)
 
 
-def potential_picture(costmap: Costmap, found: LogField, paths: Mapping[str, Path], places: Sequence[Place]) -> Picture:
-    """log v in colour on the map, streamlines to the goal, paths by name, and the histogram of their turns."""
+def potential_picture(
+    grid: OccupancyGrid,
+    found: LogField,
+    paths: Mapping[str, Path],
+    places: Sequence[Place],
+    every: float = EVERY_M,
+    unit: str = "m",
+) -> Picture:
+    """log v in colour on the map, streamlines to the goal, paths by name, and the histogram of their turns.
+
+    Turns are those at every so many of a unit, in which the paths are told.
+    """
     figure, (axes, below) = new_figure(8, 11, 2, 1, height_ratios=[3, 1])
-    grid = costmap.grid
     draw_map(axes, grid)
     shown = np.where(np.isfinite(found.logs), found.logs, np.nan)
     height, width = np.array(shown.shape) * grid.resolution
@@ -55,12 +63,13 @@ def potential_picture(costmap: Costmap, found: LogField, paths: Mapping[str, Pat
         line = streamline(found, np.array([column + 0.5, row + 0.5])) * grid.resolution
         axes.plot(*transform_points(corner, line).T, color="white", linewidth=0.4, alpha=0.6)
     for (name, path), colour in zip(paths.items(), COLOURS[1:], strict=False):
-        axes.plot(*path.poses[:, :2].T, color=colour, linewidth=1.8, label=f"{name}, {path.length():.2f} m")
-        edges, counts = turn_histogram(path)
+        axes.plot(*path.poses[:, :2].T, color=colour, linewidth=1.8, label=f"{name}, {path.length():.2f} {unit}")
+        edges, counts = turn_histogram(path, every)
         below.step(edges + _BIN_DEG / 2, counts, where="mid", color=colour, label=name)
+    axes.set(xlabel=f"x [{unit}]", ylabel=f"y [{unit}]")
     axes.legend(loc="upper right")
     draw_places(axes, places)
-    below.set(xlabel=f"turn at every {EVERY_M:.2f} m [deg]", ylabel="count", yscale="symlog")
+    below.set(xlabel=f"turn at every {every:.2f} {unit} [deg]", ylabel="count", yscale="symlog")
     below.legend()
-    lengths = ", ".join(f"{name} {path.length():.1f} m" for name, path in paths.items())
+    lengths = ", ".join(f"{name} {path.length():.1f} {unit}" for name, path in paths.items())
     return Picture("Potential and paths", lengths, png_from_figure(figure))

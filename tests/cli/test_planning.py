@@ -6,6 +6,7 @@ import json
 import shutil
 from pathlib import Path
 
+import cv2
 import numpy as np
 import pytest
 
@@ -118,6 +119,12 @@ def test_a_scenario_gives_cost_optimum_and_time_of_every_query(benchmark: Path, 
     drawn = waychair("plan", "--map", benchmark, "--start", "0,0", "--goal", "4,3", "--png", tmp_path / "cells.png")
     assert drawn.stdout.startswith("6.4142 cells")
     assert (tmp_path / "cells.png").read_bytes().startswith(b"\x89PNG")
+    ways = ("--map", benchmark, "--start", "0,0", "--goal", "4,3", "--planner", "harmonic")
+    assert waychair("plan", *ways, "--png", tmp_path / "field.png").stdout.startswith("6.4142 cells")
+    field, cells = (cv2.imread(str(tmp_path / name)) for name in ("field.png", "cells.png"))
+    assert field is not None
+    assert cells is not None
+    assert len(np.unique(field.reshape(-1, 3), axis=0)) > 2 * len(np.unique(cells.reshape(-1, 3), axis=0)), "a field"
 
 
 @pytest.mark.parametrize(
