@@ -14,8 +14,8 @@ if TYPE_CHECKING:
     from waychair.planning.costmap import Costmap
     from waychair.planning.global_planner import PlannerSettings
     from waychair.runtime.report import Picture
+    from waychair.types import BoolArray, IntArray, Place
     from waychair.types import Path as Poses
-    from waychair.types import Place
 
 Pose = Annotated[str, Parameter(allow_leading_hyphen=True)]
 
@@ -132,40 +132,51 @@ def _plan_on_cells(map: Path, start: str, goal: str, planner: str, png: Path | N
 
     from waychair.maps.moving_ai import load_free_cells
     from waychair.planning.grid_graph import FREE_PRICE
-    from waychair.planning.grid_planner import HARMONIC, plan_on_cells
-    from waychair.planning.harmonic import log_field
-    from waychair.planning.laplace_solvers import problem_of
-    from waychair.runtime.planning_report import potential_picture
-    from waychair.runtime.report import path_picture, write_png
-    from waychair.types import IntArray, OccupancyGrid, Place, Pose2
-    from waychair.types import Path as Poses
+    from waychair.planning.grid_planner import plan_on_cells
+    from waychair.runtime.report import write_png
 
     free = load_free_cells(map)
-    prices = np.where(free, FREE_PRICE, 0).astype(np.int32)
     ends = _cell(start, "--start"), _cell(goal, "--goal")
     begun = time.thread_time()
-    found = plan_on_cells(prices, *ends, planner)
+    found = plan_on_cells(np.where(free, FREE_PRICE, 0).astype(np.int32), *ends, planner)
     ms = 1e3 * (time.thread_time() - begun)
     cost = found.cost / _per_cell()
     if png is not None:
-        # drawn with y upwards, one metre a cell
-        upright = OccupancyGrid(np.flipud(np.where(free, 0, 100).astype(np.int8)), 1.0)
-
-        def drawn(cells: IntArray) -> Poses:
-            points = np.column_stack([cells[:, 1] + 0.5, len(free) - 0.5 - cells[:, 0]])
-            return Poses(np.column_stack([points, np.zeros(len(points))]))
-
-        path = drawn(found.cells)
-        marks = [Place(text, Pose2(*path.poses[i].tolist())) for text, i in ((start, 0), (goal, -1))]
-        if planner == HARMONIC:
-            problem = problem_of(np.flipud(free), (len(free) - 1 - ends[1][0], ends[1][1]))
-            paths = {planner: path, "dstar-lite": drawn(plan_on_cells(prices, *ends, "dstar-lite").cells)}
-            picture = potential_picture(upright, log_field(problem), paths, marks, 1.0, "cells")
-        else:
-            picture = path_picture(upright, path, marks)
-        write_png(png, picture)
+        write_png(png, _cells_picture(free, found.cells, (start, goal), planner))
     values = {"cost": cost, "ms": ms, "cells": found.cells[:, ::-1].tolist()}
     print(_json(values) if json else f"{cost:.4f} cells from {start} to {goal}" + (f": {png}" if png else ""))
+
+
+def _cells_picture(free: BoolArray, cells: IntArray, names: tuple[str, str], planner: str) -> Picture:
+    """A path over cells, drawn with y upwards, one metre a cell; the potential, too, if it is that planner's."""
+    import numpy as np
+
+    from waychair.planning.grid_graph import FREE_PRICE
+    from waychair.planning.grid_planner import HARMONIC, plan_on_cells
+    from waychair.runtime.report import path_picture
+    from waychair.types import OccupancyGrid, Place, Pose2
+    from waychair.types import Path as Poses
+
+    upright = np.flipud(free)
+    grid = OccupancyGrid(np.where(upright, 0, 100).astype(np.int8), 1.0)
+
+    def drawn(way: IntArray) -> Poses:
+        points = np.column_stack([way[:, 1] + 0.5, len(free) - 0.5 - way[:, 0]])
+        return Poses(np.column_stack([points, np.zeros(len(points))]))
+
+    path = drawn(cells)
+    marks = [Place(name, Pose2(*path.poses[i].tolist())) for name, i in zip(names, (0, -1), strict=True)]
+    if planner != HARMONIC:
+        return path_picture(grid, path, marks)
+    from waychair.planning.harmonic import log_field
+    from waychair.planning.laplace_solvers import problem_of
+    from waychair.runtime.planning_report import potential_picture
+
+    (i, j), (row, column) = cells[[0, -1]].tolist()
+    prices = np.where(free, FREE_PRICE, 0).astype(np.int32)
+    shortest = plan_on_cells(prices, (i, j), (row, column), "dstar-lite").cells
+    found = log_field(problem_of(upright, (len(free) - 1 - row, column)))
+    return potential_picture(grid, found, {planner: path, "dstar-lite": drawn(shortest)}, marks, 1.0, "cells")
 
 
 def _plan_scenario(map: Path, scen: Path, planner: str, json: bool) -> None:

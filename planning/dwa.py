@@ -188,8 +188,8 @@ def _time_needed(candidates: FloatArray, settings: DwaSettings) -> FloatArray:
 
 def _can_stop(twist: Twist, start: FloatArray, shape: Footprint, settings: DwaSettings) -> bool:
     """Eq. (10): one period at this speed and the stop after it stay free."""
-    needed = float(_time_needed(np.array([[twist.v, twist.omega]]), settings)[0])
-    return bool(free_time(shape, start, twist.v / shape.cell, twist.omega, needed, needed) >= needed)
+    twists = np.array([[twist.v, twist.omega]])
+    return bool(first_free(shape, start, twists, _time_needed(twists, settings)) == 0)
 
 
 def _window(

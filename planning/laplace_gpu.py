@@ -17,7 +17,7 @@ import numba
 import numpy as np
 
 from waychair.errors import MissingExtra
-from waychair.planning.multigrid import COARSEST_SWEEPS, OF_ITSELF, OF_NEIGHBOURS, Level, norm
+from waychair.planning.multigrid import COARSEST_SWEEPS, OF_ITSELF, OF_NEIGHBOURS, Level
 from waychair.types import Float32Array, FloatArray
 
 cuda: Any
@@ -83,7 +83,7 @@ def conjugate_gradients_on_gpu(
         k.dot[at, _BLOCK](first, second, sums)
         return float(sums.copy_to_host()[0])
 
-    whole = norm(b) or 1.0
+    whole = float(np.linalg.norm(b)) or 1.0
     k.apply[at, _BLOCK](absorbed, there, q)
     k.add[at, _BLOCK](r, q, -1.0)
     before, left, cycles = 0.0, math.sqrt(dot(r, r)), 0
@@ -148,12 +148,22 @@ def _kernels() -> _Kernels:
     """The kernels, made when they are first wanted: each thread has a cell, those on the border have nothing to do."""
     jit = cuda.jit
 
-    @cuda.jit(device=True)
+    @jit(device=True)
     def near(east: Any, south: Any, uniform: bool, x: Any, i: int, j: int) -> Any:
         if uniform:
             return (x[i, j + 1] + x[i, j - 1]) + (x[i + 1, j] + x[i - 1, j])
         across = east[i, j] * x[i, j + 1] + east[i, j - 1] * x[i, j - 1]
         return across + (south[i, j] * x[i + 1, j] + south[i - 1, j] * x[i - 1, j])
+
+    @jit(device=True)
+    def left_at(east: Any, south: Any, inverse: Any, uniform: bool, x: Any, b: Any, i: int, j: int) -> Any:
+        # over the diagonal
+        return inverse[i, j] * (b[i, j] + near(east, south, uniform, x, i, j)) - x[i, j]
+
+    @jit(device=True)
+    def smoothed_at(east: Any, south: Any, inverse: Any, uniform: bool, u: Any, i: int, j: int) -> Any:
+        # what is to be added, by what is left
+        return OF_ITSELF * u[i, j] + OF_NEIGHBOURS * (inverse[i, j] * near(east, south, uniform, u, i, j))
 
     @jit
     def clear(x: Any) -> None:
@@ -163,17 +173,15 @@ def _kernels() -> _Kernels:
 
     @jit
     def left(east: Any, south: Any, inverse: Any, uniform: bool, x: Any, b: Any, into: Any) -> None:
-        # over the diagonal
         j, i = cuda.grid(2)
         if 0 < i < x.shape[0] - 1 and 0 < j < x.shape[1] - 1:
-            into[i, j] = inverse[i, j] * (b[i, j] + near(east, south, uniform, x, i, j)) - x[i, j]
+            into[i, j] = left_at(east, south, inverse, uniform, x, b, i, j)
 
     @jit
     def smooth(east: Any, south: Any, inverse: Any, uniform: bool, u: Any, x: Any) -> None:
         j, i = cuda.grid(2)
         if 0 < i < x.shape[0] - 1 and 0 < j < x.shape[1] - 1:
-            passed_on = inverse[i, j] * near(east, south, uniform, u, i, j)
-            x[i, j] += OF_ITSELF * u[i, j] + OF_NEIGHBOURS * passed_on
+            x[i, j] += smoothed_at(east, south, inverse, uniform, u, i, j)
 
     @jit
     def settle(east: Any, south: Any, inverse: Any, uniform: bool, x: Any, b: Any, u: Any) -> None:
@@ -187,10 +195,9 @@ def _kernels() -> _Kernels:
             for i in range(first_i + 1, x.shape[0] - 1, _ROWS):
                 for j in range(first_j + 1, x.shape[1] - 1, _COLUMNS):
                     if turn % 2 == 0:
-                        u[i, j] = inverse[i, j] * (b[i, j] + near(east, south, uniform, x, i, j)) - x[i, j]
+                        u[i, j] = left_at(east, south, inverse, uniform, x, b, i, j)
                     else:
-                        passed_on = inverse[i, j] * near(east, south, uniform, u, i, j)
-                        x[i, j] += OF_ITSELF * u[i, j] + OF_NEIGHBOURS * passed_on
+                        x[i, j] += smoothed_at(east, south, inverse, uniform, u, i, j)
 
     @jit
     def apply(absorption: Any, x: Any, into: Any) -> None:
@@ -213,8 +220,8 @@ def _kernels() -> _Kernels:
                 for dj in range(-1, 3):
                     row, column = 2 * i - 1 + di, 2 * j - 1 + dj
                     if row < u.shape[0] and column < u.shape[1] and inverse[row, column] > 0:
-                        near = (3.0 if 0 <= di <= 1 else 1.0) * (3.0 if 0 <= dj <= 1 else 1.0)
-                        total += np.float32(near) * (u[row, column] / inverse[row, column])
+                        weight = (3.0 if 0 <= di <= 1 else 1.0) * (3.0 if 0 <= dj <= 1 else 1.0)
+                        total += np.float32(weight) * (u[row, column] / inverse[row, column])
             into[i, j] = total * np.float32(1 / 16) if free[i, j] > 0 else np.float32(0.0)
 
     @jit

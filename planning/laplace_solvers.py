@@ -20,7 +20,7 @@ from waychair.config import Settings, setting
 from waychair.errors import ConfigError, GoalOccupied, GoalOutsideMap, MapTooLarge, NotConverged
 from waychair.maps.grid import cells_where
 from waychair.planning.grid_graph import SIDES, Cell
-from waychair.planning.multigrid import conjugate_gradients, levels_from, norm, rest_of
+from waychair.planning.multigrid import conjugate_gradients, levels_from, rest_of
 from waychair.planning.slices import Parts, finished
 from waychair.types import BoolArray, Float32Array, FloatArray, IntArray
 
@@ -221,10 +221,11 @@ def _solved_nearby(absorption: Float32Array, x: FloatArray, b: FloatArray, toler
 
     What changes in one place is a matter of that place: its effect fades with the distance.
     """
-    whole = norm(b) or 1.0
+    whole = float(np.linalg.norm(b)) or 1.0
     before, rest = math.inf, np.zeros_like(b)
     for around in _AROUND:
-        residual = math.sqrt(rest_of(absorption, x, b, rest)) / whole
+        rest_of(absorption, x, b, rest)
+        residual = float(np.linalg.norm(rest)) / whole
         if residual <= tolerance or residual > _FADES * before:
             return residual
         before = residual
@@ -237,7 +238,8 @@ def _solved_nearby(absorption: Float32Array, x: FloatArray, b: FloatArray, toler
         if np.prod(high - low + 1) > 0.25 * x.size:
             return residual
         _solve_square(absorption, x, rest, low, high, tolerance * whole)
-    return math.sqrt(rest_of(absorption, x, b, rest)) / whole
+    rest_of(absorption, x, b, rest)
+    return float(np.linalg.norm(rest)) / whole
 
 
 def _solve_square(
@@ -247,7 +249,7 @@ def _solve_square(
     inner = (slice(int(low[0]), int(high[0]) + 1), slice(int(low[1]), int(high[1]) + 1))
     part = np.ascontiguousarray(absorption[low[0] - 1 : high[0], low[1] - 1 : high[1]])
     b = np.pad(rest[inner], 1)
-    correction, size = np.zeros_like(b), norm(b)
+    correction, size = np.zeros_like(b), float(np.linalg.norm(b))
     if size > 0.0:
         least = min(0.1 * enough / size, 0.5)
         finished(conjugate_gradients(part, levels_from(part), correction, b, least, 30))
@@ -279,10 +281,11 @@ def _inverse(absorption: Float32Array) -> FloatArray:
 
 def _swept(sweep: Callable[[], None], system: System) -> Parts[tuple[float, int]]:
     x, b, settings, go_on = system.x, system.b, system.settings, system.go_on
-    whole, rest = norm(b) or 1.0, np.zeros_like(b)
+    whole, rest = float(np.linalg.norm(b)) or 1.0, np.zeros_like(b)
     residual, done = math.inf, 0
     while True:
-        residual = math.sqrt(rest_of(system.absorption, x, b, rest)) / whole
+        rest_of(system.absorption, x, b, rest)
+        residual = float(np.linalg.norm(rest)) / whole
         if residual <= settings.tolerance or done >= settings.most_sweeps or (go_on is not None and not go_on()):
             return residual, done
         for _ in range(min(_BETWEEN, settings.most_sweeps - done)):

@@ -17,7 +17,6 @@ All arrays have a border of cells that are not free, so that no neighbour needs 
 
 from __future__ import annotations
 
-import math
 from collections.abc import Callable
 from itertools import pairwise
 from typing import NamedTuple, TypeAlias
@@ -58,8 +57,12 @@ OF_ITSELF, OF_NEIGHBOURS = _polynomial()
 _PASS = 5
 """Cells that a sweep of the cycle goes through while other work on the field goes through one."""
 
-_FAST = {"reassoc", "contract", "nsz"}
-"""What lets a compiler add up a row in several lanes. Not that nothing is infinite: walls absorb so much."""
+_FUSED = {"contract", "nsz"}
+"""What a compiler may do to a sweep. Not to take nothing for infinite: walls absorb so much."""
+
+_SUMMED = {"reassoc", "contract", "nsz"}
+"""And to a sum, so that it is added up in several lanes. Only where nothing is written: whether it takes lanes would
+hang on where the arrays lie, and with that the last digits."""
 
 
 class Level(NamedTuple):
@@ -81,7 +84,7 @@ def levels_from(absorption: Float32Array) -> tuple[Level, ...]:
     """The levels of a grid whose cells (H, W) absorb, the finest first; those that absorb infinitely are walls."""
     kept = np.pad(absorption, 1, constant_values=np.inf)
     none = np.zeros((0, 0), np.float32)
-    levels = [_level(none, none, _finest_inverse(kept))]
+    levels = [_level(none, none, np.float32(1.0) / (np.float32(4.0) + kept))]
     walls = np.zeros((0, 0, 4), np.float32)
     while min(levels[-1].x.shape) - 2 > _COARSEST:
         east, south, walls, kept, inverse = _coarser(levels[-1], walls, kept)
@@ -93,15 +96,6 @@ def _level(east: Float32Array, south: Float32Array, inverse: Float32Array) -> Le
     """Uniform where no links are given."""
     x, b = (np.zeros(inverse.shape, np.float32) for _ in range(2))
     return Level(east, south, inverse, east.size == 0, x, b)
-
-
-@njit(cache=True, nogil=True, fastmath=_FAST)
-def _finest_inverse(absorption: Float32Array) -> Float32Array:
-    inverse = np.empty_like(absorption)
-    for i in range(absorption.shape[0]):
-        for j in range(absorption.shape[1]):
-            inverse[i, j] = np.float32(1.0) / (np.float32(4.0) + absorption[i, j])
-    return inverse
 
 
 @njit(cache=True, nogil=True)
@@ -178,16 +172,24 @@ def _wall_of_coarser(wall: float, outer: bool) -> float:
 
 
 @njit(cache=True, nogil=True, inline="always")
-def _near(level: Level, rows: Float32Array, i: int, j: int) -> np.float32:
-    """What the neighbours of a cell pass on to it, of rows kept four at a time; walls hold 0, as all arrays here do there."""
-    above, here, below = (i - 1) & 3, i & 3, (i + 1) & 3
+def _passed_on(level: Level, x: Float32Array, above: int, here: int, below: int, i: int, j: int) -> np.float32:
+    """What the neighbours of a cell pass on to it: x has its row and those beside it as `here`, `above` and `below`.
+
+    Walls hold 0, as all arrays here do there.
+    """
     near: np.float32
     if level.uniform:
-        near = (rows[here, j + 1] + rows[here, j - 1]) + (rows[below, j] + rows[above, j])
+        near = (x[here, j + 1] + x[here, j - 1]) + (x[below, j] + x[above, j])
     else:
-        across = level.east[i, j] * rows[here, j + 1] + level.east[i, j - 1] * rows[here, j - 1]
-        near = across + (level.south[i, j] * rows[below, j] + level.south[i - 1, j] * rows[above, j])
+        across = level.east[i, j] * x[here, j + 1] + level.east[i, j - 1] * x[here, j - 1]
+        near = across + (level.south[i, j] * x[below, j] + level.south[i - 1, j] * x[above, j])
     return near
+
+
+@njit(cache=True, nogil=True, inline="always")
+def _near(level: Level, rows: Float32Array, i: int, j: int) -> np.float32:
+    """`_passed_on` of rows that are kept four at a time."""
+    return _passed_on(level, rows, (i - 1) & 3, i & 3, (i + 1) & 3, i, j)
 
 
 @njit(cache=True, nogil=True, inline="always")
@@ -231,7 +233,7 @@ def _left_row(level: Level, x: Float32Array, u: Float32Array, i: int) -> None:
         u[i & 3] = 0.0
 
 
-@njit(cache=True, nogil=True, fastmath=_FAST, error_model="numpy")
+@njit(cache=True, nogil=True, fastmath=_FUSED, error_model="numpy")
 def _descend(level: Level, coarser: Level) -> None:
     """Smooth from x = 0, and gather what is left of b - A x onto the coarser level's b; x itself is not kept.
 
@@ -255,7 +257,7 @@ def _descend(level: Level, coarser: Level) -> None:
                 into[row, j] = total if coarser.inverse[row, j] > 0 else np.float32(0.0)
 
 
-@njit(cache=True, nogil=True, fastmath=_FAST)
+@njit(cache=True, nogil=True, fastmath=_FUSED)
 def _ascend(coarser: Level, level: Level) -> None:
     """x smoothed from 0 once more, the coarser level's x added, interpolated bilinearly, and all smoothed again."""
     (height, width), e = level.x.shape, coarser.x
@@ -291,23 +293,17 @@ def _add_row(coarser: Level, level: Level, x: Float32Array, i: int, near: Float3
 @njit(cache=True, nogil=True)
 def _settle(level: Level) -> None:
     """Smooth the coarsest level from 0, again and again."""
-    x, b, inverse, east, south = level.x, level.b, level.inverse, level.east, level.south
+    x, b, inverse = level.x, level.b, level.inverse
     left = np.zeros_like(x)
     x[:] = 0.0
-    for turn in range(2 * COARSEST_SWEEPS):
-        of = x if turn % 2 == 0 else left
-        into = left if turn % 2 == 0 else x
+    for _ in range(COARSEST_SWEEPS):
         for i in range(1, x.shape[0] - 1):
             for j in range(1, x.shape[1] - 1):
-                if level.uniform:
-                    near = of[i, j + 1] + of[i, j - 1] + of[i + 1, j] + of[i - 1, j]
-                else:
-                    near = east[i, j] * of[i, j + 1] + east[i, j - 1] * of[i, j - 1]
-                    near += south[i, j] * of[i + 1, j] + south[i - 1, j] * of[i - 1, j]
-                if turn % 2 == 0:
-                    into[i, j] = inverse[i, j] * (b[i, j] + near) - of[i, j]
-                else:
-                    into[i, j] += OF_ITSELF * of[i, j] + OF_NEIGHBOURS * inverse[i, j] * near
+                left[i, j] = inverse[i, j] * (b[i, j] + _passed_on(level, x, i - 1, i, i + 1, i, j)) - x[i, j]
+        for i in range(1, x.shape[0] - 1):
+            for j in range(1, x.shape[1] - 1):
+                near = inverse[i, j] * _passed_on(level, left, i - 1, i, i + 1, i, j)
+                x[i, j] += OF_ITSELF * left[i, j] + OF_NEIGHBOURS * near
 
 
 def v_cycle(levels: tuple[Level, ...]) -> None:
@@ -341,8 +337,9 @@ def conjugate_gradients(
     """
     finest = levels[0]
     r, p = np.zeros_like(x), np.zeros_like(finest.x)
-    whole = norm(b) or 1.0
-    left = math.sqrt(rest_of(absorption, x, b, r))
+    whole = float(np.linalg.norm(b)) or 1.0
+    rest_of(absorption, x, b, r)
+    left = float(np.linalg.norm(r))
     finest.b[:] = r
     before, cycles = 0.0, 0
     while left > tolerance * whole and cycles < most and (go_on is None or go_on()):
@@ -351,22 +348,19 @@ def conjugate_gradients(
         _next_direction(p, finest.x, now / before if before else 0.0)
         yield x.size // _PASS
         length = now / (_bent(absorption, p) or 1.0)
-        left = math.sqrt(_go(absorption, x, r, p, length, finest.b))
+        _go(absorption, x, r, p, length, finest.b)
+        left = float(np.linalg.norm(r))
         before, cycles = now, cycles + 1
         yield 3 * x.size // _PASS
     return left / whole, cycles
 
 
-@njit(cache=True, nogil=True, fastmath=_FAST)
-def rest_of(absorption: Float32Array, x: FloatArray, b: FloatArray, into: FloatArray) -> float:
-    """b - A x, written; returns the square of its norm."""
-    total = 0.0
+@njit(cache=True, nogil=True, fastmath=_FUSED)
+def rest_of(absorption: Float32Array, x: FloatArray, b: FloatArray, into: FloatArray) -> None:
+    """b - A x, written."""
     for i in range(absorption.shape[0]):
         for j in range(absorption.shape[1]):
-            value = b[i + 1, j + 1] - _product(absorption, x, i, j)
-            into[i + 1, j + 1] = value
-            total += value * value
-    return total
+            into[i + 1, j + 1] = b[i + 1, j + 1] - _product(absorption, x, i, j)
 
 
 @njit(cache=True, nogil=True, inline="always")
@@ -378,7 +372,7 @@ def _product(absorption: Float32Array, x: AnyFloat, i: int, j: int) -> float:
     return float(value) if absorption[i, j] < np.inf else 0.0
 
 
-@njit(cache=True, nogil=True, fastmath=_FAST)
+@njit(cache=True, nogil=True, fastmath=_SUMMED)
 def _bent(absorption: Float32Array, p: Float32Array) -> float:
     """p times A p."""
     total = 0.0
@@ -388,11 +382,7 @@ def _bent(absorption: Float32Array, p: Float32Array) -> float:
     return total
 
 
-def norm(x: FloatArray) -> float:
-    return math.sqrt(float(np.vdot(x, x)))
-
-
-@njit(cache=True, nogil=True, fastmath=_FAST)
+@njit(cache=True, nogil=True, fastmath=_SUMMED)
 def _dot(r: FloatArray, z: Float32Array) -> float:
     total = 0.0
     for i in range(r.shape[0]):
@@ -401,7 +391,7 @@ def _dot(r: FloatArray, z: Float32Array) -> float:
     return total
 
 
-@njit(cache=True, nogil=True, fastmath=_FAST)
+@njit(cache=True, nogil=True, fastmath=_FUSED)
 def _next_direction(p: Float32Array, z: Float32Array, beta: float) -> None:
     share = np.float32(beta)
     for i in range(p.shape[0]):
@@ -409,16 +399,13 @@ def _next_direction(p: Float32Array, z: Float32Array, beta: float) -> None:
             p[i, j] = z[i, j] + share * p[i, j]
 
 
-@njit(cache=True, nogil=True, fastmath=_FAST)
+@njit(cache=True, nogil=True, fastmath=_FUSED)
 def _go(
     absorption: Float32Array, x: FloatArray, r: FloatArray, p: Float32Array, length: float, rough: Float32Array
-) -> float:
-    """Go along p: x, the rest r, and that again in float32 are updated; returns the square of what is left."""
-    total = 0.0
+) -> None:
+    """Go along p: x, the rest r, and that again in float32 are updated."""
     for i in range(absorption.shape[0]):
         for j in range(absorption.shape[1]):
             x[i + 1, j + 1] += length * p[i + 1, j + 1]
             left = r[i + 1, j + 1] - length * _product(absorption, p, i, j)
             r[i + 1, j + 1], rough[i + 1, j + 1] = left, left
-            total += left * left
-    return total
