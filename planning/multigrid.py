@@ -57,12 +57,10 @@ OF_ITSELF, OF_NEIGHBOURS = _polynomial()
 _PASS = 5
 """Cells that a sweep of the cycle goes through while other work on the field goes through one."""
 
-_FUSED = {"contract", "nsz"}
-"""What a compiler may do to a sweep. Not to take nothing for infinite: walls absorb so much."""
-
 _SUMMED = {"reassoc", "contract", "nsz"}
-"""And to a sum, so that it is added up in several lanes. Only where nothing is written: whether it takes lanes would
-hang on where the arrays lie, and with that the last digits."""
+"""What a compiler may do to a sum, so that it is added up in several lanes. Only where nothing is written: elsewhere it
+would hang on where the arrays lie whether it does, and with that the last digits. Not that nothing is infinite: walls
+absorb so much."""
 
 
 class Level(NamedTuple):
@@ -233,7 +231,7 @@ def _left_row(level: Level, x: Float32Array, u: Float32Array, i: int) -> None:
         u[i & 3] = 0.0
 
 
-@njit(cache=True, nogil=True, fastmath=_FUSED, error_model="numpy")
+@njit(cache=True, nogil=True, error_model="numpy")
 def _descend(level: Level, coarser: Level) -> None:
     """Smooth from x = 0, and gather what is left of b - A x onto the coarser level's b; x itself is not kept.
 
@@ -257,7 +255,7 @@ def _descend(level: Level, coarser: Level) -> None:
                 into[row, j] = total if coarser.inverse[row, j] > 0 else np.float32(0.0)
 
 
-@njit(cache=True, nogil=True, fastmath=_FUSED)
+@njit(cache=True, nogil=True)
 def _ascend(coarser: Level, level: Level) -> None:
     """x smoothed from 0 once more, the coarser level's x added, interpolated bilinearly, and all smoothed again."""
     (height, width), e = level.x.shape, coarser.x
@@ -355,7 +353,7 @@ def conjugate_gradients(
     return left / whole, cycles
 
 
-@njit(cache=True, nogil=True, fastmath=_FUSED)
+@njit(cache=True, nogil=True)
 def rest_of(absorption: Float32Array, x: FloatArray, b: FloatArray, into: FloatArray) -> None:
     """b - A x, written."""
     for i in range(absorption.shape[0]):
@@ -391,7 +389,7 @@ def _dot(r: FloatArray, z: Float32Array) -> float:
     return total
 
 
-@njit(cache=True, nogil=True, fastmath=_FUSED)
+@njit(cache=True, nogil=True)
 def _next_direction(p: Float32Array, z: Float32Array, beta: float) -> None:
     share = np.float32(beta)
     for i in range(p.shape[0]):
@@ -399,7 +397,7 @@ def _next_direction(p: Float32Array, z: Float32Array, beta: float) -> None:
             p[i, j] = z[i, j] + share * p[i, j]
 
 
-@njit(cache=True, nogil=True, fastmath=_FUSED)
+@njit(cache=True, nogil=True)
 def _go(
     absorption: Float32Array, x: FloatArray, r: FloatArray, p: Float32Array, length: float, rough: Float32Array
 ) -> None:
