@@ -112,6 +112,7 @@ class Limiter:
             if self._size(before) > cap and self._size(wanted) > cap:
                 size = min(self._size(wanted), self._slower(self._size(before), cap, seconds))
             command = _towards(before, self._sized(wanted, size), s.emergency * seconds, s.emergency_alpha * seconds)
+            command = _no_faster(before, command, s.acceleration * seconds)
         self._rate = (self._size(command) - self._size(before)) / max(seconds, 1e-3)
         self._command = command
         return command
@@ -151,6 +152,12 @@ def _rate_before(room: float, jerk: float, seconds: float) -> float:
     """Greatest rate of change with so much room left that it can fall to 0 by the jerk, in steps of a tick."""
     lost = 0.5 * jerk * seconds
     return math.sqrt(lost * lost + 2.0 * jerk * room) - lost
+
+
+def _no_faster(before: Twist, after: Twist, dv: float) -> Twist:
+    """With at most so much more speed along: what a chair has by turning is none to set off with."""
+    ahead = math.copysign(1.0, after.v)
+    return Twist(ahead * min(abs(after.v), max(ahead * before.v, 0.0) + dv), after.omega)
 
 
 def _scaled(twist: Twist, share: float) -> Twist:

@@ -25,6 +25,10 @@ from waychair.types import FloatArray, Pose2, Twist
 _MARGINS = (0.01, 0.0)
 """Kept free round the body [m] beside the safety of the cells: what the line was planned with is for its followers."""
 
+_BESIDE = 0.02
+"""Farther off a line [m] than this its plan says nothing of what is free, and the place is known to half a centimetre
+only: the first margin is kept."""
+
 _PREVIEW = 3
 """Steps of a line that are looked at ahead of the chair."""
 
@@ -110,14 +114,15 @@ def track(
 
     As `dwa.choose`: `in_position` at its end, `arrived` turned to its last heading and standing, `blocked` when the
     body could not stop before touching something. With a `motion` the jerk along the line is limited. Of the `margins`
-    [m] the first is kept with which there is a way on.
+    [m] the first is kept with which there is a way on; off the line, the first of all.
     """
     limits = replace(
         limits,
         max_omega=min(limits.max_omega, settings.max_omega),
         heading_tolerance=settings.heading_tolerance,
     )
-    for margin in margins:  # a line that was planned with less is kept to with less
+    beside = len(poses) > 1 and abs(on_line(poses, pose, backwards).lateral) > _BESIDE
+    for margin in margins[:1] if beside else margins:  # a line that was planned with less is kept to with less
         result = _tracked(
             pose,
             command,

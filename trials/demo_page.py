@@ -20,7 +20,7 @@ from waychair.trials.demo import DemoWatcher
 from waychair.trials.drive import Setting
 from waychair.types import DriveMode, FloatArray, OccupancyGrid, Place, Pose2, Scan, Twist
 
-_VIEWS_S, _GRIDS_S = 0.05, 1.0  # between two of them, by the clock on the wall
+_VIEWS_S, _GRIDS_S = 0.05, 1.0
 _SHOWN = Answer(False, "this demo drives by itself; `waychair page` gives you a chair of your own")
 _MAPPING = "A rider drives by joystick; the chair makes the map on the way."
 _FINDING = "A rider drives by joystick until the chair knows where it is on the map."
@@ -30,9 +30,13 @@ _NOWHERE = ChairView(
 
 
 class DemoPage(DemoWatcher):
-    """A `ChairPort` of which the demo's thread is the chair: what pages see is put together between its ticks."""
+    """A `ChairPort` of which the demo's thread is the chair: what pages see is put together between its ticks.
 
-    def __init__(self) -> None:
+    `views_s` and `grids_s` [s, by the clock on the wall] are what lies between two views and two drawings of the map.
+    """
+
+    def __init__(self, views_s: float = _VIEWS_S, grids_s: float = _GRIDS_S) -> None:
+        self._between_views_s, self._between_grids_s = views_s, grids_s
         self._view = _NOWHERE
         self._grid: OccupancyGrid | None = None
         self._layout = Layout()
@@ -49,7 +53,7 @@ class DemoPage(DemoWatcher):
         if not self._due():
             return
         now_s, pose = time.monotonic(), live.pose()
-        if now_s - self._drawn_s >= _GRIDS_S:
+        if now_s - self._drawn_s >= self._between_grids_s:
             self._drawn_s = now_s
             self._show(live.grid(), Layout())
         self._view = replace(
@@ -91,7 +95,7 @@ class DemoPage(DemoWatcher):
 
     def _due(self) -> bool:
         now_s = time.monotonic()
-        if now_s - self._viewed_s < _VIEWS_S:
+        if now_s - self._viewed_s < self._between_views_s:
             return False
         self._viewed_s = now_s
         return True

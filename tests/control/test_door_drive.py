@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from waychair.calibration.chair import CHAIR_A
+from waychair.calibration.chair import CHAIR_A, CHAIR_A_FRONT, CHAIR_A_MID, ChairBody
 from waychair.control.door_drive import DoorDrive, DoorDriveSettings
 from waychair.geometry import arc
 from waychair.maps.distance_field import DistanceField
@@ -62,6 +62,27 @@ def test_before_a_door_that_nobody_sees_the_chair_stops_at_the_gate_and_refuses_
     assert not drive.entered
     assert choice.blocked
     assert pose.x + CHAIR_A.front < 0.0
+
+
+@pytest.mark.parametrize("body", [CHAIR_A, CHAIR_A_MID, CHAIR_A_FRONT], ids=lambda body: str(body.drive))
+@pytest.mark.parametrize("moved", [0.02, -0.02])
+def test_where_the_door_is_seen_to_have_moved_a_chair_within_does_not_swing_its_tail(
+    body: ChairBody, moved: float
+) -> None:
+    drive = DoorDrive(leg(), Pose2(), body, DoorDriveSettings())
+    for seed in range(20):
+        drive.watch.see(jambs(seed))
+    pose, command, offs = Pose2(-body.front - 0.15, 0.0, 0.0), Twist(), []
+    for _ in range(240):
+        seen = Pose2(pose.x, pose.y + (moved if pose.x > 0.3 * body.rear else 0.0), pose.theta)
+        choice = drive.step(seen, command, OPEN, DwaSettings())
+        command = choice.twist
+        pose = pose @ arc(command.v * PERIOD_S, command.omega * PERIOD_S)
+        if pose.x + body.front > 0.0 > pose.x - body.rear:
+            offs.append(pose.y - pose.x * np.tan(pose.theta))  # of the middle line, in the door's plane
+    assert drive.entered
+    assert pose.x > body.rear
+    assert np.abs(offs).max() < 0.0095
 
 
 def test_a_retreat_ends_before_what_is_behind_with_room_for_the_error_of_the_place() -> None:

@@ -67,6 +67,17 @@ def test_no_command_is_beyond_the_limits_whatever_is_asked(asked: list[tuple[flo
             assert abs(after) - abs(before) <= s.acceleration * DT + 1e-9
 
 
+@pytest.mark.parametrize("forward", [1.0, -1.0])
+@pytest.mark.parametrize("name", list(PROFILES))
+def test_out_of_a_turn_on_the_spot_a_chair_sets_off_no_harder_than_from_standstill(name: str, forward: float) -> None:
+    riding, s = Riding(PROFILES[name]), PROFILES[name]
+    turned = riding.run(0.0, 3.0, 60)
+    assert turned[-1, 1] == pytest.approx(s.max_omega)
+    driven = forward * riding.run(forward * 3.0, 0.0, 60)[:, 0]
+    assert np.diff(driven).max() <= s.acceleration * DT + 1e-9
+    assert driven[-1] > 0.4
+
+
 @given(st.floats(0.1, 0.8), st.floats(-0.8, 0.8))
 def test_a_steady_command_settles_on_its_own_arc_within_the_sideways_acceleration(v: float, omega: float) -> None:
     end_v, end_omega = Riding().run(v, omega, 120)[-1]

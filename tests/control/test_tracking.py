@@ -102,6 +102,16 @@ def test_a_line_that_leaves_half_a_centimetre_is_followed_to_its_end() -> None:
     assert drive(Pose2(), line, False, tube)[-1].x == pytest.approx(1.0, abs=0.03)
 
 
+@pytest.mark.parametrize(("lateral", "goes"), [(0.01, True), (0.03, False)])
+def test_off_its_line_a_chair_does_not_brush_past_what_the_line_was_planned_beside(lateral: float, goes: bool) -> None:
+    rows = (np.arange(300) + 0.5) * 0.01 - 1.5
+    metres = np.repeat(np.maximum(rows + CHAIR_A.width / 2 + 0.016 - lateral, 0.0)[:, None], 400, axis=1)
+    wall = DistanceField(metres.astype(np.float32), 0.01, Pose2(-1.0, -1.5, 0.0))  # 1.6 cm from the chair's right side
+    line = np.column_stack([np.linspace(0.0, 1.0, 21), np.zeros((21, 2))])
+    choice = track(Pose2(0.2, lateral, 0.0), Twist(), line, False, wall, CHAIR_A, DwaSettings())
+    assert choice.blocked is not goes
+
+
 def test_a_zigzag_is_driven_as_slowly_as_the_chair_can_steer_it() -> None:
     turns = np.repeat([-1.7, 0.9, -1.7, 0.9, -1.7, 0.9], 2) * 0.05
     line = [np.zeros(3)]
