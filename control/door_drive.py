@@ -40,7 +40,11 @@ class DoorDriveSettings(Settings):
     heading: float = setting(0.05, "rad", "off the axis", low=0.01, high=0.3)
     lined_up: float = setting(0.03, "rad", "how exactly it turns to the door before it sets off", low=0.005, high=0.3)
     tail_share: float = setting(
-        0.47, "", "errors die away over no less than this part of the way from axle to tail", low=0.0, high=2.0
+        0.47,
+        "",
+        "in the door errors die away over this part of the way from axle to tail, or more",
+        low=0.0,
+        high=2.0,
     )
     retreat: float = setting(0.5, "m", "backing off to try again", low=0.1, high=2.0)
     tries: int = setting(4, "", "retreats before it is given up", low=0, high=20)
@@ -54,9 +58,12 @@ class DoorDrive:
     def __init__(self, leg: Leg, odom_from_map: Pose2, body: ChairBody, settings: DoorDriveSettings) -> None:
         assert leg.door is not None
         self._settings, self._body, self._door = settings, body, leg.door
-        # each correction of the heading swings the tail: where that is far behind the axle, corrections are gentle
-        gentle = max(settings.tracking.return_length, settings.tail_share * body.rear)
-        self._tracking = replace(settings.tracking, return_length=gentle)
+        # each correction of the heading swings the tail: where that is far behind the axle, the chair comes back to the
+        # middle over a longer way, its heading held as stiffly as ever
+        quick = settings.tracking.return_length
+        gentle = max(quick, settings.tail_share * body.rear)
+        damping = settings.tracking.damping * gentle / quick
+        self._within = replace(settings.tracking, return_length=gentle, damping=damping)
         self.watch = DoorWatch(odom_from_map @ leg.door.map_from_door, leg.door.width, settings.doorway)
         self._line = compose(leg.door.map_from_door.inverse().array(), leg.path.poses)  # in the door's own frame
         self._lined_up = self._entered = self._in_position = False
@@ -99,8 +106,9 @@ class DoorDrive:
                 return self._back_off(at, command, limits)
             self._entered = True
         line = compose(self.watch.odom_from_door.array(), self._line)
+        tracking = self._within if self._entered else self._settings.tracking
         done = self._in_position
-        choice = track(pose, command, line, False, distances, self._body, limits, self._tracking, done, motion)
+        choice = track(pose, command, line, False, distances, self._body, limits, tracking, done, motion)
         self._in_position = choice.in_position
         return choice
 

@@ -27,6 +27,13 @@ class DoorwaySettings(Settings):
     least: int = setting(6, "", "points that an edge and a wall consist of", low=2, high=1000)
     memory: int = setting(8, "scans", "averaged over about so many", low=1, high=100)
     seen: int = setting(3, "scans", "in which it must have been found before it is believed", low=1, high=100)
+    nearest: float = setting(
+        0.25,
+        "m",
+        "from nearer before it the wall is seen at too flat an angle to tell its direction",
+        low=0.0,
+        high=1.0,
+    )
     surprise: float = setting(0.08, "m", "one found farther from the average is not believed", low=0.01, high=1.0)
 
 
@@ -123,8 +130,11 @@ class DoorWatch:
         if self._found == 0:
             self.odom_from_door = odom_from_door
 
-    def see(self, points: FloatArray) -> None:
-        """Take in the points (N, 2) [m] in odom of one scan."""
+    def see(self, points: FloatArray, odom_from_laser: Pose2) -> None:
+        """Take in the points (N, 2) [m] in odom of one scan; from within the door only while it is not known at all."""
+        before_it = -(self.odom_from_door.inverse() @ odom_from_laser).x
+        if self.sure and before_it < self._settings.nearest:
+            return
         found = find_doorway(points, self.odom_from_door, self._mapped, self._settings)
         before = self.odom_from_door
         if found is None or (self.sure and _apart(before, found.pose) > self._settings.surprise):

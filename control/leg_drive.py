@@ -153,7 +153,7 @@ class LegDrive:
         door = self._door
         door.believe(view.odom_from_map)
         if view.seen is not None:
-            door.watch.see(view.seen)
+            door.watch.see(view.seen, view.pose @ self._body.base_from_laser)
         opening = None
         if door.watch.sure:
             opening = (view.odom_from_map.inverse() @ door.watch.odom_from_door, door.watch.width)

@@ -40,7 +40,7 @@ def driven(sees: bool, ticks: int = 400) -> tuple[DoorDrive, Pose2, DwaResult]:
     pose, command = Pose2(-1.6, 0.0, 0.0), Twist()
     for tick in range(ticks):
         if sees:
-            drive.watch.see(jambs(tick))
+            drive.watch.see(jambs(tick), pose @ CHAIR_A.base_from_laser)
         choice = drive.step(pose, command, OPEN, DwaSettings())
         command = choice.twist
         pose = pose @ arc(command.v * PERIOD_S, command.omega * PERIOD_S)
@@ -71,7 +71,7 @@ def test_where_the_door_is_seen_to_have_moved_a_chair_within_does_not_swing_its_
 ) -> None:
     drive = DoorDrive(leg(), Pose2(), body, DoorDriveSettings())
     for seed in range(20):
-        drive.watch.see(jambs(seed))
+        drive.watch.see(jambs(seed), Pose2(-1.6, 0.0, 0.0))
     pose, command, offs = Pose2(-body.front - 0.15, 0.0, 0.0), Twist(), []
     for _ in range(240):
         seen = Pose2(pose.x, pose.y + (moved if pose.x > 0.3 * body.rear else 0.0), pose.theta)
@@ -82,13 +82,13 @@ def test_where_the_door_is_seen_to_have_moved_a_chair_within_does_not_swing_its_
             offs.append(pose.y - pose.x * np.tan(pose.theta))  # of the middle line, in the door's plane
     assert drive.entered
     assert pose.x > body.rear
-    assert np.abs(offs).max() < 0.0095
+    assert np.abs(offs).max() < 0.009
 
 
 def test_a_retreat_ends_before_what_is_behind_with_room_for_the_error_of_the_place() -> None:
     drive = DoorDrive(leg(), Pose2(), CHAIR_A, DoorDriveSettings())
     for seed in range(20):
-        drive.watch.see(jambs(seed))
+        drive.watch.see(jambs(seed), Pose2(-1.6, 0.0, 0.0))
     behind = -1.5  # [m] where a wall stands across the room
     xs = -5.0 + 0.05 * (np.arange(200) + 0.5)
     away = np.maximum(xs - behind, 0.0).astype(np.float32)

@@ -13,6 +13,7 @@ from waychair.control.doorway import DoorWatch, DoorwaySettings, find_doorway
 from waychair.types import FloatArray, Pose2
 
 WIDTH = 0.8
+FROM = Pose2(-1.4, 0.0, 0.0)
 
 
 def wall_with_door(seed: int, away: float = 1.4, width: float = WIDTH, noise: float = 0.01) -> FloatArray:
@@ -63,7 +64,7 @@ def test_a_watch_is_sure_after_some_scans_and_averages_their_noise_away() -> Non
     watch = DoorWatch(Pose2(0.0, 0.06, 0.05), WIDTH, DoorwaySettings())
     assert not watch.sure
     for seed in range(20):
-        watch.see(wall_with_door(seed))
+        watch.see(wall_with_door(seed), FROM)
     assert watch.sure
     at = watch.odom_from_door
     assert abs(at.y - math.tan(at.theta) * at.x) < 0.007
@@ -73,8 +74,28 @@ def test_a_watch_is_sure_after_some_scans_and_averages_their_noise_away() -> Non
 def test_a_watch_that_is_sure_is_not_moved_by_the_map_nor_by_another_opening() -> None:
     watch = DoorWatch(Pose2(), WIDTH, DoorwaySettings())
     for seed in range(5):
-        watch.see(wall_with_door(seed))
+        watch.see(wall_with_door(seed), FROM)
     before = watch.odom_from_door
     watch.believe(Pose2(0.0, 0.2, 0.1))
-    watch.see(wall_with_door(9) + np.array([0.0, 0.15]))
+    watch.see(wall_with_door(9) + np.array([0.0, 0.15]), FROM)
     assert watch.odom_from_door == before
+
+
+def test_from_within_the_door_nothing_new_is_learnt_of_it() -> None:
+    """There the wall is seen end on; where it is was learnt before, and odometry keeps it."""
+    watch = DoorWatch(Pose2(), WIDTH, DoorwaySettings())
+    slanting = wall_with_door(0) @ np.array([[1.0, 0.1], [-0.1, 1.0]])
+    for seed in range(5):
+        watch.see(wall_with_door(seed), FROM)
+    before = watch.odom_from_door
+    watch.see(slanting, Pose2(-0.1, 0.0, 0.0))
+    assert watch.odom_from_door == before
+    watch.see(slanting, Pose2(-0.5, 0.0, 0.0))
+    assert abs(watch.odom_from_door.theta - before.theta) > 0.005
+
+
+def test_a_chair_that_wakes_up_at_the_door_may_look_from_there() -> None:
+    watch = DoorWatch(Pose2(), WIDTH, DoorwaySettings())
+    for seed in range(5):
+        watch.see(wall_with_door(seed), Pose2(-0.1, 0.0, 0.0))
+    assert watch.sure
