@@ -49,7 +49,7 @@ class DoorDriveSettings(Settings):
     retreat: float = setting(0.5, "m", "backing off to try again", low=0.1, high=2.0)
     tries: int = setting(4, "", "retreats before it is given up", low=0, high=20)
     doorway: DoorwaySettings = field(default_factory=DoorwaySettings)
-    tracking: TrackingSettings = field(default_factory=TrackingSettings)
+    tracking: TrackingSettings = field(default_factory=lambda: TrackingSettings(return_length=0.3, damping=1.9))
 
 
 class DoorDrive:
@@ -59,11 +59,11 @@ class DoorDrive:
         assert leg.door is not None
         self._settings, self._body, self._door = settings, body, leg.door
         # each correction of the heading swings the tail: where that is far behind the axle, the chair comes back to the
-        # middle over a longer way, its heading held as stiffly as ever
-        quick = settings.tracking.return_length
-        gentle = max(quick, settings.tail_share * body.rear)
-        damping = settings.tracking.damping * gentle / quick
-        self._within = replace(settings.tracking, return_length=gentle, damping=damping)
+        # middle over a longer way, its heading held as stiffly as before
+        before = settings.tracking
+        gentle = max(before.return_length, settings.tail_share * body.rear)
+        damping = before.damping * gentle / before.return_length
+        self._within = replace(before, return_length=gentle, damping=damping)
         self.watch = DoorWatch(odom_from_map @ leg.door.map_from_door, leg.door.width, settings.doorway)
         self._line = compose(leg.door.map_from_door.inverse().array(), leg.path.poses)  # in the door's own frame
         self._lined_up = self._entered = self._in_position = False
