@@ -17,7 +17,7 @@ import numba
 import numpy as np
 
 from waychair.errors import MissingExtra
-from waychair.planning.multigrid import COARSEST_SWEEPS, OF_ITSELF, OF_NEIGHBOURS, Level
+from waychair.planning.levels import COARSEST_SWEEPS, OF_ITSELF, OF_NEIGHBOURS, Level
 from waychair.types import Float32Array, FloatArray
 
 cuda: Any

@@ -19,8 +19,10 @@ from numba import njit
 from waychair.config import Settings, setting
 from waychair.errors import ConfigError, GoalOccupied, GoalOutsideMap, MapTooLarge, NotConverged
 from waychair.maps.grid import cells_where
+from waychair.planning.conjugate_gradients import conjugate_gradients, length_of, rest_of
 from waychair.planning.grid_graph import SIDES, Cell
-from waychair.planning.multigrid import conjugate_gradients, levels_from, rest_of
+from waychair.planning.levels import levels_from
+from waychair.planning.patches import Place, patches_of
 from waychair.planning.slices import Parts, finished
 from waychair.types import BoolArray, Float32Array, FloatArray, IntArray
 
@@ -119,13 +121,12 @@ def solve(
         b[row + d, column + e] = free[row + d, column + e]
     x = np.zeros_like(b)
     if warm_start is not None and warm_start.v.shape == absorption.shape:
-        x[1:-1, 1:-1] = warm_start.v
+        np.multiply(warm_start.v, free[1:-1, 1:-1], out=x[1:-1, 1:-1])
     elif settings.initial:
-        x[1:-1, 1:-1] = settings.initial
-    x[~free] = 0.0
+        x[free] = settings.initial
     system = System(walls, x, b, settings, go_on, warm_start is not None)
     residual, sweeps = finished(run_solver(solver, system))
-    v = x[1:-1, 1:-1].copy()
+    v = x[1:-1, 1:-1]
     v[problem.goal] = 1.0
     return Field(v, residual, sweeps)
 
@@ -207,39 +208,53 @@ def _chosen(solver: str) -> str:
 
 def _multigrid(system: System) -> Parts[tuple[float, int]]:
     absorption, x, b, s = system.absorption, system.x, system.b, system.settings
+    sources = cells_where(b != 0.0)
+    places = [_extent(sources)] if len(sources) else []
+    rest = None
     if system.warm:
-        residual = _solved_nearby(absorption, x, b, s.tolerance)
+        rest = np.zeros_like(b)
+        residual, changed = _solved_nearby(absorption, x, b, s.tolerance, rest)
         if residual <= s.tolerance:
             return residual, 0
+        places += [changed] if changed is not None else []
     levels = levels_from(absorption)
     yield 4 * x.size
-    return (yield from conjugate_gradients(absorption, levels, x, b, s.tolerance, s.most_sweeps, system.go_on))
+    patches = patches_of(levels, places)
+    most, go_on = s.most_sweeps, system.go_on
+    return (yield from conjugate_gradients(absorption, levels, x, b, s.tolerance, most, go_on, patches, rest))
 
 
-def _solved_nearby(absorption: Float32Array, x: FloatArray, b: FloatArray, tolerance: float) -> float:
-    """Improve x round the cells where it is wrong, in larger and larger squares; returns the residual that is left.
+def _solved_nearby(
+    absorption: Float32Array, x: FloatArray, b: FloatArray, tolerance: float, rest: FloatArray
+) -> tuple[float, Place | None]:
+    """Improve x round the cells where it is wrong, in larger and larger squares.
 
-    What changes in one place is a matter of that place: its effect fades with the distance.
+    What changes in one place is a matter of that place: its effect fades with the distance. Returns the residual that
+    is left, and where it was wrong at first, unless that was a little everywhere; `rest` is b - A x then.
     """
-    whole = float(np.linalg.norm(b)) or 1.0
-    before, rest = math.inf, np.zeros_like(b)
+    whole = length_of(b) or 1.0
+    before, changed = math.inf, None
     for around in _AROUND:
-        rest_of(absorption, x, b, rest)
-        residual = float(np.linalg.norm(rest)) / whole
+        residual = rest_of(absorption, x, b, rest) / whole
         if residual <= tolerance or residual > _FADES * before:
-            return residual
+            return residual, changed
         before = residual
-        size = np.abs(rest)
-        wrong = cells_where(size > max(_WRONG * float(size.max()), 0.1 * tolerance * whole))
+        enough = max(_WRONG * float(max(rest.max(), -rest.min())), 0.1 * tolerance * whole)
+        wrong = cells_where((rest > enough) | (rest < -enough))
         if not len(wrong):  # a little everywhere
-            return residual
-        low = np.maximum(wrong.min(axis=0) - around, 1)
-        high = np.minimum(wrong.max(axis=0) + around, np.array(x.shape) - 2)
+            return residual, changed
+        first, last = _extent(wrong)
+        changed = changed or (first, last)
+        low, high = np.maximum(first - around, 1), np.minimum(last + around, np.array(x.shape) - 2)
         if np.prod(high - low + 1) > 0.25 * x.size:
-            return residual
+            return residual, changed
         _solve_square(absorption, x, rest, low, high, tolerance * whole)
-    rest_of(absorption, x, b, rest)
-    return float(np.linalg.norm(rest)) / whole
+    return rest_of(absorption, x, b, rest) / whole, changed
+
+
+def _extent(cells: IntArray) -> Place:
+    """First and last row and column of cells (N, 2)."""
+    return cells.min(axis=0), cells.max(axis=0)
 
 
 def _solve_square(
@@ -249,7 +264,7 @@ def _solve_square(
     inner = (slice(int(low[0]), int(high[0]) + 1), slice(int(low[1]), int(high[1]) + 1))
     part = np.ascontiguousarray(absorption[low[0] - 1 : high[0], low[1] - 1 : high[1]])
     b = np.pad(rest[inner], 1)
-    correction, size = np.zeros_like(b), float(np.linalg.norm(b))
+    correction, size = np.zeros_like(b), length_of(b)
     if size > 0.0:
         least = min(0.1 * enough / size, 0.5)
         finished(conjugate_gradients(part, levels_from(part), correction, b, least, 30))
@@ -281,11 +296,10 @@ def _inverse(absorption: Float32Array) -> FloatArray:
 
 def _swept(sweep: Callable[[], None], system: System) -> Parts[tuple[float, int]]:
     x, b, settings, go_on = system.x, system.b, system.settings, system.go_on
-    whole, rest = float(np.linalg.norm(b)) or 1.0, np.zeros_like(b)
+    whole, rest = length_of(b) or 1.0, np.zeros_like(b)
     residual, done = math.inf, 0
     while True:
-        rest_of(system.absorption, x, b, rest)
-        residual = float(np.linalg.norm(rest)) / whole
+        residual = rest_of(system.absorption, x, b, rest) / whole
         if residual <= settings.tolerance or done >= settings.most_sweeps or (go_on is not None and not go_on()):
             return residual, done
         for _ in range(min(_BETWEEN, settings.most_sweeps - done)):

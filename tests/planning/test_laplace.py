@@ -13,6 +13,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from waychair.errors import ConfigError, GoalOccupied, GoalOutsideMap, MapTooLarge, MissingExtra, NotConverged
+from waychair.planning.conjugate_gradients import conjugate_gradients, rest_of
 from waychair.planning.laplace_gpu import gpu_at_hand
 from waychair.planning.laplace_solvers import (
     PAPER_SOLVER,
@@ -23,14 +24,8 @@ from waychair.planning.laplace_solvers import (
     relax,
     solve,
 )
-from waychair.planning.multigrid import (
-    COARSEST_SWEEPS,
-    Level,
-    conjugate_gradients,
-    levels_from,
-    rest_of,
-    v_cycle,
-)
+from waychair.planning.levels import COARSEST_SWEEPS, Level, levels_from
+from waychair.planning.multigrid import v_cycle
 from waychair.planning.slices import finished
 from waychair.types import BoolArray, Float32Array, FloatArray
 
@@ -288,7 +283,8 @@ def test_without_a_gpu_it_is_refused_and_auto_takes_the_processor() -> None:
 ON_THE_SIMULATOR = """
 import numpy as np
 from waychair.planning.laplace_gpu import conjugate_gradients_on_gpu, gpu_at_hand
-from waychair.planning.multigrid import conjugate_gradients, levels_from
+from waychair.planning.conjugate_gradients import conjugate_gradients
+from waychair.planning.levels import levels_from
 from waychair.planning.slices import finished
 assert gpu_at_hand()
 rng = np.random.default_rng(0)

@@ -1,0 +1,153 @@
+"""Conjugate gradients preconditioned by multigrid, for Laplace's equation on a grid with holes.
+
+What is found is float64. What is left, and the cycle that preconditions, are float32: they say where to go, and what is
+left is found anew from what was found before it has lost its digits.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable
+from typing import TypeAlias
+
+import numpy as np
+from numba import njit
+
+from waychair.planning.bands import bands, summed
+from waychair.planning.levels import SUMMED, Level
+from waychair.planning.multigrid import PASS, v_cycle_in_parts
+from waychair.planning.patches import Patches
+from waychair.planning.slices import Parts
+from waychair.types import Float32Array, FloatArray
+
+AnyFloat: TypeAlias = Float32Array | FloatArray
+
+
+def conjugate_gradients(
+    absorption: Float32Array,
+    levels: tuple[Level, ...],
+    x: FloatArray,
+    b: FloatArray,
+    tolerance: float,
+    most: int,
+    go_on: Callable[[], bool] | None = None,
+    patches: Patches = (),
+    rest: FloatArray | None = None,
+) -> Parts[tuple[float, int]]:
+    """Improve x (H + 2, W + 2), in place, until |b - A x| <= tolerance |b|; returns what was reached, and the cycles.
+
+    absorption (H, W): of the cells that A is of, as the levels are. x and b are 0 in walls and on the border. Stops
+    early after `most` cycles, or when `go_on` says so between two. patches: of the levels, seen to by themselves.
+    rest: b - A x, if it is known already.
+    """
+    finest, rows, cells = levels[0], absorption.shape[0], absorption.size
+    r, z, p = finest.b, finest.x, np.zeros_like(finest.x)
+    whole = length_of(b) or 1.0
+    if rest is None:
+        left = rest_of(absorption, x, b, r)
+    else:
+        r[:], left = rest, length_of(rest)
+    exact, before, cycles = left, 0.0, 0
+    while left > tolerance * whole and cycles < most and (go_on is None or go_on()):
+        now = yield from v_cycle_in_parts(levels, patches)
+        bent = summed(_turn, 0, rows, cells, absorption, p, z, now / before if before else 0.0)
+        length = now / (bent + sum(_bent_of_ends(absorption, p, *band) for band in bands(0, rows, cells)) or 1.0)
+        left = math.sqrt(summed(_go, 0, rows, cells, absorption, x, r, p, length))
+        before, cycles = now, cycles + 1
+        yield 3 * x.size // PASS
+        if left < _ROUNDED * exact and (left > tolerance * whole or _LOST * exact > tolerance * whole):
+            left = exact = rest_of(absorption, x, b, r)
+            yield x.size // PASS
+    return left / whole, cycles
+
+
+_ROUNDED, _LOST = 1e-3, 1e-6
+"""What is left is rounded to float32 in each cycle, and is found anew where it has become so much less; of what it was
+when it was last known exactly, so much may have been lost on the way."""
+
+
+def length_of(x: FloatArray) -> float:
+    """Of a vector (H + 2, W + 2), the root of the sum of its squares."""
+    return math.sqrt(summed(_squares, 1, x.shape[0] - 1, x.size, x))
+
+
+def rest_of(absorption: Float32Array, x: FloatArray, b: FloatArray, into: AnyFloat) -> float:
+    """b - A x, written, all of them as in `conjugate_gradients`; returns the length of it."""
+    return math.sqrt(summed(_rest_of, 0, absorption.shape[0], absorption.size, absorption, x, b, into))
+
+
+@njit(cache=True, nogil=True)
+def _rest_of(absorption: Float32Array, x: FloatArray, b: FloatArray, into: AnyFloat, first: int, stop: int) -> float:
+    """Rows of b - A x, written; returns the sum of their squares."""
+    squares = 0.0
+    for i in range(first, stop):
+        for j in range(absorption.shape[1]):
+            into[i + 1, j + 1] = b[i + 1, j + 1] - _product(absorption, x, i, j)
+        squares += _squares_of_row(into, i + 1)
+    return squares
+
+
+@njit(cache=True, nogil=True, inline="always")
+def _product(absorption: Float32Array, x: AnyFloat, i: int, j: int) -> float:
+    """A x in one cell of those that absorb, in float64 whatever x is; 0 in a wall."""
+    across = np.float64(x[i + 1, j + 2]) + np.float64(x[i + 1, j])
+    along = np.float64(x[i + 2, j + 1]) + np.float64(x[i, j + 1])
+    value = (4.0 + np.float64(absorption[i, j])) * np.float64(x[i + 1, j + 1]) - (across + along)
+    return float(value) if absorption[i, j] < np.inf else 0.0
+
+
+@njit(cache=True, nogil=True)
+def _turn(absorption: Float32Array, p: Float32Array, z: Float32Array, beta: float, first: int, stop: int) -> float:
+    """The next direction, z + beta p, in place of p; returns what the rows but the first and the last add to p A p."""
+    total, share = 0.0, np.float32(beta)
+    for i in range(first, stop):
+        for j in range(p.shape[1]):
+            p[i + 1, j] = z[i + 1, j] + share * p[i + 1, j]
+        if i > first + 1:
+            total += _bent_of_row(absorption, p, i - 1)
+    return total
+
+
+@njit(cache=True, nogil=True)
+def _bent_of_ends(absorption: Float32Array, p: Float32Array, first: int, stop: int) -> float:
+    """What the first and the last of some rows add to p A p, when those beside them are there."""
+    last = _bent_of_row(absorption, p, stop - 1) if stop - 1 > first else 0.0
+    return float(_bent_of_row(absorption, p, first) + last)
+
+
+@njit(cache=True, nogil=True, fastmath=SUMMED)
+def _bent_of_row(absorption: Float32Array, p: Float32Array, i: int) -> float:
+    total = 0.0
+    for j in range(absorption.shape[1]):
+        total += _product(absorption, p, i, j) * p[i + 1, j + 1]
+    return total
+
+
+@njit(cache=True, nogil=True)
+def _squares(x: FloatArray, first: int, stop: int) -> float:
+    total = 0.0
+    for i in range(first, stop):
+        total += _squares_of_row(x, i)
+    return total
+
+
+@njit(cache=True, nogil=True, fastmath=SUMMED)
+def _squares_of_row(x: AnyFloat, i: int) -> float:
+    total = 0.0
+    for j in range(x.shape[1]):
+        total += np.float64(x[i, j]) * np.float64(x[i, j])
+    return total
+
+
+@njit(cache=True, nogil=True)
+def _go(
+    absorption: Float32Array, x: FloatArray, r: Float32Array, p: Float32Array, length: float, first: int, stop: int
+) -> float:
+    """Go along p: x and what is left, r, are updated. Returns the sum of the squares of r."""
+    squares = 0.0
+    for i in range(first, stop):
+        for j in range(absorption.shape[1]):
+            x[i + 1, j + 1] += length * p[i + 1, j + 1]
+            r[i + 1, j + 1] = r[i + 1, j + 1] - length * _product(absorption, p, i, j)
+        squares += _squares_of_row(r, i + 1)
+    return squares

@@ -1,0 +1,126 @@
+"""What is seen to by itself in a multigrid cycle: the cycle stays symmetric, and fewer of them are needed."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+from tests.planning.test_laplace import drawn, plain_interpolation, plain_matrix, plain_smoothing, scattered, walls_of
+
+from waychair.planning import patches as module
+from waychair.planning.conjugate_gradients import conjugate_gradients
+from waychair.planning.laplace_solvers import problem_of
+from waychair.planning.levels import COARSEST_SWEEPS, Level, levels_from
+from waychair.planning.multigrid import v_cycle, v_cycle_in_parts
+from waychair.planning.patches import Patches, Place, patches_of
+from waychair.planning.slices import finished
+from waychair.types import Float32Array, FloatArray
+
+
+@pytest.fixture
+def small(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Patches on grids of a size of which a plain reference can be computed."""
+    monkeypatch.setattr(module, "_WORTH", 0)
+    monkeypatch.setattr(module, "_LARGEST_SHARE", 1.0)
+    monkeypatch.setattr(module, "_ROUND", 2)
+
+
+def place(top: int, left: int, bottom: int, right: int) -> Place:
+    return np.array([top, left]), np.array([bottom, right])
+
+
+PLACES = [place(4, 5, 6, 6), place(5, 9, 5, 9), place(18, 1, 21, 3)]
+"""Two that overlap with what lies round them, and one at a corner."""
+
+
+def made(seed: int = 5) -> tuple[Float32Array, tuple[Level, ...], Patches]:
+    walls = walls_of(scattered(seed, 21, 30))
+    levels = levels_from(walls)
+    return walls, levels, patches_of(levels, PLACES)
+
+
+def plain_patch(level: Level, at: Place) -> FloatArray:
+    """(N, N) what a patch of a level adds to x, by what is left."""
+    matrix, shape = plain_matrix(level), level.x.shape
+    within = np.zeros(shape, np.bool_)
+    low, high = np.maximum(at[0] - 2, 1), np.minimum(at[1] + 2, np.array(shape) - 2)
+    within[low[0] : high[0] + 1, low[1] : high[1] + 1] = True
+    inside = np.diag(within.ravel().astype(float))
+    held, x = inside @ matrix @ inside, np.zeros_like(matrix)
+    for _ in range(COARSEST_SWEEPS):
+        x = np.column_stack([plain_smoothing(held, x[:, k], inside[:, k]) for k in range(len(x))])
+    return x
+
+
+def plain_cycle(levels: tuple[Level, ...], places: list[Place], b: FloatArray) -> FloatArray:
+    matrix, x = plain_matrix(levels[0]), np.zeros_like(b)
+    if len(levels) == 1:
+        for _ in range(COARSEST_SWEEPS):
+            x = plain_smoothing(matrix, x, b)
+        return x
+    patches = [plain_patch(levels[0], at) for at in places] if min(levels[0].x.shape) >= 16 else []
+    for patch in patches:
+        x = x + patch @ (b - matrix @ x)
+    weights, left = plain_interpolation(levels[1], levels[0]), b - matrix @ x
+    y = plain_smoothing(matrix, np.zeros_like(b), left)
+    coarser = [((low + 1) // 2, (high + 1) // 2) for low, high in places]
+    y = y + weights @ plain_cycle(levels[1:], coarser, weights.T @ (left - matrix @ y))
+    x = x + plain_smoothing(matrix, y, left)
+    for patch in reversed(patches):
+        x = x + patch @ (b - matrix @ x)
+    return x
+
+
+@pytest.mark.usefixtures("small")
+def test_the_v_cycle_with_patches_equals_a_plain_reference() -> None:
+    walls, levels, patches = made()
+    b = drawn(walls, 0)
+    levels[0].b[:] = b
+    v_cycle(levels, patches)
+    plain = plain_cycle(levels, PLACES, b.ravel()).reshape(b.shape)
+    assert len(patches[0]) == len(PLACES)
+    np.testing.assert_allclose(levels[0].x, plain, atol=2e-5 * np.abs(plain).max())
+    np.testing.assert_array_equal(levels[0].b, b.astype(np.float32))
+
+
+@pytest.mark.usefixtures("small")
+def test_with_patches_it_is_symmetric_and_positive_and_tells_its_product() -> None:
+    walls, levels, patches = made(4)
+    first, second = drawn(walls, 0), drawn(walls, 1)
+
+    def cycled(b: FloatArray) -> FloatArray:
+        levels[0].b[:] = b
+        product = finished(v_cycle_in_parts(levels, patches))
+        x = levels[0].x.astype(np.float64)
+        assert product == pytest.approx(np.vdot(b, x), rel=1e-5)
+        return x
+
+    assert np.vdot(first, cycled(second)) == pytest.approx(np.vdot(second, cycled(first)), rel=1e-4)
+    assert np.vdot(first, cycled(first)) > 0
+
+
+def test_what_stands_alone_on_an_open_floor_takes_fewer_cycles_with_a_patch_round_it() -> None:
+    side, goal = 600, (200, 300)
+    free = np.ones((side, side), np.bool_)
+    rng = np.random.default_rng(1)
+    cells = np.array([400, 250]) + rng.integers(-20, 21, (20, 2))
+    free[cells[:, 0], cells[:, 1]] = False
+    walls = walls_of(problem_of(free, goal))
+    b = np.zeros((side + 2, side + 2))
+    for d, e in ((0, 1), (0, -1), (1, 0), (-1, 0)):
+        b[goal[0] + 1 + d, goal[1] + 1 + e] = 1.0
+    levels = levels_from(walls)
+    places = [place(200, 300, 202, 302), (cells.min(axis=0) + 1, cells.max(axis=0) + 1)]
+
+    def cycles(patches: Patches) -> int:
+        residual, count = finished(conjugate_gradients(walls, levels, np.zeros_like(b), b, 1e-8, 30, None, patches))
+        assert residual <= 1e-8
+        return count
+
+    assert cycles(patches_of(levels, places)) <= cycles(()) - 2
+
+
+def test_where_they_are_not_worth_their_time_there_are_none() -> None:
+    levels = levels_from(walls_of(scattered(1, 60, 60)))
+    assert patches_of(levels, [place(30, 30, 31, 31)]) == ()
+    large = levels_from(np.zeros((520, 520), np.float32))
+    assert patches_of(large, [place(1, 1, 400, 400)])[0] == ()
