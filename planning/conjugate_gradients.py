@@ -15,6 +15,7 @@ from numba import njit
 
 from waychair.planning.bands import bands, summed
 from waychair.planning.levels import SUMMED, Level
+from waychair.planning.memory import Memory
 from waychair.planning.multigrid import PASS, v_cycle_in_parts
 from waychair.planning.patches import Patches
 from waychair.planning.slices import Parts
@@ -33,15 +34,19 @@ def conjugate_gradients(
     go_on: Callable[[], bool] | None = None,
     patches: Patches = (),
     rest: FloatArray | None = None,
+    memory: Memory | None = None,
 ) -> Parts[tuple[float, int]]:
     """Improve x (H + 2, W + 2), in place, until |b - A x| <= tolerance |b|; returns what was reached, and the cycles.
 
     absorption (H, W): of the cells that A is of, as the levels are. x and b are 0 in walls and on the border. Stops
     early after `most` cycles, or when `go_on` says so between two. patches: of the levels, seen to by themselves.
-    rest: b - A x, if it is known already.
+    rest: b - A x, if it is known already. memory: for one grid
+    of float32.
     """
     finest, rows, cells = levels[0], absorption.shape[0], absorption.size
-    r, z, p = finest.b, finest.x, np.zeros_like(finest.x)
+    r, z = finest.b, finest.x
+    p = (memory or Memory(z.nbytes)).take(z.shape)
+    p[:] = 0.0
     whole = length_of(b) or 1.0
     if rest is None:
         left = rest_of(absorption, x, b, r)

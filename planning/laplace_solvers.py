@@ -21,7 +21,8 @@ from waychair.errors import ConfigError, GoalOccupied, GoalOutsideMap, MapTooLar
 from waychair.maps.grid import cells_where
 from waychair.planning.conjugate_gradients import conjugate_gradients, length_of, rest_of
 from waychair.planning.grid_graph import SIDES, Cell
-from waychair.planning.levels import levels_from
+from waychair.planning.levels import levels_from, size_of_levels
+from waychair.planning.memory import borrowed
 from waychair.planning.patches import Place, patches_of
 from waychair.planning.slices import Parts, finished
 from waychair.types import BoolArray, Float32Array, FloatArray, IntArray
@@ -116,7 +117,7 @@ def solve(
     walls[problem.goal] = np.inf
     free = np.pad(walls < np.inf, 1)
     row, column = problem.goal[0] + 1, problem.goal[1] + 1
-    b = np.zeros(free.shape)
+    b = np.full(free.shape, 0.0)
     for d, e in SIDES:
         b[row + d, column + e] = free[row + d, column + e]
     x = np.zeros_like(b)
@@ -210,18 +211,19 @@ def _multigrid(system: System) -> Parts[tuple[float, int]]:
     absorption, x, b, s = system.absorption, system.x, system.b, system.settings
     sources = cells_where(b != 0.0)
     places = [_extent(sources)] if len(sources) else []
-    rest = None
-    if system.warm:
-        rest = np.zeros_like(b)
-        residual, changed = _solved_nearby(absorption, x, b, s.tolerance, rest)
-        if residual <= s.tolerance:
-            return residual, 0
-        places += [changed] if changed is not None else []
-    levels = levels_from(absorption)
-    yield 4 * x.size
-    patches = patches_of(levels, places)
-    most, go_on = s.most_sweeps, system.go_on
-    return (yield from conjugate_gradients(absorption, levels, x, b, s.tolerance, most, go_on, patches, rest))
+    with borrowed(size_of_levels(absorption.shape) + 12 * x.size + 128) as memory:
+        rest = None
+        if system.warm:
+            rest = memory.framed(x.shape, np.float64)
+            residual, changed = _solved_nearby(absorption, x, b, s.tolerance, rest)
+            if residual <= s.tolerance:
+                return residual, 0
+            places += [changed] if changed is not None else []
+        levels = levels_from(absorption, memory)
+        yield 4 * x.size
+        patches, most, go_on = patches_of(levels, places), s.most_sweeps, system.go_on
+        solving = conjugate_gradients(absorption, levels, x, b, s.tolerance, most, go_on, patches, rest, memory)
+        return (yield from solving)
 
 
 def _solved_nearby(

@@ -19,6 +19,7 @@ import numpy as np
 from numba import njit
 
 from waychair.planning.bands import in_bands
+from waychair.planning.memory import Memory
 from waychair.types import Bytes, Float32Array
 
 _NEAREST_WALL = 4.0
@@ -68,18 +69,36 @@ class Level(NamedTuple):
     b: Float32Array
 
 
-def levels_from(absorption: Float32Array) -> tuple[Level, ...]:
-    """The levels of a grid whose cells (H, W) absorb, the finest first; those that absorb infinitely are walls."""
-    shape = (absorption.shape[0] + 2, absorption.shape[1] + 2)
-    inverse = _framed(shape)
+def levels_from(absorption: Float32Array, memory: Memory | None = None) -> tuple[Level, ...]:
+    """The levels of a grid whose cells (H, W) absorb, the finest first; those that absorb infinitely are walls.
+
+    They lie in the memory, if one is given, which has the `size_of_levels`.
+    """
+    shapes = _shapes(absorption.shape)
+    memory = memory or Memory(size_of_levels(absorption.shape))
+    inverse = memory.framed(shapes[0])
     in_bands(_begin, 0, absorption.shape[0], absorption.size, absorption, inverse)
     none = np.zeros((0, 0), np.float32)
-    levels = [Level(none, none, inverse, True, _framed(shape), _framed(shape))]
+    levels = [Level(none, none, inverse, True, memory.framed(shapes[0]), memory.framed(shapes[0]))]
     taken = _Taken(np.zeros((0, 0, 4), np.float32), np.zeros((0, 0), np.uint8), absorption)
-    while min(levels[-1].x.shape) - 2 > _COARSEST:
-        coarser, taken = _coarser(levels[-1], taken)
+    for shape in shapes[1:]:
+        coarser, taken = _coarser(levels[-1], taken, shape, memory)
         levels.append(coarser)
     return tuple(levels)
+
+
+def size_of_levels(shape: tuple[int, ...]) -> int:
+    """Bytes that the levels of a grid (H, W) take."""
+    finest, *coarser = (height * width for height, width in _shapes(shape))
+    return 4 * (3 * finest + 11 * sum(coarser)) + 64 * 12 * (len(coarser) + 1)  # each array begins at a whole line
+
+
+def _shapes(shape: tuple[int, ...]) -> list[tuple[int, int]]:
+    """Of all levels of a grid (H, W), with their borders."""
+    shapes = [(shape[0] + 2, shape[1] + 2)]
+    while min(shapes[-1]) - 2 > _COARSEST:
+        shapes.append(((shapes[-1][0] - 1) // 2 + 2, (shapes[-1][1] - 1) // 2 + 2))
+    return shapes
 
 
 class _Taken(NamedTuple):
@@ -94,24 +113,14 @@ class _Taken(NamedTuple):
     itself: Float32Array
 
 
-def _coarser(fine: Level, taken: _Taken) -> tuple[Level, _Taken]:
-    """The next level, and what is taken of its cells."""
-    shape = ((fine.x.shape[0] - 1) // 2 + 2, (fine.x.shape[1] - 1) // 2 + 2)
+def _coarser(fine: Level, taken: _Taken, shape: tuple[int, int], memory: Memory) -> tuple[Level, _Taken]:
+    """The next level, of this shape, and what is taken of its cells."""
     inner = (shape[0] - 2, shape[1] - 2)
-    east, south, inverse = _framed(shape), _framed(shape), _framed(shape)
-    by_walls, itself = np.empty((*inner, 4), np.float32), np.empty(inner, np.float32)
-    new = _Taken(by_walls, np.empty(inner, np.uint8), itself)
+    east, south, inverse, x, b = (memory.framed(shape) for _ in range(5))
+    new = _Taken(memory.take((*inner, 4)), memory.take(inner, np.uint8), memory.take(inner))
     in_bands(_gather, 1, shape[0] - 1, fine.x.size, fine, taken, east, south, inverse, new)
     in_bands(_invert, 1, shape[0] - 1, fine.x.size, east, south, inverse, new.itself)
-    return Level(east, south, inverse, False, _framed(shape), _framed(shape)), new
-
-
-def _framed(shape: tuple[int, int]) -> Float32Array:
-    """A grid that is still to be written, with a border of zeros."""
-    framed = np.empty(shape, np.float32)
-    framed[0] = framed[-1] = 0.0
-    framed[:, 0] = framed[:, -1] = 0.0
-    return framed
+    return Level(east, south, inverse, False, x, b), new
 
 
 @njit(cache=True, nogil=True)
