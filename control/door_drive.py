@@ -1,7 +1,7 @@
 """Through a door: line up, look for the jambs, approach on their middle, and go through only when straight before it.
 
-What leaves no second chance is the last hand's breadth before the jambs: there the chair must be within a third of the
-room beside it, two centimetres in the tightest door, and within three degrees; else it backs off and tries again.
+What leaves no second chance is the last hand's breadth before the jambs: there the chair must head for a place within
+1.6 cm of the middle, or a fifth of the room beside it, and within three degrees; else it backs off and tries again.
 Driving at an angle t through a wall of depth d takes W / cos t + d tan t: five degrees cost 1.6 cm in a wall of 0.15 m.
 """
 
@@ -23,7 +23,7 @@ from waychair.planning.legs import Leg
 from waychair.planning.motion import DwaSettings, Motion, braking
 from waychair.types import FloatArray, Pose2, Twist
 
-_BEHIND = (0.04,)
+_BEHIND = 0.04
 """Kept free [m] in a retreat, which nobody has planned: behind, the map is all there is, and the place on it is as good
 as 2 cm."""
 
@@ -33,12 +33,10 @@ class DoorDriveSettings(Settings):
     """When the chair may enter."""
 
     gate: float = setting(0.18, "m", "the front end this far before the middle: now or never", low=0.05, high=1.0)
-    lateral: float = setting(0.02, "m", "off the axis, at the axle and at the front", low=0.005, high=0.2)
-    lateral_share: float = setting(
-        0.33, "", "or this part of the room on each side, if that is more", low=0.0, high=0.9
-    )
+    lateral: float = setting(0.016, "m", "off the axis, at the axle and where the front enters", low=0.005, high=0.2)
+    lateral_share: float = setting(0.2, "", "or this part of the room on each side, if that is more", low=0.0, high=0.9)
     heading: float = setting(0.05, "rad", "off the axis", low=0.01, high=0.3)
-    lined_up: float = setting(0.03, "rad", "how exactly it turns to the door before it sets off", low=0.005, high=0.3)
+    lined_up: float = setting(0.015, "rad", "how exactly it turns to the door before it sets off", low=0.005, high=0.3)
     tail_share: float = setting(
         0.47,
         "",
@@ -46,9 +44,10 @@ class DoorDriveSettings(Settings):
         low=0.0,
         high=2.0,
     )
-    retreat: float = setting(0.5, "m", "backing off to try again", low=0.1, high=2.0)
+    retreat: float = setting(0.8, "m", "backing off to try again", low=0.1, high=2.0)
     tries: int = setting(4, "", "retreats before it is given up", low=0, high=20)
     doorway: DoorwaySettings = field(default_factory=DoorwaySettings)
+    retreating: TrackingSettings = field(default_factory=TrackingSettings)
     tracking: TrackingSettings = field(default_factory=lambda: TrackingSettings(return_length=0.3, damping=1.9))
 
 
@@ -117,8 +116,8 @@ class DoorDrive:
         s = self._settings
         room = (self.watch.width - self._body.width) / 2
         allowed = max(s.lateral, s.lateral_share * room)
-        nose = at.y + self._body.front * math.sin(at.theta)
-        return self.watch.sure and max(abs(at.y), abs(nose)) <= allowed and abs(at.theta) <= s.heading
+        entering = at.y - at.x * math.tan(at.theta)  # where its middle line meets the door's plane
+        return self.watch.sure and max(abs(at.y), abs(entering)) <= allowed and abs(at.theta) <= s.heading
 
     def _line_up(
         self, pose: Pose2, command: Twist, distances: DistanceField, limits: DwaSettings, motion: Motion | None
@@ -153,8 +152,9 @@ class DoorDrive:
         steps = np.linspace(at.x + 0.1, self._turn_back, 12)
         line = np.column_stack([steps, np.zeros((12, 2))])
         odom_line: FloatArray = compose(self.watch.odom_from_door.array(), line)
-        tracking = self._settings.tracking
-        choice = track(pose, command, odom_line, True, distances, self._body, limits, tracking, margins=_BEHIND)
+        body = self._body
+        longer = replace(body, length=body.length + _BEHIND, axle_from_rear=body.axle_from_rear + _BEHIND)
+        choice = track(pose, command, odom_line, True, distances, longer, limits, self._settings.retreating)
         if choice.in_position or choice.blocked:
             standing = abs(command.v) < 0.01
             self._retreating = not standing

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
+from scipy.ndimage import distance_transform_edt
 
 from waychair.calibration.chair import CHAIR_A, CHAIR_A_FRONT, CHAIR_A_MID, ChairBody
 from waychair.control.door_drive import DoorDrive, DoorDriveSettings
@@ -83,6 +84,41 @@ def test_where_the_door_is_seen_to_have_moved_a_chair_within_does_not_swing_its_
     assert drive.entered
     assert pose.x > body.rear
     assert np.abs(offs).max() < 0.009
+
+
+@pytest.mark.parametrize(("off", "enters"), [(0.021, True), (0.027, False)])
+def test_what_counts_at_the_gate_is_where_the_front_will_enter(off: float, enters: bool) -> None:
+    """Both times the axle is on the axis, and the front nearer to it than a fifth of the room beside the chair."""
+    drive = DoorDrive(leg(), Pose2(), CHAIR_A, DoorDriveSettings())
+    for seed in range(20):
+        drive.watch.see(jambs(seed), Pose2(-1.6, 0.0, 0.0))
+    pose = Pose2(-CHAIR_A.front - 0.15, 0.0, 0.0)
+    door = drive.watch.odom_from_door
+    drive._lined_up = True
+    at = Pose2(pose.x, 0.0, np.arctan2(off, -pose.x))
+    assert abs(CHAIR_A.front * np.sin(at.theta)) < 0.2 * (drive.watch.width - CHAIR_A.width) / 2
+    drive.step(door @ at, Twist(), OPEN, DwaSettings())
+    assert drive.entered is enters
+
+
+def test_out_from_between_the_jambs_it_backs_off_as_well() -> None:
+    """There is less beside the chair than is kept free behind it."""
+    drive = DoorDrive(leg(), Pose2(), CHAIR_A, DoorDriveSettings())
+    for seed in range(20):
+        drive.watch.see(jambs(seed), Pose2(-1.6, 0.0, 0.0))
+    xs = -4.0 + 0.02 * (np.arange(400) + 0.5)
+    wall = (np.abs(xs) < 0.075)[None] & (np.abs(xs) > CHAIR_A.width / 2 + 0.06)[:, None]
+    metres = (0.02 * distance_transform_edt(~wall)).astype(np.float32)
+    walls = DistanceField(metres, 0.02, Pose2(-4.0, -4.0, 0.0))
+    pose, command = Pose2(-CHAIR_A.front - 0.02, 0.0, 0.035), Twist()
+    drive._lined_up = True
+    begin = pose.x
+    for _ in range(100):
+        command = drive.step(pose, command, walls, DwaSettings()).twist
+        pose = pose @ arc(command.v * PERIOD_S, command.omega * PERIOD_S)
+        if pose.x < begin - 0.3:
+            return
+    pytest.fail(f"it got no farther back than {begin - pose.x:.2f} m")
 
 
 def test_a_retreat_ends_before_what_is_behind_with_room_for_the_error_of_the_place() -> None:
