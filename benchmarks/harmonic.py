@@ -13,7 +13,7 @@ from collections.abc import Callable
 from dataclasses import dataclass
 from functools import partial
 from pathlib import Path
-from typing import Any
+from typing import Any, TypeVar
 
 import numpy as np
 
@@ -30,6 +30,9 @@ from waychair.planning.slices import finished
 from waychair.types import BoolArray, FloatArray, OccupancyGrid, Pose2
 
 CELL = 0.05
+
+
+Result = TypeVar("Result")
 
 
 @dataclass(frozen=True, slots=True)
@@ -176,9 +179,7 @@ def field_run(free: BoolArray, descents: int, seed: int) -> FieldRun:
     rng = np.random.default_rng(seed)
     cells = np.argwhere(free)
     row, column = cells[rng.integers(len(cells))].tolist()
-    began = time.process_time()
-    found = log_field(problem_of(free, (row, column)))
-    cpu_ms = 1e3 * (time.process_time() - began)
+    found, _, cpu_ms = _timed(lambda: log_field(problem_of(free, (row, column))))
     joined = np.argwhere(np.isfinite(found.logs))
     starts = joined[rng.integers(len(joined), size=descents)].tolist()
     begins = joined[rng.integers(len(joined), size=descents // 10)].tolist()
@@ -235,7 +236,7 @@ def speed_row(name: str, free: BoolArray, goal: Cell, times: int = 9) -> dict[st
     problem = problem_of(free, goal)
     solved = solve(problem)
     rng = np.random.default_rng(1)
-    cold = [_timed(lambda: solve(problem)) for _ in range(times)]
+    cold = [_timed(lambda: solve(problem))[1:] for _ in range(times)]
     updates, cycles = [], []
     worst = 0.0
     for _ in range(times):
@@ -245,8 +246,8 @@ def speed_row(name: str, free: BoolArray, goal: Cell, times: int = 9) -> dict[st
         changed[cells[:, 0], cells[:, 1]] ^= True
         changed[goal] = True
         other = problem_of(changed, goal)
-        updates.append(_timed(partial(solve, other, SolverSettings(), solved)))
-        warm = solve(other, SolverSettings(), solved)
+        warm, *took = _timed(partial(solve, other, SolverSettings(), solved))
+        updates.append(took)
         cycles.append(warm.sweeps)
         worst = max(worst, relative_residual(other, warm.v))
     (cold_ms, cold_cpu_ms), (update_ms, update_cpu_ms) = np.median(cold, axis=0), np.median(updates, axis=0)
@@ -264,11 +265,11 @@ def speed_row(name: str, free: BoolArray, goal: Cell, times: int = 9) -> dict[st
     }
 
 
-def _timed(run: Callable[[], Any]) -> tuple[float, float]:
-    """Time on the wall, and of this process's threads together [ms]."""
+def _timed(run: Callable[[], Result]) -> tuple[Result, float, float]:
+    """What comes of it, its time on the wall, and that of this process's threads together [ms]."""
     began, worked = time.perf_counter(), time.process_time()
-    run()
-    return 1e3 * (time.perf_counter() - began), 1e3 * (time.process_time() - worked)
+    result = run()
+    return result, 1e3 * (time.perf_counter() - began), 1e3 * (time.process_time() - worked)
 
 
 def solver_rows(free: BoolArray, goal: Cell, tolerance: float = 1e-8) -> list[dict[str, Any]]:
@@ -276,9 +277,7 @@ def solver_rows(free: BoolArray, goal: Cell, tolerance: float = 1e-8) -> list[di
     rows = []
     for name in ("gauss-seidel", "sor", "multigrid", "direct"):
         settings = SolverSettings(solver=name, tolerance=tolerance, most_sweeps=1_000_000, memory=1e6)
-        began = time.process_time()
-        found = solve(problem_of(free, goal), settings)
-        took = 1e3 * (time.process_time() - began)
+        found, _, took = _timed(partial(solve, problem_of(free, goal), settings))
         rows.append({"solver": name, "sweeps": found.sweeps, "cpu_ms": round(took, 1), "residual": found.residual})
     return rows
 

@@ -63,6 +63,7 @@ class DoorDrive:
         gentle = max(before.return_length, settings.tail_share * body.rear)
         damping = before.damping * gentle / before.return_length
         self._within = replace(before, return_length=gentle, damping=damping)
+        self._longer = replace(body, length=body.length + _BEHIND, axle_from_rear=body.axle_from_rear + _BEHIND)
         self.watch = DoorWatch(odom_from_map @ leg.door.map_from_door, leg.door.width, settings.doorway)
         self._line = compose(leg.door.map_from_door.inverse().array(), leg.path.poses)  # in the door's own frame
         self._lined_up = self._entered = self._in_position = False
@@ -152,9 +153,7 @@ class DoorDrive:
         steps = np.linspace(at.x + 0.1, self._turn_back, 12)
         line = np.column_stack([steps, np.zeros((12, 2))])
         odom_line: FloatArray = compose(self.watch.odom_from_door.array(), line)
-        body = self._body
-        longer = replace(body, length=body.length + _BEHIND, axle_from_rear=body.axle_from_rear + _BEHIND)
-        choice = track(pose, command, odom_line, True, distances, longer, limits, self._settings.retreating)
+        choice = track(pose, command, odom_line, True, distances, self._longer, limits, self._settings.retreating)
         if choice.in_position or choice.blocked:
             standing = abs(command.v) < 0.01
             self._retreating = not standing

@@ -8,7 +8,6 @@ whose errors die away over a distance driven, not over time: the same at every s
 from __future__ import annotations
 
 import math
-from collections.abc import Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -109,61 +108,37 @@ def track(
     settings: TrackingSettings = TrackingSettings(),
     in_position: bool = False,
     motion: Motion | None = None,
-    margins: Sequence[float] = _MARGINS,
 ) -> DwaResult:
     """The next command on a line of poses (N, 3) [m, m, rad]; pose, poses and distances are in one frame.
 
     As `dwa.choose`: `in_position` at its end, `arrived` turned to its last heading and standing, `blocked` when the
-    body could not stop before touching something. With a `motion` the jerk along the line is limited. Of the `margins`
-    [m] the first is kept with which there is a way on; off the line, the first of all.
+    body could not stop before touching something. With a `motion` the jerk along the line is limited. Off
+    the line the wider margin is kept; on it, the narrower where there is no other way on.
     """
     limits = replace(
         limits,
         max_omega=min(limits.max_omega, settings.max_omega),
         heading_tolerance=settings.heading_tolerance,
     )
-    beside = len(poses) > 1 and abs(on_line(poses, pose, backwards).lateral) > _BESIDE
-    for margin in margins[:1] if beside else margins:  # a line that was planned with less is kept to with less
-        result = _tracked(
-            pose,
-            command,
-            poses,
-            backwards,
-            distances,
-            body,
-            replace(limits, margin=margin),
-            settings,
-            in_position,
-            motion,
-        )
-        if not result.blocked:
-            break
-    return result
-
-
-def _tracked(
-    pose: Pose2,
-    command: Twist,
-    poses: FloatArray,
-    backwards: bool,
-    distances: DistanceField,
-    body: ChairBody,
-    limits: DwaSettings,
-    settings: TrackingSettings,
-    in_position: bool,
-    motion: Motion | None,
-) -> DwaResult:
-    """The next command with a margin that is given."""
     ahead = Pose2(*along_arc(pose.x, pose.y, pose.theta, command.v, command.omega, limits.reaction_time))
     at = on_line(poses, ahead, backwards) if len(poses) > 1 else OnLine(0.0, 0.0, 0.0, 0.0)
-    if in_position or at.left <= settings.end_tolerance:
-        turned = rotate_to_heading(pose, command, float(poses[-1, 2]), distances, body, limits, motion)
-        return replace(turned, in_position=True)
-    if abs(at.heading) > (settings.turn_first if abs(command.v) < _STANDING else settings.turn_midway):
-        turned = rotate_to_heading(pose, command, wrap_angle(ahead.theta - at.heading), distances, body, limits, motion)
-        return replace(turned, arrived=False)
-    wanted = _feedback(at, backwards, limits, settings)
-    return _admitted(ahead, command, wanted, distances, body, limits, motion)
+
+    def with_margin(margin: float) -> DwaResult:
+        kept = replace(limits, margin=margin)
+        if in_position or at.left <= settings.end_tolerance:
+            turned = rotate_to_heading(pose, command, float(poses[-1, 2]), distances, body, kept, motion)
+            return replace(turned, in_position=True)
+        if abs(at.heading) > (settings.turn_first if abs(command.v) < _STANDING else settings.turn_midway):
+            heading = wrap_angle(ahead.theta - at.heading)
+            turned = rotate_to_heading(pose, command, heading, distances, body, kept, motion)
+            return replace(turned, arrived=False)
+        return _admitted(ahead, command, _feedback(at, backwards, kept, settings), distances, body, kept, motion)
+
+    wide, narrow = _MARGINS
+    result = with_margin(wide)
+    if result.blocked and (len(poses) == 1 or abs(on_line(poses, pose, backwards).lateral) <= _BESIDE):
+        return with_margin(narrow)  # a line that was planned with less is kept to with less
+    return result
 
 
 def _feedback(at: OnLine, backwards: bool, limits: DwaSettings, settings: TrackingSettings) -> Twist:

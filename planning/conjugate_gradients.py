@@ -8,20 +8,17 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable
-from typing import TypeAlias
 
 import numpy as np
 from numba import njit
 
 from waychair.planning.bands import bands, summed
-from waychair.planning.levels import SUMMED, Level
-from waychair.planning.memory import Memory
+from waychair.planning.levels import SUMMED, AnyFloat, Level, product_of_row, product_of_rows
+from waychair.planning.memory import Memory, new_memory
 from waychair.planning.multigrid import PASS, v_cycle_in_parts
 from waychair.planning.patches import Patches
 from waychair.planning.slices import Parts
 from waychair.types import Float32Array, FloatArray
-
-AnyFloat: TypeAlias = Float32Array | FloatArray
 
 
 def conjugate_gradients(
@@ -45,7 +42,7 @@ def conjugate_gradients(
     """
     finest, rows, cells = levels[0], absorption.shape[0], absorption.size
     r, z = finest.b, finest.x
-    p = (memory or Memory(z.nbytes)).take(z.shape)
+    p = (memory or new_memory(z.nbytes)).take(z.shape)
     p[:] = 0.0
     whole = length_of(b) or 1.0
     if rest is None:
@@ -73,7 +70,7 @@ when it was last known exactly, so much may have been lost on the way."""
 
 def length_of(x: FloatArray) -> float:
     """Of a vector (H + 2, W + 2), the root of the sum of its squares."""
-    return math.sqrt(summed(_squares, 1, x.shape[0] - 1, x.size, x))
+    return math.sqrt(summed(product_of_rows, 1, x.shape[0] - 1, x.size, x, x))
 
 
 def rest_of(absorption: Float32Array, x: FloatArray, b: FloatArray, into: AnyFloat) -> float:
@@ -88,7 +85,7 @@ def _rest_of(absorption: Float32Array, x: FloatArray, b: FloatArray, into: AnyFl
     for i in range(first, stop):
         for j in range(absorption.shape[1]):
             into[i + 1, j + 1] = b[i + 1, j + 1] - _product(absorption, x, i, j)
-        squares += _squares_of_row(into, i + 1)
+        squares += product_of_row(into, into, i + 1)
     return squares
 
 
@@ -129,22 +126,6 @@ def _bent_of_row(absorption: Float32Array, p: Float32Array, i: int) -> float:
 
 
 @njit(cache=True, nogil=True)
-def _squares(x: FloatArray, first: int, stop: int) -> float:
-    total = 0.0
-    for i in range(first, stop):
-        total += _squares_of_row(x, i)
-    return total
-
-
-@njit(cache=True, nogil=True, fastmath=SUMMED)
-def _squares_of_row(x: AnyFloat, i: int) -> float:
-    total = 0.0
-    for j in range(x.shape[1]):
-        total += np.float64(x[i, j]) * np.float64(x[i, j])
-    return total
-
-
-@njit(cache=True, nogil=True)
 def _go(
     absorption: Float32Array, x: FloatArray, r: Float32Array, p: Float32Array, length: float, first: int, stop: int
 ) -> float:
@@ -154,5 +135,5 @@ def _go(
         for j in range(absorption.shape[1]):
             x[i + 1, j + 1] += length * p[i + 1, j + 1]
             r[i + 1, j + 1] = r[i + 1, j + 1] - length * _product(absorption, p, i, j)
-        squares += _squares_of_row(r, i + 1)
+        squares += product_of_row(r, r, i + 1)
     return squares

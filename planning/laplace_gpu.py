@@ -62,7 +62,7 @@ def conjugate_gradients_on_gpu(
     most: int,
     go_on: Callable[[], bool] | None = None,
 ) -> tuple[float, int]:
-    """`multigrid.conjugate_gradients`, transfers included, on the GPU.
+    """`conjugate_gradients.conjugate_gradients` without patches, transfers included, on the GPU.
 
     Raises:
         MissingExtra: there is none.

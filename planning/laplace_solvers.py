@@ -22,7 +22,7 @@ from waychair.maps.grid import cells_where
 from waychair.planning.conjugate_gradients import conjugate_gradients, length_of, rest_of
 from waychair.planning.grid_graph import SIDES, Cell
 from waychair.planning.levels import levels_from, size_of_levels
-from waychair.planning.memory import borrowed
+from waychair.planning.memory import LINE, borrowed
 from waychair.planning.patches import Place, patches_of
 from waychair.planning.slices import Parts, finished
 from waychair.types import BoolArray, Float32Array, FloatArray, IntArray
@@ -211,7 +211,8 @@ def _multigrid(system: System) -> Parts[tuple[float, int]]:
     absorption, x, b, s = system.absorption, system.x, system.b, system.settings
     sources = cells_where(b != 0.0)
     places = [_extent(sources)] if len(sources) else []
-    with borrowed(size_of_levels(absorption.shape) + 12 * x.size + 128) as memory:
+    rest_and_direction = (8 + 4) * x.size + 2 * LINE
+    with borrowed(size_of_levels(absorption.shape) + rest_and_direction) as memory:
         rest = None
         if system.warm:
             rest = memory.framed(x.shape, np.float64)

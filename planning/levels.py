@@ -13,14 +13,16 @@ All arrays have a border of cells that are not free, so that no neighbour needs 
 
 from __future__ import annotations
 
-from typing import NamedTuple
+from typing import NamedTuple, TypeAlias
 
 import numpy as np
 from numba import njit
 
 from waychair.planning.bands import in_bands
-from waychair.planning.memory import Memory
-from waychair.types import Bytes, Float32Array
+from waychair.planning.memory import LINE, Memory, new_memory
+from waychair.types import Bytes, Float32Array, FloatArray
+
+AnyFloat: TypeAlias = Float32Array | FloatArray
 
 _NEAREST_WALL = 4.0
 """Weight that a wall's link has at most for each of a coarse cell's fine ones: one still nearer to the coarse cell's
@@ -46,7 +48,6 @@ def _polynomial() -> tuple[np.float32, np.float32]:
 
 
 OF_ITSELF, OF_NEIGHBOURS = _polynomial()
-
 
 SUMMED = {"reassoc", "contract", "nsz"}
 """What a compiler may do to a sum, so that it is added up in several lanes. Only where nothing is written: elsewhere it
@@ -75,7 +76,7 @@ def levels_from(absorption: Float32Array, memory: Memory | None = None) -> tuple
     They lie in the memory, if one is given, which has the `size_of_levels`.
     """
     shapes = _shapes(absorption.shape)
-    memory = memory or Memory(size_of_levels(absorption.shape))
+    memory = memory or new_memory(size_of_levels(absorption.shape))
     inverse = memory.framed(shapes[0])
     in_bands(_begin, 0, absorption.shape[0], absorption.size, absorption, inverse)
     none = np.zeros((0, 0), np.float32)
@@ -90,7 +91,9 @@ def levels_from(absorption: Float32Array, memory: Memory | None = None) -> tuple
 def size_of_levels(shape: tuple[int, ...]) -> int:
     """Bytes that the levels of a grid (H, W) take."""
     finest, *coarser = (height * width for height, width in _shapes(shape))
-    return 4 * (3 * finest + 11 * sum(coarser)) + 64 * 12 * (len(coarser) + 1)  # each array begins at a whole line
+    # inverse, x and b; of coarser ones links, what is taken of each cell, and whether walls do, too
+    numbers = 3 * finest + (5 + 5) * sum(coarser)
+    return 4 * numbers + sum(coarser) + LINE * (3 + 8 * len(coarser))
 
 
 def _shapes(shape: tuple[int, ...]) -> list[tuple[int, int]]:
@@ -117,10 +120,11 @@ def _coarser(fine: Level, taken: _Taken, shape: tuple[int, int], memory: Memory)
     """The next level, of this shape, and what is taken of its cells."""
     inner = (shape[0] - 2, shape[1] - 2)
     east, south, inverse, x, b = (memory.framed(shape) for _ in range(5))
+    coarser = Level(east, south, inverse, False, x, b)
     new = _Taken(memory.take((*inner, 4)), memory.take(inner, np.uint8), memory.take(inner))
-    in_bands(_gather, 1, shape[0] - 1, fine.x.size, fine, taken, east, south, inverse, new)
-    in_bands(_invert, 1, shape[0] - 1, fine.x.size, east, south, inverse, new.itself)
-    return Level(east, south, inverse, False, x, b), new
+    in_bands(_gather, 1, shape[0] - 1, fine.x.size, fine, taken, coarser, new)
+    in_bands(_invert, 1, shape[0] - 1, fine.x.size, coarser, new.itself)
+    return coarser, new
 
 
 @njit(cache=True, nogil=True)
@@ -135,15 +139,14 @@ def _begin(absorption: Float32Array, inverse: Float32Array, first: int, stop: in
 def _gather(
     fine: Level,
     taken: _Taken,
-    east: Float32Array,
-    south: Float32Array,
-    inverse: Float32Array,
+    coarser: Level,
     new: _Taken,
     first: int,
     stop: int,
 ) -> None:
     """Rows of the next level; `inverse` is one more than walls take of a cell that is free, and 0 else."""
     height, width = fine.x.shape
+    east, south, inverse = coarser.east, coarser.south, coarser.inverse
     free, half, one = fine.inverse, np.float32(0.5), np.float32(1.0)
     for row in range(first, stop):
         for column in range(1, inverse.shape[1] - 1):
@@ -166,22 +169,14 @@ def _gather(
                         east[row, column] = half * (fine.east[i, j + 1] + fine.east[i + 1, j + 1])
                         south[row, column] = half * (fine.south[i + 1, j] + fine.south[i + 1, j + 1])
                     continue
-            _gather_cell(fine, taken, east, south, inverse, new, row, column)
+            _gather_cell(fine, taken, coarser, new, row, column)
 
 
 @njit(cache=True, nogil=True)
-def _gather_cell(
-    fine: Level,
-    taken: _Taken,
-    east: Float32Array,
-    south: Float32Array,
-    inverse: Float32Array,
-    new: _Taken,
-    row: int,
-    column: int,
-) -> None:
+def _gather_cell(fine: Level, taken: _Taken, coarser: Level, new: _Taken, row: int, column: int) -> None:
     """A cell of the next level with walls about, or at the far border, which may have fewer than four fine ones."""
     height, width = fine.x.shape
+    east, south, inverse = coarser.east, coarser.south, coarser.inverse
     free, half = fine.inverse, np.float32(0.5)
     inverse[row, column] = east[row, column] = south[row, column] = new.itself[row - 1, column - 1] = 0.0
     new.by_walls[row - 1, column - 1] = 0.0
@@ -212,11 +207,9 @@ def _gather_cell(
 
 
 @njit(cache=True, nogil=True)
-def _invert(
-    east: Float32Array, south: Float32Array, inverse: Float32Array, itself: Float32Array, first: int, stop: int
-) -> None:
+def _invert(level: Level, itself: Float32Array, first: int, stop: int) -> None:
     """One over the diagonal in the free cells of rows."""
-    one = np.float32(1.0)
+    east, south, inverse, one = level.east, level.south, level.inverse, np.float32(1.0)
     for i in range(first, stop):
         for j in range(1, inverse.shape[1] - 1):
             if inverse[i, j] > 0:
@@ -273,16 +266,22 @@ def settle(level: Level) -> float:
             for j in range(1, x.shape[1] - 1):
                 near = inverse[i, j] * passed_on(level, left, i - 1, i, i + 1, i, j)
                 x[i, j] += OF_ITSELF * left[i, j] + OF_NEIGHBOURS * near
-    product = 0.0
-    for i in range(1, x.shape[0] - 1):
-        product += product_of_row(b, x, i)
-    return product
+    return product_of_rows(b, x, 1, x.shape[0] - 1)
 
 
 @njit(cache=True, nogil=True, fastmath=SUMMED)
-def product_of_row(first: Float32Array, second: Float32Array, i: int) -> float:
+def product_of_row(first: AnyFloat, second: AnyFloat, i: int) -> float:
     """Of two vectors, what a row adds to their product."""
     total = 0.0
     for j in range(first.shape[1]):
         total += np.float64(first[i, j]) * np.float64(second[i, j])
+    return total
+
+
+@njit(cache=True, nogil=True)
+def product_of_rows(first: AnyFloat, second: AnyFloat, begin: int, stop: int) -> float:
+    """`product_of_row` of the rows from `begin` to before `stop`."""
+    total = 0.0
+    for i in range(begin, stop):
+        total += product_of_row(first, second, i)
     return total

@@ -16,21 +16,23 @@ from numpy.typing import DTypeLike, NDArray
 _MOST_KEPT = 128_000_000
 """Bytes that are kept between two solves."""
 
+LINE = 64
+"""Bytes at whole multiples of which each part begins."""
+
 _kept: list[NDArray[np.uint8]] = []
 
 
 class Memory:
     """Hands out parts of one array, each once."""
 
-    def __init__(self, size: int, within: NDArray[np.uint8] | None = None) -> None:
-        """So many bytes, within an array that is large enough, or a new one."""
-        self._left = np.empty(size, np.uint8) if within is None else within
+    def __init__(self, within: NDArray[np.uint8]) -> None:
+        self._left = within
 
     def take(self, shape: tuple[int, ...], dtype: DTypeLike = np.float32) -> NDArray[Any]:
         """An array that is still to be written."""
         size = math.prod(shape) * np.dtype(dtype).itemsize
         taken = self._left[:size].view(dtype).reshape(shape)
-        self._left = self._left[-(-size // 64) * 64 :]
+        self._left = self._left[-(-size // LINE) * LINE :]
         return taken
 
     def framed(self, shape: tuple[int, int], dtype: DTypeLike = np.float32) -> NDArray[Any]:
@@ -41,17 +43,22 @@ class Memory:
         return framed
 
 
+def new_memory(size: int) -> Memory:
+    """So many bytes for one solve."""
+    return Memory(np.empty(size, np.uint8))
+
+
 @contextmanager
 def borrowed(size: int) -> Iterator[Memory]:
     """So many bytes for as long as a solve takes; what is cut from them is not to be used after that."""
     try:
         within = _kept.pop()
-    except IndexError:
-        within = np.empty(0, np.uint8)
+    except IndexError:  # nothing is kept, or another thread has it
+        within = np.empty(size, np.uint8)
     if within.size < size:
         within = np.empty(size, np.uint8)
     try:
-        yield Memory(size, within)
+        yield Memory(within)
     finally:
         if not _kept and within.size <= _MOST_KEPT:
             _kept.append(within)

@@ -4,12 +4,12 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
-from tests.planning.test_laplace import drawn, plain_interpolation, plain_matrix, plain_smoothing, scattered, walls_of
+from tests.planning.plain_multigrid import ROUND, drawn, plain_cycle, scattered, walls_of
 
 from waychair.planning import patches as module
 from waychair.planning.conjugate_gradients import conjugate_gradients
 from waychair.planning.laplace_solvers import problem_of
-from waychair.planning.levels import COARSEST_SWEEPS, Level, levels_from
+from waychair.planning.levels import Level, levels_from
 from waychair.planning.multigrid import v_cycle, v_cycle_in_parts
 from waychair.planning.patches import Patches, Place, patches_of
 from waychair.planning.slices import finished
@@ -21,7 +21,7 @@ def small(monkeypatch: pytest.MonkeyPatch) -> None:
     """Patches on grids of a size of which a plain reference can be computed."""
     monkeypatch.setattr(module, "_WORTH", 0)
     monkeypatch.setattr(module, "_LARGEST_SHARE", 1.0)
-    monkeypatch.setattr(module, "_ROUND", 2)
+    monkeypatch.setattr(module, "_ROUND", ROUND)
 
 
 def place(top: int, left: int, bottom: int, right: int) -> Place:
@@ -36,38 +36,6 @@ def made(seed: int = 5) -> tuple[Float32Array, tuple[Level, ...], Patches]:
     walls = walls_of(scattered(seed, 21, 30))
     levels = levels_from(walls)
     return walls, levels, patches_of(levels, PLACES)
-
-
-def plain_patch(level: Level, at: Place) -> FloatArray:
-    """(N, N) what a patch of a level adds to x, by what is left."""
-    matrix, shape = plain_matrix(level), level.x.shape
-    within = np.zeros(shape, np.bool_)
-    low, high = np.maximum(at[0] - 2, 1), np.minimum(at[1] + 2, np.array(shape) - 2)
-    within[low[0] : high[0] + 1, low[1] : high[1] + 1] = True
-    inside = np.diag(within.ravel().astype(float))
-    held, x = inside @ matrix @ inside, np.zeros_like(matrix)
-    for _ in range(COARSEST_SWEEPS):
-        x = np.column_stack([plain_smoothing(held, x[:, k], inside[:, k]) for k in range(len(x))])
-    return x
-
-
-def plain_cycle(levels: tuple[Level, ...], places: list[Place], b: FloatArray) -> FloatArray:
-    matrix, x = plain_matrix(levels[0]), np.zeros_like(b)
-    if len(levels) == 1:
-        for _ in range(COARSEST_SWEEPS):
-            x = plain_smoothing(matrix, x, b)
-        return x
-    patches = [plain_patch(levels[0], at) for at in places] if min(levels[0].x.shape) >= 16 else []
-    for patch in patches:
-        x = x + patch @ (b - matrix @ x)
-    weights, left = plain_interpolation(levels[1], levels[0]), b - matrix @ x
-    y = plain_smoothing(matrix, np.zeros_like(b), left)
-    coarser = [((low + 1) // 2, (high + 1) // 2) for low, high in places]
-    y = y + weights @ plain_cycle(levels[1:], coarser, weights.T @ (left - matrix @ y))
-    x = x + plain_smoothing(matrix, y, left)
-    for patch in reversed(patches):
-        x = x + patch @ (b - matrix @ x)
-    return x
 
 
 @pytest.mark.usefixtures("small")
