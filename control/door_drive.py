@@ -1,7 +1,8 @@
 """Through a door: line up, look for the jambs, approach on their middle, and go through only when straight before it.
 
-What leaves no second chance is the last hand's breadth before the jambs: there the chair must head for a place within
-1.6 cm of the middle, or a fifth of the room beside it, and within three degrees; else it backs off and tries again.
+There is no second chance where the chair could no longer stop before the wall: at that gate it must head for a place
+within 1.6 cm of the middle, or a fifth of the room beside it, and within three degrees; else it backs off and tries
+again.
 Driving at an angle t through a wall of depth d takes W / cos t + d tan t: five degrees cost 1.6 cm in a wall of 0.15 m.
 """
 
@@ -32,7 +33,7 @@ as 2 cm."""
 class DoorDriveSettings(Settings):
     """When the chair may enter."""
 
-    gate: float = setting(0.18, "m", "the front end this far before the middle: now or never", low=0.05, high=1.0)
+    gate: float = setting(0.25, "m", "the front end this far before the middle: now or never", low=0.05, high=1.0)
     lateral: float = setting(0.016, "m", "off the axis, at the axle and where the front enters", low=0.005, high=0.2)
     lateral_share: float = setting(0.2, "", "or this part of the room on each side, if that is more", low=0.0, high=0.9)
     heading: float = setting(0.05, "rad", "off the axis", low=0.01, high=0.3)
