@@ -59,6 +59,8 @@ def plan_command(
         raise BadArgument("--scen holds starts and goals of its own; leave --start, --goal and --png out")
     if scen is not None and map.suffix != SUFFIX:
         raise BadArgument(f"--scen belongs to a Moving AI {SUFFIX} file, not to '{map}'")
+    if map.suffix == SUFFIX and smooth not in ("auto", "none"):
+        raise BadArgument(f"--smooth is for the chair's paths; over the cells of a {SUFFIX} file leave it out")
     if scen is not None:
         _plan_scenario(map, scen, planner, json)
     elif start is None or goal is None:
