@@ -17,7 +17,7 @@ from waychair.config import Settings, setting
 from waychair.control.navigator import Navigation, Stage
 from waychair.control.recovery import Recovery, RecoverySettings
 from waychair.errors import PlanningError
-from waychair.maps.distance_field import DistanceField, distances
+from waychair.maps.distance_field import DistanceField, window_distances
 from waychair.maps.grid_memory import GridMemory, GridMemorySettings
 from waychair.planning.costmap import Costmap, CostmapSettings, costmap_from_grid
 from waychair.planning.dwa import DwaResult, choose
@@ -94,7 +94,7 @@ class MaplessNavigator:
         row, col = int((pose.y - corner.y) / cell) - half, int((pose.x - corner.x) / cell) - half
         row, col = max(row, 0), max(col, 0)
         solid = self._memory.occupied()[row : row + 2 * half, col : col + 2 * half]
-        return DistanceField(distances(solid, cell), cell, corner @ Pose2(col * cell, row * cell, 0.0))
+        return DistanceField(window_distances(solid, cell), cell, corner @ Pose2(col * cell, row * cell, 0.0))
 
     def _plan(self, now_ns: int, pose: Pose2) -> None:
         """A new path over all that is remembered; while there is none, the old one stays."""

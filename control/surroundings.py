@@ -11,7 +11,7 @@ from scipy.spatial import cKDTree
 from waychair.calibration.chair import BodyLayer, ChairBody, sonar_mounts
 from waychair.config import Settings, setting
 from waychair.maps.depth_scan import levelled_mount
-from waychair.maps.distance_field import DistanceField, are_within, distances
+from waychair.maps.distance_field import DistanceField, are_within, window_distances
 from waychair.maps.grid import cells_from_points, inside, occupied
 from waychair.maps.ground import GroundSettings, ground_view
 from waychair.planning.drawn_map import DrawnMap
@@ -143,7 +143,7 @@ class Surroundings:
         cells = cells_from_points(local, np.concatenate([self._scanned, self.unexpected()]))
         rows, cols = cells[inside(local, cells)].T
         solid[rows, cols] = True
-        return DistanceField(distances(solid, local.resolution), local.resolution, corner)
+        return DistanceField(window_distances(solid, local.resolution), local.resolution, corner)
 
     def unexpected(self) -> FloatArray:
         """(N, 2) [m] in map: what was seen, at any height, and the map does not explain."""

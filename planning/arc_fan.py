@@ -130,13 +130,13 @@ def _fits(shape: Footprint, start: FloatArray, row: FloatArray, v: float, slack:
         u, w, radius = discs[i, 0], discs[i, 1], discs[i, 2]
         column, line = x + c * u - s * w, y + s * u + c * w
         if inland:
-            distance = _bilinear(metres, column, line) / cell
+            distance = _bilinear(metres, column, line)
         else:
             border = min(min(column, width - column), min(line, height - line))
-            distance = 0.0 if border < 1.0 else min(_bilinear(metres, column, line) / cell, border)
-        if distance >= radius + slack:
+            distance = 0.0 if border < 1.0 else min(_bilinear(metres, column, line), border * cell)
+        if distance >= (radius + slack) * cell:
             i = skip[i]
-        elif skip[i] == i + 1 or distance < discs[i, 3] + slack - 1.0:
+        elif skip[i] == i + 1 or distance < (discs[i, 3] + slack - 1.0) * cell:
             return False
         else:
             i += 1

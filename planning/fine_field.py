@@ -7,7 +7,7 @@ import math
 import numpy as np
 
 from waychair.geometry import transform_points
-from waychair.maps.distance_field import DistanceField, distances
+from waychair.maps.distance_field import DistanceField, window_distances
 from waychair.maps.grid import cells_from_points, inside, occupied, points_from_cells
 from waychair.types import BoolArray, FloatArray, OccupancyGrid, Pose2
 
@@ -49,7 +49,7 @@ def fine_field(
     fine = OccupancyGrid(np.zeros(solid.shape, np.int8), side / parts, part.map_from_grid)
     if opening is not None:
         _open(solid, fine, *opening)
-    metres = distances(solid, fine.resolution)
+    metres = window_distances(solid, fine.resolution)
     if points is not None and len(points):
         cells = cells_from_points(fine, points)
         cells = cells[inside(fine, cells)]
@@ -57,7 +57,7 @@ def fine_field(
             cells = cells[metres[cells[:, 0], cells[:, 1]] > known_within]
         if len(cells):  # what is new is rare where it is tight
             solid[cells[:, 0], cells[:, 1]] = True
-            metres = distances(solid, fine.resolution)
+            metres = window_distances(solid, fine.resolution)
     return DistanceField(metres, fine.resolution, fine.map_from_grid)
 
 

@@ -6,7 +6,6 @@ say: it obeys the verdict of the `DriveBase`, and what that interrupts or refuse
 
 from __future__ import annotations
 
-import math
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, replace
 
@@ -24,7 +23,7 @@ from waychair.planning.motion import measured
 from waychair.runtime.drive_base import BaseSettings
 from waychair.runtime.echoes import Echoes, EchoSettings
 from waychair.slam.localisation import Localisation, LocalisationState
-from waychair.slam.scan_points import scan_points
+from waychair.slam.scan_points import beam_ends
 from waychair.slam.tilt import Tilt
 from waychair.types import FloatArray, Goal, OccupancyGrid, Place, Pose2, RgbdFrame, Scan, SonarReadings, Twist
 
@@ -101,15 +100,15 @@ class Pilot:
     def see(self, scan: Scan, localisation: Localisation, twist: Twist) -> None:
         """Told what a scan shows but for the chair itself, and where it was taken."""
         reach, mount = self.settings.navigator.obstacle_range, self.body.base_from_laser
-        points = scan_points(scan, mount, reach, twist).points
         # of a beam that goes on so far is known that it goes on so far
-        clear = replace(scan, ranges=np.where(scan.ranges >= reach, np.float32(0.999 * reach), np.float32(math.nan)))
-        beyond = scan_points(clear, mount, reach, twist).points
+        clear = scan.ranges >= reach
+        within = replace(scan, ranges=np.where(clear, np.float32(0.999 * reach), scan.ranges))
+        ends, valid = beam_ends(within, mount, reach, twist)
         pose = localisation.map_from_base
         self.furniture = (
             self._mapped_legs(scan, pose, twist) if localisation.state is LocalisationState.OK else _NOTHING
         )
-        self._sight = _Sight(transform_points(pose, points), transform_points(pose, beyond))
+        self._sight = _Sight(transform_points(pose, ends[valid & ~clear]), transform_points(pose, ends[valid & clear]))
 
     def _mapped_legs(self, scan: Scan, pose: Pose2, twist: Twist) -> FloatArray:
         s = self.settings.monitor

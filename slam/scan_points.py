@@ -44,11 +44,18 @@ def scan_points(
     beams are taken one after another (`time_step`) is straightened by the chair's `twist` meanwhile, when it is given.
     Beams that `mask` hides are invalid: they end on the chair itself.
     """
-    nearest, farthest = max(scan.range_min, 0.05), min(range_max, scan.range_max if scan.range_max > 0 else range_max)
-    ranges = scan.ranges if mask is None else mask.applied(scan).ranges
-    motion = _STANDING if twist is None or scan.time_step == 0.0 else motion_of_beams(scan, twist)
-    points, usable = _ends(ranges, scan.angle_min, scan.angle_step, base_from_laser.array(), nearest, farthest, motion)
+    seen = scan if mask is None else mask.applied(scan)
+    points, usable = beam_ends(seen, base_from_laser, range_max, twist)
     return ScanPoints(*_with_normals(points, usable, base_from_laser.x, base_from_laser.y, abs(scan.angle_step)))
+
+
+def beam_ends(
+    scan: Scan, base_from_laser: Pose2, range_max: float, twist: Twist | None = None
+) -> tuple[FloatArray, BoolArray]:
+    """Where each of the beams (N,) ends, (N, 2) [m] in the base frame, and which of them are valid; see `scan_points`."""
+    nearest, farthest = max(scan.range_min, 0.05), min(range_max, scan.range_max if scan.range_max > 0 else range_max)
+    motion = _STANDING if twist is None or scan.time_step == 0.0 else motion_of_beams(scan, twist)
+    return _ends(scan.ranges, scan.angle_min, scan.angle_step, base_from_laser.array(), nearest, farthest, motion)
 
 
 def motion_of_beams(scan: Scan, twist: Twist) -> FloatArray:

@@ -9,7 +9,14 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from waychair.maps.distance_field import distance_field, distances, interpolated, near_distances, update_near
+from waychair.maps.distance_field import (
+    distance_field,
+    distances,
+    interpolated,
+    near_distances,
+    update_near,
+    window_distances,
+)
 from waychair.types import BoolArray, FloatArray, OccupancyGrid, Pose2
 
 
@@ -65,6 +72,28 @@ def test_the_interpolation_bound_is_nearly_reached_between_four_centres() -> Non
 @pytest.mark.parametrize(("column", "row"), [(-0.01, 1.0), (1.0, -0.01), (4.0, 1.0), (1.0, 3.0), (math.nan, 1.0)])
 def test_outside_the_grid_nothing_is_free(column: float, row: float) -> None:
     assert interpolated(np.full((3, 4), 9.0, np.float32), column, row) == 0.0
+
+
+@given(st.integers(0, 2**32 - 1), st.integers(1, 300), st.integers(1, 300), st.floats(0.01, 12.0))
+@settings(max_examples=80, deadline=None)
+def test_near_distances_are_distances_as_far_as_they_reach(seed: int, height: int, width: int, reach: float) -> None:
+    rng = np.random.default_rng(seed)
+    obstacles = rng.random((height, width)) < rng.choice([0.0, 0.0001, 0.01, 0.3])
+    obstacles[rng.integers(height), rng.integers(width)] = True
+    squares = np.rint(distances(obstacles, 1.0) ** 2)
+    whole = np.sqrt(squares) * np.float32(0.05)
+    np.testing.assert_array_equal(near_distances(obstacles, 0.05, reach), np.minimum(whole, np.float32(reach)))
+    half = 0.05 * max(height, width) / 2
+    np.testing.assert_array_equal(window_distances(obstacles, 0.05), np.minimum(whole, np.float32(half)))
+
+
+@pytest.mark.parametrize("reach", [8.9, 9.0])
+def test_the_farthest_places_that_are_near_do_not_overflow(reach: float) -> None:
+    obstacles = np.zeros((400, 400), bool)
+    obstacles[0, 0] = True
+    metres = near_distances(obstacles, 0.05, reach)
+    np.testing.assert_allclose(metres, np.minimum(brute_force(obstacles, 0.05), reach), rtol=1e-6)
+    assert (near_distances(np.zeros((40, 30), bool), 0.05, reach) == np.float32(reach)).all()
 
 
 @given(st.integers(0, 2**32 - 1), st.integers(1, 60), st.integers(1, 60), st.floats(0.05, 3.0))

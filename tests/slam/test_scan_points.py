@@ -13,7 +13,7 @@ from hypothesis import strategies as st
 from tests.slam.conftest import scan_at
 from waychair.calibration.self_mask import SelfMask
 from waychair.geometry import arc
-from waychair.slam.scan_points import ScanPoints, ScanStore, scan_points
+from waychair.slam.scan_points import ScanPoints, ScanStore, beam_ends, scan_points
 from waychair.types import FloatArray, Pose2, Scan, Twist
 
 
@@ -42,6 +42,14 @@ def test_invalid_near_and_far_beams_give_no_points() -> None:
     scan = Scan(0, ranges, 0.0, 0.1, range_min=0.02, range_max=30.0)
     assert len(scan_points(scan, Pose2(), 20.0)) == 1
     assert len(scan_points(scan, Pose2(), 100.0)) == 2
+
+
+def test_ends_are_told_for_every_beam() -> None:
+    ranges = np.array([3.0, np.nan, 25.0, 2.0], np.float32)
+    scan, mount = Scan(0, ranges, 0.0, 0.1, range_max=30.0, time_step=0.01), Pose2(0.6, 0.1, 1.0)
+    ends, valid = beam_ends(scan, mount, 20.0, Twist(0.5, 0.4))
+    assert valid.tolist() == [True, False, False, True]
+    np.testing.assert_array_equal(ends[valid], scan_points(scan, mount, 20.0, Twist(0.5, 0.4)).points)
 
 
 def test_a_corner_and_a_lone_point_have_no_normal() -> None:
