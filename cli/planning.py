@@ -251,6 +251,8 @@ def navigate_command(
     people: int = 0,
     sensors: bool = False,
     seed: int = 0,
+    planner: str = "dstar-lite",
+    smooth: str = "auto",
     box: Path | None = None,
 ) -> None:
     """Drive a simulated chair to places on a map and by its zones.
@@ -274,6 +276,10 @@ def navigate_command(
         With sonars, a depth camera and an IMU, besides the lidar.
     seed
         Seed of the simulated chair, its sensors and its noise, and of the people.
+    planner
+        dstar-lite, astar, dijkstra or harmonic.
+    smooth
+        taut, band, none, or auto: the rubber band for harmonic, else taut.
     box
         Log what the chair is told and does in this folder, for `waychair why`.
     """
@@ -284,6 +290,7 @@ def navigate_command(
     from waychair.maps.depth_layer import load_depth_layer, scanned_part
     from waychair.maps.map_files import load_map
     from waychair.maps.zones import load_zones
+    from waychair.planning.global_planner import PlannerSettings
     from waychair.simulation.world import load_world
     from waychair.trials.demo_report import HEADER, IN_TERMINAL, row
     from waychair.trials.navigate import navigate
@@ -291,20 +298,21 @@ def navigate_command(
 
     if map is None and world is None:
         raise BadArgument("there is nowhere to drive: name a map with --map, a world with --world, or both")
+    settings = PlannerSettings(planner=planner, smooth=smooth)
     plan = None if world is None else load_world(world)
     if map is None:
         assert plan is not None
         own = {place.name: place for place in plan.places}
         goals = [_place_among(own, text, "--goal") for text in goal]
         begin = plan.start if start is None else _place_among(own, start, "--start").pose
-        legs = navigate(plan.grid, begin, goals, seed, people, plan, sensors=sensors, box=box)
+        legs = navigate(plan.grid, begin, goals, seed, people, plan, sensors=sensors, box=box, planner=settings)
     else:
         grid, map_from_world = load_map(map), Pose2() if plan is None else plan.start.inverse()
         goals = [_place(map, text, "--goal") for text in goal]
         begin = _place(map, start or "0,0,0", "--start").pose
         scanned = scanned_part(grid, load_depth_layer(map, grid))
         zones = load_zones(map)
-        legs = navigate(grid, begin, goals, seed, people, plan, zones, sensors, scanned, map_from_world, box)
+        legs = navigate(grid, begin, goals, seed, people, plan, zones, sensors, scanned, map_from_world, box, settings)
     table = Table(*HEADER[:IN_TERMINAL])
     for leg in legs:
         table.add_row(*row(leg)[:IN_TERMINAL])

@@ -153,7 +153,8 @@ class GlobalPlanner:
         finally:
             self.holds_anywhere = False
         if self.settings.narrow > 0.0 and self.settings.exactly and not among_people:
-            legs = yield from checked(costmap, here, legs, self.settings.route)
+            banded = self.settings.smoothing == "band"
+            legs = yield from checked(costmap, here, legs, self.settings.route, banded)
         self.legs = tuple(legs)
         return whole(self.legs)
 

@@ -14,7 +14,7 @@ import numpy as np
 
 from waychair.config import Settings, setting
 from waychair.errors import NoPath
-from waychair.geometry import wrap_angle
+from waychair.geometry import arc_lengths, wrap_angle
 from waychair.planning.costmap import Costmap
 from waychair.planning.fine_field import fine_field
 from waychair.planning.footprint import fits, fits_each, footprint, free_time, in_cells
@@ -38,6 +38,9 @@ _PAST = (0.35, 0.2, 0.1)
 _STRAIGHT_M, _STRAIGHT_RAD = 0.1, 0.3
 """A chair no farther off a door's axis and direction than this [m], [rad] goes on without lining up anew."""
 
+_BEND, _BEND_OVER = 0.3, 0.5
+"""A path that turns by more than this [rad] from so far [m] before a place to so far after it bends there."""
+
 _ROUND = (0.8, 2.0)
 """How much [m] of the chain on both sides of what does not fit a manoeuvre may replace: more when less is in vain."""
 
@@ -51,6 +54,9 @@ class RouteSettings(Settings):
     )
     turn_from: float = setting(1.0, "rad", "direction off by more: the chair turns in place", low=0.2, high=math.pi)
     docking: float = setting(1.0, "m", "last part of a leg that is kept to exactly", low=0.0, high=5.0)
+    bend_room: float = setting(
+        0.3, "m", "a band's bend with less room than this beside the body is kept to exactly", low=0.0, high=1.0
+    )
     manoeuvre: ManoeuvreSettings = field(default_factory=ManoeuvreSettings)
 
 
@@ -83,10 +89,13 @@ def door_leg(costmap: Costmap, door: Door, start: Pose2, goal: Pose2) -> Leg | N
     return Leg(Path(poses), Manner.DOOR, door=door)
 
 
-def checked(costmap: Costmap, start: Pose2, legs: list[Leg], settings: RouteSettings) -> Slices[list[Leg]]:
+def checked(
+    costmap: Costmap, start: Pose2, legs: list[Leg], settings: RouteSettings, banded: bool = False
+) -> Slices[list[Leg]]:
     """The free legs, each whole or with manoeuvres where the rectangle does not pass; `start` is the pose before them.
 
-    Searching for a manoeuvre takes its time: it is done in slices.
+    Searching for a manoeuvre takes its time: it is done in slices. The bends of a rubber band (`banded`) may take all
+    the room there is; a local planner that cuts them is caught there, so that tight ones become exact legs.
 
     Raises:
         NoPath: at some place the chair does not fit round.
@@ -96,6 +105,8 @@ def checked(costmap: Costmap, start: Pose2, legs: list[Leg], settings: RouteSett
         parts = [leg]
         if leg.manner is Manner.FREE:
             parts = yield from _legs_of_leg(costmap, start, leg.path.poses, settings)
+        if banded:
+            parts = [piece for part in parts for piece in _with_exact_bends(costmap, part, settings)]
         done += [half for part in parts for half in _docked(part, settings.docking)]
         start = Pose2(*done[-1].path.poses[-1])
     return done
@@ -103,7 +114,7 @@ def checked(costmap: Costmap, start: Pose2, legs: list[Leg], settings: RouteSett
 
 def _docked(leg: Leg, docking: float) -> list[Leg]:
     """A free leg whose last metre is exact, as it ends where the chair is to stop; another one as it is."""
-    if leg.manner is not Manner.FREE or docking == 0.0:
+    if leg.manner is not Manner.FREE or leg.flows or docking == 0.0:
         return [leg]
     poses = leg.path.poses
     left = np.append(np.hypot(*np.diff(poses[:, :2], axis=0).T)[::-1].cumsum()[::-1], 0.0)
@@ -111,6 +122,43 @@ def _docked(leg: Leg, docking: float) -> list[Leg]:
         return [Leg(leg.path, Manner.EXACT)]
     k = int(np.searchsorted(-left, -docking))
     return [Leg(Path(poses[: k + 1]), flows=True), Leg(Path(poses[k:].copy()), Manner.EXACT)]
+
+
+def _with_exact_bends(costmap: Costmap, leg: Leg, settings: RouteSettings) -> list[Leg]:
+    """A free leg, its tight bends cut out of it as exact legs; another one as it is."""
+    poses, done = leg.path.poses, 0
+    if leg.manner is not Manner.FREE or len(poses) < 3:
+        return [leg]
+    legs: list[Leg] = []
+    for first, last in _tight_bends(costmap, poses, settings):
+        if first > done:
+            legs.append(Leg(Path(poses[done : first + 1].copy()), flows=True))
+        legs.append(Leg(Path(poses[first : last + 1].copy()), Manner.EXACT))
+        done = last
+    return legs if done == len(poses) - 1 else [*legs, Leg(Path(poses[done:]))]
+
+
+def _tight_bends(costmap: Costmap, poses: FloatArray, settings: RouteSettings) -> list[tuple[int, int]]:
+    """First and last index of every bend with little room, with half a metre on both sides; what is left is longer."""
+    body, headings, end = costmap.body, np.unwrap(poses[:-1, 2]), len(poses) - 1  # the last heading is a turn in place
+    along = arc_lengths(poses[:, :2])
+    before = np.searchsorted(along, along[:-1] - _BEND_OVER)
+    after = np.minimum(np.searchsorted(along, along[:-1] + _BEND_OVER), end - 1)
+    bent = np.flatnonzero(np.abs(headings[after] - headings[before]) > _BEND)
+    found: list[tuple[int, int]] = []
+    for bend in np.split(bent, 1 + np.flatnonzero(np.diff(bent) > 1)) if len(bent) else []:
+        part = poses[bend]
+        middle = Pose2(*part[:, :2].mean(axis=0).tolist())
+        reach = np.hypot(*(part[:, :2] - (middle.x, middle.y)).T).max() + body.circumscribed_radius + settings.bend_room
+        if fits_each(body, settings.bend_room, fine_field(costmap.grid, middle, reach), part).all():
+            continue
+        first, last = int(before[bend[0]]), int(after[bend[-1]]) + 1
+        first = first if along[first] > _BEND_OVER else 0
+        last = last if along[-1] - along[last] > 1.5 * settings.docking else end
+        if found and along[first] - along[found[-1][1]] < _BEND_OVER:
+            first = found.pop()[0]
+        found.append((first, last))
+    return found
 
 
 def _legs_of_leg(costmap: Costmap, start: Pose2, poses: FloatArray, settings: RouteSettings) -> Slices[list[Leg]]:

@@ -11,10 +11,13 @@ import numpy as np
 
 from waychair.calibration.chair import CHAIR_A
 from waychair.calibration.dac import DEFAULT
+from waychair.control.navigator import NavigatorSettings
 from waychair.errors import WorldError
 from waychair.maps.distance_field import distance_field
 from waychair.maps.grid import OCCUPIED_FROM, points_from_cells
 from waychair.maps.zones import Zone
+from waychair.planning.global_planner import PlannerSettings
+from waychair.runtime.chair import ChairSettings
 from waychair.simulation.scene import Behaviour, PersonPlan
 from waychair.simulation.simulator import Simulator, with_all_sensors
 from waychair.simulation.world import World, world_from_grid
@@ -41,12 +44,14 @@ def navigate(
     scanned: OccupancyGrid | None = None,
     map_from_world: Pose2 | None = None,
     box: Path | None = None,
+    planner: PlannerSettings | None = None,
 ) -> tuple[Leg, ...]:
     """Drives chair A from a start to places in turn, both in the map's frame, among so many people who walk about.
 
     A `world` that is given stands at `map_from_world`; its own start and people are left out. `zones` are the map's. With
     `sensors` the chair has sonars, a depth camera and an IMU besides its lidar. `scanned` is the map as a lidar sees it
     in that world; in one raised from the map itself it sees all of it. `box` is the folder of a black box.
+    `planner` is what ways are planned with, if not the default.
 
     Raises:
         WorldError: the chair does not fit at the start, the start lies outside the map, or there is no room for people.
@@ -62,7 +67,10 @@ def navigate(
     chair = with_all_sensors(chair_of(seed)) if sensors else chair_of(seed)
     simulator = Simulator(with_walkers(world, people, seed), CHAIR_A, chair, seed)
     places = {place.name: place for place in goals}
-    setting = Setting(grid, places, CHAIR_A, DEFAULT, map_from_world, zones=zones, scanned=scanned)
+    chair_settings = ChairSettings(navigator=NavigatorSettings(planner=planner or PlannerSettings()))
+    setting = Setting(
+        grid, places, CHAIR_A, DEFAULT, map_from_world, zones=zones, scanned=scanned, chair=chair_settings
+    )
     return drive_to_places(setting, simulator, [place.name for place in goals], box=box)
 
 
