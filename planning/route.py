@@ -54,8 +54,12 @@ class RouteSettings(Settings):
     )
     turn_from: float = setting(1.0, "rad", "direction off by more: the chair turns in place", low=0.2, high=math.pi)
     docking: float = setting(1.0, "m", "last part of a leg that is kept to exactly", low=0.0, high=5.0)
-    bend_room: float = setting(
-        0.3, "m", "a band's bend with less room than this beside the body is kept to exactly", low=0.0, high=1.0
+    bend_share: float = setting(
+        0.3,
+        "",
+        "a band's bend with less room than this part of the body's length is kept to exactly",
+        low=0.0,
+        high=1.0,
     )
     manoeuvre: ManoeuvreSettings = field(default_factory=ManoeuvreSettings)
 
@@ -141,6 +145,7 @@ def _with_exact_bends(costmap: Costmap, leg: Leg, settings: RouteSettings) -> li
 def _tight_bends(costmap: Costmap, poses: FloatArray, settings: RouteSettings) -> list[tuple[int, int]]:
     """First and last index of every bend with little room, with half a metre on both sides; what is left is longer."""
     body, headings, end = costmap.body, np.unwrap(poses[:-1, 2]), len(poses) - 1  # the last heading is a turn in place
+    room = settings.bend_share * body.length  # by how much a bend is cut grows with what is ahead of the axle
     along = arc_lengths(poses[:, :2])
     before = np.searchsorted(along, along[:-1] - _BEND_OVER)
     after = np.minimum(np.searchsorted(along, along[:-1] + _BEND_OVER), end - 1)
@@ -149,8 +154,8 @@ def _tight_bends(costmap: Costmap, poses: FloatArray, settings: RouteSettings) -
     for bend in np.split(bent, 1 + np.flatnonzero(np.diff(bent) > 1)) if len(bent) else []:
         part = poses[bend]
         middle = Pose2(*part[:, :2].mean(axis=0).tolist())
-        reach = np.hypot(*(part[:, :2] - (middle.x, middle.y)).T).max() + body.circumscribed_radius + settings.bend_room
-        if fits_each(body, settings.bend_room, fine_field(costmap.grid, middle, reach), part).all():
+        reach = np.hypot(*(part[:, :2] - (middle.x, middle.y)).T).max() + body.circumscribed_radius + room
+        if fits_each(body, room, fine_field(costmap.grid, middle, reach), part).all():
             continue
         first, last = int(before[bend[0]]), int(after[bend[-1]]) + 1
         first = first if along[first] > _BEND_OVER else 0
