@@ -66,7 +66,7 @@ def near_distances(obstacles: BoolArray, resolution: float, reach: float) -> Flo
     reach takes less than half the time of `distances`.
     """
     cells = max(1, math.ceil(reach / resolution))
-    if cells <= _SHORT:
+    if cells <= _SHORT and obstacles.size:
         return _near_distances(obstacles, cells, np.float32(resolution), np.float32(reach))
     found = distances(obstacles, 1.0)
     exact = np.sqrt(np.rint(found * found)) * np.float32(resolution)

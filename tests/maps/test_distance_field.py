@@ -87,6 +87,11 @@ def test_near_distances_are_distances_as_far_as_they_reach(seed: int, height: in
     np.testing.assert_array_equal(window_distances(obstacles, 0.05), np.minimum(whole, np.float32(half)))
 
 
+@pytest.mark.parametrize("shape", [(0, 0), (0, 5), (5, 0)])
+def test_a_window_off_the_map_has_no_cells(shape: tuple[int, int]) -> None:
+    assert window_distances(np.zeros(shape, bool), 0.05).shape == shape
+
+
 @pytest.mark.parametrize("reach", [8.9, 9.0])
 def test_the_farthest_places_that_are_near_do_not_overflow(reach: float) -> None:
     obstacles = np.zeros((400, 400), bool)
