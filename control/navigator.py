@@ -29,12 +29,14 @@ from waychair.maps.zones import Zone
 from waychair.planning.costmap import Costmap
 from waychair.planning.drawn_map import DrawnMap
 from waychair.planning.dwa import DwaResult
+from waychair.planning.fine_field import fine_field
 from waychair.planning.forecast import arrival
 from waychair.planning.global_planner import GlobalPlanner, check_goal
 from waychair.planning.legs import Leg, Manner
 from waychair.planning.motion import Motion, braking, crawling, motion_after
 from waychair.planning.slices import Slices
 from waychair.planning.warm_up import warm_up
+from waychair.planning.way_out import cramped_side
 from waychair.types import (
     BoolArray,
     FloatArray,
@@ -52,7 +54,6 @@ __all__ = ["Navigation", "Navigator", "NavigatorSettings", "Stage"]
 
 _RESTED_TICKS, _AT_REST = 8, 1e-3
 """A chair that was commanded less than this [m/s, rad/s] for so many ticks stands."""
-
 
 _SLICES_STANDING = 3
 """Slices of a field or band that are done in one tick while the chair stands for want of a way."""
@@ -309,11 +310,19 @@ class Navigator:
         here = leg.remaining(pose)
         return None if here is None else here + sum(leg.path.length() for leg in self._legs[1:])
 
+    def _why_given_up(self) -> str:
+        body, here = self._body, self._here
+        field = fine_field(self._drawn.grid, here, body.circumscribed_radius + 0.3, self._surroundings.lasting()[0])
+        side = cramped_side(field, body, here)
+        if side is not None:
+            return f"the chair has no room to turn, for what is {side}: drive it a little away from there by hand"
+        tries = self.settings.recovery.tries
+        return f"no way through after {tries} tries: clear the way or choose another goal"
+
     def _outcome(self, now_ns: int, choice: DwaResult) -> Navigation:
         """Reached, given up, waiting or driving."""
         if self._recovery.exhausted:
-            tries = self.settings.recovery.tries
-            self.cancel(f"no way through after {tries} tries: clear the way or choose another goal")
+            self.cancel(self._why_given_up())
             return self._navigation(braking(self._command, self._dwa), choice)
         if choice.arrived:
             self._goals = self._goals[1:]

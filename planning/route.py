@@ -7,27 +7,34 @@ along, and whether it can be turned where the direction changes at once. Where n
 from __future__ import annotations
 
 import math
+from collections.abc import Sequence
 from contextlib import suppress
 from dataclasses import dataclass, field, replace
 
 import numpy as np
 
+from waychair.calibration.chair import ChairBody
 from waychair.config import Settings, setting
 from waychair.errors import NoPath
 from waychair.geometry import arc_lengths, wrap_angle
+from waychair.maps.distance_field import DistanceField
 from waychair.planning.costmap import Costmap
 from waychair.planning.fine_field import fine_field
 from waychair.planning.footprint import fits, fits_each, footprint, free_time, in_cells
 from waychair.planning.legs import Door, Leg, Manner
 from waychair.planning.manoeuvre import ManoeuvreSettings, manoeuvre_in_slices
 from waychair.planning.slices import Slices
+from waychair.planning.way_out import CRAMPED, way_out
 from waychair.types import BoolArray, FloatArray, Path, Pose2
 
 _FITS = 0.045
 """Kept free round the body [m] where the simple way is judged: what the local planner keeps, on its coarser cells."""
 
-_ATTEMPTS = ((0.05, 0.05, 72), (0.03, 0.05, 72), (0.015, 0.025, 144), (0.005, 0.025, 144))
-"""Margin round the body [m], side of a bin [m] and number of headings: the first with which there is a manoeuvre."""
+_ROOMY, _TIGHT = ((0.05, 0.05, 72), (CRAMPED, 0.05, 72)), ((0.015, 0.025, 144),)
+"""Margin round the body [m], side of a bin [m] and number of headings: the first with which there is a manoeuvre.
+
+Less than the last is less than a chair knows its place by.
+"""
 
 _AHEAD = (0.8, 0.6, 0.45, 0.3, 0.2, 0.1)
 """Before a door's middle [m]: where the front end may stand when the chair lines up, the farthest with room."""
@@ -256,15 +263,36 @@ def _ends(costmap: Costmap, start: Pose2, poses: FloatArray, first: int, last: i
 
 
 def _manoeuvre(costmap: Costmap, begin: Pose2, end: Pose2, settings: ManoeuvreSettings) -> Slices[FloatArray | None]:
-    """A multi-point turn with as much margin as there is room for; None where there is none at all."""
-    middle = Pose2((begin.x + end.x) / 2, (begin.y + end.y) / 2, 0.0)
-    reach = math.hypot(end.x - begin.x, end.y - begin.y) / 2 + 2 * costmap.body.length
-    field = fine_field(costmap.grid, middle, reach)
-    for margin, side, headings in _ATTEMPTS:
+    """A multi-point turn with as much margin as there is room for; None where there is none at all.
+
+    From a cramped place it leads out first, rather than keep as little all the way.
+    """
+    body, middle = costmap.body, Pose2((begin.x + end.x) / 2, (begin.y + end.y) / 2, 0.0)
+    field = fine_field(costmap.grid, middle, math.hypot(end.x - begin.x, end.y - begin.y) / 2 + 2 * body.length)
+    turned = yield from _turned(field, body, begin, end, settings, _ROOMY)
+    if turned is not None:
+        return turned
+    out = yield from way_out(field, body, begin)
+    if out is not None:
+        turned = yield from _turned(field, body, Pose2(*out[-1]), end, settings, _ROOMY)
+        if turned is not None:
+            return np.concatenate([out[:-1], turned])
+    return (yield from _turned(field, body, begin, end, settings, _TIGHT))
+
+
+def _turned(
+    field: DistanceField,
+    body: ChairBody,
+    begin: Pose2,
+    end: Pose2,
+    settings: ManoeuvreSettings,
+    attempts: Sequence[tuple[float, float, int]],
+) -> Slices[FloatArray | None]:
+    for margin, side, headings in attempts:
         yield
         with suppress(NoPath):
             attempt = replace(settings, margin=margin, bin=side, headings=headings)
-            return (yield from manoeuvre_in_slices(field, costmap.body, begin, end, attempt))
+            return (yield from manoeuvre_in_slices(field, body, begin, end, attempt))
     return None
 
 

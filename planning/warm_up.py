@@ -15,7 +15,9 @@ from waychair.planning.footprint import footprint, in_cells
 from waychair.planning.global_planner import GlobalPlanner
 from waychair.planning.manoeuvre import ManoeuvreSettings, manoeuvre
 from waychair.planning.motion import DwaSettings, Motion
+from waychair.planning.slices import finished
 from waychair.planning.tracks import Track, Tracker
+from waychair.planning.way_out import CRAMPED, way_out
 from waychair.types import OccupancyGrid, Pose2, Twist
 
 _SIDE, _CELL = 6.0, 0.05
@@ -23,7 +25,7 @@ _SIDE, _CELL = 6.0, 0.05
 
 @cache
 def warm_up() -> None:
-    """Plan, replan, turn and choose once, in a small room; nothing on later calls.
+    """Plan, replan, turn, leave a wall and choose once, in a small room; nothing on later calls.
 
     For whoever makes a chair that is to keep its 20 steps a second; a kernel that was never compiled here is compiled.
     """
@@ -38,6 +40,7 @@ def warm_up() -> None:
     path = planner.replan(costmaps.costmap(np.array([[1.0, 1.0]])), middle)
     field = fine_field(grid, middle, _SIDE / 2)
     manoeuvre(field, CHAIR_A, middle, aside, ManoeuvreSettings(polish=0))
+    finished(way_out(field, CHAIR_A, Pose2(_SIDE / 2, _CELL + CHAIR_A.width / 2 + CRAMPED / 2, 0.0)))
     Tracker().update(0, np.array([[1.0, 1.0]]))
     person = Track(0, 0, 0, 1, np.array([1.0, 1.0]), np.zeros(2), np.eye(4), 0.3)
     choose(Pose2(middle.x, middle.y, -1.5), Twist(), path, field, CHAIR_A, DwaSettings(), False, Motion(), (person,))

@@ -343,7 +343,16 @@ def robot_settings() -> ChairSettings:
             waits_from=0.6,
             recovery=RecoverySettings(patience=150.0, patience_with_people=150.0),  # they never stand for long
             tracks=TrackSettings(
-                radius=_MOVER.radius, room=0.2, room_after=0.2, largest=0.6, link=0.05, acceleration=0.3, sigma=0.05
+                radius=_MOVER.radius,
+                room=0.2,
+                room_after=0.2,
+                largest=0.6,
+                link=0.05,
+                acceleration=0.3,
+                sigma=0.05,
+                walking=0.1,  # discs drift at 0.15 m/s, no faster than furniture seems to
+                way=0.15,
+                onwards=0.08,
             ),
             dwa=DwaSettings(
                 max_speed=0.5,

@@ -40,6 +40,9 @@ ROOM, WALL = 4.0, 0.15
 CORRIDOR, DEAD_END = 0.915, 1.5
 """Widths [m] of the corridor with a corner (the ADA's least) and of the dead end."""
 
+PARKED_BY, PARKED_AT = (0.02, 0.04), ("beside", "nose in", "tail in")
+"""How far [m] from the wall on its right a chair is parked, and whether one is ahead or behind it, as near."""
+
 _EDGE = 0.2  # free ground round a plan's outer walls, within its size
 
 
@@ -147,6 +150,24 @@ def dead_end_scene(body: ChairBody, seed: int) -> Scene:
 
     goal = Place("way out", Pose2(_EDGE + 1.5, middle, math.pi))
     return Scene(f"dead end {DEAD_END:g} m, {body.chair_id} {body.drive}", _started(world, body, start), goal, body)
+
+
+def parked_scene(place: str, body: ChairBody, seed: int) -> Scene:
+    """A room in which the chair is parked beside a wall, or in a corner; the goal is in the middle, any way round."""
+    rng = np.random.default_rng(seed)
+    far = _EDGE + ROOM
+    world = _world("parked", [(_EDGE, _EDGE), (far, _EDGE), (far, far), (_EDGE, far)], [])
+    beside, end = rng.uniform(*PARKED_BY, size=2)
+    x = {
+        "beside": rng.uniform(_EDGE + 1.5, far - 1.5),
+        "nose in": far - end - body.front,
+        "tail in": _EDGE + end + body.rear,
+    }
+    start = Pose2(x[place], _EDGE + beside + body.width / 2, 0.0)
+    middle = _EDGE + ROOM / 2
+    goal = Pose2(middle + rng.uniform(-0.3, 0.3), middle + rng.uniform(0.0, 0.5), rng.uniform(-math.pi, math.pi))
+    name = f"parked {place}, {body.chair_id} {body.drive}"
+    return Scene(name, replace(world, start=start), Place("middle", goal), body)
 
 
 def run_scene(scene: Scene, seed: int, time_limit_s: float = 150.0) -> SceneResult:

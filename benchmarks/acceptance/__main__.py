@@ -92,6 +92,7 @@ FIGURES: dict[str, Callable[[Path], Json]] = {
     "door_drives": scenes.door_drives,
     "corner": scenes.corner,
     "dead_end": scenes.dead_end,
+    "parked": scenes.parked,
     "harmonic_bands": harmonic.harmonic_bands,
     "harmonic_fields": harmonic.harmonic_fields,
     "harmonic_movers": harmonic.harmonic_movers,

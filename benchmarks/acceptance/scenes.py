@@ -19,6 +19,7 @@ from waychair.trials.barn import upper_bound
 from waychair.trials.scenes import (
     APPROACHES,
     DOORS,
+    PARKED_AT,
     Scene,
     SceneResult,
     corner_scene,
@@ -26,6 +27,7 @@ from waychair.trials.scenes import (
     door_scene,
     drives,
     map_of,
+    parked_scene,
     run_scene,
 )
 from waychair.types import Json
@@ -82,6 +84,18 @@ def dead_end(out: Path) -> Json:
             (f"{name} {drive} drive", partial(dead_end_scene, body))
             for name, base in (("A", CHAIR_A), ("B", CHAIR_B))
             for drive, body in drives(base).items()
+        ],
+    )
+
+
+def parked(out: Path) -> Json:
+    """Body B, all drives, out of where it was parked two to four centimetres from a wall, or from two in a corner."""
+    return _scored(
+        "parked",
+        [
+            (f"{place}, {drive} drive", partial(parked_scene, place, body))
+            for place in PARKED_AT
+            for drive, body in drives(CHAIR_B).items()
         ],
     )
 

@@ -2,14 +2,19 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 
 from waychair.calibration.chair import CHAIR_A, CHAIR_B
+from waychair.control.navigator import NavigatorSettings
+from waychair.control.recovery import RecoverySettings
 from waychair.errors import NoPath
 from waychair.maps.grid import cells_from_points, occupied
 from waychair.planning.costmap import costmap_from_grid
 from waychair.planning.global_planner import plan
+from waychair.runtime.chair import ChairSettings
 from waychair.trials.scenes import (
     CORRIDOR,
     corner_scene,
@@ -17,6 +22,7 @@ from waychair.trials.scenes import (
     door_scene,
     drives,
     map_of,
+    parked_scene,
     run_scene,
 )
 from waychair.types import Pose2
@@ -29,6 +35,22 @@ def test_the_tightest_door_is_mastered_from_beside_without_a_contact() -> None:
     assert (result.reached, result.contacts) == (True, 0), result.reason
     assert result.door_error_m is not None
     assert result.door_error_m <= 0.02
+
+
+def test_a_chair_that_is_parked_in_a_corner_gets_out_without_a_contact() -> None:
+    result = run_scene(parked_scene("tail in", B["rear"], 1), 1)
+    assert (result.reached, result.contacts) == (True, 0), result.reason
+    assert result.min_clearance_m > 0.005
+
+
+def test_a_chair_without_any_room_says_on_which_side_and_stays_where_it_is() -> None:
+    scene = parked_scene("nose in", B["rear"], 0)
+    touching = Pose2(4.2 - 0.004 - scene.body.front, 0.2 + 0.02 + scene.body.width / 2, 0.0)
+    once = ChairSettings(navigator=NavigatorSettings(recovery=RecoverySettings(tries=1)))
+    result = run_scene(replace(scene, world=replace(scene.world, start=touching), chair=once), 0)
+    assert not result.reached
+    assert "for what is ahead: drive it a little away from there by hand" in result.reason
+    assert result.contacts == 0
 
 
 def test_the_larger_chair_is_told_that_it_does_not_fit_round_the_corner() -> None:
