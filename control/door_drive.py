@@ -49,7 +49,9 @@ class DoorDriveSettings(Settings):
     tries: int = setting(4, "", "retreats before it is given up", low=0, high=20)
     doorway: DoorwaySettings = field(default_factory=DoorwaySettings)
     retreating: TrackingSettings = field(default_factory=TrackingSettings)
-    tracking: TrackingSettings = field(default_factory=lambda: TrackingSettings(return_length=0.3, damping=1.9))
+    tracking: TrackingSettings = field(
+        default_factory=lambda: TrackingSettings(return_length=0.3, damping=1.9, damping_off=1.9)
+    )
 
 
 class DoorDrive:
@@ -63,7 +65,7 @@ class DoorDrive:
         before = settings.tracking
         gentle = max(before.return_length, settings.tail_share * body.rear)
         damping = before.damping * gentle / before.return_length
-        self._within = replace(before, return_length=gentle, damping=damping)
+        self._within = replace(before, return_length=gentle, damping=damping, damping_off=damping)
         self._longer = replace(body, length=body.length + _BEHIND, axle_from_rear=body.axle_from_rear + _BEHIND)
         self.watch = DoorWatch(odom_from_map @ leg.door.map_from_door, leg.door.width, settings.doorway)
         self._line = compose(leg.door.map_from_door.inverse().array(), leg.path.poses)  # in the door's own frame

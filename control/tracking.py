@@ -2,7 +2,8 @@
 
 Where there is room, the dynamic window weighs arcs; here there is only one way, and what counts is to be on it. Straight
 lines and arcs are followed by the feedback of C. Samson's path coordinates (IEEE Trans. Automatic Control 40(1), 1995),
-whose errors die away over a distance driven, not over time: the same at every speed, and the same backwards.
+whose errors die away over a distance driven, not over time: the same at every speed, and the same backwards. Near the
+line the heading is held stiffly, so that a small error swings neither end out; farther off the way back is the shortest.
 """
 
 from __future__ import annotations
@@ -42,7 +43,8 @@ class TrackingSettings(Settings):
     max_speed: float = setting(0.25, "m/s", "along a line where it is tight", low=0.05, high=0.3)
     max_omega: float = setting(0.4, "rad/s", "turning where it is tight", low=0.05, high=1.0)
     return_length: float = setting(0.16, "m", "way over which an error dies away", low=0.05, high=2.0)
-    damping: float = setting(1.0, "", "how stiffly the heading is held meanwhile; 1: critically", low=0.3, high=10.0)
+    damping: float = setting(2.0, "", "how stiffly the heading is held meanwhile; 1: critically", low=0.3, high=10.0)
+    damping_off: float = setting(1.0, "", "the same 4 cm off the line and farther", low=0.3, high=10.0)
     end_tolerance: float = setting(0.015, "m", "how near to its end along the line", low=0.005, high=0.1)
     heading_tolerance: float = setting(0.02, "rad", "how exactly the chair turns at an end", low=0.005, high=0.2)
     turn_first: float = setting(0.12, "rad", "farther off the line's heading: turn before driving", low=0.02, high=1.0)
@@ -146,7 +148,8 @@ def _feedback(at: OnLine, backwards: bool, limits: DwaSettings, settings: Tracki
     speed = min(settings.max_speed, slowing_speed(at.left, 0.0, limits), _steering_speed(at, limits))
     v = math.copysign(max(speed, limits.min_speed), -1.0 if backwards else 1.0)
     gain = 1.0 / settings.return_length
-    omega = v * at.curvature - v * gain**2 * at.lateral - 2.0 * settings.damping * abs(v) * gain * at.heading
+    damping = np.interp(abs(at.lateral), (_BESIDE, 2 * _BESIDE), (settings.damping, settings.damping_off))
+    omega = v * at.curvature - v * gain**2 * at.lateral - 2.0 * float(damping) * abs(v) * gain * at.heading
     share = min(1.0, limits.max_omega / max(abs(omega), 1e-9))
     return Twist(v * max(share, min(1.0, limits.min_speed / abs(v))), omega * share)
 

@@ -63,14 +63,9 @@ def door_drives(out: Path) -> Json:
 
 
 def corner(out: Path) -> Json:
-    """Body A, rear and mid drive, round the corner of the 0.915 m corridor; body B is told that it does not fit."""
+    """Body A, all drives, round the corner of the 0.915 m corridor; body B is told that it does not fit."""
     figures = _scored(
-        "corner",
-        [
-            (f"{drive} drive", partial(corner_scene, body))
-            for drive, body in drives(CHAIR_A).items()
-            if drive != "front"  # its tail sweeps wider than the corridor: planned to be refused, as B is
-        ],
+        "corner", [(f"{drive} drive", partial(corner_scene, body)) for drive, body in drives(CHAIR_A).items()]
     )
     refused = {drive: _refused(corner_scene(body, 0)) for drive, body in drives(CHAIR_B).items()}
     return {**figures, "refused_b": refused, "passed": figures["passed"] and all(refused.values())}
