@@ -36,7 +36,7 @@ from waychair.planning.legs import Leg, Manner
 from waychair.planning.motion import Motion, braking, crawling, motion_after
 from waychair.planning.slices import Slices
 from waychair.planning.warm_up import warm_up
-from waychair.planning.way_out import cramped_side
+from waychair.planning.way_out import why_cramped
 from waychair.types import (
     BoolArray,
     FloatArray,
@@ -313,9 +313,9 @@ class Navigator:
     def _why_given_up(self) -> str:
         body, here = self._body, self._here
         field = fine_field(self._drawn.grid, here, body.circumscribed_radius + 0.3, self._surroundings.lasting()[0])
-        side = cramped_side(field, body, here)
-        if side is not None:
-            return f"the chair has no room to turn, for what is {side}: drive it a little away from there by hand"
+        why = why_cramped(field, body, here)
+        if why is not None:
+            return f"{why}: drive it a little away from there by hand"
         tries = self.settings.recovery.tries
         return f"no way through after {tries} tries: clear the way or choose another goal"
 
@@ -352,7 +352,8 @@ class Navigator:
             self._stage, self._reason = Stage.WAITING, f"{why}; waiting"
             s = self.settings.recovery
             if waited > (s.patience_with_people if self._among_people else s.patience):
-                self.cancel(f"{why}, for {waited:.0f} s: clear the way or choose another goal")
+                what, _, advice = why.partition("; ")
+                self.cancel(f"{what}, for {waited:.0f} s: {advice or 'clear the way or choose another goal'}")
         return self._navigation(braking(self._command, self._dwa) if choice is None else choice.twist, choice)
 
     def _note_correction(self, now_ns: int, pose: Pose2, odom_from_map: Pose2) -> None:

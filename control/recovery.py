@@ -18,9 +18,15 @@ from waychair.calibration.chair import ChairBody
 from waychair.config import Settings, setting
 from waychair.maps.distance_field import DistanceField
 from waychair.planning.dwa import DwaResult
-from waychair.planning.escape import back_up
+from waychair.planning.escape import back_up, margin_left
 from waychair.planning.motion import DwaSettings
 from waychair.types import Pose2, Twist
+
+_UNSURE = 0.005
+"""Nearer by this [m] than the chair has been may be noise of its place."""
+
+_SAME_PLACE = 0.3
+"""A chair that begins to back out again within this [m] gives away no more than the first time."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -54,6 +60,7 @@ class Recovery:
         self._nearest: tuple[int, float] | None = None  # when, and how near to the goal [m]
         self._turned: tuple[int, Pose2] | None = None  # when the chair, turning, last came to be elsewhere, and where
         self._backing: tuple[int, Pose2] | None = None  # since when, and from where
+        self._keeps: tuple[Pose2, float] | None = None  # where it first backed out, and what is kept free there [m]
         self._held_up_since: int | None = None
         self._tried_at: float | None = None  # how near to the goal [m]
 
@@ -124,7 +131,9 @@ class Recovery:
         self._take_back(pose)
         since, origin = self._backing
         trail = np.array([passed.array() for passed in self._trail])
-        choice = back_up(pose, command, trail, local(), body, settings, self._settings.way + 0.1)
+        near = local()
+        keeps = self._kept(pose, near, body, settings.margin)
+        choice = back_up(pose, command, trail, near, body, settings, self._settings.way + 0.1, keeps)
         backed = math.hypot(pose.x - origin.x, pose.y - origin.y)
         lasted = (now_ns - since) * 1e-9
         self._held_up_since = (self._held_up_since or now_ns) if choice.blocked else None
@@ -134,6 +143,20 @@ class Recovery:
             return choice
         self._backing, self._nearest, self._turned = None, None, None
         return None
+
+    def _kept(self, pose: Pose2, near: DistanceField, body: ChairBody, margin: float) -> float:
+        """What the chair keeps free [m]: what it had on its way in, and where it stood when it first backed out here."""
+
+        def away(passed: Pose2) -> float:
+            return math.hypot(passed.x - pose.x, passed.y - pose.y)
+
+        if self._keeps is None or away(self._keeps[0]) > _SAME_PLACE:
+            way_in = [pose, *(passed for passed in self._trail if away(passed) < self._settings.way)]
+            free = [left for passed in way_in if (left := margin_left(passed, near, body, margin)) is not None]
+            if not free:
+                return -math.inf
+            self._keeps = pose, min(free) - _UNSURE
+        return self._keeps[1]
 
     def _stuck(self, now_ns: int, pose: Pose2, remaining: float | None) -> bool:
         s = self._settings

@@ -9,7 +9,7 @@ line the heading is held stiffly, so that a small error swings neither end out; 
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 
 import numpy as np
 
@@ -29,8 +29,8 @@ _BESIDE = 0.02
 """Farther off a line [m] than this its plan says nothing of what is free, and the place is known to half a centimetre
 only: the first margin is kept."""
 
-_PREVIEW = 3
-"""Steps of a line that are looked at ahead of the chair."""
+_PREVIEW = 0.6
+"""How much [m] of a line is looked at ahead of the chair: enough to slow down for the sharpest bend."""
 
 _STANDING = 0.01
 """Speed [m/s] below which the chair stands."""
@@ -55,16 +55,16 @@ class TrackingSettings(Settings):
 class OnLine:
     """Where a pose is beside a line of poses: left of it by `lateral` [m], turned off it by `heading` [rad].
 
-    `curvature` [1/m] of the body's turning per metre of way, positive to the left when driven forwards; `bend` [1/m^2]:
-    how fast that changes, at most, here and a little farther on; `left` [m] to the end along the line, negative beyond
-    it.
+    `curvature` [1/m] of the body's turning per metre of way, positive to the left when driven forwards; `left` [m] to
+    the end along the line, negative beyond it. `bends` (N, 2): ways [m] to where the curvature begins to change, 0 where
+    it has begun, and how fast it does [1/m^2].
     """
 
     lateral: float
     heading: float
     curvature: float
     left: float
-    bend: float = 0.0
+    bends: FloatArray = field(default_factory=lambda: np.zeros((0, 2)))
 
 
 def on_line(poses: FloatArray, pose: Pose2, backwards: bool = False) -> OnLine:
@@ -83,20 +83,24 @@ def on_line(poses: FloatArray, pose: Pose2, backwards: bool = False) -> OnLine:
     lateral = direction[0] * (pose.y - points[k, 1]) - direction[1] * (pose.x - points[k, 0])
     left = float(lengths[k:].sum() - (share[k] if k == len(steps) - 1 else within[k]) * lengths[k])
     curvature = gear * turn / float(lengths[k])
-    return OnLine(float(lateral), wrap_angle(pose.theta - heading), curvature, left, _bend(poses, lengths, k))
+    bends = _bends(poses, lengths, k, float(within[k]))
+    return OnLine(float(lateral), wrap_angle(pose.theta - heading), curvature, left, bends)
 
 
-def _bend(poses: FloatArray, lengths: FloatArray, k: int) -> float:
-    """Greatest change of curvature per metre [1/m^2] from one step of a line to the next, from the one before step k on.
+def _bends(poses: FloatArray, lengths: FloatArray, k: int, within: float) -> FloatArray:
+    """(N, 2) ways [m] to the changes of curvature from one step of a line to the next, and how fast [1/m^2] they are.
 
-    The last step does not count: its end may turn to the heading of what comes after it.
+    From the one before step k on, of which a share is driven. A change takes half of the step before it and half of the
+    one after it. The last step does not count: its end may turn to the heading of what comes after it.
     """
-    near = slice(max(k - 1, 0), min(k + _PREVIEW, len(lengths) - 1))
-    turns = np.diff(poses[near.start : near.stop + 1, 2])
-    curvatures = np.arctan2(np.sin(turns), np.cos(turns)) / lengths[near]
-    if len(curvatures) < 2:
-        return 0.0
-    return float((np.abs(np.diff(curvatures)) / lengths[near][1:]).max())
+    first = max(k - 1, 0)
+    ways = np.cumsum(lengths[first:-1]) - (lengths[first:k].sum() + within * lengths[k])  # to the end of each step
+    near = slice(first, first + int(np.searchsorted(ways, _PREVIEW)) + 1)
+    steps = lengths[near][: len(ways)]
+    turns = np.diff(poses[near.start : near.start + len(steps) + 1, 2])
+    curvatures = np.arctan2(np.sin(turns), np.cos(turns)) / steps
+    begun = np.maximum(ways[: max(len(steps) - 1, 0)] - steps[:-1] / 2, 0.0)
+    return np.column_stack([begun, np.abs(np.diff(curvatures)) / steps[1:]])
 
 
 def track(
@@ -134,7 +138,8 @@ def track(
             heading = wrap_angle(ahead.theta - at.heading)
             turned = rotate_to_heading(pose, command, heading, distances, body, kept, motion)
             return replace(turned, arrived=False)
-        return _admitted(ahead, command, _feedback(at, backwards, kept, settings), distances, body, kept, motion)
+        wanted = _feedback(at, backwards, _until_steady(command, backwards, kept, motion), kept, settings)
+        return _admitted(ahead, command, wanted, distances, body, kept, motion)
 
     wide, narrow = _MARGINS
     result = with_margin(wide)
@@ -143,9 +148,19 @@ def track(
     return result
 
 
-def _feedback(at: OnLine, backwards: bool, limits: DwaSettings, settings: TrackingSettings) -> Twist:
-    """Speed that can still stop at the end, and the turning that brings the chair back onto the line."""
-    speed = min(settings.max_speed, slowing_speed(at.left, 0.0, limits), _steering_speed(at, limits))
+def _until_steady(command: Twist, backwards: bool, limits: DwaSettings, motion: Motion | None) -> float:
+    """Way [m] that the chair goes while its speeding up ends by limited jerk; 0 if it does not speed up."""
+    gear = -1.0 if backwards else 1.0
+    faster = 0.0 if motion is None else max(gear * motion.acceleration.v, 0.0)
+    return max(gear * command.v, 0.0) * faster / limits.jerk + faster**3 / (3 * limits.jerk**2)
+
+
+def _feedback(at: OnLine, backwards: bool, way: float, limits: DwaSettings, settings: TrackingSettings) -> Twist:
+    """Speed that can still stop at the end, and the turning that brings the chair back onto the line.
+
+    Way [m]: that it goes before it can begin to slow down.
+    """
+    speed = min(settings.max_speed, slowing_speed(at.left - way, 0.0, limits), _steering_speed(at, way, limits))
     v = math.copysign(max(speed, limits.min_speed), -1.0 if backwards else 1.0)
     gain = 1.0 / settings.return_length
     damping = np.interp(abs(at.lateral), (_BESIDE, 2 * _BESIDE), (settings.damping, settings.damping_off))
@@ -154,9 +169,13 @@ def _feedback(at: OnLine, backwards: bool, limits: DwaSettings, settings: Tracki
     return Twist(v * max(share, min(1.0, limits.min_speed / abs(v))), omega * share)
 
 
-def _steering_speed(at: OnLine, limits: DwaSettings) -> float:
-    """Speed [m/s] at which the turning can follow the line's curvature: v^2 times its change per metre is alpha."""
-    return math.inf if at.bend == 0.0 else math.sqrt(limits.alpha / at.bend)
+def _steering_speed(at: OnLine, way: float, limits: DwaSettings) -> float:
+    """Speed [m/s] from which the chair comes down in time to where its turning can follow the line's curvature.
+
+    There v^2 times the change of the curvature per metre is alpha.
+    """
+    bends = [(left, math.sqrt(limits.alpha / bend)) for left, bend in at.bends.tolist() if bend > 1e-6]
+    return min((slowing_speed(left - way, speed, limits) for left, speed in bends), default=math.inf)
 
 
 def _admitted(

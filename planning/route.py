@@ -24,17 +24,20 @@ from waychair.planning.footprint import fits, fits_each, footprint, free_time, i
 from waychair.planning.legs import Door, Leg, Manner
 from waychair.planning.manoeuvre import ManoeuvreSettings, manoeuvre_in_slices
 from waychair.planning.slices import Slices
-from waychair.planning.way_out import CRAMPED, way_out
+from waychair.planning.way_out import CRAMPED, way_out, why_cramped
 from waychair.types import BoolArray, FloatArray, Path, Pose2
 
 _FITS = 0.045
 """Kept free round the body [m] where the simple way is judged: what the local planner keeps, on its coarser cells."""
 
-_ROOMY, _TIGHT = ((0.05, 0.05, 72), (CRAMPED, 0.05, 72)), ((0.015, 0.025, 144),)
+_ROOMY, _TIGHT = ((0.05, 0.05, 72), (CRAMPED, 0.05, 72)), ((0.015, 0.025, 144), (0.015, 0.02, 180))
 """Margin round the body [m], side of a bin [m] and number of headings: the first with which there is a manoeuvre.
 
 Less than the last is less than a chair knows its place by.
 """
+
+_KNOWN = 0.005
+"""Nearer to something than this [m], which is noise, a chair does not try what was not planned."""
 
 _AHEAD = (0.8, 0.6, 0.45, 0.3, 0.2, 0.1)
 """Before a door's middle [m]: where the front end may stand when the chair lines up, the farthest with room."""
@@ -192,7 +195,11 @@ def _legs_of_leg(costmap: Costmap, start: Pose2, poses: FloatArray, settings: Ro
         return [*before, *_legs_of_manoeuvre(turned), *after]
     x, y, _ = poses[first]
     if not _stands_free(costmap, start):  # too near to something for any plan: the local planner may still get away
-        return [Leg(Path(poses))]
+        near = fine_field(costmap.grid, start, costmap.body.circumscribed_radius + 0.3)
+        why = why_cramped(near, costmap.body, start, _KNOWN)
+        if why is None:
+            return [Leg(Path(poses))]
+        raise NoPath(f"{why}; drive it a little away from there by hand")
     raise NoPath(
         f"the chair does not fit round at ({x:.2f}, {y:.2f}), not even in several goes; clear the way or choose "
         "another goal"

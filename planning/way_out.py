@@ -77,9 +77,9 @@ def way_out(field: DistanceField, body: ChairBody, start: Pose2) -> Slices[Float
     return best
 
 
-def cramped_side(field: DistanceField, body: ChairBody, pose: Pose2) -> str | None:
-    """Where the nearest thing to a body at a pose is, as its rider would say; None where it is not cramped."""
-    if fits(body, CRAMPED, field, pose):
+def why_cramped(field: DistanceField, body: ChairBody, pose: Pose2, needed: float = CRAMPED) -> str | None:
+    """What leaves a body at a pose less room than is needed [m], as its rider would say it; None where there is more."""
+    if fits(body, needed, field, pose):
         return None
     front, rear, half = body.front, body.rear, body.width / 2
     along, across = np.linspace(0.05 - rear, front - 0.05, 50), np.linspace(0.05 - half, half - 0.05, 50)
@@ -96,7 +96,7 @@ def cramped_side(field: DistanceField, body: ChairBody, pose: Pose2) -> str | No
         rows, columns = np.clip(cells[:, ::-1].astype(np.int64), 0, np.array(field.metres.shape) - 1).T
         return float(field.metres[rows, columns].min())
 
-    return min(edges, key=away)
+    return f"what is {min(edges, key=away)} leaves the chair no room to turn"
 
 
 @njit(cache=True, nogil=True)

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import math
 from collections import deque
+from itertools import pairwise
 
 import numpy as np
 import pytest
@@ -20,13 +21,19 @@ from waychair.types import FloatArray, Pose2, Twist
 OPEN = DistanceField(np.full((600, 600), 5.0, np.float32), 0.02, Pose2(-6.0, -6.0, 0.0))
 
 
-def drive(pose: Pose2, line: FloatArray, backwards: bool, field: DistanceField = OPEN) -> list[Pose2]:
-    """A chair with the delay and lag of the simulated one, until the end of the line or 40 s."""
-    poses, command, v, omega = [pose], Twist(), 0.0, 0.0
+def drive(
+    pose: Pose2, line: FloatArray, backwards: bool, field: DistanceField = OPEN, eased: bool = False
+) -> list[Pose2]:
+    """A chair with the delay and lag of the simulated one, until the end of the line or 40 s; jerk limited if eased."""
+    poses, command, motion, v, omega = [pose], Twist(), Motion() if eased else None, 0.0, 0.0
     delayed = deque([Twist()])
     in_position = False
     for _ in range(800):
-        choice = track(poses[-1], command, line, backwards, field, CHAIR_A, DwaSettings(), in_position=in_position)
+        limits = DwaSettings()
+        choice = track(
+            poses[-1], command, line, backwards, field, CHAIR_A, limits, in_position=in_position, motion=motion
+        )
+        motion = None if motion is None else motion_after(motion, command, choice.twist, limits)
         in_position, command = choice.in_position, choice.twist
         if choice.arrived or choice.blocked:
             break
@@ -132,3 +139,21 @@ def test_a_zigzag_is_driven_as_slowly_as_the_chair_can_steer_it() -> None:
     poses = drive(Pose2(), np.array(line), False)
     off = [abs(on_line(np.array(line), pose).lateral) for pose in poses if pose.x < line[-1][0]]
     assert max(off) < 0.01
+
+
+def test_a_sharp_bend_is_come_up_to_at_the_speed_at_which_it_can_be_steered() -> None:
+    turns = np.repeat([0.0, 1.7, -1.7, 0.0], [12, 3, 3, 4]) * 0.05
+    line = [np.zeros(3)]
+    for turn in turns:
+        line.append(np.array(along_arc(*line[-1], 0.05, float(turn), 1.0)))
+    poses = drive(Pose2(), np.array(line), False, eased=True)
+    speeds = [math.dist((a.x, a.y), (b.x, b.y)) / 0.05 for a, b in pairwise(poses) if 0.56 < a.x < 0.6]
+    steered = math.sqrt(DwaSettings().alpha * 0.05**2 / (1.7 * 0.05))  # v^2 times the change of curvature is alpha
+    assert max(speeds) < 1.05 * steered
+
+
+@pytest.mark.parametrize("way", [0.1, 0.2, 0.3, 0.5])
+def test_a_chair_that_speeds_up_stops_at_the_end_all_the_same(way: float) -> None:
+    line = np.column_stack([np.linspace(0.0, way, round(way / 0.05) + 1), np.zeros((round(way / 0.05) + 1, 2))])
+    poses = drive(Pose2(), line, False, eased=True)
+    assert abs(poses[-1].x - way) < 0.01

@@ -15,7 +15,7 @@ from waychair.planning.fine_field import fine_field
 from waychair.planning.global_planner import GlobalPlanner
 from waychair.planning.legs import Manner
 from waychair.planning.slices import finished
-from waychair.planning.way_out import cramped_side, way_out
+from waychair.planning.way_out import way_out, why_cramped
 from waychair.types import FloatArray, OccupancyGrid, Pose2
 
 WALL, SIDE = 0.2, 5.0
@@ -83,7 +83,7 @@ def test_who_has_room_or_touches_the_wall_or_is_boxed_in_is_not_led_out() -> Non
     box[20 : 20 + math.ceil(body.width / 0.01) + 5, 20 : 20 + math.ceil(body.length / 0.01) + 5] = 0
     grid, start = OccupancyGrid(box, 0.01), Pose2(0.225 + body.rear, 0.225 + body.width / 2, 0.0)
     field = fine_field(grid, start, 2.0)
-    assert cramped_side(field, body, start) is not None
+    assert why_cramped(field, body, start) is not None
     assert finished(way_out(field, body, start)) is None
 
 
@@ -107,4 +107,5 @@ def test_the_plan_of_a_parked_chair_leads_out_before_it_turns() -> None:
 ])  # fmt: skip
 def test_a_rider_is_told_on_which_side_there_is_no_room(x: float, y: float, theta: float, side: str | None) -> None:
     pose = Pose2(x, y, theta)
-    assert cramped_side(field_round(pose), CHAIR_B, pose) == side
+    why = None if side is None else f"what is {side} leaves the chair no room to turn"
+    assert why_cramped(field_round(pose), CHAIR_B, pose) == why
