@@ -25,8 +25,8 @@ from waychair.types import Pose2, Twist
 _UNSURE = 0.005
 """Nearer by this [m] than the chair has been may be noise of its place."""
 
-_SAME_PLACE = 0.3
-"""A chair that begins to back out again within this [m] gives away no more than the first time."""
+_SAME_PLACE = 0.1
+"""A chair that tries to back out again within this [m] of where it was held up gives nothing more away."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -60,7 +60,7 @@ class Recovery:
         self._nearest: tuple[int, float] | None = None  # when, and how near to the goal [m]
         self._turned: tuple[int, Pose2] | None = None  # when the chair, turning, last came to be elsewhere, and where
         self._backing: tuple[int, Pose2] | None = None  # since when, and from where
-        self._keeps: tuple[Pose2, float] | None = None  # where it first backed out, and what is kept free there [m]
+        self._keeps = Pose2(), -math.inf  # where it backed out last, and what it kept free there [m]
         self._held_up_since: int | None = None
         self._tried_at: float | None = None  # how near to the goal [m]
 
@@ -145,17 +145,12 @@ class Recovery:
         return None
 
     def _kept(self, pose: Pose2, near: DistanceField, body: ChairBody, margin: float) -> float:
-        """What the chair keeps free [m]: what it had on its way in, and where it stood when it first backed out here."""
-
-        def away(passed: Pose2) -> float:
-            return math.hypot(passed.x - pose.x, passed.y - pose.y)
-
-        if self._keeps is None or away(self._keeps[0]) > _SAME_PLACE:
-            way_in = [pose, *(passed for passed in self._trail if away(passed) < self._settings.way)]
-            free = [left for passed in way_in if (left := margin_left(passed, near, body, margin)) is not None]
-            if not free:
-                return -math.inf
-            self._keeps = pose, min(free) - _UNSURE
+        """What the chair keeps free [m]: as much as it has had since it began to back out, or to try that again."""
+        before, kept = self._keeps
+        if math.hypot(before.x - pose.x, before.y - pose.y) > _SAME_PLACE:
+            kept = -math.inf
+        left = margin_left(pose, near, body, margin)
+        self._keeps = pose, kept if left is None else max(kept, left - _UNSURE)
         return self._keeps[1]
 
     def _stuck(self, now_ns: int, pose: Pose2, remaining: float | None) -> bool:
