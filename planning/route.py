@@ -30,14 +30,8 @@ from waychair.types import BoolArray, FloatArray, Path, Pose2
 _FITS = 0.045
 """Kept free round the body [m] where the simple way is judged: what the local planner keeps, on its coarser cells."""
 
-_ROOMY, _TIGHT = (
-    ((0.05, 0.05, 72), (CRAMPED, 0.05, 72)),
-    (
-        (0.02, 0.025, 144),
-        (0.015, 0.025, 144),
-        (0.015, 0.02, 180),
-    ),
-)
+_ROOMY = (0.05, 0.05, 72), (CRAMPED, 0.05, 72)
+_TIGHT = (0.02, 0.025, 144), (0.015, 0.025, 144), (0.015, 0.02, 180)
 """Margin round the body [m], side of a bin [m] and number of headings: the first with which there is a manoeuvre.
 
 Less than the last is less than a chair knows its place by.
