@@ -313,8 +313,7 @@ class Navigator:
     def _why_given_up(self) -> str:
         body, here = self._body, self._here
         field = fine_field(self._drawn.grid, here, body.circumscribed_radius + 0.3, self._surroundings.lasting()[0])
-        why = why_cramped(field, body, here)
-        if why is not None:
+        if (why := why_cramped(field, body, here)) is not None:
             return f"{why}: drive it a little away from there by hand"
         tries = self.settings.recovery.tries
         return f"no way through after {tries} tries: clear the way or choose another goal"
