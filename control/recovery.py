@@ -25,6 +25,9 @@ from waychair.types import Pose2, Twist
 _UNSURE = 0.005
 """Nearer by this [m] than the chair has been may be noise of its place."""
 
+_ENOUGH = 0.02
+"""Farther than this [m] from everything a chair that backs out may come nearer: it moves, and its place is noisy."""
+
 _SAME_PLACE = 0.1
 """A chair that tries to back out again within this [m] of where it was held up gives nothing more away."""
 
@@ -145,12 +148,12 @@ class Recovery:
         return None
 
     def _kept(self, pose: Pose2, near: DistanceField, body: ChairBody, margin: float) -> float:
-        """What the chair keeps free [m]: as much as it has had since it began to back out, or to try that again."""
+        """What the chair keeps free [m]: as much as it has had since it began to back out, or tried before, or enough."""
         before, kept = self._keeps
         if math.hypot(before.x - pose.x, before.y - pose.y) > _SAME_PLACE:
             kept = -math.inf
         left = margin_left(pose, near, body, margin)
-        self._keeps = pose, kept if left is None else max(kept, left - _UNSURE)
+        self._keeps = pose, kept if left is None else max(kept, min(left, _ENOUGH) - _UNSURE)
         return self._keeps[1]
 
     def _stuck(self, now_ns: int, pose: Pose2, remaining: float | None) -> bool:

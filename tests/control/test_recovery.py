@@ -140,7 +140,7 @@ def test_a_chair_that_turns_less_than_it_is_told_comes_no_nearer_to_walls_as_it_
         command = Twist() if choice is None else choice.twist
         pose = Pose2(*along_arc(pose.x, pose.y, pose.theta, command.v, 0.6 * command.omega, 0.05))
     assert recovery.tries > 1
-    assert min(gaps) > gaps[0] - 0.015
+    assert min(gaps) > 0.005  # 1.5 cm are kept, less what it takes to stop
 
 
 def gap(pose: Pose2, field: DistanceField, body: ChairBody) -> float:
