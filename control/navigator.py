@@ -36,7 +36,7 @@ from waychair.planning.legs import Leg, Manner
 from waychair.planning.motion import Motion, braking, crawling, motion_after
 from waychair.planning.slices import Slices
 from waychair.planning.warm_up import warm_up
-from waychair.planning.way_out import why_cramped
+from waychair.planning.way_out import BY_HAND, why_cramped
 from waychair.types import (
     BoolArray,
     FloatArray,
@@ -314,7 +314,7 @@ class Navigator:
         body, here = self._body, self._here
         field = fine_field(self._drawn.grid, here, body.circumscribed_radius + 0.3, self._surroundings.lasting()[0])
         if (why := why_cramped(field, body, here)) is not None:
-            return f"{why}: drive it a little away from there by hand"
+            return f"{why}: {BY_HAND}"
         tries = self.settings.recovery.tries
         return f"no way through after {tries} tries: clear the way or choose another goal"
 

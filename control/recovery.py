@@ -18,7 +18,8 @@ from waychair.calibration.chair import ChairBody
 from waychair.config import Settings, setting
 from waychair.maps.distance_field import DistanceField
 from waychair.planning.dwa import DwaResult
-from waychair.planning.escape import back_up, margin_left
+from waychair.planning.escape import back_up, kept_footprint
+from waychair.planning.footprint import Footprint
 from waychair.planning.motion import DwaSettings
 from waychair.types import Pose2, Twist
 
@@ -135,8 +136,8 @@ class Recovery:
         since, origin = self._backing
         trail = np.array([passed.array() for passed in self._trail])
         near = local()
-        keeps = self._kept(pose, near, body, settings.margin)
-        choice = back_up(pose, command, trail, near, body, settings, self._settings.way + 0.1, keeps)
+        shape = self._shape(pose, near, body, settings.margin)
+        choice = back_up(pose, command, trail, near, shape, settings, self._settings.way + 0.1)
         backed = math.hypot(pose.x - origin.x, pose.y - origin.y)
         lasted = (now_ns - since) * 1e-9
         self._held_up_since = (self._held_up_since or now_ns) if choice.blocked else None
@@ -147,14 +148,14 @@ class Recovery:
         self._backing, self._nearest, self._turned = None, None, None
         return None
 
-    def _kept(self, pose: Pose2, near: DistanceField, body: ChairBody, margin: float) -> float:
-        """What the chair keeps free [m]: as much as it has had since it began to back out, or tried before, or enough."""
-        before, kept = self._keeps
+    def _shape(self, pose: Pose2, near: DistanceField, body: ChairBody, margin: float) -> Footprint:
+        """The body with as much free round it as it has had since it began to back out, or tried before, or enough."""
+        before, keeps = self._keeps
         if math.hypot(before.x - pose.x, before.y - pose.y) > _SAME_PLACE:
-            kept = -math.inf
-        left = margin_left(pose, near, body, margin)
-        self._keeps = pose, kept if left is None else max(kept, min(left, _ENOUGH) - _UNSURE)
-        return self._keeps[1]
+            keeps = -math.inf
+        shape, left = kept_footprint(pose, near, body, margin, keeps)
+        self._keeps = pose, keeps if left is None else max(keeps, min(left, _ENOUGH) - _UNSURE)
+        return shape
 
     def _stuck(self, now_ns: int, pose: Pose2, remaining: float | None) -> bool:
         s = self._settings

@@ -10,7 +10,7 @@ from waychair.calibration.chair import ChairBody
 from waychair.geometry import wrap_angle
 from waychair.maps.distance_field import DistanceField
 from waychair.planning.dwa import DwaResult
-from waychair.planning.footprint import along_arc, eased_footprint, fits, footprint, free_time, in_cells
+from waychair.planning.footprint import Footprint, along_arc, eased_footprint, fits, footprint, free_time, in_cells
 from waychair.planning.motion import CRAWL_OMEGA, CRAWL_V, DwaSettings, braking, stop_time, towards
 from waychair.types import FloatArray, Pose2, Twist
 
@@ -18,10 +18,17 @@ _TURNS = 17
 """Turning speeds tried."""
 
 
-def margin_left(pose: Pose2, distances: DistanceField, body: ChairBody, margin: float) -> float | None:
-    """What is free round the chair [m], `margin` at most, as `eased_footprint` has it; None where it touches something."""
-    ease = eased_footprint(body, margin, distances, pose)[1]
-    return margin - ease if ease or fits(body, margin, distances, pose) else None
+def kept_footprint(
+    pose: Pose2, distances: DistanceField, body: ChairBody, margin: float, keeps: float
+) -> tuple[Footprint, float | None]:
+    """The body with its margin [m], eased as by `eased_footprint`, but to no less than is to be kept [m].
+
+    Also returns what is free round it [m], the margin at most; None where it touches something.
+    """
+    shape, ease = eased_footprint(body, margin, distances, pose)
+    if margin - ease < keeps:
+        shape = footprint(body, keeps, distances)
+    return shape, margin - ease if ease or fits(body, margin, distances, pose) else None
 
 
 def back_up(
@@ -29,20 +36,16 @@ def back_up(
     command: Twist,
     trail: FloatArray,
     distances: DistanceField,
-    body: ChairBody,
+    shape: Footprint,
     settings: DwaSettings,
     way: float = 0.5,
-    keeps: float = -math.inf,
 ) -> DwaResult:
     """The next command backwards, along `trail` (M, 3) [m, m, rad] in map, the chair's latest poses, the last one last.
 
     Of the reverse arcs at walking-stick pace that are free and can be stopped on, the one that ends nearest to where
-    the chair was `way` [m] ago; straight back without a trail. Where the margin has to be eased, no more than to what
-    is to be kept [m]. `blocked` when there is none.
+    the chair was `way` [m] ago; straight back without a trail. The shape is the body's, with its margin, on the same
+    distances. `blocked` when there is none.
     """
-    shape, ease = eased_footprint(body, settings.margin, distances, pose)
-    if settings.margin - ease < keeps:
-        shape = footprint(body, min(keeps, settings.margin), distances)
     ahead = Pose2(*along_arc(pose.x, pose.y, pose.theta, command.v, command.omega, settings.reaction_time))
     target = _behind(ahead, trail, way)
     v, start, longest = -CRAWL_V, in_cells(distances, ahead), way / CRAWL_V

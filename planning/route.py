@@ -24,7 +24,7 @@ from waychair.planning.footprint import fits, fits_each, footprint, free_time, i
 from waychair.planning.legs import Door, Leg, Manner
 from waychair.planning.manoeuvre import ManoeuvreSettings, manoeuvre_in_slices
 from waychair.planning.slices import Slices
-from waychair.planning.way_out import CRAMPED, way_out, why_cramped
+from waychair.planning.way_out import BY_HAND, CRAMPED, way_out, why_cramped
 from waychair.types import BoolArray, FloatArray, Path, Pose2
 
 _FITS = 0.045
@@ -200,7 +200,7 @@ def _legs_of_leg(costmap: Costmap, start: Pose2, poses: FloatArray, settings: Ro
         why = why_cramped(near, costmap.body, start, _KNOWN)
         if why is None:
             return [Leg(Path(poses))]
-        raise NoPath(f"{why}; drive it a little away from there by hand")
+        raise NoPath(f"{why}; {BY_HAND}")
     raise NoPath(
         f"the chair does not fit round at ({x:.2f}, {y:.2f}), not even in several goes; clear the way or choose "
         "another goal"

@@ -24,6 +24,9 @@ from waychair.types import FloatArray, Pose2
 CRAMPED = 0.03
 """A chair that has less than this [m] round it is to be led out."""
 
+BY_HAND = "drive it a little away from there by hand"
+"""What helps a chair that is not led out."""
+
 _ENOUGH = 0.06
 """Kept free round the body [m] where the way out ends: a place to turn from like any other."""
 

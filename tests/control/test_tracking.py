@@ -27,9 +27,8 @@ def drive(
     """A chair with the delay and lag of the simulated one, until the end of the line or 40 s; jerk limited if eased."""
     poses, command, motion, v, omega = [pose], Twist(), Motion() if eased else None, 0.0, 0.0
     delayed = deque([Twist()])
-    in_position = False
+    in_position, limits = False, DwaSettings()
     for _ in range(800):
-        limits = DwaSettings()
         choice = track(
             poses[-1], command, line, backwards, field, CHAIR_A, limits, in_position=in_position, motion=motion
         )

@@ -33,7 +33,8 @@ def backed(pose: Pose2, trail: FloatArray, field: DistanceField, ticks: int) -> 
     """Poses of an ideal chair that backs up, and whether it was blocked in the end."""
     poses, command, blocked = [pose], Twist(), False
     for _ in range(ticks):
-        result = back_up(poses[-1], command, trail, field, CHAIR_A, SETTINGS)
+        shape, _ = eased_footprint(CHAIR_A, SETTINGS.margin, field, poses[-1])
+        result = back_up(poses[-1], command, trail, field, shape, SETTINGS)
         command, blocked = result.twist, result.blocked
         p = poses[-1]
         poses.append(Pose2(*along_arc(p.x, p.y, p.theta, command.v, command.omega, 0.05)))
@@ -91,8 +92,9 @@ def test_beside_a_wall_the_chair_goes_on_but_comes_no_nearer_however_often_it_is
 def test_a_chair_deep_inside_an_obstacle_is_not_let_go() -> None:
     field = hall((3.9, 2.9, 4.1, 3.1))
     inside = Pose2(4.0, 3.0, 0.0)
-    assert eased_footprint(CHAIR_A, 0.03, field, inside)[1] == 0.0
-    assert back_up(inside, Twist(), np.empty((0, 3)), field, CHAIR_A, SETTINGS).blocked
+    shape, ease = eased_footprint(CHAIR_A, 0.03, field, inside)
+    assert ease == 0.0
+    assert back_up(inside, Twist(), np.empty((0, 3)), field, shape, SETTINGS).blocked
 
 
 def test_a_chair_beside_a_wall_crawls_away_from_it() -> None:
