@@ -77,6 +77,9 @@ _NEAR_END = 1.5
 _FAR = 2.0
 """More way [m] than this is no reason to leave the path less: fast chairs weigh way and path as slow ones do."""
 
+_LET_GO = 1e-6
+"""A chair that is to stand in the next period but for this [m/s] stands."""
+
 _COURTESY = 0.5
 """The chair stands this long [s] before it is reached by somebody who goes on."""
 
@@ -401,8 +404,8 @@ def _rotate(
     """
     none = np.zeros((0, 2))
     here, start = ahead.array()[None], in_cells(distances, ahead)
-    if abs(command.v) >= STANDING_V:
-        eased = stopping(command, settings, motion)
+    eased = stopping(command, settings, motion)
+    if abs(command.v) >= STANDING_V or abs(eased.v) > _LET_GO:
         stopped = eased if _can_stop(eased, start, shape, settings) else braking(command, settings)
         return DwaResult(stopped, none, np.zeros(0), here)
     error, seen = wrap_angle(heading - ahead.theta), wrap_angle(heading - pose.theta)

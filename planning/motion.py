@@ -202,10 +202,12 @@ def _steps(limits: _Limits, v: float, omega: float, targets: FloatArray) -> Floa
 @njit(cache=True, nogil=True)
 def _eased(step: float, left: float, acceleration: float, jerk: float, period: float) -> float:
     """The step of a speed in one period, so that the acceleration changes by the jerk and is 0 when nothing is left."""
-    # Reached from an acceleration a, the change still to come is a^2 / 2 jerk, and half a period's step.
-    most = math.sqrt(jerk**2 * period**2 / 4 + 2 * jerk * abs(left)) - jerk * period / 2
-    wanted = min(max(step / period, -most), most)
-    return period * min(max(wanted, acceleration - jerk * period), acceleration + jerk * period)
+    # After a step s come s - change, s - 2 change ..., n of them: together with it (n + 1) (s - n change / 2).
+    change = jerk * period**2
+    n = math.floor((math.sqrt(1.0 + 8.0 * abs(left) / change) - 1.0) / 2.0)
+    most = abs(left) / (n + 1) + n * change / 2
+    wanted = min(max(step, -most), most)
+    return min(max(wanted, acceleration * period - change), acceleration * period + change)
 
 
 def change_within(acceleration: float | None, sign: float, most: float, jerk: float, time: float) -> float:

@@ -348,6 +348,7 @@ def robot_settings() -> ChairSettings:
                 room_after=0.2,
                 largest=0.6,
                 link=0.05,
+                apart=0.25,  # two of them may touch
                 acceleration=0.3,
                 sigma=0.05,
                 walking=0.1,  # discs drift at 0.15 m/s, no faster than furniture seems to

@@ -13,6 +13,7 @@ from hypothesis import strategies as st
 from waychair.calibration.chair import CHAIR_A
 from waychair.maps.grid import cells_from_points, occupied
 from waychair.maps.zones import holds
+from waychair.planning.tracks import Tracker
 from waychair.simulation.contact import Contact, ContactKind, clearance, solid_from_blocks
 from waychair.simulation.simulator import Simulator
 from waychair.trials.hazards import (
@@ -25,6 +26,7 @@ from waychair.trials.hazards import (
     least_to_edge,
     map_of_lidar,
     movers,
+    robot_settings,
     run_appearance,
     run_hazard,
     struck,
@@ -84,6 +86,19 @@ def test_movers_stand_in_the_room_apart_and_off_the_start(seed: int) -> None:
     assert min(math.dist(a, b) for a, b in itertools.combinations(points, 2)) > 0.3
     assert min(math.dist(point, (hazard.world.start.x, hazard.world.start.y)) for point in points) > 0.6
     assert all(0.2 <= value <= 2.9 for point in points for value in point)
+
+
+def test_a_disc_that_comes_into_sight_beside_another_is_known_before_they_part() -> None:
+    hazard = movers(2, 0)
+    tracker, radius = Tracker(robot_settings().navigator.tracks), hazard.world.people[0].radius
+    angles = np.linspace(-1.2, 1.2, 15)
+    arc = 1.0 - radius * np.column_stack([np.cos(angles), np.sin(angles)])
+    for k in range(10):
+        tracks = tracker.update(k * 100_000_000, arc)
+    for k in range(10, 20):
+        beside = arc + np.array([0.0, 3.0 * radius])
+        tracks = tracker.update(k * 100_000_000, np.concatenate([arc, beside]))
+    assert len(tracks) == 2
 
 
 @pytest.mark.parametrize(
