@@ -14,8 +14,10 @@ from waychair.planning.fine_field import fine_field
 from waychair.planning.footprint import footprint, in_cells
 from waychair.planning.global_planner import GlobalPlanner
 from waychair.planning.manoeuvre import ManoeuvreSettings, manoeuvre
-from waychair.planning.motion import DwaSettings, Motion
+from waychair.planning.motion import DwaSettings, Motion, towards
+from waychair.planning.obstacle_layer import EMPTY, sight_from_points, updated
 from waychair.planning.slices import finished
+from waychair.planning.smoothing import line_cost
 from waychair.planning.tracks import Track, Tracker
 from waychair.planning.way_out import CRAMPED, way_out
 from waychair.types import OccupancyGrid, Pose2, Twist
@@ -37,7 +39,12 @@ def warm_up() -> None:
     costmaps = LiveCostmap(grid, CHAIR_A, CostmapSettings())
     planner = GlobalPlanner(aside)
     planner.replan(costmaps.costmap(), middle)
-    path = planner.replan(costmaps.costmap(np.array([[1.0, 1.0]])), middle)
+    planner.replan(costmaps.costmap(np.array([[1.0, 1.0]])), Pose2(middle.x + 3 * _CELL, middle.y, 0.0))
+    path = planner.replan(costmaps.costmap(), middle)
+    line_cost(costmaps.costmap().prices, 30.0, 30.0, 31.0, 30.0)
+    towards(Twist(), Twist(0.1, 0.0), DwaSettings())
+    looks = [sight_from_points(0, np.zeros(2), np.array([[end, 0.0]]), np.array([True]), 0.01) for end in (2.0, 3.0)]
+    updated(updated(EMPTY, looks[0]), looks[1])
     field = fine_field(grid, middle, _SIDE / 2)
     manoeuvre(field, CHAIR_A, middle, aside, ManoeuvreSettings(polish=0))
     finished(way_out(field, CHAIR_A, Pose2(_SIDE / 2, _CELL + CHAIR_A.width / 2 + CRAMPED / 2, 0.0)))

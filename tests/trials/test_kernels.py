@@ -1,0 +1,43 @@
+"""Every kernel is loaded before a chair drives: one that is not stops its loop for a second when it is first needed."""
+
+from __future__ import annotations
+
+import gc
+from dataclasses import replace
+from multiprocessing import get_context
+
+from numba.core.dispatcher import Dispatcher
+
+from waychair.simulation.simulator import Simulator
+from waychair.trials.demo import chair_of
+from waychair.trials.drive import advance_tick, begin, chair_in
+from waychair.trials.hazards import setting_of, to_the_lift
+from waychair.types import Goal
+
+
+def kernels() -> set[tuple[str, str, int]]:
+    """Module and name of a chair's kernels in this process, and for how many types each is loaded."""
+    functions = (thing for thing in gc.get_objects() if isinstance(thing, Dispatcher))
+    named = {(each.py_func.__module__, each.py_func.__name__, len(each.signatures)) for each in functions}
+    return {
+        each for each in named if each[0].startswith("waychair.") and not each[0].startswith("waychair.simulation.")
+    }
+
+
+def loaded_while_driving() -> set[tuple[str, str, int]]:
+    """Of 45 s along a corridor, past people."""
+    hazard = to_the_lift(1)
+    simulator = Simulator(hazard.world, hazard.body, replace(hazard.sensors, plant=chair_of(1).plant), 1)
+    with chair_in(setting_of(hazard), simulator) as chair:
+        begin(simulator, chair, Goal(hazard.goals[0].name))
+        before = kernels()
+        for _ in range(45 * 20):
+            messages = advance_tick(simulator, chair)
+            chair.step(simulator.now_ns, messages)
+        assert chair.ready
+        return kernels() - before
+
+
+def test_no_kernel_is_first_loaded_while_a_chair_drives_past_people() -> None:
+    with get_context("spawn").Pool(1) as own_process:
+        assert own_process.apply(loaded_while_driving) == set()
