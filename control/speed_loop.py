@@ -225,13 +225,15 @@ class SpeedLoop:
         """PI of both errors, and the line.
 
         A chair that coasts with both axes in their dead bands teaches nothing; one that stands there is pushed out of
-        them, once its brake has had its time. While it drives on, the turn axis must be able to leave its own. Casters that swing round push, which is no asymmetry: only the integral waits for them.
+        them, once its brake has had its time. While it drives on, the turn axis must be able to leave its own. Casters
+        that swing round push, which is no asymmetry: only the integral waits for them, and only while they can swing.
         """
         error = Twist(self._forward.mean - measured.v, self._turn.mean - measured.omega)
+        swinging = self.casters_swing and self.moves(measured)
         hold = self._line.step(error.omega, measured.v, seconds) if _is_straight(command) else self._line.forget()
         return Twist(
             self._forward.trim(error.v, seconds, frozen),
-            self._turn.trim(error.omega + hold, seconds, frozen or self.casters_swing),
+            self._turn.trim(error.omega + hold, seconds, frozen or swinging),
         )
 
     def _stand(self, seconds: float, now_ns: int) -> Twist:

@@ -129,22 +129,29 @@ def track(
     ahead = Pose2(*along_arc(pose.x, pose.y, pose.theta, command.v, command.omega, limits.reaction_time))
     at = on_line(poses, ahead, backwards) if len(poses) > 1 else OnLine(0.0, 0.0, 0.0, 0.0)
 
-    def with_margin(margin: float) -> DwaResult:
+    def with_margin(margin: float, turn_from: float) -> DwaResult:
         kept = replace(limits, margin=margin)
         if in_position or at.left <= settings.end_tolerance:
             turned = rotate_to_heading(pose, command, float(poses[-1, 2]), distances, body, kept, motion)
             return replace(turned, in_position=True)
-        if abs(at.heading) > (settings.turn_first if abs(command.v) < _STANDING else settings.turn_midway):
+        if abs(at.heading) > turn_from:
             heading = wrap_angle(ahead.theta - at.heading)
             turned = rotate_to_heading(pose, command, heading, distances, body, kept, motion)
             return replace(turned, arrived=False)
         wanted = _feedback(at, backwards, _until_steady(command, backwards, kept, motion), kept, settings)
         return _admitted(ahead, command, wanted, distances, body, kept, motion)
 
-    wide, narrow = _MARGINS
-    result = with_margin(wide)
-    if result.blocked and (len(poses) == 1 or abs(on_line(poses, pose, backwards).lateral) <= _BESIDE):
-        return with_margin(narrow)  # a line that was planned with less is kept to with less
+    def turning_from(heading: float) -> DwaResult:
+        wide, narrow = _MARGINS
+        result = with_margin(wide, heading)
+        if result.blocked and (len(poses) == 1 or abs(on_line(poses, pose, backwards).lateral) <= _BESIDE):
+            return with_margin(narrow, heading)  # a line that was planned with less is kept to with less
+        return result
+
+    stands = abs(command.v) < _STANDING
+    result = turning_from(settings.turn_first if stands else settings.turn_midway)
+    if stands and result.blocked and settings.turn_first < abs(at.heading) <= settings.turn_midway:
+        return turning_from(settings.turn_midway)  # where it cannot turn on the spot it turns as it goes
     return result
 
 

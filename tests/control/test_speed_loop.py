@@ -204,6 +204,22 @@ def test_after_a_reversal_the_turn_learns_nothing_until_the_casters_have_swung_r
     assert not loop.casters_swing
 
 
+def test_a_chair_that_stands_after_a_reversal_is_pushed_out_of_its_dead_band_though_its_casters_have_not_swung() -> (
+    None
+):
+    loop, now = SpeedLoop(SETTINGS), 0
+    for v in (0.3, -0.3):
+        for _ in range(10):
+            now += TICK
+            loop.step(Twist(v, 0.0), Twist(v, 0.0), now)
+    assert loop.casters_swing
+    for _ in range(60):
+        now += TICK
+        asked = loop.step(Twist(0.0, 0.1), Twist(), now)
+    assert loop.casters_swing
+    assert asked.omega > 0.3
+
+
 @given(st.sampled_from([math.nan, math.inf, -math.inf]), st.sampled_from([math.nan, 0.0, math.inf]))
 def test_measurements_that_are_not_finite_change_nothing(v: float, omega: float) -> None:
     loop = SpeedLoop(SETTINGS)

@@ -129,6 +129,17 @@ def test_off_its_line_a_chair_does_not_brush_past_what_the_line_was_planned_besi
     assert choice.blocked is not goes
 
 
+def test_a_chair_that_a_wall_behind_keeps_from_turning_on_the_spot_turns_as_it_goes() -> None:
+    columns = (np.arange(400) + 0.5) * 0.01 - 1.0
+    metres = np.repeat(np.maximum(columns + CHAIR_A.rear + 0.03, 0.0)[None], 300, axis=0)
+    wall = DistanceField(metres.astype(np.float32), 0.01, Pose2(-1.0, -1.5, 0.0))
+    along = np.linspace(0.0, 1.0, 21)
+    line = np.column_stack([along * math.cos(0.25), along * math.sin(0.25), np.full(21, 0.25)])
+    end = drive(Pose2(), line, False, wall)[-1]
+    assert math.hypot(end.x, end.y) == pytest.approx(1.0, abs=0.03)
+    assert abs(end.y * math.cos(0.25) - end.x * math.sin(0.25)) < 0.01
+
+
 def test_a_zigzag_is_driven_as_slowly_as_the_chair_can_steer_it() -> None:
     turns = np.repeat([-1.7, 0.9, -1.7, 0.9, -1.7, 0.9], 2) * 0.05
     line = [np.zeros(3)]
