@@ -85,8 +85,15 @@ class Bystanders:
         return any(np.hypot(*(points - track.position).T).min(initial=math.inf) < gap for track in lingering)
 
     def foreseen(self, odom_from_base: Pose2) -> tuple[Track, ...]:
-        """Those whose way is foreseen; who is nearer than a forecast is good for is an obstacle, where they stand."""
-        return tuple(track for track in self.tracks if self._gap(track, odom_from_base) > track.radius)
+        """Those whose way is foreseen, of who stands that they stand.
+
+        Who is nearer than a forecast is good for is an obstacle, where they stand.
+        """
+        return tuple(
+            track if track.walks(self._settings) else _standing_at(track.position, track)
+            for track in self.tracks
+            if self._gap(track, odom_from_base) > track.radius
+        )
 
     def about(self, odom_from_base: Pose2) -> bool:
         """Whether there are people near who move."""
@@ -127,7 +134,7 @@ class Bystanders:
             return track
         stay = self._stays_near.get(track.number)
         middle = track.position if stay is None else stay.middle
-        return replace(track, position=middle, velocity=np.zeros(2), covariance=np.zeros((4, 4)))
+        return _standing_at(middle, track)
 
     def _note_who_is_near(self, now_ns: int, odom_from_base: Pose2) -> None:
         if math.dist((self._stands_at.x, self._stands_at.y), (odom_from_base.x, odom_from_base.y)) > _NOWHERE:
@@ -141,3 +148,8 @@ class Bystanders:
     def _gap(self, track: Track, odom_from_base: Pose2) -> float:
         """Distance [m] from the chair's outline with its margin to the middle of a person."""
         return gap(track.position, odom_from_base, self._body) - self._margin
+
+
+def _standing_at(position: FloatArray, track: Track) -> Track:
+    """The track as of one who beyond doubt stands at a position (2,) [m]."""
+    return replace(track, position=position, velocity=np.zeros(2), covariance=np.zeros((4, 4)))

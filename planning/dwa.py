@@ -83,6 +83,9 @@ _LET_GO = 1e-6
 _COURTESY = 0.5
 """The chair stands this long [s] before it is reached by somebody who goes on."""
 
+_WALKS, _SHARES = 0.2, 2.0
+"""With somebody faster than this [m/s] so near [m], who looks for a way past, no way is looked for by turning about."""
+
 
 @dataclass(frozen=True, slots=True)
 class DwaResult:
@@ -277,11 +280,14 @@ def _with_people(
     """The same, with people who go on as they do: an arc that meets one before the chair has long stood is no good.
 
     To stand always is: whoever walks into a standing chair is not run into. So is what the chair can stop on, and where
-    it is met later, and comes no nearer to anybody, than if it stood.
+    it is met later, and comes no nearer to anybody, than if it stood. Nor does it turn on the spot before who walks up:
+    that bars now this side to them and now that, and neither gets past the other.
     """
     if not tracks:
         return features
     spares, gaps = _spare(features.candidates, ahead, tracks, shape, distances, settings)
+    if any(track.speed > _WALKS and math.dist(track.position, (ahead.x, ahead.y)) < _SHARES for track in tracks):
+        spares &= (features.candidates[:, 0] != 0.0) | (features.candidates[:, 1] == 0.0)
     return replace(features, admissible=features.admissible & spares, people_gap=gaps)
 
 

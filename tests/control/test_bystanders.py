@@ -93,6 +93,19 @@ def test_who_stands_is_expected_there_for_a_while_and_is_then_as_good_as_furnitu
     assert not watch.people.linger_near(np.array([[5.0, 4.0]]), 0.5)
 
 
+def test_who_has_come_to_a_stand_is_foreseen_to_stand_and_who_walks_to_walk_on() -> None:
+    watch = Watch()
+    watch.see(comes_and_stands, 3.0)
+    (walking,) = watch.people.foreseen(HERE)
+    assert walking.velocity[1] == pytest.approx(0.8, abs=0.15)
+    assert walking.speed_sigma > 0.0
+    watch.see(comes_and_stands, 0.75 + SETTINGS.pause + 1.0)
+    (standing,) = watch.people.foreseen(HERE)
+    np.testing.assert_allclose(standing.position, [5.0, 4.0], atol=0.1)
+    assert not standing.velocity.any()
+    assert standing.speed_sigma == 0.0
+
+
 def test_who_goes_to_and_fro_before_a_chair_that_stands_is_expected_in_the_middle_of_it() -> None:
     watch = Watch()
     watch.see(shuffles, 3.0 + SETTINGS.linger + 1.5)

@@ -56,6 +56,18 @@ def test_who_comes_from_behind_may_be_driven_away_from() -> None:
     assert not np.isfinite(result.scores[result.candidates[:, 0] < 0.0]).any()
 
 
+@pytest.mark.parametrize(
+    ("ahead", "vy", "turns"), [(1.3, 0.0, True), (1.3, 0.5, False), (1.3, -0.5, False), (2.2, 0.5, True)]
+)
+def test_before_who_walks_up_the_chair_looks_for_no_way_by_turning(ahead: float, vy: float, turns: bool) -> None:
+    field, pose = distance_field(hall()), Pose2(4.0, 4.0)
+    person = walker(pose.x + ahead, 4.0, 0.0, vy)
+    result = choose(pose, Twist(), straight(Pose2(4.0, 4.0, 0.8), 4.0), field, CHAIR_A, PROMPT, tracks=(person,))
+    on_the_spot = (result.candidates[:, 0] == 0.0) & (result.candidates[:, 1] != 0.0)
+    assert np.isfinite(result.scores[on_the_spot]).any() == turns
+    assert np.isfinite(result.scores[~on_the_spot]).any()
+
+
 def turning(tracks: tuple[Track, ...], at_goal: bool) -> tuple[Twist, bool]:
     """What a chair does that is to turn to the left on the spot, on its way or at its goal."""
     field, pose = distance_field(hall()), Pose2(4.0, 4.0)
