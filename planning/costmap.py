@@ -41,8 +41,9 @@ class Costmap:
 
     Prices are per mille of a free cell's, 0 is impassable. Clearance is measured between cell centres (see
     `maps.distance_field`) to what the whole outline must keep clear of, map, keep-out zone or live, up to
-    `CostmapSettings.clearance_kept`. `grid` holds the live obstacles and the keep-out zones too, and the geometry; `body` is the chair that
-    the prices are for. `barred` (H, W), bit by direction as in `grid_graph`, holds the one-way zones, if there are any.
+    `CostmapSettings.clearance_kept`. `grid` holds the live obstacles and the keep-out zones too, and the geometry;
+    `body` is the chair that the prices are for. `barred` (H, W), bit by direction as in `grid_graph`, holds the one-way
+    zones, if there are any.
     """
 
     prices: Prices

@@ -65,7 +65,7 @@ UNDERCONSISTENT = int(Consistency.UNDERCONSISTENT)
 
 
 class _Aim(NamedTuple):
-    """What the queued keys were last made for: flat indices of goal and start, the start's padded row and column, k_m, the stride."""
+    """What the queued keys were last made for: flat indices, the start's padded row and column, k_m, the stride."""
 
     goal: int
     start: int

@@ -91,8 +91,9 @@ _WALKS, _SHARES = 0.2, 2.0
 class DwaResult:
     """The command, and why: candidates (N, 2) [m/s, rad/s], scores (N,) (-inf: not admissible).
 
-    `in_position`: at the goal, but for the heading. `blocked`: nothing that moves is possible, the twist brakes along the present arc and then stands. `arrived`: at the
-    goal, in position and heading, standing still. `arc` (M, 3) [m, m, rad] in map is the chosen candidate's way.
+    `in_position`: at the goal, but for the heading. `blocked`: nothing that moves is possible, the twist brakes along
+    the present arc and then stands. `arrived`: at the goal, in position and heading, standing still. `arc` (M, 3)
+    [m, m, rad] in map is the chosen candidate's way.
     """
 
     twist: Twist

@@ -95,7 +95,8 @@ def log_field_in_parts(
     """The field of a problem in logarithms, in parts of a few milliseconds each.
 
     With a cell `until`, only what lies between it and the goal is solved, and only as far as to it. A `warm_start` of a
-    similar problem saves the stages most of their work. `barred` (H, W) has the directions of one-way zones, as in `grid_graph`.
+    similar problem saves the stages most of their work. `barred` (H, W) has the directions of one-way zones, as in
+    `grid_graph`.
 
     Raises:
         MapTooLarge, NotConverged, ConfigError: see `laplace_solvers.solve`.

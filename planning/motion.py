@@ -129,7 +129,8 @@ def slowing_speed(way: float, end: float, settings: DwaSettings) -> float:
     """Greatest speed [m/s] that comes down to `end` [m/s] within a way [m], with half the braking and jerk held back.
 
     What is held back is for the chair's lag. Neither before nor after it does the chair slow down. From v the mean
-    speed is (v + end) / 2, for the time (v - end) / a + a / jerk, or 2 sqrt((v - end) / jerk) where the full a is not reached; solved for v.
+    speed is (v + end) / 2, for the time (v - end) / a + a / jerk, or 2 sqrt((v - end) / jerk) where the full a is not
+    reached; solved for v.
     """
     a, jerk, way = settings.braking / 2, settings.jerk / 2, max(way, 0.0)
     ramps = a * a / jerk  # change of the speed while a comes and goes

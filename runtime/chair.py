@@ -98,9 +98,10 @@ class Chair:
         scanned: OccupancyGrid | None = None,
         watcher: ChairWatcher | None = None,
     ) -> None:
-        """See `DriveBase` and `Pilot`; `start` None: it has to find out where it is. `scanned`: the map as a lidar sees it, where a camera has drawn into it, too.
+        """See `DriveBase` and `Pilot`; `start` None: it has to find out where it is.
 
-        `watcher` is told all that the chair is told, and what it does.
+        `scanned` is the map as a lidar sees it, where a camera has drawn into it, too; `watcher` is told all that
+        the chair is told, and what it does.
 
         Raises:
             BridgeError: the chair's name is too long for a board.

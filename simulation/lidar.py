@@ -1,8 +1,8 @@
 """A planar lidar that turns while the chair drives: exact rays, what surfaces do to them, and the faults of a real one.
 
-A sweep takes time: each beam leaves from where the chair is at its own moment, and the scan is there when the last
-beam is through. Glass lets beams pass, mirrors send them on, dark surfaces swallow them from a few metres off. Where a level has
-ramps, the plane of the beams tilts with the chair.
+A sweep takes time: each beam leaves from where the chair is at its own moment, and the scan is there when the last beam
+is through. Glass lets beams pass, mirrors send them on, dark surfaces swallow them from a few metres off. Where a level
+has ramps, the plane of the beams tilts with the chair.
 """
 
 from __future__ import annotations

@@ -35,9 +35,9 @@ class MountCheck:
     """How the motion by scans differs from that by odometry.
 
     `yaw` [rad] is the difference in direction, `lever` [m] the distance by which turns tell the mount to be off, and
-    `deviations` the larger of the two in standard deviations of its estimate; `scale` the matched metres per metre, `turn_ratio` the matched radians per radian (nan where there was no turning);
-    `residual_before` and `_after` [m] the median disagreement of a motion as mounted and at `base_from_laser`, the
-    mount that fits best.
+    `deviations` the larger of the two in standard deviations of its estimate; `scale` the matched metres per metre,
+    `turn_ratio` the matched radians per radian (nan where there was no turning); `residual_before` and `_after` [m] the
+    median disagreement of a motion as mounted and at `base_from_laser`, the mount that fits best.
     """
 
     yaw: float

@@ -1,9 +1,9 @@
 """Where a small patch of an earlier picture is seen in this one, to a fraction of a pixel.
 
 The patch is first turned and scaled as the two poses say, then shifted by the inverse compositional form of Lucas and
-Kanade (Baker and Matthews, IJCV 2004) with its brightness and contrast free, from coarse to fine; as each patch is always compared
-with the picture in which its point was first seen, errors do not add up along a track (as in SVO, Forster et al.,
-TRO 2017, section IV).
+Kanade (Baker and Matthews, IJCV 2004) with its brightness and contrast free, from coarse to fine; as each patch is
+always compared with the picture in which its point was first seen, errors do not add up along a track (as in SVO,
+Forster et al., TRO 2017, section IV).
 """
 
 from __future__ import annotations

@@ -27,8 +27,9 @@ _EDGE = 0.03  # neighbouring depths that differ by more than this share of them 
 class KeyFrame:
     """A picture that is kept: where it was taken (camera_from_map), and which landmarks (K,) it saw where (K, 4).
 
-    `observed` holds u, v [px], inverse depth [1/m], nan where depth is missing, and the factor on the pixel's error. `depth` [m]
-    is every fourth pixel of every fourth row. `piece` numbers the stretches between which nothing has seen the motion.
+    `observed` holds u, v [px], inverse depth [1/m], nan where depth is missing, and the factor on the pixel's error.
+    `depth` [m] is every fourth pixel of every fourth row. `piece` numbers the stretches between which nothing has seen
+    the motion.
     """
 
     stamp_ns: int

@@ -27,7 +27,8 @@ class DepthScore:
     """Of the things that the camera had in view: how many the map misses, low and overhanging ones, of how many.
 
     The shares are those of cells in view that are occupied in the map: of these things, which a camera sees from one
-    side, and of pits; 1 where there are none. `false_cells` are occupied cells of the map that lie away from everything, of `cells`.
+    side, and of pits; 1 where there are none. `false_cells` are occupied cells of the map that lie away from
+    everything, of `cells`.
     """
 
     low_missed: int

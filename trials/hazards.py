@@ -82,7 +82,10 @@ class Hazard:
 
 @dataclass(frozen=True, slots=True)
 class HazardResult:
-    """How a run ended. `seconds`, `way_m` [m] and `plans`: of all legs; `edge_m`, `person_m`: least distances [m], the latter while it moves."""
+    """How a run ended.
+
+    `seconds`, `way_m` [m] and `plans`: of all legs; `edge_m`, `person_m`: least distances [m], the latter while it moves.
+    """
 
     scene: str
     seed: int
