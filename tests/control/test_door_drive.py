@@ -106,6 +106,21 @@ def test_what_counts_at_the_gate_is_where_the_front_will_enter(off: float, enter
     assert drive.entered is enters
 
 
+@pytest.mark.parametrize(("turns", "enters"), [(0.0, True), (-0.05, True), (0.05, False)])
+def test_who_turns_away_at_the_gate_does_not_enter_though_it_is_within_what_is_allowed(
+    turns: float, enters: bool
+) -> None:
+    """A turn [rad/s] that leads the front off the axis, 1.2 cm off already, is not stopped before it enters."""
+    drive = before_a_door_it_knows()
+    door = drive.watch.odom_from_door
+    drive._lined_up = True
+    last = Pose2(-CHAIR_A.front - 0.245, 0.0, 0.012 / (CHAIR_A.front + 0.245))
+    for ago in np.linspace(0.5, 0.0, 11).tolist():
+        assert not drive.entered
+        drive.step(door @ last @ arc(-0.25 * ago, -turns * ago), Twist(0.25, 0.0), OPEN, DwaSettings())
+    assert drive.entered is enters
+
+
 def test_out_from_between_the_jambs_it_backs_off_as_well() -> None:
     """There is less beside the chair than is kept free behind it."""
     drive = before_a_door_it_knows()
