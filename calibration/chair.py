@@ -75,6 +75,10 @@ class ChairBody(Settings):
         Settings.__post_init__(self)
         if self.drive not in DRIVES:
             raise ConfigError(f"drive = '{self.drive}' is unknown: take {', '.join(DRIVES[:-1])} or {DRIVES[-1]}")
+        if self.width > self.length:
+            raise ConfigError(
+                f"width = {self.width:g} m exceeds length = {self.length:g} m: give them the other way round"
+            )
         bottom = 0.0
         for layer in self.layers:
             sides = (layer.front, self.front), (layer.rear, self.rear), (layer.half_width, self.width / 2)

@@ -84,7 +84,7 @@ def learn_self_mask(scans: Sequence[Scan], body: ChairBody, settings: SelfMaskSe
     if len(scans) < s.least_scans:
         raise ThinData(f"{len(scans)} scans are too few to tell the chair from a room: record {s.least_scans} or more")
     angles, ranges = _by_angle(scans)
-    limits = _limits(angles, body, s.beyond)
+    limits = outline_reach(angles, body, s.beyond)
     near = (ranges <= limits) & ~np.isnan(ranges)  # -inf is too close to be anything else
     ends = np.maximum(ranges, 0.0)
     typical = _medians(ends, near)
@@ -97,7 +97,7 @@ def learn_self_mask(scans: Sequence[Scan], body: ChairBody, settings: SelfMaskSe
         raise CalibrationError(f"{share:.0%} of the lidar's beams end on the chair itself: mount it where it sees more")
     farthest = np.where(near, ranges, -math.inf).max(axis=0) + s.slack
     # Nothing but the chair is within its outline, so its parts' mixed readings, between them and a wall, are no room.
-    reaches = np.clip(farthest, np.maximum(_limits(angles, body, 0.0), s.slack), np.maximum(limits, s.slack))
+    reaches = np.clip(farthest, np.maximum(outline_reach(angles, body, 0.0), s.slack), np.maximum(limits, s.slack))
     return _sectors(angles, own, reaches, s.margin)
 
 
@@ -125,7 +125,7 @@ def _medians(values: FloatArray, chosen: BoolArray) -> FloatArray:
     return np.where(counts > 0, 0.5 * (low + high), 0.0)
 
 
-def _limits(angles: FloatArray, body: ChairBody, beyond: float) -> FloatArray:
+def outline_reach(angles: FloatArray, body: ChairBody, beyond: float) -> FloatArray:
     """(N,) [m] how far from the laser the chair's outline, widened by `beyond`, ends at each angle.
 
     A laser that is mounted outside of that sees nothing of the chair within it: the limit is 0 there.

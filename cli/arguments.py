@@ -1,15 +1,50 @@
-"""Arguments that are written as comma-separated numbers."""
+"""Arguments of commands: how many, and poses that are written as comma-separated numbers."""
 
 from __future__ import annotations
 
 import math
+from collections.abc import Sequence
+from pathlib import Path
+from typing import Annotated, Any
 
-from waychair.errors import WaychairError
+import cyclopts
+from cyclopts import Parameter, Token, validators
+
+from waychair.errors import MapError, OutputError, WaychairError
+from waychair.files import is_there
+from waychair.geometry import FARTHEST, MOST_TURNED, is_on_map
 from waychair.types import Pose2
+from waychair.yaml_files import shown
 
 
 class BadArgument(WaychairError):
     """An argument on the command line cannot be understood."""
+
+
+def _whole(kind: type, tokens: Sequence[Token]) -> Any:
+    """A whole number; by itself cyclopts rounds any other to one."""
+    for token in tokens:
+        if "." in token.value:
+            raise ValueError(f"'{token.value}' is no whole number.")
+    return cyclopts.convert(kind, [token.value for token in tokens])
+
+
+Count = Annotated[int, Parameter(converter=_whole, validator=validators.Number(gte=0))]
+"""So many of something, none perhaps, or a number that it goes by, such as a seed."""
+
+Number = Annotated[int, Parameter(converter=_whole, validator=validators.Number(gte=1))]
+"""So many of something, one at least."""
+
+
+def _named(kind: type, tokens: Sequence[Token]) -> Any:
+    """A path; by itself an empty text would be the folder that one is in."""
+    if not all(token.value for token in tokens):
+        raise ValueError("it is empty; give a name.")
+    return cyclopts.convert(kind, [token.value for token in tokens])
+
+
+Named = Annotated[Path, Parameter(converter=_named)]
+"""A path that is given by a name."""
 
 
 def pose_from_text(text: str, name: str) -> Pose2:
@@ -19,5 +54,25 @@ def pose_from_text(text: str, name: str) -> Pose2:
     except ValueError:
         values = []
     if len(values) not in (2, 3) or not all(math.isfinite(value) for value in values):
-        raise BadArgument(f"{name} must be X,Y or X,Y,THETA in metres and radians (such as 1.5,-2,0.78), not '{text}'")
+        raise BadArgument(
+            f"{name} must be X,Y or X,Y,THETA in metres and radians (such as 1.5,-2,0.78), not {shown(text)}"
+        )
+    if not is_on_map(*values):
+        raise BadArgument(
+            f"{name} is {shown(text)}; X and Y may be up to {FARTHEST:g} m from 0, THETA {MOST_TURNED:g} rad"
+        )
     return Pose2(*values)
+
+
+def check_picture(path: Path | None, name: str, *sources: Path) -> None:
+    """Refuse a picture that is to be written to no .png file, or over one of the files that it is made from.
+
+    Raises:
+        BadArgument: it is.
+    """
+    if path is None:
+        return
+    if path.suffix.lower() != ".png":
+        raise BadArgument(f"{name} must name a .png file, not '{path}'")
+    if is_there(path, OutputError) and any(is_there(each, MapError) and path.samefile(each) for each in sources):
+        raise BadArgument(f"{name} names '{path}', which the map is read from; choose another file")

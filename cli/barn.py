@@ -3,18 +3,19 @@
 from __future__ import annotations
 
 import os
-from pathlib import Path
+
+from waychair.cli.arguments import Named, Number
 
 
 def barn_command(
-    folder: Path,
+    folder: Named,
     *,
-    worlds: int | None = None,
-    starts: int = 1,
+    worlds: Number | None = None,
+    starts: Number = 1,
     speed: float = 0.5,
     body: str = "jackal",
     scale: float = 1.0,
-    jobs: int | None = None,
+    jobs: Number | None = None,
     json: bool = False,
 ) -> None:
     """Drive through fields of cylinders without a map (the BARN benchmark), and print the score.

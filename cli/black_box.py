@@ -4,13 +4,13 @@ from __future__ import annotations
 
 from pathlib import Path
 
-from waychair.cli.arguments import BadArgument
+from waychair.cli.arguments import BadArgument, Count
 
 USUAL = (Path("out/up/box"), Path("out/box"))
 """Where the nodes keep theirs, and where a simulated drive's is in the guides."""
 
 
-def why_command(*, box: Path | None = None, last: int = 1, json: bool = False, bag: Path | None = None) -> None:
+def why_command(*, box: Path | None = None, last: Count = 1, json: bool = False, bag: Path | None = None) -> None:
     """Explain the chair's last stop: what it was doing, what happened first, what followed, and what to do.
 
     Parameters

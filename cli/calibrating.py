@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, Literal
 
 from cyclopts import App
 
-from waychair.cli.arguments import BadArgument
+from waychair.cli.arguments import BadArgument, Count
 from waychair.cli.chair_options import ChairOptions, PlantName, PortOptions, SweepOptions
 
 if TYPE_CHECKING:
@@ -188,7 +188,7 @@ def stop_command(
     real: PortOptions = _REAL,
     plant: PlantName = "kinematic",
     fastest: float | None = None,
-    repetitions: int = 3,
+    repetitions: Count = 3,
     log: Path | None = None,
 ) -> None:
     """Measure how far the chair goes on after Stop, forward, in reverse and turning; the worst case is kept.

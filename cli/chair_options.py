@@ -11,6 +11,8 @@ from typing import TYPE_CHECKING, Literal, Protocol
 
 from cyclopts import Parameter
 
+from waychair.cli.arguments import Count
+
 if TYPE_CHECKING:
     from waychair.calibration.chair import ChairBody
     from waychair.calibration.sweep import SweepSettings
@@ -44,7 +46,7 @@ class ChairOptions:
     """
 
     out: Path = Path("chair.json")
-    chair_sim: int | None = None
+    chair_sim: Count | None = None
     chair: str = "A"
     quiet: bool = False
 
@@ -157,11 +159,11 @@ class SweepOptions:
         Seconds at neutral between two levels: more of them keep motors cool.
     """
 
-    bits: int = 12
+    bits: Count = 12
     volts_max: float = 3.3
     volts_min: float = 0.0
-    levels: int = 89
-    repetitions: int = 3
+    levels: Count = 89
+    repetitions: Count = 3
     swing: float = 1.2
     rest: float = 1.6
 

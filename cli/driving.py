@@ -8,6 +8,8 @@ from contextlib import contextmanager
 from pathlib import Path
 from typing import TYPE_CHECKING
 
+from waychair.cli.arguments import Count
+
 if TYPE_CHECKING:
     from rich.console import Console
 
@@ -17,12 +19,12 @@ if TYPE_CHECKING:
 def demo_command(
     *,
     out: Path = Path("out/demo"),
-    seed: int = 0,
+    seed: Count = 0,
     world: str = "second_floor",
     surprises: bool = True,
     box: Path | None = None,
     headless: bool = False,
-    page_port: int | None = None,
+    page_port: Count | None = None,
     quiet: bool = False,
 ) -> None:
     """Map a simulated floor by joystick, then let the chair find itself on the map and drive to three places.

@@ -2,9 +2,12 @@
 
 from __future__ import annotations
 
+import os
 import sys
+from contextlib import suppress
+from typing import NoReturn
 
-from cyclopts import App
+from cyclopts import App, Parameter
 
 from waychair import __version__
 from waychair.errors import WaychairError
@@ -15,6 +18,7 @@ app = App(
     version=__version__,
     help_format="plaintext",
     result_action="return_value",
+    default_parameter=Parameter(negative_iterable=()),  # no --empty-goal beside --goal
     suppress_keyboard_interrupt=False,  # `main` says what an interrupt has left behind
 )
 app.command("waychair.cli.mapping:map_command", name="map", help="Make a map of a recording.")
@@ -95,14 +99,38 @@ app.command(
 def main() -> None:
     """Entry point of the `waychair` script."""
     try:
-        app()
+        try:
+            app()
+        finally:
+            sys.stdout.flush()
     except WaychairError as error:
-        print(f"waychair: {error}", file=sys.stderr)
-        sys.exit(1)
+        _fail(str(error))
     except BrokenPipeError:
-        sys.stderr.close()
+        _forget_output()
         sys.exit(1)
+    except MemoryError:
+        _fail("this computer has too little memory for that; take a smaller map or recording, or end other programs")
+    except OSError as error:
+        from waychair.files import refusal
+
+        _fail(f"cannot read or write {error.filename or 'what was asked for'}: {refusal(error)}")
     except KeyboardInterrupt as stop:
         for note in getattr(stop, "__notes__", ()):  # such as where an interrupted recording is
             print(f"waychair: stopped; {note}", file=sys.stderr)
         sys.exit(130)
+
+
+def _fail(sentence: str) -> NoReturn:
+    """End with a sentence on standard error."""
+    _forget_output()
+    print(f"waychair: {sentence}", file=sys.stderr)
+    sys.exit(1)
+
+
+def _forget_output() -> None:
+    """What could not be written by now is not tried again when the program ends."""
+    try:
+        sys.stdout.flush()
+    except OSError:
+        with suppress(OSError):
+            os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())

@@ -8,6 +8,8 @@ from typing import TYPE_CHECKING, Annotated, Literal
 
 from cyclopts import Parameter
 
+from waychair.cli.arguments import Count
+
 if TYPE_CHECKING:
     from collections.abc import Iterable
 
@@ -51,7 +53,8 @@ def map_command(
     recording
         The log or bag.
     out
-        Folder for the map; with --session the map's own without it.
+        Folder for the map; with --session the map's own without it. One with another map that somebody has drawn places
+        or zones on is refused.
     session
         Folder of a map that this recording is a further drive through: both become one map. If they never meet, or the
         command is stopped, the map stays as it was.
@@ -69,6 +72,7 @@ def map_command(
     from waychair import config as configuration
     from waychair.errors import OutputError, SessionError
     from waychair.rgbd_folders import is_rgbd_folder
+    from waychair.runtime.map_folders import refuse_drawn, refuse_other
     from waychair.runtime.mapping import MappingSettings, join_recording, map_recording, save_mapping
     from waychair.runtime.sessions import session_folder, written_aside
 
@@ -90,9 +94,12 @@ def map_command(
         log = progress.read(recording, settings.input)
         reading_s = time.process_time() - started
         if known is None:
+            refuse_other(out, log.frames, settings)
             mapping = map_recording(log, settings, progress.stage("mapping"), keep_in=out, reading_s=reading_s)
             save_mapping(out, mapping, settings)
         else:
+            if out.resolve() != known.resolve():
+                refuse_drawn(out, "choose another folder with --out")
             with written_aside(out, known) as aside:
                 mapping = join_recording(log, settings, known, aside, progress.stage("joining"), reading_s=reading_s)
                 save_mapping(aside, mapping, settings)
@@ -158,7 +165,7 @@ def places_command(
     *,
     map: Path | None = None,
     add: Annotated[tuple[str, str] | None, Parameter(allow_leading_hyphen=True)] = None,
-    domain: int | None = None,
+    domain: Count | None = None,
     namespace: str = "",
 ) -> None:
     """List the named places of a map, or add one.

@@ -8,6 +8,8 @@ import sys
 import time
 from pathlib import Path
 
+from waychair.cli.arguments import Count
+
 _LOOK_S = 0.1
 
 
@@ -15,12 +17,12 @@ def page_command(
     *,
     sim: str = "small_clinic",
     map: Path | None = None,
-    port: int = 8000,
+    port: Count = 8000,
     lan: bool = False,
     token: str | None = None,
     people: bool = True,
     camera: bool = False,
-    seed: int = 0,
+    seed: Count = 0,
     box: Path | None = None,
     urgent: bool = False,
 ) -> None:

@@ -8,9 +8,12 @@ from typing import TYPE_CHECKING, Annotated
 
 from cyclopts import Parameter
 
+from waychair.cli.arguments import Count, Named
+
 if TYPE_CHECKING:
     from collections.abc import Mapping
 
+    from waychair.maps.zones import Zone
     from waychair.planning.costmap import Costmap
     from waychair.planning.global_planner import PlannerSettings
     from waychair.runtime.report import Picture
@@ -22,13 +25,13 @@ Pose = Annotated[str, Parameter(allow_leading_hyphen=True)]
 
 def plan_command(
     *,
-    map: Path,
+    map: Named,
     start: Pose | None = None,
     goal: Pose | None = None,
-    scen: Path | None = None,
+    scen: Named | None = None,
     planner: str = "dstar-lite",
     smooth: str = "auto",
-    png: Path | None = None,
+    png: Named | None = None,
     json: bool = False,
 ) -> None:
     """Plan a path on a map, for the chair, or over the cells of a Moving AI benchmark.
@@ -42,32 +45,38 @@ def plan_command(
     goal
         Where to, likewise.
     scen
-        All queries of a Moving AI scenario instead of a start and a goal.
+        All queries of a Moving AI scenario instead of a start and a goal; fails where one has no way, or costs other
+        than it says.
     planner
         dstar-lite, astar, dijkstra or harmonic.
     smooth
         taut, band, none, or auto: the rubber band for harmonic, else taut. For the chair only.
     png
-        Draw the path on the map into this file; with harmonic or band its potential, D* Lite's path, and the turns, too.
+        Draw the path on the map into this .png file; with harmonic or band the potential, D* Lite's path and the turns,
+        too.
     json
         Print JSON.
     """
-    from waychair.cli.arguments import BadArgument
-    from waychair.maps.moving_ai import SUFFIX
+    from waychair.cli.arguments import BadArgument, check_picture
+    from waychair.maps.map_files import load_info, yaml_path
+    from waychair.maps.moving_ai import SUFFIX, is_moving_ai
 
+    on_cells = is_moving_ai(map)
     if scen is not None and (start, goal, png) != (None, None, None):
         raise BadArgument("--scen holds starts and goals of its own; leave --start, --goal and --png out")
-    if scen is not None and map.suffix != SUFFIX:
+    if scen is not None and not on_cells:
         raise BadArgument(f"--scen belongs to a Moving AI {SUFFIX} file, not to '{map}'")
-    if map.suffix == SUFFIX and smooth not in ("auto", "none"):
+    if on_cells and smooth not in ("auto", "none"):
         raise BadArgument(f"--smooth is for the chair's paths; over the cells of a {SUFFIX} file leave it out")
     if scen is not None:
         _plan_scenario(map, scen, planner, json)
     elif start is None or goal is None:
         raise BadArgument("give --start and --goal, or a whole scenario with --scen")
-    elif map.suffix == SUFFIX:
+    elif on_cells:
+        check_picture(png, "--png", map)
         _plan_on_cells(map, start, goal, planner, png, json)
     else:
+        check_picture(png, "--png", yaml_path(map), load_info(yaml_path(map)).image)
         _plan_for_the_chair(map, start, goal, planner, smooth, png, json)
 
 
@@ -82,6 +91,8 @@ def _plan_for_the_chair(
     from waychair.maps.zones import load_zones
     from waychair.planning.costmap import CostmapSettings, check_free_space, costmap_from_grid
     from waychair.planning.global_planner import GlobalPlanner, PlannerSettings, check_goal
+    from waychair.planning.grid_planner import HARMONIC
+    from waychair.planning.path_ends import check_start
     from waychair.runtime.planning_report import turn_histogram
     from waychair.runtime.report import path_picture, write_png
 
@@ -90,6 +101,7 @@ def _plan_for_the_chair(
     begin, end = _place(map, start, "--start"), _place(map, goal, "--goal")
     costmap = costmap_from_grid(grid, CHAIR_A, CostmapSettings(), zones=load_zones(map))
     check_free_space(costmap)
+    check_start(costmap, CHAIR_A, begin.pose)
     check_goal(costmap, CHAIR_A, end.pose)
     search = GlobalPlanner(end.pose, settings)
     begun = time.thread_time()
@@ -97,7 +109,8 @@ def _plan_for_the_chair(
     ms = 1e3 * (time.thread_time() - begun)
     if png is not None:
         plain = path_picture(grid, path, (begin, end))
-        write_png(png, _with_potential(costmap, begin, end, settings, path) if settings.smoothing == "band" else plain)
+        in_a_field = settings.planner == HARMONIC or settings.smoothing == "band"
+        write_png(png, _with_potential(costmap, begin, end, settings, path) if in_a_field else plain)
     turns = {f"{edge}": count for edge, count in zip(*(part.tolist() for part in turn_histogram(path)), strict=True)}
     values = {"length_m": path.length(), "cost": search.cost / _per_cell(), "ms": ms, "turns_from_deg": turns}
     said = f"{path.length():.2f} m from {begin.name} to {end.name}" + (f": {png}" if png else "")
@@ -139,6 +152,7 @@ def _plan_on_cells(map: Path, start: str, goal: str, planner: str, png: Path | N
 
     free = load_free_cells(map)
     ends = _cell(start, "--start"), _cell(goal, "--goal")
+    _load_kernels(planner)
     begun = time.thread_time()
     found = plan_on_cells(np.where(free, FREE_PRICE, 0).astype(np.int32), *ends, planner)
     ms = 1e3 * (time.thread_time() - begun)
@@ -182,22 +196,25 @@ def _cells_picture(free: BoolArray, cells: IntArray, names: tuple[str, str], pla
 
 
 def _plan_scenario(map: Path, scen: Path, planner: str, json: bool) -> None:
-    """All queries of a scenario, each planned from scratch; the cost of one without a way is null."""
+    """All queries of a scenario, each planned from scratch; the cost of one without a way is null.
+
+    Raises:
+        PlanningError: once all is told, where one has no way, or not the cost that the scenario says.
+    """
     import statistics
     import time
 
     import numpy as np
 
-    from waychair.errors import NoPath
+    from waychair.errors import NoPath, PlanningError
     from waychair.maps.moving_ai import check_queries, load_free_cells, load_queries
     from waychair.planning.grid_graph import FREE_PRICE
-    from waychair.planning.grid_planner import plan_on_cells
+    from waychair.planning.grid_planner import HARMONIC, plan_on_cells
 
     free, queries = load_free_cells(map), load_queries(scen)
     check_queries(queries, free)
     prices = np.where(free, FREE_PRICE, 0).astype(np.int32)
-    # the first plan also loads the kernels, which is no part of any query's time
-    plan_on_cells(np.full((1, 2), FREE_PRICE, np.int32), (0, 0), (0, 1), planner)
+    _load_kernels(planner)
     costs: list[float | None] = []
     times = []
     for query in queries:
@@ -208,14 +225,35 @@ def _plan_scenario(map: Path, scen: Path, planner: str, json: bool) -> None:
             costs.append(None)
         times.append(1e3 * (time.thread_time() - begun))
     optima = [query.optimal for query in queries]
+    both = list(zip(costs, optima, strict=True))
+    right = [cost is not None and abs(cost - optimal) <= 1e-4 * optimal for cost, optimal in both]
     if json:
         rows = zip(costs, optima, times, strict=True)
         print(_json({"queries": [{"cost": cost, "optimal": optimal, "ms": ms} for cost, optimal, ms in rows]}))
-        return
-    both = zip(costs, optima, strict=True)
-    right = sum(cost is not None and abs(cost - optimal) <= 1e-4 * optimal for cost, optimal in both)
-    median = statistics.median(times) if times else 0.0
-    print(f"{right} of {len(queries)} queries at their optimal cost, median {median:.2f} ms")
+    else:
+        print(f"{sum(right)} of {len(queries)} queries at their optimal cost, median {statistics.median(times):.2f} ms")
+    without = [number for number, cost in enumerate(costs, start=1) if cost is None]
+    if without:
+        raise NoPath(f"no way for {_listed(without)} of {scen}; give the scenario of this map")
+    dearer = [number for number, is_right in enumerate(right, start=1) if not is_right]
+    if dearer and planner != HARMONIC:  # which looks for no cheapest way
+        raise PlanningError(f"another cost than {scen} says for {_listed(dearer)}; give the scenario of this map")
+
+
+def _listed(numbers: list[int]) -> str:
+    """The first of the queries of these numbers, and how many more."""
+    first, more = ", ".join(map(str, numbers[:10])), len(numbers) - 10
+    return f"{'query' if len(numbers) == 1 else 'queries'} {first}" + (f" and {more} more" if more > 0 else "")
+
+
+def _load_kernels(planner: str) -> None:
+    """A first plan, since that also loads the kernels, which is no part of any query's time."""
+    import numpy as np
+
+    from waychair.planning.grid_graph import FREE_PRICE
+    from waychair.planning.grid_planner import plan_on_cells
+
+    plan_on_cells(np.full((1, 2), FREE_PRICE, np.int32), (0, 0), (0, 1), planner)
 
 
 def _per_cell() -> int:
@@ -245,12 +283,12 @@ def _json(values: object) -> str:
 def navigate_command(
     *,
     goal: Annotated[list[str], Parameter(allow_leading_hyphen=True)],
-    map: Path | None = None,
+    map: Named | None = None,
     world: str | None = None,
     start: Pose | None = None,
-    people: int = 0,
+    people: Count = 0,
     sensors: bool = False,
-    seed: int = 0,
+    seed: Count = 0,
     planner: str = "dstar-lite",
     smooth: str = "auto",
     box: Path | None = None,
@@ -287,6 +325,7 @@ def navigate_command(
     from rich.table import Table
 
     from waychair.cli.arguments import BadArgument
+    from waychair.errors import StartOccupied, StartOutsideMap
     from waychair.maps.depth_layer import load_depth_layer, scanned_part
     from waychair.maps.map_files import load_map
     from waychair.maps.zones import load_zones
@@ -298,28 +337,36 @@ def navigate_command(
 
     if map is None and world is None:
         raise BadArgument("there is nowhere to drive: name a map with --map, a world with --world, or both")
+    if not goal:
+        raise BadArgument("there is nowhere to drive: give one --goal at least")
     settings = PlannerSettings(planner=planner, smooth=smooth)
     plan = None if world is None else load_world(world)
+    scanned, map_from_world = None, Pose2()
+    zones: tuple[Zone, ...] = ()
     if map is None:
         assert plan is not None
-        own = {place.name: place for place in plan.places}
-        goals = [_place_among(own, text, "--goal") for text in goal]
-        begin = plan.start if start is None else _place_among(own, start, "--start").pose
-        legs = navigate(plan.grid, begin, goals, seed, people, plan, sensors=sensors, box=box, planner=settings)
+        own, whose = {place.name: place for place in plan.places}, f"the world '{plan.name}'"
+        grid, goals = plan.grid, [_place_among(own, text, "--goal", whose) for text in goal]
+        begin = plan.start if start is None else _place_among(own, start, "--start", whose).pose
     else:
-        grid, map_from_world = load_map(map), Pose2() if plan is None else plan.start.inverse()
-        goals = [_place(map, text, "--goal") for text in goal]
+        grid, goals = load_map(map), [_place(map, text, "--goal") for text in goal]
         begin = _place(map, start or "0,0,0", "--start").pose
-        scanned = scanned_part(grid, load_depth_layer(map, grid))
-        zones = load_zones(map)
+        scanned, zones = scanned_part(grid, load_depth_layer(map, grid)), load_zones(map)
+        map_from_world = Pose2() if plan is None else plan.start.inverse()
+    try:
         legs = navigate(grid, begin, goals, seed, people, plan, zones, sensors, scanned, map_from_world, box, settings)
+    except (StartOccupied, StartOutsideMap) as error:
+        if start is not None:
+            raise
+        raise type(error)(f"{error}; without --start the chair begins there") from error
     table = Table(*HEADER[:IN_TERMINAL])
     for leg in legs:
         table.add_row(*row(leg)[:IN_TERMINAL])
     Console().print(table)
     failed = [leg for leg in legs if not leg.reached]
+    begun = "; it began at 0,0,0, for want of --start" if start is None and map is not None else ""
     for leg in failed:
-        print(f"waychair: {leg.place} was not reached: {leg.reason}", file=sys.stderr)
+        print(f"waychair: {leg.place} was not reached: {leg.reason}{begun}", file=sys.stderr)
     if failed:
         sys.exit(1)
 
@@ -331,12 +378,12 @@ def _place(map: Path, text: str, option: str) -> Place:
     return _place_among(load_places(map), text, option)
 
 
-def _place_among(places: Mapping[str, Place], text: str, option: str) -> Place:
-    """Likewise, of these places."""
+def _place_among(places: Mapping[str, Place], text: str, option: str, whose: str = "the map") -> Place:
+    """Likewise, of these places, `whose` they are."""
     from waychair.cli.arguments import pose_from_text
     from waychair.maps.places import find
     from waychair.types import Place
 
     if text in places or (not text[:1].lstrip("-+.").isdigit() and "," not in text):
-        return find(places, text)
+        return find(places, text, whose)
     return Place(text, pose_from_text(text, option))

@@ -9,6 +9,8 @@ from typing import Annotated
 
 from cyclopts import Parameter
 
+from waychair.cli.arguments import Count
+
 USUAL = ("/scan", "/odom", "/imu/data", "/tf_static")
 """Without these `waychair map` has to guess, or can do nothing."""
 
@@ -17,7 +19,7 @@ def record_command(
     *,
     out: Annotated[Path | None, Parameter(name=["--out", "-o"])] = None,
     camera: bool = False,
-    domain: int | None = None,
+    domain: Count | None = None,
     namespace: str = "",
 ) -> None:
     """Record what the nodes of a chair say into a ROS 2 bag, until Ctrl-C; `waychair map` makes a map of it.
@@ -45,7 +47,7 @@ def record_command(
     print(f"{done.path}: {done.seconds:.1f} s, {done.megabytes:.1f} MB in {sum(done.counts.values())} messages")
 
 
-def save_command(folder: Path, /, *, domain: int | None = None, namespace: str = "") -> None:
+def save_command(folder: Path, /, *, domain: Count | None = None, namespace: str = "") -> None:
     """Write the map of the running chair to a folder, also while it is being made.
 
     Parameters

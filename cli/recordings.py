@@ -39,8 +39,8 @@ class RecordingOptions:
         it a file in the folder or the folder's name says it.
     """
 
-    base_from_laser: Annotated[tuple[str, ...], Parameter(allow_leading_hyphen=True, negative="")] = ()
-    scan: Annotated[tuple[str, ...], Parameter(negative="")] = ()
+    base_from_laser: Annotated[tuple[str, ...], Parameter(allow_leading_hyphen=True)] = ()
+    scan: tuple[str, ...] = ()
     odom: str | None = None
     imu: str | None = None
     camera: str | None = None

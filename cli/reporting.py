@@ -8,7 +8,7 @@ from typing import Annotated
 from cyclopts import Parameter
 
 
-def report_command(*, paper: Annotated[tuple[Path, ...], Parameter(consume_multiple=True, negative="")]) -> None:
+def report_command(*, paper: Annotated[tuple[Path, ...], Parameter(consume_multiple=True)]) -> None:
     """Print what a map's memory of places came to, beside the published figures.
 
     Parameters

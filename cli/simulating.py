@@ -7,7 +7,7 @@ from dataclasses import replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Literal
 
-from waychair.cli.arguments import BadArgument
+from waychair.cli.arguments import BadArgument, Count, check_picture
 from waychair.cli.chair_options import PlantName
 
 if TYPE_CHECKING:
@@ -37,6 +37,7 @@ def worlds_command(name: str | None = None, /, *, level: str | None = None, pict
     from waychair.simulation.world import levels_of, load_world, shipped_worlds
     from waychair.trials.world_plan import world_picture
 
+    check_picture(picture, "--picture")
     if name is None and (level is not None or picture is not None):
         raise BadArgument("--level and --picture are about one world: give its name first")
     names = shipped_worlds() if name is None else (name,)
@@ -80,7 +81,7 @@ def simulate_command(
     level: str | None = None,
     route: str = "mapping",
     record: Path | None = None,
-    seed: int = 0,
+    seed: Count = 0,
     mode: Literal["lockstep", "fast", "realtime"] = "fast",
     camera: bool | None = None,
     people: bool = True,

@@ -11,6 +11,8 @@ from typing import TYPE_CHECKING, Annotated
 
 from cyclopts import Parameter
 
+from waychair.cli.arguments import Count
+
 if TYPE_CHECKING:
     from waychair.ros.client import ChairClient
     from waychair.ros.messages.chair import DriveReport
@@ -37,18 +39,18 @@ def up_command(
     start: Pose | None = None,
     camera: bool = True,
     people: bool = True,
-    seed: int = 0,
+    seed: Count = 0,
     unattended: bool = False,
     urgent: bool = False,
     lan: bool = False,
-    domain: int | None = None,
+    domain: Count | None = None,
     namespace: str = "",
     params: Path | None = None,
     out: Path = Path("out/up"),
     box: Path | None = None,
     no_box: Annotated[bool, Parameter(negative=())] = False,
     page: bool | None = None,
-    page_port: int | None = None,
+    page_port: Count | None = None,
     page_lan: bool = False,
     token: str | None = None,
 ) -> None:
@@ -147,7 +149,7 @@ def up_command(
 
 
 def goto_command(
-    *goals: Pose, yes: bool = False, timeout: float = 600.0, domain: int | None = None, namespace: str = ""
+    *goals: Pose, yes: bool = False, timeout: float = 600.0, domain: Count | None = None, namespace: str = ""
 ) -> None:
     """Send the running chair to places, one after the other.
 
@@ -188,7 +190,7 @@ def goto_command(
             print(f"{text}: reached, {at.x:.2f}, {at.y:.2f}, {at.theta:.2f}")
 
 
-def confirm_command(goal: Pose | None = None, /, *, domain: int | None = None, namespace: str = "") -> None:
+def confirm_command(goal: Pose | None = None, /, *, domain: Count | None = None, namespace: str = "") -> None:
     """Say the rider's yes to the goal that waits, and to no other that comes meanwhile.
 
     Parameters
@@ -213,7 +215,7 @@ def confirm_command(goal: Pose | None = None, /, *, domain: int | None = None, n
     print(f"{named}: {sentence}")
 
 
-def cancel_command(*, domain: int | None = None, namespace: str = "") -> None:
+def cancel_command(*, domain: Count | None = None, namespace: str = "") -> None:
     """End the drive; the chair comes to rest.
 
     Parameters
@@ -229,7 +231,7 @@ def cancel_command(*, domain: int | None = None, namespace: str = "") -> None:
         print(client.cancel()[1])
 
 
-def status_command(*, json: bool = False, domain: int | None = None, namespace: str = "") -> None:
+def status_command(*, json: bool = False, domain: Count | None = None, namespace: str = "") -> None:
     """Where the chair is, how sure it is of that, who drives, and what stands against a drive.
 
     Parameters

@@ -8,15 +8,17 @@ from typing import Annotated, Literal
 
 from cyclopts import Parameter
 
+from waychair.cli.arguments import Count
+
 
 def vocabulary_command(
     source: Path,
     /,
     *,
     output: Annotated[Path, Parameter(alias="-o")],
-    words: int = 16_000,
+    words: Count = 16_000,
     detector: Literal["orb", "gftt_orb", "sift"] = "orb",
-    seed: int = 1,
+    seed: Count = 1,
     quiet: bool = False,
 ) -> None:
     """Make a fixed dictionary of visual words by clustering: k-majority of binary features, k-means of float ones.

@@ -20,12 +20,12 @@ calls by a timer (`runtime.monitor_process`), and the simulator in lockstep.
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
 from waychair.calibration.chair import ChairBody
-from waychair.calibration.self_mask import SelfMask
+from waychair.calibration.self_mask import SelfMask, outline_reach
 from waychair.calibration.stopping import StopTable
 from waychair.config import Settings, setting
 from waychair.control.arc_entry import entry_times
@@ -138,6 +138,7 @@ class Monitor:
         self._same_since_ns: int | None = None
         self._blindness = ""
         self._gives_way_since_ns: int | None = None
+        self._gave_way_ns: int | None = None  # in the latest tick in which it did
         self._passes_until_ns: int | None = None
         self._furniture: FloatArray = np.empty((0, 2))
         self._furnished_ns: int | None = None
@@ -148,11 +149,14 @@ class Monitor:
 
     def see(self, scan: Scan) -> None:
         """Take in a scan, as the lidar gave it."""
+        scan = without_near_field(scan, self._body)
         before, self._scan = self._scan, scan
         count, longest_ns = len(scan.ranges), round(self._settings.blind_s * 1e9)
         self._hidden = np.zeros(count, np.bool_) if self._mask is None else self._mask.hides(scan)
-        if before is None or len(before.ranges) != count:
-            self._measured_ns = np.full(count, scan.stamp_ns)  # until half a second has shown otherwise
+        if before is None or not len(before.ranges):
+            self._measured_ns = np.full(count, scan.stamp_ns)  # until time has shown otherwise
+        elif len(before.ranges) != count:  # another count of beams over the same view
+            self._measured_ns = self._measured_ns[np.arange(count) * len(before.ranges) // count]
         self._measured_ns = np.where(np.isfinite(scan.ranges), scan.stamp_ns, self._measured_ns)
         silent = scan.stamp_ns - self._measured_ns[~self._hidden] >= longest_ns
         same = before is not None and np.array_equal(before.ranges, scan.ranges, equal_nan=True)
@@ -217,8 +221,11 @@ class Monitor:
     def _has_given_way(self, measured: Twist, now_ns: int) -> bool:
         """Whether the chair has stood for long before legs that are in its way; told so in every tick in which it is.
 
-        It passes until a while after they were in the way last.
+        It passes until a while after they were in the way last. Others who come later are given way to anew.
         """
+        if self._gave_way_ns is not None and now_ns - self._gave_way_ns > _OTHERS_NS:
+            self._gives_way_since_ns = None
+        self._gave_way_ns = now_ns
         if self._passes_until_ns is None or now_ns > self._passes_until_ns:
             if _stands(measured) and self._gives_way_since_ns is None:
                 self._gives_way_since_ns = now_ns
@@ -241,6 +248,9 @@ class Monitor:
 
 _PAST_NS = 1_000_000_000
 """Legs that were not in the way for so long are past."""
+
+_OTHERS_NS = 5_000_000_000
+"""Legs that are in the way again after so long are those of somebody else."""
 
 
 def _stands(twist: Twist) -> bool:
@@ -277,6 +287,25 @@ def permitted_share(command: Twist, verdict: MonitorVerdict, settings: MonitorSe
     return verdict.share
 
 
+def without_near_field(scan: Scan, body: ChairBody) -> Scan:
+    """The scan without readings below its least range: those are errors, or say that something is too close (-inf).
+
+    What is too close stands just outside the chair's outline, where that is so near to the laser; else it is the
+    chair's own, or dirt on the lidar, and invalid.
+    """
+    near = scan.ranges < max(scan.range_min, 0.0)
+    if not near.any():
+        return scan
+    edge = outline_reach(scan.angles(), body, _OUTSIDE)
+    stands = near & np.isneginf(scan.ranges) & (edge <= scan.range_min)
+    ranges = np.where(stands, edge, np.where(near, math.nan, scan.ranges)).astype(np.float32)
+    return replace(scan, ranges=ranges, range_min=0.0)
+
+
+_OUTSIDE = 0.005
+"""What is too close to be measured stands so far [m] outside the outline."""
+
+
 def measuring(scan: Scan, hidden: BoolArray) -> BoolArray:
     """(N,) beams that measure something other than the chair itself."""
     told: BoolArray = np.isfinite(scan.ranges) & ~hidden
@@ -285,7 +314,7 @@ def measuring(scan: Scan, hidden: BoolArray) -> BoolArray:
 
 
 def slim_beams(scan: Scan, hidden: BoolArray, settings: MonitorSettings) -> BoolArray:
-    """(N,) beams that end on something slim that stands free, before what is beside it in the view."""
+    """(N,) beams that end on something slim that stands free, before what is beside it in the view, or nothing is."""
     slim = np.zeros(len(scan.ranges), np.bool_)
     beams = np.flatnonzero(measuring(scan, hidden))
     if len(beams) < 2:
@@ -296,7 +325,10 @@ def slim_beams(scan: Scan, hidden: BoolArray, settings: MonitorSettings) -> Bool
     first = np.concatenate([[0], breaks])
     last = np.concatenate([breaks, [len(beams)]]) - 1
     beside = np.concatenate([[math.inf], r, [math.inf]])
-    before, after = beside[first], beside[last + 2]
+    open_so_far = np.cumsum(np.isposinf(scan.ranges))[beams]
+    opens = np.concatenate([[False], np.diff(open_so_far) > 0, [False]])  # before each beam, and after the last
+    before = np.where(opens[first], math.inf, beside[first])
+    after = np.where(opens[last + 1], math.inf, beside[last + 2])
     width = np.hypot(*(points[last] - points[first]).T)
     stands = (before > r[first] + _APART) & (after > r[last] + _APART)
     legs = stands & (width <= settings.slim) & (last - first + 1 >= settings.least_points)

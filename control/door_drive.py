@@ -165,11 +165,16 @@ class DoorDrive:
     def _retreat(
         self, at: Pose2, pose: Pose2, command: Twist, distances: DistanceField, limits: DwaSettings
     ) -> DwaResult:
-        """Backwards along the axis, which already brings the chair nearer to it, then line up again."""
+        """Backwards along the axis, which already brings the chair nearer to it, then line up again.
+
+        Where it must not drive backwards now, since somebody may be behind, it waits for that.
+        """
         steps = np.linspace(at.x + 0.1, self._turn_back, 12)
         line = np.column_stack([steps, np.zeros((12, 2))])
         odom_line: FloatArray = compose(self.watch.odom_from_door.array(), line)
         choice = track(pose, command, odom_line, True, distances, self._longer, limits, self._settings.retreating)
+        if limits.max_reverse == 0.0 and not choice.in_position:
+            return choice
         if choice.in_position or choice.blocked:
             standing = abs(command.v) < 0.01
             self._retreating = not standing

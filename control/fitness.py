@@ -10,6 +10,8 @@ import math
 from dataclasses import dataclass, field
 from typing import TypeAlias
 
+import numpy as np
+
 from waychair.calibration.chair import ChairBody
 from waychair.config import Settings, setting
 from waychair.control.stops import Halt, halt
@@ -48,6 +50,13 @@ class FitnessSettings(Settings):
                 raise ConfigError(f"{name} = '{getattr(self, name)}' is unknown: take {' or '.join(REACTIONS)}")
 
 
+def _tells(message: Sensed) -> bool:
+    """Whether a message holds anything but invalid readings; of a picture's pixels every sixteenth is looked at."""
+    if isinstance(message, ImuSample):
+        return bool(np.isfinite(message.accel).all() and np.isfinite(message.gyro).all())
+    return not isinstance(message, RgbdFrame) or bool(np.isfinite(message.depth[::4, ::4]).any())
+
+
 class Fitness:
     """Keeps the last word of each sensor, how the chair leans, and where it was held to be."""
 
@@ -62,7 +71,12 @@ class Fitness:
         self._jump_m = 0.0
 
     def hear(self, message: Sensed, twist: Twist) -> None:
-        """Take in what a sensor said while the chair moved by `twist`; the IMU's axes are the base's."""
+        """Take in what a sensor said while the chair moved by `twist`; the IMU's axes are the base's.
+
+        One that speaks without telling anything is as good as silent.
+        """
+        if not _tells(message):
+            return
         self._heard_ns[type(message)] = message.stamp_ns
         if isinstance(message, ChairStatus):
             self._status = message

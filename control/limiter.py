@@ -1,10 +1,11 @@
 """What the rider is to feel: speeding up, braking, curves and jerk, between the navigator and the closed loop.
 
-The command stays on the arc that was asked for and is at most slowed down along it, so that what the planner found
-free is free for what is sent. Speeding up is limited in acceleration and jerk. Slowing down that the planner asks for
-passes as it is, up to emergency braking: a limiter that delays a brake breaks the promise on which the arc was chosen;
-the planner's own window carries that limit. What lowers the speed from outside (a zone, a doubtful gain, an unmeasured
-chair) and stops by comfort are approached with limited jerk, and an emergency exempts from all of it.
+The command comes onto the arc that was asked for, and is at most slowed down along it, so that what the planner found
+free is free for what is sent. Speeding up is limited in acceleration and jerk, turning faster by alpha. Slowing down
+that the planner asks for passes as it is, up to emergency braking: a limiter that delays a brake breaks the promise on
+which the arc was chosen; the planner's own window carries that limit. What lowers the speed from outside (a zone, a
+doubtful gain, an unmeasured chair) and stops by comfort are approached with limited jerk, and an emergency exempts from
+all of it.
 
 Where the figures come from. No standard limits a wheelchair's accelerations in numbers that could be read; they are
 engineering choices about what is known: ISO 2631-1 (1997), annex C, calls a weighted acceleration of less than
@@ -96,7 +97,8 @@ class Limiter:
         emergency (F5).
         """
         s, before = self._settings, self._command
-        seconds = min((now_ns - self._last_ns) * 1e-9, _LONGEST_S) if self._last_ns is not None else 0.05
+        passed = 0.05 if self._last_ns is None else (now_ns - self._last_ns) * 1e-9
+        seconds = min(max(passed, 0.0), _LONGEST_S)
         self._last_ns = now_ns
         if not (math.isfinite(asked.v) and math.isfinite(asked.omega)):
             braking = Braking.EMERGENCY
@@ -112,7 +114,7 @@ class Limiter:
             if self._size(before) > cap and self._size(wanted) > cap:
                 size = min(self._size(wanted), self._slower(self._size(before), cap, seconds))
             command = _towards(before, self._sized(wanted, size), s.emergency * seconds, s.emergency_alpha * seconds)
-            command = _no_faster(before, command, s.acceleration * seconds)
+            command = _no_faster(before, command, s.acceleration * seconds, s.alpha * seconds)
         self._rate = (self._size(command) - self._size(before)) / max(seconds, 1e-3)
         self._command = command
         return command
@@ -154,10 +156,19 @@ def _rate_before(room: float, jerk: float, seconds: float) -> float:
     return math.sqrt(lost * lost + 2.0 * jerk * room) - lost
 
 
-def _no_faster(before: Twist, after: Twist, dv: float) -> Twist:
-    """With at most so much more speed along: what a chair has by turning is none to set off with."""
-    ahead = math.copysign(1.0, after.v)
-    return Twist(ahead * min(abs(after.v), max(ahead * before.v, 0.0) + dv), after.omega)
+def _no_faster(before: Twist, after: Twist, dv: float, domega: float) -> Twist:
+    """With at most so much more speed along, and of turning: what a chair has of one is none to begin the other with."""
+    return Twist(_grown(before.v, after.v, dv), _grown(before.omega, after.omega, domega + _ROUNDED))
+
+
+def _grown(before: float, after: float, most: float) -> float:
+    """A speed after one before, in whatever direction it is now, grown by at most so much."""
+    direction = math.copysign(1.0, after)
+    return direction * min(abs(after), max(direction * before, 0.0) + most)
+
+
+_ROUNDED = 1e-9
+"""The planner keeps to the same limit [rad/s], rounded its own way."""
 
 
 def _scaled(twist: Twist, share: float) -> Twist:

@@ -56,6 +56,7 @@ class MaplessNavigator:
         self._command = Twist()
         self._local: DistanceField | None = None
         self._path: Path | None = None
+        self._no_way = ""
         self._planned_ns: int | None = None
         self._plans = 0
         self._in_position = False
@@ -73,7 +74,7 @@ class MaplessNavigator:
         if self._planned_ns is None or now_ns - self._planned_ns >= self._settings.replan_period * 1e9:
             self._plan(now_ns, pose)
         if self._path is None:
-            return self._halt(now_ns, self._reason)
+            return self._halt(now_ns, self._no_way)
         choice = self._choose(now_ns, pose, self._path, self._local)
         if self._recovery.exhausted:
             self._stage, self._reason = Stage.FAILED, "no way through: clear the way or choose another goal"
@@ -103,7 +104,7 @@ class MaplessNavigator:
             self._path = self._planner.replan(self._costmap(), pose)
             self._plans += 1
         except PlanningError as error:
-            self._reason = str(error)
+            self._no_way = str(error)
 
     def _costmap(self) -> Costmap:
         """Of the memory in coarser cells, each as occupied as its worst part."""

@@ -16,15 +16,15 @@ import numpy as np
 from waychair.calibration.chair import BodyLayer, ChairBody
 from waychair.control.bystanders import Bystanders
 from waychair.control.corrections import Corrections
+from waychair.control.goals import is_missed, limits_to, posed
 from waychair.control.leg_drive import LegDrive, View
 from waychair.control.navigation import ACTIVE, Navigation, Stage
 from waychair.control.navigator_settings import NavigatorSettings
 from waychair.control.recovery import Recovery
 from waychair.control.surroundings import Surroundings, much_is_gone, without_veils
-from waychair.errors import GoalOccupied, NotConverged, PlanningError
+from waychair.errors import GoalOccupied, NotConverged, WaychairError
 from waychair.geometry import transform_points
 from waychair.maps.distance_field import DistanceField
-from waychair.maps.places import find
 from waychair.maps.zones import Zone
 from waychair.planning.costmap import Costmap
 from waychair.planning.drawn_map import DrawnMap
@@ -55,6 +55,8 @@ __all__ = ["Navigation", "Navigator", "NavigatorSettings", "Stage"]
 _RESTED_TICKS, _AT_REST = 8, 1e-3
 """A chair that was commanded less than this [m/s, rad/s] for so many ticks stands."""
 
+_NOWHERE = "it is not known where the chair is; drive it by hand to where it knows its place"
+
 _SLICES_STANDING = 3
 """Slices of a field or band that are done in one tick while the chair stands for want of a way."""
 
@@ -76,7 +78,7 @@ class Navigator:
         self._places = places
         self._body = body
         self._surroundings = Surroundings(self._drawn, body, self.settings.surroundings)
-        self._recovery = Recovery(self.settings.recovery)
+        self.recovery = Recovery(self.settings.recovery)
         self._people = Bystanders(body, self.settings.tracks, self.settings.recovery, self.settings.dwa.margin)
         self._among_people = self._planned_among = False
         self._motion, self._before = Motion(), Twist()
@@ -121,8 +123,9 @@ class Navigator:
 
         Raises:
             UnknownPlace: a goal is a name that is not among the places.
+            GoalTooExact: a goal's tolerances are closer than a chair can stop. Either way the present goals stay.
         """
-        self._goals = [self._posed(each) for each in (goal, *further)]
+        self._goals = [posed(each, self._places) for each in (goal, *further)]
         self._begin(self._goals[0])
 
     def redraw(self, drawn: DrawnMap, places: Mapping[str, Place]) -> None:
@@ -159,7 +162,7 @@ class Navigator:
         """Go on after a pause, by a new plan."""
         if self._stage is Stage.PAUSED:
             self._stage, self._reason, self._planned_ns = Stage.DRIVING, "", None
-            self._recovery.reset()
+            self.recovery.reset()
 
     def cancel(self, reason: str) -> None:
         """Give the goals up; nothing resumes them."""
@@ -196,6 +199,8 @@ class Navigator:
         localisation has corrected the odometry by; without it odom is the map.
         """
         odom_from_map = Pose2() if map_from_odom is None else map_from_odom.inverse()
+        if not (np.isfinite(pose.array()).all() and np.isfinite(odom_from_map.array()).all()):
+            return self._halt(now_ns, _NOWHERE)
         self._here, self._map_from_odom = pose, odom_from_map.inverse()
         since_ns, self._stepped_ns = now_ns - (self._stepped_ns or now_ns), now_ns
         self._rested = self._rested + 1 if max(abs(self._command.v), abs(self._command.omega)) < _AT_REST else 0
@@ -204,7 +209,7 @@ class Navigator:
         if obstacles is not None:
             obstacles, self._local = without_veils(obstacles, self.settings.veil), None
             self._surroundings.see(now_ns, pose, obstacles, beyond)
-            stood_s = self._recovery.standing(now_ns)
+            stood_s = self.recovery.standing(now_ns)
             self._people.see(now_ns, pose, obstacles, odom_from_map, self._surroundings, stood_s)
             self._among_people = self._people.about(odom_from_map @ pose)
         if self._planner is None or not self.active:
@@ -214,7 +219,7 @@ class Navigator:
         # a corrected pose: slow down, and line up anew from where the chair really is
         self._note_correction(now_ns, pose, odom_from_map)
         if (self._planning is not None or self._needs_plan(now_ns)) and not self._plan(now_ns):
-            self._recovery.stands_to_plan(since_ns)
+            self.recovery.stands_to_plan(since_ns)
             return self._navigation(braking(self._command, self._dwa))
         if self._path is None or not self.active:
             return self._halt(now_ns, self._no_way)
@@ -224,28 +229,15 @@ class Navigator:
     def _begin(self, goal: Goal) -> None:
         assert isinstance(goal.target, Pose2)
         self._plan_to(goal.target)
-        # what remains of the tolerance is left to the localisation's own error
-        self._dwa = replace(
-            self.settings.dwa,
-            goal_tolerance=min(self.settings.dwa.goal_tolerance, 0.6 * goal.tolerance_m),
-            goal_release=min(self.settings.dwa.goal_release, 0.9 * goal.tolerance_m),
-            heading_tolerance=min(self.settings.dwa.heading_tolerance, goal.tolerance_rad / 2),
-        )
+        self._dwa = limits_to(goal, self.settings.dwa)
         self._stage, self._reason = Stage.DRIVING, ""
-        self._recovery.reset()
+        self.recovery.reset()
 
     def _plan_to(self, goal: Pose2) -> None:
         """From scratch."""
         self._planner = GlobalPlanner(goal, self.settings.planner)
         self._path, self._planned_ns, self._plans, self._leg = None, None, 0, None
         self._planning, self._stops_to_plan, self._stands_to_plan = None, False, False
-
-    def _posed(self, goal: Goal) -> Goal:
-        """The goal with the pose and tolerances of the place that it names."""
-        if isinstance(goal.target, Pose2):
-            return goal
-        place = find(self._places, goal.target)
-        return Goal(place.pose, place.tolerance_m, place.tolerance_rad)
 
     def _view(self, pose: Pose2, obstacles: FloatArray | None, odom_from_map: Pose2) -> View:
         """What there is to drive by, in odom."""
@@ -267,9 +259,9 @@ class Navigator:
 
     def _choose(self, now_ns: int, pose: Pose2, view: View) -> DwaResult:
         """Follow the path; where that has been impossible for a while, first back out the way the chair came."""
-        tries, backed = self._recovery.tries, self._recovery.backing
+        tries, backed = self.recovery.tries, self.recovery.backing
         behind = self._people.behind(now_ns, view.pose)
-        backing = self._recovery.step(
+        backing = self.recovery.step(
             now_ns,
             view.pose,
             self._remaining(pose),
@@ -285,7 +277,7 @@ class Navigator:
             self._path, self._leg, self._planned_ns, self._no_way = None, None, None, "backed out"
             stop = braking(self._command, self._dwa)
             return DwaResult(stop, np.zeros((0, 2)), np.zeros(0), view.pose.array()[None])
-        if self._recovery.tries > tries:  # there is no way out backwards either
+        if self.recovery.tries > tries:  # there is no way out backwards either
             self._planned_ns = None
         choice = self._follow(view, behind)
         if choice.arrived and len(self._legs) > 1:  # stopped and turned: on with the next leg
@@ -320,9 +312,16 @@ class Navigator:
 
     def _outcome(self, now_ns: int, choice: DwaResult) -> Navigation:
         """Reached, given up, waiting or driving."""
-        if self._recovery.exhausted:
+        if self.recovery.exhausted:
             self.cancel(self._why_given_up())
             return self._navigation(braking(self._command, self._dwa), choice)
+        if (
+            choice.arrived
+            and self._leg is not None
+            and self._leg.leg.manner is not Manner.FREE
+            and is_missed(self._goals[0], self._here)
+        ):
+            self._planned_ns, choice = None, replace(choice, arrived=False)
         if choice.arrived:
             self._goals = self._goals[1:]
             if self._goals:
@@ -335,7 +334,7 @@ class Navigator:
                 self._planner.distrust(self._leg.refused_door)
                 self._planned_ns = None
             return self._halt(now_ns, "something is in the way", choice)
-        self._recovery.moves()
+        self.recovery.moves()
         self._stage, self._reason = Stage.DRIVING, ""
         return self._navigation(choice.twist, choice)
 
@@ -347,7 +346,7 @@ class Navigator:
     def _halt(self, now_ns: int, why: str, choice: DwaResult | None = None) -> Navigation:
         """Brake and wait; give up after the patience."""
         if self.active:
-            waited = self._recovery.stands(now_ns)
+            waited = self.recovery.stands(now_ns)
             self._stage, self._reason = Stage.WAITING, f"{why}; waiting"
             s = self.settings.recovery
             if waited > (s.patience_with_people if self._among_people else s.patience):
@@ -427,7 +426,7 @@ class Navigator:
                 costmap = self._drawn.costmap()
                 check_goal(costmap, self._body, self._planner.goal)
                 path = yield from self._planner.replan_in_slices(costmap, self._pose, go_on=self._until(now_ns))
-        except PlanningError as error:
+        except WaychairError as error:
             self.cancel(str(error))
             return
         try:
@@ -436,13 +435,13 @@ class Navigator:
         except NotConverged as error:
             self._no_way = str(error)
             return
-        except PlanningError as error:
+        except WaychairError as error:
             self._path, self._leg, self._no_way = None, None, str(error)
             return
         if may_stay and foreseen and self._is_as_good(path):
             return
         if self._path is None:  # having waited for a way is no reason to back out now that there is one
-            self._recovery.moves()
+            self.recovery.moves()
         legs = list(self._planner.legs)
         leg = LegDrive(legs, self._drawn.grid, self._body, self.settings.legs)
         if self._leg is not None and len(legs) == len(self._legs) == 1 and legs[0].manner is Manner.FREE:

@@ -30,7 +30,11 @@ class NavigatorSettings(Settings):
         2.0, "s", "a plan that takes longer is begun again if much has moved since", low=0.1, high=60.0
     )
     veil: float = setting(
-        0.1, "m", "a point this far from those of both neighbouring beams hangs between two surfaces", low=0.0, high=1.0
+        0.1,
+        "m",
+        "a point this far from those of both neighbouring beams hangs between two surfaces",
+        low=0.01,
+        high=1.0,
     )
     longest_field: float = setting(
         60.0, "s", "a potential that takes longer is given up, and the path there is is kept", low=0.1, high=600.0

@@ -9,7 +9,7 @@ import math
 from dataclasses import dataclass
 
 from waychair.config import Settings, setting
-from waychair.control.supervisor import deflection_of
+from waychair.control.supervisor import SupervisorSettings, deflection_of
 from waychair.types import JoystickInput, Odometry, Pose2
 
 
@@ -25,8 +25,9 @@ class PushingSettings(Settings):
 class Pushing:
     """Keeps where the chair stood. `pushed`: it is moved by hand, or has been until a moment ago."""
 
-    def __init__(self, settings: PushingSettings | None = None) -> None:
-        self._settings = settings or PushingSettings()
+    def __init__(self, settings: PushingSettings | None = None, at_rest: float = SupervisorSettings().at_rest) -> None:
+        """`at_rest`: deflection up to which no hand is on the stick."""
+        self._settings, self._at_rest = settings or PushingSettings(), at_rest
         self._stood: Pose2 | None = None  # odom_from_base
         self._since_ns = 0
         self._rests = False
@@ -37,7 +38,7 @@ class Pushing:
 
         Whether it was pushed, and now stands.
         """
-        if not released or stick is None or wheels is None or not deflection_of(stick) <= _AT_REST:
+        if not released or stick is None or wheels is None or not deflection_of(stick) <= self._at_rest:
             self._stood, self._rests, self.pushed = None, False, False
             return False
         s, here = self._settings, wheels.odom_from_base
@@ -53,7 +54,3 @@ class Pushing:
     def _is_away(self, stood: Pose2, here: Pose2) -> bool:
         moved = stood.inverse() @ here
         return math.hypot(moved.x, moved.y) > self._settings.way or abs(moved.theta) > self._settings.turn
-
-
-_AT_REST = 0.1
-"""Deflection up to which no hand is on the stick (`SupervisorSettings.at_rest`)."""

@@ -29,6 +29,9 @@ _UNSURE = 0.005
 _ENOUGH = 0.02
 """Farther than this [m] from everything a chair that backs out may come nearer: it moves, and its place is noisy."""
 
+_LEAP = 0.3
+"""No chair goes so far [m] from one tick to the next."""
+
 _SAME_PLACE = 0.1
 """A chair that tries to back out again within this [m] of where it was held up gives nothing more away."""
 
@@ -60,6 +63,7 @@ class Recovery:
         self._settings = settings
         self._trail: deque[Pose2] = deque(maxlen=100)
         self.tries = 0
+        self.begun = 0  # how often it has begun to back out, of all goals
         self._standing_since: int | None = None
         self._nearest: tuple[int, float] | None = None  # when, and how near to the goal [m]
         self._turned: tuple[int, Pose2] | None = None  # when the chair, turning, last came to be elsewhere, and where
@@ -79,7 +83,7 @@ class Recovery:
         return self._backing is not None
 
     def reset(self) -> None:
-        """A new goal: only the trail is kept."""
+        """A new goal: the trail is kept, and what was kept free here."""
         self.tries, self._tried_at, self._standing_since = 0, None, None
         self._nearest, self._turned, self._backing = None, None, None
 
@@ -119,7 +123,8 @@ class Recovery:
         """A command for backing out, or None while following the path is right.
 
         `remaining` [m] is the way to the goal, None while turning at it or trying a door again. `local` gives the
-        distances round the chair, when they are needed. Who `waits` for people begins no backing, and ends it.
+        distances round the chair, in the pose's frame, where nothing jumps, when they are needed. Who `waits` for people
+        begins no backing, and ends it.
         """
         if waits:
             self._backing, self._nearest, self._turned = None, None, None
@@ -130,6 +135,7 @@ class Recovery:
             if waits or not self._stuck(now_ns, pose, remaining):
                 return None
             self._backing, self._held_up_since, self.tries = (now_ns, pose), None, self.tries + 1
+            self.begun += 1
             if remaining is not None:
                 self._tried_at = min(remaining, math.inf if self._tried_at is None else self._tried_at)
         self._take_back(pose)
@@ -174,7 +180,11 @@ class Recovery:
         return (now_ns - self._nearest[0]) * 1e-9 >= s.progress_time
 
     def _remember(self, pose: Pose2) -> None:
-        if not self._trail or math.hypot(self._trail[-1].x - pose.x, self._trail[-1].y - pose.y) > 0.05:
+        """Where the chair came along; of another drive, or before a leap of the odometry, nothing leads here."""
+        way = math.hypot(self._trail[-1].x - pose.x, self._trail[-1].y - pose.y) if self._trail else math.inf
+        if way > _LEAP:
+            self._trail.clear()
+        if way > 0.05:
             self._trail.append(pose)
 
     def _take_back(self, pose: Pose2) -> None:

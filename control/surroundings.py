@@ -126,7 +126,7 @@ class Surroundings:
         self._walkers = np.empty((0, 2)) if walkers is None else walkers
 
     def window(self, pose: Pose2) -> DistanceField:
-        """Distances to walls and all that was seen, in a square round a pose; nothing is known outside the map."""
+        """Distances to walls and all that was seen, in a square round a pose; off the map only what was seen counts."""
         grid, wanted = self._grid, self._settings.resolution
         finer, coarser = max(1, round(grid.resolution / wanted)), max(1, math.floor(wanted / grid.resolution + 1e-9))
         size = coarser * math.ceil(2 * self._settings.reach / (coarser * grid.resolution))

@@ -118,8 +118,9 @@ def track(
     """The next command on a line of poses (N, 3) [m, m, rad]; pose, poses and distances are in one frame.
 
     As `dwa.choose`: `in_position` at its end, `arrived` turned to its last heading and standing, `blocked` when the
-    body could not stop before touching something. With a `motion` the jerk along the line is limited. Off
-    the line the wider margin is kept; on it, the narrower where there is no other way on.
+    body could not stop before touching something, or may not drive backwards where the line does. With a `motion` the
+    jerk along the line is limited. Off the line the wider margin is kept; on it, the narrower where there is no other
+    way on.
     """
     limits = replace(
         limits,
@@ -138,6 +139,8 @@ def track(
             heading = wrap_angle(ahead.theta - at.heading)
             turned = rotate_to_heading(pose, command, heading, distances, body, kept, motion)
             return replace(turned, arrived=False)
+        if backwards and limits.max_reverse == 0.0:
+            return _halted(ahead, command, np.zeros((0, 2)), kept)
         wanted = _feedback(at, backwards, _until_steady(command, backwards, kept, motion), kept, settings)
         return _admitted(ahead, command, wanted, distances, body, kept, motion)
 
@@ -167,13 +170,14 @@ def _feedback(at: OnLine, backwards: bool, way: float, limits: DwaSettings, sett
 
     Way [m]: that it goes before it can begin to slow down.
     """
-    speed = min(settings.max_speed, slowing_speed(at.left - way, 0.0, limits), _steering_speed(at, way, limits))
+    fastest = min(settings.max_speed, limits.max_reverse if backwards else limits.max_speed)
+    speed = min(fastest, slowing_speed(at.left - way, 0.0, limits), _steering_speed(at, way, limits))
     v = math.copysign(max(speed, limits.min_speed), -1.0 if backwards else 1.0)
     gain = 1.0 / settings.return_length
     damping = np.interp(abs(at.lateral), (_BESIDE, 2 * _BESIDE), (settings.damping, settings.damping_off))
     omega = v * at.curvature - v * gain**2 * at.lateral - 2.0 * float(damping) * abs(v) * gain * at.heading
     share = min(1.0, limits.max_omega / max(abs(omega), 1e-9))
-    return Twist(v * max(share, min(1.0, limits.min_speed / abs(v))), omega * share)
+    return Twist(v * max(share, min(1.0, limits.min_speed / max(abs(v), 1e-9))), omega * share)
 
 
 def _steering_speed(at: OnLine, way: float, limits: DwaSettings) -> float:
@@ -209,7 +213,13 @@ def _admitted(
             scores = np.where(np.arange(2) == k, 0.0, -np.inf)
             arc = np.array([along_arc(ahead.x, ahead.y, ahead.theta, v, omega, t) for t in np.linspace(0.0, 2.0, 11)])
             return DwaResult(twist, candidates, scores, arc)
-    return DwaResult(braking(command, limits), candidates, np.full(2, -np.inf), ahead.array()[None], blocked=True)
+    return _halted(ahead, command, candidates, limits)
+
+
+def _halted(ahead: Pose2, command: Twist, candidates: FloatArray, limits: DwaSettings) -> DwaResult:
+    """Braking, for none of the candidates (N, 2) is possible."""
+    scores = np.full(len(candidates), -np.inf)
+    return DwaResult(braking(command, limits), candidates, scores, ahead.array()[None], blocked=True)
 
 
 def _step(command: Twist, wanted: Twist, limits: DwaSettings, motion: Motion | None) -> Twist:

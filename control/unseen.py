@@ -73,8 +73,12 @@ _STEP, _ACROSS = 0.1, 7
 
 
 def sectors_of_scan(scan: Scan, base_from_laser: Pose2) -> list[Sector]:
-    """The runs of beams that are valid or see nothing; invalid ones (nan) part them, unless there is only one or two."""
-    broken = np.flatnonzero(np.diff(np.concatenate([[True], np.isnan(scan.ranges), [True]]).astype(np.int8)))
+    """The runs of beams that are valid or see nothing; those that tell nothing part them, unless it is only one or two.
+
+    They are invalid (nan), or end nearer than the least range.
+    """
+    blind = np.isnan(scan.ranges) | (scan.ranges < max(scan.range_min, 0.0))
+    broken = np.flatnonzero(np.diff(np.concatenate([[True], blind, [True]]).astype(np.int8)))
     runs: list[list[int]] = []
     for first, after in broken.reshape(-1, 2).tolist():
         if runs and first - runs[-1][1] <= _DROPPED:

@@ -31,10 +31,36 @@ FAULT_ADVICE: Mapping[BoardFault, str] = MappingProxyType(
 )
 """By fault bit, gravest first."""
 
+UNKNOWN_FAULT = (
+    "the board reports a fault that this version does not know: have board and wiring checked, install the waychair "
+    "that belongs to its firmware, then press Reset"
+)
+"""What bits come to that a later firmware has: as grave as any that only somebody's deliberate act may clear."""
 
-def fault_advice(faults: BoardFault) -> tuple[str, ...]:
-    """A sentence for each fault bit that is set, the gravest first."""
-    return tuple(advice for fault, advice in FAULT_ADVICE.items() if fault in faults)
+
+def fault_advice(faults: int) -> tuple[str, ...]:
+    """A sentence for each fault bit that is set, one for all that are unknown, the gravest first."""
+    told = {fault: advice for fault, advice in FAULT_ADVICE.items() if fault & faults}
+    latching = [advice for fault, advice in told.items() if fault not in HOST_FAULTS]
+    unknown = [UNKNOWN_FAULT] if _unknown(faults) else []
+    of_host = [advice for fault, advice in told.items() if fault in HOST_FAULTS]
+    return (*latching, *unknown, *of_host)
+
+
+def fault_names(faults: int) -> tuple[str, ...]:
+    """The name of each fault bit that is set; of an unknown one its number."""
+    unknown = _unknown(faults)
+    bits = (f"BIT_{bit}" for bit in range(unknown.bit_length()) if unknown >> bit & 1)
+    return (*(str(fault.name) for fault in BoardFault if fault & faults), *bits)
+
+
+def is_of_host(faults: int) -> bool:
+    """Whether all bits that are set are faults of the computer."""
+    return not (int(faults) & ~int(HOST_FAULTS))  # of whole numbers: the complement of flags has no unknown ones
+
+
+def _unknown(faults: int) -> int:
+    return int(faults) & ~sum(BoardFault)
 
 
 def refusal(reply: HelloReply, ours: Hello) -> str:

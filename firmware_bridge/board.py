@@ -24,7 +24,7 @@ from typing import Self
 
 from waychair.config import Settings, setting
 from waychair.errors import BoardBuildError, BridgeError
-from waychair.files import replacing
+from waychair.files import cache_folder, replacing
 from waychair.firmware_bridge.protocol import BoardFault, BoardState, Family, Holder
 from waychair.firmware_bridge.transports import DescriptorTransport, open_pseudo_terminal
 
@@ -128,14 +128,13 @@ def build_board(folder: Path) -> Path:
 
 
 def board_program() -> Path:
-    """The program, built on its first use into the user's cache (`XDG_CACHE_HOME`, else ~/.cache).
+    """The program, built on its first use into the user's cache.
 
     Raises:
         BoardBuildError: there is no C compiler, or it refuses the sources.
         OutputError: the cache cannot be written to.
     """
-    cache = os.environ.get("XDG_CACHE_HOME")
-    return build_board((Path(cache) if cache else Path.home() / ".cache") / "waychair")
+    return build_board(cache_folder())
 
 
 def compile_c(arguments: list[str]) -> None:

@@ -24,10 +24,9 @@ from waychair.calibration.dac import (
     wheel_speeds_from_counts,
 )
 from waychair.config import Settings, setting
-from waychair.errors import CalibrationError
-from waychair.firmware_bridge.advice import HOST_FAULTS, fault_advice
+from waychair.errors import CalibrationError, ConfigError
+from waychair.firmware_bridge.advice import fault_advice, is_of_host
 from waychair.firmware_bridge.protocol import (
-    BoardFault,
     BoardState,
     CommandFlag,
     Family,
@@ -42,8 +41,8 @@ from waychair.types import Sent, Telemetry, WheelSpeeds
 CREEP = 0.05
 """Speed [m/s] that a chair may at most have at the board's neutral, by its calibration (F21's own limit)."""
 
-RESET_FRAMES = 50
-"""Commands that ask for a reset, a second's worth: the board takes one only when everything is in order."""
+RESET_NS = 1_000_000_000
+"""For so long a reset is asked for: the board takes one only when everything is in order."""
 
 AT_REST = 0.1
 """Part of the swing within which a stick is at rest; a board may be set to less or more."""
@@ -57,11 +56,19 @@ class BridgeSettings(Settings):
 
     family: int = setting(Family.EIGHT_PIN_3V3, "", "joystick family, see firmware/families.c", low=1, high=3)
     period_ms: int = setting(20, "ms", "between two heartbeats", low=5, high=40)
-    late_ms: int = setting(100, "ms", "two periods of the control loop: without a command for longer, zero", low=20)
+    late_ms: int = setting(100, "ms", "two control periods: without a command for longer, zero", low=20, high=500)
     max_age_ms: int = setting(150, "ms", "age beyond which a command is stale", low=10, high=1000)
     max_future_ms: int = setting(10, "ms", "a command later than now by more has a wrong clock", low=0, high=500)
     max_wheel_speed: float = setting(1.6, "m/s", "a wheel command beyond this is a fault", low=0.1, high=4.0)
     slew: float = setting(6.0, "V/s", "fastest change of a line; the board's own limit is 6 too", low=0.5, high=12.0)
+
+    def __post_init__(self) -> None:
+        Settings.__post_init__(self)
+        if self.late_ms > self.max_age_ms:
+            raise ConfigError(
+                f"late_ms = {self.late_ms} ms must not exceed max_age_ms = {self.max_age_ms} ms: a command that is late "
+                "is zero before it is stale"
+            )
 
 
 @dataclass(frozen=True, slots=True)
@@ -72,6 +79,20 @@ class _Order:
     reason: str
     stamp_ns: int
     given_ns: int
+
+
+@dataclass(slots=True)
+class _Reset:
+    """A reset that is asked for, of all faults or the computer's; its second begins at the first time that is known."""
+
+    by_rider: bool
+    since_ns: int | None = None
+    rises: bool = False  # in every other command, since the board takes its rising edge
+
+    def is_over(self, now_ns: int) -> bool:
+        """Whether its second is."""
+        self.since_ns = now_ns if self.since_ns is None else self.since_ns
+        return not 0 <= now_ns - self.since_ns < RESET_NS
 
 
 class Bridge:
@@ -111,8 +132,8 @@ class Bridge:
         self._letting_go = False  # until the board says that it has
         self._drives = False
         self._ended = ""
-        self._resets = 0
-        self._by_rider = False
+        self._failure = ""  # of the heartbeat, until the next beat
+        self._reset: _Reset | None = None
         self._sent = self._released(0, SILENT)
 
     @property
@@ -139,20 +160,19 @@ class Bridge:
     @property
     def trouble(self) -> tuple[str, ...]:
         """Why the board cannot drive at this moment, as sentences with a remedy; without faults that are being reset."""
-        problem = self._session.problem(self._now_ns)
+        problem = self._problem(self._now_ns)
         if problem:
             return (problem,)
         return () if self._resetting else fault_advice(self._faults)
 
     def reset(self, *, by_rider: bool = False) -> None:
-        """Ask the board to clear its faults, for a second or until it did.
+        """Ask the board to clear its faults, for a second or until it did, whether it can be told in that time or not.
 
         Only faults of the computer; `by_rider`, which is somebody's deliberate act, all of them, and that the emergency
         stop was released on purpose. A reset drives nothing.
         """
         with self._lock:
-            self._by_rider = by_rider or (self._by_rider and self._resets > 0)
-            self._resets = RESET_FRAMES
+            self._reset = _Reset(by_rider or (self._reset is not None and self._reset.by_rider))
 
     def listen(self, now_ns: int) -> Telemetry | None:
         """Take in what the board said; its last report."""
@@ -184,10 +204,17 @@ class Bridge:
             if back_ns:
                 self._order = replace(self._order, counts=None, reason=_went_back(back_ns))
             self._listen(now_ns)
+            self._failure = ""
             period_ns = self._settings.period_ms * 1_000_000
             if back_ns or self._told_ns is None or now_ns - self._told_ns >= period_ns:
                 return self._tell(now_ns)
             return self._sent
+
+    def fail(self, reason: str) -> None:
+        """Told why a heartbeat could not be: a drive is over, and the board is in trouble until one can."""
+        with self._lock:
+            self._failure = reason
+            self._ended = self._ended or reason
 
     def _step_back(self, now_ns: int, before_ns: int | None) -> int:
         """By how much a caller's clock went back [ns]; then time is what it says now."""
@@ -236,13 +263,17 @@ class Bridge:
         board = self._session.board
         if board is None or board.state not in (BoardState.ARMED, BoardState.DRIVE):
             self._letting_go = False
-        if board is not None and board.faults == 0:
-            self._resets = 0
+        if self._reset is not None and (self._reset.is_over(now_ns) or (board is not None and board.faults == 0)):
+            self._reset = None
         if board is not None and board.state == BoardState.DRIVE:
             self._drives = self._drives or not self._letting_go
         elif self._drives:
             self._drives = False
-            self._ended = self._session.problem(now_ns) or next(iter(fault_advice(self._faults)), self._silence())
+            self._ended = self._problem(now_ns) or next(iter(fault_advice(self._faults)), self._silence())
+
+    def _problem(self, now_ns: int) -> str:
+        """Why nothing may be driven through this bridge, whatever the board's faults; empty when it may."""
+        return self._session.problem(now_ns) or self._failure
 
     def _silence(self) -> str:
         """Why a board is silent that was told to drive and reports no fault."""
@@ -267,7 +298,7 @@ class Bridge:
 
     def _reason(self, now_ns: int) -> str:
         """Why the lines are let go now; empty when the order may be carried out."""
-        order, problem = self._order, self._session.problem(now_ns)
+        order, problem = self._order, self._problem(now_ns)
         if order.counts is None:
             return order.reason
         if problem:
@@ -279,7 +310,7 @@ class Bridge:
         return self._ended or ("the board lets go of the lines" if self._letting_go else "")
 
     def _driven(self, reply: HelloReply, now_ns: int, elapsed_ns: int) -> Sent:
-        """The order on its way to the board: enabled, and no faster than the slew."""
+        """The order on its way to the board: enabled, no faster than the slew; a full cable leaves the last one."""
         order, why = self._order, self._order.reason
         late_ns = now_ns - order.given_ns
         if late_ns > self._settings.late_ms * 1_000_000:
@@ -292,10 +323,12 @@ class Bridge:
         neutral = reply.reference_mv / 1000.0
         wanted = self._line_volts(order, neutral)
         limit = self._settings.slew * min(max(elapsed_ns * 1e-9, 0.0), 0.001 * self._settings.late_ms)
-        self._volts = _towards(self._volts or (neutral, neutral), wanted, limit)
-        forward, turn = (setpoint_from_millivolts(reply, 1000.0 * volts) for volts in self._volts)
+        line_volts = _towards(self._volts or (neutral, neutral), wanted, limit)
+        forward, turn = (setpoint_from_millivolts(reply, 1000.0 * volts) for volts in line_volts)
         if not self._session.command(forward, turn, CommandFlag.ENABLE, now_ns):
             why = "the cable to the board is full: the command was not taken"
+            return replace(self._sent, stamp_ns=now_ns, active=self._sent.active and self.armed, reason=why)
+        self._volts = line_volts
         lines = line_millivolts(reply, forward) / 1000.0, line_millivolts(reply, turn) / 1000.0
         counts = self._counts(lines[0]), self._counts(lines[1])
         speeds = wheel_speeds_from_counts(self._calibration, *counts) if (forward, turn) != (0, 0) else WheelSpeeds()
@@ -321,21 +354,21 @@ class Bridge:
         return min(max(count, 0), self._calibration.counts_max)
 
     @property
-    def _faults(self) -> BoardFault:
+    def _faults(self) -> int:
         board = self._session.board
-        return BoardFault(0 if board is None else board.faults)
+        return 0 if board is None else board.faults
 
     @property
     def _resetting(self) -> bool:
-        return self._resets > 0 and (self._by_rider or not self._faults & ~HOST_FAULTS)
+        return self._reset is not None and (self._reset.by_rider or is_of_host(self._faults))
 
     def _reset_flags(self) -> CommandFlag:
-        """RESET in every other command, since the board takes its rising edge, while a reset is asked for."""
-        if not self._resetting:
+        """What a command that lets go says of a reset that is asked for."""
+        if self._reset is None or not self._resetting:
             return CommandFlag(0)
-        self._resets -= 1
-        flags = CommandFlag.RESET if self._resets % 2 else CommandFlag(0)
-        return flags | CommandFlag.ESTOP_ACK if self._by_rider else flags
+        self._reset.rises = not self._reset.rises
+        flags = CommandFlag.RESET if self._reset.rises else CommandFlag(0)
+        return flags | CommandFlag.ESTOP_ACK if self._reset.by_rider else flags
 
     def _misfit(self, reply: HelloReply) -> str:
         """Why a board's neutral does not suit the calibration: by it the chair would drive off (F22)."""

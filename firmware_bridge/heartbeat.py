@@ -3,10 +3,14 @@
 It sleeps in the operating system until a byte arrives or a beat is due, so that what the board says is taken in at
 once. It repeats what the control loop said last; the bridge itself lets that go stale. Where the system allows it, it
 has real-time priority: on a busy computer other programs then wait for it, and not it for them.
+
+It never dies in silence: whatever goes wrong in a beat ends the drive, is the bridge's trouble, and the next beat is
+tried all the same.
 """
 
 from __future__ import annotations
 
+import logging
 import os
 import threading
 import time
@@ -16,6 +20,8 @@ from typing import Self
 
 from waychair.firmware_bridge.bridge import Bridge
 from waychair.firmware_bridge.transports import Reconnecting
+
+_LOGGER = logging.getLogger(__name__)
 
 PERIOD_S = 0.02
 
@@ -43,6 +49,7 @@ class Heartbeat:
         self._cable = cable
         self._clock = clock
         self._ended = threading.Event()
+        self._failure = ""
         self._thread = threading.Thread(target=self._run, name="heartbeat", daemon=True)
 
     def __enter__(self) -> Self:
@@ -59,5 +66,19 @@ class Heartbeat:
     def _run(self) -> None:
         urgent()
         while not self._ended.is_set():
-            self._bridge.beat(self._clock())
-            self._cable.wait(PERIOD_S / 2)
+            try:
+                self._bridge.beat(self._clock())
+                self._cable.wait(PERIOD_S / 2)
+            except Exception as error:  # noqa: BLE001 - a thread that has died tells nobody
+                self._fail(error)
+                self._ended.wait(PERIOD_S / 2)
+
+    def _fail(self, error: Exception) -> None:
+        """Whatever it was: tell the bridge, and the log what it has not been told yet."""
+        reason = (
+            f"the heartbeat failed ({str(error) or type(error).__name__}): start the program again if that stays so"
+        )
+        self._bridge.fail(reason)
+        if reason != self._failure:
+            self._failure = reason
+            _LOGGER.error("%s", reason, exc_info=error)

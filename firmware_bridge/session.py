@@ -8,9 +8,8 @@ from __future__ import annotations
 
 from collections.abc import Callable
 
-from waychair.firmware_bridge.advice import refusal
+from waychair.firmware_bridge.advice import fault_names, refusal
 from waychair.firmware_bridge.protocol import (
-    BoardFault,
     BoardState,
     BoardTelemetry,
     Command,
@@ -150,7 +149,7 @@ def _telemetry(board: BoardTelemetry, reply: HelloReply, round_trip_ns: int | No
         forward_volts=board.forward_mv / 1000.0,
         turn_volts=board.turn_mv / 1000.0,
         joystick=JoystickInput(now_ns, forward, turn),
-        faults=tuple(fault.name for fault in BoardFault if fault in BoardFault(board.faults) and fault.name),
+        faults=fault_names(board.faults),
         state=BoardState(board.state).name,
         holder=Holder(board.holder).name,
         round_trip_ns=round_trip_ns,

@@ -10,9 +10,12 @@ import contextlib
 import os
 import select
 import socket
+import termios
+import threading
 import time
 import tty
 from collections.abc import Callable
+from concurrent.futures import Future
 from pathlib import Path
 from typing import Protocol
 
@@ -34,7 +37,7 @@ class Transport(Protocol):
         """What has arrived, possibly nothing."""
 
     def fileno(self) -> int:
-        """Its descriptor, for `select`; -1 once closed."""
+        """Its descriptor, for `select`; -1 once closed, also while another thread is closing it."""
 
     @property
     def closed(self) -> bool:
@@ -56,10 +59,11 @@ class SerialTransport:
             import serial
         except ImportError as error:
             raise TransportError("a serial port needs pyserial: install it with `pip install pyserial`") from error
-        self._failures = (OSError, serial.SerialException)
+        # A device that goes is a termios.error, too, and a port that another thread is closing has None for descriptor.
+        self._failures = (OSError, ValueError, TypeError, termios.error, serial.SerialException)
         try:
             self._port = serial.Serial(path, baud, timeout=0, write_timeout=WRITE_TIMEOUT_S, exclusive=True)
-        except (OSError, ValueError) as error:
+        except self._failures as error:
             raise TransportError(f"cannot open the serial port {path}: {error}; is the board plugged in?") from error
         self._timeout = serial.SerialTimeoutException
 
@@ -68,7 +72,9 @@ class SerialTransport:
         return not self._port.is_open
 
     def fileno(self) -> int:
-        return -1 if self.closed else int(self._port.fileno())
+        with contextlib.suppress(*self._failures):
+            return int(self._port.fileno())
+        return -1
 
     def write(self, data: bytes) -> bool:
         if self.closed:
@@ -115,7 +121,8 @@ class TcpTransport:
         return self._socket is None
 
     def fileno(self) -> int:
-        return -1 if self._socket is None else self._socket.fileno()
+        connected = self._socket  # which another thread may be closing
+        return -1 if connected is None else connected.fileno()
 
     def write(self, data: bytes) -> bool:
         if self._socket is None:
@@ -161,7 +168,8 @@ class DescriptorTransport:
         return self._descriptor is None
 
     def fileno(self) -> int:
-        return -1 if self._descriptor is None else self._descriptor
+        descriptor = self._descriptor  # which another thread may be closing
+        return -1 if descriptor is None else descriptor
 
     def write(self, data: bytes) -> bool:
         while data and self._descriptor is not None:
@@ -234,11 +242,17 @@ class Reconnecting:
     is called once a tick with a monotonic clock.
     """
 
-    def __init__(self, connect: Callable[[], Transport], pause_ns: int = 500_000_000) -> None:
+    def __init__(
+        self, connect: Callable[[], Transport], pause_ns: int = 500_000_000, patience_s: float | None = None
+    ) -> None:
+        """`connect` raises TransportError where it cannot; `poll` waits for it for `patience_s`, after which it goes on
+        in a thread of its own; None: to its end, as a simulated clock needs it."""
         self.connections = 0
         self.reason = "the cable to the board was not opened yet"
         self._connect = connect
         self._pause_ns = pause_ns
+        self._patience_s = patience_s
+        self._opening: Future[Transport] | None = None
         self._transport: Transport | None = None
         self._tried_ns: int | None = None
 
@@ -250,17 +264,34 @@ class Reconnecting:
         """Open it if it is closed and its time has come; whether it is open. `reason` says why it is not."""
         if not self.closed:
             return True
-        if self._tried_ns is not None and 0 <= now_ns - self._tried_ns < self._pause_ns:
+        if self._opening is None:
+            if self._tried_ns is not None and 0 <= now_ns - self._tried_ns < self._pause_ns:
+                return False
+            self._tried_ns = now_ns
+            self._opening = self._begun()
+        if not self._opening.done():
+            self.reason = "the cable to the board is being opened: wait for it"
             return False
-        self._tried_ns = now_ns
+        opening, self._opening = self._opening, None
         try:
-            self._transport = self._connect()
+            self._transport = opening.result()
         except TransportError as error:
             self.reason = str(error)
             return False
         self.connections += 1
         self.reason = "the cable to the board was lost: plug it in again"
         return True
+
+    def _begun(self) -> Future[Transport]:
+        """An attempt, after as long as there is patience for it."""
+        opening: Future[Transport] = Future()
+        if self._patience_s is None:
+            _open(self._connect, opening)
+            return opening
+        thread = threading.Thread(target=_open, args=(self._connect, opening), name="cable", daemon=True)
+        thread.start()
+        thread.join(self._patience_s)
+        return opening
 
     def write(self, data: bytes) -> bool:
         return self._transport is not None and self._transport.write(data)
@@ -281,6 +312,14 @@ class Reconnecting:
     def close(self) -> None:
         if self._transport is not None:
             self._transport.close()
+
+
+def _open(connect: Callable[[], Transport], opening: Future[Transport]) -> None:
+    """What comes of an attempt, be it an error."""
+    try:
+        opening.set_result(connect())
+    except BaseException as error:  # noqa: BLE001 - it is raised again where the result is asked for
+        opening.set_exception(error)
 
 
 def open_pseudo_terminal() -> tuple[int, int, str]:

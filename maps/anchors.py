@@ -16,8 +16,9 @@ import numpy as np
 import yaml
 
 from waychair.errors import MapError
-from waychair.files import write_text
+from waychair.files import is_file, read_text, write_text
 from waychair.types import FloatArray, Pose2
+from waychair.yaml_files import load_yaml
 
 ANCHORS_YAML = "anchors.yaml"
 GRAPH = "graph.g2o"
@@ -66,16 +67,16 @@ def load_anchors(folder: Path) -> Anchors:
         MapError: the file is damaged, or the graph.
     """
     path = folder / ANCHORS_YAML
-    if not path.is_file():
+    if not is_file(path, MapError):
         return Anchors()
+    values = load_yaml(path, MapError) or {}
     try:
-        values = yaml.load(path.read_text(encoding="utf-8"), Loader=_LOADER) or {}
         held = {
             kind: {str(name): tuple(_anchor(row) for row in rows) for name, rows in things.items()}
             for kind, things in values.items()
         }
-    except (OSError, ValueError, TypeError, AttributeError, yaml.YAMLError) as error:
-        raise MapError(f"{path} is damaged ({' '.join(str(error).split())}): delete it") from error
+    except (ValueError, TypeError, AttributeError) as error:
+        raise MapError(f"{path} is damaged: it must hold lists of anchors by kind and name; delete it") from error
     return Anchors(held, load_nodes(folder))
 
 
@@ -119,15 +120,15 @@ def load_nodes(folder: Path) -> FloatArray:
         MapError: the graph is damaged.
     """
     path = folder / GRAPH
-    if not path.is_file():
+    if not is_file(path, MapError):
         return np.empty((0, 3))
+    lines = read_text(path, MapError).splitlines()
     try:
-        lines = path.read_text(encoding="utf-8").splitlines()
         rows = [line.split() for line in lines if line.startswith("VERTEX_SE2 ")]
         poses = np.array([[float(value) for value in row[2:5]] for row in rows]).reshape(-1, 3)
         numbers = [int(row[1]) for row in rows]
-    except (OSError, ValueError, IndexError) as error:
-        raise MapError(f"{path} is damaged ({error}): map the recording again") from error
+    except (ValueError, IndexError) as error:
+        raise MapError(f"{path} is damaged: a node has no number or no pose; map the recording again") from error
     if numbers != list(range(len(numbers))) or not np.isfinite(poses).all():
         raise MapError(f"{path} is damaged: its nodes must be numbered from 0 on and finite; map the recording again")
     return poses
@@ -148,6 +149,3 @@ def _anchor(row: Sequence[float]) -> Anchor:
     if len(values) != 6 or not all(map(math.isfinite, values)) or int(node) != node or node < 0:
         raise ValueError(f"{row} is no anchor")
     return Anchor(int(node), Pose2(*values[:3]), Pose2(*values[3:]))
-
-
-_LOADER = getattr(yaml, "CSafeLoader", yaml.SafeLoader)

@@ -12,6 +12,7 @@ from pathlib import Path
 import numpy as np
 
 from waychair.errors import MapError
+from waychair.files import is_file
 from waychair.maps.grid import occupied
 from waychair.maps.map_files import load_map, save_map, yaml_path
 from waychair.types import UNKNOWN, BoolArray, Cells, OccupancyGrid
@@ -61,7 +62,7 @@ def load_depth_layer(path: Path, grid: OccupancyGrid) -> OccupancyGrid | None:
         MapError: the layer is broken, or belongs to another map.
     """
     file = yaml_path(path).with_name(f"{DEPTH}.yaml")
-    if not file.is_file():
+    if not is_file(file, MapError):
         return None
     layer = load_map(file)
     if (layer.cells.shape, layer.resolution, layer.map_from_grid) != (

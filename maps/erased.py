@@ -15,10 +15,12 @@ import numpy as np
 import yaml
 
 from waychair.errors import ZoneError
+from waychair.files import is_there, refuse_emptied
 from waychair.maps.anchors import load_anchors, write_anchored
 from waychair.maps.places import places_path
 from waychair.maps.zones import Rule, Zone, cells_of, checked_polygon
 from waychair.types import FloatArray, OccupancyGrid, Pose2
+from waychair.yaml_files import load_yaml
 
 ERASED_YAML = "erased.yaml"
 
@@ -33,14 +35,10 @@ def load_erased(folder: Path) -> tuple[FloatArray, ...]:
         ZoneError: the file is broken.
     """
     path = places_path(folder).with_name(ERASED_YAML)
-    if not path.exists():
+    if not is_there(path, ZoneError):
         return ()
-    try:
-        values = yaml.safe_load(path.read_text(encoding="utf-8"))
-    except (OSError, UnicodeDecodeError) as error:
-        raise ZoneError(f"cannot read {path}: {error}") from error
-    except (yaml.YAMLError, ValueError) as error:
-        raise ZoneError(f"{path} is not YAML: {' '.join(str(error).split())}") from error
+    refuse_emptied(path, ZoneError, "[]")
+    values = load_yaml(path, ZoneError)
     if values is None:
         return ()
     if not isinstance(values, list):
@@ -61,7 +59,7 @@ def save_erased(folder: Path, polygons: Sequence[FloatArray]) -> None:
     values = [polygon.tolist() for polygon in polygons]
     text = yaml.safe_dump(values, default_flow_style=None, width=10_000)
     held = {str(number): erased_points(polygon) for number, polygon in enumerate(polygons)}
-    write_anchored(places_path(folder).with_name(ERASED_YAML), text if values else "", "erased", held)
+    write_anchored(places_path(folder).with_name(ERASED_YAML), text, "erased", held)
 
 
 def erased_points(polygon: FloatArray) -> list[Pose2]:

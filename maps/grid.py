@@ -4,11 +4,29 @@ from __future__ import annotations
 
 import numpy as np
 
+from waychair.errors import MapError
 from waychair.geometry import transform_points
 from waychair.types import BoolArray, FloatArray, IntArray, OccupancyGrid
 
 OCCUPIED_FROM = 65
 """Smallest value of an occupied cell [%] (map_server's default occupied_thresh)."""
+
+
+MOST_CELLS = 64_000_000
+"""A map that is read has no more cells than this, 400 m by 400 m at 5 cm: a plan takes some fifty bytes for each."""
+
+
+def check_size(what: str, height: int, width: int) -> None:
+    """Refuse a map with more cells than there is memory for; `what` it is begins the sentence.
+
+    Raises:
+        MapError: it has more than `MOST_CELLS`.
+    """
+    if height * width > MOST_CELLS:
+        raise MapError(
+            f"{what} is of {width} by {height} cells, and {MOST_CELLS} are the most that can be planned on; cut it to "
+            "the part that is driven in, or take coarser cells"
+        )
 
 
 def cells_from_points(grid: OccupancyGrid, points: FloatArray) -> IntArray:

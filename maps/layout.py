@@ -16,7 +16,7 @@ import numpy as np
 import yaml
 
 from waychair.errors import MapError, PlaceError, ZoneError
-from waychair.files import write_text
+from waychair.files import is_there, read_text, remove, write_text
 from waychair.maps.anchors import ANCHORS_YAML
 from waychair.maps.depth_layer import drop_offs, load_depth_layer
 from waychair.maps.erased import ERASED_YAML, load_erased, save_erased, without
@@ -24,12 +24,17 @@ from waychair.maps.map_files import load_map
 from waychair.maps.places import PLACES_YAML, checked_place, find, load_places, places_path, save_places
 from waychair.maps.zones import ZONES_YAML, Zone, checked_polygon, checked_zone, load_zones, save_zones
 from waychair.types import FloatArray, Place
+from waychair.yaml_files import yaml_from_text
 
 UNDO_YAML = "undo.yaml"
 MOST_UNDONE = 20
 """So many changes can be taken back."""
 
 _FILES = (PLACES_YAML, ZONES_YAML, ERASED_YAML, ANCHORS_YAML)
+DRAWN_FILES = (*_FILES, UNDO_YAML)
+"""All that people have drawn on the map of a folder."""
+
+_NOTHING = ("", "{}", "[]")
 
 
 @dataclass(frozen=True, slots=True)
@@ -50,9 +55,23 @@ class Drawing:
 
 
 def forget(folder: Path) -> None:
-    """Remove all that was drawn on a map, since another one takes its place."""
-    for name in (*_FILES, UNDO_YAML):
-        (folder / name).unlink(missing_ok=True)
+    """Remove all that was drawn on a map, since another one takes its place.
+
+    Raises:
+        OutputError: that cannot be.
+    """
+    for name in DRAWN_FILES:
+        remove(folder / name)
+
+
+def is_drawn_on(folder: Path) -> bool:
+    """Whether there are places, zones or erased parts, or what may have been some.
+
+    Raises:
+        MapError: that cannot be known.
+    """
+    paths = [folder / name for name in (PLACES_YAML, ZONES_YAML, ERASED_YAML)]
+    return any(is_there(path, MapError) and read_text(path, MapError).strip() not in _NOTHING for path in paths)
 
 
 class Layout:
@@ -64,7 +83,7 @@ class Layout:
         Raises:
             MapError, PlaceError, ZoneError: a file is broken.
         """
-        self._folder = places_path(map_folder).parent
+        self._map, self._folder = map_folder, places_path(map_folder).parent
         self.drawing = self._read()
 
     @property
@@ -72,15 +91,46 @@ class Layout:
         """Whether there is a change to take back."""
         return bool(self._history())
 
-    def set_place(self, place: Place) -> None:
-        """Add a place, or change the one of that name.
+    def draw(self, drawing: Drawing) -> None:
+        """Put another drawing in the place of this one.
 
         Raises:
-            PlaceError: a name or a number is impossible.
+            WaychairError: a file is broken or cannot be written.
+        """
+        self._change(lambda now: drawing)
+
+    def set_place(self, place: Place, replaces: bool = False) -> None:
+        """Add a place; `replaces`: or change the one of that name.
+
+        Raises:
+            PlaceError: the name is taken, or a name or a number is impossible.
             WaychairError: a file is broken or cannot be written.
         """
         checked_place(place)
-        self._change(lambda now: replace(now, places={**now.places, place.name: place}))
+
+        def added(now: Drawing) -> Drawing:
+            if not replaces:
+                _refuse_taken(place.name, now)
+            return replace(now, places={**now.places, place.name: place})
+
+        self._change(added)
+
+    def rename_place(self, name: str, new_name: str) -> None:
+        """Give a place another name, in one change.
+
+        Raises:
+            UnknownPlace: there is none of that name.
+            PlaceError: the other name is taken or impossible.
+            WaychairError: a file is broken or cannot be written.
+        """
+
+        def renamed(now: Drawing) -> Drawing:
+            place = checked_place(replace(find(now.places, name), name=new_name))
+            _refuse_taken(new_name, now)
+            places = (place if known == name else other for known, other in now.places.items())
+            return replace(now, places={each.name: each for each in places})
+
+        self._change(renamed)
 
     def remove_place(self, name: str) -> None:
         """
@@ -95,15 +145,22 @@ class Layout:
 
         self._change(removed)
 
-    def set_zone(self, zone: Zone) -> None:
-        """Draw a zone, or draw the one of that name anew.
+    def set_zone(self, zone: Zone, replaces: bool = False) -> None:
+        """Draw a zone; `replaces`: or draw the one of that name anew.
 
         Raises:
-            ZoneError: a name, a corner or a number is impossible.
+            ZoneError: the name is taken, or a name, a corner or a number is impossible.
             WaychairError: a file is broken or cannot be written.
         """
         zone = checked_zone(zone)
-        self._change(lambda now: replace(now, zones=(*(z for z in now.zones if z.name != zone.name), zone)))
+
+        def drawn(now: Drawing) -> Drawing:
+            others = tuple(other for other in now.zones if other.name != zone.name)
+            if len(others) < len(now.zones) and not replaces:
+                raise ZoneError(f"there is a zone '{zone.name}' already: choose another name, or remove that one first")
+            return replace(now, zones=(*others, zone))
+
+        self._change(drawn)
 
     def remove_zone(self, name: str) -> None:
         """
@@ -128,8 +185,8 @@ class Layout:
             WaychairError: a file is broken or cannot be written.
         """
         polygon = checked_polygon("what is to be erased", np.asarray(polygon).tolist())
-        grid = load_map(self._folder)
-        layer = load_depth_layer(self._folder, grid)
+        grid = load_map(self._map)
+        layer = load_depth_layer(self._map, grid)
         if layer is not None and (without(layer, [polygon]).cells != layer.cells)[drop_offs(layer)].any():
             raise ZoneError("the floor ends in there, which is no ghost: draw a part without the drop-off")
         self._change(lambda now: replace(now, erased=(*now.erased, polygon)))
@@ -166,8 +223,9 @@ class Layout:
     def _history(self) -> list[dict[str, str]]:
         """The files' texts before each change, the latest last; none where that file is damaged."""
         try:
-            known = yaml.safe_load(self._text(UNDO_YAML) or "")
-        except yaml.YAMLError:
+            text = self._text(UNDO_YAML)
+            known = None if text is None else yaml_from_text(text, UNDO_YAML, MapError)
+        except MapError:
             return []
         texts = known if isinstance(known, list) else []
         return [each for each in texts if isinstance(each, dict) and all(isinstance(v, str) for v in each.values())]
@@ -176,18 +234,19 @@ class Layout:
         write_text(self._folder / UNDO_YAML, yaml.safe_dump(history, allow_unicode=True, width=10_000))
 
     def _text(self, name: str) -> str | None:
-        try:
-            return (self._folder / name).read_text(encoding="utf-8")
-        except FileNotFoundError:
-            return None
-        except (OSError, UnicodeDecodeError) as error:
-            raise MapError(f"cannot read {self._folder / name}: {error}") from error
+        path = self._folder / name
+        return read_text(path, MapError) if is_there(path, MapError) else None
 
     def _put(self, name: str, text: str | None) -> None:
-        if text is None:
-            (self._folder / name).unlink(missing_ok=True)
+        if not text:
+            remove(self._folder / name)
         else:
             write_text(self._folder / name, text)
+
+
+def _refuse_taken(name: str, drawing: Drawing) -> None:
+    if name in drawing.places:
+        raise PlaceError(f"there is a place '{name}' already: choose another name, or replace it")
 
 
 def _facts(zone: Zone) -> tuple[object, ...]:

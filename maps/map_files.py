@@ -5,23 +5,23 @@ Formats and thresholds follow the documentation of ROS map_server and of nav2_ma
 
 from __future__ import annotations
 
-import math
-from collections.abc import Callable, Iterator, Mapping
-from contextlib import contextmanager
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any, Literal, TypeAlias, get_args
+from typing import Any, Literal, get_args
 
 import cv2
 import numpy as np
 import yaml
-from numpy.typing import NDArray
 
 from waychair.errors import MapError, MapNotFound
-from waychair.files import write_bytes, write_text
+from waychair.files import is_file, is_folder, write_bytes, write_text
+from waychair.geometry import FARTHEST, MOST_TURNED, is_on_map
 from waychair.maps.erased import load_erased, without
 from waychair.maps.grid import OCCUPIED_FROM
-from waychair.types import UNKNOWN, Bytes, Cells, FloatArray, OccupancyGrid, Pose2
+from waychair.maps.map_images import read_image
+from waychair.types import UNKNOWN, BoolArray, Bytes, Cells, FloatArray, OccupancyGrid, Pose2
+from waychair.yaml_files import load_yaml, shown
 
 MAP_YAML = "map.yaml"
 OCCUPIED_PIXEL, FREE_PIXEL, UNKNOWN_PIXEL = 0, 254, 205
@@ -35,10 +35,8 @@ FREE_THRESH = 0.196
 """map_server's thresholds. nav2's saver writes 0.25 for the second, but the grey of an unknown cell stands for
 (255 - 205) / 255 = 0.19608: with 0.25 every loader takes the unknown for free (SteveMacenski/slam_toolbox#587)."""
 
-Pixels: TypeAlias = NDArray[Any]
 Mode = Literal["trinary", "scale", "raw"]
 _REQUIRED = ("image", "resolution", "origin", "negate", "occupied_thresh", "free_thresh")
-_SILENT = 0  # of OpenCV's log levels
 
 
 @dataclass(frozen=True, slots=True)
@@ -106,7 +104,7 @@ def load_map(path: Path) -> OccupancyGrid:
         MapError: the YAML or the image is broken; the message says where.
     """
     info = load_info(yaml_path(path))
-    image, brightest = _read_image(info.image)
+    image, brightest = read_image(info.image)
     cells_from_image = _CELLS_FROM_IMAGE[info.mode]
     if image.shape[2] == 1:  # every shade is looked at once, so that large maps take little memory
         shades = np.arange(brightest + 1.0).reshape(1, -1, 1) / brightest
@@ -119,7 +117,7 @@ def load_map(path: Path) -> OccupancyGrid:
 
 def yaml_path(path: Path) -> Path:
     """The YAML file of a map that is given by its folder or by that file."""
-    return path / MAP_YAML if path.is_dir() else path
+    return path / MAP_YAML if is_folder(path, MapError) else path
 
 
 def load_info(path: Path) -> MapInfo:
@@ -129,14 +127,9 @@ def load_info(path: Path) -> MapInfo:
         MapNotFound: there is no such file.
         MapError: it is not YAML, lacks a key, or holds an impossible value.
     """
-    if not path.is_file():
+    if not is_file(path, MapError):
         raise MapNotFound(f"there is no map at {path}; give a folder with a {MAP_YAML}, or the .yaml file itself")
-    try:
-        values = yaml.safe_load(path.read_text(encoding="utf-8"))
-    except (OSError, UnicodeDecodeError) as error:
-        raise MapError(f"cannot read {path}: {error}; give the .yaml file of a map, not its image") from error
-    except (yaml.YAMLError, ValueError) as error:
-        raise MapError(f"{path} is not YAML: {' '.join(str(error).split())}") from error
+    values = load_yaml(path, MapError, "give the .yaml file of a map, not its image")
     if not isinstance(values, dict):
         raise MapError(f"{path} must hold `key: value` lines, with {', '.join(_REQUIRED)}")
     missing = [key for key in _REQUIRED if values.get(key) is None]
@@ -144,7 +137,7 @@ def load_info(path: Path) -> MapInfo:
         raise MapError(f"{path} lacks {', '.join(missing)}; add {'it' if len(missing) == 1 else 'them'}")
     mode = values.get("mode", "trinary")
     if mode not in get_args(Mode):
-        raise MapError(f"{path}: mode is {mode!r}; it must be one of {', '.join(get_args(Mode))}")
+        raise MapError(f"{path}: mode is {shown(mode)}; it must be one of {', '.join(get_args(Mode))}")
     low, high = (_number(path, values, key, 0.0, 1.0) for key in ("free_thresh", "occupied_thresh"))
     if low >= high:
         raise MapError(f"{path}: free_thresh {low} must be less than occupied_thresh {high}")
@@ -163,7 +156,7 @@ def _number(path: Path, values: Mapping[str, Any], key: str, low: float, high: f
     try:
         value = float(values[key])
     except (TypeError, ValueError) as error:
-        raise MapError(f"{path}: {key} is {values[key]!r}; it must be a number") from error
+        raise MapError(f"{path}: {key} is {shown(values[key])}; it must be a number") from error
     if not low <= value <= high:
         raise MapError(f"{path}: {key} is {value}; it must lie in [{low:g}, {high:g}]")
     return value
@@ -173,9 +166,11 @@ def _origin(path: Path, origin: Any) -> Pose2:
     try:
         x, y, theta = (float(value) for value in origin)
     except (TypeError, ValueError) as error:
-        raise MapError(f"{path}: origin is {origin!r}; it must be [x, y, yaw] in metres and radians") from error
-    if not math.isfinite(x + y + theta):
-        raise MapError(f"{path}: origin is {origin!r}; its three numbers must be finite")
+        raise MapError(f"{path}: origin is {shown(origin)}; it must be [x, y, yaw] in metres and radians") from error
+    if not is_on_map(x, y, theta):
+        raise MapError(
+            f"{path}: origin is {shown(origin)}; x and y may be up to {FARTHEST:g} m from 0, yaw {MOST_TURNED:g} rad"
+        )
     return Pose2(x, y, theta)
 
 
@@ -191,54 +186,33 @@ def _raw_pixels(cells: Cells) -> Bytes:
     return pixels
 
 
-def _read_image(path: Path) -> tuple[Pixels, int]:
-    """(H, W, channels) of whole numbers, top row first, and the number that is white."""
-    if not path.is_file():
-        raise MapNotFound(f"the map's image {path} is not there; put it there or correct `image` in the map's YAML")
-    try:
-        data = np.fromfile(path, np.uint8)
-        with _quiet_opencv():
-            image = cv2.imdecode(data, cv2.IMREAD_UNCHANGED) if len(data) else None
-    except (OSError, cv2.error) as error:
-        raise MapError(f"cannot read the map's image {path}: {' '.join(str(error).split())}") from error
-    if image is None:
-        raise MapError(f"the map's image {path} is cut short or no image (PGM, PNG, BMP); copy it again")
-    brightest = {np.dtype(np.uint8): 255, np.dtype(np.uint16): 65535}.get(image.dtype)
-    if brightest is None:
-        raise MapError(f"the map's image {path} holds {image.dtype} pixels; save it with 8 or 16 bits")
-    return image.reshape(*image.shape[:2], -1), brightest
-
-
-@contextmanager
-def _quiet_opencv() -> Iterator[None]:
-    """Without OpenCV's own lines on stderr about a damaged file."""
-    log: Any = getattr(cv2.utils, "logging", cv2)  # before OpenCV 5 the functions are in cv2 itself
-    level = log.getLogLevel()
-    log.setLogLevel(_SILENT)
-    try:
-        yield
-    finally:
-        log.setLogLevel(level)
-
-
 def _trinary_cells(image: FloatArray, info: MapInfo) -> Cells:
-    """100 above the occupied threshold, 0 below the free one, else unknown; transparency is one more channel."""
-    occupancy = _occupancy(image, info)
+    """100 above the occupied threshold, 0 below the free one, else unknown, as is a pixel that is not opaque."""
+    shades, opaque = _opaque_part(image)
+    occupancy = _occupancy(shades, info)
     cells = np.full(occupancy.shape, UNKNOWN, np.int8)
     cells[occupancy > info.occupied_thresh] = 100
     cells[occupancy < info.free_thresh] = 0
+    cells[~opaque] = UNKNOWN
     return cells
 
 
 def _scale_cells(image: FloatArray, info: MapInfo) -> Cells:
     """0..100 linearly between the thresholds; a pixel that is not opaque is unknown."""
-    transparent = image.shape[2] in (2, 4)
-    occupancy = _occupancy(image[..., :-1] if transparent else image, info)
+    shades, opaque = _opaque_part(image)
+    occupancy = _occupancy(shades, info)
     span = info.occupied_thresh - info.free_thresh
     cells = np.clip(np.rint((occupancy - info.free_thresh) / span * 100.0), 0, 100).astype(np.int8)
-    if transparent:
-        cells[image[..., -1] < 1.0] = UNKNOWN
+    cells[~opaque] = UNKNOWN
     return cells
+
+
+def _opaque_part(image: FloatArray) -> tuple[FloatArray, BoolArray]:
+    """The channels (H, W, C) without that of transparency, and (H, W) which pixels are opaque."""
+    if image.shape[2] not in (2, 4):
+        return image, np.ones(image.shape[:2], np.bool_)
+    opaque: BoolArray = image[..., -1] >= 1.0
+    return image[..., :-1], opaque
 
 
 def _occupancy(image: FloatArray, info: MapInfo) -> FloatArray:

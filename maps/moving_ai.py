@@ -2,7 +2,8 @@
 
 Format after N. Sturtevant, "Benchmarks for Grid-Based Pathfinding", IEEE Trans. Comput. Intell. AI in Games 4(2), 2012.
 A map is four lines of header (type octile, height, width, map) and then its rows, the top one first; `.`, `G` and `S`
-are free. A query is a tab-separated line: bucket, map, width, height, start column and row, goal column and row, cost.
+are free, `@`, `O`, `T` and `W` are not. A query is a tab-separated line: bucket, map, width, height, start column and
+row, goal column and row, cost.
 """
 
 from __future__ import annotations
@@ -15,10 +16,15 @@ from pathlib import Path
 import numpy as np
 
 from waychair.errors import MapError, MapNotFound
+from waychair.files import is_file, is_folder, read_bytes
+from waychair.maps.grid import check_size
 from waychair.types import BoolArray
+from waychair.yaml_files import shown
 
 SUFFIX = ".map"
 _FREE = b".GS"
+_SOLID = b"@OTW"
+_LETTERS = ", ".join((_FREE + _SOLID).decode())
 
 
 @dataclass(frozen=True, slots=True)
@@ -34,6 +40,11 @@ class Query:
     shape: tuple[int, int]
 
 
+def is_moving_ai(path: Path) -> bool:
+    """Whether a path names a file of this format, and not a map folder that happens to be called so."""
+    return path.suffix.lower() == SUFFIX and not is_folder(path, MapError)
+
+
 def load_free_cells(path: Path) -> BoolArray:
     """(H, W) cells of a Moving AI map that are free, row 0 on top.
 
@@ -41,19 +52,28 @@ def load_free_cells(path: Path) -> BoolArray:
         MapNotFound: there is no such file.
         MapError: it is no such map; the message names the line.
     """
-    if not path.is_file():
+    if not is_file(path, MapError):
         raise MapNotFound(f"there is no map at {path}; give a Moving AI .map file")
-    lines = _read(path).split(b"\n")
+    lines = read_bytes(path, MapError).split(b"\n")
     lines = [line.rstrip(b"\r") for line in lines]
     if len(lines) < 4 or lines[0].split()[:1] != [b"type"] or lines[3].strip() != b"map":
         raise MapError(f"{path} is no Moving AI map: it must begin with the lines type, height, width and map")
     height, width = (_extent(path, lines, i, name) for i, name in ((1, b"height"), (2, b"width")))
+    check_size(f"the map {path}", height, width)
     rows = lines[4 : 4 + height]
     wrong = next((i for i, row in enumerate(rows) if len(row) != width), len(rows))
     if wrong < height:
         found = f"{len(rows[wrong])} cells" if wrong < len(rows) else "nothing"
         raise MapError(f"{path} line {wrong + 5}: {found} where {width} cells were announced; copy the map again")
+    further = next((i for i, line in enumerate(lines[4 + height :], start=5 + height) if line.strip()), None)
+    if further is not None:
+        raise MapError(f"{path} line {further}: more rows than the {height} that were announced; copy the map again")
     letters = np.frombuffer(b"".join(rows), np.uint8).reshape(height, width)
+    unknown = np.argwhere(~np.isin(letters, np.frombuffer(_FREE + _SOLID, np.uint8)))
+    if len(unknown):
+        row, column = unknown[0].tolist()
+        letter = shown(chr(letters[row, column]))
+        raise MapError(f"{path} line {row + 5}: {letter} in column {column} is none of {_LETTERS}; copy the map again")
     free: BoolArray = np.isin(letters, np.frombuffer(_FREE, np.uint8))
     return free
 
@@ -65,9 +85,9 @@ def load_queries(path: Path) -> list[Query]:
         MapNotFound: there is no such file.
         MapError: a line is broken; the message names it.
     """
-    if not path.is_file():
+    if not is_file(path, MapError):
         raise MapNotFound(f"there is no scenario at {path}; give a Moving AI .scen file")
-    lines = _read(path).decode("utf-8", "replace").splitlines()
+    lines = read_bytes(path, MapError).decode("utf-8", "replace").splitlines()
     if not lines or not lines[0].startswith("version"):
         raise MapError(f"{path} is no Moving AI scenario: its first line must be its version")
     queries = []
@@ -83,14 +103,16 @@ def load_queries(path: Path) -> list[Query]:
         if not (math.isfinite(optimal) and optimal >= 0.0):
             raise MapError(f"{path} line {number}: {optimal} is no cost; copy the scenario again")
         queries.append(Query((y0, x0), (y1, x1), optimal, (height, width)))
+    if not queries:
+        raise MapError(f"{path} holds no query; give a scenario with some")
     return queries
 
 
 def check_queries(queries: Sequence[Query], free: BoolArray) -> None:
-    """Refuse queries of another map than that of the free cells (H, W).
+    """Refuse queries of another map than that of the free cells (H, W), or between other cells than free ones.
 
     Raises:
-        MapError: the sizes differ.
+        MapError: the sizes differ, or an end lies outside or is occupied; the message names the query.
     """
     height, width = free.shape
     for number, query in enumerate(queries, start=1):
@@ -99,17 +121,19 @@ def check_queries(queries: Sequence[Query], free: BoolArray) -> None:
                 f"query {number} of the scenario is of a map of {query.shape[1]} columns and {query.shape[0]} rows, "
                 f"not of this one of {width} and {height}; give the scenario of this map"
             )
-
-
-def _read(path: Path) -> bytes:
-    try:
-        return path.read_bytes()
-    except OSError as error:
-        raise MapError(f"cannot read {path}: {error.strerror}") from error
+        for name, (row, column) in (("start", query.start), ("goal", query.goal)):
+            within = 0 <= row < height and 0 <= column < width
+            if not within or not free[row, column]:
+                raise MapError(
+                    f"query {number} of the scenario: its {name} in column {column}, row {row} "
+                    f"{'is occupied' if within else 'lies outside the map'}; give the scenario of this map"
+                )
 
 
 def _extent(path: Path, lines: list[bytes], index: int, name: bytes) -> int:
     words = lines[index].split()
-    if len(words) != 2 or words[0] != name or not words[1].isdigit() or int(words[1]) == 0:
-        raise MapError(f"{path} line {index + 1}: it must read `{name.decode()} N` with N above 0")
-    return int(words[1])
+    as_announced = len(words) == 2 and words[0] == name and words[1].isdigit() and len(words[1]) < 10
+    extent = int(words[1]) if as_announced else 0
+    if extent == 0:
+        raise MapError(f"{path} line {index + 1}: it must read `{name.decode()} N` with N cells, one or more")
+    return extent

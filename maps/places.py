@@ -17,13 +17,18 @@ from pathlib import Path
 import numpy as np
 import yaml
 
-from waychair.errors import PlaceError, UnknownPlace
-from waychair.geometry import wrap_angle
+from waychair.errors import MapError, PlaceError, UnknownPlace
+from waychair.files import is_folder, is_there, refuse_emptied
+from waychair.geometry import FARTHEST, MOST_TURNED, is_on_map, wrap_angle
 from waychair.maps.anchors import load_anchors, write_anchored
 from waychair.maps.grid import OCCUPIED_FROM, cells_from_points, inside
 from waychair.types import OccupancyGrid, Place, Pose2
+from waychair.yaml_files import compose_yaml
 
 PLACES_YAML = "places.yaml"
+
+CLOSEST_M, CLOSEST_RAD = 0.02, 0.02
+"""Smallest tolerances of arrival: a chair knows its place, and stops, no closer."""
 
 _DEFAULT = Place("", Pose2())
 _SHAPE = "[x, y, yaw] or [x, y, yaw, tolerance_m, tolerance_rad]"
@@ -31,7 +36,7 @@ _SHAPE = "[x, y, yaw] or [x, y, yaw, tolerance_m, tolerance_rad]"
 
 def places_path(folder: Path) -> Path:
     """The places of a map that is given by its folder or by its YAML file."""
-    is_yaml = folder.suffix in (".yaml", ".yml") and not folder.is_dir()
+    is_yaml = folder.suffix in (".yaml", ".yml") and not is_folder(folder, MapError)
     return (folder.parent if is_yaml else folder) / PLACES_YAML
 
 
@@ -45,14 +50,10 @@ def load_places(folder: Path) -> dict[str, Place]:
         PlaceError: the file is broken; the message names the line and the place.
     """
     path = places_path(folder)
-    if not path.exists():
+    if not is_there(path, PlaceError):
         return {}
-    try:
-        root = yaml.compose(path.read_text(encoding="utf-8"), Loader=yaml.SafeLoader)
-    except (OSError, UnicodeDecodeError) as error:
-        raise PlaceError(f"cannot read the places {path}: {error}") from error
-    except (yaml.YAMLError, ValueError) as error:
-        raise PlaceError(f"{path} is not YAML: {' '.join(str(error).split())}") from error
+    refuse_emptied(path, PlaceError, "{}")
+    root = compose_yaml(path, PlaceError)
     if root is None:
         return {}
     if not isinstance(root, yaml.MappingNode):
@@ -60,9 +61,6 @@ def load_places(folder: Path) -> dict[str, Place]:
     places: dict[str, Place] = {}
     for key, value in root.value:
         place = _place(path, key, value)
-        if place.name in places:
-            line = key.start_mark.line + 1
-            raise PlaceError(f"{path} line {line}: the place '{place.name}' is there twice; rename or remove one")
         places[place.name] = place
     anchors = load_anchors(path.parent)
     return {
@@ -81,7 +79,7 @@ def save_places(folder: Path, places: Mapping[str, Place]) -> None:
     values = {place.name: _values(checked_place(place)) for place in places.values()}
     text = yaml.safe_dump(values, sort_keys=False, default_flow_style=None, allow_unicode=True, width=10_000)
     held = {place.name: [place.pose] for place in places.values()}
-    write_anchored(places_path(folder), text if values else "", "places", held)
+    write_anchored(places_path(folder), text, "places", held)
 
 
 def add_place(folder: Path, name: str, pose: Pose2, *, replace: bool = False) -> Place:
@@ -99,8 +97,8 @@ def add_place(folder: Path, name: str, pose: Pose2, *, replace: bool = False) ->
     return place
 
 
-def find(places: Mapping[str, Place], name: str) -> Place:
-    """The place of this name.
+def find(places: Mapping[str, Place], name: str, whose: str = "the map") -> Place:
+    """The place of this name; `whose` places they are is for the message.
 
     Raises:
         UnknownPlace: there is none; the message gives the names that come nearest.
@@ -108,7 +106,7 @@ def find(places: Mapping[str, Place], name: str) -> Place:
     if name in places:
         return places[name]
     if not places:
-        raise UnknownPlace(f"there is no place '{name}': the map has no places yet; add one")
+        raise UnknownPlace(f"there is no place '{name}': {whose} has no places yet; add one")
     by_folded = {known.casefold(): known for known in places}
     near = difflib.get_close_matches(name.casefold(), by_folded, n=3, cutoff=0.0)
     raise UnknownPlace(f"there is no place '{name}'; did you mean {', '.join(by_folded[match] for match in near)}?")
@@ -137,10 +135,17 @@ def checked_place(place: Place) -> Place:
     """
     if not place.name or place.name != place.name.strip() or not place.name.isprintable():
         raise PlaceError(f"{place.name!r} cannot be the name of a place; use letters, digits and single spaces")
-    if not all(math.isfinite(value) for value in (place.pose.x, place.pose.y, place.pose.theta)):
-        raise PlaceError(f"the place '{place.name}' has no finite pose ({place.pose}); give x, y and yaw")
-    if not (0.0 < place.tolerance_m < math.inf and 0.0 < place.tolerance_rad < math.inf):
-        raise PlaceError(f"the tolerances of the place '{place.name}' must be greater than 0 and finite")
+    x, y, yaw = place.pose.x, place.pose.y, place.pose.theta
+    if not is_on_map(x, y, yaw):
+        raise PlaceError(
+            f"the place '{place.name}' has no pose on a map (x {x:g}, y {y:g}, yaw {yaw:g}); give metres up to "
+            f"{FARTHEST:g} and radians up to {MOST_TURNED:g}"
+        )
+    if not (CLOSEST_M <= place.tolerance_m < math.inf and CLOSEST_RAD <= place.tolerance_rad < math.inf):
+        raise PlaceError(
+            f"the tolerances of the place '{place.name}' must be finite, and at least {CLOSEST_M:g} m and "
+            f"{CLOSEST_RAD:g} rad: a chair stops no closer"
+        )
     return place
 
 
@@ -166,6 +171,7 @@ def _place(path: Path, key: yaml.Node, value: yaml.Node) -> Place:
         raise PlaceError(f"{where}: '{key.value}' must be {_SHAPE}")
     x, y, yaw, *tolerances = numbers
     try:
-        return checked_place(Place(key.value, Pose2(x, y, wrap_angle(yaw) if math.isfinite(yaw) else yaw), *tolerances))
+        yaw = wrap_angle(yaw) if abs(yaw) <= MOST_TURNED else yaw
+        return checked_place(Place(key.value, Pose2(x, y, yaw), *tolerances))
     except PlaceError as error:
         raise PlaceError(f"{where}: {error}") from error

@@ -20,10 +20,12 @@ import numpy as np
 import yaml
 
 from waychair.errors import ZoneError
-from waychair.geometry import transform_points, wrap_angle
+from waychair.files import is_there, refuse_emptied
+from waychair.geometry import FARTHEST, MOST_TURNED, transform_points, wrap_angle
 from waychair.maps.anchors import Anchors, load_anchors, write_anchored
 from waychair.maps.places import places_path
 from waychair.types import BoolArray, FloatArray, OccupancyGrid, Pose2
+from waychair.yaml_files import compose_yaml, node_value, shown
 
 ZONES_YAML = "zones.yaml"
 _SHAPE = "{keep_out: true | slow: SPEED | one_way: HEADING, polygon: [[x, y], [x, y], [x, y], ...]}"
@@ -59,24 +61,17 @@ def load_zones(folder: Path) -> tuple[Zone, ...]:
         ZoneError: the file is broken; the message names the line and the zone.
     """
     path = places_path(folder).with_name(ZONES_YAML)
-    if not path.exists():
+    if not is_there(path, ZoneError):
         return ()
-    try:
-        root = yaml.compose(path.read_text(encoding="utf-8"), Loader=yaml.SafeLoader)
-    except (OSError, UnicodeDecodeError) as error:
-        raise ZoneError(f"cannot read the zones {path}: {error}") from error
-    except (yaml.YAMLError, ValueError) as error:
-        raise ZoneError(f"{path} is not YAML: {' '.join(str(error).split())}") from error
+    refuse_emptied(path, ZoneError, "{}")
+    root = compose_yaml(path, ZoneError)
     if root is None:
         return ()
     if not isinstance(root, yaml.MappingNode):
         raise ZoneError(f"{path} must hold `name: {_SHAPE}` lines")
     zones: dict[str, Zone] = {}
     for key, value in root.value:
-        where = f"{path} line {key.start_mark.line + 1}"
-        zone = _zone(where, key, value)
-        if zone.name in zones:
-            raise ZoneError(f"{where}: the zone '{zone.name}' is there twice; rename or remove one")
+        zone = _zone(path, key, value)
         zones[zone.name] = zone
     anchors = load_anchors(path.parent)
     return tuple(_followed(zone, anchors) for zone in zones.values())
@@ -98,7 +93,7 @@ def save_zones(folder: Path, zones: Sequence[Zone]) -> None:
     }
     text = yaml.safe_dump(values, sort_keys=False, default_flow_style=None, allow_unicode=True, width=10_000)
     held = {zone.name: zone_points(zone) for zone in zones}
-    write_anchored(places_path(folder).with_name(ZONES_YAML), text if values else "", "zones", held)
+    write_anchored(places_path(folder).with_name(ZONES_YAML), text, "zones", held)
 
 
 def zone_points(zone: Zone) -> list[Pose2]:
@@ -142,18 +137,41 @@ def holds(zone: Zone, points: FloatArray) -> BoolArray:
 
 
 def cells_of(zone: Zone, grid: OccupancyGrid) -> tuple[tuple[slice, slice], BoolArray]:
-    """The part of a grid round a zone, rows and columns, and which of its cells have their centre in the zone."""
-    cells = transform_points(grid.map_from_grid.inverse(), zone.polygon)[:, ::-1] / grid.resolution
-    low = np.clip(np.floor(cells.min(axis=0)), 0, grid.cells.shape).astype(int)
-    high = np.clip(np.ceil(cells.max(axis=0)), low, grid.cells.shape).astype(int)
+    """The part of a grid round a zone, rows and columns, and which of its cells the zone has any part of.
+
+    So a zone that is thinner than a cell, or lies between the centres of cells, is one all the same.
+    """
+    corners = transform_points(grid.map_from_grid.inverse(), zone.polygon)[:, ::-1] / grid.resolution
+    low = np.clip(np.floor(corners.min(axis=0)), 0, grid.cells.shape).astype(int)
+    high = np.clip(np.ceil(corners.max(axis=0)), low, grid.cells.shape).astype(int)
     rows, columns = np.mgrid[low[0] : high[0], low[1] : high[1]]
     local = np.stack([columns.ravel() + 0.5, rows.ravel() + 0.5], axis=-1) * grid.resolution
     within = holds(zone, transform_points(grid.map_from_grid, local)).reshape(rows.shape)
+    for begin, end in zip(corners - low, np.roll(corners, -1, axis=0) - low, strict=True):
+        _mark_crossed(within, begin, end)
     return (slice(low[0], high[0]), slice(low[1], high[1])), within
 
 
+def _mark_crossed(cells: BoolArray, begin: FloatArray, end: FloatArray) -> None:
+    """Set those of cells (H, W) through whose inside a straight line goes; its ends (2,) are rows and columns [cells].
+
+    A line along the border between cells goes through neither.
+    """
+    least, most = np.minimum(begin, end) + _BORDER, np.maximum(begin, end) - _BORDER
+    first = np.clip(np.floor(least), 0, cells.shape).astype(int)
+    beyond = np.clip(np.floor(most) + 1, first, cells.shape).astype(int)
+    rows, columns = np.mgrid[first[0] : beyond[0], first[1] : beyond[1]] + 0.5
+    way = end - begin
+    off = np.abs(way[0] * (columns - begin[1]) - way[1] * (rows - begin[0]))
+    cells[first[0] : beyond[0], first[1] : beyond[1]] |= off < (0.5 - _BORDER) * np.abs(way).sum()
+
+
+_BORDER = 1e-6
+"""Nearer to a cell's border than this part of a cell is on it."""
+
+
 def keep_out_cells(zones: Sequence[Zone], grid: OccupancyGrid) -> BoolArray:
-    """(H, W) cells of a grid whose centre lies in a keep-out zone."""
+    """(H, W) cells of a grid that a keep-out zone has any part of."""
     mask = np.zeros(grid.cells.shape, np.bool_)
     for zone in zones:
         if zone.rule is Rule.KEEP_OUT:
@@ -171,15 +189,13 @@ def speed_limit(zones: Sequence[Zone], points: FloatArray) -> float:
     return min(limits, default=math.inf)
 
 
-def _zone(where: str, key: yaml.Node, value: yaml.Node) -> Zone:
+def _zone(path: Path, key: yaml.Node, value: yaml.Node) -> Zone:
     """A zone from its YAML nodes."""
+    where = f"{path} line {key.start_mark.line + 1}"
     if not isinstance(key, yaml.ScalarNode) or not key.value.strip():
         raise ZoneError(f"{where}: a zone's name must be a word; write `name: {_SHAPE}`")
     at = f"{where}: '{key.value}'"
-    try:
-        fields = yaml.SafeLoader("").construct_document(value) if isinstance(value, yaml.MappingNode) else None
-    except yaml.YAMLError as error:
-        raise ZoneError(f"{at}: {' '.join(str(error).split())}") from error
+    fields = node_value(value, str(path), ZoneError)
     if not isinstance(fields, dict):
         raise ZoneError(f"{at} must be {_SHAPE}")
     rules = [rule for rule in Rule if rule.value in fields]
@@ -194,10 +210,10 @@ def _value(at: str, rule: Rule, fields: Mapping[str, object]) -> float:
     value = fields[rule.value]
     if rule is Rule.KEEP_OUT:
         if value is not True:
-            raise ZoneError(f"{at}: keep_out is {value!r}; write `keep_out: true`, or remove the zone")
+            raise ZoneError(f"{at}: keep_out is {shown(value)}; write `keep_out: true`, or remove the zone")
         return 0.0
-    if isinstance(value, bool) or not isinstance(value, int | float) or not math.isfinite(value):
-        raise ZoneError(f"{at}: {rule.value} is {value!r}; it must be a number")
+    if isinstance(value, bool) or not isinstance(value, int | float) or not abs(value) <= MOST_TURNED:
+        raise ZoneError(f"{at}: {rule.value} is {shown(value)}; it must be a number, and no more than {MOST_TURNED:g}")
     if rule is Rule.SLOW and value < SLOWEST:
         raise ZoneError(f"{at}: slow is {value}; it must be at least {SLOWEST} m/s, or a keep-out zone")
     return wrap_angle(float(value)) if rule is Rule.ONE_WAY else float(value)
@@ -211,10 +227,12 @@ def checked_polygon(at: str, corners: object) -> FloatArray:
     """
     try:
         polygon = np.array(corners, np.float64)
-    except (TypeError, ValueError):
+    except (TypeError, ValueError, OverflowError):
         polygon = np.empty(0)
-    if polygon.ndim != 2 or polygon.shape[1] != 2 or len(polygon) < 3 or not np.isfinite(polygon).all():
-        raise ZoneError(f"{at}: its polygon must be three or more corners [[x, y], ...], all finite numbers")
+    if polygon.ndim != 2 or polygon.shape[1] != 2 or len(polygon) < 3 or not (np.abs(polygon) <= FARTHEST).all():
+        raise ZoneError(
+            f"{at}: its polygon must be three or more corners [[x, y], ...], all of them numbers up to {FARTHEST:g}"
+        )
     x, y = (polygon - polygon[0]).T
     if abs((x * np.roll(y, -1) - y * np.roll(x, -1)).sum()) < 1e-9:
         raise ZoneError(f"{at}: its polygon has no area; give its corners in order round it")

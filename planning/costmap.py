@@ -17,7 +17,7 @@ from waychair.calibration.chair import BodyLayer, ChairBody
 from waychair.config import Settings, setting
 from waychair.errors import NoFreeSpace
 from waychair.maps.distance_field import DistanceField, near_distances, update_near
-from waychair.maps.grid import cells_from_points, cells_where, inside, occupied
+from waychair.maps.grid import OCCUPIED_FROM, cells_from_points, cells_where, inside, occupied
 from waychair.maps.zones import Rule, Zone, cells_of, keep_out_cells
 from waychair.planning.grid_graph import FREE_PRICE, MAX_PRICE, Prices, directions_against
 from waychair.types import UNKNOWN, BoolArray, Bytes, Float32Array, FloatArray, OccupancyGrid
@@ -70,7 +70,7 @@ def costmap_from_grid(
 
 
 def check_free_space(costmap: Costmap) -> None:
-    """Refuse a map in which the chair has no room anywhere.
+    """Refuse a map in which the chair has no room anywhere, or of which no cell is known to be free.
 
     Raises:
         NoFreeSpace: it does.
@@ -80,6 +80,8 @@ def check_free_space(costmap: Costmap) -> None:
             f"the map has no free space for a chair {costmap.body.width:.2f} m wide; map the building again, or remove "
             "its keep-out zones"
         )
+    if not (costmap.grid.cells.view(np.uint8) < OCCUPIED_FROM).any():  # unknown cells are 255
+        raise NoFreeSpace("no cell of the map is known to be free; map the building again, or correct its thresholds")
 
 
 class LiveCostmap:

@@ -24,11 +24,11 @@ class Features:
 
     candidates (N, 2): v [m/s], omega [rad/s]. admissible: bool. free_time [s]: until the first contact or the horizon.
     clearance [m]: least distance beside the body on the way. path_error [m]: mean distance of the drive axle and of the
-    front from the path. heading_error [rad]: |end's heading - path's direction there|. bearing [rad]: |direction from
-    the end to the target - end's heading|. progress [m]: way along the path to the point nearest to the end.
-    target_distance [m]: least distance to the target on the way. change [0..1]: size of the step from the last command.
-    people_gap [m]: least distance to a person on the way, if all go on as they do; +inf without any. reversal: 1 where
-    it turns from forwards to backwards or back, else 0. end_clearance [m]: clearance at the path's end where that is near.
+    front from the path. heading_error [rad]: |end's heading - path's direction there|. progress [m]: way along the path
+    to the point nearest to the end. target_distance [m]: least distance to the target on the way. change [0..1]: size of
+    the step from the last command. people_gap [m]: least distance to a person on the way, if all go on as they do; +inf
+    without any. reversal: 1 where it turns from forwards to backwards or back, else 0. end_clearance [m]: clearance at
+    the path's end where that is near.
     """
 
     candidates: FloatArray
@@ -37,7 +37,6 @@ class Features:
     clearance: FloatArray
     path_error: FloatArray
     heading_error: FloatArray
-    bearing: FloatArray
     progress: FloatArray
     target_distance: FloatArray
     change: FloatArray

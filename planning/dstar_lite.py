@@ -44,7 +44,7 @@ from waychair.planning.grid_graph import (
     set_prices,
     step_cost,
 )
-from waychair.planning.indexed_heap import NEIGHBOURHOOD, empty_heap, grown, has_room, less, put, remove
+from waychair.planning.indexed_heap import ROOM, empty_heap, grown, has_room, less, put, remove
 from waychair.types import Bytes, IntArray
 
 CELL = np.dtype([("g", np.int64), ("rhs", np.int64), ("ground", np.int32), ("place", np.int32)])
@@ -272,7 +272,7 @@ def _compute_shortest_path(
         nearest = min(start.g, start.rhs)
         if not less(first, second, nearest + aim.k_m, nearest) and start.rhs <= start.g:
             break
-        if size[0] + NEIGHBOURHOOD >= len(entries):
+        if size[0] + ROOM >= len(entries):
             return pops, UNREACHABLE, False
         pops += 1
         g, rhs = cells[cell].g, cells[cell].rhs

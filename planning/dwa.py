@@ -93,7 +93,7 @@ class DwaResult:
 
     `in_position`: at the goal, but for the heading. `blocked`: nothing that moves is possible, the twist brakes along
     the present arc and then stands. `arrived`: at the goal, in position and heading, standing still. `arc` (M, 3)
-    [m, m, rad] in map is the chosen candidate's way.
+    [m, m, rad] is the chosen candidate's way, in the frame of the pose.
     """
 
     twist: Twist
@@ -119,11 +119,11 @@ def choose(
 ) -> DwaResult:
     """The next command on a path.
 
-    pose: map_from_base now; command: the last one sent; path: in map, its last pose is the goal; distances: around
-    the chair, in map (what lies outside counts as occupied); in_position: what the last result said, so that turning at
-    the goal may drift a little without giving it up.
-    motion: `motion_after` the last command; jerk is not limited without it. tracks: in map, as of now. fastest [m/s]:
-    the speed to come down to, where what follows is to be entered slowly.
+    Pose (of the base, now), path, distances and tracks are in one frame, in which nothing jumps.
+    command: the last one sent; path: its last pose is the goal; distances: around the chair (what lies outside counts
+    as occupied); in_position: what the last result said, so that turning at the goal may drift a little without giving
+    it up. motion: `motion_after` the last command; jerk is not limited without it. tracks: as of the latest scan.
+    fastest [m/s]: the speed to come down to, where what follows is to be entered slowly.
     """
     shape, ease = eased_footprint(body, settings.margin, distances, pose)
     settings = crawling(settings) if ease else settings
@@ -171,7 +171,7 @@ def rotate_to_heading(
     settings: DwaSettings = DEFAULTS,
     motion: Motion | None = None,
 ) -> DwaResult:
-    """Turn in place to a heading [rad] in map, the short way round if it is free, else the long way.
+    """Turn in place to a heading [rad] in the frame of the pose, the short way round if it is free, else the long way.
 
     The whole sweep of the rectangle is checked before it begins and at every call. `arrived` when the heading is
     reached and the chair stands; `blocked` when neither way round is free. With a `motion`, a chair that still drives
@@ -260,9 +260,8 @@ def _features(
         clearance=rows[:, 1],
         path_error=rows[:, 2],
         heading_error=rows[:, 3],
-        bearing=rows[:, 4],
-        progress=rows[:, 5],
-        target_distance=rows[:, 6],
+        progress=rows[:, 4],
+        target_distance=rows[:, 5],
         change=change.mean(axis=1),
         people_gap=np.full(len(candidates), math.inf),
         reversal=np.zeros(len(candidates)),

@@ -63,7 +63,7 @@ def measure(
     needed: FloatArray,
     horizon: float,
 ) -> FloatArray:
-    """(N, 7): free_time, clearance, path_error, heading_error, bearing, progress, target_distance (see `Features`).
+    """(N, 6): free_time, clearance, path_error, heading_error, progress, target_distance (see `Features`).
 
     start (3,) and section (M, 3) on the field's grid [cells, cells, rad]; needed (N,) [s]: arcs that are not free for so
     long cannot be driven and are measured no further, their row is 0 but for the free time. horizon [s]: of the arcs.
@@ -74,7 +74,7 @@ def measure(
     first, _ = _nearest(section, 0, len(section), first_x, first_y)
     table = np.empty((FINE + 1, 4))
     tabled = math.nan
-    rows = np.zeros((len(candidates), 7))
+    rows = np.zeros((len(candidates), 6))
     rows[:, 0] = free_times(shape, start, candidates, needed, horizon)
     for i in range(len(candidates)):
         if rows[i, 0] < needed[i]:
@@ -86,7 +86,6 @@ def measure(
         last = round(rows[i, 0] / horizon * FINE)
         _follow(shape, start, table, v, last, nose, section, first, rows[i])
         rows[i, 3] = abs(_wrapped(start[2] + omega * rows[i, 0] - rows[i, 3]))
-        rows[i, 4] = abs(_wrapped(rows[i, 4] - start[2] - omega * rows[i, 0]))
     return rows
 
 
@@ -102,7 +101,7 @@ def _follow(
     first: int,
     row: FloatArray,
 ) -> None:
-    """Fill a row along an arc up to step `last`; headings as the path's at the end, and the target's from there."""
+    """Fill a row along an arc up to step `last`; its heading as the path's at the end."""
     end = len(section) - 1
     near, front, path_error = 0, first, 0.0
     clearance, target = math.inf, math.inf
@@ -122,9 +121,8 @@ def _follow(
     row[1] = clearance
     row[2] = path_error * shape.cell
     row[3] = section[near, 2]
-    row[4] = math.atan2(section[end, 1] - y, section[end, 0] - x)
-    row[5] = spacing * near * shape.cell
-    row[6] = target * shape.cell
+    row[4] = spacing * near * shape.cell
+    row[5] = target * shape.cell
 
 
 @njit(cache=True, inline="always")

@@ -40,15 +40,15 @@ def back_up(
     settings: DwaSettings,
     way: float = 0.5,
 ) -> DwaResult:
-    """The next command backwards, along `trail` (M, 3) [m, m, rad] in map, the chair's latest poses, the last one last.
+    """The next command backwards, along `trail` (M, 3) [m, m, rad], the chair's latest poses, the last one last.
 
     Of the reverse arcs at walking-stick pace that are free and can be stopped on, the one that ends nearest to where
     the chair was `way` [m] ago; straight back without a trail. The shape is the body's, with its margin, on the same
-    distances. `blocked` when there is none.
+    distances. `blocked` when there is none, or the chair may not drive backwards.
     """
     ahead = Pose2(*along_arc(pose.x, pose.y, pose.theta, command.v, command.omega, settings.reaction_time))
     target = _behind(ahead, trail, way)
-    v, start, longest = -CRAWL_V, in_cells(distances, ahead), way / CRAWL_V
+    v, start, longest = -min(CRAWL_V, settings.max_reverse), in_cells(distances, ahead), way / CRAWL_V
     candidates = np.column_stack([np.full(_TURNS, v), np.linspace(-CRAWL_OMEGA, CRAWL_OMEGA, _TURNS)])
     scores = np.full(_TURNS, -np.inf)
     for i, (_, omega) in enumerate(candidates):
@@ -59,7 +59,7 @@ def back_up(
             off = abs(wrap_angle(theta - target.theta))
             scores[i] = -math.hypot(x - target.x, y - target.y) - 0.3 * off
     best = int(np.argmax(scores))
-    if scores[best] == -np.inf:
+    if v == 0.0 or scores[best] == -np.inf:
         return DwaResult(braking(command, settings), candidates, scores, ahead.array()[None], blocked=True)
     twist = towards(command, Twist(v, float(candidates[best, 1])), settings)
     return DwaResult(twist, candidates, scores, ahead.array()[None])

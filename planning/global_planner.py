@@ -15,14 +15,11 @@ from waychair.config import Settings, setting
 from waychair.errors import (
     ConfigError,
     GoalOccupied,
-    GoalOutsideMap,
     NoPath,
     PlanningError,
-    StartOccupied,
-    StartOutsideMap,
 )
 from waychair.geometry import arc_lengths, transform_points
-from waychair.maps.grid import cells_from_points, cells_where, inside, points_from_cells
+from waychair.maps.grid import cells_from_points, cells_where, inside
 from waychair.planning.costmap import Costmap, check_free_space
 from waychair.planning.footprint import fits
 from waychair.planning.forecast import ForecastSettings, People, arrival, predicted_occupancy, with_forecast
@@ -33,6 +30,7 @@ from waychair.planning.keep_right import KeepRightSettings, kept_right
 from waychair.planning.laplace_solvers import GoOn
 from waychair.planning.legs import Door, Leg, Manner, whole
 from waychair.planning.narrows import legs_between_turns, line_up, tight_doors
+from waychair.planning.path_ends import cell_at, goal_cell, start_cell
 from waychair.planning.route import RouteSettings, checked, door_leg
 from waychair.planning.rubber_band import BandSettings, band
 from waychair.planning.slices import Slices, finished, sliced
@@ -91,7 +89,7 @@ def check_goal(costmap: Costmap, body: ChairBody, goal: Pose2) -> None:
     Raises:
         GoalOutsideMap, GoalOccupied.
     """
-    _goal_cell(costmap, goal)
+    goal_cell(costmap, goal)
     if not fits(body, 0.0, costmap.field, goal):
         raise GoalOccupied(
             f"the chair does not fit at the goal ({goal.x:.2f}, {goal.y:.2f}) with the heading {goal.theta:.2f} rad; "
@@ -221,8 +219,8 @@ class GlobalPlanner:
     def _search_over(self, costmap: Costmap, start: Pose2) -> GridPlanner:
         """The search over a costmap from the start."""
         check_free_space(costmap)
-        start_cell = _start_cell(costmap, start, self.settings.start_reach)
-        return self._updated_search(costmap, start_cell, _goal_cell(costmap, self.goal))
+        begin = start_cell(costmap, start, self.settings.start_reach)
+        return self._updated_search(costmap, begin, goal_cell(costmap, self.goal))
 
     def _updated_search(self, costmap: Costmap, start: Cell, goal: Cell) -> GridPlanner:
         """The search over these prices, made anew only when the grid is another one."""
@@ -248,67 +246,6 @@ def _same_geometry(first: Costmap, second: Costmap) -> bool:
     )
 
 
-def _start_cell(costmap: Costmap, start: Pose2, reach: float) -> Cell:
-    """The start's cell, or the nearest passable one in reach and in sight when a wall is too close for it.
-
-    A chair that stands closer to a wall than the planner would ever take it must still be able to leave.
-    """
-    cell = _cell(costmap, start)
-    if cell is None:
-        raise StartOutsideMap(
-            f"the start ({start.x:.2f}, {start.y:.2f}) lies outside the map; localise the chair or extend the map"
-        )
-    if costmap.prices[cell] != 0:
-        return cell
-    if costmap.clearance[cell] > 0:
-        for candidate in _passable_by_distance(costmap, start, reach):
-            if _in_sight(costmap, cell, candidate):
-                return candidate
-    raise StartOccupied(
-        f"the chair does not fit at its start ({start.x:.2f}, {start.y:.2f}): no free place within {reach:.2f} m; "
-        "drive it out by hand or correct its pose"
-    )
-
-
-def _goal_cell(costmap: Costmap, goal: Pose2) -> Cell:
-    cell = _cell(costmap, goal)
-    if cell is None:
-        raise GoalOutsideMap(f"the goal ({goal.x:.2f}, {goal.y:.2f}) lies outside the map; choose one inside it")
-    if costmap.prices[cell] == 0:
-        near = next(iter(_passable_by_distance(costmap, goal, 5.0)), None)
-        advice = "another place"
-        if near is not None:
-            x, y = points_from_cells(costmap.grid, np.array([near]))[0]
-            advice = f"another one, the nearest place with room is ({x:.2f}, {y:.2f})"
-        raise GoalOccupied(f"the chair does not fit at the goal ({goal.x:.2f}, {goal.y:.2f}); choose {advice}")
-    return cell
-
-
-def _cell(costmap: Costmap, pose: Pose2) -> Cell | None:
-    """Row and column under a pose, None outside the map."""
-    cells = cells_from_points(costmap.grid, np.array([[pose.x, pose.y]]))
-    return (int(cells[0, 0]), int(cells[0, 1])) if inside(costmap.grid, cells)[0] else None
-
-
-def _passable_by_distance(costmap: Costmap, pose: Pose2, reach: float) -> list[Cell]:
-    """Passable cells whose centre lies within reach [m] of a pose, the nearest first."""
-    row, column = cells_from_points(costmap.grid, np.array([[pose.x, pose.y]]))[0]
-    span = int(reach / costmap.grid.resolution) + 1
-    top, left = max(row - span, 0), max(column - span, 0)
-    window = costmap.prices[top : row + span + 1, left : column + span + 1]
-    cells = np.argwhere(window != 0) + np.array([top, left])
-    away = np.hypot(*(points_from_cells(costmap.grid, cells) - (pose.x, pose.y)).T)
-    near = np.argsort(away, kind="stable")[: np.count_nonzero(away <= reach)]
-    return [(int(r), int(c)) for r, c in cells[near]]
-
-
-def _in_sight(costmap: Costmap, first: Cell, second: Cell) -> bool:
-    """Whether no occupied cell lies on the straight line between two cells' centres."""
-    steps = 4 * max(abs(first[0] - second[0]), abs(first[1] - second[1]), 1)
-    rows, columns = np.rint(np.linspace(first, second, steps + 1)).astype(np.int64).T
-    return bool((costmap.clearance[rows, columns] > 0).all())
-
-
 def _legs_from_cells(
     costmap: Costmap,
     cells: IntArray,
@@ -323,7 +260,7 @@ def _legs_from_cells(
     ends: FloatArray = transform_points(grid_from_map, np.array([[start.x, start.y], [goal.x, goal.y]])) / cell
     chain: FloatArray = cells[:, ::-1].astype(np.float64) + 0.5
     # The exact ends stand for their cells; a start too close to a wall is joined to where the plan begins.
-    chain = np.concatenate([ends[:1], chain if costmap.prices[_cell(costmap, start)] == 0 else chain[1:]])
+    chain = np.concatenate([ends[:1], chain if costmap.prices[cell_at(costmap, start)] == 0 else chain[1:]])
     chain = np.concatenate([chain[:-1] if len(chain) > 1 else chain, ends[1:]])
     taut = _evenly_spaced(_pulled(costmap, chain, settings), settings.spacing / cell)
     legs: list[Leg] = []
@@ -413,7 +350,7 @@ def _rounded(
     if settings.smoothing == "none":
         return points
     if ends == (None, None):
-        points = round_corners(costmap.prices, points, settings.rounding)
+        points = round_corners(costmap.prices, points, settings.rounding, costmap.barred)
     if settings.smoothing != "band":
         return points
     # with an end that is given there is a curve already, which must not be cut
@@ -453,7 +390,7 @@ def _swung(costmap: Costmap, points: FloatArray, end: FloatArray, direction: Flo
         curve = (1 - t) ** 3 * points[k] + 3 * t * (1 - t) ** 2 * second + 3 * t**2 * (1 - t) * third + t**3 * end
         swung = np.concatenate([points[: k + 1], curve])
         line = np.concatenate([swung[k:], end[None]])
-        if all(line_cost(costmap.prices, *a, *b) < math.inf for a, b in pairwise(line.tolist())):
+        if all(line_cost(costmap.prices, a, b, c, d, costmap.barred) < math.inf for (a, b), (c, d) in pairwise(line)):
             return swung
     return None
 

@@ -7,7 +7,15 @@ from functools import partial
 from types import MappingProxyType
 from typing import Protocol
 
-from waychair.errors import ConfigError, GoalOccupied, GoalOutsideMap, NoFreeSpace, StartOccupied, StartOutsideMap
+from waychair.errors import (
+    ConfigError,
+    GoalOccupied,
+    GoalOutsideMap,
+    NoFreeSpace,
+    NoPath,
+    StartOccupied,
+    StartOutsideMap,
+)
 from waychair.planning.dstar_lite import DStarLite
 from waychair.planning.grid_graph import Cell, Prices
 from waychair.planning.grid_search import AStar, Dijkstra, GridPath
@@ -98,5 +106,11 @@ def plan_on_cells(prices: Prices, start: Cell, goal: Cell, planner: str = "dstar
         if prices[cell] == 0:
             raise occupied(f"{at} is occupied; choose a free cell")
     search = make(prices, goal, start)
-    cost = search.replan()
+    try:
+        cost = search.replan()
+    except NoPath as error:
+        raise NoPath(
+            f"no way leads from column {start[1]}, row {start[0]} to column {goal[1]}, row {goal[0]}; "
+            "choose another goal"
+        ) from error
     return GridPath(cost, search.path(), search.pops)

@@ -28,7 +28,7 @@ from waychair.planning.grid_graph import (
     padded_index,
     step_cost,
 )
-from waychair.planning.indexed_heap import NEIGHBOURHOOD, empty_heap, grown, put, remove
+from waychair.planning.indexed_heap import ROOM, empty_heap, grown, put, remove
 from waychair.types import Bytes, IntArray
 
 CELL = np.dtype([("cost", np.int64), ("parent", np.int32), ("ground", np.int32), ("place", np.int32)], align=True)
@@ -156,7 +156,7 @@ def _expand(
     goal_row, goal_column = goal // stride, goal % stride
     pops = 0
     while size[0] > 0:
-        if size[0] + NEIGHBOURHOOD >= len(entries):
+        if size[0] + ROOM >= len(entries):
             return pops, False
         cell = entries[1].cell
         remove(entries, size, cells, cell)

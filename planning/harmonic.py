@@ -21,7 +21,15 @@ from scipy.ndimage import find_objects
 from waychair.config import Settings, setting
 from waychair.errors import NoPath, NotConverged, StartOutsideMap
 from waychair.planning.grid_graph import Cell
-from waychair.planning.laplace_solvers import GoOn, Problem, SolverSettings, System, check_memory, run_solver
+from waychair.planning.laplace_solvers import (
+    GoOn,
+    Problem,
+    SolverSettings,
+    System,
+    check_memory,
+    chosen_solver,
+    run_solver,
+)
 from waychair.planning.log_relay import Indices, between, log_sweep, spread
 from waychair.planning.slices import Parts, chunks, finished
 from waychair.types import BoolArray, Bytes, Float32Array, FloatArray, IntArray
@@ -102,7 +110,7 @@ def log_field_in_parts(
         MapTooLarge, NotConverged, ConfigError: see `laplace_solvers.solve`.
     """
     absorption = problem.absorption
-    check_memory(absorption.size, "multigrid", settings.solver.memory)
+    check_memory(absorption.size, chosen_solver(settings.solver.solver), settings.solver.memory)
     bars = _NO_BARS if barred is None else barred
     yield 3 * absorption.size  # what made the problem
     order, numbers = yield from spread(absorption, bars, problem.goal)
@@ -192,7 +200,8 @@ def _stage(
         x[1:-1, 1:-1] = np.exp(np.minimum(warm - scale, 0.0))
         x[~free] = 0.0
     yield 4 * x.size
-    _, sweeps = yield from run_solver(settings.solver.solver, System(absorption, x, b, settings.solver, go_on))
+    solver = chosen_solver(settings.solver.solver)
+    _, sweeps = yield from run_solver(solver, System(absorption, x, b, settings.solver, go_on))
     yield 4 * x.size
     told = x[1:-1, 1:-1] > settings.trusted * x.max()
     return np.where(told, np.log(x[1:-1, 1:-1], where=told, out=none.copy()) + scale, none), sweeps
@@ -269,7 +278,7 @@ def descend(found: LogField, start: Cell) -> IntArray:
     A diagonal step needs both cells beside it free. The source paper's index of the best neighbour, among four.
 
     Raises:
-        StartOutsideMap, StartOccupied, NoPath.
+        StartOutsideMap, NoPath.
     """
     _check_start(found, start)
     cells, count = _descend(found.logs, found.barred, start[0], start[1], found.connected)
@@ -327,7 +336,7 @@ def streamline(found: LogField, start: FloatArray, settings: HarmonicSettings = 
     neighbour's middle is gone to: every such detour is higher than all before, so that the line arrives.
 
     Raises:
-        StartOutsideMap, StartOccupied, NoPath.
+        StartOutsideMap, NoPath.
     """
     cell = (math.floor(start[1]), math.floor(start[0]))
     _check_start(found, cell)

@@ -2,7 +2,7 @@
 
 Keys are pairs of int64, compared lexicographically and exactly. Entries count from 1; a cell whose `place` is 0 is not
 queued. The place is a field of the search's own records of the cells. Whoever inserts must leave room: kernels check for
-a `NEIGHBOURHOOD` before they touch up to nine cells, and return to Python, which calls `grown` and calls them again.
+`ROOM` before they touch up to nine cells, and return to Python, which calls `grown` and calls them again.
 """
 
 from __future__ import annotations
@@ -18,6 +18,12 @@ from waychair.types import IntArray
 NEIGHBOURHOOD = 9
 """Cells that one step of a search can insert: a cell and its eight neighbours."""
 
+_SIBLINGS = 3
+"""Entries behind the last that are read with it, as its siblings."""
+
+ROOM = NEIGHBOURHOOD + _SIBLINGS
+"""Entries that must be free before one step of a search."""
+
 ENTRY = np.dtype([("first", np.int64), ("second", np.int64), ("cell", np.int64)])
 """A queued cell with its key; 24 bytes."""
 
@@ -27,7 +33,7 @@ _NOBODY = np.array((_LAST, _LAST, 0), ENTRY)
 
 
 class Heap(NamedTuple):
-    """entries (capacity + 1,) of `ENTRY`, size (1,) int64, and the cells' records (N,), of which `place` is used."""
+    """entries (capacity + 1 + siblings,) of `ENTRY`, size (1,), and the cells' records (N,), of which `place` is used."""
 
     entries: Records
     size: IntArray
@@ -36,17 +42,19 @@ class Heap(NamedTuple):
 
 def empty_heap(cells: Records, capacity: int = 4096) -> Heap:
     """A heap for cells whose `place`, int32, is 0."""
-    return Heap(np.full(capacity + 1, _NOBODY, ENTRY), np.zeros(1, np.int64), cells)
+    return Heap(np.full(capacity + 1 + _SIBLINGS, _NOBODY, ENTRY), np.zeros(1, np.int64), cells)
 
 
 def has_room(heap: Heap, neighbourhoods: int = 1) -> bool:
     """Whether so many whole neighbourhoods can still be inserted."""
-    return int(heap.size[0]) + neighbourhoods * NEIGHBOURHOOD < len(heap.entries)
+    return int(heap.size[0]) + neighbourhoods * NEIGHBOURHOOD + _SIBLINGS < len(heap.entries)
 
 
 def grown(heap: Heap) -> Heap:
     """The same heap with room for twice as many entries."""
-    return heap._replace(entries=np.concatenate([heap.entries, np.full(len(heap.entries) - 1, _NOBODY, ENTRY)]))
+    return heap._replace(
+        entries=np.concatenate([heap.entries, np.full(len(heap.entries) - 1 - _SIBLINGS, _NOBODY, ENTRY)])
+    )
 
 
 @njit(cache=True, inline="always")

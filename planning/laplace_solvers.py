@@ -110,7 +110,7 @@ def solve(
         NotConverged: the tolerance was not reached in the sweeps, or the time, allowed.
         ConfigError: there is no such solver.
     """
-    solver = _chosen(settings.solver)
+    solver = chosen_solver(settings.solver)
     absorption = problem.absorption
     check_memory(absorption.size, solver, settings.memory)
     walls = absorption.copy()
@@ -196,7 +196,7 @@ def check_memory(cells: int, solver: str, memory: float) -> None:
         )
 
 
-def _chosen(solver: str) -> str:
+def chosen_solver(solver: str) -> str:
     """The solver by its name, or that for this computer."""
     if solver == "auto":
         from waychair.planning.laplace_gpu import gpu_at_hand

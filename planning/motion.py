@@ -73,8 +73,9 @@ class Motion:
 def measured(settings: DwaSettings, stops: StopTable | None) -> DwaSettings:
     """The settings for a chair whose stops were measured, or were not: then it only crawls.
 
-    It drives no faster than its stops are known, reacts no sooner than was seen, and may only go where the measured
-    way to rest is free.
+    It drives no faster than its stops are known, reacts no sooner than was seen, and the dynamic window only tries arcs
+    along which the measured way to rest is free. What follows an exact line slows down for its end instead; there, as
+    everywhere, the collision monitor knows the measured stops.
     """
     return replace(
         settings,
@@ -85,11 +86,20 @@ def measured(settings: DwaSettings, stops: StopTable | None) -> DwaSettings:
 
 
 def motion_after(motion: Motion, command: Twist, following: Twist, settings: DwaSettings) -> Motion:
-    """The motion once `following` has been commanded after `command`; what has come to a stand brakes no more."""
+    """The motion once `following` has been commanded after `command`; what has come to a stand brakes no more.
+
+    What was braked harder than in comfort, by whoever else may cut a command, is gone on with as comfort would have it:
+    the jerk that limits the way back from a moment's emergency would else brake the chair to a stand.
+    """
     faster = 0.0 if following.v == 0.0 else (following.v - command.v) / settings.period
-    change = Twist(faster, (following.omega - command.omega) / settings.period)
+    turning = (following.omega - command.omega) / settings.period
+    change = Twist(_within(faster, settings.braking), _within(turning, settings.alpha))
     driving = abs(following.v) >= STANDING_V
     return Motion(change, int(math.copysign(1, following.v)) if driving else motion.direction)
+
+
+def _within(value: float, most: float) -> float:
+    return min(max(value, -most), most)
 
 
 def crawling(settings: DwaSettings) -> DwaSettings:
@@ -224,4 +234,5 @@ def change_within(acceleration: float | None, sign: float, most: float, jerk: fl
 
 
 def standing(twist: Twist) -> bool:
+    """Whether a command is so small that the chair stands."""
     return abs(twist.v) < STANDING_V and abs(twist.omega) < STANDING_OMEGA

@@ -198,6 +198,6 @@ def _joined(
     if (begin - points[before]) @ ahead < 0 or (points[after] - end) @ ahead < 0:
         return None
     for start, stop in pairwise(legs):
-        if line_cost(costmap.prices, start[0], start[1], stop[0], stop[1]) == math.inf:
+        if line_cost(costmap.prices, start[0], start[1], stop[0], stop[1], costmap.barred) == math.inf:
             return None
     return before, after

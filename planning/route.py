@@ -184,7 +184,7 @@ def _legs_of_leg(costmap: Costmap, start: Pose2, poses: FloatArray, settings: Ro
         return [Leg(Path(poses))]
     first, last = tight
     for around in _ROUND:
-        begin, end = _ends(costmap, start, poses, first, last, around)
+        begin, end = _ends(costmap, poses, first, last, around)
         from_pose = start if begin == 0 else Pose2(*poses[begin])
         turned = yield from _manoeuvre(costmap, from_pose, Pose2(*poses[end]), settings.manoeuvre)
         if turned is None:
@@ -256,7 +256,7 @@ def _stand_free(costmap: Costmap, poses: FloatArray) -> BoolArray:
     return free
 
 
-def _ends(costmap: Costmap, start: Pose2, poses: FloatArray, first: int, last: int, around: float) -> tuple[int, int]:
+def _ends(costmap: Costmap, poses: FloatArray, first: int, last: int, around: float) -> tuple[int, int]:
     """Indices of the poses between which a manoeuvre is to lead: `around` [m] off, or farther, where the chair fits."""
     begin, end = first, last
     while begin > 0 and (

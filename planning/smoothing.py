@@ -20,11 +20,14 @@ _REACH = 400
 
 @njit(cache=True)
 def line_cost(prices: Prices, x0: float, y0: float, x1: float, y1: float, barred: Bytes | None = None) -> float:
-    """Price times length [cells of free floor] of a straight line; infinite through impassable cells.
+    """Price times length [cells of free floor] of a straight line; infinite through impassable cells or off the map.
 
     Infinite, too, through cells whose `barred` directions (see `grid_graph`) have the line's, to the nearest of eight.
     Sampled at a quarter of a cell, each sample standing for its share of the line.
     """
+    height, width = prices.shape
+    if min(x0, x1) < 0 or min(y0, y1) < 0 or max(x0, x1) >= width or max(y0, y1) >= height:
+        return math.inf
     length = math.hypot(x1 - x0, y1 - y0)
     count = max(math.ceil(length * _SAMPLES_PER_CELL), 1)
     direction = round(math.atan2(y1 - y0, x1 - x0) / (math.pi / 4)) % 8
@@ -71,8 +74,11 @@ def pull_taut(prices: Prices, points: FloatArray, barred: Bytes | None = None) -
 
 
 @njit(cache=True, nogil=True)
-def round_corners(prices: Prices, points: FloatArray, passes: int) -> FloatArray:
-    """Move points towards the middle of their neighbours, where that is passable and no dearer; the ends stay."""
+def round_corners(prices: Prices, points: FloatArray, passes: int, barred: Bytes | None = None) -> FloatArray:
+    """Move points towards the middle of their neighbours, where that is passable and no dearer; the ends stay.
+
+    Nor may it lead in a direction that is `barred`.
+    """
     moved = points.copy()
     for _ in range(passes):
         for i in range(1, len(moved) - 1):
@@ -80,8 +86,8 @@ def round_corners(prices: Prices, points: FloatArray, passes: int) -> FloatArray
             y = 0.5 * moved[i, 1] + 0.25 * (moved[i - 1, 1] + moved[i + 1, 1])
             now = prices[int(moved[i, 1]), int(moved[i, 0])]
             then = prices[int(y), int(x)]
-            before = line_cost(prices, moved[i - 1, 0], moved[i - 1, 1], x, y)
-            after = line_cost(prices, x, y, moved[i + 1, 0], moved[i + 1, 1])
+            before = line_cost(prices, moved[i - 1, 0], moved[i - 1, 1], x, y, barred)
+            after = line_cost(prices, x, y, moved[i + 1, 0], moved[i + 1, 1], barred)
             if 0 < then <= max(now, FREE_PRICE) and before < math.inf and after < math.inf:
                 moved[i, 0], moved[i, 1] = x, y
     return moved

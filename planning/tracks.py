@@ -68,7 +68,7 @@ class TrackSettings(Settings):
 
 @dataclass(frozen=True, slots=True)
 class Track:
-    """One who moves: position (2,) [m], velocity (2,) [m/s] in map, and the covariance (4, 4) of x, y, vx, vy.
+    """One who moves: position (2,) [m], velocity (2,) [m/s], and the covariance (4, 4) of x, y, vx, vy.
 
     `seen` counts the sightings, the last of them at `seen_ns`; the state is of `stamp_ns`. radius [m]. `moved_ns`: when
     it last moved by itself, beyond doubt, so that it is no furniture; None for never. `mark` (2,) [m] is where it was at
@@ -150,7 +150,7 @@ class Tracker:
         return self._lost
 
     def update(self, stamp_ns: int, points: FloatArray) -> tuple[Track, ...]:
-        """The believed tracks after a scan whose points (N, 2) [m] in map nothing known explains."""
+        """The believed tracks after a scan whose points (N, 2) [m] nothing known explains."""
         s = self._settings
         expected = tuple(predicted(track, stamp_ns, s) for track in self._tracks)
         middles = clusters(points, s)

@@ -41,7 +41,8 @@ def warm_up() -> None:
     planner.replan(costmaps.costmap(), middle)
     planner.replan(costmaps.costmap(np.array([[1.0, 1.0]])), Pose2(middle.x + 3 * _CELL, middle.y, 0.0))
     path = planner.replan(costmaps.costmap(), middle)
-    line_cost(costmaps.costmap().prices, 30.0, 30.0, 31.0, 30.0)
+    for barred in (None, np.zeros((count, count), np.uint8)):
+        line_cost(costmaps.costmap().prices, 30.0, 30.0, 31.0, 30.0, barred)
     towards(Twist(), Twist(0.1, 0.0), DwaSettings())
     looks = [sight_from_points(0, np.zeros(2), np.array([[end, 0.0]]), np.array([True]), 0.01) for end in (2.0, 3.0)]
     updated(updated(EMPTY, looks[0]), looks[1])

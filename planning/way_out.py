@@ -124,9 +124,13 @@ def _shortest(
     return which, longest + 1
 
 
+_LEAST_END = 0.05
+"""An end that lies nearer to the axle [m] swings out so little that a turn may widen as if it lay here."""
+
+
 def _turns(other_end: float, gear: int) -> FloatArray:
     """Turns (M, _TURN + 1, 3) from the origin; of a chair that reaches so far [m] the other way from its axle."""
-    kinds = [(k, 0.0) for k in _ARCS] + [(k, g / other_end) for g, k in product((0.7, 1.0), _WIDENING)]
+    kinds = [(k, 0.0) for k in _ARCS] + [(k, g / max(other_end, _LEAST_END)) for g, k in product((0.7, 1.0), _WIDENING)]
     bent = [_turn(side * k, growth, gear, _TURN) for k, growth in kinds for side in (1.0, -1.0)]
     return np.array([_turn(0.0, 0.0, gear, _TURN), *bent])
 

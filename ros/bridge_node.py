@@ -14,7 +14,8 @@
 | drive_state | who drives and why, and what was sent |
 
 Services: `confirm` (waychair_msgs/Confirm: the rider's yes to the goal that was shown), `stop`, `reset_faults`
-(std_srvs/Trigger). All that it is told, hears and does is kept in a black box.
+(std_srvs/Trigger). What it is asked for (go, confirm, stop, reset), hears and does is kept in a black box; of a page's
+joystick, zones that change and a place that is given anew what comes of them, tick by tick.
 
 Its tick follows each request of the navigator, so that no time is lost between them; without one it ticks by itself. The
 parts live by the computer's steady clock, whatever happens to ROS's: stamps are moved over as they come in, and what is
@@ -35,7 +36,7 @@ from waychair.calibration.dac import DEFAULT
 from waychair.config import setting
 from waychair.control.stops import Halt, halt
 from waychair.control.supervisor import DRIVEN
-from waychair.errors import WaychairError
+from waychair.errors import ConfigError, WaychairError
 from waychair.firmware_bridge.heartbeat import Heartbeat
 from waychair.firmware_bridge.transports import Reconnecting, transport_from_text
 from waychair.geometry import in_space
@@ -59,7 +60,8 @@ from waychair.ros.messages.reports import Level, Report
 from waychair.ros.messages.sensors import read_battery, read_imu, read_page_joystick, read_scan, read_wheels
 from waychair.ros.mounts import static_transforms
 from waychair.ros.node import ChairNode, run_node
-from waychair.ros_messages import BASE_FRAME, ODOM_FRAME
+from waychair.ros.topics import RosTopic
+from waychair.ros_messages import BASE_FRAME, IMU_FRAME, LASER_FRAME, ODOM_FRAME
 from waychair.runtime.black_box import About, BlackBoxSettings
 from waychair.runtime.drive_base import BaseSettings, DriveBase, Message
 from waychair.runtime.monitor_process import MonitorProcess, Watched
@@ -75,8 +77,10 @@ SILENT_NS = 100_000_000
 OTHER_CLOCK_NS = 500_000_000
 """What is stamped farther from now was held up, or is of another clock (F16)."""
 
+_OPENING_S = 0.02  # a tick waits no longer for a cable that is being opened
 _AHEAD_NS = 50_000_000  # of a request, where /clock ticks
 _TICK_NS = 45_000_000
+_LET_GO_NS = 2_000_000_000  # of silence of a page's joystick: nobody has held it all the time
 _WHEELS_HZ = 10.0
 _WATCH_HZ = 50.0
 _NAMES_NS = 200_000_000  # between two looks at who publishes, as long as there are no more than before
@@ -92,11 +96,21 @@ class BridgeNodeSettings(BaseSettings):
     map_folder: str = setting("", "", "the map whose zones limit the speed; empty: none")
     navigator: str = setting("navigator", "", "the only node whose speeds are obeyed")
     page: str = setting("page", "", "the only node whose joystick is obeyed")
+    scan_frame: str = setting(LASER_FRAME, "", "the only frame whose scans are taken: of the lidar in the chair's file")
+    imu_frame: str = setting(IMU_FRAME, "", "the same of the IMU")
     enable_stamped_cmd_vel: bool = setting(False, "", "cmd_vel is a TwistStamped, as in Nav2 from Kilted on")
     box: str = setting("", "", "folder of the black box; empty: none")
     black_box: BlackBoxSettings = field(default_factory=BlackBoxSettings)
     deaf: bool = setting(False, "", "no speeds are obeyed, whoever sends them: the network is open")
     unattended: bool = setting(False, "", "a goal is its own yes: for a chair that nobody sits in")
+
+    def __post_init__(self) -> None:
+        BaseSettings.__post_init__(self)
+        if self.fitness.seat_switch:
+            raise ConfigError(
+                "fitness.seat_switch = true is impossible: no message of ROS says whether somebody sits in the chair, so "
+                "that it would never drive; leave it out"
+            )
 
 
 @dataclass(slots=True)
@@ -125,7 +139,7 @@ class BridgeNode(ChairNode[BridgeNodeSettings]):
         monitor = MonitorProcess(watched)
         monitor.__enter__()
         self.at_end(lambda: monitor.__exit__(None, None, None))
-        cable = Reconnecting(lambda: transport_from_text(s.cable, "cable"))
+        cable = Reconnecting(lambda: transport_from_text(s.cable, "cable"), patience_s=_OPENING_S)
         zones = load_zones(Path(s.map_folder)) if s.map_folder else ()
         model = None if calibration.dac else DEFAULT
         self._base = DriveBase(calibration, cable, Pose2(), s, model, monitor, zones)
@@ -142,6 +156,7 @@ class BridgeNode(ChairNode[BridgeNodeSettings]):
         self._report_of_tick: DriveReport | None = None
         self._last_stop = ""
         self._watch_of_pages = PageWatch()
+        self._held_ns: int | None = time.monotonic_ns()  # a page's joystick, by all that is known; None: it was let go
         self._placed: Localisation | None = None  # by the last scan that could be
         self._localised_ns, self._place_ns = 0, -OTHER_CLOCK_NS * 1000  # by the scan's stamp, and by the steady clock
         self._motion = {
@@ -158,10 +173,12 @@ class BridgeNode(ChairNode[BridgeNodeSettings]):
         self.publisher(topics.ROBOT_DESCRIPTION)(robot_description(calibration.body))
         self._wheels, self._counts = WheelTicks(0, 0, 0), WheelCounts(self._ticks_per_turn)
         self.every(_WHEELS_HZ, self._show_wheels)
-        self.listen(topics.JOINTS, lambda message: read_wheels(message, self._ticks_per_turn), self._hear_wheels)
-        self.listen(topics.IMU, read_imu, self._hear)
-        self.listen(topics.SCAN, read_scan, self._hear)
-        self.listen(topics.BATTERY, read_battery, self._hear, needed=False)
+        self.listen(
+            _of_whoever(topics.JOINTS), lambda message: read_wheels(message, self._ticks_per_turn), self._hear_wheels
+        )
+        self.listen(topics.IMU, lambda message: read_imu(message, s.imu_frame), self._hear)
+        self.listen(topics.SCAN, lambda message: read_scan(message, s.scan_frame), self._hear)
+        self.listen(_of_whoever(topics.BATTERY), read_battery, self._hear, needed=False)
         self.listen(topics.LOCALISATION, read_localisation, self._locate)
         if s.enable_stamped_cmd_vel:
             self.listen(topics.STAMPED_COMMAND, read_twist_stamped, self._take_stamped, needed=False)
@@ -236,7 +253,9 @@ class BridgeNode(ChairNode[BridgeNodeSettings]):
     def _publish_odometry(self, odometry: Odometry) -> None:
         pose = odometry.odom_from_base
         self._send_odometry(
-            ros_messages.odometry(odometry.stamp_ns, ODOM_FRAME, pose, odometry.twist, odometry.covariance)
+            ros_messages.odometry(
+                odometry.stamp_ns, ODOM_FRAME, pose, odometry.twist, odometry.covariance, self._base.twist_covariance
+            )
         )
         self._send_transform(transform(odometry.stamp_ns, ODOM_FRAME, BASE_FRAME, in_space(pose)))
 
@@ -341,6 +360,11 @@ class BridgeNode(ChairNode[BridgeNodeSettings]):
         A publisher is known here before its first message is, so that none of those is obeyed.
         """
         counts = [self.count_publishers(name) for name in self._motion]
+        if self._held_ns is not None:  # until a page has been there, and silent for long enough
+            if not self._sender_counts[-1]:
+                self._held_ns = now_ns
+            elif now_ns - self._held_ns >= _LET_GO_NS:
+                self._held_ns = None
         if counts == self._sender_counts and now_ns - self._named_ns < _NAMES_NS:
             return
         self._sender_counts, self._named_ns, self._stranger = counts, now_ns, ""
@@ -365,10 +389,17 @@ class BridgeNode(ChairNode[BridgeNodeSettings]):
             self._log.told(what, goals)
 
     def _steered(self, stick: JoystickInput | None) -> None:
-        """A page's joystick; nobody's on an open network, nor what was held up on its way."""
+        """A page's joystick; nobody's on an open network, nor what was held up on its way.
+
+        What was pushed before this node began counts only once it was let go of, or was silent for as long.
+        """
         now_ns = time.monotonic_ns()
+        self._look_for_strangers(now_ns)
         if stick is None or self.settings.deaf:
+            self._held_ns = None
             self._base.let_go(now_ns)
+        elif self._held_ns is not None:
+            self._held_ns = now_ns
         elif self._is_of_now(stick.stamp_ns):
             self._base.steer(stick.forward, stick.turn, now_ns)
 
@@ -424,6 +455,11 @@ class BridgeNode(ChairNode[BridgeNodeSettings]):
         self._tell("reset")
         self._base.reset()
         return True, "the faults were reset; ask for the goal again"
+
+
+def _of_whoever(topic: RosTopic) -> RosTopic:
+    """A topic as it is taken of reliable and of best-effort drivers alike."""
+    return replace(topic, qos=replace(topic.qos, reliable=False))
 
 
 def main(arguments: Sequence[str] | None = None) -> int:

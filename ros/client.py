@@ -24,7 +24,7 @@ from rclpy.action import ActionClient
 from rclpy.context import Context
 from rclpy.node import Node
 
-from waychair.errors import RosError
+from waychair.errors import MessageError, RosError
 from waychair.ros import topics
 from waychair.ros.environment import enter_ros_environment, namespace_arguments
 from waychair.ros.executor import NodeExecutor
@@ -86,6 +86,7 @@ class ChairClient:
         self._executor = NodeExecutor(context=self._context)
         self._executor.add_node(self.node)
         self._heard: dict[str, Any] = {}
+        self._unread: dict[str, str] = {}  # what was wrong with the last message of a topic that could not be read
         self._services: dict[str, Any] = {}
         self._action = ActionClient(
             self.node, interface_type("nav2_msgs/action/NavigateToPose"), topics.NAVIGATE_TO_POSE
@@ -218,6 +219,7 @@ class ChairClient:
 
     def result(self) -> Ended:
         """How the drive ended; unknown while it goes on."""
+        self.is_task_complete(0.0)  # whoever has waited otherwise has not listened
         if self._ended is not None and not self._ended.done() and self._is_deserted:
             return Ended(TaskResult.FAILED, "the navigator does not answer any more: see `waychair status`")
         if self._ended is None or not self._ended.done():
@@ -311,12 +313,15 @@ class ChairClient:
         return bool(answer.success), str(answer.message)
 
     def _first(self, topic: topics.RosTopic, read: Callable[[Any], T], timeout_s: float, sender: str) -> T:
-        """The latest of a topic, from now on; the first call waits for one."""
+        """The latest of a topic, from now on; the first call waits for one. What cannot be read is left out."""
         if topic.name not in self._heard:
             self._heard[topic.name] = None
 
             def take(data: bytes) -> None:
-                self._heard[topic.name] = read(deserialised(data, topic.type))
+                try:
+                    self._heard[topic.name] = read(deserialised(data, topic.type))
+                except MessageError as error:
+                    self._unread[topic.name] = f"; what came cannot be read: {error}"
 
             self.node.create_subscription(
                 interface_type(topic.type), topic.name, take, topics.profile(topic.qos), raw=True
@@ -324,7 +329,8 @@ class ChairClient:
         else:
             self._until(lambda: False, 0.0)
         if not self._until(lambda: self._heard[topic.name] is not None, timeout_s):
-            raise RosError(f"no {sender} says anything within {timeout_s:g} s: start the chair with `waychair up`")
+            why = self._unread.get(topic.name, "")
+            raise RosError(f"no {sender} says anything within {timeout_s:g} s{why}: start the chair with `waychair up`")
         found: T = self._heard[topic.name]
         return found
 

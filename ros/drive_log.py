@@ -61,7 +61,7 @@ class DriveLog:
             self._heard.append(message)
 
     def told(self, what: str, goals: tuple[Goal, ...] = ()) -> None:
-        """Somebody asked for something: go, confirm, stop or reset."""
+        """Somebody asked for something: go, confirm, stop or reset; a cancel is the navigator's, and ends its request."""
         if self._box is not None:
             self._box.told(what, goals)
 

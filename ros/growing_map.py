@@ -20,6 +20,7 @@ from waychair.ros.messages.reports import Level, Report
 from waychair.ros.worker import Worker
 from waychair.runtime.first_motion import rests
 from waychair.runtime.live_mapping import LiveMapping
+from waychair.runtime.map_folders import refuse_drawn, set_aside
 from waychair.runtime.mapping import live_result, save_mapping
 from waychair.runtime.sessions import state_of_map
 from waychair.slam.localiser import Localisation, LocalisationState
@@ -63,6 +64,7 @@ class GrowingMap:
         self._odometry: Odometry | None = None
         self._shift = Pose2()  # of the odometry since it began anew
         self._drawn: tuple[int, int, int] | None = None
+        self._folders: set[Path] = set()  # to which it was written; what is drawn there is drawn on it
 
     def report(self) -> Report:
         """Whether the map keeps up with the chair."""
@@ -99,10 +101,20 @@ class GrowingMap:
         self._ask(lambda: self._write(folder), saved)
 
     def keep(self, folder: Path) -> str:
-        """At the node's end, when its worker has ended: map what waits and write it; what went wrong, or ''."""
+        """At the node's end, when its worker has ended: map what waits and write it; what went wrong, or ''.
+
+        Another map that somebody has drawn on makes way, under a name of its own.
+        """
         while self._frames:
             self._map(self._frames.popleft())
-        return self._write(folder) if self._live.mapper.frames else ""
+        if not self._live.mapper.frames:
+            return ""
+        try:
+            if folder.resolve() not in self._folders:
+                set_aside(folder)
+        except WaychairError as error:
+            return str(error)
+        return self._write(folder)
 
     def _take(self, frames: tuple[SensorFrame, ...]) -> None:
         for frame in frames:
@@ -174,9 +186,12 @@ class GrowingMap:
 
     def _write(self, folder: Path) -> str:
         try:
+            if folder.resolve() not in self._folders:
+                refuse_drawn(folder)
             mapping = live_result(self._live, folder, "live, scans /scan, odometry /odom, IMU /imu/data")
             state = state_of_map(self._live, None, "")
             save_mapping(folder, replace(mapping, state=state), self._live.settings)
+            self._folders.add(folder.resolve())
         except WaychairError as error:
             return str(error)
         return ""

@@ -22,6 +22,9 @@ T = TypeVar("T")
 CLOCK_ERROR_NS = 5_000_000_000
 """A message that has just come but is stamped as far away as this comes from another clock."""
 
+IMPOSSIBLE = (ArithmeticError, AssertionError, IndexError, TypeError, ValueError)
+"""What reading may come to with numbers that nobody thought of; no message ends a node."""
+
 _KEPT_S = 0.1  # of messages that wait while the node is busy
 
 SLOW = 0.8
@@ -45,8 +48,8 @@ class Input(Generic[T]):
     ) -> None:
         """`read` makes a noun of a plain message, `take` is told it, in the executor's thread.
 
-        A message that `read` refuses (`MessageError`) is counted and reported, and nobody is told it. An input that is
-        not `needed` may stay silent.
+        A message that `read` refuses (`MessageError`), or cannot read, is counted and reported, and nobody is told it.
+        An input that is not `needed` may stay silent.
         """
         from rclpy.event_handler import SubscriptionEventCallbacks
 
@@ -144,6 +147,11 @@ class Input(Generic[T]):
             noun = self._read(message)
         except MessageError as error:
             self._refused = str(error)
+            return
+        except IMPOSSIBLE as error:
+            self._refused = (
+                f"{self.name} holds what cannot be ({str(error) or type(error).__name__}): check what sends it"
+            )
             return
         header = getattr(message, "header", None)
         self.stamp_ns = self._now_ns() if header is None else nanoseconds(header.stamp)

@@ -13,7 +13,8 @@
 | localisation, amcl_pose | where each scan was taken, and how far that can be trusted |
 
 Services: `map_server/load_map`, `map_saver/save_map` (nav2_msgs), `reinitialize_global_localization` (std_srvs/Empty), and
-`amcl/get_state` (lifecycle_msgs), for scripts that wait for Nav2's localiser.
+`amcl/get_state` (lifecycle_msgs), for scripts that wait for Nav2's localiser. Another map than that of `map_folder` is
+one without its places and zones: the other nodes have theirs from the `map_folder` that they were started with.
 With a map it localises: where the chair stood when the node last ran, where `start` says, or from nowhere. Without one,
 or with `mapping`, it maps: as `waychair map` would map a bag of the same drive.
 """
@@ -33,12 +34,10 @@ from rclpy.callback_groups import MutuallyExclusiveCallbackGroup
 from rclpy.task import Future
 
 from waychair.config import Settings, setting
-from waychair.errors import ConfigError, OutputError, WaychairError
+from waychair.errors import ConfigError, MapNotFound, OutputError, WaychairError
 from waychair.geometry import in_space
 from waychair.maps.depth_layer import load_depth_layer, scanned_part
-from waychair.maps.map_files import load_map, save_map
-from waychair.maps.places import load_places, save_places
-from waychair.maps.zones import load_zones, save_zones
+from waychair.maps.map_files import load_map
 from waychair.ros import topics
 from waychair.ros.active_state import answer_for
 from waychair.ros.inputs import CLOCK_ERROR_NS
@@ -54,11 +53,13 @@ from waychair.ros.messages.motion import (
 )
 from waychair.ros.messages.reports import Level, Report
 from waychair.ros.messages.sensors import read_imu, read_scan
+from waychair.ros.messages.wire import native
 from waychair.ros.node import ChairNode, run_node
 from waychair.ros.topics import RosTopic
-from waychair.ros_messages import MAP_FRAME, ODOM_FRAME
+from waychair.ros_messages import IMU_FRAME, LASER_FRAME, MAP_FRAME, ODOM_FRAME
 from waychair.runtime.last_pose import remember_pose, remembered_pose
 from waychair.runtime.live_mapping import LiveMapping, LiveMappingSettings
+from waychair.runtime.map_folders import copy_map
 from waychair.runtime.odometry_track import OdometryTrack
 from waychair.slam.localiser import Localisation, LocalisationState, Localiser, LocaliserSettings, saved_map
 from waychair.types import Odometry, Pose2, Scan
@@ -71,6 +72,7 @@ _MAP_HZ = 0.5
 _PATIENCE_S = 2.0
 _REMEMBER_HZ = 4.0
 _MOVED = 0.05  # m and rad beyond which the pose is worth remembering
+_ANYWHERE = np.diag([1e4, 1e4, math.pi**2])  # m2, m2, rad2: covariance of a place that is not known
 
 
 @dataclass(frozen=True, slots=True)
@@ -86,6 +88,8 @@ class MapperNodeSettings(Settings):
     keep: str = setting(
         "", "", "folder for a map that is made, written when the node ends; empty: only when it is asked for"
     )
+    scan_frame: str = setting(LASER_FRAME, "", "the only frame whose scans are taken: of the lidar in the chair's file")
+    imu_frame: str = setting(IMU_FRAME, "", "the same of the IMU")
     localiser: LocaliserSettings = field(default_factory=LocaliserSettings)
     live: LiveMappingSettings = field(default_factory=LiveMappingSettings)
 
@@ -93,8 +97,8 @@ class MapperNodeSettings(Settings):
 class MapperNode(ChairNode[MapperNodeSettings]):
     """A `Localiser` or a `GrowingMap`, and what it needs of the odometry."""
 
-    def __init__(self) -> None:
-        super().__init__("mapper", MapperNodeSettings)
+    def __init__(self, arguments: Sequence[str] | None = None) -> None:
+        super().__init__("mapper", MapperNodeSettings, arguments=arguments)
         s = self.settings
         calibration = known_chair(s.calibration, s.chair)
         self._calibration, self._body = calibration, calibration.body
@@ -114,7 +118,7 @@ class MapperNode(ChairNode[MapperNodeSettings]):
         if self._growing is not None:
             odometry, scan = _all_of(odometry), _all_of(scan)
         self.listen(odometry, read_odometry, self._move)
-        self.listen(scan, read_scan, self._see)
+        self.listen(scan, lambda message: read_scan(message, s.scan_frame), self._see)
         self.listen(
             topics.INITIAL_POSE, read_pose_with_covariance, lambda given: self._set_pose(given[0]), needed=False
         )
@@ -139,7 +143,7 @@ class MapperNode(ChairNode[MapperNodeSettings]):
         growing = GrowingMap(
             self.worker, lambda: LiveMapping(s.live, self._body.base_from_laser, self._body), self._publish
         )
-        self.listen(_all_of(topics.IMU), read_imu, growing.feel, needed=False)
+        self.listen(_all_of(topics.IMU), lambda message: read_imu(message, s.imu_frame), growing.feel, needed=False)
         self.every(_MAP_HZ, self._publish_growing_map)
         return growing
 
@@ -171,7 +175,7 @@ class MapperNode(ChairNode[MapperNodeSettings]):
         scanned = scanned_part(grid, load_depth_layer(folder, grid))
         self._folder, self._grid = folder, grid
         self._localiser = Localiser(scanned, self._body.base_from_laser, start, self.settings.localiser)
-        self._growing = None
+        self._found = self._remembered = None  # of another map
         self._send_map(occupancy_grid(self.now_ns(), grid))
 
     def _first_pose(self) -> Pose2 | None:
@@ -202,7 +206,7 @@ class MapperNode(ChairNode[MapperNodeSettings]):
             return
         self._remembered = pose
         try:
-            remember_pose(Path(s.remember), Path(s.map_folder), pose)
+            remember_pose(Path(s.remember), self._folder, pose)
         except OutputError as error:
             self.get_logger().warning(str(error), throttle_duration_sec=60.0)
 
@@ -279,7 +283,9 @@ class MapperNode(ChairNode[MapperNodeSettings]):
     def _publish(self, stamp_ns: int, found: Localisation) -> None:
         self._found = stamp_ns, found
         self._send_found(localisation(stamp_ns, found))
-        self._send_pose(pose_with_covariance(stamp_ns, found.map_from_base, found.covariance))
+        known = found.covariance is not None and found.state is not LocalisationState.LOST
+        covariance = found.covariance if known else _ANYWHERE
+        self._send_pose(pose_with_covariance(stamp_ns, found.map_from_base, covariance))
 
     def _repeat(self) -> None:
         """Show that this node lives, and keep the transform fresh."""
@@ -295,16 +301,29 @@ class MapperNode(ChairNode[MapperNodeSettings]):
 
     def _load(self, request: Any, response: Any) -> Any:
         """nav2_msgs/srv/LoadMap; the URL is a map folder's or its map.yaml's."""
+        if self._growing is not None:
+            self.get_logger().error("a map is being made: save it, then start the chair anew with the other map")
+            response.result = response.RESULT_UNDEFINED_FAILURE
+            return response
         try:
             self._use(Path(request.map_url.removeprefix("file://")), None)
-            response.result = response.RESULT_SUCCESS
         except WaychairError as error:
             self.get_logger().error(str(error))
-            response.result = response.RESULT_INVALID_MAP_DATA
+            missing = isinstance(error, MapNotFound)
+            response.result = response.RESULT_MAP_DOES_NOT_EXIST if missing else response.RESULT_INVALID_MAP_DATA
+            return response
+        self.get_logger().warning(
+            f"the map is that of {self._folder}; places and zones stay those of the map_folder of each node"
+        )
+        response.map = native(occupancy_grid(self.now_ns(), self._grid))
+        response.result = response.RESULT_SUCCESS
         return response
 
     async def _save(self, request: Any, response: Any) -> Any:
-        """nav2_msgs/srv/SaveMap, into the folder that the URL names: all of a map, with its places and zones."""
+        """nav2_msgs/srv/SaveMap, into the folder that the URL names: all that belongs to the map of this node.
+
+        Topic, format, mode and thresholds of the request count for nothing.
+        """
         folder = Path(request.map_url.removeprefix("file://"))
         saved: Any = Future()
         if self._growing is not None:
@@ -320,10 +339,7 @@ class MapperNode(ChairNode[MapperNodeSettings]):
     def _copy_map(self, folder: Path) -> str:
         """What went wrong, or an empty sentence."""
         try:
-            known = self._folder
-            save_map(folder, self._grid)
-            save_places(folder, load_places(known))
-            save_zones(folder, load_zones(known))
+            copy_map(self._folder, folder)
         except WaychairError as error:
             return str(error)
         return ""

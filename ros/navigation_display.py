@@ -22,7 +22,8 @@ from waychair.ros.node import ChairNode
 from waychair.types import UNKNOWN, OccupancyGrid, Path, Pose2
 
 _PEOPLE_EVERY, _NEAR_EVERY = 2, 10  # ticks
-_LOOK_HZ = 1.0
+_LOOK_HZ, _PLAN_NS = 1.0, 1_000_000_000
+_NO_WAY = Path(np.empty((0, 3)))
 _OCCUPIED, _CLOSED, _DEAREST = 100, 99, 98
 _SCALING, _INFLATION = 3.0, 0.7
 """How fast costs fall with the distance [1/m], and how far from things there are any [m]: those of nav2_bringup."""
@@ -37,7 +38,7 @@ class NavigationDisplay:
     def __init__(self, node: ChairNode[Any], body: ChairBody) -> None:
         self._node, self._body = node, body
         self._ticks = 0
-        self._shown: Path | None = None
+        self._plan, self._plan_ns, self._has_local = _NO_WAY, 0, False  # as they were sent last
         self._priced: Callable[[], Costmap] | None = None  # what has not been shown yet
         self._send_plan, self._send_local = node.publisher(topics.PLAN), node.publisher(topics.LOCAL_PLAN)
         self._send_people, self._send_costmap = node.publisher(topics.PEOPLE), node.publisher(topics.GLOBAL_COSTMAP)
@@ -55,9 +56,7 @@ class NavigationDisplay:
         """A tick of the navigator, and what came of it."""
         self._ticks += 1
         now_ns, odom = self._node.now_ns(), topics.ODOMETRY.frame
-        if navigation.path is not None and navigation.path is not self._shown:
-            self._shown = navigation.path
-            self._send_plan(path(now_ns, navigation.path))
+        self._show_plan(now_ns, navigation.path if navigator.active else None)
         if self._ticks % _PEOPLE_EVERY == 0:
             self._send_people(points(now_ns, transform_points(map_from_odom, navigator.people)))
         if self._ticks % _NEAR_EVERY == 0 and self._is_watched(topics.LOCAL_COSTMAP):
@@ -69,6 +68,25 @@ class NavigationDisplay:
         choice = navigation.choice
         if choice is not None and navigation.driving and len(choice.arc) > 1:
             self._send_local(path(now_ns, Path(np.asarray(choice.arc, np.float64)), odom))
+            self._has_local = True
+        if not navigator.active:
+            self.clear()
+
+    def clear(self) -> None:
+        """No drive is under way: no plan stays to be seen."""
+        now_ns = self._node.now_ns()
+        self._show_plan(now_ns, None)
+        if self._has_local:
+            self._send_local(path(now_ns, _NO_WAY, topics.ODOMETRY.frame))
+            self._has_local = False
+
+    def _show_plan(self, now_ns: int, way: Path | None) -> None:
+        """At each change, and now and then for those who come late; an empty one once the drive is over."""
+        way = way or _NO_WAY
+        again = len(way.poses) > 0 and abs(now_ns - self._plan_ns) > _PLAN_NS
+        if way is not self._plan or again:
+            self._send_plan(path(now_ns, way))
+            self._plan, self._plan_ns = way, now_ns
 
     def _look(self) -> None:
         """Whether somebody wants the costmap; who comes later than others gets the same, for it is latched."""

@@ -64,6 +64,7 @@ from waychair.ros.navigate_action import NavigateAction, Progress
 from waychair.ros.navigation_display import NavigationDisplay
 from waychair.ros.node import ChairNode, run_node
 from waychair.ros.tick_phase import TickPhase
+from waychair.ros_messages import LASER_FRAME
 from waychair.runtime.odometry_track import OdometryTrack
 from waychair.runtime.pilot import Pilot, PilotSettings
 from waychair.slam.localisation import Localisation
@@ -88,6 +89,7 @@ class NavigatorNodeSettings(PilotSettings):
     chair: str = setting("A", "", "the simulated chair, where there is no file")
     map_folder: str = setting("", "", "the map's folder, for its places and zones; empty: none")
     camera: bool = setting(True, "", "whether to look for floor edges and low things with the camera")
+    scan_frame: str = setting(LASER_FRAME, "", "the only frame whose scans are taken: of the lidar in the chair's file")
     enable_stamped_cmd_vel: bool = setting(False, "", "cmd_vel is a TwistStamped, as in Nav2 from Kilted on")
 
 
@@ -114,6 +116,7 @@ class NavigatorNode(ChairNode[NavigatorNodeSettings]):
         self._frame: RgbdFrame | None = None
         self._looked_ns: int | None = None  # when the camera spoke
         self._goal, self._goal_id, self._began_ns, self._ticks = Pose2(), NO_GOAL, 0, 0
+        self._recoveries = 0  # before this goal
         self._navigation: Navigation | None = None
         self._limit = math.inf
 
@@ -127,7 +130,7 @@ class NavigatorNode(ChairNode[NavigatorNodeSettings]):
         self.listen(topics.MAP, read_occupancy_grid, self._take_map)
         self.listen(topics.ODOMETRY, read_odometry, self._move)
         self.listen(topics.LOCALISATION, read_localisation, self._locate)
-        self.listen(topics.SCAN, read_scan, self._see)
+        self.listen(topics.SCAN, lambda message: read_scan(message, s.scan_frame), self._see)
         self.listen(topics.DRIVE_STATE, read_drive_state, self._obey)
         self._listen_to_sonars()
         if s.camera:
@@ -164,6 +167,7 @@ class NavigatorNode(ChairNode[NavigatorNodeSettings]):
             raise ConfigError(missing)
         self._pilot.go(self._tolerant(goal))
         self._goal, self._goal_id, self._began_ns = goal, goal_id, time.monotonic_ns()
+        self._recoveries = self._pilot.navigator.recovery.begun
 
     def cancel(self) -> None:
         """Of the action, and of everybody: come to rest, the goal is given up."""
@@ -321,6 +325,8 @@ class NavigatorNode(ChairNode[NavigatorNodeSettings]):
             pilot.drop(missing)
         if pilot is None or pose is None or self._located is None or self._is_late(now_ns):
             self._send(Twist(), self._request(now_ns))
+            if pilot is None or not pilot.navigator.active:
+                self._display.clear()
             self._tell_action()
             return
         self._placed_ns = steady_ns
@@ -396,12 +402,13 @@ class NavigatorNode(ChairNode[NavigatorNodeSettings]):
 
     def _tell_progress(self, pose: Pose2 | None) -> None:
         navigation = self._navigation
-        if pose is None or navigation is None:
+        if pose is None or navigation is None or self._pilot is None:
             return
+        recoveries = self._pilot.navigator.recovery.begun - self._recoveries
         left = _way_left(navigation.path, pose)
         elapsed_s = (time.monotonic_ns() - self._began_ns) * 1e-9
         seconds = left / max(self.settings.limiter.max_speed / 2, 0.05)
-        self._action.tell(Progress(pose, elapsed_s, seconds, max(0, navigation.plans - 1), left))
+        self._action.tell(Progress(pose, elapsed_s, seconds, recoveries, left))
 
 
 def _way_left(way: Path | None, pose: Pose2) -> float:

@@ -15,15 +15,17 @@ It calls `confirm`, `cancel`, `stop`, `reset_faults`, `reinitialize_global_local
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Iterable
 from contextlib import AbstractContextManager
 from dataclasses import dataclass
 from pathlib import Path
 
 from waychair.config import Settings, setting
 from waychair.ros.known_chair import known_chair
+from waychair.ros.messages.reports import Report
 from waychair.ros.node import ChairNode
 from waychair.ros.page_port import PagePort
+from waychair.ros_messages import LASER_FRAME
 from waychair.runtime.chair_port import ChairPort
 
 _LOOK_HZ = 5.0
@@ -36,6 +38,7 @@ class PageNodeSettings(Settings):
     calibration: str = setting("", "", "the chair's file; empty: a simulated chair's")
     chair: str = setting("A", "", "the simulated chair, where there is no file")
     map_folder: str = setting("", "", "the map that is driven on, for what is drawn on it; empty: none")
+    scan_frame: str = setting(LASER_FRAME, "", "the only frame whose scans are taken: of the lidar in the chair's file")
     host: str = setting("127.0.0.1", "", "address that the page is served on")
     port: int = setting(8000, "", "and its port", low=1, high=65535)
 
@@ -48,9 +51,13 @@ class PageNode(ChairNode[PageNodeSettings]):
         super().__init__("page", PageNodeSettings)
         s = self.settings
         folder = Path(s.map_folder) if s.map_folder else None
-        port = PagePort(self, known_chair(s.calibration, s.chair), folder)
+        self._port = port = PagePort(self, known_chair(s.calibration, s.chair), folder, s.scan_frame)
         self.every(_LOOK_HZ, port.look)
         server = serve(port, s)
         address = server.__enter__()
         self.at_end(lambda: server.__exit__(None, None, None))
         self.get_logger().info(f"the page is at {address.partition('#')[0]}")
+
+    def reports(self) -> Iterable[Report]:
+        """Whether its pictures can be shown."""
+        return self._port.reports()

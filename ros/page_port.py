@@ -9,7 +9,7 @@ import math
 import resource
 import threading
 import time
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Iterable, Sequence
 from dataclasses import replace
 from pathlib import Path
 from typing import Any
@@ -20,10 +20,11 @@ from rclpy.action import ActionClient
 
 from waychair.calibration.calibration_file import ChairCalibration
 from waychair.control.navigator import Stage
-from waychair.errors import WaychairError
+from waychair.errors import RecordingError, WaychairError
 from waychair.maps.layout import Layout as Drawings
 from waychair.maps.places import find
 from waychair.ros import topics
+from waychair.ros.inputs import IMPOSSIBLE
 from waychair.ros.interface_types import interface_type
 from waychair.ros.messages.chair import (
     DriveReport,
@@ -36,11 +37,12 @@ from waychair.ros.messages.chair import (
 )
 from waychair.ros.messages.maps import read_occupancy_grid
 from waychair.ros.messages.motion import pose_stamped, pose_with_covariance, read_odometry, read_path, read_points
+from waychair.ros.messages.reports import Level, Report
 from waychair.ros.messages.sensors import joy, read_scan
 from waychair.ros.messages.wire import native
 from waychair.ros.node import ChairNode
 from waychair.ros_decoding import picture_from_message
-from waychair.ros_messages import make
+from waychair.ros_messages import LASER_FRAME, make
 from waychair.runtime.chair_port import ANSWER_S, Answer, ChairView, Layout
 from waychair.runtime.chair_story import Scene, next_action, obstacle_of, shown_points
 from waychair.runtime.drawing_port import DrawingPort
@@ -64,8 +66,15 @@ _NOWHERE = np.empty((0, 2))
 class PagePort(DrawingPort):
     """A `ChairPort` over the nodes that a node of this process hears."""
 
-    def __init__(self, node: ChairNode[Any], calibration: ChairCalibration, map_folder: Path | None) -> None:
+    def __init__(
+        self,
+        node: ChairNode[Any],
+        calibration: ChairCalibration,
+        map_folder: Path | None,
+        scan_frame: str = LASER_FRAME,
+    ) -> None:
         """`map_folder`: of the map that the nodes drive on; None while one is made."""
+        self._scan_frame = scan_frame
         self._node, self._calibration, self._map_folder = node, calibration, map_folder
         self._state: DriveReport | None = None
         self._told_ns = self._free_since_ns = 0
@@ -82,6 +91,7 @@ class PagePort(DrawingPort):
         self._camera: Any = None
         self._picture: tuple[int, bytes] | None = None
         self._asked_picture_ns = 0
+        self._unseen = ""  # why there is no picture
         self._listen()
         self._send_stick = node.publisher(topics.PAGE_JOYSTICK)
         self._send_watch, self._send_layout = node.publisher(topics.PAGE_WATCH), node.publisher(topics.LAYOUT)
@@ -100,7 +110,7 @@ class PagePort(DrawingPort):
         listen(topics.DRIVE_REQUEST, read_drive_request, self._take_request)
         listen(topics.LOCALISATION, read_localisation, self._take_place)
         listen(topics.ODOMETRY, read_odometry, self._take_odometry)
-        listen(topics.SCAN, read_scan, self._take_scan)
+        listen(topics.SCAN, lambda message: read_scan(message, self._scan_frame), self._take_scan)
         listen(topics.PLAN, read_path, self._take_way, needed=False)
         listen(topics.PEOPLE, read_points, self._take_people, needed=False)
         listen(topics.MAP, read_occupancy_grid, self._take_grid, needed=False)
@@ -174,6 +184,11 @@ class PagePort(DrawingPort):
         self._asked_picture_ns = time.monotonic_ns()
         return None if self._picture is None else self._picture[1]
 
+    def reports(self) -> Iterable[Report]:
+        """What is wrong with the camera's pictures, while somebody looks at them."""
+        if self._camera is not None:
+            yield Report("camera", Level.WARN if self._unseen else Level.OK, self._unseen)
+
     def look(self) -> None:
         """To be called now and then in the executor's thread: begins or ends listening to the camera."""
         looks = time.monotonic_ns() - self._asked_picture_ns < _LOOKS_NS
@@ -183,7 +198,7 @@ class PagePort(DrawingPort):
             self._camera = self._node.create_subscription(kind, topics.COLOUR.name, self._take_picture, qos)
         elif not looks and self._camera is not None:
             self._node.destroy_subscription(self._camera)
-            self._camera = self._picture = None
+            self._camera, self._picture, self._unseen = None, None, ""
 
     def go(self, goal: str | Pose2) -> Answer:
         """See `ChairPort`."""
@@ -366,11 +381,14 @@ class PagePort(DrawingPort):
         now_ns = time.monotonic_ns()
         if self._picture is not None and now_ns - self._picture[0] < _PICTURE_NS:
             return
-        pixels = picture_from_message(message)
-        colours = pixels[..., ::-1] if pixels.ndim == 3 else pixels
-        done, data = cv2.imencode(".jpg", np.ascontiguousarray(colours))
-        if done:
-            self._picture = now_ns, bytes(data)
+        try:
+            pixels = picture_from_message(message)
+            colours = pixels[..., ::-1] if pixels.ndim == 3 else pixels
+            data = cv2.imencode(".jpg", np.ascontiguousarray(colours))[1]
+        except (RecordingError, cv2.error, *IMPOSSIBLE) as error:
+            self._picture, self._unseen = None, f"a picture cannot be read: {error}"
+            return
+        self._picture, self._unseen = (now_ns, bytes(data)), ""
 
     def _panel(self) -> dict[str, float]:
         """Figures for engineers."""

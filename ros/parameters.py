@@ -13,6 +13,7 @@ import yaml
 from waychair.config import Settings, from_mapping
 from waychair.errors import ConfigError
 from waychair.ros.interface_types import interface_type
+from waychair.yaml_files import yaml_from_text
 
 S = TypeVar("S", bound=Settings)
 
@@ -101,10 +102,7 @@ def descriptor(leaf: Leaf, *, dynamic: bool) -> Any:
 def _from_text(name: str, value: Any, where: str) -> Any:
     if not isinstance(value, str):
         return _listed(value)
-    try:
-        return yaml.safe_load(value)
-    except yaml.YAMLError as error:
-        raise ConfigError(f"{where}: {name} is not YAML: {' '.join(str(error).split())}") from error
+    return yaml_from_text(value, f"{where}: {name}", ConfigError)
 
 
 def _listed(value: Any) -> Any:

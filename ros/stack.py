@@ -123,9 +123,12 @@ def processes(stack: Stack) -> tuple[Process, ...]:
 
 
 def _known_map(stack: Stack, folder: Path) -> tuple[Path, Pose2 | None] | None:
-    """Folder of the map and where the chair stands on it, if that is known; None while one is being made."""
+    """The map's folder, or its YAML file where that has a name of its own, and where the chair stands on it, if that is
+    known; None while a map is being made."""
     if stack.map_folder is not None:
-        return yaml_path(stack.map_folder).parent.resolve(), None
+        path = yaml_path(stack.map_folder)
+        folder = path.parent.resolve()
+        return folder if path.name == MAP_YAML else folder / path.name, None
     if stack.mapping:
         return None
     world = load_world(stack.world)

@@ -28,7 +28,7 @@ from waychair import __version__
 from waychair.calibration.calibration_file import ChairCalibration, content_hash
 from waychair.config import Settings, dump, setting
 from waychair.control.supervisor import DRIVEN
-from waychair.errors import BoxError
+from waychair.errors import BoxError, WaychairError
 from waychair.firmware_bridge.protocol import HelloReply
 from waychair.runtime.black_box_events import Event, Watch
 from waychair.runtime.black_box_file import (
@@ -129,12 +129,13 @@ class BlackBox:
         Raises:
             BoxError: another program writes to it, or it cannot be written to.
         """
-        self._lock = Locked(self.folder)
-        try:
-            self._writer = _Writer(self.folder, self._head, self.settings)
-        except OSError as error:
-            self._lock.__exit__()
-            raise BoxError(f"cannot write the black box {self.folder}: {error.strerror or error}") from error
+        with contextlib.ExitStack() as undone:
+            self._lock = undone.enter_context(Locked(self.folder))
+            try:
+                self._writer = _Writer(self.folder, self._head, self.settings)
+            except (OSError, WaychairError) as error:
+                raise BoxError(f"cannot write the black box {self.folder}: {_why(error)}") from error
+            undone.pop_all()
         self._thread = threading.Thread(target=self._work, name="black box", daemon=True)
         self._thread.start()
         return self
@@ -197,8 +198,9 @@ class BlackBox:
 
     def _give_up(self, error: Exception) -> None:
         """Say so once; what was logged stays."""
-        why = error.strerror if isinstance(error, OSError) and error.strerror else str(error) or type(error).__name__
-        self.problem = f"the black box {self.folder} logs no more: {why}; make room or mend it, then start again"
+        self.problem = (
+            f"the black box {self.folder} logs no more: {_why(error)}; make room or mend it, then start again"
+        )
         self._writer.give_up(self.problem)
         _LOGGER.warning("%s", self.problem)
 
@@ -228,8 +230,7 @@ class _Writer:
             return
         event, log, segments = left
         span_ns = event.stamp_ns - round(self._settings.before_s * 1e9), event.stamp_ns
-        part = self._parts.open(event, log.head, segments, span_ns)
-        self._parts.save(replace(part, closed=True))
+        self._parts.close(self._parts.open(event, log.head, segments, span_ns))
         finish(folder, event.text)
 
     def take(self, noted: _Noted | Told, lost: int) -> None:
@@ -320,5 +321,9 @@ class _Writer:
         over = [part for part in self._open if now_ns is None or not part.begin_ns <= now_ns <= part.end_ns]
         self._keep_up(over)
         for part in over:
-            self._parts.save(replace(part, closed=True))
+            self._parts.close(part)
             self._open.remove(part)
+
+
+def _why(error: Exception) -> str:
+    return error.strerror if isinstance(error, OSError) and error.strerror else str(error) or type(error).__name__

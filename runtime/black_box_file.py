@@ -125,7 +125,7 @@ class Tick:
 
 @dataclass(frozen=True, slots=True)
 class Told:
-    """What somebody asked of the chair after the tick before: go (with its goals), confirm, stop or reset."""
+    """What somebody asked of the chair after the tick before: go (with its goals), confirm, cancel, stop or reset."""
 
     what: str
     goals: tuple[Goal, ...] = ()

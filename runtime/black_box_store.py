@@ -27,7 +27,7 @@ import msgspec
 
 from waychair.calibration.calibration_file import SCHEMA
 from waychair.errors import BoxError
-from waychair.files import write_json, write_text
+from waychair.files import sync_folder, write_json, write_text
 from waychair.runtime.black_box_events import OTHERS, Event, Gravity
 from waychair.runtime.black_box_file import End, Head, Log, Tick, encoded, read_end, read_head, read_log
 
@@ -214,12 +214,12 @@ class Parts:
     def __init__(self, folder: Path, bounds: Bounds) -> None:
         self._box, self._folder, self._bounds = folder, folder / PARTS, bounds
         self._folder.mkdir(parents=True, exist_ok=True)
+        self._written: set[Path] = set()  # folders of parts that this run has not closed yet
 
     def open(self, event: Event, head: Head, segments: Sequence[Segment], span_ns: tuple[int, int]) -> Part:
-        """Keep the segments of a span round an event; then drop what exceeds the bounds."""
-        taken = [part.number for part in parts_of(self._box)]
+        """Keep the segments of a span round an event, until it is closed; then drop what exceeds the bounds."""
         part = Part(
-            self._folder / f"{max(taken, default=0) + 1:04d}-{event.id}",
+            self._folder / f"{self._next_number():04d}-{event.id}",
             head.session,
             (event,),
             *span_ns,
@@ -228,6 +228,7 @@ class Parts:
             {} if head.board is None else msgspec.to_builtins(head.board),
         )
         part.folder.mkdir()
+        self._written.add(part.folder)
         write_text(part.folder / "configuration.yaml", head.configuration)
         known = {"schema": SCHEMA, **head.calibration, "hash": head.calibration_hash}
         write_json(part.folder / "calibration.json", known)
@@ -257,12 +258,27 @@ class Parts:
         sync_folder(part.folder)
         sync_folder(self._folder)
 
+    def close(self, part: Part) -> None:
+        """Nothing more will belong to it."""
+        self.save(replace(part, closed=True))
+        self._written.discard(part.folder)
+        self._drop_least()
+
+    def _next_number(self) -> int:
+        """Of all folders that there are: who died while it made one has left nothing that can be read."""
+        begun = (path.name.split("-")[0] for path in self._folder.iterdir())
+        return max((int(number) for number in begun if number.isdecimal()), default=0) + 1
+
     def _drop_least(self) -> None:
-        """Too many: pauses before ends, of those the unread, of those the oldest; never the newest."""
+        """Too many: pauses before ends, of those the unread, of those the oldest; never the newest, nor what is written.
+
+        Those that are still written are dropped when they are closed.
+        """
         kept = parts_of(self._box)
         order = sorted(kept[:-1], key=lambda part: (part.gravity is not Gravity.PAUSE, part.read, part.number))
         for part in order[: max(0, len(kept) - self._bounds.parts)]:
-            shutil.rmtree(part.folder, ignore_errors=True)
+            if part.folder not in self._written:
+                shutil.rmtree(part.folder, ignore_errors=True)
 
 
 class Locked:
@@ -364,15 +380,6 @@ def finish(folder: Path, problem: str) -> None:
     """Say at the end of the ring that its last run is accounted for."""
     with segment_files(folder)[-1].open("ab") as file:
         file.write(encoded(End(problem)))
-
-
-def sync_folder(folder: Path) -> None:
-    """Have the disk keep the folder's list of files."""
-    descriptor = os.open(folder, os.O_RDONLY | os.O_DIRECTORY)
-    try:
-        os.fsync(descriptor)
-    finally:
-        os.close(descriptor)
 
 
 def with_event(part: Part, event: Event, after_ns: int) -> Part:

@@ -75,7 +75,7 @@ class ChairWatcher(Protocol):
     """Who looks on while a chair drives, as a black box does. It must neither wait nor raise."""
 
     def told(self, what: str, goals: tuple[Goal, ...] = ()) -> None:
-        """Somebody asked for something: go (to these goals), confirm, cancel, stop or reset."""
+        """Somebody asked for something: go (to these goals), confirm, cancel, stop or reset; nothing else is told."""
 
     def note(self, heard: tuple[Message, ...], state: ChairState, board: HelloReply | None) -> None:
         """A tick is over: what was heard in it, what came of it, and what the board said of itself."""
@@ -100,8 +100,8 @@ class Chair:
     ) -> None:
         """See `DriveBase` and `Pilot`; `start` None: it has to find out where it is.
 
-        `scanned` is the map as a lidar sees it, where a camera has drawn into it, too; `watcher` is told all that
-        the chair is told, and what it does.
+        `scanned` is the map as a lidar sees it, where a camera has drawn into it, too; `watcher` is told what the chair
+        is asked for (see `ChairWatcher.told`), and tick by tick what it hears and does: steering shows in who drives.
 
         Raises:
             BridgeError: the chair's name is too long for a board.
@@ -135,6 +135,7 @@ class Chair:
 
         Raises:
             UnknownPlace: one is not on the map.
+            GoalTooExact: one is to be reached more closely than a chair can stop.
         """
         self._pilot.go(goal, *further)
         self._base.request()

@@ -133,17 +133,20 @@ class ChairPort(Protocol):
     def release(self) -> Answer:
         """The page's joystick was let go."""
 
-    def place_here(self, name: str, tolerance_m: float, tolerance_rad: float) -> Answer:
-        """Save where the chair stands as a place."""
+    def place_here(self, name: str, tolerance_m: float, tolerance_rad: float, replaces: bool = False) -> Answer:
+        """Save where the chair stands as a place; one of that name stays as it is unless this `replaces` it."""
 
-    def set_place(self, place: Place) -> Answer:
-        """Add or change a place."""
+    def set_place(self, place: Place, replaces: bool = False) -> Answer:
+        """Add a place, or change the one that this `replaces`."""
+
+    def rename_place(self, name: str, new_name: str) -> Answer:
+        """Give a place another name, which no other has."""
 
     def remove_place(self, name: str) -> Answer:
         """Forget a place."""
 
-    def set_zone(self, zone: Zone) -> Answer:
-        """Draw a zone, or draw the one of that name anew."""
+    def set_zone(self, zone: Zone, replaces: bool = False) -> Answer:
+        """Draw a zone, or draw the one anew that this `replaces`."""
 
     def remove_zone(self, name: str) -> Answer:
         """Forget a zone."""
@@ -158,7 +161,8 @@ class ChairPort(Protocol):
         """Find out anew where the chair stands, near a pose in map if one is given."""
 
     def watched(self, pages: Sequence[str]) -> None:
-        """Called at 5 Hz or more with the ids of the pages that are open and answer.
+        """Called at 10 Hz or more with the ids of the pages that are open and answer.
 
-        A drive that a page has begun ends when no page is left to press Stop on, or when these calls cease for 1 s.
+        A drive that a page has begun ends within 1 s of the last answer of the last page to press Stop on, or when
+        these calls cease for 0.7 s.
         """

@@ -104,9 +104,9 @@ def obstacles_of(halts: Iterable[Halt]) -> tuple[Obstacle, ...]:
 
 
 def obstacle_of(stop_id: str, text: str) -> Obstacle:
-    """One stop, whose text ends in its remedy."""
-    remedy = STOPS[stop_id].remedy
+    """One stop, whose text ends in its remedy; one that another version knows is told as that tells it."""
+    remedy = STOPS[stop_id].remedy if stop_id in STOPS else ""
     happened = text.removesuffix(remedy).rstrip(": ") if remedy else text
     if happened == text:  # another part's own sentence
         happened, _, remedy = text.rpartition("; ") if "; " in text else text.partition(": ")
-    return Obstacle(stop_id, happened, remedy)
+    return Obstacle(stop_id, happened or f"the chair does not drive, and says '{stop_id}'", remedy)

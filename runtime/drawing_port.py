@@ -34,34 +34,38 @@ class DrawingPort(ABC):
     def _drawn(self, change: Callable[[Drawings], None], done: str) -> Answer:
         """Make a change of what is drawn, tell whoever drives by it, and answer `done` or why not."""
 
-    def place_here(self, name: str, tolerance_m: float, tolerance_rad: float) -> Answer:
+    def place_here(self, name: str, tolerance_m: float, tolerance_rad: float, replaces: bool = False) -> Answer:
         """See `ChairPort`."""
         view = self.view()
         if view.map_from_base is None or view.localisation is LocalisationState.LOST:
             return Answer(False, "the chair does not know where it is: drive it to where it does")
-        return self.set_place(Place(name.strip(), view.map_from_base, tolerance_m, tolerance_rad))
+        return self.set_place(Place(name.strip(), view.map_from_base, tolerance_m, tolerance_rad), replaces)
 
-    def set_place(self, place: Place) -> Answer:
+    def set_place(self, place: Place, replaces: bool = False) -> Answer:
         """See `ChairPort`."""
 
         def change(drawings: Drawings) -> None:
             grid = self.grid()
             if grid is not None:
                 check_place(grid, place)
-            drawings.set_place(place)
+            drawings.set_place(place, replaces)
 
         return self._drawn(change, f"saved {place.name}")
+
+    def rename_place(self, name: str, new_name: str) -> Answer:
+        """See `ChairPort`."""
+        return self._drawn(lambda drawings: drawings.rename_place(name, new_name), f"{name} is {new_name} from now on")
 
     def remove_place(self, name: str) -> Answer:
         """See `ChairPort`."""
         return self._drawn(lambda drawings: drawings.remove_place(name), f"removed {name}")
 
-    def set_zone(self, zone: Zone) -> Answer:
+    def set_zone(self, zone: Zone, replaces: bool = False) -> Answer:
         """See `ChairPort`."""
 
         def change(drawings: Drawings) -> None:
             check_zone(zone, self.view().map_from_base, self.outline)
-            drawings.set_zone(zone)
+            drawings.set_zone(zone, replaces)
 
         return self._drawn(change, f"drew {zone.name}")
 

@@ -125,7 +125,7 @@ class DriveBase:
         self._limiter = Limiter(s.limiter)
         self._fitness = Fitness(body, s.fitness)
         self._override = Override(s.supervisor)
-        self._steering, self._pushing = Steering(s.steering), Pushing(s.pushing)
+        self._steering, self._pushing = Steering(s.steering), Pushing(s.pushing, s.supervisor.at_rest)
         self._begins_ns: int | None = None  # when the drive that was said yes to may move
         self.stands_again = False
         """In this tick the chair was found to stand after it was pushed, and may be elsewhere than it knows."""
@@ -158,6 +158,11 @@ class DriveBase:
     def twist(self) -> Twist:
         """As measured by wheels and gyro."""
         return Twist() if self._wheels is None else self._wheels.twist
+
+    @property
+    def twist_covariance(self) -> FloatArray:
+        """(3, 3) of the speed ahead, that sideways and the turn [m^2/s^2, m rad/s^2, rad^2/s^2], now."""
+        return self._odometry.twist_covariance
 
     @property
     def tilt(self) -> Tilt | None:
@@ -289,7 +294,10 @@ class DriveBase:
             return Driven(command, self._sent)
         self._limiter.rest()
         was_driving = command is not None and before is not None and before.active
-        return Driven(command, self._sent, self._sent.reason if was_driving else "")
+        ended = self._sent.reason if was_driving else ""
+        if ended and verdict.steered:
+            self._steering.end()  # or the lines would be asked for, and not let go, for as long as the page pushes
+        return Driven(command, self._sent, ended)
 
     def furnish(self, mapped: FloatArray, scan_ns: int) -> None:
         """Told what of a scan might be legs but has always stood there, (N, 2) [m] in the base frame of `scan_ns`."""

@@ -12,12 +12,12 @@ from waychair.types import Pose2
 
 
 def remember_pose(path: Path, map_folder: Path, pose: Pose2) -> None:
-    """Keep a pose on a map, or in a world by its name.
+    """Keep a pose on a map, or in a world by its name; who does so all the time does not wait for the disk.
 
     Raises:
         OutputError: the file cannot be written.
     """
-    write_json(path, {"map": str(map_folder.resolve()), "pose": [pose.x, pose.y, pose.theta]})
+    write_json(path, {"map": str(map_folder.resolve()), "pose": [pose.x, pose.y, pose.theta]}, lasting=False)
 
 
 def remembered_pose(path: Path, map_folder: Path) -> Pose2 | None:

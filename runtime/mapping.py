@@ -16,11 +16,18 @@ from typing import Literal
 from waychair import config
 from waychair.config import setting
 from waychair.errors import NoScans, SessionError
-from waychair.files import write_json
+from waychair.files import remove, write_json
 from waychair.maps.depth_layer import save_depth_layer
 from waychair.maps.map_files import save_map
 from waychair.recording import InputSettings, Recording, write_tum
-from waychair.runtime.appearance_mapping import MEMORY, MemoryMaking, begin_memory, bend_memory, go_on_with_memory
+from waychair.runtime.appearance_mapping import (
+    MEMORY,
+    MemoryMaking,
+    begin_memory,
+    bend_memory,
+    go_on_with_memory,
+    remove_memory,
+)
 from waychair.runtime.depth_recording import (
     depth_report,
     live_from_pictures,
@@ -33,6 +40,7 @@ from waychair.runtime.live_mapping import LiveMapping, LiveMappingSettings
 from waychair.runtime.mapping_report import Cost, mapping_report, torn_warnings, write_mapping_page
 from waychair.runtime.resuming import Checkpoints, remove_checkpoint
 from waychair.runtime.sessions import (
+    SESSION,
     MapState,
     Meeting,
     beginning,
@@ -286,11 +294,13 @@ def save_mapping(folder: Path, mapping: Mapping, settings: LiveMappingSettings) 
     """Writes map.pgm, map.yaml, trajectory.tum, graph.g2o, config.yaml, report.json and report.html, each whole or not.
 
     A map with pictures also has depth.pgm and depth.yaml, one of a recording's scans session.npz, from which a further
-    drive can go on.
+    drive can go on. Of an earlier map's none stays; what is drawn on one does (see `map_folders`).
 
     Raises:
         OutputError: the folder cannot be written to.
     """
+    if "memory" not in mapping.report and "session" not in mapping.report:
+        remove_memory(folder)
     write_tum(folder / "trajectory.tum", mapping.result.driven)
     write_g2o(folder / "graph.g2o", mapping.result.key_poses, mapping.result.edges)
     config.save(settings, folder / "config.yaml")
@@ -300,6 +310,8 @@ def save_mapping(folder: Path, mapping: Mapping, settings: LiveMappingSettings) 
     save_map(folder, mapping.grid)
     if mapping.state is not None:
         save_state(folder, mapping.state)
+    else:
+        remove(folder / SESSION)
     remove_checkpoint(folder)
 
 

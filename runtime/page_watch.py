@@ -6,8 +6,9 @@ from collections.abc import Sequence
 
 from waychair.control.stops import Halt, halt
 
-GONE_NS = 1_000_000_000
-"""Pages that have not been heard of for so long are gone; one that is reloaded is back sooner."""
+GONE_NS = 700_000_000
+"""Pages that have not been heard of for so long are gone: with what lies between a page's last answer and the last word
+of it (`ui.broadcaster`), and a tick, within a second. One that is reloaded is back sooner."""
 
 
 class PageWatch:

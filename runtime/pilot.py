@@ -75,6 +75,7 @@ class Pilot:
 
         Raises:
             UnknownPlace: one is not on the map.
+            GoalTooExact: one is to be reached more closely than a chair can stop.
         """
         self.navigator.go(goal, *further)
         self._goals, self._goals_since_ns = (goal, *further), None

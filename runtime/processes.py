@@ -15,7 +15,7 @@ import sys
 import time
 from collections import deque
 from collections.abc import Callable, Mapping, Sequence
-from contextlib import suppress
+from contextlib import ExitStack, suppress
 from dataclasses import dataclass, field
 from functools import partial
 from pathlib import Path
@@ -71,6 +71,11 @@ class _Running:
     beaten_s: float | None = None  # None until it has, for the first time
     used_s: float = 0.0  # CPU until then
 
+    @property
+    def sentence(self) -> str:
+        """That it has begun."""
+        return f"'{self.row.name}' runs as process {self.process.pid}"
+
 
 class Supervision:
     """The processes of a table, for as long as the block lasts."""
@@ -91,7 +96,13 @@ class Supervision:
         self._watched_s = time.monotonic()
 
     def __enter__(self) -> Self:
-        self._running = [_Running(row, *self._start(row)) for row in self._table]
+        self._running = []
+        with ExitStack() as begun:  # if one cannot be started, none is left behind
+            begun.push(self)
+            for row in self._table:
+                self._running.append(_Running(row, *self._start(row)))
+                self._told(self._running[-1].sentence)
+            begun.pop_all()
         return self
 
     def __exit__(
@@ -137,9 +148,11 @@ class Supervision:
                 continue
             self._told(f"'{each.row.name}' ended {how}: it is started again, and no drive goes on by itself")
             time.sleep(s.pause_s)
-            os.close(each.beats)
+            beats_of_dead = each.beats
             each.process, each.beats = self._start(each.row)
             each.beaten_s = None
+            os.close(beats_of_dead)
+            self._told(each.sentence)
         return ""
 
     def _kill_what_hangs(self, now: float) -> None:
@@ -164,15 +177,19 @@ class Supervision:
         """The process, and our end of the pipe by which it may show that it lives."""
         command = [sys.executable, "-m", row.module, *row.arguments]
         beats, beat_to = os.pipe2(os.O_NONBLOCK | os.O_CLOEXEC)
-        process = subprocess.Popen(
-            command,
-            env={**self._environment, _BEAT_TO: str(beat_to)},
-            pass_fds=[beat_to],
-            start_new_session=True,
-            preexec_fn=partial(_begin, os.getpid(), row.priority),  # noqa: PLW1509 - this process has no other threads
-        )
-        os.close(beat_to)
-        self._told(f"'{row.name}' runs as process {process.pid}")
+        try:
+            process = subprocess.Popen(
+                command,
+                env={**self._environment, _BEAT_TO: str(beat_to)},
+                pass_fds=[beat_to],
+                start_new_session=True,
+                preexec_fn=partial(_begin, os.getpid(), row.priority),  # noqa: PLW1509 - this process has no other threads
+            )
+        except OSError:
+            os.close(beats)
+            raise
+        finally:
+            os.close(beat_to)
         return process, beats
 
 

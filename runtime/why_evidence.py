@@ -10,16 +10,16 @@ from typing import Any, TypeVar
 
 import msgspec
 import numpy as np
-import yaml
 
 from waychair.calibration.calibration_file import ChairCalibration
 from waychair.control.collision_monitor import measuring, points_now
 from waychair.control.navigator import Stage
 from waychair.control.stops import STOPS
 from waychair.control.supervisor import DRIVEN, SupervisorSettings
-from waychair.errors import WaychairError
+from waychair.errors import BoxError, WaychairError
 from waychair.runtime.black_box_file import Log, Tick
 from waychair.types import ChairStatus, FloatArray, ImuSample, RgbdFrame, Scan, WheelTicks
+from waychair.yaml_files import yaml_from_text
 
 _M = TypeVar("_M")
 _A_MOMENT_NS = 500_000_000
@@ -60,11 +60,11 @@ class Scene:
     def setting(self, *path: str, default: float) -> float:
         """A figure of the configuration in force."""
         try:
-            value: Any = yaml.safe_load(self.log.head.configuration)
+            value: Any = yaml_from_text(self.log.head.configuration, "the configuration", BoxError)
             for name in path:
                 value = value[name]
             return float(value)
-        except (yaml.YAMLError, KeyError, TypeError, ValueError):
+        except (BoxError, KeyError, TypeError, ValueError):
             return default
 
 

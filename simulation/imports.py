@@ -10,6 +10,8 @@ from pathlib import Path
 import numpy as np
 
 from waychair.errors import WorldError
+from waychair.files import read_text
+from waychair.geometry import FARTHEST
 from waychair.maps.map_files import load_map, yaml_path
 from waychair.maps.places import load_places
 from waychair.simulation.world import World, world_from_grid
@@ -59,10 +61,7 @@ def read_barn(path: Path, scale: float = 1.0) -> BarnEnvironment:
     """
     if not 0.1 <= scale <= 10.0:
         raise WorldError(f"a scale of {scale:g} is impossible: give one in [0.1, 10]")
-    try:
-        lines = path.read_text(encoding="utf-8").splitlines()
-    except (OSError, UnicodeDecodeError) as error:
-        raise WorldError(f"cannot read the BARN world {path}: {error}") from error
+    lines = read_text(path, WorldError, "give a BARN text grid").splitlines()
     if "grid" not in lines:
         raise WorldError(f"{path} has no line `grid`: give a BARN text grid")
     begin = lines.index("grid")
@@ -106,9 +105,9 @@ def _numbers(path: Path, header: Mapping[str, list[str]], key: str, count: int) 
         values = [float(text) for text in header.get(key, [])]
     except ValueError:
         values = []
-    if len(values) != count or not all(math.isfinite(value) for value in values):
+    if len(values) != count or not all(abs(value) <= FARTHEST for value in values):
         given = " ".join(header.get(key, [])) or "missing"
-        raise WorldError(f"{path}: `{key}` is {given}: give {count} finite number{'s' * (count > 1)}")
+        raise WorldError(f"{path}: `{key}` is {given}: give {count} number{'s' * (count > 1)} up to {FARTHEST:g}")
     return values
 
 
@@ -116,6 +115,8 @@ def _lattice(path: Path, header: Mapping[str, list[str]], lines: list[str], begi
     """(rows, cols) where cylinders stand, row 0 at the bottom."""
     rows, cols = (_numbers(path, header, key, 1)[0] for key in ("rows", "cols"))
     drawn = [line for line in lines[begin + 1 :] if line.strip()]
+    if not drawn:
+        raise WorldError(f"{path}: the grid has no lines; give all of it")
     if len(drawn) != rows:
         raise WorldError(f"{path}: the grid has {len(drawn)} lines instead of {rows:g}; give all of it")
     for i, line in enumerate(drawn):

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import difflib
 import re
-from collections.abc import Hashable
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any, TypeVar
@@ -16,6 +15,7 @@ from waychair.errors import WorldError
 from waychair.simulation import floor_plan
 from waychair.simulation.floor_plan import BuildingPlan, FloorPlan, Keys, Planar, Point
 from waychair.simulation.floor_plan_checks import building_problems, plan_problems
+from waychair.yaml_files import compose_yaml, node_value
 
 _Plan = TypeVar("_Plan", FloorPlan, BuildingPlan)
 _NAMED: dict[str, Any] = {"places": Planar, "routes": list[Point]}
@@ -110,38 +110,11 @@ def load_building(path: Path) -> Building:
     return building
 
 
-class _Loader(yaml.SafeLoader):
-    """Refuses a key that is given twice, where YAML's own would silently keep the last."""
-
-    def construct_mapping(self, node: yaml.MappingNode, deep: bool = False) -> dict[Hashable, Any]:
-        seen: set[str] = set()
-        for key, _ in node.value:
-            if str(key.value) in seen:
-                raise yaml.MarkedYAMLError(problem=f"'{key.value}' is given twice", problem_mark=key.start_mark)
-            seen.add(str(key.value))
-        return super().construct_mapping(node, deep)
-
-
 def _parsed(path: Path) -> tuple[PlanSource, Any]:
-    try:
-        text = path.read_text(encoding="utf-8")
-    except (OSError, UnicodeDecodeError) as error:
-        raise WorldError(f"cannot read the world {path}: {error}") from error
-    try:
-        loader = _Loader(text)
-        try:
-            root = loader.get_single_node()
-            values = None if root is None else loader.construct_document(root)
-        finally:
-            loader.dispose()
-    except yaml.MarkedYAMLError as error:
-        line = f", line {error.problem_mark.line + 1}" if error.problem_mark else ""
-        raise WorldError(f"{path}{line}: {error.problem}; mend the YAML there") from error
-    except (yaml.YAMLError, ValueError) as error:
-        raise WorldError(f"{path} is not YAML: {' '.join(str(error).split())}") from error
+    root = compose_yaml(path, WorldError)
     if root is None:
         raise WorldError(f"{path}, line 1: the file is empty; give an object of name, size, start and walls")
-    return PlanSource(path, root), values
+    return PlanSource(path, root), node_value(root, str(path), WorldError)
 
 
 def _converted(values: dict[str, Any], kind: type[_Plan], source: PlanSource) -> _Plan:

@@ -24,10 +24,12 @@ from waychair.geometry import (
 from waychair.slam.odometry_model import (
     BIAS,
     MARK,
+    OMEGA,
     POSE,
     SIZE,
     OdometrySettings,
     Step,
+    V,
     forward,
     initial_covariance,
     motion_since_mark,
@@ -95,6 +97,17 @@ class OdometryFilter:
     def gyro_bias(self) -> tuple[float, float]:
         """What the gyro reads at rest about z [rad/s], and its standard deviation."""
         return float(self._filter.x[BIAS]), math.sqrt(self._filter.P[BIAS, BIAS])
+
+    @property
+    def twist_covariance(self) -> FloatArray:
+        """(3, 3) of the speed ahead, that sideways and the turn [m^2/s^2, m rad/s^2, rad^2/s^2], as known now.
+
+        At least as large as by how a chair may creep that seems to stand; wheels roll sideways no faster than that.
+        """
+        s = self.settings
+        known: FloatArray = np.diag([s.still_speed, s.still_speed, s.still_turn]) ** 2
+        known[np.ix_([0, 2], [0, 2])] += self._filter.P[np.ix_([V, OMEGA], [V, OMEGA])]
+        return known
 
     def update_wheels(self, reading: WheelTicks | Odometry) -> Odometry:
         """Odometry with a reading of the wheels; of an `Odometry` only the motion since the one before is used.

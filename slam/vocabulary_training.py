@@ -13,7 +13,6 @@ from pathlib import Path
 
 import msgspec
 import numpy as np
-import yaml
 from numba import njit
 
 from waychair.config import Settings, dump, from_mapping, setting
@@ -23,6 +22,7 @@ from waychair.slam.features import Descriptors, FeatureSettings
 from waychair.slam.hamming_index import Words64, assign, majority, packed, unpacked
 from waychair.slam.vocabulary import FixedVocabulary
 from waychair.types import Float32Array, IntArray
+from waychair.yaml_files import yaml_from_text
 
 _FORMAT = 1
 
@@ -87,9 +87,9 @@ def load(path: Path) -> tuple[FixedVocabulary, FeatureSettings]:
     if version != _FORMAT:
         raise VocabularyError(f"{path} is a dictionary of format {version}, not {_FORMAT}: make it again")
     try:
-        settings = from_mapping(FeatureSettings, yaml.safe_load(features), str(path))
+        settings = from_mapping(FeatureSettings, yaml_from_text(features, str(path), VocabularyError), str(path))
         return FixedVocabulary(words), settings
-    except (ConfigError, VocabularyError, yaml.YAMLError, msgspec.MsgspecError) as error:
+    except (ConfigError, VocabularyError, msgspec.MsgspecError) as error:
         raise VocabularyError(f"{path} is damaged ({error}): make it again") from error
 
 

@@ -32,6 +32,7 @@ from waychair.control.mapless import MaplessNavigator, MaplessSettings
 from waychair.control.navigator import Stage
 from waychair.control.recovery import RecoverySettings
 from waychair.errors import ConfigError, WorldError
+from waychair.files import is_folder
 from waychair.geometry import arc
 from waychair.maps.grid_memory import GridMemorySettings
 from waychair.maps.occupancy import OccupancySettings
@@ -129,8 +130,10 @@ def worlds_in(folder: Path, count: int | None = None) -> list[Path]:
     """
     if count is not None and count < 1:
         raise WorldError(f"{count} worlds are none: ask for at least one")
+    if not is_folder(folder, WorldError):
+        raise WorldError(f"there is no folder '{folder}': give the folder of the BARN text grids")
     inner = folder / "worlds"
-    found = sorted((inner if inner.is_dir() else folder).glob("world_*.txt"))
+    found = sorted((inner if is_folder(inner, WorldError) else folder).glob("world_*.txt"))
     if not found:
         raise WorldError(f"{folder} holds no world_*.txt: give the folder of the BARN text grids")
     if count is None or count >= len(found):
@@ -141,14 +144,14 @@ def worlds_in(folder: Path, count: int | None = None) -> list[Path]:
 def run_worlds(
     paths: Sequence[Path], task: BarnTask, jobs: int = 1, progress: Callable[[float], None] | None = None
 ) -> list[BarnRun]:
-    """All starts of all worlds, in order, on so many processes; the result does not depend on how many.
+    """All starts of all worlds, in order, on so many processes, at most one a world; the result does not depend on it.
 
     Raises:
         WorldError: a file is no BARN world.
     """
     environments = [read_barn(path, task.scale) for path in paths]
     runs: list[BarnRun] = []
-    with _workers(jobs) as each:
+    with _workers(min(jobs, len(environments))) as each:
         for row in each(partial(_all_starts, task=task), environments):
             runs += row
             if progress is not None:

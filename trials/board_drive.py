@@ -18,9 +18,8 @@ import numpy as np
 from waychair.calibration.sweep import Sample, SweepSettings
 from waychair.config import Settings, setting
 from waychair.errors import BridgeError, CalibrationError, CalibrationMismatch, TransportError
-from waychair.firmware_bridge.advice import refusal
+from waychair.firmware_bridge.advice import fault_names, refusal
 from waychair.firmware_bridge.protocol import (
-    BoardFault,
     BoardState,
     BoardTelemetry,
     Command,
@@ -330,7 +329,7 @@ def _stick(telemetry: BoardTelemetry) -> tuple[int, int]:
 
 
 def _names(faults: int) -> str:
-    return ", ".join(fault.name for fault in BoardFault if faults & fault and fault.name) or f"fault {faults}"
+    return ", ".join(fault_names(faults))
 
 
 def plan_for_board(plan: SweepSettings, drive: BoardDrive) -> SweepSettings:

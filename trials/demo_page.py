@@ -157,11 +157,15 @@ class DemoPage(DemoWatcher):
         """See `ChairPort`."""
         return Answer(True, "")
 
-    def place_here(self, name: str, tolerance_m: float, tolerance_rad: float) -> Answer:
+    def place_here(self, name: str, tolerance_m: float, tolerance_rad: float, replaces: bool = False) -> Answer:
         """See `ChairPort`."""
         return _SHOWN
 
-    def set_place(self, place: Place) -> Answer:
+    def set_place(self, place: Place, replaces: bool = False) -> Answer:
+        """See `ChairPort`."""
+        return _SHOWN
+
+    def rename_place(self, name: str, new_name: str) -> Answer:
         """See `ChairPort`."""
         return _SHOWN
 
@@ -169,7 +173,7 @@ class DemoPage(DemoWatcher):
         """See `ChairPort`."""
         return _SHOWN
 
-    def set_zone(self, zone: Zone) -> Answer:
+    def set_zone(self, zone: Zone, replaces: bool = False) -> Answer:
         """See `ChairPort`."""
         return _SHOWN
 

@@ -12,12 +12,13 @@ import numpy as np
 from waychair.calibration.chair import CHAIR_A
 from waychair.calibration.dac import DEFAULT
 from waychair.control.navigator import NavigatorSettings
-from waychair.errors import WorldError
+from waychair.errors import StartOccupied, StartOutsideMap, WorldError
 from waychair.maps.distance_field import distance_field
-from waychair.maps.grid import OCCUPIED_FROM, points_from_cells
+from waychair.maps.grid import OCCUPIED_FROM, cells_from_points, inside, points_from_cells
 from waychair.maps.zones import Zone
 from waychair.planning.global_planner import PlannerSettings
 from waychair.runtime.chair import ChairSettings
+from waychair.simulation.contact import in_contact, solid_from_blocks
 from waychair.simulation.scene import Behaviour, PersonPlan
 from waychair.simulation.simulator import Simulator, with_all_sensors
 from waychair.simulation.world import World, world_from_grid
@@ -54,16 +55,15 @@ def navigate(
     `planner` is what ways are planned with, if not the default.
 
     Raises:
-        WorldError: the chair does not fit at the start, the start lies outside the map, or there is no room for people.
+        StartOutsideMap, StartOccupied: the chair cannot stand at the start; told in the map's coordinates.
+        WorldError: there is no room for people.
     """
+    map_from_world = map_from_world or Pose2()
+    if not inside(grid, cells_from_points(grid, np.array([[start.x, start.y]])))[0]:
+        raise StartOutsideMap(f"the start ({start.x:g}, {start.y:g}) lies outside the map; choose one inside it")
     if world is None:
         grid, scanned = shut_off(grid), None
-    map_from_world = map_from_world or Pose2()
-    world = (
-        world_from_grid(grid, start)
-        if world is None
-        else replace(world.without_people(), start=map_from_world.inverse() @ start)
-    )
+    world = _begun_at(start, grid, world, map_from_world)
     chair = with_all_sensors(chair_of(seed)) if sensors else chair_of(seed)
     simulator = Simulator(with_walkers(world, people, seed), CHAIR_A, chair, seed)
     places = {place.name: place for place in goals}
@@ -72,6 +72,24 @@ def navigate(
         grid, places, CHAIR_A, DEFAULT, map_from_world, zones=zones, scanned=scanned, chair=chair_settings
     )
     return drive_to_places(setting, simulator, [place.name for place in goals], box=box)
+
+
+def _begun_at(start: Pose2, grid: OccupancyGrid, world: World | None, map_from_world: Pose2) -> World:
+    """The world raised from the grid, or the one that is given without its people, with the chair at a start in map."""
+    refusal = StartOccupied(
+        f"the chair does not fit at its start ({start.x:g}, {start.y:g}, {start.theta:g}) on the map; "
+        "choose another one"
+    )
+    if world is None:
+        try:
+            world = world_from_grid(grid, start)
+        except WorldError as error:  # it is in a wall
+            raise refusal from error
+    else:
+        world = replace(world.without_people(), start=map_from_world.inverse() @ start)
+    if in_contact(solid_from_blocks(world.blocks, world.pits), CHAIR_A, world.start):
+        raise refusal
+    return world
 
 
 def shut_off(grid: OccupancyGrid) -> OccupancyGrid:

@@ -7,11 +7,13 @@ Stop has threads of its own, so that nothing can stand before it.
 from __future__ import annotations
 
 import asyncio
+import logging
 import secrets
 import time
 from collections import deque
-from collections.abc import Callable
+from collections.abc import Awaitable, Callable, Iterator
 from concurrent.futures import ThreadPoolExecutor
+from contextlib import contextmanager
 from functools import partial
 from typing import TypeVar
 
@@ -25,11 +27,11 @@ T = TypeVar("T")
 VIEW_S = 0.1
 """Pages are told how the chair is this often."""
 
-WATCH_S = 0.2
+WATCH_S = 0.1
 """The chair is told of the pages that answer this often."""
 
-ANSWERS_S = 1.0
-"""A page counts as there for so long after its latest answer, closed or not: a reload is quicker."""
+ANSWERS_S = 0.2
+"""A page counts as there for so long after its latest answer; the chair waits longer (`runtime.page_watch`)."""
 
 MOST_WAITING = 50
 """A page has no more commands under way than these: more would be a broken page."""
@@ -77,23 +79,27 @@ class Broadcaster:
         self._clock = clock
         self._calls = ThreadPoolExecutor(_THREADS, "page-call")
         self._stops = ThreadPoolExecutor(_STOP_THREADS, "page-stop")
+        self._watches = ThreadPoolExecutor(1, "page-watch")  # no call that takes its time ends a drive
         self._pages: set[OpenPage] = set()
-        self._answered: dict[str, float] = {}
+        self._answered: dict[OpenPage, float] = {}  # not by their ids: a duplicated tab has that of its twin
+        self._failing: set[str] = set()
         self._told: dict[str, str] = {}
         self._layout_revision: int | None = None
         self._pictures: dict[tuple[int, str], bytes] = {}
+        self._count = 0
 
     async def run(self) -> None:
-        """Until cancelled. If one of the two loops fails the other ends, and the chair hears of no page any more."""
+        """Until cancelled. What fails in a turn is logged, and tried again in the next one."""
         async with asyncio.TaskGroup() as group:
-            group.create_task(self._look())
-            group.create_task(self._watch())
+            group.create_task(self._again(VIEW_S, self._look))
+            group.create_task(self._again(WATCH_S, self._watch))
 
     def close(self) -> None:
         """No page is left."""
-        self._stops.submit(self.port.watched, ()).result()
-        self._calls.shutdown(cancel_futures=True)
-        self._stops.shutdown(cancel_futures=True)
+        with self._logged("the last word of the pages"):
+            self._watches.submit(self.port.watched, ()).result()
+        for threads in (self._calls, self._stops, self._watches):
+            threads.shutdown(cancel_futures=True)
 
     def join(self, page: OpenPage) -> None:
         """A page is open: it is told all there is."""
@@ -110,11 +116,17 @@ class Broadcaster:
 
     def answered(self, page: OpenPage) -> None:
         """A page has answered, with somebody before it."""
-        self._answered[page.page_id] = self._clock()
+        self._answered[page] = self._clock()
 
     def hidden(self, page: OpenPage) -> None:
         """A page lies behind others: nobody can press its Stop."""
-        self._answered.pop(page.page_id, None)
+        self._answered.pop(page, None)
+
+    def there(self) -> tuple[str, ...]:
+        """The ids of the pages that have answered lately."""
+        since = self._clock() - ANSWERS_S
+        self._answered = {page: at for page, at in self._answered.items() if at > since}
+        return tuple(dict.fromkeys(page.page_id for page in self._answered))
 
     async def call(self, work: Callable[[], T]) -> T:
         """Something that may block, in a thread."""
@@ -136,35 +148,48 @@ class Broadcaster:
             self._pictures[revision, theme] = picture
         return f'"{self.boot}-{revision}-{theme}"', self._pictures[revision, theme]
 
-    async def _look(self) -> None:
-        count = 0
+    async def _again(self, every_s: float, turn: Callable[[], Awaitable[None]]) -> None:
         while True:
             began = self._clock()
-            count += 1
-            for kind, text in (await self.call(partial(self._messages, count))).items():
-                self._told[kind] = text
-                for page in self._pages:
-                    page.tell(kind, text)
-            await asyncio.sleep(max(0.0, VIEW_S - (self._clock() - began)))
+            with self._logged(turn.__name__):
+                await turn()
+            await asyncio.sleep(max(0.0, every_s - (self._clock() - began)))
 
-    def _messages(self, count: int) -> dict[str, str]:
+    @contextmanager
+    def _logged(self, what: str) -> Iterator[None]:
+        """What fails in the block is logged, once until it works again."""
+        try:
+            yield
+        except Exception:
+            if what not in self._failing:
+                logging.getLogger(__name__).exception("pages are told less: '%s' failed", what)
+            self._failing.add(what)
+        else:
+            self._failing.discard(what)
+
+    async def _look(self) -> None:
+        self._count += 1
+        for kind, text in (await self.call(self._messages)).items():
+            self._told[kind] = text
+            for page in self._pages:
+                page.tell(kind, text)
+
+    def _messages(self) -> dict[str, str]:
         """What is new, by kind."""
         view, texts = self.port.view(), {}
-        if (self.grid is None or self.grid[0] != view.map_revision) and (grid := self.port.grid()) is not None:
-            self.grid = view.map_revision, grid
-            texts["map"] = map_message(grid, view.map_revision)
-        if self._layout_revision != view.layout_revision:
-            self._layout_revision = view.layout_revision
-            texts["layout"] = layout_message(self.port.layout())
-        texts["view"] = view_message(view, count)
+        with self._logged("map"):
+            if (self.grid is None or self.grid[0] != view.map_revision) and (grid := self.port.grid()) is not None:
+                texts["map"] = map_message(grid, view.map_revision)
+                self.grid = view.map_revision, grid
+        with self._logged("layout"):
+            if self._layout_revision != view.layout_revision:
+                texts["layout"] = layout_message(self.port.layout())
+                self._layout_revision = view.layout_revision
+        texts["view"] = view_message(view, self._count)
         return texts
 
     async def _watch(self) -> None:
-        while True:
-            since = self._clock() - ANSWERS_S
-            self._answered = {page: at for page, at in self._answered.items() if at > since}
-            await self.call(partial(self.port.watched, tuple(self._answered)))
-            await asyncio.sleep(WATCH_S)
+        await asyncio.get_running_loop().run_in_executor(self._watches, self.port.watched, self.there())
 
 
 class Desk:

@@ -29,7 +29,9 @@ _FAR = 1e5
 Metres = Annotated[float, msgspec.Meta(ge=-_FAR, le=_FAR)]
 Angle = Annotated[float, msgspec.Meta(ge=-1e3, le=1e3)]
 Axis = Annotated[float, msgspec.Meta(ge=-1.0, le=1.0)]
-Name = Annotated[str, msgspec.Meta(min_length=1, max_length=60)]
+NewName = Annotated[str, msgspec.Meta(min_length=1, max_length=60)]
+"""Of what is made here; names that are there already, by whoever wrote them, may be longer."""
+
 Corners = Annotated[list[tuple[Metres, Metres]], msgspec.Meta(min_length=3, max_length=200)]
 Tolerance = Annotated[float, msgspec.Meta(gt=0.0, le=5.0)]
 Speed = Annotated[float, msgspec.Meta(ge=SLOWEST, le=5.0)]
@@ -49,7 +51,7 @@ class _Going(_Asked, frozen=True):
 
 
 class _Confirmed(_Asked, frozen=True):
-    goal: Annotated[str, msgspec.Meta(max_length=60)] = ""
+    goal: str = ""
 
 
 class _Stick(_Asked, frozen=True):
@@ -58,25 +60,35 @@ class _Stick(_Asked, frozen=True):
 
 
 class _Here(_Asked, frozen=True):
-    name: Name
+    name: NewName
     tolerance_m: Tolerance
     tolerance_rad: Tolerance
+    replaces: bool = False
 
 
-class _Placed(_Here, frozen=True):
+class _Placed(_Asked, frozen=True):
+    name: NewName
     pose: tuple[Metres, Metres, Angle]
+    tolerance_m: Tolerance
+    tolerance_rad: Tolerance
+    replaces: bool = False
 
 
 class _Named(_Asked, frozen=True):
-    name: Name
+    name: str
+
+
+class _Renamed(_Named, frozen=True):
+    new_name: NewName
 
 
 class _Drawn(_Asked, frozen=True):
-    name: Name
+    name: NewName
     rule: Rule
     polygon: Corners
     speed: Speed = 0.3
     heading: Angle = 0.0
+    replaces: bool = False
 
 
 class _Erased(_Asked, frozen=True):
@@ -99,7 +111,8 @@ def _go(port: ChairPort, asked: _Going) -> Answer:
 
 
 def _set_place(port: ChairPort, asked: _Placed) -> Answer:
-    return port.set_place(Place(asked.name, _pose(asked.pose), asked.tolerance_m, asked.tolerance_rad))
+    place = Place(asked.name, _pose(asked.pose), asked.tolerance_m, asked.tolerance_rad)
+    return port.set_place(place, asked.replaces)
 
 
 def _set_zone(port: ChairPort, asked: _Drawn) -> Answer:
@@ -108,7 +121,7 @@ def _set_zone(port: ChairPort, asked: _Drawn) -> Answer:
     x, y = (polygon - polygon[0]).T
     if not math.fabs((x * np.roll(y, -1) - y * np.roll(x, -1)).sum()) > 1e-6:
         return Answer(False, "the corners of this zone enclose nothing: set them in order round it")
-    return port.set_zone(Zone(asked.name, asked.rule, polygon, value))
+    return port.set_zone(Zone(asked.name, asked.rule, polygon, value), asked.replaces)
 
 
 @dataclass(frozen=True, slots=True)
@@ -125,8 +138,11 @@ COMMANDS: Mapping[str, _Command] = {
     "confirm": _Command(_Confirmed, lambda port, asked: port.confirm(asked.goal)),
     "cancel": _Command(_Nothing, lambda port, _: port.cancel()),
     "reset": _Command(_Nothing, lambda port, _: port.reset()),
-    "place_here": _Command(_Here, lambda port, at: port.place_here(at.name, at.tolerance_m, at.tolerance_rad)),
+    "place_here": _Command(
+        _Here, lambda port, at: port.place_here(at.name, at.tolerance_m, at.tolerance_rad, at.replaces)
+    ),
     "set_place": _Command(_Placed, _set_place),
+    "rename_place": _Command(_Renamed, lambda port, asked: port.rename_place(asked.name, asked.new_name)),
     "remove_place": _Command(_Named, lambda port, asked: port.remove_place(asked.name)),
     "set_zone": _Command(_Drawn, _set_zone),
     "remove_zone": _Command(_Named, lambda port, asked: port.remove_zone(asked.name)),

@@ -98,7 +98,7 @@ class Guard:
         if not is_host(host, self._names) or (self._local and not _is_loopback(host)):
             return 403, "This name is not known here: open the page by the address that waychair printed."
         origin = headers.get("origin")
-        if origin is not None and urlsplit(origin).netloc.lower() != host.lower():
+        if origin is not None and _netloc(origin) != host.lower():
             return 403, "Pages of other sites may not talk to the chair."
         if headers.get("sec-fetch-site", "none") not in ("same-origin", "none") and scope["path"].startswith(API):
             return 403, "Pages of other sites may not talk to the chair."
@@ -107,6 +107,14 @@ class Guard:
             if not is_token(told if scheme.lower() == "bearer" else "", self._token):
                 return 401, "The token is missing or wrong: it was printed when waychair started."
         return 0, ""
+
+
+def _netloc(origin: str) -> str:
+    """Name and port of an `Origin` header; empty for one that is none."""
+    try:
+        return urlsplit(origin).netloc.lower()
+    except ValueError:
+        return ""
 
 
 def _is_loopback(host: str) -> bool:

@@ -44,6 +44,9 @@ HELLO_S = 5.0
 UNAUTHORISED = 4401
 """Close code of a socket whose token is missing or wrong."""
 
+_NO_JSON = (msgspec.DecodeError, ValueError, RecursionError)
+"""What reading a page's text comes to where it is none, or one inside another without end."""
+
 _LARGEST = 65_536
 _ENDING_S = 3
 
@@ -171,12 +174,12 @@ async def _live(page: WebSocket, broadcaster: Broadcaster, token: str) -> None:
 
     await page.accept()
     try:
-        hello = await asyncio.wait_for(page.receive_json(), HELLO_S)
+        hello = msgspec.json.decode(await asyncio.wait_for(page.receive_text(), HELLO_S))
         page_id = str(hello.get("page", ""))[:64] if isinstance(hello, dict) else ""
         if not page_id or not is_token(str(hello.get("token", "")), token):
             await page.close(UNAUTHORISED, "the token is missing or wrong")
             return
-    except (TimeoutError, ValueError, KeyError, WebSocketDisconnect):
+    except (TimeoutError, *_NO_JSON, KeyError, WebSocketDisconnect):
         with contextlib.suppress(RuntimeError):
             await page.close(UNAUTHORISED, "nobody said who is there")
         return
@@ -193,9 +196,7 @@ async def _live(page: WebSocket, broadcaster: Broadcaster, token: str) -> None:
         for task in tasks:
             task.cancel()
         await asyncio.wait(tasks)
-        no_news = (
-            WebSocketDisconnect | msgspec.DecodeError | KeyError | None
-        )  # it went away, or said what is no message
+        no_news = (WebSocketDisconnect, *_NO_JSON, KeyError, type(None))  # it went away, or said what is no message
         for task in tasks:
             if not task.cancelled() and not isinstance(task.exception(), no_news):
                 logging.getLogger(__name__).error("a page was dropped", exc_info=task.exception())
@@ -273,7 +274,7 @@ class _Commands:
                 return JSONResponse({"done": False, "sentence": "that is too much at once"}, 413)
         try:
             asked = msgspec.json.decode(body or b"{}", type=dict[str, object])
-        except msgspec.DecodeError:
+        except _NO_JSON:
             return JSONResponse({"done": False, "sentence": "that is no JSON object"}, 400)
         answer = await self._broadcaster.obey(name, asked)
         return JSONResponse({"done": answer.done, "sentence": answer.sentence})

@@ -6,12 +6,15 @@ from collections import OrderedDict
 from dataclasses import dataclass
 from typing import Any
 
+import cv2
+
 from waychair.errors import MessageError, RecordingError
 from waychair.ros.messages.wire import require_finite, stamp_of
 from waychair.ros_decoding import camera_matrix_from_message, depth_from_message, picture_from_message
 from waychair.types import RgbdFrame
 
 _WAITING = 8  # stamps whose other half has not come yet
+_SHORTEST = 1.0  # pixels of a focal length
 
 
 def read_rgbd(colour: Any, depth: Any, info: Any) -> RgbdFrame:
@@ -27,11 +30,11 @@ def read_rgbd(colour: Any, depth: Any, info: Any) -> RgbdFrame:
         raise MessageError(f"depth is {late_ms:.1f} ms later than its picture: let the camera's driver align them")
     require_finite("the camera's matrix", *map(float, info.k))
     matrix = camera_matrix_from_message(info)
-    if matrix is None:
-        raise MessageError("the camera is not calibrated (its camera_info is zero): calibrate it")
+    if matrix is None or min(matrix[0, 0], matrix[1, 1]) < _SHORTEST or tuple(matrix[2]) != (0.0, 0.0, 1.0):
+        raise MessageError("the camera is not calibrated (its camera_info has no focal lengths): calibrate it")
     try:
         pixels, metres = picture_from_message(colour), depth_from_message(depth)
-    except RecordingError as error:
+    except (RecordingError, cv2.error) as error:
         raise MessageError(f"a picture cannot be read: {error}") from error
     if not pixels.shape[:2] == metres.shape == (info.height, info.width):
         sizes = ", ".join(f"{width} x {height}" for height, width in (pixels.shape[:2], metres.shape))

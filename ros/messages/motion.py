@@ -9,6 +9,7 @@ from typing import Any
 import numpy as np
 
 from waychair.errors import MessageError
+from waychair.geometry import is_on_map
 from waychair.ros.messages.wire import require_finite, require_frame, stamp_of
 from waychair.ros_decoding import odometry_from_message
 from waychair.ros_messages import (
@@ -101,7 +102,8 @@ def read_odometry(message: Any, frame: str = ODOM_FRAME) -> Odometry:
     twist = message.twist.twist
     require_finite("odometry's twist", twist.linear.x, twist.angular.z)
     odometry = odometry_from_message(message)
-    assert odometry is not None  # it is finite
+    if odometry is None or not is_on_map(*odometry.odom_from_base.array()):
+        raise MessageError("odometry is beyond all that a chair can drive: restart what sends it")
     return odometry
 
 

@@ -14,20 +14,22 @@ import numpy as np
 from waychair.errors import MessageError
 from waychair.ros.messages.wire import require_finite, stamp_of
 from waychair.ros_decoding import imu_from_message, scan_from_message
-from waychair.ros_messages import UNREPORTED, WHEEL_JOINTS, header, make
+from waychair.ros_messages import IMU_FRAME, LASER_FRAME, UNREPORTED, WHEEL_JOINTS, header, make
+from waychair.ros_transforms import frame_name
 from waychair.types import ChairStatus, ImuSample, JoystickInput, Scan, SonarReadings, WheelTicks
 
 _COUNTS = 2**32
 _CHARGING, _DISCHARGING, _UNKNOWN = 1, 2, 0  # BatteryState.power_supply_status
 
 
-def read_scan(message: Any) -> Scan:
-    """Of a sensor_msgs/LaserScan (REP-117 codes kept), its angles turned to ascend.
+def read_scan(message: Any, frame: str = LASER_FRAME) -> Scan:
+    """Of a sensor_msgs/LaserScan (REP-117 codes kept) of the lidar in `frame`, its angles turned to ascend.
 
     Raises:
-        MessageError: it has no beams, angles that are no numbers, or another count of ranges than its angles say.
+        MessageError: it is in another frame, has no beams, angles that are no numbers, or another count of ranges than its angles say.
     """
     stamp_of(message)
+    _require_sensor(message, frame, "scan_frame")
     require_finite("a scan's angle", message.angle_min, message.angle_max, message.angle_increment)
     scan = scan_from_message(message)
     if scan is None:
@@ -40,13 +42,14 @@ def read_scan(message: Any) -> Scan:
     return scan
 
 
-def read_imu(message: Any) -> ImuSample:
-    """Of a sensor_msgs/Imu in the sensor's own axes (REP-145).
+def read_imu(message: Any, frame: str = IMU_FRAME) -> ImuSample:
+    """Of a sensor_msgs/Imu in the axes of the sensor in `frame` (REP-145).
 
     Raises:
-        MessageError: a rate or an acceleration is no number, or is marked as not measured.
+        MessageError: it is in another frame, or a rate or an acceleration is no number, or is marked as not measured.
     """
     stamp_of(message)
+    _require_sensor(message, frame, "imu_frame")
     for what, covariance in (
         ("rate", message.angular_velocity_covariance),
         ("acceleration", message.linear_acceleration_covariance),
@@ -59,6 +62,16 @@ def read_imu(message: Any) -> ImuSample:
     return sample
 
 
+def _require_sensor(message: Any, frame: str, name: str) -> None:
+    """Refuse what is of another sensor than the one whose mount is in the chair's file; `name`: of the setting."""
+    found = frame_name(message.header.frame_id)
+    if found != frame_name(frame):
+        raise MessageError(
+            f"what is sent in the frame '{found}' is not of the sensor in '{frame}', whose mount is in the chair's file: "
+            f"let its driver send it in '{frame}', or set {name}"
+        )
+
+
 def read_wheels(message: Any, ticks_per_turn: int) -> WheelTicks:
     """Of the two drive wheels in a sensor_msgs/JointState, among whatever other joints.
 
@@ -69,8 +82,9 @@ def read_wheels(message: Any, ticks_per_turn: int) -> WheelTicks:
     missing = [joint for joint in WHEEL_JOINTS if joint not in angles]
     if missing:
         raise MessageError(f"the joints {', '.join(message.name) or '(none)'} lack {missing[0]}: name the wheels so")
-    require_finite("a wheel's angle", *(angles[joint] for joint in WHEEL_JOINTS))
-    left, right = (_wrapped(round(angles[joint] * ticks_per_turn / math.tau)) for joint in WHEEL_JOINTS)
+    counts = [float(angles[joint]) * ticks_per_turn / math.tau for joint in WHEEL_JOINTS]
+    require_finite("a wheel's angle", *counts)
+    left, right = (_wrapped(round(count)) for count in counts)
     return WheelTicks(stamp_of(message), left, right)
 
 

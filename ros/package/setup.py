@@ -1,4 +1,7 @@
-"""The nodes as executables of a ROS package, for `ros2 run` and `ros2 launch`; their code is in the package waychair."""
+"""The nodes as executables of a ROS package, for `ros2 run` and `ros2 launch`; their code is in the package waychair.
+
+The page is no node of its own: `waychair up` brings it and its web server together.
+"""
 
 from pathlib import Path
 

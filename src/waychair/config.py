@@ -23,6 +23,7 @@ import yaml
 
 from waychair.errors import ConfigError
 from waychair.files import write_text
+from waychair.yaml_files import load_yaml
 
 T = TypeVar("T")
 S = TypeVar("S", bound="Settings")
@@ -68,12 +69,7 @@ def load(cls: type[S], path: Path) -> S:
     Raises:
         ConfigError: the file is missing, is not YAML, or holds what `from_mapping` refuses.
     """
-    try:
-        values = yaml.safe_load(path.read_text(encoding="utf-8"))
-    except (OSError, UnicodeDecodeError) as error:
-        raise ConfigError(f"cannot read the configuration {path}: {error}") from error
-    except yaml.YAMLError as error:
-        raise ConfigError(f"{path} is not YAML: {' '.join(str(error).split())}") from error
+    values = load_yaml(path, ConfigError)
     if values is None:
         values = {}
     if not isinstance(values, dict):

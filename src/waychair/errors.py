@@ -126,6 +126,10 @@ class GoalOccupied(PlanningError):
     """The chair does not fit at the goal."""
 
 
+class GoalTooExact(PlanningError):
+    """A goal's tolerances are closer than a chair can stop."""
+
+
 class NoFreeSpace(PlanningError):
     """The map has no room for the chair anywhere."""
 

@@ -8,6 +8,17 @@ import numpy as np
 
 from waychair.types import FloatArray, Pose2, Pose3
 
+FARTHEST = 1e6
+"""No coordinate of a map is greater than this [m]: beyond it cells of a few centimetres could not be told apart."""
+
+MOST_TURNED = 1000.0
+"""No angle that somebody writes is greater than this [rad]."""
+
+
+def is_on_map(x: float, y: float, theta: float = 0.0) -> bool:
+    """Whether these can be a pose on a map: finite, no farther than `FARTHEST`, no more turned than `MOST_TURNED`."""
+    return abs(x) <= FARTHEST and abs(y) <= FARTHEST and abs(theta) <= MOST_TURNED
+
 
 def wrap_angle(angle: float) -> float:
     """The same angle in (-pi, pi]."""

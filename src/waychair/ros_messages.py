@@ -63,9 +63,15 @@ def laser_scan(scan: Scan) -> Any:
 
 
 def odometry(
-    stamp_ns: int, parent: str, parent_from_base: Pose2, twist: Twist, covariance: FloatArray | None = None
+    stamp_ns: int,
+    parent: str,
+    parent_from_base: Pose2,
+    twist: Twist,
+    covariance: FloatArray | None = None,
+    twist_covariance: FloatArray | None = None,
 ) -> Any:
-    """nav_msgs/Odometry of the base in frame `parent`; covariance (3, 3) of x, y, theta, zeros when none is known."""
+    """nav_msgs/Odometry of the base in frame `parent`; covariances (3, 3) of x, y, theta and of their rates in the base,
+    zeros when none is known."""
     at = parent_from_base
     pose = make("geometry_msgs/msg/Pose", point(np.array([at.x, at.y, 0.0])), quaternion(in_space(at).rotation))
     speed = make("geometry_msgs/msg/Twist", vector((twist.v, 0.0, 0.0)), vector((0.0, 0.0, twist.omega)))
@@ -74,7 +80,7 @@ def odometry(
         header(stamp_ns, parent),
         BASE_FRAME,
         make("geometry_msgs/msg/PoseWithCovariance", pose, covariance_in_space(covariance)),
-        make("geometry_msgs/msg/TwistWithCovariance", speed, covariance_in_space(None)),
+        make("geometry_msgs/msg/TwistWithCovariance", speed, covariance_in_space(twist_covariance)),
     )
 
 

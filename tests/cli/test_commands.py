@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import errno
 import json
 import math
 import subprocess
@@ -86,6 +87,57 @@ def test_an_impossible_place_is_refused(map_folder: Path, place: tuple[str, str]
     before = waychair("places", "--map", map_folder).stdout
     assert named in refused(waychair("places", "--map", map_folder, "--add", *place))
     assert waychair("places", "--map", map_folder).stdout == before
+
+
+@pytest.mark.parametrize(
+    ("arguments", "said"),
+    [
+        (("--worlds", "1.9"), "'1.9' is no whole number"),
+        (("--worlds", "x"), "unable to convert"),
+        (("--starts", "0.5"), "'0.5' is no whole number"),
+        (("--jobs", "0"), "Must be >= 1"),
+        (("--jobs", "-1"), "Must be >= 1"),
+    ],
+)
+def test_counts_that_cannot_be_are_refused(tmp_path: Path, arguments: tuple[str, str], said: str) -> None:
+    done = waychair("barn", tmp_path, *arguments)
+    assert done.returncode != 0
+    assert said in done.stdout + done.stderr
+
+
+def test_no_folder_is_told_as_such(tmp_path: Path) -> None:
+    assert "there is no folder" in refused(waychair("barn", tmp_path / "none"))
+    done = waychair("barn", "")
+    assert done.returncode != 0
+    assert "it is empty" in done.stdout + done.stderr
+
+
+@pytest.mark.parametrize(
+    ("error", "said"),
+    [
+        (OSError(errno.ENOSPC, "No space left on device"), "what was asked for: No space left on device; make room"),
+        (OSError(errno.EACCES, "Permission denied", "/x/map.yaml"), "/x/map.yaml: Permission denied; give this user"),
+        (MemoryError(), "too little memory"),
+    ],
+)
+def test_what_the_computer_refuses_is_one_sentence(
+    monkeypatch: pytest.MonkeyPatch, error: Exception, said: str
+) -> None:
+    def refuse(**_: object) -> None:
+        raise error
+
+    monkeypatch.setattr("waychair.cli.main.app", refuse)
+    assert said in refused(waychair("config"))
+
+
+def test_an_output_that_takes_nothing_more_is_one_sentence_and_nothing_else() -> None:
+    for arguments in (("--version",), ("config",)):  # less and more than what is written at once
+        with Path("/dev/full").open("w") as full:
+            command = [str(WAYCHAIR), *arguments]
+            done = subprocess.run(command, stdout=full, stderr=subprocess.PIPE, text=True, check=False)
+        assert done.returncode == 1
+        (line,) = done.stderr.splitlines()
+        assert line.startswith("waychair: cannot read or write what was asked for: No space left on device")
 
 
 def test_a_place_in_a_wall_is_refused(tmp_path: Path) -> None:

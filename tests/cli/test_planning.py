@@ -3,8 +3,11 @@
 from __future__ import annotations
 
 import json
+import os
 import shutil
+import time
 from pathlib import Path
+from typing import Any
 
 import cv2
 import numpy as np
@@ -15,6 +18,8 @@ from waychair.cli.planning import plan_command
 from waychair.errors import NoFreeSpace, NoPath, WaychairError, ZoneError
 from waychair.maps.map_files import save_map
 from waychair.maps.places import add_place
+from waychair.planning.grid_planner import plan_on_cells
+from waychair.planning.grid_search import GridPath
 from waychair.types import Json, OccupancyGrid, Pose2
 
 
@@ -50,6 +55,10 @@ def test_a_path_leads_through_the_door_and_is_drawn(flat: Path, tmp_path: Path) 
         ("8,4", "kitchen", "no way"),
         ("0,0", "kichen", "did you mean kitchen"),
         ("0,0", "1,zwei", "X,Y"),
+        ("0,0", "1e19,0", "up to 1e+06 m"),
+        ("-1e308,0", "kitchen", "up to 1e+06 m"),
+        ("0,0,1e308", "kitchen", "THETA 1000 rad"),
+        ("-0.75,3", "kitchen", "does not fit at its start (-0.75, 3.00) with the heading"),
     ],
 )
 def test_an_impossible_plan_is_one_sentence(flat: Path, tmp_path: Path, start: str, goal: str, said: str) -> None:
@@ -96,6 +105,45 @@ def test_the_harmonic_planner_draws_its_potential_and_counts_its_turns(flat: Pat
     assert "turns at every 0.10 m, from degrees: 0: " in said
     assert png.read_bytes()[:4] == b"\x89PNG"
     assert "choose auto, taut, band, none" in refused(waychair("plan", *ways, "--smooth", "rope"))
+    drawn, bare = tmp_path / "none.png", tmp_path / "bare.png"
+    assert waychair("plan", *ways, "--planner", "harmonic", "--smooth", "none", "--png", drawn).returncode == 0
+    assert waychair("plan", *ways, "--png", bare).returncode == 0
+    field, path = (cv2.imread(str(name)) for name in (drawn, bare))
+    assert field is not None
+    assert path is not None
+    assert len(np.unique(field.reshape(-1, 3), axis=0)) > 2 * len(np.unique(path.reshape(-1, 3), axis=0)), "a field"
+
+
+def test_a_picture_goes_into_a_png_file_that_is_not_the_maps_own(flat: Path, tmp_path: Path) -> None:
+    folder = tmp_path / "map"
+    folder.mkdir()
+    pixels = np.full((80, 120), 254, np.uint8)
+    cv2.imwrite(str(folder / "map.png"), pixels)
+    (folder / "map.yaml").write_text((flat / "map.yaml").read_text().replace("map.pgm", "map.png"))
+    before = (folder / "map.png").read_bytes()
+    (tmp_path / "link.png").symlink_to(folder / "map.png")
+    (tmp_path / "folder.png").mkdir()
+    (tmp_path / "circle.png").symlink_to(tmp_path / "circle.png")
+    (tmp_path / "hard.png").hardlink_to(folder / "map.png")
+    os.mkfifo(tmp_path / "pipe.png")
+    ways = ("plan", "--map", folder, "--start", "1,1", "--goal", "3,1")
+    for png, said in (
+        (folder / "map.png", "which the map is read from"),
+        (tmp_path / "link.png", "which the map is read from"),
+        (tmp_path / "hard.png", "which the map is read from"),
+        (tmp_path / "circle.png", "it leads nowhere"),
+        (folder / "map.yaml", "must name a .png file"),
+        (tmp_path / "path.jpg", "must name a .png file"),
+        (tmp_path, "must name a .png file"),
+        (tmp_path / "folder.png", "it is a folder"),
+        (tmp_path / "pipe.png", "a device, pipe or socket"),
+    ):
+        assert said in refused(waychair(*ways, "--png", png))
+    assert waychair(*ways, "--png", "").returncode != 0
+    assert (folder / "map.png").read_bytes() == before
+    assert (tmp_path / "pipe.png").is_fifo()
+    there = ["circle.png", "folder.png", "hard.png", "link.png", "map", "pipe.png"]
+    assert sorted(path.name for path in tmp_path.iterdir()) == there
 
 
 @pytest.mark.parametrize("planner", ["dstar-lite", "astar", "dijkstra"])
@@ -106,6 +154,23 @@ def test_a_benchmark_query_is_column_and_row_with_row_0_on_top(
     assert found["cost"] == 3.0
     assert found["cells"] == [[4, 0], [4, 1], [4, 2], [4, 3]]
     assert found["ms"] > 0
+
+
+def test_the_time_of_a_query_is_without_that_of_loading_the_kernels(
+    benchmark: Path, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    loaded: list[str] = []
+
+    def slow_at_first(*arguments: Any) -> GridPath:
+        if not loaded:
+            loaded.append("kernels")
+            begun = time.thread_time()
+            while time.thread_time() < begun + 0.2:
+                pass
+        return plan_on_cells(*arguments)
+
+    monkeypatch.setattr("waychair.planning.grid_planner.plan_on_cells", slow_at_first)
+    assert planned(capsys, benchmark, "4,0", "4,3")["ms"] < 100
 
 
 def test_a_scenario_gives_cost_optimum_and_time_of_every_query(benchmark: Path, tmp_path: Path) -> None:
@@ -136,6 +201,7 @@ def test_a_scenario_gives_cost_optimum_and_time_of_every_query(benchmark: Path, 
         ({"start": "0,0"}, "give --start and --goal"),
         ({"start": "0,0", "goal": "1,0", "planner": "best"}, "choose dstar-lite, astar, dijkstra"),
         ({"start": "0,0", "goal": "1,0", "smooth": "band"}, "leave it out"),
+        ({"start": "0,0", "goal": "4,3", "png": Path("b.map")}, r"must name a \.png file"),
         ({"scen": Path("nowhere.scen")}, r"no scenario at nowhere\.scen"),
         ({"scen": Path("nowhere.scen"), "start": "0,0"}, "leave --start"),
     ],
@@ -143,6 +209,42 @@ def test_a_scenario_gives_cost_optimum_and_time_of_every_query(benchmark: Path, 
 def test_an_impossible_benchmark_query_is_named(benchmark: Path, arguments: Json, said: str) -> None:
     with pytest.raises(WaychairError, match=said):
         plan_command(map=benchmark, **arguments)
+
+
+def test_queries_without_a_way_or_of_another_cost_are_named_and_fail(tmp_path: Path) -> None:
+    map, scenario = tmp_path / "b.MAP", tmp_path / "b.scen"
+    map.write_text("type octile\nheight 3\nwidth 3\nmap\n...\n@@@\n...\n")
+    query = "0\tb.map\t3\t3\t"
+    right, dearer, without = f"{query}0\t0\t2\t0\t2.0\n", f"{query}0\t0\t2\t0\t3.0\n", f"{query}0\t0\t0\t2\t2.0\n"
+    for queries, said in (
+        (right + dearer + without + without, "no way for queries 3, 4 of"),
+        (right + dearer, "says for query 2;"),
+        (right + dearer * 12, "queries 2, 3, 4, 5, 6, 7, 8, 9, 10, 11 and 2 more;"),
+        (f"{query}0\t0\t0\t1\t2.0\n", "query 1 of the scenario: its goal in column 0, row 1 is occupied"),
+        ("", "holds no query"),
+    ):
+        scenario.write_text("version 1\n" + queries)
+        assert said in refused(waychair("plan", "--map", map, "--scen", scenario))
+    scenario.write_text("version 1\n" + right + without)
+    done = waychair("plan", "--map", map, "--scen", scenario, "--json")
+    assert "no way for query 2 of" in refused(done)
+    assert [row["cost"] for row in json.loads(done.stdout)["queries"]] == [2.0, None]
+    scenario.write_text("version 1\n" + dearer)  # a potential does not lead along the cheapest way
+    assert waychair("plan", "--map", map, "--scen", scenario, "--planner", "harmonic").returncode == 0
+    assert "from column 0, row 0 to column 2, row 2;" in refused(
+        waychair("plan", "--map", map, "--start", "0,0", "--goal", "2,2")
+    )
+
+
+def test_a_map_folder_may_be_called_as_a_benchmark_is(flat: Path, tmp_path: Path) -> None:
+    shutil.copytree(flat, tmp_path / "flat.map")
+    done = waychair("plan", "--map", tmp_path / "flat.map", "--start", "0,0", "--goal", "kitchen")
+    assert done.stdout.endswith("m from 0,0 to kitchen\n")
+
+
+@pytest.mark.parametrize("name", ["a" * 400, "a" * 400 + ".map"])
+def test_a_name_that_no_map_can_have_is_one_sentence(name: str) -> None:
+    assert "there is no map at" in refused(waychair("plan", "--map", name, "--start", "0,0", "--goal", "1,1"))
 
 
 def test_a_scenario_of_another_map_or_for_a_map_folder_is_refused(benchmark: Path, flat: Path, tmp_path: Path) -> None:
@@ -182,6 +284,35 @@ def test_navigating_nowhere_is_refused_with_advice() -> None:
     assert "--world" in refused(waychair("navigate", "--goal", "kitchen"))
 
 
+@pytest.mark.parametrize(
+    ("arguments", "said"),
+    [
+        (("--goal", "1,1", "--seed", "-1"), "Must be >= 0"),
+        (("--goal", "1,1", "--people", "-1"), "Must be >= 0"),
+        (("--goal", "1,1", "--people", "1.5"), "no whole number"),
+        (("--empty-goal",), "--goal"),
+        ((), "--goal"),
+    ],
+)
+def test_what_a_drive_cannot_be_made_of_is_refused_before_it(arguments: tuple[str, ...], said: str) -> None:
+    done = waychair("navigate", "--world", "small_clinic", *arguments)
+    assert done.returncode != 0
+    assert said in done.stdout + done.stderr
+    assert "Traceback" not in done.stderr
+
+
+@pytest.mark.parametrize("command", ["navigate", "places"])
+def test_no_option_empties_another(command: str) -> None:
+    assert "--empty-" not in waychair(command, "--help").stdout
+
+
+def test_a_world_without_places_is_told_as_a_world(tmp_path: Path) -> None:
+    path = tmp_path / "cut.yaml"
+    path.write_text("name: cut\nsize: [6, 4]\nstart: [1, 1, 0]\nwalls: []\n")
+    said = refused(waychair("navigate", "--world", path, "--goal", "kitchen"))
+    assert "the world 'cut' has no places yet" in said
+
+
 def test_the_chair_navigates_to_two_places_in_turn(flat: Path) -> None:
     done = waychair("navigate", "--map", flat, "--goal", "kitchen", "--goal", "nook", "--seed", "3")
     assert done.returncode == 0, done.stderr
@@ -194,8 +325,17 @@ def test_the_chair_navigates_to_two_places_in_turn(flat: Path) -> None:
         (("--goal", "4.02,0"), "does not fit at the goal"),
         (("--goal", "8,4,0"), "no way"),
         (("--goal", "kitchen", "--start", "4.02,0"), "start"),
-        (("--goal", "kitchen", "--start", "50,50"), "outside"),
+        (("--goal", "kitchen", "--start", "50,50"), "the start (50, 50) lies outside the map"),
+        (("--goal", "kitchen", "--world", "small_clinic", "--start", "6,1"), "(6, 1, 0) on the map"),
     ],
 )
 def test_an_impossible_drive_is_one_sentence(flat: Path, arguments: tuple[str, ...], said: str) -> None:
     assert said in refused(waychair("navigate", "--map", flat, *arguments))
+
+
+def test_without_a_start_it_is_said_that_one_can_be_given(flat: Path, tmp_path: Path) -> None:
+    shutil.copytree(flat, tmp_path / "map")
+    text = (tmp_path / "map" / "map.yaml").read_text()
+    for origin in ("[1.0, 1.0, 0.0]", "[-5.03, -1.0, 0.0]"):
+        (tmp_path / "map" / "map.yaml").write_text(text.replace("[-1.0, -1.0, 0.0]", origin))
+        assert "without --start" in refused(waychair("navigate", "--map", tmp_path / "map", "--goal", "3,3"))

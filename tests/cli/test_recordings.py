@@ -50,6 +50,23 @@ def test_a_bag_cut_short_is_mapped_and_the_damage_named(drive: Path, tmp_path: P
     assert "Warnings" in (tmp_path / "map" / "report.html").read_text()
 
 
+def test_a_map_that_is_drawn_on_makes_way_for_no_other_one(drive: Path, tmp_path: Path) -> None:
+    out = tmp_path / "map"
+    assert waychair("map", drive, "--out", out).returncode == 0
+    assert waychair("places", "--map", out, "--add", "desk", "0.5,0,0").returncode == 0
+    again = waychair("map", drive, "--out", out)
+    assert again.returncode == 0, again.stderr
+    before = (out / "map.pgm").read_bytes()
+    other = carmen(tmp_path / "other.clf", [(100.0 + 0.2 * k, "") for k in range(25)])
+    sentence = refused(waychair("map", other, "--out", out))
+    assert "are those of another map: choose another folder with --out, or join the drive" in sentence
+    assert (out / "map.pgm").read_bytes() == before
+    assert "desk" in waychair("places", "--map", out).stdout
+    elsewhere = tmp_path / "elsewhere"
+    assert waychair("map", other, "--out", elsewhere).returncode == 0
+    assert "choose another folder with --out" in refused(waychair("map", drive, "--session", elsewhere, "--out", out))
+
+
 def carmen(path: Path, rows: list[tuple[float, str]]) -> Path:
     """A CARMEN log with these stamps and ranges (all of a scan the same text, or the room's where it is empty)."""
     lines = []

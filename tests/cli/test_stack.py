@@ -46,6 +46,16 @@ def test_a_real_chair_has_no_simulator(tmp_path: Path) -> None:
     assert parameters(tmp_path, "mapper")["calibration"] == str(tmp_path / "chair.yaml")
 
 
+@pytest.mark.parametrize(
+    ("given", "told"), [("maps", "maps"), ("maps/map.yaml", "maps"), ("maps/lab.yaml", "maps/lab.yaml")]
+)
+def test_every_node_is_told_the_map_that_was_named(tmp_path: Path, given: str, told: str) -> None:
+    (tmp_path / "maps").mkdir()
+    processes(Stack(tmp_path, map_folder=tmp_path / given, cable="/dev/ttyUSB0", page_port=8000))
+    for name in ("bridge", "mapper", "navigator", "page"):
+        assert parameters(tmp_path, name)["map_folder"] == str(tmp_path / told)
+
+
 def test_the_start_is_where_the_mapper_remembers_to_have_been_so_that_it_counts_once(tmp_path: Path) -> None:
     processes(Stack(tmp_path, world=WORLD))
     assert remembered_pose(tmp_path / "pose.json", tmp_path / "map") == load_world(WORLD).start

@@ -154,3 +154,19 @@ def test_a_retreat_ends_before_what_is_behind_with_room_for_the_error_of_the_pla
     assert drive.tries > 0
     assert min(rear) < rear[0] - 0.05, "it did back off"
     assert min(rear) > behind + 0.09
+
+
+def test_it_does_not_back_off_while_somebody_may_be_behind() -> None:
+    """Nor does waiting use up its tries."""
+    drive = before_a_door_it_knows()
+    drive._lined_up = True
+    pose, command = Pose2(-CHAIR_A.front - 0.15, 0.06, 0.0), Twist()
+    ways = []
+    for tick in range(160):
+        limits = DwaSettings(max_reverse=0.0) if tick < 80 else DwaSettings()
+        command = drive.step(pose, command, OPEN, limits).twist
+        pose = pose @ arc(command.v * PERIOD_S, command.omega * PERIOD_S)
+        ways.append(pose.x)
+    assert min(ways[:80]) == ways[0]
+    assert min(ways) < ways[0] - 0.3
+    assert drive.tries == 1

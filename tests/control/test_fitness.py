@@ -65,6 +65,20 @@ def test_f13_a_silent_imu_or_camera_slows_a_drive(age: int, limit: float) -> Non
         assert ids(fitness) == set()
 
 
+def test_f13_a_sensor_that_tells_nothing_is_as_good_as_silent() -> None:
+    nothing = ImuSample(NOW, np.array([math.nan, 0.0, 9.81]), np.zeros(3))
+    spinning = ImuSample(NOW, np.array([0.0, 0.0, 9.81]), np.array([0.0, 0.0, math.inf]))
+    dark = RgbdFrame(NOW, np.zeros((480, 640), np.uint8), np.full((480, 640), np.nan, np.float32), np.eye(3))
+    for early, late in ((imu, nothing), (imu, spinning), (picture, dark)):
+        fitness = well()
+        fitness.hear(early(NOW - 301 * MS), Twist())
+        fitness.hear(late, Twist())
+        assert fitness.speed_limit(NOW) == 0.3
+    dark.depth[200:300, 200:300] = 1.0
+    fitness.hear(dark, Twist())
+    assert fitness.speed_limit(NOW) == math.inf
+
+
 def test_f13_or_ends_it_as_configured() -> None:
     fitness = well(FitnessSettings(imu_silent="stop", depth_silent="stop"))
     fitness.hear(imu(NOW - 301 * MS), Twist())

@@ -59,12 +59,14 @@ def test_a_start_keeps_to_acceleration_and_jerk_and_reaches_the_speed_without_ov
 def test_no_command_is_beyond_the_limits_whatever_is_asked(asked: list[tuple[float, float, float]]) -> None:
     riding, s = Riding(), NORMAL
     for v, omega, share in asked:
-        (before, _), (after, turn) = riding.run(v, omega, 1, share=share)
+        (before, turned), (after, turn) = riding.run(v, omega, 1, share=share)
         assert abs(after) <= s.max_speed + 1e-9
         assert abs(turn) <= s.max_omega + 1e-9
         assert abs(after - before) <= s.emergency * DT + 1e-9
         if abs(after) > abs(before) and after * before >= 0.0:
             assert abs(after) - abs(before) <= s.acceleration * DT + 1e-9
+        if abs(turn) > abs(turned) and turn * turned >= 0.0:
+            assert abs(turn) - abs(turned) <= s.alpha * DT + 1e-8
 
 
 @pytest.mark.parametrize("forward", [1.0, -1.0])
@@ -76,6 +78,15 @@ def test_out_of_a_turn_on_the_spot_a_chair_sets_off_no_harder_than_from_standsti
     driven = forward * riding.run(forward * 3.0, 0.0, 60)[:, 0]
     assert np.diff(driven).max() <= s.acceleration * DT + 1e-9
     assert driven[-1] > 0.4
+
+
+@pytest.mark.parametrize("name", list(PROFILES))
+def test_a_chair_that_drives_straight_turns_into_a_curve_no_harder_than_on_the_spot(name: str) -> None:
+    riding, s = Riding(PROFILES[name]), PROFILES[name]
+    riding.run(0.4, 0.0, 80)
+    turning = riding.run(0.4, 0.5, 60)[:, 1]
+    assert np.diff(turning).max() <= s.alpha * DT + 1e-8
+    assert turning[-1] == pytest.approx(0.5)
 
 
 @given(st.floats(0.1, 0.8), st.floats(-0.8, 0.8))
@@ -150,3 +161,13 @@ def test_a_long_pause_allows_no_larger_step_than_two_ticks() -> None:
     before = riding.limiter.command.v
     riding.now_ns += 10**10
     assert riding.run(0.8, 0.0, 1)[-1, 0] - before <= 2 * NORMAL.acceleration * DT
+
+
+@pytest.mark.parametrize("braking", [None, *Braking])
+def test_a_clock_that_goes_back_makes_nothing_faster(braking: Braking | None) -> None:
+    riding = Riding()
+    before, _ = riding.run(0.5, 0.3, 80)[-1]
+    riding.now_ns -= 10**9
+    v, omega = riding.run(0.8, 0.3, 1, braking=braking)[-1]
+    assert 0.0 <= v <= before + 1e-9
+    assert abs(omega) <= 0.3 + 1e-9

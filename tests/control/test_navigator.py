@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+import sys
 from collections.abc import Callable
 from dataclasses import replace
 
@@ -13,11 +14,13 @@ from tests.people import body, half_view, past
 from waychair.calibration.chair import CHAIR_A
 from waychair.control.navigator import Navigation, Navigator, NavigatorSettings, Stage
 from waychair.control.recovery import RecoverySettings
-from waychair.errors import UnknownPlace
-from waychair.geometry import transform_points
+from waychair.errors import GoalTooExact, UnknownPlace
+from waychair.geometry import arc, transform_points
 from waychair.planning.footprint import along_arc
 from waychair.planning.global_planner import PlannerSettings
 from waychair.planning.harmonic import HarmonicSettings
+from waychair.planning.laplace_solvers import SolverSettings
+from waychair.planning.legs import Manner
 from waychair.planning.manoeuvre import ManoeuvreSettings
 from waychair.planning.route import RouteSettings
 from waychair.planning.tracks import TrackSettings
@@ -188,6 +191,76 @@ def test_an_unknown_place_later_in_a_sequence_is_refused_at_once_and_the_present
     with pytest.raises(UnknownPlace):
         pilot.go(Goal("lift"), Goal("lfit"))
     assert pilot.active
+
+
+@pytest.mark.parametrize("told", [(0.01, 0.1), (0.1, 0.01), (math.nan, 0.1)])
+def test_a_goal_that_asks_for_more_than_a_chair_can_do_is_refused_and_the_present_goal_stays(
+    told: tuple[float, float],
+) -> None:
+    pilot = navigator(hall())
+    pilot.go(Goal("lift"))
+    _, poses = drive(pilot, Pose2(2.0, 2.0, 0.0), 5)
+    for goals in ((Goal(Pose2(3.0, 6.0), *told),), (Goal("lift"), Goal(Pose2(3.0, 6.0), *told))):
+        with pytest.raises(GoalTooExact, match="give it those or more"):
+            pilot.go(*goals)
+    states, poses = drive(pilot, poses[-1], 40, start_ns=100 * TICK_NS)
+    assert states[-1].stage is Stage.ARRIVED
+    assert math.hypot(poses[-1].x - 9.0, poses[-1].y - 5.0) < 0.15
+
+
+def test_the_most_exact_goal_there_is_is_reached() -> None:
+    pilot = navigator(hall())
+    pilot.go(Goal(Pose2(5.0, 4.0, 1.0), 0.02, 0.02))
+    states, poses = drive(pilot, Pose2(2.0, 2.0, 0.0), 40)
+    assert states[-1].stage is Stage.ARRIVED
+    assert math.hypot(poses[-1].x - 5.0, poses[-1].y - 4.0) <= 0.02
+    assert abs(poses[-1].theta - 1.0) <= 0.02
+
+
+@pytest.mark.parametrize("nowhere", [Pose2(math.nan, 2.0, 0.0), Pose2(2.0, 2.0, math.nan), Pose2(math.inf, 2.0, 0.0)])
+@pytest.mark.parametrize("odom", [False, True])
+def test_a_place_that_is_no_number_stops_the_chair_and_does_not_raise(nowhere: Pose2, odom: bool) -> None:
+    pilot = navigator(hall())
+    pilot.go(Goal("lift"))
+    states, poses = drive(pilot, Pose2(2.0, 2.0, 0.7), 4)
+    assert states[-1].twist.v > 0.1
+    pose, map_from_odom = (poses[-1], nowhere) if odom else (nowhere, Pose2())
+    for k in range(80):
+        state = pilot.step((80 + k) * TICK_NS, pose, NOTHING, map_from_odom)
+    assert (state.stage, state.twist) == (Stage.WAITING, Twist())
+    assert "where the chair is" in state.reason
+    states, _ = drive(pilot, poses[-1], 60, start_ns=160 * TICK_NS)
+    assert states[-1].stage is Stage.ARRIVED
+
+
+@pytest.mark.parametrize("solver", ["gauss-siedel", "gpu"])
+def test_a_solver_that_is_not_there_ends_the_drive_with_a_reason(solver: str, monkeypatch: pytest.MonkeyPatch) -> None:
+    if solver == "gpu":
+        monkeypatch.setitem(sys.modules, "numba.cuda", None)
+    settings = PlannerSettings(planner="harmonic", harmonic=HarmonicSettings(solver=SolverSettings(solver=solver)))
+    pilot = navigator(hall(), NavigatorSettings(planner=settings))
+    pilot.go(Goal("lift"))
+    states, _ = drive(pilot, Pose2(2.0, 2.0, 0.0), 5)
+    assert states[-1].stage is Stage.FAILED
+    assert solver in states[-1].reason
+
+
+def test_a_chair_that_has_slid_off_beside_the_end_of_an_exact_leg_has_not_arrived() -> None:
+    pilot = navigator(hall())
+    pilot.go(Goal(Pose2(4.5, 3.0, math.pi)))
+    states, poses, slid = [], [Pose2(4.0, 3.0, 0.0)], False
+    for k in range(1600):
+        states.append(pilot.step(k * TICK_NS, poses[-1], NOTHING if k % 2 == 0 else None))
+        if states[-1].stage in (Stage.ARRIVED, Stage.FAILED):
+            break
+        pose = poses[-1] @ arc(states[-1].twist.v * 0.05, states[-1].twist.omega * 0.05)
+        if not slid and math.hypot(pose.x - 4.5, pose.y - 3.0) < 0.05 and states[-1].leg is not None:
+            assert states[-1].leg.manner is Manner.EXACT
+            pose, slid = Pose2(pose.x, pose.y + 0.35, pose.theta), True
+        poses.append(pose)
+    assert slid
+    assert states[-1].stage is Stage.ARRIVED
+    assert math.hypot(poses[-1].x - 4.5, poses[-1].y - 3.0) < 0.15
 
 
 def test_a_pause_stands_still_until_it_is_ended_however_long_it_lasts() -> None:

@@ -51,3 +51,11 @@ def test_without_word_of_stick_or_wheels_nothing_is_claimed() -> None:
     assert not pushing.update(3000 * MS, True, None, Odometry(0, Pose2(5.0)))
     assert not pushing.update(3050 * MS, True, JoystickInput(0), None)
     assert not pushing.pushed
+
+
+def test_a_stick_that_rests_as_far_off_as_was_set_is_no_hand_on_it() -> None:
+    for at_rest, pushed in ((0.2, True), (0.1, False)):
+        pushing = Pushing(at_rest=at_rest)
+        for k in range(60):
+            told(pushing, 50 * k, 0.0 if k < 50 else 0.2, stick=0.15)
+        assert pushing.pushed is pushed

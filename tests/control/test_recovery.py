@@ -95,6 +95,8 @@ def test_tries_are_counted_anew_once_the_chair_has_come_farther_than_it_was() ->
     assert recovery.tries == 2
     step(4 * S.progress_time + 2.0, 7.7)
     assert recovery.tries == 0
+    recovery.reset()
+    assert recovery.begun == 2, "whoever shows a drive counts on"
 
 
 def test_somebody_who_is_too_near_for_a_moment_does_not_end_the_backing_out() -> None:
@@ -146,3 +148,17 @@ def test_a_chair_that_turns_less_than_it_is_told_comes_no_nearer_to_walls_as_it_
 def gap(pose: Pose2, field: DistanceField, body: ChairBody) -> float:
     """What is free [m] round the body, to 2 mm; negative where it touches."""
     return next((k / 500 for k in range(25, -1, -1) if fits(body, k / 500, field, pose)), -math.inf)
+
+
+def test_of_the_way_before_the_chair_was_driven_elsewhere_nothing_is_taken_back() -> None:
+    recovery, ticks = Recovery(S), iter(range(10_000))
+    args = (Twist(), hall, CHAIR_A, DwaSettings())
+    for x in np.linspace(0.0, 3.0, 61).tolist():
+        assert recovery.step(next(ticks) * TICK_NS, Pose2(x, 0.0, 0.0), 3.0 - x, *args) is None
+    elsewhere = Pose2(3.0, 2.0, math.pi / 2)
+    recovery.reset()
+    backing = None
+    while backing is None:
+        backing = recovery.step(next(ticks) * TICK_NS, elsewhere, 3.0, *args)
+    best = backing.candidates[int(np.argmax(backing.scores))]
+    assert best[1] == 0.0, "straight back, the one way that is known without a trail"

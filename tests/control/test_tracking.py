@@ -166,3 +166,35 @@ def test_a_chair_that_speeds_up_stops_at_the_end_all_the_same(way: float) -> Non
     line = np.column_stack([np.linspace(0.0, way, round(way / 0.05) + 1), np.zeros((round(way / 0.05) + 1, 2))])
     poses = drive(Pose2(), line, False, eased=True)
     assert abs(poses[-1].x - way) < 0.01
+
+
+@pytest.mark.parametrize("backwards", [False, True])
+def test_a_line_is_driven_no_faster_than_the_chair_may(backwards: bool) -> None:
+    x = np.linspace(0.0, -2.0 if backwards else 2.0, 41)
+    line, limits = np.column_stack([x, np.zeros((41, 2))]), DwaSettings(max_speed=0.15, max_reverse=0.12)
+    command, pose, speeds = Twist(), Pose2(), [0.0]
+    for _ in range(100):
+        command = track(pose, command, line, backwards, OPEN, CHAIR_A, limits).twist
+        pose = Pose2(*along_arc(pose.x, pose.y, pose.theta, command.v, command.omega, 0.05))
+        speeds.append(command.v)
+    assert max(speeds) == pytest.approx(0.0 if backwards else 0.15)
+    assert min(speeds) == pytest.approx(-0.12 if backwards else 0.0)
+
+
+def test_who_may_not_drive_backwards_now_does_not_on_a_line_either() -> None:
+    line = np.column_stack([np.linspace(0.0, -2.0, 41), np.zeros((41, 2))])
+    begun = track(Pose2(), Twist(-0.2, 0.0), line, True, OPEN, CHAIR_A, DwaSettings(max_reverse=0.0))
+    assert begun.blocked
+    assert -0.2 < begun.twist.v < -0.1
+    assert track(Pose2(), Twist(), line, True, OPEN, CHAIR_A, DwaSettings(max_reverse=0.0)).twist == Twist()
+
+
+def test_without_a_dead_band_a_line_is_driven_to_its_end() -> None:
+    line = np.column_stack([np.linspace(0.0, 1.0, 21), np.zeros((21, 2))])
+    command, pose = Twist(), Pose2()
+    for _ in range(400):
+        choice = track(pose, command, line, False, OPEN, CHAIR_A, DwaSettings(min_speed=0.0))
+        command = choice.twist
+        pose = Pose2(*along_arc(pose.x, pose.y, pose.theta, command.v, command.omega, 0.05))
+    assert choice.arrived
+    assert pose.x == pytest.approx(1.0, abs=0.02)

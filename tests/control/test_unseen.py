@@ -92,3 +92,12 @@ def test_beams_that_are_invalid_split_a_scan_into_sectors_but_drop_outs_do_not()
     assert second.half_angle == pytest.approx(math.radians(125))
     assert first.base_from_sensor.theta == pytest.approx(-math.pi + math.radians(49.5))
     assert sectors_of_scan(Scan(0, np.full(9, np.nan, np.float32), 0.0, 0.1), Pose2()) == []
+
+
+@pytest.mark.parametrize("value", [math.nan, 0.0, 0.05, -math.inf])
+def test_beams_that_end_below_the_least_range_see_nothing_of_the_way(value: float) -> None:
+    ranges = np.full(181, 3.0, np.float32)
+    ranges[80:101] = value
+    first, second = sectors_of_scan(Scan(0, ranges, -math.pi / 2, math.pi / 180, range_min=0.1), Pose2())
+    assert first.half_angle == pytest.approx(math.radians(40.0))
+    assert second.half_angle == pytest.approx(math.radians(40.0))

@@ -3,10 +3,12 @@
 from __future__ import annotations
 
 import ctypes
+from collections.abc import Iterator
 from pathlib import Path
 
 import pytest
 
+from tests.firmware_bridge.bridged import Bridged
 from tests.firmware_bridge.rig import Rig, build_core, load_core
 from waychair.firmware_bridge.board import build_board
 
@@ -27,3 +29,10 @@ def rig(core: ctypes.CDLL) -> Rig:
 def board_program(tmp_path_factory: pytest.TempPathFactory) -> Path:
     """The firmware as a program on this computer."""
     return build_board(tmp_path_factory.mktemp("board"))
+
+
+@pytest.fixture
+def link(board_program: Path) -> Iterator[Bridged]:
+    """A bridge on a board of the shipped firmware."""
+    with Bridged(board_program) as bridged:
+        yield bridged

@@ -134,6 +134,17 @@ def test_the_board_greets_arms_drives_and_lets_go(
     assert board.number("fake_kicks").value >= 250
 
 
+@pytest.mark.parametrize("dac", ["dac_internal", "dac_mcp4728"])
+def test_a_board_that_boots_leaves_the_lines_at_the_joystick_and_never_cuts_them(
+    tmp_path: Path, libraries: dict[str, Path], dac: str
+) -> None:
+    board = Esp32(tmp_path, libraries[dac])
+    board.library.setup()
+    board.run(5)
+    assert (board.pins()[PIN_SWITCH], board.pins()[PIN_CUT]) == (0, 1)
+    assert board.number("fake_cuts").value == 0
+
+
 def test_the_e_stop_pin_opens_the_cut_relay(tmp_path: Path, libraries: dict[str, Path]) -> None:
     board = Esp32(tmp_path, libraries["dac_internal"])
     board.library.setup()

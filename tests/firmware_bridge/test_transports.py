@@ -5,9 +5,10 @@ from __future__ import annotations
 import builtins
 import os
 import socket
+import termios
 import threading
 import time
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from pathlib import Path
 from typing import Any
 
@@ -43,6 +44,15 @@ def terminal() -> Iterator[tuple[int, int, str]]:
 def listener() -> Iterator[socket.socket]:
     with socket.create_server(("127.0.0.1", 0)) as server:
         yield server
+
+
+def _eventually(condition: Callable[[], bool]) -> bool:
+    deadline = time.monotonic() + 20.0
+    while time.monotonic() < deadline:
+        if condition():
+            return True
+        time.sleep(0.001)
+    return False
 
 
 def _read(transport: Transport, count: int) -> bytes:
@@ -117,6 +127,36 @@ def test_a_serial_cable_that_is_pulled_is_closed_and_swallows_what_follows(termi
 def test_a_serial_port_that_is_not_there_is_refused_with_advice(tmp_path: Path) -> None:
     with pytest.raises(TransportError, match="is the board plugged in"):
         SerialTransport(str(tmp_path / "ttyUSB0"))
+
+
+@pytest.mark.parametrize("call", ["tcsetattr", "tcflush"])
+def test_a_serial_port_that_goes_while_it_is_being_opened_is_refused_and_tried_again(
+    terminal: tuple[int, int, str], monkeypatch: pytest.MonkeyPatch, call: str
+) -> None:
+    def gone(*_: object) -> None:
+        raise termios.error(5, "Input/output error")
+
+    cable = Reconnecting(lambda: SerialTransport(terminal[2]), pause_ns=500)
+    monkeypatch.setattr(termios, call, gone)
+    assert not cable.poll(0)
+    assert "is the board plugged in" in cable.reason
+    monkeypatch.undo()
+    assert cable.poll(500)
+    cable.close()
+
+
+def test_a_serial_port_that_another_thread_is_closing_has_no_descriptor_and_is_not_waited_for(
+    terminal: tuple[int, int, str],
+) -> None:
+    port = SerialTransport(terminal[2])
+    cable = Reconnecting(lambda: port)
+    assert cable.poll(0)
+    whole, port._port.fd = port._port.fd, None  # as pyserial's close leaves it for a moment
+    cable.wait(0.001)
+    assert port.fileno() == -1
+    assert not port.write(b"x")
+    assert port.read() == b""
+    os.close(whole)
 
 
 def test_a_serial_port_belongs_to_one_program(terminal: tuple[int, int, str]) -> None:
@@ -268,6 +308,28 @@ def test_a_lost_cable_is_opened_again_no_more_often_than_asked() -> None:
     line.close()
     assert line.closed
     cable.ends[1].close()
+
+
+def test_a_cable_that_takes_long_to_open_is_not_waited_for() -> None:
+    cable, answers = Cable(), threading.Event()
+
+    def connect() -> Transport:
+        answers.wait(20.0)
+        return cable.connect()
+
+    line = Reconnecting(connect, pause_ns=500, patience_s=0.01)
+    began = time.monotonic()
+    assert [line.poll(now) for now in range(0, 500, 10)] == [False] * 50
+    assert time.monotonic() - began < LONG_S
+    assert "being opened" in line.reason
+    answers.set()
+    assert _eventually(lambda: line.poll(499) or line.reason == "no board")
+    assert (cable.tried, line.poll(499)) == (1, False)
+    cable.plugged = True
+    assert _eventually(lambda: line.poll(500))
+    assert (cable.tried, line.connections) == (2, 1)
+    line.close()
+    cable.ends[0].close()
 
 
 def test_no_pseudo_terminal_left_is_an_error_with_advice(monkeypatch: pytest.MonkeyPatch) -> None:

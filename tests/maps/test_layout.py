@@ -74,6 +74,13 @@ def test_a_drop_off_is_no_ghost(folder: Path) -> None:
     assert len(load_erased(folder)) == 1
 
 
+def test_parts_are_erased_of_a_map_by_the_name_of_its_yaml(folder: Path) -> None:
+    save_map(folder, load_map(folder), name="lab")
+    (folder / "map.yaml").unlink()
+    Layout(folder / "lab.yaml").erase(SQUARE)
+    assert not load_map(folder / "lab.yaml").cells.any()
+
+
 def test_every_change_is_taken_back_in_its_turn(folder: Path) -> None:
     save_places(folder, {"door": Place("door", Pose2(3.0, 3.0))})
     layout = Layout(folder)
@@ -96,6 +103,32 @@ def test_every_change_is_taken_back_in_its_turn(folder: Path) -> None:
     assert not layout.undoable
     with pytest.raises(PlaceError, match="nothing to undo"):
         layout.undo()
+
+
+def test_no_place_or_zone_is_said_with_an_empty_list_and_a_file_of_no_byte_is_damaged(folder: Path) -> None:
+    layout = Layout(folder)
+    layout.set_zone(Zone("stairs", Rule.KEEP_OUT, SQUARE))
+    layout.remove_zone("stairs")
+    for name, text, load in (
+        ("places.yaml", "{}\n", load_places),
+        ("zones.yaml", "{}\n", load_zones),
+        (ERASED_YAML, "[]\n", load_erased),
+    ):
+        path = folder / name
+        assert path.read_text() == text
+        assert not load(folder)
+        path.write_bytes(b"")
+        with pytest.raises(WaychairError, match=f"{name} is empty, as after a power cut: put a copy of it back"):
+            load(folder)
+        path.write_text(text)
+
+
+def test_a_change_from_before_empty_lists_were_written_is_taken_back(folder: Path) -> None:
+    layout = Layout(folder)
+    layout.set_place(Place("lift", Pose2(1.0, 1.0, 0.0)))
+    (folder / "undo.yaml").write_text("- {places.yaml: '', zones.yaml: ''}\n")
+    layout.undo()
+    assert Layout(folder).drawing.places == {}
 
 
 def test_only_so_many_changes_are_kept(folder: Path) -> None:
@@ -196,6 +229,31 @@ def test_a_broken_file_of_erased_parts_is_refused_with_its_name(folder: Path, te
     (folder / ERASED_YAML).write_text(text)
     with pytest.raises(ZoneError, match=ERASED_YAML):
         load_map(folder)
+
+
+@pytest.mark.parametrize("replaces", [False, True])
+def test_a_known_name_is_replaced_only_where_that_is_said(folder: Path, replaces: bool) -> None:
+    layout = Layout(folder)
+    layout.set_place(Place("bed", Pose2(1.0, 2.0)))
+    layout.set_zone(Zone("ward", Rule.KEEP_OUT, SQUARE))
+    if replaces:
+        layout.set_place(Place("bed", Pose2(2.0, 2.0)), replaces=True)
+        layout.set_zone(Zone("ward", Rule.SLOW, SQUARE, 0.3), replaces=True)
+    else:
+        with pytest.raises(PlaceError, match="already"):
+            layout.set_place(Place("bed", Pose2(2.0, 2.0)))
+        with pytest.raises(ZoneError, match="already"):
+            layout.set_zone(Zone("ward", Rule.SLOW, SQUARE, 0.3))
+    assert load_places(folder)["bed"].pose.x == (2.0 if replaces else 1.0)
+    assert [zone.rule for zone in load_zones(folder)] == [Rule.SLOW if replaces else Rule.KEEP_OUT]
+
+
+def test_a_history_that_is_no_text_is_no_history(folder: Path) -> None:
+    (folder / "undo.yaml").write_bytes(b"\xff\xfe")
+    layout = Layout(folder)
+    assert not layout.undoable
+    layout.set_place(Place("bed", Pose2(1.0, 2.0)))
+    assert layout.undoable
 
 
 @given(st.text(max_size=200))

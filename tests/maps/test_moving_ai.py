@@ -18,7 +18,7 @@ def written(path: Path, text: str) -> Path:
     return path
 
 
-@pytest.mark.parametrize("text", [MAP, MAP.replace("\n", "\r\n"), MAP.removesuffix("\n")])
+@pytest.mark.parametrize("text", [MAP, MAP.replace("\n", "\r\n"), MAP.removesuffix("\n"), MAP + "\n \n"])
 def test_the_top_line_is_row_0_and_dots_g_and_s_are_free(tmp_path: Path, text: str) -> None:
     free = load_free_cells(written(tmp_path / "a.map", text))
     assert free.tolist() == [[True, True, False], [False, False, True]]
@@ -34,6 +34,11 @@ def test_the_top_line_is_row_0_and_dots_g_and_s_are_free(tmp_path: Path, text: s
         (MAP.replace(".G@", ".G"), "line 5: 2 cells where 3"),
         (MAP.removesuffix("TWS\n"), "line 6: 0 cells where 3"),
         (MAP.replace("height 2", "height 9"), "where 3 cells were announced"),
+        (MAP.replace("height 2", "height " + "9" * 6000), "line 2: it must read `height N`"),
+        (MAP.replace("height 2", "height 12000").replace("width 3", "width 12000"), "take coarser cells"),
+        (MAP.replace("height 2", "height 1"), "line 6: more rows than the 1 that were announced"),
+        (MAP + "\n\n...\n", "line 9: more rows"),
+        (MAP.replace("TWS", "TwS"), "line 6: 'w' in column 1 is none of"),
     ],
 )
 def test_a_broken_map_is_refused_with_its_line(tmp_path: Path, text: str, said: str) -> None:
@@ -48,12 +53,18 @@ def test_queries_are_row_and_column_with_their_optimal_cost(tmp_path: Path) -> N
     check_queries(queries, np.ones((2, 3), bool))
     with pytest.raises(MapError, match="query 1 of the scenario is of a map of 3 columns and 2 rows"):
         check_queries(queries, np.ones((3, 2), bool))
+    with pytest.raises(MapError, match="query 1 of the scenario: its goal in column 2, row 0 is occupied"):
+        check_queries(queries, np.array([[True, True, False], [True, True, True]]))
+    outside = [*queries, Query((-1, 0), (0, 2), 2.0, (2, 3))]
+    with pytest.raises(MapError, match="query 2 of the scenario: its start in column 0, row -1 lies outside"):
+        check_queries(outside, np.ones((2, 3), bool))
 
 
 @pytest.mark.parametrize(
     ("text", "said"),
     [
         ("", "no Moving AI scenario"),
+        ("version 1\n\n", "holds no query"),
         ("version 1\n0\ta.map\t3\t2\t0\t1\t2\t0\n", "line 2: a query is nine fields"),
         ("version 1\n0\ta.map\t3\t2\t0\t1\t2\tx\t1\n", "line 2"),
         ("version 1\n0\ta.map\t3\t2\t0\t1\t2\t0\tinf\n", "line 2: inf is no cost"),

@@ -6,7 +6,7 @@ import math
 
 import numpy as np
 import pytest
-from hypothesis import given, settings
+from hypothesis import example, given, settings
 from hypothesis import strategies as st
 
 from waychair.planning.motion import (
@@ -72,10 +72,36 @@ def test_after_hard_braking_the_chair_backs_out_no_faster_than_it_is_to(v: float
     assert command.v == pytest.approx(target, abs=0.01)
 
 
+@pytest.mark.parametrize("share", [0.95, 0.9, 0.85])
+@pytest.mark.parametrize("wanted", [Twist(0.8, 0.0), Twist(0.4, 0.4), Twist(0.0, 0.8)])
+def test_a_command_that_was_cut_for_a_moment_is_soon_what_it_was_and_no_stop(share: float, wanted: Twist) -> None:
+    """As the collision monitor cuts it, at once: by more than the jerk could undo in time."""
+    cut = Twist(share * wanted.v, share * wanted.omega)
+    motion, command = motion_after(Motion(), wanted, cut, PROMPT), cut
+    shares = []
+    for _ in range(50):
+        following = towards(command, wanted, PROMPT, motion)
+        motion, command = motion_after(motion, command, following, PROMPT), following
+        shares.append((command.v + command.omega) / (wanted.v + wanted.omega))
+    assert min(shares) > share - 0.65
+    assert min(shares) > 0.2
+    assert shares[-1] > 0.99
+
+
 @given(st.floats(0.0, 0.4), st.floats(0.0, 0.8), st.floats(-1.5, 0.0))
 def test_hard_braking_is_not_carried_on_into_driving_the_other_way(v: float, target: float, a: float) -> None:
     assert towards(Twist(v), Twist(target), PROMPT, Motion(Twist(a))).v >= 0.0
     assert towards(Twist(-v), Twist(-target), PROMPT, Motion(Twist(-a))).v <= 0.0
+
+
+def most_eased(left: float, change: float) -> float:
+    """The greatest step after which steps that are smaller by the change each time go no farther than what is left."""
+    low, high = 0.0, left
+    for _ in range(60):
+        step = (low + high) / 2
+        goes = np.maximum(step - change * np.arange(math.ceil(step / change) + 1), 0.0).sum()
+        low, high = (step, high) if goes <= left else (low, step)
+    return low
 
 
 def plainly_towards(command: Twist, target: Twist, acceleration: Twist | None) -> Twist:
@@ -91,7 +117,7 @@ def plainly_towards(command: Twist, target: Twist, acceleration: Twist | None) -
         if a is None:
             after.append(begin + share * (end - begin))
             continue
-        most = math.sqrt((jerk * s.period / 2) ** 2 + 2 * jerk * abs(end - begin)) - jerk * s.period / 2
+        most = most_eased(abs(end - begin), jerk * s.period**2) / s.period
         wanted = float(np.clip(share * (end - begin) / s.period, -most, most))
         after.append(begin + s.period * float(np.clip(wanted, a - jerk * s.period, a + jerk * s.period)))
     way = command.v if command.v != 0 else target.v
@@ -104,6 +130,7 @@ SPEEDS = st.one_of(st.just(0.0), st.floats(-0.8, 0.8))
 
 
 @given(SPEEDS, SPEEDS, st.lists(st.tuples(SPEEDS, SPEEDS), max_size=5), st.none() | st.tuples(SPEEDS, SPEEDS))
+@example(0.0, 0.0, [(0.0, 0.0625)], (0.0, 0.5))
 @settings(max_examples=200, deadline=None)
 def test_steps_towards_many_targets_equal_a_plain_reference(
     v: float, omega: float, targets: list[tuple[float, float]], accelerations: tuple[float, float] | None

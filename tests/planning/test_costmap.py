@@ -171,6 +171,16 @@ def test_a_map_without_room_for_the_chair_is_refused() -> None:
         check_free_space(costmap_from_grid(corridor(0.6), CHAIR_A))
 
 
+@pytest.mark.parametrize("one", [-1, 100])
+def test_a_map_of_which_no_cell_is_known_to_be_free_is_refused(one: int) -> None:
+    cells = np.full((100, 80), -1, np.int8)
+    cells[5, 5] = one
+    with pytest.raises(NoFreeSpace, match="no cell of the map is known to be free"):
+        check_free_space(costmap_from_grid(OccupancyGrid(cells, 0.05), CHAIR_A))
+    cells[5, 5] = 0
+    check_free_space(costmap_from_grid(OccupancyGrid(cells, 0.05), CHAIR_A))
+
+
 def test_a_clearance_above_what_is_kept_is_cut_but_never_below_what_the_prices_need() -> None:
     wide = corridor(12.0)
     assert costmap_from_grid(wide, CHAIR_A).clearance.max() == 2.0

@@ -104,3 +104,15 @@ def test_a_chair_beside_a_wall_crawls_away_from_it() -> None:
     assert not result.blocked
     assert result.candidates[:, 0].max() <= 0.15 + 1e-9
     assert abs(result.twist.v) + abs(result.twist.omega) > 0.0
+
+
+def test_who_may_not_drive_backwards_does_not_back_out() -> None:
+    shape, _ = eased_footprint(CHAIR_A, SETTINGS.margin, hall(), Pose2(4.0, 3.0, 0.0))
+    for most in (0.0, 0.1):
+        limits = replace(SETTINGS, max_reverse=most)
+        command = Twist()
+        for _ in range(20):
+            result = back_up(Pose2(4.0, 3.0, 0.0), command, np.empty((0, 3)), hall(), shape, limits)
+            command = result.twist
+        assert command.v == -most
+        assert result.blocked is (most == 0.0)

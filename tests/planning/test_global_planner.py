@@ -14,8 +14,8 @@ from waychair.errors import GoalOccupied, GoalOutsideMap, NoPath, StartOccupied,
 from waychair.maps.grid import cells_from_points
 from waychair.planning.costmap import Costmap, costmap_from_grid
 from waychair.planning.global_planner import GlobalPlanner, PlannerSettings, plan
-from waychair.planning.grid_graph import Prices
-from waychair.planning.smoothing import line_cost
+from waychair.planning.grid_graph import FREE_PRICE, Prices
+from waychair.planning.smoothing import line_cost, round_corners
 from waychair.types import FloatArray, OccupancyGrid, Pose2
 
 ORIGIN = Pose2(-3.0, 5.0, 0.0)
@@ -181,6 +181,22 @@ def test_the_cost_of_a_line_equals_the_plain_reference(seed: int) -> None:
     prices = np.where(rng.random((12, 15)) < 0.05, 0, rng.integers(1000, 9000, (12, 15))).astype(np.int32)
     a, b = rng.uniform(0, (15, 12), (2, 2))
     assert line_cost(prices, *a, *b) == pytest.approx(plain_line_cost(prices, a, b))
+
+
+@pytest.mark.parametrize("end", [(15.0, 3.0), (-0.1, 3.0), (3.0, 12.0), (3.0, -0.1), (40.0, 40.0)])
+def test_no_line_leads_off_the_map(end: tuple[float, float]) -> None:
+    prices = np.full((12, 15), FREE_PRICE, np.int32)
+    assert line_cost(prices, 5.0, 5.0, *end) == math.inf
+    assert line_cost(prices, *end, 5.0, 5.0) == math.inf
+    assert line_cost(prices, 5.0, 5.0, 14.9, 11.9) < math.inf
+
+
+def test_a_corner_is_not_rounded_against_a_one_way_zone() -> None:
+    prices, barred = np.full((20, 20), FREE_PRICE, np.int32), np.zeros((20, 20), np.uint8)
+    points = np.array([[2.5, 2.5], [10.5, 2.5], [10.5, 12.5]])
+    assert (round_corners(prices, points, 4)[1] != points[1]).any()
+    barred[3:, :10] = 0xFF  # within the corner
+    np.testing.assert_array_equal(round_corners(prices, points, 4, barred), points)
 
 
 @given(st.floats(0.9, 4.4), st.floats(0.3, 3.0), st.floats(0.80, 0.95))

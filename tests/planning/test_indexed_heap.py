@@ -3,10 +3,11 @@
 from __future__ import annotations
 
 import numpy as np
+import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from waychair.planning.indexed_heap import Heap, empty_heap, grown, has_room, put, remove
+from waychair.planning.indexed_heap import NEIGHBOURHOOD, Heap, empty_heap, grown, has_room, put, remove
 
 PLACED = np.dtype([("other", np.int64), ("place", np.int32)])
 
@@ -65,3 +66,15 @@ def test_a_full_heap_grows_and_keeps_its_order() -> None:
         remove(*heap, order[-1])
     assert order == list(range(11, -1, -1))
     assert not np.any(heap.cells["place"])
+
+
+@pytest.mark.parametrize("grows", [False, True])
+def test_behind_the_last_entry_there_are_three_to_compare_it_with_however_full_it_is(grows: bool) -> None:
+    heap = grown(queue(200, 14)) if grows else queue(200, 14)
+    while has_room(heap):
+        put(*heap, int(heap.size[0]), 10, 0)
+    for _ in range(NEIGHBOURHOOD - 1):  # what one step may still insert, after the one that it was asked before
+        put(*heap, int(heap.size[0]), 10, 0)
+    behind = heap.entries["first"][heap.size[0] + 1 :]
+    assert len(behind) >= 3
+    assert (behind == np.iinfo(np.int64).max).all()

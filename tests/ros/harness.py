@@ -9,7 +9,7 @@ import sys
 import time
 from collections.abc import Callable, Iterator
 from pathlib import Path
-from typing import Any, Self
+from typing import Any, Self, TypeVar
 
 import rclpy
 from rclpy.executors import SingleThreadedExecutor
@@ -18,10 +18,14 @@ from waychair.ros.environment import ros_environment
 from waychair.ros.interface_types import interface_type
 from waychair.ros.messages.reports import Report, read_diagnostics
 from waychair.ros.messages.wire import deserialised, plain
+from waychair.ros.node import ChairNode
 from waychair.ros.topics import DIAGNOSTICS, RosTopic, profile
 
 PATIENCE_S = 40.0
 """A loaded machine takes its time; only a test that fails waits so long."""
+
+
+AnyNode = TypeVar("AnyNode", bound=ChairNode[Any])
 
 
 class Heard(list[Any]):
@@ -46,6 +50,16 @@ class Harness:
     def __exit__(self, *error: object) -> None:
         self.node.destroy_node()
         rclpy.try_shutdown()
+
+    @contextlib.contextmanager
+    def serving(self, node: AnyNode) -> Iterator[AnyNode]:
+        """A node in this process, served by this harness and closed at the end."""
+        self.executor.add_node(node)
+        try:
+            yield node
+        finally:
+            self.executor.remove_node(node)
+            node.close()
 
     def spin_until(self, condition: Callable[[], Any], what: str, meanwhile: Callable[[], None] | None = None) -> None:
         """Serve the node until the condition holds, doing something over and over `meanwhile`."""

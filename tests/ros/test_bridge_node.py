@@ -3,8 +3,9 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Iterator
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
+from types import SimpleNamespace
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
@@ -13,9 +14,10 @@ import pytest
 from waychair.ros import topics
 from waychair.ros.messages.chair import DriveReport, DriveRequest, drive_request, read_drive_state
 from waychair.ros.messages.reports import Level
+from waychair.ros.messages.sensors import battery
 from waychair.ros.messages.wire import serialised
-from waychair.ros_messages import laser_scan, make
-from waychair.types import Scan
+from waychair.ros_messages import joint_states, laser_scan, make
+from waychair.types import ChairStatus, JoystickInput, Scan, WheelTicks
 
 if TYPE_CHECKING:
     from tests.ros.harness import Harness, Heard
@@ -83,6 +85,17 @@ def test_scans_of_another_clock_are_named_and_not_taken(bridge: BridgeAlone) -> 
     assert "lidar_stale" in dict(bridge.next_state().halts)
 
 
+@pytest.mark.parametrize("name", ["joint_states", "battery_state"])
+def test_drivers_that_send_with_best_effort_are_heard(bridge: BridgeAlone, name: str) -> None:
+    topic = {each.name: each for each in (topics.JOINTS, topics.BATTERY)}[name]
+    send = bridge.sender(replace(topic, qos=topics.SENSOR_DATA))
+    messages = {"joint_states": joint_states(WheelTicks(5, 1, 2), 4096), "battery_state": battery(ChairStatus(5))}
+    report = bridge.ros.report(
+        f"input {name}", lambda report: dict(report.values)["messages"] != "0", lambda: send(messages[name])
+    )
+    assert "QoS" not in report.message
+
+
 def test_f26_whoever_else_publishes_speeds_is_named(bridge: BridgeAlone) -> None:
     bridge.sender(topics.COMMAND)
     bridge.ros.spin_until(lambda: "two_commanders" in dict(bridge.state.halts), "the stop's name")
@@ -124,6 +137,51 @@ def test_a_stop_by_topic_is_taken_at_once_and_a_yes_to_nothing_refused(bridge: B
     assert bridge.state.command is None
 
 
+def test_a_pages_stick_that_was_pushed_before_the_bridge_began_counts_once_it_was_let_go(
+    ros: Harness, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    from waychair.ros import bridge_node
+
+    obeyed: list[tuple[float, float]] = []
+    now_ns = [10**9]
+    monkeypatch.setattr(bridge_node.time, "monotonic_ns", lambda: now_ns[0])
+    base = SimpleNamespace(let_go=lambda at: None, steer=lambda forward, turn, at: obeyed.append((forward, turn)))
+
+    def begun() -> Any:
+        node: Any = SimpleNamespace(
+            settings=bridge_node.BridgeNodeSettings(),
+            _base=base,
+            _held_ns=now_ns[0],
+            _is_of_now=lambda stamp_ns: True,
+            _motion={"page_joystick": "page"},
+            _sender_counts=[0],
+            _named_ns=0,
+            _stranger="",
+            count_publishers=lambda name: 1,
+            get_publishers_info_by_topic=lambda topic: [],
+            _look_for_strangers=lambda at: bridge_node.BridgeNode._look_for_strangers(node, at),
+        )
+        return node
+
+    def push(node: Any, after_s: float = 0.1) -> int:
+        now_ns[0] += round(after_s * 1e9)
+        bridge_node.BridgeNode._steered(node, JoystickInput(0, 0.5, 0.0))
+        return len(obeyed)
+
+    held = begun()
+    assert [push(held) for _ in range(50)] == [0] * 50
+    bridge_node.BridgeNode._steered(held, None)
+    assert [push(held), push(held, 5.0)] == [1, 2]
+    obeyed.clear()
+    fresh = begun()
+    for _ in range(30):  # ticks
+        now_ns[0] += 100_000_000
+        fresh._look_for_strangers(now_ns[0])
+    assert [push(fresh), push(fresh)] == [1, 2], "nobody has pushed while page and bridge were there"
+    fresh._sender_counts = [2]
+    assert push(fresh) == 3, "a page that is started again is known"
+
+
 def test_on_an_open_network_it_obeys_no_speeds_and_says_why(ros: Harness) -> None:
     states = ros.heard(topics.DRIVE_STATE, "open/drive_state")
     arguments = ("-r", "__ns:=/open", "-p", "deaf:=true", "-p", "cable:=pty:/none")
@@ -133,3 +191,12 @@ def test_on_an_open_network_it_obeys_no_speeds_and_says_why(ros: Harness) -> Non
     states.close()
     assert "set up security keys (SROS 2)" in dict(state.halts)["open_network"]
     assert not state.ready
+
+
+def test_a_seat_switch_that_no_topic_carries_is_refused_in_one_sentence(ros: Harness) -> None:
+    words = ("-m", "waychair.ros.bridge_node", "--ros-args", "-p", "fitness.seat_switch:=true")
+    with ros.process(*words) as process:
+        output, _ = process.communicate(timeout=30.0)
+    assert process.returncode == 2
+    assert output.count("\n") == 1
+    assert "no message of ROS says whether somebody sits in the chair" in output

@@ -15,7 +15,9 @@ import pytest
 
 from tests.ros.realtime import ALONE
 from waychair.geometry import in_space
-from waychair.maps.map_files import load_map
+from waychair.maps.layout import Layout
+from waychair.maps.map_files import load_map, save_map
+from waychair.maps.places import add_place, load_places
 from waychair.recording import read_recording, read_tum
 from waychair.ros import topics
 from waychair.ros.growing_map import MOST_BEHIND, GrowingMap
@@ -248,6 +250,35 @@ def test_a_map_is_saved_whole_and_a_folder_that_cannot_be_is_named(room: Room, t
     assert "file" in told[1]
 
 
+def test_a_map_that_is_saved_again_keeps_what_was_drawn_on_it(room: Room, tmp_path: Path) -> None:
+    told: list[str] = []
+    for k in range(20):
+        room.drive(k, Pose2(0.04 * k, 0.0, 0.0))
+        if k % 10 == 9:
+            room.growing.save(tmp_path, told.append)
+            add_place(tmp_path, f"place {k}", Pose2(0.1, 0.0, 0.0))
+    assert told == ["", ""]
+    assert set(load_places(tmp_path)) == {"place 9", "place 19"}
+    assert room.growing.keep(tmp_path) == ""
+    assert set(load_places(tmp_path)) == {"place 9", "place 19"}
+
+
+def test_what_is_drawn_on_another_map_is_neither_on_the_new_one_nor_lost(room: Room, tmp_path: Path) -> None:
+    folder, told = tmp_path / "made_map", list[str]()
+    save_map(folder, OccupancyGrid(np.full((40, 40), 100, np.int8), 0.05, Pose2()))
+    layout = Layout(folder)
+    layout.erase(np.array([[0.5, 0.5], [1.0, 0.5], [1.0, 1.0]]))
+    for k in range(10):
+        room.drive(k, Pose2(0.04 * k, 0.0, 0.0))
+    room.growing.save(folder, told.append)
+    assert "those of another map: choose another folder" in told[0]
+    assert room.growing.keep(folder) == ""
+    assert not (folder / "erased.yaml").exists()
+    assert len(load_map(folder).cells) > 40
+    assert load_map(tmp_path / "made_map-1").cells.shape == (40, 40)
+    assert Layout(tmp_path / "made_map-1").undoable
+
+
 def test_before_the_first_scan_there_is_no_map_to_save(room: Room, tmp_path: Path) -> None:
     told: list[str] = []
     room.growing.save(tmp_path / "map", told.append)
@@ -258,8 +289,7 @@ def test_before_the_first_scan_there_is_no_map_to_save(room: Room, tmp_path: Pat
 
 def test_a_mapper_that_localises_saves_its_map_with_places_and_zones(ros: Harness, tmp_path: Path) -> None:
     from tests.ros.harness import ended
-    from waychair.maps.map_files import save_map
-    from waychair.maps.places import load_places, save_places
+    from waychair.maps.places import save_places
     from waychair.simulation.world import load_world
 
     world = load_world("small_clinic")
@@ -281,7 +311,6 @@ def test_a_mapper_that_localises_saves_its_map_with_places_and_zones(ros: Harnes
 
 
 def test_a_mapper_on_another_clock_takes_no_scan_and_says_why(ros: Harness, tmp_path: Path) -> None:
-    from waychair.maps.map_files import save_map
     from waychair.ros.interface_types import interface_type
     from waychair.ros.messages.wire import serialised
     from waychair.ros_messages import header, make

@@ -297,12 +297,16 @@ BAD: list[tuple[Any, Any, dict[str, Any], str]] = [
     (sensors.read_scan, SCAN, {"angle_increment": 0.0}, "a scan of 11 ranges is none"),
     (sensors.read_scan, SCAN, {"ranges": np.zeros(0, np.float32)}, "a scan of 0 ranges is none"),
     (sensors.read_scan, SCAN, {"ranges": np.ones(7, np.float32)}, "7 ranges, but 11 beams"),
+    (sensors.read_scan, SCAN, {"header__frame_id": "base_link"}, "'base_link' is not of the sensor in 'laser'.*scan_frame"),
+    (sensors.read_scan, SCAN, {"header__frame_id": "rear_laser"}, "'rear_laser' is not of the sensor in 'laser'"),
+    (sensors.read_imu, IMU, {"header__frame_id": "camera_imu"}, "'camera_imu' is not of the sensor in 'imu_link'.*imu_"),
     (sensors.read_imu, IMU, {"angular_velocity__z": math.nan}, "no number"),
     (sensors.read_imu, IMU, {"linear_acceleration_covariance": ros_messages.UNREPORTED}, "holds no acceleration"),
     (sensors.read_range, RANGE, {"max_range": 0.0}, "from 0.02 to 0 m"),
     (motion.read_odometry, ODOMETRY, {"header__frame_id": "map"}, "frame 'map' is unknown here: send it in odom"),
     (motion.read_odometry, ODOMETRY, {"child_frame_id": "cart"}, "odometry is of 'cart'"),
     (motion.read_odometry, ODOMETRY, {"pose__pose__position__x": math.nan}, "a pose is no number"),
+    (motion.read_odometry, ODOMETRY, {"pose__pose__position__x": 1e308}, "beyond all that a chair can drive"),
     (motion.read_odometry, ODOMETRY, {"twist__twist__angular__z": math.inf}, "twist is no number"),
     (motion.read_pose_stamped, GOAL, {"header__frame_id": "moon"}, "frame 'moon' is unknown here: send it in map"),
     (motion.read_pose_stamped, GOAL, {"pose__orientation__w": 0.0}, "quaternion has length 0"),
@@ -339,6 +343,8 @@ def test_a_message_that_says_nothing_possible_is_refused_by_name(
         (1, {"width": 2}, r"\(4 x 3, 2 x 3\) differ from the camera's 4 x 3"),
         (2, {"k": np.zeros(9)}, "not calibrated"),
         (2, {"k": np.full(9, math.nan)}, "matrix is no number"),
+        (2, {"k": np.diag([300.0, 0.0, 1.0]).ravel()}, "no focal lengths"),
+        (2, {"k": np.diag([300.0, 300.0, 0.0]).ravel()}, "no focal lengths"),
         (2, {"height": 480}, "differ from the camera's 4 x 480"),
     ],
 )
@@ -369,6 +375,26 @@ def test_wheels_of_other_names_are_refused() -> None:
     message.name = ["left_wheel_joint", "caster"]
     with pytest.raises(MessageError, match="lack right_wheel_joint"):
         sensors.read_wheels(message, 4096)
+
+
+def test_wheels_that_turned_beyond_all_numbers_are_refused() -> None:
+    message = sent(JOINTS)
+    message.position = np.array([1e306, 0.0])
+    with pytest.raises(MessageError, match="a wheel's angle is no number"):
+        sensors.read_wheels(message, 4096)
+
+
+def test_a_picture_that_the_decoder_refuses_is_refused_by_name() -> None:
+    odd = RgbdFrame(5, np.zeros((4, 5), np.uint8), np.ones((4, 5), np.float32), np.diag([5.0, 5.0, 1.0]))
+    colour = ros_messages.colour_image(odd)
+    colour.encoding, colour.step, colour.data = "yuv422_yuy2", 10, np.zeros(40, np.uint8)
+    with pytest.raises(MessageError, match="a picture cannot be read"):
+        camera.read_rgbd(colour, ros_messages.depth_image(odd), ros_messages.camera_info(odd))
+
+
+def test_a_sensor_may_have_a_frame_of_its_own_name() -> None:
+    assert sensors.read_scan(broken(SCAN, header__frame_id="/front"), "front").stamp_ns == 5
+    assert sensors.read_imu(broken(IMU, header__frame_id="imu"), "imu").stamp_ns == 5
 
 
 def test_frames_may_carry_the_slash_of_old() -> None:

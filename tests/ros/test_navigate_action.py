@@ -118,3 +118,26 @@ def test_a_server_that_waits_for_the_end_of_a_drive_is_idle(client: Client, ros:
     assert client.servers_cpu_s() - before_s < 40 * 0.015
     handle.cancel_goal_async()
     assert client.result(handle)[0] == CANCELED
+
+
+def test_the_recoveries_that_are_told_are_those_of_this_drive(ros: Harness) -> None:
+    """Not the plans: with people about there is a new one each second."""
+    from types import SimpleNamespace
+
+    from waychair.ros.navigator_node import NavigatorNode, NavigatorNodeSettings
+
+    told: list[Any] = []
+    recovery = SimpleNamespace(begun=3)
+    node: Any = SimpleNamespace(
+        settings=NavigatorNodeSettings(),
+        _navigation=SimpleNamespace(path=None, plans=9),
+        _pilot=SimpleNamespace(navigator=SimpleNamespace(recovery=recovery), go=lambda goal: None),
+        _action=SimpleNamespace(tell=told.append),
+        _missing=lambda now_ns: "",
+        _tolerant=lambda goal: goal,
+    )
+    NavigatorNode.begin(node, Pose2(), 7)
+    NavigatorNode._tell_progress(node, Pose2())
+    recovery.begun += 1
+    NavigatorNode._tell_progress(node, Pose2())
+    assert [progress.recoveries for progress in told] == [0, 1]

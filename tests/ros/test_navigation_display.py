@@ -4,6 +4,8 @@ from __future__ import annotations
 
 import importlib.util
 from math import exp
+from types import SimpleNamespace
+from typing import Any
 
 import numpy as np
 import pytest
@@ -11,12 +13,14 @@ import pytest
 from waychair.calibration.chair import CHAIR_A
 from waychair.maps.distance_field import DistanceField
 from waychair.planning.costmap import costmap_from_grid
-from waychair.types import OccupancyGrid, Pose2
+from waychair.types import OccupancyGrid, Path, Pose2
 
 if importlib.util.find_spec("rclpy") is None:
     pytest.skip("ROS is not installed (no rclpy)", allow_module_level=True)
 
-from waychair.ros.navigation_display import grid_from_costmap, grid_from_distances
+from waychair.ros import topics
+from waychair.ros.messages.motion import read_path
+from waychair.ros.navigation_display import NavigationDisplay, grid_from_costmap, grid_from_distances
 
 _AT = Pose2(1.0, -2.0, 0.3)
 
@@ -62,3 +66,38 @@ def test_what_stands_near_has_the_costs_of_nav2s_inflation() -> None:
     assert shown.cells.tolist() == [[100, 99, 99, *falling, 0, 0]]
     assert 98 > falling[0] > falling[1] > 0
     assert (shown.resolution, shown.map_from_grid) == (0.05, _AT)
+
+
+class Shown:
+    """A display, its node's time, and what it has sent by topic."""
+
+    def __init__(self) -> None:
+        self.now_ns, self.sent = 10**9, dict[str, list[Any]]()
+        node = SimpleNamespace(now_ns=lambda: self.now_ns, publisher=self._publisher, every=lambda rate, call: None)
+        self.display = NavigationDisplay(node, CHAIR_A)  # type: ignore[arg-type]
+
+    def _publisher(self, topic: topics.RosTopic) -> Any:
+        return self.sent.setdefault(topic.name, []).append
+
+    def tick(self, way: Path | None, active: bool = True, after_s: float = 0.05) -> list[int]:
+        """Numbers of poses of the plans that come of a tick."""
+        self.now_ns += round(after_s * 1e9)
+        before = len(self.sent["plan"])
+        arc = None if not active else SimpleNamespace(arc=np.zeros((5, 3)))
+        navigation = SimpleNamespace(path=way, choice=arc, driving=active)
+        self.display.show(navigation, SimpleNamespace(active=active, people=np.empty((0, 2))), Pose2(), None)  # type: ignore[arg-type]
+        return [len(read_path(message).poses) for message in self.sent["plan"][before:]]
+
+
+def test_a_plan_is_shown_at_once_and_again_to_who_comes_late_and_goes_with_the_drive() -> None:
+    shown, way = Shown(), Path(np.zeros((7, 3)))
+    assert shown.tick(None, active=False) == []
+    assert shown.tick(way) == [7]
+    assert shown.tick(way) == []
+    assert shown.tick(way, after_s=1.0) == [7]
+    assert shown.tick(Path(np.zeros((3, 3)))) == [3]
+    assert shown.tick(way, active=False) == [0]
+    assert shown.tick(way, active=False, after_s=5.0) == []
+    local = shown.sent["local_plan"]
+    assert [len(message.poses) for message in local] == [5, 5, 5, 5, 0]
+    assert {message.header.frame_id for message in local} == {topics.LOCAL_PLAN.frame} == {"odom"}

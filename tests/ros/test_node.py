@@ -15,9 +15,11 @@ import pytest
 
 from waychair import ros_messages
 from waychair.errors import ConfigError
+from waychair.ros import topics
+from waychair.ros.messages.motion import pose_with_covariance
 from waychair.ros.messages.reports import Level, Report
 from waychair.ros.topics import CLOCK, RELIABLE, SCAN, profile
-from waychair.types import Scan
+from waychair.types import Pose2, Scan
 
 if TYPE_CHECKING:
     from tests.ros.harness import Harness
@@ -31,13 +33,8 @@ def plain_node(ros: Harness, *arguments: str) -> Iterator[PlainNode]:
     """The node in this process, served by the harness."""
     from tests.ros.plain_node import PlainNode
 
-    node = PlainNode(["--ros-args", *arguments])
-    ros.executor.add_node(node)
-    try:
+    with ros.serving(PlainNode(["--ros-args", *arguments])) as node:
         yield node
-    finally:
-        ros.executor.remove_node(node)
-        node.close()
 
 
 @contextmanager
@@ -150,6 +147,21 @@ def test_a_message_that_says_nothing_possible_is_reported_and_dropped(
         report = ros.report("plain: input scan", lambda report: sentence in report.message, lambda: send(message))
         assert report.level is Level.ERROR
         assert node.scans.latest is None
+
+
+@pytest.mark.parametrize(
+    "error", [OverflowError("too large"), AssertionError(), np.linalg.LinAlgError("singular"), ZeroDivisionError()]
+)
+def test_whatever_reading_comes_to_a_message_ends_no_node(ros: Harness, error: Exception) -> None:
+    def read(message: Any) -> Any:
+        raise error
+
+    with plain_node(ros) as node, sender(ros, topics.POSE) as send:
+        node.listen(topics.POSE, read)
+        message = pose_with_covariance(5, Pose2())
+        report = ros.report("input amcl_pose", lambda report: "cannot be" in report.message, lambda: send(message))
+    assert report.level is Level.ERROR
+    assert (str(error) or type(error).__name__) in report.message
 
 
 def test_stamps_of_another_clock_are_told_from_old_ones(ros: Harness) -> None:

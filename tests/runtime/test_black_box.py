@@ -338,6 +338,41 @@ def test_after_kill_9_less_than_a_second_is_missing_and_the_next_run_keeps_the_e
     assert len(parts_of(box)) == 1  # once is enough
 
 
+@pytest.fixture
+def loose_end(quiet: Drive, tmp_path: Path) -> Path:
+    """A box as a power cut leaves it."""
+    with BlackBox(tmp_path / "whole", ABOUT) as box:
+        quiet.tell(box)
+        wait_for(box, 0)
+        ends = time.monotonic() + 20.0
+        while not read_log(segment_files(box.folder)).ticks and time.monotonic() < ends:
+            time.sleep(0.01)
+        return Path(shutil.copytree(box.folder, tmp_path / "cut"))
+
+
+def test_a_second_death_while_a_loose_end_is_kept_does_not_block_the_box(quiet: Drive, loose_end: Path) -> None:
+    (loose_end / "parts" / "0001-program_ended").mkdir()
+    logged(loose_end, [quiet])
+    assert [part.folder.name for part in parts_of(loose_end)] == ["0002-program_ended"]
+    logged(loose_end, [quiet])
+    assert len(parts_of(loose_end)) == 1
+
+
+def test_a_disk_that_is_full_while_a_loose_end_is_kept_is_told_and_the_box_let_go(
+    quiet: Drive, loose_end: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    def full(*_: object, **__: object) -> int:
+        raise OSError(errno.ENOSPC, os.strerror(errno.ENOSPC))
+
+    monkeypatch.setattr(Path, "write_text", full)
+    with pytest.raises(BoxError, match="No space left"), BlackBox(loose_end, ABOUT):
+        pass
+    assert not is_written(loose_end)
+    monkeypatch.undo()
+    logged(loose_end, [quiet])
+    assert [part.folder.name for part in parts_of(loose_end)] == ["0002-program_ended"]
+
+
 def test_an_unreadable_ring_is_no_reason_not_to_log(quiet: Drive, tmp_path: Path) -> None:
     logged(tmp_path, [quiet])
     segment_files(tmp_path)[0].write_bytes(b"\x00" * 5000)

@@ -13,8 +13,10 @@ from waychair.firmware_bridge.protocol import Holder
 from waychair.maps.zones import Rule, Zone, holds
 from waychair.runtime.chair import ChairSettings
 from waychair.runtime.chair_story import obstacles_of
+from waychair.runtime.drive_base import Message
 from waychair.runtime.page_watch import GONE_NS, PageWatch
 from waychair.simulation.simulator import SimulatorSettings
+from waychair.trials.drive import BEAT_NS
 from waychair.types import DriveMode, JoystickInput, Twist
 
 ARMING = 46  # ticks: two seconds at rest, and the board's word
@@ -72,6 +74,26 @@ def test_what_wins_over_a_page_is_not_taken_back_by_it(interrupts: str) -> None:
         ride.chair.let_go(ride.simulator.now_ns)
         steered(ride, ARMING + 20)
         assert ride.speed > 0.1
+
+
+def test_steering_that_the_board_was_let_go_of_counts_again_once_the_page_let_go() -> None:
+    """The control loop hangs for a quarter of a second; the heartbeat lives."""
+    with Ride() as ride:
+        ride.tick(10)
+        steered(ride, ARMING + 40)
+        assert ride.states[-1].sent.active
+        messages: tuple[Message, ...] = ()
+        for _ in range(25):
+            ride.chair.beat(ride.simulator.now_ns)
+            messages += ride.simulator.advance(BEAT_NS)
+        ride.chair.step(ride.simulator.now_ns, messages)
+        steered(ride, 40)  # still held on the page
+        assert not ride.states[-1].sent.active
+        ride.chair.let_go(ride.simulator.now_ns)
+        ride.tick(10)
+        steered(ride, ARMING + 40)
+        assert ride.states[-1].sent.active
+        assert ride.speed > 0.3
 
 
 def test_steering_ends_a_drive_without_letting_go_of_the_lines_and_it_does_not_resume() -> None:

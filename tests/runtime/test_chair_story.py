@@ -13,7 +13,8 @@ from waychair.control.navigator import Stage
 from waychair.control.stops import STOPS, halt, halt_as_told
 from waychair.errors import ZoneError
 from waychair.maps.zones import Rule, Zone
-from waychair.runtime.chair_story import Scene, check_zone, next_action, obstacles_of
+from waychair.runtime.chair_port import Obstacle
+from waychair.runtime.chair_story import Scene, check_zone, next_action, obstacle_of, obstacles_of
 from waychair.runtime.sentences import driving_sentence, next_turn, sentence, way_ahead
 from waychair.types import DriveMode, Pose2
 
@@ -94,6 +95,11 @@ def test_every_stop_is_told_apart_from_what_helps(stop_id: str) -> None:
     (told,) = obstacles_of([halt(stop_id, "0.3 m")])
     assert told.remedy == STOPS[stop_id].remedy
     assert told.sentence == (STOPS[stop_id].sentence + " (0.3 m)")
+
+
+def test_a_stop_of_another_version_is_told_in_its_own_words() -> None:
+    assert obstacle_of("new_stop", "the seat is up: lower it") == Obstacle("new_stop", "the seat is up", "lower it")
+    assert "new_stop" in obstacle_of("new_stop", "").sentence
 
 
 def test_another_parts_own_sentence_is_split_where_its_advice_begins() -> None:

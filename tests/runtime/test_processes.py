@@ -11,6 +11,7 @@ import time
 from collections.abc import Callable
 from dataclasses import replace
 from pathlib import Path
+from typing import Any
 
 import pytest
 
@@ -54,6 +55,10 @@ def until(true: Callable[[], object]) -> None:
         time.sleep(0.005)
 
 
+def open_files() -> int:
+    return len(list(Path("/proc/self/fd").iterdir()))
+
+
 def is_alive(pid: int) -> bool:
     try:
         stat = Path(f"/proc/{pid}/stat").read_text()
@@ -72,6 +77,47 @@ def test_all_begin_and_end_together_also_who_does_not_want_to(modules: Path) -> 
     assert set(pids) == {"one", "two"}
     assert not any(map(is_alive, pids.values()))
     assert told == [f"'{name}' runs as process {pid}" for name, pid in pids.items()]
+
+
+def test_if_one_cannot_be_started_those_before_it_are_ended(modules: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    begun: list[subprocess.Popen[bytes]] = []
+    start = subprocess.Popen
+
+    def second_fails(*words: Any, **named: Any) -> subprocess.Popen[bytes]:
+        if begun:
+            raise OSError(11, "Resource temporarily unavailable")
+        begun.append(start(*words, **named))
+        return begun[0]
+
+    monkeypatch.setattr(subprocess, "Popen", second_fails)
+    files = open_files()
+    table = [Process("one", "sleeps"), Process("two", "sleeps")]
+    with pytest.raises(OSError, match="unavailable"), Supervision(table, environment(modules), settings=QUICK):
+        pass
+    assert begun[0].poll() is not None
+    assert open_files() == files
+
+
+def test_who_cannot_be_started_again_ends_all_and_closes_nothing_twice(
+    modules: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    def fails(*_: object, **__: object) -> None:
+        raise OSError(11, "Resource temporarily unavailable")
+
+    files, pids = open_files(), list[int]()
+    table = [Process("one", "sleeps"), Process("two", "sleeps")]
+
+    def one_dies() -> None:
+        with Supervision(table, environment(modules), settings=QUICK) as running:
+            pids.extend(running.pids.values())
+            os.kill(pids[0], signal.SIGKILL)
+            monkeypatch.setattr(subprocess, "Popen", fails)
+            until(running.watch)
+
+    with pytest.raises(OSError, match="unavailable"):
+        one_dies()
+    assert not any(map(is_alive, pids))
+    assert open_files() == files
 
 
 def test_who_is_killed_is_started_again_and_the_others_stay(modules: Path) -> None:

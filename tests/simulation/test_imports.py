@@ -109,6 +109,12 @@ def test_a_real_barn_world_holds_every_cylinder_and_a_chair_at_its_start(data_di
     [
         ("grid\n", "", "no line `grid`"),
         ("rows 3", "rows 4", "3 lines instead of 4"),
+        (
+            "start -2.25 3.0 1.5708",
+            "start 1e300 3.0 1.5708",
+            r"`start` is 1e300 3.0 1.5708: give 3 numbers up to 1e\+06",
+        ),
+        ("cell 0.15", "cell 1e300", r"up to 1e\+06"),
         ("....\n", "...\n", r"line 14: '\.\.\.' is no row; give 4"),
         ("....\n", "..x.\n", r"line 14: '\.\.x\.' is no row"),
         ("start -2.25 3.0 1.5708\n", "", "`start` is missing: give 3"),
@@ -122,6 +128,12 @@ def test_a_broken_barn_file_is_refused(tmp_path: Path, old: str, new: str, named
     assert old in BARN
     with pytest.raises(WorldError, match=named):
         _barn(tmp_path, BARN.replace(old, new))
+
+
+def test_a_barn_file_without_a_grid_is_refused(tmp_path: Path) -> None:
+    text = BARN.replace("rows 3", "rows 0")
+    with pytest.raises(WorldError, match="the grid has no lines"):
+        _barn(tmp_path, text[: text.index("grid") + len("grid\n")])
 
 
 @pytest.mark.parametrize("scale", [0.0, -1.0, math.nan, 11.0])

@@ -216,6 +216,29 @@ def test_errors_are_as_large_as_the_covariance_says(with_gyro: bool) -> None:
     assert 6.2 < sum(surprises) < 37.2  # chi-square of 18 degrees of freedom, 0.5 % and 99.5 %
 
 
+@pytest.mark.parametrize("with_gyro", [False, True])
+def test_errors_of_the_speeds_are_as_large_as_their_covariance_says(with_gyro: bool) -> None:
+    """Within a factor of two in sigmas, on the whole; a reading's rounding is far from white."""
+    squares = []
+    for seed in range(4):
+        rng = np.random.default_rng(seed)
+        speeds, odometry = wandering(8.0, rng), OdometryFilter(CHAIR_A)
+        k = 0
+        for reading, _ in driven(speeds, Faults(scale=0.005, bias=0.01), rng):
+            if isinstance(reading, WheelTicks):
+                twist, sigmas = odometry.update_wheels(reading).twist, np.sqrt(np.diag(odometry.twist_covariance))
+                if k > 50:
+                    squares.append(((np.array([twist.v, twist.omega]) - speeds[k]) / sigmas[[0, 2]]) ** 2)
+                k += 1
+            elif with_gyro:
+                odometry.update_imu(reading)
+    means = np.mean(squares, axis=0)
+    assert (means < 4.0).all()
+    assert (means > 0.1).all()
+    covariance = odometry.twist_covariance
+    assert np.linalg.eigvalsh(covariance).min() > 0.0
+
+
 def test_the_gyro_makes_the_heading_surer_than_wheels_that_are_unlike() -> None:
     rng, both, wheels = np.random.default_rng(3), OdometryFilter(CHAIR_A), OdometryFilter(CHAIR_A)
     for reading, pose in driven(wandering(25.0, rng), Faults(drift=0.005, bias=0.004), rng):

@@ -4,6 +4,8 @@ from __future__ import annotations
 
 import json
 import math
+from collections.abc import Iterator
+from contextlib import contextmanager
 from dataclasses import replace
 from pathlib import Path
 
@@ -47,6 +49,20 @@ def test_an_open_field_is_crossed_at_full_speed() -> None:
     assert math.hypot(*(run.truth[-1, :2] - (4.0, 0.0))) <= 1.0
 
 
+def test_no_more_processes_are_started_than_there_are_worlds(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    asked: list[int] = []
+
+    @contextmanager
+    def workers(jobs: int) -> Iterator[type[map]]:
+        asked.append(jobs)
+        yield map
+
+    monkeypatch.setattr("waychair.trials.barn._workers", workers)
+    monkeypatch.setattr("waychair.trials.barn.read_barn", lambda path, scale: field_of([], 2.0))
+    run_worlds([tmp_path / "a", tmp_path / "b"], TASK, 64)
+    assert asked == [2]
+
+
 def test_a_wall_of_posts_with_a_gap_is_passed_through_the_gap() -> None:
     posts = [(2.0, 0.15 * k) for k in range(-20, 21) if not 4 <= k <= 10]
     run = run_barn(field_of(posts, 4.0), 1, JACKAL, settings_for(JACKAL, 0.5, 1.0))
@@ -63,6 +79,14 @@ def test_a_closed_ring_is_a_timeout_and_no_contact() -> None:
     )
     assert (run.outcome, run.score) == ("timeout", 0.0)
     assert run.clearance_m > 0.0
+
+
+def test_before_a_goal_that_is_taken_it_stands_and_says_once_that_it_waits() -> None:
+    taken = [(x, y) for x in (2.9, 3.0, 3.1) for y in (-0.1, 0.0, 0.1)]
+    brief = replace(BarnSettings(), time_limit=1.1)  # between two plans
+    run = run_barn(field_of(taken, 3.0), 0, JACKAL, settings_for(JACKAL, 0.5, 1.0), brief)
+    assert run.distance_m == 0.0
+    assert run.reason.count("waiting") == 1
 
 
 def test_a_start_in_a_post_is_a_contact() -> None:
@@ -131,6 +155,10 @@ def test_broken_wishes_are_refused_with_advice(tmp_path: Path, data_dir: Path) -
         worlds_in(tmp_path)
     with pytest.raises(WorldError, match="at least one"):
         worlds_in(data_dir / "barn", 0)
+    (tmp_path / "file").write_text("")
+    for path in (tmp_path / "none", tmp_path / "file"):
+        with pytest.raises(WorldError, match="there is no folder '"):
+            worlds_in(path)
     with pytest.raises(ConfigError, match="no body 'truck': take jackal"):
         BarnTask(body="truck")
     with pytest.raises(ConfigError, match="speed"):

@@ -13,7 +13,7 @@ from waychair.calibration.chair import CHAIR_A
 from waychair.calibration.dac import DEFAULT
 from waychair.control.navigator import NavigatorSettings
 from waychair.control.recovery import RecoverySettings
-from waychair.errors import WorldError
+from waychair.errors import StartOccupied, StartOutsideMap, WaychairError, WorldError
 from waychair.planning.global_planner import PlannerSettings
 from waychair.runtime.chair import ChairSettings
 from waychair.simulation.scene import Behaviour, PersonPlan
@@ -55,6 +55,27 @@ def test_free_ground_is_shut_off_where_the_unknown_begins_but_not_at_specks() ->
     assert (wall[1:-1, 1:-1] == -1).all()
     assert raised[10, 10] == -1
     assert (np.delete(raised, np.s_[20:40], axis=0) == np.delete(grid.cells, np.s_[20:40], axis=0)).all()
+
+
+@pytest.mark.parametrize(
+    ("start", "error", "said"),
+    [
+        (Pose2(9.0, 4.0), StartOutsideMap, r"\(9, 4\) lies outside the map"),
+        (Pose2(0.01, 4.0), StartOccupied, r"does not fit at its start \(0\.01, 4, 0\) on the map"),
+        (Pose2(0.3, 4.0), StartOccupied, r"\(0\.3, 4, 0\) on the map"),
+    ],
+)
+def test_a_start_where_the_chair_cannot_stand_is_told_as_it_was_given(
+    start: Pose2, error: type[WaychairError], said: str
+) -> None:
+    with pytest.raises(error, match=said):
+        navigate(hall(160), start, [Place("there", Pose2(4.0, 4.0))])
+    shifted = Pose2(1.0, -2.0, 0.5)  # of the world in the map
+    world = world_from_grid(hall(160), Pose2(4.0, 4.0))
+    begin = shifted @ start
+    turned = OccupancyGrid(hall(160).cells, 0.05, shifted)
+    with pytest.raises(error, match=rf"\({begin.x:g}, {begin.y:g}".replace(".", r"\.")):
+        navigate(turned, begin, [Place("there", Pose2(4.0, 4.0))], world=world, map_from_world=shifted)
 
 
 def test_a_chair_turns_beside_the_legs_of_a_table_that_are_on_its_map() -> None:

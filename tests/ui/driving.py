@@ -108,7 +108,7 @@ def put_place(port: ChairPort, metres: float) -> str:
     """A place so far ahead of the chair; its name."""
     here = pose_of(port)
     name = f"{metres:g} m ahead"
-    answer = port.set_place(Place(name, here @ Pose2(metres)))
+    answer = port.set_place(Place(name, here @ Pose2(metres)), True)
     assert answer.done, answer.sentence
     return name
 

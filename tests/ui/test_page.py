@@ -3,15 +3,16 @@
 from __future__ import annotations
 
 import math
+import socket
 from contextlib import ExitStack
 from typing import TYPE_CHECKING
 
 import pytest
 
-from tests.ui.driving import page_at, press_map, ready_page, until
+from tests.ui.driving import page_at, pose_of, press_map, ready_page, until
 from tests.ui.noted import Noted
 from waychair.maps.zones import Rule
-from waychair.types import DriveMode
+from waychair.types import DriveMode, Place, Pose2
 from waychair.ui.server import page_server
 
 if TYPE_CHECKING:
@@ -135,6 +136,19 @@ def test_stop_comes_through_where_only_one_way_is_left(browser: Browser, port: N
         until(lambda: len(port.named("stop")) == 1, "Stop is not heard by socket")
 
 
+def test_a_stop_that_no_way_has_brought_to_the_chair_is_said(browser: Browser, port: Noted, address: str) -> None:
+    unanswered = ".note.bad:text-is('Stop was not answered: see whether the chair stands.')"
+    with ready_page(browser, address) as page:
+        page.keyboard.press("Escape")
+        until(lambda: len(port.named("stop")) == 2, "Stop is not heard")
+        page.wait_for_timeout(300)
+        assert page.locator(unanswered).count() == 0
+        page.route("**/api/do/stop", lambda route: route.abort())
+        page.evaluate("WebSocket.prototype.send = () => {}")
+        page.keyboard.press("Escape")
+        page.wait_for_selector(unanswered)
+
+
 def test_a_zone_is_drawn_and_undone_by_keyboard_alone(browser: Browser, port: Noted, address: str) -> None:
     with ready_page(browser, address) as page:
         page.focus("#tab-places")
@@ -202,6 +216,29 @@ def test_here_is_saved_as_a_place_renamed_and_removed(browser: Browser, port: No
         until(lambda: "our bed" not in port.layout().places, "it is not removed")
 
 
+def test_a_known_name_is_replaced_only_after_a_second_press(browser: Browser, port: Noted, address: str) -> None:
+    here = pose_of(port)
+    for name in ("bed", "desk"):
+        port.set_place(Place(name, here @ Pose2(1.0)), True)
+    known = dict(port.layout().places)
+    with ready_page(browser, address) as page:
+        page.click("#tab-edit")
+        page.click("#drawn li:has-text('desk') button:text-is('Rename')")
+        page.fill(".rename input", "bed")
+        page.keyboard.press("Enter")
+        page.wait_for_selector(".note.bad:has-text('There is a place')")
+        assert dict(port.layout().places) == known
+        page.fill("#save-name", "bed")
+        page.click("#save-place")
+        page.wait_for_selector("#save-place:text-is('Replace bed')")
+        assert dict(port.layout().places) == known
+        page.click("#save-place")
+        page.wait_for_selector("#save-place:text-is('Save this place')")
+        assert port.layout().places["bed"].pose.x == pytest.approx(here.x, abs=0.1)
+    for name in ("bed", "desk"):
+        port.remove_place(name)
+
+
 def test_a_drive_that_was_asked_for_is_given_up(browser: Browser, port: Noted, address: str) -> None:
     with ready_page(browser, address) as page:
         page.fill("#search", "WARD")
@@ -237,6 +274,21 @@ def test_a_page_without_the_token_asks_for_it_and_shows_nothing(browser: Browser
             page.wait_for_selector(".place")
         with ready_page(browser, address) as page:
             assert "token" not in page.url
+
+
+def test_a_try_to_connect_that_nobody_answers_is_given_up_for_another_one(browser: Browser, port: Noted) -> None:
+    with ExitStack() as first, ExitStack() as pages:
+        address = first.enter_context(page_server(port))
+        page = pages.enter_context(ready_page(browser, address))
+        first.close()
+        number = int(address.rstrip("/").rpartition(":")[2])
+        with socket.create_server(("127.0.0.1", number)) as deaf, ExitStack() as tries:
+            deaf.settimeout(20.0)
+            for _ in range(3):
+                tries.enter_context(deaf.accept()[0])
+        with page_server(port, http_port=number):
+            page.wait_for_selector("#link-fact[data-state=open]")
+            pages.close()
 
 
 def test_a_lost_connection_is_said_at_once_and_found_again(browser: Browser, port: Noted) -> None:

@@ -118,7 +118,9 @@ def test_this_computer_is_let_in_by_any_of_its_own_names(client: TestClient, hos
     assert client.get("/", headers={"host": host}).status_code == 200
 
 
-@pytest.mark.parametrize("origin", ["https://evil.example", "null", "http://127.0.0.1:9000", "http://localhost:8000"])
+@pytest.mark.parametrize(
+    "origin", ["https://evil.example", "null", "http://127.0.0.1:9000", "http://localhost:8000", "http://[::1"]
+)
 def test_pages_of_other_sites_can_neither_ask_nor_listen(client: TestClient, port: Noted, origin: str) -> None:
     assert client.post("/api/do/go", json={"place": "lift"}, headers={"origin": origin}).status_code == 403
     assert client.get("/api/grid.png", headers={"origin": origin}).status_code == 403
@@ -160,7 +162,9 @@ def test_nothing_is_shown_without_the_token(guarded: TestClient) -> None:
             assert refusal.value.code == UNAUTHORISED
 
 
-@pytest.mark.parametrize("hello", ["no json", "[]", "7", "{}", '{"page": ""}', '{"page": "one", "token": 7}'])
+@pytest.mark.parametrize(
+    "hello", ["no json", "[]", "7", "{}", '{"page": ""}', '{"page": "one", "token": 7}', '{"page": ' + 60_000 * "["]
+)
 def test_a_socket_that_does_not_say_who_it_is_is_closed(guarded: TestClient, hello: str) -> None:
     with guarded.websocket_connect(socket_of(guarded)) as live:
         live.send_text(hello)
@@ -259,7 +263,7 @@ def test_commands_come_in_by_socket_and_are_answered_by_number(client: TestClien
     assert "reload" in answers[6]["sentence"]
 
 
-@pytest.mark.parametrize("said", ["no json", "[1, 2]", '"seen"', "9" * 400])
+@pytest.mark.parametrize("said", ["no json", "[1, 2]", '"seen"', "9" * 400, '{"a": ' + 60_000 * "["])
 def test_a_page_that_says_what_is_no_message_is_dropped(client: TestClient, said: str) -> None:
     with opened(client) as live:
         told(live, "view")
@@ -310,6 +314,7 @@ def test_a_stick_is_not_held_by_post(client: TestClient) -> None:
 def test_what_is_no_json_or_too_much_of_it_is_refused(client: TestClient, port: Noted) -> None:
     assert client.post("/api/do/stop", content=b"{").status_code == 400
     assert client.post("/api/do/stop", content=b"[]").status_code == 400
+    assert client.post("/api/do/stop", content=b'{"a": ' + 60_000 * b"[").status_code == 400
     assert client.post("/api/do/stop", content=b'{"a": "' + b"a" * 70_000).status_code == 413
     assert port.calls == []
 
@@ -321,7 +326,6 @@ def test_pages_count_while_they_answer_in_view(client: TestClient, port: Noted) 
         assert until(lambda: port.watchers[-1] == ())
         told(live, "view")
         assert until(lambda: port.watchers[-1] == ("one",))
-    assert port.watchers[-1] == ("one",)  # a reload is quicker than this
     assert until(lambda: port.watchers[-1] == ())
 
 
@@ -377,7 +381,8 @@ def test_wishes_reach_the_chair_as_they_were_meant(port: Noted) -> None:
     (pose,) = port.named("go")[0].asked
     assert pose == Pose2(1.0, 2.0, pytest.approx(7.0 - 2 * np.pi))
     assert port.named("confirm")[0].asked == ("elsewhere",)
-    (zone,) = port.named("set_zone")[0].asked
+    zone, replaces = port.named("set_zone")[0].asked
+    assert not replaces
     assert isinstance(zone, Zone)
     assert (zone.rule, zone.value) == (Rule.ONE_WAY, pytest.approx(2 * np.pi - 4.0))
 

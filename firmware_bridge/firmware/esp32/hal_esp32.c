@@ -4,6 +4,7 @@
 
 #include "../converter.h"
 #include "dac.h"
+#include "driver/gpio.h"
 #include "esp32-hal.h"
 #include "pins.h"
 
@@ -21,8 +22,10 @@ static uint16_t counts_max(void)
 void hal_begin(const joystick_family *family)
 {
     chair = family;
-    digitalWrite(PIN_SWITCH, LOW); /* before it becomes an output: the lines stay at the joystick */
-    digitalWrite(PIN_CUT, HIGH);
+    /* Before they become outputs: the lines stay at the joystick, not cut. By the IDF, since the core's own digitalWrite
+     * does nothing from 3.0 on to a pin that is none yet. */
+    (void)gpio_set_level((gpio_num_t)PIN_SWITCH, LOW);
+    (void)gpio_set_level((gpio_num_t)PIN_CUT, HIGH);
     pinMode(PIN_SWITCH, OUTPUT);
     pinMode(PIN_CUT, OUTPUT);
     pinMode(PIN_KICK, OUTPUT);

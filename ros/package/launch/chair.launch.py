@@ -1,7 +1,7 @@
 """All nodes of a chair, as `waychair up` starts them: ros2 launch waychair_ros chair.launch.py sim:=small_clinic
 
 Nodes, parameters and their files are those of `waychair.ros.stack`. A node that dies is started again; nothing drives on
-by itself.
+by itself. There is no page, so no drive is counted down: that is the bridge's `supervisor.countdown_s`, in `params`.
 """
 
 from __future__ import annotations

@@ -5,8 +5,7 @@
 #include <stddef.h>
 #include <stdint.h>
 
-typedef int esp_err_t;
-enum { ESP_OK = 0, ESP_FAIL = -1 };
+#include "esp_err.h"
 
 esp_err_t i2cInit(uint8_t bus, int8_t sda, int8_t scl, uint32_t frequency);
 esp_err_t i2cWrite(uint8_t bus, uint16_t address, const uint8_t *bytes, size_t size, uint32_t timeout_ms);

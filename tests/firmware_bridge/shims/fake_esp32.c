@@ -1,9 +1,12 @@
 /* An ESP32 on paper: pins, analogue inputs, a UART, and an MCP4728 with its registers and EEPROM. Line voltages follow
- * the converter through the gain stage of the 5 V Hall family, the switch and the dividers, as they would on a bench. */
+ * the converter through the gain stage of the 5 V Hall family, the switch and the dividers, as they would on a bench.
+ * Pins are as in the Arduino core from 3.0 on: digitalWrite does nothing to one that pinMode has not made an output,
+ * and one that becomes it is at the level of its register, LOW after a boot. */
 #include <string.h>
 
 #include "converter.h"
 #include "dac.h"
+#include "driver/gpio.h"
 #include "esp32-hal-dac.h"
 #include "esp32-hal-i2c.h"
 #include "esp32-hal.h"
@@ -13,11 +16,12 @@ enum { PINS = 40, BUFFER = 8192 };
 
 unsigned long fake_ms;
 uint8_t fake_pins[PINS];
+static uint8_t levels[PINS], outputs[PINS];
 uint8_t fake_rx[BUFFER], fake_tx[BUFFER];
 uint32_t fake_rx_at, fake_rx_end, fake_tx_end;
 uint8_t fake_registers[24];
 uint16_t fake_counts[AXES];
-int fake_i2c_dead, fake_eeprom_writes, fake_eeprom_worn, fake_kicks;
+int fake_i2c_dead, fake_eeprom_writes, fake_eeprom_worn, fake_kicks, fake_cuts;
 uint16_t fake_stick_mv[AXES] = {2500, 2500};
 
 unsigned long millis(void)
@@ -30,16 +34,33 @@ void delay(uint32_t ms)
     fake_ms += ms;
 }
 
+static void drive(uint8_t pin)
+{
+    if (!outputs[pin])
+        return;
+    fake_cuts += pin == PIN_CUT && levels[pin] == LOW;
+    fake_pins[pin] = levels[pin];
+}
+
+esp_err_t gpio_set_level(gpio_num_t pin, uint32_t level)
+{
+    levels[pin] = level != 0;
+    drive((uint8_t)pin);
+    return ESP_OK;
+}
+
 void pinMode(uint8_t pin, uint8_t mode)
 {
-    (void)pin;
-    (void)mode;
+    outputs[pin] = mode == OUTPUT;
+    drive(pin);
 }
 
 void digitalWrite(uint8_t pin, uint8_t value)
 {
+    if (!outputs[pin])
+        return;
     fake_kicks += pin == PIN_KICK && value == HIGH;
-    fake_pins[pin] = value;
+    (void)gpio_set_level((gpio_num_t)pin, value);
 }
 
 int digitalRead(uint8_t pin)

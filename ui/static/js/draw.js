@@ -4,7 +4,7 @@
 
 import { ask, on } from "./link.js";
 import { follow, headingInMap, map, onPress, toMap, toScreen } from "./map_view.js";
-import { $, now, say, setText } from "./page.js";
+import { $, freeName, now, say, setText } from "./page.js";
 import { onStop } from "./stop.js";
 import { onTab } from "./tabs.js";
 
@@ -39,16 +39,15 @@ function choose(name) {
   $("draw-name-part").hidden = name === "erase";
   $("draw-speed-part").hidden = name !== "slow";
   $("draw-heading-part").hidden = name !== "one_way";
-  $("draw-name").value = freeName(WORDS[name]);
+  $("draw-name").value = "";
+  propose();
   document.body.classList.add("draws");
   show();
 }
 
-/** A name that no zone has yet. */
-function freeName(word) {
-  const names = new Set(now.layout.zones.map(({ name }) => name));
-  for (let number = 1; ; number += 1) if (!names.has(`${word} ${number}`)) return `${word} ${number}`;
-}
+/** The name of a zone that nobody gives another one. */
+const proposed = () => freeName(WORDS[tool], now.layout.zones);
+const propose = () => tool && ($("draw-name").placeholder = proposed());
 
 function giveUp() {
   tool = null;
@@ -96,7 +95,7 @@ async function finish() {
   if (corners.length < 2) return;
   const asked = { polygon: polygon() };
   if (tool !== "erase") {
-    asked.name = $("draw-name").value.trim() || freeName(WORDS[tool]);
+    asked.name = $("draw-name").value.trim() || proposed();
     asked.rule = tool;
     if (tool === "slow") asked.speed = Number($("draw-speed").value);
     if (tool === "one_way") asked.heading = headingInMap((Number($("draw-heading").value) * Math.PI) / 180);
@@ -140,3 +139,4 @@ $("map").addEventListener(
 onStop(() => tool && giveUp());
 onTab((tab) => tab !== "edit" && tool && giveUp());
 on("map", () => tool && show());
+on("layout", propose);

@@ -1,7 +1,7 @@
 // Places saved where the chair stands, and everything drawn: renamed, removed, undone.
 
 import { ask, on } from "./link.js";
-import { $, element, say } from "./page.js";
+import { $, element, freeName, note, now, say, setText } from "./page.js";
 
 const DEGREES = Math.PI / 180;
 const TOLERANCES = [
@@ -10,18 +10,35 @@ const TOLERANCES = [
   ["At a table: 8 cm, 4 degrees", 0.08, 4],
   ["In a lift: 10 cm, 5 degrees", 0.1, 5],
 ];
+const IN_GROUP = 6; // so many are walked through by one switch at a time
 const RULES = { keep_out: "keep-out zone", slow: "slow zone", one_way: "one-way zone" };
 
 $("save-tolerance").replaceChildren(
   ...TOLERANCES.map(([textContent], index) => element("option", { textContent, value: String(index) })),
 );
 
+let replaced = null; // the place that another press on Save replaces
+
+function willReplace(name) {
+  replaced = name;
+  setText($("save-place"), name === null ? "Save this place" : `Replace ${name}`);
+}
+
 $("save-here").addEventListener("submit", async (event) => {
   event.preventDefault();
+  const name = $("save-name").value.trim() || freeName("place", now.layout.places);
+  const replaces = replaced === name;
+  if (!replaces && now.layout.places.some((place) => place.name === name)) {
+    willReplace(name);
+    note(`There is a place ${name} already: press once more to replace it, or choose another name`, false);
+    return;
+  }
   const [, tolerance_m, degrees] = TOLERANCES[Number($("save-tolerance").value)];
-  const asked = { name: $("save-name").value.trim(), tolerance_m, tolerance_rad: degrees * DEGREES };
+  const asked = { name, tolerance_m, tolerance_rad: degrees * DEGREES, replaces };
   if (await say(ask("place_here", asked))) $("save-name").value = "";
+  willReplace(null);
 });
+$("save-name").addEventListener("input", () => willReplace(null));
 
 $("undo").addEventListener("click", () => say(ask("undo")));
 
@@ -30,6 +47,7 @@ function line(name, kind, actions) {
   const buttons = actions.map(([word, act]) => {
     const button = element("button", { type: "button", textContent: word });
     button.setAttribute("aria-label", `${word} ${name}`);
+    if (word === "Remove") button.dataset.scan = ""; // another name is nothing that one switch can give
     button.addEventListener("click", () => act(item));
     return button;
   });
@@ -49,7 +67,7 @@ function rename(item, place) {
       item.replaceWith(placeLine(place));
       return;
     }
-    if (await say(ask("set_place", { ...place, name }))) say(ask("remove_place", { name: place.name }));
+    say(ask("rename_place", { name: place.name, new_name: name }));
   });
   item.replaceChildren(form);
   field.focus();
@@ -65,6 +83,11 @@ const zoneLine = ({ name, rule }) =>
   line(name, RULES[rule], [["Remove", () => say(ask("remove_zone", { name }))]]);
 
 on("layout", ({ places, zones, undoable }) => {
-  $("drawn").replaceChildren(...places.map(placeLine), ...zones.map(zoneLine));
+  const lines = [...places.map(placeLine), ...zones.map(zoneLine)];
+  for (const [index, item] of lines.entries()) {
+    item.dataset.scanGroup = `What there is ${Math.floor(index / IN_GROUP) + 1}`;
+  }
+  $("drawn").replaceChildren(...lines);
   $("undo").disabled = !undoable;
+  $("save-name").placeholder = freeName("place", places);
 });

@@ -1,6 +1,7 @@
 // The way to the chair: one socket, and fetch beside it. Silence counts as a lost connection.
 
 const SILENT_MS = 1000;
+const TRIED_MS = 2000; // after which another try is worth more than this one
 const RETRY_MS = 300;
 const HEARD = new EventTarget();
 
@@ -13,6 +14,7 @@ if (location.hash.startsWith("#token=")) {
 
 let socket = null;
 let heardAt = performance.now();
+let triedAt = heardAt;
 let stamp = null;
 let stampAt = performance.now();
 let state = "connecting"; // connecting, open, lost, mute (the chair says nothing new), refused
@@ -47,6 +49,7 @@ function connect() {
   const mine = new WebSocket(`${scheme}://${location.host}/api/live`);
   socket?.close();
   socket = mine;
+  triedAt = performance.now();
   mine.onopen = () => mine.send(JSON.stringify({ token: token(), page: id }));
   mine.onmessage = ({ data }) => mine === socket && hear(JSON.parse(data));
   mine.onclose = ({ code }) => {
@@ -75,20 +78,31 @@ function hear(message) {
   tell(message.type, message);
 }
 
+let leaves = false; // a page that is reloaded is hidden on its way, and is back soon
+
 const answer = (seen) =>
+  !leaves &&
   socket?.readyState === WebSocket.OPEN &&
   socket.send(JSON.stringify({ seen, visible: document.visibilityState === "visible" }));
 
+/** Whether the socket, or the try to get one, is not worth waiting for. */
+function isSilent() {
+  const silent = performance.now() - Math.max(heardAt, triedAt);
+  if (state === "open" || state === "mute") return silent > SILENT_MS;
+  return socket !== null && silent > TRIED_MS;
+}
+
 setInterval(() => {
-  if (performance.now() - heardAt > SILENT_MS && (state === "open" || state === "mute")) {
-    become("lost");
-    socket?.close();
-    socket = null;
-    connect();
-  }
+  if (!isSilent()) return;
+  become("lost");
+  socket?.close();
+  socket = null;
+  connect();
 }, 200);
 
 document.addEventListener("visibilitychange", () => answer(0));
+addEventListener("pagehide", () => (leaves = true));
+addEventListener("pageshow", () => (leaves = false));
 
 /** Ask the chair for something: answers {done, sentence}, and says no by itself where the connection is lost. */
 export function ask(name, asked = {}) {

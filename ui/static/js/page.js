@@ -38,6 +38,12 @@ export function sentenceOf(text) {
   return /[.!?]$/.test(begun) ? begun : `${begun}.`;
 }
 
+/** A name that none of these has yet. */
+export function freeName(word, things) {
+  const names = new Set(things.map(({ name }) => name));
+  for (let number = 1; ; number += 1) if (!names.has(`${word} ${number}`)) return `${word} ${number}`;
+}
+
 /** Sets text only where it changes, so that nothing is read out twice. */
 export function setText(target, text) {
   if (target.textContent !== text) target.textContent = text;

@@ -1,10 +1,11 @@
 // One switch: a frame walks through groups of buttons, then through the buttons of the group that was taken. The switch
-// is Space or Enter; while the chair moves it is Stop and nothing else.
+// is Space or Enter; while the chair moves it is Stop and nothing else, whatever has the focus.
 
 import { $, moves, now, setText } from "./page.js";
 import { onSpace, stop } from "./stop.js";
 
 const BOUNCE_MS = 250;
+const HELPED_MS = 10_000; // then whoever helped has written what there was to write
 const ROUNDS = 2; // through a group's buttons before the groups come again
 
 const option = $("option-scanning");
@@ -17,6 +18,7 @@ let index = -1;
 let rounds = 0;
 let marked = [];
 let pressedAt = -Infinity;
+let helpedAt = -Infinity; // when somebody did something here by more than the switch
 let releases = null;
 
 const usable = (target) => !target.disabled && target.offsetParent !== null;
@@ -51,6 +53,7 @@ function mark(targets) {
 }
 
 function step() {
+  leaveField();
   if (moves(now.view)) {
     [group, index, rounds] = [null, -1, 0];
     mark([$("stop")]);
@@ -72,15 +75,16 @@ function step() {
 /** The switch was pressed: takes what the frame is on. */
 function press() {
   const at = performance.now();
-  if (at - pressedAt < BOUNCE_MS) return;
+  if (at - pressedAt < BOUNCE_MS && !moves(now.view)) return;
   pressedAt = at;
+  helpedAt = -Infinity;
   if (moves(now.view) || marked[0] === $("stop")) {
     stop();
     return;
   }
   if (marked.length > 1) {
     [group, index, rounds] = [groupOf(marked[0]), -1, 0];
-  } else if (marked.length === 1) {
+  } else if (marked[0]?.isConnected) {
     take(marked[0]);
   }
   restart();
@@ -116,17 +120,36 @@ function set(on) {
   restart();
 }
 
-const isWriting = ({ target }) => target.matches("input, select, textarea");
+const WRITES = "input, select, textarea";
+
+/** Whether the switch is Stop. */
+const stops = () => running && moves(now.view);
 
 onSpace(() => {
   if (!running) return false;
   press();
   return true;
-});
+}, stops);
+
+/** One switch gets out of no field by itself: only who has more than that stays in one. */
+function leaveField() {
+  const field = document.activeElement;
+  if (running && field?.matches(WRITES) && performance.now() - helpedAt > HELPED_MS) field.blur();
+}
+
+function helped({ isTrusted, key }) {
+  if (isTrusted && key !== " " && key !== "Enter") helpedAt = performance.now();
+}
+
+addEventListener("focusin", leaveField);
+addEventListener("pointerdown", helped, true);
+addEventListener("keydown", helped, true);
+
 addEventListener(
   "keydown",
   (event) => {
-    if (!running || event.key !== "Enter" || !event.isTrusted || isWriting(event)) return;
+    if (!running || event.key !== "Enter" || !event.isTrusted) return;
+    if (event.target.matches(WRITES) && !stops()) return;
     event.preventDefault();
     event.stopImmediatePropagation();
     if (!event.repeat) press();

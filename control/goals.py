@@ -1,0 +1,48 @@
+"""Goals as the navigator drives to them: with a pose, and tolerances that can be kept."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Mapping
+from dataclasses import replace
+
+from waychair.errors import GoalTooExact
+from waychair.geometry import wrap_angle
+from waychair.maps.places import CLOSEST_M, CLOSEST_RAD, find
+from waychair.planning.motion import DwaSettings
+from waychair.types import Goal, Place, Pose2
+
+
+def posed(goal: Goal, places: Mapping[str, Place]) -> Goal:
+    """The goal with the pose and tolerances of the place that it names.
+
+    Raises:
+        UnknownPlace: it names none of the places.
+        GoalTooExact: its tolerances are closer than a chair can stop.
+    """
+    if not isinstance(goal.target, Pose2):
+        place = find(places, goal.target)
+        goal = Goal(place.pose, place.tolerance_m, place.tolerance_rad)
+    if not (goal.tolerance_m >= CLOSEST_M and goal.tolerance_rad >= CLOSEST_RAD):
+        raise GoalTooExact(
+            f"the goal asks for {goal.tolerance_m:g} m and {goal.tolerance_rad:g} rad: a chair stops within "
+            f"{CLOSEST_M:g} m and {CLOSEST_RAD:g} rad at best, give it those or more"
+        )
+    return goal
+
+
+def limits_to(goal: Goal, limits: DwaSettings) -> DwaSettings:
+    """The limits of the motion to a goal: what remains of its tolerances is left to the localisation's own error."""
+    return replace(
+        limits,
+        goal_tolerance=min(limits.goal_tolerance, 0.6 * goal.tolerance_m),
+        goal_release=min(limits.goal_release, 0.9 * goal.tolerance_m),
+        heading_tolerance=min(limits.heading_tolerance, goal.tolerance_rad / 2),
+    )
+
+
+def is_missed(goal: Goal, pose: Pose2) -> bool:
+    """Whether a chair at a pose in map is not within the tolerances of a goal that is a pose."""
+    assert isinstance(goal.target, Pose2)
+    away = math.hypot(goal.target.x - pose.x, goal.target.y - pose.y)
+    return away > goal.tolerance_m or abs(wrap_angle(goal.target.theta - pose.theta)) > goal.tolerance_rad

@@ -1,0 +1,147 @@
+"""Reading YAML strictly: whatever is wrong with a file becomes the caller's named error, one sentence with the line."""
+
+from __future__ import annotations
+
+import reprlib
+from pathlib import Path
+from typing import Any
+
+import yaml
+
+from waychair.errors import WaychairError
+from waychair.files import read_text
+
+DEEPEST = 50
+"""Lists and mappings may be nested so deep; what is nested without an end would overflow the stack."""
+
+_LARGEST = 2**63
+"""Whole numbers stay below this, so that each of them is a float, too."""
+
+_BASE: Any = getattr(yaml, "CSafeLoader", yaml.SafeLoader)
+
+
+class _Loader(_BASE):  # type: ignore[misc]
+    """Refuses a value that is none of its kind, with its place, where YAML's own raises what it happens to."""
+
+    def construct_object(self, node: yaml.Node, deep: bool = False) -> Any:
+        try:
+            value = super().construct_object(node, deep)
+        except (ValueError, OverflowError) as error:  # such as the date 2024-13-45
+            raise _no_value(node) from error
+        if isinstance(value, int) and abs(value) >= _LARGEST:
+            raise _no_value(node)
+        return value
+
+
+def load_yaml(path: Path, failure: type[WaychairError], instead: str = "") -> Any:
+    """What a YAML file holds, None when it is empty; `instead` is advice for a file that is no text at all.
+
+    Raises:
+        WaychairError: of the type `failure`; it cannot be read, is no YAML, or gives a key twice.
+    """
+    return yaml_from_text(read_text(path, failure, instead), str(path), failure)
+
+
+def yaml_from_text(text: str, where: str, failure: type[WaychairError]) -> Any:
+    """The same of a text, about which a message says `where` it stands."""
+    root = _composed(text, where, failure)
+    return None if root is None else node_value(root, where, failure)
+
+
+def compose_yaml(path: Path, failure: type[WaychairError]) -> yaml.Node | None:
+    """The nodes of a YAML file, which know their lines; None when it is empty.
+
+    Raises:
+        WaychairError: as `load_yaml`.
+    """
+    return _composed(read_text(path, failure), str(path), failure)
+
+
+def node_value(node: yaml.Node, where: str, failure: type[WaychairError]) -> Any:
+    """The value of a node; `where` is its file.
+
+    Raises:
+        WaychairError: of the type `failure`; it is of no kind that there is.
+    """
+    loader = _Loader("")
+    try:
+        return loader.construct_document(node)
+    except yaml.YAMLError as error:
+        raise _refusal(where, error, failure) from error
+    finally:
+        loader.dispose()
+
+
+def shown(value: object) -> str:
+    """A value as a message quotes it: what is long is cut."""
+    return _QUOTES.repr(value)
+
+
+def _composed(text: str, where: str, failure: type[WaychairError]) -> yaml.Node | None:
+    try:
+        _refuse_endless(text)
+        loader = _Loader(text)
+        try:
+            root: yaml.Node | None = loader.get_single_node()
+        finally:
+            loader.dispose()
+        _refuse_twice(root)
+        return root
+    except yaml.YAMLError as error:
+        raise _refusal(where, error, failure) from error
+
+
+def _refuse_endless(text: str) -> None:
+    """Refuse what is nested too deep, or is a part of itself, before anything follows it down."""
+    above: list[str | None] = []
+    for event in yaml.parse(text, Loader=_Loader):
+        if isinstance(event, yaml.CollectionStartEvent):
+            above.append(event.anchor)
+        elif isinstance(event, yaml.CollectionEndEvent):
+            above.pop()
+        elif isinstance(event, yaml.AliasEvent) and event.anchor in above:
+            raise _problem(f"'*{event.anchor}' is a part of itself", event.start_mark)
+        if len(above) > DEEPEST:
+            raise _problem(f"more than {DEEPEST} lists or mappings in each other", event.start_mark)
+
+
+def _refuse_twice(root: yaml.Node | None) -> None:
+    """Refuse a key that is given twice, of which YAML's own would silently keep the last."""
+    ahead, known = [root], set()
+    while ahead:
+        node = ahead.pop()
+        if not isinstance(node, yaml.CollectionNode) or id(node) in known:
+            continue
+        known.add(id(node))
+        if not isinstance(node, yaml.MappingNode):
+            ahead += node.value
+            continue
+        seen = set()
+        for key, value in node.value:
+            if isinstance(key, yaml.ScalarNode) and key.value in seen:
+                raise _problem(f"'{key.value}' is given twice", key.start_mark)
+            seen.add(key.value if isinstance(key, yaml.ScalarNode) else None)
+            ahead += [key, value]
+
+
+def _no_value(node: yaml.Node) -> yaml.MarkedYAMLError:
+    return _problem(f"{shown(node.value)} is no value that can be", node.start_mark)
+
+
+def _problem(problem: str, mark: Any) -> yaml.MarkedYAMLError:
+    return yaml.MarkedYAMLError(problem=problem, problem_mark=mark)
+
+
+def _refusal(where: str, error: yaml.YAMLError, failure: type[WaychairError]) -> WaychairError:
+    """The named error: the file, the line, what is wrong there."""
+    if isinstance(error, yaml.MarkedYAMLError):
+        line = f", line {error.problem_mark.line + 1}" if error.problem_mark else ""
+        context = f"{error.context}, " if (error.context or "").startswith("expected") else ""
+        return failure(f"{where}{line}: {context}{error.problem}; mend the YAML there")
+    if isinstance(error, yaml.reader.ReaderError):
+        return failure(f"{where} is not YAML: it holds the character {error.character:#04x}; write it anew")
+    return failure(f"{where} is not YAML: {' '.join(str(error).split())}; write it anew")
+
+
+_QUOTES = reprlib.Repr()
+_QUOTES.maxstring = _QUOTES.maxother = _QUOTES.maxlong = 60

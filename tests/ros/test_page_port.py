@@ -1,0 +1,40 @@
+"""What a page shows of the camera, whatever that sends."""
+
+from __future__ import annotations
+
+from types import SimpleNamespace
+from typing import Any
+
+import numpy as np
+import pytest
+
+pytest.importorskip("rclpy", reason="ROS is not installed")
+
+from waychair.ros.messages.reports import Level, Report
+from waychair.ros.page_port import PagePort
+from waychair.ros_messages import header, make
+
+
+def image(encoding: str, width: int, channels: int) -> Any:
+    data = np.zeros(48 * width * channels, np.uint8)
+    return make("sensor_msgs/msg/Image", header(5, "camera"), 48, width, encoding, 0, width * channels, data)
+
+
+def test_a_picture_that_cannot_be_shown_ends_nothing_and_is_said() -> None:
+    port: Any = SimpleNamespace(_picture=None, _unseen="", _camera=object())
+
+    def report() -> Report:
+        return next(iter(PagePort.reports(port)))
+
+    PagePort._take_picture(port, image("rgb8", 64, 3))
+    assert port._picture[1].startswith(b"\xff\xd8")
+    assert (report().level, report().message) == (Level.OK, "")
+    for bad in (image("nv21", 64, 2), image("yuv422_yuy2", 65, 2)):
+        port._picture = None
+        PagePort._take_picture(port, bad)
+        assert port._picture is None
+        assert report().level is Level.WARN
+        assert report().message.startswith("a picture cannot be read")
+    PagePort._take_picture(port, image("mono8", 64, 1))
+    assert report().level is Level.OK
+    assert port._picture is not None
