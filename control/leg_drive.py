@@ -18,8 +18,9 @@ from waychair.planning.dwa import DwaResult, choose
 from waychair.planning.fine_field import fine_field
 from waychair.planning.legs import Door, Leg, Manner, whole
 from waychair.planning.motion import DwaSettings, Motion, slowing_speed
+from waychair.planning.openings import openings
 from waychair.planning.tracks import Track
-from waychair.types import FloatArray, OccupancyGrid, Path, Pose2, Twist
+from waychair.types import FloatArray, IntArray, OccupancyGrid, Path, Pose2, Twist
 
 _HAND_OVER = 0.15
 """A leg that flows into the next may be left this far [m] before its end."""
@@ -36,6 +37,15 @@ class LegDriveSettings(Settings):
     known_within: float = setting(
         0.06, "m", "where it is tight, a point this near to a wall of the map is that wall", low=0.0, high=0.5
     )
+    widest_opening: float = setting(
+        1.8,
+        "m",
+        "with sonars: in gaps of the map up to this there may be glass, which they hear late",
+        low=0.0,
+        high=5.0,
+    )
+    opening_speed: float = setting(0.4, "m/s", "with sonars: highest speed into such a gap", low=0.1, high=3.0)
+    opening_room: float = setting(0.8, "m", "with sonars: the front is as slow so far before it", low=0.0, high=5.0)
     door: DoorDriveSettings = field(default_factory=DoorDriveSettings)
     tracking: TrackingSettings = field(default_factory=TrackingSettings)
 
@@ -57,6 +67,7 @@ class View:
     unscanned: FloatArray = field(default_factory=lambda: np.empty((0, 2)))
     motion: Motion | None = None
     tracks: tuple[Track, ...] = ()
+    hears: bool = False
 
 
 class LegDrive:
@@ -71,6 +82,7 @@ class LegDrive:
         self.in_position = False
         self._grid, self._body, self._settings = grid, body, settings
         self._door: DoorDrive | None = None
+        self._openings: FloatArray | None = None
         self._near: DistanceField | None = None  # in map
         self._points: FloatArray | None = None  # in odom, of the latest scan
 
@@ -134,12 +146,35 @@ class LegDrive:
         return choice
 
     def _fastest(self, view: View, limits: DwaSettings) -> float:
-        """Speed [m/s] that comes down to that of an exact leg until the hand-over to it; no limit before another."""
-        if not self._into_exact:
+        """Speed [m/s] that comes down in time to that of an exact leg at the hand-over to it, and of openings."""
+        if not self._into_exact and not view.hears:
             return math.inf
         left = on_line(self.leg.path.poses, view.odom_from_map.inverse() @ view.pose).left
-        way = left - _HAND_OVER - abs(view.command.v) * limits.reaction_time
-        return slowing_speed(way, self._settings.tracking.max_speed, limits)
+        left -= abs(view.command.v) * limits.reaction_time
+        fastest = [math.inf]
+        if self._into_exact:
+            fastest.append(slowing_speed(left - _HAND_OVER, self._settings.tracking.max_speed, limits))
+        if view.hears:
+            fastest += [
+                slowing_speed(way, self._settings.opening_speed, limits) for way in self._ways_to_openings(left)
+            ]
+        return min(fastest)
+
+    def _ways_to_openings(self, left: float) -> list[float]:
+        """Ways [m] to where the speed of openings holds, for those ahead, `left` [m] before the leg's end.
+
+        They hold until the front is through.
+        """
+        if self._openings is None:
+            self._openings = self._before_end(openings(self._grid, self.leg.path.poses, self._settings.widest_opening))
+        front = left - self._body.front
+        return [front - each - self._settings.opening_room for each in self._openings.tolist() if front > each]
+
+    def _before_end(self, indices: IntArray) -> FloatArray:
+        """(K,) ways [m] from some of the leg's poses to its end."""
+        steps = np.hypot(*np.diff(self.leg.path.poses[:, :2], axis=0).T)
+        ways: FloatArray = np.append(np.cumsum(steps[::-1])[::-1], 0.0)[indices]
+        return ways
 
     def _passes(self, view: View) -> bool:
         """Whether a leg that flows into the next is at its end, and the chair looks along it."""

@@ -255,6 +255,7 @@ class Navigator:
             transform_points(odom_from_map, self._surroundings.unscanned()),
             None if self._jumping else self._motion,  # comfort does not hold back what caution asks for
             self._people.foreseen(odom_from_map @ pose),
+            self._surroundings.hears,
         )
 
     def _choose(self, now_ns: int, pose: Pose2, view: View) -> DwaResult:

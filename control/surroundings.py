@@ -67,6 +67,8 @@ class Surroundings:
         self._scanned = self._room = self._walkers = self._edges = np.empty((0, 2))
         self._lidar = self._sonar = self._drops = self._missing = EMPTY
         self._depth: dict[BodyLayer, ObstacleLayer] = dict.fromkeys(body.height_layers(), EMPTY)
+        self.hears = False
+        """Whether there are sonars."""
 
     def redraw(self, drawn: DrawnMap) -> None:
         """The walls are those of this map from now on; what was seen stays known."""
@@ -92,7 +94,7 @@ class Surroundings:
         An echo comes from somewhere on its arc. Where the map or the latest scan has something on that arc, it comes
         from there; else all of the arc counts.
         """
-        s = self._settings
+        s, self.hears = self._settings, True
         for sight in sights_from_sonar(readings, pose, sonar_mounts(self._body), s.sonar_range, s.sonar_half_cone):
             if sight.hits.any() and self._explained(sight):
                 sight = replace(sight, hits=np.zeros(len(sight.hits), np.bool_))

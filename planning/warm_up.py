@@ -16,6 +16,7 @@ from waychair.planning.global_planner import GlobalPlanner
 from waychair.planning.manoeuvre import ManoeuvreSettings, manoeuvre
 from waychair.planning.motion import DwaSettings, Motion, towards
 from waychair.planning.obstacle_layer import EMPTY, sight_from_points, updated
+from waychair.planning.openings import openings
 from waychair.planning.slices import finished
 from waychair.planning.smoothing import line_cost
 from waychair.planning.tracks import Track, Tracker
@@ -41,6 +42,7 @@ def warm_up() -> None:
     planner.replan(costmaps.costmap(), middle)
     planner.replan(costmaps.costmap(np.array([[1.0, 1.0]])), Pose2(middle.x + 3 * _CELL, middle.y, 0.0))
     path = planner.replan(costmaps.costmap(), middle)
+    openings(grid, path.poses, _SIDE)
     for barred in (None, np.zeros((count, count), np.uint8)):
         line_cost(costmaps.costmap().prices, 30.0, 30.0, 31.0, 30.0, barred)
     towards(Twist(), Twist(0.1, 0.0), DwaSettings())

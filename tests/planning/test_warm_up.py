@@ -6,7 +6,7 @@ import numpy as np
 
 from waychair.calibration.chair import CHAIR_B
 from waychair.maps.distance_field import DistanceField, distances
-from waychair.planning import dwa_kernels, footprint, manoeuvre, way_out
+from waychair.planning import dwa_kernels, footprint, manoeuvre, openings, way_out
 from waychair.planning.dwa import choose
 from waychair.planning.warm_up import warm_up
 from waychair.types import Path, Pose2, Twist
@@ -20,6 +20,7 @@ KERNELS = (
     manoeuvre._search,
     manoeuvre._ways_to,
     manoeuvre._chain,
+    openings._chords,
     way_out._shortest,
 )
 
