@@ -51,6 +51,8 @@ app.command("waychair.cli.stack:goto_command", name="goto", help="Send the runni
 app.command("waychair.cli.record:record_command", name="record", help="Record what a chair's nodes say into a bag.")
 app.command("waychair.cli.record:save_command", name="save", help="Write the map of the running chair to a folder.")
 app.command("waychair.cli.stack:confirm_command", name="confirm", help="Say the rider's yes to the goal that waits.")
+app.command("waychair.cli.stack:pause_command", name="pause", help="Have the running chair's drive stand for a while.")
+app.command("waychair.cli.stack:go_on_command", name="go-on", help="Have the paused drive go on.")
 app.command("waychair.cli.stack:cancel_command", name="cancel", help="End the running chair's drive.")
 app.command("waychair.cli.stack:status_command", name="status", help="Say where the running chair is, and how it is.")
 app.command(

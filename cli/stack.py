@@ -231,6 +231,45 @@ def cancel_command(*, domain: Count | None = None, namespace: str = "") -> None:
         print(client.cancel()[1])
 
 
+def pause_command(*, domain: Count | None = None, namespace: str = "") -> None:
+    """Have the drive come to rest and stand, its goal kept, until `waychair go-on`.
+
+    Parameters
+    ----------
+    domain
+        ROS domain of the chair.
+    namespace
+        Namespace of the chair's nodes.
+    """
+    from waychair.ros.client import ChairClient
+
+    with ChairClient(domain=domain, namespace=namespace) as client:
+        _say(client.pause())
+
+
+def go_on_command(*, domain: Count | None = None, namespace: str = "") -> None:
+    """Have the paused drive go on.
+
+    Parameters
+    ----------
+    domain
+        ROS domain of the chair.
+    namespace
+        Namespace of the chair's nodes.
+    """
+    from waychair.ros.client import ChairClient
+
+    with ChairClient(domain=domain, namespace=namespace) as client:
+        _say(client.go_on())
+
+
+def _say(answer: tuple[bool, str]) -> None:
+    done, sentence = answer
+    if not done:
+        _fail(sentence)
+    print(sentence)
+
+
 def status_command(*, json: bool = False, domain: Count | None = None, namespace: str = "") -> None:
     """Where the chair is, how sure it is of that, who drives, and what stands against a drive.
 

@@ -33,7 +33,7 @@ from waychair.planning.fine_field import fine_field
 from waychair.planning.forecast import arrival
 from waychair.planning.global_planner import GlobalPlanner, check_goal
 from waychair.planning.legs import Leg, Manner
-from waychair.planning.motion import Motion, braking, crawling, motion_after
+from waychair.planning.motion import Motion, braking, crawling, motion_after, stopping
 from waychair.planning.slices import Slices
 from waychair.planning.warm_up import warm_up
 from waychair.planning.way_out import BY_HAND, why_cramped
@@ -156,7 +156,7 @@ class Navigator:
     def pause(self) -> None:
         """Stop and stand until `resume`."""
         if self.active:
-            self._stage, self._reason = Stage.PAUSED, "paused"
+            self._stage, self._reason, self._planning = Stage.PAUSED, "paused", None
 
     def resume(self) -> None:
         """Go on after a pause, by a new plan."""
@@ -215,7 +215,7 @@ class Navigator:
         if self._planner is None or not self.active:
             return self._navigation(Twist())
         if self._stage is Stage.PAUSED:
-            return self._navigation(braking(self._command, self._dwa))
+            return self._navigation(stopping(self._command, self._dwa, self._motion))
         # a corrected pose: slow down, and line up anew from where the chair really is
         self._note_correction(now_ns, pose, odom_from_map)
         if (self._planning is not None or self._needs_plan(now_ns)) and not self._plan(now_ns):

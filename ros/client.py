@@ -199,6 +199,22 @@ class ChairClient:
         """
         return self._trigger("cancel", timeout_s)
 
+    def pause(self, timeout_s: float = 5.0) -> tuple[bool, str]:
+        """Have the drive under way, whoever asked for it, come to rest and stand, its goal kept, until `go_on`.
+
+        Raises:
+            RosError: no navigator answers in that time.
+        """
+        return self._trigger("pause", timeout_s)
+
+    def go_on(self, timeout_s: float = 5.0) -> tuple[bool, str]:
+        """Have the paused drive go on.
+
+        Raises:
+            RosError: no navigator answers in that time.
+        """
+        return self._trigger("go_on", timeout_s)
+
     def cancel_task(self, timeout_s: float = 5.0) -> None:
         """End the drive that this client asked for."""
         if self._handle is not None:

@@ -14,7 +14,8 @@
 | plan, local_plan, people, global_costmap/costmap, local_costmap/... | see `NavigationDisplay` |
 | places | the map's, for those who call them by name |
 
-Services: `cancel` (std_srvs/Trigger), and `bt_navigator/get_state` (lifecycle_msgs), for scripts that wait for Nav2's.
+Services: `pause`, `go_on` and `cancel` (std_srvs/Trigger), and `bt_navigator/get_state` (lifecycle_msgs), for scripts
+that wait for Nav2's.
 """
 
 from __future__ import annotations
@@ -67,6 +68,7 @@ from waychair.ros.tick_phase import TickPhase
 from waychair.ros_messages import LASER_FRAME
 from waychair.runtime.odometry_track import OdometryTrack
 from waychair.runtime.pilot import Pilot, PilotSettings
+from waychair.runtime.sentences import GOES_ON, NOTHING_PAUSED, NOTHING_TO_PAUSE, PAUSED
 from waychair.slam.localisation import Localisation
 from waychair.slam.tilt import Tilt
 from waychair.topics import CAMERA as CAMERA_RATE
@@ -141,7 +143,10 @@ class NavigatorNode(ChairNode[NavigatorNodeSettings]):
             topics.SPEED_LIMIT, lambda message: read_speed_limit(message, full_speed), self._limit_speed, needed=False
         )
         self._action = NavigateAction(self, self)
-        self.create_service(interface_type("std_srvs/srv/Trigger"), "cancel", self._answer_cancel)
+        trigger = interface_type("std_srvs/srv/Trigger")
+        self.create_service(trigger, "cancel", self._answer_cancel)
+        self.create_service(trigger, "pause", self._answer_pause)
+        self.create_service(trigger, "go_on", self._answer_go_on)
         answer_for("bt_navigator", self, lambda: self._navigation is not None)
         self._phase = TickPhase(_PERIOD_NS)
         self._timer = self.every(COMMAND_RATE.rate_hz, self._tick)
@@ -193,6 +198,16 @@ class NavigatorNode(ChairNode[NavigatorNodeSettings]):
         active = self._pilot is not None and self._pilot.navigator.active
         self.cancel()
         response.success, response.message = True, "cancelled" if active else "there was nothing to cancel"
+        return response
+
+    def _answer_pause(self, request: Any, response: Any) -> Any:
+        paused = self._pilot is not None and self._pilot.pause()
+        response.success, response.message = paused, PAUSED if paused else NOTHING_TO_PAUSE
+        return response
+
+    def _answer_go_on(self, request: Any, response: Any) -> Any:
+        goes_on = self._pilot is not None and self._pilot.go_on()
+        response.success, response.message = goes_on, GOES_ON if goes_on else NOTHING_PAUSED
         return response
 
     def _limit_speed(self, limit: float) -> None:

@@ -10,7 +10,7 @@
 | page_joystick, page_watch | a page's joystick while it is held; that there is a page to press Stop on |
 | stop, initialpose, layout_changed | what a page asks for |
 
-It calls `confirm`, `cancel`, `stop`, `reset_faults`, `reinitialize_global_localization`, and navigate_to_pose.
+It calls `confirm`, `pause`, `go_on`, `cancel`, `stop`, `reset_faults`, `reinitialize_global_localization`, and navigate_to_pose.
 """
 
 from __future__ import annotations

@@ -62,6 +62,9 @@ _AT_PLACE = 0.01
 
 _NOWHERE = np.empty((0, 2))
 
+_TRIGGERS = ("stop", "pause", "go_on", "cancel", "reset_faults")
+"""Services that take no words."""
+
 
 class PagePort(DrawingPort):
     """A `ChairPort` over the nodes that a node of this process hears."""
@@ -97,7 +100,7 @@ class PagePort(DrawingPort):
         self._send_watch, self._send_layout = node.publisher(topics.PAGE_WATCH), node.publisher(topics.LAYOUT)
         self._send_stop, self._send_pose = node.publisher(topics.STOP), node.publisher(topics.INITIAL_POSE)
         trigger = interface_type("std_srvs/srv/Trigger")
-        self._services = {name: node.create_client(trigger, name) for name in ("stop", "cancel", "reset_faults")}
+        self._services = {name: node.create_client(trigger, name) for name in _TRIGGERS}
         self._confirm = node.create_client(interface_type("waychair_msgs/srv/Confirm"), "confirm")
         self._forget = node.create_client(interface_type("std_srvs/srv/Empty"), "reinitialize_global_localization")
         self._action = ActionClient(node, interface_type("nav2_msgs/action/NavigateToPose"), topics.NAVIGATE_TO_POSE)
@@ -165,6 +168,7 @@ class PagePort(DrawingPort):
             obstacles=obstacles,
             path=way,
             steered=state.steered,
+            paused=has_goal and scene.stage is Stage.PAUSED,
         )
 
     def grid(self) -> OccupancyGrid | None:
@@ -233,6 +237,14 @@ class PagePort(DrawingPort):
             return Answer(False, f"meanwhile somebody chose {self._label}: look where it leads, then press Drive")
         kind = interface_type("waychair_msgs/srv/Confirm")
         return self._asked(self._confirm, kind.Request(goal_id=state.goal_id, on_page=True))
+
+    def pause(self) -> Answer:
+        """See `ChairPort`."""
+        return self._triggered("pause")
+
+    def go_on(self) -> Answer:
+        """See `ChairPort`."""
+        return self._triggered("go_on")
 
     def cancel(self) -> Answer:
         """See `ChairPort`."""

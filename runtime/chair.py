@@ -161,6 +161,17 @@ class Chair:
         self._tell("cancel")
         self._pilot.drop("the drive was cancelled")
 
+    def pause(self) -> bool:
+        """Come to rest in comfort and stand, the goal kept, until `go_on`; whether there is a drive to pause.
+
+        Whatever ends a drive ends this one, too: the rider's joystick takes it over.
+        """
+        return self._pilot.pause()
+
+    def go_on(self) -> bool:
+        """Somebody's deliberate act: the paused drive goes on; whether there is one."""
+        return self._pilot.go_on()
+
     def stop(self) -> None:
         """The rider's Stop: nothing moves by itself until a new goal is asked for, or somebody steers."""
         self._tell("stop")

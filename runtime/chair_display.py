@@ -70,6 +70,7 @@ class ChairDisplay:
             path=way,
             people=people,
             steered=state.verdict.steered,
+            paused=navigation.stage is Stage.PAUSED and bool(goal),
         )
 
     def _note_end(self, state: ChairState) -> None:

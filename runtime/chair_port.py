@@ -54,7 +54,8 @@ class ChairView:
     next and `last_stop` why it stopped last, in plain sentences. `map_revision` and `layout_revision` change with the
     grid, and with places and zones. `panel` is for engineers: figures by name, units in the names. `stamp_ns` is of the
     computer's steady clock (`time.monotonic_ns`), and so is `free_since_ns`: since when the lines are the rider's own
-    joystick's, None while the computer holds them. `steered`: a page's joystick does.
+    joystick's, None while the computer holds them. `steered`: a page's joystick does. `paused`: the drive stands until
+    somebody has it go on.
     """
 
     stamp_ns: int
@@ -77,6 +78,7 @@ class ChairView:
     panel: Mapping[str, float] = field(default_factory=dict)
     free_since_ns: int | None = None
     steered: bool = False
+    paused: bool = False
 
 
 @dataclass(frozen=True, slots=True)
@@ -116,6 +118,12 @@ class ChairPort(Protocol):
         `goal` is what the page showed (`ChairView.goal`): a yes to it is none to another that has come meanwhile. Empty:
         to whatever waits.
         """
+
+    def pause(self) -> Answer:
+        """Come to rest and stand, the goal kept, until `go_on`, or until something ends the drive."""
+
+    def go_on(self) -> Answer:
+        """Have the paused drive go on."""
 
     def cancel(self) -> Answer:
         """Come to rest and give the goal up."""

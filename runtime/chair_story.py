@@ -70,6 +70,8 @@ def _steered(scene: Scene) -> str:
 def _driving(scene: Scene) -> str:
     if scene.countdown_s is not None:
         return f"Sets off to {scene.goal} in a moment."
+    if scene.stage is Stage.PAUSED:
+        return f"Paused on the way to {scene.goal}. Press Go on, or end the drive."
     pauses = next((each for each in scene.obstacles if each.stop_id == "obstacle"), None)
     if pauses is not None:
         return f"Stands: {pauses.sentence}. It goes on by itself once the way is free."

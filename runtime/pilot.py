@@ -13,8 +13,9 @@ import numpy as np
 
 from waychair.calibration.chair import ChairBody
 from waychair.calibration.stopping import StopTable, permitted_speed
+from waychair.config import setting
 from waychair.control.collision_monitor import points_now, slim_beams
-from waychair.control.navigator import Navigation, Navigator, NavigatorSettings
+from waychair.control.navigator import Navigation, Navigator, NavigatorSettings, Stage
 from waychair.control.supervisor import Verdict
 from waychair.geometry import transform_points
 from waychair.maps.zones import Zone
@@ -34,6 +35,7 @@ class PilotSettings(BaseSettings):
 
     navigator: NavigatorSettings = field(default_factory=NavigatorSettings)
     echoes: EchoSettings = field(default_factory=EchoSettings)
+    paused_s: float = setting(300.0, "s", "a drive that was paused is given up after so long", low=1.0, high=86400.0)
 
 
 _NOTHING: FloatArray = np.empty((0, 2))
@@ -65,6 +67,7 @@ class Pilot:
         self.navigator = Navigator(grid, places, body, _within(self.settings, stops), zones)
         self._goals: tuple[Goal, ...] = ()  # that wait for a yes
         self._goals_since_ns: int | None = None
+        self._paused_since_ns: int | None = None
         self._sight = _Sight()  # since the last tick
         self._echoes = Echoes(self.settings.echoes)
         self.furniture = _NOTHING
@@ -84,6 +87,19 @@ class Pilot:
     def waits(self) -> bool:
         """Whether there is a goal to say yes to."""
         return bool(self._goals)
+
+    def pause(self) -> bool:
+        """Have a drive under way come to rest, and stand until `go_on`; whether there is one."""
+        if self.waits or not self.navigator.active:
+            return False
+        self.navigator.pause()
+        return True
+
+    def go_on(self) -> bool:
+        """Have a paused drive go on; whether there is one."""
+        paused = self.navigator.stage is Stage.PAUSED
+        self.navigator.resume()
+        return paused
 
     def drop(self, reason: str) -> None:
         """Give up what was asked for."""
@@ -127,7 +143,13 @@ class Pilot:
         self.navigator.look(frame, map_from_base, None if tilt is None else tilt.level_from_base())
 
     def expire(self, now_ns: int) -> None:
-        """A goal waits for its yes for so long only."""
+        """A goal waits for its yes for so long only, and a paused drive for going on."""
+        if self.navigator.stage is not Stage.PAUSED:
+            self._paused_since_ns = None
+        elif self._paused_since_ns is None:
+            self._paused_since_ns = now_ns
+        elif now_ns - self._paused_since_ns > self.settings.paused_s * 1e9:
+            self.drop("the drive was paused for too long: ask for the goal again")
         if not self._goals:
             return
         self._goals_since_ns = now_ns if self._goals_since_ns is None else self._goals_since_ns

@@ -9,6 +9,9 @@ import numpy as np
 from waychair.geometry import wrap_angle
 from waychair.types import FloatArray, Pose2
 
+PAUSED, NOTHING_TO_PAUSE = "paused: the goal is kept", "there is no drive to pause"
+GOES_ON, NOTHING_PAUSED = "goes on", "no drive is paused: ask for a goal"
+
 _TURN = math.radians(40.0)
 _WITHIN = 1.0
 """A way that turns by more than this within this [m] takes a turn."""

@@ -133,6 +133,14 @@ class DemoPage(DemoWatcher):
         who = "stopped" if self._chair is not None else "it is a rider who drives now"
         return Answer(True, f"{who}: the computer drives nowhere in this demo any more")
 
+    def pause(self) -> Answer:
+        """See `ChairPort`."""
+        return _SHOWN
+
+    def go_on(self) -> Answer:
+        """See `ChairPort`."""
+        return _SHOWN
+
     def cancel(self) -> Answer:
         """See `ChairPort`; a demo has nothing else to do."""
         return self.stop()

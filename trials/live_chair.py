@@ -39,7 +39,7 @@ from waychair.runtime.chair import Chair, ChairSettings, ChairState
 from waychair.runtime.chair_display import ChairDisplay
 from waychair.runtime.chair_port import Answer, ChairView, Layout
 from waychair.runtime.drawing_port import DrawingPort
-from waychair.runtime.sentences import sentence
+from waychair.runtime.sentences import GOES_ON, NOTHING_PAUSED, NOTHING_TO_PAUSE, PAUSED, sentence
 from waychair.simulation.simulator import SensorMessage, Simulator, SimulatorSettings
 from waychair.simulation.world import World, load_world
 from waychair.slam.localisation import LocalisationState
@@ -197,6 +197,26 @@ class LiveChair(DrawingPort):
             return Answer(False, verdict.reason)
 
         return self._answered(said)
+
+    def pause(self) -> Answer:
+        """See `ChairPort`."""
+
+        def done() -> Answer:
+            paused = self._chair.pause()
+            self._time.step()
+            return Answer(paused, PAUSED if paused else NOTHING_TO_PAUSE)
+
+        return self._answered(done)
+
+    def go_on(self) -> Answer:
+        """See `ChairPort`."""
+
+        def done() -> Answer:
+            goes_on = self._chair.go_on()
+            self._time.step()
+            return Answer(goes_on, GOES_ON if goes_on else NOTHING_PAUSED)
+
+        return self._answered(done)
 
     def cancel(self) -> Answer:
         """See `ChairPort`."""

@@ -136,6 +136,8 @@ COMMANDS: Mapping[str, _Command] = {
     RELEASE: _Command(_Nothing, lambda port, _: port.release()),
     "go": _Command(_Going, _go),
     "confirm": _Command(_Confirmed, lambda port, asked: port.confirm(asked.goal)),
+    "pause": _Command(_Nothing, lambda port, _: port.pause()),
+    "go_on": _Command(_Nothing, lambda port, _: port.go_on()),
     "cancel": _Command(_Nothing, lambda port, _: port.cancel()),
     "reset": _Command(_Nothing, lambda port, _: port.reset()),
     "place_here": _Command(

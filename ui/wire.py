@@ -40,6 +40,7 @@ def view_message(view: ChairView, count: int) -> str:
             "health": round(float(view.health), 3),
             "mode": view.mode.value,
             "steered": view.steered,
+            "paused": view.paused,
             "twist": [round(float(view.twist.v), 3), round(float(view.twist.omega), 3)],
             "goal": view.goal,
             "waits": view.waits,

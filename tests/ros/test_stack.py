@@ -264,6 +264,25 @@ def test_a_cancelled_drive_comes_to_rest(stack: LiveStack) -> None:
     stack.until(lambda: not stack.driving, "the drive to end")
 
 
+def test_a_paused_drive_stands_and_goes_on_at_a_word(stack: LiveStack) -> None:
+    assert stack.client.pause() == (False, "there is no drive to pause")
+    stack.begin(FAR)
+    told = waychair(stack.domain, "pause")
+    assert (told.returncode, told.stdout) == (0, "paused: the goal is kept\n")
+    stack.until(lambda: stack.really is not None and abs(stack.really.twist.v) < 0.01, "the chair to rest")
+    stack.spin(1.0)
+    assert stack.driving
+    assert stack.really is not None
+    assert abs(stack.really.twist.v) < 0.01
+    told = waychair(stack.domain, "go-on")
+    assert (told.returncode, told.stdout) == (0, "goes on\n")
+    stack.until(lambda: stack.really is not None and stack.really.twist.v > 0.1, "the chair to go on")
+    again = waychair(stack.domain, "go-on")
+    assert again.returncode == 1
+    assert "no drive is paused" in again.stderr
+    assert stack.client.cancel() == (True, "cancelled")
+
+
 def test_another_goal_ends_the_drive_under_way_and_waits_for_a_yes_of_its_own(stack: LiveStack) -> None:
     stack.begin(FAR)
     first = stack.state.goal_id if stack.state is not None else 0

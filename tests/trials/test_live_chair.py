@@ -100,6 +100,22 @@ def test_a_place_is_driven_to_once_somebody_says_yes_to_it(tmp_path: Path) -> No
         assert np.hypot(over.map_from_base.x - 1.7, over.map_from_base.y) < 0.15
 
 
+def test_a_drive_is_paused_and_goes_on(tmp_path: Path) -> None:
+    with live(tmp_path) as chair:
+        assert chair.pause().sentence == "there is no drive to pause"
+        sets_off(chair)
+        assert chair.pause().done
+        rested = until(chair, stands)
+        assert rested.paused
+        assert rested.goal == "far"
+        assert rested.next_action == "Paused on the way to far. Press Go on, or end the drive."
+        assert chair.go_on().done
+        on = until(chair, lambda view: view.twist.v > 0.2)
+        assert not on.paused
+        assert chair.go_on().sentence == "no drive is paused: ask for a goal"
+        assert chair.cancel().done
+
+
 def test_stop_is_on_the_lines_within_a_tenth_of_a_second(tmp_path: Path) -> None:
     with live(tmp_path) as chair:
         sets_off(chair)

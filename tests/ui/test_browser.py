@@ -114,6 +114,24 @@ def test_a_reload_in_the_middle_of_a_drive_shows_it_again_and_does_not_end_it(
         until(lambda: rests(port.view()), "the chair does not come to rest")
 
 
+def test_a_drive_is_paused_and_goes_on_by_the_keyboard_alone(browser: Browser, port: Noted, address: str) -> None:
+    with ready_page(browser, address) as page:
+        set_off(page, port, put_place(port, 3.0))
+        page.wait_for_selector("#pause:visible")
+        page.focus("#pause")
+        page.keyboard.press("Enter")
+        until(lambda: abs(port.view().twist.v) < 0.02, "the chair does not stand")
+        page.wait_for_selector("#next:has-text('Paused on the way')")
+        assert page.is_hidden("#pause")
+        assert page.evaluate("document.activeElement.id") == "go-on"
+        page.keyboard.press("Enter")
+        until(lambda: port.view().twist.v > 0.1, "the chair does not go on")
+        page.wait_for_selector("#pause:visible")
+        assert page.evaluate("document.activeElement.id") == "pause"
+        page.click("#cancel")
+        until(lambda: rests(port.view()), "the chair does not come to rest")
+
+
 def test_the_chair_comes_to_rest_when_the_last_page_is_closed(browser: Browser, port: Noted, address: str) -> None:
     with ready_page(browser, address) as other:
         with ready_page(browser, address) as page:

@@ -34,6 +34,7 @@ on("view", (view) => {
   showQuestion(view);
   showCountdown(view);
   showModes(view);
+  showPause(view);
   $("cancel").hidden = !(view.mode === "autonomous" || (view.mode === "assisted" && view.goal));
   $("reset").hidden = !view.obstacles.some((each) => each.reset);
   document.body.classList.toggle("moves", moves(view));
@@ -81,6 +82,15 @@ function showCountdown(view) {
     follow(true);
   }
   if (!counting && now.before && !view.waits && !moves(view) && was) asked = false;
+}
+
+/** Whoever pressed the one button finds the other in its place. */
+function showPause(view) {
+  const [pause, goOn] = [$("pause"), $("go-on")];
+  const held = [pause, goOn].includes(document.activeElement);
+  pause.hidden = view.mode !== "autonomous" || !view.goal || view.paused || view.countdown !== null;
+  goOn.hidden = !view.paused;
+  if (held) (goOn.hidden ? pause : goOn).focus();
 }
 
 function showModes({ mode }) {
@@ -134,6 +144,8 @@ $("here-no").addEventListener("click", closePoint);
 $("ask-yes").addEventListener("click", () => say(ask("confirm", { goal: now.view.goal })));
 $("ask-no").addEventListener("click", () => say(ask("cancel")));
 $("count-no").addEventListener("click", () => say(ask("cancel")));
+$("pause").addEventListener("click", () => say(ask("pause")));
+$("go-on").addEventListener("click", () => say(ask("go_on")));
 $("cancel").addEventListener("click", () => say(ask("cancel")));
 $("reset").addEventListener("click", () => say(ask("reset")));
 $("mode-manual").addEventListener("click", () => {

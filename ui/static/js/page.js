@@ -52,7 +52,7 @@ export function setText(target, text) {
 export const moves = (view) =>
   view !== null &&
   (view.countdown !== null ||
-    view.mode === "autonomous" ||
+    (view.mode === "autonomous" && !view.paused) ||
     view.mode === "assisted" ||
     Math.abs(view.twist[0]) > 0.02 ||
     Math.abs(view.twist[1]) > 0.03);

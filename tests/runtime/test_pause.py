@@ -1,0 +1,104 @@
+"""A drive that is paused stands with its goal, and goes on when somebody says so, and only then."""
+
+from __future__ import annotations
+
+from itertools import pairwise
+
+import pytest
+
+from tests.runtime.riding import FAR, Ride
+from waychair.control.navigator import Stage
+from waychair.planning.motion import DwaSettings
+from waychair.runtime.chair import ChairSettings
+from waychair.types import JoystickInput
+
+TICK_S = 0.05
+
+
+def rests(ride: Ride) -> None:
+    for _ in range(100):
+        if ride.stands and ride.tick().navigation.twist.v == 0.0:
+            return
+        ride.tick()
+    raise AssertionError("it does not come to rest")
+
+
+def test_a_paused_drive_stands_in_comfort_and_reaches_its_goal_once_it_goes_on() -> None:
+    with Ride() as ride:
+        ride.drive()
+        assert ride.speed > 0.5
+        first = len(ride.states)
+        assert ride.chair.pause()
+        rests(ride)
+        told = [state.navigation.twist.v for state in ride.states[first:]]
+        falls = [before - after for before, after in pairwise(told)]
+        assert max(falls) <= DwaSettings().braking * TICK_S + 1e-9
+        at = ride.simulator.truth().x
+        ride.tick(200)
+        assert ride.simulator.truth().x == pytest.approx(at, abs=0.01)
+        assert ride.states[-1].navigation.stage is Stage.PAUSED
+        assert ride.states[-1].sent.active
+        assert ride.chair.go_on()
+        for _ in range(600):
+            if ride.tick().navigation.stage is Stage.ARRIVED:
+                break
+        assert ride.states[-1].navigation.stage is Stage.ARRIVED
+        assert ride.simulator.contacts == 0
+
+
+def test_there_is_nothing_to_pause_without_a_drive_and_nothing_goes_on_that_was_not_paused() -> None:
+    with Ride() as ride:
+        ride.tick(10)
+        assert not ride.chair.pause()
+        assert not ride.chair.go_on()
+        ride.chair.go(FAR)
+        assert not ride.chair.pause()  # it waits for a yes, and goes on waiting
+        assert ride.chair.waits
+        ride.chair.cancel()
+        ride.drive()
+        assert not ride.chair.go_on()
+        assert ride.tick().navigation.stage is Stage.DRIVING
+
+
+@pytest.mark.parametrize("ends", ["the rider's joystick", "Stop", "cancel"])
+def test_what_ends_a_drive_ends_a_paused_one_and_it_does_not_go_on(ends: str) -> None:
+    with Ride() as ride:
+        ride.drive()
+        ride.chair.pause()
+        rests(ride)
+        if ends == "Stop":
+            ride.chair.stop()
+        elif ends == "cancel":
+            ride.chair.cancel()
+        else:
+            ride.simulator.rider = JoystickInput(0, 0.0, 0.6)
+        ride.tick(2)
+        ride.simulator.rider = JoystickInput(0)
+        ride.tick(40)
+        assert not ride.chair.navigator.active
+        assert not ride.chair.go_on()
+        at = ride.simulator.truth()
+        ride.tick(100)
+        assert ride.simulator.truth().x == pytest.approx(at.x, abs=0.02)
+
+
+def test_a_drive_that_is_paused_for_too_long_is_given_up_with_a_reason() -> None:
+    with Ride(ChairSettings(paused_s=5.0)) as ride:
+        ride.drive()
+        ride.chair.pause()
+        ride.tick(90)
+        assert ride.chair.navigator.active
+        ride.tick(20)
+        assert ride.chair.navigator.reason == "the drive was paused for too long: ask for the goal again"
+        assert not ride.chair.go_on()
+
+
+def test_a_second_pause_has_all_its_time_again() -> None:
+    with Ride(ChairSettings(paused_s=5.0)) as ride:
+        ride.drive()
+        for _ in range(2):
+            assert ride.chair.pause()
+            ride.tick(80)
+            assert ride.chair.go_on()
+            ride.tick(5)
+        assert ride.chair.navigator.active
