@@ -88,7 +88,7 @@ def _plan_for_the_chair(
 
     from waychair.calibration.chair import CHAIR_A
     from waychair.maps.map_files import load_map
-    from waychair.maps.zones import load_zones
+    from waychair.maps.zones import check_zones, load_zones
     from waychair.planning.costmap import CostmapSettings, check_free_space, costmap_from_grid
     from waychair.planning.global_planner import GlobalPlanner, PlannerSettings, check_goal
     from waychair.planning.grid_planner import HARMONIC
@@ -98,8 +98,9 @@ def _plan_for_the_chair(
 
     settings = PlannerSettings(planner=planner, smooth=smooth)
     grid = load_map(map)
-    begin, end = _place(map, start, "--start"), _place(map, goal, "--goal")
-    costmap = costmap_from_grid(grid, CHAIR_A, CostmapSettings(), zones=load_zones(map))
+    begin, end, zones = _place(map, start, "--start"), _place(map, goal, "--goal"), load_zones(map)
+    check_zones(zones, grid)
+    costmap = costmap_from_grid(grid, CHAIR_A, CostmapSettings(), zones=zones)
     check_free_space(costmap)
     check_start(costmap, CHAIR_A, begin.pose)
     check_goal(costmap, CHAIR_A, end.pose)
@@ -328,7 +329,7 @@ def navigate_command(
     from waychair.errors import StartOccupied, StartOutsideMap
     from waychair.maps.depth_layer import load_depth_layer, scanned_part
     from waychair.maps.map_files import load_map
-    from waychair.maps.zones import load_zones
+    from waychair.maps.zones import check_zones, load_zones
     from waychair.planning.global_planner import PlannerSettings
     from waychair.simulation.world import load_world
     from waychair.trials.demo_report import HEADER, IN_TERMINAL, row
@@ -352,6 +353,7 @@ def navigate_command(
         grid, goals = load_map(map), [_place(map, text, "--goal") for text in goal]
         begin = _place(map, start or "0,0,0", "--start").pose
         scanned, zones = scanned_part(grid, load_depth_layer(map, grid)), load_zones(map)
+        check_zones(zones, grid)
         map_from_world = Pose2() if plan is None else plan.start.inverse()
     try:
         legs = navigate(grid, begin, goals, seed, people, plan, zones, sensors, scanned, map_from_world, box, settings)

@@ -106,6 +106,8 @@ def up_command(
     from waychair.cli.arguments import BadArgument, pose_from_text
     from waychair.cli.page_process import TOKEN, has_ui, page_address, page_token, port_of_page
     from waychair.errors import MissingExtra, RosError
+    from waychair.maps.map_files import load_map
+    from waychair.maps.zones import check_zones, load_zones
     from waychair.ros.environment import is_secured, ros_environment
     from waychair.ros.interface_types import interface_type
     from waychair.ros.shared_memory import clear_dead
@@ -116,6 +118,8 @@ def up_command(
         raise MissingExtra("the page needs the extra [ui]: pip install 'waychair[ui]'")
     if unattended and sim is None:
         raise BadArgument("--unattended is for simulated chairs: whoever sits in a real one says yes")
+    if map is not None:
+        check_zones(load_zones(map), load_map(map))  # else each node would say what is wrong with it, and die
     environment = ros_environment(domain=domain, lan=lan)
     deaf = lan and not is_secured(environment)
     stack = Stack(

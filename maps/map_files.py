@@ -146,15 +146,17 @@ def load_info(path: Path) -> MapInfo:
         _number(path, values, "resolution", 1e-6, 1e6),
         _origin(path, values["origin"]),
         mode,
-        _number(path, values, "negate", 0.0, 1.0) != 0.0,
+        _number(path, values, "negate", 0.0, 1.0, or_bool=True) != 0.0,
         high,
         low,
     )
 
 
-def _number(path: Path, values: Mapping[str, Any], key: str, low: float, high: float) -> float:
+def _number(
+    path: Path, values: Mapping[str, Any], key: str, low: float, high: float, *, or_bool: bool = False
+) -> float:
     try:
-        value = float(values[key])
+        value = float(values[key]) if or_bool else _float(values[key])
     except (TypeError, ValueError) as error:
         raise MapError(f"{path}: {key} is {shown(values[key])}; it must be a number") from error
     if not low <= value <= high:
@@ -162,9 +164,16 @@ def _number(path: Path, values: Mapping[str, Any], key: str, low: float, high: f
     return value
 
 
+def _float(value: Any) -> float:
+    """A number; `yes` and `true`, which Python takes for 1, are none."""
+    if isinstance(value, bool):
+        raise TypeError(value)
+    return float(value)
+
+
 def _origin(path: Path, origin: Any) -> Pose2:
     try:
-        x, y, theta = (float(value) for value in origin)
+        x, y, theta = (_float(value) for value in origin)
     except (TypeError, ValueError) as error:
         raise MapError(f"{path}: origin is {shown(origin)}; it must be [x, y, yaw] in metres and radians") from error
     if not is_on_map(x, y, theta):

@@ -77,6 +77,21 @@ def load_zones(folder: Path) -> tuple[Zone, ...]:
     return tuple(_followed(zone, anchors) for zone in zones.values())
 
 
+def check_zones(zones: Sequence[Zone], grid: OccupancyGrid) -> None:
+    """Refuse zones of another place: whoever drew one relies on it.
+
+    Raises:
+        ZoneError: one lies wholly outside the map.
+    """
+    for zone in zones:
+        if not cells_of(zone, grid)[1].any():
+            x, y = zone.polygon.mean(axis=0).tolist()
+            raise ZoneError(
+                f"the zone '{zone.name}', round ({x:.1f}, {y:.1f}), lies wholly outside the map: correct its corners in "
+                f"{ZONES_YAML}, or remove it"
+            )
+
+
 def save_zones(folder: Path, zones: Sequence[Zone]) -> None:
     """Write the zones of a map, whole or not at all.
 

@@ -6,17 +6,18 @@ import subprocess
 import sys
 from pathlib import Path
 
+import numpy as np
 import pytest
 import yaml
 
 from waychair.cli.arguments import BadArgument
 from waychair.cli.stack import goto_command, up_command
-from waychair.errors import ConfigError, WorldError
-from waychair.maps.map_files import load_map
+from waychair.errors import ConfigError, MapNotFound, WorldError, ZoneError
+from waychair.maps.map_files import load_map, save_map
 from waychair.ros.stack import BOARD_LINK, Stack, processes
 from waychair.runtime.last_pose import remembered_pose
 from waychair.simulation.world import load_world
-from waychair.types import Pose2
+from waychair.types import OccupancyGrid, Pose2
 
 WORLD = "small_clinic"
 
@@ -125,3 +126,13 @@ def test_status_of_a_chair_that_does_not_run_is_one_sentence() -> None:
     )
     assert told.returncode == 1
     assert told.stderr == "waychair: no bridge says anything within 5 s: start the chair with `waychair up`\n"
+
+
+def test_a_map_that_is_none_or_has_a_zone_of_another_place_is_refused_before_any_node_starts(tmp_path: Path) -> None:
+    with pytest.raises(MapNotFound, match="there is no map at"):
+        up_command(sim=WORLD, map=tmp_path / "nowhere", out=tmp_path, page=False)
+    folder = tmp_path / "map"
+    save_map(folder, OccupancyGrid(np.zeros((40, 40), np.int8), 0.05))
+    (folder / "zones.yaml").write_text("stairs: {keep_out: true, polygon: [[9, 9], [11, 9], [11, 12]]}\n")
+    with pytest.raises(ZoneError, match="the zone 'stairs'"):
+        up_command(sim=WORLD, map=folder, out=tmp_path, page=False)

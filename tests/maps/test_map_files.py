@@ -219,6 +219,8 @@ def test_a_text_pgm_with_comments_is_read(tmp_path: Path) -> None:
         ({"resolution": float("nan")}, "resolution is nan"),
         ({"resolution": "fine"}, "resolution is 'fine'; it must be a number"),
         ({"resolution": [1]}, "must be a number"),
+        ({"resolution": True}, "resolution is True; it must be a number"),
+        ({"origin": [0.0, 0.0, False]}, r"must be \[x, y, yaw\]"),
         ({"origin": [1.0, 2.0]}, r"must be \[x, y, yaw\]"),
         ({"origin": [10**400, 0.0, 0.0]}, "line 6: '1000.* is no value that can be"),
         ({"resolution": 10**400}, "is no value that can be"),

@@ -12,7 +12,17 @@ from hypothesis import strategies as st
 
 from waychair.errors import ZoneError
 from waychair.maps.grid import cells_from_points, inside, points_from_cells
-from waychair.maps.zones import Rule, Zone, cells_of, holds, keep_out_cells, load_zones, save_zones, speed_limit
+from waychair.maps.zones import (
+    Rule,
+    Zone,
+    cells_of,
+    check_zones,
+    holds,
+    keep_out_cells,
+    load_zones,
+    save_zones,
+    speed_limit,
+)
 from waychair.types import OccupancyGrid, Pose2
 
 SQUARE = np.array([[1.0, 1.0], [3.0, 1.0], [3.0, 3.0], [1.0, 3.0]])
@@ -151,3 +161,12 @@ def test_the_speed_limit_is_the_lowest_of_the_slow_zones_that_any_point_touches(
     assert speed_limit(zones, np.array([[1.5, 1.5], [0.0, 0.0]])) == 0.4
     assert speed_limit(zones, np.array([[1.5, 1.5], [3.5, 3.5]])) == 0.2
     assert speed_limit(zones, np.array([[10.0, 10.0]])) == math.inf
+
+
+@pytest.mark.parametrize("rule", list(Rule))
+def test_a_zone_of_another_place_is_named_and_one_that_reaches_onto_the_map_is_not(rule: Rule) -> None:
+    grid = OccupancyGrid(np.zeros((80, 100), np.int8), 0.05, Pose2(-1.0, 0.5, 0.4))
+    check_zones([Zone("here", rule, SQUARE, 0.3), Zone("half", rule, SQUARE - np.array([2.5, 0.0]), 0.3)], grid)
+    for off in ((30.0, 0.0), (0.0, -9.0)):
+        with pytest.raises(ZoneError, match=r"the zone 'there', round \(.*\), lies wholly outside the map: correct"):
+            check_zones([Zone("here", rule, SQUARE, 0.3), Zone("there", rule, SQUARE + np.array(off), 0.3)], grid)
