@@ -11,7 +11,7 @@ import hashlib
 import json
 from dataclasses import dataclass, field
 from pathlib import Path
-from typing import Any
+from typing import Any, TypeVar
 
 import msgspec
 import numpy as np
@@ -22,12 +22,14 @@ from waychair.calibration.fitted_dac import FittedDac
 from waychair.calibration.imu import ImuCalibration
 from waychair.calibration.self_mask import SelfMask
 from waychair.calibration.stopping import StopTable
-from waychair.calibration.time_offset import SensorDelays
+from waychair.calibration.time_offset import SensorDelays, without_delay
 from waychair.calibration.wheels import WheelCalibration
 from waychair.config import Settings, setting
 from waychair.errors import CalibrationDamaged, CalibrationError, CalibrationMismatch, ConfigError
 from waychair.files import write_json
 from waychair.types import Json, Pose3, Scan
+
+T = TypeVar("T")
 
 SCHEMA = 1
 """Version of the file's form; a file of another one is not guessed at."""
@@ -61,6 +63,10 @@ class ChairCalibration:
     camera: CameraMount | None = None
     sensor_delays: SensorDelays | None = None
     self_mask: SelfMask | None = None
+
+    def on_time(self, message: T) -> T:
+        """A sensor's message as of the time that it is about, by the measured delay of its stamps."""
+        return message if self.sensor_delays is None else without_delay(message, self.sensor_delays)
 
     def seen(self, scan: Scan) -> Scan:
         """What a scan shows but for the chair itself."""

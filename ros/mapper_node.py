@@ -117,8 +117,9 @@ class MapperNode(ChairNode[MapperNodeSettings]):
         odometry, scan = topics.ODOMETRY, topics.SCAN
         if self._growing is not None:
             odometry, scan = _all_of(odometry), _all_of(scan)
-        self.listen(odometry, read_odometry, self._move)
-        self.listen(scan, lambda message: read_scan(message, s.scan_frame), self._see)
+        on_time = calibration.on_time
+        self.listen(odometry, lambda message: on_time(read_odometry(message)), self._move)
+        self.listen(scan, lambda message: on_time(read_scan(message, s.scan_frame)), self._see)
         self.listen(
             topics.INITIAL_POSE, read_pose_with_covariance, lambda given: self._set_pose(given[0]), needed=False
         )

@@ -130,9 +130,10 @@ class NavigatorNode(ChairNode[NavigatorNodeSettings]):
         self._send_places(places(self.now_ns(), self._places))
         self.listen(topics.LAYOUT, lambda message: message, lambda message: self._redraw(), needed=False)
         self.listen(topics.MAP, read_occupancy_grid, self._take_map)
-        self.listen(topics.ODOMETRY, read_odometry, self._move)
+        on_time = self._calibration.on_time
+        self.listen(topics.ODOMETRY, lambda message: on_time(read_odometry(message)), self._move)
         self.listen(topics.LOCALISATION, read_localisation, self._locate)
-        self.listen(topics.SCAN, lambda message: read_scan(message, s.scan_frame), self._see)
+        self.listen(topics.SCAN, lambda message: on_time(read_scan(message, s.scan_frame)), self._see)
         self.listen(topics.DRIVE_STATE, read_drive_state, self._obey)
         self._listen_to_sonars()
         if s.camera:
@@ -292,7 +293,7 @@ class NavigatorNode(ChairNode[NavigatorNodeSettings]):
 
     def _take_frame(self, frame: RgbdFrame | None) -> None:
         if frame is not None:
-            self._frame, self._looked_ns = frame, time.monotonic_ns()
+            self._frame, self._looked_ns = self._calibration.on_time(frame), time.monotonic_ns()
 
     def _look(self) -> None:
         """At the latest frame, just after a tick: it takes a good part of the time to the next one."""

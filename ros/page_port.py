@@ -108,12 +108,12 @@ class PagePort(DrawingPort):
         self._drawings = None if map_folder is None else Drawings(map_folder)
 
     def _listen(self) -> None:
-        listen = self._node.listen
+        listen, on_time = self._node.listen, self._calibration.on_time
         listen(topics.DRIVE_STATE, read_drive_state, self._take_state)
         listen(topics.DRIVE_REQUEST, read_drive_request, self._take_request)
         listen(topics.LOCALISATION, read_localisation, self._take_place)
-        listen(topics.ODOMETRY, read_odometry, self._take_odometry)
-        listen(topics.SCAN, lambda message: read_scan(message, self._scan_frame), self._take_scan)
+        listen(topics.ODOMETRY, lambda message: on_time(read_odometry(message)), self._take_odometry)
+        listen(topics.SCAN, lambda message: on_time(read_scan(message, self._scan_frame)), self._take_scan)
         listen(topics.PLAN, read_path, self._take_way, needed=False)
         listen(topics.PEOPLE, read_points, self._take_people, needed=False)
         listen(topics.MAP, read_occupancy_grid, self._take_grid, needed=False)

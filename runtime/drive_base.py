@@ -18,7 +18,6 @@ from waychair.calibration.calibration_file import ChairCalibration
 from waychair.calibration.dac import DEFAULT, DacModel
 from waychair.calibration.fitted_dac import DeadBand, FittedDac
 from waychair.calibration.stopping import permitted_speed
-from waychair.calibration.time_offset import SensorDelays, without_delay
 from waychair.config import Settings
 from waychair.control.closed_loop import ClosedLoop, ClosedLoopSettings
 from waychair.control.collision_monitor import MonitorSettings, is_silent, permitted_share, refusal
@@ -113,7 +112,6 @@ class DriveBase:
         self.settings = s = settings or BaseSettings()
         self.body = body = calibration.body
         self._calibration = calibration
-        self._delays = calibration.sensor_delays or SensorDelays()
         self._odometry = OdometryFilter(body)
         self._tilt = TiltFilter(body)
         model = model or calibration.dac or DEFAULT
@@ -231,7 +229,7 @@ class DriveBase:
 
     def on_time(self, late: Message) -> Message:
         """A message as of the time that it is about, by the measured delay of its sensor."""
-        return without_delay(late, self._delays)
+        return self._calibration.on_time(late)
 
     def hear(self, message: Message) -> None:
         """Take in what a sensor says, by `on_time`; a scan before the wheels have spoken is lost."""
