@@ -359,7 +359,20 @@ def _rounded(
         None if end is None else np.array([math.cos(end - turned), math.sin(end - turned)]) for end in ends
     )
     work = band(costmap, points, settings.band, leaves, arrives)
-    return (yield from sliced(work, settings.harmonic.slice))
+    banded = yield from sliced(work, settings.harmonic.slice)
+    return points if _is_against_one_way(costmap, banded) else banded
+
+
+def _is_against_one_way(costmap: Costmap, points: FloatArray) -> bool:
+    """Whether a line through points [cells] goes against a one-way zone; a band knows of walls only."""
+    if costmap.barred is None:
+        return False
+    return any(
+        line_cost(costmap.prices, a, b, c, d, costmap.barred) == math.inf
+        and line_cost(costmap.prices, a, b, c, d) < math.inf
+        for (a, b), (c, d) in pairwise(points.tolist())
+        if (a, b) != (c, d)
+    )
 
 
 def _join(legs: list[Leg]) -> None:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from itertools import pairwise
 
 import numpy as np
 import pytest
@@ -11,9 +12,10 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from waychair.calibration.chair import CHAIR_A
-from waychair.errors import PlanningError
+from waychair.errors import NoPath, PlanningError
+from waychair.maps.zones import Rule, Zone
 from waychair.planning import rubber_band
-from waychair.planning.costmap import costmap_from_grid
+from waychair.planning.costmap import Costmap, costmap_from_grid
 from waychair.planning.global_planner import PlannerSettings, plan
 from waychair.planning.grid_planner import plan_on_cells
 from waychair.planning.harmonic import log_field
@@ -28,6 +30,7 @@ from waychair.planning.rubber_band import (
     turning_angles,
 )
 from waychair.planning.slices import finished
+from waychair.planning.smoothing import line_cost
 from waychair.types import FloatArray, OccupancyGrid, Pose2
 
 
@@ -162,3 +165,33 @@ def test_who_comes_from_beside_a_narrow_door_turns_on_the_spot_before_it() -> No
     sharp = np.flatnonzero(np.degrees(turning_angles(even)) > 15)
     assert 1 <= len(sharp) <= 3
     assert np.hypot(*(even[sharp + 1] * CELL - [2.5, 3.0]).T).max() < 0.3
+
+
+def beside_a_zone(seed: int) -> Costmap:
+    """A room with the end of a wall to go round, and a one-way zone somewhere about it."""
+    rng = np.random.default_rng(seed)
+    cells = np.zeros((120, 200), np.int8)
+    cells[[0, -1]], cells[:, [0, -1]] = 100, 100
+    wall = round(rng.uniform(3.0, 6.0) / CELL)
+    cells[: round(rng.uniform(2.0, 3.2) / CELL), wall : wall + 4] = 100
+    (x, y), (long, deep) = rng.uniform((2.0, 1.0), (6.0, 4.5)), rng.uniform((0.5, 0.4), (3.0, 1.5))
+    corners = np.array([[x, y], [x + long, y], [x + long, y + deep], [x, y + deep]])
+    heading = float(rng.choice([0.0, math.pi, math.pi / 2, -math.pi / 2]))
+    zone = Zone("ramp", Rule.ONE_WAY, corners, heading)
+    return costmap_from_grid(OccupancyGrid(cells, CELL), CHAIR_A, zones=[zone])
+
+
+@pytest.mark.parametrize("planner", ["dstar-lite", "harmonic"])
+@pytest.mark.parametrize("seed", range(20))
+def test_a_band_bulges_into_no_one_way_zone_beside_it(planner: str, seed: int) -> None:
+    costmap = beside_a_zone(seed)
+    settings = PlannerSettings(planner=planner, smooth="band")
+    try:
+        points = plan(costmap, Pose2(1.2, 1.5, 0.0), Pose2(8.5, 1.5, 0.0), settings).poses[:, :2] / CELL
+    except NoPath:
+        return
+    against = [
+        line_cost(costmap.prices, a, b, c, d, costmap.barred) > line_cost(costmap.prices, a, b, c, d)
+        for (a, b), (c, d) in pairwise(points.tolist())
+    ]
+    assert sum(against) <= 1, "a way may skim the corner of a cell, and no more"
