@@ -163,6 +163,13 @@ def test_a_keep_out_zone_keeps_the_chair_off_an_edge_that_it_would_drive_over_wi
     assert fallen.count(Struck.EDGE) == 1
 
 
+def test_a_glass_door_that_stands_askew_to_the_sonars_is_heard_in_time() -> None:
+    """Along its wall and turning into it: at full speed the chair touched the pane at 0.27 m/s."""
+    result = run_hazard(glass(Guard.SONAR, 31), 31)
+    assert result.reached, result.reason
+    assert not result.struck
+
+
 def test_who_appears_too_near_is_struck_after_full_braking_and_who_appears_far_enough_is_not() -> None:
     near, far = run_appearance(0.3, 0), run_appearance(1.2, 0)
     assert near.speed >= 0.75
