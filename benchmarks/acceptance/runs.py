@@ -1,11 +1,13 @@
 """Runs by the hundred, spread over the processors, and kept as they end: a measurement of hours may be interrupted.
 
-What is kept is kept by commit, under `out/acceptance/runs/`, and only in a checkout without changes: begun again there,
-a measurement takes up what was done and goes on. `ACCEPTANCE_PROCESSES` in the environment takes fewer processors.
+What is kept is kept by the code that ran, under `out/acceptance/runs/`, and only where no line of that is uncommitted:
+begun again there, a measurement takes up what was done and goes on, whatever else was committed meanwhile (the page, the
+nodes, the command line, tests, documents). `ACCEPTANCE_PROCESSES` in the environment takes fewer processors.
 """
 
 from __future__ import annotations
 
+import hashlib
 import multiprocessing
 import os
 import pickle
@@ -61,9 +63,28 @@ def commit() -> str:
         return ""
 
 
+@cache
+def code() -> str:
+    """Of all that a run consists of, by its content; empty where any of it was changed since, or there is no commit."""
+    try:
+        if _git("status", "--porcelain", "--", *_RUNS):
+            return ""
+        trees = _git("rev-parse", *(f"HEAD:{path}" for path in _RUNS))
+        return hashlib.sha256(trees.encode()).hexdigest()[:12]
+    except (OSError, subprocess.CalledProcessError):
+        return ""
+
+
+_RUNS = (
+    "benchmarks", "calibration", "control", "firmware_bridge", "maps", "planning", "pyproject.toml", "runtime",
+    "simulation", "slam", "src", "trials",
+)  # fmt: skip
+"""What runs where something is driven or mapped without nodes, page and command line."""
+
+
 def _kept() -> Path | None:
-    """Where the runs of this commit are kept; None where that would not say which code ran."""
-    return Path("out") / "acceptance" / "runs" / commit() if commit() else None
+    """Where the runs of this code are kept; None where that would not say which code ran."""
+    return Path("out") / "acceptance" / "runs" / code() if code() else None
 
 
 def _git(*words: str) -> str:

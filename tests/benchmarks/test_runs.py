@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import subprocess
 from functools import partial
 from pathlib import Path
 
@@ -33,10 +34,53 @@ def test_runs_of_another_name_are_others(tmp_path: Path, monkeypatch: pytest.Mon
     assert notes.read_text().split() == ["0", "0"]
 
 
-def test_nothing_is_kept_of_code_that_no_commit_names(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(runs, "_git", lambda *words: " M planning/dwa.py" if words[0] == "status" else "123456789abc")
-    runs.commit.cache_clear()
+@pytest.fixture
+def checkout(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
+    """A repository with a file in each folder."""
+    for name in (*runs._RUNS, "docs"):
+        (tmp_path / name).mkdir()
+        (tmp_path / name / "file").write_text("one")
+    monkeypatch.setattr(runs, "_HERE", tmp_path)
+    committed(tmp_path)
+    return tmp_path
+
+
+def committed(repository: Path) -> None:
+    who = ["-c", "user.name=somebody", "-c", "user.email=somebody@example.org"]
+    for words in (["init", "-q"], ["add", "-A"], [*who, "commit", "-qm", "a step"]):
+        subprocess.run(["git", *words], cwd=repository, check=True)
+
+
+def code_now() -> str:
+    runs.code.cache_clear()
     try:
-        assert runs._kept() is None
+        return runs.code()
     finally:
-        runs.commit.cache_clear()
+        runs.code.cache_clear()
+
+
+def test_runs_are_kept_by_the_code_that_ran_and_a_document_is_none(checkout: Path) -> None:
+    first = code_now()
+    assert len(first) == 12
+    (checkout / "docs" / "file").write_text("two")
+    assert code_now() == first
+    committed(checkout)
+    assert code_now() == first
+    (checkout / "planning" / "file").write_text("two")
+    committed(checkout)
+    assert code_now() not in ("", first)
+
+
+@pytest.mark.parametrize("changed", ["planning/file", "src/new.py"])
+def test_nothing_is_kept_of_code_that_no_commit_names(checkout: Path, changed: str) -> None:
+    (checkout / changed).write_text("two")
+    assert code_now() == ""
+    runs.code.cache_clear()
+    assert runs._kept() is None
+    runs.code.cache_clear()
+
+
+def test_every_folder_of_the_house_is_one_that_runs_or_one_that_shows() -> None:
+    here = Path(__file__).parents[2]
+    folders = {path.name for path in here.iterdir() if (path / "__init__.py").exists()} - {"tests"}
+    assert folders - set(runs._RUNS) == {"cli", "ros", "ui"}
