@@ -14,6 +14,9 @@ from waychair.files import read_text
 DEEPEST = 50
 """Lists and mappings may be nested so deep; what is nested without an end would overflow the stack."""
 
+_TOO_DEEP = f"more than {DEEPEST} lists or mappings in each other"
+"""Also where libyaml, which reads ahead, has met its own limit of a thousand before (from PyYAML 6.0.4 on)."""
+
 _LARGEST = 2**63
 """Whole numbers stay below this, so that each of them is a float, too."""
 
@@ -102,7 +105,7 @@ def _refuse_endless(text: str) -> None:
         elif isinstance(event, yaml.AliasEvent) and event.anchor in above:
             raise _problem(f"'*{event.anchor}' is a part of itself", event.start_mark)
         if len(above) > DEEPEST:
-            raise _problem(f"more than {DEEPEST} lists or mappings in each other", event.start_mark)
+            raise _problem(_TOO_DEEP, event.start_mark)
 
 
 def _refuse_twice(root: yaml.Node | None) -> None:
@@ -135,9 +138,10 @@ def _problem(problem: str, mark: Any) -> yaml.MarkedYAMLError:
 def _refusal(where: str, error: yaml.YAMLError, failure: type[WaychairError]) -> WaychairError:
     """The named error: the file, the line, what is wrong there."""
     if isinstance(error, yaml.MarkedYAMLError):
+        problem = _TOO_DEEP if "nesting depth" in (error.problem or "") else error.problem
         line = f", line {error.problem_mark.line + 1}" if error.problem_mark else ""
         context = f"{error.context}, " if (error.context or "").startswith("expected") else ""
-        return failure(f"{where}{line}: {context}{error.problem}; mend the YAML there")
+        return failure(f"{where}{line}: {context}{problem}; mend the YAML there")
     if isinstance(error, yaml.reader.ReaderError):
         return failure(f"{where} is not YAML: it holds the character {error.character:#04x}; write it anew")
     return failure(f"{where} is not YAML: {' '.join(str(error).split())}; write it anew")
