@@ -20,6 +20,7 @@ from waychair.planning.obstacle_layer import (
     ObstacleLayer,
     ObstacleSettings,
     Sight,
+    any_nearer,
     sight_from_depth,
     sight_from_points,
     sight_of_drops,
@@ -165,8 +166,7 @@ class Surroundings:
         """Whether anything that is `lasting` stands nearer than `gap` [m] to one of points (N, 2) [m] in map."""
         upright, layered = self.lasting()
         news = np.concatenate([upright, *(seen for _, seen in layered)])
-        gaps = np.hypot(*(points[:, None] - news[None]).transpose(2, 0, 1))
-        return bool(gaps.min(initial=math.inf) < gap)
+        return any_nearer(np.ascontiguousarray(points), news, gap)
 
     def _but_walkers(self, points: FloatArray) -> FloatArray:
         """Those of points (N, 2) [m] that are not of somebody who walks."""
@@ -202,10 +202,7 @@ class Surroundings:
     def _explained(self, sight: Sight) -> bool:
         """Whether something that is known lies on the arc that an echo came from."""
         arc = sight.points()
-        if self._on_walls(arc).any():
-            return True
-        gaps = np.hypot(*(arc[:, None] - self._scanned[None]).transpose(2, 0, 1))
-        return bool(gaps.min(initial=math.inf) <= self._settings.known_within)
+        return bool(self._on_walls(arc).any()) or any_nearer(arc, self._scanned, self._settings.known_within)
 
 
 def much_is_gone(before: FloatArray, now: FloatArray) -> bool:

@@ -7,6 +7,7 @@ obstacle and its top no edge, whatever way the chair leans.
 
 from __future__ import annotations
 
+import math
 from dataclasses import dataclass
 
 import cv2
@@ -14,7 +15,7 @@ import numpy as np
 from numba import njit
 
 from waychair.config import Settings, setting
-from waychair.types import BoolArray, Bytes, FloatArray, Pose3, RgbdFrame
+from waychair.types import BoolArray, Bytes, Float32Array, FloatArray, Pose3, RgbdFrame
 
 NOTHING, GROUND, STANDS, BELOW, MISSING = range(5)
 """What a beam says: nothing, it met the ground, something on it, what lies below it, or it should have met it."""
@@ -57,16 +58,13 @@ def ground_view(
     `base_from_camera` is the mount of the optical frame (z forward, x right, y down); where it is levelled by the chair's
     lean, so is what is seen.
     """
-    depth = frame.depth[::step, ::step][::-1].astype(np.float64)
-    depth = np.where(np.isfinite(depth) & (depth > 0.0), depth, np.nan)
+    depth = np.ascontiguousarray(frame.depth[::step, ::step][::-1], np.float32)
     height, width = depth.shape
-    columns, rows = np.meshgrid(step * np.arange(width), step * np.arange(height)[::-1])
-    pixels = np.stack([columns, rows, np.ones(depth.shape)], axis=-1).astype(np.float64)
+    pixels = np.ones((height, width, 3))
+    pixels[..., 0], pixels[..., 1] = step * np.arange(width), step * np.arange(height)[::-1, None]
     rays: FloatArray = pixels @ (base_from_camera.rotation @ np.linalg.inv(frame.camera_matrix)).T
     lens = base_from_camera.translation
-    ends = lens + depth[..., None] * rays
-    flat = np.hypot(rays[..., 0], rays[..., 1])
-    away, falls = flat * depth, -rays[..., 2] / flat
+    ends, directions, away, falls = _beams(depth, rays, lens)
     begin = max(front - float(lens[0]), 0.0)
     kind, foot, rim = follow_ground(
         away, ends[..., 2], falls, float(lens[2]), begin, settings.least, settings.slope, settings.reach,
@@ -74,7 +72,33 @@ def ground_view(
     )  # fmt: skip
     _keep_wide(kind, foot, settings.missing, step / float(frame.camera_matrix[0, 0]))
     half_angle = step / (2 * float(frame.camera_matrix[0, 0]))
-    return GroundView(frame.stamp_ns, kind, ends, foot, rim, rays[..., :2] / flat[..., None], lens, half_angle)
+    return GroundView(frame.stamp_ns, kind, ends, foot, rim, directions, lens, half_angle)
+
+
+@njit(cache=True, nogil=True)
+def _beams(
+    depth: Float32Array, rays: FloatArray, lens: FloatArray
+) -> tuple[FloatArray, FloatArray, FloatArray, FloatArray]:
+    """`ends` and `directions` of a `GroundView`, and `away` and `falls` for `follow_ground`.
+
+    Of depths (H, W) [m] along rays (H, W, 3), of length 1 along the camera's axis, from the lens (3,).
+    """
+    height, width = depth.shape
+    ends, directions = np.empty((height, width, 3)), np.empty((height, width, 2))
+    away, falls = np.empty((height, width)), np.empty((height, width))
+    for row in range(height):
+        for column in range(width):
+            x, y, z = rays[row, column, 0], rays[row, column, 1], rays[row, column, 2]
+            far = float(depth[row, column])
+            if not (far > 0.0 and far < np.inf):
+                far = np.nan
+            flat = math.hypot(x, y)
+            ends[row, column, 0] = lens[0] + far * x
+            ends[row, column, 1] = lens[1] + far * y
+            ends[row, column, 2] = lens[2] + far * z
+            directions[row, column, 0], directions[row, column, 1] = x / flat, y / flat
+            away[row, column], falls[row, column] = flat * far, -z / flat
+    return ends, directions, away, falls
 
 
 def _keep_wide(kind: Bytes, foot: FloatArray, width: float, beam: float) -> None:

@@ -18,7 +18,7 @@ from waychair.calibration.chair import BodyLayer
 from waychair.config import Settings, setting
 from waychair.geometry import transform_points, wrap_angles
 from waychair.maps.ground import BELOW, GROUND, MISSING, GroundView
-from waychair.types import BoolArray, FloatArray, IntArray, Pose2, SonarReadings
+from waychair.types import BoolArray, Bytes, FloatArray, IntArray, Pose2, SonarReadings
 
 
 @dataclass(frozen=True, slots=True)
@@ -68,6 +68,8 @@ class Sight:
 
 def updated(layer: ObstacleLayer, sight: Sight, settings: ObstacleSettings = ObstacleSettings()) -> ObstacleLayer:
     """The layer after one more look of its sensor."""
+    if not len(layer.points) and not sight.hits.any():
+        return layer
     seen = sight.points()
     cells = np.floor(np.concatenate([seen, layer.points]) / settings.cell).astype(np.int64)
     # of a cell's points the latest is kept, which is the first here
@@ -128,25 +130,51 @@ def sight_from_depth(view: GroundView, map_from_base: Pose2, layer: BodyLayer, f
     A beam is free where it passes the layer's heights (from `floor` [m] up), and met something where it ends between
     them, unless that is the ground, which may rise there.
     """
-    known = np.isfinite(view.ends[..., 0])
-    base, ground = view.ends[known], view.kind[known] == GROUND
-    lens = view.lens
-    bottom, top = max(layer.bottom, floor), layer.top
-    # the part of each beam between the two heights, as shares of its length
-    rise = base[:, 2] - lens[2]
-    level = np.abs(rise) < 1e-6
-    with np.errstate(divide="ignore", invalid="ignore"):
-        shares = np.sort((np.array([[bottom], [top]]) - lens[2]) / np.where(level, np.nan, rise), axis=0)
-    within = bottom <= lens[2] <= top
-    begin = np.where(level, 0.0 if within else np.inf, np.clip(shares[0], 0.0, None))
-    end = np.where(level, 1.0 if within else -np.inf, np.clip(shares[1], None, 1.0))
-    passes = end > begin
-    away = (base - lens)[passes, :2]
-    length = np.hypot(*away.T)
-    hits = (end[passes] >= 1.0) & (base[passes, 2] >= bottom) & ~ground[passes]
-    origin = transform_points(map_from_base, lens[None, :2])[0]
-    bearings = wrap_angles(np.arctan2(away[:, 1], away[:, 0]) + map_from_base.theta)
-    return Sight(view.stamp_ns, origin, bearings, begin[passes] * length, end[passes] * length, hits, view.half_angle)
+    bearings, near, far, hits = between_heights(
+        view.ends, view.kind, view.lens, max(layer.bottom, floor), layer.top, map_from_base.theta
+    )
+    origin = transform_points(map_from_base, view.lens[None, :2])[0]
+    return Sight(view.stamp_ns, origin, bearings, near, far, hits, view.half_angle)
+
+
+@njit(cache=True, nogil=True)
+def between_heights(
+    ends: FloatArray, kind: Bytes, lens: FloatArray, bottom: float, top: float, theta: float
+) -> tuple[FloatArray, FloatArray, FloatArray, BoolArray]:
+    """`bearings`, `near`, `far` and `hits` of the beams that pass two heights [m] on their way, by a view's ends (H, W, 3).
+
+    theta [rad]: of the base in map.
+    """
+    height, width = kind.shape
+    rows = np.empty((3, height * width))
+    hits = np.empty(height * width, np.bool_)
+    count = 0
+    for row in range(height):
+        for column in range(width):
+            x, y = ends[row, column, 0] - lens[0], ends[row, column, 1] - lens[1]
+            z = ends[row, column, 2]
+            rise = z - lens[2]
+            if math.isnan(x):
+                continue
+            begin, end = 0.0, 1.0  # the part of the beam between the two heights, as shares of its length
+            if abs(rise) >= _LEVEL:
+                first, second = (bottom - lens[2]) / rise, (top - lens[2]) / rise
+                begin, end = max(min(first, second), 0.0), min(max(first, second), 1.0)
+            elif not bottom <= lens[2] <= top:
+                continue
+            if not end > begin:
+                continue
+            length = math.hypot(x, y)
+            bearing = math.atan2(y, x) + theta
+            rows[0, count] = _wrapped(bearing)
+            rows[1, count], rows[2, count] = begin * length, end * length
+            hits[count] = end >= 1.0 and z >= bottom and kind[row, column] != GROUND
+            count += 1
+    return rows[0, :count], rows[1, :count], rows[2, :count], hits[:count]
+
+
+_LEVEL = 1e-6
+"""A beam that rises or falls by less [m] stays at the height of the lens."""
 
 
 def sight_of_drops(view: GroundView, map_from_base: Pose2) -> Sight:
@@ -167,16 +195,41 @@ def sight_of_missing_ground(view: GroundView, map_from_base: Pose2) -> Sight:
 
 def _sight_of_ground(view: GroundView, map_from_base: Pose2, met: BoolArray, told: BoolArray) -> Sight:
     """Beams (H, W) that are `told` of at their feet, some of which `met` an end of the ground there."""
-    told = told & np.isfinite(view.foot)
-    hits, far, (x, y) = met[told], view.foot[told], view.directions[told].T
-    bearings = wrap_angles(np.arctan2(y, x) + map_from_base.theta)
+    bearings, near, far, hits = on_ground(view.directions, view.foot, met, told, map_from_base.theta)
     origin = transform_points(map_from_base, view.lens[None, :2])[0]
-    around = np.where(hits, 0.0, _FLOOR_AROUND)
-    return Sight(view.stamp_ns, origin, bearings, far - _FLOOR_AROUND, far + around, hits, view.half_angle)
+    return Sight(view.stamp_ns, origin, bearings, near, far, hits, view.half_angle)
 
 
 _FLOOR_AROUND = 0.12
 """Floor that was met proves floor so far [m] before and behind."""
+
+
+@njit(cache=True, nogil=True)
+def on_ground(
+    directions: FloatArray, foot: FloatArray, met: BoolArray, told: BoolArray, theta: float
+) -> tuple[FloatArray, FloatArray, FloatArray, BoolArray]:
+    """`bearings`, `near`, `far` and `hits` of the beams (H, W) that are `told` of; theta [rad]: of the base in map."""
+    height, width = foot.shape
+    rows = np.empty((3, height * width))
+    hits = np.empty(height * width, np.bool_)
+    count = 0
+    for row in range(height):
+        for column in range(width):
+            at = foot[row, column]
+            if not told[row, column] or math.isnan(at):
+                continue
+            bearing = math.atan2(directions[row, column, 1], directions[row, column, 0]) + theta
+            hits[count] = met[row, column]
+            rows[0, count] = _wrapped(bearing)
+            rows[1, count], rows[2, count] = at - _FLOOR_AROUND, at if hits[count] else at + _FLOOR_AROUND
+            count += 1
+    return rows[0, :count], rows[1, :count], rows[2, :count], hits[:count]
+
+
+@njit(cache=True, inline="always")
+def _wrapped(angle: float) -> float:
+    """An angle [rad] in (-pi, pi]."""
+    return angle - math.tau * math.ceil((angle - math.pi) / math.tau)
 
 
 def widened(points: FloatArray, margin: float) -> FloatArray:
@@ -190,13 +243,12 @@ def _seen_through(points: FloatArray, sight: Sight, settings: ObstacleSettings) 
     """(N,) which points a beam has gone past while none that points at them was stopped before or at them."""
     if len(points) == 0 or len(sight.bearings) == 0:
         return np.zeros(len(points), np.bool_)
-    order = np.argsort(sight.bearings)
     return passed(
         points - sight.origin,
-        sight.bearings[order],
-        sight.near[order],
-        sight.far[order],
-        sight.hits[order],
+        sight.bearings,
+        sight.near,
+        sight.far,
+        sight.hits,
         sight.half_angle,
         settings.cell / 2,
         settings.behind,
@@ -214,33 +266,74 @@ def passed(
     radius: float,
     behind: float,
 ) -> BoolArray:
-    """(N,) points (N, 2) [m] from the sensor, of a `radius` [m], that beams sorted by bearing have gone past.
+    """(N,) points (N, 2) [m] from the sensor, of a `radius` [m], that beams have gone past.
 
-    A beam counts for all points that any of its width touches.
+    Bearings [rad] in (-pi, pi], in any order. A beam counts for all points that any of its width touches.
     """
+    starts, order = _by_sector(bearings)
     result = np.zeros(len(points), np.bool_)
-    count = len(bearings)
     for i in range(len(points)):
         distance = math.hypot(points[i, 0], points[i, 1])
         if distance <= radius:
             continue
         bearing = math.atan2(points[i, 1], points[i, 0])
         reach = half_angle + math.asin(radius / distance)
-        first = np.searchsorted(bearings, bearing - reach)
-        # also the beams on the other side of the seam at pi
-        if bearing - reach < -math.pi:
-            first = np.searchsorted(bearings, bearing - reach + 2 * math.pi) - count
+        low, high = bearing - reach, bearing + reach
+        first = math.floor((low + math.pi) / _SECTOR) - 1  # one more to both sides: sectors are cut by rounded numbers
+        sectors = min(math.floor((high + math.pi) / _SECTOR) + 2 - first, _SECTORS)
         went, stopped = False, False
-        beam = first
-        while beam - first < count:
-            index = beam % count
-            if bearings[index] + (beam - index) // count * 2 * math.pi > bearing + reach:
+        for k in range(sectors):
+            sector = (first + k) % _SECTORS
+            for place in range(starts[sector], starts[sector + 1]):
+                beam = order[place]
+                at = bearings[beam]
+                # also from the other side of the seam at pi
+                touches = low <= at <= high or at - math.tau >= low or at + math.tau <= high
+                if touches and near[beam] <= distance:
+                    if far[beam] > distance + behind:
+                        went = True
+                    elif hits[beam]:
+                        stopped = True
+                        break
+            if stopped:
                 break
-            if near[index] <= distance:
-                if far[index] > distance + behind:
-                    went = True
-                elif hits[index]:
-                    stopped = True
-            beam += 1
         result[i] = went and not stopped
     return result
+
+
+_SECTORS = 720
+_SECTOR = math.tau / _SECTORS
+
+
+@njit(cache=True, nogil=True)
+def _by_sector(bearings: FloatArray) -> tuple[IntArray, IntArray]:
+    """Indices of bearings [rad] by the sector of the full circle that they lie in, and where each sector's begin."""
+    sectors = np.empty(len(bearings), np.int64)
+    starts = np.zeros(_SECTORS + 1, np.int64)
+    for i in range(len(bearings)):
+        sectors[i] = min(max(math.floor((bearings[i] + math.pi) / _SECTOR), 0), _SECTORS - 1)
+        starts[sectors[i] + 1] += 1
+    for sector in range(_SECTORS):
+        starts[sector + 1] += starts[sector]
+    places, order = starts[:-1].copy(), np.empty(len(bearings), np.int64)
+    for i in range(len(bearings)):
+        order[places[sectors[i]]] = i
+        places[sectors[i]] += 1
+    return starts, order
+
+
+@njit(cache=True, nogil=True)
+def any_nearer(points: FloatArray, others: FloatArray, gap: float) -> bool:
+    """Whether any of points (N, 2) [m] is nearer than `gap` [m] to one of others (M, 2)."""
+    if not len(points):
+        return False
+    left, right = points[:, 0].min() - gap, points[:, 0].max() + gap
+    low, high = points[:, 1].min() - gap, points[:, 1].max() + gap
+    for j in range(len(others)):
+        x, y = others[j, 0], others[j, 1]
+        if not (left < x < right and low < y < high):
+            continue
+        for i in range(len(points)):
+            if (points[i, 0] - x) ** 2 + (points[i, 1] - y) ** 2 < gap**2:
+                return True
+    return False

@@ -7,6 +7,7 @@ from functools import cache
 import numpy as np
 
 from waychair.calibration.chair import CHAIR_A
+from waychair.maps.ground import GroundSettings, ground_view
 from waychair.planning.costmap import CostmapSettings, LiveCostmap
 from waychair.planning.dwa import choose
 from waychair.planning.dwa_kernels import fits_after
@@ -15,20 +16,28 @@ from waychair.planning.footprint import footprint, in_cells
 from waychair.planning.global_planner import GlobalPlanner
 from waychair.planning.manoeuvre import ManoeuvreSettings, manoeuvre
 from waychair.planning.motion import DwaSettings, Motion, towards
-from waychair.planning.obstacle_layer import EMPTY, sight_from_points, updated
+from waychair.planning.obstacle_layer import (
+    EMPTY,
+    any_nearer,
+    sight_from_depth,
+    sight_from_points,
+    sight_of_drops,
+    sight_of_missing_ground,
+    updated,
+)
 from waychair.planning.openings import openings
 from waychair.planning.slices import finished
 from waychair.planning.smoothing import line_cost
 from waychair.planning.tracks import Track, Tracker
 from waychair.planning.way_out import CRAMPED, way_out
-from waychair.types import OccupancyGrid, Pose2, Twist
+from waychair.types import OccupancyGrid, Pose2, RgbdFrame, Twist
 
 _SIDE, _CELL = 6.0, 0.05
 
 
 @cache
 def warm_up() -> None:
-    """Plan, replan, turn, leave a wall and choose once, in a small room; nothing on later calls.
+    """Plan, replan, look, turn, leave a wall and choose once, in a small room; nothing on later calls.
 
     For whoever makes a chair that is to keep its 20 steps a second; a kernel that was never compiled here is compiled.
     """
@@ -48,6 +57,8 @@ def warm_up() -> None:
     towards(Twist(), Twist(0.1, 0.0), DwaSettings())
     looks = [sight_from_points(0, np.zeros(2), np.array([[end, 0.0]]), np.array([True]), 0.01) for end in (2.0, 3.0)]
     updated(updated(EMPTY, looks[0]), looks[1])
+    any_nearer(np.zeros((1, 2)), np.ones((1, 2)), 0.5)
+    _look(middle)
     field = fine_field(grid, middle, _SIDE / 2)
     manoeuvre(field, CHAIR_A, middle, aside, ManoeuvreSettings(polish=0))
     finished(way_out(field, CHAIR_A, Pose2(_SIDE / 2, _CELL + CHAIR_A.width / 2 + CRAMPED / 2, 0.0)))
@@ -55,3 +66,15 @@ def warm_up() -> None:
     person = Track(0, 0, 0, 1, np.array([1.0, 1.0]), np.zeros(2), np.eye(4), 0.3)
     choose(Pose2(middle.x, middle.y, -1.5), Twist(), path, field, CHAIR_A, DwaSettings(), False, Motion(), (person,))
     fits_after(footprint(CHAIR_A, 0.0, field), in_cells(field, middle), np.zeros((1, 2)), np.zeros(1))
+
+
+def _look(pose: Pose2) -> None:
+    """At a wall, by a camera."""
+    camera_matrix = np.array([[16.0, 0.0, 8.0], [0.0, 16.0, 8.0], [0.0, 0.0, 1.0]])
+    picture = RgbdFrame(0, np.zeros((16, 16), np.uint8), np.ones((16, 16), np.float32), camera_matrix)
+    view = ground_view(picture, CHAIR_A.base_from_camera, CHAIR_A.front, GroundSettings())
+    sight_of_drops(view, pose)
+    sight_of_missing_ground(view, pose)
+    for layer in CHAIR_A.height_layers():
+        sight = sight_from_depth(view, pose, layer, 0.0)
+        updated(updated(EMPTY, sight), sight)

@@ -19,12 +19,12 @@ from waychair.planning.footprint import fits
 from waychair.planning.global_planner import PlannerSettings, plan
 from waychair.planning.motion import DwaSettings
 from waychair.planning.paper_dwa import choose_as_paper
-from waychair.simulation.simulator import Simulator
+from waychair.simulation.simulator import Simulator, with_all_sensors
 from waychair.simulation.world import load_world
 from waychair.topics import COMMAND
 from waychair.trials.demo import chair_of
 from waychair.trials.drive import advance_tick, begin, chair_in
-from waychair.trials.hazards import Hazard, hazard_of_scene, setting_of, to_the_lift, to_the_restroom
+from waychair.trials.hazards import EDGES, Guard, Hazard, hazard_of_scene, setting_of, to_the_lift, to_the_restroom
 from waychair.trials.scenes import DOORS, corner_scene, dead_end_scene, door_scene
 from waychair.types import FloatArray, Goal, Json, OccupancyGrid, Path, Pose2, Twist
 
@@ -45,7 +45,8 @@ def step(out: FilePath) -> Json:
     """The whole control step: 99 % of the steps within 15 ms of processor time, in drives that reach their places.
 
     A step takes in the sensors, localises, plans, chooses, limits, and hands over to the bridge; it is timed by the
-    processor time of the whole process. One drive through a door goes before, in which the kernels are loaded.
+    processor time of the whole process. One drive through a door goes before, in which the kernels are loaded. The
+    `worst_p99_ms` is that of the drive that takes most.
     """
     timed(hazard_of_scene(door_scene(DOORS[0], 30.0, CHAIR_B, 0)), 0)
     rows, spent = [], []
@@ -57,22 +58,37 @@ def step(out: FilePath) -> Json:
     whole = _quantiles(np.concatenate(spent))
     choice = {f"choice_{key}": value for key, value in choice_speed().items()}
     reached = all(row["reached"] for row in rows)
-    return {"passed": whole["p99_ms"] <= STEP_MS and reached, "reached": reached, **whole, **choice, "rows": rows}
+    worst = max(row["p99_ms"] for row in rows)
+    passed = whole["p99_ms"] <= STEP_MS and reached
+    return {"passed": passed, "reached": reached, **whole, "worst_p99_ms": worst, **choice, "rows": rows}
 
 
 _SEED = 1
 
 
 def _drives() -> dict[str, Hazard]:
-    """A building's places one after the other, the tightest door, corner and dead end, and people on the way."""
-    clinic = load_world("small_clinic").without_people()
+    """A building's places one after the other, the tightest door, corner and dead end, and people on the way.
+
+    By wheels and lidar, and three of them with IMU, sonars and camera, too, at their rates.
+    """
+    world = load_world("small_clinic").without_people()
+    clinic = Hazard("small clinic", world, world.grid, world.places)
+    full = {
+        "small clinic": clinic,
+        "basement to the restroom": to_the_restroom(_SEED),
+        "edge behind": EDGES["behind"](Guard.CAMERA, _SEED),
+    }
     return {
-        "small clinic": Hazard("small clinic", clinic, clinic.grid, clinic.places),
+        "small clinic": clinic,
         "door": hazard_of_scene(door_scene(DOORS[0], 90.0, CHAIR_B, _SEED)),
         "corner": hazard_of_scene(corner_scene(CHAIR_A, _SEED)),
         "dead end": hazard_of_scene(dead_end_scene(CHAIR_A, _SEED)),
         "corridor to the lift": to_the_lift(_SEED),
         "basement to the restroom": to_the_restroom(_SEED),
+        **{
+            f"{name}, all sensors": replace(hazard, sensors=with_all_sensors(hazard.sensors))
+            for name, hazard in full.items()
+        },
     }
 
 

@@ -10,12 +10,14 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from waychair.calibration.chair import CHAIR_A, BodyLayer, ChairBody
-from waychair.maps.ground import GroundSettings, GroundView, ground_view
+from waychair.maps.ground import GROUND, GroundSettings, GroundView, ground_view
 from waychair.planning.obstacle_layer import (
     EMPTY,
     ObstacleLayer,
     ObstacleSettings,
     Sight,
+    any_nearer,
+    between_heights,
     passed,
     sight_from_depth,
     sight_from_points,
@@ -23,7 +25,7 @@ from waychair.planning.obstacle_layer import (
     updated,
     without,
 )
-from waychair.types import BoolArray, FloatArray, Pose2, RgbdFrame, SonarReadings
+from waychair.types import BoolArray, Bytes, FloatArray, Pose2, RgbdFrame, SonarReadings
 
 SECOND = 10**9
 ALL_ROUND = np.linspace(-math.pi, math.pi, 720, endpoint=False)
@@ -122,11 +124,57 @@ def test_the_kernel_says_what_plain_numpy_says(seed: int, count: int) -> None:
     rng = np.random.default_rng(seed)
     points = rng.uniform(-4, 4, (30, 2))
     points[0] = 0.0
-    bearings = np.sort(rng.uniform(-math.pi, math.pi, count))
+    bearings = rng.uniform(-math.pi, math.pi, count)
     near = np.where(rng.random(count) < 0.3, rng.uniform(0, 4, count), 0.0)
     far, hits = near + rng.uniform(0, 6, count), rng.random(count) < 0.5
     arguments = points, bearings, near, far, hits, float(rng.uniform(0, 0.3)), 0.05, 0.1
     assert passed(*arguments).tolist() == plain_passed(*arguments)
+
+
+def plain_between_heights(
+    ends: FloatArray, kind: Bytes, lens: FloatArray, bottom: float, top: float, theta: float
+) -> tuple[FloatArray, FloatArray, FloatArray, BoolArray]:
+    """The kernel in words of plain numpy, all beams at once."""
+    known = np.isfinite(ends[..., 0])
+    away, ground = ends[known] - lens, kind[known] == GROUND
+    level = np.abs(away[:, 2]) < 1e-6
+    with np.errstate(divide="ignore", invalid="ignore"):
+        shares = np.sort((np.array([[bottom], [top]]) - lens[2]) / np.where(level, np.nan, away[:, 2]), axis=0)
+    within = bottom <= lens[2] <= top
+    begin = np.where(level, 0.0 if within else np.inf, np.clip(shares[0], 0.0, None))
+    end = np.where(level, 1.0 if within else -np.inf, np.clip(shares[1], None, 1.0))
+    passes = end > begin
+    away, begin, end = away[passes], begin[passes], end[passes]
+    length = np.hypot(*away[:, :2].T)
+    hits = (end >= 1.0) & (away[:, 2] + lens[2] >= bottom) & ~ground[passes]
+    bearings = np.angle(np.exp(1j * (np.arctan2(away[:, 1], away[:, 0]) + theta)))
+    return bearings, begin * length, end * length, hits
+
+
+@given(st.integers(0, 2**32 - 1), st.floats(-0.2, 1.2))
+@settings(max_examples=60, deadline=None)
+def test_the_kernel_of_heights_says_what_plain_numpy_says(seed: int, bottom: float) -> None:
+    rng = np.random.default_rng(seed)
+    ends = rng.uniform((-4.0, -4.0, -0.5), (4.0, 4.0, 1.8), (6, 8, 3))
+    lens = np.array([0.4, 0.0, 0.95])
+    ends[rng.random((6, 8)) < 0.1] = math.nan
+    ends[rng.random((6, 8)) < 0.1, 2] = lens[2]
+    arguments = ends, rng.integers(0, 5, (6, 8), np.uint8), lens, bottom, bottom + 0.4, float(rng.uniform(-4.0, 4.0))
+    for found, plain in zip(between_heights(*arguments), plain_between_heights(*arguments), strict=True):
+        assert found == pytest.approx(plain, abs=1e-9)
+
+
+@given(st.integers(0, 2**32 - 1), st.integers(0, 12), st.integers(0, 12))
+@settings(max_examples=100, deadline=None)
+def test_any_that_is_nearer_is_found_among_all_pairs(seed: int, count: int, others: int) -> None:
+    rng = np.random.default_rng(seed)
+    a, b, gap = rng.uniform(0, 5, (count, 2)), rng.uniform(0, 5, (others, 2)), float(rng.uniform(0.01, 2.0))
+    plain = any(math.dist(first, second) < gap for first in a for second in b)
+    assert any_nearer(a, b, gap) == plain
+
+
+def test_a_look_that_met_nothing_leaves_an_empty_layer_empty() -> None:
+    assert len(updated(EMPTY, look(0, np.full(720, 9.0))).points) == 0
 
 
 def test_a_sonar_marks_its_whole_arc_and_clears_it_when_the_echo_is_gone() -> None:

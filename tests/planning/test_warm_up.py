@@ -5,8 +5,9 @@ from __future__ import annotations
 import numpy as np
 
 from waychair.calibration.chair import CHAIR_B
+from waychair.maps import ground
 from waychair.maps.distance_field import DistanceField, distances
-from waychair.planning import dwa_kernels, footprint, manoeuvre, openings, way_out
+from waychair.planning import dwa_kernels, footprint, manoeuvre, obstacle_layer, openings, way_out
 from waychair.planning.dwa import choose
 from waychair.planning.warm_up import warm_up
 from waychair.types import Path, Pose2, Twist
@@ -20,6 +21,12 @@ KERNELS = (
     manoeuvre._search,
     manoeuvre._ways_to,
     manoeuvre._chain,
+    ground._beams,
+    ground.follow_ground,
+    obstacle_layer.any_nearer,
+    obstacle_layer.between_heights,
+    obstacle_layer.on_ground,
+    obstacle_layer.passed,
     openings._chords,
     way_out._shortest,
 )
