@@ -1,8 +1,9 @@
-"""Shared fixtures: where the real recordings are."""
+"""Shared by all tests: where the real recordings are, and that an interrupt is heard."""
 
 from __future__ import annotations
 
 import os
+import signal
 from pathlib import Path
 
 import pytest
@@ -13,6 +14,10 @@ from hypothesis import settings
 settings.register_profile("waychair", deadline=None, derandomize=True)
 settings.register_profile("search", deadline=None)
 settings.load_profile("waychair")
+
+# A shell starts what it puts in the background deaf to interrupts, and so would be all that tests start and interrupt.
+if signal.getsignal(signal.SIGINT) is signal.SIG_IGN:
+    signal.signal(signal.SIGINT, signal.default_int_handler)
 
 ROOT = Path(__file__).resolve().parent.parent
 
