@@ -10,7 +10,7 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from waychair.maps.ground import BELOW, GROUND, MISSING, NOTHING, STANDS, follow_ground
+from waychair.maps.ground import BELOW, GROUND, MISSING, NOTHING, STANDS, _beams, follow_ground
 
 HEIGHT, BEGIN = 0.95, 0.35
 FALLS = np.linspace(0.6, 0.1, 120)
@@ -73,6 +73,20 @@ def plain_follow(
         miss(min(where, reach))
     miss(min(hidden, reach))
     return kind, foot, rim
+
+
+@given(st.integers(0, 2**32 - 1))
+@settings(max_examples=40, deadline=None)
+def test_the_kernel_of_beams_says_what_plain_numpy_says(seed: int) -> None:
+    rng = np.random.default_rng(seed)
+    depth, rays = rng.uniform(0.3, 8.0, (5, 7)).astype(np.float32), rng.uniform(-1, 1, (5, 7, 3))
+    depth[rng.random((5, 7)) < 0.3] = rng.choice(np.array([math.nan, math.inf, 0.0, -1.0], np.float32))
+    lens = np.array([0.4, 0.0, 0.95])
+    plain = np.where(np.isfinite(depth) & (depth > 0.0), depth, np.nan).astype(np.float64)
+    flat = np.hypot(rays[..., 0], rays[..., 1])
+    expected = lens + plain[..., None] * rays, rays[..., :2] / flat[..., None], flat * plain, -rays[..., 2] / flat
+    for found, each in zip(_beams(depth, rays, lens), expected, strict=True):
+        assert found == pytest.approx(each, nan_ok=True)
 
 
 @given(st.integers(0, 2**32 - 1))

@@ -18,6 +18,7 @@ from waychair.planning.obstacle_layer import (
     Sight,
     any_nearer,
     between_heights,
+    on_ground,
     passed,
     sight_from_depth,
     sight_from_points,
@@ -162,6 +163,22 @@ def test_the_kernel_of_heights_says_what_plain_numpy_says(seed: int, bottom: flo
     arguments = ends, rng.integers(0, 5, (6, 8), np.uint8), lens, bottom, bottom + 0.4, float(rng.uniform(-4.0, 4.0))
     for found, plain in zip(between_heights(*arguments), plain_between_heights(*arguments), strict=True):
         assert found == pytest.approx(plain, abs=1e-9)
+
+
+@given(st.integers(0, 2**32 - 1))
+@settings(max_examples=40, deadline=None)
+def test_the_kernel_of_the_ground_says_what_plain_numpy_says(seed: int) -> None:
+    rng = np.random.default_rng(seed)
+    directions, foot = rng.uniform(-1, 1, (6, 8, 2)), rng.uniform(0.2, 3.0, (6, 8))
+    foot[rng.random((6, 8)) < 0.2] = math.nan
+    met, told, theta = rng.random((6, 8)) < 0.3, rng.random((6, 8)) < 0.7, float(rng.uniform(-4.0, 4.0))
+    bearings, near, far, hits = on_ground(directions, foot, met, told, theta)
+    counts = told & np.isfinite(foot)
+    assert hits.tolist() == met[counts].tolist()
+    assert np.exp(1j * bearings) == pytest.approx(np.exp(1j * (np.arctan2(*directions[counts].T[::-1]) + theta)))
+    assert (np.abs(bearings) <= math.pi).all()
+    assert near == pytest.approx(foot[counts] - 0.12)
+    assert far == pytest.approx(foot[counts] + np.where(met[counts], 0.0, 0.12))
 
 
 @given(st.integers(0, 2**32 - 1), st.integers(0, 12), st.integers(0, 12))
