@@ -12,7 +12,16 @@ from waychair.control.recovery import RecoverySettings
 from waychair.control.surroundings import Surroundings
 from waychair.geometry import transform_points
 from waychair.planning.forecast import People
-from waychair.planning.tracks import Track, Tracker, TrackSettings, gap, may_be_behind, room_round, seen_from
+from waychair.planning.tracks import (
+    Track,
+    Tracker,
+    TrackSettings,
+    gap,
+    may_be_behind,
+    moved_on,
+    room_round,
+    seen_from,
+)
 from waychair.types import FloatArray, Pose2
 
 _ROOM_TO_LEAVE = 0.03
@@ -58,13 +67,15 @@ class Bystanders:
         odom_from_map: Pose2,
         surroundings: Surroundings,
         stood_s: float,
+        seen_ns: int,
     ) -> None:
-        """A scan from map_from_base, points (N, 2) [m] in map: who goes their way, or went it before they stood.
+        """A scan of `seen_ns` from map_from_base, points (N, 2) [m] in map: who goes their way, or went it and stands.
 
         Room is left round them in the surroundings, less when the chair has stood [s] for them to pass.
         """
         strangers = transform_points(odom_from_map, surroundings.strangers(obstacles))
-        self.tracks = tuple(track for track in self._tracker.update(now_ns, strangers) if track.walked)
+        tracks = self._tracker.update(seen_ns, strangers)
+        self.tracks = moved_on((track for track in tracks if track.walked), now_ns)
         self._note_who_is_near(now_ns, odom_from_map @ pose)
         s = self._settings
         self._room = s.room_after if stood_s > s.room_after_s else s.room
@@ -84,14 +95,14 @@ class Bystanders:
         lingering = (self._expected(track) for track in self.tracks if self._lingers(track))
         return any(np.hypot(*(points - track.position).T).min(initial=math.inf) < gap for track in lingering)
 
-    def foreseen(self, odom_from_base: Pose2) -> tuple[Track, ...]:
-        """Those whose way is foreseen, of who stands that they stand.
+    def foreseen(self, now_ns: int, odom_from_base: Pose2) -> tuple[Track, ...]:
+        """Those whose way is foreseen from where they are now, of who stands that they stand.
 
         Who is nearer than a forecast is good for is an obstacle, where they stand.
         """
         return tuple(
             track if track.walks(self._settings) else _standing_at(track.position, track)
-            for track in self.tracks
+            for track in moved_on(self.tracks, now_ns)
             if self._gap(track, odom_from_base) > track.radius
         )
 

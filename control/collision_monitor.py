@@ -31,6 +31,7 @@ from waychair.config import Settings, setting
 from waychair.control.arc_entry import entry_times
 from waychair.errors import ConfigError
 from waychair.geometry import arcs, transform_points
+from waychair.scans import without_codes
 from waychair.types import BoolArray, FloatArray, IntArray, Pose2, Scan, Twist
 
 
@@ -149,7 +150,7 @@ class Monitor:
 
     def see(self, scan: Scan) -> None:
         """Take in a scan, as the lidar gave it."""
-        scan = without_near_field(scan, self._body)
+        scan = without_near_field(without_codes(scan), self._body)
         before, self._scan = self._scan, scan
         count, longest_ns = len(scan.ranges), round(self._settings.blind_s * 1e9)
         self._hidden = np.zeros(count, np.bool_) if self._mask is None else self._mask.hides(scan)
@@ -309,7 +310,7 @@ _OUTSIDE = 0.005
 def measuring(scan: Scan, hidden: BoolArray) -> BoolArray:
     """(N,) beams that measure something other than the chair itself."""
     told: BoolArray = np.isfinite(scan.ranges) & ~hidden
-    told[told] &= scan.ranges[told] >= max(scan.range_min, 0.0)
+    told[told] &= (scan.ranges[told] >= max(scan.range_min, 0.0)) & (scan.ranges[told] <= scan.range_max)
     return told
 
 

@@ -7,7 +7,7 @@ ends or prevents a drive is a `Halt`; what only makes a drive slower is a speed.
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from typing import TypeAlias
 
 import numpy as np
@@ -20,6 +20,9 @@ from waychair.slam.localiser import Localisation, LocalisationState
 from waychair.slam.tilt import TiltFilter, TiltSettings
 from waychair.topics import CAMERA, IMU, SCAN, STATUS, WHEELS
 from waychair.types import ChairStatus, ImuSample, Pose2, RgbdFrame, Scan, Twist, WheelTicks
+
+_CONTACTS = ("seated", "charging", "battery")
+"""Seat switch and battery each speak for themselves: what one does not say, the other may have said."""
 
 REACTIONS = ("slow", "stop")
 """What a drive does when a sensor that it can do without falls silent."""
@@ -64,7 +67,8 @@ class Fitness:
         self._settings = settings or FitnessSettings()
         self._tilt = TiltFilter(body, self._settings.tilt)
         self._heard_ns: dict[type, int] = {}
-        self._status = ChairStatus(0)
+        self._status = ChairStatus(0)  # each contact's last word
+        self._told_ns: dict[str, int] = {}
         self._tilted_since_ns: int | None = None
         self._lean = 0.0
         self._localisation: Localisation | None = None
@@ -79,7 +83,9 @@ class Fitness:
             return
         self._heard_ns[type(message)] = message.stamp_ns
         if isinstance(message, ChairStatus):
-            self._status = message
+            told = {name: value for name in _CONTACTS if (value := getattr(message, name)) is not None}
+            self._status = replace(self._status, **told)
+            self._told_ns |= dict.fromkeys(told, message.stamp_ns)
         elif isinstance(message, ImuSample):
             tilt = self._tilt.update(message, twist)
             lean = math.acos(min(1.0, max(-1.0, math.cos(tilt.roll) * math.cos(tilt.pitch))))
@@ -134,11 +140,10 @@ class Fitness:
         return tuple(halts)
 
     def _contacts(self, now_ns: int) -> tuple[Halt, ...]:
-        """F24 and the seat switch; what is not fitted is obeyed all the same when it speaks."""
+        """F24 and the seat switch; what is not fitted is obeyed all the same when it speaks, until it says otherwise."""
         s, status, halts = self._settings, self._status, []
-        needed = (s.seat_switch and status.seated is None) or (s.power_monitor and status.charging is None)
-        fitted = s.seat_switch or s.power_monitor
-        if needed or (fitted and STATUS.is_stale(self._heard_ns.get(ChairStatus), now_ns)):
+        fitted = (("seated", s.seat_switch), ("charging", s.power_monitor))
+        if any(is_fitted and STATUS.is_stale(self._told_ns.get(name), now_ns) for name, is_fitted in fitted):
             halts.append(halt("status_stale"))
         if status.charging:
             halts.append(halt("charging"))

@@ -6,8 +6,8 @@ import math
 from collections.abc import Mapping
 from dataclasses import replace
 
-from waychair.errors import GoalTooExact
-from waychair.geometry import wrap_angle
+from waychair.errors import GoalOutsideMap, GoalTooExact
+from waychair.geometry import is_on_map, wrap_angle
 from waychair.maps.places import CLOSEST_M, CLOSEST_RAD, find
 from waychair.planning.motion import DwaSettings
 from waychair.types import Goal, Place, Pose2
@@ -18,11 +18,18 @@ def posed(goal: Goal, places: Mapping[str, Place]) -> Goal:
 
     Raises:
         UnknownPlace: it names none of the places.
+        GoalOutsideMap: its pose is none on any map.
         GoalTooExact: its tolerances are closer than a chair can stop.
     """
     if not isinstance(goal.target, Pose2):
         place = find(places, goal.target)
         goal = Goal(place.pose, place.tolerance_m, place.tolerance_rad)
+    pose = goal.target
+    assert isinstance(pose, Pose2)
+    if not is_on_map(pose.x, pose.y, pose.theta):
+        raise GoalOutsideMap(
+            f"the goal ({pose.x:g}, {pose.y:g}, {pose.theta:g}) is on no map: give metres and radians within it"
+        )
     if not (goal.tolerance_m >= CLOSEST_M and goal.tolerance_rad >= CLOSEST_RAD):
         raise GoalTooExact(
             f"the goal asks for {goal.tolerance_m:g} m and {goal.tolerance_rad:g} rad: a chair stops within "

@@ -28,6 +28,9 @@ from waychair.types import Twist
 _LONGEST_S = 0.1
 """After a longer pause a step is no larger than after this."""
 
+_FASTEST = 3.0
+"""Whoever asks for more than this [m/s, rad/s], which no setting allows, is out of order (F5)."""
+
 _AT_REST = 1e-3
 """Slower than this [m/s] the command has come to rest."""
 
@@ -93,14 +96,14 @@ class Limiter:
         """The command of this tick.
 
         `cap` [m/s] limits the speed smoothly, `share` in [0, 1] of what is asked at once: the collision monitor's. With
-        `braking` nothing is asked for and the chair comes to rest in that way. What is asked and is not finite is an
-        emergency (F5).
+        `braking` nothing is asked for and the chair comes to rest in that way. What is asked and is not finite, or
+        impossible, is an emergency (F5).
         """
         s, before = self._settings, self._command
         passed = 0.05 if self._last_ns is None else (now_ns - self._last_ns) * 1e-9
         seconds = min(max(passed, 0.0), _LONGEST_S)
         self._last_ns = now_ns
-        if not (math.isfinite(asked.v) and math.isfinite(asked.omega)):
+        if not is_possible(asked):
             braking = Braking.EMERGENCY
         if braking is Braking.RELEASE:
             command = Twist()
@@ -148,6 +151,11 @@ class Limiter:
     def _sized(self, twist: Twist, size: float) -> Twist:
         """The same arc at another size."""
         return _scaled(twist, size / max(self._size(twist), 1e-9))
+
+
+def is_possible(asked: Twist) -> bool:
+    """Whether a twist is one that any setting would allow (F5); what is no number is none."""
+    return abs(asked.v) <= _FASTEST and abs(asked.omega) <= _FASTEST
 
 
 def _rate_before(room: float, jerk: float, seconds: float) -> float:

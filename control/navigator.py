@@ -26,7 +26,7 @@ from waychair.errors import GoalOccupied, NotConverged, WaychairError
 from waychair.geometry import transform_points
 from waychair.maps.distance_field import DistanceField
 from waychair.maps.zones import Zone
-from waychair.planning.costmap import Costmap
+from waychair.planning.costmap import Costmap, check_free_space
 from waychair.planning.drawn_map import DrawnMap
 from waychair.planning.dwa import DwaResult
 from waychair.planning.fine_field import fine_field
@@ -192,11 +192,12 @@ class Navigator:
         obstacles: FloatArray | None,
         map_from_odom: Pose2 | None = None,
         beyond: FloatArray | None = None,
+        seen_ns: int | None = None,
     ) -> Navigation:
         """One tick from map_from_base and, when there was a scan, the obstacle points (N, 2) [m] it saw in map.
 
-        `beyond` (M, 2) [m] in map is how far its other beams are known to be free. `map_from_odom` is what the
-        localisation has corrected the odometry by; without it odom is the map.
+        `beyond` (M, 2) [m] in map is how far its other beams are known to be free, `seen_ns` when it was taken, if not
+        just now. `map_from_odom` is what the localisation has corrected the odometry by; without it odom is the map.
         """
         odom_from_map = Pose2() if map_from_odom is None else map_from_odom.inverse()
         if not (np.isfinite(pose.array()).all() and np.isfinite(odom_from_map.array()).all()):
@@ -207,10 +208,11 @@ class Navigator:
         self._motion = motion_after(self._motion, self._before, self._command, self._dwa)
         self._before = self._command
         if obstacles is not None:
-            obstacles, self._local = without_veils(obstacles, self.settings.veil), None
+            laser = pose @ self._body.base_from_laser
+            obstacles, self._local = without_veils(obstacles, np.array([laser.x, laser.y]), self.settings.veil), None
             self._surroundings.see(now_ns, pose, obstacles, beyond)
-            stood_s = self.recovery.standing(now_ns)
-            self._people.see(now_ns, pose, obstacles, odom_from_map, self._surroundings, stood_s)
+            stood_s, seen_ns = self.recovery.standing(now_ns), now_ns if seen_ns is None else seen_ns
+            self._people.see(now_ns, pose, obstacles, odom_from_map, self._surroundings, stood_s, seen_ns)
             self._among_people = self._people.about(odom_from_map @ pose)
         if self._planner is None or not self.active:
             return self._navigation(Twist())
@@ -223,7 +225,7 @@ class Navigator:
             return self._navigation(braking(self._command, self._dwa))
         if self._path is None or not self.active:
             return self._halt(now_ns, self._no_way)
-        choice = self._choose(now_ns, pose, self._view(pose, obstacles, odom_from_map))
+        choice = self._choose(now_ns, pose, self._view(now_ns, pose, obstacles, odom_from_map))
         return self._outcome(now_ns, choice)
 
     def _begin(self, goal: Goal) -> None:
@@ -239,7 +241,7 @@ class Navigator:
         self._path, self._planned_ns, self._plans, self._leg = None, None, 0, None
         self._planning, self._stops_to_plan, self._stands_to_plan = None, False, False
 
-    def _view(self, pose: Pose2, obstacles: FloatArray | None, odom_from_map: Pose2) -> View:
+    def _view(self, now_ns: int, pose: Pose2, obstacles: FloatArray | None, odom_from_map: Pose2) -> View:
         """What there is to drive by, in odom."""
 
         def window() -> DistanceField:  # anew with every scan, but only where it is driven by
@@ -254,7 +256,7 @@ class Navigator:
             None if obstacles is None else transform_points(odom_from_map, obstacles),
             transform_points(odom_from_map, self._surroundings.unscanned()),
             None if self._jumping else self._motion,  # comfort does not hold back what caution asks for
-            self._people.foreseen(odom_from_map @ pose),
+            self._people.foreseen(now_ns, odom_from_map @ pose),
             self._surroundings.hears,
         )
 
@@ -425,6 +427,7 @@ class Navigator:
         try:
             if self._plans == 0:  # a goal that the map alone rules out is refused, not waited for
                 costmap = self._drawn.costmap()
+                check_free_space(costmap)
                 check_goal(costmap, self._body, self._planner.goal)
                 path = yield from self._planner.replan_in_slices(costmap, self._pose, go_on=self._until(now_ns))
         except WaychairError as error:

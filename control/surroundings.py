@@ -11,7 +11,7 @@ from scipy.spatial import cKDTree
 from waychair.calibration.chair import BodyLayer, ChairBody, sonar_mounts
 from waychair.config import Settings, setting
 from waychair.maps.depth_scan import levelled_mount
-from waychair.maps.distance_field import DistanceField, are_within, window_distances
+from waychair.maps.distance_field import DistanceField, window_distances
 from waychair.maps.grid import cells_from_points, inside, occupied
 from waychair.maps.ground import GroundSettings, ground_view
 from waychair.planning.drawn_map import DrawnMap
@@ -30,7 +30,7 @@ from waychair.planning.obstacle_layer import (
     widened,
     without,
 )
-from waychair.types import BoolArray, FloatArray, OccupancyGrid, Pose2, RgbdFrame, SonarReadings
+from waychair.types import FloatArray, OccupancyGrid, Pose2, RgbdFrame, SonarReadings
 
 _MOVED, _MUCH = 0.1, 0.2
 """What is this far [m] from where it was has moved; this part of what is in the way is much."""
@@ -44,7 +44,19 @@ class SurroundingsSettings(Settings):
     resolution: float = setting(
         0.025, "m", "cells of the window, about: a map's are split or joined", low=0.01, high=0.1
     )
-    known_within: float = setting(0.15, "m", "a point this near to a wall of the map is that wall", low=0.0, high=1.0)
+    known_within: float = setting(
+        0.15,
+        "m",
+        "what the lidar sees this near to a wall of the map is that wall, and is where it is seen",
+        low=0.0,
+        high=1.0,
+    )
+    told_within: float = setting(
+        0.08, "m", "as above for camera and sonars: what stands out farther is told by nothing else", low=0.0, high=1.0
+    )
+    told_share: float = setting(
+        0.03, "", "... or, up to known_within, this part of its distance: depth errors grow with it", low=0.0, high=0.2
+    )
     beam: float = setting(
         math.radians(0.25), "rad", "half the angle between two beams of the lidar", low=1e-4, high=0.1
     )
@@ -73,7 +85,7 @@ class Surroundings:
 
     def redraw(self, drawn: DrawnMap) -> None:
         """The walls are those of this map from now on; what was seen stays known."""
-        self._grid, self._from_walls = drawn.grid, drawn.from_walls
+        self._drawn, self._grid = drawn, drawn.grid
         self._walls = occupied(drawn.grid)
 
     def see(self, now_ns: int, pose: Pose2, points: FloatArray, beyond: FloatArray | None = None) -> None:
@@ -87,7 +99,7 @@ class Surroundings:
         ends = points if beyond is None else np.concatenate([points, beyond])
         hits = np.arange(len(ends)) < len(points)
         sight = sight_from_points(now_ns, np.array([laser.x, laser.y]), ends, hits, self._settings.beam)
-        self._lidar = self._news(updated(self._lidar, sight, self._settings.obstacles))
+        self._lidar = self._news(updated(self._lidar, sight, self._settings.obstacles), self._settings.known_within)
 
     def hear(self, readings: SonarReadings, pose: Pose2) -> None:
         """Readings of the sonars from map_from_base; glass is heard where it is not seen.
@@ -99,7 +111,7 @@ class Surroundings:
         for sight in sights_from_sonar(readings, pose, sonar_mounts(self._body), s.sonar_range, s.sonar_half_cone):
             if sight.hits.any() and self._explained(sight):
                 sight = replace(sight, hits=np.zeros(len(sight.hits), np.bool_))
-            self._sonar = self._news(updated(self._sonar, sight, s.obstacles))
+            self._sonar = self._told(updated(self._sonar, sight, s.obstacles), sight.origin)
 
     def look(self, frame: RgbdFrame, pose: Pose2, level_from_base: FloatArray | None = None) -> None:
         """A depth image from map_from_base: table tops and what else is not at the lidar's height, and the floor's end.
@@ -115,10 +127,11 @@ class Surroundings:
         view = ground_view(frame, mount, body.front, s.ground)
         for layer, seen in self._depth.items():
             sight = sight_from_depth(view, pose, layer, s.floor)
-            self._depth[layer] = self._news(updated(seen, sight, s.obstacles))
+            self._depth[layer] = self._told(updated(seen, sight, s.obstacles), sight.origin)
         self._drops = updated(self._drops, sight_of_drops(view, pose), s.remembered_drops)
         self._edges = widened(self._drops.points, s.drop_margin)
-        self._missing = self._news(updated(self._missing, sight_of_missing_ground(view, pose), s.missing_ground))
+        missing = updated(self._missing, sight_of_missing_ground(view, pose), s.missing_ground)
+        self._missing = self._news(missing, s.known_within)  # at the foot of a wall a camera is often wrong about floor
 
     def keep_clear_of(self, points: FloatArray, walkers: FloatArray | None = None) -> None:
         """Points (N, 2) [m] in map that count as seen until the next call: the room that people are left.
@@ -185,24 +198,29 @@ class Surroundings:
 
     def strangers(self, points: FloatArray) -> FloatArray:
         """Those of points (N, 2) [m] in map that the map does not explain."""
-        return points[~self._on_walls(points)]
+        return points[~self._drawn.shows(points, self._settings.known_within)]
 
     def layered(self) -> tuple[tuple[BodyLayer, FloatArray], ...]:
         """That of `unexpected` which stands at the heights of a layer of the body, by layer."""
         return tuple((layer, seen.points) for layer, seen in self._depth.items())
 
-    def _news(self, seen: ObstacleLayer) -> ObstacleLayer:
-        """Without what lies so near to a wall of the map that it is that wall."""
-        return without(seen, self._on_walls(seen.points)) if len(seen.points) else seen
+    def _news(self, seen: ObstacleLayer, within: float | FloatArray) -> ObstacleLayer:
+        """Without what lies so near [m] to a wall of the map that it is that wall."""
+        return without(seen, self._drawn.shows(seen.points, within)) if len(seen.points) else seen
 
-    def _on_walls(self, points: FloatArray) -> BoolArray:
-        """(N,) whether points (N, 2) [m] in map are a wall of the map."""
-        return are_within(self._from_walls, self._grid, points, self._settings.known_within)
+    def _told(self, seen: ObstacleLayer, sensor: FloatArray) -> ObstacleLayer:
+        """`_news` of a sensor at (2,) [m] in map that alone tells of what it sees: a shelf on a wall, a low step."""
+        return self._news(seen, self._doubt(np.hypot(*(seen.points - sensor).T)))
+
+    def _doubt(self, away: FloatArray) -> FloatArray:
+        """(N,) within how much [m] of a wall what camera or sonars see so far `away` (N,) [m] is that wall."""
+        s = self._settings
+        return np.clip(s.told_share * away, s.told_within, max(s.told_within, s.known_within))
 
     def _explained(self, sight: Sight) -> bool:
         """Whether something that is known lies on the arc that an echo came from."""
-        arc = sight.points()
-        return bool(self._on_walls(arc).any()) or any_nearer(arc, self._scanned, self._settings.known_within)
+        arc, doubt = sight.points(), self._doubt(sight.far[sight.hits])
+        return bool(self._drawn.shows(arc, doubt).any()) or any_nearer(arc, self._scanned, float(doubt.max()))
 
 
 def much_is_gone(before: FloatArray, now: FloatArray) -> bool:
@@ -213,14 +231,17 @@ def much_is_gone(before: FloatArray, now: FloatArray) -> bool:
     return bool(np.isinf(away).mean() > _MUCH)
 
 
-def without_veils(points: FloatArray, gap: float) -> FloatArray:
+def without_veils(points: FloatArray, laser: FloatArray, gap: float) -> FloatArray:
     """The points (N, 2) [m] of a scan, in the order of its beams, without those of beams split by an edge.
 
-    Half a beam on an edge and half beyond it read a range between, where nothing is. The collision monitor, which
-    takes no such chances, sees them all.
+    Half a beam on an edge and half beyond it read a range between, where nothing is: a point farther than `gap` [m] from
+    those beside it, and farther from the laser (2,) than one of them. What is nearer than both is no veil but slim. The
+    collision monitor, which takes no such chances, sees them all.
     """
     if len(points) < 2:
         return points
-    steps = np.hypot(*np.diff(points, axis=0).T)
-    kept: FloatArray = points[np.minimum(np.append(steps, np.inf), np.insert(steps, 0, np.inf)) < gap]
+    steps, ranges = np.hypot(*np.diff(points, axis=0).T), np.hypot(*(points - laser).T)
+    alone = np.minimum(np.append(steps, np.inf), np.insert(steps, 0, np.inf)) >= gap
+    slim = ranges <= np.minimum(np.append(ranges[1:], np.inf), np.insert(ranges[:-1], 0, np.inf))
+    kept: FloatArray = points[~alone | slim]
     return kept

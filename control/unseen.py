@@ -43,6 +43,8 @@ def sight_share(
     twist: Twist, body: ChairBody, sectors: Sequence[Sector], settings: UnseenSettings = UnseenSettings()
 ) -> float:
     """Part of a twist at which the chair can stop within what it sees, and no unseen corner moves outwards too fast."""
+    if not (math.isfinite(twist.v) and math.isfinite(twist.omega)):
+        return 0.0
     corners = body.outline()
     x, y = corners.T
     outwards = np.maximum(np.sign(x) * (twist.v - twist.omega * y), np.sign(y) * twist.omega * x)

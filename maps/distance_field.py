@@ -47,15 +47,15 @@ def distances(obstacles: BoolArray, resolution: float) -> Float32Array:
     return result
 
 
-def are_within(metres: Float32Array, grid: OccupancyGrid, points: FloatArray, reach: float) -> BoolArray:
+def are_within(metres: Float32Array, grid: OccupancyGrid, points: FloatArray, reach: float | FloatArray) -> BoolArray:
     """(N,) which of points (N, 2) [m] in map lie in cells at most `reach` [m] from an obstacle; none does off the grid.
 
-    metres: the `distances` (H, W) of the obstacles, on the cells of the grid.
+    reach: of all, or (N,) of each. metres: the `distances` (H, W) of the obstacles, on the cells of the grid.
     """
     cells = cells_from_points(grid, points)
     on_grid = inside(grid, cells)
     within = np.zeros(len(points), np.bool_)
-    within[on_grid] = metres[tuple(cells[on_grid].T)] <= reach
+    within[on_grid] = metres[tuple(cells[on_grid].T)] <= np.broadcast_to(reach, len(points))[on_grid]
     return within
 
 

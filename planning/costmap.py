@@ -8,6 +8,7 @@ free).
 
 from __future__ import annotations
 
+import math
 from collections.abc import Sequence
 from dataclasses import dataclass
 
@@ -20,7 +21,7 @@ from waychair.maps.distance_field import DistanceField, near_distances, update_n
 from waychair.maps.grid import OCCUPIED_FROM, cells_from_points, cells_where, inside, occupied
 from waychair.maps.zones import Rule, Zone, cells_of, keep_out_cells
 from waychair.planning.grid_graph import FREE_PRICE, MAX_PRICE, Prices, directions_against
-from waychair.types import UNKNOWN, BoolArray, Bytes, Float32Array, FloatArray, OccupancyGrid
+from waychair.types import UNKNOWN, BoolArray, Bytes, Float32Array, FloatArray, IntArray, OccupancyGrid
 
 
 @dataclass(frozen=True, slots=True)
@@ -56,6 +57,17 @@ class Costmap:
     def field(self) -> DistanceField:
         """The clearance with its geometry, as the local planner takes it."""
         return DistanceField(self.clearance, self.grid.resolution, self.grid.map_from_grid)
+
+    def barred_on(self, field: DistanceField) -> Bytes:
+        """`barred` on the cells of a field that cuts this grid's into whole parts; (0, 0) without a one-way zone."""
+        if self.barred is None:
+            return np.zeros((0, 0), np.uint8)
+        parts = round(self.grid.resolution / field.resolution)
+        corner = self.grid.map_from_grid.inverse() @ field.map_from_grid
+        top, left = round(corner.y / self.grid.resolution), round(corner.x / self.grid.resolution)
+        height, width = field.metres.shape
+        part = self.barred[top : top + height // parts, left : left + width // parts]
+        return part.repeat(parts, axis=0).repeat(parts, axis=1)
 
 
 def costmap_from_grid(
@@ -128,25 +140,30 @@ class LiveCostmap:
         grid = OccupancyGrid(cells, cell, self._grid.map_from_grid)
         prices, clearance = self._prices, self._clearance
         for layer, points in layered:
-            mask = _marked(self._grid, points)
-            if mask.any():
-                prices, clearance = self._over(prices, clearance, layer, mask)
+            seen = _cells_of(self._grid, points)
+            if len(seen):
+                if prices is self._prices:
+                    prices, clearance = prices.copy(), clearance.copy()
+                self._over(prices, clearance, layer, seen)
         return Costmap(prices, clearance, grid, self._body, self._barred)
 
-    def _over(
-        self, prices: Prices, clearance: Float32Array, layer: BodyLayer, mask: BoolArray
-    ) -> tuple[Prices, Float32Array]:
-        """Prices and clearance where one layer of the body must keep clear of a mask (H, W) too.
+    def _over(self, prices: Prices, clearance: Float32Array, layer: BodyLayer, cells: IntArray) -> None:
+        """Change prices and clearance where one layer of the body must keep clear of cells (N, 2) too.
 
         By as much as the layer is narrower than the whole outline, its obstacles are farther away.
         """
-        body, everywhere = self._body, (slice(None), slice(None))
+        body, reach = self._body, math.ceil(self._reach / self._grid.resolution)
+        (top, left), (bottom, right) = np.maximum(cells.min(axis=0) - reach, 0), cells.max(axis=0) + reach + 1
+        near = slice(top, bottom), slice(left, right)
+        mask = np.zeros(prices[near].shape, np.bool_)
+        mask[cells[:, 0] - top, cells[:, 1] - left] = True
         away = near_distances(mask, self._grid.resolution, self._reach)
         beside = body.width / 2 - layer.half_width
         all_round = min(beside, body.front - layer.front, body.rear - layer.rear)
-        layer_prices = self._priced(away + np.float32(beside), everywhere)
-        prices = np.where((prices == 0) | (layer_prices == 0), 0, np.maximum(prices, layer_prices))
-        return prices.astype(np.int32), np.minimum(clearance, away + np.float32(all_round))
+        layer_prices = self._priced(away + np.float32(beside), near)
+        shut = (prices[near] == 0) | (layer_prices == 0)
+        prices[near] = np.where(shut, 0, np.maximum(prices[near], layer_prices))
+        clearance[near] = np.minimum(clearance[near], away + np.float32(all_round))
 
     def _priced(self, clearance: Float32Array, window: tuple[slice, slice]) -> Prices:
         """Prices of a window's cells."""
@@ -196,7 +213,11 @@ def _marked(grid: OccupancyGrid, points: FloatArray | None) -> BoolArray:
     """(H, W) cells under points (N, 2) [m] in map; those outside are ignored."""
     mask = np.zeros(grid.cells.shape, np.bool_)
     if points is not None and len(points):
-        cells = cells_from_points(grid, points)
-        rows, columns = cells[inside(grid, cells)].T
-        mask[rows, columns] = True
+        mask[tuple(_cells_of(grid, points).T)] = True
     return mask
+
+
+def _cells_of(grid: OccupancyGrid, points: FloatArray) -> IntArray:
+    """(K, 2) rows and columns of points (N, 2) [m] in map; those outside are ignored."""
+    cells = cells_from_points(grid, points)
+    return cells[inside(grid, cells)]

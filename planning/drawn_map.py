@@ -13,7 +13,7 @@ from waychair.types import BoolArray, FloatArray, OccupancyGrid
 
 
 class DrawnMap:
-    """The grid with its keep-out zones closed, `from_walls` (H, W) its `distances`, and its costmap.
+    """The grid with its keep-out zones closed, and its costmap.
 
     Making one takes as long as many control steps: who drives has somebody else make it.
     """
@@ -22,8 +22,7 @@ class DrawnMap:
         self, grid: OccupancyGrid, body: ChairBody, settings: CostmapSettings, zones: Sequence[Zone] = ()
     ) -> None:
         self.grid = closed_off(grid, zones)
-        self.from_walls = distances(occupied(self.grid), grid.resolution)
-        self._from_things = self.from_walls if self.grid is grid else distances(occupied(grid), grid.resolution)
+        self._from_things = distances(occupied(grid), grid.resolution)
         self._costmaps = LiveCostmap(grid, body, settings, zones)
 
     def costmap(
@@ -32,6 +31,9 @@ class DrawnMap:
         """Under obstacles that come and go; see `LiveCostmap.costmap`."""
         return self._costmaps.costmap(live_points, layered)
 
-    def shows(self, points: FloatArray, within: float) -> BoolArray:
-        """(N,) which of points (N, 2) [m] in map are within so much [m] of a thing that the map shows; zones are none."""
+    def shows(self, points: FloatArray, within: float | FloatArray) -> BoolArray:
+        """(N,) which of points (N, 2) [m] in map are within so much [m] of a thing that the map shows; zones are none.
+
+        within: of all, or (N,) of each.
+        """
         return are_within(self._from_things, self.grid, points, within)

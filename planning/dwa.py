@@ -183,13 +183,19 @@ def rotate_to_heading(
 
 
 def _time_needed(candidates: FloatArray, settings: DwaSettings) -> FloatArray:
-    """(N,) Eq. (10) as a time [s] at full speed: a period and half the time to brake, or the measured way to rest."""
+    """(N,) Eq. (10) as a time [s] at full speed: a period and half the time to brake, or the measured way to rest.
+
+    What a turn goes on by grows with its square once the brakes bite; what goes by before is the reaction time's.
+    """
     v, omega = np.abs(candidates).T
     needed: FloatArray = np.maximum(v / settings.braking, omega / settings.alpha) / 2
     if settings.stops is not None:
         table = settings.stops
         ways = np.interp(v, (0.0, *table.speeds), (0.0, *table.distances))
         needed = np.maximum(needed, ways / np.maximum(v, STANDING_V))
+        if table.turn_rate:
+            turned = max(table.turn_angle - table.delay_s * table.turn_rate, 0.0)
+            needed = np.maximum(needed, turned * omega / table.turn_rate**2)
     return settings.period + needed
 
 

@@ -7,6 +7,7 @@ import math
 import numpy as np
 from numba import njit
 
+from waychair.angles import wrapped
 from waychair.planning.arc_fan import FINE, fill_table, free_times
 from waychair.planning.footprint import Footprint, along_arc, beside, free_time, room
 from waychair.types import BoolArray, FloatArray
@@ -85,7 +86,7 @@ def measure(
             tabled = omega
         last = round(rows[i, 0] / horizon * FINE)
         _follow(shape, start, table, v, last, nose, section, first, rows[i])
-        rows[i, 3] = abs(_wrapped(start[2] + omega * rows[i, 0] - rows[i, 3]))
+        rows[i, 3] = abs(wrapped(start[2] + omega * rows[i, 0] - rows[i, 3]))
     return rows
 
 
@@ -146,11 +147,6 @@ def _beyond(end: FloatArray, x: float, y: float) -> float:
     if (x - end[0]) * c + (y - end[1]) * s < 0.0:
         return math.inf
     return float(((y - end[1]) * c - (x - end[0]) * s) ** 2)
-
-
-@njit(cache=True, inline="always")
-def _wrapped(angle: float) -> float:
-    return angle - math.tau * math.floor(angle / math.tau + 0.5)
 
 
 @njit(cache=True, nogil=True)

@@ -18,6 +18,7 @@ import numpy as np
 from numba import njit
 from numpy.typing import NDArray
 
+from waychair.angles import wrapped
 from waychair.calibration.chair import ChairBody
 from waychair.config import Settings, setting
 from waychair.errors import NoPath
@@ -25,12 +26,15 @@ from waychair.geometry import compose
 from waychair.maps.distance_field import DistanceField, interpolated
 from waychair.planning.footprint import Footprint, along_arc, footprint, free_time, in_cells, room
 from waychair.planning.slices import Slices, finished
-from waychair.types import Float32Array, FloatArray, Pose2
+from waychair.types import Bytes, Float32Array, FloatArray, Pose2
 
 _STEP = 2.0
 """Way of one step in sides of a bin: longer than a bin is wide in any direction."""
 _SPACING = 0.05
 """Distance [m] of the poses of the path."""
+
+NOT_BARRED: Bytes = np.zeros((0, 0), np.uint8)
+"""No one-way zone."""
 
 _SWEEP, _CONNECTION = 4, 40
 """Checking a step all along, and trying the goal forwards and backwards, take about as long as so many looks at a pose."""
@@ -65,16 +69,18 @@ def manoeuvre(
     start: Pose2,
     goal: Pose2,
     settings: ManoeuvreSettings = ManoeuvreSettings(),
+    barred: Bytes = NOT_BARRED,
 ) -> FloatArray:
     """Poses (N, 3) [m, m, rad] of the body in map from a start to a goal, the rectangle free all the way.
 
     Headings are the body's: where it moves against its heading it drives backwards, and two poses at one place are a
-    turn in place. The field bounds the search.
+    turn in place. The field bounds the search. `barred` on its cells holds the directions of travel that a one-way zone
+    bars there, bit by bit as in `grid_graph`; (0, 0) where there is none.
 
     Raises:
         NoPath: the chair does not fit at either end, or no such way was found.
     """
-    return finished(manoeuvre_in_slices(field, body, start, goal, settings))
+    return finished(manoeuvre_in_slices(field, body, start, goal, settings, barred))
 
 
 def manoeuvre_in_slices(
@@ -83,6 +89,7 @@ def manoeuvre_in_slices(
     start: Pose2,
     goal: Pose2,
     settings: ManoeuvreSettings = ManoeuvreSettings(),
+    barred: Bytes = NOT_BARRED,
 ) -> Slices[FloatArray]:
     """The same, a bounded part of the search at each step, so that a control loop can go on between them."""
     shape = footprint(body, settings.margin, field)
@@ -111,7 +118,9 @@ def manoeuvre_in_slices(
     )
     side = settings.bin / cell
     known = _begun(begin, ways, side, settings.headings, settings.most_states)
-    while _search(shape, end, ways, side, prices, settings.most_states, settings.polish, settings.slice, *known):
+    while _search(
+        shape, barred, end, ways, side, prices, settings.most_states, settings.polish, settings.slice, *known
+    ):
         yield
     if known.tally[_PARENT] < 0:
         raise NoPath(
@@ -219,14 +228,10 @@ def _ways_to(clearance: Float32Array, goal: FloatArray, side: float, least: floa
     return ways
 
 
-@njit(cache=True, inline="always")
-def _wrap(angle: float) -> float:
-    return angle - math.tau * math.floor(angle / math.tau + 0.5)
-
-
 @njit(cache=True, nogil=True)
 def _search(
     shape: Footprint,
+    barred: Bytes,
     goal: FloatArray,
     ways: FloatArray,
     side: float,
@@ -266,7 +271,7 @@ def _search(
         if left < 0.4 or here % 8 == 0:  # what is far is not tried from everywhere
             checked += _CONNECTION
             for kind in (1, -1):
-                cost = costs[here] + _connection(shape, states[here], goal, kind, prices)
+                cost = costs[here] + _connection(shape, barred, states[here], goal, kind, prices)
                 if cost < tally[_COST]:
                     tally[_COST], tally[_PARENT], tally[_KIND] = cost, here, kind
                     tally[_LEFT] = min(tally[_LEFT], polish)
@@ -275,6 +280,8 @@ def _search(
             nx, ny, ntheta = along_arc(x, y, theta, way, turn, 1.0)
             i, j, k = _bin(nx, ny, ntheta - goal[2], side, angle)
             if not (0 <= i < rows and 0 <= j < columns) or ways[i, j] == np.inf:
+                continue
+            if _is_barred(barred, x, y, theta, way, turn):
                 continue
             # the costly question, whether the whole step is free, comes last
             known = best[i, j, k] - 1e-4 if best[i, j, k] > 0.0 else np.inf
@@ -294,7 +301,7 @@ def _search(
             best[i, j, k] = cost
             _note(states, count, nx, ny, ntheta, _gear(way), way, turn)
             costs[count], parents[count] = cost, here
-            off = abs(_wrap(goal[2] - ntheta))
+            off = abs(wrapped(goal[2] - ntheta))
             estimate = max(ways[i, j] * cell, prices[1] * off)
             queued = _push(heap_keys, heap_ids, queued, cost + greed * estimate, count)
             count += 1
@@ -362,14 +369,16 @@ def _connection_angles(state: FloatArray, goal: FloatArray, kind: int) -> tuple[
     dx, dy = goal[0] - state[0], goal[1] - state[1]
     way = math.hypot(dx, dy)
     if way < 1e-6:
-        return 0.0, 0.0, _wrap(goal[2] - state[2])
+        return 0.0, 0.0, wrapped(goal[2] - state[2])
     heading = math.atan2(dy, dx) + (0.0 if kind == 1 else math.pi)
-    return _wrap(heading - state[2]), kind * way, _wrap(goal[2] - heading)
+    return wrapped(heading - state[2]), kind * way, wrapped(goal[2] - heading)
 
 
 @njit(cache=True)
-def _connection(shape: Footprint, state: FloatArray, goal: FloatArray, kind: int, prices: FloatArray) -> float:
-    """Price [m] of turn, straight, turn to the goal; infinite where it is not free."""
+def _connection(
+    shape: Footprint, barred: Bytes, state: FloatArray, goal: FloatArray, kind: int, prices: FloatArray
+) -> float:
+    """Price [m] of turn, straight, turn to the goal; infinite where it is not free, or barred."""
     first, way, last = _connection_angles(state, goal, kind)
     x, y, theta, price, gear = state[0], state[1], state[2], 0.0, state[3]
     for part in range(3):
@@ -377,12 +386,28 @@ def _connection(shape: Footprint, state: FloatArray, goal: FloatArray, kind: int
         if abs(v) < 1e-9 and abs(turn) < 1e-6:
             continue
         at = np.array([x, y, theta])
-        if free_time(shape, at, v, turn, 1.0, 1.0) < 1.0:
+        if _is_barred(barred, x, y, theta, v, turn) or free_time(shape, at, v, turn, 1.0, 1.0) < 1.0:
             return math.inf
         x, y, theta = along_arc(x, y, theta, v, turn, 1.0)
         price += _price(shape, x, y, theta, v * shape.cell, turn, gear, prices)
         gear = _gear(v)
     return price
+
+
+@njit(cache=True)
+def _is_barred(barred: Bytes, x: float, y: float, theta: float, way: float, turn: float) -> bool:
+    """Whether a step of a way [cells] and turn [rad] from a pose leads in a direction that is barred under it."""
+    if barred.size == 0 or way == 0.0:
+        return False
+    count = math.ceil(abs(way)) + 1
+    for k in range(count):
+        px, py, heading = along_arc(x, y, theta, way, turn, k / (count - 1))
+        row, column = math.floor(py), math.floor(px)
+        if 0 <= row < barred.shape[0] and 0 <= column < barred.shape[1]:
+            travel = heading if way > 0.0 else heading + math.pi
+            if barred[row, column] >> (round(travel / (math.pi / 4)) % 8) & 1:
+                return True
+    return False
 
 
 @njit(cache=True)

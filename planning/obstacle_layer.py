@@ -10,15 +10,20 @@ from __future__ import annotations
 import math
 from collections.abc import Sequence
 from dataclasses import dataclass
+from typing import TypeAlias
 
 import numpy as np
 from numba import njit
 
+from waychair.angles import wrapped
 from waychair.calibration.chair import BodyLayer
 from waychair.config import Settings, setting
 from waychair.geometry import transform_points, wrap_angles
 from waychair.maps.ground import BELOW, GROUND, MISSING, GroundView
 from waychair.types import BoolArray, Bytes, FloatArray, IntArray, Pose2, SonarReadings
+
+_Beams: TypeAlias = tuple[FloatArray, FloatArray, FloatArray, BoolArray]
+"""`bearings`, `near`, `far` and `hits` of a `Sight`."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -130,18 +135,13 @@ def sight_from_depth(view: GroundView, map_from_base: Pose2, layer: BodyLayer, f
     A beam is free where it passes the layer's heights (from `floor` [m] up), and met something where it ends between
     them, unless that is the ground, which may rise there.
     """
-    bearings, near, far, hits = between_heights(
-        view.ends, view.kind, view.lens, max(layer.bottom, floor), layer.top, map_from_base.theta
-    )
-    origin = transform_points(map_from_base, view.lens[None, :2])[0]
-    return Sight(view.stamp_ns, origin, bearings, near, far, hits, view.half_angle)
+    bottom, theta = max(layer.bottom, floor), map_from_base.theta
+    return _sight(view, map_from_base, between_heights(view.ends, view.kind, view.lens, bottom, layer.top, theta))
 
 
 @njit(cache=True, nogil=True)
-def between_heights(
-    ends: FloatArray, kind: Bytes, lens: FloatArray, bottom: float, top: float, theta: float
-) -> tuple[FloatArray, FloatArray, FloatArray, BoolArray]:
-    """`bearings`, `near`, `far` and `hits` of the beams that pass two heights [m] on their way, by a view's ends (H, W, 3).
+def between_heights(ends: FloatArray, kind: Bytes, lens: FloatArray, bottom: float, top: float, theta: float) -> _Beams:
+    """The beams that pass two heights [m] on their way, by a view's ends (H, W, 3).
 
     theta [rad]: of the base in map.
     """
@@ -166,7 +166,7 @@ def between_heights(
                 continue
             length = math.hypot(x, y)
             bearing = math.atan2(y, x) + theta
-            rows[0, count] = _wrapped(bearing)
+            rows[0, count] = wrapped(bearing)
             rows[1, count], rows[2, count] = begin * length, end * length
             hits[count] = end >= 1.0 and z >= bottom and kind[row, column] != GROUND
             count += 1
@@ -195,7 +195,12 @@ def sight_of_missing_ground(view: GroundView, map_from_base: Pose2) -> Sight:
 
 def _sight_of_ground(view: GroundView, map_from_base: Pose2, met: BoolArray, told: BoolArray) -> Sight:
     """Beams (H, W) that are `told` of at their feet, some of which `met` an end of the ground there."""
-    bearings, near, far, hits = on_ground(view.directions, view.foot, met, told, map_from_base.theta)
+    return _sight(view, map_from_base, on_ground(view.directions, view.foot, met, told, map_from_base.theta))
+
+
+def _sight(view: GroundView, map_from_base: Pose2, beams: _Beams) -> Sight:
+    """Beams from the lens of a view's camera."""
+    bearings, near, far, hits = beams
     origin = transform_points(map_from_base, view.lens[None, :2])[0]
     return Sight(view.stamp_ns, origin, bearings, near, far, hits, view.half_angle)
 
@@ -205,10 +210,8 @@ _FLOOR_AROUND = 0.12
 
 
 @njit(cache=True, nogil=True)
-def on_ground(
-    directions: FloatArray, foot: FloatArray, met: BoolArray, told: BoolArray, theta: float
-) -> tuple[FloatArray, FloatArray, FloatArray, BoolArray]:
-    """`bearings`, `near`, `far` and `hits` of the beams (H, W) that are `told` of; theta [rad]: of the base in map."""
+def on_ground(directions: FloatArray, foot: FloatArray, met: BoolArray, told: BoolArray, theta: float) -> _Beams:
+    """The beams (H, W) that are `told` of; theta [rad]: of the base in map."""
     height, width = foot.shape
     rows = np.empty((3, height * width))
     hits = np.empty(height * width, np.bool_)
@@ -220,16 +223,10 @@ def on_ground(
                 continue
             bearing = math.atan2(directions[row, column, 1], directions[row, column, 0]) + theta
             hits[count] = met[row, column]
-            rows[0, count] = _wrapped(bearing)
+            rows[0, count] = wrapped(bearing)
             rows[1, count], rows[2, count] = at - _FLOOR_AROUND, at if hits[count] else at + _FLOOR_AROUND
             count += 1
     return rows[0, :count], rows[1, :count], rows[2, :count], hits[:count]
-
-
-@njit(cache=True, inline="always")
-def _wrapped(angle: float) -> float:
-    """An angle [rad] in (-pi, pi]."""
-    return angle - math.tau * math.ceil((angle - math.pi) / math.tau)
 
 
 def widened(points: FloatArray, margin: float) -> FloatArray:
@@ -268,7 +265,7 @@ def passed(
 ) -> BoolArray:
     """(N,) points (N, 2) [m] from the sensor, of a `radius` [m], that beams have gone past.
 
-    Bearings [rad] in (-pi, pi], in any order. A beam counts for all points that any of its width touches.
+    Bearings [rad] in [-pi, pi], in any order. A beam counts for all points that any of its width touches.
     """
     starts, order = _by_sector(bearings)
     result = np.zeros(len(points), np.bool_)

@@ -25,7 +25,7 @@ from waychair.planning.legs import Door, Leg, Manner
 from waychair.planning.manoeuvre import ManoeuvreSettings, manoeuvre_in_slices
 from waychair.planning.slices import Slices
 from waychair.planning.way_out import BY_HAND, CRAMPED, way_out, why_cramped
-from waychair.types import BoolArray, FloatArray, Path, Pose2
+from waychair.types import BoolArray, Bytes, FloatArray, Path, Pose2
 
 _FITS = 0.045
 """Kept free round the body [m] where the simple way is judged: what the local planner keeps, on its coarser cells."""
@@ -277,15 +277,16 @@ def _manoeuvre(costmap: Costmap, begin: Pose2, end: Pose2, settings: ManoeuvreSe
     """
     body, middle = costmap.body, Pose2((begin.x + end.x) / 2, (begin.y + end.y) / 2, 0.0)
     field = fine_field(costmap.grid, middle, math.hypot(end.x - begin.x, end.y - begin.y) / 2 + 2 * body.length)
-    turned = yield from _turned(field, body, begin, end, settings, _ROOMY)
+    barred = costmap.barred_on(field)
+    turned = yield from _turned(field, body, begin, end, settings, _ROOMY, barred)
     if turned is not None:
         return turned
     out = yield from way_out(field, body, begin)
     if out is not None:
-        turned = yield from _turned(field, body, Pose2(*out[-1]), end, settings, _ROOMY)
+        turned = yield from _turned(field, body, Pose2(*out[-1]), end, settings, _ROOMY, barred)
         if turned is not None:
             return np.concatenate([out[:-1], turned])
-    return (yield from _turned(field, body, begin, end, settings, _TIGHT))
+    return (yield from _turned(field, body, begin, end, settings, _TIGHT, barred))
 
 
 def _turned(
@@ -295,12 +296,13 @@ def _turned(
     end: Pose2,
     settings: ManoeuvreSettings,
     attempts: Sequence[tuple[float, float, int]],
+    barred: Bytes,
 ) -> Slices[FloatArray | None]:
     for margin, side, headings in attempts:
         yield
         with suppress(NoPath):
             attempt = replace(settings, margin=margin, bin=side, headings=headings)
-            return (yield from manoeuvre_in_slices(field, body, begin, end, attempt))
+            return (yield from manoeuvre_in_slices(field, body, begin, end, attempt, barred))
     return None
 
 

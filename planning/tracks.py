@@ -119,6 +119,14 @@ class Track:
         return np.array([*(self.position + seconds * self.velocity), *self.velocity, self.radius, self.speed_sigma])
 
 
+def moved_on(tracks: Iterable[Track], now_ns: int) -> tuple[Track, ...]:
+    """Tracks of an older scan as they are expected to be now: a beam is up to a tenth of a second old when it counts."""
+    return tuple(
+        replace(track, position=track.after(np.array([(now_ns - track.stamp_ns) * 1e-9]))[0], stamp_ns=now_ns)
+        for track in tracks
+    )
+
+
 def seen_from(frame_from_map: Pose2, tracks: Iterable[Track]) -> tuple[Track, ...]:
     """Tracks in another frame than that in which they were made."""
     turn = rotation(frame_from_map.theta)

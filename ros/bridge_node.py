@@ -24,6 +24,7 @@ stamped by another clock is left out. What was asked for before this node began 
 
 from __future__ import annotations
 
+import math
 import sys
 import time
 from collections.abc import Callable, Iterable, Sequence
@@ -36,7 +37,7 @@ from waychair.calibration.dac import DEFAULT
 from waychair.config import setting
 from waychair.control.stops import Halt, halt
 from waychair.control.supervisor import DRIVEN
-from waychair.errors import ConfigError, WaychairError
+from waychair.errors import WaychairError
 from waychair.firmware_bridge.heartbeat import Heartbeat
 from waychair.firmware_bridge.transports import Reconnecting, transport_from_text
 from waychair.geometry import in_space
@@ -69,7 +70,7 @@ from waychair.runtime.page_watch import PageWatch
 from waychair.runtime.wheel_counts import WheelCounts
 from waychair.slam.localisation import Localisation, LocalisationState
 from waychair.topics import SCAN as SCAN_RATE
-from waychair.types import DriveMode, Goal, JoystickInput, Odometry, Pose2, Twist, WheelTicks
+from waychair.types import ChairStatus, DriveMode, Goal, JoystickInput, Odometry, Pose2, Twist, WheelTicks
 
 SILENT_NS = 100_000_000
 """A navigator or localiser that has said nothing for so long is dead, or as good as dead."""
@@ -103,14 +104,6 @@ class BridgeNodeSettings(BaseSettings):
     black_box: BlackBoxSettings = field(default_factory=BlackBoxSettings)
     deaf: bool = setting(False, "", "no speeds are obeyed, whoever sends them: the network is open")
     unattended: bool = setting(False, "", "a goal is its own yes: for a chair that nobody sits in")
-
-    def __post_init__(self) -> None:
-        BaseSettings.__post_init__(self)
-        if self.fitness.seat_switch:
-            raise ConfigError(
-                "fitness.seat_switch = true is impossible: no message of ROS says whether somebody sits in the chair, so "
-                "that it would never drive; leave it out"
-            )
 
 
 @dataclass(slots=True)
@@ -178,14 +171,15 @@ class BridgeNode(ChairNode[BridgeNodeSettings]):
         )
         self.listen(topics.IMU, lambda message: read_imu(message, s.imu_frame), self._hear)
         self.listen(topics.SCAN, lambda message: read_scan(message, s.scan_frame), self._hear)
-        self.listen(_of_whoever(topics.BATTERY), read_battery, self._hear, needed=False)
+        self.listen(_of_whoever(topics.BATTERY), read_battery, self._hear, needed=s.fitness.power_monitor)
+        self.listen(_of_whoever(topics.SEAT), self._read_seat, self._hear, needed=s.fitness.seat_switch)
         self.listen(topics.LOCALISATION, read_localisation, self._locate)
         if s.enable_stamped_cmd_vel:
-            self.listen(topics.STAMPED_COMMAND, read_twist_stamped, self._take_stamped, needed=False)
+            self.listen(topics.STAMPED_COMMAND, read_twist_stamped, self._take_stamped, self._no_speed, needed=False)
         else:
-            self.listen(topics.COMMAND, read_twist, self._command.take, needed=False)
+            self.listen(topics.COMMAND, read_twist, self._command.take, self._no_speed, needed=False)
         self.listen(topics.DRIVE_REQUEST, read_drive_request, self._asked, needed=False)
-        self.listen(topics.PAGE_JOYSTICK, read_page_joystick, self._steered, needed=False)
+        self.listen(topics.PAGE_JOYSTICK, read_page_joystick, self._steered, lambda: self._steered(None), needed=False)
         self.listen(topics.PAGE_WATCH, lambda message: message, self._watched, needed=False)
         self.listen(topics.LAYOUT, lambda message: message, self._redraw, needed=False)
         self.listen(topics.STOP, lambda message: message, lambda message: self._stop(), needed=False)
@@ -267,6 +261,13 @@ class BridgeNode(ChairNode[BridgeNodeSettings]):
         if stamp_ns != self._localised_ns and not SCAN_RATE.is_stale(self._place_ns, time.monotonic_ns()):
             self._localised_ns, self._placed = stamp_ns, localisation
             self._base.locate(localisation, self._place_ns)
+
+    def _read_seat(self, message: Any) -> ChairStatus:
+        return ChairStatus(self.now_ns(), seated=bool(message.data))
+
+    def _no_speed(self) -> None:
+        """F5: a speed that is none takes the place of the one before, and the chair stops at once."""
+        self._command.take(Twist(math.nan, math.nan))
 
     def _take_stamped(self, command: tuple[int, Twist]) -> None:
         if self._is_of_now(command[0]):

@@ -43,12 +43,14 @@ class Input(Generic[T]):
         topic: RosTopic,
         read: Callable[[Any], T],
         take: Callable[[T], object] | None = None,
+        refuse: Callable[[], object] | None = None,
         *,
         needed: bool = True,
     ) -> None:
         """`read` makes a noun of a plain message, `take` is told it, in the executor's thread.
 
-        A message that `read` refuses (`MessageError`), or cannot read, is counted and reported, and nobody is told it.
+        A message that `read` refuses (`MessageError`), or cannot read, is counted and reported; nobody is told it, but
+        `refuse` that there was one: where what came before it must not stand.
         An input that is not `needed` may stay silent.
         """
         from rclpy.event_handler import SubscriptionEventCallbacks
@@ -60,6 +62,7 @@ class Input(Generic[T]):
         self._node = node
         self._read = read
         self._take = take
+        self._refuse = refuse
         self._needed = needed
         self._count = 0
         self._refused = ""
@@ -147,12 +150,17 @@ class Input(Generic[T]):
             noun = self._read(message)
         except MessageError as error:
             self._refused = str(error)
-            return
         except IMPOSSIBLE as error:
             self._refused = (
                 f"{self.name} holds what cannot be ({str(error) or type(error).__name__}): check what sends it"
             )
+        else:
+            self._hear_noun(message, noun)
             return
+        if self._refuse is not None:
+            self._refuse()
+
+    def _hear_noun(self, message: Any, noun: T) -> None:
         header = getattr(message, "header", None)
         self.stamp_ns = self._now_ns() if header is None else nanoseconds(header.stamp)
         self.latest = noun

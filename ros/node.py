@@ -97,11 +97,12 @@ class ChairNode(Node, Generic[S]):
         topic: RosTopic,
         read: Callable[[Any], T],
         take: Callable[[T], object] | None = None,
+        refuse: Callable[[], object] | None = None,
         *,
         needed: bool = True,
     ) -> Input[T]:
         """Take a topic's messages in; its age, its refusals and misfits are reported on /diagnostics."""
-        self._inputs.append(Input(self, topic, read, take, needed=needed))
+        self._inputs.append(Input(self, topic, read, take, refuse, needed=needed))
         return self._inputs[-1]
 
     def every(self, rate_hz: float, call: Callable[[], None]) -> Any:

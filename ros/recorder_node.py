@@ -34,6 +34,7 @@ DRIVE: tuple[RosTopic, ...] = (
     topics.TF_STATIC,
     *(topics.sonar(k) for k in range(len(sonar_mounts(CHAIR_A)))),
     topics.BATTERY,
+    topics.SEAT,
     topics.JOY,
     topics.TRUTH,
     topics.MAP,

@@ -53,6 +53,9 @@ __all__ = [
 
 JOY = RosTopic("joy", "sensor_msgs/msg/Joy", SENSOR_DATA, "", topics.JOYSTICK)
 BATTERY = RosTopic("battery_state", "sensor_msgs/msg/BatteryState", RELIABLE, "", topics.STATUS)
+SEAT = RosTopic("seat_occupied", "std_msgs/msg/Bool", RELIABLE, "", topics.STATUS)
+"""Whether somebody sits in the chair, from its seat switch, where one is fitted (`fitness.seat_switch`)."""
+
 MAP = RosTopic("map", "nav_msgs/msg/OccupancyGrid", LATCHED, MAP_FRAME, topics.MAP)
 PLAN = RosTopic("plan", "nav_msgs/msg/Path", RELIABLE, MAP_FRAME, topics.PLAN)
 LOCAL_PLAN = RosTopic("local_plan", "nav_msgs/msg/Path", RELIABLE, ODOM_FRAME)

@@ -22,8 +22,8 @@ from waychair.config import Settings
 from waychair.control.closed_loop import ClosedLoop, ClosedLoopSettings
 from waychair.control.collision_monitor import MonitorSettings, is_silent, permitted_share, refusal
 from waychair.control.fitness import Fitness, FitnessSettings
-from waychair.control.kinematics import wheel_speeds_from_twist
-from waychair.control.limiter import Limiter, LimiterSettings
+from waychair.control.kinematics import saturate, twist_from_wheel_speeds, wheel_speeds_from_twist
+from waychair.control.limiter import Limiter, LimiterSettings, is_possible
 from waychair.control.pushing import Pushing, PushingSettings
 from waychair.control.steering import Steering, SteeringSettings
 from waychair.control.stops import STOPS, Braking, Halt, Severity, board_halt, halt, halt_as_told
@@ -286,7 +286,8 @@ class DriveBase:
         asked = self._steering.twist(now_ns) if verdict.steered else asked
         command = self._limited(now_ns, verdict, asked)
         trimmed = self._loop.step(command if self.bridge.armed else None, self._measured, now_ns, self._sent)
-        speeds = None if command is None else wheel_speeds_from_twist(trimmed, self.body.track)
+        fastest, track = self.settings.bridge.max_wheel_speed, self.body.track
+        speeds = None if command is None else saturate(wheel_speeds_from_twist(trimmed, track), fastest)
         before, self._sent = self._sent, self.bridge.send(speeds, now_ns, now_ns)
         if self._sent.active and command is not None:
             return Driven(command, self._sent)
@@ -348,7 +349,7 @@ class DriveBase:
         if driving and self.countdown_s(now_ns) is not None:
             asked, braking = Twist(), Braking.COMFORT
         elif driving and twist is not None:
-            asked = Twist(verdict.share * twist.v, verdict.share * twist.omega)
+            asked = self._within_wheels(Twist(verdict.share * twist.v, verdict.share * twist.omega))
         self._monitor.judge(asked, self.twist, now_ns)
         if not driving and (braking is Braking.RELEASE or not self._limiter.moving):
             self._limiter.rest()
@@ -362,6 +363,13 @@ class DriveBase:
         share = 0.0 if found is None else permitted_share(asked, found, self.settings.monitor)
         share = min(share, sight_share(asked, self.body, self._sectors, self.settings.unseen))
         return self._limiter.step(asked, now_ns, cap, share, braking)
+
+    def _within_wheels(self, twist: Twist) -> Twist:
+        """The same arc no faster than a wheel may turn; what is impossible stays so."""
+        track = self.body.track
+        speeds = wheel_speeds_from_twist(twist, track)
+        slower = saturate(speeds, self.settings.bridge.max_wheel_speed)
+        return twist if slower is speeds or not is_possible(twist) else twist_from_wheel_speeds(slower, track)
 
     def _speed_limit(self, now_ns: int) -> float:
         """Greatest speed [m/s] for reasons that are no stops: doubts, sensors, measured brakes, and slow zones."""

@@ -43,10 +43,11 @@ _NOTHING: FloatArray = np.empty((0, 2))
 
 @dataclass(frozen=True, slots=True)
 class _Sight:
-    """What a scan saw, (N, 2) [m] in map, and how far its other beams went, (M, 2); None when there was no scan."""
+    """What a scan saw, (N, 2) [m] in map, how far its other beams went, (M, 2), and when; None when there was no scan."""
 
     points: FloatArray | None = None
     beyond: FloatArray | None = None
+    seen_ns: int | None = None
 
 
 class Pilot:
@@ -117,6 +118,7 @@ class Pilot:
     def see(self, scan: Scan, localisation: Localisation, twist: Twist) -> None:
         """Told what a scan shows but for the chair itself, and where it was taken."""
         reach, mount = self.settings.navigator.obstacle_range, self.body.base_from_laser
+        reach = min(reach, scan.range_max) if scan.range_max > 0.0 else reach
         # of a beam that goes on so far is known that it goes on so far
         clear = scan.ranges >= reach
         within = replace(scan, ranges=np.where(clear, np.float32(0.999 * reach), scan.ranges))
@@ -125,7 +127,12 @@ class Pilot:
         self.furniture = (
             self._mapped_legs(scan, pose, twist) if localisation.state is LocalisationState.OK else _NOTHING
         )
-        self._sight = _Sight(transform_points(pose, ends[valid & ~clear]), transform_points(pose, ends[valid & clear]))
+        halfway_ns = round(scan.time_step * len(scan.ranges) / 2 * 1e9)
+        self._sight = _Sight(
+            transform_points(pose, ends[valid & ~clear]),
+            transform_points(pose, ends[valid & clear]),
+            scan.stamp_ns + halfway_ns,
+        )
 
     def _mapped_legs(self, scan: Scan, pose: Pose2, twist: Twist) -> FloatArray:
         s = self.settings.monitor
@@ -167,7 +174,7 @@ class Pilot:
     def step(self, now_ns: int, map_from_base: Pose2, map_from_odom: Pose2 | None) -> Navigation:
         """The next twist to ask for."""
         sight, self._sight = self._sight, _Sight()
-        return self.navigator.step(now_ns, map_from_base, sight.points, map_from_odom, sight.beyond)
+        return self.navigator.step(now_ns, map_from_base, sight.points, map_from_odom, sight.beyond, sight.seen_ns)
 
     def learn(self, command: Twist | None, ended: str = "") -> None:
         """What was really sent is news to the navigator; None: the lines were let go. So is why a drive has `ended`."""

@@ -14,6 +14,7 @@ from dataclasses import dataclass, field
 import numpy as np
 from numba import njit
 
+from waychair.angles import wrapped
 from waychair.config import Settings, setting
 from waychair.geometry import pose_from_array, transform_points, wrap_angles
 from waychair.slam.reference import LEVELS, Reference, Slots
@@ -236,11 +237,6 @@ def seen_through(scan: ScanPoints, base_from_laser: Pose2, reference: Reference,
 
 
 @njit(cache=True)
-def _wrap(angle: float) -> float:
-    return angle - 2 * math.pi * math.floor(angle / (2 * math.pi) + 0.5)
-
-
-@njit(cache=True)
 def _score(level: Bytes, rows: np.ndarray, cols: np.ndarray, row: int, col: int) -> int:
     """Sum of the level's values under the points, moved by (row, col) cells; outside the grid it is 0."""
     height, width = level.shape
@@ -298,7 +294,7 @@ def _search(
             break
         a = entry // (blocks * blocks)
         turn = (a - angle_count) * angle_step
-        near_angle = abs(_wrap(guess[2] + turn - taken[2])) < 0.26
+        near_angle = abs(wrapped(guess[2] + turn - taken[2])) < 0.26
         loss = angle_penalty * abs(turn)
         depth = 1
         stack[0] = (top, (entry // blocks) % blocks * block - cells, entry % blocks * block - cells)
@@ -423,7 +419,7 @@ def _refine(
         information[1, 0], information[2, 0] = information[0, 1], information[0, 2]
         information[2, 1] = information[1, 2]
         away = pose - guess
-        away[2] = _wrap(away[2])
+        away[2] = wrapped(away[2])
         pull = -(gradient + guess_information @ away)
         step[:] = np.linalg.solve(information + guess_information + 1e-6 * np.eye(3), pull)
         pose += step

@@ -16,6 +16,7 @@ import math
 from collections import deque
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from concurrent.futures import ProcessPoolExecutor
+from concurrent.futures.process import BrokenProcessPool
 from contextlib import contextmanager
 from dataclasses import dataclass, field, replace
 from functools import partial
@@ -31,7 +32,7 @@ from waychair.config import Settings, setting
 from waychair.control.mapless import MaplessNavigator, MaplessSettings
 from waychair.control.navigator import Stage
 from waychair.control.recovery import RecoverySettings
-from waychair.errors import ConfigError, WorldError
+from waychair.errors import ConfigError, WorkerLost, WorldError
 from waychair.files import is_folder
 from waychair.geometry import arc
 from waychair.maps.grid_memory import GridMemorySettings
@@ -148,6 +149,7 @@ def run_worlds(
 
     Raises:
         WorldError: a file is no BARN world.
+        WorkerLost: a process was ended from outside.
     """
     environments = [read_barn(path, task.scale) for path in paths]
     runs: list[BarnRun] = []
@@ -302,8 +304,13 @@ def _workers(jobs: int) -> Iterator[Callable[..., Iterator[list[BarnRun]]]]:
     if jobs <= 1:
         yield map
         return
-    with ProcessPoolExecutor(jobs, mp_context=get_context("spawn")) as pool:
-        yield pool.map
+    try:
+        with ProcessPoolExecutor(jobs, mp_context=get_context("spawn")) as pool:
+            yield pool.map
+    except BrokenProcessPool as error:
+        raise WorkerLost(
+            f"one of {jobs} processes was ended from outside, perhaps for want of memory; try fewer with --jobs"
+        ) from error
 
 
 def _all_starts(environment: BarnEnvironment, task: BarnTask) -> list[BarnRun]:

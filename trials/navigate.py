@@ -16,6 +16,7 @@ from waychair.errors import StartOccupied, StartOutsideMap, WorldError
 from waychair.maps.distance_field import distance_field
 from waychair.maps.grid import OCCUPIED_FROM, cells_from_points, inside, points_from_cells
 from waychair.maps.zones import Zone
+from waychair.planning.costmap import check_free_space, costmap_from_grid
 from waychair.planning.global_planner import PlannerSettings
 from waychair.runtime.chair import ChairSettings
 from waychair.simulation.contact import in_contact, solid_from_blocks
@@ -56,11 +57,13 @@ def navigate(
 
     Raises:
         StartOutsideMap, StartOccupied: the chair cannot stand at the start; told in the map's coordinates.
+        NoFreeSpace: nor anywhere else.
         WorldError: there is no room for people.
     """
     map_from_world = map_from_world or Pose2()
     if not inside(grid, cells_from_points(grid, np.array([[start.x, start.y]])))[0]:
         raise StartOutsideMap(f"the start ({start.x:g}, {start.y:g}) lies outside the map; choose one inside it")
+    check_free_space(costmap_from_grid(grid, CHAIR_A, zones=zones))
     if world is None:
         grid, scanned = shut_off(grid), None
     world = _begun_at(start, grid, world, map_from_world)

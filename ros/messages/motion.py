@@ -9,7 +9,7 @@ from typing import Any
 import numpy as np
 
 from waychair.errors import MessageError
-from waychair.geometry import is_on_map
+from waychair.geometry import FARTHEST, is_on_map
 from waychair.ros.messages.wire import require_finite, require_frame, stamp_of
 from waychair.ros_decoding import odometry_from_message
 from waychair.ros_messages import (
@@ -61,10 +61,10 @@ def read_pose_stamped(message: Any, *frames: str) -> Pose2:
     """The pose of a geometry_msgs/PoseStamped in one of `frames` (map, unless given).
 
     Raises:
-        MessageError: another frame, or no pose (`read_pose`).
+        MessageError: another frame, no pose (`read_pose`), or one that is on no map.
     """
     require_frame(message, *(frames or (MAP_FRAME,)))
-    return read_pose(message.pose)
+    return _on_a_map(read_pose(message.pose))
 
 
 def pose_with_covariance(stamp_ns: int, at: Pose2, covariance: FloatArray | None = None) -> Any:
@@ -77,14 +77,20 @@ def read_pose_with_covariance(message: Any) -> tuple[Pose2, FloatArray | None]:
     """The pose in map and covariance (3, 3) of x, y, theta, None where all are zero.
 
     Raises:
-        MessageError: another frame, no pose, or a covariance that is none.
+        MessageError: another frame, no pose, one that is on no map, or a covariance that is none.
     """
     require_frame(message, MAP_FRAME)
     full = np.array(message.pose.covariance, np.float64).reshape(6, 6)
     covariance: FloatArray = full[_PLANAR]
     if not np.isfinite(covariance).all() or (np.diag(covariance) < 0.0).any():
         raise MessageError("a pose's covariance is no number or negative: send zeros where it is not known")
-    return read_pose(message.pose.pose), covariance if covariance.any() else None
+    return _on_a_map(read_pose(message.pose.pose)), covariance if covariance.any() else None
+
+
+def _on_a_map(pose: Pose2) -> Pose2:
+    if not is_on_map(pose.x, pose.y):
+        raise MessageError(f"a pose at ({pose.x:g}, {pose.y:g}) m is on no map: {FARTHEST:g} m is the farthest")
+    return pose
 
 
 def read_odometry(message: Any, frame: str = ODOM_FRAME) -> Odometry:

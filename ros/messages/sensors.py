@@ -19,7 +19,9 @@ from waychair.ros_transforms import frame_name
 from waychair.types import ChairStatus, ImuSample, JoystickInput, Scan, SonarReadings, WheelTicks
 
 _COUNTS = 2**32
-_CHARGING, _DISCHARGING, _UNKNOWN = 1, 2, 0  # BatteryState.power_supply_status
+_UNKNOWN, _CHARGING, _DISCHARGING, _NOT_CHARGING, _FULL = range(5)  # BatteryState.power_supply_status
+_CONNECTED = {_CHARGING: True, _DISCHARGING: False, _NOT_CHARGING: True, _FULL: True}
+"""Whether a charger is connected: a battery that feeds the chair is discharging, whatever its charge."""
 
 
 def read_scan(message: Any, frame: str = LASER_FRAME) -> Scan:
@@ -188,7 +190,7 @@ def battery(status: ChairStatus) -> Any:
 
 
 def read_battery(message: Any) -> ChairStatus:
-    """Charge and charging of a sensor_msgs/BatteryState; it says nothing of the seat.
+    """Charge and charger of a sensor_msgs/BatteryState; it says nothing of the seat.
 
     Raises:
         MessageError: a charge beyond [0, 1].
@@ -196,5 +198,5 @@ def read_battery(message: Any) -> ChairStatus:
     charge = float(message.percentage)
     if not math.isnan(charge) and not 0.0 <= charge <= 1.0:
         raise MessageError(f"a battery of charge {charge:g} is impossible: send a part from 0 to 1")
-    charging = {_CHARGING: True, _DISCHARGING: False}.get(message.power_supply_status)
+    charging = _CONNECTED.get(message.power_supply_status)
     return ChairStatus(stamp_of(message), None, charging, None if math.isnan(charge) else charge)

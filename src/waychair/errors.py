@@ -70,6 +70,10 @@ class WorldError(WaychairError):
     """A simulated world's file is broken."""
 
 
+class WorkerLost(WaychairError):
+    """A process that shared the work was ended by somebody else."""
+
+
 class CalibrationError(WaychairError):
     """A calibration cannot be used."""
 

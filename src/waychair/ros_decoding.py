@@ -16,7 +16,7 @@ import numpy as np
 
 from waychair.errors import RecordingError
 from waychair.ros_transforms import planar, pose_matrix, stamp_ns
-from waychair.scans import ascending
+from waychair.scans import ascending, without_codes
 from waychair.types import Bytes, Float32Array, FloatArray, ImuSample, Odometry, Scan, Twist
 
 _PLANAR = [0, 1, 5]  # x, y and yaw among x, y, z, roll, pitch, yaw
@@ -33,23 +33,25 @@ _FIELD_TYPES = {1: "i1", 2: "u1", 3: "i2", 4: "u2", 5: "i4", 6: "u4", 7: "f4", 8
 
 
 def scan_from_message(message: Any) -> Scan | None:
-    """A sensor_msgs/LaserScan with its angles turned to ascend; None when it has no beams or no angles."""
+    """A sensor_msgs/LaserScan with its angles turned to ascend; None when it has no beams or no angles.
+
+    What is beyond its greatest range was not seen (`without_codes`).
+    """
     step = float(message.angle_increment)
     ranges = np.array(message.ranges, dtype=np.float32)
     if len(ranges) < 2 or step == 0.0 or not math.isfinite(step + message.angle_min):
         return None
     time_step, nearest, farthest = (float(v) for v in (message.time_increment, message.range_min, message.range_max))
-    return ascending(
-        Scan(
-            stamp_ns(message.header.stamp),
-            ranges,
-            float(message.angle_min),
-            step,
-            time_step if math.isfinite(time_step) else 0.0,
-            max(0.0, nearest),
-            farthest if farthest > 0.0 else math.inf,
-        )
+    scan = Scan(
+        stamp_ns(message.header.stamp),
+        ranges,
+        float(message.angle_min),
+        step,
+        time_step if math.isfinite(time_step) else 0.0,
+        max(0.0, nearest),
+        farthest if farthest > 0.0 else math.inf,
     )
+    return ascending(without_codes(scan))
 
 
 def odometry_from_message(message: Any) -> Odometry | None:

@@ -63,6 +63,15 @@ def ascending(scan: Scan) -> Scan:
     )
 
 
+def without_codes(scan: Scan) -> Scan:
+    """The scan with whatever is beyond its greatest range as +inf, nothing seen: no lidar measures there.
+
+    sensor_msgs/LaserScan has such values discarded; drivers send 65.533 or the like for a beam that did not come back.
+    """
+    beyond = scan.ranges > scan.range_max
+    return replace(scan, ranges=np.where(beyond, np.float32(np.inf), scan.ranges)) if beyond.any() else scan
+
+
 def mirrored(scan: Scan) -> Scan:
     """The scan of a laser mounted upside down as one that stands upright would have made it."""
     return ascending(replace(scan, angle_min=-scan.angle_min, angle_step=-scan.angle_step))

@@ -246,7 +246,7 @@ class Telemetry:
 
 @dataclass(frozen=True, slots=True)
 class ChairStatus:
-    """What the chair's own contacts say: seat switch, charger, charge of the battery in [0, 1]; None: not fitted."""
+    """What the chair's contacts say: somebody sits, a charger is connected, charge in [0, 1]; None: nothing is said."""
 
     stamp_ns: int
     seated: bool | None = None

@@ -30,7 +30,9 @@ Way = Callable[[float], tuple[float, float]]
 class Watch:
     """Somebody whom a chair sees ten times a second."""
 
-    def __init__(self) -> None:
+    def __init__(self, late_ns: int = 0) -> None:
+        """The scans come so late."""
+        self.late_ns = late_ns
         self.people = Bystanders(CHAIR_A, SETTINGS, RecoverySettings(), 0.03)
         self.surroundings = Surroundings(HALL, CHAIR_A, SurroundingsSettings())
         self.scans = 0
@@ -41,8 +43,14 @@ class Watch:
             at, pose = way(self.scans * 0.1), chair(self.scans * 0.1)
             points, free = body(*at), past(pose, *at, half_view(pose, *at), 20.0)
             self.surroundings.see(self.scans * SCAN_NS, pose, points, free)
-            self.people.see(self.scans * SCAN_NS, pose, points, Pose2(), self.surroundings, 0.0)
+            stamp_ns = self.scans * SCAN_NS
+            self.people.see(stamp_ns + self.late_ns, pose, points, Pose2(), self.surroundings, 0.0, stamp_ns)
             self.scans += 1
+
+    @property
+    def now_ns(self) -> int:
+        """When the latest scan came."""
+        return (self.scans - 1) * SCAN_NS + self.late_ns
 
     @property
     def expected(self) -> tuple[FloatArray, FloatArray]:
@@ -96,14 +104,25 @@ def test_who_stands_is_expected_there_for_a_while_and_is_then_as_good_as_furnitu
 def test_who_has_come_to_a_stand_is_foreseen_to_stand_and_who_walks_to_walk_on() -> None:
     watch = Watch()
     watch.see(comes_and_stands, 3.0)
-    (walking,) = watch.people.foreseen(HERE)
+    (walking,) = watch.people.foreseen(watch.now_ns, HERE)
     assert walking.velocity[1] == pytest.approx(0.8, abs=0.15)
     assert walking.speed_sigma > 0.0
     watch.see(comes_and_stands, 0.75 + SETTINGS.pause + 1.0)
-    (standing,) = watch.people.foreseen(HERE)
+    (standing,) = watch.people.foreseen(watch.now_ns, HERE)
     np.testing.assert_allclose(standing.position, [5.0, 4.0], atol=0.1)
     assert not standing.velocity.any()
     assert standing.speed_sigma == 0.0
+
+
+@pytest.mark.parametrize("late_ms", [0, 80, 150])
+def test_who_walks_is_foreseen_from_where_they_are_now_however_old_the_scan_is(late_ms: int) -> None:
+    """A lidar turns for a tenth of a second, and between two of its scans there is a tick without one."""
+    watch = Watch(late_ms * 1_000_000)
+    watch.see(walks_by, 2.0)
+    for tick_ms in (0, 50):
+        (track,) = watch.people.foreseen(watch.now_ns + tick_ms * 1_000_000, HERE)
+        np.testing.assert_allclose(track.position, walks_by(1.9 + (late_ms + tick_ms) / 1000), atol=0.03)
+    np.testing.assert_allclose(watch.expected[0], walks_by(1.9 + late_ms / 1000), atol=0.03)
 
 
 def test_who_goes_to_and_fro_before_a_chair_that_stands_is_expected_in_the_middle_of_it() -> None:
@@ -154,5 +173,6 @@ def test_once_the_chair_has_stood_for_people_it_needs_less_room_beside_them() ->
     watch.see(walks_by, 2.0)
     assert watch.people.under_way(Pose2()).radius == pytest.approx(CHAIR_A.width / 2 + SETTINGS.room)
     points = body(*walks_by(2.0))
-    watch.people.see(watch.scans * SCAN_NS, HERE, points, Pose2(), watch.surroundings, SETTINGS.room_after_s + 0.1)
+    now_ns, stood_s = watch.scans * SCAN_NS, SETTINGS.room_after_s + 0.1
+    watch.people.see(now_ns, HERE, points, Pose2(), watch.surroundings, stood_s, now_ns)
     assert watch.people.under_way(Pose2()).radius == pytest.approx(CHAIR_A.width / 2 + SETTINGS.room_after)

@@ -165,6 +165,21 @@ def test_f24_what_the_contacts_say_is_obeyed_even_where_none_were_announced(
     assert ids(fitness) == found
 
 
+def test_f24_seat_switch_and_battery_speak_for_themselves() -> None:
+    """They are two messages in ROS: what one of them does not know stays as the other has said."""
+    fitness = well(FitnessSettings(seat_switch=True, power_monitor=True))
+    fitness.hear(ChairStatus(NOW, seated=False), Twist())
+    assert ids(fitness) == {"status_stale", "seat_empty"}
+    fitness.hear(ChairStatus(NOW, charging=True, battery=0.5), Twist())
+    assert ids(fitness) == {"seat_empty", "charging"}
+    fitness.hear(ChairStatus(NOW, seated=True), Twist())
+    assert ids(fitness) == {"charging"}
+    fitness.hear(ChairStatus(NOW, battery=0.5), Twist())
+    assert ids(fitness) == {"charging"}, "who does not know whether the charger is connected has not seen it go"
+    fitness.hear(ChairStatus(NOW, charging=False), Twist())
+    assert ids(fitness) == set()
+
+
 def test_f24_where_contacts_are_fitted_their_silence_is_no_consent() -> None:
     for settings in (FitnessSettings(seat_switch=True), FitnessSettings(power_monitor=True)):
         fitness = well(settings)

@@ -144,8 +144,8 @@ def test_letting_go_is_zero_at_once() -> None:
     assert riding.run(0.8, 0.0, 1, braking=Braking.RELEASE)[-1].tolist() == [0.0, 0.0]
 
 
-@pytest.mark.parametrize("bad", [math.nan, math.inf, -math.inf])
-def test_f5_a_command_that_is_no_number_is_an_emergency(bad: float) -> None:
+@pytest.mark.parametrize("bad", [math.nan, math.inf, -math.inf, 1e6, -3.01])
+def test_f5_a_command_that_is_no_number_or_beyond_any_is_an_emergency(bad: float) -> None:
     riding = Riding()
     before = riding.run(0.8, 0.0, 80)[-1, 0]
     for v, omega in ((bad, 0.0), (0.5, bad)):

@@ -32,9 +32,9 @@ def test_f12_a_lidar_of_which_a_fifth_is_covered_is_blind_within_half_a_second(
         assert found == ("lidar_blind" if blind and k >= 9 else "")
 
 
-@pytest.mark.parametrize("value", [math.nan, 0.0, 0.02, -math.inf])
+@pytest.mark.parametrize("value", [math.nan, 0.0, 0.02, -math.inf, 25.1, 65.533])
 @pytest.mark.parametrize("grows", [0, 1])
-def test_f12_a_lidar_is_blind_whatever_it_reads_below_its_range_and_however_many_beams_it_has(
+def test_f12_a_lidar_is_blind_whatever_it_reads_outside_of_its_range_and_however_many_beams_it_has(
     value: float, grows: int
 ) -> None:
     monitor = Monitor(CHAIR_A)

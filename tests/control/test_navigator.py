@@ -14,7 +14,7 @@ from tests.people import body, half_view, past
 from waychair.calibration.chair import CHAIR_A
 from waychair.control.navigator import Navigation, Navigator, NavigatorSettings, Stage
 from waychair.control.recovery import RecoverySettings
-from waychair.errors import GoalTooExact, UnknownPlace
+from waychair.errors import GoalOutsideMap, GoalTooExact, UnknownPlace
 from waychair.geometry import arc, transform_points
 from waychair.planning.footprint import along_arc
 from waychair.planning.global_planner import PlannerSettings
@@ -185,6 +185,24 @@ def test_goals_are_driven_to_one_after_the_other() -> None:
     assert math.hypot(poses[-1].x - 9.0, poses[-1].y - 5.0) < 0.15
 
 
+@pytest.mark.parametrize("bad", [Pose2(4.0, 2.0, math.inf), Pose2(math.nan, 2.0), Pose2(1e300, 2.0)])
+def test_a_goal_that_is_on_no_map_is_refused_at_once_and_the_present_one_stays(bad: Pose2) -> None:
+    pilot = navigator(hall())
+    pilot.go(Goal("lift"))
+    with pytest.raises(GoalOutsideMap, match="is on no map"):
+        pilot.go(Goal(bad))
+    assert drive(pilot, Pose2(2.0, 2.0), 40)[0][-1].stage is Stage.ARRIVED
+
+
+def test_on_a_map_without_free_space_the_chair_stands_and_says_so() -> None:
+    pilot = navigator(hall((0.0, 0.0, 12.0, 8.0)))
+    pilot.go(Goal(Pose2(4.0, 2.0)))
+    (state, *_), _ = drive(pilot, Pose2(2.0, 2.0), 1)
+    assert state.stage is Stage.FAILED
+    assert "the map has no free space for a chair" in state.reason
+    assert state.twist == Twist()
+
+
 def test_an_unknown_place_later_in_a_sequence_is_refused_at_once_and_the_present_goal_stays() -> None:
     pilot = navigator(hall())
     pilot.go(Goal("lift"))
@@ -345,10 +363,16 @@ def test_where_odom_lies_in_the_map_makes_no_difference() -> None:
 def test_a_point_that_hangs_alone_between_two_surfaces_is_no_obstacle() -> None:
     pilot = navigator(hall())
     pilot.go(Goal(Pose2(10.0, 4.0, 0.0)))
-    states, poses = drive(pilot, Pose2(1.5, 4.0, 0.0), 60, np.array([[4.0, 0.1], [5.0, 4.0], [6.0, 7.9]]))
+    states, pose = [], Pose2(1.5, 4.0, 0.0)
+    for k in range(1200):
+        split = np.array([[1.5, 5.5], [2.5, 4.0], [6.0, 4.2]]) + np.array([pose.x, 0.0])
+        states.append(pilot.step(k * TICK_NS, pose, split if k % 2 == 0 else None))
+        if states[-1].stage is Stage.ARRIVED:
+            break
+        pose = Pose2(*along_arc(pose.x, pose.y, pose.theta, states[-1].twist.v, states[-1].twist.omega, 0.05))
+        assert abs(pose.y - 4.0) < 0.1
     assert states[-1].stage is Stage.ARRIVED
     assert states[-1].plans == 1
-    assert max(abs(pose.y - 4.0) for pose in poses) < 0.1
 
 
 def test_a_turn_that_takes_long_to_find_is_planned_over_ticks_from_standstill() -> None:

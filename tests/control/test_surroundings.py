@@ -10,11 +10,12 @@ import pytest
 
 from tests.maps.depth_rooms import picture
 from waychair.calibration.chair import CHAIR_A, BodyLayer, sonar_mounts
-from waychair.control.surroundings import Surroundings, SurroundingsSettings
+from waychair.control.surroundings import Surroundings, SurroundingsSettings, without_veils
 from waychair.maps.distance_field import DistanceField
 from waychair.maps.zones import Rule, Zone
 from waychair.planning.costmap import CostmapSettings
 from waychair.planning.drawn_map import DrawnMap
+from waychair.planning.footprint import fits
 from waychair.slam.tilt import Tilt
 from waychair.types import FloatArray, OccupancyGrid, Pose2, RgbdFrame, SonarReadings
 
@@ -119,6 +120,30 @@ def test_an_echo_from_a_wall_of_the_map_or_from_what_the_lidar_sees_is_no_news()
     assert len(seen.unscanned()) == 0
 
 
+@pytest.mark.parametrize("stands_out", [0.10, 0.13, 0.20])
+def test_a_shelf_on_a_wall_of_the_map_that_only_the_camera_sees_is_kept_clear_of(stands_out: float) -> None:
+    """The chair passes so near to the wall that it would brush the shelf."""
+    shelf, wall = (1.3, 1.8), hall()
+    wall.cells[:20] = 100  # its face at y = 1.0
+    seen = Surroundings(DrawnMap(wall, CHAIR_A, CostmapSettings()), CHAIR_A, SurroundingsSettings())
+    pose = Pose2(3.0, 1.0 + CHAIR_A.width / 2 + 0.06, 0.0)
+    face = 1.0 - pose.y
+    boxes = [(*shelf, face, face + stands_out, 0.65, 0.72), (-1.0, 5.0, face - 0.1, face, 0.0, 2.0)]
+    for _ in range(3):
+        seen.look(picture(boxes), pose)
+    there = Pose2(pose.x + shelf[0] - CHAIR_A.front + 0.2, pose.y, 0.0)
+    assert len(seen.unscanned()) > 5
+    assert not fits(CHAIR_A, 0.0, seen.window(there), there)
+    np.testing.assert_array_less(pose.x + shelf[0] - 0.05, seen.unscanned()[:, 0], "the wall itself is no news")
+
+
+def test_who_comes_out_of_a_keep_out_zone_is_as_much_a_stranger_as_anybody() -> None:
+    square = np.array([[5.0, 2.0], [7.0, 2.0], [7.0, 4.0], [5.0, 4.0]])
+    seen = around(Zone("stairs", Rule.KEEP_OUT, square))
+    assert len(seen.strangers(someone(6.0))) == 9
+    assert len(seen.strangers(wall_behind())) == 0
+
+
 def floor(edge: float, depth: float, slope: float = 0.0) -> RgbdFrame:
     """What the camera of chair A sees of a floor that falls by `depth` [m] at x = `edge` [m], or slopes down there."""
     f = 465.0
@@ -216,3 +241,20 @@ def test_who_walks_is_seen_by_the_local_planner_and_not_planned_round() -> None:
     assert at(seen.window(HERE), 6.0, 3.0) == at(seen.window(HERE), 6.0, 3.4) == 0.0
     seen.keep_clear_of(np.empty((0, 2)))
     assert len(seen.lasting()[0]) == len(seen.upright())
+
+
+def beams(*ranges: float, step: float = math.radians(1.0)) -> FloatArray:
+    """Ends of beams side by side, from a laser at the origin."""
+    turns = step * np.arange(len(ranges))
+    return np.array(ranges)[:, None] * np.stack([np.cos(turns), np.sin(turns)], axis=-1)
+
+
+def test_a_beam_split_by_an_edge_is_a_veil_and_a_slim_post_is_none() -> None:
+    laser = np.zeros(2)
+    veil = beams(2.0, 2.0, 3.1, 4.0, 4.0)
+    np.testing.assert_array_equal(without_veils(veil, laser, 0.1), veil[[0, 1, 3, 4]])
+    post = beams(4.0, 4.0, 2.0, 4.0, 4.0)
+    np.testing.assert_array_equal(without_veils(post, laser, 0.1), post)
+    post_with_veil = beams(4.0, 4.0, 2.0, 3.0, 4.0, 4.0)
+    np.testing.assert_array_equal(without_veils(post_with_veil, laser, 0.1), post_with_veil[[0, 1, 2, 4, 5]])
+    np.testing.assert_array_equal(without_veils(post + 1.0, laser + 1.0, 0.1), post + 1.0)

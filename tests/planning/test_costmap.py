@@ -12,6 +12,8 @@ from hypothesis import strategies as st
 
 from waychair.calibration.chair import CHAIR_A, CHAIR_B, BodyLayer
 from waychair.errors import NoFreeSpace
+from waychair.maps.distance_field import distances
+from waychair.maps.grid import cells_from_points, inside
 from waychair.maps.zones import Rule, Zone
 from waychair.planning.costmap import CostmapSettings, LiveCostmap, check_free_space, costmap_from_grid
 from waychair.planning.global_planner import plan
@@ -109,11 +111,37 @@ def test_a_costmap_kept_up_to_date_equals_one_made_anew(seed: int) -> None:
         np.testing.assert_array_equal(now.grid.cells, anew.grid.cells)
 
 
+@given(st.integers(0, 2**32 - 1))
+@settings(max_examples=25, deadline=None)
+def test_what_stands_at_some_heights_changes_a_costmap_as_if_all_of_it_were_made_anew(seed: int) -> None:
+    """Only what lies near it is: on a map much larger than that, a plain reference looks at every cell."""
+    rng = np.random.default_rng(seed)
+    grid = OccupancyGrid(np.where(rng.random((120, 140)) < 0.002, 100, 0).astype(np.int8), 0.1)
+    layer = BodyLayer(0.0, 0.3, 0.6, 0.2, 0.22)
+    body = dataclasses.replace(CHAIR_A, layers=(layer, BodyLayer(0.3, 1.4, 0.75, 0.25, 0.3)))
+    points = rng.uniform(-1, 1, (4, 2)) + rng.uniform(0, 12, 2)
+    kept = LiveCostmap(grid, body, CostmapSettings())
+    before, after = kept.costmap(), kept.costmap(None, [(layer, points)])
+    cells = cells_from_points(grid, points)
+    solid = np.zeros(grid.cells.shape, np.bool_)
+    solid[tuple(cells[inside(grid, cells)].T)] = True
+    away = distances(solid, grid.resolution) if solid.any() else np.full(solid.shape, 99.0)
+    inset = min(body.front - layer.front, body.rear - layer.rear, body.width / 2 - layer.half_width)
+    np.testing.assert_allclose(after.clearance, np.minimum(before.clearance, away + inset), atol=1e-5)
+    s, side = CostmapSettings(), away + body.width / 2 - layer.half_width
+    needed = body.width / 2 + s.margin + grid.resolution / 2
+    missing = np.clip((s.inflation_radius - side) / (s.inflation_radius - needed), 0.0, 1.0)
+    prices = np.where(side < needed - 1e-5, 0.0, 1000.0 + s.wall_price * missing**2)
+    expected = np.where((before.prices == 0) | (prices == 0), 0, np.maximum(before.prices, prices))
+    np.testing.assert_allclose(after.prices, expected, atol=1.0)
+
+
 def test_a_costmap_stays_as_it_was_when_the_next_one_is_made() -> None:
     kept = LiveCostmap(floor(), CHAIR_A, CostmapSettings())
     first = kept.costmap()
     prices, clearance = first.prices.copy(), first.clearance.copy()
     kept.costmap(np.array([[4.0, 2.5]]))
+    kept.costmap(None, [(CHAIR_A.height_layers()[0], np.array([[4.0, 2.5]]))])
     np.testing.assert_array_equal(first.prices, prices)
     np.testing.assert_array_equal(first.clearance, clearance)
 

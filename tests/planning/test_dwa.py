@@ -10,7 +10,7 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from waychair.calibration.chair import CHAIR_A
+from waychair.calibration.chair import CHAIR_A, CHAIR_A_FRONT, CHAIR_A_MID, CHAIR_B
 from waychair.calibration.stopping import StopTable
 from waychair.geometry import wrap_angle
 from waychair.maps.distance_field import DistanceField, distance_field, distances
@@ -130,6 +130,38 @@ def test_from_every_commanded_speed_a_full_stop_touches_nothing(seed: int) -> No
             braked = braking(braked, PROMPT)
             thought = moved(thought, braked)
             assert fits(CHAIR_A, 0.0, field, thought)
+
+
+@given(st.integers(0, 2**32 - 1))
+@settings(max_examples=12, deadline=None)
+def test_a_chair_that_answers_late_by_its_reaction_time_touches_nothing(seed: int) -> None:
+    """Any body, in clutter, on a path through it: each command moves the chair three ticks later, and jerk is limited."""
+    rng = np.random.default_rng(seed)
+    body = (CHAIR_A, CHAIR_B, CHAIR_A_MID, CHAIR_A_FRONT)[seed % 4]
+    obstacles: BoolArray = rng.random((120, 120)) < 0.004
+    obstacles[45:75, 30:75] = False
+    field, limits = DistanceField(distances(obstacles, CELL), CELL), DwaSettings(reaction_time=0.15)
+    ends = [np.linspace(start, rng.uniform(0.5, 5.5), 20) for start in (2.6, 3.0)]
+    path = Path(np.column_stack([*ends, np.zeros(20)]))
+    pose, sent, motion = Pose2(2.6, 3.0, 0.0), [Twist()] * 4, Motion()
+    for _ in range(100):
+        sent.append(choose(pose, sent[-1], path, field, body, limits, motion=motion).twist)
+        motion = motion_after(motion, sent[-2], sent[-1], limits)
+        pose = moved(pose, sent[-4])
+        assert fits(body, 0.0, field, pose)
+
+
+@pytest.mark.parametrize("acceleration", [0.0, 0.3, -0.4])
+def test_the_window_reaches_as_far_as_limited_jerk_takes_the_command(acceleration: float) -> None:
+    """In small steps: the acceleration grows by the jerk up to its limit, and with it the speed, for the window's time."""
+    limits, pose, command = replace(PROMPT, jerk=0.7, window_time=1.0), Pose2(2.0, 4.0), Twist(0.2)
+    motion = Motion(Twist(acceleration))
+    result = choose(pose, command, straight(pose, 8.0), distance_field(hall()), CHAIR_A, limits, motion=motion)
+    fastest, a = command.v, acceleration
+    for _ in range(1000):
+        a = min(a + limits.jerk * 0.001, limits.acceleration)
+        fastest += a * 0.001
+    assert result.candidates[:, 0].max() == pytest.approx(min(fastest, limits.max_speed), abs=2e-3)
 
 
 def test_from_a_stand_the_command_starts_to_grow_whatever_the_motor_does() -> None:
@@ -328,6 +360,20 @@ def test_the_measured_way_to_rest_must_be_free_ahead(v: float) -> None:
         result = choose(Pose2(4.0, 4.0), Twist(v), straight(Pose2(4.0, 4.0), 6.0), field, CHAIR_A, limits)
         near = np.argmin(np.abs(result.candidates - (v, 0.0)).sum(axis=1))
         assert np.isfinite(result.scores[near]) == admitted
+
+
+@pytest.mark.parametrize("turn_angle", [0.4, 1.5])
+def test_the_measured_turn_to_rest_must_be_free(turn_angle: float) -> None:
+    """A wall that the corner would touch after a turn of some angle, for a chair that turns on by less, and by more."""
+    table = replace(STOPS, turn_rate=0.8, turn_angle=turn_angle, delay_s=0.05)
+    limits = replace(measured(DwaSettings(window_time=0.05), table), margin=0.0, reaction_time=0.0)
+    turned = 0.75
+    corner = CHAIR_A.front * math.sin(turned) + CHAIR_A.width / 2 * math.cos(turned)
+    field = distance_field(hall(((0, 4.0 + corner, 8, 4.2 + corner),)))
+    command = Twist(0.0, 0.8)
+    result = choose(Pose2(4.0, 4.0), command, straight(Pose2(4.0, 4.0, 1.0), 6.0), field, CHAIR_A, limits)
+    near = np.argmin(np.abs(result.candidates - (0.0, 0.8)).sum(axis=1))
+    assert np.isfinite(result.scores[near]) == (turn_angle < turned)
 
 
 def test_a_chair_that_may_not_reverse_only_comes_to_rest_backwards() -> None:

@@ -12,7 +12,10 @@ from waychair.calibration.chair import CHAIR_A, CHAIR_A_FRONT, CHAIR_A_MID, CHAI
 from waychair.errors import NoPath
 from waychair.geometry import rectangle, transform_points
 from waychair.maps.grid import cells_from_points, inside, occupied
+from waychair.maps.zones import Rule, Zone, holds
+from waychair.planning.costmap import costmap_from_grid
 from waychair.planning.fine_field import FINEST, fine_field
+from waychair.planning.global_planner import GlobalPlanner
 from waychair.planning.manoeuvre import ManoeuvreSettings, manoeuvre, manoeuvre_in_slices
 from waychair.types import FloatArray, OccupancyGrid, Pose2
 
@@ -156,3 +159,20 @@ def test_steering_is_changed_no_more_often_than_the_turn_asks_for() -> None:
         return float(np.abs(np.diff(np.diff(np.unwrap(poses[:, 2])))).sum())
 
     assert changes(0.3) <= changes(0.0)
+
+
+def test_a_turn_in_a_one_way_zone_never_leads_back_against_it() -> None:
+    """Facing +x in a passage for -x only, a chair would drive on a little to turn round: it backs, and turns farther on."""
+    cells = np.full((120, 240), 100, np.int8)
+    cells[50:76, 10:230] = 0
+    ramp = Zone("ramp", Rule.ONE_WAY, np.array([[3.0, 2.4], [7.0, 2.4], [7.0, 3.9], [3.0, 3.9]]), math.pi)
+    grid, start, goal = OccupancyGrid(cells, 0.05), Pose2(5.0, 3.15), Pose2(2.0, 3.15, math.pi)
+    ways = []
+    for zones in ((), (ramp,)):
+        planner = GlobalPlanner(goal)
+        planner.replan(costmap_from_grid(grid, CHAIR_A_FRONT, zones=zones), start)
+        poses = np.concatenate([leg.path.poses for leg in planner.legs])
+        steps = np.diff(poses[:, :2], axis=0)
+        ways.append(steps[(steps[:, 0] > 1e-6) & holds(ramp, poses[:-1, :2]), 0].sum())
+    assert ways[0] > 0.2
+    assert ways[1] == 0.0

@@ -17,7 +17,7 @@ from rclpy.executors import SingleThreadedExecutor
 from waychair.ros.environment import ros_environment
 from waychair.ros.interface_types import interface_type
 from waychair.ros.messages.reports import Report, read_diagnostics
-from waychair.ros.messages.wire import deserialised, plain
+from waychair.ros.messages.wire import deserialised, plain, serialised
 from waychair.ros.node import ChairNode
 from waychair.ros.topics import DIAGNOSTICS, RosTopic, profile
 
@@ -82,6 +82,12 @@ class Harness:
         )
         messages.close = lambda: self.node.destroy_subscription(subscription)
         return messages
+
+    def publisher(self, topic: RosTopic, name: str = "") -> Callable[[Any], None]:
+        """What publishes plain messages on a topic that somebody listens to."""
+        sender = self.node.create_publisher(interface_type(topic.type), name or topic.name, profile(topic.qos))
+        self.spin_until(lambda: sender.get_subscription_count() > 0, f"somebody to listen to {topic.name}")
+        return lambda message: sender.publish(serialised(message))
 
     def report(
         self,

@@ -2,7 +2,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator
+import math
+from collections.abc import Iterator
 from dataclasses import dataclass, replace
 from pathlib import Path
 from types import SimpleNamespace
@@ -12,12 +13,13 @@ import numpy as np
 import pytest
 
 from waychair.ros import topics
+from waychair.ros.inputs import Input
 from waychair.ros.messages.chair import DriveReport, DriveRequest, drive_request, read_drive_state
+from waychair.ros.messages.motion import read_twist, twist
 from waychair.ros.messages.reports import Level
 from waychair.ros.messages.sensors import battery
-from waychair.ros.messages.wire import serialised
 from waychair.ros_messages import joint_states, laser_scan, make
-from waychair.types import ChairStatus, JoystickInput, Scan, WheelTicks
+from waychair.types import ChairStatus, JoystickInput, Scan, Twist, WheelTicks
 
 if TYPE_CHECKING:
     from tests.ros.harness import Harness, Heard
@@ -39,14 +41,6 @@ class BridgeAlone:
 
     def now_ns(self) -> int:
         return int(self.ros.node.get_clock().now().nanoseconds)
-
-    def sender(self, topic: topics.RosTopic) -> Callable[[Any], None]:
-        """What publishes on a topic that the bridge listens to."""
-        from waychair.ros.interface_types import interface_type
-
-        publisher = self.ros.node.create_publisher(interface_type(topic.type), topic.name, topics.profile(topic.qos))
-        self.ros.spin_until(lambda: publisher.get_subscription_count() > 0, "the bridge to listen")
-        return lambda message: publisher.publish(serialised(message))
 
     def next_state(self) -> DriveReport:
         """One that was made after now."""
@@ -73,7 +67,7 @@ def test_alone_it_names_all_that_is_missing_and_is_not_ready(bridge: BridgeAlone
 
 
 def test_scans_of_another_clock_are_named_and_not_taken(bridge: BridgeAlone) -> None:
-    send = bridge.sender(topics.SCAN)
+    send = bridge.ros.publisher(topics.SCAN)
 
     def scan() -> None:
         old = Scan(bridge.now_ns() - HOUR_NS, np.full(90, 2.0, np.float32), -1.5, 0.03, 0.0, 0.1, 10.0)
@@ -88,7 +82,7 @@ def test_scans_of_another_clock_are_named_and_not_taken(bridge: BridgeAlone) -> 
 @pytest.mark.parametrize("name", ["joint_states", "battery_state"])
 def test_drivers_that_send_with_best_effort_are_heard(bridge: BridgeAlone, name: str) -> None:
     topic = {each.name: each for each in (topics.JOINTS, topics.BATTERY)}[name]
-    send = bridge.sender(replace(topic, qos=topics.SENSOR_DATA))
+    send = bridge.ros.publisher(replace(topic, qos=topics.SENSOR_DATA))
     messages = {"joint_states": joint_states(WheelTicks(5, 1, 2), 4096), "battery_state": battery(ChairStatus(5))}
     report = bridge.ros.report(
         f"input {name}", lambda report: dict(report.values)["messages"] != "0", lambda: send(messages[name])
@@ -97,13 +91,13 @@ def test_drivers_that_send_with_best_effort_are_heard(bridge: BridgeAlone, name:
 
 
 def test_f26_whoever_else_publishes_speeds_is_named(bridge: BridgeAlone) -> None:
-    bridge.sender(topics.COMMAND)
+    bridge.ros.publisher(topics.COMMAND)
     bridge.ros.spin_until(lambda: "two_commanders" in dict(bridge.state.halts), "the stop's name")
     assert "somebody else commands the chair, too (tests)" in dict(bridge.state.halts)["two_commanders"]
 
 
 def test_requests_that_were_held_up_are_not_taken_and_what_was_asked_for_before_is_over(bridge: BridgeAlone) -> None:
-    send = bridge.sender(topics.DRIVE_REQUEST)
+    send = bridge.ros.publisher(topics.DRIVE_REQUEST)
     for age_ns in (200_000_000, HOUR_NS, -HOUR_NS):
         send(drive_request(DriveRequest(bridge.now_ns() - age_ns, 7, True, True)))
     bridge.ros.report("input drive_request", lambda report: dict(report.values)["messages"] == "3")
@@ -132,7 +126,7 @@ def test_a_yes_must_name_a_goal_that_waits(bridge: BridgeAlone) -> None:
 
 
 def test_a_stop_by_topic_is_taken_at_once_and_a_yes_to_nothing_refused(bridge: BridgeAlone) -> None:
-    bridge.sender(topics.STOP)(make("std_msgs/msg/Empty", 0))
+    bridge.ros.publisher(topics.STOP)(make("std_msgs/msg/Empty", 0))
     bridge.ros.spin_until(lambda: bridge.state.mode.value == "stopped", "the stop")
     assert bridge.state.command is None
 
@@ -193,10 +187,37 @@ def test_on_an_open_network_it_obeys_no_speeds_and_says_why(ros: Harness) -> Non
     assert not state.ready
 
 
-def test_a_seat_switch_that_no_topic_carries_is_refused_in_one_sentence(ros: Harness) -> None:
-    words = ("-m", "waychair.ros.bridge_node", "--ros-args", "-p", "fitness.seat_switch:=true")
-    with ros.process(*words) as process:
-        output, _ = process.communicate(timeout=30.0)
-    assert process.returncode == 2
-    assert output.count("\n") == 1
-    assert "no message of ROS says whether somebody sits in the chair" in output
+def test_a_seat_switch_is_heard_and_its_silence_is_no_consent(ros: Harness) -> None:
+    states = ros.heard(topics.DRIVE_STATE, "seat/drive_state")
+    arguments = ("-r", "__ns:=/seat", "-p", "fitness.seat_switch:=true", "-p", "cable:=pty:/none")
+    with ros.process("-m", "waychair.ros.bridge_node", "--ros-args", *arguments):
+        ros.spin_until(lambda: states, "the bridge")
+        assert "status_stale" in dict(read_drive_state(states[-1]).halts)
+        send = ros.publisher(topics.SEAT, "seat/seat_occupied")
+        for seated, expected in ((False, {"seat_empty"}), (True, set())):
+            said = make("std_msgs/msg/Bool", seated)
+            ros.spin_until(
+                lambda expected=expected: _contacts_of(states) == expected,
+                f"the seat to be {seated}",
+                lambda said=said: send(said),
+            )
+        ros.spin_until(lambda: _contacts_of(states) == {"status_stale"}, "its silence to be noticed")
+    states.close()
+
+
+def _contacts_of(states: Heard) -> set[str]:
+    return {"status_stale", "seat_empty"} & set(dict(read_drive_state(states[-1]).halts))
+
+
+def test_f5_a_speed_that_is_no_number_takes_the_place_of_the_one_before(ros: Harness) -> None:
+    from waychair.ros import bridge_node
+
+    heard = bridge_node._Heard(Twist(0.5, 0.0))
+    node: Any = SimpleNamespace(_command=heard)
+    listening = Input(ros.node, topics.COMMAND, read_twist, heard.take, lambda: bridge_node.BridgeNode._no_speed(node))
+    send = ros.publisher(topics.COMMAND, listening.name)
+    for told, kept in ((Twist(0.3, 0.1), True), (Twist(math.nan, 0.0), False), (Twist(0.2, 0.0), True)):
+        send(twist(told))
+        wanted = (lambda told=told: heard.what == told) if kept else (lambda: math.isnan(heard.what.v))
+        ros.spin_until(wanted, f"{told} to be heard")
+    ros.node.destroy_subscription(listening.subscription)

@@ -58,12 +58,12 @@ def same_pose(left: Pose2, right: Pose2) -> bool:
 
 
 @given(STAMPS, st.lists(RANGES, min_size=2, max_size=40), st.floats(-3, 3), st.floats(0.001, 0.5), st.floats(0, 1e-3))
-def test_scans_come_back_with_their_codes(
+def test_scans_come_back_with_their_codes_and_nothing_from_beyond_their_range(
     stamp_ns: int, ranges: list[float], angle: float, step: float, pause: float
 ) -> None:
     scan = Scan(stamp_ns, np.array(ranges, np.float32), angle, step, pause, 0.0625, 30.0)
     back = sensors.read_scan(sent(ros_messages.laser_scan(scan)))
-    np.testing.assert_array_equal(back.ranges, scan.ranges)
+    np.testing.assert_array_equal(back.ranges, np.where(scan.ranges > 30.0, np.inf, scan.ranges))
     assert back.stamp_ns == stamp_ns
     np.testing.assert_allclose(
         [back.angle_min, back.angle_step, back.time_step], [angle, step, pause], rtol=1e-6, atol=1e-9
@@ -211,6 +211,12 @@ def test_the_battery_comes_back(stamp_ns: int, charging: bool | None, charge: fl
     assert sensors.read_battery(sent(sensors.battery(status))) == status
 
 
+@pytest.mark.parametrize(("status", "connected"), [(0, None), (1, True), (2, False), (3, True), (4, True)])
+def test_f24_a_charger_is_connected_to_a_battery_that_is_full_or_waits(status: int, connected: bool | None) -> None:
+    message = broken(sensors.battery(ChairStatus(5)), power_supply_status=status)
+    assert sensors.read_battery(message).charging is connected
+
+
 WORDS = st.text(max_size=12) | st.sampled_from(["1", "true", "null", "[]", '"', "{}", "NaN"])
 VOLTS = st.floats(0, 12)
 TELEMETRIES = st.builds(
@@ -310,6 +316,7 @@ BAD: list[tuple[Any, Any, dict[str, Any], str]] = [
     (motion.read_odometry, ODOMETRY, {"twist__twist__angular__z": math.inf}, "twist is no number"),
     (motion.read_pose_stamped, GOAL, {"header__frame_id": "moon"}, "frame 'moon' is unknown here: send it in map"),
     (motion.read_pose_stamped, GOAL, {"pose__orientation__w": 0.0}, "quaternion has length 0"),
+    (motion.read_pose_stamped, GOAL, {"pose__position__x": 1e300}, "1e\\+300, 2.* m is on no map"),
     (motion.read_pose_with_covariance, ESTIMATE, {"pose__covariance": -np.ones(36)}, "covariance"),
     (motion.read_twist, motion.twist(Twist()), {"linear__x": math.nan}, "a twist is no number"),
     (motion.read_transforms, TRANSFORM, {"transforms__0__transform__rotation__w": 5.0}, "length 5"),

@@ -14,6 +14,7 @@ from waychair.calibration.calibration_file import ChairCalibration
 from waychair.control.fitness import FitnessSettings
 from waychair.control.navigator import Stage
 from waychair.control.supervisor import SupervisorSettings
+from waychair.firmware_bridge.bridge import BridgeSettings
 from waychair.firmware_bridge.transports import Reconnecting
 from waychair.runtime.chair import Chair, ChairSettings
 from waychair.runtime.drive_base import Message
@@ -21,7 +22,7 @@ from waychair.simulation.imu import ImuSettings
 from waychair.simulation.scene import Behaviour, PersonPlan
 from waychair.simulation.simulator import SimulatorSettings
 from waychair.trials.drive import advance_tick
-from waychair.types import ChairStatus, DriveMode, ImuSample, JoystickInput, Scan, WheelTicks
+from waychair.types import ChairStatus, DriveMode, ImuSample, JoystickInput, Scan, Twist, WheelTicks
 
 IMU_HZ = 100.0
 UP = np.array([0.0, 0.0, 9.81])
@@ -100,15 +101,69 @@ def test_f11_a_scan_that_comes_back_within_half_a_second_lets_the_drive_go_on(ri
     assert ride.speed > 0.2
 
 
-def test_f12_a_blind_lidar_ends_the_drive_within_half_a_second_and_a_tick(ride: Ride) -> None:
-    def blinded(messages: tuple[Message, ...]) -> tuple[Message, ...]:
-        return tuple(
-            replace(m, ranges=np.full_like(m.ranges, math.inf)) if isinstance(m, Scan) else m for m in messages
-        )
+def told(value: float, half_angle: float = math.pi) -> Callable[[tuple[Message, ...]], tuple[Message, ...]]:
+    """Beams no farther than so much [rad] from straight ahead all read one value."""
 
+    def change(message: Message) -> Message:
+        if not isinstance(message, Scan):
+            return message
+        ahead = np.abs(message.angles()) <= half_angle
+        return replace(message, ranges=np.where(ahead, np.float32(value), message.ranges))
+
+    return lambda messages: tuple(map(change, messages))
+
+
+@pytest.mark.parametrize("value", [math.inf, math.nan, 65.533])
+def test_f12_a_blind_lidar_ends_the_drive_within_half_a_second_and_a_tick(ride: Ride, value: float) -> None:
     ride.drive()
-    ride.change = blinded
+    ride.change = told(value)
     assert ended_by(ride, within=13) == "lidar_blind"
+
+
+@pytest.mark.parametrize("value", [math.inf, 65.533])
+def test_f12_a_lidar_whose_front_is_covered_drives_into_nobody(value: float) -> None:
+    """65.533 is what some drivers send for a beam that did not come back; it is no measurement."""
+    sits = PersonPlan(Behaviour.SEATED, np.array([[6.0, 2.5]]), radius=0.25)
+    with Ride(people=(sits,)) as ride:
+        ride.drive(55)
+        ride.change = told(value, math.radians(80.0))
+        assert ended_by(ride, within=13) == "lidar_blind"
+        assert ride.simulator.contacts == 0
+
+
+def test_a_chair_crawls_where_it_does_not_see_ahead(ride: Ride) -> None:
+    """Fewer beams than make a lidar blind, but those that look where it drives."""
+    ride.drive()
+    assert ride.speed > 0.3
+    ride.change = told(math.nan, math.radians(20.0))
+    ride.tick(40)
+    assert ride.states[-1].verdict.computer_drives
+    assert 0.05 < ride.speed < 0.2
+
+
+@pytest.mark.parametrize("asked", [Twist(math.nan, 0.0), Twist(0.3, math.inf), Twist(1e6, 0.0)])
+def test_f5_a_speed_that_is_none_brakes_in_the_same_tick(
+    ride: Ride, asked: Twist, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """Whatever plans has gone mad: the chair brakes at once, and hard, and comes to rest."""
+    before = ride.drive().command
+    assert before is not None
+    navigator = ride.chair._pilot.navigator
+    sane = navigator.step
+    monkeypatch.setattr(navigator, "step", lambda *args: replace(sane(*args), twist=asked))
+    after = ride.tick().command
+    assert after is not None
+    assert after.v == pytest.approx(before.v - ride.setting.chair.limiter.emergency * 0.05, abs=1e-6)
+    ride.tick(40)
+    assert ride.stands
+
+
+def test_a_wheel_that_would_turn_too_fast_slows_the_chair_on_its_way_and_ends_no_drive() -> None:
+    with Ride(ChairSettings(bridge=BridgeSettings(max_wheel_speed=0.4))) as ride:
+        ride.drive()
+        states = [ride.tick() for _ in range(60)]
+        assert all(state.sent.active for state in states)
+        assert 0.3 < ride.speed < 0.45
 
 
 def test_f12_a_lidar_that_repeats_one_scan_ends_the_drive(ride: Ride) -> None:

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import json
 import math
+import os
 from collections.abc import Iterator
 from contextlib import contextmanager
 from dataclasses import replace
@@ -15,13 +16,14 @@ import pytest
 from waychair.cli.barn import barn_command
 from waychair.control.mapless import MaplessNavigator
 from waychair.control.navigator import Stage
-from waychair.errors import ConfigError, WorldError
+from waychair.errors import ConfigError, WorkerLost, WorldError
 from waychair.simulation.imports import BarnEnvironment, read_barn
 from waychair.trials.barn import (
     BODIES,
     JACKAL,
     BarnSettings,
     BarnTask,
+    _workers,
     clearance_among,
     report,
     run_barn,
@@ -175,3 +177,8 @@ def test_the_command_prints_json_with_the_benchmarks_figures(
     found = json.loads(capsys.readouterr().out)
     assert {"score", "success", "contact", "timeout", "worlds"} <= set(found)
     assert found["runs"] == 1
+
+
+def test_a_process_that_is_killed_is_named_with_advice() -> None:
+    with pytest.raises(WorkerLost, match="fewer with --jobs"), _workers(2) as each:
+        list(each(os._exit, [1, 1]))
