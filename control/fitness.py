@@ -53,7 +53,7 @@ class FitnessSettings(Settings):
                 raise ConfigError(f"{name} = '{getattr(self, name)}' is unknown: take {' or '.join(REACTIONS)}")
 
 
-def _tells(message: Sensed) -> bool:
+def tells(message: Sensed) -> bool:
     """Whether a message holds anything but invalid readings; of a picture's pixels every sixteenth is looked at."""
     if isinstance(message, ImuSample):
         return all(map(math.isfinite, (*message.accel.tolist(), *message.gyro.tolist())))
@@ -79,7 +79,7 @@ class Fitness:
 
         One that speaks without telling anything is as good as silent.
         """
-        if not _tells(message):
+        if not tells(message):
             return
         self._heard_ns[type(message)] = message.stamp_ns
         if isinstance(message, ChairStatus):

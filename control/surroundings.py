@@ -198,7 +198,7 @@ class Surroundings:
 
     def strangers(self, points: FloatArray) -> FloatArray:
         """Those of points (N, 2) [m] in map that the map does not explain."""
-        return points[~self._drawn.shows(points, self._settings.known_within)]
+        return points[~self._drawn.explains(points, self._settings.known_within)]
 
     def layered(self) -> tuple[tuple[BodyLayer, FloatArray], ...]:
         """That of `unexpected` which stands at the heights of a layer of the body, by layer."""
@@ -206,7 +206,7 @@ class Surroundings:
 
     def _news(self, seen: ObstacleLayer, within: float | FloatArray) -> ObstacleLayer:
         """Without what lies so near [m] to a wall of the map that it is that wall."""
-        return without(seen, self._drawn.shows(seen.points, within)) if len(seen.points) else seen
+        return without(seen, self._drawn.explains(seen.points, within)) if len(seen.points) else seen
 
     def _told(self, seen: ObstacleLayer, sensor: FloatArray) -> ObstacleLayer:
         """`_news` of a sensor at (2,) [m] in map that alone tells of what it sees: a shelf on a wall, a low step."""
@@ -220,7 +220,7 @@ class Surroundings:
     def _explained(self, sight: Sight) -> bool:
         """Whether something that is known lies on the arc that an echo came from."""
         arc, doubt = sight.points(), self._doubt(sight.far[sight.hits])
-        return bool(self._drawn.shows(arc, doubt).any()) or any_nearer(arc, self._scanned, float(doubt.max()))
+        return bool(self._drawn.explains(arc, doubt).any()) or any_nearer(arc, self._scanned, float(doubt.max()))
 
 
 def much_is_gone(before: FloatArray, now: FloatArray) -> bool:

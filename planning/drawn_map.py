@@ -22,7 +22,10 @@ class DrawnMap:
         self, grid: OccupancyGrid, body: ChairBody, settings: CostmapSettings, zones: Sequence[Zone] = ()
     ) -> None:
         self.grid = closed_off(grid, zones)
-        self._from_things = distances(occupied(grid), grid.resolution)
+        self._from_things = self._from_known = distances(occupied(grid), grid.resolution)
+        if self.grid is not grid:
+            thin = _thin(occupied(self.grid) & ~occupied(grid), grid.resolution)
+            self._from_known = distances(occupied(grid) | thin, grid.resolution)
         self._costmaps = LiveCostmap(grid, body, settings, zones)
 
     def costmap(
@@ -37,3 +40,20 @@ class DrawnMap:
         within: of all, or (N,) of each.
         """
         return are_within(self._from_things, self.grid, points, within)
+
+    def explains(self, points: FloatArray, within: float | FloatArray) -> BoolArray:
+        """As `shows`, and of points at a keep-out zone too narrow for anybody to be in: it is drawn round what they show.
+
+        Glass shows where a beam meets it squarely, and that place moves with the chair like somebody who walks.
+        """
+        return are_within(self._from_known, self.grid, points, within)
+
+
+_ANYBODY = 0.25
+"""Where there is room for a disc of this radius [m], somebody may be."""
+
+
+def _thin(closed: BoolArray, resolution: float) -> BoolArray:
+    """(H, W) the cells of a mask that no such disc within it covers."""
+    deep = distances(~closed, resolution) >= _ANYBODY
+    return closed & ~(distances(deep, resolution) < _ANYBODY)

@@ -31,6 +31,7 @@ from typing import Any
 import numpy as np
 
 from waychair.config import setting
+from waychair.control.fitness import tells
 from waychair.control.navigator import Navigation, Stage
 from waychair.control.stops import halt
 from waychair.control.supervisor import Verdict
@@ -292,7 +293,7 @@ class NavigatorNode(ChairNode[NavigatorNodeSettings]):
         self.listen(topics.DEPTH, pairing.depth, self._take_frame, needed=False)
 
     def _take_frame(self, frame: RgbdFrame | None) -> None:
-        if frame is not None:
+        if frame is not None and tells(frame):  # one without any depth is as good as none
             self._frame, self._looked_ns = self._calibration.on_time(frame), time.monotonic_ns()
 
     def _look(self) -> None:

@@ -219,12 +219,17 @@ def _lean(scene: Scene) -> tuple[str, ...]:
 
 
 def _contacts(scene: Scene) -> tuple[str, ...]:
-    status = scene.latest(ChairStatus)
-    if status is None:
+    moments = scene.log.moments[: scene.index + 1]
+    said = [message for moment in moments for message in moment.heard if isinstance(message, ChairStatus)]
+    if not said:
         return ("the chair's contacts have said nothing in this log",)
     words = {None: "not known", True: "yes", False: "no"}
-    charge = "not known" if status.battery is None else f"{100 * status.battery:.0f} %"
-    return (f"somebody seated: {words[status.seated]}; charging: {words[status.charging]}; battery: {charge}",)
+    seated, charging, battery = (
+        next((value for status in reversed(said) if (value := getattr(status, name)) is not None), None)
+        for name in ("seated", "charging", "battery")
+    )
+    charge = "not known" if battery is None else f"{100 * battery:.0f} %"
+    return (f"somebody seated: {words[seated]}; charger connected: {words[charging]}; battery: {charge}",)
 
 
 def _given_up(scene: Scene) -> tuple[str, ...]:

@@ -144,6 +144,18 @@ def test_who_comes_out_of_a_keep_out_zone_is_as_much_a_stranger_as_anybody() -> 
     assert len(seen.strangers(wall_behind())) == 0
 
 
+def test_what_shows_of_the_glass_that_a_zone_is_drawn_round_is_nobody() -> None:
+    pane = np.array([[5.9, 1.0], [6.2, 1.0], [6.2, 5.0], [5.9, 5.0]])
+    seen = around(Zone("glass", Rule.KEEP_OUT, pane))
+    assert len(seen.strangers(someone(6.05))) == 0
+    assert len(seen.strangers(someone(5.5))) == 9
+    assert (
+        not DrawnMap(hall(), CHAIR_A, CostmapSettings(), [Zone("glass", Rule.KEEP_OUT, pane)])
+        .shows(someone(6.05), 0.1)
+        .any()
+    )
+
+
 def floor(edge: float, depth: float, slope: float = 0.0) -> RgbdFrame:
     """What the camera of chair A sees of a floor that falls by `depth` [m] at x = `edge` [m], or slopes down there."""
     f = 465.0
