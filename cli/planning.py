@@ -31,6 +31,7 @@ def plan_command(
     scen: Named | None = None,
     planner: str = "dstar-lite",
     smooth: str = "auto",
+    body: str = "A",
     png: Named | None = None,
     json: bool = False,
 ) -> None:
@@ -51,6 +52,8 @@ def plan_command(
         dstar-lite, astar, dijkstra or harmonic.
     smooth
         taut, band, none, or auto: the rubber band for harmonic, else taut. For the chair only.
+    body
+        Of the chair: A, B, A_mid, A_front or robot.
     png
         Draw the path on the map into this .png file; with harmonic or band the potential, D* Lite's path and the turns,
         too.
@@ -68,6 +71,8 @@ def plan_command(
         raise BadArgument(f"--scen belongs to a Moving AI {SUFFIX} file, not to '{map}'")
     if on_cells and smooth not in ("auto", "none"):
         raise BadArgument(f"--smooth is for the chair's paths; over the cells of a {SUFFIX} file leave it out")
+    if on_cells and body != "A":
+        raise BadArgument(f"--body is of a chair; a {SUFFIX} file knows none, leave it out")
     if scen is not None:
         _plan_scenario(map, scen, planner, json)
     elif start is None or goal is None:
@@ -77,16 +82,17 @@ def plan_command(
         _plan_on_cells(map, start, goal, planner, png, json)
     else:
         check_picture(png, "--png", yaml_path(map), load_info(yaml_path(map)).image)
-        _plan_for_the_chair(map, start, goal, planner, smooth, png, json)
+        _plan_for_the_chair(map, start, goal, planner, smooth, body, png, json)
 
 
 def _plan_for_the_chair(
-    map: Path, start: str, goal: str, planner: str, smooth: str, png: Path | None, json: bool
+    map: Path, start: str, goal: str, planner: str, smooth: str, body: str, png: Path | None, json: bool
 ) -> None:
     """A path in metres, wide enough for the chair."""
     import time
 
-    from waychair.calibration.chair import CHAIR_A
+    from waychair.calibration.chair import BODIES
+    from waychair.cli.arguments import BadArgument
     from waychair.maps.map_files import load_map
     from waychair.maps.zones import check_zones, load_zones
     from waychair.planning.costmap import CostmapSettings, check_free_space, costmap_from_grid
@@ -96,14 +102,16 @@ def _plan_for_the_chair(
     from waychair.runtime.planning_report import turn_histogram
     from waychair.runtime.report import path_picture, write_png
 
-    settings = PlannerSettings(planner=planner, smooth=smooth)
+    if body not in BODIES:
+        raise BadArgument(f"there is no body '{body}': take {', '.join(BODIES)}")
+    chair, settings = BODIES[body], PlannerSettings(planner=planner, smooth=smooth)
     grid = load_map(map)
     begin, end, zones = _place(map, start, "--start"), _place(map, goal, "--goal"), load_zones(map)
     check_zones(zones, grid)
-    costmap = costmap_from_grid(grid, CHAIR_A, CostmapSettings(), zones=zones)
+    costmap = costmap_from_grid(grid, chair, CostmapSettings(), zones=zones)
     check_free_space(costmap)
-    check_start(costmap, CHAIR_A, begin.pose)
-    check_goal(costmap, CHAIR_A, end.pose)
+    check_start(costmap, chair, begin.pose)
+    check_goal(costmap, chair, end.pose)
     search = GlobalPlanner(end.pose, settings)
     begun = time.thread_time()
     path = search.replan(costmap, begin.pose)

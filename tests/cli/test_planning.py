@@ -114,6 +114,23 @@ def test_the_harmonic_planner_draws_its_potential_and_counts_its_turns(flat: Pat
     assert len(np.unique(field.reshape(-1, 3), axis=0)) > 2 * len(np.unique(path.reshape(-1, 3), axis=0)), "a field"
 
 
+def test_a_door_that_one_body_fits_through_is_too_narrow_for_a_wider_one(tmp_path: Path) -> None:
+    cells = np.zeros((120, 200), np.int8)
+    cells[[0, -1]], cells[:, [0, -1]] = 100, 100
+    cells[:50, 100], cells[65:, 100] = 100, 100  # 0.75 m
+    save_map(tmp_path, OccupancyGrid(cells, 0.05))
+    asked = ("plan", "--map", tmp_path, "--start", "2,2.9", "--goal", "8,2.9", "--body")
+    assert waychair(*asked, "A").returncode == 0
+    assert "no way" in refused(waychair(*asked, "B"))
+    assert "there is no body 'C': take A, B" in refused(waychair(*asked, "C"))
+
+
+def test_a_map_without_room_is_named_before_its_start(tmp_path: Path) -> None:
+    save_map(tmp_path, OccupancyGrid(np.full((60, 60), 100, np.int8), 0.05))
+    asked = ("navigate", "--map", tmp_path, "--start", "1,1", "--goal", "2,2")
+    assert "the map has no free space" in refused(waychair(*asked))
+
+
 def test_a_picture_goes_into_a_png_file_that_is_not_the_maps_own(flat: Path, tmp_path: Path) -> None:
     folder = tmp_path / "map"
     folder.mkdir()
