@@ -8,7 +8,7 @@ from dataclasses import dataclass, field, replace
 
 import numpy as np
 
-from waychair.calibration.chair import ChairBody
+from waychair.calibration.chair import BodyLayer, ChairBody
 from waychair.config import Settings, setting
 from waychair.control.door_drive import DoorDrive, DoorDriveSettings
 from waychair.control.tracking import TrackingSettings, on_line, track
@@ -55,8 +55,8 @@ class View:
     """What a leg is driven by in one tick, in odom but for the map: pose, last command, window of distances.
 
     `seen` (N, 2) [m] are the points of a scan that came in this tick, None when none did; `unscanned` (M, 2) [m] those
-    that other sensors have seen. `local` makes the window when it is asked for. `motion` is that of the commands so
-    far, `tracks` are those who move.
+    that other sensors have seen, `layered` those of them that stand at the heights of a layer of the body. `local` makes
+    the window when it is asked for. `motion` is that of the commands so far, `tracks` are those who move.
     """
 
     pose: Pose2
@@ -68,6 +68,7 @@ class View:
     motion: Motion | None = None
     tracks: tuple[Track, ...] = ()
     hears: bool = False
+    layered: tuple[tuple[BodyLayer, FloatArray], ...] = ()
 
 
 class LegDrive:
@@ -202,6 +203,6 @@ class LegDrive:
             points = transform_points(map_from_odom, points)
             reach = self._body.circumscribed_radius + 0.5
             known = self._settings.known_within
-            self._near = fine_field(self._grid, map_from_odom @ view.pose, reach, points, opening, known)
-        near = self._near
-        return DistanceField(near.metres, near.resolution, view.odom_from_map @ near.map_from_grid)
+            layered = [(layer, transform_points(map_from_odom, seen)) for layer, seen in view.layered]
+            self._near = fine_field(self._grid, map_from_odom @ view.pose, reach, points, opening, known, layered)
+        return self._near.seen_from(view.odom_from_map)

@@ -245,8 +245,7 @@ class Navigator:
         """What there is to drive by, in odom."""
 
         def window() -> DistanceField:  # anew with every scan, but only where it is driven by
-            near = self.near
-            return DistanceField(near.metres, near.resolution, odom_from_map @ near.map_from_grid)
+            return self.near.seen_from(odom_from_map)
 
         return View(
             odom_from_map @ pose,
@@ -258,6 +257,7 @@ class Navigator:
             None if self._jumping else self._motion,  # comfort does not hold back what caution asks for
             self._people.foreseen(now_ns, odom_from_map @ pose),
             self._surroundings.hears,
+            tuple((layer, transform_points(odom_from_map, seen)) for layer, seen in self._surroundings.narrower()),
         )
 
     def _choose(self, now_ns: int, pose: Pose2, view: View) -> DwaResult:

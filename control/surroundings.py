@@ -30,7 +30,7 @@ from waychair.planning.obstacle_layer import (
     widened,
     without,
 )
-from waychair.types import FloatArray, OccupancyGrid, Pose2, RgbdFrame, SonarReadings
+from waychair.types import BoolArray, Float32Array, FloatArray, OccupancyGrid, Pose2, RgbdFrame, SonarReadings
 
 _MOVED, _MUCH = 0.1, 0.2
 """What is this far [m] from where it was has moved; this part of what is in the way is much."""
@@ -142,7 +142,10 @@ class Surroundings:
         self._walkers = np.empty((0, 2)) if walkers is None else walkers
 
     def window(self, pose: Pose2) -> DistanceField:
-        """Distances to walls and all that was seen, in a square round a pose; off the map only what was seen counts."""
+        """Distances to walls and all that was seen, in a square round a pose; off the map only what was seen counts.
+
+        What stands where the body is narrower than its whole outline has distances of its own.
+        """
         grid, wanted = self._grid, self._settings.resolution
         finer, coarser = max(1, round(grid.resolution / wanted)), max(1, math.floor(wanted / grid.resolution + 1e-9))
         size = coarser * math.ceil(2 * self._settings.reach / (coarser * grid.resolution))
@@ -156,17 +159,19 @@ class Surroundings:
         solid = solid.repeat(finer, axis=0).repeat(finer, axis=1)
         corner = grid.map_from_grid @ Pose2(col * grid.resolution, row * grid.resolution, 0.0)
         local = OccupancyGrid(np.zeros(solid.shape, np.int8), grid.resolution * coarser / finer, corner)
-        cells = cells_from_points(local, np.concatenate([self._scanned, self.unexpected()]))
-        rows, cols = cells[inside(local, cells)].T
-        solid[rows, cols] = True
-        return DistanceField(window_distances(solid, local.resolution), local.resolution, corner)
+        upright = (self._scanned, self.upright(), *(seen for layer, seen in self.layered() if self._is_widest(layer)))
 
-    def unexpected(self) -> FloatArray:
-        """(N, 2) [m] in map: what was seen, at any height, and the map does not explain."""
-        return np.concatenate([self.upright(), *(points for _, points in self.layered())])
+        def distances_to(solid: BoolArray, points: FloatArray) -> Float32Array:
+            cells = cells_from_points(local, points)
+            rows, cols = cells[inside(local, cells)].T
+            solid[rows, cols] = True
+            return window_distances(solid, local.resolution)
+
+        layers = tuple((layer, distances_to(np.zeros_like(solid), seen)) for layer, seen in self.narrower())
+        return DistanceField(distances_to(solid, np.concatenate(upright)), local.resolution, corner, layers)
 
     def upright(self) -> FloatArray:
-        """(N, 2) [m] in map: that of `unexpected` whose height is not known, so that the whole outline counts."""
+        """(N, 2) [m] in map: what was seen that the map does not explain, of unknown height: the whole outline counts."""
         return np.concatenate([self._lidar.points, self._sonar.points, self._no_ground(), self._room])
 
     def lasting(self) -> tuple[FloatArray, tuple[tuple[BodyLayer, FloatArray], ...]]:
@@ -188,9 +193,12 @@ class Surroundings:
         return others
 
     def unscanned(self) -> FloatArray:
-        """(N, 2) [m] in map: that of `unexpected` which no scan shows: other sensors have seen it, or people need it."""
-        layers = (self._sonar, *self._depth.values())
-        return np.concatenate([self._room, self._no_ground(), *(seen.points for seen in layers)])
+        """(N, 2) [m] in map: of what the map does not explain that which no scan shows: for the whole outline.
+
+        Other sensors have seen it, or people need it.
+        """
+        widest = (seen for layer, seen in self.layered() if self._is_widest(layer))
+        return np.concatenate([self._room, self._no_ground(), self._sonar.points, *widest])
 
     def _no_ground(self) -> FloatArray:
         """(N, 2) [m] in map: where the floor ends, with its margin, and where it ought to be seen and is not."""
@@ -201,8 +209,17 @@ class Surroundings:
         return points[~self._drawn.explains(points, self._settings.known_within)]
 
     def layered(self) -> tuple[tuple[BodyLayer, FloatArray], ...]:
-        """That of `unexpected` which stands at the heights of a layer of the body, by layer."""
+        """(N, 2) [m] in map: what was seen that the map does not explain at the heights of each layer of the body."""
         return tuple((layer, seen.points) for layer, seen in self._depth.items())
+
+    def narrower(self) -> tuple[tuple[BodyLayer, FloatArray], ...]:
+        """That of `layered` which stands where the body's outline is not the whole one, as far as there is any."""
+        return tuple((layer, seen) for layer, seen in self.layered() if len(seen) and not self._is_widest(layer))
+
+    def _is_widest(self, layer: BodyLayer) -> bool:
+        """Whether a layer's outline is the whole one."""
+        body = self._body
+        return (layer.front, layer.rear, layer.half_width) == (body.front, body.rear, body.width / 2)
 
     def _news(self, seen: ObstacleLayer, within: float | FloatArray) -> ObstacleLayer:
         """Without what lies so near [m] to a wall of the map that it is that wall."""

@@ -8,24 +8,38 @@ does not know (`sqrt(1/2)` of a cell for an obstacle anywhere inside its cell).
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 
 import cv2
 import numpy as np
 from numba import njit
 from numpy.typing import NDArray
 
+from waychair.calibration.chair import BodyLayer
 from waychair.maps.grid import cells_from_points, inside, occupied
 from waychair.types import BoolArray, Float32Array, FloatArray, IntArray, OccupancyGrid, Pose2
 
 
 @dataclass(frozen=True, slots=True)
 class DistanceField:
-    """Distances (H, W) float32 [m], `metres[row=y, col=x]`, with the geometry of the grid they were measured on."""
+    """Distances (H, W) float32 [m], `metres[row=y, col=x]`, with the geometry of the grid they were measured on.
+
+    `layers`: the same to what stands only at the heights of a layer of the body, where its outline is another.
+    """
 
     metres: Float32Array
     resolution: float
     map_from_grid: Pose2 = field(default_factory=Pose2)
+    layers: tuple[tuple[BodyLayer, Float32Array], ...] = ()
+
+    def seen_from(self, frame_from_map: Pose2) -> DistanceField:
+        """The same in another frame."""
+        return replace(self, map_from_grid=frame_from_map @ self.map_from_grid)
+
+    def to_anything(self) -> Float32Array:
+        """(H, W) [m] at whatever height it stands."""
+        nearest: Float32Array = np.minimum.reduce([self.metres, *(metres for _, metres in self.layers)])
+        return nearest
 
 
 def distance_field(grid: OccupancyGrid) -> DistanceField:

@@ -17,7 +17,7 @@ import math
 import numpy as np
 from numba import njit
 
-from waychair.planning.footprint import SLACK, SWEPT, Footprint
+from waychair.planning.footprint import SLACK, SWEPT, Footprint, Outline, layer_of, whole_of
 from waychair.types import Float32Array, FloatArray
 
 FINE = 256
@@ -50,7 +50,12 @@ def free_times(
             fill_table(table, start[2], omega, horizon / FINE)
             tabled = omega
         last = min(math.ceil(certain[i] / horizon * FINE), FINE)
-        free = _free_steps(shape, start, table, v, abs(omega), horizon / FINE, last, reach, half_width)
+        turn, step = abs(omega), horizon / FINE
+        free = _free_steps(whole_of(shape), start, table, v, turn, step, last, reach, half_width)
+        for k in range(len(shape.layer_ends)):
+            if free > 0:
+                outline = layer_of(shape, k)
+                free = min(free, _free_steps(outline, start, table, v, turn, step, last, reach, half_width))
         times[i] = horizon if free == FINE else max(free, 0) * horizon / FINE
     return times
 
@@ -72,7 +77,7 @@ def fill_table(table: FloatArray, theta: float, omega: float, step: float) -> No
 
 @njit(cache=True)
 def _free_steps(
-    shape: Footprint,
+    outline: Outline,
     start: FloatArray,
     table: FloatArray,
     v: float,
@@ -84,7 +89,7 @@ def _free_steps(
 ) -> int:
     """Fine steps that are free, all of them looked at up to `last`; -1 where the start is not."""
     tight = SLACK - SWEPT
-    if not _fits(shape, start, table[0], v, tight):
+    if not _fits(outline, start, table[0], v, tight):
         return -1
     # A corner's ways lengthways and sideways per fine step, and how far its edges bulge in turning.
     along, across = (abs(v) + turn * half_width) * step, turn * reach * step
@@ -95,15 +100,15 @@ def _free_steps(
     while here < FINE:
         if here >= last:
             ahead = min(here + coarsest, FINE)
-            if not _fits(shape, start, table[ahead], v, tight):
+            if not _fits(outline, start, table[ahead], v, tight):
                 return here
             here = ahead
             continue
         ahead = min(here + stride, FINE)
         n = ahead - here
         slack = tight + n * sliver + n * n * bulge
-        if (slack <= known or _fits(shape, start, table[here], v, slack)) and _fits(
-            shape, start, table[ahead], v, slack
+        if (slack <= known or _fits(outline, start, table[here], v, slack)) and _fits(
+            outline, start, table[ahead], v, slack
         ):
             here, known, trusted = ahead, slack, trusted + 1
             if trusted >= _TRUST and stride < coarsest:
@@ -116,11 +121,11 @@ def _free_steps(
 
 
 @njit(cache=True, inline="always")
-def _fits(shape: Footprint, start: FloatArray, row: FloatArray, v: float, slack: float) -> bool:
+def _fits(outline: Outline, start: FloatArray, row: FloatArray, v: float, slack: float) -> bool:
     """Whether no obstacle lies within the body and `slack` [cells] about it, at a row of the table."""
     c, s = row[0], row[1]
     x, y = start[0] + v * row[2], start[1] + v * row[3]
-    discs, skip, metres, cell = shape.discs, shape.skip, shape.metres, shape.cell
+    discs, skip, metres, cell = outline
     height, width = metres.shape
     middle_x, middle_y = x + c * discs[0, 0] - s * discs[0, 1], y + s * discs[0, 0] + c * discs[0, 1]
     border = min(min(middle_x, width - middle_x), min(middle_y, height - middle_y))

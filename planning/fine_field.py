@@ -3,13 +3,15 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Sequence
 
 import numpy as np
 
+from waychair.calibration.chair import BodyLayer
 from waychair.geometry import transform_points
 from waychair.maps.distance_field import DistanceField, window_distances
 from waychair.maps.grid import cells_from_points, inside, occupied, points_from_cells
-from waychair.types import BoolArray, FloatArray, OccupancyGrid, Pose2
+from waychair.types import BoolArray, FloatArray, IntArray, OccupancyGrid, Pose2
 
 FINEST = 0.0125
 """Side [m] from which on cells are fine enough: what the body's check adds for safety is one cell."""
@@ -25,13 +27,14 @@ def fine_field(
     points: FloatArray | None = None,
     opening: tuple[Pose2, float] | None = None,
     known_within: float = 0.0,
+    layered: Sequence[tuple[BodyLayer, FloatArray]] = (),
 ) -> DistanceField:
     """Distances to the grid's occupied cells and to `points` (N, 2) [m] in map, within `reach` [m] of a place.
 
     A cell of the map stays the square it is, cut into whole parts of at most `FINEST`. `opening` is a door's pose
     (x leads through it) and width [m] as they were measured: it is free, and its jambs stand beside it, whatever the
     map says. Points no farther than `known_within` [m] from all this are left out, they are that. What lies beyond the
-    map or the square is not known, and nothing fits there.
+    map or the square is not known, and nothing fits there. `layered` points stand at the heights of a layer of the body.
     """
     side = grid.resolution
     parts = max(1, math.ceil(side / FINEST - 1e-9))
@@ -49,16 +52,23 @@ def fine_field(
     fine = OccupancyGrid(np.zeros(solid.shape, np.int8), side / parts, part.map_from_grid)
     if opening is not None:
         _open(solid, fine, *opening)
-    metres = window_distances(solid, fine.resolution)
-    if points is not None and len(points):
+    known = metres = window_distances(solid, fine.resolution)
+
+    def news(points: FloatArray) -> IntArray:
         cells = cells_from_points(fine, points)
         cells = cells[inside(fine, cells)]
-        if known_within > 0.0:
-            cells = cells[metres[cells[:, 0], cells[:, 1]] > known_within]
-        if len(cells):  # what is new is rare where it is tight
-            solid[cells[:, 0], cells[:, 1]] = True
-            metres = window_distances(solid, fine.resolution)
-    return DistanceField(metres, fine.resolution, fine.map_from_grid)
+        return cells[known[cells[:, 0], cells[:, 1]] > known_within] if known_within > 0.0 else cells
+
+    layers = []
+    for layer, seen in layered:
+        if len(cells := news(seen)):
+            stands = np.zeros_like(solid)
+            stands[cells[:, 0], cells[:, 1]] = True
+            layers.append((layer, window_distances(stands, fine.resolution)))
+    if points is not None and len(points) and len(cells := news(points)):  # what is new is rare where it is tight
+        solid[cells[:, 0], cells[:, 1]] = True
+        metres = window_distances(solid, fine.resolution)
+    return DistanceField(metres, fine.resolution, fine.map_from_grid, tuple(layers))
 
 
 def _open(solid: BoolArray, fine: OccupancyGrid, map_from_door: Pose2, width: float) -> None:

@@ -43,8 +43,8 @@ _EASES = tuple(EASE_STEP * step for step in range(26))
 """By how much [m] the margin may be eased, step by step: what a tight spot is eased by is what it takes, no more."""
 
 
-class Footprint(NamedTuple):
-    """A body on a field, in cells.
+class Outline(NamedTuple):
+    """A rectangle on a field, in cells.
 
     discs (N, 4) float64: x and y ahead and left of the drive axle, radius round its part, radius inside its part;
     depth-first. skip (N,) int32: the next disc when this one is free; the disc after it, for a leaf.
@@ -57,10 +57,49 @@ class Footprint(NamedTuple):
     cell: float
 
 
+class Footprint(NamedTuple):
+    """A body on a field: its whole outline, as an `Outline`, and its layers where what stands has a field of its own.
+
+    Of the layers, discs (M, 4) and skips (M,), one after the other, where each ends (L,), and their fields (L, H, W).
+    """
+
+    discs: FloatArray
+    skip: NDArray[np.int32]
+    metres: Float32Array
+    cell: float
+    layer_discs: FloatArray
+    layer_skip: NDArray[np.int32]
+    layer_ends: NDArray[np.int32]
+    layer_metres: Float32Array
+
+
 def footprint(body: ChairBody, margin: float, field: DistanceField) -> Footprint:
     """The body, grown by a margin [m] on all sides, on a distance field."""
-    discs, skip = _disc_tree(body, margin, field.resolution)
-    return Footprint(discs, skip, field.metres, field.resolution)
+    cell = field.resolution
+    discs, skip = _disc_tree(body.front, body.rear, body.width / 2, margin, cell)
+    layers = [_disc_tree(layer.front, layer.rear, layer.half_width, margin, cell) for layer, _ in field.layers]
+    if not layers:
+        return Footprint(discs, skip, field.metres, cell, *_NO_LAYERS)
+    ends = np.cumsum([len(layer_skip) for _, layer_skip in layers]).astype(np.int32)
+    layer_discs, layer_skip = (np.concatenate(parts) for parts in zip(*layers, strict=True))
+    layer_metres = np.stack([metres for _, metres in field.layers])
+    return Footprint(discs, skip, field.metres, cell, layer_discs, layer_skip, ends, layer_metres)
+
+
+_NO_LAYERS = np.empty((0, 4)), np.empty(0, np.int32), np.empty(0, np.int32), np.empty((0, 1, 1), np.float32)
+
+
+@njit(cache=True, inline="always")
+def whole_of(shape: Footprint) -> Outline:
+    """The whole outline of a body."""
+    return Outline(shape.discs, shape.skip, shape.metres, shape.cell)
+
+
+@njit(cache=True, inline="always")
+def layer_of(shape: Footprint, k: int) -> Outline:
+    """The outline of one of its layers."""
+    begin, end = shape.layer_ends[k - 1] if k > 0 else 0, shape.layer_ends[k]
+    return Outline(shape.layer_discs[begin:end], shape.layer_skip[begin:end], shape.layer_metres[k], shape.cell)
 
 
 def eased_footprint(body: ChairBody, margin: float, field: DistanceField, pose: Pose2) -> tuple[Footprint, float]:
@@ -82,13 +121,15 @@ def eased_footprint(body: ChairBody, margin: float, field: DistanceField, pose: 
 
 
 @lru_cache(maxsize=64)
-def _disc_tree(body: ChairBody, margin: float, cell: float) -> tuple[FloatArray, NDArray[np.int32]]:
-    """`discs` and `skip` of a body; the same few are asked for at every tick.
+def _disc_tree(
+    front: float, rear: float, half: float, margin: float, cell: float
+) -> tuple[FloatArray, NDArray[np.int32]]:
+    """`discs` and `skip` of an outline [m]; the same few are asked for at every tick.
 
     All parts of one level are of one size, so that the tree is made level by level; of every part the two halves come
     right after it and after all that is below the first.
     """
-    front, rear, half = (body.front + margin) / cell, (body.rear + margin) / cell, (body.width / 2 + margin) / cell
+    front, rear, half = (front + margin) / cell, (rear + margin) / cell, (half + margin) / cell
     sides = [((front + rear) / 2, half)]  # half sides of the parts, by level
     while math.hypot(*sides[-1]) > 0.5:  # a leaf's disc is no larger than a cell
         a, b = sides[-1]
@@ -131,11 +172,11 @@ def fits_each(body: ChairBody, margin: float, field: DistanceField, poses: Float
 
 
 @njit(cache=True, inline="always")
-def _distance(shape: Footprint, column: float, row: float) -> float:
+def _distance(outline: Outline, column: float, row: float) -> float:
     """Distance [cells] to the nearest obstacle centre, or to the field's border, beyond which nothing is known."""
-    height, width = shape.metres.shape
+    height, width = outline.metres.shape
     border = min(min(column, width - column), min(row, height - row))
-    return float(min(interpolated(shape.metres, column, row) / shape.cell, border))
+    return float(min(interpolated(outline.metres, column, row) / outline.cell, border))
 
 
 @njit(cache=True, nogil=True)
@@ -144,13 +185,22 @@ def room(shape: Footprint, x: float, y: float, theta: float, wanted: float = 0.0
 
     Looks no closer than to find the room wanted.
     """
-    discs, skip = shape.discs, shape.skip
+    least = _room_of(whole_of(shape), x, y, theta, wanted)
+    for k in range(len(shape.layer_ends)):
+        if least >= 0.0:
+            least = min(least, _room_of(layer_of(shape, k), x, y, theta, wanted))
+    return least
+
+
+@njit(cache=True, nogil=True)
+def _room_of(outline: Outline, x: float, y: float, theta: float, wanted: float) -> float:
+    discs, skip = outline.discs, outline.skip
     c, s = math.cos(theta), math.sin(theta)
     least = math.inf
     i = 0
     while i < len(skip):
         u, v = discs[i, 0], discs[i, 1]
-        distance = _distance(shape, x + c * u - s * v, y + s * u + c * v)
+        distance = _distance(outline, x + c * u - s * v, y + s * u + c * v)
         spare = distance - discs[i, 2] - SLACK
         leaf = skip[i] == i + 1
         if spare >= wanted or (leaf and spare >= 0.0):
@@ -219,10 +269,18 @@ def beside(shape: Footprint, x: float, y: float, c: float, s: float) -> float:
 
     A smooth measure for comparing poses that fit; whether one fits is `room`'s to say.
     """
-    middle, half = shape.discs[0, 0], shape.discs[0, 3]
-    length = math.sqrt(shape.discs[0, 2] ** 2 - half**2)
+    least = _beside(whole_of(shape), x, y, c, s)
+    for k in range(len(shape.layer_ends)):
+        least = min(least, _beside(layer_of(shape, k), x, y, c, s))
+    return least
+
+
+@njit(cache=True)
+def _beside(outline: Outline, x: float, y: float, c: float, s: float) -> float:
+    middle, half = outline.discs[0, 0], outline.discs[0, 3]
+    length = math.sqrt(outline.discs[0, 2] ** 2 - half**2)
     least = math.inf
     for share in (-1.0, 0.0, 1.0):
         along = middle + share * max(length - half, 0.0)
-        least = min(least, _distance(shape, x + along * c, y + along * s))
-    return float(max(least - half, 0.0) * shape.cell)
+        least = min(least, _distance(outline, x + along * c, y + along * s))
+    return float(max(least - half, 0.0) * outline.cell)

@@ -126,9 +126,9 @@ def grid_from_distances(near: DistanceField, body: ChairBody) -> OccupancyGrid:
     `InflationLayer::computeCost`, in the percentages of `Costmap2DPublisher`.) Distances lie between cells' centres there
     and here alike.
     """
-    inscribed = min(body.front, body.rear, body.width / 2)
-    falling = np.rint(_DEAREST * np.exp(-_SCALING * (near.metres - inscribed)))
-    cells = np.where(near.metres < _INFLATION, falling.clip(0, _DEAREST), 0).astype(np.int8)
-    cells[near.metres <= inscribed] = _CLOSED
-    cells[near.metres == 0.0] = _OCCUPIED
+    inscribed, metres = min(body.front, body.rear, body.width / 2), near.to_anything()
+    falling = np.rint(_DEAREST * np.exp(-_SCALING * (metres - inscribed)))
+    cells = np.where(metres < _INFLATION, falling.clip(0, _DEAREST), 0).astype(np.int8)
+    cells[metres <= inscribed] = _CLOSED
+    cells[metres == 0.0] = _OCCUPIED
     return OccupancyGrid(cells, near.resolution, near.map_from_grid)

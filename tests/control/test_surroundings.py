@@ -53,6 +53,11 @@ def at(field: DistanceField, x: float, y: float) -> float:
     return float(field.metres[int(row), int(column)])
 
 
+def news(seen: Surroundings) -> FloatArray:
+    """All that was seen and the map does not explain."""
+    return np.concatenate([seen.upright(), *(points for _, points in seen.layered())])
+
+
 def test_the_window_holds_walls_keep_out_zones_and_what_was_seen() -> None:
     square = np.array([[5.0, 4.0], [5.5, 4.0], [5.5, 4.5], [5.0, 4.5]])
     seen = around(Zone("stairs", Rule.KEEP_OUT, square))
@@ -65,17 +70,17 @@ def test_the_window_holds_walls_keep_out_zones_and_what_was_seen() -> None:
 def test_a_wall_of_the_map_is_no_news_and_someone_in_front_of_it_is() -> None:
     seen = around()
     seen.see(0, HERE, wall_behind())
-    assert len(seen.unexpected()) == 0
+    assert len(news(seen)) == 0
     seen.see(SECOND, HERE, np.concatenate([wall_behind(), someone(6.0)]))
-    assert seen.unexpected()[:, 0].tolist() == pytest.approx([6.0] * len(seen.unexpected()))
-    assert len(seen.unexpected()) >= 8
+    assert news(seen)[:, 0].tolist() == pytest.approx([6.0] * len(news(seen)))
+    assert len(news(seen)) >= 8
 
 
 def test_someone_who_left_is_cleared_by_the_wall_that_is_seen_behind_them() -> None:
     seen = around()
     seen.see(0, HERE, someone(6.0))
     seen.see(SECOND // 10, HERE, wall_behind())
-    assert len(seen.unexpected()) == 0
+    assert len(news(seen)) == 0
     assert at(seen.window(HERE), 6.0, 3.0) > 0.5
 
 
@@ -83,9 +88,9 @@ def test_beams_that_met_nothing_clear_too_when_they_are_told() -> None:
     seen = around()
     seen.see(0, HERE, someone(6.0))
     seen.see(1, HERE, np.empty((0, 2)))
-    assert len(seen.unexpected()) > 0
+    assert len(news(seen)) > 0
     seen.see(2, HERE, np.empty((0, 2)), beyond=wall_behind() - (0.5, 0.0))
-    assert len(seen.unexpected()) == 0
+    assert len(news(seen)) == 0
 
 
 def test_what_the_chair_has_turned_away_from_is_remembered_and_then_forgotten() -> None:
@@ -214,7 +219,7 @@ def test_a_level_floor_and_ramps_down_and_up_are_neither_drop_offs_nor_obstacles
     seen = around()
     for k in range(5):
         seen.look(floor(2.5 - 0.3 * k, 0.0, slope), Pose2(4.0 + 0.3 * k, 3.0, 0.0))
-    assert len(seen.unscanned()) == len(seen.unexpected()) == 0
+    assert len(seen.unscanned()) == len(news(seen)) == 0
 
 
 @pytest.mark.parametrize("pitch", [-0.15, 0.15])
@@ -239,8 +244,15 @@ def test_a_board_at_the_height_of_the_arm_rests_counts_for_that_layer_alone() ->
     by_layer = {layer.bottom: len(points) for layer, points in seen.layered()}
     assert by_layer[0.0] == 0
     assert by_layer[0.5] > 10
-    assert at(seen.window(HERE), 4.0 + body.camera_x + 1.5, 3.0) < 0.05
-    assert len(seen.upright()) == 0
+    there = 4.0 + body.camera_x + 1.5
+    window = seen.window(HERE)
+    ((layer, metres),) = window.layers
+    assert layer == layers[1]
+    assert at(dataclasses.replace(window, metres=metres), there, 3.0) < 0.05
+    assert at(window, there, 3.0) > 1.0
+    assert at(dataclasses.replace(window, metres=window.to_anything()), there, 3.0) < 0.05
+    assert len(seen.upright()) == len(seen.unscanned()) == 0
+    assert [layer for layer, _ in seen.narrower()] == [layers[1]]
 
 
 def test_who_walks_is_seen_by_the_local_planner_and_not_planned_round() -> None:

@@ -10,7 +10,7 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from waychair.calibration.chair import CHAIR_A, CHAIR_A_FRONT, CHAIR_A_MID, CHAIR_B
+from waychair.calibration.chair import CHAIR_A, CHAIR_A_FRONT, CHAIR_A_MID, CHAIR_B, BodyLayer
 from waychair.calibration.stopping import StopTable
 from waychair.geometry import wrap_angle
 from waychair.maps.distance_field import DistanceField, distance_field, distances
@@ -174,6 +174,21 @@ def test_from_a_stand_the_command_starts_to_grow_whatever_the_motor_does() -> No
         speeds.append(command.v)
     assert speeds == sorted(speeds)
     assert speeds[-1] > 0.4
+
+
+@pytest.mark.parametrize(("half_width", "passes"), [(0.2, True), (0.3, False)])
+def test_a_chair_drives_through_a_low_gap_that_only_its_feet_must_fit_through(half_width: float, passes: bool) -> None:
+    """0.55 m between two low things, for a chair 0.6 m wide: as wide as its feet are."""
+    low = np.zeros((160, 240), np.bool_)
+    low[:75, 120], low[86:, 120] = True, True
+    layer = BodyLayer(0.0, 0.3, CHAIR_A.front, CHAIR_A.rear, half_width)
+    field = replace(distance_field(hall()), layers=((layer, distances(low, CELL)),))
+    pose, command, path = Pose2(4.0, 4.025), Twist(), straight(Pose2(4.0, 4.025), 5.0)
+    for _ in range(300):
+        command = choose(pose, command, path, field, CHAIR_A, PROMPT).twist
+        pose = moved(pose, command)
+    assert (pose.x > 8.5) is passes
+    assert passes or pose.x < 6.0 - CHAIR_A.front
 
 
 def test_a_wall_ahead_stops_the_chair_before_it() -> None:

@@ -3,15 +3,17 @@
 from __future__ import annotations
 
 import math
+from dataclasses import replace
 
 import numpy as np
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from waychair.calibration.chair import CHAIR_A, CHAIR_B, ChairBody
-from waychair.geometry import transform_points
+from waychair.calibration.chair import CHAIR_A, CHAIR_B, BodyLayer, ChairBody
+from waychair.geometry import rectangle, transform_points
 from waychair.maps.distance_field import DistanceField, distances
+from waychair.planning.arc_fan import free_times
 from waychair.planning.footprint import (
     along_arc,
     beside,
@@ -45,7 +47,12 @@ def gap(body: ChairBody, pose: Pose2, squares: FloatArray) -> float:
 
     A lower bound of the true distance, exact in sign.
     """
-    outline = transform_points(pose, body.outline())
+    return separation(body.outline(), pose, squares)
+
+
+def separation(corners: FloatArray, pose: Pose2, squares: FloatArray) -> float:
+    """The same of a rectangle by its corners (4, 2) [m] in base."""
+    outline = transform_points(pose, corners)
     angles = [pose.theta, pose.theta + math.pi / 2, 0.0, math.pi / 2]
     axes = np.array([[math.cos(a), math.sin(a)] for a in angles])
     mine, theirs = outline @ axes.T, squares @ axes.T
@@ -107,6 +114,35 @@ def test_a_pose_called_free_never_touches_an_occupied_cell(seed: int, body: Chai
         assert not free or separation > 0
         # What is called occupied has something within the slack and a leaf's overhang of its outline.
         assert free or separation < 1.7 * CELL
+
+
+FEET, ARMS = BodyLayer(0.0, 0.3, 0.5, 0.2, 0.2), BodyLayer(0.6, 1.4, 0.4, 0.25, 0.27)
+
+
+@given(st.integers(0, 2**32 - 1))
+@settings(max_examples=60, deadline=None)
+def test_what_stands_at_the_heights_of_a_layer_must_be_clear_of_that_layer_alone(seed: int) -> None:
+    """By brute force: each outline against its own obstacles, by three footprints at once as by each for itself."""
+    rng = np.random.default_rng(seed)
+    masks = [scattered(rng, float(rng.choice([0.0005, 0.002, 0.01]))) for _ in range(3)]
+    feet, arms = (field_of(mask).metres for mask in masks[1:])
+    field = replace(field_of(masks[0]), layers=((FEET, feet), (ARMS, arms)))
+    squares = [obstacle_squares(mask) for mask in masks]
+    sides = [(CHAIR_A.front, CHAIR_A.rear, CHAIR_A.width / 2), *((each[2], each[3], each[4]) for each in (FEET, ARMS))]
+    arcs = rng.uniform((-0.4, -0.8), (0.8, 0.8), (30, 2))
+    shape = footprint(CHAIR_A, 0.0, field)
+    for pose in (Pose2(*row) for row in rng.uniform((1.2, 1.2, -4), (2.8, 2.8, 4), (20, 3)).tolist()):
+        gaps = [separation(rectangle(*side), pose, each) for side, each in zip(sides, squares, strict=True)]
+        free = fits(CHAIR_A, 0.0, field, pose)
+        assert not free or min(gaps) > 0.0
+        assert free or min(gaps) < 1.7 * CELL
+        assert (room(shape, *in_cells(field, pose).tolist()) >= 0.0) is free
+    start, certain = in_cells(field, Pose2(2.0, 2.0, 0.3)), np.full(30, 2.5)
+    times = free_times(shape, start, arcs, certain, 2.5)
+    for (v, omega), seconds in zip(arcs, times, strict=True):
+        for t in np.linspace(0.0, seconds, 40) if seconds > 0.0 else ():
+            at = Pose2(*along_arc(2.0, 2.0, 0.3, v, omega, t))
+            assert all(separation(rectangle(*side), at, each) > 0.0 for side, each in zip(sides, squares, strict=True))
 
 
 def test_many_poses_fit_where_each_does() -> None:

@@ -8,13 +8,14 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from waychair.calibration.chair import CHAIR_A, CHAIR_A_FRONT, CHAIR_A_MID, CHAIR_B, ChairBody
+from waychair.calibration.chair import CHAIR_A, CHAIR_A_FRONT, CHAIR_A_MID, CHAIR_B, BodyLayer, ChairBody
 from waychair.errors import NoPath
 from waychair.geometry import rectangle, transform_points
 from waychair.maps.grid import cells_from_points, inside, occupied
 from waychair.maps.zones import Rule, Zone, holds
 from waychair.planning.costmap import costmap_from_grid
 from waychair.planning.fine_field import FINEST, fine_field
+from waychair.planning.footprint import fits
 from waychair.planning.global_planner import GlobalPlanner
 from waychair.planning.manoeuvre import ManoeuvreSettings, manoeuvre, manoeuvre_in_slices
 from waychair.types import FloatArray, OccupancyGrid, Pose2
@@ -111,6 +112,18 @@ def test_a_fine_field_keeps_the_walls_where_they_are_and_adds_what_is_news() -> 
     seen = fine_field(grid, Pose2(1.5, 1.5), 5.0, points, known_within=0.06)
     assert seen.metres[120, 120] == 0.0
     assert seen.metres[80, 4] > 0.0, "a point at a wall is the wall"
+
+
+def test_a_fine_field_keeps_what_stands_at_some_heights_apart_and_leaves_out_what_is_a_wall() -> None:
+    feet = BodyLayer(0.0, 0.3, 0.5, 0.2, 0.2)
+    low = np.array([[2.0, 1.8], [2.5, 0.53]])  # the second one is the wall's
+    field = fine_field(DEAD_END, Pose2(2.0, 1.25), 2.0, low[:0], known_within=0.06, layered=[(feet, low)])
+    ((layer, metres),) = field.layers
+    assert layer == feet
+    assert (metres == 0.0).sum() == 1
+    there = Pose2(2.0, 1.25 + 0.29, 0.0)  # the point is within the outline, and beside the feet
+    assert fits(CHAIR_A, 0.0, field, there)
+    assert not fits(CHAIR_A, 0.0, fine_field(DEAD_END, Pose2(2.0, 1.25), 2.0, low), there)
 
 
 def test_a_measured_door_replaces_the_mapped_one() -> None:

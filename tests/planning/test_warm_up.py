@@ -2,9 +2,11 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import numpy as np
 
-from waychair.calibration.chair import CHAIR_B
+from waychair.calibration.chair import CHAIR_B, BodyLayer
 from waychair.maps import ground
 from waychair.maps.distance_field import DistanceField, distances
 from waychair.planning import dwa_kernels, footprint, manoeuvre, obstacle_layer, openings, way_out
@@ -41,5 +43,8 @@ def test_every_kernel_of_the_local_planners_is_loaded_and_stays_so() -> None:
     field = DistanceField(distances(mask, 0.025), 0.025)
     path = Path(np.array([[1.0, 2.0, 0.0], [3.0, 2.0, 0.0]]))
     choose(Pose2(1.5, 2.0, 0.0), Twist(0.2, 0.0), path, field, CHAIR_B)
+    feet = BodyLayer(0.0, 0.3, 0.5, 0.2, 0.2)
+    layered = replace(field, layers=((feet, field.metres),))
+    choose(Pose2(1.5, 2.0, 0.0), Twist(0.2, 0.0), path, layered, replace(CHAIR_B, layers=(feet,)))
     warm_up()
     assert [len(kernel.signatures) for kernel in KERNELS] == before, "a chair's own fields need no other kernels"
