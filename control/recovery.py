@@ -32,6 +32,9 @@ _ENOUGH = 0.02
 _LEAP = 0.3
 """No chair goes so far [m] from one tick to the next."""
 
+_FARTHEST = 4
+"""At each try it backs out farther, up to so many times the way of the first."""
+
 _SAME_PLACE = 0.1
 """A chair that tries to back out again within this [m] of where it was held up gives nothing more away."""
 
@@ -143,13 +146,15 @@ class Recovery:
         trail = np.array([passed.array() for passed in self._trail])
         near = local()
         shape = self._shape(pose, near, body, settings.margin)
-        choice = back_up(pose, command, trail, near, shape, settings, self._settings.way + 0.1)
+        s = self._settings
+        times = min(self.tries, _FARTHEST)  # who stands before somebody who waits for it goes farther out of the way
+        way, longest_s = times * s.way, times * s.progress_time
+        choice = back_up(pose, command, trail, near, shape, settings, way + 0.1)
         backed = math.hypot(pose.x - origin.x, pose.y - origin.y)
         lasted = (now_ns - since) * 1e-9
         self._held_up_since = (self._held_up_since or now_ns) if choice.blocked else None
         held_up = 0.0 if self._held_up_since is None else (now_ns - self._held_up_since) * 1e-9
-        s = self._settings
-        if backed < s.way and lasted < s.progress_time and held_up < s.held_up:
+        if backed < way and lasted < longest_s and held_up < s.held_up:
             return choice
         self._backing, self._nearest, self._turned = None, None, None
         return None
