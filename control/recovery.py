@@ -1,8 +1,9 @@
 """What to do when the chair makes no way: wait first, then back out the way it came, then give up.
 
 Standing still and coming no nearer to the goal are both noticed by time. Backing out takes back the way that was
-driven, the only one that is known to have been free; where somebody may have come there since, the chair waits instead,
-and so it does for those who walk about in front of it: they go on by themselves.
+driven, the only one that is known to have been free, and more of it at each try: two who wait for each other part so.
+Where somebody may have come there since, the chair waits instead, and so it does for those who walk about in front of
+it: they go on by themselves.
 """
 
 from __future__ import annotations
@@ -50,7 +51,7 @@ class RecoverySettings(Settings):
     progress: float = setting(0.1, "m", "nearer by this much is progress", low=0.01, high=5.0)
     turning_time: float = setting(5.0, "s", "turning no farther this long: back out and try again", low=1.0, high=600.0)
     turning: float = setting(0.1, "rad", "turned by this much is progress", low=0.01, high=3.0)
-    way: float = setting(0.4, "m", "how far to back out", low=0.05, high=5.0)
+    way: float = setting(0.4, "m", "how far to back out at first, farther at each try", low=0.05, high=5.0)
     held_up: float = setting(1.0, "s", "backing out is given up when it is impossible this long", low=0.0, high=60.0)
     tries: int = setting(6, "", "giving up after so many", low=0, high=100)
     past: float = setting(1.0, "m", "nearer by this much than when it tried last: tries count anew", low=0.1, high=50.0)
@@ -147,7 +148,7 @@ class Recovery:
         near = local()
         shape = self._shape(pose, near, body, settings.margin)
         s = self._settings
-        times = min(self.tries, _FARTHEST)  # who stands before somebody who waits for it goes farther out of the way
+        times = min(self.tries, _FARTHEST)
         way, longest_s = times * s.way, times * s.progress_time
         choice = back_up(pose, command, trail, near, shape, settings, way + 0.1)
         backed = math.hypot(pose.x - origin.x, pose.y - origin.y)

@@ -77,6 +77,19 @@ def test_backing_out_ends_after_its_way_and_is_said_to_last_until_then() -> None
     assert recovery.tries == 1
 
 
+def test_at_each_try_the_chair_backs_out_farther_but_not_for_ever() -> None:
+    recovery, now_ns, ways = Recovery(S), 0, []
+    args = (9.0, Twist(), hall, CHAIR_A, DwaSettings())
+    for _ in range(S.tries):
+        assert recovery.step(now_ns, Pose2(), *args) is None
+        now_ns += round(S.progress_time * 1e9)
+        way = 0.0
+        while recovery.step(now_ns, Pose2(-way), *args) is not None:
+            way, now_ns = way + 0.01, now_ns + TICK_NS
+        ways.append(way)
+    np.testing.assert_allclose(ways, S.way * np.minimum(np.arange(1, S.tries + 1), 4), atol=0.011)
+
+
 def test_tries_are_counted_anew_once_the_chair_has_come_farther_than_it_was() -> None:
     recovery = Recovery(S)
 
@@ -91,9 +104,10 @@ def test_tries_are_counted_anew_once_the_chair_has_come_farther_than_it_was() ->
     assert not step(2 * S.progress_time + 1.0, 8.8)
     assert step(3 * S.progress_time + 1.0, 8.8)
     assert recovery.tries == 2
-    assert not step(4 * S.progress_time + 1.0, 8.1)  # 0.7 m farther than ever before
+    assert step(5 * S.progress_time, 8.1)
+    assert not step(5 * S.progress_time + 1.0, 8.1)  # 0.7 m farther than ever before
     assert recovery.tries == 2
-    step(4 * S.progress_time + 2.0, 7.7)
+    step(5 * S.progress_time + 2.0, 7.7)
     assert recovery.tries == 0
     recovery.reset()
     assert recovery.begun == 2, "whoever shows a drive counts on"
