@@ -26,7 +26,7 @@ from waychair.errors import GoalOccupied, NotConverged, WaychairError
 from waychair.geometry import transform_points
 from waychair.maps.distance_field import DistanceField
 from waychair.maps.zones import Zone
-from waychair.planning.costmap import Costmap, check_free_space
+from waychair.planning.costmap import Costmap
 from waychair.planning.drawn_map import DrawnMap
 from waychair.planning.dwa import DwaResult
 from waychair.planning.fine_field import fine_field
@@ -208,8 +208,8 @@ class Navigator:
         self._motion = motion_after(self._motion, self._before, self._command, self._dwa)
         self._before = self._command
         if obstacles is not None:
-            laser = pose @ self._body.base_from_laser
-            obstacles, self._local = without_veils(obstacles, np.array([laser.x, laser.y]), self.settings.veil), None
+            laser, self._local = pose @ self._body.base_from_laser, None
+            obstacles = without_veils(obstacles, laser, self.settings.veil)
             self._surroundings.see(now_ns, pose, obstacles, beyond)
             stood_s, seen_ns = self.recovery.standing(now_ns), now_ns if seen_ns is None else seen_ns
             self._people.see(now_ns, pose, obstacles, odom_from_map, self._surroundings, stood_s, seen_ns)
@@ -244,13 +244,10 @@ class Navigator:
     def _view(self, now_ns: int, pose: Pose2, obstacles: FloatArray | None, odom_from_map: Pose2) -> View:
         """What there is to drive by, in odom."""
 
-        def window() -> DistanceField:  # anew with every scan, but only where it is driven by
-            return self.near.seen_from(odom_from_map)
-
         return View(
             odom_from_map @ pose,
             self._command,
-            window,
+            lambda: self.near.seen_from(odom_from_map),  # made only where it is driven by
             odom_from_map,
             None if obstacles is None else transform_points(odom_from_map, obstacles),
             transform_points(odom_from_map, self._surroundings.unscanned()),
@@ -427,7 +424,6 @@ class Navigator:
         try:
             if self._plans == 0:  # a goal that the map alone rules out is refused, not waited for
                 costmap = self._drawn.costmap()
-                check_free_space(costmap)
                 check_goal(costmap, self._body, self._planner.goal)
                 path = yield from self._planner.replan_in_slices(costmap, self._pose, go_on=self._until(now_ns))
         except WaychairError as error:

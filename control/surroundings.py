@@ -248,16 +248,16 @@ def much_is_gone(before: FloatArray, now: FloatArray) -> bool:
     return bool(np.isinf(away).mean() > _MUCH)
 
 
-def without_veils(points: FloatArray, laser: FloatArray, gap: float) -> FloatArray:
+def without_veils(points: FloatArray, laser: Pose2, gap: float) -> FloatArray:
     """The points (N, 2) [m] of a scan, in the order of its beams, without those of beams split by an edge.
 
     Half a beam on an edge and half beyond it read a range between, where nothing is: a point farther than `gap` [m] from
-    those beside it, and farther from the laser (2,) than one of them. What is nearer than both is no veil but slim. The
+    those beside it, and farther from the laser than one of them. What is nearer than both is no veil but slim. The
     collision monitor, which takes no such chances, sees them all.
     """
     if len(points) < 2:
         return points
-    steps, ranges = np.hypot(*np.diff(points, axis=0).T), np.hypot(*(points - laser).T)
+    steps, ranges = np.hypot(*np.diff(points, axis=0).T), np.hypot(*(points - (laser.x, laser.y)).T)
     alone = np.minimum(np.append(steps, np.inf), np.insert(steps, 0, np.inf)) >= gap
     slim = ranges <= np.minimum(np.append(ranges[1:], np.inf), np.insert(ranges[:-1], 0, np.inf))
     kept: FloatArray = points[~alone | slim]

@@ -87,8 +87,9 @@ def check_goal(costmap: Costmap, body: ChairBody, goal: Pose2) -> None:
     """Refuse a goal at which the whole chair, turned to the goal's heading, would touch something.
 
     Raises:
-        GoalOutsideMap, GoalOccupied.
+        NoFreeSpace, GoalOutsideMap, GoalOccupied.
     """
+    check_free_space(costmap)
     goal_cell(costmap, goal)
     if not fits(body, 0.0, costmap.field, goal):
         raise GoalOccupied(

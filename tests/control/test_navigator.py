@@ -14,7 +14,7 @@ from tests.people import body, half_view, past
 from waychair.calibration.chair import CHAIR_A
 from waychair.control.navigator import Navigation, Navigator, NavigatorSettings, Stage
 from waychair.control.recovery import RecoverySettings
-from waychair.errors import GoalOutsideMap, GoalTooExact, UnknownPlace
+from waychair.errors import GoalTooExact, UnknownPlace
 from waychair.geometry import arc, transform_points
 from waychair.planning.footprint import along_arc
 from waychair.planning.global_planner import PlannerSettings
@@ -183,24 +183,6 @@ def test_goals_are_driven_to_one_after_the_other() -> None:
     assert {state.goals for state in states} == {0, 1, 2}
     assert min(math.hypot(pose.x - 5.0, pose.y - 2.0) for pose in poses) < 0.1
     assert math.hypot(poses[-1].x - 9.0, poses[-1].y - 5.0) < 0.15
-
-
-@pytest.mark.parametrize("bad", [Pose2(4.0, 2.0, math.inf), Pose2(math.nan, 2.0), Pose2(1e300, 2.0)])
-def test_a_goal_that_is_on_no_map_is_refused_at_once_and_the_present_one_stays(bad: Pose2) -> None:
-    pilot = navigator(hall())
-    pilot.go(Goal("lift"))
-    with pytest.raises(GoalOutsideMap, match="is on no map"):
-        pilot.go(Goal(bad))
-    assert drive(pilot, Pose2(2.0, 2.0), 40)[0][-1].stage is Stage.ARRIVED
-
-
-def test_on_a_map_without_free_space_the_chair_stands_and_says_so() -> None:
-    pilot = navigator(hall((0.0, 0.0, 12.0, 8.0)))
-    pilot.go(Goal(Pose2(4.0, 2.0)))
-    (state, *_), _ = drive(pilot, Pose2(2.0, 2.0), 1)
-    assert state.stage is Stage.FAILED
-    assert "the map has no free space for a chair" in state.reason
-    assert state.twist == Twist()
 
 
 def test_an_unknown_place_later_in_a_sequence_is_refused_at_once_and_the_present_goal_stays() -> None:

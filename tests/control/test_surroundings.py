@@ -274,11 +274,11 @@ def beams(*ranges: float, step: float = math.radians(1.0)) -> FloatArray:
 
 
 def test_a_beam_split_by_an_edge_is_a_veil_and_a_slim_post_is_none() -> None:
-    laser = np.zeros(2)
+    laser = Pose2()
     veil = beams(2.0, 2.0, 3.1, 4.0, 4.0)
     np.testing.assert_array_equal(without_veils(veil, laser, 0.1), veil[[0, 1, 3, 4]])
     post = beams(4.0, 4.0, 2.0, 4.0, 4.0)
     np.testing.assert_array_equal(without_veils(post, laser, 0.1), post)
     post_with_veil = beams(4.0, 4.0, 2.0, 3.0, 4.0, 4.0)
     np.testing.assert_array_equal(without_veils(post_with_veil, laser, 0.1), post_with_veil[[0, 1, 2, 4, 5]])
-    np.testing.assert_array_equal(without_veils(post + 1.0, laser + 1.0, 0.1), post + 1.0)
+    np.testing.assert_array_equal(without_veils(post + 1.0, Pose2(1.0, 1.0), 0.1), post + 1.0)
