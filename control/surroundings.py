@@ -12,7 +12,7 @@ from waychair.calibration.chair import BodyLayer, ChairBody, sonar_mounts
 from waychair.config import Settings, setting
 from waychair.maps.depth_scan import levelled_mount
 from waychair.maps.distance_field import DistanceField, window_distances
-from waychair.maps.grid import cells_from_points, inside, occupied
+from waychair.maps.grid import cells_from_points, cells_under, occupied
 from waychair.maps.ground import GroundSettings, ground_view
 from waychair.planning.drawn_map import DrawnMap
 from waychair.planning.obstacle_layer import (
@@ -85,8 +85,7 @@ class Surroundings:
 
     def redraw(self, drawn: DrawnMap) -> None:
         """The walls are those of this map from now on; what was seen stays known."""
-        self._drawn, self._grid = drawn, drawn.grid
-        self._walls = occupied(drawn.grid)
+        self._drawn, self._walls = drawn, occupied(drawn.grid)
 
     def see(self, now_ns: int, pose: Pose2, points: FloatArray, beyond: FloatArray | None = None) -> None:
         """A scan from map_from_base: where its beams ended, (N, 2) [m] in map, replaces the scan before.
@@ -146,7 +145,7 @@ class Surroundings:
 
         What stands where the body is narrower than its whole outline has distances of its own.
         """
-        grid, wanted = self._grid, self._settings.resolution
+        grid, wanted = self._drawn.grid, self._settings.resolution
         finer, coarser = max(1, round(grid.resolution / wanted)), max(1, math.floor(wanted / grid.resolution + 1e-9))
         size = coarser * math.ceil(2 * self._settings.reach / (coarser * grid.resolution))
         row, col = (cells_from_points(grid, np.array([[pose.x, pose.y]]))[0] - size // 2).tolist()
@@ -159,16 +158,14 @@ class Surroundings:
         solid = solid.repeat(finer, axis=0).repeat(finer, axis=1)
         corner = grid.map_from_grid @ Pose2(col * grid.resolution, row * grid.resolution, 0.0)
         local = OccupancyGrid(np.zeros(solid.shape, np.int8), grid.resolution * coarser / finer, corner)
-        upright = (self._scanned, self.upright(), *(seen for layer, seen in self.layered() if self._is_widest(layer)))
+        whole = np.concatenate([self._scanned, self.upright(), *self._widest()])
 
         def distances_to(solid: BoolArray, points: FloatArray) -> Float32Array:
-            cells = cells_from_points(local, points)
-            rows, cols = cells[inside(local, cells)].T
-            solid[rows, cols] = True
+            solid[tuple(cells_under(local, points).T)] = True
             return window_distances(solid, local.resolution)
 
         layers = tuple((layer, distances_to(np.zeros_like(solid), seen)) for layer, seen in self.narrower())
-        return DistanceField(distances_to(solid, np.concatenate(upright)), local.resolution, corner, layers)
+        return DistanceField(distances_to(solid, whole), local.resolution, corner, layers)
 
     def upright(self) -> FloatArray:
         """(N, 2) [m] in map: what was seen that the map does not explain, of unknown height: the whole outline counts."""
@@ -197,8 +194,7 @@ class Surroundings:
 
         Other sensors have seen it, or people need it.
         """
-        widest = (seen for layer, seen in self.layered() if self._is_widest(layer))
-        return np.concatenate([self._room, self._no_ground(), self._sonar.points, *widest])
+        return np.concatenate([self._room, self._no_ground(), self._sonar.points, *self._widest()])
 
     def _no_ground(self) -> FloatArray:
         """(N, 2) [m] in map: where the floor ends, with its margin, and where it ought to be seen and is not."""
@@ -215,6 +211,10 @@ class Surroundings:
     def narrower(self) -> tuple[tuple[BodyLayer, FloatArray], ...]:
         """That of `layered` which stands where the body's outline is not the whole one, as far as there is any."""
         return tuple((layer, seen) for layer, seen in self.layered() if len(seen) and not self._is_widest(layer))
+
+    def _widest(self) -> list[FloatArray]:
+        """That of `layered` which stands where the body's outline is the whole one."""
+        return [seen for layer, seen in self.layered() if self._is_widest(layer)]
 
     def _is_widest(self, layer: BodyLayer) -> bool:
         """Whether a layer's outline is the whole one."""

@@ -49,6 +49,12 @@ def inside(grid: OccupancyGrid, cells: IntArray) -> BoolArray:
     return result
 
 
+def cells_under(grid: OccupancyGrid, points: FloatArray) -> IntArray:
+    """(K, 2) row and column of those of points (N, 2) [m] in map that lie in the grid."""
+    cells = cells_from_points(grid, points)
+    return cells[inside(grid, cells)]
+
+
 def occupied(grid: OccupancyGrid) -> BoolArray:
     """(H, W) cells that are surely occupied."""
     result: BoolArray = grid.cells >= OCCUPIED_FROM

@@ -18,9 +18,9 @@ from waychair.calibration.chair import BodyLayer, ChairBody
 from waychair.config import Settings, setting
 from waychair.errors import NoFreeSpace
 from waychair.maps.distance_field import DistanceField, near_distances, update_near
-from waychair.maps.grid import OCCUPIED_FROM, cells_from_points, cells_where, inside, occupied
+from waychair.maps.grid import OCCUPIED_FROM, cells_under, cells_where, occupied
 from waychair.maps.zones import Rule, Zone, cells_of, keep_out_cells
-from waychair.planning.grid_graph import FREE_PRICE, MAX_PRICE, Prices, directions_against
+from waychair.planning.grid_graph import FREE_PRICE, MAX_PRICE, NO_BARS, Prices, directions_against
 from waychair.types import UNKNOWN, BoolArray, Bytes, Float32Array, FloatArray, IntArray, OccupancyGrid
 
 
@@ -61,7 +61,7 @@ class Costmap:
     def barred_on(self, field: DistanceField) -> Bytes:
         """`barred` on the cells of a field that cuts this grid's into whole parts; (0, 0) without a one-way zone."""
         if self.barred is None:
-            return np.zeros((0, 0), np.uint8)
+            return NO_BARS
         parts = round(self.grid.resolution / field.resolution)
         corner = self.grid.map_from_grid.inverse() @ field.map_from_grid
         top, left = round(corner.y / self.grid.resolution), round(corner.x / self.grid.resolution)
@@ -140,7 +140,7 @@ class LiveCostmap:
         grid = OccupancyGrid(cells, cell, self._grid.map_from_grid)
         prices, clearance = self._prices, self._clearance
         for layer, points in layered:
-            seen = _cells_of(self._grid, points)
+            seen = cells_under(self._grid, points)
             if len(seen):
                 if prices is self._prices:
                     prices, clearance = prices.copy(), clearance.copy()
@@ -213,11 +213,5 @@ def _marked(grid: OccupancyGrid, points: FloatArray | None) -> BoolArray:
     """(H, W) cells under points (N, 2) [m] in map; those outside are ignored."""
     mask = np.zeros(grid.cells.shape, np.bool_)
     if points is not None and len(points):
-        mask[tuple(_cells_of(grid, points).T)] = True
+        mask[tuple(cells_under(grid, points).T)] = True
     return mask
-
-
-def _cells_of(grid: OccupancyGrid, points: FloatArray) -> IntArray:
-    """(K, 2) rows and columns of points (N, 2) [m] in map; those outside are ignored."""
-    cells = cells_from_points(grid, points)
-    return cells[inside(grid, cells)]

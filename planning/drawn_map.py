@@ -34,17 +34,15 @@ class DrawnMap:
         """Under obstacles that come and go; see `LiveCostmap.costmap`."""
         return self._costmaps.costmap(live_points, layered)
 
-    def shows(self, points: FloatArray, within: float | FloatArray) -> BoolArray:
-        """(N,) which of points (N, 2) [m] in map are within so much [m] of a thing that the map shows; zones are none.
-
-        within: of all, or (N,) of each.
-        """
+    def shows(self, points: FloatArray, within: float) -> BoolArray:
+        """(N,) which of points (N, 2) [m] in map are within so much [m] of a thing that the map shows; zones are none."""
         return are_within(self._from_things, self.grid, points, within)
 
     def explains(self, points: FloatArray, within: float | FloatArray) -> BoolArray:
         """As `shows`, and of points at a keep-out zone too narrow for anybody to be in: it is drawn round what they show.
 
-        Glass shows where a beam meets it squarely, and that place moves with the chair like somebody who walks.
+        Glass shows where a beam meets it squarely, and that place moves with the chair like somebody who walks. within:
+        of all, or (N,) of each.
         """
         return are_within(self._from_known, self.grid, points, within)
 

@@ -10,7 +10,7 @@ import numpy as np
 from waychair.calibration.chair import BodyLayer
 from waychair.geometry import transform_points
 from waychair.maps.distance_field import DistanceField, window_distances
-from waychair.maps.grid import cells_from_points, inside, occupied, points_from_cells
+from waychair.maps.grid import cells_from_points, cells_under, occupied, points_from_cells
 from waychair.types import BoolArray, FloatArray, IntArray, OccupancyGrid, Pose2
 
 FINEST = 0.0125
@@ -55,8 +55,7 @@ def fine_field(
     known = metres = window_distances(solid, fine.resolution)
 
     def news(points: FloatArray) -> IntArray:
-        cells = cells_from_points(fine, points)
-        cells = cells[inside(fine, cells)]
+        cells = cells_under(fine, points)
         return cells[known[cells[:, 0], cells[:, 1]] > known_within] if known_within > 0.0 else cells
 
     layers = []

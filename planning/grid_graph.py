@@ -47,6 +47,10 @@ _PRICE_BITS = (1 << _BARRED_SHIFT) - 1
 """A record's `ground` holds the price in its low bits and the barred directions in the eight above them."""
 
 
+NO_BARS: Bytes = np.zeros((0, 0), np.uint8)
+"""What kernels take for barred directions where there is no one-way zone."""
+
+
 def padded(prices: Prices, barred: Bytes | None = None) -> Prices:
     """Flat grounds ((H + 2) * (W + 2),) int32 of an (H, W) grid inside a border of impassable cells.
 

@@ -20,7 +20,7 @@ from scipy.ndimage import find_objects
 
 from waychair.config import Settings, setting
 from waychair.errors import NoPath, NotConverged, StartOutsideMap
-from waychair.planning.grid_graph import Cell
+from waychair.planning.grid_graph import NO_BARS, Cell
 from waychair.planning.laplace_solvers import (
     GoOn,
     Problem,
@@ -33,8 +33,6 @@ from waychair.planning.laplace_solvers import (
 from waychair.planning.log_relay import Indices, between, log_sweep, spread
 from waychair.planning.slices import Parts, chunks, finished
 from waychair.types import BoolArray, Bytes, Float32Array, FloatArray, IntArray
-
-_NO_BARS = np.empty((0, 0), np.uint8)
 
 _SMOOTHING, _REPAIRS = 2, 200
 """Sweeps in logarithms that follow the stages, and how many more at most until no cell lacks a better neighbour."""
@@ -74,7 +72,7 @@ class LogField:
     solved: BoolArray
     stages: int
     sweeps: int
-    barred: Bytes = field(default_factory=lambda: _NO_BARS)
+    barred: Bytes = field(default_factory=lambda: NO_BARS)
 
 
 def log_field(
@@ -111,7 +109,7 @@ def log_field_in_parts(
     """
     absorption = problem.absorption
     check_memory(absorption.size, chosen_solver(settings.solver.solver), settings.solver.memory)
-    bars = _NO_BARS if barred is None else barred
+    bars = NO_BARS if barred is None else barred
     yield 3 * absorption.size  # what made the problem
     order, numbers = yield from spread(absorption, bars, problem.goal)
     logs = np.full(absorption.shape, -np.inf)

@@ -25,6 +25,7 @@ from waychair.errors import NoPath
 from waychair.geometry import compose
 from waychair.maps.distance_field import DistanceField, interpolated
 from waychair.planning.footprint import Footprint, along_arc, footprint, free_time, in_cells, room
+from waychair.planning.grid_graph import NO_BARS
 from waychair.planning.slices import Slices, finished
 from waychair.types import Bytes, Float32Array, FloatArray, Pose2
 
@@ -32,9 +33,6 @@ _STEP = 2.0
 """Way of one step in sides of a bin: longer than a bin is wide in any direction."""
 _SPACING = 0.05
 """Distance [m] of the poses of the path."""
-
-NOT_BARRED: Bytes = np.zeros((0, 0), np.uint8)
-"""No one-way zone."""
 
 _SWEEP, _CONNECTION = 4, 40
 """Checking a step all along, and trying the goal forwards and backwards, take about as long as so many looks at a pose."""
@@ -69,7 +67,7 @@ def manoeuvre(
     start: Pose2,
     goal: Pose2,
     settings: ManoeuvreSettings = ManoeuvreSettings(),
-    barred: Bytes = NOT_BARRED,
+    barred: Bytes = NO_BARS,
 ) -> FloatArray:
     """Poses (N, 3) [m, m, rad] of the body in map from a start to a goal, the rectangle free all the way.
 
@@ -89,7 +87,7 @@ def manoeuvre_in_slices(
     start: Pose2,
     goal: Pose2,
     settings: ManoeuvreSettings = ManoeuvreSettings(),
-    barred: Bytes = NOT_BARRED,
+    barred: Bytes = NO_BARS,
 ) -> Slices[FloatArray]:
     """The same, a bounded part of the search at each step, so that a control loop can go on between them."""
     shape = footprint(body, settings.margin, field)

@@ -24,7 +24,7 @@ import numpy as np
 from waychair.calibration.chair import CHAIR_A
 from waychair.geometry import interpolate, rotation, transform_points
 from waychair.maps.distance_field import distance_field
-from waychair.maps.grid import cells_from_points, inside, occupied, points_from_cells
+from waychair.maps.grid import cells_from_points, cells_under, inside, occupied, points_from_cells
 from waychair.maps.map_files import load_map
 from waychair.recording import Recording
 from waychair.runtime.mapping import Mapping, MappingSettings, join_recording, map_recording, save_mapping
@@ -130,9 +130,7 @@ class Lifelong:
         world, found = self.drives[-1].world.grid, 0
         for piece in gone:
             at = _occupied_on(grid, truth_from_map, piece)
-            cells = cells_from_points(world, at)
-            cells = cells[inside(world, cells)]
-            found += int((solid[tuple(cells.T)] > _CLEAR).sum())
+            found += int((solid[tuple(cells_under(world, at).T)] > _CLEAR).sum())
         return found, sum(self.drawn[piece] for piece in gone)
 
 
