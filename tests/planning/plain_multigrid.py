@@ -91,11 +91,14 @@ def plain_patch(level: Level, at: Place) -> FloatArray:
     within = np.zeros(shape, np.bool_)
     low, high = np.maximum(at[0] - ROUND, 1), np.minimum(at[1] + ROUND, np.array(shape) - 2)
     within[low[0] : high[0] + 1, low[1] : high[1] + 1] = True
-    inside = np.diag(within.ravel().astype(float))
-    held, x = inside @ matrix @ inside, np.zeros_like(matrix)
-    for _ in range(COARSEST_SWEEPS):
-        x = np.column_stack([plain_smoothing(held, x[:, k], inside[:, k]) for k in range(len(x))])
-    return x
+    cells = np.flatnonzero(within)
+    held, adds = matrix[np.ix_(cells, cells)], np.zeros_like(matrix)
+    for cell, b in zip(cells, np.eye(len(cells)), strict=True):
+        x = np.zeros_like(b)
+        for _ in range(COARSEST_SWEEPS):
+            x = plain_smoothing(held, x, b)
+        adds[cells, cell] = x
+    return adds
 
 
 def plain_cycle(levels: tuple[Level, ...], places: list[Place], b: FloatArray) -> FloatArray:
