@@ -1,1 +1,4 @@
-"""What the world is: occupancy grid, distance field, map files, named places."""
+"""Maps: occupancy grids, distance fields, map files, and the places, zones and erased parts drawn on a map.
+
+Begin with `occupancy.py`, which makes a grid from laser scans, and `map_files.py`, which saves and loads it.
+"""

@@ -1,8 +1,8 @@
-"""What hangs on a map's nodes: `anchors.yaml` beside `map.yaml`, so that what people drew stays where it belongs.
+"""Anchors: `anchors.yaml` beside `map.yaml` ties every drawn point to a node of the map's graph.
 
-When further drives bend a map, its nodes (`graph.g2o`) move, and with them the rooms. A point that was saved keeps the
-node that was nearest to it and its pose from there, beside its pose in map at that time. A file whose pose somebody has
-changed by hand since then is believed more than that.
+When further drives bend a map, its nodes (`graph.g2o`) move, and the rooms with them. Each saved point keeps the number
+of the node nearest to it, its pose in that node's frame, and its pose in map at that time. If somebody has changed the
+pose in the point's own file by hand since then, the changed pose counts and the anchor does not.
 """
 
 from __future__ import annotations
@@ -24,12 +24,12 @@ ANCHORS_YAML = "anchors.yaml"
 GRAPH = "graph.g2o"
 
 _SAME = 1e-6
-"""Poses this near to each other [m], [rad] are the one that was saved."""
+"""Two poses that differ by less than this [m], [rad] are the same saved pose."""
 
 
 @dataclass(frozen=True, slots=True)
 class Anchor:
-    """The number of a node, a point's pose in map when it was saved, and from the node."""
+    """A node's number, a point's pose in map when it was saved, and its pose in the node's frame."""
 
     node: int
     was: Pose2
@@ -38,16 +38,16 @@ class Anchor:
 
 @dataclass(frozen=True, slots=True)
 class Anchors:
-    """Of each kind of thing (`places`, ...) and name: the anchors of its points, in their order.
+    """Anchors of all points by kind (`places`, ...) and name, and the nodes' present poses (N, 3) [m, m, rad].
 
-    And the nodes (N, 3) [m, m, rad], as they are now.
+    The anchors of one thing are in the order of its points.
     """
 
     held: Mapping[str, Mapping[str, Sequence[Anchor]]] = field(default_factory=dict)
     nodes: FloatArray = field(default_factory=lambda: np.empty((0, 3)))
 
     def follow(self, kind: str, name: str, poses: Sequence[Pose2]) -> list[Pose2]:
-        """Where the points of a thing are by now; as they are given, where that is not what was saved."""
+        """Return the points of a thing moved with their nodes; a pose edited since it was saved stays as given."""
         anchors = self.held.get(kind, {}).get(name, ())
         if len(anchors) != len(poses):
             return list(poses)
@@ -61,7 +61,7 @@ class Anchors:
 
 
 def load_anchors(folder: Path) -> Anchors:
-    """Of a map's folder; empty where nothing was anchored.
+    """Return the anchors of a map's folder, empty where nothing was anchored.
 
     Raises:
         MapError: the file is damaged, or the graph.
@@ -81,9 +81,9 @@ def load_anchors(folder: Path) -> Anchors:
 
 
 def anchored(folder: Path, kind: str, things: Mapping[str, Sequence[Pose2]]) -> str | None:
-    """The file's text with all things of a kind anchored, by name, on the map's nodes as they are now.
+    """Return the text of `anchors.yaml` with all things of a kind anchored, by name, on the map's present nodes.
 
-    None for a map without nodes: there is nothing to hang them on. To be written once they are.
+    Return None for a map without nodes. Write the text after the file of the things themselves.
 
     Raises:
         MapError: the file is damaged, or the graph.
@@ -101,7 +101,7 @@ def anchored(folder: Path, kind: str, things: Mapping[str, Sequence[Pose2]]) -> 
 
 
 def write_anchored(path: Path, text: str, kind: str, things: Mapping[str, Sequence[Pose2]]) -> None:
-    """Write the file of all things of a kind, and what they hang on beside it.
+    """Write the file of all things of a kind, and their anchors beside it.
 
     Raises:
         MapError: the anchors are damaged, or the graph.
@@ -114,7 +114,7 @@ def write_anchored(path: Path, text: str, kind: str, things: Mapping[str, Sequen
 
 
 def load_nodes(folder: Path) -> FloatArray:
-    """(N, 3) poses [m, m, rad] of the nodes that a map was made by, by their numbers; none without a graph.
+    """Return the poses (N, 3) [m, m, rad] of the nodes of a map's graph, by their numbers; none without a graph.
 
     Raises:
         MapError: the graph is damaged.

@@ -1,8 +1,8 @@
 """Evidence of depth images for and against obstacles and drop-offs, cell by cell, and the grid of all sensors.
 
-It is the same sum of whole numbers as the lidar's (`occupancy.py`), but not the same sum: a lidar that looks under a
-table top, over a sill or across a stairwell says nothing against them, however often it does. Floor that was seen is
-a miss for both; what an image marks as an obstacle says nothing of drop-offs, nor the other way round.
+The evidence is a sum of whole numbers like the lidar's (`occupancy.py`), but kept apart from it: a lidar beam that
+passes under a table top, over a sill or across a stairwell is no evidence against them. Floor in an image is a miss for
+both obstacles and drop-offs; an obstacle says nothing of drop-offs, nor a drop-off of obstacles.
 """
 
 from __future__ import annotations
@@ -20,14 +20,14 @@ from waychair.types import UNKNOWN, BoolArray, Bytes, Cells, FloatArray, Occupan
 
 
 class DepthEvidence:
-    """Two grids that grow with what is seen: what stands or hangs, and where the floor ends."""
+    """Two growing grids of evidence: one for obstacles, standing or hanging, and one for drop-offs."""
 
     def __init__(self, settings: OccupancySettings | None = None) -> None:
         self.settings = settings or OccupancySettings()
         self.obstacles, self.drops = EvidenceGrid(self.settings), EvidenceGrid(self.settings)
 
     def add(self, first: FloatArray, last: FloatArray, scans: Sequence[DepthScan]) -> None:
-        """Draw images, each taken at once from a base at pose (N, 3) [m, m, rad]; `first` and `last` are the same.
+        """Add images taken with the base at poses (N, 3) [m, m, rad]; an image is one moment, so `first` equals `last`.
 
         Raises:
             MapError: a pose is not finite, or a grid would grow beyond its limit.
@@ -35,15 +35,15 @@ class DepthEvidence:
         self._draw(first, scans, take_out=False)
 
     def remove(self, first: FloatArray, last: FloatArray, scans: Sequence[DepthScan]) -> None:
-        """Take out images that were added at the very same poses."""
+        """Remove images that were added at exactly these poses."""
         self._draw(first, scans, take_out=True)
 
     def beams(self, scan: DepthScan) -> int:
-        """Stretches that drawing an image draws."""
+        """Return how many stretches an image has, the cost of adding it."""
         return len(scan)
 
     def reach(self, scan: DepthScan) -> float:
-        """How far from the base [m] an image is drawn, or more."""
+        """Return an upper bound of the distance [m] from the base to the cells of an image."""
         return float(scan.far.max(initial=0.0) + np.hypot(*scan.origin))
 
     def _draw(self, poses: FloatArray, scans: Sequence[DepthScan], *, take_out: bool) -> None:
@@ -59,14 +59,14 @@ class DepthEvidence:
 
 
 BEYOND = 0.5
-"""Round a drop-off so far [m], floor that no camera has seen is not believed in: the stairwell goes on there."""
+"""Floor that only the lidar has seen this near [m] to a drop-off counts as drop-off: the stairwell may go on there."""
 
 
 def merged(scanned: OccupancyGrid, obstacles: OccupancyGrid, drops: OccupancyGrid) -> tuple[OccupancyGrid, BoolArray]:
-    """The grid of lidar and depth, and which of its cells (H, W) are drop-offs or may be part of one.
+    """Return the grid of lidar and depth, and which of its cells (H, W) are drop-offs or may be part of one.
 
-    A cell is as occupied as the sensor says that found most there; a drop-off is occupied for sure, and so is what lies
-    beyond its edge, where the lidar alone has looked. All three are grids of `EvidenceGrid`s of one resolution.
+    A cell takes the highest value that any sensor gives it. A drop-off is occupied, and so are the cells beyond its
+    edge that only the lidar has seen. All three arguments are grids of `EvidenceGrid`s of one resolution.
     """
     side, three = scanned.resolution, (scanned, obstacles, drops)
     corners = np.array([_corner(each) for each in three])
@@ -87,7 +87,7 @@ def merged(scanned: OccupancyGrid, obstacles: OccupancyGrid, drops: OccupancyGri
 
 
 def _spread(cells: BoolArray, over: BoolArray, steps: int) -> BoolArray:
-    """Cells (H, W) grown by so many steps, to the four beside each, over those of `over`."""
+    """Return the cells (H, W) grown by that many steps to their four neighbours, as far as these are in `over`."""
     if not cells.any():
         return cells
     cross = np.array([[0, 1, 0], [1, 1, 1], [0, 1, 0]], np.uint8)
@@ -100,5 +100,5 @@ def _spread(cells: BoolArray, over: BoolArray, steps: int) -> BoolArray:
 
 
 def _corner(grid: OccupancyGrid) -> tuple[int, int]:
-    """Column and row, from x = y = 0, of a grid's first cell."""
+    """Return column and row of a grid's first cell, counted from x = y = 0."""
     return round(grid.map_from_grid.x / grid.resolution), round(grid.map_from_grid.y / grid.resolution)

@@ -1,8 +1,7 @@
-"""What only the depth camera knows of a map: `depth.yaml` and `depth.pgm` beside `map.yaml`, read by any map_server.
+"""The depth layer of a map: `depth.yaml` and `depth.pgm` beside `map.yaml`, readable by any map_server.
 
-The map itself has all of it as occupied cells, which is what a planner goes by, here and in Nav2. The layer says which
-of these a lidar at its height does not see, and which are drop-offs: whoever matches scans against the map, or shows it
-to people, has to know.
+In the map itself all obstacles and drop-offs are occupied cells; planners, here and in Nav2, need no more. The layer
+marks the occupied cells that only the depth camera sees, and the drop-offs. Scan matching and displays need it.
 """
 
 from __future__ import annotations
@@ -18,14 +17,14 @@ from waychair.maps.map_files import load_map, save_map, yaml_path
 from waychair.types import UNKNOWN, BoolArray, Cells, OccupancyGrid
 
 DEPTH = "depth"
-"""Name of the layer's files, without their suffixes."""
+"""Name of the layer's files without suffix."""
 
 SEEN_BY_DEPTH, DROP_OFF = 50, 100
-"""Values of the layer's cells [%] (raw mode): something stands or hangs where the lidar sees nothing; the floor ends."""
+"""Values of the layer's cells [%] (raw mode): an obstacle that only the depth camera sees; a drop-off."""
 
 
 def depth_layer(scanned: OccupancyGrid, grid: OccupancyGrid, drops: BoolArray) -> OccupancyGrid:
-    """The layer of a `grid` of all sensors, whose cells `drops` (H, W) are drop-offs, beside what the lidar has `scanned`."""
+    """Return the depth layer of a `grid` of all sensors, from its drop-offs (H, W) and the lidar's own grid `scanned`."""
     cells = np.zeros(grid.cells.shape, np.int8)
     row, col = (
         round((low - high) / grid.resolution)
@@ -43,7 +42,7 @@ def depth_layer(scanned: OccupancyGrid, grid: OccupancyGrid, drops: BoolArray) -
 
 
 def save_depth_layer(folder: Path, layer: OccupancyGrid | None) -> None:
-    """Write the layer of a map, or remove the one of an earlier map where there is none.
+    """Write the layer of a map; without a layer, remove the files of an earlier one.
 
     Raises:
         OutputError: the folder cannot be made or written to.
@@ -56,7 +55,7 @@ def save_depth_layer(folder: Path, layer: OccupancyGrid | None) -> None:
 
 
 def load_depth_layer(path: Path, grid: OccupancyGrid) -> OccupancyGrid | None:
-    """The layer of the map of a folder or YAML file, which holds `grid`; None where the map has none.
+    """Return the layer of the map at a folder or YAML file, whose grid is `grid`; None where the map has none.
 
     Raises:
         MapError: the layer is broken, or belongs to another map.
@@ -75,13 +74,13 @@ def load_depth_layer(path: Path, grid: OccupancyGrid) -> OccupancyGrid | None:
 
 
 def drop_offs(layer: OccupancyGrid) -> BoolArray:
-    """(H, W) cells where the floor ends."""
+    """Return which cells (H, W) are drop-offs."""
     result: BoolArray = layer.cells == DROP_OFF
     return result
 
 
 def scanned_part(grid: OccupancyGrid, layer: OccupancyGrid | None) -> OccupancyGrid:
-    """The grid as a lidar sees it, to match scans against: what only the camera sees is unknown."""
+    """Return the grid for scan matching: cells that only the depth camera sees are unknown."""
     if layer is None:
         return grid
     cells: Cells = np.where(layer.cells > 0, np.int8(UNKNOWN), grid.cells)

@@ -1,8 +1,8 @@
-"""What one depth image tells of the floor plan: where the ground was seen, where something stands or hangs, where it ends.
+"""The floor plan seen by one depth image: floor, obstacles that stand or hang, and drop-offs.
 
-The image is levelled by the chair's roll and pitch and read for the ground (`ground.py`). What is told is kept as
-stretches along the beams, a few hundred to an image: as exact as the image wherever the graph may put the chair later,
-and a hundredth of its size.
+The image is levelled by the chair's roll and pitch and searched for the ground (`ground.py`). The result is a few
+hundred stretches along the beams. They are as exact as the image at any pose that the graph later gives the chair, and
+take a hundredth of its memory.
 """
 
 from __future__ import annotations
@@ -20,15 +20,15 @@ from waychair.maps.ground import BELOW, GROUND, MISSING, STANDS, GroundSettings,
 from waychair.types import BoolArray, Bytes, Float32Array, FloatArray, IntArray, Pose3, RgbdFrame, Scan
 
 FLOOR, OBSTACLE, DROP_OFF = 1, 2, 3
-"""What a stretch tells of the cells along it; where an image tells two things of one cell, the greater counts."""
+"""Kinds of stretches. Where an image gives one cell two kinds, the greater number counts."""
 
-_BIN = 0.05  # [m] along a beam's way over ground, within which points stand on one place
-_ROUGH = 0.01  # the lean is known so well [rad]
+_BIN = 0.05  # [m] of distance over ground; points in one bin of a column stand on one spot
+_ROUGH = 0.01  # [rad] uncertainty of roll and pitch
 
 
 @dataclass(frozen=True, slots=True)
 class DepthSettings(Settings):
-    """Which beams of a depth image tell of the floor plan, and how much is kept."""
+    """The beams of a depth image that are used, and the checks on the image."""
 
     step: int = setting(4, "pixels", "every so many columns and rows a beam is taken", low=1, high=32)
     range_max: float = setting(4.5, "m", "over ground; depth farther away is too rough", low=0.5, high=20.0)
@@ -41,9 +41,9 @@ class DepthSettings(Settings):
 
 @dataclass(frozen=True, slots=True)
 class DepthScan:
-    """Stretches (R,) over ground from the lens at `origin` (2,) [m]: in the base's axes, those of the level floor plan.
+    """Stretches (R,) of floor, obstacle or drop-off, in the level base frame, seen from the lens at `origin` (2,) [m].
 
-    Stretch i lies on the bearing `bearings[i]` [rad] from `near[i]` to `far[i]` [m] and is of `kinds[i]`.
+    Stretch i of kind `kinds[i]` lies on bearing `bearings[i]` [rad] from `near[i]` to `far[i]` [m] over ground.
     """
 
     stamp_ns: int
@@ -58,9 +58,9 @@ class DepthScan:
 
 
 def scan_of(told: DepthScan, step: float = 0.01) -> Scan:
-    """What a planar lidar at the lens would have met of the nearest obstacles of all heights, a beam every `step` [rad].
+    """Return a planar scan of the nearest obstacles of all heights, as seen from the lens, a beam every `step` [rad].
 
-    It stands in for a lidar where there is none. Its frame is that of the base, moved to the lens.
+    It replaces a lidar on a chair without one. Its frame is the base frame moved to the lens.
     """
     low, high = float(told.bearings.min(initial=0.0)), float(told.bearings.max(initial=0.0))
     ranges = np.full(round((high - low) / step) + 1, np.inf, np.float32)
@@ -71,7 +71,7 @@ def scan_of(told: DepthScan, step: float = 0.01) -> Scan:
 
 
 class Stretches(NamedTuple):
-    """Bearings, near and far ends and kinds of stretches, and how many there are; what comes after is unused."""
+    """Bearings, near and far ends and kinds of stretches; only the first `used` entries are valid."""
 
     bearings: Float32Array
     near: Float32Array
@@ -81,7 +81,7 @@ class Stretches(NamedTuple):
 
 
 def frame_problem(frame: RgbdFrame, settings: DepthSettings) -> str | None:
-    """Why a picture tells nothing of the floor plan; None when it does."""
+    """Return why a picture cannot be used for the floor plan, or None when it can."""
     depth, camera = frame.depth, frame.camera_matrix
     if depth.ndim != 2 or depth.size == 0:
         return "pictures have no depth image"
@@ -99,26 +99,26 @@ def frame_problem(frame: RgbdFrame, settings: DepthSettings) -> str | None:
 
 
 def levelled_mount(base_from_camera: Pose3, level_from_base: FloatArray) -> Pose3:
-    """The mount in level axes, through the base's origin: `level_from_base` (3, 3) is the chair's lean."""
+    """Return the mount in level axes about the base's origin, for the chair's roll and pitch as a rotation (3, 3)."""
     return Pose3(level_from_base @ base_from_camera.rotation, level_from_base @ base_from_camera.translation)
 
 
 def depth_scan(
     frame: RgbdFrame, base_from_camera: Pose3, level_from_base: FloatArray, front: float, settings: DepthSettings
 ) -> DepthScan:
-    """The stretches of a picture for which `frame_problem` knows none.
+    """Return the stretches of a picture for which `frame_problem` returns None.
 
     Args:
         frame: its depth in metres, nan where there is none.
         base_from_camera: mount of the optical frame (z forward, x right, y down).
-        level_from_base: (3, 3) the chair's lean.
+        level_from_base: (3, 3) rotation by the chair's roll and pitch.
         front: reach of the chair ahead of its axle [m]; the ground under it is known to be there.
-        settings: which beams count.
+        settings: the beams that count.
     """
     level_from_camera = levelled_mount(base_from_camera, level_from_base)
     view = ground_view(frame, level_from_camera, front, settings.ground, settings.step)
     up = level_from_base[:, 2]
-    own = -(view.ends[..., 0] * up[0] + view.ends[..., 1] * up[1]) / up[2]  # height of what the chair stands on
+    own = -(view.ends[..., 0] * up[0] + view.ends[..., 1] * up[1]) / up[2]  # height of the chair's plane
     bearings = np.arctan2(view.directions[..., 1], view.directions[..., 0]).astype(np.float32)
     away = np.hypot(view.ends[..., 0] - view.lens[0], view.ends[..., 1] - view.lens[1])
     found = stretches_of(
@@ -152,14 +152,15 @@ def stretches_of(
     least: float,
     slope: float,
 ) -> Stretches:
-    """The stretches of beams (H, W), from the bottom row up, whose ends are `away` over ground [m] and `z` high [m].
+    """Return the stretches of beams (H, W), bottom row first.
 
-    `kind` and `foot` are a `GroundView`'s; beams are `beam` [rad] apart. Ground between two beams of a column that
-    met it is ground, as is a drop-off between two that tell of one, unless what lies between is not seen. Something
-    stands where `support` beams of a column and its neighbours meet it within a bin and those beside it.
+    Beams end `away` (H, W) [m] over ground from the lens, at heights `z` (H, W) [m].
+    `kind` and `foot` are those of a `GroundView`; beams are `beam` [rad] apart. A stretch of floor or drop-off joins
+    consecutive beams of a column that tell the same, unless the gap between them is unseen. An obstacle needs `support`
+    beams of a column and its neighbours within one bin and the bins beside it.
 
-    A column whose first ground is neither level with the wheels nor on the plane that the chair stands on, `own` (H, W)
-    high, may have begun on a stair: it tells only of what no ramp of `slope` could be.
+    A column may begin on a stair: its first ground is then neither level with the wheels nor on the plane that the
+    chair stands on, which is `own` (H, W) [m] high. Such a column only yields obstacles above any ramp of `slope`.
     """
     height, width = kind.shape
     room = 2 * height * width
@@ -171,7 +172,7 @@ def stretches_of(
     stands = np.zeros((height, width), np.bool_)
     count = 0
     for column in range(width):
-        going, deep = 0, False  # kind of the last stretch, which may go on; whether beams went below the floor
+        going, deep = 0, False  # kind of the last stretch, which may go on; whether beams have gone below the floor
         for row in range(height):
             what, told, where = 0, kind[row, column], away[row, column]
             if told == STANDS:
@@ -188,11 +189,11 @@ def stretches_of(
                 what, deep = FLOOR, False
             elif told == MISSING or (told == BELOW and deep):
                 what, where = DROP_OFF, foot[row, column]
-            elif told == BELOW:  # the floor behind what is low enough to be taken for a ramp
+            elif told == BELOW:  # the floor behind something low enough to pass for a ramp
                 going = 0
-            if what == 0 or not where < range_max:  # nan: beyond the reach within which ground is missed
+            if what == 0 or not where < range_max:  # nan: beyond the reach within which missing ground counts
                 continue
-            # twice as far as to where the next beam of the column meets level ground
+            # twice the distance to the point where the next beam of the column meets level ground
             gap = max(0.1, 2.0 * where * where * beam / lens_z)
             joins = going == what and far[count - 1] - 0.02 <= where <= far[count - 1] + gap
             if joins and abs(bearings[row, column] - out_bearings[count - 1]) < 0.5 * beam:
@@ -210,7 +211,7 @@ def stretches_of(
 def _doubtful(
     kind: Bytes, away: FloatArray, z: FloatArray, own: FloatArray, least: float
 ) -> tuple[IntArray, BoolArray]:
-    """Of each column (W,) the row from which it is doubtful, H for none, and whether its first ground is level."""
+    """Return for each column (W,) the row from which it is doubtful (H: none), and whether its first ground is level."""
     height, width = kind.shape
     doubtful_from, on_level = np.full(width, height), np.ones(width, np.bool_)
     for column in range(width):
@@ -234,7 +235,7 @@ def _put_obstacles(
     range_max: float,
     support: int,
 ) -> int:
-    """Add to `count` stretches one for each bin of a column that enough beams which `stands` (H, W) names end in."""
+    """Append an obstacle for each bin of a column where enough beams of `stands` (H, W) end; return the new count."""
     height, width = stands.shape
     bins = math.ceil(range_max / _BIN) + 1
     counts = np.zeros((width, bins), np.int32)
@@ -273,8 +274,8 @@ def cells_of(
     kinds: Bytes,
     resolution: float,
 ) -> tuple[IntArray, Bytes]:
-    """Columns and rows (K, 2), from x = y = 0, of the cells that stretches touch from a lens at a pose, and their kinds."""
-    reach = resolution  # more than rounding takes
+    """Return the cells (K, 2), column and row from x = y = 0, that the stretches from a lens touch, and their kinds."""
+    reach = resolution  # covers rounding
     for i in range(len(far)):
         reach = max(reach, far[i] + resolution)
     low_col, low_row = math.floor((x - reach) / resolution), math.floor((y - reach) / resolution)
@@ -303,6 +304,6 @@ def cells_of(
 
 
 def told_of(cells: IntArray, what: Bytes, kind: int) -> tuple[IntArray, BoolArray]:
-    """The cells (K, 2) that are told to be of a kind or to be floor, and which of them are of the kind."""
+    """Return the cells (K, 2) of a kind or of floor, and which of them are of the kind."""
     tells = (what == kind) | (what == FLOOR)
     return cells[tells], what[tells] == kind

@@ -1,8 +1,8 @@
-"""How far everything is from the nearest obstacle: the Euclidean distance transform of a grid, in metres.
+"""Distance of every cell from the nearest obstacle: the Euclidean distance transform of a grid, in metres.
 
 Convention: distances are measured between cell *centres*, so an occupied cell holds 0 and its neighbour one cell side.
-The facing side of an obstacle that fills its cell is half a cell nearer; whoever needs a guarantee subtracts what it
-does not know (`sqrt(1/2)` of a cell for an obstacle anywhere inside its cell).
+The facing side of an obstacle that fills its cell is half a cell nearer. For a guaranteed distance, subtract
+`sqrt(1/2)` of a cell: the obstacle may be anywhere inside its cell.
 """
 
 from __future__ import annotations
@@ -24,7 +24,7 @@ from waychair.types import BoolArray, Float32Array, FloatArray, IntArray, Occupa
 class DistanceField:
     """Distances (H, W) float32 [m], `metres[row=y, col=x]`, with the geometry of the grid they were measured on.
 
-    `layers`: the same to what stands only at the heights of a layer of the body, where its outline is another.
+    `layers`: for each layer of the chair's body with its own outline, the distances to the obstacles at its heights.
     """
 
     metres: Float32Array
@@ -33,22 +33,22 @@ class DistanceField:
     layers: tuple[tuple[BodyLayer, Float32Array], ...] = ()
 
     def seen_from(self, frame_from_map: Pose2) -> DistanceField:
-        """The same in another frame."""
+        """Return the same field in another frame."""
         return replace(self, map_from_grid=frame_from_map @ self.map_from_grid)
 
     def to_anything(self) -> Float32Array:
-        """(H, W) [m] at whatever height it stands."""
+        """Return the distances (H, W) [m] to obstacles of any height."""
         nearest: Float32Array = np.minimum.reduce([self.metres, *(metres for _, metres in self.layers)])
         return nearest
 
 
 def distance_field(grid: OccupancyGrid) -> DistanceField:
-    """Distances to the occupied cells of a grid; unknown cells are no obstacles here."""
+    """Return distances to the occupied cells of a grid; unknown cells are no obstacles here."""
     return DistanceField(distances(occupied(grid), grid.resolution), grid.resolution, grid.map_from_grid)
 
 
 def distances(obstacles: BoolArray, resolution: float) -> Float32Array:
-    """(H, W) float32 [m] from every cell's centre to the centre of the nearest obstacle cell of an (H, W) mask.
+    """Return distances (H, W) float32 [m] from every cell's centre to that of the nearest cell of an (H, W) mask.
 
     Exact up to float32 rounding (Felzenszwalb and Huttenlocher 2012, as in cv2.distanceTransform's precise mask).
     Without any obstacle every cell holds the diagonal of the grid, which is farther than anything inside it.
@@ -62,9 +62,13 @@ def distances(obstacles: BoolArray, resolution: float) -> Float32Array:
 
 
 def are_within(metres: Float32Array, grid: OccupancyGrid, points: FloatArray, reach: float | FloatArray) -> BoolArray:
-    """(N,) which of points (N, 2) [m] in map lie in cells at most `reach` [m] from an obstacle; none does off the grid.
+    """Return (N,) which points (N, 2) [m] in map lie in cells at most `reach` [m] from an obstacle; off the grid, none.
 
-    reach: of all, or (N,) of each. metres: the `distances` (H, W) of the obstacles, on the cells of the grid.
+    Args:
+        metres: the `distances` (H, W) of the grid's obstacles.
+        grid: gives the cells of the points.
+        points: (N, 2) [m].
+        reach: one distance for all points, or (N,) one for each.
     """
     cells = cells_from_points(grid, points)
     on_grid = inside(grid, cells)
@@ -74,10 +78,10 @@ def are_within(metres: Float32Array, grid: OccupancyGrid, points: FloatArray, re
 
 
 def near_distances(obstacles: BoolArray, resolution: float, reach: float) -> Float32Array:
-    """`distances`, those above `reach` [m] as `reach`: what `update_near` keeps up to date.
+    """Return `distances` clipped to `reach` [m]; `update_near` keeps them up to date.
 
-    The same to the last bit however the grid is cut, since the squares of distances in cells are whole numbers. A short
-    reach takes less than half the time of `distances`.
+    They are the same to the last bit however the grid is cut, since squared distances in cells are whole numbers. A
+    short reach takes less than half the time of `distances`.
     """
     cells = max(1, math.ceil(reach / resolution))
     if cells <= _SHORT and obstacles.size:
@@ -89,22 +93,22 @@ def near_distances(obstacles: BoolArray, resolution: float, reach: float) -> Flo
 
 
 def window_distances(obstacles: BoolArray, resolution: float) -> Float32Array:
-    """`near_distances` of a window, as far as half its longer side: no place in it is farther from what is unknown."""
+    """Return `near_distances` of a window, up to half its longer side: no cell is farther from the unknown outside."""
     return near_distances(obstacles, resolution, resolution * max(obstacles.shape) / 2)
 
 
 _SHORT, _AT_ONCE = 178, 4
-"""So many cells [1] and the columns after them that are looked at at once have squares whose sum an uint16 holds."""
+"""Longest reach [cells] of the fast path, and columns it takes at once: the sum of their squares must fit uint16."""
 
 
 def update_near(
     metres: Float32Array, obstacles: BoolArray, changed: IntArray, resolution: float, reach: float
 ) -> list[tuple[slice, slice]]:
-    """Bring `near_distances` (H, W), in place, to obstacles (H, W) that differ in the cells `changed` (N, 2) only.
+    """Update `near_distances` (H, W) in place for obstacles (H, W) that changed only in the cells `changed` (N, 2).
 
-    A cell's distance, when it is kept at all, hangs on obstacles within the reach alone. So only cells within reach of
-    a change are computed anew, from what lies within reach of them. Changes are taken together by tiles, so that two
-    far apart do not cost all that lies between them. Returns the windows, rows and columns, that were computed.
+    A cell's distance depends only on obstacles within `reach`, so only cells within `reach` of a change are computed
+    anew, from a window twice as wide. Changes are grouped by tiles, so that two distant ones do not cost the area
+    between them. Return the windows (rows, columns) that were computed.
     """
     span = math.ceil(reach / resolution)
     windows = []
@@ -121,17 +125,17 @@ def update_near(
 
 
 def _window(low: IntArray, high: IntArray, shape: tuple[int, ...]) -> tuple[slice, slice]:
-    """Rows and columns from `low` to before `high`, as far as there are any."""
+    """Return rows and columns from `low` to before `high`, limited to the shape."""
     rows, columns = (slice(max(int(a), 0), min(int(b), n)) for a, b, n in zip(low, high, shape, strict=True))
     return rows, columns
 
 
 @njit(cache=True, nogil=True)
 def _near_distances(obstacles: BoolArray, cells: int, resolution: np.float32, reach: np.float32) -> Float32Array:
-    """`near_distances` for a reach of at most `_SHORT` cells: along the columns, then the squares along each row.
+    """Return `near_distances` for at most `_SHORT` cells of reach: along the columns, then the squares along each row.
 
-    Other columns are looked at outwards, until what they are away is more than the farthest distance of the row. That
-    takes more operations than the lower envelope of parabolas, but 32 of them at a time: plain loops over uint16.
+    For each row, columns are compared outwards until their offset exceeds the row's largest distance. This takes more
+    operations than the lower envelope of parabolas, but plain loops over uint16 run 32 of them at a time.
     """
     height, width = obstacles.shape
     up_or_down = np.empty((height, width), np.uint16)
@@ -169,7 +173,7 @@ def _near_distances(obstacles: BoolArray, cells: int, resolution: np.float32, re
 
 @njit(cache=True, inline="always")
 def _nearer(least: NDArray[np.uint16], squares: NDArray[np.uint16], begin: int, aside: int) -> np.uint16:
-    """Bring a row's least squares (W,) down to those from four columns on each side; the largest that is left."""
+    """Lower a row's smallest squares (W,) by those from four columns on each side; return the largest that is left."""
     width = len(least)
     left_0, right_0 = squares[begin - aside :][:width], squares[begin + aside :][:width]
     left_1, right_1 = squares[begin - aside - 1 :][:width], squares[begin + aside + 1 :][:width]
@@ -194,10 +198,10 @@ def _nearer(least: NDArray[np.uint16], squares: NDArray[np.uint16], begin: int, 
 
 @njit(cache=True, inline="always")
 def interpolated(metres: Float32Array, column: float, row: float) -> float:
-    """Bilinear distance [m] at a point in cell units (0.5, 0.5 is the centre of cell (0, 0)); 0 outside the grid.
+    """Return the bilinear distance [m] at a point in cells (0.5, 0.5 is the centre of cell (0, 0)); 0 off the grid.
 
     Near obstacles it exceeds the true distance by at most 0.15 cells (the cone round a single obstacle, at the middle
-    of four centres); where two obstacles compete it is below the truth.
+    of four centres); between two obstacles it is below the true distance.
     """
     height, width = metres.shape
     if not (0.0 <= column < width and 0.0 <= row < height):

@@ -1,9 +1,9 @@
-"""What people have erased of a map: `erased.yaml` beside `map.yaml`, a list of polygons.
+"""Erased parts of a map: `erased.yaml` beside `map.yaml`, a list of polygons.
 
     - [[1.0, 2.0], [3.0, 2.0], [3.0, 4.0]]
 
-The corners are x, y [m] in map. What the map shows in there, a ghost of something that is gone, counts as free floor;
-the map's image stays as it was made.
+The corners are x, y [m] in map. People erase obstacles that are gone: all cells within count as free floor, while the
+map's image stays unchanged.
 """
 
 from __future__ import annotations
@@ -26,12 +26,12 @@ ERASED_YAML = "erased.yaml"
 
 
 def load_erased(folder: Path) -> tuple[FloatArray, ...]:
-    """The polygons (N, 2) [m] of a map that is given by its folder or its YAML file; none without such a file.
+    """Return the erased polygons (N, 2) [m] of a map, given its folder or YAML file; none without such a file.
 
-    They have followed the map's nodes (`maps.anchors`).
+    They are moved with the map's nodes (`maps.anchors`).
 
     Raises:
-        MapError: what holds them there is damaged.
+        MapError: the anchors are damaged.
         ZoneError: the file is broken.
     """
     path = places_path(folder).with_name(ERASED_YAML)
@@ -53,7 +53,7 @@ def save_erased(folder: Path, polygons: Sequence[FloatArray]) -> None:
     """Write the polygons of a map, whole or not at all.
 
     Raises:
-        MapError: what holds them on the map's nodes is damaged.
+        MapError: the anchors are damaged.
         OutputError: the folder cannot be made or written to.
     """
     values = [polygon.tolist() for polygon in polygons]
@@ -63,12 +63,12 @@ def save_erased(folder: Path, polygons: Sequence[FloatArray]) -> None:
 
 
 def erased_points(polygon: FloatArray) -> list[Pose2]:
-    """What of a polygon (N, 2) is anchored."""
+    """Return the points of a polygon (N, 2) that are anchored: its corners."""
     return [Pose2(x, y) for x, y in polygon.tolist()]
 
 
 def without(grid: OccupancyGrid, polygons: Sequence[FloatArray]) -> OccupancyGrid:
-    """The grid with the polygons' cells free; itself without any."""
+    """Return a copy of the grid with the polygons' cells free; the grid itself without polygons."""
     if not polygons:
         return grid
     cells = grid.cells.copy()

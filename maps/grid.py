@@ -1,4 +1,4 @@
-"""Where cells lie: indices are (row=y, col=x) of `OccupancyGrid.cells`, points (N, 2) [m] are in the map frame."""
+"""Cells and points of a grid: cells are (row=y, col=x) of `OccupancyGrid.cells`, points (N, 2) [m] are in map."""
 
 from __future__ import annotations
 
@@ -13,11 +13,11 @@ OCCUPIED_FROM = 65
 
 
 MOST_CELLS = 64_000_000
-"""A map that is read has no more cells than this, 400 m by 400 m at 5 cm: a plan takes some fifty bytes for each."""
+"""The largest map that is read [cells], 400 m by 400 m at 5 cm: planning takes some fifty bytes a cell."""
 
 
 def check_size(what: str, height: int, width: int) -> None:
-    """Refuse a map with more cells than there is memory for; `what` it is begins the sentence.
+    """Refuse a map with more cells than there is memory for; `what` names the map in the error.
 
     Raises:
         MapError: it has more than `MOST_CELLS`.
@@ -30,19 +30,19 @@ def check_size(what: str, height: int, width: int) -> None:
 
 
 def cells_from_points(grid: OccupancyGrid, points: FloatArray) -> IntArray:
-    """(N, 2) row and column of the cells that hold the points; not limited to the grid's extent."""
+    """Return row and column (N, 2) of the cells that hold the points; these may lie outside the grid."""
     local = transform_points(grid.map_from_grid.inverse(), np.atleast_2d(points))
     return np.floor(local[:, ::-1] / grid.resolution).astype(np.int64)
 
 
 def points_from_cells(grid: OccupancyGrid, cells: IntArray) -> FloatArray:
-    """(N, 2) centres [m] of cells given as (N, 2) row and column."""
+    """Return the centres (N, 2) [m] of cells given as row and column (N, 2)."""
     local = (np.atleast_2d(cells)[:, ::-1].astype(np.float64) + 0.5) * grid.resolution
     return transform_points(grid.map_from_grid, local)
 
 
 def inside(grid: OccupancyGrid, cells: IntArray) -> BoolArray:
-    """(N,) whether each (row, column) lies in the grid."""
+    """Return (N,) whether each (row, column) lies in the grid."""
     rows, cols = cells.T
     height, width = grid.cells.shape
     result: BoolArray = (rows >= 0) & (rows < height) & (cols >= 0) & (cols < width)
@@ -50,22 +50,22 @@ def inside(grid: OccupancyGrid, cells: IntArray) -> BoolArray:
 
 
 def cells_under(grid: OccupancyGrid, points: FloatArray) -> IntArray:
-    """(K, 2) row and column of those of points (N, 2) [m] in map that lie in the grid."""
+    """Return row and column (K, 2) of the points (N, 2) [m] in map that lie in the grid."""
     cells = cells_from_points(grid, points)
     return cells[inside(grid, cells)]
 
 
 def occupied(grid: OccupancyGrid) -> BoolArray:
-    """(H, W) cells that are surely occupied."""
+    """Return which cells (H, W) are occupied: at least `OCCUPIED_FROM`."""
     result: BoolArray = grid.cells >= OCCUPIED_FROM
     return result
 
 
 def cells_where(mask: BoolArray) -> IntArray:
-    """(N, 2) rows and columns of the cells that hold, in order: `np.argwhere`, many times as fast where there are few."""
+    """Return rows and columns (N, 2) of the true cells in order: `np.argwhere`, but much faster for few cells."""
     return np.column_stack(np.unravel_index(np.flatnonzero(mask), mask.shape))
 
 
 def occupied_points(grid: OccupancyGrid) -> FloatArray:
-    """(N, 2) centres [m] of the occupied cells."""
+    """Return the centres (N, 2) [m] of the occupied cells."""
     return points_from_cells(grid, cells_where(occupied(grid)))

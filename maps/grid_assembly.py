@@ -1,9 +1,8 @@
-"""The grid of scans that hang on a graph whose nodes move: kept up scan by scan, a little at each call.
+"""The grid of scans attached to the nodes of a pose graph, redrawn a little at each call as the nodes move.
 
-A scan that has moved is taken out where it was drawn and drawn where it belongs. Evidence is a sum of whole numbers, so
-once all is done the grid is what drawing everything anew would give, to the last bit; nothing is kept for it but a
-number per cell and the scans themselves. Until then each scan stands at its old or at its new place; those nearest to
-the chair go first, so that the grid and the chair's pose soon agree again about what is round it.
+A scan whose node has moved is removed at its old pose and added at its new one. Evidence is a sum of whole numbers, so
+the finished grid equals one drawn anew from all scans, to the last bit; memory holds only a number per cell and the
+scans. Scans nearest to the chair are moved first, so that the grid round the chair soon fits the chair's pose again.
 """
 
 from __future__ import annotations
@@ -25,37 +24,37 @@ from waychair.types import FloatArray, IntArray, OccupancyGrid, Scan
 T = TypeVar("T")
 Drawn_contra = TypeVar("Drawn_contra", contravariant=True)
 
-_GONE = -1  # node of a row whose scan is to be taken out, or that is free
+_GONE = -1  # node of a row that is free, or whose scan is to be removed
 
 
 @dataclass(frozen=True, slots=True)
 class AssemblySettings(Settings):
-    """When a scan is drawn anew, and how much is drawn at once."""
+    """When a scan is redrawn, and how much is drawn in one call."""
 
     tolerance: float = setting(0.5, "cells", "a scan none of whose beams ends farther off stays", low=0.0, high=10.0)
     beams_per_call: int = setting(20_000, "", "beams drawn or taken out in one call", low=1, high=10**9)
 
 
 class Evidence(Protocol[Drawn_contra]):
-    """What scans are drawn on, and taken out of again to the last bit."""
+    """A grid to which scans are added, and from which they can be removed to the last bit."""
 
     settings: OccupancySettings
 
     def add(self, first: FloatArray, last: FloatArray, scans: Sequence[Drawn_contra]) -> None:
-        """Draw scans taken by a sensor that moved from poses (N, 3) [m, m, rad] to others."""
+        """Add scans taken while the sensor moved from poses `first` (N, 3) [m, m, rad] to poses `last`."""
 
     def remove(self, first: FloatArray, last: FloatArray, scans: Sequence[Drawn_contra]) -> None:
-        """Take out what was added at the very same poses."""
+        """Remove scans that were added at exactly these poses."""
 
     def beams(self, scan: Drawn_contra) -> int:
-        """What drawing a scan costs."""
+        """Return how many beams drawing a scan takes."""
 
     def reach(self, scan: Drawn_contra) -> float:
-        """How far from the sensor's pose [m] a scan is drawn, or more."""
+        """Return an upper bound of the distance [m] from the sensor's pose to the cells of a scan."""
 
 
 class Assembly(Generic[T]):
-    """Scans by the number that the caller gives them, and the places where they are drawn."""
+    """Scans by the caller's numbers, and the poses at which they are drawn."""
 
     def __init__(self, evidence: Evidence[T], settings: AssemblySettings | None = None) -> None:
         self.settings = settings or AssemblySettings()
@@ -67,27 +66,27 @@ class Assembly(Generic[T]):
         self._node = np.empty(0, np.int64)
         self._reach = np.empty(0)  # [m] of the longest beam
         self._node_from_laser = np.empty((0, 2, 3))  # at the first beam and at the last one
-        self._drawn = np.empty((0, 2, 3))  # the same in map, where the scan is in the grid; nan where it is not
+        self._drawn = np.empty((0, 2, 3))  # the same in map, as drawn in the grid; nan: not drawn
         self._changed: deque[int] = deque()  # rows that are new or gone
-        self._moved: list[int] = []  # rows drawn elsewhere than they belong, the nearest to the chair last
+        self._moved: list[int] = []  # rows drawn at an outdated pose, the nearest to the chair last
 
     def __len__(self) -> int:
         return len(self._rows)
 
     @property
     def pending(self) -> int:
-        """At most so many scans are still to be drawn, taken out or moved; 0 when all is done."""
+        """An upper bound of the scans still to be drawn, removed or moved; 0 when all is done."""
         return len(self._changed) + len(self._moved)
 
     def add(self, number: int, scan: T, node: int, first: FloatArray, last: FloatArray) -> None:
-        """A scan that hangs on a node, to be drawn before those that have only moved.
+        """Attach a scan to a node; it is drawn before scans that have only moved.
 
         Args:
-            number: by which it can be dropped; none that is there already.
-            scan: kept as it is.
-            node: row of the poses that `bend` is told before the next `draw`.
-            first: (3,) [m, m, rad] of the laser at the scan's first beam, from the node.
-            last: (3,) at its last beam.
+            number: a new number, by which the scan can be dropped.
+            scan: kept unchanged.
+            node: row of the poses that `bend` is given before the next `draw`.
+            first: (3,) [m, m, rad] pose of the laser at the scan's first beam, in the node's frame.
+            last: (3,) the same at its last beam.
         """
         if not self._free:
             self._make_rows()
@@ -100,20 +99,20 @@ class Assembly(Generic[T]):
         self._changed.append(row)
 
     def drop(self, number: int) -> None:
-        """Take a scan out again, with one of the next calls of `draw`."""
+        """Have a scan removed by one of the next calls of `draw`."""
         row = self._rows.pop(number)
         self._node[row] = _GONE
         self._changed.append(row)
 
     def hung(self, number: int) -> tuple[T, int, FloatArray]:
-        """A scan, its node, and the sensor's pose (2, 3) from there at its first and last beam."""
+        """Return a scan, its node, and the sensor's poses (2, 3) in the node's frame at its first and last beam."""
         row = self._rows[number]
         scan = self._scans[row]
         assert scan is not None
         return scan, int(self._node[row]), self._node_from_laser[row].copy()
 
     def bend(self, nodes: FloatArray, near: FloatArray) -> None:
-        """The nodes stand at poses (N, 3) [m, m, rad] now, the chair near a point (2,) [m]; the grid is yet to follow."""
+        """Take in the nodes' poses (N, 3) [m, m, rad] and the chair's position (2,) [m]; `draw` moves the scans."""
         known = len(self._nodes)
         if np.array_equal(nodes, self._nodes):
             return
@@ -126,13 +125,13 @@ class Assembly(Generic[T]):
             self._moved = rows[np.argsort(-away, kind="stable")].tolist()
 
     def draw(self) -> int:
-        """Do what is pending up to the settings' number of beams, but one scan at least.
+        """Do pending work up to a limited number of beams, but one scan at least.
 
         Returns:
-            Beams drawn and taken out; a scan that is moved counts twice.
+            The beams added and removed; a scan that is moved counts twice.
 
         Raises:
-            MapError: the grid would become too large; the scans that were to be drawn are not in it.
+            MapError: the grid would become too large; the scans of this call are not in it.
         """
         rows: list[int] = []
         beams = 0
@@ -146,13 +145,13 @@ class Assembly(Generic[T]):
         return sum(self._redraw(every[part]) for part in batches(len(every)))
 
     def settle(self) -> None:
-        """Do all that is pending, and move also those scans that are off by less than the tolerance."""
+        """Do all pending work, and also move scans that are off by less than the tolerance."""
         self._moved = self._off_by_more_than(0.0).tolist()
         while self.pending:
             self.draw()
 
     def _redraw(self, rows: IntArray) -> int:
-        """Take out what is drawn of these rows elsewhere, and draw what belongs there; returns the beams."""
+        """Remove these rows' scans at outdated poses and add them at their present ones; return the beams."""
         gone = self._node[rows] == _GONE
         places = self._places(rows)
         off = gone | (self._drawn[rows] != places).any(axis=(1, 2))
@@ -168,24 +167,24 @@ class Assembly(Generic[T]):
         return sum(self._evidence.beams(scan) for scan in (*taken, *drawn))
 
     def _places(self, rows: IntArray) -> FloatArray:
-        """(K, 2, 3) where the laser was in map at the first and last beam of the scans of rows (K,), by the nodes."""
+        """Return the laser's poses (K, 2, 3) in map at the first and last beam of rows (K,), from the nodes' poses."""
         on = self._nodes[self._node[rows]]
         return compose(on[:, None], self._node_from_laser[rows])
 
     def _off_by_more_than(self, distance: float) -> IntArray:
-        """Rows of the scans with a beam whose end may lie farther [m] from where it is drawn, or that are not drawn."""
+        """Return the rows of scans that are not drawn, or whose beam ends may be off by more than `distance` [m]."""
         rows: IntArray = np.flatnonzero(self._node != _GONE)
         moved = self._places(rows) - self._drawn[rows]
         turned = 2.0 * np.abs(np.sin(0.5 * moved[..., 2])) * self._reach[rows, None]
         shift = (np.hypot(moved[..., 0], moved[..., 1]) + turned).max(axis=1)
-        off: IntArray = rows[~(shift <= distance)]  # nan: it is not drawn
+        off: IntArray = rows[~(shift <= distance)]  # true for nan: not drawn
         return off
 
     def _scans_of(self, rows: IntArray) -> list[T]:
         return [scan for scan in (self._scans[row] for row in rows.tolist()) if scan is not None]
 
     def _make_rows(self) -> None:
-        """Twice as many rows as before."""
+        """Double the number of rows."""
         count = len(self._scans)
         more = max(count, 64)
         self._free = list(range(count + more - 1, count - 1, -1))
@@ -197,22 +196,22 @@ class Assembly(Generic[T]):
 
 
 class GridAssembly(Assembly[Scan]):
-    """The lidar's scans, and the grid of them all."""
+    """An assembly of lidar scans."""
 
     def __init__(self, occupancy: OccupancySettings | None = None, settings: AssemblySettings | None = None) -> None:
         self.cells = EvidenceGrid(occupancy)
-        """What is drawn now."""
+        """The evidence drawn so far."""
         super().__init__(self.cells, settings)
 
     def grid(self) -> OccupancyGrid:
-        """A copy of the grid as it is now; all unknown when nothing was drawn yet."""
+        """Return a copy of the present grid; all unknown before anything is drawn."""
         return self.cells.grid()
 
 
 class DepthAssembly(Assembly[DepthScan]):
-    """What depth images tell of the floor plan."""
+    """An assembly of depth images."""
 
     def __init__(self, occupancy: OccupancySettings | None = None, settings: AssemblySettings | None = None) -> None:
         self.cells = DepthEvidence(occupancy)
-        """What is drawn now."""
+        """The evidence drawn so far."""
         super().__init__(self.cells, settings)

@@ -1,4 +1,4 @@
-"""What a lidar has seen so far, as a grid that grows with the way: the map of a chair that was given none."""
+"""A growing grid of the obstacles that a lidar has seen: the map of a chair that drives without a saved one."""
 
 from __future__ import annotations
 
@@ -13,7 +13,7 @@ from waychair.types import BoolArray, Pose2, Scan
 
 @dataclass(frozen=True, slots=True)
 class GridMemorySettings(Settings):
-    """Cells, and how sure a hit and a miss make; beams that saw nothing clear as far as they reach."""
+    """The cells and ranges of the grid; beams that meet nothing clear up to their range."""
 
     occupancy: OccupancySettings = field(
         default_factory=lambda: OccupancySettings(resolution=0.025, range_max=5.0, open_range=5.0)
@@ -22,10 +22,10 @@ class GridMemorySettings(Settings):
 
 
 class GridMemory:
-    """The cells of one frame that does not jump, such as odom; a few looks outweigh whatever was seen before them."""
+    """A grid in a frame that does not jump, such as odom; a few scans outweigh all earlier ones."""
 
     def __init__(self, at: Pose2, settings: GridMemorySettings | None = None) -> None:
-        """The grid begins round `at`, a pose in that frame."""
+        """Begin the grid round `at`, a pose in that frame."""
         self._settings = settings or GridMemorySettings()
         self._evidence = EvidenceGrid(self._settings.occupancy, forgets=True)
         self.include(at)
@@ -42,11 +42,11 @@ class GridMemory:
         return Pose2(x, y, 0.0)
 
     def occupied(self) -> BoolArray:
-        """(H, W) cells that are surely occupied, as `grid.occupied` has it."""
+        """Return which cells (H, W) are occupied, by the limit of `grid.occupied`."""
         return self._evidence.occupied()
 
     def include(self, at: Pose2) -> None:
-        """Grow until the beams of a laser at this pose would all end inside."""
+        """Grow until all beams of a laser at this pose end inside."""
         here, reach = np.array([at.x, at.y]), self._settings.occupancy.range_max
         low, high = self._evidence.area
         left_down, right_up = here - reach, here + reach
@@ -59,6 +59,6 @@ class GridMemory:
             self._evidence.include(left_down, right_up)
 
     def see(self, scan: Scan, at: Pose2, last: Pose2 | None = None) -> None:
-        """Take in a scan from a laser at a pose; `last`: at its last beam, where it moved meanwhile."""
+        """Add a scan from a laser at a pose; `last` is its pose at the last beam if it moved meanwhile."""
         self.include(at)
         self._evidence.add(at.array()[None], (last or at).array()[None], (scan,))

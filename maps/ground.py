@@ -1,8 +1,8 @@
-"""What a depth camera's picture says of the ground: where it goes on, ends, rises to something, or ought to be seen.
+"""The ground in a depth image: where it continues, where an obstacle stands on it, where it drops off or is missing.
 
-The ground is followed up each column of the picture, from the footrest away: it may fall and rise as ramps do, and what
-leaves the cone of such slopes is something that stands on it, or the depth beyond its edge. So a ramp's foot is no
-obstacle and its top no edge, whatever way the chair leans.
+The ground is followed up each column of the image, from the footrest outwards. It may rise and fall as ramps do; points
+above the cone of such slopes are obstacles, points below it lie beyond a drop-off. So the foot of a ramp is no obstacle
+and its top no drop-off, however the chair leans.
 """
 
 from __future__ import annotations
@@ -18,12 +18,12 @@ from waychair.config import Settings, setting
 from waychair.types import BoolArray, Bytes, Float32Array, FloatArray, Pose3, RgbdFrame
 
 NOTHING, GROUND, STANDS, BELOW, MISSING = range(5)
-"""What a beam says: nothing, it met the ground, something on it, what lies below it, or it should have met it."""
+"""Kinds of beams: no information; the beam met ground, an obstacle, or a point below the ground; ground is missing."""
 
 
 @dataclass(frozen=True, slots=True)
 class GroundSettings(Settings):
-    """What is still ground, and when it is missed."""
+    """The limits of ground, and of ground that is missing."""
 
     least: float = setting(0.06, "m", "a step by more, up or down, is no ground", low=0.01, high=0.5)
     slope: float = setting(0.12, "", "of what is still ground, as the chair stands", low=0.0, high=0.5)
@@ -33,11 +33,11 @@ class GroundSettings(Settings):
 
 @dataclass(frozen=True, slots=True)
 class GroundView:
-    """Beams of a picture, (H, W) from the bottom row up: what each says, and where it ends, (H, W, 3) [m] in base.
+    """Beams (H, W) of a picture, bottom row first: the `kind` of each, and its end (H, W, 3) [m] in base.
 
-    `foot` (H, W) [m] is how far from the camera, over ground, a beam meets the plane of the ground last seen before it
-    in its column; `rim` (H, W) whether a beam met the last ground before what lies below. nan where that means nothing.
-    `directions` (H, W, 2) are the beams' over ground, of length 1; `lens` (3,) [m] in base; `half_angle` [rad] of a beam.
+    `foot` (H, W) [m] is the distance over ground from the camera at which a beam meets the plane of the last ground
+    below it in its column, nan where that means nothing. `rim` (H, W): the beam met the last ground before a drop-off.
+    `directions` (H, W, 2) are unit vectors over ground; `lens` (3,) [m] is in base; `half_angle` [rad] is a beam's.
     """
 
     stamp_ns: int
@@ -53,10 +53,10 @@ class GroundView:
 def ground_view(
     frame: RgbdFrame, base_from_camera: Pose3, front: float, settings: GroundSettings, step: int = 4
 ) -> GroundView:
-    """A depth image read for the ground, every `step`-th pixel of it, by a chair that reaches `front` [m] ahead.
+    """Return the ground in every `step`-th pixel of a depth image, for a chair that reaches `front` [m] ahead.
 
-    `base_from_camera` is the mount of the optical frame (z forward, x right, y down); where it is levelled by the chair's
-    lean, so is what is seen.
+    `base_from_camera` is the mount of the optical frame (z forward, x right, y down). If it is levelled by the chair's
+    roll and pitch, the result is level too.
     """
     depth = np.ascontiguousarray(frame.depth[::step, ::step][::-1], np.float32)
     height, width = depth.shape
@@ -79,9 +79,9 @@ def ground_view(
 def _beams(
     depth: Float32Array, rays: FloatArray, lens: FloatArray
 ) -> tuple[FloatArray, FloatArray, FloatArray, FloatArray]:
-    """`ends` and `directions` of a `GroundView`, and `away` and `falls` for `follow_ground`.
+    """Return `ends` and `directions` of a `GroundView`, and `away` and `falls` for `follow_ground`.
 
-    Of depths (H, W) [m] along rays (H, W, 3), of length 1 along the camera's axis, from the lens (3,).
+    `depth` (H, W) [m] is measured along `rays` (H, W, 3), of length 1 along the camera's axis, from the lens (3,).
     """
     height, width = depth.shape
     ends, directions = np.empty((height, width, 3)), np.empty((height, width, 2))
@@ -102,20 +102,20 @@ def _beams(
 
 
 def _keep_wide(kind: Bytes, foot: FloatArray, width: float, beam: float) -> None:
-    """Missing ground is forgotten where it is narrower than `width` [m]; beams are `beam` [rad] apart."""
+    """Clear missing ground that is narrower than `width` [m]; beams are `beam` [rad] apart."""
     missing = kind == MISSING
     if not missing.any():
         return
     across = max(3, round(width / (beam * float(np.median(foot[missing])))))
     kernel = np.ones((1, min(across, kind.shape[1])), np.uint8)
-    # speckles are filled before what is narrow is taken away
+    # close speckles before opening removes narrow parts
     filled = cv2.morphologyEx(missing.astype(np.uint8), cv2.MORPH_CLOSE, np.ones((3, 3), np.uint8))
     wide = cv2.morphologyEx(filled, cv2.MORPH_OPEN, kernel).astype(np.bool_)
     kind[missing & ~wide] = NOTHING
 
 
 _ROUGH = 0.012
-"""Depths of one row of beams and the next rise and fall by so much [m] for noise."""
+"""Heights of consecutive beams differ by this much [m] through depth noise."""
 
 
 @njit(cache=True, nogil=True)
@@ -130,10 +130,10 @@ def follow_ground(
     reach: float,
     missing: float,
 ) -> tuple[Bytes, FloatArray, BoolArray]:
-    """`kind`, `foot` and `rim` of a `GroundView` from where beams end, `away` (H, W) and `z` (H, W) [m], nan for nowhere.
+    """Return `kind`, `foot` and `rim` of a `GroundView` for beams that end `away` over ground at height `z` (H, W) [m].
 
-    `falls` (H, W) is by how much [m] a beam falls for each metre over ground, from `lens_z` [m]. The ground is level
-    and at zero up to `begin` [m] from the camera; beams that would meet it beyond `reach` [m] say nothing of it.
+    nan: a beam without depth. `falls` (H, W) is a beam's drop [m] per metre over ground, from `lens_z` [m]. The ground
+    is level and at height 0 up to `begin` [m] from the camera; beams that meet it beyond `reach` [m] do not count.
     """
     height, width = away.shape
     kind = np.zeros((height, width), np.uint8)
@@ -154,8 +154,8 @@ def follow_ground(
                 continue
             further = max(d - last, 0.0)
             upper = high + slope * further
-            lower = low if lost else low - slope * further  # beyond an edge the ground goes on where it ended
-            # out of a depth rises its far wall, which is no ground before it is at its top
+            lower = low if lost else low - slope * further  # beyond a drop-off: the ground's last height
+            # the far wall of a pit is no ground below its top
             rises = lost and here < level + least and here - before_z > slope * max(d - before, 0.0) + _ROUGH
             before, before_z = d, here
             if here > upper + least:
@@ -187,7 +187,7 @@ def follow_ground(
 
 @njit(cache=True, nogil=True)
 def _miss(kind: Bytes, column: int, first: int, after: int, foot: FloatArray, until: float, missing: float) -> None:
-    """Mark beams that met nothing as missing ground, if it is as long as `missing` [m]."""
+    """Mark beams without depth as missing ground if they span at least `missing` [m]."""
     if until - foot[first, column] < missing:
         return
     for row in range(first, after):

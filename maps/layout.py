@@ -1,9 +1,8 @@
-"""What people draw on a saved map: places, zones, and ghosts that they erase; each change can be taken back.
+"""The places, zones and erased parts that people draw on a saved map, with undo.
 
-All of it is text beside `map.yaml`, which may be edited by hand as well: `places.yaml`, `zones.yaml`, `erased.yaml`,
-what they hang on (`anchors.yaml`), and in `undo.yaml` what those files were before the latest changes. A change is
-written aside and then put in place file by file; after an interruption between two of them the older anchors do not fit
-the newer poses, which then count as they are.
+All are text files beside `map.yaml`, which may also be edited by hand: `places.yaml`, `zones.yaml`, `erased.yaml`,
+their `anchors.yaml`, and `undo.yaml` with the former texts of those files. Each file is replaced as a whole, one after
+another. After an interruption between two files the old anchors do not fit the new poses, which then count as written.
 """
 
 from __future__ import annotations
@@ -28,57 +27,57 @@ from waychair.yaml_files import yaml_from_text
 
 UNDO_YAML = "undo.yaml"
 MOST_UNDONE = 20
-"""So many changes can be taken back."""
+"""The number of changes that can be undone."""
 
 _FILES = (PLACES_YAML, ZONES_YAML, ERASED_YAML, ANCHORS_YAML)
 DRAWN_FILES = (*_FILES, UNDO_YAML)
-"""All that people have drawn on the map of a folder."""
+"""The files of everything drawn on the map of a folder."""
 
 _NOTHING = ("", "{}", "[]")
 
 
 @dataclass(frozen=True, slots=True)
 class Drawing:
-    """Places by name, zones and erased polygons (N, 2) [m] in map, where they are by now."""
+    """Places by name, zones and erased polygons (N, 2) [m], at their present poses in map."""
 
     places: dict[str, Place]
     zones: tuple[Zone, ...] = ()
     erased: tuple[FloatArray, ...] = ()
 
     def has_zones_of(self, other: Drawing) -> bool:
-        """Whether both have the same zones, each where the other has it."""
+        """Return whether both have the same zones at the same poses."""
         return [_facts(zone) for zone in self.zones] == [_facts(zone) for zone in other.zones]
 
     def has_erased_as(self, other: Drawing) -> bool:
-        """Whether the same is erased in both."""
+        """Return whether both have the same erased polygons."""
         return [polygon.tolist() for polygon in self.erased] == [polygon.tolist() for polygon in other.erased]
 
 
 def forget(folder: Path) -> None:
-    """Remove all that was drawn on a map, since another one takes its place.
+    """Remove everything drawn on a map, before another map takes its place.
 
     Raises:
-        OutputError: that cannot be.
+        OutputError: a file cannot be removed.
     """
     for name in DRAWN_FILES:
         remove(folder / name)
 
 
 def is_drawn_on(folder: Path) -> bool:
-    """Whether there are places, zones or erased parts, or what may have been some.
+    """Return whether there are places, zones or erased parts, or damaged files of them.
 
     Raises:
-        MapError: that cannot be known.
+        MapError: a file cannot be read.
     """
     paths = [folder / name for name in (PLACES_YAML, ZONES_YAML, ERASED_YAML)]
     return any(is_there(path, MapError) and read_text(path, MapError).strip() not in _NOTHING for path in paths)
 
 
 class Layout:
-    """The drawing of one map's folder. Files are read anew for every change, for others may have edited them."""
+    """The drawing in one map's folder. Every change reads the files anew, since they may have been edited by hand."""
 
     def __init__(self, map_folder: Path) -> None:
-        """`map_folder`: or its map.yaml.
+        """Read the drawing of a map, given its folder or its map.yaml.
 
         Raises:
             MapError, PlaceError, ZoneError: a file is broken.
@@ -88,11 +87,11 @@ class Layout:
 
     @property
     def undoable(self) -> bool:
-        """Whether there is a change to take back."""
+        """Whether there is a change to undo."""
         return bool(self._history())
 
     def draw(self, drawing: Drawing) -> None:
-        """Put another drawing in the place of this one.
+        """Replace the whole drawing by another.
 
         Raises:
             WaychairError: a file is broken or cannot be written.
@@ -100,7 +99,7 @@ class Layout:
         self._change(lambda now: drawing)
 
     def set_place(self, place: Place, replaces: bool = False) -> None:
-        """Add a place; `replaces`: or change the one of that name.
+        """Add a place; with `replaces`, change the place of that name if there is one.
 
         Raises:
             PlaceError: the name is taken, or a name or a number is impossible.
@@ -116,7 +115,7 @@ class Layout:
         self._change(added)
 
     def rename_place(self, name: str, new_name: str) -> None:
-        """Give a place another name, in one change.
+        """Rename a place, in one change.
 
         Raises:
             UnknownPlace: there is none of that name.
@@ -133,7 +132,8 @@ class Layout:
         self._change(renamed)
 
     def remove_place(self, name: str) -> None:
-        """
+        """Remove a place.
+
         Raises:
             UnknownPlace: there is none of that name.
             WaychairError: a file is broken or cannot be written.
@@ -146,7 +146,7 @@ class Layout:
         self._change(removed)
 
     def set_zone(self, zone: Zone, replaces: bool = False) -> None:
-        """Draw a zone; `replaces`: or draw the one of that name anew.
+        """Draw a zone; with `replaces`, change the zone of that name if there is one.
 
         Raises:
             ZoneError: the name is taken, or a name, a corner or a number is impossible.
@@ -163,7 +163,8 @@ class Layout:
         self._change(drawn)
 
     def remove_zone(self, name: str) -> None:
-        """
+        """Remove a zone.
+
         Raises:
             ZoneError: there is none of that name.
             WaychairError: a file is broken or cannot be written.
@@ -178,10 +179,10 @@ class Layout:
         self._change(removed)
 
     def erase(self, polygon: FloatArray) -> None:
-        """Clear what the map shows within a polygon (N, 2) [m] in map.
+        """Clear the map within a polygon (N, 2) [m] in map.
 
         Raises:
-            ZoneError: it is no polygon, or the floor ends in it.
+            ZoneError: it is no polygon, or there is a drop-off in it.
             WaychairError: a file is broken or cannot be written.
         """
         polygon = checked_polygon("what is to be erased", np.asarray(polygon).tolist())
@@ -192,10 +193,10 @@ class Layout:
         self._change(lambda now: replace(now, erased=(*now.erased, polygon)))
 
     def undo(self) -> None:
-        """Take the latest change back; what was edited by hand since is lost with it.
+        """Undo the latest change, and with it all edits by hand since then.
 
         Raises:
-            PlaceError: there is none.
+            PlaceError: there is no change to undo.
             WaychairError: a file is broken or cannot be written.
         """
         history = self._history()
@@ -221,7 +222,7 @@ class Layout:
         return Drawing(load_places(folder), load_zones(folder), load_erased(folder))
 
     def _history(self) -> list[dict[str, str]]:
-        """The files' texts before each change, the latest last; none where that file is damaged."""
+        """Return the files' texts before each change, the latest last; empty if `undo.yaml` is damaged."""
         try:
             text = self._text(UNDO_YAML)
             known = None if text is None else yaml_from_text(text, UNDO_YAML, MapError)

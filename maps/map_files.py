@@ -1,4 +1,4 @@
-"""Occupancy grids as map_server writes and reads them: `map.yaml` beside an image whose first row is the top.
+"""Occupancy grids in the files of ROS map_server: `map.yaml` beside an image whose first row is the top.
 
 Formats and thresholds follow the documentation of ROS map_server and of nav2_map_server (trinary, scale, raw).
 """
@@ -27,13 +27,12 @@ MAP_YAML = "map.yaml"
 OCCUPIED_PIXEL, FREE_PIXEL, UNKNOWN_PIXEL = 0, 254, 205
 RAW_UNKNOWN_PIXEL = 255
 FREE_BELOW = 50
-"""Cells below this value [%] are drawn as free: they are less likely occupied than not. Between it and OCCUPIED_FROM a
-cell is drawn as unknown."""
+"""Cells below this value [%], more likely free than not, are drawn as free; from here to OCCUPIED_FROM as unknown."""
 
 OCCUPIED_THRESH = 0.65
 FREE_THRESH = 0.196
 """map_server's thresholds. nav2's saver writes 0.25 for the second, but the grey of an unknown cell stands for
-(255 - 205) / 255 = 0.19608: with 0.25 every loader takes the unknown for free (SteveMacenski/slam_toolbox#587)."""
+(255 - 205) / 255 = 0.19608: with 0.25 every loader reads unknown cells as free (SteveMacenski/slam_toolbox#587)."""
 
 Mode = Literal["trinary", "scale", "raw"]
 _REQUIRED = ("image", "resolution", "origin", "negate", "occupied_thresh", "free_thresh")
@@ -41,7 +40,7 @@ _REQUIRED = ("image", "resolution", "origin", "negate", "occupied_thresh", "free
 
 @dataclass(frozen=True, slots=True)
 class MapInfo:
-    """What a map's YAML says: image path, resolution [m], pose of the image's lower left corner, how to read pixels."""
+    """The content of a map's YAML: image path, resolution [m], pose of the image's lower left corner, pixel format."""
 
     image: Path
     resolution: float
@@ -55,10 +54,10 @@ class MapInfo:
 def save_map(folder: Path, grid: OccupancyGrid, *, mode: Mode = "trinary", name: str = "map") -> None:
     """Write the image (map.pgm, for scale map.png) and then map.yaml into a folder, each whole or not at all.
 
-    `name` stands in for map in both.
+    `name` replaces `map` in both file names.
 
     Trinary keeps occupied (from 65 %), free (below 50 %) and unknown; raw and scale keep every value. Scale has
-    thresholds of its own, 0 and 1, so that a percent is a percent, and the unknown is transparent.
+    the thresholds 0 and 1, so that percents survive, and unknown cells are transparent.
 
     Raises:
         OutputError: the folder cannot be made or written to.
@@ -86,7 +85,7 @@ def _pgm(grid: OccupancyGrid, mode: Mode) -> bytes:
 
 
 def _scale_image(grid: OccupancyGrid) -> bytes:
-    """A PNG: black is 100 %, white 0 %, and what is unknown is transparent, as nav2's map saver draws it."""
+    """Return a PNG as nav2's map saver writes it: black is 100 %, white 0 %, transparent is unknown."""
     known = grid.cells >= 0
     shades = np.where(known, np.rint(255.0 * (1.0 - grid.cells / 100.0)), UNKNOWN_PIXEL).astype(np.uint8)
     pixels = np.dstack([shades, shades, shades, np.where(known, 255, 0).astype(np.uint8)])
@@ -94,19 +93,19 @@ def _scale_image(grid: OccupancyGrid) -> bytes:
 
 
 def load_map(path: Path) -> OccupancyGrid:
-    """The grid of a map folder or of its YAML file; the image may be anything OpenCV reads (PGM, PNG, BMP).
+    """Return the grid of a map folder or YAML file; the image may be of any kind that OpenCV reads (PGM, PNG, BMP).
 
-    What people have erased of it (`maps.erased`) is free floor.
+    Cells that people have erased (`maps.erased`) are free.
 
     Raises:
-        ZoneError: the file of what was erased is broken.
+        ZoneError: the file of erased parts is broken.
         MapNotFound: the YAML or the image it names is not there.
         MapError: the YAML or the image is broken; the message says where.
     """
     info = load_info(yaml_path(path))
     image, brightest = read_image(info.image)
     cells_from_image = _CELLS_FROM_IMAGE[info.mode]
-    if image.shape[2] == 1:  # every shade is looked at once, so that large maps take little memory
+    if image.shape[2] == 1:  # each shade is converted once, so that large maps take little memory
         shades = np.arange(brightest + 1.0).reshape(1, -1, 1) / brightest
         cells = cells_from_image(shades, info)[0][image[..., 0]]
     else:
@@ -116,12 +115,12 @@ def load_map(path: Path) -> OccupancyGrid:
 
 
 def yaml_path(path: Path) -> Path:
-    """The YAML file of a map that is given by its folder or by that file."""
+    """Return the YAML file of a map, given its folder or that file."""
     return path / MAP_YAML if is_folder(path, MapError) else path
 
 
 def load_info(path: Path) -> MapInfo:
-    """The YAML file of a map, checked.
+    """Return the checked content of a map's YAML file.
 
     Raises:
         MapNotFound: there is no such file.
@@ -165,7 +164,7 @@ def _number(
 
 
 def _float(value: Any) -> float:
-    """A number; `yes` and `true`, which Python takes for 1, are none."""
+    """Return a number; `yes` and `true`, which Python takes for 1, raise TypeError."""
     if isinstance(value, bool):
         raise TypeError(value)
     return float(value)
@@ -196,7 +195,7 @@ def _raw_pixels(cells: Cells) -> Bytes:
 
 
 def _trinary_cells(image: FloatArray, info: MapInfo) -> Cells:
-    """100 above the occupied threshold, 0 below the free one, else unknown, as is a pixel that is not opaque."""
+    """Return 100 above the occupied threshold, 0 below the free one, else unknown; transparent pixels are unknown."""
     shades, opaque = _opaque_part(image)
     occupancy = _occupancy(shades, info)
     cells = np.full(occupancy.shape, UNKNOWN, np.int8)
@@ -207,7 +206,7 @@ def _trinary_cells(image: FloatArray, info: MapInfo) -> Cells:
 
 
 def _scale_cells(image: FloatArray, info: MapInfo) -> Cells:
-    """0..100 linearly between the thresholds; a pixel that is not opaque is unknown."""
+    """Return 0..100 linearly between the thresholds; a pixel that is not opaque is unknown."""
     shades, opaque = _opaque_part(image)
     occupancy = _occupancy(shades, info)
     span = info.occupied_thresh - info.free_thresh
@@ -217,7 +216,7 @@ def _scale_cells(image: FloatArray, info: MapInfo) -> Cells:
 
 
 def _opaque_part(image: FloatArray) -> tuple[FloatArray, BoolArray]:
-    """The channels (H, W, C) without that of transparency, and (H, W) which pixels are opaque."""
+    """Return the channels (H, W, C) without transparency, and which pixels (H, W) are opaque."""
     if image.shape[2] not in (2, 4):
         return image, np.ones(image.shape[:2], np.bool_)
     opaque: BoolArray = image[..., -1] >= 1.0
@@ -225,13 +224,13 @@ def _opaque_part(image: FloatArray) -> tuple[FloatArray, BoolArray]:
 
 
 def _occupancy(image: FloatArray, info: MapInfo) -> FloatArray:
-    """(H, W) probability that a cell is occupied: dark pixels unless negated."""
+    """Return the probability (H, W) that a cell is occupied: high for dark pixels unless negated."""
     shade: FloatArray = image.mean(axis=2)
     return shade if info.negate else 1.0 - shade
 
 
 def _raw_cells(image: FloatArray, _: MapInfo) -> Cells:
-    """The pixel is the value; beyond 100 the cell is unknown."""
+    """Return the pixels as values; beyond 100 a cell is unknown."""
     values = np.rint(image[..., 0] * 255.0)
     cells: Cells = np.where(values <= 100.0, values, UNKNOWN).astype(np.int8)
     return cells

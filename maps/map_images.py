@@ -1,4 +1,4 @@
-"""Images of maps: read whole, of the size that they announce, and no larger than there is memory for."""
+"""Reading the images of maps, with checks that they are complete and fit into memory."""
 
 from __future__ import annotations
 
@@ -22,13 +22,13 @@ _BETWEEN = rb"(?:\s|#[^\r\n]*[\r\n])+"
 _PNM = re.compile(rb"P(?P<kind>[1-6])" + _BETWEEN + rb"(?P<width>\d{1,9})" + _BETWEEN + rb"(?P<height>\d{1,9})\s")
 _BRIGHTEST = re.compile(_BETWEEN + rb"(\d{1,5})\s")
 _CHANNELS = {b"2": 1, b"5": 1, b"3": 3, b"6": 3}
-"""Of the PGM and PPM files: as text 2 and 3, as bytes 5 and 6."""
+"""Channels by kind of PGM and PPM file: 2 and 3 are text, 5 and 6 bytes."""
 
-_SILENT = 0  # of OpenCV's log levels
+_SILENT = 0  # an OpenCV log level
 
 
 def read_image(path: Path) -> tuple[Pixels, int]:
-    """(H, W, channels) of whole numbers, top row first, and the number that is white.
+    """Return the image (H, W, channels) as whole numbers, top row first, and the value of white.
 
     Raises:
         MapNotFound: there is no such file.
@@ -45,7 +45,7 @@ def read_image(path: Path) -> tuple[Pixels, int]:
         image = None
     if image is None:
         raise MapError(f"the map's image {path} is cut short or no image (PGM, PNG, BMP); copy it again")
-    check_size(f"the map's image {path}", image.shape[0], image.shape[1])  # of what has no header known here
+    check_size(f"the map's image {path}", image.shape[0], image.shape[1])  # for kinds whose header is not read here
     brightest = {np.dtype(np.uint8): 255, np.dtype(np.uint16): 65535}.get(image.dtype)
     if brightest is None:
         raise MapError(f"the map's image {path} holds {image.dtype} pixels; save it with 8 or 16 bits")
@@ -53,9 +53,9 @@ def read_image(path: Path) -> tuple[Pixels, int]:
 
 
 def _check_header(path: Path, data: bytes) -> None:
-    """Refuse, before it is decoded, what is too large, and a PGM or PPM that is not as long as its header says.
+    """Refuse an image that is too large, or a PGM or PPM that is shorter or longer than its header says.
 
-    OpenCV fills up the one with whatever there is, and leaves the rest of the other.
+    OpenCV would fill up a short one with arbitrary values and ignore the rest of a long one.
     """
     what = f"the map's image {path}"
     pnm = _PNM.match(data)
@@ -85,7 +85,7 @@ def _check_header(path: Path, data: bytes) -> None:
 
 
 def _words(text: bytes) -> int:
-    """How many words a text has, without its comments."""
+    """Return how many words a text has outside its comments."""
     letters = np.frombuffer(re.sub(rb"#[^\r\n]*", b"", text), np.uint8)
     space = np.concatenate([[True], (letters == 32) | ((letters >= 9) & (letters <= 13))])
     return int(np.count_nonzero(space[:-1] & ~space[1:]))
@@ -93,7 +93,7 @@ def _words(text: bytes) -> int:
 
 @contextmanager
 def _quiet_opencv() -> Iterator[None]:
-    """Without OpenCV's own lines on stderr about a damaged file."""
+    """Suppress OpenCV's own lines on stderr about a damaged file."""
     log: Any = getattr(cv2.utils, "logging", cv2)  # before OpenCV 5 the functions are in cv2 itself
     level = log.getLogLevel()
     log.setLogLevel(_SILENT)

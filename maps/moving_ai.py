@@ -31,7 +31,7 @@ _LETTERS = ", ".join((_FREE + _SOLID).decode())
 class Query:
     """Start and goal as (row, column), row 0 on top, and the optimal cost [cells; a diagonal step is sqrt 2].
 
-    `shape` is the height and width of the map that the query is of.
+    `shape` is the height and width of the query's map.
     """
 
     start: tuple[int, int]
@@ -41,16 +41,16 @@ class Query:
 
 
 def is_moving_ai(path: Path) -> bool:
-    """Whether a path names a file of this format, and not a map folder that happens to be called so."""
+    """Return whether a path names a file of this format, and not a map folder with that suffix."""
     return path.suffix.lower() == SUFFIX and not is_folder(path, MapError)
 
 
 def load_free_cells(path: Path) -> BoolArray:
-    """(H, W) cells of a Moving AI map that are free, row 0 on top.
+    """Return which cells (H, W) of a Moving AI map are free, row 0 on top.
 
     Raises:
         MapNotFound: there is no such file.
-        MapError: it is no such map; the message names the line.
+        MapError: the file is no such map; the message names the line.
     """
     if not is_file(path, MapError):
         raise MapNotFound(f"there is no map at {path}; give a Moving AI .map file")
@@ -79,7 +79,7 @@ def load_free_cells(path: Path) -> BoolArray:
 
 
 def load_queries(path: Path) -> list[Query]:
-    """The queries of a scenario, in the order of the file.
+    """Return the queries of a scenario, in the order of the file.
 
     Raises:
         MapNotFound: there is no such file.
@@ -109,7 +109,7 @@ def load_queries(path: Path) -> list[Query]:
 
 
 def check_queries(queries: Sequence[Query], free: BoolArray) -> None:
-    """Refuse queries of another map than that of the free cells (H, W), or between other cells than free ones.
+    """Refuse queries that belong to another map, or that begin or end in a cell that is not in `free` (H, W).
 
     Raises:
         MapError: the sizes differ, or an end lies outside or is occupied; the message names the query.

@@ -1,9 +1,9 @@
 """An occupancy grid from laser scans at known poses: log-odds per cell, free along the beam, occupied at its end.
 
 A scan counts a cell at most once, as hit if any of its beams ends there and else as missed if one passes; a beam stops
-where the scan hit a cell (as in RTAB-Map's grid: Labbe and Michaud, 2019). The log-odds are whole numbers, and their
-sum is limited only where it is read: what a map holds does not depend on the order of its scans, and a scan is taken
-out again to the last bit.
+at a cell that the scan has hit (as in RTAB-Map's grid: Labbe and Michaud, 2019). The log-odds are whole numbers, and
+their sum is limited only where it is read: the grid does not depend on the order of its scans, and a scan can be
+removed to the last bit.
 """
 
 from __future__ import annotations
@@ -32,12 +32,12 @@ from waychair.types import (
     Scan,
 )
 
-_SKIP, _FREE, _HIT = 0, 1, 2  # what a beam tells: nothing, free up to its end, occupied at its end
+_SKIP, _FREE, _HIT = 0, 1, 2  # kinds of beams: no information, free up to its end, occupied at its end
 
-_UNIT = 4096  # steps of evidence to one of natural log-odds: a cell holds that of half a million scans
-_ENDLESS = 2**30  # evidence that no cell comes to
-_SPARE = 2000  # cells, 100 m on each side where the grid grows; most take no memory before they are drawn on
-_BATCH = 64  # scans whose beams are in memory at once
+_UNIT = 4096  # steps of evidence per unit of natural log-odds: int32 holds that of half a million scans
+_ENDLESS = 2**30  # evidence that no cell reaches
+_SPARE = 2000  # cells added on each side where the grid grows (100 m); untouched ones take no memory
+_BATCH = 64  # scans drawn at once, to limit memory
 
 _Kinds = NDArray[np.int8]
 _Evidence = NDArray[np.int32]
@@ -45,7 +45,7 @@ _Evidence = NDArray[np.int32]
 
 @dataclass(frozen=True, slots=True)
 class OccupancySettings(Settings):
-    """How beams become cells."""
+    """How laser beams change the cells of a grid."""
 
     resolution: float = setting(0.05, "m", "side of a cell", low=0.005, high=1.0)
     range_max: float = setting(20.0, "m", "beams are cut here and longer ones only clear", low=0.5, high=200.0)
@@ -61,11 +61,11 @@ class OccupancySettings(Settings):
 
 
 class EvidenceGrid:
-    """Evidence for and against each cell being occupied, over an area that grows with what is seen.
+    """A growing grid of evidence for and against each cell being occupied.
 
-    Its lines are multiples of the resolution. Unknown cells hold 0, and no others do: no number of hits and misses
-    adds up to nothing. One that `forgets` is limited with each scan instead of where it is read: a few scans then
-    outweigh all before, their order counts, and they cannot be taken out.
+    Cell borders are multiples of the resolution. Only unknown cells hold 0: no sum of hits and misses is 0. With
+    `forgets`, evidence is limited after each scan and not only where it is read: a few scans then outweigh all earlier
+    ones, their order matters, and they cannot be removed.
     """
 
     def __init__(self, settings: OccupancySettings | None = None, *, forgets: bool = False) -> None:
@@ -74,40 +74,40 @@ class EvidenceGrid:
         self._least, self._most = (round(_log_odds(p) * _UNIT) for p in (s.prob_min, s.prob_max))
         self._percent = _percent(self._least, self._most)
         self._limits = (self._least, self._most) if forgets else (-_ENDLESS, _ENDLESS)
-        self._box = np.zeros((2, 2), np.int64)  # first column and row that is in use, and those beyond the last
+        self._box = np.zeros((2, 2), np.int64)  # first column and row in use, and the ones after the last
         self._low = np.zeros(2, np.int64)  # column and row of the first cell of the array
         self._evidence = np.zeros((0, 0), np.int32)
 
     @property
     def area(self) -> FloatArray:
-        """(2, 2) [m] lower left and upper right corner of what `occupied` covers; equal before anything is there."""
+        """Lower left and upper right corner (2, 2) [m] of the area of `occupied`; equal while the grid is empty."""
         return self._box.astype(np.float64) * self.settings.resolution
 
     def occupied(self) -> BoolArray:
-        """(H, W) cells that are surely occupied, as `grid.occupied` has it."""
+        """Return which cells (H, W) are occupied, by the limit of `grid.occupied`."""
         result: BoolArray = self._evidence[self._window()] >= round(_log_odds(OCCUPIED_FROM / 100.0) * _UNIT)
         return result
 
     def add(self, first: FloatArray, last: FloatArray, scans: Sequence[Scan]) -> None:
-        """Draw scans.
+        """Add scans.
 
         Args:
-            first: (N, 3) [m, m, rad] of the laser at each scan's first beam.
-            last: (N, 3) of the laser at its last one; beams between are taken from poses between, in even steps.
-            scans: the N scans; nan, -inf and ranges outside the scan's own limits tell nothing of the distance.
+            first: (N, 3) [m, m, rad] poses of the laser at each scan's first beam.
+            last: (N, 3) poses at its last beam; poses of the beams between are interpolated in even steps.
+            scans: the N scans; nan, -inf and ranges outside the scan's own limits are ignored.
 
         Raises:
-            MapError: poses do not belong to the scans or are not finite, or the grid would grow beyond `max_cells`;
-                nothing is drawn then.
+            MapError: poses do not match the scans or are not finite, or the grid would grow beyond `max_cells`;
+                no scan is added then.
         """
         self._cast(first, last, scans, self._hit, self._miss)
 
     def remove(self, first: FloatArray, last: FloatArray, scans: Sequence[Scan]) -> None:
-        """Take out scans that were added at the very same poses."""
+        """Remove scans that were added at exactly these poses."""
         self._cast(first, last, scans, -self._hit, -self._miss)
 
     def put(self, cells: IntArray, hits: BoolArray, *, take_out: bool = False) -> None:
-        """One hit or miss (N,) more for each of cells (N, 2), or one less; a cell's column 0 begins at x = 0.
+        """Add a hit or miss (N,) to each of cells (N, 2), or remove one; cells are column and row from x = y = 0.
 
         Raises:
             MapError: the grid would grow beyond `max_cells`.
@@ -120,16 +120,16 @@ class EvidenceGrid:
         _put(self._evidence, rows, cols, -amounts if take_out else amounts, *self._limits)
 
     def beams(self, scan: Scan) -> int:
-        """How many beams drawing a scan draws."""
+        """Return how many beams a scan has, the cost of adding it."""
         return len(scan.ranges)
 
     def reach(self, scan: Scan) -> float:
-        """Length of the longest beam that is drawn [m], or more."""
+        """Return an upper bound of the length [m] of a scan's beams as drawn."""
         s, seen = self.settings, scan.ranges[np.isfinite(scan.ranges)]
         return min(max(float(seen.max(initial=0.0)), s.open_range), s.range_max)
 
     def include(self, low: FloatArray, high: FloatArray) -> None:
-        """Grow until the area between two points (2,) [m] lies inside.
+        """Grow until the area between two points (2,) [m] is inside.
 
         Raises:
             MapError: the grid would grow beyond `max_cells`.
@@ -138,7 +138,7 @@ class EvidenceGrid:
         self._include_cells(np.floor(low / s.resolution), np.floor(high / s.resolution) + 1.0)
 
     def _include_cells(self, low: FloatArray | IntArray, high: FloatArray | IntArray) -> None:
-        """Grow until the cells from `low` (2,), column and row, to before `high` lie inside."""
+        """Grow until the cells from `low` (2,), column and row, to before `high` are inside."""
         s, box = self.settings, np.array([low, high], np.float64)
         if self._evidence.size:
             box = np.array([np.minimum(box[0], self._box[0]), np.maximum(box[1], self._box[1])])
@@ -151,7 +151,7 @@ class EvidenceGrid:
         self._hold(box.astype(np.int64))
 
     def grid(self) -> OccupancyGrid:
-        """A copy of what is known, with the margin round it; the same wherever the grid began to grow from."""
+        """Return a copy of the known cells with a margin; it does not depend on where the grid began to grow."""
         s = self.settings
         used = self._evidence[self._window()]
         rows, cols = _extent(used)
@@ -164,11 +164,11 @@ class EvidenceGrid:
         return OccupancyGrid(cells, s.resolution, Pose2(x, y, 0.0))
 
     def overlaid(self, newer: EvidenceGrid, *, limited: bool = True) -> EvidenceGrid:
-        """A new grid of this evidence with newer evidence over it, of cells of the same size.
+        """Return a new grid of this evidence plus newer evidence, of cells of the same size.
 
-        Where the newer one knows a cell, the older is first limited to what it would be read as (`prob_min`,
-        `prob_max`), however many scans it comes from: a few looks outweigh all that was seen before. Elsewhere the
-        older one stands. Not `limited`, all that was ever seen counts alike.
+        In cells that the newer grid knows, older evidence is first limited (`prob_min`, `prob_max`), however many scans
+        it comes from: a few new scans outweigh all earlier ones. Other cells keep the older evidence. Without
+        `limited`, all evidence counts alike.
         """
         result = EvidenceGrid(self.settings)
         for part in (self, newer):
@@ -179,12 +179,12 @@ class EvidenceGrid:
             own = part._evidence[part._window()]
             under = result._evidence[down : down + own.shape[0], left : left + own.shape[1]]
             total = (np.clip(under, self._least, self._most) if limited else under) + own
-            total[total == 0] = -1  # two that cancel out are known
+            total[total == 0] = -1  # opposite evidence that cancels out is still known
             under[own != 0] = total[own != 0]
         return result
 
     def _hold(self, box: IntArray) -> None:
-        """Make room for the cells of a box that holds the one in use."""
+        """Make room for the cells of a box, which contains the one in use."""
         end = self._low + self._evidence.shape[::-1]
         if not self._evidence.size or (box[0] < self._low).any() or (box[1] > end).any():
             used = self._evidence[self._window()]
@@ -196,7 +196,7 @@ class EvidenceGrid:
         self._box = box
 
     def _window(self) -> tuple[slice, slice]:
-        """Rows and columns of the array that are in use."""
+        """Return rows and columns of the array that are in use."""
         (left, down), (right, up) = (self._box - self._low).tolist()
         return slice(down, up), slice(left, right)
 
@@ -213,7 +213,7 @@ class EvidenceGrid:
         _draw(self._evidence, origins, end_cells, kinds, first_beam, hit, miss, *self._limits)
 
     def _cells(self, points: FloatArray) -> IntArray:
-        """(N, 2) column and row of points (N, 2) [m]."""
+        """Return column and row (N, 2) of points (N, 2) [m] in the array."""
         cells: IntArray = np.floor(points / self.settings.resolution).astype(np.int64) - self._low
         return cells
 
@@ -224,21 +224,21 @@ def build_grid(
     settings: OccupancySettings | None = None,
     last_poses_laser: FloatArray | None = None,
 ) -> OccupancyGrid:
-    """The grid of all scans, each taken at its pose, in any order.
+    """Return the grid of all scans, each taken at its pose, in any order.
 
     Args:
-        poses_laser: (N, 3) [m, m, rad] of the laser in map.
-        scans: the N scans; nan, -inf and ranges outside the scan's own limits tell nothing of the distance.
-        settings: resolution, probabilities and limits.
-        last_poses_laser: (N, 3) of the laser at each scan's last beam, where it moved meanwhile; beams between are
-            taken from poses between, in even steps.
+        poses_laser: (N, 3) [m, m, rad] poses of the laser in map.
+        scans: the N scans; nan, -inf and ranges outside the scan's own limits are ignored.
+        settings: resolution and ranges.
+        last_poses_laser: (N, 3) poses at each scan's last beam if the laser moved meanwhile; poses of the beams between
+            are interpolated in even steps.
 
     Returns:
-        Cells hold the probability of being occupied in percent, -1 where no beam passed. Its axes are those of map,
-        its lines multiples of the resolution.
+        Cells hold the probability of being occupied in percent, -1 where no beam passed. The grid has the axes of map;
+        its cell borders are multiples of the resolution.
 
     Raises:
-        MapError: no scans, poses that do not belong to them or are not finite, or a grid beyond `max_cells`.
+        MapError: no scans, poses that do not match them or are not finite, or a grid beyond `max_cells`.
     """
     if not scans:
         raise MapError("there are no scans to make a map of; give at least one")
@@ -251,12 +251,12 @@ def build_grid(
 
 
 def batches(count: int) -> Iterator[slice]:
-    """So many scans in parts whose beams fit well into memory."""
+    """Return slices of `count` scans that fit well into memory."""
     return (slice(start, start + _BATCH) for start in range(0, count, _BATCH))
 
 
 def _weights(settings: OccupancySettings) -> tuple[int, int]:
-    """Evidence of one hit and of one miss: log-odds in whole steps, without a common divisor."""
+    """Return the evidence of one hit and of one miss: log-odds in whole steps without a common divisor."""
     hit, miss = (round(_log_odds(p) * _UNIT) for p in (settings.prob_hit, settings.prob_miss))
     while math.gcd(hit, miss) > 1:
         hit += 1
@@ -275,7 +275,7 @@ def _checked(poses_laser: FloatArray, scans: Sequence[Scan]) -> FloatArray:
 def beam_ends(
     poses: FloatArray, last: FloatArray, scans: Sequence[Scan], settings: OccupancySettings
 ) -> tuple[FloatArray, _Kinds]:
-    """Ends (B, 2) [m] in map of all beams of all scans, and what each tells (B,): see `_draw`."""
+    """Return the ends (B, 2) [m] in map of all beams of all scans, and their kinds (B,) for `_draw`."""
     counts = [len(scan.ranges) for scan in scans]
     per_scan = np.array([[s.angle_min, s.angle_step, s.range_min, s.range_max] for s in scans])
     ends = np.zeros((sum(counts), 2))
@@ -300,14 +300,14 @@ def _trace_ends(
     range_max: float,
     open_range: float,
 ) -> None:
-    """Fill in `ends` and `kinds`."""
+    """Fill in the `ends` and `kinds` of all beams."""
     beam = 0
     for scan in range(len(counts)):
         angle_min, angle_step, nearest, farthest = per_scan[scan]
         for i in range(counts[scan]):
             r = float(ranges[beam])
             kind = _HIT
-            if r > farthest or r == math.inf:  # nothing was seen
+            if r > farthest or r == math.inf:  # no echo
                 kind = _FREE
                 r = min(open_range, farthest, range_max)
             elif r > range_max:
@@ -323,7 +323,7 @@ def _trace_ends(
 
 @njit(cache=True, nogil=True)
 def _put(evidence: _Evidence, rows: IntArray, cols: IntArray, amounts: _Evidence, least: int, most: int) -> None:
-    """Add amounts to cells."""
+    """Add an amount to each cell, within the limits."""
     for i in range(len(rows)):
         row, col = rows[i], cols[i]
         evidence[row, col] = min(most, max(least, evidence[row, col] + amounts[i]))
@@ -341,8 +341,8 @@ def _draw(
     least: int,
     most: int,
 ) -> None:
-    """Add all scans, whose cells lie within, one after another; a cell's evidence is limited with each."""
-    marks = np.zeros(0, np.uint8)  # of the cells round one scan: 0, or what it has told of them
+    """Add scans one after another, all of whose cells lie in the grid; evidence is limited with each."""
+    marks = np.zeros(0, np.uint8)  # of the cells round one scan: 0, or _FREE or _HIT once counted
     for scan in range(len(origins)):
         low_x, low_y = origins[scan]
         high_x, high_y = low_x, low_y
@@ -391,7 +391,7 @@ def _draw(
 
 
 def _extent(evidence: _Evidence) -> tuple[slice, slice]:
-    """Rows and columns outside of which nothing is known; the first cell where nothing is."""
+    """Return rows and columns of the box of known cells; the first cell if none is known."""
     rows, cols = (np.flatnonzero(np.any(evidence, axis=axis)) for axis in (1, 0))
     if not len(rows):
         return slice(0, 1), slice(0, 1)
@@ -400,7 +400,7 @@ def _extent(evidence: _Evidence) -> tuple[slice, slice]:
 
 @njit(cache=True, nogil=True)
 def _read(cells: Cells, evidence: _Evidence, percent: Cells, least: int) -> None:
-    """Look up each cell's percent; what its evidence exceeds the limits by does not count."""
+    """Look up each cell's percent, with its evidence clipped to the limits."""
     most = least + len(percent) - 1
     for row in range(len(cells)):
         for col in range(cells.shape[1]):
@@ -408,7 +408,7 @@ def _read(cells: Cells, evidence: _Evidence, percent: Cells, least: int) -> None
 
 
 def _percent(least: int, most: int) -> Cells:
-    """Probability [%] by evidence from `least` to `most`; unknown at 0."""
+    """Return the probability [%] for evidence from `least` to `most`; unknown at 0."""
     log_odds = np.arange(least, most + 1) / _UNIT
     cells = np.rint(100.0 / (1.0 + np.exp(-log_odds))).astype(np.int8)
     cells[-least] = UNKNOWN
@@ -416,5 +416,5 @@ def _percent(least: int, most: int) -> Cells:
 
 
 def _log_odds(probability: float) -> float:
-    """Natural logarithm of the odds of a probability in (0, 1)."""
+    """Return the natural logarithm of the odds of a probability in (0, 1)."""
     return math.log(probability / (1.0 - probability))

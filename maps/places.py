@@ -3,7 +3,7 @@
     lift: [12.4, 3.1, 1.5708]
     desk: [2.0, 5.5, 3.1416, 0.05, 0.02]
 
-A place is x, y [m], yaw [rad] in map, and where it matters the tolerances of arrival [m], [rad].
+A place is x, y [m], yaw [rad] in map, optionally with tolerances of arrival [m], [rad].
 """
 
 from __future__ import annotations
@@ -28,25 +28,25 @@ from waychair.yaml_files import compose_yaml
 PLACES_YAML = "places.yaml"
 
 CLOSEST_M, CLOSEST_RAD = 0.02, 0.02
-"""Smallest tolerances of arrival: a chair knows its place, and stops, no closer."""
+"""Smallest tolerances of arrival: the chair localises and stops no more accurately."""
 
 _DEFAULT = Place("", Pose2())
 _SHAPE = "[x, y, yaw] or [x, y, yaw, tolerance_m, tolerance_rad]"
 
 
 def places_path(folder: Path) -> Path:
-    """The places of a map that is given by its folder or by its YAML file."""
+    """Return the path of `places.yaml` of a map, given its folder or YAML file."""
     is_yaml = folder.suffix in (".yaml", ".yml") and not is_folder(folder, MapError)
     return (folder.parent if is_yaml else folder) / PLACES_YAML
 
 
 def load_places(folder: Path) -> dict[str, Place]:
-    """The places of a map by name, in the order of the file; none when there is no such file yet.
+    """Return the places of a map by name, in the order of the file; none without such a file.
 
-    They have followed the map's nodes (`maps.anchors`).
+    They are moved with the map's nodes (`maps.anchors`).
 
     Raises:
-        MapError: what holds them there is damaged.
+        MapError: the anchors are damaged.
         PlaceError: the file is broken; the message names the line and the place.
     """
     path = places_path(folder)
@@ -69,11 +69,11 @@ def load_places(folder: Path) -> dict[str, Place]:
 
 
 def save_places(folder: Path, places: Mapping[str, Place]) -> None:
-    """Write the places of a map, whole or not at all; tolerances only where they are not the usual ones.
+    """Write the places of a map, whole or not at all; default tolerances are left out.
 
     Raises:
         PlaceError: a name or a number is impossible.
-        MapError: what holds them on the map's nodes is damaged.
+        MapError: the anchors are damaged.
         OutputError: the folder cannot be made or written to.
     """
     values = {place.name: _values(checked_place(place)) for place in places.values()}
@@ -83,7 +83,7 @@ def save_places(folder: Path, places: Mapping[str, Place]) -> None:
 
 
 def add_place(folder: Path, name: str, pose: Pose2, *, replace: bool = False) -> Place:
-    """Add a place to a map's file and return it; `replace` moves a place of that name.
+    """Add a place to a map's file and return it; with `replace`, move the place of that name.
 
     Raises:
         PlaceError: the name is taken or impossible, the pose is not finite, or the file is broken.
@@ -98,10 +98,10 @@ def add_place(folder: Path, name: str, pose: Pose2, *, replace: bool = False) ->
 
 
 def find(places: Mapping[str, Place], name: str, whose: str = "the map") -> Place:
-    """The place of this name; `whose` places they are is for the message.
+    """Return the place of this name; `whose` names the owner of the places in the error.
 
     Raises:
-        UnknownPlace: there is none; the message gives the names that come nearest.
+        UnknownPlace: there is none; the message gives the most similar names.
     """
     if name in places:
         return places[name]
@@ -116,7 +116,7 @@ def check_place(grid: OccupancyGrid, place: Place) -> None:
     """Refuse a place that lies outside the map or in a wall.
 
     Raises:
-        PlaceError: it does.
+        PlaceError: the place lies outside the map or in a wall.
     """
     at = f"the place '{place.name}' at ({place.pose.x:.2f}, {place.pose.y:.2f})"
     cell = cells_from_points(grid, np.array([[place.pose.x, place.pose.y]]))
@@ -128,7 +128,7 @@ def check_place(grid: OccupancyGrid, place: Place) -> None:
 
 
 def checked_place(place: Place) -> Place:
-    """The place, if it could be written and read again.
+    """Return the place, if it can be written and read again.
 
     Raises:
         PlaceError: a name or a number is impossible.
@@ -158,7 +158,7 @@ def _values(place: Place) -> list[float]:
 
 
 def _place(path: Path, key: yaml.Node, value: yaml.Node) -> Place:
-    """A place from its YAML nodes; names stay as they are written, so that room 007 keeps its zeros."""
+    """Return a place from its YAML nodes; names stay as written, so that room 007 keeps its zeros."""
     where = f"{path} line {key.start_mark.line + 1}"
     if not isinstance(key, yaml.ScalarNode):
         raise PlaceError(f"{where}: a place's name must be a word; write `name: [x, y, yaw]`")

@@ -1,13 +1,13 @@
-"""The grid of several drives through one building, in which the newer ones outweigh the older.
+"""The grid of several drives through one building, in which newer drives outweigh older ones.
 
-Within a session evidence is a sum, and the order of its scans does not count. From session to session it does: what the
-earlier ones say of a cell is limited before the next one's sum is added (`EvidenceGrid.overlaid`), so that a chair that
-has been moved away is gone once some eight scans of a later drive have looked through where it stood, however often it
-was seen before; and what nobody has looked at again stays.
+Within a session evidence is a sum, and the order of its scans does not matter. Between sessions it does: earlier
+evidence for a cell is limited before the next session's sum is added (`EvidenceGrid.overlaid`). A piece of furniture
+that was moved away thus disappears after some eight scans of a later drive through its cells, however often it was seen
+before. Cells that no later drive sees stay as they were.
 
-What a depth camera sees standing fades alike: furniture moves. Where the floor ends does not: buildings keep their
-stairs, a step down that is forgotten hurts more than one that is kept, and over its edge a camera sees floor as well,
-that of the storey below. So drop-offs are one sum over all sessions.
+Obstacles seen by a depth camera fade in the same way: furniture moves. Drop-offs do not fade: stairs stay, forgetting
+one is worse than keeping one too long, and beyond its rim a camera also sees floor, that of the storey below. So
+drop-offs are one sum over all sessions.
 """
 
 from __future__ import annotations
@@ -27,17 +27,17 @@ A = TypeVar("A", bound=Assembly[Any])
 
 
 class Sessions(Generic[T, A]):
-    """An assembly for each session; scans go into that of the session that was begun last."""
+    """An assembly for each session; scans are added to the session that was begun last."""
 
     def __init__(self, make: Callable[[], A]) -> None:
         self._make = make
         self._layers = {0: make()}
-        self._layer_of: dict[int, int] = {}  # of scans, by number
+        self._layer_of: dict[int, int] = {}  # session by scan number
         self._nodes, self._near = np.empty((0, 3)), np.zeros(2)
         self.session = 0
 
     def begin(self, session: int) -> None:
-        """What is added from now on is of this session; their numbers go up in time."""
+        """Begin or continue a session, to which scans are added from now on. Later sessions have greater numbers."""
         if session not in self._layers:
             self._layers[session] = self._make()
             self._layers[session].bend(self._nodes, self._near)
@@ -48,36 +48,36 @@ class Sessions(Generic[T, A]):
 
     @property
     def pending(self) -> int:
-        """At most so many scans are still to be drawn, taken out or moved."""
+        """An upper bound of the scans still to be drawn, removed or moved."""
         return sum(layer.pending for layer in self._layers.values())
 
     def add(self, number: int, scan: T, node: int, first: FloatArray, last: FloatArray) -> None:
-        """As `Assembly.add`."""
+        """Attach a scan to a node, as `Assembly.add`."""
         self._layers[self.session].add(number, scan, node, first, last)
         self._layer_of[number] = self.session
 
     def drop(self, number: int) -> None:
-        """Take a scan of any session out again."""
+        """Remove a scan of any session."""
         self._layers[self._layer_of.pop(number)].drop(number)
 
     def hung(self, number: int) -> tuple[int, T, int, FloatArray]:
-        """The session of a scan, then as `Assembly.hung`."""
+        """Return the session of a scan, then the values of `Assembly.hung`."""
         session = self._layer_of[number]
         return session, *self._layers[session].hung(number)
 
     def bend(self, nodes: FloatArray, near: FloatArray) -> None:
-        """As `Assembly.bend`."""
+        """Take in new poses of the nodes, as `Assembly.bend`."""
         self._nodes, self._near = nodes, near
         for layer in self._layers.values():
             layer.bend(nodes, near)
 
     def draw(self) -> int:
-        """Do some of what is pending, that of the newest session first; returns the beams."""
+        """Do some of the pending work, the newest session's first; return the beams."""
         waiting = [session for session, layer in self._layers.items() if layer.pending]
         return self._layers[max(waiting)].draw() if waiting else 0
 
     def settle(self) -> None:
-        """Do all that is pending, and move also what is off by less than the tolerance."""
+        """Do all pending work, and also move scans that are off by less than the tolerance."""
         for layer in self._layers.values():
             layer.settle()
 
@@ -87,13 +87,13 @@ class Sessions(Generic[T, A]):
 
 
 class SessionGrid(Sessions[Scan, GridAssembly]):
-    """The lidar's scans, and the grid of them all."""
+    """The lidar scans of several sessions, and the grid of all of them."""
 
     def __init__(self, occupancy: OccupancySettings | None = None, settings: AssemblySettings | None = None) -> None:
         super().__init__(lambda: GridAssembly(occupancy, settings))
 
     def grid(self) -> OccupancyGrid:
-        """A copy of the grid as it is now; all unknown when nothing was drawn yet."""
+        """Return a copy of the present grid; all unknown before anything is drawn."""
         oldest, *newer = (layer.cells for layer in self._by_age)
         for cells in newer:
             oldest = oldest.overlaid(cells)
@@ -101,13 +101,13 @@ class SessionGrid(Sessions[Scan, GridAssembly]):
 
 
 class SessionDepth(Sessions[DepthScan, DepthAssembly]):
-    """What depth images tell, and the grids of what stands on the floor and of where it ends."""
+    """The depth images of several sessions, and their grids of obstacles and of drop-offs."""
 
     def __init__(self, occupancy: OccupancySettings | None = None, settings: AssemblySettings | None = None) -> None:
         super().__init__(lambda: DepthAssembly(occupancy, settings))
 
     def grids(self) -> tuple[OccupancyGrid, OccupancyGrid]:
-        """Copies of the grid of obstacles and of the grid of drop-offs, as they are now."""
+        """Return copies of the present grids of obstacles and of drop-offs."""
         oldest, *newer = (layer.cells for layer in self._by_age)
         obstacles, drops = oldest.obstacles, oldest.drops
         for cells in newer:

@@ -1,4 +1,4 @@
-"""Zones of a map where the rider's house has rules: `zones.yaml` beside `map.yaml`.
+"""Zones of a map with rules for driving: `zones.yaml` beside `map.yaml`.
 
     stairs: {keep_out: true, polygon: [[1.0, 2.0], [3.0, 2.0], [3.0, 4.0], [1.0, 4.0]]}
     ward: {slow: 0.3, polygon: [[5.0, 0.0], [9.0, 0.0], [9.0, 6.0]]}
@@ -30,11 +30,11 @@ from waychair.yaml_files import compose_yaml, node_value, shown
 ZONES_YAML = "zones.yaml"
 _SHAPE = "{keep_out: true | slow: SPEED | one_way: HEADING, polygon: [[x, y], [x, y], [x, y], ...]}"
 SLOWEST = 0.05
-"""A slow zone's speed [m/s] must be at least this: slower is keeping out."""
+"""Least speed [m/s] of a slow zone; for less, draw a keep-out zone."""
 
 
 class Rule(enum.Enum):
-    """What a zone asks for."""
+    """The kind of a zone."""
 
     KEEP_OUT = "keep_out"
     SLOW = "slow"
@@ -52,12 +52,12 @@ class Zone:
 
 
 def load_zones(folder: Path) -> tuple[Zone, ...]:
-    """The zones of a map that is given by its folder or its YAML file; none when it has no such file.
+    """Return the zones of a map, given its folder or YAML file; none without such a file.
 
-    They have followed the map's nodes (`maps.anchors`).
+    They are moved with the map's nodes (`maps.anchors`).
 
     Raises:
-        MapError: what holds them there is damaged.
+        MapError: the anchors are damaged.
         ZoneError: the file is broken; the message names the line and the zone.
     """
     path = places_path(folder).with_name(ZONES_YAML)
@@ -78,10 +78,10 @@ def load_zones(folder: Path) -> tuple[Zone, ...]:
 
 
 def check_zones(zones: Sequence[Zone], grid: OccupancyGrid) -> None:
-    """Refuse zones of another place: whoever drew one relies on it.
+    """Refuse zones off the map: people rely on the zones that they have drawn.
 
     Raises:
-        ZoneError: one lies wholly outside the map.
+        ZoneError: a zone lies wholly outside the map.
     """
     for zone in zones:
         if not cells_of(zone, grid)[1].any():
@@ -96,7 +96,7 @@ def save_zones(folder: Path, zones: Sequence[Zone]) -> None:
     """Write the zones of a map, whole or not at all.
 
     Raises:
-        MapError: what holds them on the map's nodes is damaged.
+        MapError: the anchors are damaged.
         OutputError: the folder cannot be made or written to.
     """
     values = {
@@ -112,13 +112,13 @@ def save_zones(folder: Path, zones: Sequence[Zone]) -> None:
 
 
 def zone_points(zone: Zone) -> list[Pose2]:
-    """What of a zone is anchored: its corners, turned to its heading, if it has one."""
+    """Return the anchored points of a zone: its corners, with the zone's heading if it has one."""
     theta = zone.value if zone.rule is Rule.ONE_WAY else 0.0
     return [Pose2(x, y, theta) for x, y in zone.polygon.tolist()]
 
 
 def checked_zone(zone: Zone) -> Zone:
-    """The zone, if it could be written and read again.
+    """Return the zone, if it can be written and read again.
 
     Raises:
         ZoneError: a name, a corner or a number is impossible.
@@ -142,7 +142,7 @@ def _followed(zone: Zone, anchors: Anchors) -> Zone:
 
 
 def holds(zone: Zone, points: FloatArray) -> BoolArray:
-    """(N,) whether points (N, 2) [m] in map lie in a zone: an odd number of its edges is to their right."""
+    """Return (N,) whether points (N, 2) [m] in map lie in a zone: an odd number of its edges is to their right."""
     x, y = np.atleast_2d(points).T
     odd = np.zeros(len(x), np.bool_)
     for (x0, y0), (x1, y1) in zip(zone.polygon, np.roll(zone.polygon, -1, axis=0), strict=True):
@@ -152,9 +152,9 @@ def holds(zone: Zone, points: FloatArray) -> BoolArray:
 
 
 def cells_of(zone: Zone, grid: OccupancyGrid) -> tuple[tuple[slice, slice], BoolArray]:
-    """The part of a grid round a zone, rows and columns, and which of its cells the zone has any part of.
+    """Return the part of a grid round a zone, as rows and columns, and which of its cells overlap the zone.
 
-    So a zone that is thinner than a cell, or lies between the centres of cells, is one all the same.
+    So a zone that is thinner than a cell, or lies between the centres of cells, still has cells.
     """
     corners = transform_points(grid.map_from_grid.inverse(), zone.polygon)[:, ::-1] / grid.resolution
     low = np.clip(np.floor(corners.min(axis=0)), 0, grid.cells.shape).astype(int)
@@ -168,9 +168,9 @@ def cells_of(zone: Zone, grid: OccupancyGrid) -> tuple[tuple[slice, slice], Bool
 
 
 def _mark_crossed(cells: BoolArray, begin: FloatArray, end: FloatArray) -> None:
-    """Set those of cells (H, W) through whose inside a straight line goes; its ends (2,) are rows and columns [cells].
+    """Set the cells (H, W) whose inside a straight line crosses; its ends (2,) are row and column [cells].
 
-    A line along the border between cells goes through neither.
+    A line along the border between two cells crosses neither.
     """
     least, most = np.minimum(begin, end) + _BORDER, np.maximum(begin, end) - _BORDER
     first = np.clip(np.floor(least), 0, cells.shape).astype(int)
@@ -182,11 +182,11 @@ def _mark_crossed(cells: BoolArray, begin: FloatArray, end: FloatArray) -> None:
 
 
 _BORDER = 1e-6
-"""Nearer to a cell's border than this part of a cell is on it."""
+"""A point within this share of a cell of the cell's border counts as on the border."""
 
 
 def keep_out_cells(zones: Sequence[Zone], grid: OccupancyGrid) -> BoolArray:
-    """(H, W) cells of a grid that a keep-out zone has any part of."""
+    """Return which cells (H, W) of a grid overlap a keep-out zone."""
     mask = np.zeros(grid.cells.shape, np.bool_)
     for zone in zones:
         if zone.rule is Rule.KEEP_OUT:
@@ -196,16 +196,16 @@ def keep_out_cells(zones: Sequence[Zone], grid: OccupancyGrid) -> BoolArray:
 
 
 def speed_limit(zones: Sequence[Zone], points: FloatArray) -> float:
-    """The highest speed [m/s] that is allowed where any of the points (N, 2) [m] in map lies; inf outside all zones.
+    """Return the lowest limit [m/s] of the slow zones that hold any of points (N, 2) [m] in map; inf outside all.
 
-    The points are those of the chair's outline, and of where it will be by the time it has slowed down.
+    The points cover the chair's footprint, now and where it will be once it has slowed down.
     """
     limits = [zone.value for zone in zones if zone.rule is Rule.SLOW and holds(zone, points).any()]
     return min(limits, default=math.inf)
 
 
 def _zone(path: Path, key: yaml.Node, value: yaml.Node) -> Zone:
-    """A zone from its YAML nodes."""
+    """Return a zone from its YAML nodes."""
     where = f"{path} line {key.start_mark.line + 1}"
     if not isinstance(key, yaml.ScalarNode) or not key.value.strip():
         raise ZoneError(f"{where}: a zone's name must be a word; write `name: {_SHAPE}`")
@@ -235,10 +235,10 @@ def _value(at: str, rule: Rule, fields: Mapping[str, object]) -> float:
 
 
 def checked_polygon(at: str, corners: object) -> FloatArray:
-    """(N, 2) [m] of a list of corners; `at` says where that stands.
+    """Return the polygon (N, 2) [m] of a list of corners; `at` names the zone and its line in the error.
 
     Raises:
-        ZoneError: it is none, or has no area.
+        ZoneError: it is no polygon, or has no area.
     """
     try:
         polygon = np.array(corners, np.float64)
