@@ -1,0 +1,60 @@
+"""Personal space: how much room is given to people, and for how long.
+
+Hall's intimate distance is 0.45 m. A lidar at the height of shins sees legs; shoulders reach about 0.2 m beyond them.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+from waychair.config import Settings, setting
+
+
+@dataclass(frozen=True, slots=True)
+class PersonalSpaceSettings(Settings):
+    """How near the chair passes people."""
+
+    radius: float = setting(
+        0.4,
+        "m",
+        "kept free around the middle of a tracked person; larger: fewer corridors have room to pass somebody",
+        low=0.05,
+        high=1.0,
+    )
+    squeezed: float = setting(
+        0.3,
+        "m",
+        "the same once the chair has stood for people to pass and they have not; at most radius",
+        low=0.05,
+        high=1.0,
+    )
+
+
+PERSON_RADIUS = 0.3
+"""[m] Radius of a person in predictions: no commanded arc may touch this circle."""
+
+PREDICTED_GROWTH = 0.3
+"""[m] The radius of a predicted person grows with the uncertainty of the speed by no more than this: nobody can tell
+where a person goes in two seconds, and a larger circle would block every corridor."""
+
+COMFORTABLE = 0.6
+"""[m] Distance to people beyond which more earns an arc nothing: Hall's intimate distance and some to spare."""
+
+COMFORT_WEIGHT = 2.0
+"""Weight of the distance to people among the critics of an arc."""
+
+STANDING_BEFORE_S = 0.5
+"""[s] The chair stands this long before a predicted person reaches it."""
+
+NO_TURNING_SPEED, NO_TURNING_WITHIN = 0.2, 2.0
+"""[m/s], [m] Somebody faster than this and nearer than this is looking for a way past: the chair does not turn on the
+spot before them, which would bar one side and then the other."""
+
+PASSING = 0.25
+"""[m] Kept free beside the chair when it keeps to one side of a corridor for people."""
+
+PASSING_OPEN = 1.5
+"""[m] With more free space than this on all sides the chair does not keep to one side."""
+
+GIVE_WAY_S = 1.5
+"""[s] The chair stands this long for people in its way before it passes them nearer (`PersonalSpaceSettings.squeezed`)."""
