@@ -1,4 +1,4 @@
-"""An angle within one turn, for kernels; on arrays and single angles it is `waychair.geometry`'s business."""
+"""Angle wrapping for numba kernels. `waychair.geometry` has the functions for plain floats and for arrays."""
 
 from __future__ import annotations
 
@@ -9,5 +9,5 @@ from numba import njit
 
 @njit(cache=True, inline="always")
 def wrapped(angle: float) -> float:
-    """The same angle [rad] in [-pi, pi)."""
+    """Return the same angle [rad] in [-pi, pi)."""
     return angle - math.tau * math.floor(angle / math.tau + 0.5)

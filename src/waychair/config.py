@@ -1,10 +1,10 @@
-"""Configuration: frozen dataclasses of `setting`s, read from YAML strictly and dumped with their units.
+"""Configuration: frozen dataclasses of `setting`s, read strictly from YAML and written with their units.
 
     @dataclass(frozen=True, slots=True)
     class GridSettings(Settings):
         resolution: float = setting(0.05, "m", "side of a cell", low=0.005, high=1.0)
 
-An unknown key, a wrong type or an impossible value is a `ConfigError` that names the key and what would be right.
+An unknown key, a wrong type or an impossible value raises a `ConfigError` that names the key and what is allowed.
 """
 
 from __future__ import annotations
@@ -30,14 +30,14 @@ S = TypeVar("S", bound="Settings")
 
 
 def setting(default: T, unit: str, about: str, *, low: float = -math.inf, high: float = math.inf) -> T:
-    """A dataclass field with its unit, what it is for, and its closed range of possible values."""
+    """Return a dataclass field with its unit, its meaning and its closed range of possible values."""
     metadata = {"unit": unit, "about": about, "low": low, "high": high}
     return dataclasses.field(default=default, metadata=metadata)
 
 
 @dataclass(frozen=True, slots=True)
 class Settings:
-    """Base of all configurations: rejects impossible values when it is made."""
+    """Base class of all configurations. It rejects impossible values on construction."""
 
     def __post_init__(self) -> None:
         for entry in dataclasses.fields(self):
@@ -51,7 +51,7 @@ class Settings:
 
 
 def from_mapping(cls: type[S], values: Mapping[str, Any], where: str = "configuration") -> S:
-    """Settings from nested mappings; missing keys keep their defaults.
+    """Return settings from nested mappings; missing keys keep their defaults. `where` names the source in errors.
 
     Raises:
         ConfigError: unknown key (with the nearest known one), wrong type, impossible value.
@@ -64,10 +64,10 @@ def from_mapping(cls: type[S], values: Mapping[str, Any], where: str = "configur
 
 
 def load(cls: type[S], path: Path) -> S:
-    """Settings from a YAML file; an empty file gives the defaults.
+    """Return settings from a YAML file; an empty file gives the defaults.
 
     Raises:
-        ConfigError: the file is missing, is not YAML, or holds what `from_mapping` refuses.
+        ConfigError: the file is missing, is not YAML, or holds something that `from_mapping` refuses.
     """
     values = load_yaml(path, ConfigError)
     if values is None:
@@ -78,7 +78,7 @@ def load(cls: type[S], path: Path) -> S:
 
 
 def dump(settings: Settings) -> str:
-    """YAML text of all values in force, each with its unit and meaning as a comment; `load` reads it back."""
+    """Return YAML text of all values, each with its unit and meaning as a comment; `load` reads it back."""
     return "\n".join(_lines(settings, "")) + "\n"
 
 
@@ -91,7 +91,7 @@ def _lines(settings: Settings, indent: str) -> list[str]:
     lines = []
     for entry in dataclasses.fields(settings):
         value = getattr(settings, entry.name)
-        key = entry.name if yaml.safe_load(entry.name) == entry.name else f"'{entry.name}'"  # such as off
+        key = entry.name if yaml.safe_load(entry.name) == entry.name else f"'{entry.name}'"  # e.g. `off` is a bool
         if isinstance(value, Settings):
             lines += [f"{indent}{key}:", *_lines(value, indent + "  ")]
             continue

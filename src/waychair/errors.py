@@ -1,6 +1,6 @@
-"""Every failure a caller can act on has a name, under one root.
+"""Exceptions: one class for each failure that a caller can act on, all under one root.
 
-A message says what happened, with the value, and what to do about it. The command line prints it as one sentence.
+A message states the cause, the value and the remedy. The command line prints it as one sentence.
 """
 
 from __future__ import annotations
@@ -15,7 +15,7 @@ class ConfigError(WaychairError):
 
 
 class MissingExtra(WaychairError):
-    """A part of waychair that was not installed is needed."""
+    """An optional part of waychair (an extra) is needed but not installed."""
 
 
 class RecordingError(WaychairError):
@@ -31,11 +31,11 @@ class RecordingDamaged(RecordingError):
 
 
 class NoScans(RecordingError):
-    """The recording holds no laser scans, so no map can be made of it."""
+    """The recording holds no laser scans, so no map can be made from it."""
 
 
 class NoPictures(RecordingError):
-    """The recording holds no pictures with depth in which anything can be seen."""
+    """The recording holds no usable pictures with depth."""
 
 
 class MapError(WaychairError):
@@ -43,7 +43,7 @@ class MapError(WaychairError):
 
 
 class SessionError(MapError):
-    """A drive cannot be joined to a map of earlier ones."""
+    """A drive cannot be joined to a map of earlier drives."""
 
 
 class MapNotFound(MapError):
@@ -55,7 +55,7 @@ class GraphError(WaychairError):
 
 
 class PlaceError(WaychairError):
-    """A list of named places is broken."""
+    """A list of named places is invalid."""
 
 
 class UnknownPlace(PlaceError):
@@ -63,15 +63,15 @@ class UnknownPlace(PlaceError):
 
 
 class ZoneError(WaychairError):
-    """A list of zones is broken."""
+    """A list of zones is invalid."""
 
 
 class WorldError(WaychairError):
-    """A simulated world's file is broken."""
+    """A simulated world's file is invalid."""
 
 
 class WorkerLost(WaychairError):
-    """A process that shared the work was ended by somebody else."""
+    """A worker process was killed from outside."""
 
 
 class CalibrationError(WaychairError):
@@ -83,11 +83,11 @@ class ThinData(CalibrationError):
 
 
 class NotMonotone(CalibrationError):
-    """More stick gives less speed, which no inverse can undo."""
+    """More stick gives less speed, so the curve has no inverse."""
 
 
 class NotRepeatable(CalibrationError):
-    """The chair answered the same stick differently at the beginning and at the end."""
+    """The chair responded differently to the same stick at the beginning and at the end."""
 
 
 class CalibrationMismatch(CalibrationError):
@@ -95,15 +95,15 @@ class CalibrationMismatch(CalibrationError):
 
 
 class CalibrationDamaged(CalibrationError):
-    """The calibration file was altered, is broken, or is of an unknown schema."""
+    """The calibration file was altered, is invalid, or has an unknown schema."""
 
 
 class BridgeError(WaychairError):
-    """The board that holds the joystick lines cannot be used."""
+    """The board that drives the joystick lines cannot be used."""
 
 
 class TransportError(BridgeError):
-    """The cable to the board cannot be opened or was lost."""
+    """The connection to the board cannot be opened or was lost."""
 
 
 class BoardBuildError(BridgeError):
@@ -111,7 +111,7 @@ class BoardBuildError(BridgeError):
 
 
 class PlanningError(WaychairError):
-    """No path can be given."""
+    """No path can be planned."""
 
 
 class StartOutsideMap(PlanningError):
@@ -131,7 +131,7 @@ class GoalOccupied(PlanningError):
 
 
 class GoalTooExact(PlanningError):
-    """A goal's tolerances are closer than a chair can stop."""
+    """A goal's tolerances are smaller than a chair's stopping accuracy."""
 
 
 class NoFreeSpace(PlanningError):
@@ -143,19 +143,19 @@ class NoPath(PlanningError):
 
 
 class MapTooLarge(PlanningError):
-    """The map has more cells than a planner may take memory for."""
+    """The map has more cells than a planner may allocate memory for."""
 
 
 class NotConverged(PlanningError):
-    """A field was not computed exactly enough in the work or the time allowed."""
+    """A potential field did not reach its accuracy within the allowed iterations or time."""
 
 
 class OutputError(WaychairError):
-    """A result cannot be written where it was asked for."""
+    """A result cannot be written to the requested path."""
 
 
 class DriverSilent(WaychairError):
-    """What drives a simulated chair has not answered in time."""
+    """The controller of a simulated chair has not answered in time."""
 
 
 class LongTermError(WaychairError):
@@ -163,19 +163,19 @@ class LongTermError(WaychairError):
 
 
 class LongTermDamaged(LongTermError):
-    """A record of the long-term memory is not what was written."""
+    """A record of the long-term memory fails its check."""
 
 
 class VocabularyError(WaychairError):
-    """A dictionary of visual words is broken, or is of another kind than the features."""
+    """A visual vocabulary is invalid, or was made for another kind of features."""
 
 
 class SensorError(WaychairError):
-    """Messages of a sensor do not go together."""
+    """Messages of a sensor contradict each other."""
 
 
 class BoxError(WaychairError):
-    """A black box cannot be read, or there is nothing in it to explain."""
+    """A black box cannot be read or written, or holds no stop to explain."""
 
 
 class RosError(WaychairError):
@@ -183,8 +183,8 @@ class RosError(WaychairError):
 
 
 class InterfaceBuildError(RosError):
-    """Definitions of ROS messages cannot be generated or compiled on this computer."""
+    """ROS message definitions cannot be generated or compiled on this computer."""
 
 
 class MessageError(RosError):
-    """A ROS message says something impossible, or comes in a form that is not understood."""
+    """A ROS message holds impossible values or has an unknown format."""

@@ -1,4 +1,4 @@
-"""Files, read with a sentence for whatever is in the way, and written so that a reader never sees half of one."""
+"""Files: reading with clear errors, and atomic writing, so that a reader never sees a half-written file."""
 
 from __future__ import annotations
 
@@ -16,32 +16,32 @@ from waychair.types import Json
 
 
 def cache_folder() -> Path:
-    """Where this user's computer keeps what was built on it (`XDG_CACHE_HOME`, else ~/.cache)."""
+    """Return the folder for this user's cached build products (`XDG_CACHE_HOME`, else ~/.cache)."""
     cache = os.environ.get("XDG_CACHE_HOME")
     return (Path(cache) if cache else Path.home() / ".cache") / "waychair"
 
 
 def is_there(path: Path, failure: type[WaychairError]) -> bool:
-    """Whether there is anything at a path.
+    """Return whether a path exists.
 
     Raises:
-        WaychairError: of the type `failure`; that cannot be known, as for a folder that may not be entered.
+        WaychairError: of the type `failure`; the path cannot be examined, e.g. for lack of permission.
     """
     return _mode(path, failure) is not None
 
 
 def is_file(path: Path, failure: type[WaychairError]) -> bool:
-    """Whether there is a file at a path; raises as `is_there`."""
+    """Return whether the path is a file; raises as `is_there`."""
     return stat.S_ISREG(_mode(path, failure) or 0)
 
 
 def is_folder(path: Path, failure: type[WaychairError]) -> bool:
-    """Whether there is a folder at a path; raises as `is_there`."""
+    """Return whether the path is a folder; raises as `is_there`."""
     return stat.S_ISDIR(_mode(path, failure) or 0)
 
 
 def read_bytes(path: Path, failure: type[WaychairError]) -> bytes:
-    """A file's bytes.
+    """Return a file's bytes.
 
     Raises:
         WaychairError: of the type `failure`; the file cannot be read.
@@ -53,10 +53,10 @@ def read_bytes(path: Path, failure: type[WaychairError]) -> bytes:
 
 
 def read_text(path: Path, failure: type[WaychairError], instead: str = "") -> str:
-    """A file's text; `instead` is advice for a file that is none.
+    """Return a file's text; `instead` is the advice given when the file is not text.
 
     Raises:
-        WaychairError: of the type `failure`; the file cannot be read, or is no text.
+        WaychairError: of the type `failure`; the file cannot be read, or is not UTF-8 text.
     """
     try:
         return read_bytes(path, failure).decode("utf-8")
@@ -65,15 +65,15 @@ def read_text(path: Path, failure: type[WaychairError], instead: str = "") -> st
 
 
 def refusal(error: OSError) -> str:
-    """What the operating system says, and what to do about it."""
+    """Return the operating system's error text, and advice."""
     return f"{error.strerror or error}; {_ADVICE.get(error.errno or 0, 'check the path and the disk')}"
 
 
 def refuse_emptied(path: Path, failure: type[WaychairError], none: str) -> None:
-    """Refuse a file of no byte, which nobody has written so; `none` is what it would hold where there is nothing to say.
+    """Refuse an empty file, which waychair never writes; `none` is the content of a file without entries.
 
     Raises:
-        WaychairError: of the type `failure`; it is one.
+        WaychairError: of the type `failure`; the file is empty.
     """
     if not read_bytes(path, failure):
         raise failure(f"{path} is empty, as after a power cut: put a copy of it back, or write {none} into it for none")
@@ -81,23 +81,22 @@ def refuse_emptied(path: Path, failure: type[WaychairError], none: str) -> None:
 
 @contextmanager
 def replacing(path: Path, *, lasting: bool = True) -> Iterator[Path]:
-    """A temporary path beside `path`, moved onto it when the block ends well and removed when it does not.
+    """Yield a temporary path beside `path`. It replaces `path` when the block succeeds, and is removed otherwise.
 
-    After a power cut the file is the old one or the new one, unless it is not to be `lasting`: then nobody waits for the
-    disk, and it may be empty.
+    After a power cut the file is either the old one or the new one. With `lasting=False` nothing waits for the disk,
+    and after a power cut the file may be empty.
 
-    Where `path` is a symbolic link, what it points to is written. What is there already and is no file (a folder, a
-    device, a pipe) is left as it is.
+    A symbolic link is followed: its target is written. An existing folder, device or pipe is left alone.
 
     Raises:
-        OutputError: the folder cannot be made or written to, or something other than a file is there.
+        OutputError: the folder cannot be made or written to, or `path` exists and is not a file.
     """
     path = _written(path)
     try:
         path.parent.mkdir(parents=True, exist_ok=True)
         handle, name = tempfile.mkstemp(prefix=f".{path.stem}.", suffix=path.suffix, dir=path.parent)
         os.close(handle)
-    except FileExistsError as error:  # what `mkdir` calls a folder that is a file
+    except FileExistsError as error:  # `mkdir` raises this where the folder is a file
         raise OutputError(f"cannot write {path}: Not a directory; choose another folder or name") from error
     except OSError as error:
         raise OutputError(f"cannot write {path}: {error.strerror}; choose another folder or name") from error
@@ -110,7 +109,7 @@ def replacing(path: Path, *, lasting: bool = True) -> Iterator[Path]:
                 os.fsync(file.fileno())
         aside.replace(path)
         if lasting:
-            with suppress(OSError):  # not every file system can
+            with suppress(OSError):  # not every file system supports it
                 sync_folder(path.parent)
     except OSError as error:
         raise OutputError(f"cannot write {path}: {refusal(error)}") from error
@@ -119,7 +118,7 @@ def replacing(path: Path, *, lasting: bool = True) -> Iterator[Path]:
 
 
 def sync_folder(folder: Path) -> None:
-    """Have the disk keep the folder's list of files."""
+    """Flush a folder's directory entries to the disk."""
     descriptor = os.open(folder, os.O_RDONLY | os.O_DIRECTORY)
     try:
         os.fsync(descriptor)
@@ -128,41 +127,41 @@ def sync_folder(folder: Path) -> None:
 
 
 def write_text(path: Path, text: str, *, lasting: bool = True) -> None:
-    """Write a text file whole or not at all; `lasting`: see `replacing`."""
+    """Write a text file atomically; `lasting`: see `replacing`."""
     with replacing(path, lasting=lasting) as aside:
         aside.write_text(text, encoding="utf-8")
 
 
 def write_bytes(path: Path, data: bytes) -> None:
-    """Write a binary file whole or not at all."""
+    """Write a binary file atomically."""
     with replacing(path) as aside:
         aside.write_bytes(data)
 
 
 def remove(path: Path) -> None:
-    """See that there is no file at a path.
+    """Remove a file if it exists.
 
     Raises:
-        OutputError: it cannot be removed.
+        OutputError: the file cannot be removed.
     """
     try:
         path.unlink()
-    except (FileNotFoundError, NotADirectoryError):  # such as in a folder that is a file
+    except (FileNotFoundError, NotADirectoryError):  # the latter where a parent folder is a file
         return
     except OSError as error:
         raise OutputError(f"cannot remove {path}: {refusal(error)}") from error
 
 
 def write_json(path: Path, values: Json, *, lasting: bool = True) -> None:
-    """Write a JSON file whole or not at all; NaN and infinities are refused. `lasting`: see `replacing`."""
+    """Write a JSON file atomically; NaN and infinities are refused. `lasting`: see `replacing`."""
     write_text(path, json.dumps(values, indent=2, allow_nan=False) + "\n", lasting=lasting)
 
 
 def _mode(path: Path, failure: type[WaychairError]) -> int | None:
-    """What kind of thing there is at a path; None where there can be nothing."""
+    """Return the `st_mode` of a path; None where nothing can exist there."""
     try:
         return path.stat().st_mode
-    except ValueError:  # a null in it
+    except ValueError:  # a null byte in the path
         return None
     except OSError as error:
         if error.errno in (errno.ENOENT, errno.ENOTDIR, errno.ENAMETOOLONG, errno.ELOOP):
@@ -171,10 +170,10 @@ def _mode(path: Path, failure: type[WaychairError]) -> int | None:
 
 
 def _written(path: Path) -> Path:
-    """The file that is written in the end, through symbolic links."""
+    """Return the file behind symbolic links, which is the one to write."""
     try:
         target = path.resolve()
-    except (OSError, RuntimeError, ValueError) as error:  # links in a circle
+    except (OSError, RuntimeError, ValueError) as error:  # a loop of links
         raise OutputError(f"cannot write {path}: it leads nowhere; choose another name") from error
     mode = _mode(target, OutputError)
     if mode is not None and not stat.S_ISREG(mode):

@@ -1,4 +1,4 @@
-"""Planar geometry on arrays: poses are (..., 3) float64 [m, m, rad], points (..., 2) [m]; `a_from_b` transforms."""
+"""Planar geometry on arrays: poses (..., 3) float64 [m, m, rad], points (..., 2) [m], transforms `a_from_b`."""
 
 from __future__ import annotations
 
@@ -9,31 +9,31 @@ import numpy as np
 from waychair.types import FloatArray, Pose2, Pose3
 
 FARTHEST = 1e6
-"""No coordinate of a map is greater than this [m]: beyond it cells of a few centimetres could not be told apart."""
+"""Largest coordinate on a map [m]. Beyond it float32 cannot tell cells of a few centimetres apart."""
 
 MOST_TURNED = 1000.0
-"""No angle that somebody writes is greater than this [rad]."""
+"""Largest angle that is accepted from a file or a message [rad]."""
 
 
 def is_on_map(x: float, y: float, theta: float = 0.0) -> bool:
-    """Whether these can be a pose on a map: finite, no farther than `FARTHEST`, no more turned than `MOST_TURNED`."""
+    """Return whether this can be a pose on a map: finite, within `FARTHEST` and within `MOST_TURNED`."""
     return abs(x) <= FARTHEST and abs(y) <= FARTHEST and abs(theta) <= MOST_TURNED
 
 
 def wrap_angle(angle: float) -> float:
-    """The same angle in (-pi, pi]."""
+    """Return the same angle in (-pi, pi]."""
     wrapped = math.remainder(angle, math.tau)
     return math.pi if wrapped == -math.pi else wrapped
 
 
 def wrap_angles(angles: FloatArray) -> FloatArray:
-    """Angles (...) wrapped to (-pi, pi]."""
+    """Return angles (...) wrapped to (-pi, pi]."""
     wrapped: FloatArray = np.pi - np.mod(np.pi - angles, 2 * np.pi)
     return wrapped
 
 
 def compose(a_from_b: FloatArray, b_from_c: FloatArray) -> FloatArray:
-    """`a_from_c` of poses (..., 3), broadcast against each other."""
+    """Return `a_from_c` of poses (..., 3), broadcast against each other."""
     a, b = np.asarray(a_from_b, float), np.asarray(b_from_c, float)
     c, s = np.cos(a[..., 2]), np.sin(a[..., 2])
     theta = wrap_angles(a[..., 2] + b[..., 2])
@@ -45,63 +45,65 @@ def compose(a_from_b: FloatArray, b_from_c: FloatArray) -> FloatArray:
 
 
 def invert(a_from_b: FloatArray) -> FloatArray:
-    """`b_from_a` of poses (..., 3)."""
+    """Return `b_from_a` of poses (..., 3)."""
     a = np.asarray(a_from_b, float)
     c, s = np.cos(a[..., 2]), np.sin(a[..., 2])
     return np.stack([-c * a[..., 0] - s * a[..., 1], s * a[..., 0] - c * a[..., 1], wrap_angles(-a[..., 2])], axis=-1)
 
 
 def transform_points(a_from_b: Pose2, points_b: FloatArray) -> FloatArray:
-    """Points (N, 2) of frame b in frame a."""
+    """Return points (N, 2) of frame b in frame a."""
     return points_b @ rotation(a_from_b.theta).T + (a_from_b.x, a_from_b.y)
 
 
 def arc_lengths(points: FloatArray) -> FloatArray:
-    """(N,) the way along points (N, 2) from the first to each."""
+    """Return the distance (N,) along a polyline (N, 2) from its first point to each point."""
     return np.concatenate([[0.0], np.hypot(*np.diff(points, axis=0).T).cumsum()])
 
 
 def eased_below(most: FloatArray, rise: FloatArray) -> FloatArray:
-    """(N,) the most that is nowhere above `most` (N,), and changes between two places by no more than `rise` (N,) grows."""
+    """Return the largest profile (N,) that stays below `most` (N,) and changes between two points by no more than `rise`
+    (N,) grows between them.
+    """
     risen = np.minimum.accumulate(most - rise) + rise
     eased: FloatArray = np.minimum.accumulate((risen + rise)[::-1])[::-1] - rise
     return eased
 
 
 def rotation(theta: float) -> FloatArray:
-    """(2, 2) rotation matrix."""
+    """Return the (2, 2) rotation matrix of an angle [rad]."""
     c, s = math.cos(theta), math.sin(theta)
     return np.array([[c, -s], [s, c]])
 
 
 def in_space(pose: Pose2, height: float = 0.0) -> Pose3:
-    """A planar pose as one in space: upright, `height` [m] above the plane."""
+    """Return a planar pose as a pose in space: upright, `height` [m] above the plane."""
     c, s = math.cos(pose.theta), math.sin(pose.theta)
     return Pose3(np.array([[c, -s, 0.0], [s, c, 0.0], [0.0, 0.0, 1.0]]), np.array([pose.x, pose.y, height]))
 
 
 def pose_from_array(pose: FloatArray) -> Pose2:
-    """`Pose2` of an (3,) array."""
+    """Return the `Pose2` of a (3,) array."""
     return Pose2(float(pose[0]), float(pose[1]), float(pose[2]))
 
 
 def arc(distance: float, turn: float) -> Pose2:
-    """Motion along a circular arc of length `distance` [m] that turns by `turn` [rad], in the frame of its beginning."""
+    """Return the end of a circular arc of length `distance` [m] that turns by `turn` [rad], in the frame of its start."""
     half = turn / 2
-    # the chord is free of the cancellation in 1 - cos(turn)
+    # the chord avoids the cancellation in 1 - cos(turn)
     chord = distance * math.sin(half) / half if abs(half) > 1e-12 else distance
     return Pose2(chord * math.cos(half), chord * math.sin(half), turn)
 
 
 def arcs(distances: FloatArray, turns: FloatArray) -> FloatArray:
-    """`arc` for distances (...) [m] and turns (...) [rad]: poses (..., 3), whose theta is the turn, not wrapped."""
+    """Return `arc` for distances (...) [m] and turns (...) [rad]: poses (..., 3), theta the unwrapped turn."""
     half = 0.5 * turns
     chords = distances * np.sinc(half / np.pi)
     return np.stack([chords * np.cos(half), chords * np.sin(half), turns], axis=-1)
 
 
 def interpolate(start: Pose2, end: Pose2, fraction: float) -> Pose2:
-    """Straight in x, y and the short way round in theta; fraction 0 is start, 1 is end."""
+    """Return the pose between start (fraction 0) and end (1): linear in x and y, the short way round in theta."""
     return Pose2(
         start.x + fraction * (end.x - start.x),
         start.y + fraction * (end.y - start.y),
@@ -110,5 +112,5 @@ def interpolate(start: Pose2, end: Pose2, fraction: float) -> Pose2:
 
 
 def rectangle(front: float, rear: float, half_width: float) -> FloatArray:
-    """Corners (4, 2) [m], counter-clockwise, of a body reaching `front` ahead of and `rear` behind its origin."""
+    """Return the corners (4, 2) [m], counter-clockwise, of a rectangle `front` ahead of and `rear` behind its origin."""
     return np.array([[front, half_width], [-rear, half_width], [-rear, -half_width], [front, -half_width]])

@@ -1,4 +1,4 @@
-"""Scans seen otherwise: a laser that hangs upside down, several lasers as one, points of a cloud as a scan."""
+"""Scan conversions: lasers mounted upside down, beam order, range codes, and point clouds as scans."""
 
 from __future__ import annotations
 
@@ -16,17 +16,17 @@ UPSIDE_DOWN = "upside-down"
 
 @dataclass(frozen=True, slots=True)
 class LaserMount:
-    """Pose of a laser in the base, and whether it hangs upside down: its beams then turn the other way round."""
+    """The pose of a laser in the base, and whether it hangs upside down (its beams then turn the other way round)."""
 
     base_from_laser: Pose2 = field(default_factory=Pose2)
     upside_down: bool = False
 
 
 def mount_from_text(text: str) -> LaserMount:
-    """`X,Y`, `X,Y,YAW` or `X,Y,YAW,upside-down` in metres and radians.
+    """Return the mount from a text `X,Y`, `X,Y,YAW` or `X,Y,YAW,upside-down` in metres and radians.
 
     Raises:
-        ConfigError: it is none of these.
+        ConfigError: the text has another form.
     """
     *numbers, last = [part.strip() for part in text.split(",")]
     upside_down = last == UPSIDE_DOWN
@@ -43,13 +43,13 @@ def mount_from_text(text: str) -> LaserMount:
 
 
 def text_from_mount(mount: LaserMount) -> str:
-    """What `mount_from_text` reads, to the millimetre and the tenth of a degree."""
+    """Return the text that `mount_from_text` reads, with three decimals."""
     pose = mount.base_from_laser
     return f"{pose.x:.3f},{pose.y:.3f},{pose.theta:.3f}" + (f",{UPSIDE_DOWN}" if mount.upside_down else "")
 
 
 def ascending(scan: Scan) -> Scan:
-    """The same scan with its beams in the order of their angles: the stamp moves to the beam that is now the first."""
+    """Return the scan with its beams by ascending angle; the stamp moves to the beam that is now the first."""
     if scan.angle_step > 0:
         return scan
     last = len(scan.ranges) - 1
@@ -64,28 +64,28 @@ def ascending(scan: Scan) -> Scan:
 
 
 def without_codes(scan: Scan) -> Scan:
-    """The scan with whatever is beyond its greatest range as +inf, nothing seen: no lidar measures there.
+    """Return the scan with every range beyond `range_max` as +inf (nothing seen).
 
-    sensor_msgs/LaserScan has such values discarded; drivers send 65.533 or the like for a beam that did not come back.
+    sensor_msgs/LaserScan says to discard such values. Some drivers send 65.533 m or the like for a missing echo.
     """
     beyond = scan.ranges > scan.range_max
     return replace(scan, ranges=np.where(beyond, np.float32(np.inf), scan.ranges)) if beyond.any() else scan
 
 
 def mirrored(scan: Scan) -> Scan:
-    """The scan of a laser mounted upside down as one that stands upright would have made it."""
+    """Return the scan of an upside-down laser as an upright laser would have made it."""
     return ascending(replace(scan, angle_min=-scan.angle_min, angle_step=-scan.angle_step))
 
 
 def beam_times(scan: Scan) -> FloatArray:
-    """(N,) seconds of each beam after the stamp."""
+    """Return the time (N,) [s] of each beam after the stamp."""
     return scan.time_step * np.arange(len(scan.ranges), dtype=np.float64)
 
 
 def ends_of_beams(scan: Scan) -> tuple[FloatArray, FloatArray]:
-    """Ends (N, 2) [m] of the beams in the laser's frame, nan where a beam tells nothing, and directions (N, 2).
+    """Return the ends (N, 2) [m] of the beams in the laser's frame, and their directions (N, 2).
 
-    A beam that saw nothing has an infinite end.
+    The end is nan for an invalid beam and infinite for a beam that saw nothing.
     """
     angles = scan.angles()
     directions = np.stack([np.cos(angles), np.sin(angles)], axis=1)
@@ -99,16 +99,16 @@ def ends_of_beams(scan: Scan) -> tuple[FloatArray, FloatArray]:
 def scan_from_points(
     stamp_ns: int, hits: FloatArray, looked: FloatArray, step: float, range_min: float, range_max: float
 ) -> Scan:
-    """One sweep of a laser at the origin that would have seen these points, the nearest one in each direction.
+    """Return the scan of a virtual laser at the origin that sees the nearest of these points in each direction.
 
     Args:
-        hits: (N, 2) [m] points that were seen.
-        looked: (M, 2) points in directions in which was looked but nothing seen; only their directions count.
-        step: [rad] between beams; a full turn is a whole number of them.
+        hits: (N, 2) [m] measured points.
+        looked: (M, 2) points in directions that were observed without a hit; only their directions count.
+        step: [rad] between beams; rounded so that a full turn is a whole number of beams.
         range_min, range_max: [m] points outside are left out.
 
     Returns:
-        All directions, from -pi on: +inf where was looked in vain, nan where nothing is known.
+        A scan of a full turn from -pi on: +inf in observed directions without a hit, nan in unobserved ones.
     """
     count = round(math.tau / step)
     ranges = np.full(count, np.nan)
@@ -124,11 +124,11 @@ def scan_from_points(
 
 
 def _beams(points: FloatArray, count: int) -> np.ndarray:
-    """Index of the beam that points at each point, of `count` beams in a full turn from -pi on."""
+    """Return the index of the beam towards each point, of `count` beams in a full turn from -pi on."""
     turns = np.arctan2(points[:, 1], points[:, 0]) / math.tau + 0.5
     return np.rint(turns * count).astype(np.int64) % count
 
 
 def silent(scans: Sequence[Scan]) -> int:
-    """Number of scans without a single distance."""
+    """Return the number of scans without a single distance."""
     return sum(not (np.isfinite(scan.ranges) & (scan.ranges > 0.0)).any() for scan in scans)

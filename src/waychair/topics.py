@@ -1,7 +1,7 @@
-"""The system as a table: every message between the parts of a chair, its type, its rate and when it is stale.
+"""Message streams between the parts of a chair: type, nominal rate, and the age at which a message is stale.
 
-The names follow REP-103/105 and Nav2, so that the ROS shell publishes them as they are. Liveness is computed from the
-declared rate: a topic is stale when its last message is older than `patience` periods.
+A topic is stale when its last message is older than `patience` periods of its nominal rate. `ros_topics` and
+`ros.topics` give these streams their ROS names, types and QoS.
 """
 
 from __future__ import annotations
@@ -29,7 +29,7 @@ from waychair.types import (
 
 @dataclass(frozen=True, slots=True)
 class Topic:
-    """One kind of message: its name, type and nominal rate [Hz] (0: sent when it changes)."""
+    """One kind of message: its name, type and nominal rate [Hz]; rate 0: sent on change."""
 
     name: str
     type: type
@@ -37,20 +37,20 @@ class Topic:
     patience: float = 3.0
 
     def max_age_ns(self) -> int | None:
-        """Age [ns] beyond which the last message is stale; None for topics without a rate."""
+        """Return the age [ns] beyond which the last message is stale; None for topics without a rate."""
         return None if self.rate_hz == 0 else round(self.patience * 1e9 / self.rate_hz)
 
     def is_stale(self, stamp_ns: int | None, now_ns: int) -> bool:
-        """Whether a message of that stamp (None: never received) is too old, or lies in the future by as much."""
+        """Return whether a message with this stamp (None: never received) is too old, or as far in the future."""
         limit = self.max_age_ns()
         if limit is None:
             return False
         return stamp_ns is None or abs(now_ns - stamp_ns) > limit
 
 
-SCAN = Topic("scan", Scan, 10.0, patience=5.0)  # slowed down for from 3 periods on (F11)
+SCAN = Topic("scan", Scan, 10.0, patience=5.0)  # the chair slows down from 3 missed periods on (F11)
 WHEELS = Topic("wheel_ticks", WheelTicks, 50.0, patience=5.0)
-IMU = Topic("imu/data", ImuSample, 200.0, patience=60.0)  # 0.3 s, as the camera (F13)
+IMU = Topic("imu/data", ImuSample, 200.0, patience=60.0)  # 0.3 s, like the camera (F13)
 CAMERA = Topic("camera", RgbdFrame, 15.0, patience=4.5)
 SONAR = Topic("sonar", SonarReadings, 20.0)
 JOYSTICK = Topic("joystick", JoystickInput, 50.0, patience=5.0)

@@ -1,9 +1,9 @@
-"""The nouns: every value that crosses a room's door is one of these frozen dataclasses.
+"""Data types that packages exchange: poses, scans, pictures, odometry, maps, goals and reports, as frozen dataclasses.
 
-Units are metres, radians in (-pi, pi], volts; times are integer nanoseconds (`stamp_ns`). The base frame is x forward,
-y left, z up (REP-103) with its origin in the middle of the drive axle; frames are map -> odom -> base_link -> sensors
-(REP-105). A transform is named `a_from_b` and takes coordinates in b to coordinates in a. Arrays are not copied and
-must not be written to by whoever receives them.
+Units are metres, radians in (-pi, pi] and volts; times are integer nanoseconds (`stamp_ns`). The base frame is x
+forward, y left, z up (REP-103) with its origin in the middle of the drive axle; frames are map -> odom -> base_link ->
+sensors (REP-105). A transform is named `a_from_b` and takes coordinates in b to coordinates in a. Arrays are not
+copied: a receiver must not write to them.
 """
 
 from __future__ import annotations
@@ -24,19 +24,19 @@ Bytes: TypeAlias = NDArray[np.uint8]
 Cells: TypeAlias = NDArray[np.int8]
 
 UNKNOWN = -1
-"""Value of an unknown cell in `OccupancyGrid.cells` (nav_msgs/OccupancyGrid)."""
+"""The value of an unknown cell in `OccupancyGrid.cells` (nav_msgs/OccupancyGrid)."""
 
 
 @dataclass(frozen=True, slots=True)
 class Pose2:
-    """Pose in the plane: x, y [m], theta [rad]."""
+    """A pose in the plane: x, y [m], theta [rad]."""
 
     x: float = 0.0
     y: float = 0.0
     theta: float = 0.0
 
     def __matmul__(self, other: Pose2) -> Pose2:
-        """Composition: `a_from_c = a_from_b @ b_from_c`, theta wrapped to (-pi, pi]."""
+        """Return the composition `a_from_c = a_from_b @ b_from_c`, theta wrapped to (-pi, pi]."""
         c, s = math.cos(self.theta), math.sin(self.theta)
         theta = math.remainder(self.theta + other.theta, math.tau)
         return Pose2(
@@ -57,13 +57,13 @@ class Pose2:
 
 @dataclass(frozen=True, slots=True)
 class Pose3:
-    """Pose in space: rotation (3, 3), translation (3,) [m]."""
+    """A pose in space: rotation (3, 3), translation (3,) [m]."""
 
     rotation: FloatArray
     translation: FloatArray
 
     def __matmul__(self, other: Pose3) -> Pose3:
-        """Composition: `a_from_c = a_from_b @ b_from_c`."""
+        """Return the composition `a_from_c = a_from_b @ b_from_c`."""
         return Pose3(self.rotation @ other.rotation, self.rotation @ other.translation + self.translation)
 
     def inverse(self) -> Pose3:
@@ -71,14 +71,14 @@ class Pose3:
         return Pose3(self.rotation.T, -self.rotation.T @ self.translation)
 
     def planar(self) -> Pose2:
-        """Its x, y and yaw."""
+        """Return its x, y and yaw."""
         yaw = math.atan2(self.rotation[1, 0], self.rotation[0, 0])
         return Pose2(float(self.translation[0]), float(self.translation[1]), yaw)
 
 
 @dataclass(frozen=True, slots=True)
 class Trajectory:
-    """Poses over time, in the order in which they were recorded: stamps_ns (N,) int64, poses (N, 3) [m, m, rad]."""
+    """Poses over time, in recording order: stamps_ns (N,) int64, poses (N, 3) [m, m, rad]."""
 
     stamps_ns: IntArray
     poses: FloatArray
@@ -182,7 +182,7 @@ class Odometry:
 
 @dataclass(frozen=True, slots=True)
 class SensorFrame:
-    """What is known at the stamp of one scan (or image), and everything else since the previous frame."""
+    """The measurements at the stamp of one scan (or image), and all wheel and IMU readings since the previous frame."""
 
     stamp_ns: int
     scan: Scan | None = None
@@ -193,7 +193,7 @@ class SensorFrame:
 
 
 class DriveMode(enum.Enum):
-    """Who drives."""
+    """The party in control of the motors: the rider's joystick, the rider with limits, the computer, or nobody."""
 
     MANUAL = "manual"
     ASSISTED = "assisted"
@@ -203,7 +203,7 @@ class DriveMode(enum.Enum):
 
 @dataclass(frozen=True, slots=True)
 class JoystickInput:
-    """What the rider asks: forward and turn (left positive), each in [-1, 1]."""
+    """The joystick's deflection: forward and turn (left positive), each in [-1, 1]."""
 
     stamp_ns: int
     forward: float = 0.0
@@ -212,9 +212,9 @@ class JoystickInput:
 
 @dataclass(frozen=True, slots=True)
 class Sent:
-    """What really went to the joystick lines: DAC counts and volts of the forward and turn axes.
+    """The values written to the joystick lines: DAC counts and volts of the forward and turn axes.
 
-    `active` is false when the computer has let go of the lines (the rider's joystick is live); `reason` then says why.
+    `active` is false when the computer has released the lines (the rider's joystick is live); `reason` says why.
     """
 
     stamp_ns: int
@@ -229,9 +229,9 @@ class Sent:
 
 @dataclass(frozen=True, slots=True)
 class Telemetry:
-    """What the board reports: read-back volts of the lines, the rider's joystick, fault names, state, line holder.
+    """The board's report: read-back volts of the lines, the rider's joystick, fault names, state, line holder.
 
-    `round_trip_ns` is the time from the last command that was echoed to its echo, None before the first.
+    `round_trip_ns` is the time from the last echoed command to its echo, None before the first.
     """
 
     stamp_ns: int
@@ -246,7 +246,7 @@ class Telemetry:
 
 @dataclass(frozen=True, slots=True)
 class ChairStatus:
-    """What the chair's contacts say: somebody sits, a charger is connected, charge in [0, 1]; None: nothing is said."""
+    """The chair's contacts: seat occupied, charger connected, charge in [0, 1]; None: not reported."""
 
     stamp_ns: int
     seated: bool | None = None
@@ -256,7 +256,7 @@ class ChairStatus:
 
 @dataclass(frozen=True, slots=True)
 class Place:
-    """A named place: pose in map and how closely it must be reached [m], [rad]."""
+    """A named place: its pose in map, and the tolerances of reaching it [m], [rad]."""
 
     name: str
     pose: Pose2
@@ -266,7 +266,7 @@ class Place:
 
 @dataclass(frozen=True, slots=True)
 class OccupancyGrid:
-    """Grid map: cells (H, W) int8, -1 unknown or 0..100 % occupied, `cells[row=y, col=x]`; resolution [m].
+    """A grid map: cells (H, W) int8, -1 unknown or 0..100 % occupied, `cells[row=y, col=x]`; resolution [m].
 
     `map_from_grid` is the pose of the lower-left corner of cell (0, 0) (nav_msgs/MapMetaData origin).
     """
@@ -283,13 +283,13 @@ class Path:
     poses: FloatArray
 
     def length(self) -> float:
-        """Sum of the straight steps [m]."""
+        """Return the sum of the straight steps [m]."""
         return float(np.hypot(*np.diff(self.poses[:, :2], axis=0).T).sum())
 
 
 @dataclass(frozen=True, slots=True)
 class Goal:
-    """Where to go: a pose in map or the name of a place, and the tolerances [m], [rad]."""
+    """A goal: a pose in map or the name of a place, and the tolerances [m], [rad]."""
 
     target: Pose2 | str
     tolerance_m: float = 0.15
@@ -308,4 +308,4 @@ class Health:
 
 
 Json: TypeAlias = dict[str, Any]
-"""A JSON object as it is written to a report."""
+"""A JSON object, as in a report."""

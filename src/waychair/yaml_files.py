@@ -1,4 +1,4 @@
-"""Reading YAML strictly: whatever is wrong with a file becomes the caller's named error, one sentence with the line."""
+"""Strict YAML reading: every defect of a file raises the caller's error class, one sentence with the line."""
 
 from __future__ import annotations
 
@@ -12,24 +12,24 @@ from waychair.errors import WaychairError
 from waychair.files import read_text
 
 DEEPEST = 50
-"""Lists and mappings may be nested so deep; what is nested without an end would overflow the stack."""
+"""Largest nesting depth of lists and mappings; unlimited nesting would overflow the stack."""
 
 _TOO_DEEP = f"more than {DEEPEST} lists or mappings in each other"
-"""Also where libyaml, which reads ahead, has met its own limit of a thousand before (from PyYAML 6.0.4 on)."""
+"""Also used where libyaml, which reads ahead, hits its own limit of a thousand first (PyYAML >= 6.0.4)."""
 
 _LARGEST = 2**63
-"""Whole numbers stay below this, so that each of them is a float, too."""
+"""Whole numbers stay below this, so that each can be converted to a float."""
 
 _BASE: Any = getattr(yaml, "CSafeLoader", yaml.SafeLoader)
 
 
 class _Loader(_BASE):  # type: ignore[misc]
-    """Refuses a value that is none of its kind, with its place, where YAML's own raises what it happens to."""
+    """A safe loader that reports an invalid scalar with its position; PyYAML's raises ValueError or OverflowError."""
 
     def construct_object(self, node: yaml.Node, deep: bool = False) -> Any:
         try:
             value = super().construct_object(node, deep)
-        except (ValueError, OverflowError) as error:  # such as the date 2024-13-45
+        except (ValueError, OverflowError) as error:  # e.g. the date 2024-13-45
             raise _no_value(node) from error
         if isinstance(value, int) and abs(value) >= _LARGEST:
             raise _no_value(node)
@@ -37,22 +37,22 @@ class _Loader(_BASE):  # type: ignore[misc]
 
 
 def load_yaml(path: Path, failure: type[WaychairError], instead: str = "") -> Any:
-    """What a YAML file holds, None when it is empty; `instead` is advice for a file that is no text at all.
+    """Return the content of a YAML file, None when it is empty; `instead` is the advice for a file that is not text.
 
     Raises:
-        WaychairError: of the type `failure`; it cannot be read, is no YAML, or gives a key twice.
+        WaychairError: of the type `failure`; the file cannot be read, is not YAML, or gives a key twice.
     """
     return yaml_from_text(read_text(path, failure, instead), str(path), failure)
 
 
 def yaml_from_text(text: str, where: str, failure: type[WaychairError]) -> Any:
-    """The same of a text, about which a message says `where` it stands."""
+    """Return the content of a YAML text; `where` names its source in errors. Raises as `load_yaml`."""
     root = _composed(text, where, failure)
     return None if root is None else node_value(root, where, failure)
 
 
 def compose_yaml(path: Path, failure: type[WaychairError]) -> yaml.Node | None:
-    """The nodes of a YAML file, which know their lines; None when it is empty.
+    """Return the root node of a YAML file, with line numbers; None when the file is empty.
 
     Raises:
         WaychairError: as `load_yaml`.
@@ -61,10 +61,10 @@ def compose_yaml(path: Path, failure: type[WaychairError]) -> yaml.Node | None:
 
 
 def node_value(node: yaml.Node, where: str, failure: type[WaychairError]) -> Any:
-    """The value of a node; `where` is its file.
+    """Return the value of a node; `where` names its file in errors.
 
     Raises:
-        WaychairError: of the type `failure`; it is of no kind that there is.
+        WaychairError: of the type `failure`; the node has an unknown or invalid type.
     """
     loader = _Loader("")
     try:
@@ -76,7 +76,7 @@ def node_value(node: yaml.Node, where: str, failure: type[WaychairError]) -> Any
 
 
 def shown(value: object) -> str:
-    """A value as a message quotes it: what is long is cut."""
+    """Return a value as an error message quotes it, shortened if it is long."""
     return _QUOTES.repr(value)
 
 
@@ -95,7 +95,7 @@ def _composed(text: str, where: str, failure: type[WaychairError]) -> yaml.Node 
 
 
 def _refuse_endless(text: str) -> None:
-    """Refuse what is nested too deep, or is a part of itself, before anything follows it down."""
+    """Refuse deep nesting and self-reference before the recursive constructor runs."""
     above: list[str | None] = []
     for event in yaml.parse(text, Loader=_Loader):
         if isinstance(event, yaml.CollectionStartEvent):
@@ -109,7 +109,7 @@ def _refuse_endless(text: str) -> None:
 
 
 def _refuse_twice(root: yaml.Node | None) -> None:
-    """Refuse a key that is given twice, of which YAML's own would silently keep the last."""
+    """Refuse duplicate keys, of which PyYAML would silently keep the last."""
     ahead, known = [root], set()
     while ahead:
         node = ahead.pop()
@@ -136,7 +136,7 @@ def _problem(problem: str, mark: Any) -> yaml.MarkedYAMLError:
 
 
 def _refusal(where: str, error: yaml.YAMLError, failure: type[WaychairError]) -> WaychairError:
-    """The named error: the file, the line, what is wrong there."""
+    """Return the caller's error: the file, the line, the problem."""
     if isinstance(error, yaml.MarkedYAMLError):
         problem = _TOO_DEEP if "nesting depth" in (error.problem or "") else error.problem
         line = f", line {error.problem_mark.line + 1}" if error.problem_mark else ""
