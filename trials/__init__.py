@@ -1,1 +1,4 @@
-"""Whole scenes: a Chair in a Simulator, run, scored and reported."""
+"""Whole drives of a chair in a simulator, for the commands of `waychair` and for the benchmarks, and their scores.
+
+Begin with `drive.py`, which runs the complete chair in a simulator, and `demo.py`, which maps a floor and drives on it.
+"""

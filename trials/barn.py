@@ -1,13 +1,13 @@
-"""The BARN benchmark: through fields of cylinders to a goal straight ahead, with a lidar and without a map.
+"""The BARN benchmark: a robot drives through a field of cylinders to a goal straight ahead, by lidar and without a map.
 
-Perille, Truong, Xiao, Stone, "Benchmarking Metric Ground Navigation", SSRR 2020, and the rules of its challenge: the
-goal lies 10 m ahead, within 1 m of it is success, a contact ends the run, and so do 100 s; the clock starts with the
-first 0.1 m. The score of a success is OT / clip(AT, 2 OT, 8 OT), AT being the time taken and OT that of the reference
-path at 2 m/s.
+Source: Perille, Truong, Xiao, Stone, "Benchmarking Metric Ground Navigation", SSRR 2020, and the rules of its
+challenge. The goal lies 10 m ahead; a run succeeds within 1 m of it. A contact or 100 s end the run; the clock starts
+after the first 0.1 m. A success scores OT / clip(AT, 2 OT, 8 OT), where AT is the time taken and OT the time of the
+reference path at 2 m/s.
 
-A lean loop stands in for the whole chair, so that a thousand runs take minutes: a body whose wheels follow the
-commands after a delay, within the limits of acceleration; exact rays among exact cylinders with noise on the ranges;
-odometry whose scales are a little wrong. Navigation is the shipped one.
+A small loop replaces the whole chair, so that a thousand runs take minutes. The body follows the commands after a delay
+and within the acceleration limits. Rays are exact, among exact cylinders, with noise on the ranges. The odometry has
+scale errors. The navigator is the shipped one.
 """
 
 from __future__ import annotations
@@ -49,7 +49,7 @@ from waychair.types import FloatArray, Json, Pose2, Twist
 
 TICK_NS = round(1e9 / COMMAND.rate_hz)
 PERIOD = TICK_NS * 1e-9
-_STEPS = 5  # positions per tick that are looked at for contact
+_STEPS = 5  # positions per tick that are checked for contact
 
 JACKAL = ChairBody(
     chair_id="jackal",
@@ -62,17 +62,17 @@ JACKAL = ChairBody(
     laser_x=0.12,
     laser_z=0.30,
 )
-"""The benchmark's robot: its outline for contact; wheels and lidar about where the maker's drawings have them."""
+"""The benchmark's robot. Its footprint counts for contacts; wheels and lidar are roughly as in the maker's drawings."""
 
 OUTCOMES = ("success", "contact", "timeout")
 
 BODIES: Mapping[str, ChairBody] = MappingProxyType({"jackal": JACKAL, "A": CHAIR_A, "B": CHAIR_B})
-"""Whom the benchmark is run with."""
+"""The robots that the benchmark can run."""
 
 
 @dataclass(frozen=True, slots=True)
 class BarnSettings(Settings):
-    """The benchmark's rules, and what is not perfect about the simulated robot."""
+    """The benchmark's rules, and the errors of the simulated robot."""
 
     tolerance: float = setting(1.0, "m", "as near to the goal as this is success", low=0.01, high=10.0)
     time_limit: float = setting(100.0, "s", "from the first motion", low=1.0, high=3600.0)
@@ -90,10 +90,10 @@ class BarnSettings(Settings):
 
 @dataclass(frozen=True, slots=True)
 class BarnRun:
-    """One run: `outcome` is one of `OUTCOMES`, a navigator that gives up being a timeout.
+    """The result of one run. `outcome` is one of `OUTCOMES`; a navigator that gives up counts as a timeout.
 
-    `time_s` from the first motion; `clearance_m` the least on the way, at most the lidar's range; `truth` (T, 3) [m, m,
-    rad] in the world.
+    `time_s` counts from the first motion. `clearance_m` is the least of the run, at most the lidar's range. `truth`
+    (T, 3) [m, m, rad] is the path driven, in the world frame.
     """
 
     world: str
@@ -110,7 +110,7 @@ class BarnRun:
 
 @dataclass(frozen=True, slots=True)
 class BarnTask(Settings):
-    """What is run: by name one of `BODIES`, its greatest speed, and the scale of all lengths of the worlds."""
+    """The runs to make: which of `BODIES`, its top speed, the scale of the worlds, and the runs per world."""
 
     body: str = setting("jackal", "", "jackal, A or B")
     speed: float = setting(0.5, "m/s", "greatest speed", low=0.1, high=3.0)
@@ -124,10 +124,10 @@ class BarnTask(Settings):
 
 
 def worlds_in(folder: Path, count: int | None = None) -> list[Path]:
-    """The worlds of a folder, or of its folder `worlds`, in the order of their names; `count` of them, evenly spread.
+    """Return the world files of a folder or its subfolder `worlds`, sorted by name; `count` picks evenly spread ones.
 
     Raises:
-        WorldError: there are none, or none are asked for.
+        WorldError: the folder does not exist or holds no worlds, or `count` is less than 1.
     """
     if count is not None and count < 1:
         raise WorldError(f"{count} worlds are none: ask for at least one")
@@ -145,11 +145,13 @@ def worlds_in(folder: Path, count: int | None = None) -> list[Path]:
 def run_worlds(
     paths: Sequence[Path], task: BarnTask, jobs: int = 1, progress: Callable[[float], None] | None = None
 ) -> list[BarnRun]:
-    """All starts of all worlds, in order, on so many processes, at most one a world; the result does not depend on it.
+    """Run all starts of all worlds and return the runs in order.
+
+    `jobs` is the number of processes, at most one per world; results do not depend on it.
 
     Raises:
         WorldError: a file is no BARN world.
-        WorkerLost: a process was ended from outside.
+        WorkerLost: a process was killed from outside.
     """
     environments = [read_barn(path, task.scale) for path in paths]
     runs: list[BarnRun] = []
@@ -162,7 +164,7 @@ def run_worlds(
 
 
 def report(runs: Sequence[BarnRun], task: BarnTask) -> Json:
-    """Means over all runs and a row for each world; shares in [0, 1], `contact_below` with 95 % confidence."""
+    """Return means over all runs and a row per world; shares in [0, 1], `contact_below` with 95 % confidence."""
     shares = {outcome: _share(runs, outcome) for outcome in OUTCOMES}
     worlds = {run.world: [other for other in runs if other.world == run.world] for run in runs}
     return {
@@ -189,12 +191,12 @@ def report(runs: Sequence[BarnRun], task: BarnTask) -> Json:
 
 
 def upper_bound(count: int, trials: int) -> float:
-    """Below this share with 95 % confidence, one-sided (Clopper and Pearson, Biometrika 26, 1934)."""
+    """Return the one-sided 95 % upper bound of a share (Clopper and Pearson, Biometrika 26, 1934)."""
     return 1.0 if count >= trials else float(beta.ppf(0.95, count + 1, trials - count))
 
 
 def settings_for(body: ChairBody, speed: float, scale: float) -> MaplessSettings:
-    """What the navigator drives with: the benchmark's limits for its robot, the comfortable ones for a chair."""
+    """Return the navigator's settings: the benchmark's limits for the Jackal, comfortable limits for a chair."""
     dwa = replace(DwaSettings(), max_speed=speed)
     if body is JACKAL:
         dwa = replace(
@@ -213,7 +215,7 @@ def settings_for(body: ChairBody, speed: float, scale: float) -> MaplessSettings
     return MaplessSettings(
         memory=GridMemorySettings(occupancy=occupancy),
         costmap=replace(CostmapSettings(), inflation_radius=0.6 * scale),
-        # nobody is in the way who would go again
+        # no people here, so waiting for the path to clear is useless
         recovery=RecoverySettings(wait=0.5, progress_time=5.0, tries=20, patience=60.0),
         dwa=dwa,
     )
@@ -226,7 +228,7 @@ def run_barn(
     navigator: MaplessSettings,
     settings: BarnSettings | None = None,
 ) -> BarnRun:
-    """One run from the start of that number: the same offset, noise and odometry in every run of it."""
+    """Run one world from start number `start`, which seeds the start offset, the noise and the odometry errors."""
     settings = settings or BarnSettings()
     rng = np.random.default_rng(seed_of("barn", environment.name, start))
     truth = environment.start @ _start_error(settings, rng)
@@ -287,7 +289,7 @@ def run_barn(
 
 
 def clearance_among(cylinders: FloatArray, body: ChairBody, pose: Pose2) -> float:
-    """Distance [m] from the outline to the nearest of the cylinders (N, 3), 0 in contact, +inf without any; exact."""
+    """Return the exact distance [m] from the footprint to the nearest cylinder; 0 in contact, +inf if there is none."""
     if len(cylinders) == 0:
         return math.inf
     c, s = math.cos(pose.theta), math.sin(pose.theta)
@@ -300,7 +302,7 @@ def clearance_among(cylinders: FloatArray, body: ChairBody, pose: Pose2) -> floa
 
 @contextmanager
 def _workers(jobs: int) -> Iterator[Callable[..., Iterator[list[BarnRun]]]]:
-    """A `map`, here or on other processes."""
+    """Yield a function like `map` that runs in this process or on worker processes."""
     if jobs <= 1:
         yield map
         return

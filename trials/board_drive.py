@@ -1,8 +1,8 @@
-"""A real chair as a calibration drives it: volts through the board, speeds from the chair's own sensors.
+"""A calibration drive of a real chair: volts through the board, speeds from the chair's own sensors.
 
-The board is asked politely and holds the last word: it arms after two seconds of rest, gives the lines to the rider the
-moment the joystick is touched, and within 100 ms after this computer has fallen silent. Here, everything that is not as
-it should be ends the drive: the lines are let go, and the error says why.
+The board decides. It arms after the stick rested for two seconds, gives the lines back to the rider at once when the
+joystick is touched, and within 100 ms after this computer's last command. Here every irregularity ends the drive: the
+lines are released and the error states the cause.
 """
 
 from __future__ import annotations
@@ -40,37 +40,37 @@ from waychair.trials.sensor_lines import SensorLines
 from waychair.types import Pose2
 
 PERIOD_NS = 20_000_000
-"""Between two commands (50 Hz)."""
+"""Time between two commands (50 Hz)."""
 
 _GOODBYES = 3
-_BEYOND_MV = 5.0  # a count of most converters
+_BEYOND_MV = 5.0  # about one count of most converters
 
 
 class Clock(Protocol):
-    """Time that passes only by waiting for it, as far as a drive is concerned."""
+    """The source of time of a drive; tests replace it by a simulated clock."""
 
     def now_ns(self) -> int:
-        """Nanoseconds that never step back."""
+        """Return a time [ns] that never steps back."""
 
     def wait_until(self, moment_ns: int) -> None:
-        """Return at this moment, or at once when it is past."""
+        """Return at this moment, or at once if it has passed."""
 
 
 class MonotonicClock:
-    """The computer's own clock."""
+    """The computer's monotonic clock."""
 
     def now_ns(self) -> int:
-        """Nanoseconds since some moment in the past."""
+        """Return the monotonic time [ns]."""
         return time.monotonic_ns()
 
     def wait_until(self, moment_ns: int) -> None:
-        """Sleep until then."""
+        """Sleep until this moment."""
         time.sleep(max(0.0, (moment_ns - self.now_ns()) * 1e-9))
 
 
 @dataclass(frozen=True, slots=True)
 class BoardDriveSettings(Settings):
-    """Limits of a drive, and of patience with board and sensors."""
+    """Limits of a drive, and timeouts of board and sensors."""
 
     room: float = setting(6.0, "m", "farthest from where the drive began, by the chair's own speeds", low=0.5, high=100)
     fastest: float = setting(2.0, "m/s", "a chair that is faster than this is stopped", low=0.1, high=4.0)
@@ -82,10 +82,10 @@ class BoardDriveSettings(Settings):
 
 
 class BoardDrive:
-    """A `Drive` of a chair through its board; a context manager that lets go of the lines in any case.
+    """A `Drive` of a chair through its board; a context manager that always releases the lines at the end.
 
-    `neutral` (forward, turn) [V] is what the rider's stick read at rest while the board was being armed, and `reply`
-    what the board said of its converter. Volts are those at the nominal reference, which the board's lines follow.
+    `neutral` (forward, turn) [V] is the reading of the rider's stick at rest while the board was armed. `reply` holds
+    the board's description of its converter. Volts refer to the nominal reference; the board scales them to its own.
     """
 
     def __init__(
@@ -99,11 +99,11 @@ class BoardDrive:
         clock: Clock | None = None,
         settings: BoardDriveSettings | None = None,
     ) -> None:
-        """Greets the board; it takes the lines only in `arm`.
+        """Greet the board; the board takes the lines only in `arm`.
 
         Raises:
-            BridgeError: the board does not answer or refuses; with the reason.
-            CalibrationMismatch: it is the board of another chair.
+            BridgeError: the board does not answer, or it refuses (with its reason).
+            CalibrationMismatch: the board belongs to another chair.
             TransportError: the cable was lost.
         """
         self._board = board
@@ -133,14 +133,14 @@ class BoardDrive:
 
     @property
     def now_ns(self) -> int:
-        """Time of the clock that commands and sensors are stamped by."""
+        """Time [ns] of the clock that stamps commands and sensors."""
         return self._clock.now_ns()
 
     def arm(self) -> None:
-        """Stand still with the lines still the rider's until the board is armed and the sensors are there.
+        """Stand still, with the rider's stick on the lines, until the board is armed and the sensors deliver speeds.
 
         Raises:
-            BridgeError, TransportError, CalibrationError: that did not happen in time, or as `hold`.
+            BridgeError, TransportError, CalibrationError: this did not happen in time, or see `hold`.
         """
         patience_ns = self._clock.now_ns() + round(self._settings.arm_s * 1e9)
         stick: list[tuple[float, float]] = []
@@ -157,13 +157,13 @@ class BoardDrive:
         self.neutral = forward / 1e3, turn / 1e3
 
     def hold(self, forward_volts: float, turn_volts: float, seconds: float) -> list[Sample]:
-        """Hold the lines at these volts for so long; see `Drive`.
+        """Hold the lines at these volts for `seconds`; see `Drive`.
 
         Raises:
-            BridgeError: the rider took over, the board found a fault or fell silent; or it is not armed.
+            BridgeError: the rider took over, the board reported a fault or sent no telemetry, or it is not armed.
             TransportError: a cable was lost.
-            CalibrationError: no speeds came, the chair left its room or went too fast, or the board does not let these
-                volts through.
+            CalibrationError: no speeds arrived, the chair left its area or went too fast, or the board does not allow
+                these volts.
         """
         if not self._armed:
             raise BridgeError("the board is not armed: arm it before the lines are held")
@@ -187,13 +187,13 @@ class BoardDrive:
         return setpoint_from_millivolts(reply, 1e3 * volts)
 
     def release(self) -> None:
-        """Let go of the lines: the rider's joystick is live. Again is allowed, and so is a cable that is gone."""
+        """Release the lines to the rider's joystick. May be called twice, and after the cable was lost."""
         self._armed = False
         for _ in range(_GOODBYES):
             self._send(Command(0, 0, 0, 0))
 
     def _tick(self, forward: int, turn: int) -> list[Sample]:
-        """One command; the speeds that have become known meanwhile."""
+        """Send one command, wait a period, and return the speeds that arrived."""
         now_ns = self._clock.now_ns()
         self._send(Command(forward, turn, CommandFlag.ENABLE, now_ns // 1000 & 0xFFFFFFFF))
         self._due_ns = max(self._due_ns + PERIOD_NS, now_ns)
@@ -222,7 +222,7 @@ class BoardDrive:
         return messages
 
     def _refuse_unless_ours(self) -> None:
-        """The board has let go of the lines: say on whose account."""
+        """Raise BridgeError with the cause if the board no longer holds the lines for this computer."""
         telemetry = self._telemetry
         assert telemetry is not None
         if telemetry.faults:
@@ -303,7 +303,7 @@ class BoardDrive:
         return f"no speeds came from the sensors for {seconds:.1f} s: look at their cable, or take --speeds-from"
 
     def _stick_millivolts(self, telemetry: BoardTelemetry) -> tuple[float, float]:
-        """The rider's stick at the nominal reference."""
+        """Return the rider's stick (forward, turn) [mV], scaled to the nominal reference."""
         scale = self.reply.reference_mv / max(telemetry.reference_mv, 1)
         forward, turn = _stick(telemetry)
         return forward * scale, turn * scale
@@ -314,10 +314,11 @@ class BoardDrive:
 
 
 def _refuse_stranger(reply: HelloReply, ours: Hello) -> None:
-    """
+    """Check the board's reply.
+
     Raises:
-        CalibrationMismatch: the board is another chair's.
-        BridgeError: it cannot be worked with.
+        CalibrationMismatch: the board belongs to another chair.
+        BridgeError: the board is incompatible.
     """
     why = refusal(reply, ours)
     if why:
@@ -333,7 +334,7 @@ def _names(faults: int) -> str:
 
 
 def plan_for_board(plan: SweepSettings, drive: BoardDrive) -> SweepSettings:
-    """A plan on the counts of the board's own converter, within the swing that the board allows about its reference."""
+    """Return the plan in counts of the board's converter, within the swing that the board allows."""
     reply = drive.reply
     off = max(abs(volts - reply.reference_mv / 1e3) for volts in drive.neutral)
     return replace(

@@ -1,4 +1,4 @@
-"""Calibrates a simulated chair as one would a real one, and scores what came of it against the chair's truth."""
+"""Calibrate a chair's joystick volts and stops, and score the model of a simulated chair against its true plant."""
 
 from __future__ import annotations
 
@@ -27,15 +27,15 @@ from waychair.trials.measured_speeds import EncoderSpeeds, ScanSpeeds
 from waychair.trials.simulated_drive import SimulatedDrive, with_few_beams, with_gyro
 from waychair.types import FloatArray, Pose2, Twist
 
-_READING_SIGMA = 0.003  # [V] of a reading of the stick's lines
+_READING_SIGMA = 0.003  # [V] noise of one reading of the stick's lines
 _READINGS = 50
 _SETTLED_S = 5.0
 _REST_S = 4.0
-_ROUNDING = 0.05  # [m/s]: a wheel farther off than this was not rounded but held back
+_ROUNDING = 0.05  # [m/s]: a larger error of a wheel is saturation, not rounding
 
 
 def neutral_of(plant: PlantSettings, seed: int) -> tuple[float, float]:
-    """Neutral (forward, turn) [V] as a meter reads it on the original stick at rest."""
+    """Return neutral (forward, turn) [V] as a voltmeter reads it on the original stick at rest."""
     readings = np.random.default_rng(seed).normal(volts_from_joystick(plant, 0.0, 0.0), _READING_SIGMA, (_READINGS, 2))
     forward, turn = readings.mean(axis=0).tolist()
     return forward, turn
@@ -43,7 +43,7 @@ def neutral_of(plant: PlantSettings, seed: int) -> tuple[float, float]:
 
 @dataclass(frozen=True, slots=True)
 class ChairUnderTest:
-    """A simulated chair on its way through calibration: how it can be driven, and its neutral as measured."""
+    """A chair to calibrate: its drive, its measured neutral (forward, turn) [V] and its body."""
 
     drive: Drive
     neutral: tuple[float, float]
@@ -51,7 +51,7 @@ class ChairUnderTest:
 
 
 def chair_in_hall(settings: SimulatorSettings, body: ChairBody, seed: int, *, encoders: bool = True) -> ChairUnderTest:
-    """A chair in an open hall, whose speeds come from its encoders or, without those, from lidar and gyro."""
+    """Return a simulated chair in an open hall. Its speeds come from encoders or, without them, from lidar and gyro."""
     if encoders:
         drive = SimulatedDrive(Simulator(open_hall(), body, with_few_beams(settings), seed), EncoderSpeeds(body))
     else:
@@ -65,7 +65,7 @@ def calibrate_dac(
     fitting: FitSettings | None = None,
     progress: Callable[[float], None] = lambda share: None,
 ) -> DacFit:
-    """Sweeps a chair and fits the model to it.
+    """Sweep a chair's volts and return the model fitted to its speeds.
 
     Raises:
         CalibrationError: the sweep cannot be fitted; see `fit_dac`.
@@ -80,7 +80,7 @@ def calibrate_stops(
     settings: StopSettings | None = None,
     progress: Callable[[float], None] = lambda share: None,
 ) -> tuple[StopTable, tuple[Stop, ...]]:
-    """Drives a chair by its model, lets the stick go to neutral, and measures until it rests; worst case and all stops.
+    """Drive a chair by its model, set neutral and measure until it rests; return the worst case and all stops.
 
     Raises:
         ThinData: see `stop_from_motion` and `stop_table`.
@@ -95,7 +95,7 @@ def calibrate_stops(
 
 
 def _stop(chair: ChairUnderTest, model: FittedDac, twist: Twist) -> Stop:
-    """One stop. A chair that is slower in reverse takes its time for the way back, so that it stays where it is."""
+    """Measure one stop. A chair that is slower in reverse drives back for longer, so that it does not drift away."""
     counts = model.counts_from_wheel_speeds(wheel_speeds_from_twist(twist, chair.body.track))
     expected = model.twist_from_wheel_speeds(model.wheel_speeds_from_counts(*counts))
     seconds = 1.0 + max(
@@ -112,9 +112,9 @@ def _stop(chair: ChairUnderTest, model: FittedDac, twist: Twist) -> Stop:
 
 @dataclass(frozen=True, slots=True)
 class InverseError:
-    """How far a chair's settled speeds are from what was commanded: greatest and rms, m/s and rad/s.
+    """Errors of a chair's settled speeds against the commands: greatest and rms [m/s, rad/s].
 
-    `commands` were within the model's reach, `beyond` were not and do not count.
+    `commands` counts the commands within the model's reach, `beyond` the others, which are left out.
     """
 
     max_v: float
@@ -126,7 +126,7 @@ class InverseError:
 
 
 def command_grid() -> FloatArray:
-    """(N, 2) commands [m/s, rad/s]: crawling to brisk, both ways, with turns to either side."""
+    """Return commands (N, 2) [m/s, rad/s]: slow to brisk, forward and reverse, with turns to both sides."""
     v = [-0.8, -0.5, -0.25, -0.1, -0.05, 0.0, 0.05, 0.1, 0.25, 0.5, 0.8, 1.1]
     omega = [-1.2, -0.8, -0.4, -0.15, 0.0, 0.15, 0.4, 0.8, 1.2]
     return np.array([(a, b) for a in v for b in omega])
@@ -139,10 +139,10 @@ def inverse_error(
     commands: FloatArray | None = None,
     within: DacModel | None = None,
 ) -> InverseError:
-    """Error of a chair without ripple and slip, commanded through the inverse of `model`.
+    """Return the errors of a chair without ripple and slip that is commanded through the inverse of `model`.
 
-    `commands` (N, 2) [m/s, rad/s]; those count that `within` (by default the model) can hold: which it expects, from
-    the counts it gives, to within its own rounding.
+    `commands` is (N, 2) [m/s, rad/s]. A command counts if `within` (by default `model`) reaches it: its own counts
+    give the commanded wheel speeds up to rounding.
     """
     commands = command_grid() if commands is None else commands
     quiet = dataclasses.replace(plant, speed_noise=0.0, slip_noise=0.0)
@@ -169,7 +169,7 @@ def _can_hold(model: DacModel, command: Twist, track: float) -> bool:
 
 
 def settled_twist(plant: PlantSettings, body: ChairBody, forward_volts: float, turn_volts: float) -> Twist:
-    """Twist of a chair on a level floor after five seconds at these volts."""
+    """Return the twist of a chair on a level floor after five seconds at these volts."""
     chair = KinematicChair(body, plant, np.random.default_rng(0))
     for _ in range(round(_SETTLED_S * 1000.0 / plant.step_ms)):
         chair.step(forward_volts, turn_volts, _anywhere)
@@ -182,10 +182,10 @@ def _anywhere(pose: Pose2) -> bool:
 
 @dataclass(frozen=True, slots=True)
 class ChairScore:
-    """One chair of the acceptance: the fitted model's error and the linear model's, on the same commands.
+    """One chair of the acceptance test: errors of the fitted and of the linear model, on the same commands.
 
-    `inside`: whether its electronics are of the form that is fitted. A chair whose sweep was refused has no `fitted`,
-    but the reason.
+    `inside`: the chair's electronics have the form of the fitted model. If the sweep was refused, `fitted` is None and
+    `refused` holds the reason.
     """
 
     name: str
@@ -196,7 +196,7 @@ class ChairScore:
 
 
 def acceptance_chairs(inside: int = 12) -> Mapping[str, PlantSettings]:
-    """By name, `inside` chairs of the form that is fitted, and one of each plant family outside it."""
+    """Return, by name, `inside` chairs of the form of the fitted model and one chair of each other plant family."""
     chairs = {f"chair {seed}": randomised(PlantSettings(), seed) for seed in range(inside)}
     for index, (name, plant) in enumerate(families().items()):
         chairs[name] = randomised(plant, inside + index)
@@ -204,7 +204,7 @@ def acceptance_chairs(inside: int = 12) -> Mapping[str, PlantSettings]:
 
 
 def score_chair(name: str, plant: PlantSettings, seed: int, bits: int, body: ChairBody = CHAIR_A) -> ChairScore:
-    """Calibrates one chair with a converter of so many bits, and commands it through its model's inverse."""
+    """Calibrate one chair with a converter of `bits` bits, command it through the model's inverse, and score it."""
     inside = plant.family == FamilySettings()
     try:
         fit = calibrate_dac(chair_in_hall(SimulatorSettings(plant=plant), body, seed), SweepSettings(bits=bits))

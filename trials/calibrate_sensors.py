@@ -1,4 +1,4 @@
-"""Calibrates a simulated chair's wheels, inertial unit and camera from drives and recordings of its own sensors."""
+"""Calibrate a chair's wheels, inertial unit and camera from simulated drives or from recordings."""
 
 from __future__ import annotations
 
@@ -39,36 +39,36 @@ from waychair.types import (
 )
 
 STRETCH_NS = 500_000_000
-"""Time between the poses that the wheels are compared with."""
+"""Time between the poses that the encoders are compared with."""
 
-_MAPPED_STRETCH_NS = 4 * STRETCH_NS  # a lidar's pose is good to a centimetre, which a longer way makes less of
-_NEAR = 0.15  # [m]: a tape measure is right to within this
+_MAPPED_STRETCH_NS = 4 * STRETCH_NS  # lidar poses are good to a centimetre: longer stretches reduce the relative error
+_NEAR = 0.15  # [m]: error of a mount by tape measure
 _LEAN = math.sin(math.radians(15.0))
 _LEAST_BEAMS = 10
 _FLOOR_POINTS = np.array([[1.0, 1.0, 0.0], [1.0, -1.0, 0.0], [3.0, 1.0, 0.0], [3.0, -1.0, 0.0]])
 _DIRECTIONS = 8
-_STILL = 0.05  # [m]: so little do most beams of two scans at rest differ
-_PAUSE_NS = 500_000_000  # scans farther apart in time say nothing about rest
+_STILL = 0.05  # [m]: most beams of two scans at rest differ by less
+_PAUSE_NS = 500_000_000  # scans farther apart in time cannot show that the chair rested
 _VIEWS_APART_NS = 500_000_000
 WHEELS_HALL = 14.0
-"""Side [m] of a hall in which the square of `calibrate_wheels` has room, and its walls are in sight."""
+"""Side [m] of a hall that holds the square of `calibrate_wheels` with walls within the lidar's range."""
 
 _SIDE = 3.0  # [m] of the square
 _SQUARE_SPEED = 0.5  # [m/s]
 
 
 def square_both_ways(start: Pose2, side: float = _SIDE) -> FloatArray:
-    """Waypoints (N, 2) [m] of a square to the left of the start's heading, round to the left, then to the right."""
+    """Return waypoints (N, 2) [m] of a square left of the start's heading: once anticlockwise, then once clockwise."""
     corners = np.array([[side, 0.0], [side, side], [0.0, side], [0.0, 0.0]])
     back = np.array([[0.0, side], [side, side], [side, 0.0], [0.0, 0.0]])
     return transform_points(start, np.concatenate([corners, back]))
 
 
 def calibrate_wheels(simulator: Simulator, *, mapped: bool = False, rounds: int = 2) -> WheelCalibration:
-    """Drives a square both ways round, and compares the encoders with the truth or, if `mapped`, with the lidar's poses.
+    """Drive a square both ways; fit the wheels to the true poses or, if `mapped`, the localiser's poses.
 
     Raises:
-        CalibrationError: see `wheels_from_drive`; also when the lidar loses its place on the way.
+        CalibrationError: see `wheels_from_drive`; or the localiser got lost.
         WorldError: the square does not fit into the world.
     """
     body, start = simulator.body, simulator.truth()
@@ -82,7 +82,7 @@ def calibrate_wheels(simulator: Simulator, *, mapped: bool = False, rounds: int 
             scans.append(message)
         elif isinstance(message, WheelTicks):
             ticks.append(message)
-            if message.stamp_ns == simulator.now_ns:  # the truth is that of the tick's end
+            if message.stamp_ns == simulator.now_ns:  # the truth is taken at the end of the tick
                 truth.append((message.stamp_ns, simulator.truth()))
     known = poses_from_scans(simulator.world.grid, body, start, ticks, scans) if mapped else truth
     apart = thinned(known, _MAPPED_STRETCH_NS if mapped else STRETCH_NS)
@@ -94,10 +94,10 @@ def calibrate_wheels(simulator: Simulator, *, mapped: bool = False, rounds: int 
 def poses_from_scans(
     grid: OccupancyGrid, body: ChairBody, start: Pose2, ticks: Sequence[WheelTicks], scans: Sequence[Scan]
 ) -> list[tuple[int, Pose2]]:
-    """`map_from_base` at each scan's stamp on a known map, by the localiser and nominal odometry.
+    """Return (stamp, `map_from_base`) of each scan on a known map, by the localiser and nominal odometry.
 
     Raises:
-        CalibrationError: the lidar has lost its place.
+        CalibrationError: the localiser got lost.
     """
     stamps, odom_from_base, twists = reckoned(body, ticks)
     localiser = Localiser(grid, body.base_from_laser, start, LocaliserSettings())
@@ -113,7 +113,7 @@ def poses_from_scans(
 
 
 def reckoned(body: ChairBody, ticks: Sequence[WheelTicks]) -> tuple[IntArray, list[Pose2], list[Twist]]:
-    """Stamps (N,), poses since the first reading and twists of each, on the nominal wheels and track."""
+    """Return stamps (N,), poses since the first reading, and twists, by dead reckoning with nominal wheels and track."""
     meter, pose = EncoderSpeeds(body), Pose2()
     stamps, poses, twists = [ticks[0].stamp_ns], [pose], [Twist()]
     for before, reading in pairwise(ticks):
@@ -127,11 +127,11 @@ def reckoned(body: ChairBody, ticks: Sequence[WheelTicks]) -> tuple[IntArray, li
 
 
 def wheels_from_recording(recording: Path, trajectory: Path, body: ChairBody) -> WheelCalibration:
-    """Wheels from the encoders of a recorded drive and the poses that a mapping of it found, such as trajectory.tum.
+    """Fit the wheels to the encoders of a recorded drive and to its mapped poses, such as trajectory.tum.
 
     Raises:
-        RecordingError: one of the files cannot be read, or the recording holds no wheels.
-        CalibrationError: see `wheels_from_drive`; also when the two are of different times.
+        RecordingError: a file cannot be read, or the recording holds no wheels.
+        CalibrationError: see `wheels_from_drive`; or the two files share no time.
     """
     ticks = wheel_ticks_of(recording, body.ticks_per_turn)
     path = read_tum(trajectory)
@@ -150,17 +150,17 @@ def wheels_from_recording(recording: Path, trajectory: Path, body: ChairBody) ->
 
 
 def imu_from_recording(recording: Path) -> ImuCalibration:
-    """Bias and noise of a recorded inertial unit, whose axes are the base's, of a chair at rest.
+    """Return bias and noise of the inertial unit from a recording of a chair at rest; its axes must be the base's.
 
     Raises:
-        RecordingError: the file cannot be read, or holds no inertial unit.
+        RecordingError: the file cannot be read, or it holds no inertial unit.
         CalibrationError: see `imu_at_rest`.
     """
     return imu_at_rest(imu_samples_of(recording))
 
 
 def thinned(known: Sequence[tuple[int, Pose2]], apart_ns: int) -> list[tuple[int, Pose2]]:
-    """Poses at least so far apart in time."""
+    """Return the poses thinned to at least `apart_ns` between two."""
     kept: list[tuple[int, Pose2]] = []
     for stamp, pose in known:
         if not kept or stamp - kept[-1][0] >= apart_ns:
@@ -169,7 +169,7 @@ def thinned(known: Sequence[tuple[int, Pose2]], apart_ns: int) -> list[tuple[int
 
 
 def counts_at(ticks: Sequence[WheelTicks], stamps: IntArray) -> IntArray:
-    """(N, 2) encoder counts at these stamps, on straight lines between readings; unwrapped."""
+    """Return unwrapped encoder counts (N, 2) at these stamps, by linear interpolation."""
     known = np.array([reading.stamp_ns for reading in ticks], np.int64)
     counts = np.array([(reading.left, reading.right) for reading in ticks], np.int64)
     steps = (np.diff(counts, axis=0, prepend=counts[:1]) + 2**31) % 2**32 - 2**31
@@ -179,10 +179,10 @@ def counts_at(ticks: Sequence[WheelTicks], stamps: IntArray) -> IntArray:
 
 
 def calibrate_imu(simulator: Simulator, seconds: float = 60.0) -> ImuCalibration:
-    """Records a chair's inertial unit at rest.
+    """Record a simulated chair's inertial unit at rest and return its bias and noise.
 
     Raises:
-        CalibrationError: see `imu_at_rest`; too short, or no unit at all.
+        CalibrationError: see `imu_at_rest`; the time is too short, or there is no inertial unit.
     """
     simulator.release()
     messages = simulator.advance(round(seconds * 100) * 10_000_000)
@@ -192,17 +192,17 @@ def calibrate_imu(simulator: Simulator, seconds: float = 60.0) -> ImuCalibration
 def views_of_planes(
     frame: RgbdFrame, scan: Scan, body: ChairBody, nominal: Pose3, seed: int = 0
 ) -> tuple[PlaneView, ...]:
-    """What a camera and a lidar that stand still see alike: walls with the beams that end on them, and the floor.
+    """Return the planes that camera and lidar both see: walls with the beams that hit them, and the floor.
 
-    `nominal` is `camera_from_laser` by the tape measure: a beam belongs to the one plane that it ends near, where the
-    camera has seen it. No beam ends on the floor, but the laser's height above it is known.
+    `nominal` is `camera_from_laser` by tape measure. A beam belongs to a wall if it ends near the part of this wall that
+    the camera saw, and near no other wall. No beam ends on the floor, but the laser's height above it is known.
     """
     points = _beam_ends(scan)
     planes = planes_from_depth(frame.depth, frame.camera_matrix, np.random.default_rng(seed))
     upright = [abs(float(plane.normal @ nominal.rotation[:, 2])) for plane in planes]
     walls = [plane for plane, up in zip(planes, upright, strict=True) if up < _LEAN]
     on = np.array([_near_plane(points, plane, nominal) for plane in walls]).reshape(len(walls), len(points))
-    alone = on.sum(axis=0) == 1  # in a corner, a beam could be of either wall
+    alone = on.sum(axis=0) == 1  # in a corner a beam may belong to either wall
     views = [
         PlaneView(plane.normal, plane.distance, points[mine & alone])
         for plane, mine in zip(walls, on, strict=True)
@@ -214,14 +214,14 @@ def views_of_planes(
 
 
 def _beam_ends(scan: Scan) -> FloatArray:
-    """(N, 3) [m] in the laser frame, of the beams that have hit something."""
+    """Return the end points (N, 3) [m] of all beams with a hit, in the laser frame."""
     hit = np.isfinite(scan.ranges) & (scan.ranges > max(scan.range_min, 0.05))
     ranges, angles = scan.ranges[hit].astype(float), scan.angles()[hit]
     return np.stack([ranges * np.cos(angles), ranges * np.sin(angles), np.zeros(len(ranges))], axis=1)
 
 
 def _near_plane(points: FloatArray, plane: Plane, camera_from_laser: Pose3) -> BoolArray:
-    """(N,) which points (N, 3) end near a plane by the nominal mount, between the sides of what was seen of it."""
+    """Return (N,) whether points (N, 3) lie near the part of a plane that the camera saw, by the nominal mount."""
     there = points @ camera_from_laser.rotation.T + camera_from_laser.translation
     between = (there > plane.extent[0] - _NEAR) & (there < plane.extent[1] + _NEAR)
     near: BoolArray = (np.abs(there @ plane.normal - plane.distance) < _NEAR) & between[:, 0] & between[:, 2]
@@ -229,7 +229,7 @@ def _near_plane(points: FloatArray, plane: Plane, camera_from_laser: Pose3) -> B
 
 
 def nominal_mount(body: ChairBody) -> Pose3:
-    """`camera_from_laser` by the tape measure."""
+    """Return `camera_from_laser` by tape measure."""
     laser = body.base_from_laser
     c, s = math.cos(laser.theta), math.sin(laser.theta)
     rotation = np.array([[c, -s, 0.0], [s, c, 0.0], [0.0, 0.0, 1.0]])
@@ -240,7 +240,7 @@ def nominal_mount(body: ChairBody) -> Pose3:
 
 
 def with_displaced_camera(body: ChairBody, seed: int) -> ChairBody:
-    """A chair whose camera was mounted by hand: up to 3 cm and 2 degrees from where it should be."""
+    """Return the body with a camera that is mounted up to 3 cm and 2 degrees off its nominal place."""
     rng = np.random.default_rng(seed)
     x, y, z = (float(value) for value in rng.uniform(-0.03, 0.03, 3))
     yaw, pitch = (float(value) for value in rng.uniform(-0.035, 0.035, 2))
@@ -257,12 +257,12 @@ def with_displaced_camera(body: ChairBody, seed: int) -> ChairBody:
 def calibrate_camera(
     body: ChairBody, nominal: Pose3, settings: SimulatorSettings, seed: int = 0, room: float = 6.0
 ) -> Extrinsics:
-    """Extrinsics from what a chair sees that stands in a bare room, once in each of eight directions.
+    """Return camera extrinsics from the views of a simulated chair in a bare room, in eight directions.
 
-    `body` carries the camera where it really is; `nominal` is `camera_from_laser` by the tape measure.
+    `body` carries the camera at its true place; `nominal` is `camera_from_laser` by tape measure.
 
     Raises:
-        MissingExtra: there is nothing to render pictures with.
+        MissingExtra: this machine cannot render pictures.
         CalibrationError: see `extrinsics_from_planes`.
     """
     world = open_hall(room, 0.05)
@@ -277,14 +277,14 @@ def calibrate_camera(
 
 
 def camera_from_recording(path: Path, body: ChairBody) -> Extrinsics:
-    """Extrinsics from a recording of a chair that was turned and stood still by turns, in a room with bare walls.
+    """Return camera extrinsics from a recording of a chair that turned and rested by turns between bare walls.
 
-    `body` says where lidar and camera are by the tape measure. Pictures count that were taken while the chair stood
-    still: the scans before and after them are alike.
+    `body` gives the places of lidar and camera by tape measure. A picture counts if the chair rested: the scans before
+    and after it agree.
 
     Raises:
-        RecordingError: it cannot be read.
-        CalibrationError: it holds no pictures with depth, or none of a chair at rest; see `extrinsics_from_planes`.
+        RecordingError: the recording cannot be read.
+        CalibrationError: it holds no depth pictures, or none of a chair at rest; see `extrinsics_from_planes`.
     """
     recording = read_recording(path)
     scans = sorted((frame.scan for frame in recording.frames if frame.scan), key=lambda scan: scan.stamp_ns)
@@ -308,7 +308,7 @@ def camera_from_recording(path: Path, body: ChairBody) -> Extrinsics:
 
 
 def _alike(before: Scan, after: Scan) -> bool:
-    """Whether two scans, one shortly after the other, are those of a chair at rest."""
+    """Return whether two successive scans show a chair at rest."""
     if len(before.ranges) != len(after.ranges) or after.stamp_ns - before.stamp_ns > _PAUSE_NS:
         return False
     both = np.isfinite(before.ranges) & np.isfinite(after.ranges)
@@ -317,10 +317,10 @@ def _alike(before: Scan, after: Scan) -> bool:
 
 
 def frame_and_scan(simulator: Simulator) -> tuple[RgbdFrame, Scan]:
-    """The last frame and scan of half a second at rest.
+    """Return the last picture and scan of half a second at rest.
 
     Raises:
-        CalibrationError: there is none.
+        CalibrationError: there was no picture or no scan.
     """
     simulator.release()
     messages = simulator.advance(500_000_000)

@@ -1,4 +1,4 @@
-"""Finds the delays of a chair's lidar, encoders and camera against its gyro, from a drive that turns to and fro."""
+"""Find the delays of a chair's lidar, encoders and camera against its gyro, from a drive that turns left and right."""
 
 from __future__ import annotations
 
@@ -25,7 +25,7 @@ from waychair.types import ImuSample, Odometry, RgbdFrame, Scan, Twist, WheelTic
 
 LIDAR, WHEELS, CAMERA = "lidar", "wheels", "camera"
 TIME_HALL = 6.0
-"""Side [m] of a hall in which a chair can turn, and whose walls the camera sees in depth."""
+"""Side [m] of a hall in which a chair can turn and the camera gets depth from the walls."""
 
 _TURN_RATES = (0.4, 0.8)  # [rad/s]
 _HOLDS = (0.5, 1.2)  # [s]
@@ -33,7 +33,7 @@ _HOLDS = (0.5, 1.2)  # [s]
 
 @dataclass(frozen=True, slots=True)
 class TimeCalibration:
-    """The delays that were found, 0 where none was, with what each was told by; and why others could not be told."""
+    """The delays (0 where none was found), the estimates behind them, and the reasons for the missing ones."""
 
     delays: SensorDelays
     offsets: dict[str, TimeOffset]
@@ -41,7 +41,7 @@ class TimeCalibration:
 
 
 class TimeCalibrator:
-    """Keeps what the sensors have seen of the chair's turns; of pictures the last only."""
+    """Collects the sensors' messages of a drive with turns; of the pictures it keeps only the last."""
 
     def __init__(self, body: ChairBody, settings: TimeOffsetSettings | None = None) -> None:
         self._body = body
@@ -52,7 +52,7 @@ class TimeCalibrator:
         self._camera = CameraHeading(body)
 
     def add(self, message: SensorMessage | Odometry) -> None:
-        """Take in what a sensor says; encoder counts are preferred to odometry."""
+        """Add a message; encoder counts are preferred to odometry."""
         if isinstance(message, ImuSample):
             self._samples.append(message)
         elif isinstance(message, WheelTicks | Odometry):
@@ -63,11 +63,11 @@ class TimeCalibrator:
             self._camera.add(message)
 
     def result(self) -> TimeCalibration:
-        """The delay of each sensor that has spoken.
+        """Return the delay of each sensor that sent messages.
 
         Raises:
-            ThinData: no gyro, or no other sensor.
-            CalibrationError: no delay could be told; the message says why of the first sensor.
+            ThinData: there is no gyro, or no other sensor.
+            CalibrationError: no delay was found; the message gives the first sensor's reason.
         """
         gyro = heading_from_gyro(self._samples)
         seen: dict[str, Callable[[], TimeOffset]] = {}
@@ -95,7 +95,7 @@ class TimeCalibrator:
         return time_offset(heading, gyro, sensor, self._settings)
 
     def _of_lidar(self, gyro: Heading) -> TimeOffset:
-        """Twice: straightened by the gyro as it is stamped, and as it is stamped with the delay that came of that."""
+        """Estimate the lidar's delay twice; the second pass deskews the scans with the delay of the first."""
         delay = 0
         for _ in range(2):
             heading = heading_from_scans(self._scans, gyro, self._body.base_from_laser, delay)
@@ -109,15 +109,15 @@ class TimeCalibrator:
 
 
 def merged(known: SensorDelays | None, found: TimeCalibration) -> SensorDelays:
-    """Delays that are known already, with those that were found now in their place."""
+    """Return the known delays, updated with the new ones."""
     return replace(known or SensorDelays(), **{f"{sensor}_ns": o.delay_ns for sensor, o in found.offsets.items()})
 
 
 def turns_to_and_fro(simulator: Simulator, seconds: float, seed: int = 0) -> Iterator[SensorMessage]:
-    """The messages of a chair that stands for a second, then turns left and right by turns, irregularly.
+    """Yield the messages of a chair that rests for a second, then turns left and right at irregular intervals.
 
     Raises:
-        WorldError: it touched something.
+        WorldError: the chair touched something.
     """
     rng = np.random.default_rng(seed)
     plant, track = simulator.settings.plant, simulator.body.track
@@ -132,5 +132,5 @@ def turns_to_and_fro(simulator: Simulator, seconds: float, seed: int = 0) -> Ite
 
 
 def milliseconds(offset: TimeOffset) -> str:
-    """A delay as people read it."""
+    """Return a delay as text, in milliseconds with its standard deviation."""
     return f"{1e-6 * offset.delay_ns:+.1f} ms (+- {max(1e-6 * offset.sigma_ns, 0.1):.1f})"

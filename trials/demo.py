@@ -1,9 +1,8 @@
-"""The demo: a rider drives a simulated chair round a floor, it makes the map on the way, and then drives by itself.
+"""The demo: a rider drives a simulated chair round a floor while it maps; then the chair drives by itself.
 
-The rider's joystick moves the chair through the shipped firmware, and the mapper maps live. The map is saved, and all
-is begun anew: on the map the chair finds out where it stands, while the rider drives it a little. Then it drives to
-three named places, among people who walk, one of whom may suddenly step in front, and one door on the way that was
-planned is shut.
+The rider's joystick moves the chair through the shipped firmware, and the mapper maps live. The map is saved and a new
+chair starts on it: it localises itself while the rider drives it a little. Then it drives to three named places among
+walking people, one of whom may suddenly step in front. One door on the planned path is closed.
 """
 
 from __future__ import annotations
@@ -48,26 +47,26 @@ from waychair.types import FloatArray, Place, Pose2, Scan, WheelTicks
 WORLD = "second_floor"
 SMALL_WORLD = "small_clinic"
 MOST_GOALS = 3
-"""A world with more places than these is driven to its first ones only."""
+"""In a world with more places, only the first ones are goals."""
 
 FIRST_GOALS = ("lift", "restroom")
-"""Where the drives lead first, where there are such places."""
+"""Places that are the first goals, if the world has them."""
 
 _GOES_ON, _SPARE = 2.0, 0.2
-"""How far [m] the rider goes on at most to turn round, and the room [m] this takes beside the chair's own."""
+"""To turn round, the rider drives at most so far [m] ahead and needs this clearance [m] round the chair's circle."""
 
 _AT_DOOR = 0.5
-"""A path leads through a door whose middle is this near [m]."""
+"""A path that passes a door's middle within this distance [m] leads through the door."""
 
 Progress = Callable[[str, float], None]
 
 
 @dataclass(frozen=True, slots=True)
 class Demo:
-    """What the demo made: the map and its errors, the legs that were driven on it, and the seconds each stage took.
+    """The results of a demo: the map and its errors, the drives on it, and the time [s] of each stage.
 
-    `found`: how the chair found out where it was. `closed` is the door that was shut, empty for none. `person_m` [m] is
-    how near a person came while the chair drove itself, +inf where nobody was about.
+    `found`: how the chair localised itself. `closed`: name of the closed door, empty for none. `person_m`: least
+    distance [m] to a person while the chair drove itself, +inf without people.
     """
 
     world: str
@@ -84,28 +83,28 @@ class Demo:
 
     @property
     def reached(self) -> int:
-        """Number of goals reached."""
+        """The number of goals reached."""
         return sum(leg.reached for leg in self.legs)
 
 
 class DemoWatcher:
-    """Who looks on while the demo runs, in its thread; this one does not care."""
+    """Callbacks of a running demo, called in its thread; these do nothing."""
 
     def maps(self, live: LiveMapping, scan: Scan) -> None:
-        """A scan more is in the map that a rider makes."""
+        """A scan was added to the map during the rider's drive."""
 
     def drives(self, setting: Setting, chair: Chair) -> None:
-        """From now on this chair finds itself, and drives, on that map."""
+        """From now on this chair localises itself and drives, on the map of `setting`."""
 
     def heads_for(self, goal: str) -> None:
-        """It is about to drive to a place."""
+        """The chair is about to drive to a place."""
 
     def ticks(self, messages: Sequence[SensorMessage], state: ChairState) -> None:
-        """A tick of its is over."""
+        """A tick of the chair has ended."""
 
     @property
     def stopped(self) -> bool:
-        """Whether nothing is to be driven to any more."""
+        """Whether the demo should drive to no further goals."""
         return False
 
 
@@ -118,13 +117,14 @@ def run_demo(
     box: Path | None = None,
     watcher: DemoWatcher | None = None,
 ) -> Demo:
-    """Maps a drive through `world` into `out`/map, and drives to up to three places on that map.
+    """Map a drive through `world` into `out`/map, and drive to up to three places on that map.
 
-    Without `surprises` nobody is about and all doors stay open. `box` is the folder of a black box. `watcher` looks on.
+    Without `surprises` there are no people and all doors stay open. `box` is the folder of a black box. `watcher`
+    receives callbacks.
 
     Raises:
-        WorldError: there is no such world, it has no mapping route, or the rider ran into something.
-        BoardBuildError: the firmware cannot be built here, for want of a C compiler.
+        WorldError: the world does not exist, it has no mapping route, or the rider ran into something.
+        BoardBuildError: the firmware cannot be built: no C compiler.
     """
     stage, watcher = _Stages(progress), watcher or DemoWatcher()
     building = load_world(world) if surprises else load_world(world).without_people()
@@ -175,14 +175,14 @@ def run_demo(
 
 
 def chair_of(seed: int) -> SimulatorSettings:
-    """A chair whose drive differs from what the calibration believes, another one for each seed."""
+    """Return the settings of a simulated chair whose plant differs from the calibration, randomised by the seed."""
     return SimulatorSettings(plant=randomised(PlantSettings(), seed))
 
 
 def _mapped(
     out: Path, simulator: WatchedSimulator, stage: _Stages, watcher: DemoWatcher
 ) -> tuple[Mapping, TruthErrors]:
-    """The floor's map, made while a rider drives its mapping route through the firmware, and how true it is."""
+    """Return a floor's map and its errors; a rider drives the mapping route through the firmware meanwhile."""
     bag = out / "drive.mcap"
     bag.unlink(missing_ok=True)
     live = LiveMapping(MappingSettings(), CHAIR_A.base_from_laser, CHAIR_A)
@@ -200,7 +200,7 @@ def _mapped(
 
 
 class _Hearing:
-    """The ears of a live mapping: messages of the sensors come in, frames that are complete are mapped."""
+    """Assembles sensor messages into frames and maps each complete frame."""
 
     def __init__(self, live: LiveMapping, watcher: DemoWatcher) -> None:
         topics = (SCAN, WHEELS)
@@ -209,7 +209,7 @@ class _Hearing:
         self._topics = {topic.type: topic for topic in topics}
 
     def message(self, message: SensorMessage) -> None:
-        """Whatever frames it completes are mapped at once."""
+        """Add a message and map the frames that it completes."""
         if isinstance(message, Scan | WheelTicks):
             for frame in self._frames.add(self._topics[type(message)], message):
                 self._live.process(frame)
@@ -218,20 +218,20 @@ class _Hearing:
 
 
 def _setting_of(folder: Path, map_from_world: Pose2) -> Setting:
-    """The saved map, read again."""
+    """Return the setting of a drive on the saved map."""
     places = load_places(folder)
     return Setting(load_map(folder), places, CHAIR_A, DEFAULT, map_from_world, zones=load_zones(folder))
 
 
 def _goals(world: World) -> list[str]:
-    """Names of the places in the order in which they are driven to."""
+    """Return the names of the goals, in the order of the drives."""
     names = [place.name for place in world.places]
     first = [name for name in FIRST_GOALS if name in names]
     return [*first, *(name for name in names if name not in first)][:MOST_GOALS]
 
 
 def _door_on_the_way(world: World, goals: list[str]) -> str:
-    """A door that a drive is planned through, the last ones first, and that can be driven round; empty for none."""
+    """Return a door on a planned path that a detour can avoid, searching the last drives first; empty for none."""
     places = {place.name: place.pose for place in world.places}
     for begin, end in reversed([(places[a], places[b]) for a, b in pairwise(goals)]):
         way = plan(costmap_from_grid(world.grid, CHAIR_A), begin, end).poses[:, :2]
@@ -247,7 +247,7 @@ def _door_on_the_way(world: World, goals: list[str]) -> str:
 
 
 def way_back(world: World) -> FloatArray:
-    """The mapping route from its end, to which the rider first goes on straight to where there is room to turn round."""
+    """Return the reversed mapping route (N, 2) [m], after a spot straight ahead with space to turn round."""
     route, field = world.route(), distance_field(world.grid)
     if len(route) < 2:
         return route[:0]
@@ -261,7 +261,7 @@ def way_back(world: World) -> FloatArray:
 
 
 class _Stages:
-    """Times the stages by the clock on the wall and tells which one has begun."""
+    """Measures the wall time of the stages and reports each stage's progress."""
 
     def __init__(self, progress: Progress) -> None:
         self.seconds: dict[str, float] = {}

@@ -1,4 +1,4 @@
-"""The demo on a page, while it runs and as fast as it runs: looked at, and stopped for good by whoever wants to."""
+"""The demo on a web page, live: visitors can watch it and stop it for good."""
 
 from __future__ import annotations
 
@@ -30,9 +30,9 @@ _NOWHERE = ChairView(
 
 
 class DemoPage(DemoWatcher):
-    """A `ChairPort` of which the demo's thread is the chair: what pages see is put together between its ticks.
+    """A `ChairPort` of the demo's chair; the demo's thread updates the views between its ticks.
 
-    `views_s` and `grids_s` [s, by the clock on the wall] are what lies between two views and two drawings of the map.
+    `views_s` and `grids_s` [s, wall time] are the periods of the views and of the drawings of the map.
     """
 
     def __init__(self, views_s: float = _VIEWS_S, grids_s: float = _GRIDS_S) -> None:
@@ -46,7 +46,7 @@ class DemoPage(DemoWatcher):
         self._stop = threading.Event()
         self._viewed_s = self._drawn_s = 0.0
 
-    # --- what the demo tells --------------------------------------------------------------------------------------
+    # --- callbacks of the demo ------------------------------------------------------------------------------------
 
     def maps(self, live: LiveMapping, scan: Scan) -> None:
         """See `DemoWatcher`."""
@@ -104,7 +104,7 @@ class DemoPage(DemoWatcher):
         self._grid, self._layout = grid, layout
         self._revision += 1
 
-    # --- what pages ask -------------------------------------------------------------------------------------------
+    # --- requests of pages ----------------------------------------------------------------------------------------
 
     @property
     def outline(self) -> FloatArray:
@@ -112,7 +112,7 @@ class DemoPage(DemoWatcher):
         return CHAIR_A.outline()
 
     def view(self) -> ChairView:
-        """See `ChairPort`; where the demo computes for long, its own time stands still, and nothing is stale."""
+        """See `ChairPort`; stamped now: during long computations simulated time stands still, and nothing is stale."""
         return replace(self._view, stamp_ns=time.monotonic_ns())
 
     def grid(self) -> OccupancyGrid | None:
@@ -128,7 +128,7 @@ class DemoPage(DemoWatcher):
         return None
 
     def stop(self) -> Answer:
-        """See `ChairPort`: the computer drives nowhere from its next tick on; a rider's joystick is the rider's."""
+        """See `ChairPort`: the computer stops driving from the next tick on; the rider's joystick stays live."""
         self._stop.set()
         who = "stopped" if self._chair is not None else "it is a rider who drives now"
         return Answer(True, f"{who}: the computer drives nowhere in this demo any more")
@@ -142,7 +142,7 @@ class DemoPage(DemoWatcher):
         return _SHOWN
 
     def cancel(self) -> Answer:
-        """See `ChairPort`; a demo has nothing else to do."""
+        """See `ChairPort`; the same as stop here."""
         return self.stop()
 
     def go(self, goal: str | Pose2) -> Answer:
@@ -202,4 +202,4 @@ class DemoPage(DemoWatcher):
         return _SHOWN
 
     def watched(self, pages: Sequence[str]) -> None:
-        """See `ChairPort`: the demo was begun at a terminal, and goes on without a page."""
+        """See `ChairPort`: does nothing, as a demo goes on without a page."""

@@ -1,4 +1,4 @@
-"""The demo's report: report.html and report.json, and the rows of the table in the terminal."""
+"""The demo's report: report.html, report.json, pictures, and the rows of the table in the terminal."""
 
 from __future__ import annotations
 
@@ -29,11 +29,11 @@ from waychair.types import Json, Pose2
 
 HEADER = ("place", "reached", "way", "time", "off by", "contacts", "clearance", "plans", "localised within")
 IN_TERMINAL = 7
-"""Columns that fit into 80 characters."""
+"""The number of columns that fit into 80 characters."""
 
 
 def row(leg: Leg) -> tuple[str, ...]:
-    """One leg as text, in the order of `HEADER`."""
+    """Return one drive as text, in the order of `HEADER`."""
     return (
         leg.place,
         "yes" if leg.reached else f"no: {leg.reason}",
@@ -48,7 +48,7 @@ def row(leg: Leg) -> tuple[str, ...]:
 
 
 def report(demo: Demo) -> Json:
-    """The demo as JSON."""
+    """Return the demo's results as JSON."""
     near = demo.person_m
     return {
         "world": demo.world,
@@ -72,7 +72,7 @@ def report(demo: Demo) -> Json:
 
 
 def write_report(out: Path, demo: Demo) -> None:
-    """Writes report.json, map.png, drive.png and report.html."""
+    """Write report.json, map.png, drive.png and report.html."""
     write_json(out / "report.json", report(demo))
     pictures = (_map_picture(demo), _drive_picture(demo), _volts_picture(demo), _clearance_picture(demo))
     write_png(out / "map.png", pictures[0])
@@ -95,7 +95,7 @@ def write_report(out: Path, demo: Demo) -> None:
 
 
 def facts(demo: Demo) -> tuple[tuple[str, str], ...]:
-    """What the demo comes to besides its goals, in words."""
+    """Return the demo's other results as (figure, text)."""
     found, near = demo.found, demo.person_m
     loops = sum(edge.kind is EdgeKind.LOOP for edge in demo.mapping.result.edges)
     return (
