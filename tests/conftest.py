@@ -1,9 +1,11 @@
-"""Shared by all tests: where the real recordings are, and that an interrupt is heard."""
+"""Shared by all tests: the folder of the real recordings, interrupts, and a report of every test that was skipped."""
 
 from __future__ import annotations
 
 import os
+import re
 import signal
+from collections import defaultdict
 from pathlib import Path
 
 import pytest
@@ -20,6 +22,53 @@ if signal.getsignal(signal.SIGINT) is signal.SIG_IGN:
     signal.signal(signal.SIGINT, signal.default_int_handler)
 
 ROOT = Path(__file__).resolve().parent.parent
+
+MAY_BE_SKIPPED = (
+    "keeps real time: ",  # `make test` runs these in a second step, one after the other
+    "there is a GPU",
+    "this numba has no CUDA target",
+    "Open3D is not installed",  # no wheel for every Python
+    "mounting a small disk takes an administrator",
+    "this system has no /dev/full",
+    "ROS's own launch hides",
+    "gcov is not installed",
+    "this C compiler has no AddressSanitizer",
+)
+"""Reasons that `.ci/run` accepts. It fails where a browser, a camera, ROS, the firmware or the recordings are missing."""
+
+_skipped: defaultdict[str, list[str]] = defaultdict(list)
+
+
+def pytest_runtest_logreport(report: pytest.TestReport) -> None:
+    """Remember each skipped test by its reason."""
+    _remember(report)
+
+
+def pytest_collectreport(report: pytest.CollectReport) -> None:
+    """Remember each module that was skipped as a whole."""
+    _remember(report)
+
+
+def _remember(report: pytest.TestReport | pytest.CollectReport) -> None:
+    if report.skipped and not hasattr(report, "wasxfail"):
+        reason = report.longrepr[2] if isinstance(report.longrepr, tuple) else str(report.longrepr)
+        reason = re.sub(r"^Skipped: ", "", reason)
+        if report.nodeid not in _skipped[reason]:
+            _skipped[reason].append(report.nodeid)
+
+
+def pytest_terminal_summary(terminalreporter: pytest.TerminalReporter) -> None:
+    """Say which tests were skipped and why; under `WAYCHAIR_REQUIRE_ALL=1` say which reasons fail the run."""
+    for reason, tests in sorted(_skipped.items()):
+        kind = "may be skipped" if reason.startswith(MAY_BE_SKIPPED) else "MISSING"
+        terminalreporter.write_line(f"skipped ({kind}): {len(tests)}: {reason}: {tests[0]}" + (" ..." * (len(tests) > 1)))
+
+
+def pytest_sessionfinish(session: pytest.Session) -> None:
+    """Fail the run under `WAYCHAIR_REQUIRE_ALL=1` if a test was skipped for a reason that is not accepted."""
+    missing = [reason for reason in _skipped if not reason.startswith(MAY_BE_SKIPPED)]
+    if missing and os.environ.get("WAYCHAIR_REQUIRE_ALL") == "1" and session.exitstatus == pytest.ExitCode.OK:
+        session.exitstatus = pytest.ExitCode.TESTS_FAILED
 
 
 @pytest.fixture(scope="session")
