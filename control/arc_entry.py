@@ -1,6 +1,6 @@
-"""When points come into a rectangle that drives on an arc, in its own frame: exactly, and all points at once.
+"""Exact times at which points enter a rectangle that drives on an arc, for all points at once.
 
-It is arithmetic of numpy alone, for the collision monitor's process, which is to begin at once and to need little.
+It needs numpy only, because the collision monitor's process must start fast and use little memory.
 """
 
 from __future__ import annotations
@@ -15,11 +15,12 @@ from waychair.types import BoolArray, FloatArray, Twist
 def entry_times(
     x: FloatArray, y: FloatArray, command: Twist, front: FloatArray, rear: FloatArray, half: FloatArray
 ) -> FloatArray:
-    """When [s] (N,) points outside of rectangles, each its own, enter them, the chair driving on an arc; +inf if never.
+    """Return the times (N,) [s] at which points enter their rectangles while the chair drives an arc; +inf if never.
 
-    x, y (N,) [m] in base; a rectangle reaches front, rear and half (N,) [m] from the axle's middle ahead, back and to
-    either side. In the chair's frame a fixed point turns by -omega about the centre of the arc (0, v / omega), or moves
-    straight back. It enters where it first crosses a side that lies between its neighbours.
+    x, y (N,) [m] are points in base, outside their rectangles. Each point has its own rectangle, which reaches front,
+    rear and half (N,) [m] from the axle's middle ahead, back and to either side. In the chair's frame a fixed point turns
+    by -omega about the centre of the arc (0, v / omega), or moves straight back. It enters at its first crossing of a
+    side's line between the two neighbouring sides.
     """
     v, omega = command.v, command.omega
     times = np.full(len(x), math.inf)
@@ -40,7 +41,7 @@ def entry_times(
 def _come_by(
     x: FloatArray, y: FloatArray, v: float, omega: float, front: FloatArray, rear: FloatArray, half: FloatArray
 ) -> BoolArray:
-    """(N,) points whose circle, or line, goes through the largest of the rectangles: no other enters any."""
+    """Return a mask (N,) of points whose circle or line meets the largest rectangle; no other point enters any."""
     side = float(half.max(initial=0.0))
     if abs(omega) < _STRAIGHT:
         straight: BoolArray = np.abs(y) <= side
@@ -55,7 +56,7 @@ def _come_by(
 def _crossings(
     x: FloatArray, y: FloatArray, v: float, omega: float, level: FloatArray, upright: bool
 ) -> tuple[FloatArray, ...]:
-    """Times (N,) [s] at which points cross the line x = level (`upright`) or y = level; nan where they never do."""
+    """Return the times (N,) [s] at which points cross the line x = level (`upright`) or y = level; nan if never."""
     with np.errstate(divide="ignore", invalid="ignore", over="ignore"):
         if abs(omega) < _STRAIGHT:
             return ((x - level) / v if upright else np.full(len(x), math.nan),)
@@ -69,7 +70,7 @@ def _crossings(
 
 
 def _moved(x: FloatArray, y: FloatArray, v: float, omega: float, t: FloatArray) -> tuple[FloatArray, FloatArray]:
-    """Where points are in the chair's frame after times t (N,)."""
+    """Return the points' positions in the chair's frame after times t (N,) [s]."""
     if abs(omega) < _STRAIGHT:
         return x - v * t, y
     c, s = np.cos(omega * t), np.sin(omega * t)
@@ -78,4 +79,4 @@ def _moved(x: FloatArray, y: FloatArray, v: float, omega: float, t: FloatArray) 
 
 
 _STRAIGHT = 1e-6
-"""An arc that turns by less [rad/s] is straight."""
+"""rad/s; an arc with a smaller turn rate counts as straight."""

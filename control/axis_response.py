@@ -1,7 +1,7 @@
-"""How an axis of the chair follows its command: a delay, a ramp and a first-order lag, in time and as figures.
+"""Model of how one axis of the chair follows its command: a delay, a ramp and a first-order lag.
 
-The same three figures that a calibration identifies from steps (`calibration.fit_steps`). What the chair should be
-doing by now is compared with what it does, so that no loop fights the chair's own slowness.
+A calibration identifies the same three figures from steps (`calibration.fit_steps`). The control loops compare the
+measured speed with the speed that this model expects by now, so that they do not fight the chair's own slowness.
 """
 
 from __future__ import annotations
@@ -15,12 +15,12 @@ from waychair.config import Settings, setting
 
 _SUBSTEP_S = 0.005
 LONGEST_S = 0.2
-"""After a longer pause the model goes on as if no more time had passed: nobody knows what the chair did meanwhile."""
+"""s; the model advances by at most this after a pause, because the chair's motion during the pause is unknown."""
 
 
 @dataclass(frozen=True, slots=True)
 class AxisResponse(Settings):
-    """Delay, lag and ramp of one axis; the defaults are those of a common chair that nobody has measured."""
+    """Delay, lag and ramp of one axis; the defaults suit a common chair that was not measured."""
 
     delay_s: float = setting(0.06, "s", "from the command to the first effect", low=0.0, high=1.0)
     lag_s: float = setting(0.18, "s", "time constant of the motors after the ramp", low=0.005, high=2.0)
@@ -29,7 +29,7 @@ class AxisResponse(Settings):
 
 
 def response_from_axis(axis: AxisModel, longest_s: float = math.inf) -> AxisResponse | None:
-    """What a calibration identified of an axis, its delay at most `longest_s`; None where it has seen no step of it."""
+    """Return the identified response of an axis, its delay at most `longest_s`; None if no step of it was measured."""
     if axis.lag_s == 0.0:
         return None
     return AxisResponse(min(axis.delay_s, longest_s), max(axis.lag_s, 0.005), axis.ramp, doubt_s=0.0)
@@ -38,8 +38,8 @@ def response_from_axis(axis: AxisModel, longest_s: float = math.inf) -> AxisResp
 class ExpectedSpeed:
     """The speed that one axis should have by now.
 
-    A command holds from the moment it was given until the next one, and comes into effect `delay_s` later; the speed
-    asked for then follows it along the ramp, and the chair's speed follows that with the lag.
+    A command holds until the next one and takes effect after `delay_s`. A reference speed then follows the command
+    along the ramp, and the chair's speed follows that reference with the lag.
     """
 
     def __init__(self, response: AxisResponse) -> None:
@@ -48,28 +48,28 @@ class ExpectedSpeed:
 
     @property
     def now(self) -> float:
-        """Speed at the last moment that `advance` was called for."""
+        """Expected speed at the last call of `advance`."""
         return self._speed
 
     @property
     def asked(self) -> float:
-        """The command that is in effect, after the delay and before the ramp."""
+        """The command in effect, after the delay and before the ramp."""
         return self._in_effect
 
     def restart(self, speed: float, in_effect: float) -> None:
-        """Begin again at a speed, with a command that is in effect already."""
+        """Start again from a speed, with a command already in effect."""
         self._speed, self._ramped, self._in_effect = speed, speed, in_effect
         self._on_the_way: deque[tuple[int, float]] = deque()
         self._now_ns: int | None = None
 
     def command(self, value: float, now_ns: int) -> None:
-        """From now on the axis is asked for this speed; a second command of the same moment replaces the first."""
+        """Set the commanded speed from now on; a second command at the same time replaces the first."""
         if self._on_the_way and self._on_the_way[-1][0] >= now_ns:
             self._on_the_way.pop()
         self._on_the_way.append((now_ns, value))
 
     def advance(self, now_ns: int) -> float:
-        """Mean speed since the last call, which is what encoders measure over a tick; the speed now is `now`."""
+        """Advance to a time and return the mean speed since the last call, as encoders measure it over a tick."""
         last_ns, self._now_ns = self._now_ns, now_ns
         seconds = 0.0 if last_ns is None else min(max((now_ns - last_ns) * 1e-9, 0.0), LONGEST_S)
         steps = math.ceil(seconds / _SUBSTEP_S - 1e-9)

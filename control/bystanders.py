@@ -1,4 +1,4 @@
-"""Those who walk about near the chair, or have: seen, left room, and told of to whatever plans or drives among them."""
+"""Tracks of people near the chair, kept for the planner and the drive: their personal space, forecasts and stays."""
 
 from __future__ import annotations
 
@@ -25,28 +25,28 @@ from waychair.planning.tracks import (
 from waychair.types import FloatArray, Pose2
 
 _ROOM_TO_LEAVE = 0.03
-"""Left between the chair and the room of people [m], on cells of the window, so that it can go away from them."""
+"""m; left between the chair and people's personal space on the window's cells, so that the chair can move away."""
 
 _NOWHERE = 0.3
-"""A chair that has gone no farther than this [m] has got nowhere."""
+"""m; a chair displaced by no more than this has made no progress."""
 
 _FOLLOWS = 0.03
-"""Part by which the middle of where somebody has been comes nearer to where they are, with every scan."""
+"""Share of the gap by which the middle of a person's stay moves towards their position with every scan."""
 
 
 @dataclass(frozen=True, slots=True)
 class _Stay:
-    """Since when somebody has been near a chair that gets nowhere, and about which middle (2,) [m] in odom."""
+    """A person's stay near a chair that makes no progress: its start and its middle (2,) [m] in odom."""
 
     since_ns: int
     middle: FloatArray
 
 
 class Bystanders:
-    """Keeps their tracks, in odom, where nothing jumps."""
+    """The tracks of people near the chair, kept in odom because odom never jumps."""
 
     def __init__(self, body: ChairBody, settings: TrackSettings, recovery: RecoverySettings, margin: float) -> None:
-        """`margin` [m] is what the local planner keeps free round the body."""
+        """`margin` [m] is the clearance that the local planner keeps round the body."""
         self._body, self._settings, self._recovery, self._margin = body, settings, recovery, margin
         self._tracker = Tracker(settings)
         self.tracks: tuple[Track, ...] = ()
@@ -56,7 +56,7 @@ class Bystanders:
 
     @property
     def positions(self) -> FloatArray:
-        """(K, 2) [m] in odom: where those are who walk about, or have."""
+        """Positions (K, 2) [m] in odom of people that walk or have walked."""
         return np.array([track.position for track in self.tracks]).reshape(-1, 2)
 
     def see(
@@ -69,9 +69,10 @@ class Bystanders:
         stood_s: float,
         seen_ns: int,
     ) -> None:
-        """A scan of `seen_ns` from map_from_base, points (N, 2) [m] in map: who goes their way, or went it and stands.
+        """Track people in a scan taken at `seen_ns` from map_from_base, with points (N, 2) [m] in map.
 
-        Room is left round them in the surroundings, less when the chair has stood [s] for them to pass.
+        The surroundings are given the people's personal space, a smaller one once the chair has stood for `stood_s` [s]
+        to let them pass.
         """
         strangers = transform_points(odom_from_map, surroundings.strangers(obstacles))
         tracks = self._tracker.update(seen_ns, strangers)
@@ -86,19 +87,19 @@ class Bystanders:
         surroundings.keep_clear_of(transform_points(map_from_odom, room), transform_points(map_from_odom, places))
 
     def under_way(self, map_from_odom: Pose2) -> People:
-        """Those who are on their way, or may soon be, in map, as a planner expects them."""
+        """Return the people that walk, or may soon walk, in map, as a planner expects them."""
         expected = (self._expected(track) for track in self.tracks if not self._has_settled(track))
         return People(seen_from(map_from_odom, expected), self._body.width / 2 + self._room)
 
     def linger_near(self, points: FloatArray, gap: float) -> bool:
-        """Whether anybody who lingers is nearer than `gap` [m] to one of points (N, 2) [m] in odom."""
+        """Return whether a lingering person is nearer than `gap` [m] to one of points (N, 2) [m] in odom."""
         lingering = (self._expected(track) for track in self.tracks if self._lingers(track))
         return any(np.hypot(*(points - track.position).T).min(initial=math.inf) < gap for track in lingering)
 
     def foreseen(self, now_ns: int, odom_from_base: Pose2) -> tuple[Track, ...]:
-        """Those whose way is foreseen from where they are now, of who stands that they stand.
+        """Return the tracks to predict from their positions now; a standing person is predicted to stand.
 
-        Who is nearer than a forecast is good for is an obstacle, where they stand.
+        A person too near for a forecast is left out: the scan's points are then the obstacle.
         """
         return tuple(
             track if track.walks(self._settings) else _standing_at(track.position, track)
@@ -107,16 +108,16 @@ class Bystanders:
         )
 
     def about(self, odom_from_base: Pose2) -> bool:
-        """Whether there are people near who move."""
+        """Return whether somebody near the chair walks."""
         return any(track.walks(self._settings) for track in self._near(odom_from_base))
 
     def passing(self, odom_from_base: Pose2) -> bool:
-        """Whether there are people near who go on by themselves: who lingers waits for the chair."""
+        """Return whether somebody near walks and does not linger; a lingering person waits for the chair."""
         near = self._near(odom_from_base)
         return any(track.walks(self._settings) and not self._lingers(track) for track in near)
 
     def behind(self, now_ns: int, odom_from_base: Pose2) -> bool:
-        """Whether people may be where the chair would back out to."""
+        """Return whether people may be in the area that backing out would use."""
         everybody = (*self.tracks, *self._tracker.lost)
         return may_be_behind(everybody, now_ns, odom_from_base, self._body, self._recovery.way)
 
@@ -124,11 +125,11 @@ class Bystanders:
         return [track for track in self.tracks if self._gap(track, odom_from_base) < self._recovery.about]
 
     def _has_settled(self, track: Track) -> bool:
-        """Whether somebody has stood for so long that they are as good as furniture."""
+        """Return whether a person has stood for so long that they count as furniture."""
         return not track.moved_within(self._settings.settles)
 
     def _lingers(self, track: Track) -> bool:
-        """Whether somebody stands, or goes to and fro before a chair that gets nowhere: they may soon go, or not."""
+        """Return whether a person stands, or moves to and fro before a chair that makes no progress."""
         if self._has_settled(track):
             return False
         if not track.walks(self._settings):
@@ -137,9 +138,9 @@ class Bystanders:
         return stay is not None and track.stamp_ns - stay.since_ns > self._settings.linger * 1e9
 
     def _expected(self, track: Track) -> Track:
-        """The track; of one who lingers, as standing in the middle of where they have been.
+        """Return the track, or for a lingering person one that stands in the middle of their stay.
 
-        That middle stays while they go to and fro, and with it the side on which there is a way past them.
+        The middle stays put while the person moves to and fro, so that the side with space to pass does not change.
         """
         if not self._lingers(track):
             return track
@@ -157,10 +158,10 @@ class Bystanders:
             self._stays_near[track.number] = replace(stay, middle=middle)
 
     def _gap(self, track: Track, odom_from_base: Pose2) -> float:
-        """Distance [m] from the chair's outline with its margin to the middle of a person."""
+        """Return the distance [m] from the chair's footprint, grown by its margin, to the middle of a person."""
         return gap(track.position, odom_from_base, self._body) - self._margin
 
 
 def _standing_at(position: FloatArray, track: Track) -> Track:
-    """The track as of one who beyond doubt stands at a position (2,) [m]."""
+    """Return the track of a person that stands at a position (2,) [m], without uncertainty."""
     return replace(track, position=position, velocity=np.zeros(2), covariance=np.zeros((4, 4)))

@@ -1,7 +1,7 @@
-"""From the twist that is wanted to the twist that is asked for, and whether the chair may be driven at all.
+"""Speed control of the chair and its fault checks, from the wanted twist to the twist that is sent.
 
-One tick: the speed loop trims the command, and two watches compare what was sent with what the chair does. A fault
-stops the chair, exactly, until somebody acknowledges it.
+In each tick the speed loop trims the command, and two watches compare the sent command with the chair's motion. A fault
+commands exactly 0 until it is acknowledged.
 """
 
 from __future__ import annotations
@@ -21,7 +21,7 @@ from waychair.types import Sent, Twist
 
 @dataclass(frozen=True, slots=True)
 class ClosedLoopSettings(Settings):
-    """The parts' own settings."""
+    """Settings of the speed loop and of both watches."""
 
     speed_loop: SpeedLoopSettings = field(default_factory=SpeedLoopSettings)
     gain_watch: GainWatchSettings = field(default_factory=GainWatchSettings)
@@ -38,9 +38,9 @@ class ClosedLoop:
         settings: ClosedLoopSettings | None = None,
         stops: StopTable | None = None,
     ) -> None:
-        """Delays and lags are those of the calibration, `model` and `stops`, as far as there is one; see `tuned`.
+        """Take delays and lags from the calibration (`model` and `stops`) as far as there is one; see `tuned`.
 
-        `track` [m] is the chair's.
+        `track` [m] is the distance between the chair's drive wheels.
         """
         settings = settings or ClosedLoopSettings()
         self._settings = dataclasses.replace(settings, speed_loop=tuned(settings.speed_loop, model, stops))
@@ -50,12 +50,12 @@ class ClosedLoop:
 
     @property
     def fault(self) -> str:
-        """Why the chair must not be driven, and what to do about it; empty when it may."""
+        """The reason for which the chair must not be driven, with its remedy; empty when it may be."""
         return self._following.fault or self._gain_watch.fault
 
     @property
     def speed_limit(self) -> float:
-        """Greatest speed [m/s] for now; +inf without doubts."""
+        """Highest allowed speed [m/s] now; +inf while the gains are trusted."""
         return self._gain_watch.speed_limit
 
     @property
@@ -64,15 +64,16 @@ class ClosedLoop:
         return self._gain_watch.gains
 
     def acknowledge(self) -> None:
-        """Somebody has seen to the fault: begin anew."""
+        """Clear the fault, which somebody has dealt with, and start both watches again."""
         s = self._settings
         self._gain_watch = GainWatch(s.speed_loop.forward, s.speed_loop.turn, s.gain_watch)
         self._following = FollowingWatch(s.speed_loop.forward, s.speed_loop.turn, self._track, s.following)
 
     def step(self, command: Twist | None, measured: Twist, now_ns: int, sent: Sent | None = None) -> Twist:
-        """One tick: the twist to ask for, exactly 0 while there is a `fault`. None means that nobody drives.
+        """Return the twist to send in this tick, exactly 0 while there is a `fault`.
 
-        `measured` is the mean twist since the last call, and `sent` what came of the twist that was returned then.
+        `command` None means that the computer does not drive. `measured` is the mean twist since the last call, and
+        `sent` is the result of the twist that was returned then.
         """
         held = sent is not None and sent.active
         told = twist_from_wheel_speeds(sent.wheel_speeds, self._track) if sent is not None and held else Twist()
@@ -82,7 +83,7 @@ class ClosedLoop:
             command = _slowed(command, self.speed_limit)
         twist = self._loop.step(command, measured, now_ns, sent if held else None)
         steady = held and not self._loop.waiting and not self._loop.casters_swing
-        # a chair that stands although it is told to drive is stuck, not slow
+        # a chair that stands although it is commanded to drive is stuck, not slow
         self._gain_watch.step(told, measured, now_ns, judged=steady and self._loop.moves(measured))
         if not held:
             self._following.released()
@@ -95,6 +96,6 @@ class ClosedLoop:
 
 
 def _slowed(command: Twist, limit: float) -> Twist:
-    """The same arc at no more than this speed [m/s]."""
+    """Return the twist of the same arc at no more than `limit` [m/s]."""
     scale = min(1.0, limit / max(abs(command.v), 1e-9))
     return Twist(scale * command.v, scale * command.omega)

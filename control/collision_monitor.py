@@ -1,20 +1,27 @@
-"""The last look before the chair moves on: raw scans against the commanded arc, with no planner and no map.
+"""The collision monitor: it checks each command against the raw scan and slows or stops the chair.
 
-Each point of the latest scan is followed, in the chair's own frame, along the circle on which it will come nearer while
-the chair drives the commanded arc; when that circle enters the chair's outline there is contact. Nearer than the chair
-can stop, it must stop; nearer than it stops in comfort, it slows down. So the zones scale with the speed and bend with
-the turn. What is kept free round the outline grows with the speed, too: at a crawl it is as narrow as a doorway needs,
-and what lies within the margin of a faster drive does not stop the chair but slows it down to where the margin is free.
-Ahead it is longer. Towards what is slim and stands free it is longer still, and wide, at any speed: a lidar at the
-height of shins sees legs, and whom they belong to reaches beyond them. Where the way is too narrow for that, as in many
-a corridor, the chair stops and gives way; who is still there after a while is passed nearer by, at a crawl. Of the map
-it lets itself be told one thing, which takes only that extra room back: where a slim thing has always stood, as the legs
-of a table do. It stops before it as before anything.
+Every point of the latest scan is followed, in the chair's own frame, along the circle on which it comes nearer while
+the chair drives the commanded arc; contact is where that circle enters the footprint. If the time to contact is shorter
+than an emergency stop, the chair must stop. If it is shorter than a comfortable stop, the chair must slow down. So the
+zones scale with the speed and bend with the turn.
 
-It also judges the lidar: one that is silent, sees too little or repeats a scan stops the chair. A verdict is stamped,
-and says of which scan it was made; who lets speed through asks for a fresh one (`refusal`), so that a monitor that died
-stops the chair, too. It is a pure function of what it was told (`Monitor` keeps only that), which a process of its own
-calls by a timer (`runtime.monitor_process`), and the simulator in lockstep.
+The clearance round the footprint grows with the speed. At a crawl it is as narrow as a doorway needs. A point within
+the clearance of a faster drive does not stop the chair but slows it down until the clearance is free. Ahead of the chair
+the clearance is longer.
+
+A lidar at the height of shins sees legs, and a person's body reaches beyond them. So a slim object that stands free is
+taken for legs and gets a longer and wider clearance, at any speed. Where the space is too narrow for that, as in many
+corridors, the chair stops and gives way; a person still there after a while is passed at the smaller clearance, at a
+crawl.
+
+The monitor uses no planner, no map and no pose. It knows one thing from the map: another process that is sure of the
+chair's pose may tell it the places of mapped slim objects, such as table legs, in base (`furnish`). Slim points at those
+places lose the legs' extra clearance. They are still obstacles, with the same clearance as anything else.
+
+The monitor also checks the lidar: a lidar that is silent, sees too little or repeats one scan stops the chair. A verdict
+carries its own stamp and its scan's. The caller asks for a fresh verdict before it lets speed through (`refusal`), so
+that a dead monitor stops the chair, too. `Monitor` is a pure function of its inputs. A process of its own calls it by a
+timer (`runtime.monitor_process`), and the simulator calls it in lockstep.
 """
 
 from __future__ import annotations
@@ -37,7 +44,7 @@ from waychair.types import BoolArray, FloatArray, IntArray, Pose2, Scan, Twist
 
 @dataclass(frozen=True, slots=True)
 class MonitorSettings(Settings):
-    """Zones, braking, and how fresh things must be."""
+    """Clearances, braking, and greatest ages of scan and verdict."""
 
     beside: float = setting(0.05, "m", "kept free round the outline on all sides at full speed", low=0.0, high=0.5)
     ahead: float = setting(0.10, "m", "kept free besides in the direction of travel, likewise", low=0.0, high=1.0)
@@ -101,10 +108,10 @@ class MonitorSettings(Settings):
 
 @dataclass(frozen=True, slots=True)
 class MonitorVerdict:
-    """What was found at `stamp_ns` of a scan stamped `scan_ns` (None: there was none) about the judged `twist`.
+    """The monitor's finding at `stamp_ns` about the commanded `twist`, from a scan stamped `scan_ns` (None: no scan).
 
-    `share` in [0, 1] of it may be driven. `stop` is "" or the id of a row of `stops.STOPS`. `contact_s`: driving time
-    until something is touched, +inf where nothing is.
+    `share` in [0, 1] of the twist may be driven. `stop` is "" or the id of a row of `stops.STOPS`. `contact_s` is the
+    driving time [s] until contact, +inf without one.
     """
 
     stamp_ns: int
@@ -116,10 +123,10 @@ class MonitorVerdict:
 
 
 class Monitor:
-    """Keeps the latest scan, when each beam last measured something, and since when scans have been the same.
+    """The monitor with its memory: the latest scan, each beam's last valid range, and how long scans have been the same.
 
-    A beam that measures nothing is not blind at once: in real buildings one in three may see nothing for a moment, past
-    glass or down a hall (recordings of Intel, Freiburg 079 and Malaga), but others from scan to scan as the chair moves.
+    A beam without a range is not blind at once. In real buildings one beam in three may see nothing for a moment, past
+    glass or down a hall (recordings of Intel, Freiburg 079 and Malaga), but the beams change as the chair moves.
     """
 
     def __init__(
@@ -129,23 +136,26 @@ class Monitor:
         stops: StopTable | None = None,
         mask: SelfMask | None = None,
     ) -> None:
-        """`stops`: how far the chair goes on, where it was measured; `mask`: what the lidar sees of the chair itself."""
+        """`stops` are the measured stopping distances; `mask` hides the chair's own parts from the lidar."""
         self._body, self._stops, self._mask = body, stops, mask
         self._settings = settings or MonitorSettings()
         self._scan: Scan | None = None
         self._hidden: BoolArray = np.zeros(0, np.bool_)
         self._slim: BoolArray = np.zeros(0, np.bool_)
-        self._measured_ns: IntArray = np.zeros(0, np.int64)  # when each beam last measured something
+        self._measured_ns: IntArray = np.zeros(0, np.int64)  # each beam's last valid range
         self._same_since_ns: int | None = None
         self._blindness = ""
         self._gives_way_since_ns: int | None = None
-        self._gave_way_ns: int | None = None  # in the latest tick in which it did
+        self._gave_way_ns: int | None = None  # the latest tick in which the chair gave way
         self._passes_until_ns: int | None = None
         self._furniture: FloatArray = np.empty((0, 2))
         self._furnished_ns: int | None = None
 
     def furnish(self, mapped: FloatArray, stamp_ns: int) -> None:
-        """Told what might be legs but has always stood there, (N, 2) [m] in base at `stamp_ns`, by who is sure of it."""
+        """Take in mapped slim objects (N, 2) [m] in base at `stamp_ns`, from a caller that is sure of the chair's pose.
+
+        Slim points near them are furniture, not legs, for as long as this news is fresh.
+        """
         self._furniture, self._furnished_ns = mapped, stamp_ns
 
     def see(self, scan: Scan) -> None:
@@ -155,8 +165,8 @@ class Monitor:
         count, longest_ns = len(scan.ranges), round(self._settings.blind_s * 1e9)
         self._hidden = np.zeros(count, np.bool_) if self._mask is None else self._mask.hides(scan)
         if before is None or not len(before.ranges):
-            self._measured_ns = np.full(count, scan.stamp_ns)  # until time has shown otherwise
-        elif len(before.ranges) != count:  # another count of beams over the same view
+            self._measured_ns = np.full(count, scan.stamp_ns)  # all beams count as seeing at first
+        elif len(before.ranges) != count:  # another number of beams over the same field of view
             self._measured_ns = self._measured_ns[np.arange(count) * len(before.ranges) // count]
         self._measured_ns = np.where(np.isfinite(scan.ranges), scan.stamp_ns, self._measured_ns)
         silent = scan.stamp_ns - self._measured_ns[~self._hidden] >= longest_ns
@@ -170,7 +180,7 @@ class Monitor:
             self._blindness = "lidar_blind"
 
     def judge(self, command: Twist, measured: Twist, now_ns: int) -> MonitorVerdict:
-        """May the chair, moving by `measured`, be commanded so now? The scan is carried on by its motion since."""
+        """Return the verdict on a command now, the scan moved on by the chair's `measured` motion since."""
         scan, s = self._scan, self._settings
         scan_ns = None if scan is None else scan.stamp_ns
         if self._blindness:
@@ -193,7 +203,7 @@ class Monitor:
         return MonitorVerdict(now_ns, scan_ns, command, share, contact_s, "" if share > 0.0 else "obstacle")
 
     def _is_furniture(self, points: FloatArray, measured: Twist, now_ns: int) -> BoolArray:
-        """(N,) which of points (N, 2) [m, base frame] are where something has always stood."""
+        """Return a mask (N,) of points (N, 2) [m] in base that lie at mapped slim objects."""
         stamp_ns, s = self._furnished_ns, self._settings
         if stamp_ns is None or not len(self._furniture) or not _is_fresh(stamp_ns, s.furniture_ms, now_ns):
             return np.zeros(len(points), np.bool_)
@@ -207,7 +217,7 @@ class Monitor:
     def _permitted(
         self, points: FloatArray, slim: BoolArray, command: Twist, gave_way: bool = False
     ) -> tuple[float, float]:
-        """Share of a command that is permitted, 0 to stop, and its contact time; at most a crawl once it `gave_way`."""
+        """Return the permitted share of a command, 0 to stop, and its contact time; at most a crawl if it `gave_way`."""
         s, share, contact_s = self._settings, 0.0, math.inf
         considered = paces(command, self._body, s)
         for pace in considered[-1:] if gave_way else considered:
@@ -215,14 +225,15 @@ class Monitor:
             share = max(share, min(float(pace), slow_share(contact_s, command, s)))
             if share >= 1.0:
                 return 1.0, contact_s
-        if contact_s < stop_seconds(command, s, self._stops):  # by what a crawl keeps free
+        if contact_s < stop_seconds(command, s, self._stops):  # with the clearance of a crawl
             return 0.0, contact_s
         return share, contact_s
 
     def _has_given_way(self, measured: Twist, now_ns: int) -> bool:
-        """Whether the chair has stood for long before legs that are in its way; told so in every tick in which it is.
+        """Return whether the chair has stood long enough before legs in its way; called in every tick with such legs.
 
-        It passes until a while after they were in the way last. Others who come later are given way to anew.
+        The chair passes until the legs have not been in its way for a moment. It gives way anew to people that come
+        later.
         """
         if self._gave_way_ns is not None and now_ns - self._gave_way_ns > _OTHERS_NS:
             self._gives_way_since_ns = None
@@ -239,7 +250,7 @@ class Monitor:
     def _contact_s(
         self, points: FloatArray, slim: BoolArray, command: Twist, pace: float, gave_way: bool = False
     ) -> float:
-        """Driving time until so many points that they are something are touched."""
+        """Return the driving time [s] until contact with enough points to be an obstacle."""
         s = self._settings
         if len(points) < s.least_points:
             return math.inf
@@ -248,19 +259,19 @@ class Monitor:
 
 
 _PAST_NS = 1_000_000_000
-"""Legs that were not in the way for so long are past."""
+"""ns; legs that were not in the way for so long are past."""
 
 _OTHERS_NS = 5_000_000_000
-"""Legs that are in the way again after so long are those of somebody else."""
+"""ns; legs in the way again after so long are somebody else's."""
 
 
 def _stands(twist: Twist) -> bool:
-    """Whether a measured twist is a standstill, but for noise."""
+    """Return whether a measured twist is a standstill within noise."""
     return abs(twist.v) < 0.03 and abs(twist.omega) < 0.06
 
 
 def refusal(verdict: MonitorVerdict | None, now_ns: int, settings: MonitorSettings) -> str:
-    """Id of the stop for which no speed at all may be let through now, or "": verdict and scan must be fresh."""
+    """Return the id of the stop that forbids any speed now, or "" if verdict and scan are fresh."""
     if not _is_fresh(None if verdict is None else verdict.stamp_ns, settings.verdict_ms, now_ns):
         return "monitor_silent"
     if not _is_fresh(None if verdict is None else verdict.scan_ns, settings.scan_ms, now_ns):
@@ -269,14 +280,14 @@ def refusal(verdict: MonitorVerdict | None, now_ns: int, settings: MonitorSettin
 
 
 def is_silent(verdict: MonitorVerdict | None, now_ns: int, settings: MonitorSettings) -> bool:
-    """Whether the monitor has not answered for so long that a drive is over."""
+    """Return whether the monitor has been silent for so long that the drive ends."""
     return not _is_fresh(None if verdict is None else verdict.stamp_ns, settings.silent_ms, now_ns)
 
 
 def permitted_share(command: Twist, verdict: MonitorVerdict, settings: MonitorSettings) -> float:
-    """Part of a command that a verdict permits, which may have been made of the command of a tick or two before.
+    """Return the share of a command that a verdict permits; the verdict may be of a command one or two ticks older.
 
-    A command in another direction than the judged one, or well beyond it, was not judged: none of it.
+    It is 0 for a command in another direction than the judged one, or well beyond it, because that was not judged.
     """
     judged = verdict.twist
     for value, known, slack in (
@@ -289,10 +300,10 @@ def permitted_share(command: Twist, verdict: MonitorVerdict, settings: MonitorSe
 
 
 def without_near_field(scan: Scan, body: ChairBody) -> Scan:
-    """The scan without readings below its least range: those are errors, or say that something is too close (-inf).
+    """Return the scan without ranges below its least range, which are errors or mean "too close" (-inf).
 
-    What is too close stands just outside the chair's outline, where that is so near to the laser; else it is the
-    chair's own, or dirt on the lidar, and invalid.
+    A beam that is too close becomes a point just outside the footprint where the footprint's edge is nearer than the
+    least range. Elsewhere it is the chair itself or dirt on the lidar, and becomes invalid.
     """
     near = scan.ranges < max(scan.range_min, 0.0)
     if not near.any():
@@ -304,18 +315,18 @@ def without_near_field(scan: Scan, body: ChairBody) -> Scan:
 
 
 _OUTSIDE = 0.005
-"""What is too close to be measured stands so far [m] outside the outline."""
+"""m; an object too close to be measured is placed so far outside the footprint."""
 
 
 def measuring(scan: Scan, hidden: BoolArray) -> BoolArray:
-    """(N,) beams that measure something other than the chair itself."""
+    """Return a mask (N,) of beams with a valid range that is not the chair itself."""
     told: BoolArray = np.isfinite(scan.ranges) & ~hidden
     told[told] &= (scan.ranges[told] >= max(scan.range_min, 0.0)) & (scan.ranges[told] <= scan.range_max)
     return told
 
 
 def slim_beams(scan: Scan, hidden: BoolArray, settings: MonitorSettings) -> BoolArray:
-    """(N,) beams that end on something slim that stands free, before what is beside it in the view, or nothing is."""
+    """Return a mask (N,) of beams that end on a slim object standing free: nothing beside it in the view is as near."""
     slim = np.zeros(len(scan.ranges), np.bool_)
     beams = np.flatnonzero(measuring(scan, hidden))
     if len(beams) < 2:
@@ -327,7 +338,7 @@ def slim_beams(scan: Scan, hidden: BoolArray, settings: MonitorSettings) -> Bool
     last = np.concatenate([breaks, [len(beams)]]) - 1
     beside = np.concatenate([[math.inf], r, [math.inf]])
     open_so_far = np.cumsum(np.isposinf(scan.ranges))[beams]
-    opens = np.concatenate([[False], np.diff(open_so_far) > 0, [False]])  # before each beam, and after the last
+    opens = np.concatenate([[False], np.diff(open_so_far) > 0, [False]])  # free beams before each beam, and at the end
     before = np.where(opens[first], math.inf, beside[first])
     after = np.where(opens[last + 1], math.inf, beside[last + 2])
     width = np.hypot(*(points[last] - points[first]).T)
@@ -338,13 +349,13 @@ def slim_beams(scan: Scan, hidden: BoolArray, settings: MonitorSettings) -> Bool
 
 
 _APART = 0.12
-"""Neighbouring beams that end farther apart [m] end on different things."""
+"""m; neighbouring beams that end farther apart end on different objects."""
 
 
 def points_now(scan: Scan, told: BoolArray, body: ChairBody, measured: Twist, now_ns: int) -> FloatArray:
-    """Points (N, 2) [m] that the beams `told` of a scan saw, in the base frame of now.
+    """Return the points (N, 2) [m] of a scan's beams `told` in base now.
 
-    The chair has moved by `measured` [m/s, rad/s] since.
+    Each beam is moved on by the chair's `measured` twist [m/s, rad/s] since its own time.
     """
     ranges = scan.ranges.astype(np.float64)
     r, angles = ranges[told], scan.angles()[told]
@@ -357,24 +368,24 @@ def points_now(scan: Scan, told: BoolArray, body: ChairBody, measured: Twist, no
 
 
 def paces(command: Twist, body: ChairBody, settings: MonitorSettings) -> FloatArray:
-    """Shares of a command by whose margins it is judged, from the whole of it down to a crawl."""
+    """Return the shares of a command to judge it at, from the whole command down to a crawl, evenly spaced."""
     slowest = min(1.0, settings.crawl / max(_fastest(command, body), 1e-9))
     return np.linspace(1.0, slowest, _PACES) if slowest < 1.0 else np.ones(1)
 
 
 _PACES = 4
-"""So many, evenly spaced; a chair that crawls has one."""
+"""Number of such shares; a command at a crawl has one."""
 
 
 def margins(command: Twist, body: ChairBody, settings: MonitorSettings, pace: float = 1.0) -> tuple[float, float]:
-    """What is kept free [m] on all sides, and besides in the direction of travel, at a share `pace` of a command."""
+    """Return the clearance [m] on all sides, and the extra one in the direction of travel, at a share of a command."""
     s = settings
     share = min(max((pace * _fastest(command, body) - s.crawl) / (s.full - s.crawl), 0.0), 1.0)
     return s.beside_crawl + share * (s.beside - s.beside_crawl), s.ahead_crawl + share * (s.ahead - s.ahead_crawl)
 
 
 def _fastest(command: Twist, body: ChairBody) -> float:
-    """Speed [m/s] of driving, or of the farthest corner in turning, whichever is more."""
+    """Return the larger of the driving speed and the farthest corner's speed in turning [m/s]."""
     return max(abs(command.v), abs(command.omega) * body.circumscribed_radius)
 
 
@@ -387,25 +398,26 @@ def contact_times(
     pace: float = 1.0,
     gave_way: bool = False,
 ) -> FloatArray:
-    """Driving time [s] (N,) until each point (N, 2) [m, base frame] is touched on the arc of a command; +inf if never.
+    """Return the driving times (N,) [s] until contact of a command's arc with points (N, 2) [m] in base; +inf if never.
 
-    The outline is grown by the `margins` of a share `pace` of the command's speed, and by more for points of `legs`
+    The footprint is grown by the `margins` of a share `pace` of the command's speed, and by more for points of `legs`
     (N,), less once the chair `gave_way`; the time is that of the whole command.
-    A point that is within that already is touched now if it comes nearer in the next second by more than a centimetre:
-    driving along it or away from it is free. One well within the outline itself is touched now, whatever is commanded.
+    A point already within the grown footprint is in contact now if it comes nearer by more than a centimetre in the next
+    second; driving along it or away from it is free. A point well within the footprint itself is in contact at once for
+    any command that moves the chair.
     """
     s, x, y = settings, points[:, 0], points[:, 1]
     beside, besides_ahead = margins(command, body, s, pace)
     to_come = legs & ((x > body.front) | (x < -body.rear))
     beside_legs, ahead_of_legs = (s.beside_after, s.ahead_after) if gave_way else (s.beside_legs, s.ahead_of_legs)
-    # a corner that swings faster than the chair drives comes upon who stands beside it
+    # a corner that swings faster than the chair drives approaches people beside the chair
     swings = abs(command.omega) * body.circumscribed_radius > abs(command.v)
     around = beside + np.where(legs & swings, s.round_legs, 0.0)
     half = body.width / 2 + np.maximum(around, beside + np.where(to_come, beside_legs, 0.0))
     ahead = beside + np.where(legs, max(besides_ahead, ahead_of_legs), besides_ahead)
     front = body.front + np.maximum(around, ahead if command.v > 0.0 else 0.0)
     rear = body.rear + np.maximum(around, ahead if command.v < 0.0 else 0.0)
-    # the side that a point is nearest to moves in until the point lies a centimetre outside
+    # move the side nearest to a point inwards until the point lies a centimetre outside
     gaps = np.stack([front - x, rear + x, half - np.abs(y)])
     nearest, within = gaps.argmin(axis=0), gaps.min(axis=0)
     shrink = np.maximum(within + _CLOSER, 0.0)
@@ -418,20 +430,20 @@ def contact_times(
 
 
 _CLOSER = 0.01
-"""A point within the zone counts when it comes nearer by more [m]: noise of a lidar, and a step of the chair."""
+"""m; a point within the zone counts when it comes nearer by more than a lidar's noise and one step of the chair."""
 
 _SOON = 1.0
-"""... and within this time [s], so that a chair does not creep up to it in steps of that."""
+"""s; it counts when it does so within this time, so that the chair cannot creep up to it in small steps."""
 
 _DEEP = 0.05
-"""A point this far inside the outline [m] is no noise at its edge."""
+"""m; a point so far inside the footprint is no noise at its edge."""
 
 
 def stop_seconds(command: Twist, settings: MonitorSettings, stops: StopTable | None = None) -> float:
-    """Driving time [s] at this speed that goes by until the chair has come to rest by an emergency.
+    """Return the driving time [s] at full speed over the distance of an emergency stop.
 
-    Braking in proportion it stays on its arc and needs half the braking time at full speed. Where stops were measured
-    and took longer than the settings' figures say, that counts.
+    Braking both speeds in proportion keeps the arc, and its distance is half the braking time at full speed. A measured
+    stop counts where it is longer than the one reckoned from the settings.
     """
     v, omega = abs(command.v), abs(command.omega)
     reckoned = settings.reaction_s + 0.5 * max(v / settings.emergency, omega / settings.emergency_alpha)
@@ -447,10 +459,10 @@ def stop_seconds(command: Twist, settings: MonitorSettings, stops: StopTable | N
 
 
 def slow_share(contact_s: float, command: Twist, settings: MonitorSettings) -> float:
-    """Part of a command at which the chair stops in comfort before it touches what it would touch after `contact_s`.
+    """Return the share of a command at which the chair stops comfortably before a contact after `contact_s` [s].
 
-    At a share k it goes on for k reaction + k^2 T of its driving time, T being half the braking time: that is
-    contact_s at the greatest k that is allowed.
+    At a share k the stop covers k reaction + k^2 T of the command's driving time, T being half the braking time. The
+    greatest allowed k makes that equal to contact_s.
     """
     half = 0.5 * max(abs(command.v) / settings.braking, abs(command.omega) / settings.alpha)
     if math.isinf(contact_s) or half == 0.0:
@@ -460,7 +472,7 @@ def slow_share(contact_s: float, command: Twist, settings: MonitorSettings) -> f
 
 
 def _is_fresh(stamp_ns: int | None, longest_ms: int, now_ns: int) -> bool:
-    """Whether a stamp is no older than that, nor (by more than two ticks of a clock read elsewhere) of the future."""
+    """Return whether a stamp is at most `longest_ms` old, and not in the future by more than two ticks."""
     return stamp_ns is not None and -_AHEAD_NS <= now_ns - stamp_ns <= longest_ms * 1_000_000
 
 
@@ -468,7 +480,7 @@ _AHEAD_NS = 100_000_000
 
 
 def _since(since_ns: int | None, so: bool, stamp_ns: int) -> int | None:
-    """Since when something has been so."""
+    """Return the start of the time over which a condition has held, None if it does not hold."""
     if not so:
         return None
     return stamp_ns if since_ns is None else since_ns

@@ -1,9 +1,9 @@
-"""Through a door: line up, look for the jambs, approach on their middle, and go through only when straight before it.
+"""Driving through a door: line up, find the jambs, approach on their middle, and enter only when aligned.
 
-There is no second chance where the chair could no longer stop before the wall: at that gate it must head for a place
-within 1.6 cm of the middle, or a fifth of the room beside it, and within three degrees, and still do so if it turns on
-a little as it does; else it backs off and tries again.
-Driving at an angle t through a wall of depth d takes W / cos t + d tan t: five degrees cost 1.6 cm in a wall of 0.15 m.
+The chair decides at the last point from which it can still stop before the wall. There it must head for a point within
+1.6 cm of the middle, or a fifth of the space beside it, and within three degrees, also if its present turning goes on a
+little. Otherwise it backs off and tries again.
+A chair of width W at an angle t to a wall of depth d needs W / cos t + d tan t: five degrees cost 1.6 cm at 0.15 m.
 """
 
 from __future__ import annotations
@@ -26,16 +26,16 @@ from waychair.planning.motion import DwaSettings, Motion, braking
 from waychair.types import FloatArray, Pose2, Twist
 
 _BEHIND = 0.04
-"""Kept free [m] in a retreat, which nobody has planned: behind, the map is all there is, and the place on it is as good
-as 2 cm."""
+"""m; clearance at the rear in a retreat, which follows no plan: only the map shows obstacles behind the chair, and the
+pose on it is good to 2 cm."""
 
 _TURNS_ON = 0.4
-"""For so long [s] a chair goes on as it did: steered back through a dead band it answers that late."""
+"""s; the chair's present turning goes on for so long, because a correction through the dead band acts that late."""
 
 
 @dataclass(frozen=True, slots=True)
 class DoorDriveSettings(Settings):
-    """When the chair may enter."""
+    """Conditions for entering a door, and the retreats before it."""
 
     gate: float = setting(0.25, "m", "the front end this far before the middle: now or never", low=0.05, high=1.0)
     lateral: float = setting(0.016, "m", "off the axis, at the axle and where the front enters", low=0.005, high=0.2)
@@ -59,13 +59,13 @@ class DoorDriveSettings(Settings):
 
 
 class DoorDrive:
-    """Keeps where the door is and how far the passage has come."""
+    """The state of one passage through a door."""
 
     def __init__(self, leg: Leg, odom_from_map: Pose2, body: ChairBody, settings: DoorDriveSettings) -> None:
         assert leg.door is not None
         self._settings, self._body, self._door = settings, body, leg.door
-        # each correction of the heading swings the tail: where that is far behind the axle, the chair comes back to the
-        # middle over a longer way, its heading held as stiffly as before
+        # each heading correction swings the tail: a chair with a long tail returns to the middle over a longer
+        # distance, its heading held as stiffly as before
         before = settings.tracking
         gentle = max(before.return_length, settings.tail_share * body.rear)
         damping = before.damping * gentle / before.return_length
@@ -78,15 +78,15 @@ class DoorDrive:
         self._poses: deque[Pose2] = deque()  # in odom, the last ones
         self.tries = 0
         self.refused = False
-        """Whether the chair stands at the last gate and will not enter: no door was found there, or never straight."""
+        """Whether the chair stands at the last gate and gave up: it found no door there, or was never aligned with it."""
 
     @property
     def entered(self) -> bool:
-        """Whether the chair is past the point at which it might still back off."""
+        """Whether the chair is past the last point at which it could back off."""
         return self._entered
 
     def believe(self, odom_from_map: Pose2) -> None:
-        """Where the map has the door now; heeded until it is seen."""
+        """Take the door's place from the map; it counts until the door is seen."""
         self.watch.believe(odom_from_map @ self._door.map_from_door)
 
     def step(
@@ -97,12 +97,15 @@ class DoorDrive:
         limits: DwaSettings,
         motion: Motion | None = None,
     ) -> DwaResult:
-        """The next command; pose and distances in odom. `arrived` when the chair is through. motion: as in `track`."""
+        """Return the next command; `arrived` when the chair is through.
+
+        Pose and distances are in odom; `motion` as in `tracking.track`.
+        """
         door_from_odom = self.watch.odom_from_door.inverse()
         at, soon = door_from_odom @ pose, door_from_odom @ self._soon(pose, limits.period)
         front = at.x + self._body.front
         if not self._entered and not self._lined_up:
-            if front > 0.0:  # it stands in the door: there is nothing left to line up
+            if front > 0.0:  # the chair stands in the door, so lining up is over
                 self._entered = True
             else:
                 turned = self._line_up(pose, command, distances, limits, motion)
@@ -122,24 +125,24 @@ class DoorDrive:
         return choice
 
     def _soon(self, pose: Pose2, period: float) -> Pose2:
-        """Where a chair at a pose is soon, if it goes on just as it came there."""
+        """Return the pose in a moment if the chair goes on as in its last few ticks."""
         self._poses.append(pose)
         while len(self._poses) > 1 + round(_TURNS_ON / period):
             self._poses.popleft()
         return pose @ (self._poses[0].inverse() @ pose)
 
     def _straight(self, at: Pose2) -> bool:
-        """Whether a pose in the door's frame is good enough to enter with, and the door surely where it seems."""
+        """Return whether a pose in the door's frame is aligned enough to enter, and the door's place is certain."""
         s = self._settings
         room = (self.watch.width - self._body.width) / 2
         allowed = max(s.lateral, s.lateral_share * room)
-        entering = at.y - at.x * math.tan(at.theta)  # where its middle line meets the door's plane
+        entering = at.y - at.x * math.tan(at.theta)  # the chair's middle line at the door's plane
         return self.watch.sure and max(abs(at.y), abs(entering)) <= allowed and abs(at.theta) <= s.heading
 
     def _line_up(
         self, pose: Pose2, command: Twist, distances: DistanceField, limits: DwaSettings, motion: Motion | None
     ) -> DwaResult | None:
-        """Turn in place to the door's direction; None once that is done."""
+        """Turn on the spot to the door's direction; None once that is done."""
         limits = replace(
             limits,
             heading_tolerance=self._settings.lined_up,
@@ -152,7 +155,7 @@ class DoorDrive:
         return None if turned.arrived else turned
 
     def _back_off(self, at: Pose2, command: Twist, limits: DwaSettings) -> DwaResult:
-        """Stop, and turn back if there are tries left."""
+        """Stop, and retreat if there are tries left."""
         stopped = DwaResult(braking(command, limits), np.zeros((0, 2)), np.zeros(0), at.array()[None])
         if not self.watch.sure or self.tries >= self._settings.tries:
             self.refused = abs(command.v) < 0.01
@@ -165,9 +168,9 @@ class DoorDrive:
     def _retreat(
         self, at: Pose2, pose: Pose2, command: Twist, distances: DistanceField, limits: DwaSettings
     ) -> DwaResult:
-        """Backwards along the axis, which already brings the chair nearer to it, then line up again.
+        """Drive backwards along the door's axis, which also brings the chair nearer to the axis, then line up again.
 
-        Where it must not drive backwards now, since somebody may be behind, it waits for that.
+        While reversing is forbidden, because somebody may be behind, the chair waits.
         """
         steps = np.linspace(at.x + 0.1, self._turn_back, 12)
         line = np.column_stack([steps, np.zeros((12, 2))])

@@ -1,8 +1,8 @@
-"""A door in the live scan: where its two jambs are, to the centimetre, whatever map and localisation believe.
+"""Detection of a door's two jambs in the live scan, to the centimetre and independent of map and localisation.
 
-A map's cells are centimetres wide and a localisation wanders by as many; beside a chair of 0.70 m a door of 0.80 m
-leaves five on each side. The wall on both sides gives the direction, a line through hundreds of points; the jambs'
-edges give the middle, and what blurs an edge blurs the other alike. Scans are averaged in odom, where nothing jumps.
+A map's cells are centimetres wide and the localised pose wanders by as much, but a door of 0.80 m leaves a chair of
+0.70 m only 5 cm on each side. The wall on both sides gives the direction, a line through hundreds of points. The jambs'
+edges give the middle, because blur affects both edges alike. Scans are averaged in odom, which never jumps.
 """
 
 from __future__ import annotations
@@ -19,7 +19,7 @@ from waychair.types import FloatArray, Pose2
 
 @dataclass(frozen=True, slots=True)
 class DoorwaySettings(Settings):
-    """Where to look, and how much to believe."""
+    """The search area of a door, and the conditions for trusting a detection."""
 
     off: float = setting(0.25, "m", "a jamb may be this far from where the map has it", low=0.05, high=1.0)
     turned: float = setting(0.2, "rad", "the wall may be turned by this much against the map", low=0.02, high=1.0)
@@ -39,7 +39,7 @@ class DoorwaySettings(Settings):
 
 @dataclass(frozen=True, slots=True)
 class Doorway:
-    """A door as one scan shows it: its pose in the frame of the points, and its clear width [m]."""
+    """A door found in one scan: its pose in the frame of the points, and its clear width [m]."""
 
     pose: Pose2
     width: float
@@ -48,11 +48,11 @@ class Doorway:
 def find_doorway(
     points: FloatArray, door: Pose2, width: float, settings: DoorwaySettings = DoorwaySettings()
 ) -> Doorway | None:
-    """The door's middle and direction by one scan's points (N, 2) [m], near where it is believed to be.
+    """Return the door's middle and direction from one scan's points (N, 2) [m], near its expected pose `door`.
 
-    Points and `door` (x leads through it) are in one frame; `width` [m] is the clear width by the map. The chair looks
-    at the near face: the middle keeps the believed place along the door's x. None when both jambs are not in view, or
-    the opening is not nearly as wide as it should be.
+    Points and `door` (x leads through it) are in one frame; `width` [m] is the map's clear width. The chair sees the near
+    face only, so the middle keeps the expected place along the door's x. None if the jambs are not both in view, or the
+    opening's width is far from the map's.
     """
     local = transform_points(door.inverse(), points)
     half = width / 2
@@ -71,12 +71,12 @@ def find_doorway(
     turn = _direction([out for out, _ in sides], [inner for _, inner in sides], settings)
     if turn is None:
         return None
-    # The jambs' edges, across the door's true direction.
+    # The jambs' edges across the door's true direction.
     across = np.array([-math.sin(turn), math.cos(turn)])
     edges = []
     for side, (out, _) in zip((1.0, -1.0), sides, strict=True):
         off = np.sort(side * (out @ across))
-        edge = off[off < off[settings.least // 2] + 0.03]  # the jamb's inner face, or the end of the wall's
+        edge = off[off < off[settings.least // 2] + 0.03]  # the jamb's inner face, or the end of the wall
         edges.append(side * float(np.percentile(edge, 25)))
     left, right = edges
     if abs(left - right - width) > settings.off:
@@ -86,10 +86,10 @@ def find_doorway(
 
 
 def _direction(sides: list[FloatArray], inner: list[float], settings: DoorwaySettings) -> float | None:
-    """Turn [rad] of the door's direction against what is believed: the normal of a line through both walls' near faces.
+    """Return the door's turn [rad] against its expected direction, from a line through both walls' near faces.
 
-    Of each side the points beyond the edge count, those on the near face only: the foremost of them, with what noise
-    and the wall's turning leave between them.
+    On each side only points beyond the edge and on the near face count: the foremost ones, within noise and the wall's
+    greatest turn.
     """
     faces = []
     for points, edge in zip(sides, inner, strict=True):
@@ -112,7 +112,7 @@ def _direction(sides: list[FloatArray], inner: list[float], settings: DoorwaySet
 
 
 class DoorWatch:
-    """Keeps the average of a door over the scans, in odom."""
+    """The average of a door's pose and width over scans, in odom."""
 
     def __init__(self, odom_from_door: Pose2, width: float, settings: DoorwaySettings) -> None:
         self._settings = settings
@@ -122,16 +122,16 @@ class DoorWatch:
 
     @property
     def sure(self) -> bool:
-        """Whether it has been seen often enough to be driven by."""
+        """Whether the door was seen often enough to drive by it."""
         return self._found >= self._settings.seen
 
     def believe(self, odom_from_door: Pose2) -> None:
-        """Where the map has it now; heeded until it is seen."""
+        """Take the door's pose from the map; it counts until the door is seen."""
         if self._found == 0:
             self.odom_from_door = odom_from_door
 
     def see(self, points: FloatArray, odom_from_laser: Pose2) -> None:
-        """Take in the points (N, 2) [m] in odom of one scan; from within the door only while it is not known at all."""
+        """Take in one scan's points (N, 2) [m] in odom; a scan from within the door counts only while it is unsure."""
         before_it = -(self.odom_from_door.inverse() @ odom_from_laser).x
         if self.sure and before_it < self._settings.nearest:
             return

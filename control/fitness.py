@@ -1,7 +1,7 @@
-"""Whether the chair is fit to drive, by what its own sensors and contacts say: ages, tilt, battery, localisation.
+"""Checks whether the chair is fit to drive: sensor ages, tilt, seat, charger, battery and localisation.
 
-Each row of the fault table that needs no planner is judged here (F11, F13, F15, F23, F24), and named by `stops`. What
-ends or prevents a drive is a `Halt`; what only makes a drive slower is a speed.
+Each row of the fault table that needs no planner is judged here (F11, F13, F15, F23, F24) and named by `stops`. A fault
+that ends or prevents a drive is a `Halt`; a fault that only slows a drive is a speed limit.
 """
 
 from __future__ import annotations
@@ -22,17 +22,17 @@ from waychair.topics import CAMERA, IMU, SCAN, STATUS, WHEELS
 from waychair.types import ChairStatus, ImuSample, Pose2, RgbdFrame, Scan, Twist, WheelTicks
 
 _CONTACTS = ("seated", "charging", "battery")
-"""Seat switch and battery each speak for themselves: what one does not say, the other may have said."""
+"""Fields of `ChairStatus` whose last known value is kept, because each message may hold only some of them."""
 
 REACTIONS = ("slow", "stop")
-"""What a drive does when a sensor that it can do without falls silent."""
+"""Possible reactions of a drive to a sensor that it can do without falling silent."""
 
 Sensed: TypeAlias = WheelTicks | Scan | ImuSample | RgbdFrame | ChairStatus
 
 
 @dataclass(frozen=True, slots=True)
 class FitnessSettings(Settings):
-    """Limits, and what is fitted to the chair."""
+    """Limits, and the contacts that are fitted to the chair."""
 
     seat_switch: bool = setting(False, "", "a seat switch is fitted: without word from it nothing drives")
     power_monitor: bool = setting(False, "", "battery and charger are monitored: as above")
@@ -54,20 +54,20 @@ class FitnessSettings(Settings):
 
 
 def tells(message: Sensed) -> bool:
-    """Whether a message holds anything but invalid readings; of a picture's pixels every sixteenth is looked at."""
+    """Return whether a message holds any valid reading; of a depth image every sixteenth pixel is checked."""
     if isinstance(message, ImuSample):
         return all(map(math.isfinite, (*message.accel.tolist(), *message.gyro.tolist())))
     return not isinstance(message, RgbdFrame) or bool(np.isfinite(message.depth[::4, ::4]).any())
 
 
 class Fitness:
-    """Keeps the last word of each sensor, how the chair leans, and where it was held to be."""
+    """The latest stamp of each sensor, the chair's lean, and its latest localised pose."""
 
     def __init__(self, body: ChairBody, settings: FitnessSettings | None = None) -> None:
         self._settings = settings or FitnessSettings()
         self._tilt = TiltFilter(body, self._settings.tilt)
         self._heard_ns: dict[type, int] = {}
-        self._status = ChairStatus(0)  # each contact's last word
+        self._status = ChairStatus(0)  # each contact's last value
         self._told_ns: dict[str, int] = {}
         self._tilted_since_ns: int | None = None
         self._lean = 0.0
@@ -75,9 +75,9 @@ class Fitness:
         self._jump_m = 0.0
 
     def hear(self, message: Sensed, twist: Twist) -> None:
-        """Take in what a sensor said while the chair moved by `twist`; the IMU's axes are the base's.
+        """Take in a sensor's message while the chair moved by `twist`; the IMU's axes are the base's.
 
-        One that speaks without telling anything is as good as silent.
+        A message without a valid reading counts as silence.
         """
         if not tells(message):
             return
@@ -96,7 +96,7 @@ class Fitness:
             self._lean = lean
 
     def locate(self, localisation: Localisation, odom_from_base: Pose2) -> None:
-        """Take in where the chair is held to be now; a jump since the last time is remembered until `settle`."""
+        """Take in the localised pose now; a jump since the last call is remembered until `settle`."""
         before, self._localisation = self._localisation, localisation
         if before is None:
             return
@@ -106,28 +106,28 @@ class Fitness:
         self._jump_m = max(self._jump_m, pending, math.hypot(found.x - expected.x, found.y - expected.y))
 
     def settle(self) -> None:
-        """Told that nothing drives: where the chair is held to be now counts."""
+        """Forget jumps of the pose, because nothing drives."""
         self._jump_m = 0.0
 
     def halts(self, now_ns: int) -> tuple[Halt, ...]:
-        """What ends a drive, or keeps one from beginning."""
+        """Return the faults that end a drive or keep one from beginning."""
         return (*self._silent(now_ns), *self._contacts(now_ns), *self._lost(), *self._steep(now_ns))
 
     def speed_limit(self, now_ns: int) -> float:
-        """Greatest speed [m/s] of a drive that may go on; +inf when all is well."""
+        """Return the highest speed [m/s] of a drive that may go on; +inf when all is well."""
         s = self._settings
         missed = self._is_missed(ImuSample, now_ns) or self._is_missed(RgbdFrame, now_ns)
         doubtful = self._localisation is not None and self._localisation.state is LocalisationState.DEGRADED
         return s.slow_speed if missed or doubtful or self._lean > s.slow_tilt else math.inf
 
     def _is_missed(self, sensor: type[ImuSample | RgbdFrame], now_ns: int) -> bool:
-        """Whether a sensor that a chair can do without is there, and has fallen silent."""
+        """Return whether a sensor that the chair can do without was heard before and has fallen silent."""
         topic = IMU if sensor is ImuSample else CAMERA
         heard = self._heard_ns.get(sensor)
         return heard is not None and topic.is_stale(heard, now_ns)
 
     def _silent(self, now_ns: int) -> tuple[Halt, ...]:
-        """F11 and F13."""
+        """Return the halts of F11 and F13: silent sensors."""
         s, halts = self._settings, []
         if SCAN.is_stale(self._heard_ns.get(Scan), now_ns):
             halts.append(halt("lidar_stale"))
@@ -140,7 +140,7 @@ class Fitness:
         return tuple(halts)
 
     def _contacts(self, now_ns: int) -> tuple[Halt, ...]:
-        """F24 and the seat switch; what is not fitted is obeyed all the same when it speaks, until it says otherwise."""
+        """Return the halts of F24 and the seat switch; a contact's last value counts even if it is not set as fitted."""
         s, status, halts = self._settings, self._status, []
         fitted = (("seated", s.seat_switch), ("charging", s.power_monitor))
         if any(is_fitted and STATUS.is_stale(self._told_ns.get(name), now_ns) for name, is_fitted in fitted):
@@ -154,7 +154,7 @@ class Fitness:
         return tuple(halts)
 
     def _lost(self) -> tuple[Halt, ...]:
-        """F15."""
+        """Return the halts of F15: a lost or jumping pose."""
         if self._localisation is not None and self._localisation.lost:
             return (halt("lost"),)
         if self._jump_m > self._settings.most_jump:
@@ -162,7 +162,7 @@ class Fitness:
         return ()
 
     def _steep(self, now_ns: int) -> tuple[Halt, ...]:
-        """F23."""
+        """Return the halts of F23: tilt."""
         if self._tilted_since_ns is None or now_ns - self._tilted_since_ns < self._settings.tilted_s * 1e9:
             return ()
         return (halt("tilt", f"{math.degrees(self._lean):.0f} degrees"),)

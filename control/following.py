@@ -1,6 +1,6 @@
-"""Two things that a chair must never do: not follow when it is driven (F20), and move when it is told to rest (F21).
+"""Checks that the chair follows its commands (F20) and stands at neutral (F21).
 
-The limits are those of the fault table: 0.3 m/s for 0.5 s, and 0.05 m/s for 0.3 s. Both are judged at the faster wheel.
+The limits are those of the fault table: 0.3 m/s for 0.5 s, and 0.05 m/s for 0.3 s. Both apply to the faster wheel.
 """
 
 from __future__ import annotations
@@ -15,7 +15,7 @@ from waychair.types import Twist
 
 @dataclass(frozen=True, slots=True)
 class FollowingSettings(Settings):
-    """How far, and for how long, a chair may be from what it should do."""
+    """Greatest deviation of the chair from its command, and for how long."""
 
     residual: float = setting(0.3, "m/s", "F20: wheel speed off what is expected", low=0.05, high=2.0)
     residual_s: float = setting(0.5, "s", "F20: for so long", low=0.05, high=5.0)
@@ -30,13 +30,13 @@ class FollowingSettings(Settings):
 
 
 class _Lasting:
-    """For how long something has been so without a break."""
+    """The time over which a condition has held without a break."""
 
     def __init__(self) -> None:
         self._since_ns: int | None = None
 
     def seconds(self, so: bool, now_ns: int) -> float:
-        """Seconds up to now; 0 where it is not so, or has just begun."""
+        """Return the seconds up to now; 0 if the condition does not hold, or has just begun to."""
         if not so:
             self._since_ns = None
             return 0.0
@@ -46,12 +46,12 @@ class _Lasting:
 
 
 class FollowingWatch:
-    """Keeps how long the chair has been doing what it should not; a fault stays until a new watch is begun."""
+    """The clocks of F20 and F21; a fault stays until a new watch is made."""
 
     def __init__(
         self, forward: AxisResponse, turn: AxisResponse, track: float, settings: FollowingSettings | None = None
     ) -> None:
-        """`track` [m]: wheels apart."""
+        """`track` [m] is the distance between the drive wheels."""
         self._settings = settings or FollowingSettings()
         self._half_track = 0.5 * track
         self._settling_s = max(axis.delay_s + 4.0 * axis.lag_s for axis in (forward, turn))
@@ -60,10 +60,10 @@ class FollowingWatch:
         self.fault = ""
 
     def driving(self, told: Twist, expected: Twist | None, measured: Twist, now_ns: int) -> str:
-        """F20, one tick of driving: the fault, with its remedy, or nothing.
+        """Check F20 in one tick of driving; return the fault with its remedy, or "".
 
-        `expected` is what the chair should have done since the tick before, None while its brake may yet be opening;
-        `told` what was sent.
+        `told` is the twist that was sent. `expected` is the mean twist that the chair should have had since the tick
+        before, None while its brake may still be opening.
         """
         self._rest()
         s = self._settings
@@ -84,9 +84,9 @@ class FollowingWatch:
         return self.fault
 
     def at_neutral(self, measured: Twist, now_ns: int) -> str:
-        """F21, one tick with the computer holding the lines at neutral: the fault, with its remedy, or nothing.
+        """Check F21 in one tick with the lines held at neutral; return the fault with its remedy, or "".
 
-        From motion the chair may coast, for its delay, four lags and the way down at `braking`.
+        A moving chair may coast for its delay, four lags and the time to rest at `braking`.
         """
         s = self._settings
         self._off.seconds(False, now_ns)
@@ -104,7 +104,7 @@ class FollowingWatch:
         return self.fault
 
     def released(self) -> str:
-        """One tick in which the rider's joystick is live, of whose motion nothing is judged."""
+        """Take one tick in which the rider's joystick is live, so that the motion is not judged."""
         self._off, self._stuck = _Lasting(), _Lasting()
         self._rest()
         return self.fault
@@ -116,7 +116,7 @@ class FollowingWatch:
         self.fault = self.fault or fault
 
     def _at_wheel(self, twist: Twist) -> float:
-        """Speed [m/s] of the faster wheel; one that is not a number is no speed at all."""
+        """Return the speed [m/s] of the faster wheel; 0 if it is not finite."""
         speed = abs(twist.v) + abs(twist.omega) * self._half_track
         return speed if math.isfinite(speed) else 0.0
 

@@ -1,8 +1,8 @@
-"""Does the chair still answer as it was calibrated? The gain of each axis, estimated while it drives.
+"""Estimation of each axis' gain while driving, to notice that the chair no longer matches its calibration.
 
-Somebody turns the speed dial, or switches the drive profile: from then on the same volts are another speed. What the
-calibration expects of the volts that were really sent, led through the axis' delay, ramp and lag, is compared with the
-measured speed. Only steady motion says something, so an axis that is hardly used is not judged.
+When somebody turns the speed dial or switches the drive profile, the same volts give another speed. The volts that were
+really sent give an expected speed by the calibration and the axis' delay, ramp and lag; it is compared with the measured
+speed. Only steady motion is informative, so an axis that is hardly used is not judged.
 """
 
 from __future__ import annotations
@@ -16,14 +16,14 @@ from waychair.config import Settings, setting
 from waychair.control.axis_response import LONGEST_S, AxisResponse, ExpectedSpeed
 from waychair.types import FloatArray, Twist
 
-_SETTLED = 0.15  # part of the speed by which a settled axis may still be off what is asked of it
-_CORRELATED_S = 0.3  # ripple and rounding persist for so long
-_CLEAR = 0.25  # a gain that is far off is judged with this part of it still in doubt
+_SETTLED = 0.15  # a settled axis is within this share of the speed asked of it
+_CORRELATED_S = 0.3  # correlation time of ripple and rounding
+_CLEAR = 0.25  # a gain's deviation is judged once its sigma is below this share of it
 
 
 @dataclass(frozen=True, slots=True)
 class GainWatchSettings(Settings):
-    """When an axis is judged, how fast its gain is believed to change, and what is too far from 1."""
+    """Conditions for judging an axis, the expected drift of its gain, and the limits on the gain."""
 
     slow_outside: float = setting(0.2, "", "part by which a gain may be off before it slows", low=0.05, high=10.0)
     stop_outside: float = setting(0.4, "", "part by which it may be off before it stops", low=0.1, high=10.0)
@@ -40,11 +40,11 @@ class GainWatchSettings(Settings):
 
 
 class AxisGain:
-    """Gain of one axis and effect of the other one on it, by recursive least squares.
+    """Gain of one axis and effect of the other axis on it, by recursive least squares.
 
-    measured = gain own + cross other, `own` and `other` being expected speeds. Both coefficients wander slowly, which
-    makes this the Kalman filter of a random walk (Ljung, System Identification, section 11.2): what was learnt long ago
-    counts less. Without the second term a chair that has grown lopsided would look like one that turns too much.
+    measured = gain own + cross other, `own` and `other` being expected speeds. Both coefficients drift slowly, so this is
+    the Kalman filter of a random walk (Ljung, System Identification, section 11.2) and old data count less. Without the
+    second term, a chair with unequal motors would look like a chair that turns too much.
     """
 
     def __init__(self, settings: GainWatchSettings, noise: float) -> None:
@@ -55,16 +55,16 @@ class AxisGain:
 
     @property
     def gain(self) -> float:
-        """Speed over the speed that the calibration expects."""
+        """Ratio of the speed to the speed that the calibration expects."""
         return float(self._values[0])
 
     @property
     def sigma(self) -> float:
-        """How well it is known."""
+        """Standard deviation of the gain."""
         return math.sqrt(float(self._covariance[0, 0]))
 
     def update(self, own: float, other: float, measured: float, seconds: float) -> None:
-        """Take in the mean speeds of so many seconds; they are worth the more, the faster and the longer."""
+        """Update with mean speeds over `seconds` [s]; faster and longer samples weigh more."""
         row = np.array([own, other])
         covariance = self._covariance + np.eye(2) * self._settings.wander**2 * seconds
         column = covariance @ row
@@ -74,7 +74,7 @@ class AxisGain:
 
 
 class GainWatch:
-    """Both axes' gains, and what follows from them."""
+    """Both axes' gains, with the speed limit and the fault that follow from them."""
 
     def __init__(self, forward: AxisResponse, turn: AxisResponse, settings: GainWatchSettings | None = None) -> None:
         s = self._settings = settings or GainWatchSettings()
@@ -86,19 +86,19 @@ class GainWatch:
 
     @property
     def gains(self) -> tuple[float, float]:
-        """Of the forward and the turn axis; 1 as calibrated."""
+        """Gains of the forward and the turn axis; 1 as calibrated."""
         return self._gains[0].gain, self._gains[1].gain
 
     @property
     def speed_limit(self) -> float:
-        """Greatest speed [m/s] that the gains allow; +inf as calibrated."""
+        """Highest speed [m/s] that the gains allow; +inf as calibrated."""
         return self._settings.slow_v if self._slow else math.inf
 
     def step(self, told: Twist, measured: Twist, now_ns: int, *, judged: bool = True) -> str:
-        """Take in one tick; the fault, with its remedy, or nothing. A fault stays until a new watch is begun.
+        """Take in one tick; return the fault with its remedy, or "". A fault stays until a new watch is made.
 
-        `told` is what the calibration expects of the counts sent at the tick before, `measured` the mean twist since.
-        Ticks that are not to be `judged` (brake, casters, joystick) only keep the expected speeds up to date.
+        `told` is the twist that the calibration expects of the counts sent at the tick before, `measured` the mean twist
+        since. Ticks not to be `judged` (brake, casters, joystick) only keep the expected speeds up to date.
         """
         last_ns, self._last_ns = self._last_ns, now_ns
         if last_ns is None or now_ns <= last_ns:

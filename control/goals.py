@@ -1,4 +1,4 @@
-"""Goals as the navigator drives to them: with a pose, and tolerances that can be kept."""
+"""Goals with a pose and with tolerances that a chair can keep, as the navigator needs them."""
 
 from __future__ import annotations
 
@@ -14,11 +14,11 @@ from waychair.types import Goal, Place, Pose2
 
 
 def posed(goal: Goal, places: Mapping[str, Place]) -> Goal:
-    """The goal with the pose and tolerances of the place that it names.
+    """Return the goal with the pose and tolerances of the place that it names.
 
     Raises:
         UnknownPlace: it names none of the places.
-        GoalOutsideMap: its pose is none on any map.
+        GoalOutsideMap: its pose lies on no possible map.
         GoalTooExact: its tolerances are closer than a chair can stop.
     """
     if not isinstance(goal.target, Pose2):
@@ -39,7 +39,7 @@ def posed(goal: Goal, places: Mapping[str, Place]) -> Goal:
 
 
 def limits_to(goal: Goal, limits: DwaSettings) -> DwaSettings:
-    """The limits of the motion to a goal: what remains of its tolerances is left to the localisation's own error."""
+    """Return the motion's limits to a goal; the rest of its tolerances is left to the localisation's error."""
     return replace(
         limits,
         goal_tolerance=min(limits.goal_tolerance, 0.6 * goal.tolerance_m),
@@ -49,7 +49,7 @@ def limits_to(goal: Goal, limits: DwaSettings) -> DwaSettings:
 
 
 def is_missed(goal: Goal, pose: Pose2) -> bool:
-    """Whether a chair at a pose in map is not within the tolerances of a goal that is a pose."""
+    """Return whether a chair at a pose in map is outside the tolerances of a goal that is a pose."""
     assert isinstance(goal.target, Pose2)
     away = math.hypot(goal.target.x - pose.x, goal.target.y - pose.y)
     return away > goal.tolerance_m or abs(wrap_angle(goal.target.theta - pose.theta)) > goal.tolerance_rad

@@ -1,4 +1,4 @@
-"""One leg of the way, driven in its manner: free by the dynamic window, exact on its line, or through a door."""
+"""Driving one leg of the plan in its manner: free by the dynamic window, exact on its line, or through a door."""
 
 from __future__ import annotations
 
@@ -23,16 +23,16 @@ from waychair.planning.tracks import Track
 from waychair.types import FloatArray, IntArray, OccupancyGrid, Path, Pose2, Twist
 
 _HAND_OVER = 0.15
-"""A leg that flows into the next may be left this far [m] before its end."""
+"""m; a leg that flows into the next one may be left so far before its end."""
 
 
 _TURN_AS_WAY = 0.5
-"""Way [m] that turning by a radian is worth where progress is judged."""
+"""m/rad; distance that a turn counts for where progress is judged."""
 
 
 @dataclass(frozen=True, slots=True)
 class LegDriveSettings(Settings):
-    """How the manners see what is round them."""
+    """Settings of the three manners of driving a leg."""
 
     known_within: float = setting(
         0.06, "m", "where it is tight, a point this near to a wall of the map is that wall", low=0.0, high=0.5
@@ -52,11 +52,11 @@ class LegDriveSettings(Settings):
 
 @dataclass(frozen=True, slots=True)
 class View:
-    """What a leg is driven by in one tick, in odom but for the map: pose, last command, window of distances.
+    """The input of a leg's drive in one tick, in odom: pose, last command, and obstacles.
 
-    `seen` (N, 2) [m] are the points of a scan that came in this tick, None when none did; `unscanned` (M, 2) [m] those
-    that other sensors have seen, `layered` those of them that stand at the heights of a layer of the body. `local` makes
-    the window when it is asked for. `motion` is that of the commands so far, `tracks` are those who move.
+    `seen` (N, 2) [m] are the points of this tick's scan, None without one. `unscanned` (M, 2) [m] are points that other
+    sensors have seen; `layered` are those at the heights of one layer of the body. `local` makes the window of distances
+    on request. `motion` is that of the commands so far, `tracks` are the people to predict. `hears`: there are sonars.
     """
 
     pose: Pose2
@@ -72,12 +72,12 @@ class View:
 
 
 class LegDrive:
-    """Keeps what a leg needs from tick to tick; a new one for every leg."""
+    """The drive along one leg, with its state from tick to tick."""
 
     def __init__(self, legs: Sequence[Leg], grid: OccupancyGrid, body: ChairBody, settings: LegDriveSettings) -> None:
-        """Drives the first of the legs; those after it say how it ends."""
+        """Drive the first of the legs; the next one tells how it ends."""
         self.leg = legs[0]
-        # the dynamic window must see the way go on, or it would brake at the leg's end
+        # the dynamic window must see the path go on, or it would brake at the leg's end
         self._poses = whole(tuple(legs[:2])).poses if self.leg.flows else self.leg.path.poses
         self._into_exact = self.leg.flows and len(legs) > 1 and legs[1].manner is not Manner.FREE
         self.in_position = False
@@ -89,26 +89,26 @@ class LegDrive:
 
     @property
     def entered(self) -> bool:
-        """Whether the chair is in a door, and nothing but going on makes sense."""
+        """Whether the chair is in a door, where it must go on."""
         return self._door is not None and self._door.entered
 
     @property
     def refused_door(self) -> Door | None:
-        """The leg's door when the chair will not enter it as one."""
+        """The leg's door if the chair gave up entering it as a door."""
         return self.leg.door if self._door is not None and self._door.refused else None
 
     def remaining(self, pose: Pose2) -> float | None:
-        """Way [m] to the leg's end from a pose in map, None while the chair turns at it or tries a door again.
+        """Return the distance [m] to the leg's end from a pose in map; None while turning there or retrying a door.
 
-        A turn that is still to be made counts as way, or turning on the spot would be no progress.
+        A pending turn counts as distance, so that turning on the spot is progress.
         """
         if self.in_position or len(self.leg.path.poses) < 2 or (self._door is not None and self._door.tries):
-            return None  # a door has a count of its own
+            return None  # a door counts its own tries
         at = on_line(self.leg.path.poses, pose, self.leg.backwards)
         return max(0.0, at.left) + _TURN_AS_WAY * abs(at.heading)
 
     def step(self, view: View, limits: DwaSettings) -> DwaResult:
-        """The next command; `arrived` when the leg is done and the chair stands."""
+        """Return the next command; `arrived` when the leg is done and the chair stands."""
         if view.seen is not None:
             self._points = view.seen
         if self.leg.manner is Manner.FREE:
@@ -147,7 +147,7 @@ class LegDrive:
         return choice
 
     def _fastest(self, view: View, limits: DwaSettings) -> float:
-        """Speed [m/s] that comes down in time to that of an exact leg at the hand-over to it, and of openings."""
+        """Return the speed limit [m/s] that falls in time to those of a following exact leg and of openings ahead."""
         if not self._into_exact and not view.hears:
             return math.inf
         left = on_line(self.leg.path.poses, view.odom_from_map.inverse() @ view.pose).left
@@ -162,9 +162,9 @@ class LegDrive:
         return min(fastest)
 
     def _ways_to_openings(self, left: float) -> list[float]:
-        """Ways [m] to where the speed of openings holds, for those ahead, `left` [m] before the leg's end.
+        """Return the distances [m] to the slow zones of the openings ahead, from `left` [m] before the leg's end.
 
-        They hold until the front is through.
+        A slow zone ends once the chair's front is through.
         """
         if self._openings is None:
             self._openings = self._before_end(openings(self._grid, self.leg.path.poses, self._settings.widest_opening))
@@ -172,13 +172,13 @@ class LegDrive:
         return [front - each - self._settings.opening_room for each in self._openings.tolist() if front > each]
 
     def _before_end(self, indices: IntArray) -> FloatArray:
-        """(K,) ways [m] from some of the leg's poses to its end."""
+        """Return the distances (K,) [m] from some of the leg's poses to its end."""
         steps = np.hypot(*np.diff(self.leg.path.poses[:, :2], axis=0).T)
         ways: FloatArray = np.append(np.cumsum(steps[::-1])[::-1], 0.0)[indices]
         return ways
 
     def _passes(self, view: View) -> bool:
-        """Whether a leg that flows into the next is at its end, and the chair looks along it."""
+        """Return whether the chair is at the end of a leg that flows into the next one, and heads along it."""
         end = view.odom_from_map @ Pose2(*self.leg.path.poses[-1])
         off = end.inverse() @ view.pose
         return off.x > -_HAND_OVER and abs(off.y) < 2 * _HAND_OVER and abs(off.theta) < 0.5
@@ -196,7 +196,10 @@ class LegDrive:
         return door.step(view.pose, view.command, self._near_field(view, opening), limits, view.motion)
 
     def _near_field(self, view: View, opening: tuple[Pose2, float] | None) -> DistanceField:
-        """The surroundings on fine cells, in odom: anew with every scan, with whatever the map does not explain."""
+        """Return distances to obstacles near the chair on fine cells, in odom, made anew with every scan.
+
+        The map's walls and all points that the map does not explain count.
+        """
         map_from_odom = view.odom_from_map.inverse()
         if self._near is None or view.seen is not None:
             points = view.unscanned if self._points is None else np.concatenate([self._points, view.unscanned])

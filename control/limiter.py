@@ -1,17 +1,16 @@
-"""What the rider is to feel: speeding up, braking, curves and jerk, between the navigator and the closed loop.
+"""The comfort limiter between the navigator and the closed loop: acceleration, braking, curves and jerk.
 
-The command comes onto the arc that was asked for, and is at most slowed down along it, so that what the planner found
-free is free for what is sent. Speeding up is limited in acceleration and jerk, turning faster by alpha. Slowing down
-that the planner asks for passes as it is, up to emergency braking: a limiter that delays a brake breaks the promise on
-which the arc was chosen; the planner's own window carries that limit. What lowers the speed from outside (a zone, a
-doubtful gain, an unmeasured chair) and stops by comfort are approached with limited jerk, and an emergency exempts from
-all of it.
+The command keeps to the arc that was asked for and is only slowed down along it, so that the path checked by the planner
+is the path driven. Speeding up is limited in acceleration and jerk, and turning faster is limited by alpha. Braking that
+the planner asks for passes unchanged, up to emergency braking: the planner chose the arc on the promise of that braking,
+and its own window limits it. Speed caps from outside (a zone, a doubtful gain, an unmeasured chair) and comfortable stops
+are approached with limited jerk. An emergency is exempt from all of it.
 
-Where the figures come from. No standard limits a wheelchair's accelerations in numbers that could be read; they are
-engineering choices about what is known: ISO 2631-1 (1997), annex C, calls a weighted acceleration of less than
-0.315 m/s^2 r.m.s. not uncomfortable and 0.5 to 1 m/s^2 fairly uncomfortable; Solea and Nunes (ICINCO 2008) judge a
-robotic wheelchair by it and smooth its speeds by limited jerk. So speeding up and sideways stay at 0.5, where a drive's
-r.m.s. is below 0.315; an emergency brakes at 1.5, beyond which riders without a belt slide.
+Sources of the figures. No accessible standard limits a wheelchair's accelerations in numbers, so they are engineering
+choices. ISO 2631-1 (1997), annex C, calls a weighted acceleration of less than 0.315 m/s^2 r.m.s. not uncomfortable and
+0.5 to 1 m/s^2 fairly uncomfortable; Solea and Nunes (ICINCO 2008) judge a robotic wheelchair by it and smooth its speeds
+by limited jerk. So acceleration and lateral acceleration stay at 0.5 m/s^2, where a drive's r.m.s. is below 0.315. An
+emergency brakes at 1.5 m/s^2, beyond which riders without a belt slide.
 """
 
 from __future__ import annotations
@@ -26,18 +25,18 @@ from waychair.control.stops import Braking
 from waychair.types import Twist
 
 _LONGEST_S = 0.1
-"""After a longer pause a step is no larger than after this."""
+"""s; a step after a longer pause is no larger than after this."""
 
 _FASTEST = 3.0
-"""Whoever asks for more than this [m/s, rad/s], which no setting allows, is out of order (F5)."""
+"""m/s, rad/s; a faster command is a fault of its source (F5), because no setting allows it."""
 
 _AT_REST = 1e-3
-"""Slower than this [m/s] the command has come to rest."""
+"""m/s; a slower command is at rest."""
 
 
 @dataclass(frozen=True, slots=True)
 class LimiterSettings(Settings):
-    """One profile of comfort; the defaults are those of `PROFILES["normal"]`."""
+    """One comfort profile; the defaults are `PROFILES["normal"]`."""
 
     max_speed: float = setting(0.8, "m/s", "greatest speed", low=0.05, high=3.0)
     max_omega: float = setting(0.8, "rad/s", "greatest turning speed", low=0.05, high=3.0)
@@ -59,20 +58,20 @@ PROFILES: Mapping[str, LimiterSettings] = MappingProxyType(
         "brisk": LimiterSettings(max_speed=1.2, max_omega=1.0, acceleration=0.8, braking=0.8, alpha=1.2, jerk=1.5),
     }
 )
-"""For riders who are easily thrown, for most, and for those who sit firmly; emergencies brake alike."""
+"""Profiles for riders with little balance, for most riders, and for riders that sit firmly; emergencies brake alike."""
 
 
 class Limiter:
-    """Keeps the last command and how fast it was changing."""
+    """The comfort limiter with its state: the last command and its rate of change."""
 
     def __init__(self, settings: LimiterSettings | None = None) -> None:
         self._settings = settings or LimiterSettings()
-        self._lever = self._settings.acceleration / self._settings.alpha  # [m], at which both limits are one
+        self._lever = self._settings.acceleration / self._settings.alpha  # m; both limits are equal at this radius
         self.rest()
 
     @property
     def command(self) -> Twist:
-        """The last one."""
+        """The last command."""
         return self._command
 
     @property
@@ -81,7 +80,7 @@ class Limiter:
         return self._size(self._command) > _AT_REST
 
     def rest(self) -> None:
-        """Told that the lines were let go: the next command starts from standstill."""
+        """Start the next command from standstill, because the lines were released."""
         self._command, self._rate = Twist(), 0.0
         self._last_ns: int | None = None
 
@@ -93,11 +92,11 @@ class Limiter:
         share: float = 1.0,
         braking: Braking | None = None,
     ) -> Twist:
-        """The command of this tick.
+        """Return the command of this tick.
 
-        `cap` [m/s] limits the speed smoothly, `share` in [0, 1] of what is asked at once: the collision monitor's. With
-        `braking` nothing is asked for and the chair comes to rest in that way. What is asked and is not finite, or
-        impossible, is an emergency (F5).
+        `cap` [m/s] limits the speed smoothly. `share` in [0, 1], the collision monitor's, scales the asked twist at once.
+        With `braking` the chair comes to rest in that way, whatever is asked. An asked twist that is not finite or not
+        possible is an emergency (F5).
         """
         s, before = self._settings, self._command
         passed = 0.05 if self._last_ns is None else (now_ns - self._last_ns) * 1e-9
@@ -123,21 +122,21 @@ class Limiter:
         return command
 
     def _comfortable(self, asked: Twist) -> Twist:
-        """The same arc within the profile's speeds and sideways acceleration."""
+        """Return the twist of the same arc within the profile's speeds and lateral acceleration."""
         s = self._settings
         sideways = math.sqrt(s.lateral / max(abs(asked.v * asked.omega), 1e-9))
         fastest = min(s.max_speed / max(abs(asked.v), 1e-9), s.max_omega / max(abs(asked.omega), 1e-9))
         return _scaled(asked, min(1.0, sideways, fastest))
 
     def _faster(self, size: float, cap: float, seconds: float) -> float:
-        """Greatest size of the next command, so that it comes to the cap, or to the greatest speed, without a jolt."""
+        """Return the greatest size of the next command that still reaches the cap, or the top speed, smoothly."""
         s = self._settings
         room = max(min(cap, s.max_speed) - size, 0.0)
         rate = min(max(self._rate, 0.0) + s.jerk * seconds, s.acceleration, _rate_before(room, s.jerk, seconds))
         return size + rate * seconds
 
     def _slower(self, size: float, target: float, seconds: float) -> float:
-        """Next size on the way down to a target."""
+        """Return the next size on the way down to a target."""
         s = self._settings
         room = max(size - target, 0.0)
         rate = min(max(-self._rate, 0.0) + s.jerk * seconds, s.braking, _rate_before(room, s.jerk, seconds))
@@ -145,38 +144,38 @@ class Limiter:
         return max(after, target)
 
     def _size(self, twist: Twist) -> float:
-        """Speed along the arc [m/s]; of turning, that of a point the lever off the axle."""
+        """Return a twist's size [m/s]: its speed, or that of a point the lever off the axle if it is faster."""
         return max(abs(twist.v), self._lever * abs(twist.omega))
 
     def _sized(self, twist: Twist, size: float) -> Twist:
-        """The same arc at another size."""
+        """Return the twist of the same arc at another size."""
         return _scaled(twist, size / max(self._size(twist), 1e-9))
 
 
 def is_possible(asked: Twist) -> bool:
-    """Whether a twist is one that any setting would allow (F5); what is no number is none."""
+    """Return whether some setting could allow a twist (F5); False if it is not a number."""
     return abs(asked.v) <= _FASTEST and abs(asked.omega) <= _FASTEST
 
 
 def _rate_before(room: float, jerk: float, seconds: float) -> float:
-    """Greatest rate of change with so much room left that it can fall to 0 by the jerk, in steps of a tick."""
+    """Return the greatest rate of change that can fall to 0 by limited jerk within `room` left, in steps of a tick."""
     lost = 0.5 * jerk * seconds
     return math.sqrt(lost * lost + 2.0 * jerk * room) - lost
 
 
 def _no_faster(before: Twist, after: Twist, dv: float, domega: float) -> Twist:
-    """With at most so much more speed along, and of turning: what a chair has of one is none to begin the other with."""
+    """Return `after` with at most dv more speed and domega more turning than `before`, each on its own."""
     return Twist(_grown(before.v, after.v, dv), _grown(before.omega, after.omega, domega + _ROUNDED))
 
 
 def _grown(before: float, after: float, most: float) -> float:
-    """A speed after one before, in whatever direction it is now, grown by at most so much."""
+    """Return `after` grown by at most `most` over `before`; a speed in the other direction starts from 0."""
     direction = math.copysign(1.0, after)
     return direction * min(abs(after), max(direction * before, 0.0) + most)
 
 
 _ROUNDED = 1e-9
-"""The planner keeps to the same limit [rad/s], rounded its own way."""
+"""rad/s; tolerance for the planner's own rounding of the same limit."""
 
 
 def _scaled(twist: Twist, share: float) -> Twist:
@@ -184,7 +183,7 @@ def _scaled(twist: Twist, share: float) -> Twist:
 
 
 def _towards(before: Twist, wanted: Twist, dv: float, domega: float) -> Twist:
-    """On the straight line to `wanted`, neither speed changed by more than its limit."""
+    """Return the twist on the straight line from `before` to `wanted`, neither speed changed by more than its limit."""
     v, omega = wanted.v - before.v, wanted.omega - before.omega
     share = min(1.0, dv / max(abs(v), 1e-12), domega / max(abs(omega), 1e-12))
     return Twist(before.v + share * v, before.omega + share * omega)

@@ -1,8 +1,8 @@
-"""How far the speed loop is from swinging: phase margin and stability from its exact sampled transfer function.
+"""Phase margin and stability of the speed loop from its exact sampled transfer function.
 
-The chair answers with gain K, a delay that need not be a whole number of ticks, and a lag; its mean speed over a tick is
-measured at the tick's end; the command holds for a tick (Astrom and Wittenmark, Computer-Controlled Systems, section
-3.2). Ramps and dead bands, which are not linear, are left to trials in time.
+The chair answers with gain K, a delay that need not be a whole number of ticks, and a lag. Its mean speed over a tick is
+measured at the tick's end, and the command holds for a tick (Astrom and Wittenmark, Computer-Controlled Systems, section
+3.2). Ramps and dead bands are not linear, so simulations test them.
 """
 
 from __future__ import annotations
@@ -20,7 +20,7 @@ _FREQUENCIES = 4000
 
 @dataclass(frozen=True, slots=True)
 class TrueAxis:
-    """What an axis of a chair really is: gain, delay [s] and lag [s]."""
+    """The true response of a chair's axis: gain, delay [s] and lag [s]."""
 
     gain: float
     delay_s: float
@@ -28,12 +28,12 @@ class TrueAxis:
 
 
 def loop_polynomials(gains: Gains, axis: TrueAxis, period_s: float, *, held: bool) -> tuple[FloatArray, FloatArray]:
-    """Numerator and denominator, highest power of z first, of the open loop; `held` with heading and line hold."""
+    """Return numerator and denominator of the open loop, highest power of z first; `held`: with heading and line hold."""
     t = period_s
     ticks, part = divmod(axis.delay_s, t)
     begin, end = _held(axis.lag_s, part), _held(axis.lag_s, t - part)
     keep = begin.keep * end.keep
-    # Speed at the tick's end and way over the tick, from the older input and then the newer one.
+    # Speed at the tick's end and distance over the tick, from the older input and then the newer one.
     older = np.array([(1.0 - begin.keep) * end.keep, begin.way_of_input + (1.0 - begin.keep) * end.way_of_speed])
     newer = np.array([1.0 - end.keep, end.way_of_input])
     way_of_speed = begin.way_of_speed + begin.keep * end.way_of_speed
@@ -51,7 +51,7 @@ def loop_polynomials(gains: Gains, axis: TrueAxis, period_s: float, *, held: boo
 
 
 def phase_margin(gains: Gains, axis: TrueAxis, period_s: float, *, held: bool) -> float:
-    """Least phase margin [rad] over all crossings of magnitude 1; +inf where there is none."""
+    """Return the least phase margin [rad] over all crossings of magnitude 1; +inf if there is none."""
     above, below = loop_polynomials(gains, axis, period_s, held=held)
     z = np.exp(1j * np.geomspace(1e-4, math.pi, _FREQUENCIES))
     loop = np.polyval(above, z) / np.polyval(below, z)
@@ -64,14 +64,17 @@ def phase_margin(gains: Gains, axis: TrueAxis, period_s: float, *, held: bool) -
 
 
 def slowest_decay(gains: Gains, axis: TrueAxis, period_s: float, *, held: bool) -> float:
-    """Largest magnitude of the closed loop's poles: below 1 every disturbance dies away."""
+    """Return the largest magnitude of the closed loop's poles; below 1 every disturbance decays."""
     above, below = loop_polynomials(gains, axis, period_s, held=held)
     return float(np.abs(np.roots(np.polyadd(below, above))).max())
 
 
 @dataclass(frozen=True, slots=True)
 class _Held:
-    """A lag under a constant input for some time: what is left of its speed, and the way of its speed and its input."""
+    """A lag under a constant input for some time: the remaining share of its speed, and the distances driven.
+
+    One distance comes from its speed at the start, the other from the input.
+    """
 
     keep: float
     way_of_speed: float

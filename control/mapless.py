@@ -1,8 +1,8 @@
-"""Driving to a goal without a map: what the lidar has seen is remembered, what it has not seen is taken for free.
+"""Driving to a goal without a map: obstacles seen by the lidar are remembered, unseen cells count as free.
 
-The source paper's loop (its Fig. 4), plan, follow, replan on change, reached, on a grid that fills as the chair goes:
-D* Lite repairs its plan as cells change, the dynamic window follows it. Everything lives in odom; there is no map that
-could correct it. It never raises in a tick: whatever goes wrong becomes a stop and a reason.
+The source paper's loop (its Fig. 4) is plan, follow, replan on change, reached. Here it runs on a grid that fills as the
+chair drives: D* Lite repairs its plan as cells change, and the dynamic window follows it. Everything is in odom, because
+no map could correct it. A tick never raises: every failure becomes a stop with a reason.
 """
 
 from __future__ import annotations
@@ -28,7 +28,7 @@ from waychair.types import OccupancyGrid, Path, Pose2, Scan, Twist
 
 @dataclass(frozen=True, slots=True)
 class MaplessSettings(Settings):
-    """When to plan anew, how far the dynamic window looks, and the parts' own settings."""
+    """Replanning, the reach of the dynamic window, and the settings of the parts."""
 
     replan_period: float = setting(0.2, "s", "between two plans", low=0.05, high=60.0)
     local_reach: float = setting(3.0, "m", "half side of the window in which arcs are tried", low=1.0, high=20.0)
@@ -36,16 +36,16 @@ class MaplessSettings(Settings):
     memory: GridMemorySettings = field(default_factory=GridMemorySettings)
     recovery: RecoverySettings = field(default_factory=RecoverySettings)
     costmap: CostmapSettings = field(default_factory=CostmapSettings)
-    # without walls there are no doors to line up with
+    # without a map's walls there are no doors to line up with
     planner: PlannerSettings = field(default_factory=lambda: PlannerSettings(narrow=0.0))
     dwa: DwaSettings = field(default_factory=DwaSettings)
 
 
 class MaplessNavigator:
-    """Drives to one goal; poses and goal in odom."""
+    """The drive to one goal without a map; poses and goal are in odom."""
 
     def __init__(self, body: ChairBody, at: Pose2, goal: Pose2, settings: MaplessSettings | None = None) -> None:
-        """From standstill at a pose."""
+        """Start from standstill at a pose."""
         self._settings = settings or MaplessSettings()
         self._body = body
         self._goal = goal
@@ -63,7 +63,7 @@ class MaplessNavigator:
         self._stage, self._reason = Stage.DRIVING, ""
 
     def step(self, now_ns: int, pose: Pose2, scan: Scan | None) -> Navigation:
-        """One tick from odom_from_base and, when there was one, the scan taken there."""
+        """Do one tick from odom_from_base and, if there is one, the scan taken there."""
         if scan is not None:
             self._memory.see(scan, pose @ self._body.base_from_laser)
             self._local = self._window(pose)
@@ -89,7 +89,7 @@ class MaplessNavigator:
         return self._navigation(choice.twist, choice)
 
     def _window(self, pose: Pose2) -> DistanceField:
-        """Distances to all that is remembered near a pose."""
+        """Return the distances to all remembered obstacles near a pose."""
         cell, corner = self._memory.resolution, self._memory.corner
         half = round(self._settings.local_reach / cell)
         row, col = int((pose.y - corner.y) / cell) - half, int((pose.x - corner.x) / cell) - half
@@ -98,7 +98,7 @@ class MaplessNavigator:
         return DistanceField(window_distances(solid, cell), cell, corner @ Pose2(col * cell, row * cell, 0.0))
 
     def _plan(self, now_ns: int, pose: Pose2) -> None:
-        """A new path over all that is remembered; while there is none, the old one stays."""
+        """Plan a new path over the remembered grid; if none is found, the old path stays."""
         self._planned_ns = now_ns
         try:
             self._path = self._planner.replan(self._costmap(), pose)
@@ -107,7 +107,7 @@ class MaplessNavigator:
             self._no_way = str(error)
 
     def _costmap(self) -> Costmap:
-        """Of the memory in coarser cells, each as occupied as its worst part."""
+        """Return the costmap of the memory in coarser cells; a cell is occupied if any of its parts is."""
         n, fine = self._settings.coarser, self._memory.occupied()
         height, width = (-size % n for size in fine.shape)
         fine = np.pad(fine, ((0, height), (0, width)))
@@ -119,7 +119,7 @@ class MaplessNavigator:
         return costmap_from_grid(grid, self._body, self._settings.costmap)
 
     def _choose(self, now_ns: int, pose: Pose2, path: Path, local: DistanceField) -> DwaResult:
-        """Follow the path; where that has been impossible for a while, first back out the way the chair came."""
+        """Follow the path; if that has been impossible for a while, first back out along the chair's trail."""
         dwa, remaining = self._settings.dwa, None if self._in_position else path.length()
         backing = self._recovery.step(now_ns, pose, remaining, self._command, lambda: local, self._body, dwa)
         if backing is not None:

@@ -1,4 +1,4 @@
-"""What a navigator says in a tick: how far the drive has come, and the twist that it asks for."""
+"""The navigator's output in a tick: the stage of the drive and the wanted twist."""
 
 from __future__ import annotations
 
@@ -11,7 +11,7 @@ from waychair.types import Path, Twist
 
 
 class Stage(enum.Enum):
-    """How far the drive to a goal has come."""
+    """The stages of a drive to a goal."""
 
     IDLE = "idle"
     DRIVING = "driving"
@@ -22,14 +22,14 @@ class Stage(enum.Enum):
 
 
 ACTIVE = (Stage.DRIVING, Stage.WAITING, Stage.PAUSED)
-"""While there is a goal still to reach."""
+"""The stages in which there still is a goal to reach."""
 
 
 @dataclass(frozen=True, slots=True)
 class Navigation:
-    """The twist of this tick, the stage, why in a plain sentence, the path that is followed and its present leg.
+    """The navigator's output: stage, twist, the reason as a sentence, the followed path and its present leg.
 
-    `goals`: how many are still to be reached, the present one included. `choice.arc` is in odom.
+    `goals` counts the goals still to reach, the present one included. `choice.arc` is in odom.
     """
 
     stage: Stage
@@ -43,5 +43,5 @@ class Navigation:
 
     @property
     def driving(self) -> bool:
-        """Whether the computer wants the joystick lines, be it to stand still on them."""
+        """Whether the computer wants the joystick lines, even to stand still."""
         return self.stage in ACTIVE

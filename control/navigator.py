@@ -1,8 +1,8 @@
-"""The navigator: the source paper's loop (its Fig. 4), plan, follow, replan on change, reached, one call a tick.
+"""The navigator: plans a path on the map, follows it, replans on change and reports arrival, one call per tick.
 
-The plan is made in map; whatever moves the chair lives in odom, where nothing jumps: the legs of the plan are
-expressed anew in odom at every tick. It never raises in a tick: whatever goes wrong becomes a stop and a reason. It
-decides where to go, never who drives.
+The loop is the source paper's Fig. 4. The plan is made in map, but motion is computed in odom, which never jumps: the
+plan's legs are expressed in odom anew at every tick. A tick never raises: every failure becomes a stop with a reason.
+The navigator decides where to go; the supervisor decides whether the computer drives.
 """
 
 from __future__ import annotations
@@ -53,16 +53,16 @@ from waychair.types import (
 __all__ = ["Navigation", "Navigator", "NavigatorSettings", "Stage"]
 
 _RESTED_TICKS, _AT_REST = 8, 1e-3
-"""A chair that was commanded less than this [m/s, rad/s] for so many ticks stands."""
+"""A chair commanded less than this [m/s, rad/s] for so many ticks stands."""
 
 _NOWHERE = "it is not known where the chair is; drive it by hand to where it knows its place"
 
 _SLICES_STANDING = 3
-"""Slices of a field or band that are done in one tick while the chair stands for want of a way."""
+"""Slices of planning done in one tick while the chair stands because it has no path."""
 
 
 class Navigator:
-    """Drives to goals, one after the other, on a known map."""
+    """Drives to one goal after the other on a known map."""
 
     def __init__(
         self,
@@ -115,21 +115,21 @@ class Navigator:
 
     @property
     def reason(self) -> str:
-        """Why it waits, or how the last drive ended."""
+        """The reason for waiting, or for the last drive's end."""
         return self._reason
 
     def go(self, goal: Goal, *further: Goal) -> None:
-        """Take a goal, and those to go to after it, in place of the present ones.
+        """Replace the present goals by a goal and the goals to go to after it.
 
         Raises:
             UnknownPlace: a goal is a name that is not among the places.
-            GoalTooExact: a goal's tolerances are closer than a chair can stop. Either way the present goals stay.
+            GoalTooExact: a goal's tolerances are closer than a chair can stop. After an error the present goals stay.
         """
         self._goals = [posed(each, self._places) for each in (goal, *further)]
         self._begin(self._goals[0])
 
     def redraw(self, drawn: DrawnMap, places: Mapping[str, Place]) -> None:
-        """Go on by another drawing of the same map, with other places; a drive under way is planned anew."""
+        """Go on with another drawing of the same map and other places; a drive under way is planned anew."""
         self._places = places
         if drawn is self._drawn:
             return
@@ -139,17 +139,17 @@ class Navigator:
             self._plan_to(self._planner.goal)
 
     def knows(self, points: FloatArray, within: float) -> BoolArray:
-        """(N,) which of points (N, 2) [m] in map are within so much [m] of what the map shows."""
+        """Return a mask (N,) of points (N, 2) [m] in map that lie within `within` [m] of an obstacle of the map."""
         return self._drawn.shows(points, within)
 
     @property
     def people(self) -> FloatArray:
-        """(K, 2) [m] in odom: where those are who walk about, or have."""
+        """Positions (K, 2) [m] in odom of people that walk or have walked."""
         return self._people.positions
 
     @property
     def near(self) -> DistanceField:
-        """How far from everything it is round the chair, in map; made by whoever asks first after a scan."""
+        """The distances to obstacles round the chair, in map, computed at the first request after a scan."""
         self._local = near = self._local or self._surroundings.window(self._here)
         return near
 
@@ -165,24 +165,24 @@ class Navigator:
             self.recovery.reset()
 
     def cancel(self, reason: str) -> None:
-        """Give the goals up; nothing resumes them."""
+        """Give the goals up for good."""
         if self.active:
             self._stage, self._reason, self._goals = Stage.FAILED, reason, []
 
     def commanded(self, twist: Twist) -> None:
-        """Told what became of the last twist: the next window lies round it."""
+        """Take the twist that was sent for the last command; the next dynamic window is centred on it."""
         self._command = twist
 
     def at_rest(self) -> None:
-        """Told when the lines were let go: the next command starts from standstill."""
+        """Start the next command from standstill, because the lines were released."""
         self._command, self._motion = Twist(), Motion()
 
     def hear(self, readings: SonarReadings, pose: Pose2) -> None:
-        """Told what the sonars say, at map_from_base."""
+        """Take in the sonars' readings at map_from_base."""
         self._surroundings.hear(readings, pose)
 
     def look(self, frame: RgbdFrame, pose: Pose2, level_from_base: FloatArray | None = None) -> None:
-        """Told what the depth camera sees, at map_from_base, and how the chair leans (3, 3), if that is known."""
+        """Take in a depth image at map_from_base, with the chair's lean (3, 3) if it is known."""
         self._surroundings.look(frame, pose, level_from_base)
 
     def step(
@@ -194,10 +194,10 @@ class Navigator:
         beyond: FloatArray | None = None,
         seen_ns: int | None = None,
     ) -> Navigation:
-        """One tick from map_from_base and, when there was a scan, the obstacle points (N, 2) [m] it saw in map.
+        """Do one tick from map_from_base and, if there was a scan, its obstacle points (N, 2) [m] in map.
 
-        `beyond` (M, 2) [m] in map is how far its other beams are known to be free, `seen_ns` when it was taken, if not
-        just now. `map_from_odom` is what the localisation has corrected the odometry by; without it odom is the map.
+        `beyond` (M, 2) [m] in map are the ends of free space on the scan's other beams. `seen_ns` is the scan's stamp, by
+        default `now_ns`. `map_from_odom` is the localisation's correction of the odometry, by default identity.
         """
         odom_from_map = Pose2() if map_from_odom is None else map_from_odom.inverse()
         if not (np.isfinite(pose.array()).all() and np.isfinite(odom_from_map.array()).all()):
@@ -218,7 +218,7 @@ class Navigator:
             return self._navigation(Twist())
         if self._stage is Stage.PAUSED:
             return self._navigation(stopping(self._command, self._dwa, self._motion))
-        # a corrected pose: slow down, and line up anew from where the chair really is
+        # after a jump of the pose: slow down, and plan anew from the true pose
         self._note_correction(now_ns, pose, odom_from_map)
         if (self._planning is not None or self._needs_plan(now_ns)) and not self._plan(now_ns):
             self.recovery.stands_to_plan(since_ns)
@@ -236,29 +236,29 @@ class Navigator:
         self.recovery.reset()
 
     def _plan_to(self, goal: Pose2) -> None:
-        """From scratch."""
+        """Start planning to a goal from scratch."""
         self._planner = GlobalPlanner(goal, self.settings.planner)
         self._path, self._planned_ns, self._plans, self._leg = None, None, 0, None
         self._planning, self._stops_to_plan, self._stands_to_plan = None, False, False
 
     def _view(self, now_ns: int, pose: Pose2, obstacles: FloatArray | None, odom_from_map: Pose2) -> View:
-        """What there is to drive by, in odom."""
+        """Return the input of the present leg's drive, in odom."""
 
         return View(
             odom_from_map @ pose,
             self._command,
-            lambda: self.near.seen_from(odom_from_map),  # made only where it is driven by
+            lambda: self.near.seen_from(odom_from_map),  # computed only if the leg needs it
             odom_from_map,
             None if obstacles is None else transform_points(odom_from_map, obstacles),
             transform_points(odom_from_map, self._surroundings.unscanned()),
-            None if self._jumping else self._motion,  # comfort does not hold back what caution asks for
+            None if self._jumping else self._motion,  # after a jump, braking is not limited for comfort
             self._people.foreseen(now_ns, odom_from_map @ pose),
             self._surroundings.hears,
             tuple((layer, transform_points(odom_from_map, seen)) for layer, seen in self._surroundings.narrower()),
         )
 
     def _choose(self, now_ns: int, pose: Pose2, view: View) -> DwaResult:
-        """Follow the path; where that has been impossible for a while, first back out the way the chair came."""
+        """Follow the path; if that has been impossible for a while, first back out along the chair's trail."""
         tries, backed = self.recovery.tries, self.recovery.backing
         behind = self._people.behind(now_ns, view.pose)
         backing = self.recovery.step(
@@ -273,20 +273,20 @@ class Navigator:
         )
         if backing is not None:
             return backing
-        if backed:  # a way from where the chair was is none from here
+        if backed:  # the old path does not start here
             self._path, self._leg, self._planned_ns, self._no_way = None, None, None, "backed out"
             stop = braking(self._command, self._dwa)
             return DwaResult(stop, np.zeros((0, 2)), np.zeros(0), view.pose.array()[None])
-        if self.recovery.tries > tries:  # there is no way out backwards either
+        if self.recovery.tries > tries:  # backing out was impossible, too
             self._planned_ns = None
         choice = self._follow(view, behind)
-        if choice.arrived and len(self._legs) > 1:  # stopped and turned: on with the next leg
+        if choice.arrived and len(self._legs) > 1:  # stopped and turned: go on with the next leg
             self._legs, self._leg = self._legs[1:], None
             choice = self._follow(view, behind)
         return replace(choice, arrived=choice.arrived and len(self._legs) == 1)
 
     def _follow(self, view: View, behind: bool) -> DwaResult:
-        """The next command on the present leg, never backwards where somebody may be `behind`."""
+        """Return the next command on the present leg, never backwards if somebody may be `behind`."""
         if self._leg is None:
             self._leg = LegDrive(self._legs, self._drawn.grid, self._body, self.settings.legs)
         limits = crawling(self._dwa) if self._jumping else self._dwa
@@ -297,7 +297,7 @@ class Navigator:
         return self._leg.step(view, limits)
 
     def _remaining(self, pose: Pose2) -> float | None:
-        """Way [m] to the goal, None while the chair turns at the end of a leg."""
+        """Return the distance [m] to the goal, None while the chair turns at the end of a leg."""
         leg = self._leg or LegDrive(self._legs, self._drawn.grid, self._body, self.settings.legs)
         here = leg.remaining(pose)
         return None if here is None else here + sum(leg.path.length() for leg in self._legs[1:])
@@ -311,7 +311,7 @@ class Navigator:
         return f"no way through after {tries} tries: clear the way or choose another goal"
 
     def _outcome(self, now_ns: int, choice: DwaResult) -> Navigation:
-        """Reached, given up, waiting or driving."""
+        """Return the tick's output from a choice: reached, given up, waiting or driving."""
         if self.recovery.exhausted:
             self.cancel(self._why_given_up())
             return self._navigation(braking(self._command, self._dwa), choice)
@@ -344,7 +344,7 @@ class Navigator:
         return Navigation(self._stage, twist, self._reason, self._path, self._plans, choice, leg, len(self._goals))
 
     def _halt(self, now_ns: int, why: str, choice: DwaResult | None = None) -> Navigation:
-        """Brake and wait; give up after the patience."""
+        """Brake and wait; give up when the patience is over."""
         if self.active:
             waited = self.recovery.stands(now_ns)
             self._stage, self._reason = Stage.WAITING, f"{why}; waiting"
@@ -355,9 +355,9 @@ class Navigator:
         return self._navigation(braking(self._command, self._dwa) if choice is None else choice.twist, choice)
 
     def _note_correction(self, now_ns: int, pose: Pose2, odom_from_map: Pose2) -> None:
-        """Whether the localisation has just moved the chair; as that begins and ends, the plan is void.
+        """Note whether the localised pose is jumping; when that begins or ends, the plan is void.
 
-        What is past a door's last gate goes on by the jambs it sees.
+        A chair past a door's last gate keeps its plan, because it follows the jambs that it sees.
         """
         jumping = self._corrections.jumping(now_ns, pose, odom_from_map)
         if jumping != self._jumping and not (self._leg is not None and self._leg.entered):
@@ -384,9 +384,9 @@ class Navigator:
         return self._surroundings.stands_near(ahead, half) or self._people.linger_near(in_odom, half + radius)
 
     def _plan(self, now_ns: int) -> bool:
-        """Plan, or go on planning; whether to drive on. What takes longer than a tick is planned from standstill.
+        """Plan, or go on planning; return whether to drive on. A plan that takes longer than a tick needs standstill.
 
-        But for what holds wherever the chair is: meanwhile it goes on by the path it has, if it has one.
+        A plan that holds from any pose does not: meanwhile the chair follows its old path, if it has one.
         """
         if self._stops_to_plan:
             if self._rested < _RESTED_TICKS:
@@ -394,7 +394,7 @@ class Navigator:
             self._planning, self._stops_to_plan, self._stands_to_plan = None, False, True
         lasts_s = 0.0 if self._planning is None else (now_ns - (self._planned_ns or now_ns)) * 1e-9
         if lasts_s > self.settings.longest_plan and much_is_gone(self._planned_round, self._surroundings.lasting()[0]):
-            self._planning = None  # what it is being made round is gone, so that it is worth nothing
+            self._planning = None  # the obstacles that it avoids are gone, so it is worthless
         if self._planning is None:
             may_stay = self._planned_ns is not None and self._planned_among
             self._planned_ns, self._planning = now_ns, self._planned(now_ns, may_stay)
@@ -409,10 +409,10 @@ class Navigator:
         return True
 
     def _planned(self, now_ns: int, may_stay: bool) -> Slices[None]:
-        """A new path over the map and what is in the way now; while there is none, the chair waits.
+        """Plan a new path over the map and the present obstacles, in slices; while there is none, the chair waits.
 
-        A field that is not found in time changes nothing: the path there is is kept. If it `may_stay`, it is kept among
-        people, too, unless another leads there much sooner: who turns this way and that is in everybody's way.
+        If a potential field is not found in time, the old path is kept. Among people the old path is also kept if it
+        `may_stay`, unless another one arrives much sooner: a chair that keeps changing its path is in everybody's way.
         """
         assert self._planner is not None
         upright, layered = self._surroundings.lasting()
@@ -422,7 +422,7 @@ class Navigator:
         news = len(upright) or any(len(points) for _, points in layered) or foreseen
         path = None
         try:
-            if self._plans == 0:  # a goal that the map alone rules out is refused, not waited for
+            if self._plans == 0:  # refuse a goal that the map alone rules out, instead of waiting
                 costmap = self._drawn.costmap()
                 check_goal(costmap, self._body, self._planner.goal)
                 path = yield from self._planner.replan_in_slices(costmap, self._pose, go_on=self._until(now_ns))
@@ -440,7 +440,7 @@ class Navigator:
             return
         if may_stay and foreseen and self._is_as_good(path):
             return
-        if self._path is None:  # having waited for a way is no reason to back out now that there is one
+        if self._path is None:  # the wait for a path must not count towards backing out
             self.recovery.moves()
         legs = list(self._planner.legs)
         leg = LegDrive(legs, self._drawn.grid, self._body, self.settings.legs)
@@ -449,7 +449,7 @@ class Navigator:
         self._path, self._legs, self._leg, self._plans = path, legs, leg, self._plans + 1
 
     def _is_as_good(self, path: Path) -> bool:
-        """Whether the rest of the present path is free, and is not done much later than another path among people."""
+        """Return whether the rest of the present path is free and arrives not much later than another path."""
         assert self._planner is not None
         rest = self._rest()
         if rest is None or not self._planner.is_free(rest):
@@ -460,7 +460,7 @@ class Navigator:
         return now < then + self.settings.loyalty
 
     def _rest(self) -> FloatArray | None:
-        """(N, 2) [m] what is still to come of the present path, None where there is none, or the chair is off it."""
+        """Return the rest (N, 2) [m] of the present path; None without a path, or if the chair is off it."""
         if self._path is None:
             return None
         points = self._path.poses[:, :2]
@@ -471,7 +471,7 @@ class Navigator:
     def _path_among(
         self, now_ns: int, upright: FloatArray, layered: Sequence[tuple[BodyLayer, FloatArray]]
     ) -> Slices[Path]:
-        """A path round what is in the way now; what stands at a goal that is still far may be gone by then."""
+        """Plan a path round the present obstacles; obstacles at a goal that is still far may be gone by then."""
         assert self._planner is not None
         goal = self._planner.goal
         try:
@@ -485,15 +485,15 @@ class Navigator:
         return (yield from self._path_over(now_ns, self._drawn.costmap(upright, layered)))
 
     def _path_over(self, now_ns: int, costmap: Costmap) -> Slices[Path]:
-        """A path over a costmap among those who are on their way."""
+        """Plan a path over a costmap among walking people."""
         assert self._planner is not None
         people, cruise = self._people.under_way(self._map_from_odom), self.settings.dwa.max_speed
         return self._planner.replan_among(costmap, self._pose, people, cruise, self._among_people, self._until(now_ns))
 
     def _pose(self) -> Pose2:
-        """Where the chair is now, in map."""
+        """Return the chair's pose now, in map."""
         return self._here
 
     def _until(self, began_ns: int) -> Callable[[], bool]:
-        """Whether there still is time for a field begun at some time."""
+        """Return a function that tells whether there still is time for a field begun at `began_ns`."""
         return lambda: (self._stepped_ns or 0) - began_ns < self.settings.longest_field * 1e9

@@ -1,4 +1,4 @@
-"""When the navigator plans anew, and the settings of its parts."""
+"""Settings of the navigator and of its parts."""
 
 from __future__ import annotations
 
@@ -17,7 +17,7 @@ from waychair.planning.tracks import TrackSettings
 
 @dataclass(frozen=True, slots=True)
 class NavigatorSettings(Settings):
-    """When to plan anew, and the parts' own settings."""
+    """Settings of the navigator: replanning, and the settings of its parts."""
 
     obstacle_range: float = setting(
         6.0, "m", "beams beyond this are no obstacles to care about yet", low=1.0, high=50.0

@@ -1,6 +1,6 @@
-"""A chair that is pushed by hand: its wheels turn although nobody drives it.
+"""Detection of a chair that is pushed by hand: its wheels turn although nobody drives it.
 
-A chair whose lines were let go rolls out; it counts as pushed only once it has stood.
+A chair whose lines were just released rolls out; it can count as pushed only after it has stood.
 """
 
 from __future__ import annotations
@@ -15,7 +15,7 @@ from waychair.types import JoystickInput, Odometry, Pose2
 
 @dataclass(frozen=True, slots=True)
 class PushingSettings(Settings):
-    """When a chair was moved, and when it stands."""
+    """Thresholds for a chair that was moved, and for one that stands."""
 
     way: float = setting(0.05, "m", "moved by so much from where it stood", low=0.01, high=1.0)
     turn: float = setting(0.1, "rad", "... or turned by so much", low=0.01, high=1.0)
@@ -23,10 +23,10 @@ class PushingSettings(Settings):
 
 
 class Pushing:
-    """Keeps where the chair stood. `pushed`: it is moved by hand, or has been until a moment ago."""
+    """The detection's state. `pushed`: the chair is moved by hand, or was until a moment ago."""
 
     def __init__(self, settings: PushingSettings | None = None, at_rest: float = SupervisorSettings().at_rest) -> None:
-        """`at_rest`: deflection up to which no hand is on the stick."""
+        """`at_rest` is the deflection up to which no hand is on the stick."""
         self._settings, self._at_rest = settings or PushingSettings(), at_rest
         self._stood: Pose2 | None = None  # odom_from_base
         self._since_ns = 0
@@ -34,9 +34,9 @@ class Pushing:
         self.pushed = False
 
     def update(self, now_ns: int, released: bool, stick: JoystickInput | None, wheels: Odometry | None) -> bool:
-        """Told whether the lines are let go, what the rider's stick says and where the wheels are.
+        """Take in the rider's stick, the wheels' odometry and whether the lines are released.
 
-        Whether it was pushed, and now stands.
+        Return True once when the chair stands again after a push.
         """
         if not released or stick is None or wheels is None or not deflection_of(stick) <= self._at_rest:
             self._stood, self._rests, self.pushed = None, False, False

@@ -1,9 +1,9 @@
-"""What to do when the chair makes no way: wait first, then back out the way it came, then give up.
+"""Recovery of a chair that makes no progress: wait first, then back out along its own trail, then give up.
 
-Standing still and coming no nearer to the goal are both noticed by time. Backing out takes back the way that was
-driven, the only one that is known to have been free, and more of it at each try: two who wait for each other part so.
-Where somebody may have come there since, the chair waits instead, and so it does for those who walk about in front of
-it: they go on by themselves.
+Standing still and coming no nearer to the goal are both judged by time. Backing out follows the trail that was driven,
+the only path known to have been free, and goes farther at each try, so that two chairs waiting for each other part. If
+somebody may have entered that area since, the chair waits instead. It also waits for people that walk in front of it,
+because they move on by themselves.
 """
 
 from __future__ import annotations
@@ -25,24 +25,24 @@ from waychair.planning.motion import DwaSettings
 from waychair.types import Pose2, Twist
 
 _UNSURE = 0.005
-"""Nearer by this [m] than the chair has been may be noise of its place."""
+"""m; an approach to an obstacle by less than this may be noise of the pose."""
 
 _ENOUGH = 0.02
-"""Farther than this [m] from everything a chair that backs out may come nearer: it moves, and its place is noisy."""
+"""m; while backing out, a clearance of more than this may shrink: the chair moves, and its pose is noisy."""
 
 _LEAP = 0.3
-"""No chair goes so far [m] from one tick to the next."""
+"""m; a larger step from one tick to the next is a jump of the odometry."""
 
 _FARTHEST = 4
-"""At each try it backs out farther, up to so many times the way of the first."""
+"""Each try backs out farther, up to so many times the first try's distance."""
 
 _SAME_PLACE = 0.1
-"""A chair that tries to back out again within this [m] of where it was held up gives nothing more away."""
+"""m; a try within this distance of the last one keeps the last one's clearance."""
 
 
 @dataclass(frozen=True, slots=True)
 class RecoverySettings(Settings):
-    """How long to wait, how far to back out, and how often."""
+    """Waiting times, the distance of backing out, and the number of tries."""
 
     wait: float = setting(
         2.0, "s", "standing still this long before backing out, longer at each try", low=0.1, high=600
@@ -61,20 +61,20 @@ class RecoverySettings(Settings):
 
 
 class Recovery:
-    """Keeps the clocks, the trail of the chair, and whether it is backing out."""
+    """The clocks, the chair's trail, and the state of backing out."""
 
     def __init__(self, settings: RecoverySettings) -> None:
         self._settings = settings
         self._trail: deque[Pose2] = deque(maxlen=100)
         self.tries = 0
-        self.begun = 0  # how often it has begun to back out, of all goals
+        self.begun = 0  # number of backings begun, over all goals
         self._standing_since: int | None = None
-        self._nearest: tuple[int, float] | None = None  # when, and how near to the goal [m]
-        self._turned: tuple[int, Pose2] | None = None  # when the chair, turning, last came to be elsewhere, and where
-        self._backing: tuple[int, Pose2] | None = None  # since when, and from where
-        self._keeps = Pose2(), -math.inf  # where it backed out last, and what it kept free there [m]
+        self._nearest: tuple[int, float] | None = None  # time of the last progress, and distance to the goal [m]
+        self._turned: tuple[int, Pose2] | None = None  # time and pose of the last progress in turning
+        self._backing: tuple[int, Pose2] | None = None  # start time and start pose
+        self._keeps = Pose2(), -math.inf  # pose of the last backing, and its clearance there [m]
         self._held_up_since: int | None = None
-        self._tried_at: float | None = None  # how near to the goal [m]
+        self._tried_at: float | None = None  # smallest distance to the goal of all tries [m]
 
     @property
     def exhausted(self) -> bool:
@@ -83,29 +83,29 @@ class Recovery:
 
     @property
     def backing(self) -> bool:
-        """Whether the chair is on its way out backwards."""
+        """Whether the chair is backing out."""
         return self._backing is not None
 
     def reset(self) -> None:
-        """A new goal: the trail is kept, and what was kept free here."""
+        """Start anew for another goal; the trail and the clearance kept here stay."""
         self.tries, self._tried_at, self._standing_since = 0, None, None
         self._nearest, self._turned, self._backing = None, None, None
 
     def stands(self, now_ns: int) -> float:
-        """Told that nothing is possible in this tick; how long [s] that has been so."""
+        """Note that no motion is possible in this tick; return for how long [s] that has been so."""
         self._standing_since = now_ns if self._standing_since is None else self._standing_since
         return self.standing(now_ns)
 
     def standing(self, now_ns: int) -> float:
-        """How long [s] nothing has been possible."""
+        """Return for how long [s] no motion has been possible."""
         return 0.0 if self._standing_since is None else (now_ns - self._standing_since) * 1e-9
 
     def moves(self) -> None:
-        """Told that there is something to do."""
+        """Note that motion is possible in this tick."""
         self._standing_since = None
 
     def stands_to_plan(self, duration_ns: int) -> None:
-        """Told that the chair stood for so long to plan, which is neither being stuck nor making no way."""
+        """Leave out the time for which the chair stood to plan, because it was not stuck then."""
         if self._standing_since is not None:
             self._standing_since += duration_ns
         if self._nearest is not None:
@@ -124,11 +124,11 @@ class Recovery:
         settings: DwaSettings,
         waits: bool = False,
     ) -> DwaResult | None:
-        """A command for backing out, or None while following the path is right.
+        """Return a command for backing out, or None while the path is to be followed.
 
-        `remaining` [m] is the way to the goal, None while turning at it or trying a door again. `local` gives the
-        distances round the chair, in the pose's frame, where nothing jumps, when they are needed. Who `waits` for people
-        begins no backing, and ends it.
+        `remaining` [m] is the distance to the goal, None while turning there or retrying a door. `local` computes the
+        distances round the chair in the pose's frame, which must not jump. A chair that `waits` for people does not start
+        to back out, and stops doing so.
         """
         if waits:
             self._backing, self._nearest, self._turned = None, None, None
@@ -161,7 +161,7 @@ class Recovery:
         return None
 
     def _shape(self, pose: Pose2, near: DistanceField, body: ChairBody, margin: float) -> Footprint:
-        """The body with as much free round it as it has had since it began to back out, or tried before, or enough."""
+        """Return the footprint grown by the clearance that this backing, or the last one here, has kept so far."""
         before, keeps = self._keeps
         if math.hypot(before.x - pose.x, before.y - pose.y) > _SAME_PLACE:
             keeps = -math.inf
@@ -186,7 +186,7 @@ class Recovery:
         return (now_ns - self._nearest[0]) * 1e-9 >= s.progress_time
 
     def _remember(self, pose: Pose2) -> None:
-        """Where the chair came along; of another drive, or before a leap of the odometry, nothing leads here."""
+        """Add a pose to the trail; after a jump of the odometry the trail starts anew."""
         way = math.hypot(self._trail[-1].x - pose.x, self._trail[-1].y - pose.y) if self._trail else math.inf
         if way > _LEAP:
             self._trail.clear()
@@ -194,6 +194,6 @@ class Recovery:
             self._trail.append(pose)
 
     def _take_back(self, pose: Pose2) -> None:
-        """Drop what of the trail now lies ahead of the chair."""
+        """Drop the end of the trail that now lies ahead of the chair."""
         while len(self._trail) > 1 and (pose.inverse() @ self._trail[-1]).x > 0:
             self._trail.pop()

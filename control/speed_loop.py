@@ -1,9 +1,8 @@
-"""Speeds as they were asked for, over a chair controller that nobody documents: feed-forward, PI, and a heading hold.
+"""The speed loop: feed-forward, PI and heading hold over an undocumented chair controller.
 
-The calibration's inverse, further down, is the feed-forward: a command goes out as it is, plus a trim. The trim is a PI
-of what the chair should be doing by now (`ExpectedSpeed`) less what it does, so a step of the command that the chair
-follows as expected leaves the trim at nothing. While the chair is to go straight, the turn axis also works off the
-heading that it has lost, and the distance by which it has left the line.
+The inverse of the calibration, applied later, is the feed-forward: a command goes out as it is, plus a trim. The trim is
+a PI of the speed expected by now (`ExpectedSpeed`) less the measured speed, so a step that the chair follows as expected
+causes no trim. On a straight command the turn axis also corrects the heading error and the lateral offset from the line.
 """
 
 from __future__ import annotations
@@ -21,18 +20,18 @@ from waychair.control.kinematics import twist_from_wheel_speeds
 from waychair.types import Sent, Twist
 
 HOLD_SHARE = 0.25
-"""Heading hold's gain as a part of the crossover: the loop that it closes round the speed loop is four times slower."""
+"""Heading hold's gain as a share of the crossover: its loop round the speed loop is four times slower."""
 
 LINE_SHARE = 0.25
-"""Line hold's gain as a part of the heading hold's, once more four times slower."""
+"""Line hold's gain as a share of the heading hold's: once more four times slower."""
 
 _STRAIGHT = 1e-3  # rad/s
-_LEAST_V = 0.3  # m/s: at less, the line is steered back to no more sharply
+_LEAST_V = 0.3  # m/s: at lower speeds the return to the line is no sharper
 
 
 @dataclass(frozen=True, slots=True)
 class Gains:
-    """PI of one axis: trim = proportional e + integral (integral of e); heading [1/s] and line [1/s] of the turn axis."""
+    """Gains of one axis: trim = proportional e + integral (integral of e); heading and line hold [1/s] of the turn axis."""
 
     proportional: float
     integral: float
@@ -41,21 +40,21 @@ class Gains:
 
 
 def gains(delay_s: float, lag_s: float, margin: float, fastest: float = math.inf) -> Gains:
-    """Gains for an axis of this whole delay [s] and lag [s] that keep a phase margin [rad] at the identified gain.
+    """Return gains for an axis with a whole delay [s] and a lag [s] that keep a phase margin [rad].
 
-    With its zero on the lag, the PI cancels it: C = w (lag s + 1) / s makes the loop L = w exp(-delay s) / s, whose
-    magnitude is 1 at w, where its phase is -pi/2 - w delay. The margin pi/2 - w delay is the one asked for at
+    The PI's zero cancels the lag: C = w (lag s + 1) / s makes the loop L = w exp(-delay s) / s. Its magnitude is 1 at w,
+    where its phase is -pi/2 - w delay. The phase margin pi/2 - w delay is the wanted one at
 
         w = (pi/2 - margin) / delay        proportional = w lag, integral = w        (at most `fastest` [rad/s])
 
-    A chair whose gain is K times the identified one crosses at K w: what remains is pi/2 - K (pi/2 - margin), so that
-    67.5 degrees leave 45 at twice the gain. (Internal model control with a first-order Pade gives the same controller,
-    Rivera, Morari, Skogestad 1986; the zero on the lag and the delay as the only limit are Skogestad's rules, 2003.)
-    The heading hold multiplies L by 1 + k/s, which takes atan(k/w) of the margin, 14 degrees at k = w/4.
+    A chair with K times the identified gain crosses at K w, with a margin of pi/2 - K (pi/2 - margin): 67.5 degrees leave
+    45 at twice the gain. (Internal model control with a first-order Pade gives the same controller, Rivera, Morari,
+    Skogestad 1986; the zero on the lag and the delay as the only limit are Skogestad's rules, 2003.) The heading hold
+    multiplies L by 1 + k/s, which costs atan(k/w) of the margin, 14 degrees at k = w/4.
 
-    A Smith predictor that works off an asymmetry as fast keeps 4 degrees more as identified and 8 more at twice the
-    gain (`closed_loop_margins` of the acceptance). It would put a model of dead band and ramps into the feedback,
-    where this loop has it in the reference only, so the PI it is.
+    A Smith predictor that removes an asymmetry as fast keeps 4 degrees more at the identified gain and 8 more at twice
+    the gain (`closed_loop_margins` of the acceptance). But it would put a model of dead band and ramps into the feedback,
+    and this loop has that model in the reference only.
     """
     crossover = min((0.5 * math.pi - margin) / max(delay_s, 1e-3), fastest)
     return Gains(crossover * lag_s, crossover, HOLD_SHARE * crossover, HOLD_SHARE * LINE_SHARE * crossover)
@@ -63,7 +62,7 @@ def gains(delay_s: float, lag_s: float, margin: float, fastest: float = math.inf
 
 @dataclass(frozen=True, slots=True)
 class SpeedLoopSettings(Settings):
-    """How each axis follows, how cautious the loop is, and when its integrators wait."""
+    """The axes' responses, the loop's phase margin and limits, and the conditions for freezing its integrators."""
 
     forward: AxisResponse = field(default_factory=AxisResponse)
     turn: AxisResponse = field(default_factory=AxisResponse)
@@ -86,10 +85,10 @@ class SpeedLoopSettings(Settings):
 
 
 def tuned(settings: SpeedLoopSettings, model: DacModel, stops: StopTable | None = None) -> SpeedLoopSettings:
-    """The settings with the delays, lags, ramps and reach that a calibration found; as they were where it has none.
+    """Return the settings with the calibration's delays, lags, ramps and top speeds, as far as it has them.
 
-    A calibration's steps begin at rest, so that a parking brake's opening looks like delay. Stops know no brake: their
-    delay is the longest that a moving chair can have (it ends when 5 % of the speed is lost, later than the true one).
+    A calibration's steps begin at rest, so that a parking brake's opening looks like delay. Stops involve no brake: their
+    delay is an upper bound for a moving chair (it ends when 5 % of the speed is lost, later than the true delay).
     """
     if isinstance(model, DeadBand):
         model = model.model
@@ -106,13 +105,13 @@ def tuned(settings: SpeedLoopSettings, model: DacModel, stops: StopTable | None 
 
 
 def gains_of(response: AxisResponse, settings: SpeedLoopSettings) -> Gains:
-    """Gains of an axis: its delay, what that may be longer, and the tick's own."""
+    """Return the gains of an axis; the whole delay is its own, its possible excess and the tick's."""
     delay_s = response.delay_s + response.doubt_s + settings.period_s
     return gains(delay_s, response.lag_s, settings.margin, settings.fastest)
 
 
 class _Axis:
-    """One axis: what it should do by now, and its trim."""
+    """One axis: its expected speed and its trim."""
 
     def __init__(self, response: AxisResponse, settings: SpeedLoopSettings, limit: float, quantum: float) -> None:
         self.gains = gains_of(response, settings)
@@ -125,10 +124,10 @@ class _Axis:
         self._shortfall = 0.0
 
     def advance(self, now_ns: int, sent: float | None) -> None:
-        """What the chair should have done since the last tick, by what was `sent` then.
+        """Advance the expected mean speed over the last tick, given the speed that was `sent` then.
 
-        More than rounding between what was asked for and what was sent (an axis at its end, a slew limit) reaches the
-        model as well: the chair is then not expected to do what it was never told, and nothing winds up.
+        A difference between asked and sent speed beyond rounding (saturation, a slew limit) goes into the model as well.
+        So the chair is not expected to do what was never sent, and nothing winds up.
         """
         reference, asked, asked_ns = self._asked
         shortfall = 0.0 if sent is None else sent - asked
@@ -137,28 +136,28 @@ class _Axis:
         self.mean = self._expected.advance(now_ns)
 
     def trim(self, error: float, seconds: float, frozen: bool) -> float:
-        """PI of the error; the integral rests while `frozen`, and never grows towards where the axis is at its end."""
+        """Return the PI's trim; the integral is kept while `frozen`, and never grows into saturation."""
         if not frozen and self._shortfall * error >= 0.0:
             self.integral = _limited(self.integral + self.gains.integral * seconds * error, self._limit)
         return _limited(self.gains.proportional * error + self.integral, self._limit)
 
     def ask(self, reference: float, trim: float, now_ns: int) -> float:
-        """Remember and return what goes out."""
+        """Remember and return the speed to send."""
         self._asked = (reference, reference + trim, now_ns)
         return reference + trim
 
     def restart(self, speed: float, reference: float, now_ns: int) -> None:
-        """The chair moves at this speed, and follows the reference from now on."""
+        """Restart the model from a speed, following the reference from now on."""
         self._expected.restart(speed, reference)
         self._asked = (reference, reference, now_ns)
         self.mean = self._expected.advance(now_ns)
 
 
 class SpeedLoop:
-    """Keeps both axes' trims and expected speeds, and the line that a straight drive holds."""
+    """The speed loop: both axes' trims and expected speeds, and the line hold."""
 
     def __init__(self, settings: SpeedLoopSettings | None = None, track: float = 0.54) -> None:
-        """`track` [m] is that of the wheel speeds that were sent."""
+        """`track` [m] is the distance between the wheels that the sent wheel speeds refer to."""
         s = self._settings = settings or SpeedLoopSettings()
         self._track = track
         self._forward = _Axis(s.forward, s, s.max_v, s.quantum_v)
@@ -172,12 +171,12 @@ class SpeedLoop:
 
     @property
     def expected(self) -> Twist:
-        """Mean speeds that the chair should have had since the tick before, without any trim."""
+        """Mean twist that the chair should have had since the tick before, without any trim."""
         return Twist(self._forward.mean, self._turn.mean)
 
     @property
     def waiting(self) -> bool:
-        """Whether the chair was told to set off and has not moved yet, within the time that a brake may take."""
+        """Whether the chair was told to start and has not moved yet, within the time that a brake may take."""
         return self._waiting_since_ns is not None
 
     @property
@@ -186,12 +185,12 @@ class SpeedLoop:
         return self._caster_way > 0.0
 
     def step(self, command: Twist | None, measured: Twist, now_ns: int, sent: Sent | None = None) -> Twist:
-        """The command plus its trims; None means that nobody drives, and all is forgotten.
+        """Return the command plus its trims; a command of None means that nobody drives, and resets the loop.
 
-        `measured` is the mean twist since the last call, `sent` what came of the twist that was returned then: its
-        wheel speeds tell saturation and dead band (without it, neither is seen). A chair that is to stand gets exactly
-        0. A measurement that is not finite changes no trim, and a command that is not finite is handed on as it is, for
-        the bridge to refuse.
+        `measured` is the mean twist since the last call. `sent` is the result of the twist that was returned then: its
+        wheel speeds show saturation and dead band, which are unseen without it. A command of 0 gives exactly 0. A
+        measurement that is not finite changes no trim. A command that is not finite is returned as it is, and the bridge
+        refuses it.
         """
         seconds = 0.0 if self._last_ns is None else min(max((now_ns - self._last_ns) * 1e-9, 0.0), LONGEST_S)
         self._last_ns = now_ns
@@ -210,23 +209,23 @@ class SpeedLoop:
         trim = Twist(self._forward.integral, self._turn.integral)
         if known is not None and not self.waiting:
             trim = self._trim(command, known, seconds, frozen=told == Twist() and self.moves(known))
-        # what was learnt at speed must not push a chair that crawls, or backs off from somebody, the other way
+        # a trim learnt at speed must not reverse the motion of a chair that crawls or backs away from somebody
         along = trim.v if (command.v + trim.v) * command.v >= 0.0 else -command.v
         return Twist(self._forward.ask(command.v, along, now_ns), self._turn.ask(command.omega, trim.omega, now_ns))
 
     def _within_reach(self, command: Twist) -> Twist:
-        """The same arc, so slowly that there is room for trims: an axis at its end could not be steered any more."""
+        """Return the twist of the same arc, slow enough to leave room for trims: a saturated axis cannot be steered."""
         s = self._settings
         room = 1.0 - s.reserve
         parts = abs(command.v) / (room * s.reach_v), abs(command.omega) / (room * s.reach_omega), 1.0
         return Twist(command.v / max(parts), command.omega / max(parts))
 
     def _trim(self, command: Twist, measured: Twist, seconds: float, frozen: bool) -> Twist:
-        """PI of both errors, and the line.
+        """Return the trims of both axes: PI of the errors, and the line hold.
 
-        A chair that coasts with both axes in their dead bands teaches nothing; one that stands there is pushed out of
-        them, once its brake has had its time. While it drives on, the turn axis must be able to leave its own. Casters
-        that swing round push, which is no asymmetry: only the integral waits for them, and only while they can swing.
+        The integrals are frozen while a moving chair coasts with both axes in their dead bands. A standing chair is
+        pushed out of them once its brake has had its time. While it drives, the turn axis must be able to leave its dead
+        band. Swinging casters push the chair, which is no asymmetry, so the turn integral waits until they have swung.
         """
         error = Twist(self._forward.mean - measured.v, self._turn.mean - measured.omega)
         swinging = self.casters_swing and self.moves(measured)
@@ -251,10 +250,10 @@ class SpeedLoop:
             axis.restart(speed, 0.0, now_ns)
 
     def _note_motion(self, measured: Twist, command: Twist, seconds: float, now_ns: int) -> None:
-        """Whether the chair rests, waits for its brake to open, or moves; and which way its casters trail."""
+        """Note whether the chair rests, waits for its brake to open or moves, and in which direction its casters trail."""
         s = self._settings
         if self.moves(measured):
-            if self.waiting:  # only now does the chair begin to do what it was told, and its delay is over
+            if self.waiting:  # the chair starts only now, and its delay is over
                 self._set_off(measured, command, now_ns)
             self._at_rest, self._waiting_since_ns = False, None
         elif command == Twist():
@@ -275,16 +274,16 @@ class SpeedLoop:
 
     def _set_off(self, measured: Twist, command: Twist, now_ns: int) -> None:
         self._forward.restart(measured.v, command.v, now_ns)
-        # a chair that was to set off straight has lost what it turned meanwhile
+        # for a straight start, the turn made meanwhile counts as an error
         self._turn.restart(0.0 if _is_straight(command) else measured.omega, command.omega, now_ns)
 
     def moves(self, twist: Twist) -> bool:
-        """Whether a measured twist is motion for certain."""
+        """Return whether a measured twist is certainly motion."""
         return abs(twist.v) > self._settings.moving_v or abs(twist.omega) > self._settings.moving_omega
 
 
 class _Line:
-    """The line that a straight drive began on, by the speeds that were missed since."""
+    """The line on which a straight drive began, kept by integrating the missed turn rates."""
 
     def __init__(self, turn_gains: Gains, settings: SpeedLoopSettings) -> None:
         self._gains = turn_gains
@@ -292,17 +291,17 @@ class _Line:
         self.forget()
 
     def forget(self) -> float:
-        """The next step begins a new line; asks for no turn."""
-        self._heading = 0.0  # [rad] that the chair has turned too little
-        self._right = 0.0  # [m] that it is right of the line
+        """Start a new line with the next step; return a turn rate of 0."""
+        self._heading = 0.0  # rad; missing turn to the left
+        self._right = 0.0  # m; offset to the right of the line
         return 0.0
 
     def step(self, missed: float, v: float, seconds: float) -> float:
-        """Turn rate [rad/s] back to the line, when a rate of `missed` [rad/s] was lost at a speed of v [m/s]."""
+        """Return the turn rate [rad/s] back to the line, after a missed rate [rad/s] at a speed of v [m/s]."""
         s = self._settings
         self._heading += missed * seconds
         self._right += v * math.sin(self._heading) * seconds
-        # Heading back to the line by so much more than along it; backwards it leads there the other way round.
+        # The extra heading leads back to the line; backwards it has the other sign.
         back = math.copysign(self._gains.line / max(abs(v), _LEAST_V), v) * self._right
         return _limited(self._gains.heading * (self._heading + _limited(back, s.line_angle)), s.hold_omega)
 

@@ -1,7 +1,7 @@
-"""A joystick on a page, which steers the chair through the computer: at walking speed, watched over as any command is.
+"""A page's joystick, which steers the chair through the computer at walking speed, monitored like any command.
 
-It is no match for the rider's own: that one is wired to the chair and wins at once. A page's is heard of over a
-network, so silence is letting go, and what was interrupted while it was held begins again only once it was let go.
+The rider's own joystick is wired to the chair and always overrides it. A page's joystick reports over a network, so
+silence counts as release. A push that was interrupted counts again only after the joystick was released.
 """
 
 from __future__ import annotations
@@ -15,7 +15,7 @@ from waychair.types import Twist
 
 @dataclass(frozen=True, slots=True)
 class SteeringSettings(Settings):
-    """What a page's joystick at its ends comes to, and for how long it counts."""
+    """Speeds at the ends of a page's joystick, and for how long it counts."""
 
     speed: float = setting(0.6, "m/s", "of a page's joystick pushed forward: a slow walk", low=0.05, high=1.0)
     reverse: float = setting(0.3, "m/s", "of one pulled back", low=0.05, high=1.0)
@@ -27,23 +27,23 @@ class SteeringSettings(Settings):
 
 
 _FORGOTTEN_NS = 2_000_000_000
-"""A push that was interrupted goes on over gaps shorter than this: the network was slow, nobody let go."""
+"""ns; an interrupted push goes on over shorter silences: the network was slow, and nobody released the joystick."""
 
 
 class Steering:
-    """What a page's joystick says, and whether it counts."""
+    """The state of a page's joystick, and whether it counts."""
 
     def __init__(self, settings: SteeringSettings | None = None) -> None:
         self._settings = settings or SteeringSettings()
         self._asked = Twist()
         self._told_ns: int | None = None  # while it is held
-        self._holds_until_ns: int | None = None  # the lines, be it at rest
+        self._holds_until_ns: int | None = None  # it holds the lines until then, even at rest
         self._blocked = False
 
     def push(self, forward: float, turn: float, now_ns: int) -> bool:
-        """Told where it is, each axis in [-1, 1], left positive; whether this begins a new push that counts.
+        """Take in the joystick's position, each axis in [-1, 1], left positive; a value that is not finite is a release.
 
-        What is not finite is letting go.
+        Return whether this starts a new push that counts.
         """
         if not (math.isfinite(forward) and math.isfinite(turn)):
             self.let_go(now_ns)
@@ -59,23 +59,23 @@ class Steering:
         return not (was_held or self._blocked)
 
     def let_go(self, now_ns: int) -> None:
-        """Told that nobody holds it: the chair comes to rest, and is held there for a while."""
+        """Release the joystick: the chair comes to rest, and is held there for a while."""
         if self.is_held(now_ns) and not self._blocked:
             self._holds_until_ns = now_ns + round(self._settings.stays_s * 1e9)
         self._told_ns, self._blocked = None, False
 
     def end(self) -> None:
-        """Told that something else counts now: a push that goes on counts only once it was let go."""
+        """End the push for another source of commands; it counts again only after a release."""
         self._blocked, self._holds_until_ns = True, None
 
     def is_held(self, now_ns: int) -> bool:
-        """Whether somebody holds it, as far as is known."""
+        """Return whether somebody holds the joystick, by its latest news."""
         return self._told_ns is not None and now_ns - self._told_ns <= self._settings.told_s * 1e9
 
     def counts(self, now_ns: int) -> bool:
-        """Whether the lines are the page's, to move the chair or to hold it at rest."""
+        """Return whether the page has the lines, to move the chair or to hold it at rest."""
         return self._holds_until_ns is not None and now_ns <= self._holds_until_ns
 
     def twist(self, now_ns: int) -> Twist:
-        """What it asks for now."""
+        """Return the twist that the joystick asks for now."""
         return self._asked if self.counts(now_ns) and self.is_held(now_ns) else Twist()

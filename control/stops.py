@@ -1,7 +1,7 @@
-"""Every reason why the computer does not drive the chair, in one table: what happened, what to do, and how it ends.
+"""The table of all reasons for which the computer does not drive: cause, remedy, severity and braking.
 
-A stop that happens is a `Halt`: its row of the table and a sentence for whoever sits in the chair. What the board says
-of its faults has rows of its own, made of the board's advice, so that no sentence stands in two places.
+A stop that is happening is a `Halt`: its row of the table and a sentence for the rider. The board's faults have rows made
+from the board's own advice, so that no sentence is written twice.
 """
 
 from __future__ import annotations
@@ -15,10 +15,10 @@ from waychair.firmware_bridge.advice import FAULT_ADVICE, HOST_FAULTS
 
 
 class Severity(enum.IntEnum):
-    """What it takes to drive again, in rising order.
+    """The severity of a stop, by the steps needed to drive again, in rising order.
 
-    REFUSES: no new drive begins, one under way goes on. PAUSES: the chair stands and goes on by itself. ENDS: the drive
-    is over and has to be asked for and confirmed again. LATCHES: a reset, somebody's deliberate act, comes first.
+    REFUSES: no new drive begins, but one under way goes on. PAUSES: the chair stands and goes on by itself. ENDS: the
+    drive is over and must be requested and confirmed again. LATCHES: a person must reset the fault first.
     """
 
     REFUSES = 0
@@ -28,10 +28,10 @@ class Severity(enum.IntEnum):
 
 
 class Braking(enum.Enum):
-    """How a moving chair is brought to rest.
+    """The way in which a moving chair is brought to rest.
 
-    COMFORT: by the comfort limits; EMERGENCY: as hard as the rider can bear; RELEASE: the lines are let go at once, so
-    that the chair's own controller brakes and the joystick is live.
+    COMFORT: within the comfort limits; EMERGENCY: as hard as the rider can bear; RELEASE: the lines are released at once,
+    so that the chair's own controller brakes and the joystick is live.
     """
 
     COMFORT = "comfort"
@@ -41,7 +41,7 @@ class Braking(enum.Enum):
 
 @dataclass(frozen=True, slots=True)
 class Stop:
-    """One row: `id` for logs and displays, what happened and what to do about it in plain words."""
+    """One row: `id` for logs and displays, the cause and the remedy in plain words, severity and braking."""
 
     id: str
     sentence: str
@@ -52,7 +52,7 @@ class Stop:
 
 @dataclass(frozen=True, slots=True)
 class Halt:
-    """A stop that is happening; `text` is the sentence with its figures and its remedy."""
+    """A stop that is happening; `text` is its sentence with figures and remedy."""
 
     stop: Stop
     text: str
@@ -63,7 +63,7 @@ _COMFORT, _EMERGENCY, _RELEASE = Braking
 
 
 def _board_stops() -> Iterable[Stop]:
-    """The board's own faults; it has let go of the lines by the time it reports one."""
+    """Yield the stops of the board's own faults; the board has released the lines before it reports one."""
     for fault, advice in FAULT_ADVICE.items():
         sentence, _, remedy = advice.partition(": ")
         severity = _ENDS if fault in HOST_FAULTS else _LATCHES
@@ -163,10 +163,10 @@ _ROWS: tuple[Stop, ...] = (
 )
 
 STOPS: Mapping[str, Stop] = MappingProxyType({stop.id: stop for stop in (*_ROWS, *_board_stops())})
-"""The table, by id."""
+"""All stops by id."""
 
 BY_MAP_ONLY = frozenset({"lost", "pose_jump", "pushed", "navigator_silent", "localiser_silent", "page_gone"})
-"""Stops of who drives by a map to a goal; they do not stand against somebody who steers, and sees where to."""
+"""Ids of stops that concern drives to a goal on a map only; they do not stop a person that steers by a joystick."""
 
 _BY_ADVICE: Mapping[str, Stop] = MappingProxyType(
     {advice: STOPS[f"board_{str(fault.name).lower()}"] for fault, advice in FAULT_ADVICE.items()}
@@ -174,21 +174,21 @@ _BY_ADVICE: Mapping[str, Stop] = MappingProxyType(
 
 
 def halt(stop_id: str, detail: str = "") -> Halt:
-    """A stop of the table, with figures if there are any."""
+    """Return a stop of the table as a halt, with figures if there are any."""
     stop = STOPS[stop_id]
     return Halt(stop, f"{stop.sentence}{f' ({detail})' if detail else ''}: {stop.remedy}")
 
 
 def halt_as_told(stop_id: str, text: str) -> Halt:
-    """A stop for which another part has its own sentence, with a remedy."""
+    """Return a halt with another part's own sentence, which includes a remedy."""
     return Halt(STOPS[stop_id], text)
 
 
 def board_halt(advice: str) -> Halt:
-    """What the bridge says is wrong with the board or its cable."""
+    """Return the halt for the bridge's advice about the board or its cable."""
     return Halt(_BY_ADVICE.get(advice, STOPS["board_unusable"]), advice)
 
 
 def gravest(halts: Iterable[Halt]) -> Halt | None:
-    """The one that takes most to get over; of equals the first."""
+    """Return the halt of the highest severity, the first of equals; None without halts."""
     return max(halts, key=lambda halted: halted.stop.severity, default=None)

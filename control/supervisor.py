@@ -1,15 +1,15 @@
-"""Who drives: one table from the present mode and what happens to the next mode.
+"""The supervisor, which decides whether rider or computer drives: a table from mode and event to the next mode.
 
 The computer drives only while a goal is active that was confirmed when nothing was wrong, nothing is wrong now, and the
-rider does nothing. A push of the joystick ends the drive at once and for good, and so does a fault: what was asked for
-is dropped, so that nothing begins or resumes by itself when the fault clears. A fault leaves the rider's joystick live.
+rider does nothing. A push of the joystick ends the drive at once and for good, and so does a fault: the goal is dropped,
+so that nothing starts or resumes by itself when the fault clears. A fault leaves the rider's joystick live.
 
-A joystick on a page is a drive of its own: it moves the chair through the computer, at walking speed and watched over,
-and ends whatever the computer drove to.
+A page's joystick is a drive of its own: it moves the chair through the computer, at walking speed and monitored, and
+ends any drive to a goal.
 
-The board decides by the same rule as `Override` within a millisecond, without this computer; whichever of the two is
-more sensitive ends the drive. Only a deflection below the threshold can be blended with the computer's command, so a
-rider with tremor or spasm needs both set alike, here and on the board, higher and longer.
+The board decides by the same rule as `Override` within a millisecond, without this computer; the more sensitive of the
+two ends the drive. Only a deflection below the threshold can be blended with the computer's command. So a rider with
+tremor or spasm needs a higher threshold and a longer duration, the same here and on the board.
 """
 
 from __future__ import annotations
@@ -28,7 +28,7 @@ from waychair.types import DriveMode, JoystickInput
 
 @dataclass(frozen=True, slots=True)
 class SupervisorSettings(Settings):
-    """When the rider's hand counts; threshold and duration are the board's defaults (`BoardSettings.override_*`)."""
+    """Thresholds of the rider's joystick (the board's defaults, `BoardSettings.override_*`), and times of confirmation."""
 
     override: float = setting(0.2, "", "deflection beyond which the rider takes over", low=0.021, high=0.8)
     override_ms: int = setting(10, "ms", "for at least this long", low=0, high=500)
@@ -48,7 +48,7 @@ class SupervisorSettings(Settings):
 
 
 class Event(enum.Enum):
-    """What happens in a tick: of all that does, the first one of these counts."""
+    """Events of a tick in order of precedence: the first one that applies counts."""
 
     STOP = "the rider pressed Stop"
     TAKE_OVER = "the rider pushes the stick"
@@ -75,20 +75,20 @@ _NEXT: Mapping[DriveMode, tuple[DriveMode, ...]] = {
 TABLE: Mapping[tuple[DriveMode, Event], DriveMode] = MappingProxyType(
     {(mode, event): after for mode, row in _NEXT.items() for event, after in zip(Event, row, strict=True)}
 )
-"""The mode after a mode and an event. Only CONFIRM and STEER, both somebody's own act, lead from a mode in which the
+"""The next mode after a mode and an event. Only CONFIRM and STEER, both a person's own act, lead from a mode in which the
 computer rests to one in which it drives."""
 
 DRIVEN = (DriveMode.AUTONOMOUS, DriveMode.ASSISTED)
-"""The modes in which the computer drives, alone, with the rider's hand on the stick, or as a page's joystick says."""
+"""The modes in which the computer drives: alone, with the rider's hand on the stick, or by a page's joystick."""
 
 
 @dataclass(frozen=True, slots=True)
 class Situation:
-    """What the supervisor looks at each tick.
+    """The supervisor's input in a tick.
 
-    `joystick` None: unknown; `taken_over`: the rider pushes, or the board let the computer's command go because of
-    that; `requested` and `confirmed`: since the last tick another goal was asked for, and somebody said yes to it.
-    `steered`: a page's joystick is held, or the chair is held at rest for it.
+    `joystick` None: unknown. `taken_over`: the rider pushes the stick, or the board released the lines because of a push.
+    `requested`, `confirmed`: another goal was requested since the last tick, and a person confirmed it. `steered`: a
+    page's joystick is held, or the chair is held at rest for it.
     """
 
     joystick: JoystickInput | None
@@ -103,10 +103,10 @@ class Situation:
 
 @dataclass(frozen=True, slots=True)
 class Verdict:
-    """The mode of this tick and, unless the computer drives, why not and how a chair in motion comes to rest.
+    """The mode of this tick and, unless the computer drives, the reason and the braking of a moving chair.
 
-    `share`: the part of its speed that the rider's hand leaves the computer. `drops_goal`: what was asked for is over.
-    `steered`: the computer drives as a page's joystick says.
+    `share`: the share of its speed that the rider's hand leaves the computer. `drops_goal`: the goal is given up.
+    `steered`: the computer drives by a page's joystick.
     """
 
     mode: DriveMode
@@ -119,19 +119,19 @@ class Verdict:
 
     @property
     def computer_drives(self) -> bool:
-        """Alone, or with the rider's hand on the stick."""
+        """Whether the computer drives, alone or with the rider's hand on the stick."""
         return self.mode in DRIVEN
 
 
 class Override:
-    """Whether the rider pushes the stick: beyond the threshold without a break for as long as the settings say."""
+    """Detects a push of the rider's stick: beyond the threshold for the set duration without a break."""
 
     def __init__(self, settings: SupervisorSettings) -> None:
         self._settings = settings
         self._since_ns: int | None = None
 
     def update(self, stick: JoystickInput | None) -> bool:
-        """Told what the stick says now; a NaN is a push at once, since it cannot be told from one."""
+        """Take in the stick's position and return whether it is pushed; a NaN is a push at once, to be safe."""
         if stick is None:
             self._since_ns = None
             return False
@@ -145,7 +145,7 @@ class Override:
 
 
 def supervise(mode: DriveMode, situation: Situation, settings: SupervisorSettings) -> Verdict:
-    """Mode that follows `mode` in a situation."""
+    """Return the verdict on a situation, with the mode that follows `mode`."""
     event = event_in(situation, settings)
     after = TABLE[mode, event]
     if event is Event.STEER:
@@ -163,7 +163,7 @@ def supervise(mode: DriveMode, situation: Situation, settings: SupervisorSetting
 
 
 def event_in(situation: Situation, settings: SupervisorSettings) -> Event:
-    """What counts of a situation."""
+    """Return the event of the highest precedence in a situation."""
     worst = _worst(situation)
     hand = settings.assist and _share(situation.joystick, settings) < 1.0
     happens = {
@@ -182,7 +182,7 @@ def event_in(situation: Situation, settings: SupervisorSettings) -> Event:
 
 
 def _why(event: Event, situation: Situation) -> Halt:
-    """Why the computer rests."""
+    """Return the halt for which the computer rests."""
     if event is Event.STOP:
         return halt("stop_pressed")
     if event is Event.TAKE_OVER:
@@ -194,18 +194,18 @@ def _why(event: Event, situation: Situation) -> Halt:
 
 
 def _worst(situation: Situation) -> Halt | None:
-    """Who steers needs no map: what is wrong with that holds up nobody who looks where the chair goes."""
+    """Return the gravest halt; halts about map and goal do not count while a person steers by a joystick."""
     return gravest(halted for halted in situation.halts if not (situation.steered and halted.stop.id in BY_MAP_ONLY))
 
 
 def deflection_of(stick: JoystickInput) -> float:
-    """The larger deflection of its two axes, as the board takes it; NaN when either is."""
+    """Return the larger deflection of the stick's two axes, as the board does; NaN if either is NaN."""
     deflections = abs(stick.forward), abs(stick.turn)
     return math.nan if any(map(math.isnan, deflections)) else max(deflections)
 
 
 def _share(stick: JoystickInput | None, settings: SupervisorSettings) -> float:
-    """Full at rest and none at the threshold, so that the rider takes over a chair that stands."""
+    """Return the computer's share of its speed: 1 with the stick at rest, 0 at the threshold for taking over."""
     if stick is None:
         return 1.0
     way = (deflection_of(stick) - settings.at_rest) / (settings.override - settings.at_rest)

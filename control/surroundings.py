@@ -1,4 +1,4 @@
-"""What is round the chair now: the map's walls, its keep-out zones and what the sensors see, on one small fine grid."""
+"""The local obstacles round the chair on one small fine grid: walls, keep-out zones and the sensors' obstacles."""
 
 from __future__ import annotations
 
@@ -33,12 +33,12 @@ from waychair.planning.obstacle_layer import (
 from waychair.types import BoolArray, Float32Array, FloatArray, OccupancyGrid, Pose2, RgbdFrame, SonarReadings
 
 _MOVED, _MUCH = 0.1, 0.2
-"""What is this far [m] from where it was has moved; this part of what is in the way is much."""
+"""m: a point without another so near has moved; share of the obstacles: if more have moved, a plan is obsolete."""
 
 
 @dataclass(frozen=True, slots=True)
 class SurroundingsSettings(Settings):
-    """How far and how finely the local planner sees."""
+    """The local planner's window, and the rules by which sensor points become obstacles."""
 
     reach: float = setting(4.0, "m", "half side of the window", low=2.0, high=20.0)
     resolution: float = setting(
@@ -72,7 +72,7 @@ class SurroundingsSettings(Settings):
 
 
 class Surroundings:
-    """Keeps the walls, the latest scan, and what each sensor has seen that the map does not explain."""
+    """The map's walls, the latest scan, and each sensor's obstacles that the map does not explain."""
 
     def __init__(self, drawn: DrawnMap, body: ChairBody, settings: SurroundingsSettings) -> None:
         self._body, self._settings = body, settings
@@ -81,17 +81,17 @@ class Surroundings:
         self._lidar = self._sonar = self._drops = self._missing = EMPTY
         self._depth: dict[BodyLayer, ObstacleLayer] = dict.fromkeys(body.height_layers(), EMPTY)
         self.hears = False
-        """Whether there are sonars."""
+        """Whether the chair has sonars."""
 
     def redraw(self, drawn: DrawnMap) -> None:
-        """The walls are those of this map from now on; what was seen stays known."""
+        """Take the walls from another drawing of the map; the sensors' obstacles stay."""
         self._drawn, self._walls = drawn, occupied(drawn.grid)
 
     def see(self, now_ns: int, pose: Pose2, points: FloatArray, beyond: FloatArray | None = None) -> None:
-        """A scan from map_from_base: where its beams ended, (N, 2) [m] in map, replaces the scan before.
+        """Take in a scan from map_from_base: its beams' end points (N, 2) [m] in map replace the scan before.
 
-        What the map does not explain stays remembered when it goes out of sight. `beyond` (M, 2) [m] in map is how far
-        the beams that met nothing are known to be free.
+        Obstacles that the map does not explain are remembered out of sight. `beyond` (M, 2) [m] in map are the ends of
+        free space on the beams without an echo.
         """
         self._scanned = points
         laser = pose @ self._body.base_from_laser
@@ -101,10 +101,10 @@ class Surroundings:
         self._lidar = self._news(updated(self._lidar, sight, self._settings.obstacles), self._settings.known_within)
 
     def hear(self, readings: SonarReadings, pose: Pose2) -> None:
-        """Readings of the sonars from map_from_base; glass is heard where it is not seen.
+        """Take in the sonars' readings from map_from_base; they detect glass, which the lidar does not see.
 
-        An echo comes from somewhere on its arc. Where the map or the latest scan has something on that arc, it comes
-        from there; else all of the arc counts.
+        An echo comes from somewhere on its arc. If the map or the latest scan has an obstacle on that arc, the echo is
+        attributed to it; otherwise the whole arc counts as an obstacle.
         """
         s, self.hears = self._settings, True
         for sight in sights_from_sonar(readings, pose, sonar_mounts(self._body), s.sonar_range, s.sonar_half_cone):
@@ -113,11 +113,10 @@ class Surroundings:
             self._sonar = self._told(updated(self._sonar, sight, s.obstacles), sight.origin)
 
     def look(self, frame: RgbdFrame, pose: Pose2, level_from_base: FloatArray | None = None) -> None:
-        """A depth image from map_from_base: table tops and what else is not at the lidar's height, and the floor's end.
+        """Take in a depth image from map_from_base: obstacles off the lidar's height, such as table tops, and drop-offs.
 
-        It is levelled by the chair's lean (3, 3), if that is known.
-
-        An edge of the floor stays remembered when the camera, which looks ahead over it, has lost sight of it.
+        The image is levelled by the chair's lean (3, 3), if that is known. A drop-off is remembered when it is so near
+        that the camera looks over it.
         """
         s, body = self._settings, self._body
         mount = (
@@ -130,26 +129,26 @@ class Surroundings:
         self._drops = updated(self._drops, sight_of_drops(view, pose), s.remembered_drops)
         self._edges = widened(self._drops.points, s.drop_margin)
         missing = updated(self._missing, sight_of_missing_ground(view, pose), s.missing_ground)
-        self._missing = self._news(missing, s.known_within)  # at the foot of a wall a camera is often wrong about floor
+        self._missing = self._news(missing, s.known_within)  # depth of the floor at the foot of a wall is often wrong
 
     def keep_clear_of(self, points: FloatArray, walkers: FloatArray | None = None) -> None:
-        """Points (N, 2) [m] in map that count as seen until the next call: the room that people are left.
+        """Take points (N, 2) [m] in map of people's personal space, which are obstacles until the next call.
 
-        `walkers` (K, 2) [m] in map are those of them who are on their way: see `lasting`.
+        `walkers` (K, 2) [m] in map are the people that walk: see `lasting`.
         """
         self._room = points
         self._walkers = np.empty((0, 2)) if walkers is None else walkers
 
     def window(self, pose: Pose2) -> DistanceField:
-        """Distances to walls and all that was seen, in a square round a pose; off the map only what was seen counts.
+        """Return distances to walls and sensor obstacles in a square round a pose; off the map only the latter count.
 
-        What stands where the body is narrower than its whole outline has distances of its own.
+        Obstacles at the heights of a narrower layer of the body have a distance field of their own.
         """
         grid, wanted = self._drawn.grid, self._settings.resolution
         finer, coarser = max(1, round(grid.resolution / wanted)), max(1, math.floor(wanted / grid.resolution + 1e-9))
         size = coarser * math.ceil(2 * self._settings.reach / (coarser * grid.resolution))
         row, col = (cells_from_points(grid, np.array([[pose.x, pose.y]]))[0] - size // 2).tolist()
-        row, col = row - row % coarser, col - col % coarser  # the same cells of the map make one, wherever the chair is
+        row, col = row - row % coarser, col - col % coarser  # the grouping of map cells must not depend on the pose
         solid = np.zeros((size, size), np.bool_)
         top, left = max(row, 0), max(col, 0)
         part = self._walls[top : max(row + size, 0), left : max(col + size, 0)]
@@ -168,80 +167,80 @@ class Surroundings:
         return DistanceField(distances_to(solid, whole), local.resolution, corner, layers)
 
     def upright(self) -> FloatArray:
-        """(N, 2) [m] in map: what was seen that the map does not explain, of unknown height: the whole outline counts."""
+        """Return unmapped obstacles (N, 2) [m] in map of unknown height, which the whole footprint must avoid."""
         return np.concatenate([self._lidar.points, self._sonar.points, self._no_ground(), self._room])
 
     def lasting(self) -> tuple[FloatArray, tuple[tuple[BodyLayer, FloatArray], ...]]:
-        """`upright` and `layered` without those who walk: by the time the chair is there, they are elsewhere."""
+        """Return `upright` and `layered` without walking people, who will be elsewhere when the chair gets there."""
         upright = np.concatenate([self._lidar.points, self._sonar.points, self._room])
         layered = ((layer, self._but_walkers(points)) for layer, points in self.layered())
         return np.concatenate([self._but_walkers(upright), self._no_ground()]), tuple(layered)
 
     def stands_near(self, points: FloatArray, gap: float) -> bool:
-        """Whether anything that is `lasting` stands nearer than `gap` [m] to one of points (N, 2) [m] in map."""
+        """Return whether a `lasting` obstacle is nearer than `gap` [m] to one of points (N, 2) [m] in map."""
         upright, layered = self.lasting()
         news = np.concatenate([upright, *(seen for _, seen in layered)])
         return any_nearer(np.ascontiguousarray(points), news, gap)
 
     def _but_walkers(self, points: FloatArray) -> FloatArray:
-        """Those of points (N, 2) [m] that are not of somebody who walks."""
+        """Return the points (N, 2) [m] that do not belong to a walking person."""
         gaps = np.hypot(*(points[:, None] - self._walkers[None]).transpose(2, 0, 1))
         others: FloatArray = points[gaps.min(axis=1, initial=math.inf) > self._settings.walker]
         return others
 
     def unscanned(self) -> FloatArray:
-        """(N, 2) [m] in map: of what the map does not explain that which no scan shows: for the whole outline.
+        """Return unmapped obstacles (N, 2) [m] in map that no scan shows, for the whole footprint.
 
-        Other sensors have seen it, or people need it.
+        They come from other sensors and from people's personal space.
         """
         return np.concatenate([self._room, self._no_ground(), self._sonar.points, *self._widest()])
 
     def _no_ground(self) -> FloatArray:
-        """(N, 2) [m] in map: where the floor ends, with its margin, and where it ought to be seen and is not."""
+        """Return drop-offs with their margin, and places of missing floor, (N, 2) [m] in map."""
         return np.concatenate([self._edges, self._missing.points])
 
     def strangers(self, points: FloatArray) -> FloatArray:
-        """Those of points (N, 2) [m] in map that the map does not explain."""
+        """Return the points (N, 2) [m] in map that the map does not explain."""
         return points[~self._drawn.explains(points, self._settings.known_within)]
 
     def layered(self) -> tuple[tuple[BodyLayer, FloatArray], ...]:
-        """(N, 2) [m] in map: what was seen that the map does not explain at the heights of each layer of the body."""
+        """Return unmapped obstacles (N, 2) [m] in map at the heights of each layer of the body."""
         return tuple((layer, seen.points) for layer, seen in self._depth.items())
 
     def narrower(self) -> tuple[tuple[BodyLayer, FloatArray], ...]:
-        """That of `layered` which stands where the body's outline is not the whole one, as far as there is any."""
+        """Return the non-empty part of `layered` for layers narrower than the whole footprint."""
         return tuple((layer, seen) for layer, seen in self.layered() if len(seen) and not self._is_widest(layer))
 
     def _widest(self) -> list[FloatArray]:
-        """That of `layered` which stands where the body's outline is the whole one."""
+        """Return the points of `layered` for layers as wide as the whole footprint."""
         return [seen for layer, seen in self.layered() if self._is_widest(layer)]
 
     def _is_widest(self, layer: BodyLayer) -> bool:
-        """Whether a layer's outline is the whole one."""
+        """Return whether a layer's outline is the whole footprint."""
         body = self._body
         return (layer.front, layer.rear, layer.half_width) == (body.front, body.rear, body.width / 2)
 
     def _news(self, seen: ObstacleLayer, within: float | FloatArray) -> ObstacleLayer:
-        """Without what lies so near [m] to a wall of the map that it is that wall."""
+        """Return the layer without points within `within` [m] of a mapped wall, which belong to that wall."""
         return without(seen, self._drawn.explains(seen.points, within)) if len(seen.points) else seen
 
     def _told(self, seen: ObstacleLayer, sensor: FloatArray) -> ObstacleLayer:
-        """`_news` of a sensor at (2,) [m] in map that alone tells of what it sees: a shelf on a wall, a low step."""
+        """Return `_news` for a sensor at (2,) [m] in map whose obstacles no other sensor sees: a shelf, a low step."""
         return self._news(seen, self._doubt(np.hypot(*(seen.points - sensor).T)))
 
     def _doubt(self, away: FloatArray) -> FloatArray:
-        """(N,) within how much [m] of a wall what camera or sonars see so far `away` (N,) [m] is that wall."""
+        """Return the distances (N,) [m] from a wall within which points `away` (N,) [m] from the sensor are that wall."""
         s = self._settings
         return np.clip(s.told_share * away, s.told_within, max(s.told_within, s.known_within))
 
     def _explained(self, sight: Sight) -> bool:
-        """Whether something that is known lies on the arc that an echo came from."""
+        """Return whether the map or the latest scan has an obstacle on the arc of an echo."""
         arc, doubt = sight.points(), self._doubt(sight.far[sight.hits])
         return bool(self._drawn.explains(arc, doubt).any()) or any_nearer(arc, self._scanned, float(doubt.max()))
 
 
 def much_is_gone(before: FloatArray, now: FloatArray) -> bool:
-    """Whether much of what was in the way, (N, 2) [m], is not there any more."""
+    """Return whether a large share of the earlier obstacles (N, 2) [m] is gone."""
     if not len(before) or not len(now):
         return bool(len(before))
     away, _ = cKDTree(now).query(before, distance_upper_bound=_MOVED)
@@ -249,11 +248,11 @@ def much_is_gone(before: FloatArray, now: FloatArray) -> bool:
 
 
 def without_veils(points: FloatArray, laser: Pose2, gap: float) -> FloatArray:
-    """The points (N, 2) [m] of a scan, in the order of its beams, without those of beams split by an edge.
+    """Return a scan's points (N, 2) [m], in the order of its beams, without mixed pixels.
 
-    Half a beam on an edge and half beyond it read a range between, where nothing is: a point farther than `gap` [m] from
-    those beside it, and farther from the laser than one of them. What is nearer than both is no veil but slim. The
-    collision monitor, which takes no such chances, sees them all.
+    A beam that falls half on an edge reads a range between the two surfaces, where nothing is. Such a point is farther
+    than `gap` [m] from both neighbours and farther from the laser than one of them. A point nearer than both is a slim
+    object and stays. The collision monitor takes no such risk and uses all points.
     """
     if len(points) < 2:
         return points

@@ -1,9 +1,9 @@
-"""Keeping to a planned line to the centimetre, forwards or backwards: through doors and in multi-point turns.
+"""Tracking of a planned line to the centimetre, forwards or backwards, through doors and in multi-point turns.
 
-Where there is room, the dynamic window weighs arcs; here there is only one way, and what counts is to be on it. Straight
-lines and arcs are followed by the feedback of C. Samson's path coordinates (IEEE Trans. Automatic Control 40(1), 1995),
-whose errors die away over a distance driven, not over time: the same at every speed, and the same backwards. Near the
-line the heading is held stiffly, so that a small error swings neither end out; farther off the way back is the shortest.
+Where there is space, the dynamic window weighs arcs; here only the line itself is known to be free. Straight lines and
+arcs are followed by feedback in C. Samson's path coordinates (IEEE Trans. Automatic Control 40(1), 1995). Its errors decay
+over the distance driven, not over time, so it acts the same at every speed and backwards. Near the line the heading is
+held stiffly, so that a small error does not swing the ends out; farther off, the return to the line is fastest.
 """
 
 from __future__ import annotations
@@ -23,22 +23,22 @@ from waychair.planning.motion import DwaSettings, Motion, braking, slowing_speed
 from waychair.types import FloatArray, Pose2, Twist
 
 _MARGINS = (0.01, 0.0)
-"""Kept free round the body [m] beside the safety of the cells: what the line was planned with is for its followers."""
+"""m; clearance round the body besides the cells' own safety, wide and narrow; the line's planner kept more."""
 
 _BESIDE = 0.02
-"""Farther off a line [m] than this its plan says nothing of what is free, and the place is known to half a centimetre
-only: the first margin is kept."""
+"""m; farther off a line the plan does not tell free space, and the pose is known to half a centimetre only: the wide
+margin is kept."""
 
 _PREVIEW = 0.6
-"""How much [m] of a line is looked at ahead of the chair: enough to slow down for the sharpest bend."""
+"""m; preview of the line ahead of the chair, enough to slow down for the sharpest bend."""
 
 _STANDING = 0.01
-"""Speed [m/s] below which the chair stands."""
+"""m/s; the chair stands below this speed."""
 
 
 @dataclass(frozen=True, slots=True)
 class TrackingSettings(Settings):
-    """How fast and how closely a line is kept to."""
+    """Speeds and stiffness of tracking a line, and the tolerances at its end."""
 
     max_speed: float = setting(0.25, "m/s", "along a line where it is tight", low=0.05, high=0.3)
     max_omega: float = setting(0.4, "rad/s", "turning where it is tight", low=0.05, high=1.0)
@@ -53,11 +53,11 @@ class TrackingSettings(Settings):
 
 @dataclass(frozen=True, slots=True)
 class OnLine:
-    """Where a pose is beside a line of poses: left of it by `lateral` [m], turned off it by `heading` [rad].
+    """A pose relative to a line of poses: left of it by `lateral` [m], turned off it by `heading` [rad].
 
-    `curvature` [1/m] of the body's turning per metre of way, positive to the left when driven forwards; `left` [m] to
-    the end along the line, negative beyond it. `bends` (N, 2): ways [m] to where the curvature begins to change, 0 where
-    it has begun, and how fast it does [1/m^2].
+    `curvature` [1/m] is the body's turn per metre, positive to the left when driven forwards. `left` [m] is the distance
+    along the line to its end, negative beyond it. `bends` (N, 2) are the distances [m] to the starts of changes of the
+    curvature, 0 for one already begun, and the rates of these changes [1/m^2].
     """
 
     lateral: float
@@ -68,7 +68,7 @@ class OnLine:
 
 
 def on_line(poses: FloatArray, pose: Pose2, backwards: bool = False) -> OnLine:
-    """A pose beside the nearest piece of a line; poses (N, 3) with the body's headings, N >= 2, in the pose's frame."""
+    """Return a pose relative to the nearest step of a line; poses (N, 3) with the body's headings, N >= 2, same frame."""
     points = poses[:, :2]
     steps = np.diff(points, axis=0)
     lengths = np.maximum(np.hypot(steps[:, 0], steps[:, 1]), 1e-9)
@@ -79,7 +79,7 @@ def on_line(poses: FloatArray, pose: Pose2, backwards: bool = False) -> OnLine:
     gear = -1.0 if backwards else 1.0
     turn = wrap_angle(poses[k + 1, 2] - poses[k, 2]) if k < len(steps) - 1 or len(steps) == 1 else 0.0
     heading = wrap_angle(poses[k, 2] + within[k] * turn)
-    direction = gear * steps[k] / lengths[k]  # where the body looks
+    direction = gear * steps[k] / lengths[k]  # of the body's heading
     lateral = direction[0] * (pose.y - points[k, 1]) - direction[1] * (pose.x - points[k, 0])
     left = float(lengths[k:].sum() - (share[k] if k == len(steps) - 1 else within[k]) * lengths[k])
     curvature = gear * turn / float(lengths[k])
@@ -88,13 +88,13 @@ def on_line(poses: FloatArray, pose: Pose2, backwards: bool = False) -> OnLine:
 
 
 def _bends(poses: FloatArray, lengths: FloatArray, k: int, within: float) -> FloatArray:
-    """(N, 2) ways [m] to the changes of curvature from one step of a line to the next, and how fast [1/m^2] they are.
+    """Return the distances [m] to changes of curvature between steps of a line and their rates [1/m^2], (N, 2).
 
-    From the one before step k on, of which a share is driven. A change takes half of the step before it and half of the
-    one after it. The last step does not count: its end may turn to the heading of what comes after it.
+    They start with the change before step k, of which the share `within` is driven. A change takes half of the step
+    before it and half of the step after it. The last step does not count: its end may turn to the next leg's heading.
     """
     first = max(k - 1, 0)
-    ways = np.cumsum(lengths[first:-1]) - (lengths[first:k].sum() + within * lengths[k])  # to the end of each step
+    ways = np.cumsum(lengths[first:-1]) - (lengths[first:k].sum() + within * lengths[k])  # to each step's end
     near = slice(first, first + int(np.searchsorted(ways, _PREVIEW)) + 1)
     steps = lengths[near][: len(ways)]
     turns = np.diff(poses[near.start : near.start + len(steps) + 1, 2])
@@ -115,12 +115,12 @@ def track(
     in_position: bool = False,
     motion: Motion | None = None,
 ) -> DwaResult:
-    """The next command on a line of poses (N, 3) [m, m, rad]; pose, poses and distances are in one frame.
+    """Return the next command on a line of poses (N, 3) [m, m, rad]; pose, poses and distances are in one frame.
 
-    As `dwa.choose`: `in_position` at its end, `arrived` turned to its last heading and standing, `blocked` when the
-    body could not stop before touching something, or may not drive backwards where the line does. With a `motion` the
-    jerk along the line is limited. Off the line the wider margin is kept; on it, the narrower where there is no other
-    way on.
+    As in `dwa.choose`, the result is `in_position` at the line's end, and `arrived` when turned to its last heading and
+    standing. It is `blocked` if the body could not stop before contact, or if the line goes backwards and reversing is
+    forbidden. With a `motion` the jerk along the line is limited. Off the line the wide margin is kept; on it, the narrow
+    margin if the wide one blocks.
     """
     limits = replace(
         limits,
@@ -148,27 +148,27 @@ def track(
         wide, narrow = _MARGINS
         result = with_margin(wide, heading)
         if result.blocked and (len(poses) == 1 or abs(on_line(poses, pose, backwards).lateral) <= _BESIDE):
-            return with_margin(narrow, heading)  # a line that was planned with less is kept to with less
+            return with_margin(narrow, heading)  # the line may have been planned with a smaller margin
         return result
 
     stands = abs(command.v) < _STANDING
     result = turning_from(settings.turn_first if stands else settings.turn_midway)
     if stands and result.blocked and settings.turn_first < abs(at.heading) <= settings.turn_midway:
-        return turning_from(settings.turn_midway)  # where it cannot turn on the spot it turns as it goes
+        return turning_from(settings.turn_midway)  # if it cannot turn on the spot, it turns while driving
     return result
 
 
 def _until_steady(command: Twist, backwards: bool, limits: DwaSettings, motion: Motion | None) -> float:
-    """Way [m] that the chair goes while its speeding up ends by limited jerk; 0 if it does not speed up."""
+    """Return the distance [m] driven while an acceleration ends by limited jerk; 0 without one."""
     gear = -1.0 if backwards else 1.0
     faster = 0.0 if motion is None else max(gear * motion.acceleration.v, 0.0)
     return max(gear * command.v, 0.0) * faster / limits.jerk + faster**3 / (3 * limits.jerk**2)
 
 
 def _feedback(at: OnLine, backwards: bool, way: float, limits: DwaSettings, settings: TrackingSettings) -> Twist:
-    """Speed that can still stop at the end, and the turning that brings the chair back onto the line.
+    """Return a speed from which the chair can stop at the end, and the turn rate back onto the line.
 
-    Way [m]: that it goes before it can begin to slow down.
+    `way` [m] is the distance driven before the chair can begin to slow down.
     """
     fastest = min(settings.max_speed, limits.max_reverse if backwards else limits.max_speed)
     speed = min(fastest, slowing_speed(at.left - way, 0.0, limits), _steering_speed(at, way, limits))
@@ -181,9 +181,9 @@ def _feedback(at: OnLine, backwards: bool, way: float, limits: DwaSettings, sett
 
 
 def _steering_speed(at: OnLine, way: float, limits: DwaSettings) -> float:
-    """Speed [m/s] from which the chair comes down in time to where its turning can follow the line's curvature.
+    """Return the speed [m/s] from which the chair slows down in time for its turning to follow the line's curvature.
 
-    There v^2 times the change of the curvature per metre is alpha.
+    There v^2 times the curvature's change per metre is alpha.
     """
     bends = [(left, math.sqrt(limits.alpha / bend)) for left, bend in at.bends.tolist() if bend > 1e-6]
     return min((slowing_speed(left - way, speed, limits) for left, speed in bends), default=math.inf)
@@ -198,9 +198,9 @@ def _admitted(
     limits: DwaSettings,
     motion: Motion | None,
 ) -> DwaResult:
-    """The first step towards what is wanted, or towards half of it, from which the chair can stop; else braking.
+    """Return the first step towards the wanted twist, or half of it, from which the chair can stop; else braking.
 
-    Where it could not stop from the step with limited jerk, the step is made without.
+    A step with limited jerk from which it could not stop is tried again without that limit.
     """
     shape, start = footprint(body, limits.margin, distances), in_cells(distances, ahead)
     candidates = np.array([[wanted.v, wanted.omega], [wanted.v / 2, wanted.omega / 2]])
@@ -217,13 +217,13 @@ def _admitted(
 
 
 def _halted(ahead: Pose2, command: Twist, candidates: FloatArray, limits: DwaSettings) -> DwaResult:
-    """Braking, for none of the candidates (N, 2) is possible."""
+    """Return braking, because none of the candidates (N, 2) is possible."""
     scores = np.full(len(candidates), -np.inf)
     return DwaResult(braking(command, limits), candidates, scores, ahead.array()[None], blocked=True)
 
 
 def _step(command: Twist, wanted: Twist, limits: DwaSettings, motion: Motion | None) -> Twist:
-    """One control period towards what is wanted; by limited jerk along, and turning as the line asks at that speed."""
+    """Return the twist after one control period towards a wanted one; limited jerk along, and the line's curvature."""
     if motion is None:
         return towards(command, wanted, limits)
     v = towards(command, wanted, limits, motion).v

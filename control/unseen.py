@@ -1,8 +1,8 @@
-"""How fast the chair may go by what its sensors see: no faster than it stops within their sight, slowly where none looks.
+"""The speed limit from the sensors' view: the chair must be able to stop within it, and moves slowly where it is blind.
 
-Every sensor is a sector. Driving, what counts is how far ahead the strip that the chair will cover lies in sectors;
-turning and reversing, whether the corners that move out of the outline do. Cones of sonar are too narrow to count: two
-of them leave most of the ground behind a chair unheard.
+Every sensor is a sector. In driving, the strip that the chair will cover must lie in sectors up to the stopping distance.
+In turning and reversing, the corners that move outwards must lie in sectors. Sonar cones are too narrow to count: two of
+them leave most of the ground behind a chair uncovered.
 """
 
 from __future__ import annotations
@@ -21,7 +21,7 @@ from waychair.types import BoolArray, FloatArray, Pose2, Scan, Twist
 
 @dataclass(frozen=True, slots=True)
 class UnseenSettings(Settings):
-    """How fast, how far, and how the chair stops."""
+    """The speed into unseen space, the required view, and the braking that it must allow."""
 
     speed: float = setting(0.15, "m/s", "of any part of the chair to where no sensor looks", low=0.01, high=0.5)
     look: float = setting(3.0, "m", "seen so far along its way, the chair may drive at any speed", low=0.1, high=10.0)
@@ -32,7 +32,7 @@ class UnseenSettings(Settings):
 
 @dataclass(frozen=True, slots=True)
 class Sector:
-    """What one sensor sees: from its mount, `half_angle` [rad] to both sides of its x axis, `reach` [m] far."""
+    """One sensor's view: from its mount, `half_angle` [rad] to both sides of its x axis, up to `reach` [m]."""
 
     base_from_sensor: Pose2
     half_angle: float
@@ -42,7 +42,7 @@ class Sector:
 def sight_share(
     twist: Twist, body: ChairBody, sectors: Sequence[Sector], settings: UnseenSettings = UnseenSettings()
 ) -> float:
-    """Part of a twist at which the chair can stop within what it sees, and no unseen corner moves outwards too fast."""
+    """Return the share of a twist at which the chair can stop within its view and no unseen corner moves out too fast."""
     if not (math.isfinite(twist.v) and math.isfinite(twist.omega)):
         return 0.0
     corners = body.outline()
@@ -58,7 +58,7 @@ def sight_share(
 
 
 def sight_along(twist: Twist, body: ChairBody, sectors: Sequence[Sector], settings: UnseenSettings) -> float:
-    """Way [m], up to `look`, over which the strip that the leading edge covers on a twist's arc is seen without a gap."""
+    """Return the distance [m], up to `look`, over which the leading edge's strip on a twist's arc is seen without a gap."""
     ways = np.arange(_STEP, settings.look + _STEP / 2, _STEP)
     across = np.linspace(-body.width / 2, body.width / 2, _ACROSS)
     edge = np.full(_ACROSS, body.front if twist.v > 0.0 else -body.rear)
@@ -71,13 +71,13 @@ def sight_along(twist: Twist, body: ChairBody, sectors: Sequence[Sector], settin
 
 
 _STEP, _ACROSS = 0.1, 7
-"""Of the strip a line every so many metres is looked at, in so many points."""
+"""m between the strip's checked lines, and checked points per line."""
 
 
 def sectors_of_scan(scan: Scan, base_from_laser: Pose2) -> list[Sector]:
-    """The runs of beams that are valid or see nothing; those that tell nothing part them, unless it is only one or two.
+    """Return a sector for each run of beams that are valid or without an echo.
 
-    They are invalid (nan), or end nearer than the least range.
+    Invalid beams (nan, or nearer than the least range) separate the runs, unless there are only one or two of them.
     """
     blind = np.isnan(scan.ranges) | (scan.ranges < max(scan.range_min, 0.0))
     broken = np.flatnonzero(np.diff(np.concatenate([[True], blind, [True]]).astype(np.int8)))
@@ -97,11 +97,11 @@ def sectors_of_scan(scan: Scan, base_from_laser: Pose2) -> list[Sector]:
 
 
 _DROPPED = 2
-"""So many invalid beams in a row are drop-outs."""
+"""Up to so many invalid beams in a row are drop-outs."""
 
 
 def _seen(points: FloatArray, sectors: Sequence[Sector]) -> BoolArray:
-    """(N,) whether points (N, 2) [m] in base lie in any sector."""
+    """Return a mask (N,) of points (N, 2) [m] in base that lie in any sector."""
     seen: BoolArray = np.zeros(len(points), np.bool_)
     for sector in sectors:
         x, y = transform_points(sector.base_from_sensor.inverse(), points).T
