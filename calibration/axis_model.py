@@ -1,12 +1,12 @@
-"""One axis of the joystick: line volts to the speed the chair settles at, and back in closed form.
+"""Model of one joystick axis: line volts to the steady speed, and back in closed form.
 
-On either side of neutral there is a dead band up to an edge, then a monotone quadratic up to a greatest speed:
+On either side of neutral there is a dead band up to an edge, then a monotone quadratic up to a top speed:
 
     |speed| = min(gain s + curve s^2, limit),   s = |volts - neutral| - dead band > 0
 
-Plain polynomials and lines through neutral miss a chair's dead band by far more than its noise; this form does not.
-Which neutral the chair's electronics believe in cannot be seen in speeds, only where the edges are: the neutral is
-measured on the original stick at rest, and the edges are kept relative to it.
+Plain polynomials and lines through neutral miss a chair's dead band by far more than its noise. Speeds show the edges but
+not the neutral of the chair's electronics, so the neutral is measured on the original stick at rest, and the edges are
+kept relative to it.
 """
 
 from __future__ import annotations
@@ -18,7 +18,7 @@ from waychair.config import Settings, setting
 from waychair.errors import NotMonotone
 
 WITHIN_LIMIT = 0.98
-"""Part of the greatest speed that is asked for at most: beyond it, the stick's volts say little about the speed."""
+"""Largest share of the top speed to ask for: beyond it the speed hardly depends on the volts."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -39,32 +39,32 @@ class AxisSide(Settings):
             )
 
     def speed(self, beyond_neutral: float) -> float:
-        """Speed at so many volts from neutral, towards this side."""
+        """Return the speed at a distance [V] from neutral towards this side."""
         s = beyond_neutral - self.dead_band
         if s <= 0.0:
             return 0.0
         return self.gain * s + self.curve * s * s if s < self.knee else self.limit
 
     def beyond_neutral(self, speed: float) -> float:
-        """Volts from neutral at which this speed is held, at most `WITHIN_LIMIT` of the limit.
+        """Return the volts from neutral that hold a speed, at most `WITHIN_LIMIT` of the limit.
 
-        The root of the quadratic that is also right where the curve vanishes.
+        This form of the quadratic's root is also right for curve = 0.
         """
         a = min(speed, WITHIN_LIMIT * self.limit)
         return self.dead_band + 2.0 * a / (self.gain + math.sqrt(self.gain * self.gain + 4.0 * self.curve * a))
 
     @property
     def knee(self) -> float:
-        """Volts beyond the edge at which the limit is reached."""
+        """Volts beyond the edge at which the speed reaches the limit."""
         root = math.sqrt(self.gain * self.gain + 4.0 * self.curve * self.limit)
         return 2.0 * self.limit / (self.gain + root)
 
 
 @dataclass(frozen=True, slots=True)
 class AxisModel(Settings):
-    """Both directions of one axis, and how it follows a step of the stick: a delay, a ramp and a first-order lag.
+    """Both directions of one axis, and its response to a step of the stick: a delay, a ramp and a first-order lag.
 
-    `sign` is 1 where volts above neutral drive forward or turn left, and -1 where they do the opposite.
+    `sign` is 1 if volts above neutral drive forward or turn left, and -1 if they do the opposite.
     """
 
     neutral: float = setting(1.65, "V", "measured on the original stick at rest", low=0.0, high=12.0)
@@ -81,28 +81,28 @@ class AxisModel(Settings):
             raise NotMonotone("sign = 0 gives the axis no direction: it must be 1 or -1")
 
     def speed(self, volts: float) -> float:
-        """Speed that line volts settle at, [m/s] or [rad/s], forward and left positive."""
+        """Return the steady speed at line volts, [m/s] or [rad/s], forward and left positive."""
         beyond = volts - self.neutral
         return self.sign * (self.above.speed(beyond) if beyond > 0.0 else -self.below.speed(-beyond))
 
     def volts(self, speed: float) -> float:
-        """Line volts that hold a speed; neutral for none, the edge of the dead band for next to none."""
+        """Return the line volts that hold a speed: neutral for 0, near the dead band's edge for very small speeds."""
         beyond = 0.0 if speed == 0.0 else self.side(speed).beyond_neutral(abs(speed))
         return self.neutral + self.sign * math.copysign(beyond, speed)
 
     def edge(self, direction: float) -> float:
-        """Line volts at which the axis begins to move in this direction (its sign)."""
+        """Return the line volts at which the axis begins to move in a direction (its sign)."""
         return self.neutral + self.sign * math.copysign(self.side(direction).dead_band, direction)
 
     def side(self, direction: float) -> AxisSide:
-        """The side on which speeds of this sign are."""
+        """Return the side of neutral for speeds of a sign."""
         return self.above if direction * self.sign > 0.0 else self.below
 
     def reach(self, speed: float) -> float:
-        """Greatest speed to be asked for in the direction of `speed`, positive."""
+        """Return the highest speed to ask for in the direction of `speed`, positive."""
         return WITHIN_LIMIT * self.side(speed).limit
 
     @property
     def margin(self) -> float:
-        """Volts that the neutral may drift before the chair creeps, to the nearer edge."""
+        """Drift of the neutral [V] at which the chair would creep: the distance to the nearer edge."""
         return min(self.above.dead_band, self.below.dead_band)

@@ -1,7 +1,6 @@
-"""One JSON file per chair: everything that was measured on it, with a hash that shows when it was altered.
+"""A chair's calibration file: one JSON file with all its measurements and a hash that reveals changes.
 
-A calibration of another chair, or one that somebody has touched up by hand, makes a chair lurch: it is refused, not
-repaired.
+The calibration of another chair, or one edited by hand, can make a chair lurch. So it is refused, not repaired.
 """
 
 from __future__ import annotations
@@ -32,12 +31,12 @@ from waychair.types import Json, Pose3, Scan
 T = TypeVar("T")
 
 SCHEMA = 1
-"""Version of the file's form; a file of another one is not guessed at."""
+"""Version of the file's format; files of other versions are refused."""
 
 
 @dataclass(frozen=True, slots=True)
 class CameraMount(Settings):
-    """`camera_from_laser` in numbers: rows of the rotation, and the translation."""
+    """The transform `camera_from_laser` as numbers for the file."""
 
     rotation: tuple[tuple[float, float, float], ...] = setting((), "", "rows of the rotation")
     translation: tuple[float, float, float] = setting((0.0, 0.0, 0.0), "m", "the laser's origin in the camera's frame")
@@ -45,13 +44,13 @@ class CameraMount(Settings):
 
     @property
     def camera_from_laser(self) -> Pose3:
-        """As a pose."""
+        """The transform as a pose."""
         return Pose3(np.array(self.rotation), np.array(self.translation))
 
 
 @dataclass(frozen=True, slots=True)
 class ChairCalibration:
-    """What is known of one chair; what was not measured yet is None. `date` is ISO 8601."""
+    """All that is known of one chair; parts not measured yet are None. `date` is ISO 8601."""
 
     chair_id: str
     date: str
@@ -65,16 +64,16 @@ class ChairCalibration:
     self_mask: SelfMask | None = None
 
     def on_time(self, message: T) -> T:
-        """A sensor's message as of the time that it is about, by the measured delay of its stamps."""
+        """Return a sensor's message with its stamp corrected by the measured delay."""
         return message if self.sensor_delays is None else without_delay(message, self.sensor_delays)
 
     def seen(self, scan: Scan) -> Scan:
-        """What a scan shows but for the chair itself."""
+        """Return a scan without the beams that see the chair itself."""
         return scan if self.self_mask is None else self.self_mask.applied(scan)
 
 
 def mount_from_extrinsics(extrinsics: Extrinsics) -> CameraMount:
-    """The fitted camera's place as numbers for the file."""
+    """Return the fitted camera mount as numbers for the file."""
     pose = extrinsics.camera_from_laser
     rows = tuple((float(a), float(b), float(c)) for a, b, c in pose.rotation)
     x, y, z = (float(value) for value in pose.translation)
@@ -82,12 +81,12 @@ def mount_from_extrinsics(extrinsics: Extrinsics) -> CameraMount:
 
 
 def content_hash(calibration: ChairCalibration) -> str:
-    """SHA-256, in hexadecimal, of all that the file holds; the bridge and the board compare it before they arm."""
+    """Return the hexadecimal SHA-256 of the file's content, which bridge and board compare before they arm."""
     return _hash(_content(calibration))
 
 
 def save_calibration(path: Path, calibration: ChairCalibration) -> None:
-    """Write the file whole or not at all.
+    """Write the file atomically.
 
     Raises:
         OutputError: it cannot be written.
@@ -100,11 +99,11 @@ def save_calibration(path: Path, calibration: ChairCalibration) -> None:
 
 
 def load_calibration(path: Path, chair_id: str | None = None) -> ChairCalibration:
-    """What is known of the chair `chair_id`, or of whichever chair the file is of.
+    """Return the calibration in a file, which must be of the chair `chair_id` if that is given.
 
     Raises:
         CalibrationError: there is no such file.
-        CalibrationDamaged: the file is not JSON, of another schema, altered (by its hash), or holds what cannot be.
+        CalibrationDamaged: the file is not JSON, of another schema, altered (by its hash), or holds impossible values.
         CalibrationMismatch: it is the file of another chair.
     """
     try:
@@ -131,9 +130,9 @@ def load_calibration(path: Path, chair_id: str | None = None) -> ChairCalibratio
 
 
 def update_calibration(path: Path, measured: ChairCalibration) -> ChairCalibration:
-    """Add what was measured to a chair's file, which is made if there is none; what the file holds now.
+    """Add measurements to a chair's file, which is created if missing, and return its content now.
 
-    The parts of `measured` that are None stay as they were in the file.
+    Parts of `measured` that are None stay as they were in the file.
 
     Raises:
         CalibrationMismatch: it is the file of another chair.
@@ -151,7 +150,7 @@ def update_calibration(path: Path, measured: ChairCalibration) -> ChairCalibrati
 
 
 def _unknown_entry(values: Any, known: Any) -> str | None:
-    """Name of the first entry of a file that was not understood; those that an older file lacks have their defaults."""
+    """Return the name of a file's first unknown entry; missing entries of an older file have their defaults."""
     pairs: list[tuple[str, Any, Any]] = []
     if isinstance(values, dict) and isinstance(known, dict):
         strange = [name for name in values if name not in known]
@@ -165,7 +164,7 @@ def _unknown_entry(values: Any, known: Any) -> str | None:
 
 
 def _refuse_altered(path: Path, text: str) -> dict[str, Any]:
-    """The content of a file that is JSON, of this schema, and as it was written."""
+    """Return the content of a file after checks that it is JSON, of this schema, and unaltered."""
     try:
         values = json.loads(text)
     except ValueError as error:

@@ -1,10 +1,9 @@
-"""Where the camera is, seen from the lidar, from planes that both see.
+"""Extrinsic calibration of camera and lidar from planes that both see.
 
-Every beam that ends on a plane which the camera has measured says one thing: the end lies on it. This is the constraint
-of Zhang and Pless, Extrinsic calibration of a camera and laser range finder (IROS 2004): linear in the columns of the
-transform that act on the laser's plane, so that a first answer needs no guess; it is then refined without the linear
-answer's freedom to shear. Upright walls alone leave the camera's height open: show a board that leans, or add the floor,
-which the camera sees and the laser is a known height above.
+The end of every beam must lie on the plane that the camera has measured. This is the constraint of Zhang and Pless,
+Extrinsic calibration of a camera and laser range finder (IROS 2004). It is linear in the columns of the transform that
+act on the laser's plane, so a first solution needs no guess; a nonlinear refinement then forbids its shear. Upright walls
+alone leave the camera's height open: show a leaning board, or add the floor, above which the laser's height is known.
 """
 
 from __future__ import annotations
@@ -20,7 +19,7 @@ from waychair.errors import CalibrationError, ThinData
 from waychair.types import FloatArray, Pose3
 
 LEAST_VIEWS = 5
-"""Each view of a plane gives two equations; there are nine unknowns."""
+"""Fewest views of planes: each gives two equations, for nine unknowns."""
 
 _MOST_CONDITION = 1000.0
 _ALIKE = "the planes are too much alike: show some that are turned aside, and some that lean or the floor"
@@ -30,8 +29,8 @@ _MOST_RMS = 0.1  # [m]
 
 @dataclass(frozen=True, slots=True)
 class PlaneView:
-    """One plane seen by both: unit normal (3,) and distance [m] with normal . X = distance in the camera's optical
-    frame, and points (N, 3) [m] of it in the laser frame: the ends of beams (z = 0), or others that are known."""
+    """One plane seen by both sensors: unit normal (3,) and distance [m] with normal . X = distance in the camera's
+    optical frame, and points (N, 3) [m] on it in the laser frame: the ends of beams (z = 0), or other known points."""
 
     normal: FloatArray
     distance: float
@@ -40,7 +39,7 @@ class PlaneView:
 
 @dataclass(frozen=True, slots=True)
 class Extrinsics:
-    """`camera_from_laser`, the rms [m] of the points' distances to their planes, and how many points agree."""
+    """`camera_from_laser`, the rms [m] of the points' distances to their planes, and the number of inliers."""
 
     camera_from_laser: Pose3
     rms_m: float
@@ -48,13 +47,13 @@ class Extrinsics:
 
 
 def extrinsics_from_planes(views: Sequence[PlaneView], guess: Pose3 | None = None) -> Extrinsics:
-    """Transform of laser to camera coordinates that puts the points on their planes.
+    """Return the transform from laser to camera coordinates that puts the points on their planes.
 
-    Without a `guess` (camera_from_laser, some 20 degrees and decimetres right) the first answer is the linear one, of
-    beams only.
+    Without a `guess` (camera_from_laser, right within some 20 degrees and decimetres) the linear solution starts the
+    refinement; it needs points of beams only.
 
     Raises:
-        ThinData: too few views, or planes so much alike that the camera could be moved along them unseen.
+        ThinData: too few views, or planes so much alike that a motion of the camera along them is not observable.
         CalibrationError: no transform explains the points.
     """
     views = [view for view in views if len(view.points) >= 2]
@@ -63,7 +62,7 @@ def extrinsics_from_planes(views: Sequence[PlaneView], guess: Pose3 | None = Non
     normals = np.concatenate([np.repeat(view.normal[None], len(view.points), axis=0) for view in views])
     distances = np.concatenate([np.full(len(view.points), view.distance) for view in views])
     points = np.concatenate([view.points for view in views])
-    # A view of many points must not outvote one of few.
+    # A view of many points must not outweigh a view of few.
     weights = np.concatenate([np.full(len(view.points), 1.0 / np.sqrt(len(view.points))) for view in views])
     pose = guess or _linear(normals, distances, points, weights)
     kept = np.ones(len(points), bool)
@@ -82,7 +81,7 @@ def extrinsics_from_planes(views: Sequence[PlaneView], guess: Pose3 | None = Non
 def _refined(
     start: Pose3, normals: FloatArray, distances: FloatArray, points: FloatArray, weights: FloatArray
 ) -> Pose3:
-    """The transform of least squares, from one near it."""
+    """Return the least-squares transform, starting from one near it."""
 
     def residuals(p: FloatArray) -> FloatArray:
         return weights * _off(_pose(p), normals, distances, points)
@@ -99,13 +98,13 @@ def _pose(p: FloatArray) -> Pose3:
 
 
 def _off(pose: Pose3, normals: FloatArray, distances: FloatArray, points: FloatArray) -> FloatArray:
-    """(N,) distances [m] of the points from their planes, signed."""
+    """Return the signed distances (N,) [m] of the points from their planes."""
     off: FloatArray = (normals * (points @ pose.rotation.T + pose.translation)).sum(axis=1) - distances
     return off
 
 
 def _linear(normals: FloatArray, distances: FloatArray, points: FloatArray, weights: FloatArray) -> Pose3:
-    """Nearest rigid transform to the answer of n . (x r1 + y r2 + t) = d, which is linear in r1, r2 and t."""
+    """Return the rigid transform nearest to the solution of n . (x r1 + y r2 + t) = d, linear in r1, r2 and t."""
     if np.abs(points[:, 2]).max() > 1e-9:
         raise ThinData("points beside the laser's plane need a guess of the camera's place: measure it with a tape")
     equations = weights[:, None] * np.hstack([points[:, :1] * normals, points[:, 1:2] * normals, normals])

@@ -1,8 +1,8 @@
-"""One chair's body, drive and sensor mounts as data: the same file serves plant, footprint and calibration.
+"""The chair's body, drive and sensor mounts as data, shared by simulation, footprint and calibration.
 
-Lengths in metres, base frame (origin on the floor under the middle of the drive axle). A is the default, B a larger
-chair; A_mid and A_front are A with its drive wheels elsewhere and its sensors at the same places of the seat; robot is
-the small disc of benchmarks among moving people, as the square that holds it.
+Lengths are in metres in the base frame (origin on the floor under the middle of the drive axle). A is the default, B a
+larger chair. A_mid and A_front are A with mid or front drive wheels and its sensors at the same places of the seat. robot
+is the small disc of benchmarks among moving people, as its bounding square.
 """
 
 from __future__ import annotations
@@ -21,11 +21,11 @@ from waychair.geometry import rectangle
 from waychair.types import FloatArray, Pose2, Pose3
 
 DRIVES = ("rear", "mid", "front")
-"""Where the drive wheels are: casters in front of them, on both sides, or behind them."""
+"""Places of the drive wheels: behind the casters, between them, or in front of them."""
 
 
 class BodyLayer(NamedTuple):
-    """The chair's outline between two heights above the floor, such as feet, knees and arm rests; all in metres.
+    """The chair's outline between two heights above the floor, such as at feet, knees or arm rests; all in metres.
 
     It reaches `front` ahead of the drive axle, `rear` behind it, and `half_width` to both sides.
     """
@@ -38,12 +38,12 @@ class BodyLayer(NamedTuple):
 
 
 TALLEST = 1.4
-"""Height [m] up to which a chair with its rider must keep clear."""
+"""m; height of a chair with its rider, up to which obstacles count."""
 
 
 @dataclass(frozen=True, slots=True)
 class ChairBody(Settings):
-    """Outline, wheels and sensor mounts."""
+    """A chair's footprint, wheels and sensor mounts."""
 
     chair_id: str = setting("A", "", "name of the chair these numbers belong to")
     length: float = setting(1.00, "m", "overall length", low=0.3, high=2.5)
@@ -114,22 +114,22 @@ class ChairBody(Settings):
 
     @property
     def circumscribed_radius(self) -> float:
-        """Distance of the farthest corner from the base origin [m]: the disc swept by turning in place."""
+        """Distance of the farthest corner from the base origin [m]: the radius swept by turning on the spot."""
         return math.hypot(max(self.front, self.rear), self.width / 2)
 
     def height_layers(self) -> tuple[BodyLayer, ...]:
-        """Outlines by height, upwards from the floor and without a gap; one where the chair has no others."""
+        """Return the outlines by height, upwards from the floor without a gap; a single one by default."""
         return self.layers or (BodyLayer(0.0, TALLEST, self.front, self.rear, self.width / 2),)
 
     def outline(self) -> FloatArray:
-        """Corners (4, 2) [m] in the base frame, counter-clockwise."""
+        """Return the footprint's corners (4, 2) [m] in the base frame, counter-clockwise."""
         return rectangle(self.front, self.rear, self.width / 2)
 
 
 def sonar_mounts(body: ChairBody) -> tuple[Pose2, ...]:
-    """`base_from_sonar` of the eight, on the outline and looking straight out of it.
+    """Return `base_from_sonar` of the eight sonars, on the outline and facing straight out.
 
-    Counter-clockwise from the left one ahead: one ahead, two on the left, two behind, two on the right, one ahead.
+    Counter-clockwise from the front left one: one ahead, two on the left, two behind, two on the right, one ahead.
     """
     front, rear, side, quarter = body.front, -body.rear, body.width / 2, body.width / 4
     fore, aft = front - body.length / 4, rear + body.length / 4
@@ -172,4 +172,4 @@ ROBOT = ChairBody(
 BODIES: Mapping[str, ChairBody] = MappingProxyType(
     {body.chair_id: body for body in (CHAIR_A, CHAIR_B, CHAIR_A_MID, CHAIR_A_FRONT, ROBOT)}
 )
-"""By name, the bodies that are built in."""
+"""The built-in bodies by name."""

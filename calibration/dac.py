@@ -1,23 +1,23 @@
-"""Wheel speeds to the counts of an 8-bit converter on the two axes of the joystick, and back.
+"""The linear model from wheel speeds to converter counts on the joystick's two axes, and back.
 
-The model is that of Pai et al. (2026), Development of an Intelligent Wheelchair System, Eqs (1) and (2):
+It is the model of Pai et al. (2026), Development of an Intelligent Wheelchair System, Eqs (1) and (2), with 8 bits:
 
     Dac_left  = 28.2122 V_left + 30.1732 V_right
     Dac_right = 57.0194 V_left - 58.6717 V_right        (counts, m/s)
 
-What these numbers show when they are written in v = (V_left + V_right) / 2 and d = V_right - V_left:
+Written in v = (V_left + V_right) / 2 and d = V_right - V_left they are
 
     Dac_left = 58.385 v + 0.981 d        Dac_right = -1.652 v - 57.846 d
 
-- They are the *forward* and the *turn* axis of a joystick, not a left and a right wheel; turn is positive to the right
-  (clockwise). The cross terms are 1.7 % and 2.9 %: the motors or the stick are not quite alike.
-- They hold no neutral: rest is 0 counts, and since 0..255 is all there is, the equations as printed allow no reverse,
-  no left turn and no exactly straight line (they need V_left >= 1.029 V_right). Here they are offsets from a neutral,
-  by default the middle of the converter, 127.5 counts = 1.65 V.
-- They hold no dead band: a real chair does not move until the stick has left its neutral by some counts, so a model
-  without one answers a slow command with no motion at all. `dead_band_*` adds those counts to every command but rest.
+- So they are the *forward* and the *turn* axis of a joystick, not a left and a right wheel; turn is positive to the right
+  (clockwise). The cross terms are 1.7 % and 2.9 %: the motors or the stick's axes differ a little.
+- They have no neutral: rest is 0 counts. With counts of 0..255 the equations as printed allow no reverse, no left turn
+  and no exactly straight line (they need V_left >= 1.029 V_right). Here they are offsets from a neutral, by default the
+  middle of the converter, 127.5 counts = 1.65 V.
+- They have no dead band: a real chair does not move until the stick has left its neutral by some counts, so a slow
+  command would cause no motion at all. `dead_band_*` adds those counts to every command but rest.
 
-One count is 12.94 mV or 17 mm/s, hence rounding to nearest: dropping the fraction would bias v by 9 mm/s.
+One count is 12.94 mV or 17 mm/s, so counts are rounded to nearest: truncation would bias v by 9 mm/s.
 """
 
 from __future__ import annotations
@@ -32,27 +32,26 @@ from waychair.types import WheelSpeeds
 
 
 class DacModel(Protocol):
-    """What every model of a chair's joystick lines answers; axes are always in the order forward, turn."""
+    """The interface of every model of a chair's joystick lines; axes are in the order forward, turn."""
 
     @property
     def counts_max(self) -> int:
         """Largest value of the converter."""
 
     def counts_from_wheel_speeds(self, speeds: WheelSpeeds) -> tuple[int, int]:
-        """Counts for wheel speeds [m/s], rounded to nearest, always within 0..counts_max.
+        """Return the counts for wheel speeds [m/s], rounded to nearest, always within 0..counts_max.
 
-        Speeds beyond an axis' reach are scaled down together, so that the chair keeps to the arc and only drives it
-        slower.
+        Speeds beyond an axis' reach are scaled down together, so that the chair drives the same arc more slowly.
 
         Raises:
             CalibrationError: a speed is not a finite number.
         """
 
     def wheel_speeds_from_counts(self, forward: int, turn: int) -> WheelSpeeds:
-        """Wheel speeds [m/s] that the model expects of counts: zero on an axis within its dead band."""
+        """Return the wheel speeds [m/s] that the model expects of counts: zero on an axis within its dead band."""
 
     def volts_from_counts(self, forward: int, turn: int) -> tuple[float, float]:
-        """Volts on the lines for counts.
+        """Return the volts on the lines for counts.
 
         Raises:
             CalibrationError: a count lies outside 0..counts_max.
@@ -95,7 +94,7 @@ class LinearDac(Settings):
 
     @property
     def reach(self) -> float:
-        """How far from neutral either axis may go [counts]: the swing, as far as the converter has room for it."""
+        """Greatest distance from neutral on either axis [counts]: the swing, limited by the converter's range."""
         return min(self.swing, self.neutral, self.counts_max - self.neutral)
 
     def counts_from_wheel_speeds(self, speeds: WheelSpeeds) -> tuple[int, int]:
@@ -134,52 +133,52 @@ class LinearDac(Settings):
 
 
 DEFAULT = LinearDac()
-"""The printed gains about a neutral, with the dead band and the 1.2 V swing of a common chair controller."""
+"""The paper's gains about a neutral, with the dead band and the 1.2 V swing of a common chair controller."""
 
 PAPER = LinearDac(dead_band_forward=0.0, dead_band_turn=0.0, swing=127.5)
-"""The equations as printed, about a neutral: no dead band, the converter's whole range."""
+"""The paper's equations about a neutral: no dead band, the converter's whole range."""
 
 
 def counts_from_wheel_speeds(model: DacModel, speeds: WheelSpeeds) -> tuple[int, int]:
-    """Counts (forward, turn) for wheel speeds [m/s]; see `DacModel`."""
+    """Return the counts (forward, turn) for wheel speeds [m/s]; see `DacModel`."""
     return model.counts_from_wheel_speeds(speeds)
 
 
 def wheel_speeds_from_counts(model: DacModel, forward: int, turn: int) -> WheelSpeeds:
-    """Wheel speeds [m/s] that the model expects of counts; see `DacModel`."""
+    """Return the wheel speeds [m/s] that the model expects of counts; see `DacModel`."""
     return model.wheel_speeds_from_counts(forward, turn)
 
 
 def volts_from_counts(model: DacModel, forward: int, turn: int) -> tuple[float, float]:
-    """Volts (forward, turn) on the lines for counts; see `DacModel`."""
+    """Return the volts (forward, turn) on the lines for counts; see `DacModel`."""
     return model.volts_from_counts(forward, turn)
 
 
 def neutral_counts(model: DacModel) -> tuple[int, int]:
-    """Counts (forward, turn) of rest."""
+    """Return the counts (forward, turn) of rest."""
     return model.neutral_counts()
 
 
 def refuse_unless_finite(speeds: WheelSpeeds, *derived: float) -> None:
-    """Raises `CalibrationError` for wheel speeds, or numbers that came of them, that are not finite."""
+    """Raise `CalibrationError` if wheel speeds, or numbers derived from them, are not finite."""
     if not all(math.isfinite(value) for value in (speeds.left, speeds.right, *derived)):
         raise CalibrationError(f"wheel speeds {speeds.left}, {speeds.right} m/s have no counts: give finite numbers")
 
 
 def refuse_outside(counts_max: int, *counts: int) -> None:
-    """Raises `CalibrationError` for counts that a converter up to `counts_max` has not."""
+    """Raise `CalibrationError` for counts outside a converter's 0..counts_max."""
     for count in counts:
         if not 0 <= count <= counts_max:
             raise CalibrationError(f"{count} counts cannot be converted: they must lie in 0..{counts_max}")
 
 
 def nearest(value: float) -> int:
-    """The nearest count, halves upwards."""
+    """Return the nearest count, halves rounded up."""
     return math.floor(value + 0.5)
 
 
 def _past_dead_band(offset: float, dead_band: float) -> float:
-    """Beyond the dead band, unless less than half a count is asked for: that is rest, and not worth the jump."""
+    """Return an offset moved beyond the dead band; less than half a count is rest, not worth the jump."""
     return 0.0 if dead_band and abs(offset) < 0.5 else math.copysign(dead_band + abs(offset), offset)
 
 

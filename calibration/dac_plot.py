@@ -1,4 +1,4 @@
-"""A picture of a fit: what was measured on each axis, what the model says, and what it misses."""
+"""Plot of a fitted DAC model: measured speeds, model and residuals of each axis."""
 
 from __future__ import annotations
 
@@ -13,7 +13,7 @@ _UNITS = ("m/s", "rad/s")
 
 
 def plot_fit(fit: DacFit, path: Path) -> None:
-    """Writes the picture, of the kind that the path's suffix names (.png, .svg, .pdf).
+    """Write the picture in the format of the path's suffix (.png, .svg, .pdf).
 
     Raises:
         OutputError: it cannot be written there.

@@ -1,4 +1,4 @@
-"""What a calibration is fitted to: which counts were on the lines, and how fast the chair went."""
+"""The log of a calibration drive: the counts on the lines and the chair's speeds, and its holds."""
 
 from __future__ import annotations
 
@@ -16,14 +16,14 @@ from waychair.types import FloatArray, IntArray
 COLUMNS = ("stamp_ns", "forward_counts", "turn_counts", "v", "omega")
 """Columns of the CSV form: ns, counts, counts, m/s (forward positive), rad/s (left positive)."""
 
-_FASTEST = (5.0, 10.0)  # m/s, rad/s: no wheelchair does that, so it is a fault of the measurement
+_FASTEST = (5.0, 10.0)  # m/s, rad/s; no wheelchair is faster, so a larger value is a measurement fault
 
 
 @dataclass(frozen=True, slots=True)
 class DriveLog:
-    """A drive at counts of one converter: stamps_ns (N,) rising, counts (N, 2) forward and turn, twists (N, 2).
+    """A drive logged with one converter: stamps_ns (N,) rising, counts (N, 2) forward and turn, twists (N, 2).
 
-    A twist [m/s, rad/s] is that of its stamp; the counts are those that were on the lines then.
+    A twist [m/s, rad/s] is of its stamp's time, and the counts are those on the lines at that time.
     """
 
     stamps_ns: IntArray
@@ -35,7 +35,7 @@ class DriveLog:
 
     @property
     def volts(self) -> FloatArray:
-        """(N, 2) volts on the lines."""
+        """Volts on the lines, (N, 2)."""
         span = self.volts_max - self.volts_min
         volts: FloatArray = self.volts_min + self.counts * (span / (2**self.bits - 1))
         return volts
@@ -43,10 +43,10 @@ class DriveLog:
 
 @dataclass(frozen=True, slots=True)
 class Holds:
-    """Stretches of constant counts at which the chair settled: volts (K, 2), mean twists (K, 2) of their last part.
+    """Stretches of constant counts in which the chair settled: volts (K, 2), mean twists (K, 2) of their last part.
 
-    `first`, `last` (K,): rows of the log, the last one exclusive. Left out are `short` stretches, such as the rests
-    between levels, and `unsettled` ones.
+    `first`, `last` (K,) are rows of the log, the last one exclusive. `short` and `unsettled` count the stretches left
+    out: rests between levels and the like, and stretches in which the speed still changed.
     """
 
     volts: FloatArray
@@ -61,10 +61,10 @@ class Holds:
 
 
 def read_drive_log(path: Path, bits: int, volts_max: float, volts_min: float = 0.0) -> DriveLog:
-    """Log from a CSV file whose first line names `COLUMNS`, in any order; other columns are ignored.
+    """Read a log from a CSV file whose first line names `COLUMNS`, in any order; other columns are ignored.
 
     Raises:
-        CalibrationError: the file cannot be read, lacks a column, or a line is not what it should be; with its number.
+        CalibrationError: the file cannot be read, lacks a column, or has a wrong line (the error gives its number).
     """
     try:
         with path.open(encoding="utf-8", newline="") as file:
@@ -85,7 +85,7 @@ def read_drive_log(path: Path, bits: int, volts_max: float, volts_min: float = 0
 
 
 def write_drive_log(path: Path, log: DriveLog) -> None:
-    """Write a log as the CSV file that `read_drive_log` reads, whole or not at all.
+    """Write a log atomically as a CSV file that `read_drive_log` reads.
 
     Raises:
         OutputError: it cannot be written.
@@ -115,10 +115,10 @@ def _row(path: Path, line: int, row: dict[str, str | None], counts_max: int) -> 
 
 
 def steady_holds(log: DriveLog, measure_s: float, steady: tuple[float, float]) -> Holds:
-    """The holds of a log, each by the mean of its last `measure_s` seconds.
+    """Return the holds of a log, each with the mean of its last `measure_s` seconds.
 
-    A stretch is left out when it is shorter than twice that, or when the two halves of the measured part differ by more
-    than `steady` (m/s, rad/s): then the chair was still speeding up.
+    A stretch is left out if it is shorter than twice that, or if the halves of the measured part differ by more than
+    `steady` (m/s, rad/s), because the chair was then still speeding up.
     """
     changed = np.flatnonzero((np.diff(log.counts, axis=0) != 0).any(axis=1)) + 1
     starts, ends = np.append(0, changed), np.append(changed, len(log.stamps_ns))

@@ -1,9 +1,9 @@
-"""Fits `FittedDac` to the log of a sweep, robustly, and refuses what cannot be fitted.
+"""Robust fit of `FittedDac` to the log of a sweep; logs that allow no fit are refused.
 
-All figures of both axes are fitted at once to the speeds that the holds settled at, with a loss that grows only
-linearly for outliers (soft l1). Each side of an axis is written by its slopes at the edge and at the farthest level,
-both kept positive: so it is monotone as far as it was measured, and the greatest speed is kept to what it reaches.
-The dead band's edges begin between the last level at rest and the first that moves.
+All parameters of both axes are fitted together to the steady speeds of the holds, with a loss that grows only linearly
+for outliers (soft l1). Each side of an axis is parametrised by its slopes at the edge and at the farthest level, both
+positive. So it is monotone as far as it was measured, and the top speed is the one reached there. The dead band's edge
+starts between the last level at rest and the first moving one.
 """
 
 from __future__ import annotations
@@ -24,15 +24,15 @@ from waychair.errors import NotRepeatable, ThinData
 from waychair.types import FloatArray
 
 _PER_SIDE = 4  # edge, slope at the edge, slope at the far end, limit
-_BRISK = 0.25  # part of the greatest speed
-_COMPARED = 4  # levels
+_BRISK = 0.25  # share of the top speed above which a level counts for the drift
+_COMPARED = 4  # levels at either end of the sweep
 _MOST_DRIFT = 0.10
 _COUPLING = slice(4 * _PER_SIDE, 4 * _PER_SIDE + 4)  # v_per_turn, turn_per_v, turn_fade, speed_cut
 
 
 @dataclass(frozen=True, slots=True)
 class FitSettings(Settings):
-    """What is enough to fit, and how much noise is expected."""
+    """The least data for a fit, and the expected noise."""
 
     min_levels: int = setting(45, "", "levels on each axis alone", low=5, high=1001)
     min_repetitions: int = setting(3, "", "times that each of them was driven, on average", low=1, high=100)
@@ -47,7 +47,7 @@ class FitSettings(Settings):
 
 @dataclass(frozen=True, slots=True)
 class LevelResidual:
-    """One level of one axis alone: volts, how often it was driven, mean speed, and what the model misses of it."""
+    """One level of one axis alone: volts, number of repetitions, mean speed, and the model's residual."""
 
     axis: str
     volts: float
@@ -58,10 +58,10 @@ class LevelResidual:
 
 @dataclass(frozen=True, slots=True)
 class DacFit:
-    """The model and how well it fits: levels one by one, rms of all holds (m/s, rad/s), number of holds.
+    """The fitted model and its quality: each level's residual, rms of all holds (m/s, rad/s), number of holds.
 
-    `unsettled`: holds that were left out because the chair was still speeding up when they ended.
-    `outliers`: holds that are off by more than five times the noise; `rms` leaves them out.
+    `unsettled` counts holds left out because the chair was still speeding up when they ended. `outliers` counts holds off
+    by more than five times the noise; `rms` leaves them out.
     """
 
     model: FittedDac
@@ -74,12 +74,12 @@ class DacFit:
 
     @property
     def margins(self) -> tuple[float, float]:
-        """Volts that the neutral of each axis may drift before the chair creeps."""
+        """Drift of each axis' neutral [V] at which the chair would creep."""
         return self.model.forward.margin, self.model.turn.margin
 
 
 def fit_dac(log: DriveLog, neutral: tuple[float, float], track: float, settings: FitSettings | None = None) -> DacFit:
-    """Model of a chair whose neutral (forward, turn) [V] was measured on the original stick, driven on the floor.
+    """Fit the model of a chair on the floor whose neutral (forward, turn) [V] was measured on the original stick.
 
     Raises:
         ThinData: too few levels, repetitions, or steps out of rest.
@@ -109,10 +109,10 @@ def fit_dac(log: DriveLog, neutral: tuple[float, float], track: float, settings:
 
 
 def _refuse_drift(model: FittedDac, holds: Holds, neutral: tuple[float, float]) -> None:
-    """Compares the first and the last brisk levels of each axis with the model, which is of the whole sweep.
+    """Compare the first and the last brisk levels of each axis with the model, which is of the whole sweep.
 
-    Motors that grow hot settle at less power within minutes: nearly all levels then agree with each other, and a model
-    of them would send a cold chair off too fast. The few levels of the cold chair are no basis for a model either.
+    Motors that heat up lose power within minutes. Nearly all levels then agree with each other, and their model would
+    start a cold chair too fast. The few levels of the cold chair are no basis for a model either.
     """
     expected = np.array([_twist(model, volts) for volts in holds.volts])
     beyond = np.abs(holds.volts - np.asarray(neutral)) > NEAR_NEUTRAL
@@ -125,7 +125,7 @@ def _refuse_drift(model: FittedDac, holds: Holds, neutral: tuple[float, float]) 
 
 
 def _drift(first: float, last: float) -> str:
-    """What speeds that were off by these factors at the beginning and at the end mean."""
+    """Return the sentence about speeds that were off by these factors at the beginning and at the end."""
     gained = last / first - 1.0
     if gained < -0.5 * _MOST_DRIFT:
         return (
@@ -159,11 +159,11 @@ def _refuse_thin(axis: int, levels: tuple[Level, ...], holds: Holds, settings: F
 
 
 def _bounds(sides: list[SideLevels]) -> tuple[FloatArray, FloatArray, FloatArray]:
-    """First guess and bounds of all parameters: four of each side, then the four of the coupling."""
+    """Return start and bounds of all parameters: four of each side, then the four of the coupling."""
     start, low, high = [], [], []
     for side in sides:
         start += [side.edge, side.gain, side.gain, side.limit]
-        # Just beyond its edge an axis is slower than what counts as moving.
+        # Just beyond its edge an axis is slower than the speed that counts as moving.
         unseen = 1.5 * MOVING[side.axis] / side.gain
         low += [max(side.still - unseen, 1e-3), 0.02 * side.gain, 0.02 * side.gain, 0.5 * side.limit]
         high += [side.moving, 10.0 * side.gain, 10.0 * side.gain, 1.5 * side.limit]
@@ -178,7 +178,7 @@ def _bounds(sides: list[SideLevels]) -> tuple[FloatArray, FloatArray, FloatArray
 
 
 def _predicted(p: FloatArray, sides: list[SideLevels], volts: FloatArray, neutral: tuple[float, float]) -> FloatArray:
-    """Twists (K, 2) that parameters `p` give for volts (K, 2): `FittedDac.twist_from_volts` on arrays."""
+    """Return the twists (K, 2) of parameters `p` at volts (K, 2): `FittedDac.twist_from_volts` on arrays."""
     speeds = np.zeros_like(volts)
     for k, side in enumerate(sides):
         edge, near, far, limit = p[_PER_SIDE * k : _PER_SIDE * (k + 1)]
@@ -208,7 +208,7 @@ def _model(
     for k, side in enumerate(sides):
         edge, near, far, limit = (float(value) for value in p[_PER_SIDE * k : _PER_SIDE * (k + 1)])
         curve, span = _curve(near, far, side, edge), side.farthest - edge
-        # Beyond the farthest level nothing is known: the greatest speed is the one that was reached there.
+        # Beyond the farthest level nothing is known, so the top speed is the one reached there.
         reached = min(limit, near * span + curve * span * span)
         fitted.append(AxisSide(dead_band=edge, gain=near, curve=curve, limit=reached))
     axes = [

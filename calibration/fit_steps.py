@@ -1,7 +1,7 @@
-"""How an axis follows the stick: delay, ramp and lag from steps out of rest.
+"""Identification of an axis' step response: delay, ramp and lag from steps out of rest.
 
-The chair's own controller first waits, then speeds up along a ramp until the speed that was asked for, and the motors
-follow that with a first-order lag. With the ramp left out, a large step would look like a slow motor.
+The chair's own controller first waits, then ramps up to the speed asked for, and the motors follow that with a
+first-order lag. Without the ramp, a large step would look like a slow motor.
 """
 
 from __future__ import annotations
@@ -24,7 +24,7 @@ _LONGEST_S = 4.0
 
 @dataclass(frozen=True, slots=True)
 class StepResponse:
-    """Delay [s], time constant of the lag [s], ramp [m/s^2] or [rad/s^2], and the rms of what is left unexplained."""
+    """Delay [s], time constant of the lag [s], ramp [m/s^2] or [rad/s^2], and the rms of the residuals."""
 
     delay_s: float
     lag_s: float
@@ -32,14 +32,14 @@ class StepResponse:
     rms: float = 0.0
 
     def settling_s(self, speed: float) -> float:
-        """Time [s] from the stick's step until the speed is held to within 1 %."""
+        """Return the time [s] from the stick's step until the speed is within 1 %."""
         return self.delay_s + 5.0 * self.lag_s + abs(speed) / self.ramp
 
 
 def step_response(seconds: FloatArray, final: FloatArray, delay_s: float, lag_s: float, ramp: float) -> FloatArray:
-    """Speeds (N,) at `seconds` (N,) after a step of the stick from rest to `final` (N,) speeds, all positive.
+    """Return the speeds (N,) at `seconds` (N,) after a step of the stick from rest to `final` (N,), all positive.
 
-    The ramp r t through a lag T is r (t - T (1 - exp(-t / T))); after the ramp's end what is missing decays with T.
+    The ramp r t through a lag T is r (t - T (1 - exp(-t / T))); after the ramp's end the missing speed decays with T.
     """
     since = np.maximum(seconds - delay_s, 0.0)
     end = final / ramp
@@ -50,7 +50,9 @@ def step_response(seconds: FloatArray, final: FloatArray, delay_s: float, lag_s:
 
 
 def fit_steps(log: DriveLog, axis: int, neutral: tuple[float, float], near: float) -> StepResponse:
-    """Response of one axis (0 forward, 1 turn) from every step out of rest on it alone, `near` neutral meaning volts.
+    """Fit the response of one axis (0 forward, 1 turn) to all steps out of rest on it alone.
+
+    An axis within `near` [V] of its neutral is at rest.
 
     Raises:
         ThinData: there is no such step.
@@ -75,7 +77,7 @@ def fit_steps(log: DriveLog, axis: int, neutral: tuple[float, float], near: floa
 def _steps(
     log: DriveLog, axis: int, neutral: tuple[float, float], near: float
 ) -> tuple[FloatArray, FloatArray, FloatArray]:
-    """Seconds since the step, speeds and final speeds (N,), positive, of all samples of all steps."""
+    """Return seconds since the step, speeds and final speeds (N,), positive, of all samples of all steps."""
     beyond = np.abs(log.volts - np.asarray(neutral)) > near
     changed = np.flatnonzero((np.diff(log.counts, axis=0) != 0).any(axis=1)) + 1
     parts: list[FloatArray] = []

@@ -1,15 +1,15 @@
-"""The default model of a chair's joystick lines: both axes with their dead bands, and how they act on each other.
+"""The default model of a chair's joystick lines: both axes with their dead bands, and their coupling.
 
-With v_f and w_t the speeds that the two axes ask for by themselves (`AxisModel`),
+With v_f and w_t the speeds of the two axes alone (`AxisModel`),
 
     v = v_f (1 - speed_cut |w_t|)         a controller slows down into a turn
     w = w_t (1 - turn_fade |v_f|)         and turns less at speed
     [v, omega] = [v + v_per_turn w, w + turn_per_v v]       unlike motors: a curve when driving straight
 
-Both steps are undone exactly: the 2x2 system first, then the two cuts. With a = |v_f| and b = |w_t|, putting
-b = |w| / (1 - turn_fade a) into the first line leaves a quadratic in a, whose smaller root is the one that is a = |v|
-without cuts. There is one answer as long as 1 - speed_cut b - turn_fade a, the determinant of the two lines'
-derivatives, stays positive up to both limits (Gale and Nikaido, 1965), which is what a model must fulfil.
+Both steps are inverted exactly: the 2x2 system first, then the two cuts. With a = |v_f| and b = |w_t|, putting
+b = |w| / (1 - turn_fade a) into the first line gives a quadratic in a; its smaller root is a = |v| without cuts. The
+inverse is unique as long as 1 - speed_cut b - turn_fade a, the determinant of the two lines' derivatives, stays positive
+up to both limits (Gale and Nikaido, 1965). A model must fulfil this.
 """
 
 from __future__ import annotations
@@ -25,21 +25,21 @@ from waychair.errors import ConfigError, NotMonotone
 from waychair.types import Twist, WheelSpeeds
 
 LEAST_LEFT = 0.2
-"""Part of the turn that must be left at the greatest speed, and of the speed at the sharpest turn: a model that leaves
-less was fitted to something else."""
+"""Least remaining share of the turn at top speed, and of the speed at the fastest turn; a model with less was fitted to
+wrong data."""
 
 LEAST_TOGETHER = 0.05
-"""What 1 - speed_cut |w_t| - turn_fade |v_f| must be at least, at both limits: at 0 more stick gives no more motion."""
+"""Least value of 1 - speed_cut |w_t| - turn_fade |v_f| at both limits; at 0 more stick gives no more motion."""
 
 Sides: TypeAlias = tuple[int, int]
-"""Direction (1, -1 or 0: neither) in which the forward and the turn axis are beyond their dead bands."""
+"""Directions (1, -1, or 0 for neither) in which the forward and the turn axis are beyond their dead bands."""
 
 _TURN = AxisSide(gain=2.5, limit=2.6)
 
 
 @dataclass(frozen=True, slots=True)
 class FittedDac(Settings):
-    """A `DacModel` that was fitted to one chair and one converter."""
+    """A `DacModel` fitted to one chair and one converter."""
 
     bits: int = setting(12, "", "resolution of the converter", low=8, high=16)
     volts_max: float = setting(3.3, "V", "output at the largest count", low=0.5, high=12.0)
@@ -87,24 +87,24 @@ class FittedDac(Settings):
         return (self.volts_max - self.volts_min) / self.counts_max
 
     def twist_from_volts(self, forward: float, turn: float) -> Twist:
-        """Twist [m/s, rad/s] that line volts settle at."""
+        """Return the steady twist [m/s, rad/s] at line volts."""
         return self.twist_from_axis_speeds(self.forward.speed(forward), self.turn.speed(turn))
 
     def twist_from_axis_speeds(self, v_f: float, w_t: float) -> Twist:
-        """Twist [m/s, rad/s] of what the axes ask for by themselves."""
+        """Return the twist [m/s, rad/s] for the speeds of the axes alone."""
         v, omega = v_f * (1.0 - self.speed_cut * abs(w_t)), w_t * (1.0 - self.turn_fade * abs(v_f))
         return Twist(v + self.v_per_turn * omega, omega + self.turn_per_v * v)
 
     def axis_speeds(self, twist: Twist) -> tuple[float, float]:
-        """What to ask of the axes (m/s, rad/s) for a twist, scaled down together to what both can do.
+        """Return the axes' speeds (m/s, rad/s) for a twist, scaled down together to the axes' reach.
 
-        The one factor on both keeps v over omega, hence the arc, as it was.
+        One factor on both keeps v over omega, and so the arc.
         """
         determinant = 1.0 - self.v_per_turn * self.turn_per_v
         v = (twist.v - self.v_per_turn * twist.omega) / determinant
         omega = (twist.omega - self.turn_per_v * twist.v) / determinant
         fastest, sharpest = self.forward.reach(v), self.turn.reach(omega)
-        # With one axis at its reach, the other one's cut is known: then both lines are linear in the scale.
+        # With one axis at its reach, the other axis' cut is known, and both lines are linear in the scale.
         speed_kept, turn_kept = 1.0 - self.speed_cut * sharpest, 1.0 - self.turn_fade * fastest
         scale = min(
             1.0,
@@ -114,24 +114,24 @@ class FittedDac(Settings):
         return self._before_cuts(scale * v, scale * omega)
 
     def _before_cuts(self, v: float, omega: float) -> tuple[float, float]:
-        """What the axes must ask for (m/s, rad/s) so that these speeds are left."""
+        """Return the axes' speeds (m/s, rad/s) that give these speeds after the cuts."""
         b = 1.0 - self.speed_cut * abs(omega) + self.turn_fade * abs(v)
         root = math.sqrt(max(b * b - 4.0 * self.turn_fade * abs(v), 0.0))
         v_f = 2.0 * v / (b + root)
         return v_f, omega / (1.0 - self.turn_fade * abs(v_f))
 
     def counts_from_axis_speeds(self, v: float, omega: float, sides: Sides | None = None) -> tuple[int, int]:
-        """Counts for what is asked of the axes, each on its side of its dead band.
+        """Return the counts for the axes' speeds, each on a given side of its dead band.
 
-        An axis without a side (0) rests at neutral; one that is asked for nothing on its side (1 or -1, by the sign of
-        its speed) waits at the last count that does not move it. By default an axis takes the side that it is asked
-        for, and none when that is less than half a count's worth.
+        An axis without a side (0) rests at neutral. An axis with a side (1 or -1, by the sign of its speed) but no speed
+        towards it waits at the last count that does not move it. By default the speed's sign gives the side, and a speed
+        of less than half a count gives none.
         """
         taken = (self._side(self.forward, v), self._side(self.turn, omega)) if sides is None else sides
         return self._counts(self.forward, v, taken[0]), self._counts(self.turn, omega, taken[1])
 
     def counts_from_wheel_speeds(self, speeds: WheelSpeeds) -> tuple[int, int]:
-        """Counts for wheel speeds [m/s]; see `DacModel`."""
+        """Return the counts for wheel speeds [m/s]; see `DacModel`."""
         twist = self.twist_from_wheel_speeds(speeds)
         refuse_unless_finite(speeds, twist.v, twist.omega)
         return self.counts_from_axis_speeds(*self.axis_speeds(twist))
@@ -143,7 +143,7 @@ class FittedDac(Settings):
         return WheelSpeeds(twist.v - half, twist.v + half)
 
     def twist_from_wheel_speeds(self, speeds: WheelSpeeds) -> Twist:
-        """Twist of the base at these wheel speeds [m/s]."""
+        """Return the base's twist [m/s, rad/s] at wheel speeds [m/s]."""
         return Twist(0.5 * (speeds.left + speeds.right), (speeds.right - speeds.left) / self.track)
 
     def volts_from_counts(self, forward: int, turn: int) -> tuple[float, float]:
@@ -180,18 +180,18 @@ class FittedDac(Settings):
 
 @dataclass(frozen=True, slots=True)
 class DeadBandSettings(Settings):
-    """What it takes to send an axis across its dead band."""
+    """Speeds at which an axis crosses its dead band."""
 
     enter_v: float = setting(0.010, "m/s", "speed asked for at which the forward axis leaves a side", low=0.0, high=0.2)
     enter_omega: float = setting(0.025, "rad/s", "as above, of the turn axis", low=0.0, high=0.5)
 
 
 class DeadBand:
-    """A `DacModel` that remembers on which side of its dead band each axis is, and does not hop across.
+    """A `DacModel` with hysteresis at each axis' dead band.
 
-    At a crawl a heading loop asks for a little left, a little right; each change of side would take the stick through
-    the whole dead band, a delay without any turning. Here an axis that is on one side waits at that side's edge, where
-    it does nothing, until the other side is asked for in earnest. Rest on both axes is neutral at once.
+    At a crawl a heading loop asks for small turns left and right in alternation. Each change of side would take the stick
+    through the whole dead band, a delay without any turning. So an axis waits at the present side's edge, where it does
+    nothing, until a larger speed to the other side is asked for. Rest on both axes is neutral at once.
     """
 
     def __init__(self, model: FittedDac, settings: DeadBandSettings | None = None) -> None:
@@ -205,7 +205,7 @@ class DeadBand:
         return self.model.counts_max
 
     def counts_from_wheel_speeds(self, speeds: WheelSpeeds) -> tuple[int, int]:
-        """Counts for wheel speeds [m/s], by the sides of the call before; see `DacModel`."""
+        """Return the counts for wheel speeds [m/s], given the sides of the call before; see `DacModel`."""
         model, s = self.model, self._settings
         if speeds == WheelSpeeds():
             self._sides = (0, 0)
@@ -230,7 +230,7 @@ class DeadBand:
 
 
 def _side_after(before: int, speed: float, enter: float) -> int:
-    """Side of an axis after this demand: the one it was on, unless another one is asked for in earnest."""
+    """Return an axis' side after a demand: the present side, unless the speed to the other one reaches `enter`."""
     if before * speed > 0.0 or abs(speed) < enter:
         return before
     return 1 if speed > 0.0 else -1

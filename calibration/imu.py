@@ -1,7 +1,7 @@
-"""Bias and noise of an inertial unit from a recording at rest.
+"""Bias and noise of an IMU from a recording at rest.
 
-The density of the white noise is what the Allan deviation shows at short times, where it falls with the root of the
-time; its least value is the instability of the bias (IEEE Std 952-1997, annex C).
+The Allan deviation at short times, where it falls with the root of the time, gives the density of the white noise; its
+least value gives the instability of the bias (IEEE Std 952-1997, annex C).
 """
 
 from __future__ import annotations
@@ -19,7 +19,7 @@ GRAVITY = 9.80665
 """Standard gravity [m/s^2]."""
 
 LEAST_S = 20.0
-"""Shortest recording."""
+"""s; shortest recording."""
 
 _MOST_GYRO = 0.02  # rad/s: means of parts of a recording at rest differ by less
 _MOST_ACCEL = 0.1  # m/s^2
@@ -29,7 +29,7 @@ _TO_INSTABILITY = 0.664  # sqrt(2 ln 2 / pi): least Allan deviation over the ins
 
 @dataclass(frozen=True, slots=True)
 class ImuCalibration(Settings):
-    """Biases about x, y and z, axes as base, and noise that is the worst of the three."""
+    """Biases of x, y and z, axes as base, and the worst axis' noise."""
 
     gyro_bias: tuple[float, float, float] = setting((0.0, 0.0, 0.0), "rad/s", "reading at rest")
     accel_bias: tuple[float, float, float] = setting((0.0, 0.0, 0.0), "m/s^2", "reading at rest, less gravity upwards")
@@ -40,9 +40,9 @@ class ImuCalibration(Settings):
 
 
 def imu_at_rest(samples: Sequence[ImuSample]) -> ImuCalibration:
-    """Biases and noise of a chair that stands on a level floor, its unit's axes as the base's.
+    """Return biases and noise from a recording on a level floor, the IMU's axes as the base's.
 
-    A floor that slopes, or a unit that is mounted askew, is taken for a bias of the accelerometer: 10 mm/m is 0.1 m/s^2.
+    A sloping floor or a tilted IMU is taken for a bias of the accelerometer: 10 mm/m is 0.1 m/s^2.
 
     Raises:
         ThinData: shorter than `LEAST_S`.
@@ -77,7 +77,7 @@ def imu_at_rest(samples: Sequence[ImuSample]) -> ImuCalibration:
 
 
 def allan_deviation(values: FloatArray, lengths: Sequence[int]) -> FloatArray:
-    """Overlapping Allan deviations (L, K) of K sequences (N, K), over means of so many samples each; 2 n <= N."""
+    """Return the overlapping Allan deviations (L, K) of K sequences (N, K) for averaging lengths n; 2 n <= N."""
     sums = np.vstack([np.zeros(values.shape[1]), np.cumsum(values - values.mean(axis=0), axis=0)])
     deviations = []
     for n in lengths:
@@ -87,7 +87,7 @@ def allan_deviation(values: FloatArray, lengths: Sequence[int]) -> FloatArray:
 
 
 def _noise(values: FloatArray, period: float) -> tuple[float, float]:
-    """Density of the white noise and instability of the bias, worst of the axes."""
+    """Return the density of the white noise and the instability of the bias, of the worst axis."""
     lengths = np.unique(np.geomspace(1, len(values) // 9, 40).astype(np.int64))
     deviations = allan_deviation(values, lengths.tolist())
     times = lengths * period

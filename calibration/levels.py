@@ -1,4 +1,4 @@
-"""The levels of a sweep, one axis at a time: where it begins to move, which way, and whether more stick means more."""
+"""The levels of a sweep, one axis at a time: dead band edges, direction and monotony."""
 
 from __future__ import annotations
 
@@ -13,14 +13,14 @@ from waychair.errors import CalibrationError, NotMonotone, ThinData
 from waychair.types import FloatArray
 
 MOVING = (0.015, 0.025)
-"""Mean speeds [m/s], [rad/s] of a hold above which the axis moves."""
+"""m/s, rad/s; an axis moves if a hold's mean speed is higher."""
 
-_FALLS = (0.05, 0.10)  # m/s, rad/s: less speed by this much than at a smaller level is no noise
+_FALLS = (0.05, 0.10)  # m/s, rad/s; a larger drop below the speed of a smaller level is not noise
 
 
 @dataclass(frozen=True, slots=True)
 class Level:
-    """One level of an axis alone: its volts, how often it was held, and the median speed [m/s] or [rad/s]."""
+    """One level of an axis alone: volts, number of holds, and median speed [m/s] or [rad/s]."""
 
     volts: float
     repetitions: int
@@ -29,10 +29,10 @@ class Level:
 
 @dataclass(frozen=True, slots=True)
 class SideLevels:
-    """One side of an axis as its levels show it, in volts beyond neutral and speeds, all positive.
+    """One side of an axis from its levels, in volts beyond neutral and speeds, all positive.
 
-    `direction` is 1 above neutral and -1 below; `sign` that of the speeds there. The axis rests at `still`, moves at
-    `moving`, begins in between, at `edge`, and was driven up to `farthest`; `gain` and `limit` are first guesses.
+    `direction` is 1 above neutral and -1 below; `sign` is that of the speeds there. The axis rests at `still` and moves
+    at `moving`; `edge` is half-way between. `farthest` is the farthest level; `gain` and `limit` are first guesses.
     """
 
     axis: int
@@ -47,13 +47,13 @@ class SideLevels:
 
 
 def refuse_creeping(log: DriveLog, neutral: tuple[float, float], near: float) -> None:
-    """Raises `CalibrationError` for a chair that never rests at its neutral, or is never there between its levels."""
+    """Raise `CalibrationError` if the chair moves at its neutral, or is never at neutral between its levels."""
     there = (np.abs(log.volts - np.asarray(neutral)) <= near).all(axis=1)
     leaving = np.flatnonzero(there[:-1] & ~there[1:])
     advice = "measure it again on the original stick at rest"
     if not len(leaving):
         raise CalibrationError(f"the chair is never at its neutral of {neutral[0]:.3f}, {neutral[1]:.3f} V: {advice}")
-    # With its sign, so that what is left of levels to either side, and noise, cancel out.
+    # Signed, so that noise and the last motion from levels to either side cancel out.
     creeping = np.median([log.twists[max(k - 4, 0) : k + 1].mean(axis=0) for k in leaving], axis=0)
     for axis, last in enumerate(np.abs(creeping).tolist()):
         if last > MOVING[axis]:
@@ -63,7 +63,7 @@ def refuse_creeping(log: DriveLog, neutral: tuple[float, float], near: float) ->
 
 
 def levels_of(holds: Holds, axis: int, neutral: tuple[float, float], near: float) -> tuple[Level, ...]:
-    """Levels of an axis (0 forward, 1 turn), rising by volts, from the holds whose other axis is `near` [V] neutral."""
+    """Return the levels of an axis (0 forward, 1 turn) by rising volts, from holds with the other axis `near` neutral."""
     other = 1 - axis
     alone = np.abs(holds.volts[:, other] - neutral[other]) <= near
     volts, speeds = holds.volts[alone, axis], holds.twists[alone, axis]
@@ -75,7 +75,7 @@ def levels_of(holds: Holds, axis: int, neutral: tuple[float, float], near: float
 
 
 def sides_of(levels: tuple[Level, ...], axis: int, neutral: float) -> tuple[SideLevels, SideLevels]:
-    """The sides above and below neutral.
+    """Return the sides of an axis above and below neutral.
 
     Raises:
         CalibrationError: the axis drives the same way on both sides.
@@ -135,7 +135,7 @@ def _refuse_falling(where: str, axis: int, beyond: FloatArray, amounts: FloatArr
 
 @dataclass(frozen=True, slots=True)
 class BlocksSettings(Settings):
-    """How a sweep on blocks is read."""
+    """Settings for reading a sweep on blocks."""
 
     measure_s: float = setting(0.5, "s", "last part of each hold that is averaged", low=0.1, high=10.0)
     min_levels: int = setting(10, "", "levels on each axis alone", low=4, high=1001)
@@ -143,7 +143,7 @@ class BlocksSettings(Settings):
 
 @dataclass(frozen=True, slots=True)
 class OnBlocks:
-    """What raised wheels tell of one axis: its direction and both dead bands [V]; nothing about speeds on the floor."""
+    """One axis as raised wheels show it: its direction and both dead bands [V], but no speeds on the floor."""
 
     neutral: float
     sign: int
@@ -154,9 +154,9 @@ class OnBlocks:
 def on_blocks(
     log: DriveLog, neutral: tuple[float, float], near: float, settings: BlocksSettings | None = None
 ) -> tuple[OnBlocks, OnBlocks]:
-    """Neutral, direction and dead bands of both axes from wheels that turn in the air.
+    """Return neutral, direction and dead bands of both axes from a sweep with raised wheels.
 
-    Their speeds carry no load and no ground, so they are only asked whether the wheels turn, and which way.
+    The speeds are without load and ground, so only motion and its direction are used.
 
     Raises:
         ThinData, NotMonotone, CalibrationError: as `sides_of` and `refuse_creeping`; fewer levels than `min_levels`.

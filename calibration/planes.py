@@ -1,4 +1,4 @@
-"""The largest planes in a depth image: samples of three points, and a fit to all that agree."""
+"""Detection of the largest planes in a depth image by RANSAC and least squares."""
 
 from __future__ import annotations
 
@@ -10,16 +10,16 @@ from waychair.types import BoolArray, Float32Array, FloatArray
 
 _TRIALS = 200
 _MOST_POINTS = 4000
-_FARTHEST = 5.0  # [m]: beyond it, the noise of depth cameras hides what is flat
-_TOLERANCE = 0.015  # [m] at no distance ...
-_TOLERANCE_FAR = 0.003  # [1/m] ... and per square metre of it
-_LEAST_PART = 0.08
+_FARTHEST = 5.0  # m; depth noise hides planes beyond it
+_TOLERANCE = 0.015  # m; a point's tolerance at zero depth ...
+_TOLERANCE_FAR = 0.003  # 1/m; ... and its growth with the squared depth
+_LEAST_PART = 0.08  # share of all points
 
 
 @dataclass(frozen=True, slots=True)
 class Plane:
-    """Unit normal (3,) with normal . X = distance > 0 [m] in the optical frame; `extent` (2, 3) [m]: corners of the box
-    round its points."""
+    """A plane normal . X = distance > 0 [m] with unit normal (3,), in the optical frame; `extent` (2, 3) [m] are the
+    corners of the box round its points."""
 
     normal: FloatArray
     distance: float
@@ -27,7 +27,7 @@ class Plane:
 
 
 def points_from_depth(depth: Float32Array, camera_matrix: FloatArray) -> FloatArray:
-    """(N, 3) [m] in the optical frame, of the pixels that have a depth."""
+    """Return the points (N, 3) [m] in the optical frame of all pixels with a depth."""
     rows, cols = np.nonzero(np.isfinite(depth) & (depth > 0.0))
     z = depth[rows, cols].astype(float)
     x = (cols - camera_matrix[0, 2]) / camera_matrix[0, 0] * z
@@ -38,7 +38,7 @@ def points_from_depth(depth: Float32Array, camera_matrix: FloatArray) -> FloatAr
 def planes_from_depth(
     depth: Float32Array, camera_matrix: FloatArray, rng: np.random.Generator, most: int = 4
 ) -> tuple[Plane, ...]:
-    """Up to `most` planes, the largest first, each of at least 8 % of the points (Fischler and Bolles, RANSAC, 1981)."""
+    """Return up to `most` planes, largest first, each with 8 % of the points or more (Fischler and Bolles, RANSAC, 1981)."""
     points = points_from_depth(depth, camera_matrix)
     points = points[points[:, 2] < _FARTHEST]
     if len(points) > _MOST_POINTS:
@@ -47,7 +47,7 @@ def planes_from_depth(
     planes: list[Plane] = []
     while len(planes) < most and len(points) >= least:
         on = _best_sample(points, rng)
-        for _ in range(3):  # the plane of all points that agree, and then of those that agree with that
+        for _ in range(3):  # refit to all points that agree with the last plane
             if on.sum() < least:
                 return tuple(planes)
             normal, distance = _fit(points[on])
@@ -79,7 +79,7 @@ def _agree(points: FloatArray, normal: FloatArray, distance: float) -> BoolArray
 
 
 def _fit(points: FloatArray) -> tuple[FloatArray, float]:
-    """Plane of least squares, each point by the inverse of its depth's variance, which grows with z^4."""
+    """Fit a plane by least squares, each point weighted by the inverse variance of its depth, which grows with z^4."""
     weights = 1.0 / np.maximum(points[:, 2], 0.3) ** 4
     middle = (weights[:, None] * points).sum(axis=0) / weights.sum()
     spread = (weights[:, None] * (points - middle)).T @ (points - middle)

@@ -1,7 +1,7 @@
-"""What the lidar sees of the chair itself and of its rider: legs, leg rests, a bag, learnt while the chair turns.
+"""The self-mask: lidar sectors that see the chair or its rider (legs, leg rests, a bag), learnt while the chair turns.
 
-Whatever moves with the chair stays at its angle and its range while everything else goes by. Only what lies within the
-chair's outline, or a hand's breadth beyond it, can be masked: a mask never hides a wall or a person standing off.
+Parts of the chair stay at their angle and range while everything else goes by. Only points within the footprint, or a
+hand's breadth beyond it, can be masked, so that a mask never hides a wall or a person farther off.
 """
 
 from __future__ import annotations
@@ -20,11 +20,11 @@ from waychair.types import BoolArray, FloatArray, Scan
 
 @dataclass(frozen=True, slots=True)
 class SelfMask(Settings):
-    """Sectors of the lidar's view that the chair itself takes up; by angle, so that they hold for any number of beams.
+    """Sectors of the lidar's view that see the chair itself, by angle, so that they hold for any number of beams.
 
-    Sector k is from `begins[k]` to `ends[k]` [rad, laser frame] and sees the chair within `reaches[k]` [m]. Its beams say
-    nothing at all. Beside it, as far as `margin`, those that end within the reach are trousers in the wind or a moved
-    knee, and say nothing either; the others pass.
+    Sector k is from `begins[k]` to `ends[k]` [rad, laser frame] and sees the chair within `reaches[k]` [m]. All its beams
+    are hidden. In the `margin` beside it, beams that end within the reach are hidden, too, because they may see loose
+    clothes or a moved knee; the others pass.
     """
 
     begins: tuple[float, ...] = setting((), "rad", "where each sector begins, ascending")
@@ -41,7 +41,7 @@ class SelfMask(Settings):
             raise ConfigError("a self-mask's sectors are impossible: angles must be finite and reaches above 0 m")
 
     def hides(self, scan: Scan) -> BoolArray:
-        """(N,) the beams of a scan that see the chair itself, or may."""
+        """Return a mask (N,) of a scan's beams that see, or may see, the chair itself."""
         angles = scan.angles()
         hidden = np.zeros(len(angles), bool)
         for begin, end, reach in zip(self.begins, self.ends, self.reaches, strict=True):
@@ -51,13 +51,13 @@ class SelfMask(Settings):
         return hidden
 
     def applied(self, scan: Scan) -> Scan:
-        """The scan, the beams invalid that this hides."""
+        """Return the scan with the hidden beams made invalid."""
         return replace(scan, ranges=np.where(self.hides(scan), np.float32(math.nan), scan.ranges))
 
 
 @dataclass(frozen=True, slots=True)
 class SelfMaskSettings(Settings):
-    """When a beam is taken to end on the chair itself."""
+    """Conditions for a beam to count as ending on the chair itself."""
 
     beyond: float = setting(0.15, "m", "own parts may stick out of the chair's outline by this", low=0.0, high=1.0)
     spread: float = setting(0.06, "m", "ranges of an own part stay within this, but for outliers", low=0.005, high=0.5)
@@ -72,20 +72,20 @@ class SelfMaskSettings(Settings):
 
 
 def learn_self_mask(scans: Sequence[Scan], body: ChairBody, settings: SelfMaskSettings | None = None) -> SelfMask:
-    """The mask of a lidar from scans of a chair that turns, the best a full circle, or drives about.
+    """Learn the mask of a lidar from scans of a chair that turns, at best a full circle, or drives about.
 
     Scans may differ in their number of beams.
 
     Raises:
         ThinData: there are too few scans, or the chair stood still.
-        CalibrationError: nearly all that the lidar sees is the chair.
+        CalibrationError: nearly all of the lidar's beams see the chair.
     """
     s = settings or SelfMaskSettings()
     if len(scans) < s.least_scans:
         raise ThinData(f"{len(scans)} scans are too few to tell the chair from a room: record {s.least_scans} or more")
     angles, ranges = _by_angle(scans)
     limits = outline_reach(angles, body, s.beyond)
-    near = (ranges <= limits) & ~np.isnan(ranges)  # -inf is too close to be anything else
+    near = (ranges <= limits) & ~np.isnan(ranges)  # -inf is so close that it must be the chair
     ends = np.maximum(ranges, 0.0)
     typical = _medians(ends, near)
     steady = near & (np.abs(ends - typical) <= s.spread)
@@ -96,13 +96,13 @@ def learn_self_mask(scans: Sequence[Scan], body: ChairBody, settings: SelfMaskSe
     if (share := float(own.mean())) > s.most:
         raise CalibrationError(f"{share:.0%} of the lidar's beams end on the chair itself: mount it where it sees more")
     farthest = np.where(near, ranges, -math.inf).max(axis=0) + s.slack
-    # Nothing but the chair is within its outline, so its parts' mixed readings, between them and a wall, are no room.
+    # The footprint holds nothing but the chair, so mixed pixels between its parts and a wall are the chair's, too.
     reaches = np.clip(farthest, np.maximum(outline_reach(angles, body, 0.0), s.slack), np.maximum(limits, s.slack))
     return _sectors(angles, own, reaches, s.margin)
 
 
 def _by_angle(scans: Sequence[Scan]) -> tuple[FloatArray, FloatArray]:
-    """Angles (N,) [rad] of the scan with the finest beams, and the ranges (S, N) of all scans at the nearest of theirs."""
+    """Return the angles (N,) [rad] of the finest scan, and the ranges (S, N) of all scans at their nearest beams."""
     finest = min(scans, key=lambda scan: abs(scan.angle_step))
     angles = np.sort(finest.angles())
     ranges = np.full((len(scans), len(angles)), np.nan)
@@ -114,7 +114,7 @@ def _by_angle(scans: Sequence[Scan]) -> tuple[FloatArray, FloatArray]:
 
 
 def _medians(values: FloatArray, chosen: BoolArray) -> FloatArray:
-    """(N,) median of the chosen values of each column of (S, N); 0 where none is."""
+    """Return the median (N,) of the chosen values of each column of (S, N); 0 if none is chosen."""
     ordered = np.sort(np.where(chosen, values, math.inf), axis=0)
     counts = chosen.sum(axis=0)
     columns = np.arange(values.shape[1])
@@ -126,9 +126,9 @@ def _medians(values: FloatArray, chosen: BoolArray) -> FloatArray:
 
 
 def outline_reach(angles: FloatArray, body: ChairBody, beyond: float) -> FloatArray:
-    """(N,) [m] how far from the laser the chair's outline, widened by `beyond`, ends at each angle.
+    """Return the distances (N,) [m] from the laser to the outline, grown by `beyond`, at each angle.
 
-    A laser that is mounted outside of that sees nothing of the chair within it: the limit is 0 there.
+    They are 0 where a laser mounted outside that outline looks away from it.
     """
     mount = body.base_from_laser
     x, y = np.cos(angles + mount.theta), np.sin(angles + mount.theta)
@@ -140,7 +140,7 @@ def outline_reach(angles: FloatArray, body: ChairBody, beyond: float) -> FloatAr
 
 
 def _refuse_standstill(ranges: FloatArray, own: BoolArray, s: SelfMaskSettings) -> None:
-    """The surroundings must have gone by: else a wall beside a parked chair would be taken for its rider."""
+    """Refuse scans of a parked chair, in which a wall beside it would be taken for its rider."""
     others = np.where(np.isfinite(ranges), ranges, np.nan)[:, ~own]
     told = others[:, (~np.isnan(others)).sum(axis=0) > 0.5 * len(ranges)]
     if not told.size:
@@ -153,7 +153,7 @@ def _refuse_standstill(ranges: FloatArray, own: BoolArray, s: SelfMaskSettings) 
 
 
 def _grown(own: BoolArray, sometimes: BoolArray, most: int) -> BoolArray:
-    """Own beams with those beside them, at most so many, that sometimes are."""
+    """Return the own beams extended by up to `most` neighbouring beams that sometimes see the chair."""
     grown = own.copy()
     for _ in range(most):
         beside = np.zeros_like(grown)
@@ -164,7 +164,7 @@ def _grown(own: BoolArray, sometimes: BoolArray, most: int) -> BoolArray:
 
 
 def _sectors(angles: FloatArray, own: BoolArray, reaches: FloatArray, margin: float) -> SelfMask:
-    """Runs of own beams as sectors that end half a beam beyond."""
+    """Return the runs of own beams as sectors that extend half a beam further."""
     edges = np.flatnonzero(np.diff(np.concatenate([[False], own, [False]]).astype(np.int8))).tolist()
     half = 0.5 * float(angles[1] - angles[0])
     runs = list(zip(edges[::2], edges[1::2], strict=True))

@@ -1,7 +1,7 @@
-"""How far a chair goes on after Stop, measured, and how fast it may therefore be driven.
+"""Measured stopping distances of a chair, and the highest speed that they permit.
 
-A chair that was never measured is held at a crawl. One that was may go as fast as it was measured, and no faster than
-lets it stop within the way that is free.
+A chair without measured stops may only crawl. A measured chair may drive up to the highest measured speed, but only as
+fast as it can stop within the free distance ahead.
 """
 
 from __future__ import annotations
@@ -17,17 +17,17 @@ from waychair.errors import CalibrationError, ThinData
 from waychair.types import FloatArray
 
 UNMEASURED_SPEED = 0.3
-"""Greatest speed [m/s] of a chair whose stops were not measured."""
+"""m/s; highest speed of a chair whose stops were not measured."""
 
 _AT_REST = (0.03, 0.06)  # m/s, rad/s
-_STEADY = (0.10, 0.20)  # m/s, rad/s: a speed that is held changes by less within half a second
-_SPINNING = 0.02  # m/s: slower than this, a chair only turns
-_BEGUN = 0.95  # part of the speed that is left when a stop begins to show
+_STEADY = (0.10, 0.20)  # m/s, rad/s; a held speed changes by less within half a second
+_SPINNING = 0.02  # m/s; a slower chair only turns
+_BEGUN = 0.95  # remaining share of the speed at which a stop's delay ends
 
 
 @dataclass(frozen=True, slots=True)
 class StopSettings(Settings):
-    """Which stops are measured, and the margin on the worst of them."""
+    """The stops to measure, and the margin on the worst of them."""
 
     slowest: float = setting(0.2, "m/s", "first speed", low=0.05, high=1.0)
     step: float = setting(0.2, "m/s", "between speeds", low=0.05, high=1.0)
@@ -40,7 +40,7 @@ class StopSettings(Settings):
 
 @dataclass(frozen=True, slots=True)
 class Stop:
-    """One stop: twist before it [m/s, rad/s], delay [s] to the first effect, way of the axle [m] and turn [rad] to rest."""
+    """One stop: twist before it [m/s, rad/s], delay [s] to the first effect, distance [m] and turn [rad] to rest."""
 
     v: float
     omega: float
@@ -51,9 +51,9 @@ class Stop:
 
 @dataclass(frozen=True, slots=True)
 class StopTable(Settings):
-    """Worst stops, margin included: `distances` [m] that any part of the chair goes on from `speeds` [m/s], rising.
+    """Worst stops with margin: `distances` [m] that any part of the chair needs to stop from `speeds` [m/s], rising.
 
-    `turn_angle` is how far it turns on from spinning at `turn_rate`; `delay_s` the worst delay.
+    `turn_angle` is the turn to rest from spinning at `turn_rate`; `delay_s` is the worst delay.
     """
 
     speeds: tuple[float, ...] = setting((), "m/s", "measured, of the axle")
@@ -73,7 +73,7 @@ class StopTable(Settings):
             raise CalibrationError("the table of stops holds a value that is not a positive number: measure again")
 
     def distance(self, speed: float) -> float:
-        """Worst way to rest [m] from a speed [m/s] in any direction, straight lines between the measured ones.
+        """Return the worst distance to rest [m] from a speed [m/s] in any direction, linear between measured speeds.
 
         Raises:
             CalibrationError: so fast a stop was never measured.
@@ -86,9 +86,9 @@ class StopTable(Settings):
 
 
 def permitted_speed(stops: StopTable | None, free_m: float = math.inf) -> float:
-    """Greatest speed [m/s] at which the chair stops within `free_m`; a crawl for a chair whose stops are unknown.
+    """Return the highest speed [m/s] at which the chair stops within `free_m`.
 
-    Without a table it is `UNMEASURED_SPEED` whatever is free: how far that chair goes on is not known.
+    Without a table it is `UNMEASURED_SPEED` for any `free_m`, because the stopping distance is unknown.
     """
     if stops is None:
         return UNMEASURED_SPEED
@@ -98,7 +98,7 @@ def permitted_speed(stops: StopTable | None, free_m: float = math.inf) -> float:
 
 
 def _strictly_rising(distances: tuple[float, ...], speeds: tuple[float, ...]) -> tuple[list[float], list[float]]:
-    """Where two speeds have one distance, the slower one is kept."""
+    """Return distances and speeds without repeated distances; the slowest speed of each is kept."""
     kept: list[tuple[float, float]] = []
     for distance, speed in zip(distances, speeds, strict=True):
         if not kept or distance > kept[-1][0]:
@@ -107,10 +107,10 @@ def _strictly_rising(distances: tuple[float, ...], speeds: tuple[float, ...]) ->
 
 
 def stop_from_motion(seconds: FloatArray, twists: FloatArray) -> Stop:
-    """One stop from speeds (N, 2) [m/s, rad/s] at `seconds` (N,), rising, of which 0 is the moment of Stop.
+    """Return one stop from twists (N, 2) [m/s, rad/s] at rising `seconds` (N,), of which 0 is the moment of Stop.
 
-    The delay ends when the speed, of turning for a spin, has lost 5 % of what it was in the last half second before; way
-    and turn are the integrals of the speeds from 0 on (trapezoids), the chair being at rest at the end.
+    The delay ends when the speed (for a spin the turn rate) has lost 5 % of its mean over the last half second before.
+    Distance and turn are the integrals of the twist from 0 on (trapezoids), until the chair is at rest.
 
     Raises:
         ThinData: nothing was measured before or after Stop, or the chair was not steady before or at rest after it.
@@ -140,10 +140,10 @@ def stop_from_motion(seconds: FloatArray, twists: FloatArray) -> Stop:
 
 
 def stop_table(stops: Iterable[Stop], corner_m: float, settings: StopSettings | None = None) -> StopTable:
-    """Worst case of measured stops plus the margin, for a chair whose farthest corner is `corner_m` [m] off its axle.
+    """Return the worst measured stops plus the margin, for a chair with its farthest corner `corner_m` [m] off its axle.
 
-    Every part of the chair must stop, so the turn of a stop counts as the corner's way. Speeds within 5 % are one row,
-    that of the slowest.
+    Every part of the chair must stop, so the turn of a stop counts as the corner's distance. Speeds within 5 % share a
+    row, at the slowest of them.
 
     Raises:
         ThinData: fewer than two speeds, or no spin.
@@ -174,10 +174,10 @@ def stop_table(stops: Iterable[Stop], corner_m: float, settings: StopSettings | 
 
 
 def stops_to_measure(settings: StopSettings, fastest: float) -> Iterator[tuple[float, float]]:
-    """Twists (v, omega) to stop from, at most `fastest` [m/s]: forward, in reverse, and turning to both sides.
+    """Yield twists (v, omega) to stop from, at most `fastest` [m/s]: forward, in reverse, and turning to both sides.
 
-    Each is followed by its opposite, which brings the chair back; not quite, in a curve, where turning stops before
-    driving does. So every other pair of curves begins in reverse.
+    Each is followed by its opposite, which brings the chair back. In a curve it does so only nearly, because turning
+    stops before driving does, so every other pair of curves begins in reverse.
     """
     fastest = min(settings.fastest, fastest)
     count = max(1, math.ceil((fastest - settings.slowest) / settings.step - 1e-9))

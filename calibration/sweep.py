@@ -1,7 +1,7 @@
-"""The drive that a calibration is fitted to: levels of the stick, there and back, each held until the chair has settled.
+"""The sweep that a calibration is fitted to: levels of the stick, each held until the chair has settled.
 
-Every level is driven with its opposite right after it, so that the chair ends about where it began: a sweep needs as
-much room as its fastest level takes to settle and be measured.
+Every level is followed by its opposite, so that the chair returns to about its start. A sweep needs the distance that its
+fastest level takes to settle and be measured.
 """
 
 from __future__ import annotations
@@ -21,11 +21,11 @@ from waychair.config import Settings, setting
 from waychair.errors import CalibrationError
 
 NEAR_NEUTRAL = 0.03
-"""An axis within so many volts of its measured neutral is at rest: every chair's dead band is wider."""
+"""V; an axis so near to its measured neutral is at rest, because every chair's dead band is wider."""
 
 
 class Sample(NamedTuple):
-    """One measurement of how fast the chair goes: ns, m/s, rad/s."""
+    """One measurement of the chair's speed: ns, m/s, rad/s."""
 
     stamp_ns: int
     v: float
@@ -33,22 +33,22 @@ class Sample(NamedTuple):
 
 
 class Drive(Protocol):
-    """A chair, real or simulated, whose lines can be held."""
+    """The interface to a chair, real or simulated, whose joystick lines can be held."""
 
     @property
     def now_ns(self) -> int:
         """Time, by the clock of the samples' stamps."""
 
     def hold(self, forward_volts: float, turn_volts: float, seconds: float) -> list[Sample]:
-        """Hold the lines at these volts for so long; the speeds that became known meanwhile, by rising stamps.
+        """Hold the lines at these volts for `seconds`; return the samples that arrived meanwhile, by rising stamps.
 
-        A sample may be of an earlier moment than it is known at, even of the hold before.
+        A late sample may belong to an earlier moment, even to the hold before.
         """
 
 
 @dataclass(frozen=True, slots=True)
 class SweepSettings(Settings):
-    """Which levels are driven, and with which converter."""
+    """The converter, and the levels to drive."""
 
     bits: int = setting(12, "", "resolution of the converter", low=8, high=16)
     volts_max: float = setting(3.3, "V", "output at the largest count", low=0.5, high=12.0)
@@ -67,11 +67,11 @@ def sweep(
     settings: SweepSettings | None = None,
     progress: Callable[[float], None] = lambda share: None,
 ) -> DriveLog:
-    """Drives the whole sweep about the measured neutral [V]: steps first, which tell how long each level settles.
+    """Drive the whole sweep about the measured neutral [V]; first steps show how long each level takes to settle.
 
     Raises:
-        CalibrationError: the converter does not reach around the neutral, the chair creeps there, or it does not answer to
-            a step.
+        CalibrationError: the converter's range about the neutral is too small, or the chair creeps at neutral.
+        ThinData: the chair does not answer to a step.
     """
     settings = settings or SweepSettings()
     runner = _Runner(drive, neutral, _reach(neutral, settings), settings)
@@ -90,7 +90,7 @@ def sweep(
 
 
 def _reach(neutral: tuple[float, float], settings: SweepSettings) -> float:
-    """Farthest from neutral [V] that the converter goes on both axes and to both sides."""
+    """Return the distance from neutral [V] that the converter reaches on both axes and to both sides."""
     low, high = settings.volts_min, settings.volts_max
     reach = min(settings.swing, *(volts - low for volts in neutral), *(high - volts for volts in neutral))
     if reach < 0.2:
@@ -102,10 +102,10 @@ def _reach(neutral: tuple[float, float], settings: SweepSettings) -> float:
 
 
 def _levels(settings: SweepSettings) -> Iterator[tuple[float, float]]:
-    """Parts of the swing on both axes; the opposite of each is driven with it.
+    """Yield the levels as shares of the swing on both axes; each is driven with its opposite.
 
-    Small and large levels and both axes take turns: motors that grow hot or a battery that sinks meanwhile then show as
-    noise, and not as a bend of the curve.
+    Small and large levels and both axes alternate, so that heating motors or a sinking battery show as noise and not as
+    a bend of the curve.
     """
     per_side = -(-settings.levels // 2)
     stride = next(k for k in range(max(1, round(0.618 * per_side)), 2 * per_side + 1) if math.gcd(k, per_side) == 1)
@@ -118,7 +118,7 @@ def _levels(settings: SweepSettings) -> Iterator[tuple[float, float]]:
     for forward in parts:
         for turn in parts:
             yield forward, turn
-            yield -forward, turn  # begun in reverse, for in a curve the way back is not quite the way there
+            yield -forward, turn  # begun in reverse, because in a curve the opposite level does not quite lead back
 
 
 def _settling_s(responses: list[StepResponse], fastest: list[float], forward: float, turn: float) -> float:
@@ -129,9 +129,9 @@ def _settling_s(responses: list[StepResponse], fastest: list[float], forward: fl
 
 
 class Recorder:
-    """A `Drive` that keeps what was put on the lines of another one, and what was measured.
+    """A `Drive` that records the volts on another drive's lines and its samples, so that an aborted sweep has a log.
 
-    So a drive that is broken off leaves its log behind. Volts are kept as counts of a converter.
+    Volts are kept as counts of a converter.
     """
 
     def __init__(self, drive: Drive, bits: int, volts_max: float, volts_min: float = 0.0) -> None:
@@ -143,7 +143,7 @@ class Recorder:
 
     @property
     def now_ns(self) -> int:
-        """The other one's time."""
+        """Time of the recorded drive."""
         return self._drive.now_ns
 
     def hold(self, forward_volts: float, turn_volts: float, seconds: float) -> list[Sample]:
@@ -154,7 +154,7 @@ class Recorder:
         return samples
 
     def log(self) -> DriveLog:
-        """All that was measured so far, each sample with the counts of its own moment."""
+        """Return the log so far, each sample with the counts of its own time."""
         began = np.array(self._began, np.int64).reshape(-1, 3)
         stamps = np.array([sample.stamp_ns for sample in self._samples], np.int64)
         held = np.maximum(np.searchsorted(began[:, 0], stamps, side="right") - 1, 0)
@@ -174,7 +174,7 @@ class Recorder:
 
 
 class _Runner:
-    """Puts levels, given in parts of the swing, on the lines, on counts of the converter."""
+    """Drives levels given as shares of the swing, at counts of the converter."""
 
     def __init__(self, drive: Drive, neutral: tuple[float, float], reach: float, settings: SweepSettings) -> None:
         self.recorder = Recorder(drive, settings.bits, settings.volts_max, settings.volts_min)
@@ -184,13 +184,13 @@ class _Runner:
         self.hold(0.0, 0.0, settings.rest_s)
 
     def pair(self, forward: float, turn: float, seconds: float) -> None:
-        """A level and its opposite, with a rest after each."""
+        """Drive a level and its opposite, with a rest after each."""
         for direction in (1.0, -1.0):
             self.hold(direction * forward, direction * turn, max(seconds, 2.0 * self._settings.measure_s))
             self.hold(0.0, 0.0, self._settings.rest_s)
 
     def hold(self, forward: float, turn: float, seconds: float) -> None:
-        """Hold a level for at least so long."""
+        """Hold a level for at least `seconds`."""
         low, most = self._settings.volts_min, 2**self._settings.bits - 1
         per_count = (self._settings.volts_max - low) / most
         volts = [

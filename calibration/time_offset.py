@@ -1,9 +1,9 @@
-"""By how much each sensor's stamps are late, found by comparing how it turns with how the gyro turns.
+"""Delays of the sensors' stamps, from the correlation of their turns with the gyro's.
 
-Lidar, encoders and camera all see the chair turn, each in its own way; the delay at which a sensor's turns agree best
-with the gyro's is the one of its stamps. This is the correlation of yaw rates (as in Furgale et al., Unified Temporal
-and Spatial Calibration for Multi-Sensor Systems, IROS 2013, which refines it further), but over turns between the
-sensor's own stamps, so that slow and irregular sensors lose nothing.
+Lidar, encoders and camera all measure the chair's turns. The delay of a sensor's stamps is the one at which its turns
+agree best with the gyro's. This is the correlation of yaw rates (as in Furgale et al., Unified Temporal and Spatial
+Calibration for Multi-Sensor Systems, IROS 2013, which refines it further), but over turns between the sensor's own
+stamps, so that slow and irregular sensors lose nothing.
 """
 
 from __future__ import annotations
@@ -24,14 +24,14 @@ from waychair.types import BoolArray, FloatArray, ImuSample, IntArray, Odometry,
 T = TypeVar("T")
 
 LEAST_TURNS = 40
-"""Fewest turns that tell a delay."""
+"""Fewest turns for a delay."""
 
-_LEAST_GRAVITY = 5.0  # [m/s^2]: an accelerometer that shows less is not there, and z is taken for up
+_LEAST_GRAVITY = 5.0  # m/s^2; with a smaller reading there is no accelerometer, and z counts as up
 
 
 @dataclass(frozen=True, slots=True)
 class SensorDelays(Settings):
-    """How much later than the gyro's the stamps of each sensor are; negative when they are early."""
+    """Delays of each sensor's stamps against the gyro's; negative if they are early."""
 
     lidar_ns: int = setting(0, "ns", "of scans", low=-1_000_000_000, high=1_000_000_000)
     wheels_ns: int = setting(0, "ns", "of encoder counts or wheel odometry", low=-1_000_000_000, high=1_000_000_000)
@@ -40,7 +40,7 @@ class SensorDelays(Settings):
 
 @dataclass(frozen=True, slots=True)
 class TimeOffsetSettings(Settings):
-    """Where a delay is looked for, and when it is believed."""
+    """The range of the search, and the conditions for accepting a delay."""
 
     earliest_s: float = setting(-0.25, "s", "least delay that is looked for", low=-1.0, high=0.0)
     latest_s: float = setting(0.25, "s", "greatest delay that is looked for", low=0.01, high=1.0)
@@ -54,9 +54,9 @@ class TimeOffsetSettings(Settings):
 
 @dataclass(frozen=True, slots=True)
 class Heading:
-    """How a sensor sees the chair turn: headings (N,) [rad, left positive, not wrapped] at stamps_ns (N,), ascending.
+    """A sensor's headings (N,) [rad, left positive, not wrapped] at ascending stamps_ns (N,).
 
-    Only differences count. A nan marks a break, across which nothing is known.
+    Only differences count. A nan marks a break; turns across it are unknown.
     """
 
     stamps_ns: IntArray
@@ -65,8 +65,8 @@ class Heading:
 
 @dataclass(frozen=True, slots=True)
 class TimeOffset:
-    """`delay_ns` of a sensor's stamps against the gyro's with its standard deviation, by how many turns it was told,
-    how well these agree with the gyro's (correlation), and the rms of what is left [rad]."""
+    """`delay_ns` of a sensor's stamps against the gyro's with its standard deviation, the number of turns, their
+    correlation with the gyro's, and the rms of the residuals [rad]."""
 
     delay_ns: int
     sigma_ns: int
@@ -76,23 +76,23 @@ class TimeOffset:
 
 
 def without_delay(message: T, delays: SensorDelays) -> T:
-    """The message of any sensor with the stamp that it should have had; the gyro's and others' stay as they are."""
+    """Return a sensor's message with its stamp corrected; messages of the gyro and others stay as they are."""
     late = _delay_of(message, delays)
     return dataclasses.replace(message, stamp_ns=message.stamp_ns - late) if late else message  # type: ignore[type-var, attr-defined]
 
 
 def apply_delays(messages: Iterable[T], delays: SensorDelays) -> tuple[T, ...]:
-    """Messages of all sensors with the stamps that they should have had, in the order of these."""
+    """Return the messages of all sensors with corrected stamps, sorted by them."""
     mended = [without_delay(message, delays) for message in messages]
     return tuple(sorted(mended, key=lambda message: message.stamp_ns))  # type: ignore[attr-defined]
 
 
 def heading_from_gyro(samples: Sequence[ImuSample]) -> Heading:
-    """The gyro's rate about the vertical, summed up; its bias does no harm.
+    """Return the integral of the gyro's rate about the vertical; the gyro's bias does not matter here.
 
-    The vertical is where the accelerometer points on average, so that the unit may be mounted in any attitude. A sample
-    is taken for the mean rate since the sample before; a gyro that gives the rate at its stamp instead shifts every
-    delay by half a sample, 2.5 ms at 200 Hz.
+    The accelerometer's mean gives the vertical, so that the IMU may be mounted in any attitude. A sample counts as the
+    mean rate since the sample before; a gyro that reports the rate at its stamp shifts every delay by half a sample,
+    2.5 ms at 200 Hz.
 
     Raises:
         ThinData: there are fewer than two samples with different stamps.
@@ -111,11 +111,11 @@ def heading_from_gyro(samples: Sequence[ImuSample]) -> Heading:
 
 
 def time_offset(heading: Heading, gyro: Heading, sensor: str, settings: TimeOffsetSettings | None = None) -> TimeOffset:
-    """The delay of a sensor's stamps at which its turns fit the gyro's best, but for a scale and a bias.
+    """Return the delay of a sensor's stamps at which its turns fit the gyro's best, up to a scale and a bias.
 
     Raises:
         ThinData: too few turns, or the yaw rate hardly changed.
-        CalibrationError: the turns do not agree at any delay, or only at one beyond those that are looked for.
+        CalibrationError: the turns agree at no delay, or only at one beyond the search range.
     """
     s = settings or TimeOffsetSettings()
     turns = _turns(heading, gyro, s)
@@ -154,7 +154,7 @@ def time_offset(heading: Heading, gyro: Heading, sensor: str, settings: TimeOffs
 
 @dataclass(frozen=True, slots=True)
 class _Turns:
-    """Turns (N,) [rad] from begin to end (N,) [s], the gyro's headings (M,) at times (M,), and how many overlap."""
+    """Turns (N,) [rad] from begin to end (N,) [s], the gyro's headings (M,) at times (M,), and the turns' overlap."""
 
     begin: FloatArray
     end: FloatArray
@@ -164,7 +164,7 @@ class _Turns:
     overlap: int
 
     def of_gyro(self, delay: float) -> FloatArray:
-        """(N,) [rad] what the gyro turned by meanwhile, if the stamps are late by `delay` [s]."""
+        """Return the gyro's turns (N,) [rad] over the same stretches, for stamps late by `delay` [s]."""
         at_end = np.interp(self.end - delay, self.times, self.headings)
         turned: FloatArray = at_end - np.interp(self.begin - delay, self.times, self.headings)
         return turned
@@ -174,18 +174,18 @@ class _Turns:
         return float(np.std(self.of_gyro(0.0) / (self.end - self.begin)))
 
     def residuals(self, delay: float) -> FloatArray:
-        """(N,) [rad] what is left of the turns after the best scale and bias of the gyro."""
+        """Return the residuals (N,) [rad] of the turns after the best scale and bias of the gyro."""
         model = np.stack([self.of_gyro(delay), self.end - self.begin], axis=1)
         left: FloatArray = self.turns - model @ np.linalg.solve(model.T @ model, model.T @ self.turns)
         return left
 
     def misfit(self, delay: float) -> float:
-        """Sum of their squares."""
+        """Return the sum of squared residuals."""
         residuals = self.residuals(delay)
         return float(residuals @ residuals)
 
     def only(self, chosen: BoolArray) -> _Turns:
-        """Some of them."""
+        """Return the chosen turns."""
         return dataclasses.replace(self, begin=self.begin[chosen], end=self.end[chosen], turns=self.turns[chosen])
 
 
@@ -198,7 +198,7 @@ def _delay_of(message: object, delays: SensorDelays) -> int:
 
 
 def _turns(heading: Heading, gyro: Heading, s: TimeOffsetSettings) -> _Turns:
-    """Turns over stretches of about `span_s`, from each stamp on, where the gyro covers them at any delay."""
+    """Return the turns over stretches of about `span_s` from each stamp on, if the gyro covers them at any delay."""
     times = (gyro.stamps_ns - gyro.stamps_ns[0]) * 1e-9
     seconds = (heading.stamps_ns - gyro.stamps_ns[0]) * 1e-9
     period = float(np.median(np.diff(seconds))) if len(seconds) > 1 else 0.0
@@ -213,7 +213,7 @@ def _turns(heading: Heading, gyro: Heading, s: TimeOffsetSettings) -> _Turns:
 
 
 def _best(turns: _Turns, s: TimeOffsetSettings) -> float:
-    """Delay [s] of the least misfit: the best of a grid, refined between its neighbours (bounded search by Brent)."""
+    """Return the delay [s] of the least misfit: the best of a grid, refined between its neighbours (Brent's method)."""
     grid = np.arange(s.earliest_s, s.latest_s + 0.5 * s.step_s, s.step_s)
     best = float(grid[np.argmin([turns.misfit(float(delay)) for delay in grid])])
     bounds = (best - s.step_s, best + s.step_s)
@@ -221,10 +221,10 @@ def _best(turns: _Turns, s: TimeOffsetSettings) -> float:
 
 
 def _sigma(turns: _Turns, delay: float, rms: float, s: TimeOffsetSettings) -> float:
-    """Standard deviation [s] by the misfit's curvature, at most the width of the search.
+    """Return the standard deviation [s] from the misfit's curvature, at most the width of the search.
 
-    Stretches that overlap count as one, as if what is left of them were wholly alike: right where a sensor's heading
-    wanders, too large where it is merely noisy.
+    Overlapping stretches count as one, as if their residuals were equal. That is right if a sensor's heading drifts, and
+    too large if it is merely noisy.
     """
     step = 0.5 * s.step_s
     curvature = (turns.misfit(delay + step) - 2.0 * turns.misfit(delay) + turns.misfit(delay - step)) / step**2

@@ -1,10 +1,10 @@
-"""Radius of each drive wheel and the effective track, from a driven path whose poses are known.
+"""Radius of each drive wheel and the effective track, from a driven path with known poses.
 
-Two linear least-squares problems in turn (Antonelli, Chiaverini and Fusco, A calibration method for odometry of mobile
-robots based on the least-squares technique, IEEE T-RO 2005). The turn over a stretch is linear in radius over track of
-either wheel; once these two are known, the way is linear in the track. As in UMBmark (Borenstein and Feng, Measurement
-and correction of systematic odometry errors in mobile robots, IEEE T-RA 1996), a square must be driven both ways round:
-one way alone, unequal wheels and a wrong track look alike.
+These are two linear least-squares problems in turn (Antonelli, Chiaverini and Fusco, A calibration method for odometry of
+mobile robots based on the least-squares technique, IEEE T-RO 2005). The turn over a stretch is linear in radius over
+track of either wheel; with these two known, the distance is linear in the track. As in UMBmark (Borenstein and Feng,
+Measurement and correction of systematic odometry errors in mobile robots, IEEE T-RA 1996), a square must be driven both
+ways round, because one way alone cannot tell unequal wheels from a wrong track.
 """
 
 from __future__ import annotations
@@ -26,7 +26,7 @@ _COUNTS = 2**32
 
 @dataclass(frozen=True, slots=True)
 class WheelCalibration(Settings):
-    """Radii and track as they act, and how well they explain the poses."""
+    """Effective radii and track, and the rms of the poses' residuals."""
 
     left_radius: float = setting(0.165, "m", "left drive wheel", low=0.02, high=0.6)
     right_radius: float = setting(0.165, "m", "right drive wheel", low=0.02, high=0.6)
@@ -41,13 +41,13 @@ class WheelCalibration(Settings):
 
 
 def wheels_from_drive(ticks: IntArray, poses: FloatArray, ticks_per_turn: int) -> WheelCalibration:
-    """Wheels from encoder counts (N, 2), left and right, wrapping at 32 bits, at the poses (N, 3) of the base.
+    """Fit the wheels to encoder counts (N, 2), left and right, wrapping at 32 bits, at the poses (N, 3) of the base.
 
-    Between two neighbours the chair must turn by less than half a turn; about 0.5 s apart is best.
+    The chair must turn by less than half a turn between neighbours; about 0.5 s apart is best.
 
     Raises:
-        ThinData: too short a way, or too little turning to either side.
-        CalibrationError: the answer is no wheel of a chair: counts and poses do not belong together.
+        ThinData: too short a distance, or too little turning to either side.
+        CalibrationError: the result is impossible for a chair, because counts and poses do not belong together.
     """
     steps = (np.diff(ticks, axis=0) + _COUNTS // 2) % _COUNTS - _COUNTS // 2
     turned = steps * (2.0 * np.pi / ticks_per_turn)
@@ -56,7 +56,7 @@ def wheels_from_drive(ticks: IntArray, poses: FloatArray, ticks_per_turn: int) -
     _refuse_thin(way, turns)
     over_track, *_ = np.linalg.lstsq(np.stack([-turned[:, 0], turned[:, 1]], axis=1), turns, rcond=None)
     expected = -turned[:, 0] * over_track[0] + turned[:, 1] * over_track[1]
-    # With the true turn each stretch is an arc; its chord is (sum of both wheels) / 2 times the track.
+    # With the true turn each stretch is an arc, whose chord is (sum of both wheels) / 2 times the track.
     half = 0.5 * expected
     chord = 0.5 * (turned @ over_track) * np.sinc(half / np.pi)
     heading = poses[:-1, 2] + half
