@@ -113,7 +113,7 @@ def poses_from_scans(
 
 
 def reckoned(body: ChairBody, ticks: Sequence[WheelTicks]) -> tuple[IntArray, list[Pose2], list[Twist]]:
-    """Return stamps (N,), poses since the first reading, and twists, by dead reckoning with nominal wheels and track."""
+    """Return stamps (N,), poses since the first reading, and twists: dead reckoning with nominal wheels and track."""
     meter, pose = EncoderSpeeds(body), Pose2()
     stamps, poses, twists = [ticks[0].stamp_ns], [pose], [Twist()]
     for before, reading in pairwise(ticks):
@@ -194,8 +194,8 @@ def views_of_planes(
 ) -> tuple[PlaneView, ...]:
     """Return the planes that camera and lidar both see: walls with the beams that hit them, and the floor.
 
-    `nominal` is `camera_from_laser` by tape measure. A beam belongs to a wall if it ends near the part of this wall that
-    the camera saw, and near no other wall. No beam ends on the floor, but the laser's height above it is known.
+    `nominal` is `camera_from_laser` by tape measure. A beam belongs to a wall if it ends near the part that the camera
+    saw of it, and near no other wall. No beam ends on the floor, but the laser's height above it is known.
     """
     points = _beam_ends(scan)
     planes = planes_from_depth(frame.depth, frame.camera_matrix, np.random.default_rng(seed))

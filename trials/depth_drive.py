@@ -1,4 +1,4 @@
-"""A simulated drive as a mapper gets it: frames with scans, and the camera's pictures between them."""
+"""A simulated drive for the mapper: frames with scans, and the camera's pictures between them."""
 
 from __future__ import annotations
 
@@ -32,12 +32,12 @@ def drive_with_pictures(
     body: ChairBody = CHAIR_A,
     until_ns: int | None = None,
 ) -> Trajectory:
-    """Drives along `route` (N, 2) [m, map], or until a time, and returns the truth, in map, at each scan.
+    """Drive along `route` (N, 2) [m, map], at most until `until_ns`, and return the true pose in map at each scan.
 
-    `take` gets each frame and each picture, in the order of time; pictures are `size`, columns and rows.
+    `take` receives each frame and each picture in time order. `size` is (columns, rows) of a picture.
 
     Raises:
-        WorldError: the chair touched something on the way.
+        WorldError: the chair touched something.
         MissingExtra: this machine cannot render pictures.
     """
     simulator, frames = simulator_with_pictures(world, body, camera_hz, size, seed), FrameGathering()
@@ -57,7 +57,7 @@ def drive_with_pictures(
 def simulator_with_pictures(
     world: World, body: ChairBody, camera_hz: float, size: tuple[int, int], seed: int
 ) -> Simulator:
-    """A chair with lidar, wheels, IMU and a camera, whose pictures are `size`, columns and rows.
+    """Return a simulator of a chair with lidar, wheels, IMU and a camera; `size` is (columns, rows) of a picture.
 
     Raises:
         MissingExtra: this machine cannot render pictures.
@@ -73,9 +73,9 @@ def simulator_with_pictures(
 
 
 def with_hazards(world: World, seed: int, spacing: float = 4.0) -> World:
-    """The world with things beside its mapping route that lidars do not see: low boxes, shelves and pits, in turn.
+    """Return the world with low boxes, shelves and pits, in turn, beside its mapping route; lidars do not see them.
 
-    One stands every `spacing` [m] or so where there is room, well clear of the way of the chair and of its turns.
+    One stands about every `spacing` [m] where there is free space, clear of the chair's path and of its turns.
     """
     rng, route = np.random.default_rng(seed), np.concatenate([[[world.start.x, world.start.y]], world.route()])
     blocks, pits, cells = list(world.blocks), list(world.pits), world.grid.cells.copy()
@@ -108,7 +108,7 @@ def with_hazards(world: World, seed: int, spacing: float = 4.0) -> World:
 
 
 def _to_leg(point: FloatArray, start: FloatArray, end: FloatArray) -> float:
-    """Distance [m] of a point (2,) from a straight leg."""
+    """Return the distance [m] of a point (2,) from a segment."""
     along = end - start
     part = np.clip((point - start) @ along / max(float(along @ along), 1e-12), 0.0, 1.0)
     return math.dist(point, start + part * along)

@@ -1,4 +1,4 @@
-"""What a map misses of the things that a chair can touch, and what it makes up, by the world it was made of."""
+"""Score a map with depth against its true world: the obstacles that it misses and the false ones that it holds."""
 
 from __future__ import annotations
 
@@ -16,19 +16,19 @@ from waychair.simulation.world import World
 from waychair.types import BoolArray, FloatArray, OccupancyGrid, Pose2
 
 LEAST = 0.06
-"""Height [m] from which on something on the floor counts as in the way."""
+"""Lower objects on the floor [m] do not count as obstacles."""
 
 NEAR = 0.10
-"""A mapped cell this near [m] to something that is there is right."""
+"""A mapped cell within this distance [m] of a real object is right."""
 
 
 @dataclass(frozen=True, slots=True)
 class DepthScore:
-    """Of the things that the camera had in view: how many the map misses, low and overhanging ones, of how many.
+    """Counts of the low and overhanging objects that the camera viewed, and of those among them that the map misses.
 
-    The shares are those of cells in view that are occupied in the map: of these things, which a camera sees from one
-    side, and of pits; 1 where there are none. `false_cells` are occupied cells of the map that lie away from
-    everything, of `cells`.
+    `thing_share` and `drop_share` are the shares of viewed cells that are occupied in the map, of objects (which a
+    camera sees from one side) and of pits; 1 without any. `false_cells` of the map's `cells` occupied cells lie away
+    from every object.
     """
 
     low_missed: int
@@ -44,11 +44,11 @@ class DepthScore:
 def depth_score(
     grid: OccupancyGrid, world: World, true_from_map: Pose2, way: FloatArray, body: ChairBody
 ) -> DepthScore:
-    """A map against the blocks and pits of its world.
+    """Compare a map with the blocks and pits of its world.
 
-    A thing is low if it ends below the lidar's plane, overhanging if it begins above it and below the rider's head. It
-    counts if `_FEWEST` of its cells were before the camera on the true `way` (N, 3) [m, m, rad, world], and is missed if
-    none of these, nor a cell beside it, is occupied in the map.
+    An object is low if it ends below the lidar's plane, overhanging if it begins above this plane and below the rider's
+    head. It counts if the camera viewed `_FEWEST` of its cells on the true path `way` (N, 3) [m, m, rad, world]. It is
+    missed if none of these cells, nor a cell beside them, is occupied in the map.
     """
     counts = {"low": [0, 0], "overhanging": [0, 0]}
     lenses = compose(way, np.array([body.camera_x, body.camera_y, body.camera_yaw]))
@@ -70,19 +70,19 @@ def depth_score(
     return DepthScore(low_missed, low, over_missed, over, shares[0], shares[1], wrong, cells)
 
 
-_NEAREST, _FARTHEST, _HALF_VIEW = 1.75, 3.2, 0.5  # [m, m, rad] from the lens: where ground is well seen
-_FEWEST = 8  # cells of a thing in view
+_NEAREST, _FARTHEST, _HALF_VIEW = 1.75, 3.2, 0.5  # [m, m, rad] from the lens: limits of the well visible ground
+_FEWEST = 8  # viewed cells of an object that counts
 
 
 def _kind(block: Block, laser_z: float) -> str | None:
-    """Low, overhanging, or neither: seen by the lidar, or above and below everybody."""
+    """Return "low", "overhanging", or None for a block that the lidar sees or that cannot touch the chair."""
     if LEAST <= block.high < laser_z and block.low >= 0.0:
         return "low"
     return "overhanging" if laser_z < block.low < TALLEST else None
 
 
 def _seen_cells(world: World, thing: Block | Pit, lenses: FloatArray, tall: Sequence[Block]) -> FloatArray:
-    """(N, 2) [m] middles of the cells of a footprint that were before a lens (M, 3), with nothing tall between."""
+    """Return the centres (N, 2) [m] of an object's cells that a lens pose of (M, 3) viewed past all tall blocks."""
     cells, _ = cells_in(world.grid, thing.middle, thing.length, thing.width)
     points = points_from_cells(world.grid, cells) if len(cells) else np.empty((0, 2))
     seen = np.zeros(len(points), np.bool_)
@@ -96,20 +96,20 @@ def _seen_cells(world: World, thing: Block | Pit, lenses: FloatArray, tall: Sequ
 
 
 def _hidden(eye: FloatArray, point: FloatArray, tall: Sequence[Block]) -> bool:
-    """Whether a tall block stands on the way from the eye to a point."""
+    """Return whether a tall block hides a point from the eye."""
     along = eye + np.linspace(0.0, 0.98, 40)[:, None] * (point - eye)
     return any(_within(block, along).any() for block in tall)
 
 
 def _within(thing: Block | Pit, points: FloatArray, margin: float = 0.0) -> BoolArray:
-    """(N,) whether points (N, 2) [m] lie in a footprint, or so near to it [m]."""
+    """Return (N,) whether points (N, 2) [m] lie within `margin` [m] of an object's rectangle."""
     local = np.abs(transform_points(thing.middle.inverse(), points)) - [thing.length / 2, thing.width / 2]
     result: BoolArray = np.hypot(*np.maximum(local, 0.0).T) <= margin + 1e-9
     return result
 
 
 def _share(grid: OccupancyGrid, true_from_map: Pose2, points: FloatArray) -> float:
-    """Share of points (N, 2) [m, world] whose cell in the map, or one beside it, is occupied."""
+    """Return the share of points (N, 2) [m, world] whose map cell, or a neighbour of it, is occupied."""
     thick = np.pad(occupied(grid), 1)
     thick = np.logical_or.reduce(
         [thick[i : i + grid.cells.shape[0], j : j + grid.cells.shape[1]] for i, j in np.ndindex(3, 3)]
@@ -120,7 +120,7 @@ def _share(grid: OccupancyGrid, true_from_map: Pose2, points: FloatArray) -> flo
 
 
 def _made_up(grid: OccupancyGrid, world: World, true_from_map: Pose2) -> tuple[int, int]:
-    """Occupied cells of the map away from all that stands or hangs at the chair's heights, and all of them."""
+    """Return the counts of the map's occupied cells: away from every object at the chair's heights, and all."""
     points = transform_points(true_from_map, occupied_points(grid))
     things: list[Block | Pit] = [each for each in world.blocks if each.low < TALLEST and each.high > LEAST]
     things += world.pits

@@ -1,6 +1,6 @@
-"""A chair in a simulator drives to places, one after the other; everything that a report or a score needs is kept.
+"""Drives of a complete chair in a simulator to places, one after the other, with records for reports and scores.
 
-Between the chair and the simulated lines stands the shipped firmware as a program: what drives here is what would.
+The shipped firmware runs as a program between the chair and the simulated lines, so the real software drives here.
 """
 
 from __future__ import annotations
@@ -34,26 +34,26 @@ from waychair.types import FloatArray, Goal, JoystickInput, OccupancyGrid, Place
 
 TICK_NS = round(1e9 / COMMAND.rate_hz)
 BEAT_NS = 10_000_000
-"""The board is kept company this often; a tick is a whole number of them."""
+"""Period of the heartbeats to the board; a tick is a whole number of them."""
 
 _STANDING = 0.01
-"""Sum of speed and turning [m/s, rad/s] below which a chair stands."""
+"""A chair stands when the sum of its speed and turn rate [m/s, rad/s] is below this."""
 
 Heard = Callable[[tuple[SensorMessage, ...], ChairState], None]
-"""Told of each tick's messages and what came of them, once it is over."""
+"""A callback after each tick, with the tick's messages and the chair's state."""
 
 READY_S = 5.0
-"""A chair that was switched on has heard of its board, its lidar and its place by then."""
+"""Within this time after start the chair has a board, a lidar and a pose."""
 
 
 @dataclass(frozen=True, slots=True)
 class Leg:
-    """One drive to a place.
+    """The record of one drive to a place.
 
-    `reached`: the chair says so and, by the truth, stands within the place's tolerances, `error_m` and `error_rad`
-    away. `planned` (N, 3) is the first path, `truth` (T, 3) the way driven, `estimate` (T, 3) where the chair believed
-    to be, all in map; `times_s` (T,), `volts` (T, 2) of the forward and turn lines (those of a released line are the
-    neutral), `commands` (T, 2) [m/s, rad/s], `clearance` (T,) [m] from the outline to the nearest wall.
+    `reached`: the chair reports its arrival and truly stands within the place's tolerances. `error_m` and `error_rad`
+    are the true errors. `planned` (N, 3) is the first path, `truth` (T, 3) the path driven, `estimate` (T, 3) the
+    estimated poses, all in map. `times_s` (T,), `volts` (T, 2) of the forward and turn lines (neutral for a released
+    line), `commands` (T, 2) [m/s, rad/s], `clearance` (T,) [m] from the footprint to the nearest wall.
     """
 
     place: str
@@ -74,26 +74,26 @@ class Leg:
 
     @property
     def distance_m(self) -> float:
-        """Way driven [m]."""
+        """The distance driven [m]."""
         return float(np.hypot(*np.diff(self.truth[:, :2], axis=0).T).sum())
 
     @property
     def duration_s(self) -> float:
-        """Time from the goal to the end [s]."""
+        """The time from the goal's request to the end [s]."""
         return float(self.times_s[-1] - self.times_s[0])
 
     @property
     def localisation_error_m(self) -> float:
-        """Root mean square distance of the believed to the true position [m]."""
+        """The root mean square error of the estimated position [m]."""
         return float(np.sqrt((np.hypot(*(self.truth - self.estimate)[:, :2].T) ** 2).mean()))
 
 
 @dataclass(frozen=True, slots=True)
 class Setting:
-    """What a drive takes place in: the map the chair knows, its places, the chair, and `map_from_world` of the truth.
+    """The setting of a drive: the chair's map with its places, the chair, and `map_from_world` of the true poses.
 
-    `stops` None: as the simulated chair's are; a chair whose stops were not measured crawls. `zones` are the map's,
-    `scanned` is the map as a lidar sees it, where that is another.
+    `stops` None: measured on the simulated chair (a chair without measured stops crawls). `zones` are the map's.
+    `scanned` is the map as the lidar sees it, if it differs from `grid`.
     """
 
     grid: OccupancyGrid
@@ -115,14 +115,14 @@ def drive_to_places(
     progress: Callable[[float], None] | None = None,
     box: Path | None = None,
 ) -> tuple[Leg, ...]:
-    """Drives to the named places in turn, each leg at most `time_limit_s` of simulated time.
+    """Drive to the named places in turn, for at most `time_limit_s` of simulated time each.
 
-    `box`: folder of the black box that logs it, for `waychair why`.
+    `box`: folder of a black box that logs the drive, for `waychair why`.
 
     Raises:
         BoxError: the black box cannot be written, or another program writes it.
         UnknownPlace: a goal is not among the places.
-        BoardBuildError: the firmware cannot be built here, for want of a C compiler.
+        BoardBuildError: the firmware cannot be built: no C compiler.
     """
     legs = []
     with black_box(setting, box) as watcher, chair_in(setting, simulator, watcher) as chair:
@@ -134,7 +134,7 @@ def drive_to_places(
 
 
 def black_box(setting: Setting, folder: Path | None) -> AbstractContextManager[BlackBox | None]:
-    """The black box of a chair in a setting; none without a folder."""
+    """Return the black box of the setting's chair, or a null context without a folder."""
     if folder is None:
         return nullcontext()
     return BlackBox(folder, About(setting.chair, calibration_of(setting), setting.places))
@@ -148,13 +148,13 @@ def chair_in(
     tapped: Callable[[Transport], Transport] = lambda transport: transport,
     told: bool = True,
 ) -> Iterator[Chair]:
-    """A chair where the simulated one stands, cabled to a board that is wired into it for as long as the block lasts.
+    """Yield a chair at the simulated chair's place, connected to a board that drives the simulator during the block.
 
-    `watcher` looks on; see `Chair`. `tapped` may put something into the cable. The chair is `told` where it stands, or
-    has to find out.
+    `watcher`: see `Chair`. `tapped` may wrap the cable's transport. The chair is `told` its start pose or has to
+    relocalise.
 
     Raises:
-        BoardBuildError: the firmware cannot be built here, for want of a C compiler.
+        BoardBuildError: the firmware cannot be built: no C compiler.
     """
     start = setting.map_from_world @ simulator.truth()
     with HostBoard(board_program(), board_settings(setting)) as board:
@@ -178,23 +178,23 @@ def chair_in(
 
 
 def calibration_of(setting: Setting) -> ChairCalibration:
-    """What would be in the chair's file."""
+    """Return the content of the chair's calibration file."""
     return simulated_calibration(setting.body, setting.stops)
 
 
 def begin(simulator: Simulator, chair: Chair, goal: Goal) -> None:
-    """Ask for a goal and confirm it, once the chair is ready; one that is not within `READY_S` drops the goal."""
+    """Wait at most `READY_S` until the chair is ready, then request and confirm a goal; an unready chair drops it."""
     for _ in range(round(READY_S * COMMAND.rate_hz)):
         if chair.ready:
             break
-        messages = advance_tick(simulator, chair)  # first, or the chair's clock would be a tick behind its sensors
+        messages = advance_tick(simulator, chair)  # before the step, else the chair's clock is a tick late
         chair.step(simulator.now_ns, messages)
     chair.go(goal)
     chair.confirm()
 
 
 def board_settings(setting: Setting) -> BoardSettings:
-    """The board that belongs to a chair: its name, joystick family, converter, and the rider's way of taking over."""
+    """Return the board's settings for a chair: name, joystick family, converter, and the rider's override."""
     supervisor = setting.chair.supervisor
     return BoardSettings(
         chair_id=setting.body.chair_id,
@@ -207,7 +207,7 @@ def board_settings(setting: Setting) -> BoardSettings:
 
 
 def advance_tick(simulator: Simulator, chair: Chair) -> tuple[SensorMessage, ...]:
-    """The messages of one tick, during which the board is kept company."""
+    """Advance the simulator by one tick with heartbeats to the board, and return the tick's messages."""
     messages: list[SensorMessage] = []
     for _ in range(TICK_NS // BEAT_NS):
         chair.beat(simulator.now_ns)
@@ -217,7 +217,7 @@ def advance_tick(simulator: Simulator, chair: Chair) -> tuple[SensorMessage, ...
 
 @dataclass(frozen=True, slots=True)
 class Found:
-    """How long [s] and how far [m] a rider drove until the chair knew where it was; whether it ever did."""
+    """Whether the chair localised itself, and how long [s] and far [m] the rider drove until then."""
 
     found: bool
     seconds: float
@@ -227,10 +227,10 @@ class Found:
 def find_itself(
     simulator: Simulator, chair: Chair, follower: Follower, heard: Heard = lambda messages, state: None
 ) -> Found:
-    """A rider drives along a route by joystick until the chair knows where it is, and lets it come to rest.
+    """Let a rider drive along a route by joystick until the chair has localised itself, then stop.
 
     Raises:
-        WorldError: the chair touched something on the way, or made no way for a minute.
+        WorldError: the chair touched something, or made no progress for a minute.
     """
     began_ns, metres, last = simulator.now_ns, 0.0, simulator.truth()
     progress = Progress(simulator)
@@ -262,7 +262,7 @@ def drive_leg(
     time_limit_s: float = 300.0,
     heard: Heard = lambda messages, state: None,
 ) -> Leg:
-    """Drives to one named place; see `drive_to_places`."""
+    """Drive to one named place; see `drive_to_places`."""
     begin(simulator, chair, Goal(goal))
     began_ns, contacts = simulator.now_ns, simulator.contacts
     states: list[ChairState] = []

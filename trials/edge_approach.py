@@ -1,7 +1,7 @@
-"""A rider drives along edges of the floor while the chair maps: is each edge in the grid before the wheels come to it?
+"""A rider drives near drop-offs while the chair maps: is each drop-off in the grid before the wheels come near it?
 
-The worlds are those of the edges that a chair drives by itself (`trials.hazards`): a pit ahead, a stairwell beside the
-chair that turns round its corner, a stairwell behind a chair that backs out of a booth.
+The worlds are those of `hazards`, where the chair drives by itself: a pit ahead, a stairwell beside a chair that turns
+round its corner, a stairwell behind a chair that backs out of a booth.
 """
 
 from __future__ import annotations
@@ -37,20 +37,21 @@ from waychair.types import (
 )
 
 NEAR = 0.35
-"""An edge that is so near [m] to the outline has to be in the grid: an emergency stop at 0.6 m/s takes 0.3 m."""
+"""A drop-off within this distance [m] of the footprint must be in the grid: stopping from 0.6 m/s takes 0.3 m."""
 
-_KEPT = 0.2  # [m] that the rider leaves between the outline and the edge
+_KEPT = 0.2  # [m] between the footprint and the drop-off that the rider keeps
 _BACKING = 0.25  # [m/s]
 _SIZE, _CAMERA_HZ = (320, 240), 5.0
-_CLOSE = 0.15  # [m] from an edge, an occupied cell shows it: that much is kept free round edges anyway
+_CLOSE = 0.15  # [m]: an occupied cell this near marks a drop-off; the chair keeps more distance anyway
 _TICK_NS = 50_000_000
 
 
 @dataclass(frozen=True, slots=True)
 class EdgeApproach:
-    """How a drive went: `points` of edges, 5 cm apart, came nearer than `NEAR` to the outline; so many were `known` then.
+    """The result of a drive near drop-offs.
 
-    `nearest_m` [m]: how near the outline came to an edge.
+    `points`, 5 cm apart on the rims, came within `NEAR` of the footprint; `known` of them were in the grid by then.
+    `nearest_m` [m]: least distance from the footprint to a rim.
     """
 
     where: str
@@ -61,7 +62,7 @@ class EdgeApproach:
 
 
 def approach_edge(where: str, seed: int, camera: bool = True) -> EdgeApproach:
-    """Drives up to, along or back to an edge; `where`: ahead, beside or behind. `camera`: its pictures are mapped, too.
+    """Drive up to, along or back to a drop-off; `where`: ahead, beside or behind. `camera`: map its pictures, too.
 
     Raises:
         WorldError: the rider ran into something.
@@ -90,7 +91,7 @@ def approach_edge(where: str, seed: int, camera: bool = True) -> EdgeApproach:
 
 
 def _drive(where: str, simulator: Simulator, goal: Pose2) -> Iterator[SensorMessage]:
-    """The rider's drive: forwards along a route, and then backwards where the edge is behind."""
+    """Yield the messages of the rider's drive: forward along a route, then in reverse if the drop-off is behind."""
     start, pit = simulator.truth(), simulator.world.pits[0]
     x, y = pit.middle.x, pit.middle.y
     if where == "ahead":
@@ -108,7 +109,7 @@ def _along(simulator: Simulator, route: list[tuple[float, float]]) -> Iterator[S
 
 
 def _back(simulator: Simulator, until_y: float) -> Iterator[SensorMessage]:
-    """Straight back until the axle is there [m, world]."""
+    """Drive straight back until the axle is at `until_y` [m, world]."""
     plant = PlantSettings()
     stick = joystick_from_volts(plant, *volts_from_twist(plant, CHAIR_A.track, Twist(-_BACKING, 0.0)))
     while simulator.truth().y > until_y:
@@ -118,7 +119,7 @@ def _back(simulator: Simulator, until_y: float) -> Iterator[SensorMessage]:
 
 
 def _rim(pit: Pit, step: float = 0.05) -> FloatArray:
-    """Points (N, 2) [m, world] along the edges of a pit, a centimetre within it."""
+    """Return points (N, 2) [m, world] along the rim of a pit, one centimetre inside."""
     a, b = pit.length / 2 - 0.01, pit.width / 2 - 0.01
     corners = np.array([(a, b), (-a, b), (-a, -b), (a, -b), (a, b)])
     sides = [
@@ -129,7 +130,7 @@ def _rim(pit: Pit, step: float = 0.05) -> FloatArray:
 
 
 def _gaps(pose: Pose2, points: FloatArray) -> FloatArray:
-    """(N,) distances [m] from the outline to points (N, 2) [m, world]."""
+    """Return (N,) distances [m] from the footprint to points (N, 2) [m, world]."""
     local = transform_points(pose.inverse(), points)
     ahead = np.maximum(local[:, 0] - CHAIR_A.front, -CHAIR_A.rear - local[:, 0])
     beside = np.abs(local[:, 1]) - CHAIR_A.width / 2
@@ -138,6 +139,6 @@ def _gaps(pose: Pose2, points: FloatArray) -> FloatArray:
 
 
 def _shown(grid: OccupancyGrid, points: FloatArray) -> int:
-    """How many of points (N, 2) [m, map] have an occupied cell near."""
+    """Return the number of points (N, 2) [m, map] with an occupied cell within `_CLOSE`."""
     from_things = distances(occupied(grid), grid.resolution)
     return int(are_within(from_things, grid, points, _CLOSE).sum())

@@ -1,4 +1,4 @@
-"""Frames of a simulated drive: each scan with what wheels and IMU have said since the one before."""
+"""Frames of a simulated drive: each scan with the wheel and IMU messages since the scan before."""
 
 from __future__ import annotations
 
@@ -7,14 +7,14 @@ from waychair.types import ImuSample, Scan, SensorFrame, WheelTicks
 
 
 class FrameGathering:
-    """Keeps what has been said since the last scan."""
+    """Collects the messages since the last scan."""
 
     def __init__(self) -> None:
         self._wheels: list[WheelTicks] = []
         self._imu: list[ImuSample] = []
 
     def add(self, message: SensorMessage) -> SensorFrame | None:
-        """The frame that a message completes, if it does."""
+        """Add a message; return the frame that it completes, or None."""
         if isinstance(message, WheelTicks):
             self._wheels.append(message)
         elif isinstance(message, ImuSample):

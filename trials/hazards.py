@@ -1,11 +1,11 @@
-"""What a map may not say and a lidar may not see: edges of the floor, glass, people who move about or step out.
+"""Hazards that may be missing on the map or invisible to the lidar: drop-offs, glass, people who move or step out.
 
-A `Hazard` is a world, the map that the chair is given of it, what else it has been told or fitted with, and the places
-to go to; `run_hazard` drives the whole chair there and says what it ran into, and whose doing that was.
+A `Hazard` is a world, the chair's map of it, its zones and sensors, and the goals. `run_hazard` drives the complete
+chair there and reports the contacts and their causes.
 
-What protects from an edge: no lidar sees one, and behind and beside the chair nothing looks down. The camera sees the
-floor from about 1.3 m before the footrest on, so an edge ahead; one beside or behind only if the chair saw it on its
-way and remembers. A keep-out zone or an edge that is drawn on the map holds for all three.
+Protection from a drop-off: no lidar sees one, and no sensor looks down behind or beside the chair. The camera sees the
+floor from about 1.3 m before the footrest, so it finds a drop-off ahead; beside or behind the chair knows it only from
+memory. A keep-out zone or a drop-off on the map protects in all three cases.
 """
 
 from __future__ import annotations
@@ -47,7 +47,7 @@ from waychair.types import FloatArray, Goal, OccupancyGrid, Place, Pose2
 
 
 class Guard(enum.Enum):
-    """What tells the chair of an edge or of glass that a lidar's map does not have."""
+    """The chair's protection from drop-offs or glass that are missing in a lidar's map."""
 
     CAMERA = "camera"
     SONAR = "sonar"
@@ -57,7 +57,7 @@ class Guard(enum.Enum):
 
 
 class Struck(enum.Enum):
-    """What a contact was with, and whose doing it was."""
+    """What the chair had contact with, and who caused it."""
 
     EDGE = "edge"
     GLASS = "glass"
@@ -68,7 +68,7 @@ class Struck(enum.Enum):
 
 @dataclass(frozen=True, slots=True)
 class Hazard:
-    """A world whose start is the chair's; the map it is given; the places to drive to, one after the other."""
+    """A world with the chair's start, the chair's map, and the goals, in order."""
 
     name: str
     world: World
@@ -82,9 +82,10 @@ class Hazard:
 
 @dataclass(frozen=True, slots=True)
 class HazardResult:
-    """How a run ended.
+    """The result of a run.
 
-    `seconds`, `way_m` [m] and `plans`: of all legs; `edge_m`, `person_m`: least distances [m], the latter while it moves.
+    `seconds`, `way_m` (distance driven) [m] and `plans` are sums over all legs. `edge_m`, `person_m`: least distances
+    [m] to a drop-off and, while the chair moves, to a person.
     """
 
     scene: str
@@ -100,19 +101,19 @@ class HazardResult:
     way_m: float
 
     def count(self, *kinds: Struck) -> int:
-        """Number of contacts of these kinds."""
+        """Return the number of contacts of these kinds."""
         return sum(kind in kinds for kind, _ in self.struck)
 
 
 MOVES = 0.02
-"""A chair, or the nearest point of its outline, that is slower [m/s] stands."""
+"""A chair, or the nearest point of its footprint, stands below this speed [m/s]."""
 
 
 def run_hazard(hazard: Hazard, seed: int, time_limit_s: float = 150.0) -> HazardResult:
-    """Drives a simulated chair of this seed; each leg has so much time.
+    """Drive a simulated chair of this seed to the hazard's goals, for at most `time_limit_s` each.
 
     Raises:
-        BoardBuildError: the firmware cannot be built here, for want of a C compiler.
+        BoardBuildError: the firmware cannot be built: no C compiler.
     """
     plant = replace(hazard.sensors, plant=chair_of(seed).plant)
     simulator = WatchedSimulator(hazard.world, hazard.body, plant, seed)
@@ -137,13 +138,13 @@ def run_hazard(hazard: Hazard, seed: int, time_limit_s: float = 150.0) -> Hazard
 
 
 def setting_of(hazard: Hazard) -> Setting:
-    """What the chair is told."""
+    """Return the setting of the drive as the chair knows it."""
     places = {goal.name: goal for goal in hazard.goals}
     return Setting(hazard.grid, places, hazard.body, DEFAULT, chair=hazard.chair, zones=hazard.zones)
 
 
 def struck(contact: Contact, world: World, body: ChairBody, motion: Motion) -> Struck:
-    """What a contact was with. A person was run into where the chair's outline was moving towards the person."""
+    """Classify a contact. The chair hit a person if the chair's footprint moved towards this person."""
     at = np.array([contact.x, contact.y])
     if contact.kind is ContactKind.FALL or any(_holds(pit, at) for pit in world.pits):
         return Struck.EDGE
@@ -153,19 +154,19 @@ def struck(contact: Contact, world: World, body: ChairBody, motion: Motion) -> S
 
 
 def closing_speed(at: FloatArray, body: ChairBody, motion: Motion, stamp_ns: int) -> float:
-    """Speed [m/s] at which the point of the outline that is nearest to (2,) [m, map] moves towards it."""
+    """Return the speed [m/s] at which the footprint's point nearest to `at` (2,) [m, map] moves towards it."""
     pose, twist = motion.at(stamp_ns)
     x, y = transform_points(pose.inverse(), at[None])[0].tolist()
     near = np.clip(x, -body.rear, body.front), np.clip(y, -body.width / 2, body.width / 2)
     away = np.array([x - near[0], y - near[1]])
     distance = float(np.hypot(*away))
-    if distance == 0.0:  # its middle is within the outline
+    if distance == 0.0:  # the point lies within the footprint
         away, distance = np.array([x, y]), max(math.hypot(x, y), 1e-9)
     return float((twist.v - twist.omega * near[1]) * away[0] + twist.omega * near[0] * away[1]) / distance
 
 
 def least_to_edge(world: World, body: ChairBody, motion: Motion) -> float:
-    """Least distance [m] from the outline, which holds the wheels, to an edge; +inf where there is none."""
+    """Return the least distance [m] from the footprint (wheels included) to a drop-off; +inf without any."""
     if not world.pits:
         return math.inf
     edges = solid_from_blocks((), world.pits)
@@ -173,21 +174,21 @@ def least_to_edge(world: World, body: ChairBody, motion: Motion) -> float:
 
 
 def least_to_people(motion: Motion) -> float:
-    """Least distance [m] to a person while the chair moves; +inf where nobody is about, or it stands."""
+    """Return the least distance [m] to a person while the chair moves; +inf without people or motion."""
     moves = np.abs(motion.twists).max(axis=1) > MOVES
     return float(motion.people[moves].min(initial=math.inf))
 
 
 def hazard_of_scene(scene: Scene) -> Hazard:
-    """A tight place, to be driven and judged as a hazard is."""
+    """Return a tight scene as a hazard, so that it is driven and scored alike."""
     return Hazard(scene.name, scene.world, map_of(scene.world), (scene.goal,), scene.body, chair=scene.chair)
 
 
-# --- edges of the floor and glass ---------------------------------------------------------------------------------
+# --- drop-offs and glass ------------------------------------------------------------------------------------------
 
 
 def edge_ahead(guard: Guard, seed: int) -> Hazard:
-    """A hall with a pit across it but for a bridge of 1.5 m on one side; the goal lies straight on, beyond the pit."""
+    """Return a hall with a pit across it and a bridge of 1.5 m on one side; the goal lies straight behind the pit."""
     rng = np.random.default_rng(seed)
     side = float(rng.choice([-1.0, 1.0]))
     middle = 1.7 + 0.75 * side
@@ -198,9 +199,9 @@ def edge_ahead(guard: Guard, seed: int) -> Hazard:
 
 
 def edge_beside(guard: Guard, seed: int) -> Hazard:
-    """Out of a corridor into a gallery of 1.9 m round the corner of a stairwell: all the turn long the edge is beside.
+    """Return a corridor that leads into a gallery of 1.9 m: the chair turns round the corner of a stairwell beside it.
 
-    A chair that looks ahead as it leaves the corridor has seen the edge before it is beside it.
+    A chair that leaves the corridor sees the drop-off ahead before it is beside it.
     """
     rng = np.random.default_rng(seed)
     corridor = [PlanWall(start=(1.9, 0.0), end=(1.9, 2.9)), PlanWall(start=(1.9, 2.9), end=(6.4, 2.9))]
@@ -210,7 +211,7 @@ def edge_beside(guard: Guard, seed: int) -> Hazard:
 
 
 def edge_behind(guard: Guard, seed: int) -> Hazard:
-    """A booth in a gallery's wall, a stairwell before it: the chair drives in and has to back out, towards the edge."""
+    """Return a booth opposite a stairwell: the chair drives in and has to back out, towards the drop-off."""
     rng = np.random.default_rng(seed)
     x = rng.uniform(4.0, 5.0)
     walls = [
@@ -230,7 +231,7 @@ EDGES = {"ahead": edge_ahead, "beside": edge_beside, "behind": edge_behind}
 
 
 def glass(guard: Guard, seed: int) -> Hazard:
-    """The straight way leads through a closed glass door, seen from some angle; another door is open."""
+    """Return a room whose straight exit is a closed glass door, seen at some angle; another door is open."""
     rng = np.random.default_rng(seed)
     world = load_world("glass_door")
     start = Pose2(rng.uniform(1.0, 3.0), rng.uniform(0.8, 2.4), rng.uniform(-0.4, 0.4))
@@ -238,7 +239,7 @@ def glass(guard: Guard, seed: int) -> Hazard:
 
 
 def map_of_lidar(world: World) -> OccupancyGrid:
-    """The map that a lidar makes of a world at its best: all that stands, but no glass and no edges of the floor."""
+    """Return the best map that a lidar can make of a world: all solid blocks, but no glass and no drop-offs."""
     grid = replace(world.grid, cells=np.zeros_like(world.grid.cells))
     for block in world.blocks:
         if block.high > LOWEST and block.low < HIGHEST and not _is_glass(block):
@@ -247,11 +248,11 @@ def map_of_lidar(world: World) -> OccupancyGrid:
 
 
 ZONE_MARGIN = 0.10
-"""A careful installer draws a keep-out zone so far round what it is about [m]."""
+"""Margin [m] of a carefully drawn keep-out zone round its object."""
 
 
 def zones_round(things: Iterable[Block | Pit]) -> tuple[Zone, ...]:
-    """Keep-out zones round glass and pits."""
+    """Return keep-out zones round glass and pits."""
     return tuple(
         Zone(
             f"zone {k + 1}",
@@ -281,7 +282,7 @@ def _told(name: str, world: World, goals: tuple[Place, ...], guard: Guard) -> Ha
 
 
 def fitted_with(guard: Guard) -> SimulatorSettings:
-    """Wheels and lidar, and the sensor by which a chair is guarded; the camera as slow as the chair puts up with."""
+    """Return wheels, lidar and the protecting sensor; the camera has the lowest rate that the chair accepts."""
     bare = SimulatorSettings()
     if guard is Guard.CAMERA:
         return replace(bare, camera=replace(bare.camera, rate_hz=5.0))
@@ -291,7 +292,7 @@ def fitted_with(guard: Guard) -> SimulatorSettings:
 
 
 def _hall(size: tuple[float, float], pits: Sequence[PlanPit] = (), walls: Sequence[PlanWall] = ()) -> FloorPlan:
-    """Four walls round a floor, with holes in it."""
+    """Return a rectangular floor with four walls round it, and pits."""
     x, y = size
     corners = [(0.0, 0.0), (x, 0.0), (x, y), (0.0, y)]
     outer = [PlanWall(start=a, end=b) for a, b in zip(corners, [*corners[1:], corners[0]], strict=True)]
@@ -303,7 +304,7 @@ def _is_glass(block: Block) -> bool:
 
 
 def _holds(thing: Block | Pit, at: FloatArray) -> bool:
-    """Whether a point (2,) [m] lies in a rectangle or on its edge."""
+    """Return whether a point (2,) [m] lies in a rectangle or on its border."""
     x, y = transform_points(thing.middle.inverse(), at[None])[0]
     return bool(abs(x) <= thing.length / 2 + _ON_EDGE and abs(y) <= thing.width / 2 + _ON_EDGE)
 
@@ -315,9 +316,9 @@ _ON_EDGE = 1e-3
 
 
 def movers(count: int, seed: int) -> Hazard:
-    """The dynamic test of harmonic planning: a robot of 0.30 m has 2.21 m to go among discs, strewn by the seed.
+    """Return the dynamic test of harmonic planning: a robot of 0.30 m drives 2.21 m among discs, placed by the seed.
 
-    The discs make way for nobody, from behind either: as on such robots the lidar is on top, and looks all round.
+    The discs do not avoid the robot, not even from behind. So the lidar sees all round, as on such robots.
     """
     world = load_world("movers")
     rng = np.random.default_rng(seed)
@@ -337,30 +338,31 @@ def movers(count: int, seed: int) -> Hazard:
 
 
 def robot_settings() -> ChairSettings:
-    """How a small robot drives among its like: nobody sits in it, and a disc is no more than what is seen of it.
+    """Return the settings of a small robot among discs of its size.
 
-    So there is no comfort to keep, no shoulders reach beyond legs, and the room that is left is in proportion.
+    Without a rider there are no comfort limits. A disc is as wide as its visible part, so no margin for shoulders is
+    needed, and clearances scale with the robot.
     """
     return ChairSettings(
         navigator=NavigatorSettings(
             waits_from=0.6,
-            recovery=RecoverySettings(patience=150.0, patience_with_people=150.0),  # they never stand for long
+            recovery=RecoverySettings(patience=150.0, patience_with_people=150.0),  # discs never stand for long
             tracks=TrackSettings(
                 radius=_MOVER.radius,
                 room=0.2,
                 room_after=0.2,
                 largest=0.6,
                 link=0.05,
-                apart=0.25,  # two of them may touch
+                apart=0.25,  # two discs may touch
                 acceleration=0.3,
                 sigma=0.05,
-                walking=0.1,  # discs drift at 0.15 m/s, no faster than furniture seems to
+                walking=0.1,  # discs drift at 0.15 m/s, as slowly as furniture seems to move
                 way=0.15,
                 onwards=0.08,
             ),
             dwa=DwaSettings(
                 max_speed=0.5,
-                max_omega=0.8,  # faster, its corners would catch up with discs that drift past
+                max_omega=0.8,  # any faster, its corners would hit discs that drift past
                 acceleration=1.0,
                 braking=1.0,
                 alpha=3.0,
@@ -384,7 +386,7 @@ _CLEAR_OF_START = 0.6
 
 
 def to_the_lift(seed: int) -> Hazard:
-    """The source paper's first drive: along the corridor of the second floor to the lift, among people who walk."""
+    """Return the source paper's first drive: along the second floor's corridor to the lift, among walking people."""
     rng = np.random.default_rng(seed)
     world = load_world("second_floor")
     start = Pose2(rng.uniform(20.0, 30.0), rng.uniform(6.9, 7.3), rng.uniform(-0.3, 0.3))
@@ -394,7 +396,7 @@ def to_the_lift(seed: int) -> Hazard:
 
 
 def to_the_restroom(seed: int) -> Hazard:
-    """The source paper's second: through the basement to the restroom; out of the store somebody steps in front."""
+    """Return the source paper's second drive: through the basement to the restroom; a person steps out of the store."""
     rng = np.random.default_rng(seed)
     world = load_world("basement")
     start = Pose2(rng.uniform(1.2, 3.0), rng.uniform(1.2, 1.6), rng.uniform(-0.3, 0.3))
@@ -410,7 +412,7 @@ def to_the_restroom(seed: int) -> Hazard:
 
 
 def _under_way(person: PersonPlan, rng: np.random.Generator) -> PersonPlan:
-    """Somebody who sets off from anywhere on the first part of the path."""
+    """Return the person with a start anywhere on the first part of the path."""
     if person.behaviour not in (Behaviour.PATH, Behaviour.SOCIAL):
         return person
     first, second = person.path[:2]
@@ -421,12 +423,12 @@ def _under_way(person: PersonPlan, rng: np.random.Generator) -> PersonPlan:
 
 @dataclass(frozen=True, slots=True)
 class Appearance:
-    """Somebody was suddenly there, straight ahead: how far [m], how fast the chair was [m/s], and what came of it.
+    """The result of a run in which a person suddenly appears `ahead_m` [m] ahead of a chair at `speed` [m/s].
 
-    `nearest_m`: the outline's least distance to the person while the chair moved; `contact_speed` [m/s]: 0 for none.
-    `braking` [m/s^2]: mean deceleration from eight to three tenths of the speed, nan where it did not slow down so far;
-    `can_brake` [m/s^2]: an emergency's, or what the drive of this chair follows of it, if that is less.
-    `reaction_s`: from the appearance until the chair had lost a tenth of its speed.
+    `nearest_m`: least distance from the footprint to the person while the chair moved. `contact_speed` [m/s]: 0 without
+    contact. `braking` [m/s^2]: mean deceleration from 80 % to 30 % of the speed, nan if the chair did not slow down so
+    far. `can_brake` [m/s^2]: the emergency deceleration, or the plant's limit if that is less. `reaction_s`: time until
+    the chair had lost a tenth of its speed.
     """
 
     seed: int
@@ -441,12 +443,12 @@ class Appearance:
 
 
 def run_appearance(ahead_m: float, seed: int) -> Appearance:
-    """In a wide corridor the chair drives at its full 0.8 m/s; somebody stands in its lane all at once.
+    """Drive at the full 0.8 m/s in a wide corridor; a person suddenly stands in the chair's lane.
 
-    The gap of `ahead_m` is from the front of the outline to the person's disc; what the lidar sees of it are two legs.
+    `ahead_m` is the gap from the front of the footprint to the person's disc; the lidar sees the person's two legs.
 
     Raises:
-        BoardBuildError: the firmware cannot be built here, for want of a C compiler.
+        BoardBuildError: the firmware cannot be built: no C compiler.
     """
     rng = np.random.default_rng(seed)
     goal = Place("end", Pose2(11.0, 1.5, 0.0))
@@ -477,9 +479,9 @@ _APPEARANCE_S = 20.0
 def _appearance(
     seed: int, ahead_m: float, speed: float, appeared_ns: int | None, can_brake: float, simulator: WatchedSimulator
 ) -> Appearance:
-    """What the motion says."""
+    """Return the result, computed from the simulator's true motion."""
     motion = simulator.motion()
-    if appeared_ns is None:  # it never came so far
+    if appeared_ns is None:  # the chair never came so far
         return Appearance(seed, ahead_m, 0.0, math.inf, 0.0, math.nan, can_brake, math.nan, ride_of(motion))
     after = motion.stamps_ns >= appeared_ns
     seconds, v = (motion.stamps_ns[after] - appeared_ns) * 1e-9, motion.twists[after, 0]

@@ -1,4 +1,4 @@
-"""How encoders, lidar and camera each see the chair turn, for comparison with the gyro."""
+"""Headings of the chair by encoders, by lidar and by camera, for comparison with the gyro."""
 
 from __future__ import annotations
 
@@ -16,21 +16,21 @@ from waychair.slam.scan_points import MIN_POINTS, ScanPoints, scan_points
 from waychair.types import Bytes, FloatArray, Odometry, Pose2, RgbdFrame, Scan, Twist, WheelTicks
 
 _COUNTS = 2**32  # encoder counters wrap here
-_KEY_DISTANCE = 0.7  # [m]: a scan this far from the key scan becomes the next one
+_KEY_DISTANCE = 0.7  # [m]: a scan this far from the key scan becomes the next key scan
 _KEY_ANGLE = 0.7  # [rad]
 _LEAST_INLIERS = 0.5
 _MOST_POINTS = 360
 _WINDOW = Window(0.25, 0.15)
-_FREE = np.eye(3)  # information of a guess that a match hardly heeds: 1 m, 1 rad
+_FREE = np.eye(3)  # information of the guess: 1 m, 1 rad, so that the match is nearly free
 
 _CORNERS = 400
 _LEAST_TRACKED = 20
-_BACK_AND_FORTH = 0.5  # [pixels]: tracked there and back, a corner comes home within this
+_BACK_AND_FORTH = 0.5  # [pixels]: greatest error of a corner after tracking forth and back
 _REPROJECTION = 1.5  # [pixels]
 
 
 def heading_from_wheels(readings: Sequence[WheelTicks | Odometry], body: ChairBody) -> Heading:
-    """Of encoder counts on the nominal wheels and track, or of wheel odometry; readings that are not newer are left out."""
+    """Return the heading by encoder counts with nominal wheels and track, or by odometry; old readings are dropped."""
     newer: list[WheelTicks | Odometry] = []
     for reading in readings:
         if not newer or reading.stamp_ns > newer[-1].stamp_ns:
@@ -47,10 +47,10 @@ def heading_from_wheels(readings: Sequence[WheelTicks | Odometry], body: ChairBo
 
 
 def heading_from_scans(scans: Sequence[Scan], gyro: Heading, base_from_laser: Pose2, delay_ns: int = 0) -> Heading:
-    """Of scans, each straightened and matched to a key scan that is not far back; a break where one fits nowhere.
+    """Return the heading by scans: each is deskewed and matched to a recent key scan; nan where a match fails.
 
-    The gyro, to whose stamps those of the scans are late by about `delay_ns`, says where to look and how the chair
-    turned during the sweep; the match alone says how far it has turned.
+    The stamps of the scans are about `delay_ns` later than those of the gyro. The gyro gives the guess of the match and
+    the turn during the sweep; the heading comes from the match alone.
     """
     times = (gyro.stamps_ns - gyro.stamps_ns[0]) * 1e-9
     lidar = _LidarHeading(base_from_laser)
@@ -65,7 +65,7 @@ def heading_from_scans(scans: Sequence[Scan], gyro: Heading, base_from_laser: Po
 
 
 class _LidarHeading:
-    """Keeps the key scan, and how the chair stood to it and moved when the last scan was taken."""
+    """Tracks the heading by scans; keeps the key scan, and the chair's pose in it and speed at the last scan."""
 
     def __init__(self, base_from_laser: Pose2) -> None:
         self._base_from_laser = base_from_laser
@@ -76,9 +76,9 @@ class _LidarHeading:
         self._speed = 0.0
 
     def add(self, scan: Scan, seconds: float, turn: float, rate: float) -> float:
-        """Heading [rad] at a scan that is so long after the last one, nan when it fits nowhere.
+        """Return the heading [rad] at a scan, `seconds` after the last one; nan if no match is found.
 
-        The chair has turned by about `turn` [rad] since, and turns at `rate` [rad/s] during the sweep.
+        The chair has turned by about `turn` [rad] since then, and turns at `rate` [rad/s] during the sweep.
         """
         points = scan_points(scan, self._base_from_laser, self._settings.range_max, Twist(self._speed, rate))
         if len(points) < MIN_POINTS or seconds <= 0.0:
@@ -107,10 +107,10 @@ class _LidarHeading:
 
 
 class CameraHeading:
-    """How a camera turns from picture to picture: corners are tracked (Lucas and Kanade), and the camera's motion is the
-    one that takes their points of the picture before to where they are now (perspective from n points, RANSAC).
+    """The heading by a depth camera, from picture to picture.
 
-    Keeps the last picture only.
+    Corners are tracked (Lucas and Kanade); their 3D points in the previous picture and their pixels in the new one give
+    the motion (perspective-n-point with RANSAC). Keeps the last picture only.
     """
 
     def __init__(self, body: ChairBody) -> None:
@@ -121,7 +121,7 @@ class CameraHeading:
         self._heading = 0.0
 
     def add(self, frame: RgbdFrame) -> None:
-        """Take in the next picture; a break where too little of it was in the one before."""
+        """Add the next picture; its heading is nan if it shares too little with the previous one."""
         if self._stamps and frame.stamp_ns <= self._stamps[-1]:
             return
         grey = _grey(frame.image)
@@ -132,11 +132,11 @@ class CameraHeading:
         self._heading += 0.0 if math.isnan(turn) else turn
 
     def heading(self) -> Heading:
-        """Of all pictures so far."""
+        """Return the heading of all pictures so far."""
         return Heading(np.array(self._stamps, np.int64), np.array(self._headings))
 
     def _turn(self, before: Bytes, frame: RgbdFrame, now: Bytes) -> float:
-        """Yaw [rad] about the base's z axis since the frame before; nan when it cannot be told."""
+        """Return the yaw [rad] about the base's z axis since the previous picture; nan if it is unknown."""
         there, here = _tracked(before, now, np.isfinite(frame.depth))
         if len(there) < _LEAST_TRACKED:
             return math.nan
@@ -156,7 +156,7 @@ def _grey(image: Bytes) -> Bytes:
 
 
 def _tracked(before: Bytes, now: Bytes, usable: FloatArray) -> tuple[FloatArray, FloatArray]:
-    """(N, 2) [pixels] of corners in one picture and in the next, of those that come home when tracked back."""
+    """Return the corners (N, 2) [pixels] in a picture and in the next one, if tracking back confirms them."""
     nothing = np.empty((0, 2))
     corners = cv2.goodFeaturesToTrack(before, _CORNERS, 0.01, 7, mask=usable.astype(np.uint8))
     if corners is None:
@@ -169,7 +169,7 @@ def _tracked(before: Bytes, now: Bytes, usable: FloatArray) -> tuple[FloatArray,
 
 
 def _points(pixels: FloatArray, frame: RgbdFrame) -> FloatArray:
-    """(N, 3) [m] in the camera's frame, of pixels that have a depth."""
+    """Return the points (N, 3) [m] in the camera's frame of pixels with depth."""
     columns, rows = np.rint(pixels).astype(np.int64).T
     depth = frame.depth[rows, columns].astype(np.float64)
     k = frame.camera_matrix

@@ -1,4 +1,4 @@
-"""Learns a simulated chair's self-mask while it turns on the spot, and says how well a mask does."""
+"""Scans of a simulated chair that turns on the spot, for its self-mask, and the score of a mask."""
 
 from __future__ import annotations
 
@@ -16,15 +16,15 @@ from waychair.trials.simulated_drive import held
 from waychair.types import Scan, Twist
 
 MASK_HALL = 8.0
-"""Side [m] of a hall in which a chair can turn."""
+"""Side [m] of a hall with space for a chair to turn."""
 
 _TURN_RATE = 0.6  # [rad/s]
-_NEAR_LEG = 0.06  # [m]: a reading this near to a leg's surface has hit it
+_NEAR_LEG = 0.06  # [m]: a reading this near to a leg's surface is a hit of the leg
 
 
 @dataclass(frozen=True, slots=True)
 class MaskScore:
-    """Beams that end on the legs: how many there were and how many a mask left, and which part of all others it took."""
+    """Counts of beams that hit the legs, of those a mask leaves, and the share of all other beams that it hides."""
 
     leg_hits: int
     leg_hits_left: int
@@ -32,15 +32,15 @@ class MaskScore:
 
 
 def with_legs(settings: SimulatorSettings) -> SimulatorSettings:
-    """The same chair with its rider's legs and the leg rests in the lidar's way."""
+    """Return the settings with the rider's legs and the leg rests in the lidar's view."""
     return replace(settings, lidar=replace(settings.lidar, legs=True))
 
 
 def scans_while_turning(simulator: Simulator, turns: float = 1.2) -> list[Scan]:
-    """The scans of a chair that turns on the spot, so many times.
+    """Return the scans of a chair that turns on the spot, `turns` times.
 
     Raises:
-        WorldError: it touched something.
+        WorldError: the chair touched something.
     """
     plant, track = simulator.settings.plant, simulator.body.track
     volts = volts_from_twist(plant, track, Twist(0.0, _TURN_RATE))
@@ -50,7 +50,7 @@ def scans_while_turning(simulator: Simulator, turns: float = 1.2) -> list[Scan]:
 
 
 def score_mask(mask: SelfMask, scans: Sequence[Scan], simulator: Simulator) -> MaskScore:
-    """How a mask does on scans of a simulated chair, whose legs are known."""
+    """Score a mask on scans of a simulated chair, whose legs are known."""
     laser = simulator.body.base_from_laser
     circles = rider_legs(simulator.body)
     hits = left = others = lost = 0

@@ -1,13 +1,13 @@
-"""One floor driven through day after day while its furniture is moved: does the map stay small, whole and right?
+"""Lifelong mapping of one floor whose furniture moves from session to session: does the map stay small and right?
 
-Each session strews some pieces of furniture over the floor, of which a part stands elsewhere than in the session before,
-drives the floor's mapping route from another of its corners, and joins the drive to the map so far. Measured are
+Each session moves a part of the furniture, drives the floor's mapping route from another corner, and joins the drive to
+the map. The figures are
 
 - *nodes*: key scans of the map, against those of the first session.
-- *health*: the share of scans at which a chair that follows this session's drive on the map of the sessions before says
-  that all is well. So it meets furniture that was moved since the map was made.
-- *ghosts*: occupied cells of the map where a piece stood that was away in this session and in the one before, further
-  than 0.2 m from anything solid now; as a share of the cells that the pieces that went had been drawn with.
+- *health*: the share of scans with localisation OK when the new drive is localised on the map of the earlier sessions,
+  so that some furniture has moved since the map was made.
+- *ghosts*: occupied cells where a piece stood that was absent in this session and the one before, more than 0.2 m from
+  anything solid now; as a share of the cells with which the removed pieces were drawn.
 """
 
 from __future__ import annotations
@@ -52,15 +52,15 @@ from waychair.types import (
 )
 
 PIECES, MOVED = 12, 4
-"""Pieces of furniture that can be moved, and how many stand elsewhere in the next session."""
+"""The number of movable pieces of furniture, and how many move between two sessions."""
 
-_BESIDE_WAY, _ROUND_CORNER = 0.5, 0.95  # [m] of the axle's way that stay free: the chair turns at corners
-_CLEAR = 0.2  # [m] from what is solid now, beyond which an occupied cell is a ghost
+_BESIDE_WAY, _ROUND_CORNER = 0.5, 0.95  # [m] kept free beside the axle's path, and round its corners
+_CLEAR = 0.2  # [m]: an occupied cell farther from anything solid is a ghost
 
 
 @dataclass(frozen=True, slots=True)
 class Drive:
-    """A session: the floor as it was then, its movable pieces, and the drive with the true poses at its scans."""
+    """A session: its world, its movable pieces, and the drive's frames with the true poses at the scans."""
 
     world: World
     pieces: tuple[PlanBox, ...]
@@ -70,16 +70,16 @@ class Drive:
 
 @dataclass(slots=True)
 class Lifelong:
-    """What is known of the sessions so far; `rows` are their figures."""
+    """The sessions so far; `rows` are their figures."""
 
     folder: Path
     drives: list[Drive] = field(default_factory=list)
     rows: list[Json] = field(default_factory=list)
     drawn: dict[PlanBox, int] = field(default_factory=dict)
-    """Cells that each piece was drawn with when it stood there."""
+    """The number of cells with which each piece was drawn."""
 
     def add(self, drive: Drive) -> None:
-        """One more session.
+        """Join a session's drive to the map and score it.
 
         Raises:
             SessionError: the drive cannot be joined to the map.
@@ -106,7 +106,7 @@ class Lifelong:
         )
 
     def figures(self) -> Json:
-        """Of all sessions."""
+        """Return the figures over all sessions."""
         gone = sum(row["gone"] for row in self.rows)
         return {
             "sessions": len(self.rows),
@@ -122,7 +122,7 @@ class Lifelong:
         }
 
     def _ghosts(self, grid: OccupancyGrid, truth_from_map: Pose2, solid: Float32Array) -> tuple[int, int]:
-        """Occupied cells where pieces stood that two sessions have seen gone, and the cells they were drawn with."""
+        """Return the ghost cells of pieces absent for two sessions, and the cells that these pieces were drawn with."""
         if len(self.drives) < 3:
             return 0, 0
         here = {piece for drive in self.drives[-2:] for piece in drive.pieces}
@@ -135,17 +135,17 @@ class Lifelong:
 
 
 def sessions(name: str, count: int, seed: int, share: float = 1.0) -> Iterator[Drive]:
-    """Drives through a shipped floor with furniture that is moved from one to the next.
+    """Yield drives through a shipped floor with furniture that moves between two drives.
 
-    `share` is the part of the mapping route that is driven. The whole of it is driven all the way round from where the
-    drive begins; of a part, what is ahead.
+    `share` is the part of the mapping route that is driven. The whole route is driven round from the drive's start; of
+    a part, only the section ahead of the start.
     """
     building = load_building(WORLDS / f"{name}.yaml")
     plan, rng = building.levels[0].plan, np.random.default_rng(seed)
     route = np.array(plan.routes["mapping"], float)
     route = route[: max(3, round(share * len(route)))]
     empty = world_from_plan(msgspec.structs.replace(plan, people=[]), building.name)
-    driven = np.concatenate([route, route[:1]]) if share == 1.0 else route  # all the way round
+    driven = np.concatenate([route, route[:1]]) if share == 1.0 else route  # the closed loop
     loop = _loop(empty, route)
     pieces: list[PlanBox] = []
     for number in range(count):
@@ -159,7 +159,7 @@ def sessions(name: str, count: int, seed: int, share: float = 1.0) -> Iterator[D
 def strewn(
     world: World, route: FloatArray, others: Sequence[PlanBox], count: int, rng: np.random.Generator
 ) -> list[PlanBox]:
-    """So many pieces more, in sight of the route (N, 2) [m], off the way, off each other and off what is solid."""
+    """Return `count` more pieces in sight of the route (N, 2) [m], clear of the path, of each other and of solids."""
     room, made = distance_field(world.grid).metres, list[PlanBox]()
     way = _samples(route)
     while len(made) < count:
@@ -185,7 +185,7 @@ def strewn(
 
 
 def joined(folder: Path, drive: Drive, number: int) -> Mapping:
-    """The map of the folder with one drive more, which is in the folder then."""
+    """Join a drive to the map in the folder, save the result there and return it."""
     settings = MappingSettings()
     recording = Recording(Path(f"session-{number + 1}"), drive.frames, CHAIR_A.base_from_laser, "simulated")
     if number == 0:
@@ -199,9 +199,9 @@ def joined(folder: Path, drive: Drive, number: int) -> Mapping:
 
 
 def health_on(grid: OccupancyGrid, first: Drive, drive: Drive, every: int = 2) -> float:
-    """Share of the scans at which a chair that is told where the drive begins on the map says that all is well.
+    """Return the share of scans with localisation OK for a chair that knows the drive's start on the map.
 
-    The map's frame is that of the first drive's first pose.
+    The map's origin is the first pose of the first drive. Every `every`-th frame is used.
     """
     origin, start = (Pose2(*each.truth.poses[0].tolist()) for each in (first, drive))
     localiser = Localiser(grid, CHAIR_A.base_from_laser, origin.inverse() @ start, LocaliserSettings())
@@ -215,13 +215,13 @@ def health_on(grid: OccupancyGrid, first: Drive, drive: Drive, every: int = 2) -
 
 
 def _loop(world: World, route: FloatArray) -> FloatArray:
-    """The route (N, 2) [m] as the way round and round: without its end, where there is no room to turn for another round."""
+    """Return the route (N, 2) [m] for repeated rounds: without its end point if there is no space to turn there."""
     end = distance_field(world.grid).metres[tuple(cells_from_points(world.grid, route[-1:]).T)]
     return route[:-1] if end[0] < _ROUND_CORNER else route
 
 
 def _from_corner(route: FloatArray, number: int, share: float) -> FloatArray:
-    """The route from one of its corners on; the first session begins where the route does."""
+    """Return the route from the session's corner on; the first session begins where the route does."""
     if share < 1.0:
         return route[number % max(1, len(route) // 3) :]
     first = 3 * number % (len(route) - 1)
@@ -229,7 +229,7 @@ def _from_corner(route: FloatArray, number: int, share: float) -> FloatArray:
 
 
 def _drive(plan: FloorPlan, building: str, way: FloatArray, pieces: tuple[PlanBox, ...], seed: int) -> Drive:
-    """Along the way, from rest at its beginning and facing along it, or from where the plan says if that is near."""
+    """Return a drive along a path, from the plan's start if that is near, else from the path's first point."""
     start = Pose2(*plan.start)
     if math.dist((start.x, start.y), way[0]) > 0.1:
         ahead = next(point for point in way[1:] if math.dist(point, way[0]) > 0.1)
@@ -251,14 +251,14 @@ def _drive(plan: FloorPlan, building: str, way: FloatArray, pieces: tuple[PlanBo
 
 
 def _at(stamp_ns: int, stamps: list[int], poses: list[Pose2]) -> FloatArray:
-    """The true pose (3,) at a stamp, between those at the ends of the simulator's ticks."""
+    """Return the true pose (3,) at a stamp, interpolated between the simulator's ticks."""
     after = min(max(int(np.searchsorted(stamps, stamp_ns)), 1), len(stamps) - 1)
     part = (stamp_ns - stamps[after - 1]) / (stamps[after] - stamps[after - 1])
     return interpolate(poses[after - 1], poses[after], part).array()
 
 
 def _samples(route: FloatArray, step: float = 0.1) -> FloatArray:
-    """Points (M, 2) along the straight legs."""
+    """Return points (M, 2) along the route's segments, at most `step` [m] apart."""
     legs = [
         a + (b - a) * np.linspace(0.0, 1.0, max(2, math.ceil(math.dist(a, b) / step)))[:, None]
         for a, b in itertools.pairwise(route)
@@ -267,7 +267,7 @@ def _samples(route: FloatArray, step: float = 0.1) -> FloatArray:
 
 
 def _outline(piece: PlanBox, step: float = 0.05) -> FloatArray:
-    """Points (N, 2) [m] all over its floor."""
+    """Return points (N, 2) [m] that cover the piece's rectangle."""
     x, y = (np.arange(-side / 2, side / 2 + step / 2, step) for side in piece.size)
     points = np.stack(np.meshgrid(x, y), axis=-1).reshape(-1, 2)
     outline: FloatArray = points @ rotation(piece.yaw).T + np.array(piece.centre)
@@ -280,14 +280,14 @@ def _nearest(points: FloatArray, others: FloatArray | list[list[float]]) -> floa
 
 
 def _sees(room: Float32Array, grid: OccupancyGrid, way: FloatArray, at: FloatArray) -> bool:
-    """Whether nothing solid is between a point and the nearest one of the way."""
+    """Return whether nothing solid lies between a point and the nearest point of the path."""
     nearest = way[int(np.argmin(np.hypot(*(way - at).T)))]
     line = nearest + (at - nearest) * np.linspace(0.0, 1.0, 60)[:, None]
     return bool((room[tuple(cells_from_points(grid, line).T)] > 0.0).all())
 
 
 def _occupied_on(grid: OccupancyGrid, truth_from_map: Pose2, piece: PlanBox) -> FloatArray:
-    """Middles (N, 2) [m, world] of the map's occupied cells on a piece's floor, and up to a cell beside it."""
+    """Return centres (N, 2) [m, world] of the map's occupied cells within a piece's rectangle, or a cell beside it."""
     cells = np.argwhere(occupied(grid))
     at = transform_points(truth_from_map, points_from_cells(grid, cells))
     local = np.abs((at - np.array(piece.centre)) @ rotation(piece.yaw))

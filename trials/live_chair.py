@@ -1,11 +1,10 @@
-"""A chair in a simulator, in real time, as a page has it: everybody can touch it, without ROS and without a chair.
+"""A simulated chair in real time behind the interface of the rider's page, without ROS and without hardware.
 
     with LiveChair("small_clinic") as chair:
         chair.go("reception")
         chair.confirm()
 
-Between the chair and the simulated lines stands the shipped firmware. What a page asks for is what a page of a real
-chair asks for.
+The shipped firmware runs between the chair and the simulated lines. Pages make the same requests as to a real chair.
 """
 
 from __future__ import annotations
@@ -49,7 +48,7 @@ from waychair.trials.real_time import RealTime
 from waychair.types import DriveMode, FloatArray, Goal, OccupancyGrid, Pose2, RgbdFrame, Twist
 
 COUNTDOWN_S = 3.0
-"""From the rider's yes to the first motion."""
+"""Time from the rider's confirmation to the first motion."""
 
 _PICTURES_HZ = 2.0
 _NOWHERE = ChairView(
@@ -58,7 +57,7 @@ _NOWHERE = ChairView(
 
 
 class LiveChair(DrawingPort):
-    """A `ChairPort` over a chair in a simulated world, for as long as the block lasts."""
+    """A `ChairPort` of a chair in a simulated world; a context manager."""
 
     def __init__(
         self,
@@ -72,12 +71,14 @@ class LiveChair(DrawingPort):
         box: Path | None = None,
         urgently: bool = False,
     ) -> None:
-        """`map_folder`: a map of a drive that began at the world's start; without one the chair has the world's own
-        plan, and what is drawn on it is forgotten at the end. `camera`: there are pictures to look at. `box` is the
-        folder of a black box. `urgently`: with real-time priority, where the system grants it.
+        """Load the world; the chair starts with the block.
+
+        `map_folder`: a map of a drive that began at the world's start. Without it the chair uses the world's plan, and
+        drawings on it are lost at the end. `camera`: with pictures to look at. `box`: folder of a black box.
+        `urgently`: with real-time priority, if the system grants it.
 
         Raises:
-            WorldError: there is no such world.
+            WorldError: the world does not exist.
         """
         building = world if isinstance(world, World) else load_world(world)
         self._world = building if people else building.without_people()
@@ -104,9 +105,10 @@ class LiveChair(DrawingPort):
         self._thread = threading.Thread(target=self._live, name="live chair", daemon=True)
 
     def __enter__(self) -> Self:
-        """
+        """Start the chair's thread.
+
         Raises:
-            WaychairError: the map cannot be read, or the firmware cannot be built here.
+            WaychairError: the map cannot be read, or the firmware cannot be built.
         """
         self._thread.start()
         self._begun.wait()
@@ -118,10 +120,10 @@ class LiveChair(DrawingPort):
     def __exit__(
         self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
     ) -> None:
-        """The lines are let go.
+        """Stop the chair and release the lines.
 
         Raises:
-            Exception: what the chair's thread died of.
+            Exception: the exception that ended the chair's thread.
         """
         self._time.end()
         self._thread.join()
@@ -135,12 +137,12 @@ class LiveChair(DrawingPort):
 
     @property
     def alive(self) -> bool:
-        """Whether its time goes by; see `__exit__` for why not."""
+        """Whether the chair's thread runs; `__exit__` raises the cause if it does not."""
         return self._thread.is_alive()
 
     @property
     def simulator(self) -> Simulator:
-        """What it drives in: to push it, to hold its own joystick, to know the truth."""
+        """The simulator, for tests that push the chair, use its joystick or read the true pose."""
         return self._simulator
 
     def view(self) -> ChairView:
@@ -248,7 +250,7 @@ class LiveChair(DrawingPort):
         return self._answered(done)
 
     def steer(self, forward: float, turn: float) -> Answer:
-        """See `ChairPort`; whether it counts is answered by what is known of the last tick."""
+        """See `ChairPort`; the answer is based on the last tick."""
         self._time.tell(lambda: self._chair.steer(forward, turn, self._simulator.now_ns))
         view = self._view
         if view.steered or not view.obstacles:
@@ -282,7 +284,7 @@ class LiveChair(DrawingPort):
             return Answer(False, str(error))
 
     def _drawn(self, change: Callable[[Drawings], None], done: str) -> Answer:
-        """Change what is drawn, in the files first; then the chair drives by it, a running drive by a new plan."""
+        """Apply a change of places, zones or erased cells to the files, then to the chair, which replans its drive."""
         with self._drawing:
             before = self._drawings.drawing
             try:
@@ -303,7 +305,7 @@ class LiveChair(DrawingPort):
         return Answer(True, done)
 
     def _live(self) -> None:
-        """The thread."""
+        """Run the chair; the thread's function."""
         try:
             with ExitStack() as ends:
                 self._build(ends)
@@ -312,9 +314,9 @@ class LiveChair(DrawingPort):
                     urgent()
                 self._time.run()
         except Exception as error:
-            if self._begun.is_set():  # else it is raised where the block begins
+            if self._begun.is_set():  # else `__enter__` raises it
                 logging.getLogger(__name__).exception("the simulated chair has failed")
-            self._failure = error  # raised again where the block ends
+            self._failure = error  # `__exit__` raises it again
             self._view = replace(
                 self._view,
                 mode=DriveMode.STOPPED,
@@ -344,7 +346,7 @@ class LiveChair(DrawingPort):
         self._time = RealTime(self._chair, self._simulator, self._heard)
 
     def _heard(self, messages: tuple[SensorMessage, ...], state: ChairState) -> None:
-        """A tick is over: what is there to see."""
+        """Update view and picture after a tick."""
         self._display.hear(messages, state)
         self._frame = next((each for each in reversed(messages) if isinstance(each, RgbdFrame)), self._frame)
         self._view = replace(
@@ -356,7 +358,7 @@ class LiveChair(DrawingPort):
         )
 
     def _panel(self, state: ChairState) -> dict[str, float]:
-        """Figures for engineers."""
+        """Return the figures of the engineer's panel."""
         pace, told = self._time.pace, state.telemetry
         figures = {
             "tick, mean [ms CPU]": 1e3 * pace.tick_s,
@@ -376,13 +378,13 @@ class LiveChair(DrawingPort):
 
 
 def _sensed(settings: SimulatorSettings, camera: bool) -> SimulatorSettings:
-    """With lidar and wheels, and with pictures to look at; these few are not driven by."""
+    """Return the settings with few pictures for the page, if wanted; the chair does not use them."""
     return replace(settings, camera=replace(settings.camera, rate_hz=_PICTURES_HZ if camera else 0.0))
 
 
 @contextmanager
 def _plan_folder(world: World) -> Iterator[Path]:
-    """The world's own plan as a map, for as long as the block lasts."""
+    """Yield a temporary map folder with the world's plan and places."""
     with tempfile.TemporaryDirectory(prefix="waychair-") as name:
         save_map(Path(name), world.grid)
         save_places(Path(name), {place.name: place for place in world.places})

@@ -1,4 +1,4 @@
-"""How well a map's walls agree with those of the building it was made of."""
+"""Score how well a map's walls agree with the walls of its true building."""
 
 from __future__ import annotations
 
@@ -16,7 +16,7 @@ _SIDES = np.array([[0, 1], [0, -1], [1, 0], [-1, 0]])
 
 @dataclass(frozen=True, slots=True)
 class WallAgreement:
-    """Shares in [0, 1]: occupied cells of the map that lie at a wall, and seen faces of walls that the map shows."""
+    """Shares in [0, 1]: occupied cells of the map that lie at a wall, and seen wall faces that the map shows."""
 
     true_cells: float
     found_faces: float
@@ -25,11 +25,11 @@ class WallAgreement:
 
 
 def wall_agreement(mapped: OccupancyGrid, truth: OccupancyGrid, true_from_map: Pose2, within: float) -> WallAgreement:
-    """Walls of a map against those of the true grid, `within` so many metres.
+    """Compare a map's walls with those of the true grid, with a tolerance `within` [m].
 
-    A mapped cell lies at a wall if its centre is no further than that from the nearest true occupied cell (0 inside
-    it). A face of a true wall was seen if the map knows the space before it to be free; the map shows it if the middle
-    of the face is no further than that from an occupied cell.
+    A mapped cell lies at a wall if its centre is within the tolerance of the nearest true occupied cell (distance 0
+    inside). A face of a true wall was seen if the map holds free space before it. The map shows it if the face's centre
+    is within the tolerance of an occupied cell.
     """
     cells = transform_points(true_from_map, occupied_points(mapped))
     at_wall = _outside(cells, occupied_points(truth), truth.resolution) <= within + 1e-9
@@ -40,7 +40,7 @@ def wall_agreement(mapped: OccupancyGrid, truth: OccupancyGrid, true_from_map: P
 
 
 def _outside(points: FloatArray, centres: FloatArray, side: float) -> FloatArray:
-    """(N,) distance of points to the nearest of the squares round the centres [m]."""
+    """Return the distances (N,) [m] of points to the nearest square of side `side` round one of the centres."""
     _, nearest = cKDTree(centres).query(points, k=min(8, len(centres)))
     beyond = np.maximum(np.abs(points[:, None] - centres[nearest.reshape(len(points), -1)]) - side / 2, 0.0)
     result: FloatArray = np.hypot(beyond[..., 0], beyond[..., 1]).min(axis=1)
@@ -48,7 +48,7 @@ def _outside(points: FloatArray, centres: FloatArray, side: float) -> FloatArray
 
 
 def _seen_faces(mapped: OccupancyGrid, truth: OccupancyGrid, true_from_map: Pose2) -> FloatArray:
-    """Middles (F, 2) [m] of the faces between the truth's occupied and free cells before which the map is free."""
+    """Return centres (F, 2) [m] of the truth's faces between occupied and free cells that are free in the map."""
     solid = np.pad(occupied(truth), 1)
     free = np.pad((truth.cells >= 0) & ~occupied(truth), 1)
     known_free = (mapped.cells >= 0) & ~occupied(mapped)

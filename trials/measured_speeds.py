@@ -1,4 +1,4 @@
-"""How fast a chair goes by its own sensors: encoders or, on the many chairs that have none, lidar and gyro."""
+"""A chair's speeds by its own sensors: encoders or, on the many chairs without them, lidar and gyro."""
 
 from __future__ import annotations
 
@@ -20,24 +20,24 @@ from waychair.slam.scan_points import MIN_POINTS, ScanPoints, scan_points
 from waychair.types import ImuSample, Pose2, Scan, Twist, WheelTicks
 
 STILL_S = 3.0
-"""How long a chair stands still at first, so that the gyro's bias is known."""
+"""Rest before a drive, for the gyro's bias."""
 
-_MOST_TURN = 0.05  # [rad/s]: a gyro whose readings at rest spread by more is being turned
-_KEY_DISTANCE = 0.7  # [m]: a scan this far from the key scan becomes the next one
+_MOST_TURN = 0.05  # [rad/s]: a larger spread of the gyro's readings means that the chair turns
+_KEY_DISTANCE = 0.7  # [m]: a scan this far from the key scan becomes the next key scan
 _KEY_ANGLE = 0.7  # [rad]
 _LEAST_INLIERS = 0.5
 _MOST_POINTS = 360
 
 
 class SpeedMeter(Protocol):
-    """Turns what the sensors say into speeds."""
+    """Computes speeds from sensor messages."""
 
     @property
     def ready(self) -> bool:
-        """Whether it has seen the chair stand still for as long as it needs to."""
+        """Whether the initial rest is over."""
 
     def take_in(self, messages: Iterable[SensorMessage]) -> list[Sample]:
-        """The speeds that became known by these messages, by rising stamps; none before it is `ready`.
+        """Add messages and return the new speeds in time order; none before `ready`.
 
         Raises:
             CalibrationError: the messages give no speed.
@@ -45,7 +45,7 @@ class SpeedMeter(Protocol):
 
 
 class EncoderSpeeds:
-    """Speeds from encoder counts, on the nominal wheels and track; each in the middle of its interval."""
+    """Speeds by encoder counts with nominal wheels and track; each is stamped in the middle of its interval."""
 
     def __init__(self, body: ChairBody) -> None:
         self._track = body.track
@@ -54,11 +54,11 @@ class EncoderSpeeds:
 
     @property
     def ready(self) -> bool:
-        """True after the first counts."""
+        """Whether the first counts have arrived."""
         return self._last is not None
 
     def take_in(self, messages: Iterable[SensorMessage]) -> list[Sample]:
-        """One sample for each reading of the encoders but the first; one that is not newer is dropped."""
+        """Return one sample per encoder reading after the first; readings out of order are dropped."""
         samples = []
         for message in messages:
             if not isinstance(message, WheelTicks):
@@ -78,10 +78,10 @@ class EncoderSpeeds:
 
 
 class ScanSpeeds:
-    """Speeds without encoders: v from scan matching, omega from the gyro, whose bias is taken at rest.
+    """Speeds without encoders: v by scan matching, omega by the gyro, with its bias taken at rest.
 
-    Each scan is matched to a key scan that is not far back, from where the last speeds lead; so errors do not add up
-    within a hold, and a corridor that looks the same everywhere would show as a failure to match.
+    Each scan is matched to a recent key scan, from a guess by the last speeds. So errors do not add up within a hold,
+    and a featureless corridor shows as a failed match.
     """
 
     def __init__(self, body: ChairBody) -> None:
@@ -97,14 +97,14 @@ class ScanSpeeds:
 
     @property
     def ready(self) -> bool:
-        """True once the gyro was read at rest for `STILL_S`."""
+        """Whether the gyro was read at rest for `STILL_S`."""
         return self._bias is not None
 
     def take_in(self, messages: Iterable[SensorMessage]) -> list[Sample]:
-        """One sample for each scan, in the middle of the time since the scan before.
+        """Return one sample per scan, stamped in the middle between it and the previous scan.
 
         Raises:
-            CalibrationError: a scan fits nowhere, or the chair turned while it should have stood still.
+            CalibrationError: a scan did not match, or the chair turned during its rest.
         """
         samples = []
         for message in messages:
@@ -132,7 +132,7 @@ class ScanSpeeds:
         self._bias = float(rates.mean())
 
     def _match(self, scan: Scan, before_ns: int) -> bool:
-        """Pose and twist at a scan's stamp; False for the first scan, which has nothing to be compared with."""
+        """Update pose and twist by a scan; return False for the first scan, which has no predecessor."""
         points = scan_points(scan, self._mount, self._settings.range_max, self._twist)
         if len(points) < MIN_POINTS:
             raise CalibrationError("a scan shows nothing to match: calibrate in a room whose walls the lidar sees")
@@ -143,7 +143,7 @@ class ScanSpeeds:
         turn = self._turn(before_ns, scan.stamp_ns)
         guess = self._key_from_base @ arc(self._twist.v * seconds, turn)
         window = Window(0.25, 0.05)
-        # The gyro knows the turn better than a scan does; the way is the scan's to find.
+        # The gyro measures the turn better than scan matching, so only the displacement is free.
         trust = np.diag([1.0, 1.0, 1.0 / 0.01**2])
         found = match(points.thinned(_MOST_POINTS), self._key, guess, trust, window, self._settings)
         if found.inliers < _LEAST_INLIERS:
@@ -161,7 +161,7 @@ class ScanSpeeds:
         self._key_from_base = Pose2()
 
     def _turn(self, begin_ns: int, end_ns: int) -> float:
-        """Turn [rad] between two moments by the gyro; readings that are older than both are forgotten."""
+        """Return the turn [rad] between two stamps by the gyro, and drop the older readings."""
         assert self._bias is not None
         self._gyro = [reading for reading in self._gyro if reading.stamp_ns >= begin_ns - 20_000_000]
         turn = 0.0
@@ -172,12 +172,12 @@ class ScanSpeeds:
 
 
 def _steps(before: int, now: int) -> int:
-    """Signed step of a counter that wraps at 32 bits."""
+    """Return the signed step of a counter that wraps at 32 bits."""
     return (now - before + 2**31) % 2**32 - 2**31
 
 
 def _arc_length(moved: Pose2) -> float:
-    """Signed length [m] of the arc to a pose: its chord's part along the mean heading, lengthened by the bend."""
+    """Return the signed length [m] of the arc to a pose: the chord along the mean heading, corrected for the bend."""
     half = 0.5 * moved.theta
     chord = moved.x * np.cos(half) + moved.y * np.sin(half)
     return float(chord / np.sinc(half / np.pi))

@@ -1,4 +1,4 @@
-"""A simulated chair on a saved map: in a world that is given, or in one raised from the map itself."""
+"""Drives of a simulated chair on a saved map, in a given world or in one raised from the map."""
 
 from __future__ import annotations
 
@@ -28,10 +28,10 @@ from waychair.trials.drive import Leg, Setting, drive_to_places
 from waychair.types import OccupancyGrid, Place, Pose2
 
 _SPECK = 0.1
-"""Unknown ground of less than this [m^2] is taken to be as free as what is round it."""
+"""A smaller unknown area [m^2] counts as free."""
 
 _CLEAR_OF_START = 1.5
-"""Nobody stands nearer [m] to the chair when it sets off."""
+"""Least distance [m] of a person to the chair at its start."""
 
 
 def navigate(
@@ -48,17 +48,17 @@ def navigate(
     box: Path | None = None,
     planner: PlannerSettings | None = None,
 ) -> tuple[Leg, ...]:
-    """Drives chair A from a start to places in turn, both in the map's frame, among so many people who walk about.
+    """Drive chair A from a start to places in turn, in the map's frame, among `people` walking people.
 
-    A `world` that is given stands at `map_from_world`; its own start and people are left out. `zones` are the map's. With
-    `sensors` the chair has sonars, a depth camera and an IMU besides its lidar. `scanned` is the map as a lidar sees it
-    in that world; in one raised from the map itself it sees all of it. `box` is the folder of a black box.
-    `planner` is what ways are planned with, if not the default.
+    A given `world` lies at `map_from_world`, without its own start and people; by default the world is raised from the
+    map. `zones` are the map's. With `sensors` the chair has sonars, a depth camera and an IMU besides its lidar.
+    `scanned` is the map as the lidar sees it in `world`; in a raised world the lidar sees the whole map. `box` is the
+    folder of a black box.
 
     Raises:
-        StartOutsideMap, StartOccupied: the chair cannot stand at the start; told in the map's coordinates.
-        NoFreeSpace: nor anywhere else.
-        WorldError: there is no room for people.
+        StartOutsideMap, StartOccupied: the chair cannot stand at the start (in map coordinates).
+        NoFreeSpace: the map has no free space for the chair.
+        WorldError: there is no space for so many people.
     """
     map_from_world = map_from_world or Pose2()
     if not inside(grid, cells_from_points(grid, np.array([[start.x, start.y]])))[0]:
@@ -78,7 +78,7 @@ def navigate(
 
 
 def _begun_at(start: Pose2, grid: OccupancyGrid, world: World | None, map_from_world: Pose2) -> World:
-    """The world raised from the grid, or the one that is given without its people, with the chair at a start in map."""
+    """Return the given world without people, or one raised from the grid, with the chair at `start` in map."""
     refusal = StartOccupied(
         f"the chair does not fit at its start ({start.x:g}, {start.y:g}, {start.theta:g}) on the map; "
         "choose another one"
@@ -86,7 +86,7 @@ def _begun_at(start: Pose2, grid: OccupancyGrid, world: World | None, map_from_w
     if world is None:
         try:
             world = world_from_grid(grid, start)
-        except WorldError as error:  # it is in a wall
+        except WorldError as error:  # the start lies in a wall
             raise refusal from error
     else:
         world = replace(world.without_people(), start=map_from_world.inverse() @ start)
@@ -96,24 +96,24 @@ def _begun_at(start: Pose2, grid: OccupancyGrid, world: World | None, map_from_w
 
 
 def shut_off(grid: OccupancyGrid) -> OccupancyGrid:
-    """The map with a wall where free ground borders on the unknown: in a building every beam ends somewhere.
+    """Return the map with walls where free space borders unknown space, as every beam ends somewhere in a building.
 
-    Specks that no beam happened to cross stay open.
+    Small unknown specks stay open.
     """
     unknown = (grid.cells < 0).astype(np.uint8)
     _, patches, facts, _ = cv2.connectedComponentsWithStats(unknown, connectivity=4)
     large = facts[:, cv2.CC_STAT_AREA] * grid.resolution**2 >= _SPECK
-    large[0] = False  # what is known
+    large[0] = False  # label 0: known cells
     border = cv2.dilate(((grid.cells >= 0) & (grid.cells < OCCUPIED_FROM)).astype(np.uint8), np.ones((3, 3), np.uint8))
     cells = np.where(large[patches] & (border > 0), np.int8(100), grid.cells)
     return replace(grid, cells=cells)
 
 
 def with_walkers(world: World, count: int, seed: int, radius: float = 0.25) -> World:
-    """The world with people who walk straight on until something is in their way, strewn over its known free ground.
+    """Return the world with `count` people in its free space who walk straight on until something blocks them.
 
     Raises:
-        WorldError: there is not room enough for so many.
+        WorldError: there is no space for so many people.
     """
     rng = np.random.default_rng(seed)
     roomy = (distance_field(world.grid).metres > radius + 2 * world.grid.resolution) & (world.grid.cells >= 0)

@@ -1,7 +1,7 @@
-"""A chair in a simulator that lives by the clock on the wall, in a thread of its own.
+"""The real-time loop of a chair in a simulator, in a thread of its own.
 
-Everything that touches the two happens in that thread: whoever asks for something from outside is served between two
-beats of the board, within a few milliseconds, and waits for the answer no longer than `ANSWER_S`.
+Only this thread touches chair and simulator. Requests from other threads are served between two heartbeats of the
+board, within a few milliseconds; the caller waits at most `ANSWER_S` for the answer.
 """
 
 from __future__ import annotations
@@ -28,12 +28,12 @@ from waychair.types import RgbdFrame
 T = TypeVar("T")
 
 _SLACK_NS = 50_000_000
-"""A delay beyond this is never caught up: the simulated time falls behind for good."""
+"""A longer delay is not caught up: simulated time falls behind for good."""
 
 
 @dataclass(slots=True)
 class Pace:
-    """How the time goes by: ticks, those among them that came too late, time given up [s], CPU of a tick [s]."""
+    """Timing figures: ticks, late ticks, time given up [s], and CPU time per tick [s], smoothed and longest."""
 
     ticks: int = 0
     late: int = 0
@@ -43,11 +43,11 @@ class Pace:
 
 
 _HANDOVER_BEATS = 5
-"""The board hands the lines over in 20 ms from when the cable has brought it word."""
+"""Heartbeats after the stop; the board releases the lines within 20 ms of the command."""
 
 
 class RealTime:
-    """The thread's loop. `heard` is told of each tick's messages and state."""
+    """The thread's loop. `heard` is called with each tick's messages and state."""
 
     def __init__(
         self, chair: Chair, simulator: Simulator, heard: Callable[[tuple[SensorMessage, ...], ChairState], None]
@@ -55,7 +55,7 @@ class RealTime:
         self.pace = Pace()
         self.watch = PageWatch()
         self.free_since_ns: int | None = time.monotonic_ns()
-        """Since when the rider's joystick has been on the lines; None while the board holds them."""
+        """Time since which the rider's joystick is on the lines; None while the board holds them."""
         self._chair, self._simulator, self._heard = chair, simulator, heard
         self._asks: deque[tuple[Callable[[], object], Future[object]]] = deque()
         self._woken = threading.Event()
@@ -64,10 +64,10 @@ class RealTime:
         self._due_ns = 0
 
     def ask(self, what: Callable[[], T], first: bool = False) -> T:
-        """Have something done in the thread, before all else that waits if it is to come `first`; its answer.
+        """Run a function in the thread and return its result; with `first` it precedes all waiting requests.
 
         Raises:
-            WaychairError: what it raises, or nobody has answered in time.
+            WaychairError: the function raised it, or there was no answer in time.
         """
         asked: Future[object] = Future()
         (self._asks.appendleft if first else self._asks.append)((what, asked))
@@ -79,17 +79,17 @@ class RealTime:
         return answer
 
     def tell(self, what: Callable[[], object]) -> None:
-        """Have something done in the thread, without waiting for it."""
+        """Run a function in the thread without waiting for it."""
         self._asks.append((what, Future()))
         self._woken.set()
 
     def end(self) -> None:
-        """Ask the loop to end."""
+        """Request the end of the loop."""
         self._ended = True
         self._woken.set()
 
     def run(self) -> None:
-        """Until `end`; then the lines are let go."""
+        """Run until `end`, then stop the chair and release the lines."""
         self._due_ns = time.monotonic_ns()
         try:
             while not self._ended:
@@ -105,10 +105,10 @@ class RealTime:
             self._refuse()
 
     def step(self) -> ChairState:
-        """A tick of the chair: the regular one, or one more that somebody's wish must not wait for."""
+        """Run a tick of the chair: the regular one, or an extra one right after a request."""
         messages, self._messages = tuple(self._messages), []
         started, now_ns = time.thread_time(), time.monotonic_ns()
-        to_drive = (message for message in messages if not isinstance(message, RgbdFrame))  # pictures are for people
+        to_drive = (message for message in messages if not isinstance(message, RgbdFrame))  # pictures are only shown
         state = self._chair.step(self._simulator.now_ns, to_drive, self.watch.halts(now_ns))
         if not state.verdict.computer_drives:
             self.watch.over()
@@ -121,7 +121,7 @@ class RealTime:
         return state
 
     def _beat(self) -> None:
-        """A hundredth of a second of the world, in which the board is kept company."""
+        """Advance the world by one heartbeat period, with a heartbeat to the board."""
         self._chair.beat(self._simulator.now_ns)
         self._messages += self._simulator.advance(BEAT_NS)
         lines = self._simulator.lines
@@ -131,7 +131,7 @@ class RealTime:
             self.free_since_ns = None
 
     def _wait(self) -> None:
-        """Until the next beat is due, serving whoever asks."""
+        """Wait until the next beat is due, serving requests meanwhile."""
         self._due_ns += BEAT_NS
         while True:
             self._woken.clear()
@@ -156,6 +156,6 @@ class RealTime:
                 asked.set_exception(error)
 
     def _refuse(self) -> None:
-        """Whoever still waits is told that nobody answers any more."""
+        """Answer all waiting requests with an error."""
         while self._asks:
             self._asks.popleft()[1].set_exception(WaychairError("the simulated chair has ended: start it again"))

@@ -1,4 +1,4 @@
-"""A drive along a route, as a rider would do it, with or without recording it; and how far the wheels alone go astray."""
+"""A rider's drive along a route, optionally recorded as a bag, and the final error of its odometry."""
 
 from __future__ import annotations
 
@@ -34,14 +34,14 @@ from waychair.types import (
 )
 
 EPOCH_NS = 1_700_000_000 * 10**9
-"""Bags of a robot carry wall-clock stamps; a simulated drive begins at this one."""
+"""Stamp of the start of a simulated drive in a bag: real bags carry wall-clock stamps."""
 
 _Stamped = TypeVar("_Stamped", bound=Scan | Odometry | ImuSample | WheelTicks | RgbdFrame | SonarReadings)
 
 
 @dataclass(frozen=True, slots=True)
 class RouteDrive:
-    """What came of a drive: the way of the axle [m] by the truth, its time [s], scans made, odometry's final error [m]."""
+    """The result of a drive: true distance of the axle [m], time [s], scans, and the odometry's final error [m]."""
 
     distance_m: float
     duration_s: float
@@ -58,15 +58,15 @@ def drive_route(
     pacer: Pacer | None = None,
     hear: Callable[[SensorMessage], None] = lambda message: None,
 ) -> RouteDrive:
-    """Drives along `route` (N, 2) [m, map] by joystick, at the pace of `pacer` (without one, as fast as it can).
+    """Drive along `route` (N, 2) [m, map] by joystick, at the pace of `pacer` (by default as fast as possible).
 
-    `hear` is told every message of the sensors as it comes, stamped as in the bag. All that the sensors say, wheel
-    odometry and the truth once a tick go to a ROS 2 bag, if one is given; when its disk fills up or the user interrupts,
-    what was recorded so far stays beside it (see `RecordingWriter`).
+    `hear` is called with each sensor message, stamped as in the bag. A ROS 2 `bag` receives all sensor messages, wheel
+    odometry and, once a tick, the true pose. If the disk fills up or the user interrupts, the recorded part stays
+    beside the bag's path (see `RecordingWriter`).
 
     Raises:
-        WorldError: the chair touched something on the way, or made no way for a minute.
-        OutputError: there is something at the bag's path already, it cannot be written to, or its disk is full.
+        WorldError: the chair touched something, or made no progress for a minute.
+        OutputError: the bag's path exists already or cannot be written, or the disk is full.
     """
     odometry, origin, pacer = OdometryFilter(body), simulator.truth(), pacer or Pacer()
     began_ns, last, believed = simulator.now_ns, origin, Pose2()
@@ -75,7 +75,7 @@ def drive_route(
     mounts = mounts_of(body, simulator.settings.sonar.height)
     recording = RecordingWriter(bag, mounts, ticks_per_turn=body.ticks_per_turn) if bag else nullcontext()
     with recording as writer:
-        # The messages of one tick come once the simulator stands at its end, where the truth is taken.
+        # A tick's messages arrive when the simulator is at the tick's end, where the true pose is taken.
         for now_ns, messages in groupby(drive, lambda _: simulator.now_ns):
             pose, twist = simulator.truth(), simulator.twist()
             for message in messages:
@@ -100,15 +100,15 @@ def drive_route(
 
 
 def route_length(route: FloatArray, start: Pose2) -> float:
-    """Length [m] of the straight legs from the start along the waypoints (N, 2) [m, map]."""
+    """Return the length [m] of the segments from the start along the waypoints (N, 2) [m, map]."""
     points = np.concatenate([[[start.x, start.y]], route])
     return float(np.hypot(*np.diff(points, axis=0).T).sum())
 
 
 def mounts_of(body: ChairBody, sonar_height: float) -> dict[str, Pose3]:
-    """Where a body carries its sensors, in the base frame at floor height, by the names of their frames.
+    """Return the mounts of a body's sensors in the base frame at floor height, by frame name.
 
-    `sonar_height` [m] is that of the sonars above the floor.
+    `sonar_height` [m] is the sonars' height above the floor.
     """
     optical = body.base_from_camera
     return {

@@ -1,4 +1,4 @@
-"""Encoders and inertial units out of a recorded drive, a ROS 1 or ROS 2 bag, without its scans."""
+"""Readers of encoder and inertial messages in a ROS 1 or ROS 2 bag."""
 
 from __future__ import annotations
 
@@ -18,11 +18,11 @@ _IMU = "sensor_msgs/msg/Imu"
 
 
 def wheel_ticks_of(path: Path, ticks_per_turn: int) -> tuple[WheelTicks, ...]:
-    """The drive wheels' angles as encoder counts, by rising stamps, from the joints called ...left... and ...right...
+    """Return the drive wheels' angles as encoder counts in time order, from the joints named ...left... and ...right...
 
     Raises:
-        RecordingNotFound, RecordingDamaged: there is no such bag, or it cannot be read.
-        RecordingError: it holds no such joints.
+        RecordingNotFound, RecordingDamaged: the bag does not exist or cannot be read.
+        RecordingError: the bag holds no such joints.
     """
     per_radian = ticks_per_turn / math.tau
     found: dict[int, WheelTicks] = {}
@@ -41,11 +41,11 @@ def wheel_ticks_of(path: Path, ticks_per_turn: int) -> tuple[WheelTicks, ...]:
 
 
 def imu_samples_of(path: Path) -> tuple[ImuSample, ...]:
-    """Readings of the inertial unit, by rising stamps.
+    """Return the readings of the inertial unit in time order.
 
     Raises:
-        RecordingNotFound, RecordingDamaged: there is no such bag, or it cannot be read.
-        RecordingError: it holds none.
+        RecordingNotFound, RecordingDamaged: the bag does not exist or cannot be read.
+        RecordingError: the bag holds no inertial unit.
     """
     found = {stamp: _imu(stamp, message) for stamp, message in _messages(path, _IMU)}
     if len(found) < 2:
@@ -59,7 +59,7 @@ def _imu(stamp: int, message: Any) -> ImuSample:
 
 
 def _messages(path: Path, kind: str) -> Iterator[tuple[int, Any]]:
-    """Stamps of the headers, and messages, of one type."""
+    """Yield (header stamp [ns], message) of all messages of a type."""
     if not path.exists():
         raise RecordingNotFound(f"there is no recording at {path}: give a bag's file or folder")
     with opened(path, _suffix(path)) as bag:
@@ -70,7 +70,7 @@ def _messages(path: Path, kind: str) -> Iterator[tuple[int, Any]]:
 
 
 def _suffix(path: Path) -> str:
-    """What `opened` calls this kind of bag."""
+    """Return the suffix by which `opened` knows this kind of bag."""
     if path.is_dir():
         return ""
     with path.open("rb") as file:

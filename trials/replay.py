@@ -1,8 +1,8 @@
-"""Replay regression: a recorded drive through each part of a chair by itself must give yesterday's outputs.
+"""Replay regression test: each part of a chair, fed with a recorded drive, must reproduce its reference outputs.
 
-A tape holds all that a chair heard and was told in a simulated drive, down to the bytes of its board. Each part is fed
-from the tape alone, never from another part, so that a change shows in the part in which it was made. The reference
-holds each part's outputs tick by tick; a difference names part, tick and field, with the old and the new value.
+A tape holds all inputs of a chair in a simulated drive, including the bytes of its board. Each part gets its inputs
+from the tape alone, never from another part, so that a change shows only in the part that was changed. The reference
+holds each part's outputs tick by tick. A difference names part, tick and field, with the old and the new value.
 """
 
 from __future__ import annotations
@@ -40,7 +40,7 @@ from waychair.types import Goal, ImuSample, Pose2, Scan, Twist, WheelTicks
 
 Value: TypeAlias = float | int | bool | str | None
 Row: TypeAlias = dict[str, Value]
-"""What came of one tick, by field."""
+"""The outputs of one tick, by field."""
 
 _DIGITS = 6
 
@@ -56,7 +56,7 @@ TOLERANCES: Mapping[str, float] = MappingProxyType(
         "base.turn_volts": 0.02,
     }
 )
-"""By part, or by part and field: numbers that differ by no more are equal. Processors round alike, but for this."""
+"""Tolerances by part, or by part and field, for numbers: rounding may differ between processors."""
 
 IGNORED: Mapping[str, str] = MappingProxyType(
     {
@@ -64,15 +64,15 @@ IGNORED: Mapping[str, str] = MappingProxyType(
         "base.reason": "a sentence may be put better; mode and halts are compared",
     }
 )
-"""Fields that are kept for whoever looks, and not compared, with the reason."""
+"""Fields that are stored for readers but not compared, with the reason."""
 
 
 @dataclass(frozen=True, slots=True)
 class TapedTick:
-    """All that came in before one tick and in it; `moment` is a record of the black box.
+    """All inputs of one tick; `moment` is a record of the black box.
 
-    `beats`: moments [ns] between two ticks, with what the board had said by then; `answers`: what it said in the tick.
-    `active`: whether there was a goal. `odom_from_base`: the odometry at the tick's scan, None without one.
+    `beats`: times [ns] of the heartbeats before the tick, with the board's bytes until then. `answers`: its bytes in
+    the tick. `active`: there was a goal. `odom_from_base`: the odometry at the tick's scan, None without a scan.
     """
 
     beats: tuple[tuple[int, bytes], ...]
@@ -85,16 +85,16 @@ class TapedTick:
 
 @dataclass(frozen=True, slots=True)
 class Tape:
-    """A drive that began at `start` on the map."""
+    """A recorded drive that began at `start` on the map."""
 
     start: Pose2
     ticks: tuple[TapedTick, ...]
 
     def moments(self) -> Iterator[tuple[TapedTick, Moment]]:
-        """Its ticks, unpacked.
+        """Yield the ticks, decoded.
 
         Raises:
-            BoxError: they are of another version.
+            BoxError: the ticks have another version.
         """
         for taped in self.ticks:
             moment = next(records(taped.moment))
@@ -104,14 +104,15 @@ class Tape:
 
 
 def save_tape(path: Path, tape: Tape) -> None:
-    """Write it, compressed."""
+    """Write a tape, compressed."""
     write_bytes(path, lzma.compress(msgspec.msgpack.encode(tape), preset=9))
 
 
 def load_tape(path: Path) -> Tape:
-    """
+    """Read a tape.
+
     Raises:
-        BoxError: there is no tape, or it is damaged or of another version.
+        BoxError: the tape does not exist, is damaged or has another version.
     """
     try:
         return msgspec.msgpack.decode(lzma.decompress(path.read_bytes()), type=Tape)
@@ -122,9 +123,9 @@ def load_tape(path: Path) -> Tape:
 def record(
     setting: Setting, simulator: Simulator, acts: Mapping[int, Callable[[Simulator, Chair], None]], ticks: int
 ) -> Tape:
-    """Drive so many ticks, and do at some of them what `acts` says.
+    """Drive for `ticks` ticks, calling `acts[k]` before tick k, and return the tape.
 
-    Sensors are taped to the millimetre and thousandth, which is all that the chair is told, too.
+    Sensor messages are rounded to 1e-3 (mm, mrad/s) for the chair and for the tape alike.
     """
     start = setting.map_from_world @ simulator.truth()
     taps: list[_Tap] = []
@@ -153,7 +154,7 @@ def record(
 
 
 def replays(setting: Setting) -> Mapping[str, Callable[[Tape], list[Row]]]:
-    """Each part by its name: from a tape to its outputs."""
+    """Return, by part name, the function from a tape to the part's outputs."""
     calibration = calibration_of(setting)
     return {
         "odometry": lambda tape: _replay_odometry(tape, calibration),
@@ -165,7 +166,7 @@ def replays(setting: Setting) -> Mapping[str, Callable[[Tape], list[Row]]]:
 
 @dataclass(frozen=True, slots=True)
 class Difference:
-    """The first row in which a field of a part is another, and in how many it is."""
+    """A field of a part that differs: first row, old and new value, and in how many rows of all."""
 
     part: str
     field: str
@@ -184,7 +185,7 @@ class Difference:
 
 
 def differences(part: str, old: Sequence[Row], new: Sequence[Row]) -> list[Difference]:
-    """What is compared and differs, by field, in the order of the first row in which it does."""
+    """Return the differing fields, ordered by the first row that differs."""
     if len(old) != len(new):
         return [Difference(part, "rows", min(len(old), len(new)), len(old), len(new), 1, 1)]
     names = dict.fromkeys(name for row in (*old[:1], *new[:1]) for name in row)
@@ -201,7 +202,7 @@ def differences(part: str, old: Sequence[Row], new: Sequence[Row]) -> list[Diffe
 
 @dataclass(frozen=True, slots=True)
 class Reference:
-    """Yesterday's outputs of a part, and why they were changed each time."""
+    """The reference outputs of a part, and the reason of each of its updates."""
 
     part: str
     reasons: tuple[str, ...]
@@ -209,10 +210,10 @@ class Reference:
 
 
 def save_reference(path: Path, part: str, rows: Sequence[Row], reason: str) -> None:
-    """Make these outputs the reference, for a reason that is kept with those before.
+    """Save these outputs as the reference, and append the reason to the earlier ones.
 
     Raises:
-        ConfigError: no reason is given.
+        ConfigError: the reason is empty.
     """
     if not reason.strip():
         raise ConfigError(f"the reference of the {part} is not rewritten without a reason: give --reason")
@@ -223,9 +224,10 @@ def save_reference(path: Path, part: str, rows: Sequence[Row], reason: str) -> N
 
 
 def load_reference(path: Path) -> Reference:
-    """
+    """Read a reference.
+
     Raises:
-        BoxError: there is no reference, or it is damaged.
+        BoxError: the reference does not exist or is damaged.
     """
     try:
         values: dict[str, Any] = json.loads(lzma.decompress(path.read_bytes()))
@@ -237,7 +239,7 @@ def load_reference(path: Path) -> Reference:
 
 
 def _replay_odometry(tape: Tape, calibration: ChairCalibration) -> list[Row]:
-    """The odometry filter alone, after each tick."""
+    """Replay the odometry filter; one row per tick."""
     filter_, rows = OdometryFilter(calibration.body), list[Row]()
     for _, moment in tape.moments():
         reading = None
@@ -255,7 +257,7 @@ def _replay_odometry(tape: Tape, calibration: ChairCalibration) -> list[Row]:
 
 
 def _replay_localiser(tape: Tape, setting: Setting, calibration: ChairCalibration) -> list[Row]:
-    """The localiser, by the odometry of the tape, after each scan."""
+    """Replay the localiser with the tape's odometry; one row per scan."""
     known = setting.grid if setting.scanned is None else setting.scanned
     localiser = Localiser(known, calibration.body.base_from_laser, tape.start, setting.chair.localiser)
     rows = []
@@ -270,7 +272,7 @@ def _replay_localiser(tape: Tape, setting: Setting, calibration: ChairCalibratio
 
 
 def _replay_pilot(tape: Tape, setting: Setting, calibration: ChairCalibration) -> list[Row]:
-    """Pilot and navigator, by the poses, verdicts and commands of the tape."""
+    """Replay pilot and navigator with the tape's poses, verdicts and commands."""
     pilot = Pilot(setting.grid, setting.places, calibration.body, setting.chair, calibration.stops, setting.zones)
     rows = []
     for taped, moment in tape.moments():
@@ -294,7 +296,7 @@ def _replay_pilot(tape: Tape, setting: Setting, calibration: ChairCalibration) -
 
 
 def _replay_base(tape: Tape, setting: Setting, calibration: ChairCalibration) -> list[Row]:
-    """Supervisor, limits, monitor and bridge, by the board's bytes and the localiser's word of the tape."""
+    """Replay supervisor, limiter, monitor and bridge with the tape's board bytes and localisations."""
     board = _Replayed()
     cable = Reconnecting(lambda: board)
     base = DriveBase(calibration, cable, tape.start, setting.chair, setting.calibration, zones=setting.zones)
@@ -334,7 +336,7 @@ def _replay_base(tape: Tape, setting: Setting, calibration: ChairCalibration) ->
 
 
 class _Tap:
-    """A transport that keeps what was read."""
+    """A transport that keeps the bytes that were read."""
 
     def __init__(self, transport: Transport) -> None:
         self._transport = transport
@@ -360,7 +362,7 @@ class _Tap:
 
 
 class _Replayed:
-    """A transport that says what it is told to, and takes everything."""
+    """A transport that delivers the given bytes and accepts everything written."""
 
     closed = False
 
@@ -368,7 +370,7 @@ class _Replayed:
         self._says = b""
 
     def say(self, data: bytes) -> None:
-        """To be read from now on."""
+        """Append bytes to be read."""
         self._says += data
 
     def write(self, data: bytes) -> bool:
@@ -386,7 +388,7 @@ class _Replayed:
 
 
 class _Listener:
-    """What somebody asked of the chair since the last tick."""
+    """Collects the requests to the chair since the last tick."""
 
     def __init__(self) -> None:
         self._told: list[Told] = []
@@ -407,7 +409,7 @@ def _nothing(simulator: Simulator, chair: Chair) -> None:
 
 
 def _cut(taps: list[_Tap]) -> bytes:
-    """What was read since the last cut."""
+    """Return the bytes read since the last call."""
     data = b"".join(tap.heard for tap in taps)
     for tap in taps:
         tap.heard = b""

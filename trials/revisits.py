@@ -1,14 +1,14 @@
-"""Drives that come back: recorded with a camera, mapped with and without it, and scored by the truth.
+"""Scores of loop closure: drives with revisits, recorded with a camera and mapped with and without it.
 
-What is measured (a place is within 1 m and 30 degrees by the truth):
+The figures (two poses are at the same place if they are truly within 1 m and 30 degrees):
 
-- A node *stands at a true revisit* if an earlier node stands at the same place and is no member of the short-term
-  memory any more (more than 30 s older). Recall is the share of those for which the memory has a link to a node at that
-  place: a loop by appearance or one on known ground (RTAB-Map's proximity), both checked by the lidar.
-- A *revisit* is a stretch of the drive on which nodes stand at true revisits, ended by 10 nodes that do not; it is
-  closed if one of them is linked. Revisits the other way round, which a camera cannot see, are counted apart: they are
-  closed if the map's own relative pose of the two visits is right and rests on a loop's edge or a common key scan.
-- A link is *false* if its relative pose is wrong by more than 0.5 m or 15 degrees; so is a loop's edge of the graph.
+- A node is *at a true revisit* if an earlier node is at the same place and has left the short-term memory (it is more
+  than 30 s older). Recall is the share of those nodes that the memory links to a node at that place, by a loop closure
+  by appearance or by proximity (RTAB-Map's term), both checked by the lidar.
+- A *revisit* is a stretch of the drive with nodes at true revisits, ended by 10 other nodes. It is closed if one of its
+  nodes is linked. Revisits in the opposite direction, which a camera cannot recognise, are counted separately: they are
+  closed if the map's relative pose of the two visits is right.
+- A link or a loop edge is *false* if its relative pose is wrong by more than 0.5 m or 15 degrees.
 """
 
 from __future__ import annotations
@@ -44,7 +44,7 @@ _PAUSE = 10
 
 @dataclass(frozen=True, slots=True)
 class Mapped:
-    """A drive as it was mapped, with the memory of its places (None without camera), and where the chair really was."""
+    """A mapped drive, with its memory of places (None without camera) and the true trajectory."""
 
     result: MapperResult
     appearance: Appearance | None
@@ -54,7 +54,7 @@ class Mapped:
 def recorded(
     world: str, bag: Path, rate_hz: float, route: FloatArray | None = None, camera: CameraSettings | None = None
 ) -> None:
-    """A drive along a route of a world, by default its own, with pictures at a lower rate than a real camera's."""
+    """Record a drive along a route of a world (by default its mapping route) with pictures at `rate_hz`."""
     place = load_world(world)
     settings = with_all_sensors(SimulatorSettings())
     settings = dataclasses.replace(
@@ -67,7 +67,7 @@ def recorded(
 
 
 def mapped(bag: Path, *, camera: bool = True, settings: AppearanceSettings | None = None) -> Mapped:
-    """A recorded drive, its memory in RAM."""
+    """Map a recorded drive, with its memory in RAM."""
     recording = read_recording(bag)
     live = LiveMapping(LiveMappingSettings(), recording.base_from_laser)
     appearance = Appearance(settings or AppearanceSettings(), CHAIR_A.base_from_camera) if camera else None
@@ -83,7 +83,7 @@ def mapped(bag: Path, *, camera: bool = True, settings: AppearanceSettings | Non
 
 
 def truth_of(bag: Path) -> Trajectory:
-    """Where the simulated chair really was, in the frame of the world."""
+    """Return the true trajectory of a recorded simulated drive, in the world frame."""
     recording = read_recording(bag, InputSettings(bag=BagSettings(odom_topic=TRUTH)))
     readings = [reading for frame in recording.frames for reading in frame.wheels if isinstance(reading, Odometry)]
     stamps = np.array([reading.stamp_ns for reading in readings], np.int64)
@@ -91,12 +91,12 @@ def truth_of(bag: Path) -> Trajectory:
 
 
 def ate(drive: Mapped) -> float:
-    """Root mean square of the position's error [m]."""
+    """Return the absolute trajectory error [m], root mean square."""
     return round(truth_errors(drive.result.trajectory, drive.truth).rmse_m, 4)
 
 
 def score(drive: Mapped) -> Json:
-    """Revisits, recall and false loops of a drive with camera."""
+    """Return revisits, recall and false loops of a drive with camera."""
     assert drive.appearance is not None
     memory = drive.appearance.memory
     ids = np.array(memory.skeleton.ids())
@@ -133,7 +133,7 @@ def score(drive: Mapped) -> Json:
 
 
 def _places_again(poses: FloatArray, stamps: IntArray) -> tuple[BoolArray, BoolArray]:
-    """(N, N) whether node k stands where node i < k stood long before: in the same direction, in any other."""
+    """Return (N, N) whether node k is where an older node i < k was: in the same direction, and in others."""
     away = np.hypot(*(poses[:, None, :2] - poses[None, :, :2]).transpose(2, 0, 1))
     turned = np.abs(wrap_angles((poses[:, None, 2] - poses[None, :, 2]).ravel())).reshape(away.shape)
     near = (away < _NEAR) & (stamps[:, None] - stamps[None, :] > _BEFORE_NS)
@@ -141,13 +141,13 @@ def _places_again(poses: FloatArray, stamps: IntArray) -> tuple[BoolArray, BoolA
 
 
 def _stretches(inside: BoolArray) -> list[IntArray]:
-    """Rows that are inside, in groups with no more than so many outside between two."""
+    """Return the true rows in groups; gaps within a group have at most `_PAUSE` rows."""
     rows = np.flatnonzero(inside)
     return [group for group in np.split(rows, np.flatnonzero(np.diff(rows) > _PAUSE) + 1) if len(group)]
 
 
 def _right(drive: Mapped, ids: IntArray, poses: FloatArray, again: BoolArray) -> BoolArray:
-    """(N,) whether the map has a node right beside one of those that it stands at again (see the module's text)."""
+    """Return (N,) whether the map's relative pose of a node to a node that it revisits is right."""
     assert drive.appearance is not None
     memory = drive.appearance.memory
     found = memory.poses(ids.tolist())
@@ -176,7 +176,7 @@ def _false_edges(drive: Mapped) -> int:
 
 
 def _false(truth: Trajectory, from_ns: IntArray, to_ns: IntArray, measured: list[Pose2]) -> int:
-    """How many relative poses between two moments are wrong."""
+    """Return the number of measured relative poses between two stamps that are wrong."""
     count = 0
     ends = (poses_at(truth.stamps_ns, truth.poses, stamps) for stamps in (from_ns, to_ns))
     for a, b, found in zip(*ends, measured, strict=True):

@@ -1,15 +1,16 @@
-"""What a ride feels like: the accelerations and the jerk of the chair's true motion, beside what the limiter promises.
+"""Ride comfort: accelerations and jerk of the chair's true motion, for comparison with the limiter's limits.
 
-The true twist is taken every 10 ms and judged twice. By what the sources on comfort use, ISO 2631-1 (1997) and, of a
-robotic wheelchair, Solea and Nunes (ICINCO 2008): the acceleration along and across, each weighted by W_d, which fades
-out what is slower than 0.4 Hz or faster than 2 Hz; its r.m.s., its fourth-power vibration dose value, and for how much
-of the time the running r.m.s. of a second is uncomfortable. The standard's band ends at 100 Hz, beyond the sampling's
-50, so that end is left out. Nobody gives a limit of jerk in that weighting, nor filters it: the limiter's is a choice.
+The true twist is sampled every 10 ms and evaluated in two ways.
 
-So the jerk and the extremes are of the twist behind a Butterworth low pass of the second order, run forwards and
-backwards so that nothing is shifted, at `FILTER_HZ`: what is faster is the ripple of the motors. Beside the jerk that
-was felt stands that of what the joystick lines asked for, by the same filter: the rest is the chair's own doing. Hard
-stops, harder than midway from comfort to emergency, are counted and left out of both: there jerk is the purpose.
+First by ISO 2631-1 (1997), as for a robotic wheelchair by Solea and Nunes (ICINCO 2008): accelerations along and across
+are weighted by W_d, a band from 0.4 to 2 Hz. The figures are the r.m.s., the fourth-power vibration dose value, and the
+share of time with an uncomfortable running r.m.s. over one second. The standard's upper band limit of 100 Hz lies above
+the Nyquist frequency and is left out. No source limits the jerk in this weighting; the limiter's limit is a choice.
+
+Second, jerk and extremes are taken after a second-order Butterworth low pass at `FILTER_HZ`, run forward and backward
+without phase shift, which removes the motors' ripple. The jerk of the speed that the joystick lines requested is
+computed with the same filter; the difference comes from the chair. Hard stops (deceleration above the mean of comfort
+and emergency) are counted and left out of both jerks.
 """
 
 from __future__ import annotations
@@ -30,15 +31,15 @@ from waychair.types import BoolArray, FloatArray, IntArray, Json, Pose2, Twist
 FILTER_HZ = 2.0
 _RATE_HZ = 100.0
 _SHORTEST_S = 1.0
-"""A shorter motion tells nothing after the filter."""
+"""A shorter motion cannot be evaluated after the filter."""
 
 
 @dataclass(frozen=True, slots=True)
 class Motion:
     """True motion: stamps (T,) int64 [ns], poses (T, 3) in map, twists (T, 2) [m/s, rad/s] over the ground.
 
-    `people` (T,) [m] is the distance from the outline to the nearest person, +inf where there is nobody. `told` (T,)
-    [m/s] is the speed along that the joystick lines ask for; empty where nobody noted it, so that no stop is known as hard.
+    `people` (T,) [m] is the distance from the footprint to the nearest person, +inf without people. `told` (T,) [m/s]
+    is the speed that the joystick lines request; if it is empty, no stop counts as hard.
     """
 
     stamps_ns: IntArray
@@ -48,36 +49,36 @@ class Motion:
     told: FloatArray = field(default_factory=lambda: np.empty(0))
 
     def at(self, stamp_ns: int) -> tuple[Pose2, Twist]:
-        """Pose and twist at the last sample that is no later than a stamp."""
+        """Return pose and twist of the last sample at or before a stamp."""
         k = max(int(np.searchsorted(self.stamps_ns, stamp_ns, side="right")) - 1, 0)
         return Pose2(*self.poses[k].tolist()), Twist(*self.twists[k].tolist())
 
     def since(self, stamp_ns: int) -> Motion:
-        """What came after a stamp."""
+        """Return the motion after a stamp."""
         later = self.stamps_ns > stamp_ns
         told = self.told[later] if len(self.told) else self.told
         return Motion(self.stamps_ns[later], self.poses[later], self.twists[later], self.people[later], told)
 
 
 class WatchedSimulator(Simulator):
-    """A simulator that keeps the true motion, one sample whenever it was advanced."""
+    """A simulator that records the true motion, one sample per `advance`."""
 
     def __init__(self, world: World, body: ChairBody, settings: SimulatorSettings | None = None, seed: int = 0) -> None:
         self._samples: list[tuple[int, Pose2, Twist, float, float]] = []
         super().__init__(world, body, settings, seed)
 
     def advance(self, duration_ns: int) -> tuple[SensorMessage, ...]:
-        """As the simulator's."""
+        """Advance the simulator and record a sample."""
         messages = super().advance(duration_ns)
         self._samples.append((self.now_ns, self.truth(), self.twist(), self.person_distance(), self._told()))
         return messages
 
     def forget(self) -> None:
-        """The motion so far has been looked at."""
+        """Drop the motion so far."""
         self._samples.clear()
 
     def motion(self) -> Motion:
-        """All of it so far, or since it was forgotten."""
+        """Return the motion so far, or since `forget`."""
         stamps = np.array([stamp for stamp, *_ in self._samples], np.int64)
         poses = np.array([pose.array() for _, pose, *_ in self._samples]).reshape(-1, 3)
         twists = np.array([(twist.v, twist.omega) for _, _, twist, *_ in self._samples]).reshape(-1, 2)
@@ -85,7 +86,7 @@ class WatchedSimulator(Simulator):
         return Motion(stamps, poses, twists, people, told)
 
     def _told(self) -> float:
-        """Speed [m/s] at which the chair would settle by what is on its forward line now."""
+        """Return the speed [m/s] at which the chair would settle with the present volts on its forward line."""
         plant = self.settings.plant
         beyond = self._board_volts[0] - plant.neutral_volts
         return math.copysign(plant.forward_gain * max(abs(beyond) - plant.forward_dead_band, 0.0), beyond)
@@ -93,12 +94,12 @@ class WatchedSimulator(Simulator):
 
 @dataclass(frozen=True, slots=True)
 class Ride:
-    """How a drive felt, while it moved.
+    """Comfort figures of a drive, over the time in motion.
 
-    `weighted_rms` [m/s^2], `dose` [m/s^1.75], and the parts of the time that the running r.m.s. is `above_a_little` and
-    `above_fairly` uncomfortable are by ISO 2631-1. `rms` [m/s^2] is that of the acceleration along and across without
-    weighting; the others are extremes: speeding up, slowing down and sideways [m/s^2], and, outside of `hard_stops`, the
-    jerk along [m/s^3], whose 99th percentile is `jerk_p99`, and that of what was told to the chair.
+    By ISO 2631-1: `weighted_rms` [m/s^2], `dose` [m/s^1.75], and the shares of time `above_a_little` and `above_fairly`
+    uncomfortable. `rms` [m/s^2] is the unweighted acceleration along and across. Extremes: `speeding_up`,
+    `slowing_down`, `sideways` [m/s^2] and, outside `hard_stops`, `jerk` along [m/s^3] (99th percentile `jerk_p99`) and
+    `jerk_told`, the jerk of the requested speed.
     """
 
     moving_s: float
@@ -117,14 +118,14 @@ class Ride:
 
 
 STILL = Ride(0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0)
-"""A chair that did not move."""
+"""The figures of a chair that did not move."""
 
 A_LITTLE, FAIRLY = 0.315, 0.63
-"""ISO 2631-1, annex C: a weighted r.m.s. [m/s^2] is a little uncomfortable from the first to the second."""
+"""ISO 2631-1, annex C: a weighted r.m.s. [m/s^2] between the two is a little uncomfortable, above it fairly."""
 
 
 def ride_of(motion: Motion) -> Ride:
-    """The figures of a motion; those of `STILL` for one that is shorter than a second."""
+    """Return the comfort figures of a motion; `STILL` for one shorter than a second."""
     seconds = (motion.stamps_ns - motion.stamps_ns[:1]) * 1e-9
     if len(seconds) < 2 or seconds[-1] < _SHORTEST_S:
         return STILL
@@ -160,11 +161,11 @@ def ride_of(motion: Motion) -> Ride:
 
 
 _MOVES = 0.01
-"""A chair that is faster [m/s, rad/s] moves."""
+"""A chair moves above this speed [m/s, rad/s]."""
 
 
 def weighted(acceleration: FloatArray) -> FloatArray:
-    """(T,) [m/s^2] every 10 ms, weighted by W_d of ISO 2631-1, annex A: f1 = 0.4, f3 = f4 = 2 Hz, Q4 = 0.63."""
+    """Return accelerations (T,) [m/s^2], sampled every 10 ms, weighted by W_d of ISO 2631-1, annex A (Q4 = 0.63)."""
     corner = math.tau * 2.0
     transition = bilinear([1.0 / corner, 1.0], [corner**-2, 1.0 / (0.63 * corner), 1.0], fs=_RATE_HZ)
     high_pass = butter(2, 0.4, "highpass", fs=_RATE_HZ, output="sos")
@@ -173,7 +174,7 @@ def weighted(acceleration: FloatArray) -> FloatArray:
 
 
 def _hard_stops(told: FloatArray) -> BoolArray:
-    """(T,) when a chair was told to slow down harder than midway from comfort to emergency, over a few ticks."""
+    """Return (T,) whether the requested deceleration exceeds the mean of comfort and emergency, over `_HARD_S`."""
     limits = LimiterSettings()
     lag = round(_HARD_S * _RATE_HZ)
     lost = np.zeros(len(told))
@@ -186,7 +187,7 @@ _HARD_S = 0.15
 
 
 def _widened(hard: BoolArray) -> BoolArray:
-    """(T,) the same, from the filter's length before it until the chair has followed it to the end."""
+    """Return hard stops (T,) extended by the filter's length before and by the chair's response time after."""
     before, after = round(0.4 * _RATE_HZ), round(1.0 * _RATE_HZ)
     near = np.convolve(hard, np.ones(before + after + 1), mode="full")[before : before + len(hard)]
     wide: BoolArray = near > 0.5
@@ -194,19 +195,19 @@ def _widened(hard: BoolArray) -> BoolArray:
 
 
 def _rate(values: FloatArray) -> FloatArray:
-    """(T,) change per second."""
+    """Return the derivative (T,) per second."""
     rate: FloatArray = np.gradient(values, 1.0 / _RATE_HZ)
     return rate
 
 
 def worst_of(rides: Sequence[Ride]) -> Ride:
-    """One line for many drives: their extremes, and the r.m.s. over all the time that they moved."""
+    """Return the figures of several drives: their extremes, and the r.m.s. over their whole time in motion."""
     time = sum(ride.moving_s for ride in rides)
     if not time:
         return STILL
 
     def mean(name: str, power: int = 1) -> float:
-        """Over all the time that they moved."""
+        """Return the power mean of a figure, weighted by time in motion."""
         return float((sum(ride.moving_s * getattr(ride, name) ** power for ride in rides) / time) ** (1.0 / power))
 
     extremes = ("speeding_up", "slowing_down", "sideways", "jerk", "jerk_p99", "jerk_told", "dose")
@@ -222,12 +223,12 @@ def worst_of(rides: Sequence[Ride]) -> Ride:
 
 
 def ride_row(name: str, ride: Ride) -> Json:
-    """A line of the table."""
+    """Return a row of the table."""
     return {"scene": name, **{key: round(getattr(ride, key), 3) for key in Ride.__slots__}}
 
 
 def limits_row(settings: LimiterSettings) -> Json:
-    """The line of the limits, with what an emergency may do beside it."""
+    """Return the row of the limiter's limits, with the emergency deceleration."""
     return {
         "scene": "limits",
         "speeding_up": settings.acceleration,
@@ -239,7 +240,7 @@ def limits_row(settings: LimiterSettings) -> Json:
 
 
 def _smooth(values: FloatArray) -> FloatArray:
-    """(T,) without what is faster than the filter."""
+    """Return the low-pass filtered values (T,)."""
     low_pass = butter(2, FILTER_HZ, fs=_RATE_HZ, output="sos")
     smoothed: FloatArray = sosfiltfilt(low_pass, values)
     return smoothed

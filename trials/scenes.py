@@ -1,7 +1,7 @@
-"""Tight places that buildings have: doors, a corridor with a corner, a dead end, each from seeded random starts.
+"""Tight scenes of buildings: doors, a corridor with a corner, a dead end, parked chairs, with seeded random starts.
 
-A `Scene` is a world with its map, a chair in it and a place to go to; `run_scene` drives the whole chair there: lidar
-with noise, localiser, navigator, closed loop, the shipped firmware on the lines of a chair that nobody measured.
+A `Scene` is a world, a chair in it and a goal. `run_scene` drives the complete chair there: noisy lidar, localiser,
+navigator, closed loop, and the shipped firmware on the lines of an uncalibrated chair.
 """
 
 from __future__ import annotations
@@ -28,26 +28,26 @@ from waychair.trials.drive import Leg, Setting, drive_to_places
 from waychair.types import FloatArray, OccupancyGrid, Place, Pose2
 
 MAP_RESOLUTION = 0.01
-"""Cells [m] of the map that the chair is given; those of the world are half as large."""
+"""Cell size [m] of the chair's map; the world's cells are half as large."""
 
 DOORS = (0.80, 0.815, 0.90)
 APPROACHES = (0.0, 30.0, 60.0, 90.0)
-"""Clear widths [m], and angles [degrees] between the chair's heading at the start and the way through the door."""
+"""Clear widths [m], and angles [degrees] between the chair's start heading and the door's axis."""
 
 ROOM, WALL = 4.0, 0.15
 """Side of the rooms and thickness of the wall between them [m]."""
 
 CORRIDOR, DEAD_END = 0.915, 1.5
-"""Widths [m] of the corridor with a corner (the ADA's least) and of the dead end."""
+"""Widths [m] of the corridor with a corner (the least by the ADA) and of the dead end."""
 
 PARKED_BY, PARKED_AT = (0.02, 0.04), ("beside", "nose in", "tail in")
-"""How far [m] from the wall on its right a chair is parked, and whether one is ahead or behind it, as near."""
+"""Distances [m] of a parked chair to the wall on its right and, "nose in" or "tail in", to one ahead or behind."""
 
-_EDGE = 0.2  # free ground round a plan's outer walls, within its size
+_EDGE = 0.2  # [m] free space round a plan's outer walls
 
 
 def drives(body: ChairBody) -> Mapping[str, ChairBody]:
-    """The body with its drive wheels at the rear, in the middle and at the front; its sensors stay where they are."""
+    """Return the body with its drive wheels at the rear, in the middle and at the front; the sensors stay in place."""
     axles = {"rear": 0.25, "mid": body.length / 2, "front": body.length - 0.25}
     return MappingProxyType(
         {
@@ -66,9 +66,9 @@ def drives(body: ChairBody) -> Mapping[str, ChairBody]:
 
 @dataclass(frozen=True, slots=True)
 class Scene:
-    """A world whose start is the chair's, the goal in it, the chair, and the door whose axis is judged, if any.
+    """A world with the chair's start, the goal, the chair, and the door whose axis is scored, if any.
 
-    `zones` are the map's; with `sensors` the chair has sonars, a depth camera and an IMU besides its lidar.
+    `zones` are the map's. With `sensors` the chair has sonars, a depth camera and an IMU besides its lidar.
     """
 
     name: str
@@ -83,7 +83,7 @@ class Scene:
 
 @dataclass(frozen=True, slots=True)
 class SceneResult:
-    """How a run ended. `door_error_m`: farthest that the body's middle line was off the door's axis in the door."""
+    """The result of a run. `door_error_m`: greatest offset of the body's middle line from the door's axis."""
 
     scene: str
     seed: int
@@ -98,9 +98,9 @@ class SceneResult:
 
 
 def door_scene(width: float, approach: float, body: ChairBody, seed: int) -> Scene:
-    """Two rooms and a door between them; the start is 1.5 to 3 m before it, turned `approach` degrees off the way in.
+    """Return two rooms with a door; the start is 1.5 to 3 m before it, at `approach` degrees to the door's axis.
 
-    The turn is to either side, and within 5 degrees of what is asked for; sideways the chair starts wherever it fits.
+    The turn is to either side, within 5 degrees of `approach`. The lateral offset is random, where the chair fits.
     """
     rng = np.random.default_rng(seed)
     left, right = _EDGE + ROOM, _EDGE + ROOM + WALL
@@ -119,7 +119,7 @@ def door_scene(width: float, approach: float, body: ChairBody, seed: int) -> Sce
 
 
 def corner_scene(body: ChairBody, seed: int) -> Scene:
-    """A corridor of 0.915 m with a right-angled turn; the start is in one arm, the goal in the other."""
+    """Return a corridor of 0.915 m with a right-angled corner; the start is in one arm, the goal in the other."""
     rng = np.random.default_rng(seed)
     inner, outer = _EDGE + 3.0, _EDGE + 3.0 + CORRIDOR
     outline = [
@@ -138,7 +138,7 @@ def corner_scene(body: ChairBody, seed: int) -> Scene:
 
 
 def dead_end_scene(body: ChairBody, seed: int) -> Scene:
-    """A corridor of 1.5 m that ends; the start looks at its end, the goal out of it."""
+    """Return a dead end of 1.5 m width; the start faces its end, the goal faces out."""
     rng = np.random.default_rng(seed)
     end = _EDGE + 5.0
     world = _world("dead end", [(_EDGE, _EDGE), (end, _EDGE), (end, _EDGE + DEAD_END), (_EDGE, _EDGE + DEAD_END)], [])
@@ -153,7 +153,7 @@ def dead_end_scene(body: ChairBody, seed: int) -> Scene:
 
 
 def parked_scene(place: str, body: ChairBody, seed: int) -> Scene:
-    """A room in which the chair is parked beside a wall, or in a corner; the goal is in the middle, any way round."""
+    """Return a room with the chair parked beside a wall or in a corner; the goal is in the middle, at any heading."""
     rng = np.random.default_rng(seed)
     far = _EDGE + ROOM
     world = _world("parked", [(_EDGE, _EDGE), (far, _EDGE), (far, far), (_EDGE, far)], [])
@@ -171,10 +171,10 @@ def parked_scene(place: str, body: ChairBody, seed: int) -> Scene:
 
 
 def run_scene(scene: Scene, seed: int, time_limit_s: float = 150.0) -> SceneResult:
-    """Drives a simulated chair of this seed to the scene's goal, on a true map in whole cells.
+    """Drive a simulated chair of this seed to the scene's goal, on the true map.
 
     Raises:
-        BoardBuildError: the firmware cannot be built here, for want of a C compiler.
+        BoardBuildError: the firmware cannot be built: no C compiler.
     """
     chair = with_all_sensors(chair_of(seed)) if scene.sensors else chair_of(seed)
     simulator = Simulator(scene.world, scene.body, chair, seed)
@@ -196,7 +196,7 @@ def run_scene(scene: Scene, seed: int, time_limit_s: float = 150.0) -> SceneResu
 
 
 def map_of(world: World, resolution: float = MAP_RESOLUTION) -> OccupancyGrid:
-    """The true grid on coarser cells: each says what is at its middle."""
+    """Return the world's grid with coarser cells, sampled at their centres."""
     fine = world.grid
     step = round(resolution / fine.resolution)
     cells = fine.cells[step // 2 :: step, step // 2 :: step].copy()
@@ -204,9 +204,10 @@ def map_of(world: World, resolution: float = MAP_RESOLUTION) -> OccupancyGrid:
 
 
 def door_error(truth: FloatArray, body: ChairBody, door: Pose2) -> float | None:
-    """Farthest [m] that the body's middle line was off the door's axis, in the wall's plane, while it was in the door.
+    """Return the greatest offset [m] of the body's middle line from the door's axis while the body was in the door.
 
-    truth (T, 3) and the door's pose, x through it, are in one frame; None where the body never was in the door.
+    The offset is taken in the wall's plane. `truth` (T, 3) and the door's pose (x along its axis) are in one frame.
+    None if the body never was in the door.
     """
     away = truth[:, :2] - (door.x, door.y)
     along = away @ (math.cos(door.theta), math.sin(door.theta))
@@ -219,13 +220,13 @@ def door_error(truth: FloatArray, body: ChairBody, door: Pose2) -> float | None:
 
 
 def _world(name: str, outline: list[tuple[float, float]], inner: list[PlanWall]) -> World:
-    """A plan of outer walls whose inner faces are the outline, counter-clockwise, and of inner walls."""
+    """Return a world of outer walls, whose inner faces form the anticlockwise outline, and of inner walls."""
     thickness = 0.1
     points = np.array(outline)
     ahead = np.roll(points, -1, axis=0) - points
     ahead /= np.hypot(*ahead.T)[:, None]
     before = np.roll(ahead, 1, axis=0)
-    # round a corner that juts out the walls meet by themselves, in the others each reaches over the other's end
+    # at a reflex corner the walls meet; at a convex one each is extended over the other's end
     over = np.where(before[:, 0] * ahead[:, 1] > before[:, 1] * ahead[:, 0], thickness, 0.0)
     walls = []
     for k, along in enumerate(ahead):
@@ -241,7 +242,7 @@ def _world(name: str, outline: list[tuple[float, float]], inner: list[PlanWall])
 
 
 def _started(world: World, body: ChairBody, draw: Callable[[], Pose2]) -> World:
-    """The world with the first start drawn at which the chair has 5 cm round it."""
+    """Return the world with the first drawn start at which the chair has 5 cm of clearance."""
     field = distance_field(world.grid)
     for _ in range(1000):
         start = draw()

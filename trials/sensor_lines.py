@@ -1,11 +1,11 @@
-"""Sensors of a real chair as lines of text, which any microcontroller can print and anybody can read.
+"""The text protocol of a real chair's sensors: lines that any microcontroller can print and people can read.
 
     wheels STAMP LEFT RIGHT                 encoder counts, forward positive
     imu STAMP AX AY AZ GX GY GZ             m/s^2, rad/s, axes as base (REP-145)
     scan STAMP ANGLE_MIN ANGLE_STEP TIME_STEP RANGE_MIN RANGE_MAX R0 R1 ...     rad, rad, s, m, m, m (REP-117)
 
-A stamp is in nanoseconds of this computer's monotonic clock, or `-` for the moment at which the line arrives: then the
-way of the line counts as a part of the chair's delay.
+A stamp is in nanoseconds of this computer's monotonic clock, or `-` for the arrival of the line; the transport delay
+then counts as a part of the chair's delay.
 """
 
 from __future__ import annotations
@@ -15,13 +15,13 @@ import numpy as np
 from waychair.types import ImuSample, Scan, WheelTicks
 
 LONGEST_LINE = 100_000
-"""Bytes: a scan of some thousand beams; what is longer is no line."""
+"""Greatest length of a line [bytes], enough for a scan of several thousand beams."""
 
 _SHOWN = 60
 
 
 def text_from_message(message: WheelTicks | ImuSample | Scan) -> str:
-    """The line of a message, with its stamp, without the line's end."""
+    """Return a message as a line with its stamp, without a line break."""
     if isinstance(message, WheelTicks):
         return f"wheels {message.stamp_ns} {message.left} {message.right}"
     if isinstance(message, ImuSample):
@@ -33,7 +33,7 @@ def text_from_message(message: WheelTicks | ImuSample | Scan) -> str:
 
 
 def message_from_text(line: str, now_ns: int) -> WheelTicks | ImuSample | Scan | None:
-    """The message of a line that has arrived at `now_ns`; None for anything else."""
+    """Return the message of a line that arrived at `now_ns`; None for an invalid line."""
     kind, *words = line.split()
     try:
         stamp = now_ns if words[0] == "-" else int(words[0])
@@ -52,9 +52,9 @@ def message_from_text(line: str, now_ns: int) -> WheelTicks | ImuSample | Scan |
 
 
 class SensorLines:
-    """Messages from bytes in any pieces. The first line is dropped, for it may have begun before the first byte.
+    """Decodes messages from a stream of bytes. The first line is dropped, as it may be incomplete.
 
-    `bad` counts the lines that were none of the three kinds, `last_bad` is the beginning of the last one.
+    `bad` counts the invalid lines; `last_bad` is the beginning of the last one.
     """
 
     def __init__(self) -> None:
@@ -64,7 +64,7 @@ class SensorLines:
         self._begun = False
 
     def feed(self, data: bytes, now_ns: int) -> list[WheelTicks | ImuSample | Scan]:
-        """The messages that these bytes completed, in order."""
+        """Add bytes and return the completed messages, in order."""
         *ended, rest = (self._pending + data).split(b"\n")
         self._pending = rest[-LONGEST_LINE:]
         messages = []

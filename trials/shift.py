@@ -1,7 +1,7 @@
-"""A working shift: one chair, switched on once, drives from place to place for hours, among people who walk about.
+"""A working shift: one chair, switched on once, drives from place to place for hours, among walking people.
 
-Each shift has another building, other people, a door that is shut though the map has it open, and places that nobody
-chose to be easy. What a single drive does not show shows here: what piles up, and what is rare.
+A shift has a building, people, a door that is closed although the map shows it open, and random places. It shows
+failures that single drives do not show: slow growth and rare events.
 """
 
 from __future__ import annotations
@@ -30,21 +30,21 @@ from waychair.types import Place, Pose2
 
 BUILDINGS = ("small_clinic", "second_floor", "basement")
 PLACES = 8
-"""Places that are drawn by lot, besides those that the building names."""
+"""The number of random places besides the building's named ones."""
 
-_ROOM = 0.6  # [m] from what is solid to such a place
-_FITS = 0.05  # [m] beside the outline there
+_ROOM = 0.6  # [m] from a random place to anything solid
+_FITS = 0.05  # [m] clearance of the footprint there
 _GIVEN_UP = 3
-"""So many drives in a row that lead nowhere end the shift."""
+"""The shift ends after so many failed drives in a row."""
 
 
 @dataclass(frozen=True, slots=True)
 class Shift:
-    """What a shift came to: simulated time [s], way [m], drives, and what was run into, by whose doing.
+    """The result of a shift: simulated time [s], distance driven [m], drives, and contacts by kind.
 
-    `failures`: of drives that did not reach their place, where to and why. `person_m` [m]: how near a person was while
-    the chair moved. `tick_ms`: 99th percentile of the control step in the first and the last tenth of the ticks;
-    `grown_mb`: by how much the program's memory grew after the first drive.
+    `failures`: place and reason of each failed drive. `person_m` [m]: least distance to a person while the chair moved.
+    `tick_ms`: 99th percentile of the control step in the first and the last tenth of the ticks. `grown_mb`: growth of
+    the program's memory after the first drive.
     """
 
     building: str
@@ -62,16 +62,16 @@ class Shift:
 
     @property
     def at_fault(self) -> int:
-        """Contacts that were the chair's doing."""
+        """The number of contacts that the chair caused."""
         return sum(count for what, count in self.struck.items() if what != Struck.BUMPED.value)
 
 
 def work(building: str, seed: int, seconds: float, people: int = 3) -> Shift:
-    """One shift of so many simulated seconds, the drive under way then being the last.
+    """Run a shift of `seconds` of simulated time; the drive under way at the end is finished.
 
     Raises:
-        WorldError: there is no such building, or no room in it for so many people.
-        BoardBuildError: the firmware cannot be built here, for want of a C compiler.
+        WorldError: the building does not exist, or it has no space for so many people.
+        BoardBuildError: the firmware cannot be built: no C compiler.
     """
     rng = np.random.default_rng(seed)
     whole = load_world(building)
@@ -118,7 +118,7 @@ def work(building: str, seed: int, seconds: float, people: int = 3) -> Shift:
 
 
 def _with_a_door_shut(world: World, rng: np.random.Generator) -> tuple[str, World]:
-    """The world with one of its doors shut, such that all its places can still be reached; no door where there is none."""
+    """Return the world with a closed door that leaves all places reachable, and its name; empty if there is none."""
     for name in rng.permutation([door.name for door in world.doors]).tolist():
         shut = world.with_closed([name])
         ground = costmap_from_grid(shut.grid, CHAIR_A)
@@ -128,7 +128,7 @@ def _with_a_door_shut(world: World, rng: np.random.Generator) -> tuple[str, Worl
 
 
 def _places(world: World, ground: Costmap, rng: np.random.Generator) -> dict[str, Place]:
-    """The building's, and some more where the chair fits and that it gets to from its start."""
+    """Return the building's places and random ones where the chair fits and that it can reach from its start."""
     places = {place.name: place for place in world.places}
     roomy = points_from_cells(world.grid, np.argwhere((ground.clearance > _ROOM) & (world.grid.cells >= 0)))
     while len(places) < len(world.places) + PLACES:
@@ -149,5 +149,5 @@ def _leads(ground: Costmap, start: Pose2, goal: Pose2) -> bool:
 
 
 def _memory_mb() -> float:
-    """Most that the program has held so far."""
+    """Return the program's peak memory [MB]."""
     return resource.getrusage(resource.RUSAGE_SELF).ru_maxrss / 1e3

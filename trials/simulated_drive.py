@@ -1,4 +1,4 @@
-"""A simulated chair as a calibration drives it, with the speeds that its own sensors see."""
+"""A calibration drive of a simulated chair, with the speeds by its own sensors."""
 
 from __future__ import annotations
 
@@ -11,24 +11,24 @@ from waychair.topics import COMMAND, IMU
 from waychair.trials.measured_speeds import STILL_S, SpeedMeter
 
 TICK_NS = round(1e9 / COMMAND.rate_hz)
-"""Commands are held for whole numbers of ticks."""
+"""Commands last for whole numbers of ticks."""
 
 
 def with_few_beams(settings: SimulatorSettings) -> SimulatorSettings:
-    """The same chair with a lidar that nobody looks at, which is most of the simulator's work."""
+    """Return the settings with a lidar of two beams, as scans are most of the simulator's work."""
     return dataclasses.replace(settings, lidar=dataclasses.replace(settings.lidar, beams=2))
 
 
 def with_gyro(settings: SimulatorSettings) -> SimulatorSettings:
-    """The same chair with its IMU switched on."""
+    """Return the settings with the IMU switched on."""
     return dataclasses.replace(settings, imu=dataclasses.replace(settings.imu, rate_hz=IMU.rate_hz))
 
 
 class SimulatedDrive:
-    """A `Drive` of a simulated chair in a hall."""
+    """A `Drive` of a simulated chair."""
 
     def __init__(self, simulator: Simulator, meter: SpeedMeter) -> None:
-        """Stands still first, as long as `meter` needs."""
+        """Rest first, until `meter` is ready."""
         self._simulator = simulator
         self._meter = meter
         simulator.release()
@@ -45,17 +45,17 @@ class SimulatedDrive:
         """Hold the lines; see `Drive`.
 
         Raises:
-            WorldError: the chair touched something meanwhile, which spoils what is measured.
+            WorldError: the chair touched something, which spoils the measurement.
             CalibrationError: the sensors give no speed.
         """
         return self._meter.take_in(held(self._simulator, forward_volts, turn_volts, seconds))
 
 
 def held(simulator: Simulator, forward_volts: float, turn_volts: float, seconds: float) -> tuple[SensorMessage, ...]:
-    """The messages of a whole number of ticks with the lines at these volts.
+    """Hold the lines at these volts for a whole number of ticks and return the messages.
 
     Raises:
-        WorldError: the chair touched something meanwhile, which spoils what is measured.
+        WorldError: the chair touched something, which spoils the measurement.
     """
     before = simulator.contacts
     simulator.drive(forward_volts, turn_volts)

@@ -1,4 +1,4 @@
-"""How a simulated chair stops: measured on its plant before a drive, as `waychair calibrate stopping` does on a real one."""
+"""Stops of a simulated chair, measured on its plant, as `waychair calibrate stop` does on a real chair."""
 
 from __future__ import annotations
 
@@ -22,19 +22,19 @@ _REST_S = 3.0
 
 @lru_cache(maxsize=8)
 def simulated_stops(body: ChairBody, plant: PlantSettings | None = None) -> StopTable:
-    """The table of a chair of this body, driven by the default calibration, its stops measured without noise."""
+    """Return the stop table of a chair of this body, driven by the default calibration, measured without noise."""
     plan = stops_to_measure(_PLAN, _PLAN.fastest)
     stops = tuple(_stop(body, plant or PlantSettings(), Twist(v, omega)) for v, omega in plan)
     return stop_table(stops, body.circumscribed_radius, _PLAN)
 
 
 def simulated_calibration(body: ChairBody, stops: StopTable | None = None) -> ChairCalibration:
-    """What would be in the file of a simulated chair of this body; its stops are measured unless they are given."""
+    """Return the content of a simulated chair's calibration file; the stops are measured unless given."""
     return ChairCalibration(body.chair_id, "", body, stops=stops or simulated_stops(body))
 
 
 def _stop(body: ChairBody, plant: PlantSettings, twist: Twist) -> Stop:
-    """One stop from a settled speed, by the lines at neutral."""
+    """Measure one stop from a settled speed, with the lines set to neutral."""
     chair = KinematicChair(body, plant, np.random.default_rng(0))
     counts = counts_from_wheel_speeds(DEFAULT, wheel_speeds_from_twist(twist, body.track))
     driven, neutral = volts_from_counts(DEFAULT, *counts), volts_from_counts(DEFAULT, *neutral_counts(DEFAULT))

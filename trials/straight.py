@@ -1,4 +1,4 @@
-"""A calibrated chair drives straight in an empty hall, by its encoders and gyro, with or without the speed loop."""
+"""Straight drives of a calibrated simulated chair, by encoders and gyro, with and without the speed loop."""
 
 from __future__ import annotations
 
@@ -22,16 +22,16 @@ from waychair.trials.simulated_drive import TICK_NS, with_few_beams, with_gyro
 from waychair.types import FloatArray, ImuSample, Pose2, Sent, Twist, WheelTicks
 
 BIAS_S = 3.0
-"""The gyro's bias is taken at rest for so long before a drive."""
+"""Rest before a drive [s], for the gyro's bias."""
 
-_SMOOTH_S = 0.25  # a rider's trunk does not follow what is shorter
+_SMOOTH_S = 0.25  # a rider's trunk does not follow shorter jerks
 
 
 class TwistSensor:
-    """The mean twist of each tick: v from the encoders, omega from the gyro less its bias at rest."""
+    """Measures the mean twist of each tick: v by the encoders, omega by the gyro less its bias at rest."""
 
     def __init__(self, body: ChairBody, at_rest: Sequence[SensorMessage]) -> None:
-        """`at_rest`: what the sensors said while the chair stood still."""
+        """`at_rest`: messages of the sensors while the chair stood still."""
         self._odometry = OdometryFilter(body)
         for message in at_rest:
             if isinstance(message, WheelTicks):
@@ -39,7 +39,7 @@ class TwistSensor:
         self._bias = float(np.mean([message.gyro[2] for message in at_rest if isinstance(message, ImuSample)]))
 
     def mean(self, messages: Sequence[SensorMessage]) -> Twist:
-        """Mean twist over one tick's messages."""
+        """Return the mean twist over one tick's messages."""
         speeds = [
             self._odometry.update_wheels(message).twist.v for message in messages if isinstance(message, WheelTicks)
         ]
@@ -48,7 +48,7 @@ class TwistSensor:
 
 
 class LoopDrive:
-    """A simulated chair under a closed loop, one tick a call; its sensors are the simulated ones, not the truth."""
+    """A simulated chair under the closed speed loop, one tick per call, measured by its simulated sensors."""
 
     def __init__(
         self,
@@ -60,7 +60,7 @@ class LoopDrive:
         world: World | None = None,
         stops: StopTable | None = None,
     ) -> None:
-        """Stands still first, for the gyro's bias; `model` is what is known of the chair, which may have changed since."""
+        """Rest first, for the gyro's bias. `model` is the calibration of the chair, which may have changed since."""
         self.simulator = Simulator(world or open_hall(), body, with_gyro(with_few_beams(simulator)), seed)
         self.loop = ClosedLoop(model, body.track, settings, stops)
         self.measured = Twist()
@@ -72,14 +72,14 @@ class LoopDrive:
         self._sensor = TwistSensor(body, self.simulator.advance(round(BIAS_S * 1e9)))
 
     def tick(self, command: Twist, *, closed: bool = True) -> Twist:
-        """Drive for one tick; the mean twist of it, as measured. Without the loop the command goes out as it is."""
+        """Drive for one tick and return its measured mean twist. Without the loop the command is sent unchanged."""
         asked = self.loop.step(command, self.measured, self.simulator.now_ns, self.sent) if closed else command
         self._hold(asked)
         self.measured = self._sensor.mean(self.simulator.advance(TICK_NS))
         return self.measured
 
     def _hold(self, twist: Twist) -> None:
-        """Volts on the lines, and what was really sent."""
+        """Set the lines' volts for a twist, and note the sent values."""
         counts = self._lines.counts_from_wheel_speeds(wheel_speeds_from_twist(twist, self._track))
         volts = self._model.volts_from_counts(*counts)
         self.simulator.drive(*volts)
@@ -89,7 +89,7 @@ class LoopDrive:
 
 @dataclass(frozen=True, slots=True)
 class StraightSettings(Settings):
-    """How far and how fast."""
+    """Length and speed of a straight drive."""
 
     length: float = setting(10.0, "m", "from rest to rest", low=0.1, high=15.0)
     speed: float = setting(0.8, "m/s", "greatest speed", low=0.05, high=3.0)
@@ -98,11 +98,11 @@ class StraightSettings(Settings):
 
 @dataclass(frozen=True, slots=True)
 class StraightDrive:
-    """Where a straight drive ended, by the truth, from where and which way it began, and how it felt.
+    """The result of a straight drive, by the true motion relative to its start.
 
-    `ahead_m`, `left_m`, `heading_rad`: its end; `widest_m`: farthest from the line on the way; `speed_rms`: of the
-    error about the cruising speed [m/s], from a second after it was reached; `jerk_rms`, `jerk_max` [m/s^3]: of the
-    speed along the way, smoothed over 0.25 s. `fault`: why it was broken off.
+    `ahead_m`, `left_m`, `heading_rad`: the end pose. `widest_m`: greatest offset from the line. `speed_rms` [m/s]: error
+    of the speed from one second after the cruising speed is reached. `jerk_rms`, `jerk_max` [m/s^3]: of the speed along,
+    smoothed over 0.25 s. `fault`: reason of an aborted drive.
     """
 
     ahead_m: float
@@ -119,7 +119,7 @@ class StraightDrive:
 def drive_straight(
     drive: LoopDrive, settings: StraightSettings | None = None, *, closed: bool = True, limit_s: float = 120.0
 ) -> StraightDrive:
-    """Drives straight on until the encoders say so far, and rests there; broken off by a fault of the loop."""
+    """Drive straight for the set length by the encoders, then rest; a fault of the loop aborts the drive."""
     s = settings or StraightSettings()
     simulator, start = drive.simulator, drive.simulator.truth()
     way, speed, poses, speeds, wanted = 0.0, 0.0, [Pose2()], [0.0], [0.0]

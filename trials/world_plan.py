@@ -1,4 +1,4 @@
-"""A world as a plan on paper, and in words what in it breaks chairs."""
+"""A picture of a world's plan, and the list of its hazards."""
 
 from __future__ import annotations
 
@@ -20,25 +20,25 @@ if TYPE_CHECKING:
     from matplotlib.axes import Axes
 
 SILL_HIGH = 0.05
-"""Highest block [m] that wheels may climb, and so a sill rather than furniture."""
+"""Highest block [m] that wheels can climb, and that therefore counts as a sill."""
 
 CHAIR_HIGH = 1.2
-"""Height [m] of a chair with its rider; what begins above it is in nobody's way."""
+"""Height [m] of a chair with its rider; blocks above it are no obstacles."""
 
 RAMP, PIT, OVERHANG, PERSON = "#009e73", "#cc0000", "#e69f00", "#aa00aa"
-"""Colours on the picture."""
+"""Colours in the picture."""
 
 _DECEIVING = {Reflection.DARK: "dark surface", Reflection.GLASS: "glass", Reflection.MIRROR: "mirror"}
 
 
 def hazards(world: World) -> tuple[str, ...]:
-    """What a lidar does not see or wheels do not like, each kind with its number, such as `glass (2)`; and people."""
+    """Return the hazards for lidar and wheels, and the people, each kind with its count, such as `glass (2)`."""
     counts = Counter(_hazards(world))
     return tuple(name if count == 1 else f"{name} ({count})" for name, count in sorted(counts.items()))
 
 
 def world_picture(world: World) -> Picture:
-    """The plan: what is solid by material, ramps and pits, routes, places, the chair at the start, people's paths."""
+    """Return the plan: blocks by material, ramps, pits, routes, places, the chair at the start, people's paths."""
     height, width = (count * world.grid.resolution for count in world.grid.cells.shape)
     figure, axes = new_figure(12.0, 2.0 + 10.0 * height / max(width, height))
     draw_map(axes, world.grid)
@@ -80,7 +80,7 @@ def _hazards(world: World) -> Iterator[str]:
 
 
 def _draw_ground(axes: Axes, world: World) -> None:
-    """Slopes are hatched, pits are crossed out."""
+    """Draw slopes hatched and pits crossed out."""
     things: list[Slope | Pit] = [*world.slopes, *world.pits]
     for thing in things:
         hatch, colour = ("///", RAMP) if isinstance(thing, Slope) else ("xx", PIT)
@@ -88,7 +88,7 @@ def _draw_ground(axes: Axes, world: World) -> None:
 
 
 def _draw_blocks(axes: Axes, world: World) -> None:
-    """What stands in the chair's way, in its material's colour; what the lidar's plane misses is only outlined."""
+    """Draw obstacles in their material's colour; those that the lidar's plane misses are only outlined."""
     from matplotlib.collections import PolyCollection
 
     in_way = [block for block in world.blocks if block.low < CHAIR_HIGH and block.high > 0.0]
@@ -104,5 +104,5 @@ def _draw_blocks(axes: Axes, world: World) -> None:
 
 
 def _corners(thing: Block | Slope | Pit) -> FloatArray:
-    """(4, 2) [m] in map."""
+    """Return the corners (4, 2) [m] in map."""
     return transform_points(thing.middle, rectangle(thing.length / 2, thing.length / 2, thing.width / 2))
