@@ -1,6 +1,6 @@
-"""CARMEN logs: the text form in which most public two-dimensional laser recordings are kept.
+"""CARMEN logs: the text format of most public two-dimensional laser recordings.
 
-Message layouts as the Carnegie Mellon Robot Navigation Toolkit writes them (logger, messages FLASER and ROBOTLASER1):
+Message layouts of the Carnegie Mellon Robot Navigation Toolkit (logger, messages FLASER and ROBOTLASER1):
 
     FLASER n r_1 .. r_n  x y theta  odom_x odom_y odom_theta  stamp host logger_stamp
     ROBOTLASER1 type start fov step max_range accuracy remission n r_1 .. r_n  m e_1 .. e_m
@@ -25,8 +25,8 @@ from waychair.errors import NoScans, RecordingDamaged
 from waychair.types import Float32Array, Odometry, Pose2, Scan, SensorFrame, Twist
 
 NO_RETURN = 80.0
-"""Ranges from here on [m] mean that nothing was seen: the reach of a SICK LMS 2xx, whose overflow codes decode to
-81.83 m and 81.91 m."""
+"""Ranges from here on [m] mean "no return": the maximum range of a SICK LMS 2xx, whose overflow codes decode to 81.83 m
+and 81.91 m."""
 
 GZIP_MAGIC = b"\x1f\x8b"
 _GZIP_CHUNK = 1 << 16
@@ -38,12 +38,12 @@ _OTHER_WORDS = frozenset(
     b"ROBOTLASER2 ROBOTLASER3 ROBOTLASER4 ROBOTLASER5 TRUEPOS NEFF SYNC SONAR BUMPER IMU NMEA-GGA NMEA-RMC "
     b"VERTEX2 EDGE2 MARKER POSITION".split()
 )
-"""First words of lines that a CARMEN log holds beside the scans that are read."""
+"""First words of the other lines of a CARMEN log."""
 
 
 @dataclass(frozen=True, slots=True)
 class CarmenLog:
-    """The scans of a log in file order, the kind of message they were read from, and what was wrong with it."""
+    """The scans of a log in file order, the message kind they come from, and warnings about the log."""
 
     frames: tuple[SensorFrame, ...]
     kind: str
@@ -53,14 +53,14 @@ class CarmenLog:
 def read_carmen(
     data: bytes, where: str, *, of_robot: bool = False, progress: Callable[[float], None] | None = None
 ) -> CarmenLog:
-    """Every scan of a log, plain or gzipped, in the order of the file, each with the odometry logged with it.
+    """Return every scan of a log, plain or gzipped, in file order, each with the odometry on its line.
 
-    `of_robot` takes the robot's pose as odometry, otherwise the laser's. Stamps are the log's own decimal text to the
-    nanosecond, and may step backwards. `where` names the log in messages; `progress` is told the part done, 0..1.
+    `of_robot` takes the robot's pose as odometry, otherwise the laser's. Stamps are the log's decimal text, exact to
+    the nanosecond, and may step backwards. `where` names the log in messages; `progress` gets the part done, 0..1.
 
     Raises:
-        RecordingDamaged: no line is that of a CARMEN log, or no scan is whole.
-        NoScans: it is a CARMEN log without FLASER and ROBOTLASER1.
+        RecordingDamaged: no line is of a CARMEN log, or no scan is complete.
+        NoScans: the CARMEN log has neither FLASER nor ROBOTLASER1 lines.
     """
     text, warnings = unzipped(data, where)
     frames: dict[bytes, list[SensorFrame]] = {word: [] for word in _READERS}
@@ -81,7 +81,7 @@ def read_carmen(
             damaged.append(number)
     if progress is not None:
         progress(1.0)
-    # Some loggers write every scan in both forms: one of them is enough.
+    # Some loggers write every scan in both forms: keep the more frequent one.
     kind = max(frames, key=lambda word: len(frames[word]))
     if not frames[kind]:
         raise _nothing(where, others, damaged)
@@ -89,7 +89,7 @@ def read_carmen(
 
 
 def stamp_from_text(text: str) -> int:
-    """Nanoseconds of a decimal number of seconds, exact to the last digit of the nanosecond.
+    """Return a decimal number of seconds as whole nanoseconds, without rounding through a float.
 
     Raises:
         ValueError: not a finite decimal number, or beyond 292 years (int64 nanoseconds).
@@ -104,7 +104,7 @@ def stamp_from_text(text: str) -> int:
 
 
 def _flaser(fields: Sequence[bytes], of_robot: bool) -> SensorFrame:
-    """Half a turn in front of the laser: an even number of beams leaves out the last one, at +90 degrees."""
+    """Read a FLASER line: beams over half a turn in front; an even number of beams leaves out the one at +90 degrees."""
     count = int(fields[1])
     tail = fields[2 + count :]
     if count < 2 or len(tail) < 9:
@@ -140,7 +140,7 @@ def _frame(scan: Scan, pose: Sequence[bytes], twist: Twist) -> SensorFrame:
 
 
 def _ranges(fields: Sequence[bytes], reach: float) -> Float32Array:
-    """(N,) float32 [m] by REP-117: +inf from `reach` on, nan where the log holds no distance."""
+    """Return ranges (N,) float32 [m] by REP-117: +inf from `reach` on, nan where the log holds no distance."""
     ranges = np.array(fields, dtype=np.float32)
     with np.errstate(invalid="ignore"):
         ranges[ranges >= np.float32(reach)] = np.inf
@@ -156,10 +156,10 @@ def _finite(field: bytes) -> float:
 
 
 def unzipped(data: bytes, where: str) -> tuple[bytes, list[str]]:
-    """The text of a file that may be gzipped, and a warning when not all of it can be decompressed.
+    """Return the text of a file that may be gzipped, and a warning where only its beginning can be decompressed.
 
     Raises:
-        RecordingDamaged: nothing can be.
+        RecordingDamaged: nothing can be decompressed.
     """
     if not data.startswith(GZIP_MAGIC):
         return data, []
@@ -196,7 +196,7 @@ def _warnings(frames: Sequence[SensorFrame], damaged: Sequence[int]) -> list[str
 
 
 def _nothing(where: str, others: Counter[bytes], damaged: Sequence[int]) -> RecordingDamaged | NoScans:
-    """Why not one scan was read."""
+    """Return the error for a log without a single readable scan."""
     if damaged:
         message = f"none of the {len(damaged)} scan lines of {where} is whole (the first is line {damaged[0]})"
         return RecordingDamaged(f"{message}; copy the file again from its source")

@@ -1,13 +1,13 @@
-"""CoreSLAM logs (tinySLAM, Steux and El Hamzaoui 2010): a small robot's encoder counts and laser in columns of numbers.
+"""CoreSLAM logs (tinySLAM, Steux and El Hamzaoui 2010): encoder counts and laser ranges of a small robot, as text.
 
-A line holds the time in microseconds, a number, the left and the right encoder's count, other state of the robot up
-to column 24, and from there the ranges in millimetres, 0 for none, counter-clockwise. 2000 counts are a whole turn of
-a wheel: the published example takes them for half a turn, but adds both wheels' ways where their mean is meant, and
-the scans of both logs, matched, agree with it (0.96 to 0.97 of the way).
+A line holds the time in microseconds, a number, the counts of the left and right encoders, other robot state up to
+column 24, and then the ranges in millimetres, counter-clockwise, 0 for no return. 2000 counts are a whole wheel turn.
+The published example takes 2000 counts as half a turn, but adds the distances of both wheels instead of averaging
+them. Scan matching on both logs confirms a whole turn (0.96 to 0.97 of the distance).
 
-The time is that of the encoders; the scan beside it is older. The turns of scans matched one to the next follow those
-of the wheels best when the middle of the sweep is put 0.156 s before the line's time (correlation 0.96 in both logs,
-0.70 and 0.72 without), its first beam thus 0.19 s.
+The time belongs to the encoders; the scan on the same line is older. The turns from scan matching follow those of the
+wheels best when the middle of the sweep is 0.156 s before the line's time (correlation 0.96 in both logs, 0.70 and
+0.72 without). The first beam is thus 0.19 s before it.
 """
 
 from __future__ import annotations
@@ -33,7 +33,7 @@ _PROGRESS_EVERY = 64  # lines
 
 @dataclass(frozen=True, slots=True)
 class CoreslamSettings(Settings):
-    """The robot that made the log; the defaults are those of the published logs."""
+    """The robot that made the log; the defaults are those of the published logs' robot."""
 
     wheel_radius: float = setting(0.077, "m", "radius of the drive wheels", low=0.005, high=2.0)
     half_axle: float = setting(0.165, "m", "half the distance between the wheels", low=0.01, high=5.0)
@@ -51,7 +51,7 @@ class CoreslamSettings(Settings):
 
 @dataclass(frozen=True, slots=True)
 class CoreslamLog:
-    """The scans of a log in file order with odometry, the laser's mount, and what was wrong with it."""
+    """The scans of a log in file order with odometry, the laser's mount, and warnings about the log."""
 
     frames: tuple[SensorFrame, ...]
     base_from_laser: Pose2
@@ -59,7 +59,7 @@ class CoreslamLog:
 
 
 def is_coreslam(text: bytes) -> bool:
-    """Whether a first line is one of a CoreSLAM log: numbers only, the first whole, and enough for a scan."""
+    """Return whether a first line is of a CoreSLAM log: only numbers, the first an integer, enough of them for a scan."""
     fields = text.split()
     return len(fields) >= FIRST_RANGE + _LEAST_BEAMS and fields[0].isdigit() and _numbers(fields) is not None
 
@@ -67,11 +67,11 @@ def is_coreslam(text: bytes) -> bool:
 def read_coreslam(
     text: bytes, where: str, settings: CoreslamSettings, progress: Callable[[float], None] | None = None
 ) -> CoreslamLog:
-    """Every scan of a log, with the odometry of its encoder counts. Lines that are cut short are left out.
+    """Return every scan of a log, with odometry from its encoder counts. Truncated lines are left out.
 
     Raises:
-        RecordingDamaged: no line is whole.
-        NoScans: it has fewer than two scans, so nothing has moved.
+        RecordingDamaged: no line is complete.
+        NoScans: the log has fewer than two scans.
     """
     lines = [line for line in text.split(b"\n") if line.strip()]
     width = len(lines[0].split()) if lines else 0
@@ -103,7 +103,7 @@ def read_coreslam(
 
 
 def _numbers(fields: Sequence[bytes]) -> FloatArray | None:
-    """The fields as finite numbers; None when one is something else."""
+    """Return the fields as finite numbers; None when one is not."""
     try:
         row = np.array(fields, np.float64)
     except ValueError:
@@ -112,7 +112,7 @@ def _numbers(fields: Sequence[bytes]) -> FloatArray | None:
 
 
 def _odometry(table: FloatArray, stamps: IntArray, settings: CoreslamSettings) -> list[Odometry]:
-    """The axle's pose at each line, of arcs between the counts, and the mean twist since the line before."""
+    """Return the axle's pose at each line, integrated as arcs, with the mean twist since the line before."""
     metres = table[:, [_LEFT, _RIGHT]] * (settings.wheel_radius * math.tau / settings.counts_per_turn)
     steps = np.diff(metres, axis=0)
     seconds = np.diff(stamps) * 1e-9
@@ -127,7 +127,7 @@ def _odometry(table: FloatArray, stamps: IntArray, settings: CoreslamSettings) -
 
 
 def _at(readings: Sequence[Odometry], stamps: IntArray) -> list[Odometry]:
-    """The odometry at other times: between two readings a part of their motion, with its twist."""
+    """Return the odometry interpolated to other stamps, with the twist of the later reading."""
     known = np.maximum.accumulate(np.array([reading.stamp_ns for reading in readings]))
     found = []
     for stamp, after in zip(stamps.tolist(), np.searchsorted(known, stamps), strict=True):

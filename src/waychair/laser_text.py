@@ -1,4 +1,4 @@
-"""Laser scans as rows of numbers, the plainest form in which they are published.
+"""Laser scans as plain rows of numbers.
 
 A row is `stamp angle_min angle_max angle_increment time_increment scan_time range_min range_max n` and n ranges, in
 seconds, radians and metres: the fields of a sensor_msgs/LaserScan in their order. There is no odometry.
@@ -23,14 +23,14 @@ _PROGRESS_EVERY = 64  # lines
 
 @dataclass(frozen=True, slots=True)
 class LaserText:
-    """The scans in file order, and what was wrong with the file."""
+    """The scans in file order, and warnings about the file."""
 
     frames: tuple[SensorFrame, ...]
     warnings: tuple[str, ...]
 
 
 def is_laser_text(text: bytes) -> bool:
-    """Whether a first line is a whole row."""
+    """Return whether a first line is a complete row."""
     try:
         _scan(text.split())
     except ValueError:
@@ -39,10 +39,10 @@ def is_laser_text(text: bytes) -> bool:
 
 
 def read_laser_text(text: bytes, where: str, progress: Callable[[float], None] | None = None) -> LaserText:
-    """Every scan of a file; rows that are cut short are left out, lines that begin with # are comments.
+    """Return every scan of a file. Truncated rows are left out; lines that begin with # are comments.
 
     Raises:
-        RecordingDamaged: no row is whole.
+        RecordingDamaged: no row is complete.
     """
     lines = text.split(b"\n")
     frames, damaged = [], []

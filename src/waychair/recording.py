@@ -1,6 +1,7 @@
-"""Recorded drives in: CARMEN and CoreSLAM logs, rows of scans, ROS 1 and 2 bags, folders of colour and depth pictures.
+"""Reading recorded drives of every supported format, and writing and reading TUM trajectories.
 
-Out: ROS 2 bags, and trajectories as TUM.
+Formats: CARMEN and CoreSLAM logs, rows of scans, ROS 1 and ROS 2 bags, folders of colour and depth pictures. ROS 2 bags
+are written by `RecordingWriter`.
 """
 
 from __future__ import annotations
@@ -31,12 +32,12 @@ from waychair.types import Pose2, Pose3, RgbdFrame, SensorFrame, Trajectory, Tra
 
 __all__ = ["InputSettings", "Recording", "RecordingWriter", "read_recording", "read_tum", "write_tum"]
 
-_HEAD = 1 << 16  # bytes in which the first lines of a text are looked for
+_HEAD = 1 << 16  # bytes; the first data line of a text file lies within them
 
 
 @dataclass(frozen=True, slots=True)
 class InputSettings(Settings):
-    """What is read of a recording, and what it does not say itself."""
+    """How to read a recording: its topics, and facts that the recording itself does not state."""
 
     mounts: tuple[str, ...] = setting(
         (), "m, rad", "X,Y,YAW[,upside-down] of the laser on the base, one for each scan topic; empty: as recorded"
@@ -46,24 +47,24 @@ class InputSettings(Settings):
     rgbd: RgbdSettings = field(default_factory=RgbdSettings)
 
     def laser_mounts(self) -> tuple[LaserMount, ...]:
-        """
+        """Return the mounts that `mounts` describes.
+
         Raises:
-            ConfigError: a mount cannot be understood.
+            ConfigError: a mount has a wrong form.
         """
         return tuple(mount_from_text(text) for text in self.mounts)
 
 
 @dataclass(frozen=True, slots=True)
 class Recording:
-    """A recorded drive: each frame holds a scan, and in `wheels` and `imu` what came since the frame before.
+    """A recorded drive: each frame holds a scan, and in `wheels` and `imu` the readings since the frame before.
 
     A folder of pictures has no frames, only `pictures()`.
 
-    Frames are in the order in which they were recorded; their stamps may step backwards. `source` says which format
-    and topics they came from, `warnings` what was wrong with them, one sentence each. `pictures()` reads the recording
-    again for its pictures with depth and decodes one at a time, so that whoever needs none pays for none; `unread`
-    counts those that it could not read, by reason. `picture_count` is how many there are, 0 where that is not known.
-    `camera_mount()` reads where a bag's camera is: its optical frame on the base, None where it does not say.
+    Frames are in recording order; their stamps may step backwards. `source` names the format and the topics, `warnings`
+    lists the defects, one sentence each. `pictures()` reads the recording again and decodes one picture with depth at a
+    time; `unread` counts unreadable pictures by reason. `picture_count` is the number of pictures, 0 if unknown.
+    `camera_mount()` reads the pose of a bag's optical frame in the base, None if the bag does not state it.
     """
 
     path: Path
@@ -84,18 +85,17 @@ def read_recording(
     base_from_laser: Pose2 | None = None,
     progress: Callable[[float], None] | None = None,
 ) -> Recording:
-    """A CARMEN or CoreSLAM log or rows of scans (plain or gzipped), a ROS 1 or ROS 2 bag, or a folder of pictures: told apart
-    by its content.
+    """Return the recording at a path; its format is recognised by content.
 
-    `base_from_laser` stands for one upright mount in the settings. Without a mount a bag's comes from its /tf, and a
-    CARMEN log's base is the laser itself, with the laser's pose as odometry; with it the log's robot pose is the
-    odometry. `progress` is told the part read, 0..1.
+    `base_from_laser` overrides the settings with one upright mount. Without a mount, a bag's mount comes from its /tf,
+    and a CARMEN log's base is the laser, with the laser's pose as odometry. With a mount, a CARMEN log's odometry is its
+    robot pose. `progress` gets the part read, 0..1.
 
     Raises:
-        RecordingNotFound: there is nothing at this path.
-        RecordingDamaged: it is empty, of an unknown format, or damaged so that no scan can be read.
-        NoScans: it is whole but holds no laser scans, or none that saw anything; the message lists what it holds.
-        RecordingError: it cannot be opened, or a topic that was asked for is not there.
+        RecordingNotFound: the path does not exist.
+        RecordingDamaged: the recording is empty, of an unknown format, or damaged so that no scan can be read.
+        NoScans: the recording holds no laser scans, or only scans without a distance; the message lists its topics.
+        RecordingError: the recording cannot be opened, or lacks a topic that the settings name.
     """
     settings = settings or InputSettings()
     mounts = settings.laser_mounts() if base_from_laser is None else (LaserMount(base_from_laser),)
@@ -124,7 +124,7 @@ def read_recording(
 def _read_text(
     path: Path, settings: InputSettings, mount: LaserMount | None, progress: Callable[[float], None] | None
 ) -> Recording:
-    """The logs that are text, by their first line that is no comment."""
+    """Read a text log; the first line that is not a comment tells the format."""
     data = path.read_bytes()
     first = _first_line(data)
     base_from_laser = mount.base_from_laser if mount is not None else Pose2()
@@ -144,10 +144,10 @@ def _read_text(
 
 
 def _checked(recording: Recording) -> Recording:
-    """The recording with a warning about scans that saw nothing.
+    """Return the recording with warnings about scans without a distance and about stamps that step backwards.
 
     Raises:
-        NoScans: none saw anything.
+        NoScans: no scan holds a distance.
     """
     count = len(recording.frames)
     blind = silent([frame.scan for frame in recording.frames if frame.scan is not None])
@@ -167,7 +167,7 @@ def _checked(recording: Recording) -> Recording:
 
 
 def _bag_suffix(path: Path) -> str | None:
-    """The kind of bag ('' for a folder), None for a file that is no bag."""
+    """Return the kind of bag ('' for a folder); None for a file that is not a bag."""
     if not path.is_dir():
         return bag_suffix(_first_bytes(path))
     storages = [file for file in path.iterdir() if file.suffix in (".mcap", ".db3")]
@@ -193,8 +193,8 @@ def _first_line(data: bytes) -> bytes:
 def write_tum(path: Path, trajectory: Trajectory | Trajectory3) -> None:
     """Write `stamp x y z qx qy qz qw` lines in the trajectory's order (the text form of the TUM RGB-D benchmark).
 
-    Stamps are exact seconds with six decimals, or nine where microseconds do not hold them; positions and quaternions
-    have nine decimals.
+    Stamps are exact seconds with six decimals, or nine where six are not exact; positions and quaternions have nine
+    decimals.
     """
     lines = []
     if isinstance(trajectory, Trajectory3):
@@ -213,10 +213,10 @@ def write_tum(path: Path, trajectory: Trajectory | Trajectory3) -> None:
 
 
 def read_tum(path: Path) -> Trajectory:
-    """The planar part of a TUM trajectory, in the file's order; empty lines and those that begin with # are skipped.
+    """Return the planar part of a TUM trajectory in file order; empty lines and lines that begin with # are skipped.
 
     Raises:
-        RecordingNotFound: there is no such file.
+        RecordingNotFound: the file does not exist.
         RecordingDamaged: a line does not hold eight finite numbers with a quaternion in the last four.
     """
     _first_bytes(path)
@@ -247,7 +247,7 @@ def _text_from_stamp(stamp_ns: int) -> str:
 
 
 def _first_bytes(path: Path) -> bytes:
-    """Enough of a file to tell its format by."""
+    """Return the first bytes of a file, which identify its format."""
     if not path.exists():
         raise RecordingNotFound(f"there is no recording at {path}; check the path")
     try:

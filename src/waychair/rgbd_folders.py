@@ -1,13 +1,14 @@
 """Folders of colour and depth pictures: the TUM RGB-D benchmark's layout, and numbered frames with their poses.
 
 TUM (Sturm et al., IROS 2012, and the benchmark's page on file formats): `rgb/` and `depth/` with stamps [s] as names,
-`rgb.txt` and `depth.txt` that list them, or `associations.txt` that lists pairs; depth is 16 bit, 5000 to a metre, 0
-for none, and belongs to the pixel of the colour picture at the same place; `groundtruth.txt` holds true poses of the
-optical frame. Numbered frames (the layout of 7-Scenes, Shotton et al., CVPR 2013, and of tsdf-fusion):
-`frame-N.color.*`, `frame-N.depth.png` in millimetres, `frame-N.pose.txt` the true world_from_camera (4, 4), and perhaps
-`camera-intrinsics.txt` (3, 3); their stamps are N over the rate.
+`rgb.txt` and `depth.txt` that list them, or `associations.txt` that lists pairs. Depth is 16 bit, 5000 units to a metre,
+0 for none, registered pixel by pixel to the colour picture. `groundtruth.txt` holds true poses of the optical frame.
 
-Pictures of a lens that distorts are straightened as they are read, so that an `RgbdFrame` is always of a pinhole camera.
+Numbered frames (the layout of 7-Scenes, Shotton et al., CVPR 2013, and of tsdf-fusion): `frame-N.color.*`,
+`frame-N.depth.png` in millimetres, `frame-N.pose.txt` with the true world_from_camera (4, 4), and optionally
+`camera-intrinsics.txt` (3, 3). Their stamps are N divided by the frame rate.
+
+Lens distortion is removed on reading, so that an `RgbdFrame` is always of a pinhole camera.
 """
 
 from __future__ import annotations
@@ -32,26 +33,26 @@ CAMERAS = {
     "fr2": (520.909, 521.007, 325.141, 249.702, 0.231222, -0.784899, -0.003257, -0.000105, 0.917205),
     "fr3": (535.4, 539.2, 320.1, 247.6),
 }
-"""fx, fy, cx, cy [px], k1, k2, p1, p2, k3 of the benchmark's three cameras, as its page on file formats gives them."""
+"""fx, fy, cx, cy [px], k1, k2, p1, p2, k3 of the benchmark's three cameras, from its page on file formats."""
 
 READOUT = 0.02
-"""Time [s] between the first and the last row of those cameras' colour pictures, which roll.
+"""Rolling-shutter readout time [s] of those cameras: from the first to the last row of a colour picture.
 
-Estimated here from freiburg1_rpy alone: patches fit least badly at 0.016 to 0.02 s, and the trajectory's error against
-the true one is 0.013 to 0.014 m anywhere from 0.016 to 0.028 s, 0.05 m when all rows are taken to be exposed at once.
+Estimated from freiburg1_rpy alone: patches fit best at 0.016 to 0.02 s, and the trajectory's error against the truth is
+0.013 to 0.014 m from 0.016 to 0.028 s, and 0.05 m for a global shutter.
 """
 
-_UNNAMED_CAMERA = (525.0, 525.0, 319.5, 239.5)  # what the benchmark's page advises where nothing is known
+_UNNAMED_CAMERA = (525.0, 525.0, 319.5, 239.5)  # the default that the benchmark's page recommends
 _NUMBERED = re.compile(r"frame-(\d+)\.color\.(?:png|jpe?g)$")
 _CAMERA_NAME = re.compile(r"(?:freiburg|fr)([123])(?!\d)")
 _INTRINSICS = "camera-intrinsics.txt"
-_NO_DEPTH = 65535  # what 7-Scenes writes where it has none
-_SLACK = 1e-6  # [s] below which two stamps are one
+_NO_DEPTH = 65535  # the code of 7-Scenes for missing depth
+_SLACK = 1e-6  # s; tolerance for rounding of decimal stamps
 
 
 @dataclass(frozen=True, slots=True)
 class RgbdSettings(Settings):
-    """What a folder of pictures does not say itself."""
+    """Facts that a folder of pictures does not state."""
 
     camera: str = setting(
         "", "px", "fr1, fr2, fr3 or FX,FY,CX,CY[,K1,K2,P1,P2[,K3]]; empty: by a file in the folder or by its name"
@@ -75,8 +76,7 @@ class RgbdSettings(Settings):
 
 @dataclass(frozen=True, slots=True)
 class Camera:
-    """A pinhole camera with a lens: matrix (3, 3) [px], distortion (5,) k1, k2, p1, p2, k3 of Brown's model; readout [s]
-    from its first row to its last."""
+    """A camera's matrix (3, 3) [px], lens distortion (5,) k1, k2, p1, p2, k3 of Brown's model, and readout time [s]."""
 
     matrix: FloatArray
     distortion: FloatArray
@@ -84,13 +84,13 @@ class Camera:
 
     @property
     def straight(self) -> bool:
-        """Whether the lens does not distort."""
+        """Return whether the lens is free of distortion."""
         return not self.distortion.any()
 
 
 @dataclass(frozen=True, slots=True)
 class Pair:
-    """A colour picture and its depth; stamp of the former."""
+    """A colour picture with its stamp, and its depth picture."""
 
     stamp_ns: int
     colour: Path
@@ -99,7 +99,7 @@ class Pair:
 
 @dataclass(frozen=True, slots=True)
 class RgbdFolder:
-    """What a folder holds: its pairs in ascending order of time, how to read them, and what was wrong with it."""
+    """A folder's pairs by ascending stamp, its camera and depth scale, and warnings about it."""
 
     path: Path
     pairs: tuple[Pair, ...]
@@ -110,16 +110,16 @@ class RgbdFolder:
 
 
 def is_rgbd_folder(path: Path) -> bool:
-    """Whether a folder holds colour and depth pictures in one of the two layouts."""
+    """Return whether a folder holds colour and depth pictures in one of the two layouts."""
     return path.is_dir() and (_is_tum(path) or _is_numbered(path))
 
 
 def read_rgbd_folder(path: Path, settings: RgbdSettings) -> RgbdFolder:
-    """The pairs of pictures in a folder; no picture is decoded yet (see `frames_of`).
+    """Return the pairs of pictures in a folder, without decoding them (see `frames_of`).
 
     Raises:
-        RecordingDamaged: a list is not text of the benchmark's form, or no colour picture has a depth.
-        ConfigError: the camera's file does not hold a camera.
+        RecordingDamaged: a list has a wrong form, or no colour picture has a depth picture.
+        ConfigError: the camera's file does not hold a camera matrix.
     """
     numbered = not _is_tum(path)
     pairs, warnings = _numbered_pairs(path, settings) if numbered else _tum_pairs(path, settings)
@@ -146,7 +146,7 @@ def read_rgbd_folder(path: Path, settings: RgbdSettings) -> RgbdFolder:
 
 
 def frames_of(folder: RgbdFolder, unread: Counter[str] | None = None) -> Iterator[RgbdFrame]:
-    """Each pair as a frame of a pinhole camera; those that cannot be read are left out and counted by reason."""
+    """Yield each pair as a frame of a pinhole camera; unreadable pairs are left out and counted in `unread` by reason."""
     import cv2
 
     unread = Counter() if unread is None else unread
@@ -166,14 +166,14 @@ def frames_of(folder: RgbdFolder, unread: Counter[str] | None = None) -> Iterato
                 lens = _straightening(folder.camera, depth.shape)
             bent = cv2.remap(image, lens[0], lens[1], cv2.INTER_LINEAR, borderMode=cv2.BORDER_REPLICATE)
             image = np.asarray(bent, np.uint8)
-            # depth must not be mixed across the edges of things
+            # nearest neighbour, since interpolated depth makes mixed pixels at edges
             straight = cv2.remap(depth, lens[0], None, cv2.INTER_NEAREST, borderValue=math.nan)  # type: ignore[call-overload]
             depth = np.asarray(straight, np.float32)
         yield RgbdFrame(pair.stamp_ns, image, depth, folder.camera.matrix, folder.camera.readout / len(depth))
 
 
 def _straightening(camera: Camera, shape: tuple[int, ...]) -> Any:
-    """Where each pixel of a pinhole camera's picture (H, W) lies in the lens's, as OpenCV's two maps."""
+    """Return OpenCV's two undistortion maps for pictures of a shape (H, W)."""
     import cv2
 
     size = (shape[1], shape[0])
@@ -181,11 +181,11 @@ def _straightening(camera: Camera, shape: tuple[int, ...]) -> Any:
 
 
 def read_truth(path: Path, settings: RgbdSettings | None = None) -> Trajectory3:
-    """The true poses beside the pictures, of the optical frame in the world.
+    """Return the true poses beside the pictures, of the optical frame in the world.
 
     Raises:
-        RecordingNotFound: there are none.
-        RecordingDamaged: they are not what the layout says.
+        RecordingNotFound: the folder holds no true poses.
+        RecordingDamaged: a pose file has a wrong form.
     """
     settings = settings or RgbdSettings()
     if _is_tum(path):
@@ -205,10 +205,10 @@ def read_truth(path: Path, settings: RgbdSettings | None = None) -> Trajectory3:
 
 
 def camera_from_text(text: str) -> Camera:
-    """`fr1`, `fr2`, `fr3`, or four, eight or nine numbers separated by commas.
+    """Return the camera of a text: `fr1`, `fr2`, `fr3`, or four, eight or nine numbers separated by commas.
 
     Raises:
-        ConfigError: it is neither.
+        ConfigError: the text has another form.
     """
     if text.strip().lower() in CAMERAS:
         return _camera(CAMERAS[text.strip().lower()], READOUT)
@@ -230,7 +230,7 @@ def _camera(values: tuple[float, ...], readout: float = 0.0) -> Camera:
 
 
 def _camera_of(path: Path, settings: RgbdSettings, numbered: bool) -> tuple[Camera, str, str]:
-    """The camera, how it is known, and a warning where it is a guess."""
+    """Return the camera, the source of its parameters, and a warning where they are a guess."""
     if settings.camera:
         return camera_from_text(settings.camera), "the settings", ""
     if (path / _INTRINSICS).is_file():
@@ -255,7 +255,7 @@ def _is_numbered(path: Path) -> bool:
 
 
 def _tum_pairs(path: Path, settings: RgbdSettings) -> tuple[list[Pair], list[str]]:
-    """By the list of pairs where there is one, else each colour picture with the depth nearest in time."""
+    """Return the pairs from the list of pairs if there is one, else each colour picture with its nearest depth in time."""
     listed = next((path / name for name in ("associations.txt", "associate.txt") if (path / name).is_file()), None)
     if listed is not None:
         return [_listed_pair(path, listed, number, fields) for number, fields in _rows(listed)], []
@@ -277,7 +277,7 @@ def _tum_pairs(path: Path, settings: RgbdSettings) -> tuple[list[Pair], list[str
 
 
 def _listed_pair(path: Path, listed: Path, number: int, fields: list[str]) -> Pair:
-    """A line `stamp file stamp file`, the colour picture first or second."""
+    """Return the pair of a line `stamp file stamp file`, with the colour picture first or second."""
     try:
         first, second = (float(fields[0]), path / fields[1]), (float(fields[2]), path / fields[3])
     except (ValueError, IndexError) as error:
@@ -288,7 +288,7 @@ def _listed_pair(path: Path, listed: Path, number: int, fields: list[str]) -> Pa
 
 
 def _listed_pictures(path: Path, kind: str) -> list[tuple[float, Path]]:
-    """Stamps and files of `rgb` or `depth`: by their list, else by the files' names."""
+    """Return stamps and files of `rgb` or `depth`, from their list if there is one, else from the file names."""
     listed = path / f"{kind}.txt"
     if not listed.is_file():
         files = sorted((path / kind).iterdir())
@@ -310,7 +310,7 @@ def _stamp_of(file: Path) -> float | None:
 
 
 def _nanoseconds(text: str) -> int:
-    """Seconds as whole nanoseconds: a float of 1.3e9 s holds no more than a tenth of a microsecond."""
+    """Return seconds as whole nanoseconds; a float of 1.3e9 s would resolve only 0.24 microseconds."""
     whole, _, part = text.partition(".")
     return int(whole) * 1_000_000_000 + int(f"{part[:9]:0<9}")
 
@@ -329,7 +329,7 @@ def _numbered_pairs(path: Path, settings: RgbdSettings) -> tuple[list[Pair], lis
 
 
 def _picture(path: Path, *, colour: bool) -> Bytes | None:
-    """The decoded file, colours in the order red, green, blue; None where it is missing or damaged."""
+    """Return the decoded file, colours in RGB order; None where it is missing or damaged."""
     import cv2
 
     try:
@@ -350,7 +350,7 @@ def _metres(units: Bytes, scale: float) -> Float32Array:
 
 
 def _rows(path: Path) -> list[tuple[int, list[str]]]:
-    """The fields of each line that is no comment, with its number."""
+    """Return the line number and the fields of each line that is not a comment."""
     try:
         text = path.read_text(encoding="utf-8", errors="replace")
     except OSError as error:

@@ -1,8 +1,8 @@
-"""ROS messages as nouns, without ROS: scans, clouds, odometry, IMU samples and pictures of any usual encoding.
+"""Decoding of ROS messages without ROS: scans, point clouds, odometry, IMU samples and pictures of common encodings.
 
-Ranges follow REP-117, depths REP-118 (16UC1 in millimetres, 32FC1 in metres), IMU samples REP-145. The layout of
-compressed depth is that of image_transport's compressed_depth plugin: a header of 12 bytes (an enumeration and two
-floats, the depth's quantisation), then a PNG.
+Ranges follow REP-117, depths REP-118 (16UC1 in millimetres, 32FC1 in metres), IMU samples REP-145. Compressed depth has
+the layout of image_transport's compressed_depth plugin: a header of 12 bytes (an enumeration, and two floats for the
+quantisation of the depth), then a PNG.
 """
 
 from __future__ import annotations
@@ -33,9 +33,9 @@ _FIELD_TYPES = {1: "i1", 2: "u1", 3: "i2", 4: "u2", 5: "i4", 6: "u4", 7: "f4", 8
 
 
 def scan_from_message(message: Any) -> Scan | None:
-    """A sensor_msgs/LaserScan with its angles turned to ascend; None when it has no beams or no angles.
+    """Return the scan of a sensor_msgs/LaserScan, by ascending angle; None when it has no beams or no angles.
 
-    What is beyond its greatest range was not seen (`without_codes`).
+    Ranges beyond `range_max` become +inf (`without_codes`).
     """
     step = float(message.angle_increment)
     ranges = np.array(message.ranges, dtype=np.float32)
@@ -55,7 +55,9 @@ def scan_from_message(message: Any) -> Scan | None:
 
 
 def odometry_from_message(message: Any) -> Odometry | None:
-    """A nav_msgs/Odometry in the plane, None when its pose is no number; zeros as covariance mean that none is known."""
+    """Return the planar odometry of a nav_msgs/Odometry, None when its pose is not finite; a covariance of zeros means
+    that it is unknown.
+    """
     twist = message.twist.twist
     pose = planar(pose_matrix(message.pose.pose.position, message.pose.pose.orientation))
     speeds = Twist(float(twist.linear.x), float(twist.angular.z))
@@ -72,7 +74,7 @@ def odometry_from_message(message: Any) -> Odometry | None:
 
 
 def imu_from_message(message: Any) -> ImuSample | None:
-    """A sensor_msgs/Imu in the sensor's own axes; None when a number is missing."""
+    """Return the sample of a sensor_msgs/Imu in the sensor's axes; None when a value is not finite."""
     rates, force = message.angular_velocity, message.linear_acceleration
     gyro = np.array([rates.x, rates.y, rates.z], np.float64)
     accel = np.array([force.x, force.y, force.z], np.float64)
@@ -82,10 +84,10 @@ def imu_from_message(message: Any) -> ImuSample | None:
 
 
 def cloud_from_message(message: Any) -> FloatArray:
-    """(N, 3) float64 points x, y, z [m] of a sensor_msgs/PointCloud2, without those that are no numbers.
+    """Return the finite points (N, 3) float64 x, y, z [m] of a sensor_msgs/PointCloud2.
 
     Raises:
-        RecordingError: it has no x, y and z.
+        RecordingError: the cloud has no x, y and z.
     """
     fields = {field.name: field for field in message.fields}
     if not {"x", "y", "z"} <= set(fields):
@@ -105,16 +107,16 @@ def cloud_from_message(message: Any) -> FloatArray:
 
 
 def camera_matrix_from_message(message: Any) -> FloatArray | None:
-    """(3, 3) of a sensor_msgs/CameraInfo; None when the camera is not calibrated (K of zeros)."""
+    """Return the camera matrix (3, 3) of a sensor_msgs/CameraInfo; None when the camera is uncalibrated (K of zeros)."""
     matrix = np.array(message.k if hasattr(message, "k") else message.K, np.float64).reshape(3, 3)
     return matrix if matrix[0, 0] > 0.0 else None
 
 
 def picture_from_message(message: Any) -> Bytes:
-    """(H, W, 3) RGB or (H, W) grey of a sensor_msgs/Image or CompressedImage.
+    """Return the pixels (H, W, 3) RGB or (H, W) grey of a sensor_msgs/Image or CompressedImage.
 
     Raises:
-        RecordingError: an encoding that is not known, or bytes that are no picture.
+        RecordingError: the encoding is unknown, or the bytes are not a picture.
     """
     if hasattr(message, "format"):
         image = _decompressed(np.asarray(message.data, np.uint8), message.format)
@@ -135,10 +137,10 @@ def picture_from_message(message: Any) -> Bytes:
 
 
 def depth_from_message(message: Any) -> Float32Array:
-    """(H, W) float32 depth [m], nan where there is none, of an Image or a CompressedImage of depth.
+    """Return the depth (H, W) float32 [m], nan for none, of a sensor_msgs/Image or CompressedImage.
 
     Raises:
-        RecordingError: an encoding that is no depth, or bytes that are no picture.
+        RecordingError: the encoding is not a depth encoding, or the bytes are not a picture.
     """
     compressed = hasattr(message, "format")
     encoding = message.format.split(";")[0].strip() if compressed else message.encoding
@@ -153,7 +155,7 @@ def depth_from_message(message: Any) -> Float32Array:
     raw = _decompressed(data[header:], message.format)
     if encoding != "32FC1":
         return _metres(raw)
-    # Floats are stored as 16-bit inverse depths: depth = a / (stored - b), and 0 is none.
+    # Floats are stored as 16-bit inverse depths: depth = a / (stored - b), with 0 for none.
     _, a, b = struct.unpack_from("<iff", data.tobytes()[:_DEPTH_HEADER])
     stored = raw.astype(np.float32)
     with np.errstate(divide="ignore"):
@@ -161,13 +163,13 @@ def depth_from_message(message: Any) -> Float32Array:
 
 
 def _metres(raw: np.ndarray) -> Float32Array:
-    """Depth [m] of integer millimetres or of metres; what is not beyond zero is none."""
+    """Return depth [m] from integer millimetres or from metres; values <= 0 become nan."""
     depth = raw.astype(np.float32) * np.float32(1e-3) if raw.dtype.kind == "u" else raw.astype(np.float32)
     return np.where(np.isfinite(depth) & (depth > 0.0), depth, np.float32(np.nan)).astype(np.float32)
 
 
 def _rows(message: Any, kind: str, channels: int) -> Any:
-    """(H, W) or (H, W, channels) pixels of an Image whose rows may be padded, in this machine's byte order."""
+    """Return the pixels (H, W) or (H, W, channels) of an Image with padded rows, in this machine's byte order."""
     kind = (">" if message.is_bigendian else "<") + kind
     height, width = message.height, message.width
     data = np.asarray(message.data, np.uint8)

@@ -1,6 +1,7 @@
-"""Nouns as ROS 2 messages, without ROS: frames by REP-103 and REP-105, ranges by REP-117, IMU by REP-145.
+"""Encoding of waychair's types as ROS 2 messages without ROS: frames by REP-103 and REP-105, ranges by REP-117, IMU by
+REP-145.
 
-The message classes are those of a `rosbags` typestore; nothing here reads a clock or a file.
+The message classes come from a `rosbags` typestore. Nothing here reads a clock or a file.
 """
 
 from __future__ import annotations
@@ -18,34 +19,34 @@ from waychair.types import FloatArray, ImuSample, Pose2, Pose3, RgbdFrame, Scan,
 MAP_FRAME, ODOM_FRAME, BASE_FRAME = "map", "odom", "base_link"
 LASER_FRAME, IMU_FRAME = "laser", "imu_link"
 CAMERA_FRAME, OPTICAL_FRAME = "camera_link", "camera_color_optical_frame"
-"""Frames of the headers. `base_link` lies on the floor below the middle of the drive axle."""
+"""Frames of the message headers. `base_link` lies on the floor below the middle of the drive axle."""
 
 SONAR_FRAME = "sonar_{}"
 WHEEL_JOINTS = ("left_wheel_joint", "right_wheel_joint")
 
 CAMERA_FROM_OPTICAL = Pose3(np.array([[0.0, 0.0, 1.0], [-1.0, 0.0, 0.0], [0.0, -1.0, 0.0]]), np.zeros(3))
-"""REP-103: an optical frame looks along z, x to the right; a body frame looks along x, y to the left."""
+"""REP-103: an optical frame has z forward and x right; a body frame has x forward and y left."""
 
 UNREPORTED = np.concatenate([[-1.0], np.zeros(8)])
-"""Covariance (9,) of a field that a message has but its sensor does not measure (REP-145)."""
+"""Covariance (9,) that marks an IMU field as not measured (REP-145)."""
 
 SONAR_CONE = math.radians(30.0)
 SONAR_RANGE = (0.02, 4.0)
-"""Full opening angle [rad] and range [m] of small ultrasonic sensors, as the simulated ones have them."""
+"""Full opening angle [rad] and range [m] of small ultrasonic sensors; the simulated sonars have the same."""
 
 TYPES = get_typestore(Stores.ROS2_JAZZY)
-"""Definitions of the messages, for writers to declare their topics with."""
+"""The message definitions, with which writers declare their topics."""
 
 _ULTRASOUND = 0
 
 
 def serialised(message: Any) -> bytes | memoryview:
-    """The message's CDR bytes."""
+    """Return the message's CDR bytes."""
     return TYPES.serialize_cdr(message, message.__msgtype__)
 
 
 def laser_scan(scan: Scan) -> Any:
-    """sensor_msgs/LaserScan."""
+    """Return a sensor_msgs/LaserScan."""
     angle_max = scan.angle_min + scan.angle_step * (len(scan.ranges) - 1)
     angles = (scan.angle_min, angle_max, scan.angle_step)
     sweep_time = abs(scan.time_step) * len(scan.ranges)
@@ -70,8 +71,10 @@ def odometry(
     covariance: FloatArray | None = None,
     twist_covariance: FloatArray | None = None,
 ) -> Any:
-    """nav_msgs/Odometry of the base in frame `parent`; covariances (3, 3) of x, y, theta and of their rates in the base,
-    zeros when none is known."""
+    """Return a nav_msgs/Odometry of the base in frame `parent`.
+
+    `covariance` (3, 3) is of x, y, theta; `twist_covariance` of their rates in the base; None is written as zeros.
+    """
     at = parent_from_base
     pose = make("geometry_msgs/msg/Pose", point(np.array([at.x, at.y, 0.0])), quaternion(in_space(at).rotation))
     speed = make("geometry_msgs/msg/Twist", vector((twist.v, 0.0, 0.0)), vector((0.0, 0.0, twist.omega)))
@@ -85,7 +88,7 @@ def odometry(
 
 
 def imu(sample: ImuSample) -> Any:
-    """sensor_msgs/Imu: rates and specific force with unknown covariances (zeros), orientation not reported."""
+    """Return a sensor_msgs/Imu: rates and specific force with unknown covariances (zeros), no orientation."""
     return make(
         "sensor_msgs/msg/Imu",
         header(sample.stamp_ns, IMU_FRAME),
@@ -99,15 +102,15 @@ def imu(sample: ImuSample) -> Any:
 
 
 def colour_image(frame: RgbdFrame) -> Any:
-    """sensor_msgs/Image, rgb8 or mono8."""
+    """Return a sensor_msgs/Image, rgb8 or mono8."""
     encoding = "rgb8" if frame.image.ndim == 3 else "mono8"
     return _image(frame.stamp_ns, frame.image, encoding)
 
 
 def depth_image(frame: RgbdFrame) -> Any:
-    """sensor_msgs/Image, 16UC1 in millimetres with 0 for none (REP-118), as RealSense cameras send it.
+    """Return a sensor_msgs/Image, 16UC1 in millimetres with 0 for none (REP-118), as RealSense cameras send it.
 
-    It is half the size of 32FC1, and a millimetre is less than the noise of such cameras beyond their nearest range.
+    It is half the size of 32FC1, and a millimetre is below the noise of such cameras except at their nearest range.
     """
     millimetres = frame.depth * np.float32(1000.0)
     told = (millimetres >= 0.0) & (millimetres < 65535.5)  # false for nan
@@ -115,7 +118,7 @@ def depth_image(frame: RgbdFrame) -> Any:
 
 
 def camera_info(frame: RgbdFrame) -> Any:
-    """sensor_msgs/CameraInfo of a rectified picture: no distortion, projection of the camera matrix."""
+    """Return a sensor_msgs/CameraInfo of a rectified picture: no distortion, projection equal to the camera matrix."""
     height, width = frame.depth.shape
     k = np.asarray(frame.camera_matrix, np.float64)
     return make(
@@ -135,7 +138,7 @@ def camera_info(frame: RgbdFrame) -> Any:
 
 
 def sonar_range(stamp_ns: int, index: int, distance: float) -> Any:
-    """sensor_msgs/Range of one sonar, REP-117 codes kept."""
+    """Return a sensor_msgs/Range of one sonar, with its REP-117 codes."""
     return make(
         "sensor_msgs/msg/Range",
         header(stamp_ns, SONAR_FRAME.format(index)),
@@ -148,7 +151,7 @@ def sonar_range(stamp_ns: int, index: int, distance: float) -> Any:
 
 
 def joint_states(ticks: WheelTicks, ticks_per_turn: int) -> Any:
-    """sensor_msgs/JointState: angles [rad] of the drive wheels, of counts that wrap as signed 32-bit numbers."""
+    """Return a sensor_msgs/JointState: angles [rad] of the drive wheels, from counts wrapped to signed 32 bits."""
     counts = [(count + (1 << 31)) % (1 << 32) - (1 << 31) for count in (ticks.left, ticks.right)]
     angles = np.array(counts) * (math.tau / ticks_per_turn)
     nothing = np.zeros(0)
@@ -157,7 +160,7 @@ def joint_states(ticks: WheelTicks, ticks_per_turn: int) -> Any:
 
 
 def transforms(stamp_ns: int, parent_from_child: Mapping[tuple[str, str], Pose3]) -> Any:
-    """tf2_msgs/TFMessage of transforms by (parent, child)."""
+    """Return a tf2_msgs/TFMessage of transforms by (parent, child)."""
     stamped = [
         make(
             "geometry_msgs/msg/TransformStamped",
@@ -178,28 +181,28 @@ def _image(stamp_ns: int, pixels: Any, encoding: str) -> Any:
 
 
 def make(name: str, *fields: Any) -> Any:
-    """A message of the given type from its fields in their order."""
+    """Return a message of the given type from its fields, in their order."""
     return TYPES.types[name](*fields)
 
 
 def header(stamp_ns: int, frame: str) -> Any:
-    """std_msgs/Header."""
+    """Return a std_msgs/Header."""
     stamp = make("builtin_interfaces/msg/Time", *divmod(stamp_ns, 1_000_000_000))
     return make("std_msgs/msg/Header", stamp, frame)
 
 
 def vector(xyz: FloatArray | Sequence[float]) -> Any:
-    """geometry_msgs/Vector3."""
+    """Return a geometry_msgs/Vector3."""
     return make("geometry_msgs/msg/Vector3", *map(float, xyz))
 
 
 def point(xyz: FloatArray) -> Any:
-    """geometry_msgs/Point."""
+    """Return a geometry_msgs/Point."""
     return make("geometry_msgs/msg/Point", *map(float, xyz))
 
 
 def quaternion(rotation: FloatArray) -> Any:
-    """geometry_msgs/Quaternion with w >= 0, by the largest component first (Shepperd 1978: no cancellation)."""
+    """Return a geometry_msgs/Quaternion with w >= 0, computed from its largest component (Shepperd 1978)."""
     m = rotation
     squares = np.array(
         [
@@ -223,7 +226,7 @@ def quaternion(rotation: FloatArray) -> Any:
 
 
 def covariance_in_space(covariance: FloatArray | None) -> FloatArray:
-    """(36,) covariance of x, y, z, roll, pitch, yaw from that of x, y, yaw (3, 3); zeros when none is known."""
+    """Return the covariance (36,) of x, y, z, roll, pitch, yaw from that of x, y, yaw (3, 3); None gives zeros."""
     full = np.zeros((6, 6))
     if covariance is not None:
         full[np.ix_([0, 1, 5], [0, 1, 5])] = covariance

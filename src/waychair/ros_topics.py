@@ -1,8 +1,7 @@
-"""What a chair's nodes and its bags have in common: topics' names, types, frames and QoS, as Nav2, RViz and Foxglove
-users expect them.
+"""ROS topics shared by the chair's nodes and its bags: names, types, frames and QoS as Nav2, RViz and Foxglove expect.
 
-Names are relative, so that a namespace and remapping work; those with a slash are absolute for everybody (tf2_ros names
-them so). Rates, and with them the age at which an input is stale, are those of `waychair.topics`.
+Names are relative, so that namespaces and remapping work; names with a leading slash are absolute, as in tf2_ros.
+Nominal rates, and with them the age at which an input is stale, come from `waychair.topics`.
 """
 
 from __future__ import annotations
@@ -16,7 +15,7 @@ from waychair.topics import Topic
 
 @dataclass(frozen=True, slots=True)
 class Qos:
-    """How messages travel: kept for late subscribers (`latched`) or not, resent when lost (`reliable`) or not."""
+    """Quality of service: kept for late subscribers (`latched`, transient local), resent when lost (`reliable`)."""
 
     depth: int = 10
     reliable: bool = True
@@ -30,7 +29,7 @@ LATCHED = Qos(1, latched=True)
 
 @dataclass(frozen=True, slots=True)
 class RosTopic:
-    """One topic: its name, type (as package/msg/Name), QoS, the frame of its headers, and what it carries, if a noun."""
+    """One topic: its name, type (package/msg/Name), QoS, the frame of its headers, and the stream that it carries."""
 
     name: str
     type: str
@@ -40,12 +39,12 @@ class RosTopic:
 
     @property
     def rate_hz(self) -> float:
-        """Nominal rate; 0 for what is sent when it changes."""
+        """Return the nominal rate; 0 for messages that are sent on change."""
         return 0.0 if self.carries is None else self.carries.rate_hz
 
     @property
     def absolute(self) -> str:
-        """The name outside of any namespace, as it is in a bag."""
+        """Return the name outside of any namespace, as in a bag."""
         return self.name if self.name.startswith("/") else f"/{self.name}"
 
 
@@ -63,16 +62,16 @@ DEPTH = RosTopic(
 DEPTH_INFO = RosTopic(
     "camera/aligned_depth_to_color/camera_info", "sensor_msgs/msg/CameraInfo", SENSOR_DATA, OPTICAL_FRAME, topics.CAMERA
 )
-"""The camera's are the names of RealSense drivers with depth aligned to colour, which RTAB-Map's examples take."""
+"""The camera topics have the names of RealSense drivers with depth aligned to colour, as in RTAB-Map's examples."""
 
 TRUTH = RosTopic("ground_truth/odom", "nav_msgs/msg/Odometry", RELIABLE, MAP_FRAME, topics.ODOMETRY)
-"""Where the simulated chair really is: for scores; a stack must not take it."""
+"""The true pose of the simulated chair, for scoring; a node that drives must not subscribe to it."""
 
 TF = RosTopic("/tf", "tf2_msgs/msg/TFMessage", Qos(100))
 TF_STATIC = RosTopic("/tf_static", "tf2_msgs/msg/TFMessage", LATCHED)
 
 
 def sonar(index: int) -> RosTopic:
-    """The topic of one sonar, named after its frame: no part of a topic's name may begin with a digit."""
+    """Return the topic of one sonar, named after its frame, since no part of a topic name may begin with a digit."""
     frame = SONAR_FRAME.format(index)
     return RosTopic(frame, "sensor_msgs/msg/Range", SENSOR_DATA, frame, topics.SONAR)

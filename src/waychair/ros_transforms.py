@@ -1,4 +1,4 @@
-"""The tree of frames of /tf and /tf_static (REP-105): mounts along chains, and the odometry as tf tells it."""
+"""The transform tree of a recording's /tf and /tf_static (REP-105): mounts along chains, and odometry from tf."""
 
 from __future__ import annotations
 
@@ -14,17 +14,17 @@ from waychair.geometry import wrap_angle
 from waychair.types import FloatArray, IntArray, Odometry, Pose2, Pose3, Twist
 
 BASE_FRAMES = ("base_link", "base_footprint", "base", "base_frame")
-"""Usual names of the base (REP-105, REP-120), the first that is there."""
+"""Usual names of the base frame (REP-105, REP-120), by preference."""
 
 WORLD_FRAMES = ("map", "world", "earth")
-"""Frames above odom: what moves against them is corrected by jumps, or the truth of a simulator."""
+"""Frames above odom. Motion in them is not dead reckoning: it jumps with corrections, or is a simulator's truth."""
 
-_LONGEST_STEP_S = 0.5  # a twist across a longer gap says nothing
+_LONGEST_STEP_S = 0.5  # no twist is computed across a longer gap
 
 
 @dataclass(slots=True)
 class _Edge:
-    """All poses of one child in its parent: stamps [ns], and x y z qx qy qz qw for each."""
+    """All poses of one child frame in its parent: stamps [ns], and x y z qx qy qz qw for each."""
 
     parent: str
     stamps: array[int] = field(default_factory=lambda: array("q"))
@@ -32,7 +32,7 @@ class _Edge:
     _sorted: tuple[IntArray, FloatArray] | None = None
 
     def add(self, stamp_ns: int, values: Sequence[float]) -> None:
-        """Of a pose that repeats only its first and last stamp are kept."""
+        """Append a pose; of a run of equal poses only the first and the last stamp are kept."""
         self._sorted = None
         last = list(values)
         if len(self.stamps) > 1 and list(self.values[-7:]) == last == list(self.values[-14:-7]):
@@ -42,7 +42,7 @@ class _Edge:
         self.values.extend(last)
 
     def rows(self) -> tuple[IntArray, FloatArray]:
-        """Stamps (N,) in ascending order and values (N, 7)."""
+        """Return the stamps (N,) in ascending order and the values (N, 7)."""
         if self._sorted is None:
             stamps = np.array(self.stamps, np.int64)
             order = np.argsort(stamps, kind="stable")
@@ -54,13 +54,13 @@ class _Edge:
 
 
 class TransformTree:
-    """Every transform that a recording holds, by child frame."""
+    """All transforms of a recording, by child frame."""
 
     def __init__(self) -> None:
         self._edges: dict[str, _Edge] = {}
 
     def add(self, message: Any) -> None:
-        """The transforms of a tf2_msgs/TFMessage; those that are no numbers are left out."""
+        """Add the transforms of a tf2_msgs/TFMessage; transforms that are not finite are left out."""
         for stamped in message.transforms:
             move, turn = stamped.transform.translation, stamped.transform.rotation
             values = (move.x, move.y, move.z, *_unit(turn.x, turn.y, turn.z, turn.w))
@@ -75,7 +75,7 @@ class TransformTree:
         return frame in self._edges or any(edge.parent == frame for edge in self._edges.values())
 
     def chain(self, upper: str, lower: str, at_ns: int) -> FloatArray | None:
-        """`upper_from_lower` (4, 4) at a stamp, through their common ancestor; None when they are not connected."""
+        """Return `upper_from_lower` (4, 4) at a stamp, through their common ancestor; None if they are not connected."""
         up, down = self._ancestry(upper), self._ancestry(lower)
         common = next((frame for frame in down if frame in up), None)
         if common is None:
@@ -83,14 +83,14 @@ class TransformTree:
         return np.linalg.inv(self._from_ancestor(common, upper, at_ns)) @ self._from_ancestor(common, lower, at_ns)
 
     def moves_between(self, upper: str, lower: str) -> bool:
-        """Whether the pose of one frame in the other changes in the course of the recording."""
+        """Return whether the pose of one frame in the other changes during the recording."""
         up, down = self._ancestry(upper), self._ancestry(lower)
         common = next((frame for frame in down if frame in up), "")
         way = [*up[: up.index(common)], *down[: down.index(common)]] if common else []
         return any(self._edges[frame].moves() for frame in way)
 
     def odometry_frame(self, base: str) -> str | None:
-        """The frame in which the base moves by dead reckoning: the nearest one above it that it moves against."""
+        """Return the frame of the dead reckoning: the nearest ancestor in which the base moves; None if it is a world frame."""
         for child in self._ancestry(base)[:-1]:
             edge = self._edges[child]
             if edge.moves():
@@ -98,7 +98,7 @@ class TransformTree:
         return None
 
     def odometry(self, odom: str, base: str) -> list[Odometry]:
-        """Readings of `odom_from_base` at every stamp at which it was told, with the twist since the one before."""
+        """Return `odom_from_base` at every stamp of its moving transforms, with the twist since the reading before."""
         way = self._ancestry(base)
         if odom not in way:
             return []
@@ -114,7 +114,7 @@ class TransformTree:
         return readings
 
     def _ancestry(self, frame: str) -> list[str]:
-        """The frame and all above it, itself first."""
+        """Return the frame and its ancestors, from the frame upwards."""
         way = [frame]
         while way[-1] in self._edges and self._edges[way[-1]].parent not in way:
             way.append(self._edges[way[-1]].parent)
@@ -130,19 +130,19 @@ class TransformTree:
 
 
 def _at(stamps: IntArray, values: FloatArray, at_ns: int) -> FloatArray:
-    """(4, 4) at a stamp: between two poses in proportion, outside of them the nearest."""
+    """Return the pose (4, 4) at a stamp: interpolated linearly, and constant beyond the first and last."""
     after = int(np.searchsorted(stamps, at_ns))
     if after == 0 or after == len(stamps):
         return _matrix(values[min(after, len(stamps) - 1)])
     start, end = values[after - 1], values[after].copy()
-    if start[3:] @ end[3:] < 0.0:  # the same turn, told by the other quaternion
+    if start[3:] @ end[3:] < 0.0:  # q and -q are the same rotation: take the nearer one
         end[3:] *= -1.0
     part = (at_ns - int(stamps[after - 1])) / max(1, int(stamps[after]) - int(stamps[after - 1]))
     return _matrix(start + part * (end - start))
 
 
 def _matrix(values: FloatArray) -> FloatArray:
-    """(4, 4) of x y z qx qy qz qw."""
+    """Return the homogeneous transform (4, 4) of x y z qx qy qz qw."""
     x, y, z, w = _unit(*values[3:].tolist())
     return np.array(
         [
@@ -155,24 +155,24 @@ def _matrix(values: FloatArray) -> FloatArray:
 
 
 def pose_matrix(translation: Any, rotation: Any) -> FloatArray:
-    """(4, 4) homogeneous transform of a geometry_msgs vector and quaternion; a zero quaternion is no rotation."""
+    """Return the homogeneous transform (4, 4) of a geometry_msgs vector and quaternion; a zero quaternion is no rotation."""
     return _matrix(
         np.array([translation.x, translation.y, translation.z, rotation.x, rotation.y, rotation.z, rotation.w])
     )
 
 
 def planar(matrix: FloatArray) -> Pose2:
-    """x, y and yaw of a (4, 4) transform."""
+    """Return x, y and yaw of a (4, 4) transform."""
     return Pose3(matrix[:3, :3], matrix[:3, 3]).planar()
 
 
 def frame_name(name: str) -> str:
-    """A frame's name without the leading slash that ROS 1 allowed."""
+    """Return a frame's name without the leading slash that ROS 1 allowed."""
     return str(name).lstrip("/")
 
 
 def stamp_ns(stamp: Any) -> int:
-    """Nanoseconds of a builtin_interfaces/Time."""
+    """Return the nanoseconds of a builtin_interfaces/Time."""
     return int(stamp.sec) * 1_000_000_000 + int(stamp.nanosec)
 
 
@@ -182,7 +182,7 @@ def _unit(x: float, y: float, z: float, w: float) -> tuple[float, float, float, 
 
 
 def _twist(before: Pose2, after: Pose2, step_ns: int) -> Twist:
-    """Mean twist of the base between two poses; none across a gap."""
+    """Return the mean twist of the base between two poses; zero across a gap."""
     seconds = step_ns * 1e-9
     if not 0.0 < seconds <= _LONGEST_STEP_S:
         return Twist()

@@ -1,4 +1,4 @@
-"""A ROS bag, open: whole, through rosbags, or damaged, with what can be salvaged; its topics and their messages."""
+"""Opening ROS bags, intact or damaged, and iterating over their topics and messages."""
 
 from __future__ import annotations
 
@@ -17,13 +17,13 @@ from waychair.errors import RecordingDamaged
 from waychair.rosbag_salvage import SalvagedBag
 
 SUFFIXES = {b"#ROSBAG V2.0": ".bag", b"\x89MCAP": ".mcap", b"SQLite format 3": ".db3"}
-"""First bytes of the files that hold bags, and the ending each must have."""
+"""The suffix of each kind of bag file, by its magic bytes."""
 
 _LONGEST_REASON = 200  # characters
 
 
 class BagFile(Protocol):
-    """What a whole and a salvaged bag have in common."""
+    """The common interface of an intact and a salvaged bag."""
 
     is2: bool
     connections: list[Connection]
@@ -34,18 +34,18 @@ class BagFile(Protocol):
 
 
 def bag_suffix(head: bytes) -> str | None:
-    """`.bag`, `.mcap` or `.db3` by the first bytes of a file, None for anything else."""
+    """Return `.bag`, `.mcap` or `.db3` by the first bytes of a file; None for anything else."""
     return next((suffix for magic, suffix in SUFFIXES.items() if head.startswith(magic)), None)
 
 
 @contextmanager
 def opened(path: Path, suffix: str) -> Iterator[BagFile]:
-    """The bag of the given kind ('' for the folder of a ROS 2 bag), open.
+    """Yield the opened bag of the given kind ('' for the folder of a ROS 2 bag).
 
-    The library goes by the file's ending, so a file with another one gets a link with the right one.
+    rosbags goes by the file's suffix, so a file with another suffix is opened through a link with the right one.
 
     Raises:
-        RecordingDamaged: it cannot be opened.
+        RecordingDamaged: the bag cannot be opened.
     """
     with ExitStack() as stack:
         if path.suffix != suffix and not path.is_dir():
@@ -56,7 +56,7 @@ def opened(path: Path, suffix: str) -> Iterator[BagFile]:
         try:
             reader = AnyReader([link], default_typestore=get_typestore(Stores.ROS2_JAZZY))
             stack.enter_context(reader)
-        # Damaged bytes raise whatever the parser stumbles over: struct, key, index, decode, sqlite and its own errors.
+        # Damaged bytes raise many kinds of errors in the parser: struct, key, index, decode, sqlite and its own.
         except Exception as error:
             raise damaged(path, error) from error
         yield reader
@@ -65,11 +65,12 @@ def opened(path: Path, suffix: str) -> Iterator[BagFile]:
 def messages(
     path: Path, bag: BagFile, connections: Collection[Connection], lost: Counter[str] | None = None
 ) -> Iterator[tuple[Connection, int, Any]]:
-    """Connection, time of logging [ns] and message, in the order of the bag.
+    """Yield connection, time of logging [ns] and message, in bag order.
+
+    If `lost` is given, messages that cannot be decoded are counted there and left out.
 
     Raises:
-        RecordingDamaged: at the first that cannot be read; but if `lost` is given, messages that cannot be decoded are
-            counted there and left out.
+        RecordingDamaged: a message cannot be read.
     """
     if not connections:
         return
@@ -79,7 +80,7 @@ def messages(
             connection, log_ns, data = next(raw)
         except StopIteration:
             return
-        except Exception as error:  # as when it is opened
+        except Exception as error:  # as in `opened`
             raise damaged(path, error) from error
         try:
             message = bag.deserialize(data, connection.msgtype)
@@ -92,7 +93,7 @@ def messages(
 
 
 def counts_by_topic(bag: BagFile, *msgtypes: str) -> dict[str, int]:
-    """Number of messages of these types by topic."""
+    """Return the number of messages of these types by topic."""
     counts: dict[str, int] = {}
     for connection in bag.connections:
         if connection.msgtype in msgtypes:
@@ -101,23 +102,23 @@ def counts_by_topic(bag: BagFile, *msgtypes: str) -> dict[str, int]:
 
 
 def listing(bag: BagFile) -> str:
-    """All topics with their types, for messages."""
+    """Return all topics with their types, as text for an error message."""
     topics = sorted({f"{connection.topic} ({connection.msgtype})" for connection in bag.connections})
     return ", ".join(topics) or "no topics at all"
 
 
 def damaged(path: Path, error: Exception) -> RecordingDamaged:
-    """Damage as one sentence."""
+    """Return the error for a damaged bag, as one sentence."""
     reason = " ".join(f"{type(error).__name__}: {error}".split())[:_LONGEST_REASON].rstrip(":. ")
     repair = "repair it (rosbag reindex, ros2 bag reindex, mcap recover) or copy it again from its source"
     return RecordingDamaged(f"{path} is a damaged bag ({reason}); {repair}")
 
 
 def salvaged(path: Path, suffix: str, damage: RecordingDamaged) -> SalvagedBag:
-    """What can be read of a bag that is damaged so.
+    """Return the readable part of a damaged bag.
 
     Raises:
-        RecordingDamaged: nothing.
+        RecordingDamaged: `damage`, because nothing can be read.
     """
     try:
         bag = SalvagedBag(path, suffix)

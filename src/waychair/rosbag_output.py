@@ -1,4 +1,4 @@
-"""A ROS 2 bag that is written aside, and is at its path only when it is whole."""
+"""Writing a ROS 2 bag in a hidden folder and moving it to its path when it is complete."""
 
 from __future__ import annotations
 
@@ -26,17 +26,17 @@ _FOREVER = QosTime(0x7FFFFFFF, 0xFFFFFFFF)
 
 
 class BagOutput:
-    """Messages by topic and time, in a folder beside the path until `finish`; a topic is declared by its first message.
+    """A bag that is written to a folder beside its path until `finish`. A topic is declared by its first message.
 
-    A path that ends in .mcap or .db3 becomes that single file, any other path the folder of a bag; chunks of mcap are
-    compressed (zstd). Until it is finished the bag is in `aside`; what `flush` has brought there outlives this process,
-    and `read_recording` reads it, though it has no index.
+    A path that ends in .mcap or .db3 becomes a single file, any other path the folder of a bag. mcap chunks are
+    compressed (zstd). Until `finish`, the bag is at `aside`. Flushed messages survive a crash of this process, and
+    `read_recording` reads them although the index is missing.
     """
 
     def __init__(self, path: Path, storage: Literal["mcap", "sqlite3"] | None = None) -> None:
         """
         Raises:
-            OutputError: the path ends as that of another storage.
+            OutputError: the suffix of the path contradicts `storage`.
         """
         by_suffix = next((name for name, suffix in _SUFFIXES.items() if suffix == path.suffix), None)
         if storage is not None and by_suffix not in (None, storage):
@@ -47,9 +47,10 @@ class BagOutput:
         self._connections: dict[str, Connection] = {}
 
     def open(self) -> None:
-        """
+        """Begin the bag.
+
         Raises:
-            OutputError: there is something at the path already, it cannot be written to, or its disk is full.
+            OutputError: the path exists, cannot be written to, or its disk is full.
         """
         path = self.path
         self._refuse_existing()
@@ -67,22 +68,22 @@ class BagOutput:
 
     @property
     def aside(self) -> Path:
-        """Where the messages are meanwhile."""
+        """Return the path of the messages until the bag is finished."""
         bag = self._writer.path
         return bag / f"{bag.name}{_SUFFIXES[self._storage]}"
 
     @property
     def size(self) -> int:
-        """Bytes of all messages so far."""
+        """Return the bytes of all messages so far."""
         return self._writer.size
 
     @property
     def is_open(self) -> bool:
-        """Whether it takes messages: until it is finished, kept as a part, or discarded."""
+        """Return whether the bag accepts messages: it is neither finished, nor kept as a part, nor discarded."""
         return self._writer.storage is not None
 
     def write(self, topic: str, msgtype: str, qos: Qos, log_ns: int, data: bytes | memoryview) -> None:
-        """Append a message's CDR bytes, logged at a time; `qos` is what its sender offers.
+        """Append a message's CDR bytes with its time of logging; `qos` is the one that its publisher offers.
 
         Raises:
             OutputError: the disk cannot be written to.
@@ -95,7 +96,7 @@ class BagOutput:
             self._writer.write(self._connections[topic], log_ns, data)
 
     def flush(self) -> None:
-        """Bring all messages so far to the file.
+        """Write all messages so far to the file.
 
         Raises:
             OutputError: the disk cannot be written to.
@@ -104,10 +105,10 @@ class BagOutput:
             self._writer.flush()
 
     def refuse_full(self) -> None:
-        """To be called between messages that belong together and the next ones.
+        """End the bag if the disk is full. To be called after each group of messages that belong together.
 
         Raises:
-            OutputError: the disk is full; what there is was closed, and is kept beside the path.
+            OutputError: the disk is full; the bag so far was closed and kept beside the path.
         """
         if self._writer.full:
             megabytes = self.size / 1e6
@@ -120,7 +121,7 @@ class BagOutput:
         """Close the bag and move it to its path.
 
         Raises:
-            OutputError: there is something by now, so that the bag was kept beside it; or the disk cannot be written to.
+            OutputError: the path exists meanwhile (the bag is kept beside it), or the disk cannot be written to.
         """
         if self.path.exists():
             raise OutputError(f"{self.path} exists already by now: the bag is in {self.keep_part()}")
@@ -130,7 +131,7 @@ class BagOutput:
             self._remove()
 
     def keep_part(self) -> Path:
-        """Close what there is of the bag and keep it beside the path, with the same ending, so that programs know it.
+        """Close the incomplete bag, keep it beside the path with the same suffix, and return its path.
 
         Raises:
             OutputError: the disk cannot be written to.
@@ -142,7 +143,7 @@ class BagOutput:
             self._remove()
 
     def discard(self) -> None:
-        """Leave nothing behind."""
+        """Abort, and remove everything that was written."""
         try:
             with self._told():
                 self._writer.abort()
@@ -170,7 +171,7 @@ class BagOutput:
 
 
 def _offered(qos: Qos) -> BagQos:
-    """As rosbag2 keeps it."""
+    """Return the QoS as rosbag2 stores it."""
     return BagQos(
         QosHistory.KEEP_LAST,
         qos.depth,

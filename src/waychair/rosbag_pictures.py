@@ -1,4 +1,4 @@
-"""Pictures with depth out of a ROS bag, decoded one by one as they are asked for."""
+"""Reading pictures with depth from a ROS bag, decoded lazily one by one."""
 
 from __future__ import annotations
 
@@ -17,18 +17,18 @@ from waychair.types import FloatArray, Pose3, RgbdFrame
 IMAGE_TYPES = ("sensor_msgs/msg/Image", "sensor_msgs/msg/CompressedImage")
 INFO_TYPE = "sensor_msgs/msg/CameraInfo"
 
-_WAITING = 8  # messages of one kind that wait for the other
+_WAITING = 8  # colour or depth messages that are kept to be paired
 _NOT_COLOUR = ("depth", "infra", "disparity", "confidence")
 
 
 def read_pictures(path: Path, suffix: str, settings: BagSettings) -> Iterator[RgbdFrame]:
-    """Every picture that has a depth of about its time, in the order of the bag; nothing is kept in memory.
+    """Yield every colour picture that has a depth picture of about the same time, in bag order.
 
-    The stamp is that of the picture. A bag without pictures or without depth gives none; what is damaged ends it early.
+    The stamp is that of the colour picture. A bag without colour or depth yields nothing; damage ends the iteration.
 
     Raises:
-        RecordingError: a topic that was asked for is not there, the camera is not calibrated, or depth and picture
-            are not of one size.
+        RecordingError: a topic that the settings name is missing, the camera is not calibrated, or the sizes of depth
+            and colour differ.
     """
     try:
         with opened(path, suffix) as bag:
@@ -38,10 +38,10 @@ def read_pictures(path: Path, suffix: str, settings: BagSettings) -> Iterator[Rg
 
 
 def read_camera_mount(path: Path, suffix: str, settings: BagSettings) -> Pose3 | None:
-    """The mount of the pictures' optical frame on the base, along the chain of /tf; None where a bag does not say it.
+    """Return the pose of the pictures' optical frame in the base, from /tf; None where the bag does not hold it.
 
     Raises:
-        RecordingError: a topic that was asked for is not there.
+        RecordingError: a topic that the settings name is missing.
     """
     try:
         with opened(path, suffix) as bag:
@@ -91,7 +91,7 @@ def _pictures(path: Path, bag: BagFile, settings: BagSettings) -> Iterator[RgbdF
 def _pair(
     colours: deque[tuple[int, Any]], depths: deque[tuple[int, Any]], spread_ns: float
 ) -> tuple[int, Any, Any] | None:
-    """The oldest picture that has a depth within the spread, taken out with everything older; None when there is none."""
+    """Remove and return the oldest picture with a depth within the spread, and drop everything older; else None."""
     for at, picture in colours:
         near = min(depths, key=lambda item: abs(item[0] - at), default=None)
         if near is not None and abs(near[0] - at) <= spread_ns:
@@ -114,7 +114,7 @@ def _frame(path: Path, at_ns: int, picture: Any, depth: Any, camera_matrix: Floa
 
 
 def _topic(path: Path, bag: BagFile, counts: Mapping[str, int], asked: str, *, depth: bool) -> str | None:
-    """The topic that was asked for, else the fullest whose name says what it is."""
+    """Return the topic that the settings name, else the one with the most messages and a fitting name."""
     if asked:
         found = next((topic for topic in counts if topic.strip("/") == asked.strip("/")), None)
         if found is None:
@@ -129,7 +129,7 @@ def _topic(path: Path, bag: BagFile, counts: Mapping[str, int], asked: str, *, d
 
 
 def _info_topic(path: Path, bag: BagFile, settings: BagSettings, colour: str, depth: str) -> str:
-    """The camera_info beside the pictures, else the one beside the depth, else any."""
+    """Return the camera_info topic: the one that the settings name, else the one beside the pictures or the depth."""
     counts = counts_by_topic(bag, INFO_TYPE)
     if settings.camera_info_topic:
         asked = next((name for name in counts if name.strip("/") == settings.camera_info_topic.strip("/")), None)
@@ -142,6 +142,6 @@ def _info_topic(path: Path, bag: BagFile, settings: BagSettings, colour: str, de
 
 
 def _shared(topic: str, other: str) -> int:
-    """Number of leading parts that two names share."""
+    """Return the number of leading parts that two topic names share."""
     parts = list(zip(topic.split("/"), other.split("/"), strict=False))
     return next((k for k, (a, b) in enumerate(parts) if a != b), len(parts))

@@ -1,7 +1,7 @@
-"""ROS 1 and ROS 2 bags read without ROS: scans of one or several lasers or clouds, odometry, IMU, and the mounts.
+"""Reading ROS 1 and ROS 2 bags without ROS: scans of lasers or point clouds, odometry, IMU, and sensor mounts.
 
 Messages are sensor_msgs/LaserScan, PointCloud2 and Imu, nav_msgs/Odometry and tf2_msgs/TFMessage; frames follow
-REP-105, ranges REP-117. Pictures are read by `rosbag_pictures`, when they are asked for.
+REP-105, ranges REP-117. `rosbag_pictures` reads the pictures on demand.
 """
 
 from __future__ import annotations
@@ -32,7 +32,7 @@ SCAN_TYPE, CLOUD_TYPE = "sensor_msgs/msg/LaserScan", "sensor_msgs/msg/PointCloud
 ODOMETRY_TYPE, IMU_TYPE = "nav_msgs/msg/Odometry", "sensor_msgs/msg/Imu"
 TRANSFORM_TYPES = ("tf2_msgs/msg/TFMessage", "tf/msg/tfMessage")
 GROUND_TRUTH = "/ground_truth/"
-"""Simulators tell the truth on topics that begin so; nothing may be made of them unless they are asked for by name."""
+"""Prefix of a simulator's true poses. These topics are used only if the settings name them."""
 
 _LEVEL = math.cos(math.radians(5.0))
 _PROGRESS_EVERY = 256  # messages
@@ -40,7 +40,7 @@ _PROGRESS_EVERY = 256  # messages
 
 @dataclass(frozen=True, slots=True)
 class BagSettings(Settings):
-    """What is taken from a bag; empty names mean the usual ones, guessed from what it holds."""
+    """The topics and frames to read from a bag; an empty name means the usual one, else the best guess."""
 
     scan_topics: tuple[str, ...] = setting((), "", "scans or point clouds that are mapped; several are merged into one")
     odom_topic: str = setting("", "", "odometry; without any it is taken from /tf")
@@ -67,7 +67,7 @@ class BagSettings(Settings):
 
 @dataclass(frozen=True, slots=True)
 class BagContents:
-    """The scans of a bag with odometry and IMU since the one before, the laser's mount, and what was wrong with it."""
+    """The scans of a bag, each with the odometry and IMU since the one before; the laser's mount; the warnings."""
 
     frames: tuple[SensorFrame, ...]
     base_from_laser: Pose2
@@ -85,7 +85,7 @@ class _Topics:
 
 @dataclass(slots=True)
 class _Found:
-    """What passes through a bag have collected, in the order of the bag."""
+    """Messages collected from a bag, in bag order."""
 
     tree: TransformTree = field(default_factory=TransformTree)
     scans: dict[str, list[Scan]] = field(default_factory=dict)
@@ -106,16 +106,16 @@ def read_bag(
     mounts: Sequence[LaserMount] = (),
     progress: Callable[[float], None] | None = None,
 ) -> BagContents:
-    """Every scan of a bag of the given kind ('' for the folder of a ROS 2 bag), in the order of the bag.
+    """Return every scan of a bag of the given kind ('' for the folder of a ROS 2 bag), in bag order.
 
-    A frame's `wheels` are the odometry messages since the previous frame, and last the odometry interpolated to the
-    scan's stamp; its `imu` the samples since then, turned into the axes of the base where /tf knows the mount. Stamps
-    are those of the headers. Mounts come from /tf_static and /tf unless they are given, one for each scan topic.
+    A frame's `wheels` are the odometry messages since the previous frame, followed by the odometry interpolated to the
+    scan's stamp. Its `imu` are the samples since then, in the axes of the base if /tf holds the IMU's mount. Stamps
+    are those of the headers. Mounts come from /tf_static and /tf unless given, one for each scan topic.
 
     Raises:
-        NoScans: no topic holds scans, or not the one that was asked for; the topics are listed.
+        NoScans: no topic, or not the one that the settings name, holds scans; the message lists the topics.
         RecordingDamaged: the bag is damaged, and no scan in it can be read.
-        RecordingError: a topic that was asked for is not there.
+        RecordingError: a topic that the settings name is missing.
     """
     try:
         with opened(path, suffix) as bag:
@@ -127,7 +127,7 @@ def read_bag(
             contents = _read(path, rest, settings, mounts, progress, lost)
         except NoScans:
             raise damage from None
-        # The end is missed wherever the index was to be; it is the reason, not a loss.
+        # A missing end is the reason of the damage, and no loss of messages.
         losses = [f"{count} damaged {kind}" for kind, count in sorted((lost + rest.lost).items()) if kind != "end"]
         left_out = f", without {' and '.join(losses)}" if losses else ""
         reason = str(damage).partition(" is a damaged bag ")[2].partition("; ")[0]
@@ -165,7 +165,7 @@ def _read(
 
 
 def _choose(path: Path, bag: BagFile, settings: BagSettings, warnings: list[str]) -> _Topics:
-    """The topics that were asked for, else the usual ones, else the fullest."""
+    """Return the topics that the settings name, else the usual ones, else those with the most messages."""
     scans = _chosen_scans(path, bag, settings.scan_topics, warnings)
     odom = _chosen(path, bag, ODOMETRY_TYPE, settings.odom_topic, ODOMETRY.name, warnings)
     imu = _chosen(path, bag, IMU_TYPE, settings.imu_topic, IMU.name, warnings)
@@ -220,7 +220,7 @@ def _collect(
     progress: Callable[[float], None] | None,
     lost: Counter[str] | None,
 ) -> _Found:
-    """One pass through the bag, or two where clouds can only be sliced once all mounts are known."""
+    """Collect the messages in one pass, or in two where point clouds need all mounts before they can be sliced."""
     small = [c for c in bag.connections if c.msgtype in TRANSFORM_TYPES or c.topic in (topics.odom, topics.imu)]
     scans = [c for c in bag.connections if c.topic in topics.scans and c.msgtype in (SCAN_TYPE, CLOUD_TYPE)]
     passes: list[Collection[Connection]] = [small, scans] if topics.clouds else [[*small, *scans]]
@@ -269,7 +269,7 @@ def _take(found: _Found, connection: Connection, message: Any) -> None:
 def _take_cloud(
     found: _Found, topic: str, message: Any, topics: _Topics, settings: BagSettings, mounts: Sequence[LaserMount]
 ) -> None:
-    """The band of heights of a cloud as a level scan from where its sensor is."""
+    """Add a height band of a point cloud as a level scan at the sensor's position."""
     frame = found.scan_frames.setdefault(topic, frame_name(message.header.frame_id))
     stamp = stamp_ns(message.header.stamp)
     points = cloud_from_message(message)
@@ -303,7 +303,7 @@ def _base_frame(found: _Found, settings: BagSettings) -> str:
 
 
 def _odometry(found: _Found, topics: _Topics, base: str, settings: BagSettings) -> tuple[list[Odometry], str]:
-    """Readings by stamp and where they come from: a topic, else the chain of /tf from odom to the base."""
+    """Return the readings by stamp and the name of their source: a topic, else /tf from odom to the base."""
     if topics.odom is not None and not settings.odom_frame:
         return sorted(found.odometry, key=lambda reading: reading.stamp_ns), topics.odom
     frame = frame_name(settings.odom_frame) or found.tree.odometry_frame(base)
@@ -320,7 +320,7 @@ def _scans(
     settings: BagSettings,
     warnings: list[str],
 ) -> tuple[list[Scan], Pose2]:
-    """The scans in the order of the bag and the pose in the base of the laser, real or thought, that made them."""
+    """Return the scans in bag order, and the pose in the base of the laser, real or virtual, that made them."""
     sources = []
     for index, topic in enumerate(topics.scans):
         if not found.scans[topic]:
@@ -342,7 +342,7 @@ def _scans(
 
 
 def _mount(found: _Found, base: str, topic: str, warnings: list[str]) -> LaserMount:
-    """Where a laser is mounted, along the chain of transforms."""
+    """Return a laser's mount from the transform tree."""
     laser, first = found.scan_frames[topic], found.scans[topic][0].stamp_ns
     matrix = found.tree.chain(base, laser, first)
     if matrix is None:
@@ -365,7 +365,7 @@ def _unknown_mount(base: str, laser: str) -> str:
 
 
 def _in_base_axes(found: _Found, base: str, warnings: list[str]) -> list[ImuSample]:
-    """The samples by stamp, turned into the axes of the base."""
+    """Return the IMU samples by stamp, in the axes of the base."""
     samples = sorted(found.imu, key=lambda sample: sample.stamp_ns)
     if not samples or found.imu_frame == base:
         return samples
@@ -380,7 +380,7 @@ def _in_base_axes(found: _Found, base: str, warnings: list[str]) -> list[ImuSamp
 def _frames(
     scans: Sequence[Scan], odometry: Sequence[Odometry], imu: Sequence[ImuSample], warnings: list[str]
 ) -> tuple[SensorFrame, ...]:
-    """A frame per scan with its odometry; scans outside the odometry's time are left out."""
+    """Return a frame for each scan, with its odometry; scans outside the odometry's time span are left out."""
     stamps, imu_stamps = [reading.stamp_ns for reading in odometry], [sample.stamp_ns for sample in imu]
     inside = [scan for scan in scans if stamps and stamps[0] <= scan.stamp_ns <= stamps[-1]]
     if not inside:
@@ -415,7 +415,7 @@ def _no_odometry(scans: Sequence[Scan], stamps: Sequence[int]) -> str:
 
 
 def _between(before: Odometry, after: Odometry, at_ns: int) -> Odometry:
-    """Odometry at a stamp between two readings: the pose and the speeds linearly, the later covariance."""
+    """Return the odometry at a stamp between two readings: pose and speeds interpolated, the later covariance."""
     part = (at_ns - before.stamp_ns) / (after.stamp_ns - before.stamp_ns)
     v = before.twist.v + part * (after.twist.v - before.twist.v)
     omega = before.twist.omega + part * (after.twist.omega - before.twist.omega)

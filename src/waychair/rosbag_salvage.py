@@ -1,8 +1,7 @@
-"""What can still be read of a damaged ROS bag: cut short, without its index, or with bytes that changed.
+"""Salvaging a damaged ROS bag: truncated, without its index, or with corrupted bytes.
 
-The records are walked from the start of the file, as the formats define them (ROS bag format 2.0, the MCAP
-specification, and the tables of rosbag2's sqlite3 storage): a damaged chunk, message or page is left out, and reading
-ends where the lengths of the records no longer make sense.
+The reader walks the records from the start of the file (ROS bag format 2.0, the MCAP specification, and the tables of
+rosbag2's sqlite3 storage). It skips damaged chunks, messages and pages, and ends where record lengths are impossible.
 """
 
 from __future__ import annotations
@@ -27,9 +26,9 @@ from rosbags.typesys.msg import normalize_msgtype
 from rosbags.typesys.store import Typestore
 
 _LARGEST_CHUNK = 1 << 31
-_LONGEST_JUMP = 1 << 22  # rows of a table
+_LONGEST_JUMP = 1 << 22  # rows that are skipped at most in search of a readable one
 _FORMATS = {"ros2msg": MessageDefinitionFormat.MSG, "ros2idl": MessageDefinitionFormat.IDL}
-# What a parser stumbles over in damaged bytes; the decompressors have their own errors.
+# Damaged bytes raise many kinds of errors in parsers and decompressors.
 _STUMBLES = Exception
 
 
@@ -50,13 +49,13 @@ _Record = _Topic | _Message
 
 
 class SalvagedBag:
-    """The part of a damaged bag that can be read, with as much of rosbags' `AnyReader` as reading a bag takes.
+    """The readable part of a damaged bag, with the part of the interface of rosbags' `AnyReader` that `BagFile` needs.
 
-    `lost` counts by kind what was left out: chunks, pages, and "end" when the rest of the file could not be read.
+    `lost` counts the skipped parts by kind: chunks, pages, and "end" if the rest of the file could not be read.
     """
 
     def __init__(self, path: Path, suffix: str) -> None:
-        """The bag at a path, of the given kind: .bag, .mcap, .db3, or '' for a folder of the latter two."""
+        """Open the bag at a path, of the given kind: .bag, .mcap, .db3, or '' for a folder of the latter two."""
         self.is2 = suffix != ".bag"
         self.lost: Counter[str] = Counter()
         self._files = _storage_files(path) if suffix == "" else [(path, suffix)]
@@ -67,7 +66,7 @@ class SalvagedBag:
                 topics.setdefault((file, record.key), record)
             else:
                 counts[file, record.key] += 1
-        self.lost.clear()  # they are counted again by whoever reads the messages
+        self.lost.clear()  # `messages` counts them again
         nothing = ConnectionExtRosbag2("cdr", [])
         self._by_key = {
             key: Connection(n, t.name, t.msgtype, t.definition, "", counts[key], nothing, self)
@@ -77,7 +76,7 @@ class SalvagedBag:
         self._types = _typestore(self.connections, self.is2)
 
     def messages(self, connections: Collection[Connection]) -> Iterator[tuple[Connection, int, bytes]]:
-        """Connection, time of logging [ns] and bytes of every readable message, in the order of the file."""
+        """Yield connection, time of logging [ns] and bytes of every readable message, in file order."""
         self.lost.clear()
         wanted = {connection.id for connection in connections}
         for file, record in self._records():
@@ -86,7 +85,7 @@ class SalvagedBag:
                 yield connection, record.log_ns, record.data
 
     def deserialize(self, data: bytes, msgtype: str) -> Any:
-        """The message of these bytes."""
+        """Return the message of these bytes."""
         store = self._types
         return store.deserialize_cdr(data, msgtype) if self.is2 else store.deserialize_ros1(data, msgtype)
 
@@ -100,7 +99,7 @@ def _storage_files(folder: Path) -> list[tuple[Path, str]]:
 
 
 def _typestore(connections: list[Connection], is2: bool) -> Typestore:
-    """Types as the bag defines them; where a definition is missing or broken, those of the distribution."""
+    """Return the types that the bag defines; where a definition is missing or broken, those of the distribution."""
     store = get_typestore(Stores.ROS2_JAZZY if is2 else Stores.ROS1_NOETIC)
     for connection in connections:
         definition = connection.msgdef
@@ -133,11 +132,11 @@ def _ros1_walk(path: Path, lost: Counter[str]) -> Iterator[_Record]:
 
 
 def _ros1_records(file: BinaryIO, size: int, lost: Counter[str]) -> Iterator[tuple[dict[bytes, bytes], bytes]]:
-    """Header fields and data of each record; of one that is cut short, the data that is there."""
+    """Yield header fields and data of each record; of a truncated uncompressed chunk, the data so far."""
     while file.tell() < size:
         header = _sized(file, size, "<I")
         fields = dict(_ros1_fields(header)) if header is not None else {}
-        cut_too = fields.get(b"compression") == b"none"  # its messages can be read one by one
+        cut_too = fields.get(b"compression") == b"none"  # the messages of such a chunk can be read one by one
         data = _sized(file, size, "<I", cut_too=cut_too) if header is not None else None
         if data is None:
             lost["end"] += 1
@@ -173,7 +172,7 @@ def _mcap_walk(path: Path, lost: Counter[str]) -> Iterator[_Record]:
     with path.open("rb") as file:
         file.seek(8)  # the magic bytes
         for op, content in _mcap_records(file, path.stat().st_size, lost):
-            if op == 0x0F:  # the end of the data; what follows is the index
+            if op == 0x0F:  # the end of the data; the index follows
                 return
             if op != 0x06:
                 yield from _mcap_record(op, content, schemas)
@@ -232,7 +231,7 @@ def _strings(content: bytes, at: int, count: int) -> tuple[list[str], int]:
 
 
 def _sized(file: BinaryIO, size: int, kind: str, *, cut_too: bool = False) -> bytes | None:
-    """Bytes that are preceded by their number; where the file ends before, those there are if `cut_too`, else None."""
+    """Read a length-prefixed block; at a truncated end return the bytes so far if `cut_too`, else None."""
     prefix = file.read(struct.calcsize(kind))
     if len(prefix) < struct.calcsize(kind):
         return None
@@ -246,7 +245,7 @@ def _sqlite_walk(path: Path, lost: Counter[str]) -> Iterator[_Record]:
         uri = f"{whole.resolve().as_uri()}?mode=ro&immutable=1"
         with closing(sqlite3.connect(uri, uri=True)) as database:
             database.text_factory = lambda text: text.decode(errors="replace")
-            # Otherwise a file with fewer pages than its header says is refused as a whole.
+            # Without this, sqlite refuses a file with fewer pages than its header says.
             database.execute("PRAGMA writable_schema = ON")
             try:
                 nothing = MessageDefinition(MessageDefinitionFormat.NONE, "")
@@ -259,7 +258,7 @@ def _sqlite_walk(path: Path, lost: Counter[str]) -> Iterator[_Record]:
 
 @contextmanager
 def _whole_pages(path: Path, lost: Counter[str]) -> Iterator[Path]:
-    """The database, or a copy without its last page where that is cut short: it would be filled up with zeros."""
+    """Yield the database, or a copy without its last page if that is truncated; sqlite would fill it with zeros."""
     size = path.stat().st_size
     whole = size - size % _page_size(path)
     if whole == size:
@@ -274,7 +273,7 @@ def _whole_pages(path: Path, lost: Counter[str]) -> Iterator[Path]:
 
 
 def _page_size(path: Path) -> int:
-    """Bytes of a page, by the database's header (offset 16; 1 means 65536)."""
+    """Return the bytes of a page, from the database's header (offset 16; 1 means 65536)."""
     with path.open("rb") as file:
         header = file.read(18)
     size = int.from_bytes(header[16:18], "big")
@@ -282,7 +281,7 @@ def _page_size(path: Path) -> int:
 
 
 def _sqlite_messages(database: sqlite3.Connection, lost: Counter[str]) -> Iterator[_Message]:
-    """Rows in the order of their numbers; behind an unreadable one the next that can be read."""
+    """Yield the rows by ascending id, skipping unreadable ones."""
     query = "SELECT id, topic_id, timestamp, data FROM messages WHERE id > ? ORDER BY id"
     last, jump = 0, 0
     while jump < _LONGEST_JUMP:

@@ -1,7 +1,7 @@
-"""Storage of a ROS 2 bag that stays whole when its disk fills up: what was accepted can always be written and closed.
+"""Storage of a ROS 2 bag that stays intact when the disk fills up: accepted messages can always be written and closed.
 
-A reserve is set aside on the disk before the first message. When the system says that the disk is full, the reserve
-is given back, so that the last chunk, the index and the metadata still find room.
+A reserve file is allocated on the disk before the first message. When the disk is full, the reserve is freed, so that
+the last chunk, the index and the metadata still fit.
 """
 
 from __future__ import annotations
@@ -22,24 +22,24 @@ from rosbags.rosbag2.storage_mcap import McapWriter
 from rosbags.rosbag2.storage_sqlite3 import Sqlite3Writer
 
 RESERVE = 16 << 20
-"""Bytes set aside: more than what is held in memory at any time, and the index of hours of driving."""
+"""Bytes of the reserve: more than the messages held in memory at any time plus the index of hours of driving."""
 
 LEAST_FREE = 64 << 20
-"""Recording stops when fewer bytes than these are free, so that the rest of the machine can go on."""
+"""Recording stops when fewer bytes than these are free, so that other programs keep working."""
 
 LOOK_EVERY = 4 << 20
-"""Bytes between two looks at the disk; in sqlite3 also between two commits."""
+"""Bytes between two checks of the disk; in sqlite3 also between two commits."""
 
 _FULL = (errno.ENOSPC, errno.EDQUOT)
 
 
 class Reserve:
-    """Room on the disk, held by a file of its own."""
+    """Reserved disk space, held by a file."""
 
     def __init__(self, path: Path) -> None:
         """
         Raises:
-            OSError: there is not even room for the reserve.
+            OSError: the disk has no room for the reserve.
         """
         self._path = path
         self.used = False
@@ -47,7 +47,7 @@ class Reserve:
             os.posix_fallocate(file.fileno(), 0, RESERVE)
 
     def use(self) -> bool:
-        """Gives the room back because the disk is full; False when it was used before."""
+        """Free the reserve because the disk is full; return False if it was used before."""
         if self.used:
             return False
         self.used = True
@@ -55,15 +55,15 @@ class Reserve:
         return True
 
     def free(self) -> None:
-        """Gives the room back."""
+        """Remove the reserve file."""
         self._path.unlink(missing_ok=True)
 
 
 class BagWriter(Writer):
-    """Writes ROS 2 bags; `full` says after each message whether it was the last one that the disk has room for."""
+    """A writer of ROS 2 bags; after each message, `full` tells whether the disk has no room for more."""
 
     def __init__(self, path: Path, storage: StoragePlugin) -> None:
-        """The folder of the bag, which must not exist; its own folder holds the reserve meanwhile."""
+        """Take the folder of the bag, which must not exist; the reserve file lies beside it."""
         super().__init__(path, version=9, storage_plugin=storage)
         if storage == StoragePlugin.MCAP:
             self.set_compression(CompressionMode.STORAGE, CompressionFormat.ZSTD)  # chunk by chunk
@@ -72,9 +72,10 @@ class BagWriter(Writer):
         self._unseen = 0
 
     def open(self) -> None:
-        """
+        """Make the folder and begin the bag.
+
         Raises:
-            OSError: the folder cannot be made, or there is no room on its disk.
+            OSError: the folder cannot be made, or its disk is full.
         """
         if shutil.disk_usage(self.path.parent).free < LEAST_FREE + RESERVE:
             raise OSError(errno.ENOSPC, os.strerror(errno.ENOSPC))
@@ -84,7 +85,7 @@ class BagWriter(Writer):
         self.storage = self._held = kind(self.path, self.compression_mode, self._reserve)
 
     def write(self, connection: Connection, timestamp: int, data: bytes | memoryview) -> None:
-        """Appends a message of `timestamp` [ns] to a connection of this bag."""
+        """Append a message of `timestamp` [ns] to a connection of this bag."""
         super().write(connection, timestamp, data)
         self.size += len(data)
         self._unseen += len(data)
@@ -94,12 +95,12 @@ class BagWriter(Writer):
         self.full = self.full or self._reserve.used
 
     def flush(self) -> None:
-        """Brings all messages so far to the file, where they outlive this process."""
+        """Write all messages so far to the file, where they survive a crash of this process."""
         self._held.flush()
 
 
 class _ReservedFile(io.FileIO):
-    """A file that goes on writing out of the reserve when the disk is full."""
+    """A file that frees the reserve and continues when the disk is full."""
 
     def __init__(self, path: Path, reserve: Reserve) -> None:
         super().__init__(path, "ab")
@@ -115,7 +116,7 @@ class _ReservedFile(io.FileIO):
 
 
 class _Mcap(McapWriter):
-    """Chunks are never torn, since their file goes on out of the reserve."""
+    """mcap storage whose chunks are always written completely, thanks to the reserve."""
 
     def __init__(self, path: Path, compression: CompressionMode, reserve: Reserve) -> None:
         super().__init__(path, compression)
@@ -123,14 +124,14 @@ class _Mcap(McapWriter):
         self.bio = io.BufferedWriter(_ReservedFile(self.path, reserve))
 
     def flush(self) -> None:
-        """Ends the chunk at hand; the messages of a torn one could not be read."""
+        """End the current chunk, since the messages of an incomplete chunk cannot be read."""
         if self.chunk.bio.tell():
             self.close_chunk()
         self.bio.flush()
 
 
 class _Sqlite3(Sqlite3Writer):
-    """Commits as it goes; when the disk is full, once more what sqlite has rolled back."""
+    """sqlite3 storage that commits regularly, and repeats a commit that failed on a full disk with the reserve freed."""
 
     def __init__(self, path: Path, compression: CompressionMode, reserve: Reserve) -> None:
         super().__init__(path, compression)
@@ -151,7 +152,7 @@ class _Sqlite3(Sqlite3Writer):
             self._store()
 
     def flush(self) -> None:
-        """Commits what waits."""
+        """Commit the pending messages."""
         self._store()
 
     def close(self, version: int, metadata: str) -> None:

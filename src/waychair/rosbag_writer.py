@@ -1,4 +1,4 @@
-"""Drives written to ROS 2 bags that `ros2 bag`, RTAB-Map, Foxglove and `read_recording` open, without ROS."""
+"""Writing drives to ROS 2 bags without ROS, for `ros2 bag`, RTAB-Map, Foxglove and `read_recording`."""
 
 from __future__ import annotations
 
@@ -30,7 +30,7 @@ _STAMP_LIMIT_NS = (1 << 31) * 1_000_000_000  # builtin_interfaces/Time counts se
 
 
 class RecordingWriter:
-    """A ROS 2 bag in the making; a topic is declared by its first message.
+    """A writer of one drive to a ROS 2 bag; a topic is declared by its first message.
 
     | written | topics |
     |---|---|
@@ -40,24 +40,24 @@ class RecordingWriter:
     | `WheelTicks` | /joint_states: wheel angles; left out unless `ticks_per_turn` is given |
     | `RgbdFrame` | /camera/color/{image_raw,camera_info}, /camera/aligned_depth_to_color/{image_raw,camera_info} |
     | `SonarReadings` | /sonar_0, /sonar_1, ... |
-    | `write_truth` | /ground_truth/odom in frame map: for scores; a stack must not subscribe to it |
+    | `write_truth` | /ground_truth/odom in frame map: for scoring; a driving stack must not subscribe to it |
     | the mounts | /tf_static, before anything else |
 
-    A message is logged at the latest stamp so far, since it cannot have come before those that came before it; its
-    header keeps its own stamp, such as that of a scan's first beam.
+    The time of logging is the latest stamp so far, so that it never steps backwards. The header keeps the message's own
+    stamp, e.g. that of a scan's first beam.
 
-    A path that ends in .mcap or .db3 becomes that single file, any other path the folder of a bag; chunks of mcap are
-    compressed (zstd). Everything is written aside and moved to the path when the block ends well. When the disk fills
-    up, or the user interrupts, what was written so far is closed properly and kept beside the path, as
-    `drive.part.mcap`; any other exception leaves nothing behind.
+    A path that ends in .mcap or .db3 becomes a single file, any other path the folder of a bag. mcap chunks are
+    compressed (zstd). The bag is written to a hidden folder and moved to the path when the block succeeds. When the disk
+    fills up, or the user interrupts, the bag so far is closed properly and kept beside the path, as `drive.part.mcap`.
+    Any other exception leaves nothing behind.
 
         with RecordingWriter(Path("drive.mcap"), {"laser": base_from_laser}) as writer:
             writer.write(odometry)
             writer.write(scan)
 
     Raises:
-        OutputError: there is something at the path already, it cannot be written to, or its disk is full.
-        RecordingError: nothing was written, or a stamp lies outside what ROS can express (1970 to 2038).
+        OutputError: the path exists, cannot be written to, or its disk is full.
+        RecordingError: nothing was written, or a stamp lies outside the range of ROS (1970 to 2038).
     """
 
     def __init__(
@@ -68,9 +68,9 @@ class RecordingWriter:
         ticks_per_turn: int | None = None,
         storage: Literal["mcap", "sqlite3"] | None = None,
     ) -> None:
-        """`mounts` are the poses of sensor frames in base_link, by frame; a `Pose2` is that of the laser alone.
+        """Take the poses of sensor frames in base_link, by frame; a `Pose2` stands for the laser alone.
 
-        The optical frame of `camera_link` need not be given: it follows from REP-103.
+        The optical frame of `camera_link` is added by REP-103.
         """
         if isinstance(mounts, Pose2):
             mounts = {LASER_FRAME: in_space(mounts)}
@@ -102,18 +102,18 @@ class RecordingWriter:
             self._output.finish()
 
     def write(self, message: Scan | Odometry | ImuSample | WheelTicks | RgbdFrame | SonarReadings) -> None:
-        """Append what a sensor, or the odometry, has said."""
+        """Append a measurement of a sensor, or an odometry reading."""
         with self._message(message.stamp_ns):
             _PUTS[type(message)](self, message)
 
     def write_truth(self, stamp_ns: int, map_from_base: Pose2, twist: Twist) -> None:
-        """Append where the base really is, and how it moves in its own frame."""
+        """Append the true pose of the base, and its true twist in its own frame."""
         with self._message(stamp_ns):
             self._put(ros_topics.TRUTH, ros_messages.odometry(stamp_ns, MAP_FRAME, map_from_base, twist))
 
     @contextmanager
     def _message(self, stamp_ns: int) -> Iterator[None]:
-        """Around everything that is put for one stamp, which an interrupt leaves whole."""
+        """Wrap all writes for one stamp, and delay an interrupt until they are complete."""
         if not 0 <= stamp_ns < _STAMP_LIMIT_NS:
             raise RecordingError(f"the stamp {stamp_ns} ns cannot be expressed in ROS; use nanoseconds since 1970")
         with _interrupt_held():
@@ -168,7 +168,7 @@ _PUTS: Mapping[type, Callable[[RecordingWriter, Any], None]] = {
 
 @contextmanager
 def _interrupt_held() -> Iterator[None]:
-    """Within the block an interrupt from the keyboard waits for its end; only the main thread is ever interrupted."""
+    """Delay a keyboard interrupt until the block ends. Python interrupts only the main thread."""
     if threading.current_thread() is not threading.main_thread():
         yield
         return

@@ -1,4 +1,4 @@
-"""Several lasers as one: each sweep's beams go to where the base was, by odometry, when the first laser began its own."""
+"""Merging the scans of several lasers into one, motion-compensated by odometry to the first laser's stamp."""
 
 from __future__ import annotations
 
@@ -11,14 +11,14 @@ from waychair.geometry import compose, invert
 from waychair.scans import beam_times, ends_of_beams, scan_from_points
 from waychair.types import FloatArray, IntArray, Odometry, Pose2, Scan
 
-_FAR = 1e4  # [m]: where a beam that saw nothing is taken to end, so that only its direction counts
+_FAR = 1e4  # m; stands for the end of a beam that saw nothing, so that only its direction counts
 
 
 class Track:
-    """Poses of the base by odometry at any time."""
+    """Poses of the base by odometry, interpolated to any time."""
 
     def __init__(self, readings: Sequence[Odometry]) -> None:
-        """Readings in the order of their stamps, at least one."""
+        """Take at least one reading, sorted by stamp."""
         self._first_ns = readings[0].stamp_ns
         self._seconds = np.array([(reading.stamp_ns - self._first_ns) * 1e-9 for reading in readings])
         poses = np.array([reading.odom_from_base.array() for reading in readings])
@@ -26,7 +26,7 @@ class Track:
         self._poses = poses
 
     def at(self, stamps_ns: IntArray) -> FloatArray:
-        """(N, 3) `odom_from_base` at stamps (N,), linear between readings and held outside of them."""
+        """Return `odom_from_base` (N, 3) at stamps (N,): linear between readings, constant beyond the first and last."""
         seconds = (stamps_ns - self._first_ns) * 1e-9
         return np.stack([np.interp(seconds, self._seconds, column) for column in self._poses.T], axis=1)
 
@@ -34,14 +34,13 @@ class Track:
 def merged_scans(
     sources: Sequence[tuple[Sequence[Scan], Pose2]], track: Track | None, step: float, spread: float
 ) -> list[Scan]:
-    """The scans of the first laser, each with the nearest in time of every other one, as one scan from the base's origin.
+    """Return each scan of the first laser merged with the nearest in time of every other laser, seen from the base.
 
     Args:
-        sources: scans of each laser in the order of recording, and its `base_from_laser`.
-        track: the odometry, which moves beams to the pose of the base at the first scan's stamp; without it the base
-            is taken to stand meanwhile.
+        sources: scans of each laser in recording order, and its `base_from_laser`.
+        track: the odometry that compensates the motion between beams; without it the base is assumed to stand still.
         step: [rad] between the beams of the result.
-        spread: [s] beyond which a scan is not taken together with the first laser's.
+        spread: [s] largest time between two scans that are merged.
     """
     (first, mount), *others = sources
     ordered = [(sorted(scans, key=lambda scan: scan.stamp_ns), pose) for scans, pose in others]
@@ -66,7 +65,7 @@ def _nearest(stamps: Sequence[int], at_ns: int) -> int:
 
 
 def _in_base(scan: Scan, base_from_laser: Pose2, at_ns: int, track: Track | None) -> tuple[FloatArray, FloatArray]:
-    """Points that were hit, and far points where nothing was, (N, 2) in the base at a stamp."""
+    """Return measured points, and far points for beams without a hit, both (N, 2) in the base at a stamp."""
     ends, directions = ends_of_beams(scan)
     empty = np.isinf(ends[:, 0]) | np.isinf(ends[:, 1])
     known = empty | np.isfinite(ends[:, 0])
