@@ -24,7 +24,7 @@ SEEN_BY_DEPTH, DROP_OFF = 50, 100
 
 
 def depth_layer(scanned: OccupancyGrid, grid: OccupancyGrid, drops: BoolArray) -> OccupancyGrid:
-    """Return the depth layer of a `grid` of all sensors, from its drop-offs (H, W) and the lidar's own grid `scanned`."""
+    """Return the depth layer of a `grid` of all sensors, from its drop-offs (H, W) and the lidar's grid `scanned`."""
     cells = np.zeros(grid.cells.shape, np.int8)
     row, col = (
         round((low - high) / grid.resolution)

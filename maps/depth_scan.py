@@ -211,7 +211,7 @@ def stretches_of(
 def _doubtful(
     kind: Bytes, away: FloatArray, z: FloatArray, own: FloatArray, least: float
 ) -> tuple[IntArray, BoolArray]:
-    """Return for each column (W,) the row from which it is doubtful (H: none), and whether its first ground is level."""
+    """Return for each column (W,) the row from which it is doubtful (H: none), and if its first ground is level."""
     height, width = kind.shape
     doubtful_from, on_level = np.full(width, height), np.ones(width, np.bool_)
     for column in range(width):

@@ -17,7 +17,7 @@ MOST_CELLS = 64_000_000
 
 
 def check_size(what: str, height: int, width: int) -> None:
-    """Refuse a map with more cells than there is memory for; `what` names the map in the error.
+    """Refuse a map with more cells than there is memory for; `what` begins the error.
 
     Raises:
         MapError: it has more than `MOST_CELLS`.

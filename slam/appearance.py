@@ -1,13 +1,13 @@
-"""The camera's part of the mapper: pictures become nodes of the memory, and places seen again close loops.
+"""Loop closure by appearance in the lidar mapper: pictures become nodes, and recognised places close loops.
 
-One picture, about once a second, goes through RTAB-Map's update (Labbe and Michaud 2019): features and words; a node of
-the short-term memory that hangs on a key scan; the belief over the places awake; then the likeliest of them is
-registered, by features with depth, and what the pictures say is proven by the lidar before it bends the graph. A place
-that looks alike but is another is refused by one of the four: too few features agree, the scans do not fit there, the
-way that was driven contradicts it, or the rest of the graph does. Refused ones are kept with the reason.
+About once a second, a picture goes through RTAB-Map's update (Labbe and Michaud 2019). Its features become words and a
+node of the short-term memory, attached to a key scan. The Bayes filter updates its belief over the places awake, and
+the most likely place is registered by features with depth. The lidar must confirm that registration before it bends the
+graph. A place that only looks alike is refused by one of four checks: too few features agree, the scans do not fit,
+odometry contradicts it, or the rest of the graph does. Refusals are kept with their reason.
 
-Where a picture shows nothing or there is none, the lidar's own loops go on alone; so do revisits the other way round,
-of which a camera sees nothing.
+Without pictures, or with blank ones, the lidar's own loop closures still work. They also cover revisits in the opposite
+direction, where the camera sees another view.
 """
 
 from __future__ import annotations
@@ -43,14 +43,14 @@ from waychair.slam.scan_points import ScanPoints, scan_points, swept
 from waychair.slam.vocabulary import Vocabulary
 from waychair.types import FloatArray, Pose2, Pose3, RgbdFrame, SensorFrame, Twist
 
-_WAITING = 8  # pictures that wait for the scan after them
+_WAITING = 8  # most pictures that wait for the scan after them
 _NO_SCAN = "pictures without a scan before and after them"
-_MOVED = 0.01  # [m] by which the mapper must have moved a node's frame for the node to follow
+_MOVED = 0.01  # [m] least shift of a node's frame by the mapper after which the node is re-attached
 
 
 @dataclass(frozen=True, slots=True)
 class AppearanceSettings(Settings):
-    """Which pictures become nodes, when two show one place, and the parts' own settings; RTAB-Map's names in brackets."""
+    """Rate of pictures, limits of a match between two places, and the parts' settings; RTAB-Map's names in brackets."""
 
     detection_rate: float = setting(1.0, "Hz", "pictures that are looked at [Rtabmap/DetectionRate]", low=0.01, high=30)
     gap: float = setting(0.5, "s", "between the scans before and after a picture, at most", low=0.01, high=10.0)
@@ -78,7 +78,7 @@ class AppearanceSettings(Settings):
 
 @dataclass(frozen=True, slots=True)
 class _View:
-    """The features of a picture that waits for its scan."""
+    """The features of a picture that is waiting for its scan."""
 
     stamp_ns: int
     features: Features
@@ -88,7 +88,7 @@ class _View:
 
 @dataclass(frozen=True, slots=True)
 class _Here:
-    """A new node as it is compared: its key scan and where it is from there, its scan in its own frame, its picture."""
+    """A new node: its key scan, its pose in the key scan's frame, its scan in its own frame, its picture."""
 
     id: int
     key: int
@@ -97,14 +97,14 @@ class _Here:
     view: _View
 
     def pose(self, mapper: Mapper) -> Pose2:
-        """In map, as the graph is now."""
+        """Return the node's pose in map by the present graph."""
         return mapper.keys.pose(self.key) @ self.key_from_node
 
 
 class Appearance:
-    """Give it every picture by `see` and, after each frame of the mapper, let it `follow`.
+    """Pass every picture to `see`, and call `follow` after each frame of the mapper.
 
-    `counts` says what became of pictures, `refused` and `loops` of what was recognised, `costs` what it took.
+    `counts` holds the outcomes of pictures, `refused` and `loops` those of recognised places, `costs` the CPU time.
     """
 
     def __init__(
@@ -114,10 +114,10 @@ class Appearance:
         memory: Memory | None = None,
         vocabulary: Vocabulary | None = None,
     ) -> None:
-        """`base_from_camera` is the optical frame's mount.
+        """Begin with an empty memory, or with that of earlier sessions.
 
-        A memory of earlier sessions is known from the beginning; its anchors are the key scans of the mapper that is
-        followed, which goes on with the map of those sessions.
+        The anchors of a memory of earlier sessions are the key scans of the mapper, which continues their map.
+        `base_from_camera` is the mount of the optical frame.
         """
         self.settings = settings
         self.places = PlaceMemory(settings.places, memory or Memory(settings.memory), vocabulary)
@@ -126,19 +126,19 @@ class Appearance:
         self._mount = base_from_camera
         self._waiting: deque[_View] = deque()
         self._latest_ns: int | None = None
-        self._last: int | None = None  # the node before, on this map
-        self._torn: int | None = None  # edges of these kinds so far
+        self._last: int | None = None  # the newest node, on this map
+        self._torn: int | None = None  # number of torn edges so far
         self._loops: int | None = None
         self._bent_by: list[tuple[Edge, Link]] = []
         self._rejected = 0
 
     @property
     def loops(self) -> tuple[Link, ...]:
-        """Those found by appearance that the memory holds now."""
+        """The loops found by appearance that the memory holds now."""
         return self.places.loops
 
     def see(self, picture: RgbdFrame) -> None:
-        """A picture, in the order of time; those between two that are looked at are passed over."""
+        """Take in a picture, in order of time; pictures beyond the detection rate are skipped."""
         if self._latest_ns is not None:
             if picture.stamp_ns <= self._latest_ns:
                 self.counts["pictures not later than the one before"] += 1
@@ -154,9 +154,9 @@ class Appearance:
         self.take(picture.stamp_ns, features, pinhole(picture.camera_matrix), time.process_time() - started)
 
     def take(self, stamp_ns: int, features: Features, camera: FloatArray, spent_s: float = 0.0) -> None:
-        """A picture that was looked at already: its features, its camera (4,) as `pinhole` has it, and the CPU of both.
+        """Take in a picture's extracted features, its camera (4,) from `pinhole`, and the CPU time [s] of extraction.
 
-        Unlike `see` it passes over none.
+        Unlike `see`, skip no picture.
         """
         self._latest_ns = stamp_ns
         self.counts["pictures"] += 1
@@ -167,7 +167,7 @@ class Appearance:
         self._waiting.append(_View(stamp_ns, features, camera, spent_s))
 
     def follow(self, mapper: Mapper, frame: SensorFrame) -> None:
-        """Takes in the pictures that are not later than the mapper's latest frame, which it was given."""
+        """Process the waiting pictures up to the mapper's latest frame, which is `frame`."""
         while self._waiting and self._waiting[0].stamp_ns <= mapper.frames[-1].stamp_ns:
             view = self._waiting.popleft()
             placed = mapper.placed(view.stamp_ns, self.settings.gap)
@@ -179,13 +179,13 @@ class Appearance:
             self._follow_graph(mapper)
 
     def finish(self, mapper: Mapper) -> None:
-        """The graph was optimised once more: the memory follows, and everything is on the disk."""
+        """Take over the graph after its last optimisation, and write everything to disk."""
         self._follow_graph(mapper)
         self.memory.bend(mapper.keys.poses)
         self.memory.flush()
 
     def _include(self, mapper: Mapper, frame: SensorFrame, view: _View, key: int, pose: Pose2) -> PictureCost:
-        """One update."""
+        """Run one update for a picture; return its cost."""
         started, memory = time.process_time(), self.memory
         self._tear(mapper)
         memory.bend(mapper.keys.poses)
@@ -204,7 +204,7 @@ class Appearance:
             new_words=new_words,
         )
         self.places.obey(added.change)
-        if added.id != new_id:  # the chair stands, and sees what it saw before
+        if added.id != new_id:  # the chair stands and sees the same view as before
             self.recognition.leave(new_id)
             self._last = added.id
         elif self._recognise(mapper, here) or not self._stands(motion, added.verdict):
@@ -217,14 +217,14 @@ class Appearance:
         return PictureCost(1e3 * view.extraction_s, 1e3 * words_s, 1e3 * spent_s, int((words > 0).sum()), new)
 
     def _motion(self, pose: Pose2) -> Pose2 | None:
-        """Where a pose in map is from the node before, as both stand now; None where no way leads from it."""
+        """Return a pose in map relative to the newest node; None without a node on this map."""
         return None if self._last is None else pose_from_array(self.memory.poses([self._last])[0]).inverse() @ pose
 
     def _stands(self, motion: Pose2 | None, verdict: Verdict) -> bool:
         return motion is not None and verdict is Verdict.APART and not is_moving(motion, self.settings.memory)
 
     def _here(self, mapper: Mapper, frame: SensorFrame, view: _View, node: int, key: int, pose: Pose2) -> _Here:
-        """The new node beside its key scan, and its scan: that of the frame after the picture, seen from the node."""
+        """Return the new node with its pose beside its key scan and the scan of the next frame, in the node's frame."""
         assert frame.scan is not None
         node_from_base = pose.inverse() @ mapper.pose()
         seen = scan_points(frame.scan, mapper.base_from_laser, mapper.settings.matching.range_max, twist_of(frame))
@@ -246,14 +246,14 @@ class Appearance:
         )  # fmt: skip
 
     def _recognise(self, mapper: Mapper, here: _Here) -> bool:
-        """Whether a loop was closed, or the node tied to one on known ground."""
+        """Return whether a loop was closed, or the node was linked to one in a known place."""
         result = self.places.recognise(here.id)
         self.places.obey(self.memory.retrieve(result.hypothesis, here.pose(mapper)))
         closed = result.closure is not None and self._close(mapper, here, result.closure)
         return self._tie(mapper, here) or closed
 
     def _close(self, mapper: Mapper, here: _Here, place: int) -> bool:
-        """A place that is likely the present one: do features, scans and the graph say so as well?"""
+        """Return whether features, scans and the graph confirm a likely place, and close the loop if so."""
         old = self.memory.node(place)
         found = register(features_of(old), here.view.features, here.view.camera, self.settings.registration)
         if found.old_from_new is None:
@@ -275,7 +275,7 @@ class Appearance:
         return self.memory.skeleton.linked(place, here.id) is not None
 
     def _confirm(self, mapper: Mapper, here: _Here, place: int, key: int, map_from_here: Pose2) -> bool:
-        """The map has the two side by side already: no edge is needed, but picture and scan must agree with it."""
+        """Link a place that the map already has beside the node, if picture and scan agree; no edge is needed."""
         gap = here.pose(mapper).inverse() @ map_from_here
         if not self._agrees(gap):
             return self.places.refuse(here.id, place, "the map has the two elsewhere")
@@ -286,7 +286,7 @@ class Appearance:
         return True
 
     def _tie(self, mapper: Mapper, here: _Here) -> bool:
-        """Whether the new node is linked to one on known ground; so are those before it once a loop was closed."""
+        """Return whether the new node is linked by nearness; after a loop closure, also link the rest of the STM."""
         loops = mapper.keys.kinds[EdgeKind.LOOP]
         closed, self._loops = self._loops is not None and loops > self._loops, loops
         tied = self._tie_node(mapper, here.id, here.key, here.scan)
@@ -298,7 +298,7 @@ class Appearance:
         return tied
 
     def _tie_node(self, mapper: Mapper, node: int, key: int, scan: ScanPoints) -> bool:
-        """On known ground a node is linked to the nearest one there, if its scan lies on the surfaces round that."""
+        """Link a node to the nearest one of an earlier visit if its scan fits the surfaces there; return whether so."""
         settings, memory = self.settings, self.memory
         around = mapper.keys.ways(key, mapper.settings.loops.min_way)
         place = nearest_place(memory, around, node, settings.near_distance, settings.near_angle)
@@ -316,14 +316,14 @@ class Appearance:
         return near and abs(gap.theta) <= self.settings.agree_angle
 
     def _link(self, place: int, node: int, kind: LinkKind, information: FloatArray) -> Link:
-        """Links two nodes as they stand in the map."""
+        """Link two nodes by their present poses in map."""
         a, b = (pose_from_array(pose) for pose in self.memory.poses([place, node]))
         link = Link(place, node, kind, a.inverse() @ b, information)
         self.memory.link(link)
         return link
 
     def _follow_graph(self, mapper: Mapper) -> None:
-        """Loops that the back end has left out are none, unless it takes them back."""
+        """Unlink loops whose edges the back end has rejected, and link those again that it has restored."""
         self._rejected = len(mapper.keys.rejected)
         believed, memory = {id(edge) for edge in mapper.keys.edges}, self.memory
         for edge, link in self._bent_by:
@@ -336,7 +336,7 @@ class Appearance:
                 memory.link(link)
 
     def _tear(self, mapper: Mapper) -> None:
-        """Where the mapper knows of no way from what was before, neither does the memory."""
+        """Start a new map in the memory if the mapper has lost its connection to the earlier frames."""
         torn = mapper.keys.kinds[EdgeKind.TORN]
         if self._torn is not None and torn > self._torn and self._last is not None:
             self.memory.start_map()
@@ -344,7 +344,7 @@ class Appearance:
         self._torn = torn
 
     def _hang_again(self, mapper: Mapper) -> None:
-        """The mapper moves its latest frames, where only the odometry had placed them, once a scan can; so do nodes."""
+        """Move STM nodes with their frames, which the mapper places by odometry first and by their scan later."""
         for node in self.memory.stm:
             stamp_ns, anchor = int(self.memory.node(node).stamp_ns), int(self.memory.skeleton.rows["anchor"][node])
             placed = mapper.placed(stamp_ns, self.settings.gap)

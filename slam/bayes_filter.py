@@ -1,8 +1,8 @@
-"""Which of the known places is this? A discrete Bayes filter over the places in working memory and a virtual one.
+"""A discrete Bayes filter over the places in working memory and a virtual place, which means "a new place".
 
-The virtual place is "none of these". Between two views the robot moves along the graph: the transition model gives the
-neighbours of a place, by their distance in links, the shares of a Gaussian (Angeli et al. 2008; Labbe and Michaud 2013,
-equations 3 and 4, with RTAB-Map's values). Only the columns of places whose surroundings changed are worked out again.
+Between two views the chair moves along the graph: the transition model gives the neighbours of a place, by their
+distance in links, the shares of a Gaussian (Angeli et al. 2008; Labbe and Michaud 2013, equations 3 and 4, with
+RTAB-Map's values). Only the columns of places whose neighbourhood changed are computed again.
 """
 
 from __future__ import annotations
@@ -22,7 +22,7 @@ VIRTUAL = -1
 """Id of the virtual place."""
 
 Links = Mapping[int, Sequence[int]]
-"""Ids of the nodes that a node is linked to; a node that is not in it leads nowhere."""
+"""Ids of the nodes linked to each node; a missing node has no links."""
 
 _GAUSS = (
     0.1, 0.36, 0.30, 0.16, 0.062, 0.0151, 0.00255, 0.000324, 2.5e-05, 1.3e-06, 4.8e-08, 1.2e-09, 1.9e-11, 2.2e-13,
@@ -47,7 +47,7 @@ class BayesSettings(Settings):
 
 
 class BayesFilter:
-    """The belief over places. Rows of its arrays belong to places as long as they stay; row 0 is the virtual place."""
+    """The belief over places. A place keeps its row of the arrays as long as it stays; row 0 is the virtual place."""
 
     def __init__(self, settings: BayesSettings | None = None) -> None:
         self.settings = settings or BayesSettings()
@@ -56,30 +56,31 @@ class BayesFilter:
         self._neighbours: dict[int, tuple[int, ...]] = {}
         self._twins: dict[int, tuple[int, ...]] = {}
         self._belief = np.zeros(16)
-        self._rows = np.zeros((16, 36), np.int32)  # column of each place: the rows it leads to, itself first
+        self._rows = np.zeros((16, 36), np.int32)  # column of each place: the rows that it leads to, itself first
         self._shares = np.zeros((16, 36))
         self._entries = np.zeros(16, np.int32)
         self._started = False
 
     @property
     def places(self) -> IntArray:
-        """(M,) ids, in no particular order."""
+        """The ids (M,) of the places, in no particular order."""
         return np.fromiter(self._row_of, np.int64, len(self._row_of))
 
     def probability(self, place: int) -> float:
-        """Of one place, or of `VIRTUAL`, by the last update."""
+        """Return the probability of a place, or of `VIRTUAL`, after the last update."""
         return float(self._belief[0 if place == VIRTUAL else self._row_of[place]])
 
     def update(
         self, places: IntArray, likelihood: FloatArray, neighbours: Links, twins: Links | None = None
     ) -> FloatArray:
-        """(1 + M,) posterior, the virtual place first, then `places` (M,) in the order given.
+        """Return the posterior (1 + M,): the virtual place, then `places` (M,) in the order given.
 
         Args:
-            places: ids of the nodes in working memory; new ones start at 0, those gone are forgotten.
+            places: ids of the nodes in working memory; new ones begin at 0, absent ones are forgotten.
             likelihood: (1 + M,) normalised, the virtual place first (`likelihood.normalised`).
-            neighbours: links in time between the nodes that are awake (short-term memory too), told at both ends.
-            twins: links of loop closures, told at both ends, which are one place; leave those found by nearness out.
+            neighbours: links in time between awake nodes (short-term memory too), listed at both ends.
+            twins: loop closures by appearance, listed at both ends: their nodes are one place. Leave out those by
+                nearness.
         """
         self._follow(places, neighbours, twins or {})
         if len(places) == 0:
@@ -93,7 +94,7 @@ class BayesFilter:
         total = posterior.sum()
         if total > 0:
             posterior = posterior / total
-        else:  # a likelihood of 0 everywhere says that nothing is as expected: a new place
+        else:  # a likelihood of 0 everywhere: a new place
             posterior = np.zeros(len(places) + 1)
             posterior[0] = 1.0
         self._belief[:] = 0.0
@@ -101,7 +102,7 @@ class BayesFilter:
         return posterior
 
     def transition(self, places: IntArray) -> FloatArray:
-        """(1 + M, 1 + M) the whole model: column j holds where the robot goes from place j; the virtual place first."""
+        """Return the transition matrix (1 + M, 1 + M): column j is the distribution after place j; virtual first."""
         rows = np.fromiter((self._row_of[int(place)] for place in places), np.int64, len(places))
         matrix = np.zeros((len(places) + 1, len(places) + 1))
         kept = self._belief.copy()
@@ -124,14 +125,14 @@ class BayesFilter:
         return np.concatenate([[to_virtual], flow[rows] + from_virtual])
 
     def _follow(self, places: IntArray, neighbours: Links, twins: Links) -> None:
-        """Take the changes of places and links over, and work the columns out again that they reach."""
+        """Take over changed places and links, and compute the columns that they affect again."""
         now = {int(place) for place in places}
         entered, left = now - self._row_of.keys(), self._row_of.keys() - now
         moved = _changed(self._neighbours, neighbours) | _changed(self._twins, twins)
         if not (entered or left or moved):
             return
         touched = entered | left | moved
-        # Both ends of a link that comes or goes are touched, so any way over it reaches one of them by links that stay.
+        # Both ends of a changed link are touched, so every path over it reaches one of them by unchanged links.
         near = self._within_reach(touched)
         self._neighbours = {node: tuple(others) for node, others in neighbours.items()}
         self._twins = {node: tuple(others) for node, others in twins.items()}
@@ -146,7 +147,7 @@ class BayesFilter:
             self._write_column(place)
 
     def _within_reach(self, start: Collection[int]) -> dict[int, int]:
-        """Distance in links of every node that the model knows of from some of `start`; twins are at no distance."""
+        """Return the distances [links] of all nodes within the model's reach of `start`; twins are at distance 0."""
         distance: dict[int, int] = {}
         level = self._twinned(start, distance, 0)
         for d in range(1, len(self.settings.prediction) - 1):
@@ -175,7 +176,7 @@ class BayesFilter:
             self._rows, self._shares = np.pad(self._rows, wider), np.pad(self._shares, wider)
         if others:
             self._rows[row, 1:count], self._shares[row, 1:count] = zip(*others, strict=True)
-        # The share of neighbours that are not there goes to the place itself.
+        # The place itself keeps the share of missing neighbours.
         absent = sum(shares[1:]) - shares[1] - float(self._shares[row, 1:count].sum())
         self._rows[row, 0], self._shares[row, 0] = row, shares[1] + max(0.0, absent)
         self._entries[row] = count
@@ -190,7 +191,7 @@ class BayesFilter:
 
 
 def best_place(places: IntArray, posterior: FloatArray) -> tuple[int, float] | None:
-    """The most probable place (of equal ones the newest id), and 1 - P(virtual); None without places."""
+    """Return the most probable place (among equals the newest id) and 1 - P(virtual); None without places."""
     if len(places) == 0:
         return None
     real = posterior[1:]
@@ -213,10 +214,10 @@ def _flow(
     spare: float,
     least: float,
 ) -> FloatArray:
-    """Belief that flows from all real places into each row.
+    """Return the belief that flows from all real places into each row.
 
-    Each column is scaled to 1 - `virtual`; `spare`, the share the model leaves over, is spread evenly over the places a
-    column does not name. What falls below the model's smallest share is dropped.
+    Each column is scaled to 1 - `virtual`. `spare`, the share that the model leaves over, is spread evenly over the
+    places that a column does not name. Shares below `least`, the model's smallest, are dropped.
     """
     flow = np.zeros(len(belief))
     everywhere = 0.0

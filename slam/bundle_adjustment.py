@@ -1,8 +1,8 @@
-"""Bundle adjustment: poses of key frames and places of landmarks that agree best with everything that was seen.
+"""Bundle adjustment: the poses of key frames and positions of landmarks that fit all observations best.
 
 Levenberg-Marquardt with the landmarks eliminated (Schur complement; Triggs et al., Bundle adjustment - a modern
-synthesis, 2000, section 6), Huber's weights, the reduced equations solved densely: right for windows of some tens of
-key frames, and fast enough for some hundreds once at the end.
+synthesis, 2000, section 6), Huber's weights, and a dense solution of the reduced equations: suited to windows of some
+tens of key frames, and fast enough for some hundreds once at the end.
 """
 
 from __future__ import annotations
@@ -18,9 +18,12 @@ from waychair.types import BoolArray, FloatArray, IntArray
 
 @dataclass(frozen=True, slots=True)
 class Bundle:
-    """What is adjusted: camera_from_map of K key frames, rotations (K, 3, 3) and translations (K, 3), of which those
-    with `free` (K,) move; landmarks (L, 3); and E sightings: `frame` (E,), `landmark` (E,) ascending, `observed`
-    (E, 4) u, v [px], 1/z [1/m] or nan, and the factor on the pixel's error."""
+    """A bundle adjustment problem.
+
+    camera_from_map of K key frames: `rotations` (K, 3, 3), `translations` (K, 3); only those with `free` (K,) move.
+    `landmarks` (L, 3) [m]. E observations: `frame` (E,), `landmark` (E,) ascending, and `observed` (E, 4): u, v [px],
+    1/z [1/m] or nan, and the factor on the pixel's error.
+    """
 
     rotations: FloatArray
     translations: FloatArray
@@ -32,7 +35,7 @@ class Bundle:
 
 
 def adjust(bundle: Bundle, camera: FloatArray, noise: NoiseModel, iterations: int = 6) -> tuple[Bundle, FloatArray]:
-    """The bundle with poses and landmarks adjusted, and the chi-square (E,) of each pixel (inf behind the camera)."""
+    """Return the adjusted bundle, and the chi-square (E,) of each pixel (inf behind the camera)."""
     turns, shifts, points = bundle.rotations.copy(), bundle.translations.copy(), bundle.landmarks.copy()
     sigma = np.array([noise.pixel, noise.inverse_depth, noise.huber])
     slots = np.where(bundle.free, np.cumsum(bundle.free) - 1, -1).astype(np.int64)
@@ -73,9 +76,9 @@ def chi_kernel(
     camera: FloatArray,
     sigma: FloatArray,
 ) -> tuple[FloatArray, float]:
-    """(E,) chi-square of each pixel, inf behind the camera; and the sum of Huber's losses of pixels and depths.
+    """Return the chi-square (E,) of each pixel, inf behind the camera, and the sum of all Huber losses.
 
-    A sighting behind the camera costs as much as one of ten sigma.
+    An observation behind the camera costs as much as an error of ten sigma.
     """
     error, by_pose, by_point = np.empty(3), np.empty((3, 6)), np.empty((3, 3))
     chi, cost = np.empty(len(frame)), 0.0
@@ -103,8 +106,10 @@ def reduce_kernel(
     sigma: FloatArray,
     damping: float,
 ) -> tuple[FloatArray, FloatArray, FloatArray, FloatArray, FloatArray]:
-    """The equations of the free poses with the landmarks eliminated: matrix (6F, 6F) and gradient (6F,); and what gives
-    the landmarks back: inverse blocks (L, 3, 3), gradients (L, 3), couplings (E, 6, 3)."""
+    """Return the equations of the F free poses with the landmarks eliminated, and the terms to recover the landmarks.
+
+    Matrix (6F, 6F) and gradient (6F,); inverse blocks (L, 3, 3), gradients (L, 3) and couplings (E, 6, 3).
+    """
     size = 6 * (slots.max() + 1)
     reduced, gradient = np.zeros((size, size)), np.zeros(size)
     inverses, pulls = np.zeros((len(points), 3, 3)), np.zeros((len(points), 3))
@@ -155,7 +160,7 @@ def eliminate_kernel(
     pulls: FloatArray,
     couplings: FloatArray,
 ) -> None:
-    """Takes the landmarks out of the equations of the poses (Schur complement), in place."""
+    """Eliminate the landmarks from the equations of the poses in place (Schur complement)."""
     for n in range(len(pulls)):
         for e in range(starts[n], starts[n + 1]):
             at = 6 * slots[frame[e]]
@@ -190,7 +195,7 @@ def step_kernel(
     pulls: FloatArray,
     couplings: FloatArray,
 ) -> None:
-    """Moves free poses by steps (F, 6) and landmarks by what follows from them, in place."""
+    """Move free poses by steps (F, 6), and landmarks by the steps that follow, in place."""
     for n in range(len(points)):
         pull = pulls[n].copy()
         for e in range(starts[n], starts[n + 1]):

@@ -1,8 +1,8 @@
-"""The motion between two pictures from all their pixels at once, on coarse levels: a guess that blur does not break.
+"""Dense alignment: the camera's motion between two pictures from all pixels of coarse levels, robust to blur.
 
-Every pixel of the earlier picture that has depth is put where the motion takes it, and the difference in brightness
-there is made small (direct alignment with depth: Kerl, Sturm, Cremers, ICRA 2013; here in the inverse compositional
-form of Baker and Matthews, IJCV 2004, with Huber's weights, brightness and contrast free).
+The motion minimises the difference in brightness between each pixel with depth of the earlier picture and its
+projection into the later one (direct alignment with depth: Kerl, Sturm, Cremers, ICRA 2013). It is solved in the
+inverse compositional form (Baker and Matthews, IJCV 2004) with Huber's weights; brightness and contrast may change.
 """
 
 from __future__ import annotations
@@ -24,7 +24,7 @@ _LEAST = 100  # pixels
 
 @dataclass(frozen=True, slots=True)
 class DenseFit:
-    """now_from_before as aligned, the mean loss [grey levels], and the share of pixels that stayed in the picture."""
+    """The aligned now_from_before, the mean loss [grey levels], and the share of pixels that stay in the picture."""
 
     now_from_before: Pose3
     loss: float
@@ -39,15 +39,16 @@ def align_pictures(
     guess: Pose3,
     levels: Sequence[int],
 ) -> DenseFit:
-    """The motion of the camera between two pyramids, from `guess`; depth (H, W) [m] is that of the earlier picture.
+    """Return the camera's motion between two pyramids, starting at `guess`.
 
-    `levels` are gone through in their order, coarse first; camera (4,) is that of the finest level.
+    `depth` (H, W) [m] belongs to the earlier picture, `camera` (4,) to the finest level. `levels` are used in order,
+    coarse first.
     """
     turn, shift = guess.rotation.copy(), guess.translation.copy()
     loss, share = math.inf, 0.0
     for level in levels:
         scale = 2**level
-        # the pixels of a pyramid's level lie at multiples of its scale, and so do the depths that belong to them
+        # pixels of a pyramid's level, and their depths, lie at multiples of its scale
         coarse, shrunken = np.ascontiguousarray(depth[::scale, ::scale]), camera / scale
         points, slopes, bright = slopes_kernel(before[level], coarse, shrunken)
         loss, share = dense_kernel(points, slopes, bright, now[level], shrunken, turn, shift, _ITERATIONS)
@@ -56,8 +57,10 @@ def align_pictures(
 
 @njit(cache=True, nogil=True)
 def slopes_kernel(before: Bytes, depth: Float32Array, camera: FloatArray) -> tuple[FloatArray, FloatArray, FloatArray]:
-    """Of each pixel with depth: its point (N, 3) [m], how its brightness changes with a small rotation and translation
-    of the point (N, 6), and its brightness (N,)."""
+    """Return for each pixel with depth its point (N, 3) [m], its Jacobian (N, 6) and its brightness (N,).
+
+    The Jacobian is the change of brightness with a small rotation and translation of the point.
+    """
     height, width = min(before.shape[0], depth.shape[0]), min(before.shape[1], depth.shape[1])
     points = np.empty((height * width, 3))
     slopes = np.empty((height * width, 6))
@@ -93,7 +96,7 @@ def dense_kernel(
     shift: FloatArray,
     iterations: int,
 ) -> tuple[float, float]:
-    """Moves now_from_before (turn, shift) in place; gives the mean Huber loss [grey levels] and the share inside."""
+    """Refine now_from_before (turn, shift) in place; return the mean Huber loss [grey levels] and the share inside."""
     height, width = now.shape
     count = len(points)
     if count < _LEAST:
@@ -143,7 +146,7 @@ def dense_kernel(
         step = np.asarray(np.linalg.solve(normal, gradient), np.float64)
         offset += step[6]
         gain += step[7]
-        # the pixels of the earlier picture move by the step, so this one moves by its inverse
+        # inverse compositional: the step moves the earlier picture, so the pose takes its inverse
         back[:] = np.eye(3)
         back_shift = np.zeros(3)
         move_kernel(back, back_shift, step[:6])

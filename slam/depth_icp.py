@@ -1,8 +1,8 @@
-"""Two depth pictures laid onto each other: point-to-plane ICP with each point looked up where it projects.
+"""Registration of two depth pictures: point-to-plane ICP with projective data association.
 
-Association by projection (Blais and Levine 1995; as in KinectFusion, Newcombe et al., ISMAR 2011) needs no search tree;
-the gates are RTAB-Map's (0.23.8, RegistrationIcp): a correction too large, too few points that meet, or surfaces that
-leave a direction free are refused, and the guess then stands.
+Projective association (Blais and Levine 1995; as in KinectFusion, Newcombe et al., ISMAR 2011) needs no search tree.
+The gates are RTAB-Map's (0.23.8, RegistrationIcp): the guess is kept if the correction is too large, if too few points
+match, or if the surfaces leave a direction unconstrained.
 """
 
 from __future__ import annotations
@@ -19,12 +19,12 @@ from waychair.slam.registration import angle_between
 from waychair.slam.reprojection import NEAREST, move_kernel
 from waychair.types import Float32Array, FloatArray, Pose3
 
-_EDGE = 0.05  # neighbouring depths that differ by more than this share of them lie on different things
+_EDGE = 0.05  # relative step of neighbouring depths at an edge between two objects
 
 
 @dataclass(frozen=True, slots=True)
 class IcpSettings(Settings):
-    """When the refinement is believed; the names in brackets are RTAB-Map's."""
+    """The gates of a refinement; the names in brackets are RTAB-Map's."""
 
     iterations: int = setting(20, "", "(Icp/Iterations)", low=1, high=200)
     max_distance: float = setting(
@@ -40,7 +40,7 @@ class IcpSettings(Settings):
 
 
 class IcpRefusal(enum.Enum):
-    """Why a refinement is not used."""
+    """The reason why a refinement is not used."""
 
     NO_DEPTH = "too few points with depth"
     FEW_MEET = "too few points meet"
@@ -50,8 +50,8 @@ class IcpRefusal(enum.Enum):
 
 @dataclass(frozen=True, slots=True)
 class IcpFit:
-    """`old_from_new` refined (the guess where it was refused), mean distance to the planes [m], share of points that
-    meet, and why it was refused."""
+    """The refined `old_from_new` (the guess if refused), mean distance to the planes [m], share of matched points, and
+    the reason of a refusal."""
 
     old_from_new: Pose3
     error: float
@@ -62,7 +62,7 @@ class IcpFit:
 def refine_by_depth(
     old: Float32Array, new: Float32Array, camera: FloatArray, guess: Pose3, settings: IcpSettings
 ) -> IcpFit:
-    """`old_from_new` such that two depth pictures (H, W) [m] of one camera (fx, fy, cx, cy) agree, from a guess."""
+    """Return the `old_from_new` that aligns two depth pictures (H, W) [m] of one camera (4,), starting at a guess."""
     old_points, old_normals = cloud_kernel(np.ascontiguousarray(old), camera)
     new_points, new_normals = cloud_kernel(np.ascontiguousarray(new), camera)
     known = np.isfinite(new_normals[..., 0])
@@ -93,9 +93,9 @@ def refine_by_depth(
 
 @njit(cache=True, nogil=True)
 def cloud_kernel(depth: Float32Array, camera: FloatArray) -> tuple[FloatArray, FloatArray]:
-    """Points and normals (H, W, 3) of a depth picture, both nan at holes, normals also at edges and the border.
+    """Return points and normals (H, W, 3) of a depth picture; nan at holes, normals also at edges and the border.
 
-    A normal is that of the plane through the four neighbours, and looks at the camera.
+    A normal is that of the plane through the four neighbours, and points towards the camera.
     """
     height, width = depth.shape
     points, normals = np.full((height, width, 3), np.nan), np.full((height, width, 3), np.nan)
@@ -111,7 +111,7 @@ def cloud_kernel(depth: Float32Array, camera: FloatArray) -> tuple[FloatArray, F
             left, right = float(depth[row, column - 1]), float(depth[row, column + 1])
             above, below = float(depth[row - 1, column]), float(depth[row + 1, column])
             rough = max(max(abs(left - z), abs(right - z)), max(abs(above - z), abs(below - z)))
-            # written so that nan is rough
+            # negated so that nan counts as rough
             if not (rough < _EDGE * z and left > 0.0 and right > 0.0 and above > 0.0 and below > 0.0):
                 continue
             du, dv = 0.5 * (right - left) * camera[0], 0.5 * (below - above) * camera[1]
@@ -137,8 +137,8 @@ def meet_kernel(
     max_distance: float,
     min_cosine: float,
 ) -> tuple[FloatArray, FloatArray, float, int, FloatArray]:
-    """Normal equations (6, 6), (6,) of the points that meet a surface, mean distance to it, their number, and the sum of
-    the outer products (3, 3) of the normals that they meet."""
+    """Return the normal equations (6, 6), (6,) of all matched points, their mean distance to the surface, their number,
+    and the sum of the outer products (3, 3) of the surface normals."""
     normal, gradient, scatter = np.zeros((6, 6)), np.zeros(6), np.zeros((3, 3))
     row = np.empty(6)
     total, met = 0.0, 0

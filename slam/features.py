@@ -1,13 +1,13 @@
-"""Features of an image: corners, their descriptors and, where depth is known, their points in space.
+"""Features of an image: keypoints, their descriptors and, where depth is known, their points in space.
 
-Three kinds: `gftt_orb` (corners by minimum eigenvalue, Shi and Tomasi 1994, with ORB's binary descriptor, Rublee et al.
-2011; what RTAB-Map uses by default where OpenCV's contributed modules are missing), `orb` (FAST corners on an image
-pyramid, oriented) and `sift` (Lowe 2004). SURF, which the wheelchair paper names (Pai et al. 2026, section 3.2), is not
-in OpenCV 5: it is refused by name, and `sift` is its nearest relative.
+Three detectors: `gftt_orb` (corners by minimum eigenvalue, Shi and Tomasi 1994, with ORB's binary descriptor, Rublee et
+al. 2011; RTAB-Map's default without OpenCV's contributed modules), `orb` (oriented FAST corners on an image pyramid)
+and `sift` (Lowe 2004). The wheelchair paper names SURF (Pai et al. 2026, section 3.2), which OpenCV 5 lacks: it is
+refused by name, and `sift` is the closest alternative.
 
-An image in which nothing is to be seen (black, overexposed, a bare wall) has no features: every detector has an
-absolute floor. A threshold relative to the strongest corner alone finds more than 400 corners in the noise of a bare
-wall, and two bare walls are then taken for one place (measured on RTAB-Map's sample photographs).
+A blank image (black, overexposed, a bare wall) has no features: every detector has an absolute threshold. A threshold
+relative to the strongest corner alone finds more than 400 corners in the noise of a bare wall, and two bare walls then
+count as one place (measured on RTAB-Map's sample photographs).
 """
 
 from __future__ import annotations
@@ -30,15 +30,15 @@ Descriptors: TypeAlias = NDArray[Any]
 """(N, 32) bytes of ORB or (N, 128) floats of SIFT."""
 
 DETECTORS = ("gftt_orb", "orb", "sift")
-"""What `FeatureSettings.detector` may be."""
+"""The possible values of `FeatureSettings.detector`."""
 
-_PATCH_RADIUS = 15  # [px] of ORB's orientation and of its descriptor
-_BORDER = 19  # [px] ORB's descriptor is not computed nearer to the border
+_PATCH_RADIUS = 15  # [px] radius of the patch of ORB's orientation and descriptor
+_BORDER = 19  # [px] margin along the image border without ORB descriptors
 
 
 @dataclass(frozen=True, slots=True)
 class FeatureSettings(Settings):
-    """What is looked for in an image; the defaults are RTAB-Map's (Kp/* and GFTT/*)."""
+    """The detector and its thresholds; the defaults are RTAB-Map's (Kp/* and GFTT/*)."""
 
     detector: str = setting("gftt_orb", "", "gftt_orb, orb or sift")
     max_features: int = setting(500, "", "strongest corners that are kept", low=1, high=20_000)
@@ -63,17 +63,17 @@ class FeatureSettings(Settings):
 
     @property
     def binary(self) -> bool:
-        """Whether descriptors are bits compared by Hamming distance; otherwise floats compared by Euclidean."""
+        """Whether descriptors are bits (Hamming distance) and not floats (Euclidean distance)."""
         return self.detector != "sift"
 
 
 @dataclass(frozen=True, slots=True)
 class Features:
-    """N corners of one image, strongest first.
+    """N keypoints of one image, strongest first.
 
     pixels (N, 2) f32 [px] column, row; descriptors (N, 32) u8 or (N, 128) f32; points (N, 3) f32 [m] in the camera's
-    optical frame (x right, y down, z forward), nan where depth is missing; response (N,) f32, the detector's own
-    measure; octave (N,) u8, level of the pyramid; angle (N,) f32 [rad] of the patch, nan where descriptors are upright.
+    optical frame (x right, y down, z forward), nan where depth is missing; response (N,) f32, the
+    detector's strength; octave (N,) u8, level of the pyramid; angle (N,) f32 [rad] of the patch, nan if upright.
     """
 
     pixels: Float32Array
@@ -87,7 +87,7 @@ class Features:
         return len(self.pixels)
 
     def take(self, chosen: IntArray | BoolArray) -> Features:
-        """Those of an index (K,) or a mask (N,)."""
+        """Return the keypoints of an index (K,) or a mask (N,)."""
         return Features(
             self.pixels[chosen],
             self.descriptors[chosen],
@@ -99,7 +99,7 @@ class Features:
 
 
 def extract(frame: RgbdFrame, settings: FeatureSettings | None = None) -> Features:
-    """Features of a frame; without depth (empty, or nan everywhere) all `points` are nan.
+    """Return the features of a frame; without depth (empty, or nan everywhere) all `points` are nan.
 
     Raises:
         SensorError: the image is not (H, W) or (H, W, 3) bytes, or the depth has another size.
@@ -115,12 +115,12 @@ def extract(frame: RgbdFrame, settings: FeatureSettings | None = None) -> Featur
         return features
     points = points_in_space(features.pixels, depth, frame.camera_matrix)
     found = replace(features, points=points)
-    # A corner of a coarse level is found at a pixel of the mask's shrunken copy, and may lie beside the measured ones.
+    # A keypoint of a coarse level is found on a shrunken mask, and may lie beside the pixels with depth.
     return found.take(np.isfinite(points[:, 2])) if settings.depth_as_mask else found
 
 
 def features_of_image(gray: Bytes, settings: FeatureSettings, mask: Bytes | None = None) -> Features:
-    """Features of a grey image (H, W), only where `mask` (H, W) is not 0; all points are nan."""
+    """Return the features of a grey image (H, W) where `mask` (H, W) is not 0; all points are nan."""
     if settings.detector == "gftt_orb":
         keypoints, descriptors = _gftt_orb(gray, settings, mask)
     else:
@@ -143,7 +143,7 @@ def features_of_image(gray: Bytes, settings: FeatureSettings, mask: Bytes | None
 
 
 def no_features(settings: FeatureSettings) -> Features:
-    """Features of an image in which nothing is to be seen."""
+    """Return the empty features of a blank image."""
     descriptors = np.empty((0, 32), np.uint8) if settings.binary else np.empty((0, 128), np.float32)
     none, nothing = np.empty(0, np.float32), np.empty((0, 2), np.float32)
     points = np.empty((0, 3), np.float32)
@@ -151,10 +151,10 @@ def no_features(settings: FeatureSettings) -> Features:
 
 
 def gray_image(image: Bytes) -> Bytes:
-    """(H, W) of a grey or colour (red, green, blue) image.
+    """Return the grey image (H, W) of a grey or colour (red, green, blue) image.
 
     Raises:
-        SensorError: it is neither.
+        SensorError: the image is neither.
     """
     if image.dtype == np.uint8 and image.size and image.ndim == 2:
         return image
@@ -164,7 +164,7 @@ def gray_image(image: Bytes) -> Bytes:
 
 
 def points_in_space(pixels: Float32Array, depth: Float32Array, camera_matrix: FloatArray) -> Float32Array:
-    """(N, 3) f32 [m] in the optical frame of pixels (N, 2), by the depth [m] of the nearest pixel; nan without it."""
+    """Return points (N, 3) f32 [m] in the optical frame for pixels (N, 2), by the nearest depth [m], or nan."""
     column, row = np.rint(pixels).astype(np.int64).T
     column, row = column.clip(0, depth.shape[1] - 1), row.clip(0, depth.shape[0] - 1)
     z = depth[row, column].astype(np.float64)
@@ -191,7 +191,7 @@ def _detector(settings: FeatureSettings) -> cv2.Feature2D:
 
 
 def _gftt_orb(gray: Bytes, settings: FeatureSettings, mask: Bytes | None) -> tuple[Sequence[cv2.KeyPoint], Descriptors]:
-    anywhere: Any = mask  # None is allowed, which the stubs of OpenCV do not know
+    anywhere: Any = mask  # None is allowed; OpenCV's stubs do not say so
     corners, strengths = cv2.goodFeaturesToTrackWithQuality(
         gray, settings.max_features, settings.quality, settings.min_distance, anywhere, blockSize=settings.block_size
     )
@@ -211,7 +211,7 @@ def _gftt_orb(gray: Bytes, settings: FeatureSettings, mask: Bytes | None) -> tup
 
 @njit(cache=True)
 def patch_angles(gray: Bytes, pixels: Float32Array) -> FloatArray:
-    """(N,) [degrees in 0..360) direction from each pixel (N, 2) to the centroid of the grey around it (Rosin 1999)."""
+    """Return directions (N,) [degrees, 0..360) from pixels (N, 2) to the intensity centroids there (Rosin 1999)."""
     height, width = gray.shape
     angles = np.zeros(len(pixels))
     for i in range(len(pixels)):

@@ -1,4 +1,4 @@
-"""Nearest neighbours among float words (SIFT) by one matrix product: exact, for dictionaries of some ten thousands."""
+"""Exact nearest neighbours among float words (SIFT) by a matrix product, for some ten thousand words."""
 
 from __future__ import annotations
 
@@ -9,7 +9,7 @@ from waychair.types import Float32Array
 
 
 class FloatIndex:
-    """Float words by slot, a small integer that the caller gives and takes back."""
+    """Float words by slot, a small integer chosen by the caller; it is free again after `remove`."""
 
     def __init__(self, width: int = 128) -> None:
         self._words = np.zeros((256, width), np.float32)
@@ -19,7 +19,7 @@ class FloatIndex:
         return int(np.isfinite(self._norms).sum())
 
     def insert(self, words: Float32Array, slots: Int32Array) -> None:
-        """Words (N, width) under their slots (N,), none of which may be in use."""
+        """Insert words (N, width) under unused slots (N,)."""
         if len(slots) == 0:
             return
         if slots.max() >= len(self._norms):
@@ -30,15 +30,15 @@ class FloatIndex:
         self._norms[slots] = np.einsum("ij,ij->i", words, words)
 
     def remove(self, slots: Int32Array) -> None:
-        """Forget the words of these slots."""
+        """Remove the words of these slots."""
         self._norms[slots] = np.inf
 
     def words(self, slots: Int32Array) -> Float32Array:
-        """(N, width) words of slots (N,)."""
+        """Return the words (N, width) of slots (N,)."""
         return self._words[slots]
 
     def nearest(self, queries: Float32Array) -> tuple[Int32Array, Float32Array]:
-        """Slots and squared distances (N, 2) of the two nearest words of each query: -1 and inf without one."""
+        """Return slots and squared distances (N, 2) of each query's two nearest words; -1 and inf where missing."""
         slots = np.full((len(queries), 2), -1, np.int32)
         distances = np.full((len(queries), 2), np.inf, np.float32)
         if len(queries) == 0:

@@ -1,14 +1,14 @@
-"""Nearest neighbours among hundreds of thousands of binary words that come and go.
+"""Nearest neighbours among hundreds of thousands of binary words, with insertion and removal.
 
-Words of 256 bits lie in cells of at most `CELL` words, each cell about its centre. A query looks only into the
-`PROBES` cells whose centres are nearest; a full cell is halved between two of its words, so the structure grows with
-the dictionary, needs no training, and its work per query is bounded: a distance for each cell, and `PROBES * CELL`.
-While there are at most `PROBES` cells the answer is exact; beyond, the recall is measured (benchmarks/acceptance).
+Words of 256 bits are grouped in cells of at most `CELL` words, each round a centre. A query searches only the `PROBES`
+cells with the nearest centres. A full cell is split between two of its words, so the index grows with the vocabulary
+and needs no training. The work per query is bounded: a distance for each cell, plus `PROBES * CELL`. Up to `PROBES`
+cells the answer is exact; beyond, the recall is measured (benchmarks/acceptance).
 
 Measured on one core with 600,000 descriptors of real images and 500 queries: an exact scan takes 0.4 s; multi-index
-hashing (16 tables of 16 bits; Norouzi et al. 2012) 0.13 s, since the bits of ORB are far from uniform and the buckets
-that queries fall into hold hundreds of words; cut off at 32 words a bucket 5 to 7 ms, but then it finds the nearest for
-0.6 of the queries only. The cells take 6 ms and find it for 0.95.
+hashing (16 tables of 16 bits; Norouzi et al. 2012) 0.13 s, since ORB's bits are far from uniform and typical buckets
+hold hundreds of words. Cut off at 32 words a bucket it takes 5 to 7 ms, but finds the nearest word for only 0.6 of the
+queries. The cells take 6 ms and find it for 0.95.
 """
 
 from __future__ import annotations
@@ -28,38 +28,38 @@ BITS = 256
 """Bits of a word."""
 
 CELL = 512
-"""Words a cell holds before it is halved."""
+"""Words in a full cell, which is then split."""
 
 PROBES = 32
-"""Cells that a query looks into."""
+"""Cells that a query searches."""
 
 SPARSE = CELL // 8
-"""A cell that keeps fewer words than this is dissolved into its neighbours."""
+"""Cells with fewer words than this are dissolved into their neighbours."""
 
 FAR = BITS + 1
-"""Distance to a neighbour that there is not."""
+"""Distance of a missing neighbour."""
 
-# Masks of the population count by pairs, nibbles and bytes, which compilers replace by the machine's own instruction.
+# Masks of a population count by pairs, nibbles and bytes; compilers replace it by the machine instruction.
 _PAIRS, _NIBBLES, _BYTES = np.uint64(0x5555555555555555), np.uint64(0x3333333333333333), np.uint64(0x0F0F0F0F0F0F0F0F)
 _ONES = np.uint64(0x0101010101010101)
 _1, _2, _4, _56 = np.uint64(1), np.uint64(2), np.uint64(4), np.uint64(56)
 
 
 def packed(descriptors: Bytes) -> Words64:
-    """Descriptors (N, 32) u8 as (N, 4) u64, the same bits."""
+    """Return descriptors (N, 32) u8 as words (N, 4) u64 of the same bits."""
     return np.ascontiguousarray(descriptors).view(np.uint64)
 
 
 def unpacked(words: Words64) -> Bytes:
-    """Words (N, 4) u64 as descriptors (N, 32) u8, the same bits."""
+    """Return words (N, 4) u64 as descriptors (N, 32) u8 of the same bits."""
     return np.ascontiguousarray(words).view(np.uint8)
 
 
 class HammingIndex:
-    """Binary words by slot, a small integer that the caller gives and takes back."""
+    """Binary words by slot, a small integer chosen by the caller; it is free again after `remove`."""
 
     def __init__(self) -> None:
-        # Quarters of the words side by side, so that the processor compares several words with one instruction.
+        # Quarters of the words lie side by side, for SIMD.
         self._bits = np.zeros((1, 4, CELL), np.uint64)
         self._slots = np.zeros((1, CELL), np.int32)
         self._centres = np.zeros((4, 1), np.uint64)
@@ -76,7 +76,7 @@ class HammingIndex:
         return self._cells
 
     def insert(self, words: Words64, slots: Int32Array) -> None:
-        """Words (N, 4) under their slots (N,), none of which may be in use."""
+        """Insert words (N, 4) under unused slots (N,)."""
         if len(slots) == 0:
             return
         self._reserve(int(slots.max()) + 1, len(slots))
@@ -85,7 +85,7 @@ class HammingIndex:
         )
 
     def remove(self, slots: Int32Array) -> None:
-        """Forget the words of these slots; cells that have become sparse are dissolved."""
+        """Remove the words of these slots, and dissolve cells that have become sparse."""
         _remove(slots, self._bits, self._slots, self._counts, self._place)
         counts = self._counts[: self._cells]
         for cell in np.flatnonzero(counts < SPARSE)[::-1]:
@@ -93,12 +93,12 @@ class HammingIndex:
                 self._dissolve(int(cell))
 
     def words(self, slots: Int32Array) -> Words64:
-        """(N, 4) words of slots (N,)."""
+        """Return the words (N, 4) of slots (N,)."""
         cell, position = np.divmod(self._place[slots], CELL)
         return self._bits[cell, :, position]
 
     def nearest(self, queries: Words64) -> tuple[Int32Array, Int32Array]:
-        """Slots and distances (N, 2) of the two nearest words found for each query (N, 4): -1 and `FAR` without one."""
+        """Return slots and distances (N, 2) of the two nearest words found for queries (N, 4); else -1 and `FAR`."""
         return _nearest(queries, self._bits, self._slots, self._centres, self._counts, self._cells)
 
     def _reserve(self, slots: int, more: int) -> None:
@@ -106,7 +106,7 @@ class HammingIndex:
             longer = np.full(max(slots, 2 * len(self._place)), -1, np.int32)
             longer[: len(self._place)] = self._place
             self._place = longer
-        # At worst every cell is one word short of its halving; a half then takes CELL / 2 more words.
+        # At worst every cell is one word short of a split; each half then takes CELL / 2 more words.
         needed = self._cells + min(more, self._cells) + 2 * more // CELL + 1
         if needed > len(self._counts):
             size = max(needed, len(self._counts) * 3 // 2)
@@ -131,7 +131,7 @@ class HammingIndex:
 
 @njit(cache=True, inline="always")
 def _bit_count(x: np.uint64) -> int:
-    """Bits that are set."""
+    """Return the number of set bits."""
     x = x - ((x >> _1) & _PAIRS)
     x = (x & _NIBBLES) + ((x >> _2) & _NIBBLES)
     x = (x + (x >> _4)) & _BYTES
@@ -140,13 +140,13 @@ def _bit_count(x: np.uint64) -> int:
 
 @njit(cache=True, inline="always")
 def hamming(a: Words64, b: Words64) -> int:
-    """Bits in which two words (4,) differ."""
+    """Return the number of bits in which two words (4,) differ."""
     return _bit_count(a[0] ^ b[0]) + _bit_count(a[1] ^ b[1]) + _bit_count(a[2] ^ b[2]) + _bit_count(a[3] ^ b[3])
 
 
 @njit(cache=True, nogil=True)
 def _distances(query: Words64, quarters: Words64, count: int, out: IntArray) -> int:
-    """Bits in which `query` (4,) differs from each of the first `count` words, given as quarters (4, N); the least."""
+    """Write the distances of `query` (4,) to `count` words, given as quarters (4, N), into `out`; return the least."""
     q0, q1, q2, q3 = query[0], query[1], query[2], query[3]
     w0, w1, w2, w3 = quarters[0], quarters[1], quarters[2], quarters[3]
     for i in range(count):
@@ -165,7 +165,7 @@ def _nearest(
     best = np.full((len(queries), 2), FAR, np.int32)
     within = np.empty(CELL, np.int64)
     starts, visitors = _visits(queries, centres, cells)
-    for c in range(cells):  # cell by cell, so that its words stay in the processor's cache for all its visitors
+    for c in range(cells):  # cell by cell, so that its words stay in the cache for all visitors
         for v in range(starts[c], starts[c + 1]):
             q = visitors[v]
             if _distances(queries[q], bits[c], counts[c], within) >= best[q, 1]:
@@ -182,7 +182,7 @@ def _nearest(
 
 @njit(cache=True, nogil=True)
 def _visits(queries: Words64, centres: Words64, cells: int) -> tuple[IntArray, IntArray]:
-    """The queries that look into each cell c: `visitors[starts[c] : starts[c + 1]]`."""
+    """Return the queries that search each cell c: `visitors[starts[c] : starts[c + 1]]`."""
     probes = min(PROBES, cells)
     chosen = np.empty((len(queries), probes), np.int64)
     starts = np.zeros(cells + 1, np.int64)
@@ -197,7 +197,7 @@ def _visits(queries: Words64, centres: Words64, cells: int) -> tuple[IntArray, I
         while within < probes:
             reach += 1
             within += histogram[reach]
-        ties = probes - (within - histogram[reach])  # cells to take among those at exactly this distance
+        ties = probes - (within - histogram[reach])  # number of cells to take at exactly this distance
         taken = 0
         for c in range(cells):
             if to_centre[c] < reach or (to_centre[c] == reach and ties > 0):
@@ -248,7 +248,7 @@ def _insert(
 def _halve(
     cell: int, other: int, bits: Words64, slots: Int32Array, centres: Words64, counts: Int32Array, place: Int32Array
 ) -> None:
-    """Move the half of a full cell that is nearer to one of two far words into the cell `other`."""
+    """Split a full cell between two distant words: move one half into the cell `other`."""
     words, old_slots = bits[cell].T.copy(), slots[cell].copy()
     a, b = _far_pair(words)
     lean = np.empty(CELL, np.int64)
@@ -271,7 +271,7 @@ def _halve(
 
 @njit(cache=True, nogil=True)
 def _far_pair(words: Words64) -> tuple[Words64, Words64]:
-    """Two words far from each other: the farthest from the first, then the farthest from that."""
+    """Return two distant words: the farthest from the first word, and the farthest from that one."""
     a = words[0]
     for _ in range(2):
         b, farthest = a, -1
@@ -285,7 +285,7 @@ def _far_pair(words: Words64) -> tuple[Words64, Words64]:
 
 @njit(cache=True, nogil=True)
 def majority(words: Words64) -> Words64:
-    """(4,) the word whose every bit is that of most of the words (N, 4); of a tie, not set."""
+    """Return the word (4,) whose bits are the majority of words (N, 4); a tie leaves a bit unset."""
     result = np.zeros(4, np.uint64)
     for k in range(4):
         for bit in range(64):
@@ -313,7 +313,7 @@ def _remove(gone: Int32Array, bits: Words64, slots: Int32Array, counts: Int32Arr
 
 @njit(cache=True, nogil=True)
 def hamming_table(a: Words64, b: Words64) -> Float32Array:
-    """(N, M) distances of words (N, 4) and (M, 4)."""
+    """Return the distances (N, M) of words (N, 4) and (M, 4)."""
     table = np.empty((len(a), len(b)), np.float32)
     for i in range(len(a)):
         for j in range(len(b)):
@@ -323,7 +323,7 @@ def hamming_table(a: Words64, b: Words64) -> Float32Array:
 
 @njit(cache=True, nogil=True)
 def assign(words: Words64, centres: Words64) -> tuple[IntArray, IntArray]:
-    """Index and distance (N,) of the nearest centre (K, 4) of each word (N, 4); of equal ones the first."""
+    """Return index and distance (N,) of the nearest centre (K, 4) of each word (N, 4); the first among equals."""
     nearest, distances = np.zeros(len(words), np.int64), np.empty(len(words), np.int64)
     quarters, to_centre = centres.T.copy(), np.empty(len(centres), np.int64)
     for i in range(len(words)):

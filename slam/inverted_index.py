@@ -1,7 +1,7 @@
-"""Which nodes show which words: the inverted index of a bag of words (Sivic and Zisserman 2003), updated in place.
+"""The inverted index of a bag of words, from words to the nodes that show them (Sivic and Zisserman 2003).
 
-Words are told by slot (a small integer that is used again once its word is gone), nodes by id. The postings of a word
-form a chain in one pool of arrays, so that adding, removing and scoring cost what is really shared, not what is stored.
+Words are identified by slot (a small integer, used again once its word is removed), nodes by id. The postings of a word
+form a chain in one pool of arrays, so that the cost of adding, removing and scoring depends only on shared words.
 """
 
 from __future__ import annotations
@@ -22,17 +22,17 @@ class InvertedIndex:
         self._slots_of: dict[int, Int32Array] = {}
         self._row_of: dict[int, int] = {}
         self._free_rows: list[int] = []
-        self._size = np.zeros(16, np.int32)  # words of the node of each row, repeated ones counted
+        self._size = np.zeros(16, np.int32)  # words of the node of each row, with repetitions
         self._head = np.full(1024, -1, np.int32)  # first posting of each word
-        self._nodes = np.zeros(1024, np.int32)  # nodes that show each word
+        self._nodes = np.zeros(1024, np.int32)  # number of nodes that show each word
         self._next = np.arange(1, 1025, dtype=np.int32)  # the next posting of the same word, or the next free one
         self._next[-1] = -1
         self._row = np.zeros(1024, np.int32)
         self._count = np.zeros(1024, np.int32)
-        self._free, self._spare = 0, 1024  # the first free posting, and how many there are
+        self._free, self._spare = 0, 1024  # the first free posting, and the number of free ones
 
     def __len__(self) -> int:
-        """Nodes."""
+        """Return the number of nodes."""
         return len(self._row_of)
 
     def __contains__(self, node: int) -> bool:
@@ -40,15 +40,15 @@ class InvertedIndex:
 
     @property
     def nodes(self) -> KeysView[int]:
-        """Those there are, in the order in which they came."""
+        """The ids of the nodes in the order of their addition."""
         return self._row_of.keys()
 
     def slots_of(self, node: int) -> Int32Array:
-        """(N,) the words of a node, in the order of its features."""
+        """Return the words (N,) of a node, in the order of its features."""
         return self._slots_of[node]
 
     def postings(self, slot: int) -> dict[int, int]:
-        """Nodes that show a word, with how often."""
+        """Return the nodes that show a word, and how often."""
         node_of = {row: node for node, row in self._row_of.items()}
         found, at = {}, int(self._head[slot]) if slot < len(self._head) else -1
         while at >= 0:
@@ -57,7 +57,7 @@ class InvertedIndex:
         return found
 
     def add(self, node: int, slots: Int32Array) -> None:
-        """References of the words (N,) of a node that is not there yet."""
+        """Add a new node with its words (N,)."""
         row = self._free_rows.pop() if self._free_rows else len(self._row_of)
         if row >= len(self._size):
             self._size = np.concatenate([self._size, np.zeros_like(self._size)])
@@ -70,7 +70,7 @@ class InvertedIndex:
         self._spare -= len(distinct)
 
     def remove(self, node: int) -> Int32Array:
-        """Drop the references of a node; returns the words (K,) that nobody shows any more."""
+        """Remove a node; return its words (K,) that no other node shows."""
         row, slots = self._row_of.pop(node), np.unique(self._slots_of.pop(node))
         self._free_rows.append(row)
         self._free = _unlink(slots, row, self._head, self._nodes, self._next, self._row, self._free)
@@ -78,12 +78,12 @@ class InvertedIndex:
         return self.unused(slots)
 
     def unused(self, slots: Int32Array) -> Int32Array:
-        """Those of the words (N,) that no node shows."""
+        """Return the words among (N,) that no node shows."""
         gone: Int32Array = slots[self._nodes[slots] == 0]
         return gone
 
     def scores(self, slots: Int32Array, nodes: IntArray) -> FloatArray:
-        """(M,) term frequency times inverse document frequency of nodes (M,) for the words (N,) of another."""
+        """Return tf-idf scores (M,) of nodes (M,) for the words (N,) of another node."""
         totals = _scores(
             np.unique(slots), len(self._row_of), self._head, self._nodes, self._next, self._row, self._count, self._size
         )
@@ -99,7 +99,7 @@ class InvertedIndex:
             old = len(self._next)
             more = max(old, postings)
             chain = np.arange(old + 1, old + more + 1, dtype=np.int32)
-            chain[-1] = self._free  # the new ones come before the few that were free
+            chain[-1] = self._free  # the old free ones follow the new ones
             self._next = np.concatenate([self._next, chain])
             self._row = np.concatenate([self._row, np.zeros(more, np.int32)])
             self._count = np.concatenate([self._count, np.zeros(more, np.int32)])
@@ -118,7 +118,7 @@ def _link(
     count: Int32Array,
     free: int,
 ) -> int:
-    """A posting of `row` at the head of each word's chain; returns the first posting still free."""
+    """Add a posting of `row` at the head of each word's chain; return the first free posting."""
     for i in range(len(slots)):
         at, slot = free, slots[i]
         free = following[at]
@@ -139,7 +139,7 @@ def _unlink(
     rows: Int32Array,
     free: int,
 ) -> int:
-    """Give the postings of `row` in the words' chains back; returns the first free one."""
+    """Free the postings of `row` in the words' chains; return the first free posting."""
     for slot in slots:
         before, at = -1, head[slot]
         while rows[at] != row:

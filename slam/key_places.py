@@ -1,8 +1,7 @@
-"""Key frames as places: each becomes a node of the memory, is compared with those before, and is found again by words.
+"""Key frames as places: each becomes a node of the memory, which is compared with earlier ones.
 
-The memory thinks in poses on the floor, so a key frame stands there as its shadow: a base whose x axis is the optical
-axis, its y axis left of it and its z axis up when the first picture is upright. Where it is in space is the map's
-business.
+The memory holds planar poses, so a key frame is stored as its projection to the floor (its shadow): a base whose x axis
+is the optical axis, y axis left of it, z axis up if the first picture is upright. The visual map holds the full pose.
 """
 
 from __future__ import annotations
@@ -24,31 +23,31 @@ from waychair.types import FloatArray, Pose2, Pose3
 BASE_FROM_OPTICAL = Pose3(np.array([[0.0, 0.0, 1.0], [-1.0, 0.0, 0.0], [0.0, -1.0, 0.0]]), np.zeros(3))
 """REP-103: an optical frame looks along z, x is right and y down."""
 
-_BESIDE = 3  # key frames so near to a chosen one in time show the same place
+_BESIDE = 3  # key frames within this many numbers of each other show the same place
 
 
 class KeyPlaces:
-    """Tell it of every key frame by `add`, and of the map's bending by `bend`; key frames are told by their number."""
+    """Call `add` for every key frame, and `bend` after a change of the map; key frames are identified by number."""
 
     def __init__(self, settings: RecognitionSettings, memory: Memory) -> None:
-        """The memory is empty, and from now on that of these key frames."""
+        """Begin with an empty memory, which then belongs to these key frames."""
         self.places = PlaceMemory(settings, memory)
         self.memory = memory
-        self._node_of: list[int] = []  # of each key frame: its own, or the one it was merged into
+        self._node_of: list[int] = []  # by key frame: its own node, or the one that it was merged into
         self._key_of: dict[int, int] = {}
 
     def __len__(self) -> int:
-        """Key frames that are known."""
+        """Return the number of key frames."""
         return len(self._node_of)
 
     def add(self, key: KeyFrame, information: FloatArray, poses: FloatArray, extraction_s: float) -> int | None:
-        """A further key frame; returns the earlier one that it may show again, if what is seen says so.
+        """Add a key frame; return the earlier key frame that it shows again by the Bayes filter, or None.
 
         Args:
             key: the key frame.
-            information: (3, 3) of the way from the one before, on the floor.
-            poses: (K, 3) shadows of all key frames, this one the last.
-            extraction_s: the CPU that its features took.
+            information: (3, 3) of the planar motion since the previous key frame.
+            poses: (K, 3) shadows of all key frames, the new one last.
+            extraction_s: CPU time [s] of its features.
         """
         started, memory, number = time.process_time(), self.memory, len(self._node_of)
         self.places.counts["pictures"] += 1
@@ -84,11 +83,11 @@ class KeyPlaces:
         return hypothesis
 
     def start_map(self) -> None:
-        """The next key frame has no way to the one before."""
+        """Start a new map: the next key frame has no link to the previous one."""
         self.memory.start_map()
 
     def likeliest(self, features: Features, excluded: Collection[int] = (), most: int = 3) -> list[int]:
-        """Key frames that look most like a picture, best first, at most one of each place."""
+        """Return the key frames most similar to a picture, best first, at most one per place."""
         out = {self._node_of[key] for key in excluded if key < len(self._node_of)}
         chosen: list[int] = []
         for node in self.places.recognition.likeliest(features, most * (2 * _BESIDE + 1), out):
@@ -98,38 +97,38 @@ class KeyPlaces:
         return chosen
 
     def link(self, old: int, new: int, kind: LinkKind, old_from_new: Pose3, information: FloatArray) -> None:
-        """Two key frames show the same; `old_from_new` of their optical frames, information (3, 3) of its shadow."""
+        """Link two key frames of one place: `old_from_new` of the optical frames, information (3, 3) of its shadow."""
         i, j = self._node_of[old], self._node_of[new]
         if i != j and Kept.GONE not in (self.memory.skeleton.kept(i), self.memory.skeleton.kept(j)):
             self.memory.link(Link(i, j, kind, shadow(old_from_new), information))
 
     def refuse(self, old: int, new: int, reason: str) -> None:
-        """Why the two do not show the same."""
+        """Record why two key frames do not show the same place."""
         self.places.refuse(self._node_of[new], self._node_of[old], reason)
 
     def bend(self, poses: FloatArray) -> None:
-        """The shadows of the key frames are (K, 3) now."""
+        """Take over new shadows (K, 3) of the key frames."""
         self.memory.bend(poses)
 
     def finish(self, poses: FloatArray) -> None:
-        """Everything is where it is, and on the disk."""
+        """Take over the final shadows (K, 3), and write everything to disk."""
         self.memory.bend(poses)
         self.memory.flush()
 
 
 def shadow(map_from_camera: Pose3) -> Pose2:
-    """A pose of the optical frame as one on the floor."""
+    """Return the planar pose of an optical frame."""
     return (BASE_FROM_OPTICAL @ map_from_camera @ BASE_FROM_OPTICAL.inverse()).planar()
 
 
 def shadows(keys: Sequence[KeyFrame]) -> FloatArray:
-    """(K, 3) [m, m, rad] of key frames, in map."""
+    """Return the planar poses (K, 3) [m, m, rad] of key frames in map."""
     every = [shadow(key.camera_from_map.inverse()).array() for key in keys]
     return np.array(every, float).reshape(-1, 3)
 
 
 def on_floor(covariance: FloatArray) -> FloatArray:
-    """(3, 3) information of x, y, yaw of a base by a covariance (6, 6) of turn and way of its optical frame."""
+    """Return the information (3, 3) of x, y, yaw of a base from a covariance (6, 6) of its optical frame's motion."""
     turn = BASE_FROM_OPTICAL.rotation
     way, angles = turn @ covariance[3:, 3:] @ turn.T, turn @ covariance[:3, :3] @ turn.T
     inverse: FloatArray = np.linalg.inv(np.block([[way[:2, :2], np.zeros((2, 1))], [np.zeros((1, 2)), angles[2:, 2:]]]))

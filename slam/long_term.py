@@ -1,12 +1,11 @@
-"""The long-term memory: every node as it was added, on disk (SQLite), written in the background, one node at a time.
+"""The long-term memory: every node on disk (SQLite), written in the background one node at a time.
 
-A node is handed to the writer when it joins the memory, not when it is put to sleep: what a killed process loses is not
-its whole STM and WM (as RTAB-Map does) but at most the last node, because the next one is taken only when the one
-before is on the disk. Only where the disk hangs for longer than a second do nodes queue up, so that the chair does not
-wait for it.
+A node goes to the writer when it joins the memory, not when it is put to sleep, and the next node waits until it is on
+disk. So a killed process loses at most its last node, and not its whole STM and WM as RTAB-Map does. Only if the disk
+hangs for longer than a second do nodes queue up, so that the chair does not wait for the disk.
 
-A damaged file is moved aside and a new one begun; where nothing can be written any more, because the disk is full or
-pulled out, the memory goes on in RAM and says so (F27 of the fault table). No file is ever half written.
+A damaged file is moved aside and a new one begun. If writing fails because the disk is full or removed, the memory
+continues in RAM and reports it (F27 of the fault table). No file is ever half written.
 """
 
 from __future__ import annotations
@@ -43,17 +42,18 @@ T = TypeVar("T")
 
 
 class LongTerm:
-    """The memory's file. `notes` says what was found when it was opened, `fault` why nothing is written any more."""
+    """The memory's file. `notes` holds the findings on opening, `fault` the reason why writing has stopped."""
 
     def __init__(self, path: Path | None = None, most_bytes: int | None = None, patience_s: float = 1.0) -> None:
-        """Opens the file, or makes it; without a path everything is kept in RAM.
+        """Open the file, or make it; without a path keep everything in RAM.
 
         Args:
-            most_bytes: the file never grows beyond this; a node that would not fit is as if the disk were full.
-            patience_s: how long `write` waits for the disk; while it hangs, what comes is waiting in RAM.
+            path: the file, or None.
+            most_bytes: the largest size of the file; a node that does not fit counts as a full disk.
+            patience_s: the longest wait of `write` for the disk; after that, batches queue in RAM.
 
         Raises:
-            LongTermError: the file cannot be read or written, or is no business of this program.
+            LongTermError: the file cannot be read or written, or belongs to another program.
         """
         self.path = path
         self.notes: tuple[str, ...] = ()
@@ -61,7 +61,7 @@ class LongTerm:
         self._patience_s = patience_s
         self._waiting: list[Batch] = []
         self._handed: list[Batch] = []
-        self._done: Future[None] = Future()  # of what is handed over
+        self._done: Future[None] = Future()  # of the handed batches
         self._spill: sqlite3.Connection | None = None
         if path is not None:
             self._make_sound(path)
@@ -75,13 +75,13 @@ class LongTerm:
 
     @classmethod
     def in_ram(cls, fault: LongTermError) -> LongTerm:
-        """One without a file, because of a fault: a chair must not wait for its disk."""
+        """Return a memory without a file, because of a fault of the disk."""
         store = cls()
         store.fault = fault
         return store
 
     def load(self) -> Stored:
-        """What the file holds of earlier sessions, but for the views themselves.
+        """Return the content of earlier sessions, except the views themselves.
 
         Raises:
             LongTermError: it cannot be read.
@@ -95,20 +95,17 @@ class LongTerm:
         return stored
 
     def write(self, batch: Batch) -> None:
-        """Hands over what is to be in the file, when what was handed over before is on the disk.
-
-        That is waited for; not longer than the patience, however, so that a disk that hangs does not stop the chair.
-        """
+        """Hand a batch to the writer once the previous one is on disk; wait for that at most `patience_s`."""
         self._waiting.append(batch)
         self._hand_over(self._patience_s)
 
     def flush(self) -> None:
-        """Returns when all that was handed over is on the disk, or there is a `fault`."""
+        """Wait until all batches are on disk, or there is a `fault`."""
         while self._waiting or self._handed:
             self._hand_over(None)
 
     def _hand_over(self, timeout_s: float | None) -> None:
-        """The writer gets what is waiting, if it has done before then what it was given last."""
+        """Give the waiting batches to the writer if it finishes the previous ones within the timeout."""
         if self._handed and not self._has_settled(timeout_s):
             return
         batches, self._waiting = self._waiting, []
@@ -121,7 +118,7 @@ class LongTerm:
             self._done = self._thread.submit(_write_all, self._writer, batches)
 
     def _has_settled(self, timeout_s: float | None) -> bool:
-        """Whether the writer has done what it was given. Where it could not, all that comes now is kept in RAM."""
+        """Return whether the writer has finished. If writing failed, keep this and all later batches in RAM."""
         try:
             self._done.result(timeout_s)
         except TimeoutError:
@@ -136,10 +133,10 @@ class LongTerm:
         return True
 
     def node(self, node: int) -> Node:
-        """A node as it was added.
+        """Return a node as it was added.
 
         Raises:
-            LongTermDamaged: its record is not what was written, or is not there.
+            LongTermDamaged: its record is damaged or missing.
             LongTermError: the file cannot be read.
         """
         found = self._read(read_node, node, "node")
@@ -148,20 +145,20 @@ class LongTerm:
         return replace(found, evidence=self.evidence(node))
 
     def evidence(self, node: int) -> Evidence | None:
-        """What a node tells of the grid, without the rest of it; None where it tells nothing, or is not there.
+        """Return only the scan of a node; None where it has none, or the node does not exist.
 
         Raises:
-            LongTermDamaged: its record is not what was written.
+            LongTermDamaged: its record is damaged.
             LongTermError: the file cannot be read.
         """
         data = self._read(read_evidence, node, "node")
         return unpack_evidence(data) if data else None
 
     def words(self, ids: IntArray) -> tuple[IntArray, Bytes]:
-        """Those of the words (K,) that are there, and their descriptors (L, D) as bytes.
+        """Return the ids among (K,) that are stored, and their descriptors (L, D) as bytes.
 
         Raises:
-            LongTermDamaged: a record is not what was written.
+            LongTermDamaged: a record is damaged.
             LongTermError: the file cannot be read.
         """
         if any(batch.holds_words(ids) for batch in (*self._handed, *self._waiting)):
@@ -183,7 +180,7 @@ class LongTerm:
         return np.array(list(rows), np.int64), np.array(found, np.uint8)
 
     def newest_word(self) -> int:
-        """The highest id of a word that is there, 0 without any.
+        """Return the highest id of a stored word, 0 without any.
 
         Raises:
             LongTermError: the file cannot be read.
@@ -194,12 +191,12 @@ class LongTerm:
             raise LongTermError(f"cannot read {self.path}: {error}; move the file away to begin anew") from error
 
     def close(self) -> None:
-        """Writes what is left, folds the log into the file and lets go of it."""
+        """Write the rest, fold the log into the file and close it."""
         self.flush()
         if self._thread is not None:
             self._thread.shutdown()
             self._reader.close()
-            with contextlib.suppress(sqlite3.Error):  # the log is read when the file is next opened
+            with contextlib.suppress(sqlite3.Error):  # the log is read at the next opening
                 self._writer.execute("PRAGMA wal_checkpoint(TRUNCATE)")
         self._writer.close()
         if self._spill is not None:
@@ -216,7 +213,7 @@ class LongTerm:
             self.notes = (f"{path} is damaged ({wrong}): it was moved to {aside}, and a new memory is begun",)
 
     def _read(self, read: Callable[[sqlite3.Connection, int], T | None], number: int, what: str) -> T | None:
-        """What is read of a record from wherever it is; None where it is nowhere."""
+        """Return the record read from any source that has it, or None."""
         try:
             found = (read(source, number) for source in self._sources(number))
             return next((record for record in found if record is not None), None)
@@ -230,7 +227,7 @@ class LongTerm:
         return self.fault
 
     def _sources(self, number: int) -> list[sqlite3.Connection]:
-        """Where a node may be: the latest first. What is still on its way there is waited for."""
+        """Return the databases that may hold a node, latest first, after writing a batch that holds it."""
         if any(batch.holds(number) for batch in (*self._handed, *self._waiting)):
             self.flush()
         return [self._reader] if self._spill is None else [self._spill, self._reader]

@@ -1,9 +1,9 @@
 """The file of the long-term memory: one SQLite database, every record with its own checksum.
 
-WAL: a transaction is in the file as a whole or not at all, whatever kills the process, and readers do not wait for the
-writer. `synchronous=FULL`: each commit is on the disk when it returns. NORMAL would do for a process that is killed,
-but a chair is switched off by its key, and NORMAL may lose all since the last checkpoint then, minutes of a map. The
-wait for the disk is in the writer's thread, so that FULL costs a frame nothing.
+WAL: a transaction is in the file as a whole or not at all, even if the process is killed, and readers do not wait for
+the writer. `synchronous=FULL`: each commit is on disk when it returns. NORMAL would survive a killed process, but not a
+chair switched off by its key: it may lose everything since the last checkpoint, minutes of a map. The writer's thread
+waits for the disk, so FULL costs a frame nothing.
 """
 
 from __future__ import annotations
@@ -33,22 +33,22 @@ CREATE TABLE words (id INTEGER PRIMARY KEY, data BLOB NOT NULL);
 CREATE TABLE anchors (id INTEGER PRIMARY KEY, data BLOB NOT NULL);
 """
 
-_ABOUT = struct.Struct("<qi3d")  # stamp, map id, odometry
+_ABOUT = struct.Struct("<qi3d")  # stamp [ns], map id, odometry
 _STATE = struct.Struct("<i?i3di")
 _LINK = struct.Struct("<b12d")
 _POSE = struct.Struct("<3d")
 
 _WAL_LIMIT = 16 * 2**20
-"""Bytes to which the log is cut back when it has been written into the file."""
+"""Bytes to which the log is truncated once it is written into the file."""
 
-_PARAMETERS = 500  # of one statement; SQLite takes 999 in its oldest versions
+_PARAMETERS = 500  # in one statement; SQLite's oldest versions allow 999
 
 T = TypeVar("T")
 
 
 @dataclass(frozen=True, slots=True)
 class State:
-    """What may change of a node: weight, whether it is awake, and where it hangs. A child is kept under its parent."""
+    """The changing part of a node: weight, awake or not, anchor. A merged node is kept under its parent's id."""
 
     id: int
     weight: int
@@ -60,11 +60,11 @@ class State:
 
 @dataclass(frozen=True, slots=True)
 class Batch:
-    """What is written in one transaction: all of it or nothing."""
+    """The changes of one transaction, written as a whole or not at all."""
 
     nodes: tuple[Node, ...] = ()
     rewritten: tuple[Node, ...] = ()
-    """Nodes in the file whose words have got other numbers."""
+    """Nodes in the file whose words have new ids."""
     states: tuple[State, ...] = ()
     links: tuple[Link, ...] = ()
     unlinked: tuple[tuple[int, int], ...] = ()
@@ -72,20 +72,20 @@ class Batch:
     words: tuple[IntArray, Bytes] | None = None
     """New words: their ids (K,), and descriptors (K, D) as bytes."""
     anchors: tuple[IntArray, FloatArray] | None = None
-    """Anchors that stand elsewhere now: ids (K,), poses (K, 3)."""
+    """Anchors with new poses: ids (K,), poses (K, 3)."""
 
     def holds(self, node: int) -> bool:
-        """Whether a node is among what is written."""
+        """Return whether the batch writes a node."""
         return any(written.id == node for written in (*self.nodes, *self.rewritten))
 
     def holds_words(self, words: IntArray) -> bool:
-        """Whether one of the words (K,) is."""
+        """Return whether the batch writes one of the words (K,)."""
         return self.words is not None and bool(np.isin(words, self.words[0]).any())
 
 
 @dataclass(frozen=True, slots=True)
 class Stored:
-    """What a file holds besides the views themselves; `damaged` records were left out."""
+    """The content of a file except the views themselves, without its `damaged` records."""
 
     nodes: tuple[tuple[int, int, int], ...] = ()
     """id, map id and stamp [ns], in ascending order."""
@@ -98,10 +98,10 @@ class Stored:
 
 
 def damage(path: Path) -> str:
-    """What is wrong with the file; empty where it is sound, empty or missing.
+    """Return the damage of the file in words; '' where it is sound, empty or missing.
 
     Raises:
-        LongTermError: it cannot be read, or is no business of this program.
+        LongTermError: the file cannot be read, or belongs to another program.
     """
     try:
         if not path.exists() or path.stat().st_size == 0:
@@ -123,10 +123,10 @@ def damage(path: Path) -> str:
             connection.close()
     except sqlite3.OperationalError as error:
         raise LongTermError(f"cannot open {path}: {error}; is another program using it?") from error
-    except (sqlite3.DatabaseError, UnicodeDecodeError) as error:  # the message may quote what is damaged
+    except (sqlite3.DatabaseError, UnicodeDecodeError) as error:  # the message may quote damaged text
         return str(error)
     if application == 0 and schema == 0 and not tables:
-        return ""  # a database in which nothing was ever written
+        return ""  # a database without any table
     if application != _APPLICATION:
         raise LongTermError(f"{path} is a database of another program; choose another file")
     if schema > SCHEMA:
@@ -137,10 +137,10 @@ def damage(path: Path) -> str:
 
 
 def quarantine(path: Path) -> Path:
-    """Moves the file, with its log, to a free name beside it; returns that.
+    """Move the file and its log to a free name beside it; return that name.
 
     Raises:
-        LongTermError: it cannot be moved.
+        LongTermError: the file cannot be moved.
     """
     number = 1
     while (aside := path.with_name(f"{path.name}.damaged-{number}")).exists():
@@ -156,15 +156,15 @@ def quarantine(path: Path) -> Path:
 
 
 def connect(path: Path | None) -> sqlite3.Connection:
-    """A connection to the file, or to a database in RAM without one."""
+    """Return a connection to the file, or to a database in RAM without a path."""
     name = ":memory:" if path is None else str(path)
     connection = sqlite3.connect(name, timeout=10.0, isolation_level=None, check_same_thread=False)
-    connection.text_factory = bytes  # a damaged text need not be one
+    connection.text_factory = bytes  # damaged text may not be UTF-8
     return connection
 
 
 def prepare(connection: sqlite3.Connection, most_bytes: int | None) -> None:
-    """Makes the connection one that writes, and the tables where there are none."""
+    """Prepare a connection for writing, and create the tables if they are missing."""
     connection.execute("PRAGMA journal_mode=WAL")
     connection.execute("PRAGMA synchronous=FULL")
     connection.execute(f"PRAGMA journal_size_limit={_WAL_LIMIT}")
@@ -177,10 +177,10 @@ def prepare(connection: sqlite3.Connection, most_bytes: int | None) -> None:
 
 
 def write(connection: sqlite3.Connection, batch: Batch) -> None:
-    """The batch in one transaction.
+    """Write the batch in one transaction.
 
     Raises:
-        sqlite3.Error: nothing of it was written.
+        sqlite3.Error: writing failed; nothing was written.
     """
     connection.execute("BEGIN IMMEDIATE")
     try:
@@ -206,10 +206,10 @@ def write(connection: sqlite3.Connection, batch: Batch) -> None:
 
 
 def read_all(connection: sqlite3.Connection) -> Stored:
-    """Everything but the views.
+    """Return everything but the views.
 
     Raises:
-        sqlite3.Error: it cannot be read.
+        sqlite3.Error: the file cannot be read.
     """
     damaged: list[int] = []
 
@@ -232,11 +232,11 @@ def read_all(connection: sqlite3.Connection) -> Stored:
 
 
 def read_node(connection: sqlite3.Connection, node: int) -> Node | None:
-    """A node without its evidence, or None where there is none.
+    """Return a node without its scan, or None where there is no such node.
 
     Raises:
-        ValueError, struct.error: its record is not what was written.
-        sqlite3.Error: it cannot be read.
+        ValueError, struct.error: its record is damaged.
+        sqlite3.Error: the file cannot be read.
     """
     row = connection.execute("SELECT about, features FROM nodes WHERE id = ?", (node,)).fetchone()
     if row is None:
@@ -247,16 +247,16 @@ def read_node(connection: sqlite3.Connection, node: int) -> Node | None:
 
 
 def read_evidence(connection: sqlite3.Connection, node: int) -> bytes | None:
-    """What `pack_evidence` made of a node's evidence, or None where there is no such node; raises as `read_node`."""
+    """Return a node's packed scan, or None where there is no such node; raise as `read_node`."""
     row = connection.execute("SELECT evidence FROM nodes WHERE id = ?", (node,)).fetchone()
     return None if row is None else unseal(node, row[0])
 
 
 def read_words(connection: sqlite3.Connection, words: Sequence[int]) -> dict[int, bytes]:
-    """The records of those words that are there, as they lie in the file, for `unseal`.
+    """Return the sealed records of the words that are stored, by id.
 
     Raises:
-        sqlite3.Error: they cannot be read.
+        sqlite3.Error: the file cannot be read.
     """
     found: dict[int, bytes] = {}
     for first in range(0, len(words), _PARAMETERS):
@@ -305,7 +305,7 @@ def _place_of(number: int, data: bytes) -> tuple[int, tuple[float, ...]]:
 
 
 def _ends(i: int, j: int) -> int:
-    """One number for the two ends of a link."""
+    """Return one number for the two ends of a link, for its seal."""
     return (i * 2_654_435_761 + j) & 0xFFFFFFFF
 
 

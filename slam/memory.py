@@ -1,19 +1,19 @@
-"""The memory: STM, where views are rehearsed; WM, among which loops are looked for; LTM, asleep on disk.
+"""The memory of nodes: short-term (STM), working (WM) and long-term memory (LTM), managed as in RTAB-Map 0.23.8.
 
-It behaves as RTAB-Map 0.23.8 does (Labbe and Michaud 2013, 2019), so that the work per frame depends on the nodes that
-are awake and not on how long the chair has been driving. One frame is
+New views are compared in the STM (rehearsal), loops are searched in the WM, and the LTM is asleep on disk (Labbe and
+Michaud 2013, 2019). So the work per frame depends on the awake nodes and not on the length of the drive. One frame is
 
     added = memory.add(node, information)            # STM, rehearsal, STM -> WM
     ...                                              # likelihood and Bayes filter over the WM: a hypothesis
-    woken = memory.retrieve(hypothesis, pose, path)  # LTM -> WM; who must stay awake
-    memory.link(...)                                 # loops that were accepted
+    woken = memory.retrieve(hypothesis, pose, path)  # LTM -> WM; nodes that must stay awake
+    memory.link(...)                                 # accepted loops
     slept = memory.transfer(spent_ms)                # WM -> LTM, when the frame took too long
 
-Each step tells which nodes the dictionary and the Bayes filter gain and lose (`Change`). A chair that only localises
-adds nothing; `retrieve` and `transfer` then keep the WM to what is round it.
+Each step returns the nodes that the vocabulary and the Bayes filter gain and lose (`Change`). A chair that only
+localises adds no nodes; `retrieve` and `transfer` then keep the WM to its surroundings.
 
 Nodes asleep keep their pose and links in RAM (`Skeleton`) and their scan on disk (`evidence`), so that the grid stays
-whole.
+complete.
 """
 
 from __future__ import annotations
@@ -41,21 +41,23 @@ from waychair.types import Bytes, FloatArray, IntArray, Pose2
 
 @dataclass(frozen=True, slots=True)
 class Change:
-    """Nodes that came and went, for those who follow: the dictionary knows the words of nodes in RAM (STM and WM), the
-    Bayes filter the nodes of the WM."""
+    """Nodes that came and went: the vocabulary holds words of nodes in RAM (STM and WM), the Bayes filter the WM."""
 
     woken: tuple[Node, ...] = ()
-    """In RAM now, and were not before; their words are to be recalled."""
+    """Nodes that have come into RAM; their words must be recalled."""
     slept: tuple[Node, ...] = ()
-    """No longer in RAM; their words are to be forgotten."""
+    """Nodes that have left RAM; their words must be forgotten."""
     entered_wm: tuple[int, ...] = ()
     left_wm: tuple[int, ...] = ()
 
 
 @dataclass(frozen=True, slots=True)
 class Added:
-    """What became of a new node. `id` stands for it: its own, which those who follow do not know yet, or, where it was
-    merged, that of the older one. Where the new one stands for the older one, that is among `change.slept`."""
+    """The outcome of adding a node.
+
+    `id` is the new node's, or the older node's if the new one was merged into it. If the older one was merged into the
+    new one, it is among `change.slept`.
+    """
 
     id: int
     verdict: Verdict
@@ -63,19 +65,19 @@ class Added:
 
 
 class Memory:
-    """Nodes and links, where each of them is kept, and the rules by which they move.
+    """Nodes and links, the memory that each node is in, and the rules by which nodes move.
 
-    Reads no clock: time is that of the nodes' stamps, since the first one of the session.
+    It reads no clock: time is that of the nodes' stamps since the first one of the session.
     """
 
     def __init__(self, settings: MemorySettings | None = None, store: LongTerm | None = None) -> None:
-        """What the store holds of earlier sessions is there at once: awake what was awake, the rest asleep."""
+        """Load earlier sessions from the store: nodes that were awake are awake again, the rest asleep."""
         self.settings = settings or MemorySettings()
         self.store = store or LongTerm()
         self.skeleton = Skeleton()
         self.map_id = 0
         self.last_closure = 0
-        """The newer node of the latest loop by appearance; 0 before the first."""
+        """The newer node of the latest loop closure by appearance; 0 before the first."""
         self._stm: list[int] = []
         self._wm: set[int] = set()
         self._awake: dict[int, Node] = {}
@@ -84,7 +86,7 @@ class Memory:
         self._anchors = Anchors()
         self._start_ns: int | None = None
         self._now_ns = 0
-        self._localised = 0  # the node that the latest loop led to
+        self._localised = 0  # the older node of the latest loop closure
         self._woken: list[int] = []  # in this iteration
         self._immunised: set[int] = set()
         self._asleep = 0
@@ -93,7 +95,7 @@ class Memory:
 
     @classmethod
     def opened(cls, path: Path, settings: MemorySettings | None = None, most_bytes: int | None = None) -> Memory:
-        """A memory in this file or, where it cannot be used, in RAM: `store.fault` says why, `store.notes` the rest."""
+        """Return a memory in a file or, if that cannot be used, in RAM: see `store.fault` and `store.notes`."""
         try:
             return cls(settings, LongTerm(path, most_bytes))
         except LongTermError as error:
@@ -101,53 +103,53 @@ class Memory:
 
     @property
     def stm(self) -> tuple[int, ...]:
-        """In the order in which they came."""
+        """The ids of the STM's nodes in the order of their addition."""
         return tuple(self._stm)
 
     @property
     def wm(self) -> frozenset[int]:
-        """Among these loops are looked for."""
+        """The ids of the WM's nodes, among which loops are searched."""
         return frozenset(self._wm)
 
     @property
     def immunised(self) -> frozenset[int]:
-        """Not to be put to sleep in this iteration."""
+        """The nodes that must not be put to sleep in this iteration."""
         return frozenset(self._immunised)
 
     @property
     def awake(self) -> tuple[Node, ...]:
-        """The nodes in RAM; those of earlier sessions are what the dictionary and the Bayes filter begin with."""
+        """The nodes in RAM; the vocabulary and the Bayes filter begin with those of earlier sessions."""
         return tuple(self._awake.values())
 
     @property
     def anchors(self) -> FloatArray:
-        """(A, 3) where the anchors stand, as `bend` was told last, or an earlier session."""
+        """The anchors' poses (A, 3), from the last `bend` or an earlier session."""
         return self._anchors.poses
 
     def counts(self, words: int = 0) -> MemoryCounts:
-        """What there is and was, beside the dictionary's number of words."""
+        """Return present numbers of nodes and counts of events, with the vocabulary's number of words."""
         there = {"stm": len(self._stm), "wm": len(self._wm), "ltm": self._asleep}
         return MemoryCounts(**there, **self._counts, words=words)
 
     def node(self, node: int) -> Node:
-        """A node as it was seen, awake or asleep.
+        """Return a node, awake or asleep.
 
         Raises:
-            LongTermError: it sleeps, and cannot be read.
+            LongTermError: the node is asleep and cannot be read.
         """
         found = self._awake.get(node) or self._cache.get(node)
         return self.store.node(node) if found is None else found
 
     def weight(self, node: int) -> int:
-        """How often the view did not change; -1: an intermediate node."""
+        """Return how often the view did not change; -1 for an intermediate node."""
         return int(self.skeleton.rows["weight"][node])
 
     def poses(self, nodes: Iterable[int]) -> FloatArray:
-        """(K, 3) [m, m, rad] of K nodes in map, awake or asleep; nan before their anchor has a pose."""
+        """Return the poses (K, 3) [m, m, rad] of nodes in map, awake or asleep; nan before their anchor has a pose."""
         return self.skeleton.poses(nodes, self._anchors.poses)
 
     def start_map(self) -> int:
-        """The next node has no way to the one before: the chair was carried, or its odometry began anew. The map's id."""
+        """Start a new map without a link to the last, after kidnapping or an odometry restart; return its id."""
         self.map_id += 1
         return self.map_id
 
@@ -162,16 +164,16 @@ class Memory:
         intermediate: bool = False,
         new_words: tuple[IntArray, Bytes] | None = None,
     ) -> Added:
-        """A new node joins the STM; the oldest ones of it go to the WM.
+        """Add a new node to the STM, and move the STM's oldest nodes to the WM.
 
         Args:
-            node: what was seen; the memory gives its `id` and `map_id`.
-            information: (3, 3) of the way from the node before it.
-            anchor: the key scan that it moves with, standing at a row of what `bend` is told; by default its own id.
-            anchor_from_node: where it is from there.
-            motion: its pose from the node before, where a scan knows better than the odometry.
-            intermediate: only its pose is of interest; it is never compared, and does not count.
-            new_words: words that the dictionary has made of it, ids (K,) and descriptors (K, D) as bytes.
+            node: the view; the memory sets its `id` and `map_id`.
+            information: (3, 3) of the motion from the previous node.
+            anchor: the key scan that it moves with, a row of the poses given to `bend`; by default its own id.
+            anchor_from_node: its pose in the anchor's frame.
+            motion: its pose in the previous node's frame, where a scan knows better than odometry.
+            intermediate: a node of which only the pose matters; it is never compared or counted.
+            new_words: words that the vocabulary has made of it, ids (K,) and descriptors (K, D) as bytes.
         """
         self._woken, self._immunised = [], set()
         self._tick(node.stamp_ns)
@@ -200,11 +202,11 @@ class Memory:
         return Added(stands, verdict, change)
 
     def retrieve(self, hypothesis: int | None, here: Pose2, path: Sequence[int] = ()) -> Change:
-        """Wakes what may be needed, refreshes the age of what is near, and settles who stays awake.
+        """Wake nodes that may be needed, refresh the age of near ones, and choose those that must stay awake.
 
         Args:
-            hypothesis: the likeliest place of the Bayes filter, whatever its probability; awake, or None.
-            here: of the chair in map.
+            hypothesis: the most likely place of the Bayes filter, of any probability; awake, or None.
+            here: pose of the chair in map.
             path: nodes of the planned path, from the chair on.
         """
         if not self.settings.bounded and not self._asleep:
@@ -222,7 +224,7 @@ class Memory:
         return Change(woken=woken, entered_wm=tuple(self._woken))
 
     def transfer(self, spent_ms: float = 0.0) -> Change:
-        """Puts nodes to sleep where a limit is exceeded: two more than were woken, so that the WM shrinks by one."""
+        """Put nodes to sleep if a limit is exceeded: two more than were woken, so that the WM shrinks by one."""
         weight = self.skeleton.rows["weight"]
         if not self.settings.bounded or (self._stm and weight[self._stm[-1]] < 0):
             return Change()
@@ -236,10 +238,10 @@ class Memory:
         return Change(slept=slept, left_wm=tuple(going))
 
     def link(self, link: Link) -> None:
-        """A loop between two nodes, awake or asleep.
+        """Add a loop between two nodes, awake or asleep.
 
         Raises:
-            ValueError: one of them is not there.
+            ValueError: a node does not exist.
         """
         for end in (link.i, link.j):
             if self.skeleton.kept(end) is Kept.GONE or link.i == link.j:
@@ -250,7 +252,7 @@ class Memory:
             self.last_closure, self._localised = max(link.i, link.j), min(link.i, link.j)
 
     def unlink(self, i: int, j: int) -> None:
-        """Takes a loop back, such as one that the graph has refused."""
+        """Remove a loop, such as one that the graph has refused."""
         link = self.skeleton.linked(i, j)
         if link is None or link.kind not in LOOPS:
             raise ValueError(f"there is no loop between the nodes {i} and {j}")
@@ -258,10 +260,10 @@ class Memory:
         self._unlink(i, j)
 
     def drop(self, node: int) -> Change:
-        """Takes the newest node back, as that of a chair that has not moved. Its weight goes to where it closed a loop.
+        """Remove the newest node, as for a chair that has not moved. Its weight goes to the nodes of its loops.
 
         Raises:
-            ValueError: it is not the newest one.
+            ValueError: the node is not the newest one.
         """
         if not self._stm or self._stm[-1] != node:
             raise ValueError(f"node {node} is not the newest one; only that can be dropped")
@@ -273,23 +275,23 @@ class Memory:
         return Change(slept=(gone,))
 
     def rewrite(self, node: int, words: WordIds) -> None:
-        """The words (K,) of a node that is awake have other numbers now, as when it was woken."""
+        """Give the words (K,) of an awake node new ids, as when it was woken."""
         self._awake[node] = replace(self._awake[node], words=words)
         self._journal.rewritten(self._awake[node])
 
     def hang(self, node: int, anchor: int, anchor_from_node: Pose2) -> None:
-        """The node moves with another anchor from now on."""
+        """Attach the node to another anchor."""
         self.skeleton.hang(node, anchor, anchor_from_node)
         self._journal.states.add(node)
 
     def bend(self, anchors: FloatArray) -> None:
-        """The anchors stand at (A, 3) [m, m, rad] in map now, and all nodes with them; as `Anchors.stand` has it."""
+        """Take over the anchors' poses (A, 3) [m, m, rad] in map, and move all nodes with them; see `Anchors.stand`."""
         self._journal.moved(self._anchors.stand(anchors))
 
     def evidence(self, nodes: Iterable[int], beams: int = 20_000) -> Iterator[list[tuple[int, Evidence]]]:
-        """What nodes tell of the grid, asleep or not, in chunks of at most so many beams (one scan at least).
+        """Yield the scans of nodes, asleep or not, in chunks of at most `beams` beams (one scan at least).
 
-        Nodes that tell nothing, are gone or cannot be read are left out. Nobody is woken.
+        Nodes without a scan, removed or unreadable ones are left out. No node is woken.
 
         Raises:
             LongTermError: the file cannot be read.
@@ -310,20 +312,19 @@ class Memory:
             yield chunk
 
     def flush(self) -> None:
-        """Returns when everything is on the disk."""
+        """Write everything to disk, and wait for it."""
         self._write()
         while self._journal.has_moved:
             self._write()
         self.store.flush()
 
     def close(self) -> None:
-        """Writes what is left and lets go of the file."""
+        """Write the rest and close the file."""
         self.flush()
         self.store.close()
 
     def _rehearse(self, new: Node, motion: Pose2 | None, before: int | None) -> tuple[Verdict, int, tuple[Node, ...]]:
-        """Compares the new node with the latest picture before it: what becomes of it, which of the two stands for it,
-        and the older one if it is gone."""
+        """Compare the new node with the last picture; return verdict, remaining id, and the old node if gone."""
         weight = self.skeleton.rows["weight"]
         old = next((node for node in reversed(self._stm[:-1]) if weight[node] >= 0), None)
         if old is None or weight[new.id] < 0:
@@ -345,7 +346,7 @@ class Memory:
         return verdict, keeps, (gone,) if loses == old else ()
 
     def _take_over(self, new: int, old: int) -> None:
-        """The new id stands for what the old one has seen, where it stood, with its links."""
+        """Give the old node's view, anchor and links to the new id."""
         self._awake[new] = replace(self._awake[old], id=new)
         self._unlink(old, new)
         for link in self.skeleton.links(old):
@@ -355,7 +356,7 @@ class Memory:
             self.last_closure = new
 
     def _overflow(self, gone: Sequence[Node]) -> Change:
-        """The oldest of the STM go on to the WM while there are too many pictures in it; some are gone already."""
+        """Move the STM's oldest nodes to the WM while it holds too many pictures; `gone` nodes are gone already."""
         weight = self.skeleton.rows["weight"]
         entered: list[int] = []
         slept = list(gone)
@@ -371,7 +372,7 @@ class Memory:
         return Change(slept=tuple(slept), entered_wm=tuple(entered))
 
     def _reduce(self, node: int, slept: list[Node]) -> bool:
-        """Whether the node has closed a loop, and its links were led past it to where it closed."""
+        """Return whether the node has closed a loop; if so, connect its neighbours to the loop's node and remove it."""
         loops = self.skeleton.links(node, LOOPS)
         if not loops:
             return False
@@ -393,7 +394,7 @@ class Memory:
                 self._journal.states.add(parent)
 
     def _remove(self, node: int, parent: int = 0) -> None:
-        """A node of the STM is gone; on disk it stays under its parent, if that is wished for."""
+        """Remove a node of the STM; on disk it stays under its parent if the settings say so."""
         gone = self._awake.pop(node)
         self._stm.remove(node)
         for link in self.skeleton.links(node):
@@ -413,7 +414,7 @@ class Memory:
         self._counts["entered_wm"] += 1
 
     def _wake(self, nodes: Sequence[int]) -> tuple[Node, ...]:
-        """From the LTM to the WM; those that cannot be read are left out from now on."""
+        """Move nodes from the LTM to the WM; unreadable ones are lost from now on."""
         woken = []
         for node in nodes:
             try:
@@ -423,7 +424,7 @@ class Memory:
                 self._asleep -= 1
                 self._counts["unreadable"] += 1
                 continue
-            except LongTermError:  # the disk is gone, and the store says so: they sleep on
+            except LongTermError:  # the disk is gone (see store.fault): the nodes stay asleep
                 break
             self._awake[node] = found
             self._enter_wm(node)
@@ -464,19 +465,19 @@ class Memory:
         self._journal.unlinked(i, j)
 
     def _tick(self, stamp_ns: int) -> None:
-        """The session's time never goes back, whatever the stamps do."""
+        """Advance the session's time, which never goes back even if stamps do."""
         self._start_ns = stamp_ns if self._start_ns is None else self._start_ns
         self._now_ns = max(self._now_ns, stamp_ns - self._start_ns)
 
     def _write(self, added: Node | None = None, words: tuple[IntArray, Bytes] | None = None) -> None:
-        """All that has changed, in one transaction."""
+        """Write all changes in one transaction."""
         new = () if added is None else (added,)
         journal = self._journal
         self.store.write(journal.batch(new, words, self.skeleton, self._awake.keys(), self._anchors.poses))
         self._journal = journal.following()
 
     def _restore(self) -> None:
-        """What earlier sessions have left; what was awake then is in the WM now, older than all that is to come."""
+        """Load earlier sessions; nodes that were awake go to the WM, older than all new ones."""
         stored = self.store.load()
         states = {state.id: state for state in stored.states if not state.parent}
         for node, map_id, stamp_ns in stored.nodes:

@@ -1,4 +1,4 @@
-"""What the memory has changed since it last wrote to its store."""
+"""The changes of the memory since it last wrote to its store."""
 
 from __future__ import annotations
 
@@ -12,11 +12,11 @@ from waychair.slam.nodes import Link, Node
 from waychair.slam.skeleton import Skeleton
 from waychair.types import Bytes, FloatArray, IntArray
 
-_ANCHORS = 256  # written in one transaction at most; a loop may bend all there are
+_ANCHORS = 256  # most anchors written in one transaction; a loop may move all of them
 
 
 class Journal:
-    """Collects changes, of which `batch` makes one transaction; go on with what is `following` then."""
+    """Collects changes; `batch` makes one transaction of them, `following` begins the next journal."""
 
     def __init__(self) -> None:
         self.states: set[int] = set()
@@ -25,41 +25,41 @@ class Journal:
         self._children: list[tuple[Node | None, State]] = []
         self._gone: list[int] = []
         self._moved: set[int] = set()
-        self._written: list[int] = []  # anchors of the batch
+        self._written: list[int] = []  # anchors in the batch
 
     @property
     def has_moved(self) -> bool:
-        """Whether there are anchors that are yet to be written."""
+        """Whether there are anchors still to be written."""
         return bool(self._moved)
 
     def linked(self, link: Link) -> None:
-        """A link is new, or is another one than before."""
+        """Record a new or changed link."""
         self._links[min(link.i, link.j), max(link.i, link.j)] = link
 
     def unlinked(self, i: int, j: int) -> None:
-        """A link is gone."""
+        """Record a removed link."""
         self._links[min(i, j), max(i, j)] = None
 
     def rewritten(self, node: Node) -> None:
-        """A node's words have other numbers."""
+        """Record a node whose words have new ids."""
         self._rewritten[node.id] = node
 
     def gone(self, node: int) -> None:
-        """A node is not to be in the store."""
+        """Record a node to be removed from the store."""
         self._forget(node)
         self._gone.append(node)
 
     def child(self, node: Node, stored: bool, state: State) -> None:
-        """A node stays in the store, though only there, under its parent."""
+        """Record a node that stays only in the store, under its parent."""
         self._forget(node.id)
         self._children.append((None if stored else node, state))
 
     def moved(self, anchors: IntArray) -> None:
-        """Anchors (K,) stand elsewhere, or are new."""
+        """Record anchors (K,) with new poses."""
         self._moved.update(anchors.tolist())
 
     def following(self) -> Journal:
-        """A new one, with the anchors that the batch had no room for."""
+        """Return the next journal, with the anchors that did not fit into the batch."""
         following = Journal()
         following._moved = self._moved
         following._moved.difference_update(self._written)
@@ -73,10 +73,10 @@ class Journal:
         awake: Collection[int],
         anchors: FloatArray,
     ) -> Batch:
-        """All that has changed, with the nodes and words that are new.
+        """Return all changes as one transaction, with the new nodes and words.
 
-        Of the anchors that have moved only so many: the newest, on which new nodes hang, and the others with the next
-        batches. A program that is killed meanwhile finds those where they stood before the loop, as a loop later.
+        It holds a limited number of moved anchors, the newest ones, to which new nodes are attached; the others follow
+        in the next batches. A program killed meanwhile finds those at their poses before the loop closure.
         """
         self._written = heapq.nlargest(_ANCHORS, self._moved)
         moved = np.array(sorted(self._written), np.int64)

@@ -1,4 +1,4 @@
-"""How the memory is managed: RTAB-Map's parameters under their own names, two presets, and what is counted."""
+"""Settings and counts of the memory: RTAB-Map's parameters under their own names, and two presets."""
 
 from __future__ import annotations
 
@@ -9,11 +9,11 @@ from waychair.config import Settings, setting
 
 @dataclass(frozen=True, slots=True)
 class MemorySettings(Settings):
-    """Defaults are those of RTAB-Map 0.23.8 (Parameters.h); each text begins with the parameter's name there.
+    """Limits and rules of the memory; defaults of RTAB-Map 0.23.8 (Parameters.h), whose names begin the texts.
 
-    Two differ on purpose. `not_linked_nodes_kept`: nothing reads a merged node again, and with it the file of a chair
-    that stands still grows without end. `wake_by_place` is new: RTAB-Map finds a sleeping node only through one that is
-    awake, so a chair that comes back to a place of which all nodes sleep recognises nothing.
+    Two differ on purpose. `not_linked_nodes_kept` is off: no code reads a merged node again, and with it the file of a
+    standing chair grows without end. `wake_by_place` is new: RTAB-Map finds a sleeping node only through an awake one,
+    so a chair that returns to a place whose nodes are all asleep recognises nothing.
     """
 
     stm_size: int = setting(10, "nodes", "Mem/STMSize, those with pictures", low=1, high=10_000)
@@ -38,7 +38,7 @@ class MemorySettings(Settings):
 
     @property
     def bounded(self) -> bool:
-        """Whether there is a limit, so that nodes are ever put to sleep."""
+        """Whether there is a limit beyond which nodes are put to sleep."""
         return self.time_thr > 0 or self.memory_thr > 0
 
 
@@ -46,42 +46,42 @@ PRESETS: dict[str, MemorySettings] = {
     "rtabmap": MemorySettings(),
     "paper": MemorySettings(time_thr=1000.0, transfer_sorting_by_weight_id=True),
 }
-"""`paper` is section 3.2.2 and 3.2.3 of Pai et al. 2026: STM of 10 nodes; when a frame takes more than 1 s the node of
-lowest weight goes, among equals the one that joined first, which is the lowest id."""
+"""`paper` follows Pai et al. 2026, sections 3.2.2 and 3.2.3: an STM of 10 nodes; when a frame takes more than 1 s, the
+node of lowest weight goes, among equals the oldest, which has the lowest id."""
 
 
 @dataclass(frozen=True, slots=True)
 class MemoryCounts:
-    """What Tables 1 and 2 of Pai et al. 2026 count, each in two readings.
+    """The counts of Tables 1 and 2 of Pai et al. 2026, in two readings.
 
-    As a state, at this moment: `stm` + `wm` + `ltm` nodes, each in one place only, are at most the `frames` (those that
-    were merged, reduced or dropped are missing). As events, since the start: `entered_wm` and `transferred` count a node
-    each time it goes. The paper's do not add up as states: 1498 + 427 WM and LTM nodes of 1050 frames, 870 + 132 of
-    550. Nor do they as events: with 10 nodes in the STM, 1040 + retrieved can be 1498 only if 458 were retrieved, more
-    than the 427 that were ever transferred (330 of 132 in the basement).
+    As states at this moment: `stm` + `wm` + `ltm`, each node once, are at most `frames` (merged, reduced and dropped
+    nodes are missing). As events since the start: `entered_wm` and `transferred` count every move of a node. The
+    paper's numbers fit neither reading. As states: 1498 + 427 WM and LTM nodes exceed 1050 frames, as do 870 + 132 of
+    550. As events: with 10 nodes in the STM, 1040 + retrieved equals 1498 only if 458 were retrieved, more than the 427
+    ever transferred (330 of 132 in the basement).
     """
 
     frames: int = 0
-    """Nodes that were ever added, intermediate ones apart."""
+    """Nodes ever added, without intermediate ones."""
     stm: int = 0
     wm: int = 0
     ltm: int = 0
-    """Nodes there now, intermediate ones included."""
+    """Nodes in each memory now, with intermediate ones."""
     entered_wm: int = 0
-    """Times that a node came into the WM, from the STM or the LTM."""
+    """Moves of a node into the WM, from the STM or the LTM."""
     transferred: int = 0
-    """Times that a node went from the WM to the LTM."""
+    """Moves of a node from the WM to the LTM."""
     retrieved: int = 0
-    """Times that a node came back from there."""
+    """Moves of a node from the LTM to the WM."""
     merged: int = 0
-    """Nodes that rehearsal has merged into another."""
+    """Nodes merged into another by rehearsal."""
     reduced: int = 0
-    """Nodes that were led past when they left the STM."""
+    """Nodes removed by graph reduction when they left the STM."""
     dropped: int = 0
-    """Nodes taken back by the caller, such as those of a chair that has not moved."""
+    """Nodes removed by the caller, such as those of a chair that has not moved."""
     closures: int = 0
-    """Loops by appearance that were accepted and not taken back."""
+    """Loop closures by appearance, without removed ones."""
     unreadable: int = 0
-    """Nodes whose record on disk is damaged."""
+    """Nodes with a damaged record on disk."""
     words: int = 0
-    """Words in the dictionary now; known to the dictionary only."""
+    """Words in the vocabulary now; only the vocabulary knows."""

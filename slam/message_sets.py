@@ -1,9 +1,9 @@
-"""Sets of messages that belong together, one of each topic: exactly, or as nearly at one time as there are any.
+"""Synchronisation of messages: sets of one message per topic, with equal or with nearest stamps.
 
-Both kinds are those of Pai et al. (2026), section 3.2.1. Exact: messages of one sensor that carry the same stamp, such
-as the two pictures of a stereo camera. Approximate: of different sensors, the sets whose stamps lie closest together,
-found as message_filters of ROS does (its adaptive algorithm): the latest among the oldest messages of all topics is the
-pivot, and of all sets that hold the pivot the one with the smallest spread is given out. Sets never cross.
+Both kinds are those of Pai et al. (2026), section 3.2.1. Exact: messages of one sensor with the same stamp, such as the
+two pictures of a stereo camera. Approximate: messages of several sensors with the nearest stamps, by the adaptive
+algorithm of ROS's message_filters. The latest among the oldest messages of all topics is the pivot; of all sets with
+the pivot, the one with the smallest spread is emitted. Sets never cross.
 """
 
 from __future__ import annotations
@@ -17,11 +17,11 @@ from typing import Generic, Protocol, TypeVar
 
 
 class Stamped(Protocol):
-    """Anything with a time."""
+    """A message with a stamp."""
 
     @property
     def stamp_ns(self) -> int:
-        """When it was measured [ns]."""
+        """Time of the measurement [ns]."""
 
 
 M = TypeVar("M", bound=Stamped)
@@ -29,11 +29,11 @@ M = TypeVar("M", bound=Stamped)
 
 @dataclass(slots=True)
 class Counts:
-    """What became of a topic's messages: `received` is the sum of all others but `out_of_order`, and of those waiting.
+    """Outcomes of a topic's messages; `received` is the sum of waiting messages and all counts but `out_of_order`.
 
-    `used`: given out. `unmatched`: passed over, because others belonged together. `dropped`: the queue was full.
-    `late`: what belongs after it was given out already. `repeated`: of a stamp that was there. `out_of_order`: came
-    after a later one, and was put in its place if it was not late.
+    `used`: emitted in a set. `unmatched`: skipped for a better match. `dropped`: the queue was full. `late`: a later
+    message was already emitted. `repeated`: the stamp was known. `out_of_order`: received after a later one, and sorted
+    in unless late.
     """
 
     received: int = 0
@@ -46,18 +46,18 @@ class Counts:
 
 
 class MessageQueue(Generic[M]):
-    """The waiting messages of one topic in the order of their stamps, at most `most`, and their counts."""
+    """The waiting messages of one topic, at most `most`, in the order of their stamps, and their counts."""
 
     def __init__(self, most: int) -> None:
         self.waiting: list[M] = []
         self.counts = Counts()
         self.newest_ns: int | None = None
         self._most = most
-        self._passed_ns: int | None = None  # nothing up to this can be of use any more
-        self._left_ns: int | None = None  # stamp of the last message that was given out or passed over
+        self._passed_ns: int | None = None  # messages up to this stamp are late
+        self._left_ns: int | None = None  # stamp of the last message emitted or skipped
 
     def put(self, message: M) -> None:
-        """Take a message in, unless it is late or repeated; the oldest makes room for it."""
+        """Take in a message unless it is late or repeated; a full queue drops its oldest."""
         counts, stamp = self.counts, message.stamp_ns
         counts.received += 1
         if self.newest_ns is not None and stamp < self.newest_ns:
@@ -77,7 +77,7 @@ class MessageQueue(Generic[M]):
             self._leave(1)
 
     def take(self, index: int) -> M:
-        """The message at `index`; those before it are passed over."""
+        """Return the message at `index`, and skip those before it."""
         message = self.waiting[index]
         self.counts.used += 1
         self.counts.unmatched += index
@@ -85,7 +85,7 @@ class MessageQueue(Generic[M]):
         return message
 
     def take_until(self, stamp_ns: int) -> list[M]:
-        """All messages up to a stamp; what comes later with such a stamp will be late."""
+        """Return all messages up to a stamp; messages with such a stamp are late from now on."""
         count = bisect_left(self.waiting, stamp_ns + 1, key=lambda other: other.stamp_ns)
         taken = self.waiting[:count]
         self.counts.used += count
@@ -94,12 +94,12 @@ class MessageQueue(Generic[M]):
         return taken
 
     def pass_over(self) -> None:
-        """Give up the oldest message."""
+        """Skip the oldest message."""
         self.counts.unmatched += 1
         self._leave(1)
 
     def clear(self) -> None:
-        """Begin again, as when the clock was set back."""
+        """Start again, as after the clock was set back."""
         self.counts.dropped += len(self.waiting)
         self.waiting, self.newest_ns, self._passed_ns, self._left_ns = [], None, None, None
 
@@ -110,17 +110,17 @@ class MessageQueue(Generic[M]):
 
 
 class MessageSets(ABC, Generic[M]):
-    """Keeps what has no partners yet; topics are told apart by name."""
+    """Queues of messages by topic, from which complete sets are emitted."""
 
     def __init__(self, topics: Sequence[str], queue: int = 10) -> None:
-        """At most `queue` messages wait of each topic."""
+        """Keep at most `queue` waiting messages of each topic."""
         self.queues: Mapping[str, MessageQueue[M]] = {topic: MessageQueue[M](queue) for topic in topics}
 
     def add(self, topic: str, message: M) -> tuple[tuple[M, ...], ...]:
-        """The sets, in the order of time, that this message completes; each in the order of the topics.
+        """Return the sets completed by this message in order of time, each in the order of the topics.
 
         Raises:
-            KeyError: the topic is not one of them.
+            KeyError: the topic is unknown.
         """
         self.queues[topic].put(message)
         found = []
@@ -133,13 +133,13 @@ class MessageSets(ABC, Generic[M]):
         return tuple(found)
 
     def clear(self) -> None:
-        """Forget what waits."""
+        """Drop all waiting messages."""
         for queue in self.queues.values():
             queue.clear()
 
     @abstractmethod
     def _next(self) -> tuple[int, ...] | None:
-        """Places in the queues, none of which is empty, of the next set; None: not yet; (): what cannot be is gone."""
+        """Return the next set as indices into the queues, none empty; None: not yet; (): a message was skipped."""
 
 
 class ExactSets(MessageSets[M]):
@@ -152,12 +152,11 @@ class ExactSets(MessageSets[M]):
 
 
 class ApproximateSets(MessageSets[M]):
-    """Sets whose stamps lie closest together.
+    """Sets with the nearest stamps.
 
-    A set is given out as soon as none that is still to come can be better, which `least_gaps_ns` makes earlier: how far
-    two messages of a topic are apart at least, in the order of the topics. Of two sets the earlier is preferred, unless
-    the later's begin gains more than 1 + `age_penalty` times what its end loses. No set spreads over more than
-    `max_spread_ns`.
+    A set is emitted as soon as no later one can be better. `least_gaps_ns`, the least gap between two messages of each
+    topic in the order of the topics, makes this earlier. Of two sets the earlier is preferred, unless the later one's
+    begin gains more than 1 + `age_penalty` times the loss at its end. No set spreads over more than `max_spread_ns`.
     """
 
     def __init__(
@@ -187,7 +186,7 @@ class ApproximateSets(MessageSets[M]):
                 best, best_cost = tuple(at), cost
             if begin == pivot:
                 break
-            # Every other set with the pivot begins later: the topic that is first now must move on.
+            # Every other set with the pivot begins later: advance the topic that is first now.
             first = stamps.index(begin)
             at[first] += 1
             if at[first] == len(queues[first].waiting):

@@ -1,6 +1,6 @@
-"""What the memory is made of: nodes, and links between them. A node is what was seen and never changes.
+"""Nodes of the memory and links between them. A node is an observation and never changes.
 
-What the memory thinks of a node (its weight, its age, where it is kept, what it is linked to) is in `skeleton.py`.
+The changing data of a node (weight, age, memory, links) are in `skeleton.py`.
 """
 
 from __future__ import annotations
@@ -25,28 +25,28 @@ _SEAL = struct.Struct("<I")
 
 
 class Kept(enum.IntEnum):
-    """Where a node is: in exactly one of these."""
+    """The memory that a node is in; each is in exactly one."""
 
     GONE = 0
-    """Merged into another one, reduced, or dropped."""
+    """Merged into another node, reduced, or dropped."""
     STM = 1
     WM = 2
     LTM = 3
     LOST = 4
-    """Asleep, and its record on disk cannot be read: its pose and links are all that is left."""
+    """Asleep with an unreadable record on disk: only its pose and links are left."""
 
 
 class LinkKind(enum.IntEnum):
-    """What a link is to the memory. Ways in time: NEIGHBOUR and MERGED; the rest are ways over loops."""
+    """The kind of a link: NEIGHBOUR and MERGED are links in time, the others loops."""
 
     NEIGHBOUR = 1
-    """To the node before."""
+    """A link to the previous node."""
     MERGED = 2
-    """A neighbour's link, led past a node that is gone."""
+    """A neighbour's link, redirected past a removed node."""
     GLOBAL = 3
     """A loop found by appearance."""
     SPACE = 4
-    """A loop found because both were near; the Bayes filter ignores it."""
+    """A loop found by nearness in the map; the Bayes filter ignores it."""
 
 
 IN_TIME = frozenset({LinkKind.NEIGHBOUR, LinkKind.MERGED})
@@ -64,22 +64,22 @@ class Link:
     information: FloatArray
 
     def reversed(self) -> Link:
-        """The same the other way round."""
+        """Return the link in the other direction."""
         return Link(self.j, self.i, self.kind, self.i_from_j.inverse(), carried(self.information, self.i_from_j))
 
     def from_node(self, node: int) -> Link:
-        """The link as that of its end `node`: its i is `node`."""
+        """Return the link with its end `node` as i."""
         return self if self.i == node else self.reversed()
 
     def then(self, further: Link, kind: LinkKind) -> Link:
-        """From this link's i over its j, which is the other's i, to the other's j; the two errors are independent."""
+        """Return the chain of this link and a further one that begins at its j; their errors are independent."""
         before = np.linalg.inv(carried(self.information, further.i_from_j.inverse()))
         information = np.linalg.inv(before + np.linalg.inv(further.information))
         return Link(self.i, further.j, kind, self.i_from_j @ further.i_from_j, information)
 
 
 def carried(information: FloatArray, a_from_b: Pose2) -> FloatArray:
-    """Information (3, 3) of a small motion given in b, of the same motion seen from a, rigidly joined to b.
+    """Return the information (3, 3) of a small motion in frame a, given that in frame b, rigidly joined to a.
 
     With T = a_from_b a motion Exp(e) of b is T Exp(e) T^-1 = Exp(Ad(T) e) of a (Sola et al., A micro Lie theory, 2018).
     """
@@ -90,7 +90,7 @@ def carried(information: FloatArray, a_from_b: Pose2) -> FloatArray:
 
 @dataclass(frozen=True, slots=True)
 class Evidence:
-    """What a node tells of the grid: a scan, and where its laser was from the node at its first and last beam."""
+    """A node's scan for the grid, and the laser's poses in the node's frame at its first and last beam."""
 
     scan: Scan
     node_from_first: Pose2
@@ -107,11 +107,11 @@ def _no_points() -> Float32Array:
 
 @dataclass(frozen=True, slots=True)
 class Node:
-    """One place at one time, as it was seen.
+    """One place observed at one time.
 
-    The K key points: words (K,) int32, their words in the dictionary (0 or less: none), pixels (K, 2) f32 [px], points
+    Of K keypoints: words (K,) int32 of the vocabulary (0 or less: none), pixels (K, 2) f32 [px], points
     (K, 3) f32 [m] in the camera's optical frame (nan without depth), descriptors (K, 32) u8 or (K, 128) f32. `surface`
-    (N, 2) f32 [m] is the scan in the base frame. The memory gives `id` and `map_id` when the node is added.
+    (N, 2) f32 [m] is the scan in the base frame. The memory sets `id` and `map_id` when it adds the node.
     """
 
     stamp_ns: int
@@ -127,12 +127,12 @@ class Node:
 
     @property
     def is_bad(self) -> bool:
-        """Whether nothing in it has a word: its appearance says nothing (a "bad signature" of RTAB-Map)."""
+        """Whether no keypoint has a word, so that places cannot be compared (a "bad signature" of RTAB-Map)."""
         return not bool((self.words > 0).any())
 
 
 def pack_evidence(evidence: Evidence | None) -> bytes:
-    """As bytes; none for None."""
+    """Return evidence as bytes, b'' for None."""
     if evidence is None:
         return b""
     scan, first, last = evidence.scan, evidence.node_from_first, evidence.node_from_last
@@ -142,7 +142,7 @@ def pack_evidence(evidence: Evidence | None) -> bytes:
 
 
 def unpack_evidence(data: bytes) -> Evidence | None:
-    """What `pack_evidence` made of it."""
+    """Return the evidence that `pack_evidence` packed."""
     if not data:
         return None
     stamp, numbers, ranges = unpack(data)
@@ -152,22 +152,22 @@ def unpack_evidence(data: bytes) -> Evidence | None:
 
 
 def pack_features(node: Node) -> bytes:
-    """Words, pixels, points, descriptors and surface as bytes."""
+    """Return a node's words, pixels, points, descriptors and surface as bytes."""
     return pack([node.words, node.pixels, node.points, node.descriptors, node.surface])
 
 
 def pack(arrays: Sequence[NDArray[Any]]) -> bytes:
-    """Arrays of numbers, compressed; nothing in it can be more than numbers."""
+    """Return arrays of numbers as compressed bytes, without any code or objects."""
     header = json.dumps([[array.dtype.str, list(array.shape)] for array in arrays]).encode()
     body = b"".join([_SEAL.pack(len(header)), header, *(np.ascontiguousarray(array).tobytes() for array in arrays)])
     return zlib.compress(body, 1)
 
 
 def unpack(data: bytes) -> list[NDArray[Any]]:
-    """What `pack` was given.
+    """Return the arrays that `pack` packed.
 
     Raises:
-        ValueError: it is something else.
+        ValueError: the bytes are no packed arrays.
     """
     try:
         body = zlib.decompress(data)
@@ -186,15 +186,15 @@ def unpack(data: bytes) -> list[NDArray[Any]]:
 
 
 def seal(number: int, body: bytes) -> bytes:
-    """The bytes with their checksum (CRC-32) in front, which also holds the number they belong to."""
+    """Return the bytes with a CRC-32 in front, seeded with the number of their record."""
     return _SEAL.pack(zlib.crc32(body, number & 0xFFFFFFFF)) + body
 
 
 def unseal(number: int, data: bytes) -> bytes:
-    """The bytes without their checksum.
+    """Return the bytes without their checksum.
 
     Raises:
-        ValueError: they have changed, or belong to another number.
+        ValueError: the bytes have changed, or belong to another record.
     """
     body = data[_SEAL.size :]
     if data[: _SEAL.size] != _SEAL.pack(zlib.crc32(body, number & 0xFFFFFFFF)):

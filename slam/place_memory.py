@@ -1,4 +1,4 @@
-"""The memory and what recognises its places, in step: what comes and goes there, dictionary and Bayes filter follow."""
+"""The memory together with place recognition: vocabulary and Bayes filter follow the memory's nodes."""
 
 from __future__ import annotations
 
@@ -18,7 +18,7 @@ from waychair.types import Bytes, IntArray
 
 @dataclass(frozen=True, slots=True)
 class Refused:
-    """A place that was taken for that of a node, and why it is not believed."""
+    """A refused match of a node with a place, and the reason."""
 
     node: int
     place: int
@@ -27,7 +27,7 @@ class Refused:
 
 @dataclass(frozen=True, slots=True)
 class PictureCost:
-    """What one picture cost: CPU [ms] of its features, of its words, and of everything; its words, and the new ones."""
+    """The cost of one picture: CPU time [ms] of features, words and everything; the numbers of words and new words."""
 
     extraction_ms: float
     words_ms: float
@@ -37,10 +37,10 @@ class PictureCost:
 
 
 class PlaceMemory:
-    """`counts` says what became of pictures, `refused` of what was recognised, `costs` what it took."""
+    """The memory with place recognition. `counts` holds outcomes of pictures, `costs` their CPU time."""
 
     def __init__(self, settings: RecognitionSettings, memory: Memory, vocabulary: Vocabulary | None = None) -> None:
-        """What the memory holds of earlier sessions is known from the beginning."""
+        """Begin with the nodes that the memory holds of earlier sessions."""
         self.memory = memory
         self.recognition = PlaceRecognition(settings, vocabulary)
         self.counts: Counter[str] = Counter()
@@ -53,16 +53,16 @@ class PlaceMemory:
 
     @property
     def next_id(self) -> int:
-        """What the memory will call the node that is added next."""
+        """The id of the node that is added next."""
         return self.memory.skeleton.count
 
     @property
     def loops(self) -> tuple[Link, ...]:
-        """Those found by appearance that the memory holds now."""
+        """The loops found by appearance that the memory holds now."""
         return tuple(link for link in self.memory.skeleton.every_link() if link.kind is LinkKind.GLOBAL)
 
     def words(self, features: Features) -> tuple[WordIds, tuple[IntArray, Bytes] | None]:
-        """(N,) words of the node that is added next, and those made of it, as the store keeps them."""
+        """Return the words (N,) of the node to be added next, and its new words as the store keeps them."""
         vocabulary = self.recognition.vocabulary
         if not isinstance(vocabulary, IncrementalVocabulary):
             return self.recognition.see(self.next_id, features), None
@@ -74,7 +74,7 @@ class PlaceMemory:
         return words, (made.astype(np.int64), vocabulary.descriptors_of(made).view(np.uint8))
 
     def recognise(self, node: int) -> Recognition:
-        """What the view of a node says, by the links that the memory has."""
+        """Return the recognition of a node's view, with the links of the memory."""
         skeleton = self.memory.skeleton
         awake = {other.id for other in self.memory.awake}
         beside = {other: skeleton.beside(other) for other in awake}
@@ -83,30 +83,30 @@ class PlaceMemory:
         return self.recognition.recognise(node, neighbours, twins)
 
     def obey(self, change: Change) -> None:
-        """Dictionary and filter follow the memory."""
+        """Update vocabulary and filter after a change of the memory."""
         for node in change.slept:
-            self.recognition.leave(node.id)  # its words are in the store since they were made
+            self.recognition.leave(node.id)  # its words have been in the store since they were made
         for node in change.woken:
             self._recall(node, None)
         for place in change.entered_wm:
             self.recognition.enter(place)
 
     def refuse(self, node: int, place: int, reason: str) -> bool:
-        """Notes why the place is not that of the node; always false."""
+        """Record why the place is not that of the node; return False."""
         self.refused.append(Refused(node, place, reason))
         return False
 
     def _recall(self, node: Node, since: int | None) -> None:
-        """The words of a node that wakes are known again; those asleep are compared with what was made after them.
+        """Recall the words of a waking node; sleeping words are compared with words made after them.
 
         Args:
-            node: as it was put to sleep.
-            since: the first word that may be another name of one asleep; None: the one after it.
+            node: the node as it was put to sleep.
+            since: the first word that may replace a sleeping one; None: the word after it.
         """
         vocabulary = self.recognition.vocabulary
         try:
             ids, rows = self.memory.store.words(vocabulary.missing(node.words).astype(np.int64))
-        except LongTermError:  # the store says so; without its words the node is seen, and not recognised
+        except LongTermError:  # see the store's fault; without its words the node is not recognised
             ids, rows = np.empty(0, np.int64), np.empty((0, 0), np.uint8)
         asleep = vocabulary.no_words()
         if len(ids):

@@ -1,8 +1,8 @@
-"""Has the robot been here before? Features -> words -> likelihood -> belief -> hypothesis, over nodes told by id.
+"""Place recognition: features -> words -> likelihood -> belief -> loop hypothesis, over nodes identified by id.
 
-Which nodes are in short-term memory (seen, not compared), in working memory (places) or asleep is decided elsewhere:
-`see` a node when it is made, let it `enter` the places when it leaves the short-term memory, `leave` when it goes to
-sleep and `wake` when it is called back. `photographs` runs a plain sequence of pictures without any limit.
+The memory decides which nodes are in short-term memory (seen, not compared), in working memory (places) or asleep. Call
+`see` for a new node, `enter` when it leaves the short-term memory, `leave` when it goes to sleep and `wake` when it is
+called back. `photographs` runs a plain sequence of pictures without any limit.
 """
 
 from __future__ import annotations
@@ -25,7 +25,7 @@ from waychair.types import Bytes, FloatArray, IntArray
 
 @dataclass(frozen=True, slots=True)
 class RecognitionSettings(Settings):
-    """How places are recognised; RTAB-Map's names in brackets."""
+    """Settings of place recognition; RTAB-Map's names in brackets."""
 
     short_term: int = setting(10, "nodes", "newest nodes that are not compared [Mem/STMSize]", low=1, high=10_000)
     min_features: int = setting(
@@ -43,9 +43,12 @@ class RecognitionSettings(Settings):
 
 @dataclass(frozen=True, slots=True)
 class Recognition:
-    """What one view says. places (M,) ids, likelihood (M,) before and posterior (1 + M,) after the filter, the virtual
-    place first. `hypothesis` is the most probable place, `value` 1 - P(virtual), `closure` the hypothesis if accepted,
-    else None with the reason."""
+    """The result for one view.
+
+    `places` (M,) ids; `likelihood` (M,) before and `posterior` (1 + M,) after the filter, the virtual place first.
+    `hypothesis` is the most probable place, `value` is 1 - P(virtual), `closure` is the hypothesis if accepted, else
+    None with the `reason`.
+    """
 
     node: int
     places: IntArray
@@ -69,23 +72,23 @@ class PlaceRecognition:
         self._value = 0.0
 
     def see(self, node: int, features: Features) -> Int32Array:
-        """(N,) words of a new node's features; all `NO_WORD` where there are too few to say anything."""
+        """Return the words (N,) of a new node's features; all `NO_WORD` if there are too few features."""
         if len(features) < self.settings.min_features:
             return self._without_words(node, len(features))
         return self.vocabulary.words_of(node, features.descriptors)
 
     def enter(self, node: int) -> None:
-        """A node that was seen, or has been woken, is a place from now on."""
+        """Make a node that was seen or woken a place."""
         self._places[node] = None
 
     def leave(self, node: int) -> SleepingWords:
-        """A node goes to sleep, place or not; returns the words that nobody shows any more, to be kept with it."""
+        """Put a node to sleep, place or not; return the words that no other node shows, to be stored."""
         self._places.pop(node, None)
         self.vocabulary.forget(node)
         return self.vocabulary.drop_unused()
 
     def wake(self, node: int, words: Int32Array, asleep: SleepingWords) -> Int32Array:
-        """(N,) the words of a node that is called back: a place again. `asleep` holds `vocabulary.missing(words)`."""
+        """Make a waking node a place again; return its words (N,). `asleep` holds `vocabulary.missing(words)`."""
         self.enter(node)
         return self.vocabulary.recall(node, words, asleep)
 
@@ -100,9 +103,9 @@ class PlaceRecognition:
 
         Args:
             node: its id.
-            neighbours: links in time of the nodes that are awake.
+            neighbours: links in time between awake nodes.
             twins: links of accepted loop closures.
-            verify: the geometric check of a place against this view; None: appearance decides.
+            verify: geometric check of a place against this view; None: appearance alone decides.
         """
         places = np.fromiter(self._places, np.int64, len(self._places))
         likelihood = tf_idf(self.vocabulary.index, node, places)
@@ -123,9 +126,9 @@ class PlaceRecognition:
         return Recognition(node, places, likelihood, posterior, hypothesis, value, closure, reason)
 
     def likeliest(self, features: Features, most: int, excluded: Collection[int] = ()) -> list[int]:
-        """Nodes awake, the newest as well, that look most like a view which is not kept; the best first, by words alone.
+        """Return the awake nodes most similar to a view by words alone, best first, the newest nodes included.
 
-        For a chair that is lost: what it believed before says nothing, and the view is learnt only once it is placed.
+        For a lost chair: the earlier belief does not count, and the view is not added.
         """
         index = self.vocabulary.index
         nodes = np.array([node for node in index.nodes if node not in set(excluded)], np.int64)
@@ -152,10 +155,10 @@ class PlaceRecognition:
 def photographs(
     images: Iterable[Bytes], settings: RecognitionSettings | None = None, vocabulary: Vocabulary | None = None
 ) -> Iterator[Recognition]:
-    """Loop closures of pictures (H, W) or (H, W, 3) in the order in which they were taken, numbered from 1.
+    """Yield the recognition of each picture (H, W) or (H, W, 3), in the order of their taking, numbered from 1.
 
-    Every picture is a node linked to the one before; the newest `short_term` are not compared. A hypothesis is accepted
-    when the epipolar check confirms it, and its two nodes are the same place for the filter from then on.
+    Every picture is a node linked to the previous one; the newest `short_term` are not compared. A hypothesis is
+    accepted if the epipolar check confirms it; the filter then treats its two nodes as one place.
     """
     settings = settings or RecognitionSettings()
     recognition = PlaceRecognition(settings, vocabulary)

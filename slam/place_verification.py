@@ -1,4 +1,4 @@
-"""Whether a place that looks like the present one is it: what two pictures say of the way between them, and what scans do."""
+"""Verification of recognised places: the motion between two pictures, and the fit of scans."""
 
 from __future__ import annotations
 
@@ -18,12 +18,12 @@ from waychair.slam.scan_matching import refine
 from waychair.slam.scan_points import MIN_POINTS, ScanPoints
 from waychair.types import FloatArray, Pose2, Pose3
 
-_LATEST = 4  # nodes of a key scan that are looked at, however often the chair has come by: they stand side by side
+_LATEST = 4  # newest nodes of a key scan that are considered; all of them stand side by side
 
 
 @dataclass(frozen=True, slots=True)
 class Fit:
-    """Where a scan lies on surfaces: its pose, information (3, 3) in that pose's frame, share of its points on them."""
+    """The fit of a scan to surfaces: its pose, information (3, 3) in that pose's frame, share of points on them."""
 
     pose: Pose2
     information: FloatArray
@@ -31,19 +31,19 @@ class Fit:
 
 
 def features_of(node: Node) -> Features:
-    """What a node keeps of its features: pixels, descriptors and points; of the rest nothing is known."""
+    """Return a node's features: pixels, descriptors and points; it keeps nothing else."""
     count = len(node.pixels)
     nothing = np.full(count, np.nan, np.float32)
     return Features(node.pixels, node.descriptors, node.points, nothing, np.zeros(count, np.uint8), nothing)
 
 
 def motion_of_base(old_from_new: Pose3, base_from_camera: Pose3) -> Pose2:
-    """The chair's motion over the ground by that of its camera."""
+    """Return the chair's planar motion from that of its camera."""
     return (base_from_camera @ old_from_new @ base_from_camera.inverse()).planar()
 
 
 def fit_to_keys(mapper: Mapper, key: int, scan: ScanPoints, guess: Pose2) -> Fit:
-    """A scan laid onto the surfaces of a key scan and of those certain of it, from a pose in map."""
+    """Fit a scan to the surfaces of a key scan and its reliably connected neighbours, from a guessed pose in map."""
     keys, settings = mapper.keys, mapper.settings
     members = sorted(keys.ways(key, settings.loops.chain_reach))
     reference = keys.reference(members, keys.poses[key], settings.running_reach, settings.matching)
@@ -51,9 +51,9 @@ def fit_to_keys(mapper: Mapper, key: int, scan: ScanPoints, guess: Pose2) -> Fit
 
 
 def nearest_place(memory: Memory, anchors: Iterable[int], node: int, near: float, turn: float) -> int | None:
-    """The node, beyond the short-term memory, nearest to a new one.
+    """Return the node outside the short-term memory that is nearest to a node, or None.
 
-    Looked for on some anchors, within `near` [m] and `turn` [rad] by the map; None where there is none.
+    Only nodes of the given anchors count, within `near` [m] and `turn` [rad] in the map.
     """
     skeleton = memory.skeleton
     every = np.array([other for anchor in anchors for other in skeleton.on(anchor)[-_LATEST:]], np.int64)

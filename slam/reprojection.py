@@ -1,10 +1,10 @@
-"""Where a camera stands, from points in space that it sees: robust least squares on pixels and inverse depths.
+"""The camera's pose from known points in space that it sees: robust least squares on pixels and inverse depths.
 
-A point observed at u, v [px] and inverse depth 1/z [1/m] gives three residuals; where depth is missing (nan), two. The
-fourth number of an observation is the factor by which its pixels are less exact than others.
-The error of a structured-light or stereo camera is even in inverse depth (Khoshelham and Oude Elberink, Sensors 2012),
-so that one standard deviation serves near and far. Kernels take the rotation (3, 3) and translation (3,) of
-camera_from_map, and the camera as fx, fy, cx, cy.
+A point observed at u, v [px] and inverse depth 1/z [1/m] gives three residuals; without depth (nan), two. The fourth
+number of an observation is the factor on its pixel error. The error of a structured-light or stereo camera is uniform
+in inverse depth (Khoshelham and Oude Elberink, Sensors 2012), so one standard deviation serves near and far.
+
+Kernels take the rotation (3, 3) and translation (3,) of camera_from_map, and the camera as fx, fy, cx, cy.
 """
 
 from __future__ import annotations
@@ -19,12 +19,12 @@ from waychair.config import Settings, setting
 from waychair.types import BoolArray, FloatArray, Pose3
 
 NEAREST = 0.05
-"""Points nearer than this to the camera's plane [m] are behind it for all purposes."""
+"""Points nearer than this to the camera's plane [m] count as behind it."""
 
 
 @dataclass(frozen=True, slots=True)
 class NoiseModel(Settings):
-    """How exactly a picture is measured."""
+    """The noise of observations in a picture."""
 
     pixel: float = setting(0.7, "px", "standard deviation of where a point is seen", low=0.01, high=20.0)
     inverse_depth: float = setting(0.005, "1/m", "standard deviation of 1 / depth", low=1e-5, high=1.0)
@@ -36,8 +36,8 @@ class NoiseModel(Settings):
 
 @dataclass(frozen=True, slots=True)
 class PoseFit:
-    """camera_from_map as fitted, which observations (N,) agree with it, and the information (6, 6) of rotation [rad]
-    and translation [m] of the camera in its own frame."""
+    """The fitted camera_from_map, its inliers (N,), and the information (6, 6) of rotation [rad] and translation [m] of
+    the camera in its own frame."""
 
     camera_from_map: Pose3
     inliers: BoolArray
@@ -47,7 +47,7 @@ class PoseFit:
 def fit_pose(
     points: FloatArray, observed: FloatArray, camera: FloatArray, guess: Pose3, noise: NoiseModel, iterations: int = 12
 ) -> PoseFit:
-    """The pose nearest to `guess` (camera_from_map) at which points (N, 3) [m] are seen as observed (N, 4).
+    """Return the pose near `guess` (camera_from_map) at which points (N, 3) [m] are seen as observed (N, 4).
 
     Gauss-Newton with Huber's weights, then without the outliers; camera (4,) fx, fy, cx, cy.
     """
@@ -67,14 +67,14 @@ def fit_pose(
 
 
 def project(points: FloatArray, camera_from_map: Pose3, camera: FloatArray) -> FloatArray:
-    """(N, 3) u, v [px] and 1/z [1/m] of points (N, 3) [m] of the map; nan behind the camera."""
+    """Return u, v [px] and 1/z [1/m] (N, 3) of points (N, 3) [m] in map; nan behind the camera."""
     inside = points @ camera_from_map.rotation.T + camera_from_map.translation
     z = np.where(inside[:, 2] > NEAREST, inside[:, 2], np.nan)
     return np.stack([camera[0] * inside[:, 0] / z + camera[2], camera[1] * inside[:, 1] / z + camera[3], 1 / z], axis=1)
 
 
 def back_project(observed: FloatArray, camera: FloatArray) -> FloatArray:
-    """(N, 3) [m] in the optical frame of what (N, 4) is seen at u, v with inverse depth; nan where there is none."""
+    """Return points (N, 3) [m] in the optical frame of observations (N, 4); nan without depth."""
     z = 1.0 / observed[:, 2]
     return np.stack(
         [(observed[:, 0] - camera[2]) / camera[0] * z, (observed[:, 1] - camera[3]) / camera[1] * z, z], axis=1
@@ -82,11 +82,11 @@ def back_project(observed: FloatArray, camera: FloatArray) -> FloatArray:
 
 
 def unrolled(observed: FloatArray, velocity: FloatArray, row_time: FloatArray, camera: FloatArray) -> FloatArray:
-    """Observations (N, 4) as they would be had all rows been exposed at once, at the time of the middle one.
+    """Return observations (N, 4) corrected for the rolling shutter: as if all rows were exposed with the middle one.
 
-    `velocity` (6,) is how points move in the camera's frame, rotation [rad/s] and translation [m/s]; `row_time` (N,) [s]
-    is when each was exposed. To first order, as the whole picture takes some hundredths of a second; where depth is
-    missing only the rotation counts. With negated times it is the inverse.
+    `velocity` (6,) is the motion of points in the camera's frame, rotation [rad/s] and translation [m/s]; `row_time`
+    (N,) [s] is each one's exposure time. The correction is of first order, since a picture takes some hundredths of a
+    second; without depth only the rotation counts. Negated times give the inverse.
     """
     x, y = (observed[:, 0] - camera[2]) / camera[0], (observed[:, 1] - camera[3]) / camera[1]
     inverse = np.nan_to_num(observed[:, 2])
@@ -101,7 +101,7 @@ def unrolled(observed: FloatArray, velocity: FloatArray, row_time: FloatArray, c
 
 
 def pinhole(matrix: FloatArray) -> FloatArray:
-    """(4,) fx, fy, cx, cy of a camera matrix (3, 3)."""
+    """Return fx, fy, cx, cy (4,) of a camera matrix (3, 3)."""
     return np.array([matrix[0, 0], matrix[1, 1], matrix[0, 2], matrix[1, 2]])
 
 
@@ -117,12 +117,12 @@ def residual_kernel(
     by_pose: FloatArray,
     by_point: FloatArray,
 ) -> tuple[float, float]:
-    """Fills the whitened error (3,), its derivative by a left perturbation (rotation, translation) of camera_from_map
-    (3, 6), and by the point in the camera's frame (3, 3), each scaled by the root of Huber's weight; gives the
-    chi-squares of pixel and depth, the former -1 behind the camera.
+    """Compute the residual of one observation; return the chi-squares of pixel (-1 behind the camera) and depth.
 
-    Pixel and depth have a weight each: a corner on the edge of a thing is well seen where its depth is not. sigma (3,)
-    are those of pixel and inverse depth, and the kernel's width.
+    Filled in: the whitened error (3,), and its derivatives by a left perturbation (rotation, translation) of
+    camera_from_map (3, 6) and by the point in the camera's frame (3, 3), all scaled by the root of Huber's weight.
+    Pixel and depth are weighted separately: a corner on an object's edge has a good pixel and a bad depth. sigma (3,)
+    holds the standard deviations of pixel and inverse depth, and Huber's width.
     """
     x = turn[0, 0] * point[0] + turn[0, 1] * point[1] + turn[0, 2] * point[2] + shift[0]
     y = turn[1, 0] * point[0] + turn[1, 1] * point[1] + turn[1, 2] * point[2] + shift[1]
@@ -158,13 +158,13 @@ def residual_kernel(
 
 @njit(cache=True)
 def huber_loss(chi: float, wide: float) -> float:
-    """Huber's loss of a chi-square: as it is up to the width [sigma], then linear in its root."""
+    """Return Huber's loss of a chi-square: unchanged up to the width [sigma], then linear in its root."""
     return chi if chi <= wide * wide else wide * (2.0 * math.sqrt(chi) - wide)
 
 
 @njit(cache=True)
 def move_kernel(turn: FloatArray, shift: FloatArray, step: FloatArray) -> None:
-    """Applies a small motion (rotation vector, translation) on the left of camera_from_map, in place."""
+    """Apply a small motion (rotation vector, translation) on the left of camera_from_map, in place."""
     angle = math.sqrt(step[0] ** 2 + step[1] ** 2 + step[2] ** 2)
     a = math.sin(angle) / angle if angle > 1e-9 else 1.0
     b = (1.0 - math.cos(angle)) / (angle * angle) if angle > 1e-4 else 0.5
@@ -198,14 +198,15 @@ def fit_kernel(
     limit: float,
     iterations: int,
 ) -> tuple[FloatArray, FloatArray]:
-    """Moves turn and shift in place; gives the pixels' chi-squares (N,) and the information (6, 6).
+    """Optimise turn and shift in place; return the pixels' chi-squares (N,) and the information (6, 6).
 
-    sigma (3,) are those of pixel and inverse depth, and the kernel's width. Steps end when they no longer matter.
+    sigma (3,) holds the standard deviations of pixel and inverse depth, and Huber's width. Iteration stops at
+    negligible steps.
     """
     error, by_pose, by_point = np.empty(3), np.empty((3, 6)), np.empty((3, 3))
     chi, normal = np.empty(len(points)), np.zeros((6, 6))
     for iteration in range(iterations + 1):
-        strict = iteration >= iterations // 2  # outliers count nothing from now on
+        strict = iteration >= iterations // 2  # outliers are excluded from now on
         normal[:] = 0.0
         gradient = np.zeros(6)
         for n in range(len(points)):

@@ -1,4 +1,4 @@
-"""Which sleeping nodes are woken, and which awake ones must not be put to sleep, as in RTAB-Map 0.23.8."""
+"""The choice of sleeping nodes to wake and of awake nodes to keep awake, as in RTAB-Map 0.23.8."""
 
 from __future__ import annotations
 
@@ -16,14 +16,14 @@ from waychair.slam.skeleton import ANY, Skeleton
 from waychair.types import IntArray, Pose2
 
 _ASLEEP = int(Kept.LTM)  # looked up often
-_LATEST = 32  # nodes of an anchor that are looked at, however often the chair has come by
+_LATEST = 32  # newest nodes of an anchor that are considered
 
 
 @dataclass(frozen=True, slots=True)
 class Surroundings:
-    """What is round the chair: nodes of the WM within reach, nearest first; nodes of the planned path; the newest node.
+    """The nodes round the chair: `near` in the WM, nearest first; `path` of the planned path; `here`, the newest node.
 
-    `sleepers` (nearest first) are sleeping nodes within reach of places where none is awake.
+    `sleepers` are sleeping nodes within reach at places where no node is awake, nearest first.
     """
 
     here: int
@@ -41,18 +41,18 @@ def surroundings(
     path: Sequence[int],
     settings: MemorySettings,
 ) -> Surroundings:
-    """What is within `local_radius` of the chair at `here`."""
+    """Return the nodes within `local_radius` of the chair at `here`."""
     near = _nearest(np.array(sorted(wm), np.int64), skeleton, anchors, here, settings.local_radius)
     sleepers = _sleepers(skeleton, anchors, here, newest, wm, settings) if settings.wake_by_place else []
     return Surroundings(newest, near, path, sleepers)
 
 
 def wanted(skeleton: Skeleton, hypothesis: int | None, around: Surroundings, settings: MemorySettings) -> list[int]:
-    """Sleeping nodes to wake, the most urgent first; no more than may be woken in one iteration.
+    """Return the sleeping nodes to wake in this iteration, the most urgent first.
 
-    What is round the chair goes first: nodes of the planned path, neighbours of the nodes near it, their neighbours.
-    Then what is round the highest hypothesis, whatever its probability, by level: over neighbours in time, the newest
-    id of a level first, and then over loops.
+    First come nodes round the chair: those of the planned path, neighbours of near nodes, and their neighbours. Then
+    come nodes round the best hypothesis, of any probability, level by level: over neighbours in time, the newest id of
+    a level first, then over loops.
     """
     local = _local(skeleton, around, settings.max_local_retrieved)
     most = settings.max_retrieved + len(local)
@@ -73,11 +73,11 @@ def immunised(
     wm_size: int,
     settings: MemorySettings,
 ) -> set[int]:
-    """Awake nodes that are not to be put to sleep in this iteration, but for those just woken.
+    """Return the awake nodes that must not be put to sleep in this iteration, besides those just woken.
 
-    Those round the hypothesis in time always; then, within a budget (`local_immunization_ratio` of the WM): nodes of
-    the planned path near the chair, the shortest way from the nearest node of the WM to the newest one, and the nearest
-    nodes.
+    These are always the nodes round the hypothesis in time. Within a budget (`local_immunization_ratio` of the WM),
+    they are also nodes of the planned path near the chair, the shortest way from the nearest node of the WM to the
+    newest one, and the nearest nodes.
     """
     kept: set[int] = set()
     if hypothesis is not None:
@@ -127,7 +127,7 @@ def _round_hypothesis(skeleton: Skeleton, hypothesis: int, most: int) -> Iterato
 
 
 def _nearest(nodes: IntArray, skeleton: Skeleton, anchors: Anchors, here: Pose2, radius: float) -> list[int]:
-    """Those of the nodes (ascending) within the radius [m], nearest first."""
+    """Return the nodes (given in ascending order) within the radius [m], nearest first."""
     if not len(nodes) or not len(anchors):
         return []
     away = np.hypot(*(skeleton.poses(nodes, anchors.poses)[:, :2] - (here.x, here.y)).T)
@@ -139,8 +139,10 @@ def _nearest(nodes: IntArray, skeleton: Skeleton, anchors: Anchors, here: Pose2,
 def _sleepers(
     skeleton: Skeleton, anchors: Anchors, here: Pose2, newest: int, wm: Collection[int], settings: MemorySettings
 ) -> list[int]:
-    """Of each anchor in reach of which no node is awake the sleeping one, among the latest, that weighs most, and of
-    equals the newest."""
+    """Return a sleeping node for each anchor in reach without an awake node.
+
+    Of the anchor's latest nodes it is the one of greatest weight, among equals the newest.
+    """
     rows = skeleton.rows
     taken = {int(rows["anchor"][newest]), *rows["anchor"][np.fromiter(wm, np.int64)].tolist()}
     found: list[int] = []
@@ -154,7 +156,7 @@ def _sleepers(
 
 
 def _shortest_way(skeleton: Skeleton, start: int, goal: int, awake: Collection[int]) -> list[int]:
-    """Nodes of the shortest way [m] along links between awake nodes, both ends included; none where there is no way."""
+    """Return the nodes of the shortest way [m] over links between awake nodes, with both ends; empty if none."""
     before, length, queue = {start: start}, {start: 0.0}, [(0.0, start)]
     while queue:
         so_far, node = heapq.heappop(queue)

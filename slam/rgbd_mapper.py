@@ -1,4 +1,4 @@
-"""A map of colour and depth alone: visual odometry, loops among its key frames, and every frame's pose at the end."""
+"""The RGB-D mapper, from colour and depth alone: visual odometry, loop closures among key frames, all frames' poses."""
 
 from __future__ import annotations
 
@@ -23,14 +23,14 @@ from waychair.slam.visual_map import DEPTH_STEP, VisualMap
 from waychair.slam.visual_odometry import OdometrySettings, Track, Tracked, VisualOdometry
 from waychair.types import FloatArray, Pose3, RgbdFrame, Trajectory3
 
-_TORN = np.diag([1.0] * 3 + [25.0] * 3)  # covariance [rad^2], [m^2] of a motion that nothing has seen
+_TORN = np.diag([1.0] * 3 + [25.0] * 3)  # covariance [rad^2], [m^2] of an unobserved motion
 
-_MANY = 100  # landmarks shared by two key frames whose relative pose is known as well as any
+_MANY = 100  # shared landmarks of two key frames beyond which their relative pose gets no better
 
 
 @dataclass(frozen=True, slots=True)
 class RgbdMapperSettings(Settings):
-    """When a loop is looked for and believed, and the parts' own settings."""
+    """The limits of loop closures, and the parts' settings."""
 
     loop_shared: int = setting(
         10, "", "key frames that share so many landmarks with the new one make no loop", low=1, high=10_000
@@ -59,7 +59,7 @@ class RgbdMapperSettings(Settings):
 
 @dataclass(frozen=True, slots=True)
 class Loop:
-    """Two key frames that show the same place: `i_from_j` with its covariance (6, 6), and how many matches agree."""
+    """A loop between two key frames of one place: `i_from_j`, its covariance (6, 6), and its number of inliers."""
 
     i: int
     j: int
@@ -70,9 +70,11 @@ class Loop:
 
 @dataclass(frozen=True, slots=True)
 class RgbdMap:
-    """What the pictures became: the pose of the optical frame at each frame whose place is known, in the optical frame
-    of the first; `pieces` (N,) numbers the stretches between which nothing has seen the motion; states counts what
-    became of the frames."""
+    """The result of the mapper.
+
+    `trajectory`: poses of the optical frame, for each located frame, in the optical frame of the first. `pieces` (N,):
+    the piece of each frame; the motion between two pieces is unobserved. `states` counts the outcomes of frames.
+    """
 
     trajectory: Trajectory3
     pieces: tuple[int, ...]
@@ -86,7 +88,7 @@ class RgbdMap:
 
 @dataclass(frozen=True, slots=True)
 class _Hung:
-    """A frame hangs on a key frame and moves with it."""
+    """A frame attached to a key frame, with which it moves."""
 
     stamp_ns: int
     key: int
@@ -94,13 +96,13 @@ class _Hung:
 
 
 class RgbdMapper:
-    """Feed it frames in their order, then `finish`, then ask for the `result`.
+    """Pass frames to `process` in order, then call `finish`, then `result`.
 
-    Every key frame is a place of `places`, whose Bayes filter says which earlier one it may show again.
+    Every key frame is a place of `places`, whose Bayes filter proposes an earlier one that it shows again.
     """
 
     def __init__(self, settings: RgbdMapperSettings | None = None, memory: Memory | None = None) -> None:
-        """The memory is a new one; by default it is in RAM."""
+        """Begin with a new memory, by default in RAM."""
         self.settings = settings or RgbdMapperSettings()
         words = replace(self.settings.places, features=self.settings.odometry.features)
         self.places = KeyPlaces(words, memory or Memory(self.settings.memory))
@@ -110,19 +112,19 @@ class RgbdMapper:
         self.states: Counter[str] = Counter()
         self.seconds: defaultdict[str, float] = defaultdict(float)
         self._frames: list[_Hung] = []
-        self._ties: list[list[tuple[int, int]]] = []  # of each key frame: earlier ones that share most with it
-        self.refused_icp = 0  # loops that depth could not refine
+        self._ties: list[list[tuple[int, int]]] = []  # by key frame: earlier ones that share most with it
+        self.refused_icp = 0  # loops that ICP could not refine
         self._blamed: Counter[tuple[int, int]] = Counter()  # edges that contradicted a loop
         self._confirmed = 0
 
     def process(self, frame: RgbdFrame) -> Tracked:
-        """Where the frame was taken, and what became of it."""
+        """Process a frame; return its pose and outcome."""
         with self._timed("odometry"):
             tracked = self.odometry.process(frame)
         self.states[tracked.state.value] += 1
         if tracked.key is not None:
             self._ties.append(self._tied(tracked))
-            if tracked.key:  # the first is made anew when the second picture has shown how the camera moves
+            if tracked.key:  # the first is made again once the second picture shows the camera's motion
                 with self._timed("loops"):
                     self._include(tracked.key, tracked.state is Track.STARTED)
         if tracked.camera_from_map is not None:
@@ -130,14 +132,14 @@ class RgbdMapper:
         return tracked
 
     def finish(self) -> None:
-        """After the last frame: the memory is complete, and on the disk."""
+        """Complete the memory after the last frame, and write it to disk."""
         if self.odometry.map is not None:
             if not len(self.places):
                 self._include(0, True)
             self.places.finish(shadows(self.map.key_frames))
 
     def result(self) -> RgbdMap:
-        """The map so far."""
+        """Return the map so far."""
         stamps = np.array([frame.stamp_ns for frame in self._frames], np.int64)
         keys = self.map.key_frames if self.odometry.map is not None else []
         poses = [keys[hung.key].camera_from_map.inverse() @ hung.key_from_camera for hung in self._frames]
@@ -167,12 +169,12 @@ class RgbdMapper:
 
     @property
     def map(self) -> VisualMap:
-        """Key frames and landmarks; there is one from the first frame with depth on."""
+        """The key frames and landmarks; there is a map from the first frame with depth on."""
         assert self.odometry.map is not None
         return self.odometry.map
 
     def _hang(self, stamp_ns: int, tracked: Tracked) -> None:
-        """The frame beside the latest key frame of its piece."""
+        """Attach a frame to the latest key frame of its piece."""
         keys = self.map.key_frames
         key = max(number for number, own in enumerate(keys) if own.piece == self.odometry.piece)
         camera_from_map = keys[key].camera_from_map if tracked.key == key else tracked.camera_from_map
@@ -180,13 +182,13 @@ class RgbdMapper:
         self._frames.append(_Hung(stamp_ns, key, keys[key].camera_from_map @ camera_from_map.inverse()))
 
     def _tied(self, tracked: Tracked) -> list[tuple[int, int]]:
-        """Earlier key frames and how many landmarks they share with a new one."""
+        """Return the earlier key frames that share most landmarks with a new one, and how many."""
         shared = self.map.sharing(tracked.landmarks)[: tracked.key]
         best = np.argsort(-shared, kind="stable")[: self.settings.neighbours].tolist()
         return [(key, int(shared[key])) for key in best if shared[key] >= self.settings.loop_shared]
 
     def _include(self, newest: int, torn: bool) -> None:
-        """The newest key frame becomes a place; where an earlier one shows the same, a loop is closed."""
+        """Make the newest key frame a place, and close a loop if an earlier one shows the same place."""
         hypothesis, keys = None, self.map.key_frames
         for key in range(len(self.places), newest + 1):
             if torn and key:
@@ -198,7 +200,7 @@ class RgbdMapper:
             self._look(hypothesis, newest)
 
     def _look(self, old: int, new: int) -> bool:
-        """Whether the two key frames are linked: as the map has them if they see the same of it, else by a new loop."""
+        """Link two key frames, by the map if they share landmarks, else by a new loop; return whether it is done."""
         settings, keys = self.settings, self.map.key_frames
         if self.map.sharing(keys[new].landmarks)[old] >= settings.loop_shared:
             return self._confirm(old, new)
@@ -214,7 +216,7 @@ class RgbdMapper:
         return self._close(loop)
 
     def _confirm(self, old: int, new: int) -> bool:
-        """Links two places that the map has where they are seen to be."""
+        """Link two places whose relative pose the map already has right."""
         keys = self.map.key_frames
         old_from_new = keys[old].camera_from_map @ keys[new].camera_from_map.inverse()
         self.places.link(old, new, LinkKind.GLOBAL, old_from_new, on_floor(self._step(_MANY)))
@@ -222,8 +224,10 @@ class RgbdMapper:
         return True
 
     def _refined(self, found: Registration, old: int, new: int) -> Pose3:
-        """`old_from_new` by depth where the features agree with it as well: rows that are exposed one after the other
-        bend the depth of a camera that turns, and that of features is set right."""
+        """Return `old_from_new` refined by ICP if the features agree, else that of the features.
+
+        A rolling shutter bends the depth of a turning camera; the features are corrected for it.
+        """
         assert found.old_from_new is not None
         settings, keys, camera = self.settings, self.map.key_frames, self.map.camera
         fit = refine_by_depth(keys[old].depth, keys[new].depth, camera / DEPTH_STEP, found.old_from_new, settings.icp)
@@ -233,19 +237,19 @@ class RgbdMapper:
         return found.old_from_new
 
     def _is_known(self, loop: Loop) -> bool:
-        """Whether the map says already what a loop says."""
+        """Return whether the map already has the relative pose of a loop."""
         a, b = self.map.key_frames[loop.i], self.map.key_frames[loop.j]
         now = a.camera_from_map @ b.camera_from_map.inverse()
         near = float(np.linalg.norm(now.translation - loop.i_from_j.translation)) <= self.settings.loop_distance
         return a.piece == b.piece and near and angle_between(now, loop.i_from_j) <= self.settings.loop_angle
 
     def _close(self, loop: Loop) -> bool:
-        """Takes a loop in, if the rest of the map can be bent to it; then what both ends see becomes one."""
+        """Add a loop if the map can be bent to it, and join landmarks of both ends; return whether it was added."""
         i, j = loop.i, loop.j
         keys = self.map.key_frames
         poses = [key.camera_from_map.inverse() for key in keys]
         edges = self._edges([*self.loops, loop])
-        if keys[i].piece != keys[j].piece:  # nothing is known of how the two lie, so begin where the loop puts the new
+        if keys[i].piece != keys[j].piece:  # their relative pose is unknown: begin with the loop's
             moved = poses[i] @ loop.i_from_j @ poses[j].inverse()
             poses = [
                 moved @ pose if key.piece == keys[j].piece else pose for key, pose in zip(keys, poses, strict=True)
@@ -266,8 +270,10 @@ class RgbdMapper:
         return True
 
     def _edges(self, loops: Sequence[Loop]) -> list[SpatialEdge]:
-        """How the key frames lie to those they share landmarks with, as the map has it; where the motion was not seen,
-        next to nothing; and the loops. What contradicted too many loops is left out (as RTAB-Map's repair does)."""
+        """Return the edges of the graph: between key frames that share landmarks, across unobserved motion, and loops.
+
+        Edges that contradicted too many loops are left out (as in RTAB-Map's repair).
+        """
         settings, keys = self.settings, self.map.key_frames
         edges = []
         blamed = {pair for pair, times in self._blamed.items() if times >= settings.max_blame}
@@ -280,7 +286,7 @@ class RgbdMapper:
         return [*edges, *(SpatialEdge(loop.i, loop.j, loop.i_from_j, loop.covariance, True) for loop in kept)]
 
     def _step(self, shared: int) -> FloatArray:
-        """Covariance (6, 6) between key frames that share so many landmarks: the fewer, the less is known."""
+        """Return the covariance (6, 6) between two key frames by their number of shared landmarks: more with fewer."""
         if not shared:
             return _TORN
         doubt, settings = max(1.0, _MANY / shared), self.settings

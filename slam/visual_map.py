@@ -1,4 +1,4 @@
-"""What the camera has seen so far: key frames, and landmarks with the picture in which each was first seen."""
+"""The visual map: key frames, and landmarks with the picture in which each was first seen."""
 
 from __future__ import annotations
 
@@ -15,21 +15,21 @@ from waychair.slam.reprojection import NoiseModel
 from waychair.types import BoolArray, Bytes, Float32Array, FloatArray, IntArray, Pose3
 
 LEVELS = 5
-"""Levels of a picture's pyramid, each half of the one before."""
+"""Levels of a picture's pyramid, each half the size of the one before."""
 
 DEPTH_STEP = 4
-"""Between the pixels of the depth that a key frame keeps."""
+"""Step [px] between the depth pixels that a key frame keeps."""
 
-_EDGE = 0.03  # neighbouring depths that differ by more than this share of them lie on different things
+_EDGE = 0.03  # relative step of neighbouring depths at an edge between two objects
 
 
 @dataclass(slots=True)
 class KeyFrame:
-    """A picture that is kept: where it was taken (camera_from_map), and which landmarks (K,) it saw where (K, 4).
+    """A kept picture: its pose (camera_from_map), and the landmarks (K,) that it saw, with their observations (K, 4).
 
     `observed` holds u, v [px], inverse depth [1/m], nan where depth is missing, and the factor on the pixel's error.
-    `depth` [m] is every fourth pixel of every fourth row. `piece` numbers the stretches between which nothing has seen
-    the motion.
+    `depth` [m] is every fourth pixel of every fourth row. `piece` is the piece of the map; the motion between two
+    pieces is unobserved.
     """
 
     stamp_ns: int
@@ -43,7 +43,7 @@ class KeyFrame:
 
 
 class VisualMap:
-    """Key frames in their order, and landmarks: points (M, 3) [m] in map, alive (M,), and where each was first seen."""
+    """Key frames in order, and landmarks: points (M, 3) [m] in map, alive (M,), and the first observation of each."""
 
     def __init__(self, camera: FloatArray) -> None:
         self.camera = camera
@@ -52,11 +52,11 @@ class VisualMap:
         self.anchor: IntArray = np.empty(0, np.int64)  # key frame whose picture shows the landmark's patch
         self.anchor_pixel: FloatArray = np.empty((0, 2))
         self.alive: BoolArray = np.empty(0, bool)
-        self.expected: IntArray = np.empty(0, np.int64)  # times that it should have been seen
-        self.found: IntArray = np.empty(0, np.int64)  # times that it was
+        self.expected: IntArray = np.empty(0, np.int64)  # times that each should have been seen
+        self.found: IntArray = np.empty(0, np.int64)  # times that each was seen
 
     def add_landmarks(self, points: FloatArray, pixels: FloatArray, key: int) -> IntArray:
-        """Numbers (K,) of new landmarks at points (K, 3), seen at pixels (K, 2) of a key frame."""
+        """Add landmarks at points (K, 3), seen at pixels (K, 2) of a key frame; return their numbers (K,)."""
         first, count = len(self.points), len(points)
         self.points = np.concatenate([self.points, points])
         self.anchor = np.concatenate([self.anchor, np.full(count, key)])
@@ -67,7 +67,7 @@ class VisualMap:
         return np.arange(first, first + count)
 
     def move(self, map_from_camera: Sequence[Pose3]) -> None:
-        """Puts every key frame where it is said to be; landmarks go with the key frame that saw them first."""
+        """Move every key frame to a new pose; landmarks move with the key frame that saw them first."""
         for key, (own, pose) in enumerate(zip(self.key_frames, map_from_camera, strict=True)):
             correction = pose @ own.camera_from_map
             mine = self.anchor == key
@@ -75,34 +75,34 @@ class VisualMap:
             own.camera_from_map = pose.inverse()
 
     def join(self, piece: int, into: int) -> None:
-        """Two pieces are one from now on."""
+        """Join two pieces of the map."""
         for own in self.key_frames:
             own.piece = into if own.piece == piece else own.piece
 
     def count(self, expected: IntArray, found: IntArray, share: float, at_least: int) -> None:
-        """Notes which landmarks should have been seen and which were; those seldom found are given up."""
+        """Count landmarks that should have been seen and those found; remove those found too seldom."""
         self.expected[expected] += 1
         self.found[found] += 1
         poor = (self.expected >= at_least) & (self.found < share * self.expected)
         self.alive &= ~poor
 
     def sharing(self, landmarks: IntArray) -> IntArray:
-        """(K,) how many of the landmarks each key frame has seen."""
+        """Return how many (K,) of the landmarks each key frame has seen."""
         wanted = np.zeros(len(self.points), bool)
         wanted[landmarks] = True
         return np.array([int(wanted[key.landmarks].sum()) for key in self.key_frames], np.int64)
 
     def landmarks_of(self, keys: Iterable[int]) -> IntArray:
-        """Living landmarks that any of the key frames has seen, ascending."""
+        """Return the living landmarks that any of the key frames has seen, ascending."""
         seen = np.zeros(len(self.points), bool)
         for key in keys:
             seen[self.key_frames[key].landmarks] = True
         return np.flatnonzero(seen & self.alive)
 
     def adjust(self, free: Sequence[int], noise: NoiseModel, iterations: int, most_fixed: int = 30) -> int:
-        """Bundle adjustment of some key frames and all that they saw; returns how many sightings were given up.
+        """Adjust some key frames and their landmarks; return the number of observations removed as outliers.
 
-        Other key frames that saw the same hold still; where there is none the oldest of `free` does.
+        Other key frames with the same landmarks stay fixed; without any, the oldest of `free` stays fixed.
         """
         moving = set(free)
         landmarks = self.landmarks_of(free)
@@ -124,7 +124,7 @@ class VisualMap:
         return self._give_up(keys, sources, bundle.frame, chi > noise.limit)
 
     def _bundle(self, keys: Sequence[int], moving: set[int], landmarks: IntArray) -> tuple[Bundle, IntArray]:
-        """The sightings of landmarks in key frames; and for each its place in its key frame's list."""
+        """Return the bundle of landmarks in key frames, and for each observation its index in its key frame's list."""
         place = np.full(len(self.points), -1)
         place[landmarks] = np.arange(len(landmarks))
         frames, marks, sights, sources = [], [], [], []
@@ -160,7 +160,7 @@ class VisualMap:
 
 
 def pyramid_of(gray: Bytes) -> tuple[Bytes, ...]:
-    """The picture and its halves."""
+    """Return the pyramid of a picture: itself and its halved copies."""
     levels = [gray]
     for _ in range(LEVELS - 1):
         levels.append(np.asarray(cv2.pyrDown(levels[-1]), np.uint8))
@@ -169,7 +169,7 @@ def pyramid_of(gray: Bytes) -> tuple[Bytes, ...]:
 
 @njit(cache=True)
 def inverse_depths(depth: Float32Array, pixels: FloatArray) -> FloatArray:
-    """(N,) 1/z [1/m] at pixels (N, 2), the mean of the 3 x 3 round them; nan at holes, edges and the border."""
+    """Return 1/z (N,) [1/m] at pixels (N, 2), the mean of 3 x 3 pixels; nan at holes, edges and the border."""
     height, width = depth.shape
     found = np.full(len(pixels), np.nan)
     for n in range(len(pixels)):

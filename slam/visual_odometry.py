@@ -1,8 +1,8 @@
-"""Visual odometry with depth: each picture against a map of landmarks, each landmark by the patch it was first seen as.
+"""Visual odometry with depth: each picture is tracked against a map of landmarks, each known by its first patch.
 
-Frame to map, as RTAB-Map's (Labbe and Michaud, JFR 2019, section 3.2): a guess of the motion, landmarks looked for
-where the guess puts them, the pose that fits them, key frames where too little of the map is seen, and bundle adjustment
-over the latest of them. Instead of descriptors, which lie on whole pixels, patches are aligned (`patch_alignment`).
+Frame to map, as in RTAB-Map (Labbe and Michaud, JFR 2019, section 3.2): guess the motion, search the landmarks where
+the guess projects them, fit the pose, make a key frame where too little of the map is seen, and adjust the latest key
+frames. Patches are aligned (`patch_alignment`), since descriptors lie on whole pixels.
 """
 
 from __future__ import annotations
@@ -28,12 +28,12 @@ from waychair.slam.visual_map import DEPTH_STEP, KeyFrame, VisualMap, inverse_de
 from waychair.types import Bytes, Float32Array, FloatArray, IntArray, Pose3, RgbdFrame
 
 Recall: TypeAlias = Callable[[Features, Sequence[int]], Sequence[int]]
-"""Key frames that look most like a picture, best first, none of those excluded."""
+"""Returns the key frames most similar to a picture, best first, without the excluded ones."""
 
 
 @dataclass(frozen=True, slots=True)
 class OdometrySettings(Settings):
-    """How pictures are followed."""
+    """Settings of the visual odometry."""
 
     landmarks: int = setting(350, "", "landmarks that are looked for in a picture", low=30, high=5000)
     cell: int = setting(32, "px", "side of the squares over which they are spread", low=4, high=400)
@@ -64,7 +64,7 @@ class OdometrySettings(Settings):
 
 
 class Track(enum.Enum):
-    """What became of a picture."""
+    """The outcome of a picture."""
 
     STARTED = "the first of a map"
     FOLLOWED = "followed"
@@ -76,8 +76,8 @@ class Track(enum.Enum):
 
 @dataclass(frozen=True, slots=True)
 class Tracked:
-    """One picture: what became of it, camera_from_map (None: not known), the landmarks seen (K,) where (K, 4), and the
-    key frame that it made or None."""
+    """The result for one picture: outcome, camera_from_map (None: unknown), landmarks (K,), observations (K, 4), and the
+    key frame made of it or None."""
 
     state: Track
     camera_from_map: Pose3 | None = None
@@ -87,52 +87,52 @@ class Tracked:
     velocity: FloatArray = field(default_factory=lambda: np.zeros(6))
 
 
-_SOON = 0.3  # [s] within which the camera goes on as before
-_PAUSE, _LONG = 1.7, 0.1  # times the shortest time between pictures, or [s]: longer ones are pauses
+_SOON = 0.3  # [s] longest time over which the camera's velocity is extrapolated
+_PAUSE, _LONG = 1.7, 0.1  # a pause is longer than _PAUSE shortest intervals, or than _LONG [s]
 
 
 @dataclass(frozen=True, slots=True)
 class _Picture:
-    """A frame prepared: pyramid of grey pictures, depth."""
+    """A frame with its pyramid of grey pictures and its depth."""
 
     frame: RgbdFrame
     pyramid: tuple[Bytes, ...]
     depth: Float32Array
 
     def row_time(self, rows: FloatArray) -> FloatArray:
-        """(N,) [s] when rows (N,) were exposed, from the frame's stamp."""
+        """Return the exposure times (N,) [s] of rows (N,), relative to the frame's stamp."""
         time: FloatArray = (rows - 0.5 * self.depth.shape[0]) * self.frame.row_step
         return time
 
 
 class VisualOdometry:
-    """Feed it frames in their order with `process`; `map` holds the key frames and landmarks so far."""
+    """Pass frames to `process` in order; `map` holds the key frames and landmarks so far."""
 
     def __init__(self, settings: OdometrySettings | None = None, recall: Recall | None = None) -> None:
-        """`recall` is asked where a camera that is lost may be; without it the latest key frames alone are."""
+        """Begin without a map. `recall` proposes key frames for a lost camera, besides the latest ones."""
         self.settings = settings or OdometrySettings()
         self.map: VisualMap | None = None
         self.extraction_s = 0.0
-        """CPU that the features of the newest key frame took."""
+        """CPU time [s] of the features of the newest key frame."""
         self._recall = recall
         self._extracted: tuple[_Picture, Features] | None = None
-        self.piece = 0  # of the map that the camera is in
+        self.piece = 0  # piece of the map that the camera is in
         self.counts: Counter[str] = Counter()
         self._last: _Picture | None = None
-        self._tracked: Tracked | None = None  # the latest with a pose
+        self._tracked: Tracked | None = None  # the latest result with a pose
         self._velocity = np.zeros(6)  # rotation vector [rad/s], translation [m/s] of the camera's motion
         self._stamp = 0
-        self._unsure_start = False  # the first key frame's rows are taken to be exposed at once
-        self._interval = _SOON  # [s] the shortest between two pictures
+        self._unsure_start = False  # the first key frame is not yet corrected for the rolling shutter
+        self._interval = _SOON  # [s] shortest interval between two pictures
 
     @property
     def _known(self) -> VisualMap:
-        """The map, where there is one."""
+        """The map, which must exist."""
         assert self.map is not None
         return self.map
 
     def process(self, frame: RgbdFrame) -> Tracked:
-        """Where the frame was taken."""
+        """Process a frame; return its pose and outcome."""
         gray = gray_image(frame.image)
         if float(gray[::4, ::4].std()) < self.settings.dark:
             return self._note(Tracked(Track.BLIND))
@@ -143,7 +143,7 @@ class VisualOdometry:
         tracked = self._follow(picture, self._guess(picture, self._predict(frame.stamp_ns)), Track.FOLLOWED)
         if tracked is not None and self._unsure_start and picture.frame.row_step:
             tracked = self._start_again(picture, tracked)
-        if tracked is None or paused or self._is_key(tracked):  # a map is not built on a wrong one
+        if tracked is None or paused or self._is_key(tracked):  # never build a map on a wrong pose
             tracked = self._likelier(picture, tracked)
         if tracked is None:
             return self._note(self._begin_anew(picture))
@@ -153,7 +153,7 @@ class VisualOdometry:
         return self._note(tracked)
 
     def resettle(self, piece: int) -> None:
-        """The map was bent, and the newest key frame has come to lie in `piece`: looks there for what it sees."""
+        """Search the newest key frame's landmarks again, after the map was bent and joined to `piece`."""
         assert self._last is not None
         assert self._tracked is not None
         self.piece, key = piece, len(self._known.key_frames) - 1
@@ -174,7 +174,7 @@ class VisualOdometry:
         return tracked
 
     def _start(self, picture: _Picture, velocity: FloatArray | None = None) -> Tracked:
-        """The first key frame, at the map's origin; its velocity is not known before the second picture."""
+        """Make the first key frame, at the map's origin; its velocity is unknown before the second picture."""
         camera = pinhole(picture.frame.camera_matrix)
         self.map, self._unsure_start = VisualMap(camera), velocity is None
         started = Tracked(Track.STARTED, Pose3(np.eye(3), np.zeros(3)))
@@ -186,7 +186,7 @@ class VisualOdometry:
         return tracked
 
     def _start_again(self, picture: _Picture, tracked: Tracked) -> Tracked | None:
-        """The first key frame once more with the velocity that the second picture has shown, and the second by it."""
+        """Make the first key frame again with the velocity from the second picture, and track the second against it."""
         assert self._last is not None
         assert tracked.camera_from_map is not None
         first, self.counts["key_frames"] = self._last, 0
@@ -194,23 +194,23 @@ class VisualOdometry:
         return self._follow(picture, tracked.camera_from_map, Track.FOLLOWED)
 
     def _has_paused(self, picture: _Picture) -> bool:
-        """Whether it has been so long since the last picture that a guess of the motion since then may be a wrong one.
+        """Return whether the last picture is so old that the guessed motion may be wrong.
 
-        Things before a camera that lie nearly in a plane are seen almost alike from two places (Schweighofer and Pinz,
-        PAMI 2006): what is begun near the wrong one stays there.
+        Points nearly in a plane look almost the same from two poses (Schweighofer and Pinz, PAMI 2006); a fit begun
+        near the wrong one stays there.
         """
         elapsed = (picture.frame.stamp_ns - self._stamp) * 1e-9
         self._interval = min(self._interval, elapsed)
         return elapsed > min(_PAUSE * self._interval, _LONG)
 
     def _likelier(self, picture: _Picture, guessed: Tracked | None) -> Tracked | None:
-        """What was guessed, or where the features say the picture was taken if more of the map is seen from there."""
+        """Return the guessed result, or that by features if it sees more of the map."""
         piece = self.piece
         found = self._find_again(picture)
         if guessed is None or found is None:
             return found if guessed is None else guessed
         if self.piece != piece or len(found.landmarks) <= len(guessed.landmarks):
-            self.piece = piece  # what is followed stays in its piece; a loop joins it to another
+            self.piece = piece  # tracking stays in its piece; only a loop joins it to another
             return guessed
         return replace(found, state=Track.FOLLOWED)
 
@@ -220,14 +220,14 @@ class VisualOdometry:
         self._last, self._tracked, self._stamp = picture, tracked, picture.frame.stamp_ns
 
     def _predict(self, stamp_ns: int) -> Pose3:
-        """camera_from_map if the camera goes on as before."""
+        """Return camera_from_map for a camera of constant velocity."""
         assert self._tracked is not None
         assert self._tracked.camera_from_map is not None
         step = self._velocity * min(max((stamp_ns - self._stamp) * 1e-9, 0.0), _SOON)
         return Pose3(Rotation.from_rotvec(step[:3]).as_matrix(), step[3:]) @ self._tracked.camera_from_map
 
     def _guess(self, picture: _Picture, predicted: Pose3) -> Pose3:
-        """The prediction, or standing still, drawn to where all pixels of the last picture have gone."""
+        """Return the better of prediction and standing still, refined by dense alignment with the last picture."""
         assert self._last is not None
         assert self._tracked is not None
         last = self._tracked.camera_from_map
@@ -247,7 +247,7 @@ class VisualOdometry:
     def _follow(
         self, picture: _Picture, guess: Pose3, state: Track, known_velocity: FloatArray | None = None
     ) -> Tracked | None:
-        """The pose that fits the landmarks of the map round here; None where too few are found."""
+        """Fit the pose to the landmarks of the map near `guess`; return None if too few are found."""
         settings, camera = self.settings, self._known.camera
         wanted, expected = self._in_view(guess, picture)
         if len(wanted) < settings.min_inliers:
@@ -260,7 +260,7 @@ class VisualOdometry:
             return None
         raw = np.column_stack([pixels[good], inverse_depths(picture.depth, pixels[good]), 2.0 ** level[good]])
         points, pose = self._known.points[wanted[good]], guess
-        for _ in range(2):  # the second time with the rows' motion as the first has shown it
+        for _ in range(2):  # the second time with the velocity from the first
             velocity = self._velocity_to(pose, picture) if known_velocity is None else known_velocity
             seen = unrolled(raw, velocity, picture.row_time(raw[:, 1]), camera)
             fit: PoseFit = fit_pose(points, seen, camera, guess, settings.noise)
@@ -274,7 +274,7 @@ class VisualOdometry:
         return Tracked(state, fit.camera_from_map, found, seen[fit.inliers], velocity=velocity)
 
     def _velocity_to(self, pose: Pose3, picture: _Picture) -> FloatArray:
-        """(6,) rotation [rad/s] and translation [m/s] of things before the camera since the last picture; 0 long after."""
+        """Return the velocity (6,) [rad/s], [m/s] of points in the camera's frame since the last picture, or 0."""
         before = self._tracked.camera_from_map if self._tracked is not None else None
         elapsed = (picture.frame.stamp_ns - self._stamp) * 1e-9
         if before is None or not 0.0 < elapsed < _SOON:
@@ -283,7 +283,7 @@ class VisualOdometry:
         return np.concatenate([Rotation.from_matrix(moved.rotation).as_rotvec(), moved.translation]) / elapsed
 
     def _in_view(self, pose: Pose3, picture: _Picture) -> tuple[IntArray, FloatArray]:
-        """Landmarks of the map round here that should be seen, spread over the picture, and where (K, 2)."""
+        """Return landmarks that should be seen from a pose, spread over the picture, and their observations (K, 4)."""
         assert self._tracked is not None
         candidates = self._known.landmarks_of(self._local(pose))
         at = project(self._known.points[candidates], pose, self._known.camera)
@@ -302,7 +302,7 @@ class VisualOdometry:
         return candidates[chosen], np.column_stack([at[chosen], np.ones(len(chosen))])
 
     def _local(self, pose: Pose3) -> list[int]:
-        """Key frames that look at what this pose looks at: the latest, and those nearest in place and direction."""
+        """Return the key frames with a similar view: the latest, and those nearest in position and direction."""
         every = self._known.key_frames
         own = [number for number, key in enumerate(every) if key.piece == self.piece]
         keys = [every[number] for number in own]
@@ -318,7 +318,7 @@ class VisualOdometry:
     def _aligned(
         self, picture: _Picture, wanted: IntArray, guess: Pose3, expected: FloatArray
     ) -> tuple[FloatArray, IntArray]:
-        """Pixels (K, 2) of landmarks in the picture, and the finest level (K,) on which they were found, or -1."""
+        """Return pixels (K, 2) of landmarks in the picture, and the finest level (K,) of each match, or -1."""
         pixels, level = expected.copy(), np.full(len(wanted), -1)
         anchors = self._known.anchor[wanted]
         for key in np.unique(anchors).tolist():
@@ -335,9 +335,9 @@ class VisualOdometry:
         return pixels, level
 
     def _is_key(self, tracked: Tracked) -> bool:
-        """Whether no key frame was taken near here, or of the one that was too little is seen now.
+        """Return whether no key frame is near, or too little of the nearest one is seen now.
 
-        It is the nearest one that is asked and not the latest: a camera that comes back to what it knows makes none.
+        The nearest counts and not the latest: a camera that returns to a known place makes no key frame.
         """
         assert tracked.camera_from_map is not None
         settings = self.settings
@@ -346,11 +346,11 @@ class VisualOdometry:
         nearest = int(np.argmin(away))
         known = own[nearest].landmarks
         most = min(int(self._known.alive[known].sum()), settings.landmarks)
-        share = settings.key_share * min(1.0, 0.75 + away[nearest])  # near by it is blur that hides them, not the way
+        share = settings.key_share * min(1.0, 0.75 + away[nearest])  # near by, blur hides landmarks, not displacement
         return away[nearest] > 1.0 or len(tracked.landmarks) < share * most
 
     def _away(self, pose: Pose3, other: Pose3) -> float:
-        """How far two poses, camera_from_map, are apart: 1 where another key frame is due."""
+        """Return the distance of two poses (camera_from_map): 1 where another key frame is due."""
         moved = pose @ other.inverse()
         turned = float(np.arccos(np.clip(0.5 * (np.trace(moved.rotation) - 1.0), -1.0, 1.0)))
         return max(
@@ -358,7 +358,7 @@ class VisualOdometry:
         )
 
     def _add_key(self, picture: _Picture, tracked: Tracked) -> Tracked:
-        """A key frame of the picture, with new landmarks where it has few, and the latest key frames adjusted."""
+        """Make a key frame of the picture with new landmarks where it has few, and adjust the latest key frames."""
         assert tracked.camera_from_map is not None
         settings, key = self.settings, len(self._known.key_frames)
         taken = unrolled(
@@ -393,7 +393,7 @@ class VisualOdometry:
         return Tracked(tracked.state, own.camera_from_map, own.landmarks, own.observed, key, tracked.velocity)
 
     def _features(self, picture: _Picture) -> Features:
-        """The picture's features, which are looked for once."""
+        """Return the picture's features, extracted once."""
         if self._extracted is None or self._extracted[0] is not picture:
             started = time.process_time()
             self._extracted = picture, extract(picture.frame, self.settings.features)
@@ -401,7 +401,7 @@ class VisualOdometry:
         return self._extracted[1]
 
     def _level(self, features: Features, picture: _Picture, velocity: FloatArray) -> Features:
-        """Features as they would lie had all rows been exposed at once."""
+        """Return features corrected for the rolling shutter."""
         if picture.frame.row_step == 0.0 or len(features) == 0:
             return features
         pixels = features.pixels.astype(np.float64)
@@ -411,7 +411,7 @@ class VisualOdometry:
         return replace(features, pixels=seen[:, :2].astype(np.float32), points=points)
 
     def _window(self, key: int) -> list[int]:
-        """The latest key frames, and others that share the most with the newest."""
+        """Return the latest key frames, and others that share the most landmarks with the newest."""
         piece = [k for k, own in enumerate(self._known.key_frames) if own.piece == self.piece]
         latest = piece[-self.settings.window :]
         shared = self._known.sharing(self._known.key_frames[key].landmarks)
@@ -420,7 +420,7 @@ class VisualOdometry:
         return sorted([*latest, *others[: self.settings.neighbours]])
 
     def _corners(self, picture: _Picture, taken: FloatArray) -> tuple[FloatArray, FloatArray]:
-        """Pixels (K, 2) of corners with depth away from those taken, and their inverse depths."""
+        """Return pixels (K, 2) of corners with depth away from those taken, and their inverse depths (K,)."""
         settings = self.settings
         with np.errstate(invalid="ignore"):
             mask = ((picture.depth > 0.0) & (picture.depth < settings.max_depth)).astype(np.uint8)
@@ -440,7 +440,7 @@ class VisualOdometry:
         return pixels[known], inverse[known]
 
     def _find_again(self, picture: _Picture) -> Tracked | None:
-        """The pose by the features of the latest key frames, and of those that look most like the picture."""
+        """Return the result by matching features with the latest and the most similar key frames, or None."""
         features, keys = self._features(picture), self._known.key_frames
         latest, piece = list(range(len(keys) - 1, max(-1, len(keys) - 4), -1)), self.piece
         for key in [*latest, *(self._recall(features, latest) if self._recall else ())]:
@@ -456,7 +456,7 @@ class VisualOdometry:
         return None
 
     def _begin_anew(self, picture: _Picture) -> Tracked:
-        """Lost: after a while a new piece of the map, begun where the camera was last known to be."""
+        """Return LOST, or after a while begin a new piece of the map at the last known pose."""
         assert self._tracked is not None
         if (picture.frame.stamp_ns - self._stamp) * 1e-9 < self.settings.restart_after:
             return Tracked(Track.LOST)
@@ -470,7 +470,7 @@ class VisualOdometry:
 
 
 def _spread(pixels: FloatArray, cell: int, most: int) -> IntArray:
-    """Places of at most `most` pixels (N, 2), earlier ones first, taken in turns from squares of the picture."""
+    """Return at most `most` indices of pixels (N, 2), taken in turns from squares of the picture, earlier ones first."""
     if len(pixels) <= most:
         return np.arange(len(pixels))
     squares = (pixels[:, 1] // cell).astype(np.int64) * 1000 + (pixels[:, 0] // cell).astype(np.int64)

@@ -1,13 +1,14 @@
-"""The dictionary of visual words, and which node shows which word.
+"""The vocabulary of visual words, with the inverted index of the nodes that show them.
 
 Two kinds with one interface. `IncrementalVocabulary` is RTAB-Map's (Labbe and Michaud 2013): it starts empty; a
-descriptor that is clearly nearest to one word is that word, any other becomes a new one. `FixedVocabulary` is the
-wheelchair paper's (Pai et al. 2026, section 3.2; Sivic and Zisserman 2003): words by k-means, made offline of pictures
-(`vocabulary_training.py`). Binary words are compared by Hamming distance, float words by the squared Euclidean one.
+descriptor that is clearly nearest to one word is that word, any other becomes a new word. `FixedVocabulary` is the
+wheelchair paper's (Pai et al. 2026, section 3.2; Sivic and Zisserman 2003): words by k-means, trained offline from
+pictures (`vocabulary_training.py`). Binary words are compared by Hamming distance, float words by squared Euclidean
+distance.
 
-Words are told by id, 1 and up, never given out twice; 0 stands for "no word". Only nodes in short-term and working
-memory refer to words: `forget` a node when it goes to sleep, give what `drop_unused` returns to the long-term memory,
-and `recall` the node with its missing words when it wakes.
+Words have ids from 1 on, never used twice; 0 means "no word". Only nodes in short-term and working memory refer to
+words: call `forget` when a node goes to sleep, store the result of `drop_unused` in the long-term memory, and call
+`recall` with the missing words when the node wakes.
 """
 
 from __future__ import annotations
@@ -28,7 +29,7 @@ from waychair.slam.matching import distances_between
 from waychair.types import Float32Array, IntArray
 
 NO_WORD = 0
-"""Word id of a key point that has none."""
+"""Word id of a keypoint without a word."""
 
 BINARY_WIDTH, FLOAT_WIDTH = 32, 128
 """Columns of ORB's descriptors (bytes) and of SIFT's (floats)."""
@@ -36,7 +37,7 @@ BINARY_WIDTH, FLOAT_WIDTH = 32, 128
 
 @dataclass(frozen=True, slots=True)
 class VocabularySettings(Settings):
-    """How an incremental dictionary grows (RTAB-Map's Kp/NndrRatio)."""
+    """Growth of an incremental vocabulary (RTAB-Map's Kp/NndrRatio)."""
 
     ratio: float = setting(
         0.8, "", "a descriptor is its nearest word if that is nearer than this often the second", low=0.1, high=1.0
@@ -45,7 +46,7 @@ class VocabularySettings(Settings):
 
 @dataclass(frozen=True, slots=True)
 class SleepingWords:
-    """Words that left the dictionary: ids (K,), descriptors (K, W), and `since` (K,), the next id to be given then."""
+    """Words removed from the vocabulary: ids (K,), descriptors (K, W), and `since` (K,), the next id at that time."""
 
     ids: Int32Array
     descriptors: Descriptors
@@ -55,13 +56,13 @@ class SleepingWords:
         return len(self.ids)
 
     def take(self, ids: Int32Array) -> SleepingWords:
-        """Those of them that are among `ids`."""
+        """Return the words that are among `ids`."""
         chosen = np.isin(self.ids, ids)
         return SleepingWords(self.ids[chosen], self.descriptors[chosen], self.since[chosen])
 
 
 class Vocabulary(ABC):
-    """A dictionary, with the inverted index of the nodes that are awake."""
+    """A vocabulary with the inverted index of the awake nodes."""
 
     def __init__(self, binary: bool) -> None:
         self.binary = binary
@@ -69,11 +70,11 @@ class Vocabulary(ABC):
 
     @abstractmethod
     def __len__(self) -> int:
-        """Words."""
+        """Return the number of words."""
 
     @abstractmethod
     def words_of(self, node: int, descriptors: Descriptors) -> Int32Array:
-        """(N,) word ids of a new node's descriptors (N, W); the node refers to them from now on.
+        """Return word ids (N,) of a new node's descriptors (N, W), and add the node with them.
 
         Raises:
             VocabularyError: the descriptors are of the other kind.
@@ -81,7 +82,7 @@ class Vocabulary(ABC):
 
     @abstractmethod
     def known(self, descriptors: Descriptors) -> Int32Array:
-        """(K,) slots of the words among descriptors (N, W) of a view that is not kept; nothing is learnt of it.
+        """Return slots (K,) of the known words among descriptors (N, W), without adding node or words.
 
         Raises:
             VocabularyError: the descriptors are of the other kind.
@@ -89,22 +90,22 @@ class Vocabulary(ABC):
 
     @abstractmethod
     def forget(self, node: int) -> None:
-        """Drop the references of a node that goes to sleep."""
+        """Remove a node that goes to sleep from the index."""
 
     @abstractmethod
     def drop_unused(self) -> SleepingWords:
-        """Take the words out that no node refers to, so that they can be kept elsewhere."""
+        """Remove and return the words that no node refers to."""
 
     @abstractmethod
     def missing(self, words: Int32Array) -> Int32Array:
-        """(K,) those of the words (N,) that must be given to `recall`."""
+        """Return the words (K,) among (N,) that `recall` needs."""
 
     @abstractmethod
     def recall(self, node: int, words: Int32Array, asleep: SleepingWords) -> Int32Array:
-        """(N,) the words of a node that wakes, which may differ from those (N,) with which it fell asleep."""
+        """Add a waking node with its former words (N,); return its words (N,) now, which may differ."""
 
     def no_words(self) -> SleepingWords:
-        """None, of this dictionary's kind."""
+        """Return an empty set of words of this vocabulary's kind."""
         none = np.empty(0, np.int32)
         return SleepingWords(none, _empty(self.binary), none)
 
@@ -118,7 +119,7 @@ class Vocabulary(ABC):
 
 
 class IncrementalVocabulary(Vocabulary):
-    """A dictionary that grows with what is seen and shrinks with what is forgotten; words are never averaged."""
+    """A vocabulary that grows with new views and shrinks with forgotten ones; words are never averaged."""
 
     def __init__(self, settings: VocabularySettings | None = None, *, binary: bool = True) -> None:
         super().__init__(binary)
@@ -127,7 +128,7 @@ class IncrementalVocabulary(Vocabulary):
         self._next_id = 1
         self._slot_of: dict[int, int] = {}
         self._id_of = np.zeros(1024, np.int32)
-        self._slots = 0  # given out so far; those that are free again are used first
+        self._slots = 0  # slots used so far; free ones are used first
         self._free_slots: list[int] = []
         self._unused: set[int] = set()
 
@@ -135,7 +136,7 @@ class IncrementalVocabulary(Vocabulary):
         return len(self._slot_of)
 
     def words_of(self, node: int, descriptors: Descriptors) -> Int32Array:
-        """(N,) word ids: of the two nearest among all words and those just made of this image, the nearest if clear.
+        """Return word ids (N,): the nearest word if clearly nearer than the second, also among this image's new words.
 
         Raises:
             VocabularyError: the descriptors are of the other kind.
@@ -154,7 +155,7 @@ class IncrementalVocabulary(Vocabulary):
         return self._id_of[slots]
 
     def known(self, descriptors: Descriptors) -> Int32Array:
-        """(K,) slots of the words that some of the descriptors (N, W) clearly are.
+        """Return slots (K,) of the words that some of the descriptors (N, W) clearly match.
 
         Raises:
             VocabularyError: the descriptors are of the other kind.
@@ -167,19 +168,19 @@ class IncrementalVocabulary(Vocabulary):
 
     @property
     def next_id(self) -> int:
-        """The next new word's, and so more than that of any before."""
+        """The id of the next new word, greater than all earlier ones."""
         return self._next_id
 
     def begin_at(self, next_id: int) -> None:
-        """New words get this id and those after it, as words before it are asleep since an earlier session."""
+        """Give new words ids from `next_id` on, since earlier sessions have used those below."""
         self._next_id = max(self._next_id, next_id)
 
     def forget(self, node: int) -> None:
-        """Drop the references of a node that goes to sleep."""
+        """Remove a node that goes to sleep from the index."""
         self._unused.update(self.index.remove(node).tolist())
 
     def drop_unused(self) -> SleepingWords:
-        """Take the words out that no node refers to, in the order of their ids."""
+        """Remove and return the words that no node refers to, in the order of their ids."""
         slots = self.index.unused(np.array(sorted(self._unused), np.int32))
         self._unused.clear()
         if len(slots) == 0:
@@ -193,16 +194,16 @@ class IncrementalVocabulary(Vocabulary):
         return dropped
 
     def missing(self, words: Int32Array) -> Int32Array:
-        """(K,) those of the words (N,) that are asleep, each once."""
+        """Return the words (K,) among (N,) that are asleep, each once."""
         asleep = [word for word in np.unique(words).tolist() if word != NO_WORD and word not in self._slot_of]
         return np.array(asleep, np.int32)
 
     def recall(self, node: int, words: Int32Array, asleep: SleepingWords) -> Int32Array:
-        """(N,) words of a node that wakes: old ids, or words made meanwhile that are clearly the same.
+        """Add a waking node; return its words (N,): old ids, or newer words that clearly match.
 
-        A word is compared only with words made since it fell asleep: those it was awake with are known to be others.
-        That a word was renamed is not kept: the same comparison tells the next node that refers to it. A word that is
-        neither awake nor among `asleep` (its record was lost) becomes `NO_WORD`.
+        A word is compared only with words made since it fell asleep: it differs from those that it was awake with. A
+        replacement is not recorded, since the same comparison finds it for the next node. A word that is neither awake
+        nor among `asleep` (its record was lost) becomes `NO_WORD`.
         """
         needed = asleep.take(self.missing(words))
         names = {NO_WORD: NO_WORD} | {word: word for word in np.unique(words).tolist() if word in self._slot_of}
@@ -220,7 +221,7 @@ class IncrementalVocabulary(Vocabulary):
         return result
 
     def descriptors_of(self, words: Int32Array) -> Descriptors:
-        """(N, W) descriptors of words (N,) that are awake."""
+        """Return the descriptors (N, W) of awake words (N,)."""
         return self._descriptors(np.array([self._slot_of[word] for word in words.tolist()], np.int32))
 
     def _insert(self, ids: Int32Array, descriptors: Descriptors) -> Int32Array:
@@ -251,7 +252,7 @@ class IncrementalVocabulary(Vocabulary):
 
 
 class FixedVocabulary(Vocabulary):
-    """A dictionary made offline: every descriptor is its nearest word, and words neither come nor go."""
+    """A vocabulary trained offline: every descriptor is its nearest word, and words neither come nor go."""
 
     def __init__(self, words: Descriptors) -> None:
         super().__init__(words.dtype == np.uint8)
@@ -264,7 +265,7 @@ class FixedVocabulary(Vocabulary):
         return len(self.words)
 
     def words_of(self, node: int, descriptors: Descriptors) -> Int32Array:
-        """(N,) word ids: the nearest word's.
+        """Return word ids (N,): those of the nearest words.
 
         Raises:
             VocabularyError: the descriptors are of the other kind.
@@ -274,7 +275,7 @@ class FixedVocabulary(Vocabulary):
         return slots + np.int32(1)
 
     def known(self, descriptors: Descriptors) -> Int32Array:
-        """(N,) slots of the words nearest to the descriptors (N, W).
+        """Return slots (N,) of the words nearest to the descriptors (N, W).
 
         Raises:
             VocabularyError: the descriptors are of the other kind.
@@ -283,25 +284,25 @@ class FixedVocabulary(Vocabulary):
         return nearest_words(descriptors, self.words).astype(np.int32)
 
     def forget(self, node: int) -> None:
-        """Drop the references of a node that goes to sleep."""
+        """Remove a node that goes to sleep from the index."""
         self.index.remove(node)
 
     def drop_unused(self) -> SleepingWords:
-        """None: the dictionary is fixed."""
+        """Return no words: the vocabulary is fixed."""
         return self.no_words()
 
     def missing(self, words: Int32Array) -> Int32Array:
-        """None: the dictionary is fixed."""
+        """Return no words: the vocabulary is fixed."""
         return np.empty(0, np.int32)
 
     def recall(self, node: int, words: Int32Array, asleep: SleepingWords) -> Int32Array:
-        """(N,) the words of a node that wakes, as they were."""
+        """Add a waking node with its words (N,); return them unchanged."""
         self.index.add(node, words[words != NO_WORD] - np.int32(1))
         return words
 
 
 def nearest_words(descriptors: Descriptors, words: Descriptors) -> IntArray:
-    """(N,) row of the nearest of the words (K, W) to each descriptor (N, W)."""
+    """Return rows (N,) of the nearest words (K, W) to descriptors (N, W)."""
     nearest: IntArray
     if descriptors.dtype == np.uint8:
         nearest, _ = assign(packed(descriptors), packed(words))
@@ -312,9 +313,9 @@ def nearest_words(descriptors: Descriptors, words: Descriptors) -> IntArray:
 
 @njit(cache=True)
 def choose_words(found: Int32Array, distances: Float32Array, within: Float32Array, ratio: float) -> Int32Array:
-    """(N,) slot of each descriptor's word, or -1 - k for the new word made of descriptor k (k = i: it makes one).
+    """Return the slot (N,) of each descriptor's word, or -1 - k for the new word of descriptor k (k = i: its own).
 
-    found, distances (N, 2): the two nearest words of the dictionary; within (N, N): distances between the descriptors.
+    found, distances (N, 2): the two nearest words of the vocabulary; within (N, N): distances between the descriptors.
     """
     chosen = np.empty(len(found), np.int32)
     founders = np.empty(len(found), np.int64)

@@ -1,7 +1,7 @@
-"""A dictionary made offline by clustering, as the wheelchair paper describes it (Pai et al. 2026, section 3.2).
+"""Training of a vocabulary offline by clustering, as in the wheelchair paper (Pai et al. 2026, section 3.2).
 
 Float descriptors are clustered by k-means, binary ones by k-majority (Grana et al. 2013): the same two steps with the
-Hamming distance, where the middle of a cluster has at every bit what most of its members have.
+Hamming distance, where each bit of a centre is the majority of its members.
 """
 
 from __future__ import annotations
@@ -29,7 +29,7 @@ _FORMAT = 1
 
 @dataclass(frozen=True, slots=True)
 class TrainingSettings(Settings):
-    """How a dictionary is made."""
+    """Settings of the training."""
 
     words: int = setting(
         16_000, "", "size of the dictionary; a small one tells places apart badly", low=2, high=200_000
@@ -44,10 +44,10 @@ def train(
     settings: TrainingSettings | None = None,
     progress: Callable[[float], None] = lambda _: None,
 ) -> Descriptors:
-    """(K, W) words of descriptors (N, W); fewer than asked for where there are fewer different descriptors.
+    """Return words (K, W) trained from descriptors (N, W); fewer if there are fewer distinct descriptors.
 
     Raises:
-        VocabularyError: fewer than two different descriptors.
+        VocabularyError: fewer than two distinct descriptors.
     """
     settings = settings or TrainingSettings()
     rng = np.random.default_rng(settings.seed)
@@ -66,16 +66,16 @@ def train(
 
 
 def save(path: Path, words: Descriptors, features: FeatureSettings) -> None:
-    """Write words (K, W) with the settings of the features they were made of: the whole file or none."""
+    """Write words (K, W) and the settings of their features, the whole file or none."""
     with replacing(path) as aside, aside.open("wb") as file:
         np.savez_compressed(file, format=np.int64(_FORMAT), words=words, features=np.array(dump(features)))
 
 
 def load(path: Path) -> tuple[FixedVocabulary, FeatureSettings]:
-    """The dictionary of a file, and the settings of the features it is for.
+    """Return the vocabulary of a file and the settings of its features.
 
     Raises:
-        VocabularyError: there is no such file, or it is not one that `save` wrote.
+        VocabularyError: the file is missing, damaged, or not written by `save`.
     """
     try:
         with np.load(path, allow_pickle=False) as arrays:
@@ -127,14 +127,14 @@ def _k_means(
 def _refill(
     centres: Words64 | Float32Array, data: Words64 | Float32Array, counts: IntArray, distances: IntArray
 ) -> None:
-    """Clusters that lost all members start again at the descriptors that are farthest from their own."""
+    """Restart clusters without members at the descriptors farthest from their centres."""
     empty = np.flatnonzero(counts == 0)
     centres[empty] = data[np.argsort(-distances, kind="stable")[: len(empty)]]
 
 
 @njit(cache=True)
 def _majorities(words: Words64, nearest: IntArray, centres: Words64) -> Words64:
-    """(K, 4) the majority word of each cluster; of an empty one the centre it had."""
+    """Return the majority word (K, 4) of each cluster; an empty cluster keeps its centre."""
     order = np.argsort(nearest, kind="mergesort")
     result = centres.copy()
     start = 0
