@@ -1,8 +1,8 @@
-"""Where the anchors of the memory stand: which of them have moved, and which are near a point.
+"""Poses of the key scans that the memory's nodes are attached to: which have moved, and which lie near a point.
 
-A frame costs what has changed. Anchors that were only added share their array with those before (see `PoseGraph`), so
-nothing else is looked at; those that an optimisation has bent are compared once, and found again by a new tree when
-somebody next asks for those near by.
+The cost per frame depends only on the anchors that changed. While anchors are only added, the new array shares the old
+array's memory (see `PoseGraph`), and old rows are not compared. After an optimisation all rows are compared once, and
+the next radius query builds a new k-d tree if a row of the tree has moved.
 """
 
 from __future__ import annotations
@@ -12,26 +12,26 @@ from scipy.spatial import cKDTree
 
 from waychair.types import FloatArray, IntArray, Pose2
 
-_MOVED = 1e-6  # [m], [rad] by which an anchor stands elsewhere
-_TAIL = 256  # anchors that are looked at one by one before they are put into a new tree
+_MOVED = 1e-6  # [m], [rad]; an anchor that changed by less has not moved
+_TAIL = 256  # new anchors that are compared one by one before a new tree is built
 
 
 class Anchors:
-    """Rows (A, 3) [m, m, rad] in map; nan for one that has no pose."""
+    """Anchor poses (A, 3) [m, m, rad] in the map frame; nan for an anchor without a pose."""
 
     def __init__(self, poses: FloatArray | None = None) -> None:
         self.poses: FloatArray = np.empty((0, 3)) if poses is None else poses
         self._tree: cKDTree | None = None
-        self._rows = np.empty(0, np.int64)  # of the tree's points
-        self._known = 0  # rows that the tree was made of
+        self._rows = np.empty(0, np.int64)  # anchor of each point of the tree
+        self._known = 0  # rows that the tree was built from
 
     def __len__(self) -> int:
         return len(self.poses)
 
     def stand(self, poses: FloatArray) -> IntArray:
-        """The anchors stand at (B, 3) now, an array that is kept; returns the rows that are new or elsewhere.
+        """Replace the poses by (B, 3), without a copy; return the rows that are new or have moved.
 
-        Rows of an array that was given before do not change in it.
+        The caller must not change rows of an array that it passed before.
         """
         before, self.poses = self.poses, poses
         known = min(len(before), len(poses))
@@ -45,7 +45,7 @@ class Anchors:
         return moved
 
     def near(self, at: Pose2, radius: float) -> IntArray:
-        """Rows within the radius [m], nearest first."""
+        """Return the anchors within the radius [m], nearest first."""
         if self._tree is None or len(self.poses) - self._known > _TAIL:
             self._plant()
         assert self._tree is not None

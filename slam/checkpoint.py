@@ -1,7 +1,7 @@
-"""A mapper's whole state, or what holds one, as plain arrays and text, from which the same is made again.
+"""Checkpoints: the state of a mapper, or of an object that holds one, as plain arrays and JSON, and back.
 
-Nothing is pickled: numbers, texts, containers, arrays, enumerations and waychair's own objects are written as they
-are, and only classes of waychair are made when they are read. What one object shares with another stays shared.
+Nothing is pickled. Numbers, strings, containers, arrays, enumerations and waychair's own objects are written, and
+reading creates objects of waychair classes only. Objects that are shared stay shared.
 """
 
 from __future__ import annotations
@@ -23,32 +23,32 @@ State = Mapping[str, NDArray[Any]]
 T = TypeVar("T")
 
 _TREE = "tree"
-_SMALL = 16  # arrays of so few numbers are written into the text
+_SMALL = 16  # arrays of at most so many numbers are written into the JSON
 _PACKAGE = "waychair."
 _FACTORIES: dict[str, Callable[[], Any]] = {"float": float, "int": int, "list": list, "dict": dict, "set": set}
 
 
 def state_of(value: object) -> dict[str, NDArray[Any]]:
-    """The state of a mapper, or of another object of waychair, as arrays by name, as `numpy.savez` takes them."""
+    """Return the state of a mapper, or of another waychair object, as named arrays for `numpy.savez`."""
     packer = _Packer()
     tree = json.dumps(packer.pack(value), separators=(",", ":"))
     return {**packer.arrays, _TREE: np.frombuffer(tree.encode(), np.uint8)}
 
 
 def mapper_from_state(state: State) -> Mapper:
-    """The mapper that had this state.
+    """Return the mapper that had this state.
 
     Raises:
-        ValueError: it is not the state of a mapper of this version of the program.
+        ValueError: this is not the state of a mapper of this program version.
     """
     return made_again(state, Mapper)
 
 
 def made_again(state: State, kind: type[T]) -> T:
-    """The object of a kind that had this state.
+    """Return the object of class `kind` that had this state.
 
     Raises:
-        ValueError: it is not the state of such a one of this version of the program.
+        ValueError: this is not the state of such an object of this program version.
     """
     try:
         made = _Unpacker(state).unpack(json.loads(bytes(state[_TREE])))
@@ -60,17 +60,17 @@ def made_again(state: State, kind: type[T]) -> T:
 
 
 class _Packer:
-    """Values to JSON: primitives as they are, everything else as a list that begins with its kind."""
+    """Turns values into JSON: primitives unchanged, everything else as a list that begins with its kind."""
 
     def __init__(self) -> None:
         self.arrays: dict[str, NDArray[Any]] = {}
         self._seen: dict[int, int] = {}
-        self._kept: list[Any] = []  # so that no identity is used twice
+        self._kept: list[Any] = []  # keeps the objects alive, so that no `id` is reused
 
     def pack(self, value: Any) -> Any:
         if isinstance(value, enum.Enum):
             return ["enum", _name(type(value)), value.name]
-        if isinstance(value, np.generic):  # before float, which numpy's float64 is as well
+        if isinstance(value, np.generic):  # before float, because numpy's float64 is a float
             return self._array(np.asarray(value), "scalar")
         if value is None or isinstance(value, bool | int | float | str):
             return value
@@ -143,7 +143,7 @@ class _Unpacker:
         return self._made[place]
 
     def _fill(self, place: int, kind: str, rest: list[Any]) -> None:
-        """Containers stand in their place before their contents, which may refer to them."""
+        """Create a container first and its contents afterwards, because the contents may refer to it."""
         if kind == "object":
             made = self._made[place] = object.__new__(_class(rest[0]))
             for name, node in rest[1].items():

@@ -1,4 +1,4 @@
-"""What wheels and IMU make of a frame before it is mapped: where the chair is by them, and the scan seen upright."""
+"""Dead reckoning for mapping: wheels and IMU give each sensor frame its odometry, and level its scan."""
 
 from __future__ import annotations
 
@@ -12,10 +12,10 @@ from waychair.types import ImuSample, Odometry, SensorFrame, WheelTicks
 
 
 class DeadReckoning:
-    """Frames in, in the order of the recording; each comes out with one `Odometry` at its own stamp.
+    """Adds to each frame, in the order of the recording, one `Odometry` at the frame's stamp.
 
-    Readings are fused from the first sample of an IMU, or the first counts of encoders, on. A recording of odometry
-    alone passes as it is: whoever recorded it had no more to go by than the wheels, and neither would the filter.
+    Fusion starts with the first IMU sample or the first encoder counts. A recording that holds only `Odometry` passes
+    unchanged, because the filter would have no further information.
     """
 
     def __init__(self, body: ChairBody, settings: OdometrySettings | None = None) -> None:
@@ -25,11 +25,11 @@ class DeadReckoning:
 
     @property
     def tilt(self) -> Tilt | None:
-        """How the chair leans at the latest sample of the IMU; None before the first."""
+        """Tilt at the latest IMU sample; None before the first."""
         return self._tilt.tilt
 
     def update(self, frame: SensorFrame) -> SensorFrame:
-        """The frame with its odometry, and with its scan levelled where the chair leans."""
+        """Return the frame with its odometry, and with its scan levelled where the chair tilts."""
         if self._filter is None:
             if not frame.imu and not any(isinstance(reading, WheelTicks) for reading in frame.wheels):
                 return frame

@@ -1,4 +1,4 @@
-"""The pose graph as plain data: relative poses between nodes, and how far poses are from fulfilling them."""
+"""Edges of a pose graph: measured relative poses between nodes, and their residuals."""
 
 from __future__ import annotations
 
@@ -13,13 +13,13 @@ from waychair.types import BoolArray, FloatArray, IntArray, Pose2
 
 
 class EdgeKind(enum.Enum):
-    """Where a relative pose comes from."""
+    """Source of a relative pose."""
 
     ODOMETRY = "odometry"
     MATCH = "match"
     LOOP = "loop"
     TORN = "torn"
-    """Nothing has seen this motion: the chair was carried, or what it sees has nothing to do with where it was."""
+    """The motion is unknown: the chair was kidnapped, or another drive begins."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -35,7 +35,7 @@ class Edge:
 
 @dataclass(frozen=True, slots=True)
 class EdgeArrays:
-    """E edges side by side: nodes `i` and `j` (E,), `i_from_j` (E, 3), `information` (E, 3, 3), `loop` (E,) bool."""
+    """E edges as arrays: nodes `i` and `j` (E,), `i_from_j` (E, 3), `information` (E, 3, 3), `loop` (E,) bool."""
 
     i: IntArray
     j: IntArray
@@ -48,7 +48,7 @@ class EdgeArrays:
 
 
 def edge_arrays(edges: Sequence[Edge]) -> EdgeArrays:
-    """The edges as arrays, in their order."""
+    """Return the edges as arrays, in their order."""
     return EdgeArrays(
         np.array([edge.i for edge in edges], np.int64),
         np.array([edge.j for edge in edges], np.int64),
@@ -59,11 +59,11 @@ def edge_arrays(edges: Sequence[Edge]) -> EdgeArrays:
 
 
 def residuals(poses: FloatArray, edges: Sequence[Edge] | EdgeArrays) -> FloatArray:
-    """(E, 3) what is left between each edge's measured and present relative pose, in the frame of its node j.
+    """Return the difference (E, 3) between each edge's measured and present relative pose, in the frame of node j.
 
-    It is the logarithm of SE(2), the velocity that covers the difference in unit time. The plain difference of the
-    coordinates is not good enough: where an information matrix is very long (1e8 : 1 occurs in the Manhattan graph)
-    the few millimetres between the two look like hundreds of sigmas.
+    It is the SE(2) logarithm, the twist that covers the difference in unit time. The plain difference of coordinates is
+    not good enough: with an ill-conditioned information matrix (1e8 : 1 occurs in the Manhattan graph) the few
+    millimetres between the two become hundreds of sigmas.
     """
     a = edges if isinstance(edges, EdgeArrays) else edge_arrays(edges)
     away = compose(invert(a.i_from_j), compose(invert(poses[a.i]), poses[a.j]))
@@ -76,7 +76,7 @@ def residuals(poses: FloatArray, edges: Sequence[Edge] | EdgeArrays) -> FloatArr
 
 
 def chi_square(poses: FloatArray, edges: Sequence[Edge] | EdgeArrays) -> FloatArray:
-    """(E,) squared Mahalanobis length of the residuals (3 degrees of freedom)."""
+    """Return the squared Mahalanobis length (E,) of the residuals (3 degrees of freedom)."""
     a = edges if isinstance(edges, EdgeArrays) else edge_arrays(edges)
     away = residuals(poses, a)
     result: FloatArray = np.einsum("ei,eij,ej->e", away, a.information, away)

@@ -1,4 +1,4 @@
-"""How good a trajectory is, against published relations between its poses or against the true trajectory."""
+"""Trajectory errors, against published relative poses or against the true trajectory."""
 
 from __future__ import annotations
 
@@ -19,7 +19,7 @@ from waychair.types import BoolArray, FloatArray, IntArray, Pose2, Trajectory
 
 @dataclass(frozen=True, slots=True)
 class EvaluationSettings(Settings):
-    """Which poses are compared."""
+    """Which poses are compared with each other."""
 
     max_gap: float = setting(
         0.02, "s", "a relation's stamp is this near to a pose, or it is left out", low=0.0, high=60
@@ -32,7 +32,7 @@ class EvaluationSettings(Settings):
 
 @dataclass(frozen=True, slots=True)
 class Relations:
-    """Where the laser of the second stamp stood in the frame of the first: stamps_ns (N, 2), poses (N, 3)."""
+    """Reference relations: stamps_ns (N, 2), and the laser pose (N, 3) at the second stamp in that at the first."""
 
     stamps_ns: IntArray
     poses: FloatArray
@@ -42,7 +42,7 @@ class Relations:
 class Errors:
     """Count, mean, sample standard deviation and maximum of the errors in translation [m] and in rotation [deg].
 
-    Deviations are nan where there are fewer than two, the rest where there is none.
+    Deviations are nan for fewer than two errors, all other values for none.
     """
 
     count: int
@@ -56,7 +56,7 @@ class Errors:
 
 @dataclass(frozen=True, slots=True)
 class RelationErrors:
-    """Errors over all usable relations, over local ones, and over those that cross a loop; `of` were given."""
+    """Errors over all usable relations, the local ones, and those that cross a loop; `of` is the number used."""
 
     of: int
     every: Errors
@@ -66,7 +66,7 @@ class RelationErrors:
 
 @dataclass(frozen=True, slots=True)
 class TruthErrors:
-    """Errors of position [m] and heading [deg] once the trajectory is laid onto the truth; `of` poses were given."""
+    """Errors of position [m] and heading [deg] after alignment with the truth; `of` poses were given."""
 
     of: int
     errors: Errors
@@ -75,11 +75,11 @@ class TruthErrors:
 
 
 def read_relations(path: Path) -> Relations:
-    """Relations as published for the common logs: `stamp1 stamp2 x y z roll pitch yaw` a line, gzipped or not.
+    """Read published relations: one line `stamp1 stamp2 x y z roll pitch yaw` each, plain or gzipped.
 
     Raises:
-        RecordingNotFound: there is no such file.
-        RecordingDamaged: a line does not hold two stamps and six finite numbers, or there is none.
+        RecordingNotFound: the file does not exist.
+        RecordingDamaged: a line does not hold two stamps and six finite numbers, or the file has no relation.
     """
     try:
         data = path.read_bytes()
@@ -114,10 +114,10 @@ def relation_errors(
     base_from_laser: Pose2 | None = None,
     settings: EvaluationSettings | None = None,
 ) -> RelationErrors:
-    """The metric of Kuemmerle et al. 2009 (Autonomous Robots 27, equation 6, weights 1): relation^-1 (p1^-1 p2).
+    """Return the errors relation^-1 (p1^-1 p2) of Kuemmerle et al. 2009 (Autonomous Robots 27, eq. 6, weights 1).
 
-    Poses between two of the trajectory's are interpolated. Relations are between poses of the laser, so the mount is
-    needed where the trajectory's are of the base.
+    The trajectory is interpolated between its poses. Relations are between laser poses, so a trajectory of the base
+    needs the mount `base_from_laser`.
 
     Raises:
         RecordingError: no relation has poses at both its stamps.
@@ -142,12 +142,12 @@ def relation_errors(
 
 
 def truth_errors(trajectory: Trajectory, truth: Trajectory, settings: EvaluationSettings | None = None) -> TruthErrors:
-    """Absolute trajectory error: each pose against the true one nearest in time, the whole laid onto it rigidly.
+    """Return the absolute trajectory error: each pose against the true pose nearest in time, after rigid alignment.
 
-    The alignment in the plane has the least squared distances (Umeyama 1991, without scale and without reflection).
+    The planar alignment minimises the squared distances (Umeyama 1991, without scale and reflection).
 
     Raises:
-        RecordingError: fewer than three poses have a true one near in time.
+        RecordingError: fewer than three poses have a true pose near in time.
     """
     settings = settings or EvaluationSettings()
     order = np.argsort(truth.stamps_ns, kind="stable")
@@ -170,7 +170,7 @@ def truth_errors(trajectory: Trajectory, truth: Trajectory, settings: Evaluation
 
 
 def _alignment(points: FloatArray, onto: FloatArray) -> Pose2:
-    """Pose that moves points (N, 2) onto others with the least sum of squared distances."""
+    """Return the pose that moves points (N, 2) onto others with the least sum of squared distances."""
     a, b = points - points.mean(axis=0), onto - onto.mean(axis=0)
     theta = math.atan2(float((a[:, 0] * b[:, 1] - a[:, 1] * b[:, 0]).sum()), float((a * b).sum()))
     turned = Pose2(0.0, 0.0, theta) @ Pose2(*points.mean(axis=0).tolist())
@@ -195,7 +195,7 @@ def _errors(away: FloatArray, mask: BoolArray) -> Errors:
 
 
 def _nearest(stamps: IntArray, times: IntArray) -> IntArray:
-    """Index of the stamp nearest to each time, of ascending ones."""
+    """Return the index of the stamp nearest to each time; `stamps` ascend."""
     after = np.clip(np.searchsorted(stamps, times), 1, max(1, len(stamps) - 1))
     after = np.minimum(after, len(stamps) - 1)
     before = np.maximum(after - 1, 0)
@@ -204,7 +204,7 @@ def _nearest(stamps: IntArray, times: IntArray) -> IntArray:
 
 
 def _gaps(stamps: IntArray, times: IntArray) -> IntArray:
-    """Distance [ns] of each time to the nearest stamp."""
+    """Return the distance [ns] of each time to the nearest stamp."""
     if len(stamps) == 0:
         raise RecordingError("the trajectory is empty; there is nothing to compare")
     gaps: IntArray = np.abs(stamps[_nearest(stamps, times)] - times)
@@ -212,7 +212,7 @@ def _gaps(stamps: IntArray, times: IntArray) -> IntArray:
 
 
 def poses_at(stamps: IntArray, poses: FloatArray, times: IntArray) -> FloatArray:
-    """(N, 3) poses at times, linear in x, y and the short way round in the heading; held outside."""
+    """Return poses (N, 3) at the times, interpolated linearly (the heading by the shorter turn) and held outside."""
     seconds, wanted = (stamps - stamps[0]) * 1e-9, (times - stamps[0]) * 1e-9
     columns = [poses[:, 0], poses[:, 1], np.unwrap(poses[:, 2])]
     return np.stack([np.interp(wanted, seconds, column) for column in columns], axis=1)

@@ -1,7 +1,7 @@
-"""The pose graph's door: nodes and edges as plain data, their optimisation, and g2o files.
+"""Public interface of the pose graph: nodes and edges as plain data, their optimisation, and g2o files.
 
-The parts are `edges` (the data), `least_squares` (gtsam), `synchronisation` (a start without a guess, and proofs),
-`robust` (false loops), `pose_graph` (a graph that grows) and `graph_files` (g2o).
+The parts are `edges` (the data), `least_squares` (gtsam), `synchronisation` (initialisation and optimality proofs),
+`robust` (false loops), `pose_graph` (incremental optimisation) and `graph_files` (g2o).
 """
 
 from waychair.slam.edges import Edge, EdgeKind, chi_square, residuals

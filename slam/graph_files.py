@@ -1,4 +1,4 @@
-"""Pose graphs as g2o text (VERTEX_SE2, EDGE_SE2), plain or gzipped, in and out."""
+"""Read and write pose graphs as g2o text (VERTEX_SE2, EDGE_SE2), plain or gzipped."""
 
 from __future__ import annotations
 
@@ -17,18 +17,18 @@ from waychair.slam.edges import Edge, EdgeKind
 from waychair.types import FloatArray, IntArray, Pose2
 
 _UPPER = np.triu_indices(3)
-_SKIPPED = ("FIX", "PARAMS_SE2OFFSET")  # which node is held and where the sensor sits: both are the default here
+_SKIPPED = ("FIX", "PARAMS_SE2OFFSET")  # the fixed node and the sensor offset; both keep their defaults here
 
 
 def read_g2o(path: Path) -> tuple[FloatArray, tuple[Edge, ...]]:
-    """Poses (N, 3) and edges of a g2o file; a name that ends in .gz is unpacked.
+    """Read poses (N, 3) and edges of a g2o file; a file name that ends in .gz is unpacked.
 
     Nodes are numbered 0 to N - 1 in the order of their identifiers. An edge between neighbours in that order is
-    odometry, every other one a loop. Nodes without a VERTEX_SE2 line stand where the chain of odometry leads.
+    odometry, every other edge a loop. A node without a VERTEX_SE2 line gets its pose from the odometry edges.
 
     Raises:
-        GraphError: no such file, not gzip or text, a line that cannot be (with its number), nothing in it, or a node
-            whose pose neither a line nor the chain gives.
+        GraphError: the file is missing, is no gzip or text, has an invalid line (named by its number) or no edge, or a
+            node has neither a VERTEX_SE2 line nor an odometry edge.
     """
     vertices: dict[int, FloatArray] = {}
     rows: list[tuple[int, int, Pose2, FloatArray]] = []
@@ -53,7 +53,7 @@ def read_g2o(path: Path) -> tuple[FloatArray, tuple[Edge, ...]]:
 
 
 def write_g2o(path: Path, poses: FloatArray, edges: Sequence[Edge]) -> None:
-    """g2o text: VERTEX_SE2 id x y theta, EDGE_SE2 i j dx dy dtheta and the upper triangle of the information."""
+    """Write VERTEX_SE2 id x y theta, and EDGE_SE2 i j dx dy dtheta with the upper triangle of the information."""
     lines = [f"VERTEX_SE2 {k} {x:.9g} {y:.9g} {theta:.9g}" for k, (x, y, theta) in enumerate(poses)]
     for edge in edges:
         numbers = [edge.i_from_j.x, edge.i_from_j.y, edge.i_from_j.theta, *edge.information[_UPPER]]
@@ -95,12 +95,12 @@ def _edge_row(words: list[str]) -> tuple[int, int, Pose2, FloatArray]:
 def _edge(names: IntArray, i: int, j: int, i_from_j: Pose2, information: FloatArray) -> Edge:
     first, second = np.searchsorted(names, (i, j)).tolist()
     kind = EdgeKind.ODOMETRY if abs(second - first) == 1 else EdgeKind.LOOP
-    wrapped = Pose2() @ i_from_j  # theta to (-pi, pi]
+    wrapped = Pose2() @ i_from_j  # wraps theta to (-pi, pi]
     return Edge(first, second, wrapped, information, kind)
 
 
 def _poses(path: Path, names: IntArray, vertices: dict[int, FloatArray], edges: Sequence[Edge]) -> FloatArray:
-    """The vertices' own poses, and for nodes without one the pose that the chain of odometry leads to."""
+    """Return each vertex's own pose, or, for a node without one, the pose by the odometry edges."""
     forward = {}
     for edge in edges:
         if edge.kind is EdgeKind.ODOMETRY:

@@ -1,6 +1,6 @@
-"""Where each frame was, seen from the key scan it hangs on: 40 bytes a frame, however long the drive.
+"""Poses of all frames, each relative to a key scan, in 40 bytes a frame.
 
-As objects, ten hours of scans at 10 Hz would be 80 MB that the garbage collector walks through again and again.
+As Python objects, ten hours of scans at 10 Hz would be 80 MB for the garbage collector to traverse.
 """
 
 from __future__ import annotations
@@ -16,7 +16,7 @@ from waychair.types import FloatArray, IntArray, Pose2
 
 @dataclass(frozen=True, slots=True)
 class HungFrame:
-    """A frame hangs on a key scan and moves with it: its stamp, the key scan, and where it is from there."""
+    """A frame that moves with a key scan: its stamp, the key scan, and its pose relative to it."""
 
     stamp_ns: int
     key: int
@@ -24,11 +24,11 @@ class HungFrame:
 
 
 class HungFrames:
-    """Frames in their order, as in a list."""
+    """A list of such frames, stored as arrays."""
 
     def __init__(self) -> None:
         self._count = 0
-        self._on = np.zeros((64, 2), np.int64)  # stamp and key scan; rows beyond the count are not in use
+        self._on = np.zeros((64, 2), np.int64)  # stamp and key scan; rows beyond the count are spare
         self._poses = np.zeros((64, 3))
 
     def __len__(self) -> int:
@@ -45,7 +45,7 @@ class HungFrames:
         self._poses[row] = frame.key_from_base.array()
 
     def append(self, frame: HungFrame) -> None:
-        """The next frame."""
+        """Append a frame."""
         if self._count == len(self._on):
             self._on = np.concatenate([self._on, np.zeros_like(self._on)])
             self._poses = np.concatenate([self._poses, np.zeros_like(self._poses)])
@@ -53,7 +53,7 @@ class HungFrames:
         self[-1] = frame
 
     def take(self, numbers: Sequence[int]) -> HungFrames:
-        """A copy of some of them."""
+        """Return a copy of the frames with these numbers."""
         taken, rows = HungFrames(), np.array(numbers, np.int64)
         if len(rows):
             taken._count, taken._on, taken._poses = len(rows), self._on[rows], self._poses[rows]
@@ -61,17 +61,17 @@ class HungFrames:
 
     @property
     def stamps_ns(self) -> IntArray:
-        """(N,) a copy."""
+        """Stamps (N,), a copy."""
         return self._on[: self._count, 0].copy()
 
     @property
     def keys(self) -> IntArray:
-        """(N,) a copy."""
+        """Key scan of each frame (N,), a copy."""
         return self._on[: self._count, 1].copy()
 
     @property
     def poses(self) -> FloatArray:
-        """(N, 3) [m, m, rad] from the key scans; a copy."""
+        """Pose of each frame relative to its key scan (N, 3) [m, m, rad], a copy."""
         return self._poses[: self._count].copy()
 
     def _row(self, number: int) -> int:

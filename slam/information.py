@@ -1,4 +1,4 @@
-"""How much is known of a relative pose: information matrices (3, 3) of x, y [1/m^2], theta [1/rad^2]."""
+"""Information matrices (3, 3) of relative poses: x, y [1/m^2], theta [1/rad^2]."""
 
 from __future__ import annotations
 
@@ -12,12 +12,12 @@ from waychair.geometry import rotation
 from waychair.types import FloatArray, Pose2
 
 LOST_POSITION, LOST_HEADING = 5.0, 1.0
-"""Standard deviations [m], [rad] of a motion of which nothing is known."""
+"""Standard deviations [m], [rad] of an unknown motion."""
 
 
 @dataclass(frozen=True, slots=True)
 class NoiseSettings(Settings):
-    """How far odometry and matches are believed."""
+    """Noise of odometry and of scan matches."""
 
     odometry_distance: float = setting(0.1, "m/m", "standard deviation per metre driven", low=1e-4, high=1.0)
     odometry_angle: float = setting(0.2, "rad/rad", "standard deviation per radian turned", low=1e-4, high=1.0)
@@ -27,7 +27,7 @@ class NoiseSettings(Settings):
 
 
 def of_odometry(motion: Pose2, noise: NoiseSettings) -> FloatArray:
-    """Information of a motion by the wheels, in its own frame."""
+    """Return the information of a motion measured by the wheels, in the frame of its end."""
     distance, turn = math.hypot(motion.x, motion.y), abs(motion.theta)
     along = 0.01 + noise.odometry_distance * distance
     angle = 0.005 + noise.odometry_angle * turn + noise.odometry_drift * distance
@@ -35,18 +35,18 @@ def of_odometry(motion: Pose2, noise: NoiseSettings) -> FloatArray:
 
 
 def of_nothing() -> FloatArray:
-    """Information of a motion that nothing has seen, as when the chair was carried."""
+    """Return the information of an unknown motion, as of a kidnapped chair."""
     return np.diag([LOST_POSITION**-2, LOST_POSITION**-2, LOST_HEADING**-2])
 
 
 def of_match(information: FloatArray, noise: NoiseSettings) -> FloatArray:
-    """Information of a match, never better than the settings' least noise."""
+    """Return the information of a scan match, with the least noise of a match added."""
     floor = np.diag([noise.match_position**2, noise.match_position**2, noise.match_angle**2])
     return np.linalg.inv(np.linalg.inv(information + 1e-6 * np.eye(3)) + floor)
 
 
 def turned(information: FloatArray, theta: float) -> FloatArray:
-    """Information of a pose in a frame turned by -theta against the one it is given in."""
+    """Return the information in a frame that is turned by -theta relative to the given frame."""
     turn = np.eye(3)
     turn[:2, :2] = rotation(theta)
     result: FloatArray = turn @ information @ turn.T

@@ -1,4 +1,4 @@
-"""The key scans of a map: their surfaces, their poses, and the edges between them."""
+"""The key scans of a map: their surface points, their poses, and the edges between them."""
 
 from __future__ import annotations
 
@@ -19,7 +19,7 @@ from waychair.types import FloatArray, IntArray, Pose2
 
 
 class KeyGraph:
-    """Grows by key scans and by edges; node k is key scan k."""
+    """A pose graph whose node k is key scan k."""
 
     def __init__(self, settings: GraphSettings) -> None:
         self.store = ScanStore()
@@ -27,33 +27,33 @@ class KeyGraph:
         self._linked: list[set[int]] = []
         self._left_out = 0
         self.kinds: Counter[EdgeKind] = Counter()
-        """How many edges of each kind the poses rest on."""
+        """Number of accepted edges of each kind."""
 
     def __len__(self) -> int:
         return len(self.store)
 
     @property
     def poses(self) -> FloatArray:
-        """(N, 3) of the key scans' base in map [m, m, rad]."""
+        """Poses (N, 3) [m, m, rad] of the base at each key scan, in the map frame."""
         return self._graph.poses
 
     @property
     def edges(self) -> tuple[Edge, ...]:
-        """Those that the poses rest on."""
+        """The accepted edges, which determine the poses."""
         return self._graph.edges
 
     @property
     def rejected(self) -> tuple[Rejected, ...]:
-        """The loops that were left out, and why."""
+        """The rejected loops, with reasons."""
         return self._graph.rejected
 
     def pose(self, node: int) -> Pose2:
-        """`map_from_base` of a key scan."""
+        """Return `map_from_base` of a key scan."""
         x, y, theta = self.poses[node].tolist()
         return Pose2(x, y, theta)
 
     def add(self, scan: ScanPoints, edge: Edge | None) -> int:
-        """A new key scan at the end of its edge (at the origin without one); returns its node."""
+        """Add a key scan at the end of its edge (at the origin without an edge); return its node."""
         pose = Pose2() if edge is None else self.pose(edge.i) @ edge.i_from_j
         self._linked.append(set())
         self._graph.add(pose.array()[None], [] if edge is None else [edge])
@@ -62,29 +62,29 @@ class KeyGraph:
         return self.store.append(scan)
 
     def link(self, edge: Edge) -> None:
-        """One more edge between two key scans that are there; the poses follow at the next `settle`."""
+        """Add an edge between two existing key scans; the poses follow at the next `settle`."""
         self._graph.add(np.empty((0, 3)), [edge])
         self._join(edge)
 
     def settle(self) -> None:
-        """Poses that fit the edges so far."""
+        """Optimise the poses incrementally for all edges so far."""
         self._graph.update()
         self._forget_rejected()
 
     def finish(self) -> None:
-        """The same once more with care: every loop that was left out is looked at again."""
+        """Optimise the whole graph, and check every rejected loop again."""
         self._graph.solve()
         self._forget_rejected()
 
     def _join(self, edge: Edge) -> None:
         self.kinds[edge.kind] += 1
-        if edge.kind is EdgeKind.TORN:  # nobody has gone that way
+        if edge.kind is EdgeKind.TORN:  # the chair did not drive along this edge
             return
         self._linked[edge.i].add(edge.j)
         self._linked[edge.j].add(edge.i)
 
     def _forget_rejected(self) -> None:
-        """There is no way along a loop that was left out."""
+        """Remove rejected loops from the paths through the graph."""
         if len(self.rejected) == self._left_out == 0:
             return
         self._left_out = len(self.rejected)
@@ -94,8 +94,8 @@ class KeyGraph:
             self._join(edge)
 
     def continued(self, renewed: Mapping[int, ScanPoints]) -> KeyGraph:
-        """The same graph for another drive: as it stands now, without the loops that were left out and without the
-        history of its optimisations; some key scans with newer surfaces."""
+        """Return a copy for another drive: with the present poses, without rejected loops and optimisation history, and
+        with the newer surfaces `renewed` of some key scans."""
         graph = KeyGraph(self._graph.settings)
         for node in range(len(self)):
             graph.store.append(renewed.get(node, self.store[node]))
@@ -106,7 +106,7 @@ class KeyGraph:
         return graph
 
     def reaches(self, node: int, before: int) -> bool:
-        """Whether a way along the edges leads from a key scan to one of the first ones, whose number is below `before`."""
+        """Return whether a path along the edges leads from a key scan to one whose number is below `before`."""
         seen, waiting = {node}, [node]
         while waiting:
             here = waiting.pop()
@@ -120,11 +120,11 @@ class KeyGraph:
     def reference(
         self, members: Sequence[int] | IntArray, centre: FloatArray, reach: float, settings: MatchSettings
     ) -> Reference:
-        """The surfaces of some key scans, limited to `reach` [m] round the centre (2,) [m] in map."""
+        """Return the surfaces of some key scans within `reach` [m] of the centre (2,) [m] in the map frame."""
         return reference_from_scans(self.store, self.poses, members, centre, reach, settings.resolution, settings.sigma)
 
     def joined(self, members: Sequence[int], base: Pose2, cell: float) -> ScanPoints:
-        """Surfaces of some key scans together, in the frame of `base`, thinned to one point per cell [m]."""
+        """Return the joined points of some key scans in the frame of `base`, one point per cell of side `cell` [m]."""
         points, normals = [], []
         for node in members:
             base_from_node = base.inverse() @ self.pose(node)
@@ -136,7 +136,7 @@ class KeyGraph:
         return ScanPoints(np.ascontiguousarray(every[first]), np.ascontiguousarray(facing[first]))
 
     def ways(self, node: int, limit: float) -> dict[int, float]:
-        """Lengths [m] of the shortest ways along the edges, from a key scan to those nearer than `limit` [m]."""
+        """Return the lengths [m] of the shortest paths along the edges, from a key scan to those within `limit` [m]."""
         poses, ways, queue = self.poses, {node: 0.0}, [(0.0, node)]
         while queue:
             so_far, here = heapq.heappop(queue)
@@ -150,8 +150,11 @@ class KeyGraph:
         return ways
 
     def covering(self, node: int, pose: Pose2, way: float, distance: float, angle: float) -> int | None:
-        """The key scan nearest to a pose that saw what is seen from there: within `distance` [m] and `angle` [rad] of
-        it, and no further than `way` [m] from `node` along the edges, so that the two are certain of each other."""
+        """Return the nearest key scan that covers the view from a pose, or None.
+
+        It lies within `distance` [m] and `angle` [rad] of the pose, and within `way` [m] of `node` along the edges, so
+        that the relative pose of the two is well known.
+        """
         poses, ways = self.poses, self.ways(node, way)
         nodes = np.array(sorted(ways))
         away = np.hypot(*(poses[nodes, :2] - (pose.x, pose.y)).T)

@@ -1,4 +1,4 @@
-"""Weighted least squares over a pose graph with gtsam: the factors are built once and solved under many weights."""
+"""Weighted least squares over a pose graph with gtsam: factors are built once and solved with many weights."""
 
 from __future__ import annotations
 
@@ -14,13 +14,13 @@ from waychair.slam.synchronisation import spectral_poses
 from waychair.types import FloatArray, IntArray
 
 HELD = 1e-6
-"""Standard deviation [m], [rad] that holds node 0 where it is."""
+"""Standard deviation [m], [rad] of the prior that fixes node 0."""
 
 
 class Problem:
-    """The factors of one graph: node 0 held, a Huber kernel of `match_kernel` [sigma] on every edge but the loops.
+    """The factors of one graph: node 0 fixed, and a Huber kernel of `match_kernel` [sigma] on every edge except loops.
 
-    `match_kernel` None leaves the kernel out.
+    With `match_kernel` None there is no kernel.
     """
 
     def __init__(self, edges: EdgeArrays, match_kernel: float | None) -> None:
@@ -35,9 +35,9 @@ class Problem:
     def solve(
         self, poses: FloatArray, weights: FloatArray | None = None, iterations: int = 50, damped: bool = True
     ) -> FloatArray:
-        """Poses (N, 3) after Levenberg-Marquardt (or `damped` False: Gauss-Newton) steps from the poses.
+        """Return poses (N, 3) after Levenberg-Marquardt (`damped` False: Gauss-Newton) steps from `poses`.
 
-        weights (E,) in [0, 1] scale the information of the edges; those of weight 0 take no part.
+        `weights` (E,) in [0, 1] scale the information of the edges; edges of weight 0 are ignored.
 
         Raises:
             GraphError: the equations cannot be solved.
@@ -46,10 +46,10 @@ class Problem:
         return self._optimised(graph, poses, iterations, damped)
 
     def solve_switchable(self, poses: FloatArray, scale: float, iterations: int = 50) -> FloatArray:
-        """Poses (N, 3) with every loop scaled down by how far it is contradicted.
+        """Return poses (N, 3) with each loop weighted down by its own residual.
 
-        This is dynamic covariance scaling (Agarwal et al., ICRA 2013, eq. 15), which is switchable constraints with
-        the switches solved for; a loop with a chi-square below `scale` counts in full.
+        This is dynamic covariance scaling (Agarwal et al., ICRA 2013, eq. 15), the closed form of switchable
+        constraints. A loop with a chi-square below `scale` has full weight.
         """
         import gtsam
 
@@ -60,10 +60,10 @@ class Problem:
         return self._optimised(graph, poses, iterations, True)
 
     def innovations(self, poses: FloatArray, weights: FloatArray, wanted: IntArray) -> FloatArray:
-        """(K,) chi-square by which each wanted edge alone disagrees with the solution of the weighted others.
+        """Return the chi-square (K,) of the innovation of each wanted edge against the solution of the weighted others.
 
-        In contrast to the residual it allows for how uncertain the solution is between the two nodes: it is what
-        taking the edge in would cost, to first order.
+        Unlike the residual it accounts for the uncertainty between the two nodes: to first order, it is the cost of
+        adding the edge.
         """
         import gtsam
 
@@ -79,7 +79,7 @@ class Problem:
         return found
 
     def factor_graph(self, poses: FloatArray | None, weights: FloatArray | None = None) -> Any:
-        """gtsam's graph of the weighted edges, node 0 held at its pose (None: not held)."""
+        """Return gtsam's graph of the weighted edges, with node 0 fixed at its pose (`poses` None: not fixed)."""
         graph = self._held(poses)
         for edge, weight in enumerate([1.0] * len(self.edges) if weights is None else weights.tolist()):
             if weight == 1.0:
@@ -99,7 +99,7 @@ class Problem:
         return graph
 
     def _factor(self, edge: int) -> Any:
-        """The edge's factor at full weight; made when it is first asked for."""
+        """Return the edge's factor at full weight, made on first use."""
         if edge not in self._factors:
             self._factors[edge] = self._between(edge, None if self.edges.loop[edge] else self._huber)
         return self._factors[edge]
@@ -131,13 +131,13 @@ class Problem:
 
 
 def least_squares(poses: FloatArray, edges: EdgeArrays, iterations: int = 100) -> FloatArray:
-    """Poses (N, 3) of least sum of chi-squares, every edge trusted alike: no kernels, no edge left out.
+    """Return the poses (N, 3) with the least sum of chi-squares: no kernels, no edge rejected.
 
-    It is solved from the poses and from a start that the edges alone give, and the better solution stands: the given
-    start of a real graph (MIT's) may lie in a valley that no descent leaves.
+    The solver runs from the given poses and from a spectral initialisation, and the better solution is returned: the
+    given start of a real graph (MIT's) may lie in a local minimum.
 
     Raises:
-        GraphError: as `check_graph`, or equations that cannot be solved.
+        GraphError: as `check_graph`, or the equations cannot be solved.
     """
     check_graph(poses, edges)
     problem = Problem(edges, None)
@@ -147,14 +147,14 @@ def least_squares(poses: FloatArray, edges: EdgeArrays, iterations: int = 100) -
 
 
 def placed(poses: FloatArray, first: FloatArray) -> FloatArray:
-    """The poses (N, 3) moved as one so that node 0 stands at `first` (3,)."""
+    """Return the poses (N, 3) moved rigidly so that node 0 is at `first` (3,)."""
     from waychair.geometry import compose, invert
 
     return compose(compose(first, invert(poses[0])), poses)
 
 
 def gtsam_values(poses: FloatArray, first: int = 0) -> Any:
-    """Poses (N, 3) as gtsam's values of the nodes from `first` on."""
+    """Return poses (N, 3) as gtsam values of the nodes from `first` on."""
     import gtsam
 
     values = gtsam.Values()
@@ -164,10 +164,10 @@ def gtsam_values(poses: FloatArray, first: int = 0) -> Any:
 
 
 def check_graph(poses: FloatArray, edges: EdgeArrays) -> None:
-    """Whether poses (N, 3) and edges make one graph.
+    """Check that poses (N, 3) and edges form one connected graph.
 
     Raises:
-        GraphError: an edge to a node that is not there, a value that is not finite, or nodes that hang on no edge.
+        GraphError: an edge names a missing node, a value is not finite, or the graph is not connected.
     """
     count, ends = len(poses), np.concatenate([edges.i, edges.j])
     if len(ends) and not (ends.min() >= 0 and ends.max() < count):

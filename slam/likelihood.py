@@ -1,7 +1,7 @@
-"""How much a view looks like the places in working memory: tf-idf, and its normalisation for the Bayes filter.
+"""Likelihood of the places in working memory for a view: tf-idf scores, normalised for the Bayes filter.
 
-As in RTAB-Map (Angeli et al. 2008; Labbe and Michaud 2013, equation 5), whose counts are kept: N is the number of nodes
-in short-term and working memory, the current one among them.
+As in RTAB-Map (Angeli et al. 2008; Labbe and Michaud 2013, equation 5), with its counts: N is the number of nodes in
+short-term and working memory, including the current one.
 """
 
 from __future__ import annotations
@@ -15,10 +15,10 @@ _LEAST_SPREAD = 1e-4
 
 
 def tf_idf(index: InvertedIndex, node: int, places: IntArray) -> FloatArray:
-    """(M,) likelihood of places (M,) for the view of a node.
+    """Return the likelihood (M,) of places (M,) for the view of a node.
 
-    The sum over the view's distinct words w of n_wi * log10(N / N_w) / n_i: n_wi occurrences of w in place i, n_i all
-    words of i, N_w nodes that show w.
+    It is the sum over the view's distinct words w of n_wi * log10(N / N_w) / n_i, with n_wi occurrences of w in place
+    i, n_i words in place i, and N_w nodes that contain w.
     """
     slots = index.slots_of(node)
     if len(slots) == 0 or len(places) == 0:
@@ -27,10 +27,10 @@ def tf_idf(index: InvertedIndex, node: int, places: IntArray) -> FloatArray:
 
 
 def normalised(likelihood: FloatArray) -> FloatArray:
-    """(1 + M,) for the filter: first the virtual place ("none of these"), then the places.
+    """Return the likelihoods (1 + M,) for the filter: first the virtual place ("none of these"), then the places.
 
-    With m and s the mean and the standard deviation of the likelihoods (M,) that are not 0: a place that stands out,
-    above m + s, gets (L - s) / m; every other 1, which changes nothing; the virtual place m / s + 1, much when no place
+    Let m and s be the mean and the standard deviation of the non-zero likelihoods (M,). A place above m + s gets
+    (L - s) / m, every other place 1, which is neutral. The virtual place gets m / s + 1, which is large when no place
     stands out.
     """
     result = np.ones(len(likelihood) + 1)

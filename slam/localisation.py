@@ -1,6 +1,6 @@
-"""What a localiser says: where the chair is on its map, and how far that can be trusted.
+"""The output of a localiser: the chair's pose on its map, and how reliable it is.
 
-Apart from the localiser, so that whoever only hears of it starts without the map's machinery.
+The module is separate from the localiser so that consumers of poses do not import the map code.
 """
 
 from __future__ import annotations
@@ -16,7 +16,7 @@ if TYPE_CHECKING:
 
 
 class LocalisationState(enum.Enum):
-    """Whether the pose can be driven by: yes; slowly, since too little is seen that bears it out; no."""
+    """Whether the chair may drive by the pose: OK yes; DEGRADED slowly, the scans confirm little; LOST no."""
 
     OK = "ok"
     DEGRADED = "degraded"
@@ -25,14 +25,16 @@ class LocalisationState(enum.Enum):
 
 @dataclass(frozen=True, slots=True)
 class Localisation:
-    """Pose at a scan and how far it can be trusted.
+    """Pose at a scan, and its reliability.
 
-    `map_from_base` = `map_from_odom` @ the odometry. `inliers`: share of the scan's points on the map's walls. `health`
-    in [0, 1]: probability that the pose is within 0.3 m and 5 degrees of the truth, by this scan alone: a chair that was
-    right before is more likely to be right than that, and 0.5 where people hide all walls. `covariance` (3, 3) of the pose
-    [m^2, m rad, rad^2] in the map frame, None while nothing fits. `remaining` is the correction still to come, in the
-    base frame: map_from_base @ remaining is where the scans say the chair is. `jumped`: this time the pose was moved at
-    once, because the chair has just found out where it is. `candidates`: places a lost chair may be at, best first.
+    - `map_from_base`: `map_from_odom` @ the odometry.
+    - `inliers`: share of the scan's points on the map's walls.
+    - `health` in [0, 1]: probability, by this scan alone, that the pose is within 0.3 m and 5 degrees of the truth (a pose
+      that was right before is more likely right than that); 0.5 where people hide all walls.
+    - `covariance`: (3, 3) of the pose [m^2, m rad, rad^2] in the map frame; None while the scan does not fit.
+    - `remaining`: correction still to come, in the base frame; map_from_base @ remaining is the pose by the scans.
+    - `jumped`: the pose jumped at this scan, because a start was given or a lost chair was relocalised.
+    - `candidates`: places where a lost chair may be, best first.
     """
 
     map_from_base: Pose2
@@ -47,5 +49,5 @@ class Localisation:
 
     @property
     def lost(self) -> bool:
-        """Whether the pose must not be driven by."""
+        """Whether the chair must not drive by the pose."""
         return self.state is LocalisationState.LOST

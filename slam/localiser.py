@@ -1,8 +1,8 @@
-"""Where the chair is on a saved map: odometry between scans, each scan matched against the map's walls.
+"""Localisation on a saved map: odometry between scans, and each scan matched against the map's walls.
 
-A localiser that knows where it is follows; one that does not, because it was never told, or because what it sees has
-stopped fitting, looks for itself over the whole map (`waychair.slam.recovery`) and says LOST until one place stands
-alone. What it publishes moves smoothly: while it follows, `map_from_odom` changes by a little per scan at most.
+While the pose is known the localiser tracks it. Without a start, or when scans stop fitting, it reports LOST and
+searches the whole map (`waychair.slam.recovery`) until one place is unambiguous. The published pose moves smoothly:
+while tracking, `map_from_odom` changes by at most a small step per scan.
 """
 
 from __future__ import annotations
@@ -31,7 +31,7 @@ __all__ = ["Localisation", "LocalisationState", "Localiser", "LocaliserSettings"
 
 @dataclass(frozen=True, slots=True)
 class LocaliserSettings(Settings):
-    """How far a scan may correct the odometry, and when the chair is lost."""
+    """How far a scan may correct the odometry, and when the pose is degraded or lost."""
 
     search_distance: float = setting(0.25, "m", "half window of the search round the odometry", low=0.05, high=5.0)
     search_angle: float = setting(0.15, "rad", "half window of the search round the odometry", low=0.02, high=3.1)
@@ -66,21 +66,21 @@ class LocaliserSettings(Settings):
 
 
 class Localiser:
-    """Follows the chair on a map, from a known start or from nowhere."""
+    """Tracks the chair on a map, from a known or an unknown start."""
 
     def __init__(
         self, grid: OccupancyGrid, base_from_laser: Pose2, start: Pose2 | None, settings: LocaliserSettings
     ) -> None:
-        """`start` is a pose in the map, known to the settings' start window, or None: then the chair finds itself."""
+        """`start` is a pose in the map, correct to within the start window, or None: then the whole map is searched."""
         self._saved = saved_map(grid, settings)
         self._base_from_laser, self._settings = base_from_laser, settings
         self._parts = RecoveryParts(settings.recovery, settings.search, settings.places, settings.matching)
         self._sensor = np.array([base_from_laser.x, base_from_laser.y])
-        self._estimate = self._published = Pose2()  # map_from_odom as the scans say, and as it is given out
+        self._estimate = self._published = Pose2()  # map_from_odom by the scans, and as published
         self.restart(start)
 
     def restart(self, start: Pose2 | None) -> None:
-        """Begin anew at a pose that the rider gives, or with no idea where (None)."""
+        """Restart at a pose that the rider gives, or at an unknown pose (None)."""
         self._start = start
         self._state = LocalisationState.LOST if start is None else LocalisationState.DEGRADED
         self._recovery = Recovery(self._saved, self._sensor, self._parts)
@@ -89,20 +89,20 @@ class Localiser:
         self._last_odometry: Pose2 | None = None
 
     def redraw(self, saved: SavedMap) -> None:
-        """From the next scan on, the map is this: the same building, drawn anew. Where the chair is stays known."""
+        """Use a redrawn map of the same building from the next scan on; the pose stays known."""
         self._saved = saved
         if self._state is LocalisationState.LOST:
             self._recovery = Recovery(saved, self._sensor, self._parts)
 
     def process(self, scan: Scan, odom_from_base: Pose2, twist: Twist | None = None) -> Localisation:
-        """Pose at a scan that began where the odometry says `odom_from_base`, at this twist."""
+        """Return the pose at a scan; `odom_from_base` and `twist` are the odometry at its first beam."""
         points = scan_points(scan, self._base_from_laser, self._settings.matching.range_max, twist)
         if self._state is LocalisationState.LOST:
             return self._look(points, odom_from_base)
         return self._follow(points, odom_from_base)
 
     def _look(self, scan: ScanPoints, odom_from_base: Pose2) -> Localisation:
-        """One scan of a chair that is lost."""
+        """Process one scan while the chair is lost."""
         pose = self._recovery.process(scan, odom_from_base)
         health = self._recovery.probability()
         candidates = self._recovery.candidates
@@ -115,7 +115,7 @@ class Localiser:
         return Localisation(pose, self._published, 1.0, self._state, health, jumped=True, candidates=candidates)
 
     def _follow(self, scan: ScanPoints, odom_from_base: Pose2) -> Localisation:
-        """One scan of a chair that knows where it is."""
+        """Process one scan while the pose is known."""
         settings, starts = self._settings, self._start is not None
         if self._start is not None:
             self._estimate, self._start = self._start @ odom_from_base.inverse(), None
@@ -135,7 +135,7 @@ class Localiser:
         return Localisation(here, self._published, found.inliers, self._state, health, covariance, remaining, starts)
 
     def _matched(self, scan: ScanPoints, guess: Pose2, starts: bool) -> tuple[Match, float]:
-        """The best fit near the guess, and the probability that it is right."""
+        """Return the best fit near the guess, and the probability that it is right."""
         settings = self._settings
         trust = np.diag([settings.position_noise**-2, settings.position_noise**-2, settings.angle_noise**-2])
         window = Window(settings.search_distance, settings.search_angle)
@@ -146,13 +146,13 @@ class Localiser:
             return found, 0.0
         if not starts:
             shares = self._classes(scan, guess)
-            if shares[0, ON_OBJECT] > settings.hidden_share:  # what was matched are people
+            if shares[0, ON_OBJECT] > settings.hidden_share:  # the scan was matched to people
                 found = replace(found, pose=guess, covariance=np.linalg.inv(trust))
                 return found, float(probability(shares, settings.health)[0])
         return found, float(probability(self._classes(scan, found.pose), settings.health)[0])
 
     def _classes(self, scan: ScanPoints, pose: Pose2) -> FloatArray:
-        """(1, 7) shares of the classes of the scan's beams at a pose."""
+        """Return the shares (1, 7) of the scan's beam classes at a pose."""
         sensors = np.ascontiguousarray(np.broadcast_to(self._sensor, scan.points.shape))
         return beam_classes(scan.points, sensors, pose.array(), self._saved.beams)
 
@@ -162,7 +162,7 @@ class Localiser:
         return moved > settings.surprise_distance or abs(correction.theta) > settings.surprise_angle
 
     def _note(self, odom_from_base: Pose2, fits: bool, health: float, blind: bool) -> None:
-        """What this scan does to the state."""
+        """Update the localisation state with this scan."""
         settings = self._settings
         step = Pose2() if self._last_odometry is None else self._last_odometry.inverse() @ odom_from_base
         self._last_odometry = odom_from_base
@@ -173,7 +173,7 @@ class Localiser:
         )
         if fits:
             self._silent_scans = 0
-        elif blind or not stands:  # while the chair stands where it fitted, it is the world that changes
+        elif blind or not stands:  # while the chair stands at a pose that fitted, the surroundings have changed
             self._silent_scans += 1
         well = health >= settings.ok_health and not any(self._surprises)
         self._doubtful_way = 0.0 if well else self._doubtful_way + math.hypot(step.x, step.y)
@@ -183,7 +183,7 @@ class Localiser:
             self.restart(None)
 
     def _approach(self, odom_from_base: Pose2) -> Pose2:
-        """Moves what is published a step towards what the scans say; returns the published `map_from_base`."""
+        """Move the published pose one step towards the pose by the scans; return the published `map_from_base`."""
         settings = self._settings
         here = self._published @ odom_from_base
         gap = here.inverse() @ (self._estimate @ odom_from_base)
@@ -195,17 +195,17 @@ class Localiser:
 
 
 def saved_map(grid: OccupancyGrid, settings: LocaliserSettings) -> SavedMap:
-    """A map as a localiser of these settings knows it; takes as long as several scans, and may be made in any thread."""
+    """Return a map prepared for a localiser with these settings; takes as long as several scans, in any thread."""
     matching = settings.matching
     reference = reference_from_points(*walls(grid), matching.resolution, matching.sigma)
     return SavedMap(reference, beam_map(grid), pyramid_from_grid(grid, settings.search))
 
 
 def walls(grid: OccupancyGrid) -> tuple[FloatArray, FloatArray]:
-    """Points (N, 2) [m] and normals (N, 2) in the map of the occupied cells that border on known free ones.
+    """Return points (N, 2) [m] and normals (N, 2), in the map frame, of occupied cells that border on free cells.
 
-    A point is the centre of its cell: a lidar's hits are spread over the cells they made occupied, so the centre is
-    where the surface is on average. The normal is that of a line through the nearest such cells, on the free side.
+    A point is the centre of its cell: lidar hits spread over the cells that they made occupied, so the centre is the
+    surface's mean position. The normal belongs to a line through the nearest such cells and points to the free side.
     """
     solid = np.pad(occupied(grid), 1)
     free = np.pad((grid.cells >= 0) & ~occupied(grid), 1)

@@ -1,12 +1,11 @@
-"""Loop closure: where the chair may be back, and the matches that prove it.
+"""Loop closure: candidates for a revisited place, and the scan matches that verify them.
 
-Near by, a candidate is a run of earlier key scans round the present one whose way round the graph is long; its
-uncertainty, and with it the search window, grows with that way. Where views do not match as a whole, because the chair
-came back looking another way, the little that both saw has to match (`partial_overlap`), twice, some way on. Where the
-window would be larger than can be searched, after a long drift or when the chair was carried, whole submaps are
-searched instead, and a place found there counts only once a second one, some way on, agrees with it. A loop is accepted
-by geometry (enough of the query lies on the reference's surfaces, no second place fits nearly as well), never by the
-likelihood alone.
+A nearby candidate is a run of earlier key scans that is close in the map, while its path through the graph is long. Its
+uncertainty, and so the search window, grows with that path. Where whole views do not match, because the chair returned
+with another heading, the small common part has to match (`partial_overlap`), twice, some distance apart. Where the
+window would be too large to search, after long drift or when the chair was kidnapped, whole submaps are searched, and a
+place found there counts only when a second find, some distance on, agrees. A loop is accepted by geometry (enough of the
+query lies on the reference's surfaces, no second place fits nearly as well), never by the likelihood alone.
 """
 
 from __future__ import annotations
@@ -34,14 +33,14 @@ from waychair.slam.submap_search import SubmapHypothesis, SubmapPyramids, Submap
 from waychair.types import FloatArray, IntArray, Pose2
 
 _TORN_WAY = 1e4
-"""Length [m] that an edge counts for where nothing has seen the motion."""
+"""Length [m] of an edge of unknown motion; longer than any path."""
 
 _QUERY_CELL = 0.1
 
 
 @dataclass(frozen=True, slots=True)
 class LoopSettings(Settings):
-    """Where loops are looked for and when one is believed."""
+    """Where loops are searched, and when one is accepted."""
 
     radius: float = setting(4.0, "m", "a candidate lies within this distance, beyond the uncertainty", low=0.5, high=50)
     min_way: float = setting(5.0, "m", "shortest way round the graph that counts as a loop", low=1.0, high=1000.0)
@@ -71,7 +70,7 @@ class LoopSettings(Settings):
 
 @dataclass(frozen=True, slots=True)
 class Candidate:
-    """A run of earlier key scans: its nearest node, its members, and the half window of the search [m], [rad]."""
+    """A run of earlier key scans: its nearest node, its members, and the half sizes of the search window [m], [rad]."""
 
     nearest: int
     members: IntArray
@@ -80,7 +79,7 @@ class Candidate:
 
 
 def graph_distances(poses: FloatArray, edges: Sequence[Edge], node: int) -> FloatArray:
-    """(N,) length [m] of the shortest way over the edges from a node to every node."""
+    """Return the length (N,) [m] of the shortest path along the edges from a node to every node."""
     i = np.array([edge.i for edge in edges], np.int64)
     j = np.array([edge.j for edge in edges], np.int64)
     torn = np.array([edge.kind is EdgeKind.TORN for edge in edges], bool)
@@ -91,9 +90,9 @@ def graph_distances(poses: FloatArray, edges: Sequence[Edge], node: int) -> Floa
 
 
 def candidates(poses: FloatArray, ways: FloatArray, settings: LoopSettings) -> tuple[Candidate, ...]:
-    """Chains of nodes that the last one may have come back to, nearest first.
+    """Return the chains of nodes to which the last node may have returned, nearest first.
 
-    `ways` (R,) [m] are those from the last of `poses` (N, 3) over the edges to the first R nodes, R < N.
+    `ways` (R,) [m] are the path lengths along the edges from the last of `poses` (N, 3) to the first R nodes, R < N.
     """
     recent = len(ways)
     if recent < 1:
@@ -117,7 +116,7 @@ def candidates(poses: FloatArray, ways: FloatArray, settings: LoopSettings) -> t
 
 
 def beyond_reach(ways: FloatArray, settings: LoopSettings) -> dict[int, IntArray]:
-    """Finished submaps whose place is less certain than a window can be searched: their members by number."""
+    """Return the finished submaps that are too uncertain for a window: their members by submap number."""
     size, uncertain = settings.submap_scans, settings.drift * ways > settings.max_window
     members = {k: np.arange(k * size, (k + 1) * size) for k in range(len(ways) // size)}
     return {k: nodes for k, nodes in members.items() if uncertain[nodes].all()}
@@ -125,14 +124,14 @@ def beyond_reach(ways: FloatArray, settings: LoopSettings) -> dict[int, IntArray
 
 @dataclass(frozen=True, slots=True)
 class _Find:
-    """What a search found: at `node` the chair stands at `pose` in the map as it is now."""
+    """A find of a search: at key scan `node` the chair was at `pose` in the present map."""
 
     node: int
     pose: Pose2
 
 
 class Doubt(enum.Enum):
-    """Why a loop is not believed."""
+    """Why a loop is not accepted."""
 
     CONTRADICTED = "it contradicts the way that was driven"
     UNLIKE = "the scans do not fit there"
@@ -144,7 +143,7 @@ class Doubt(enum.Enum):
 
 
 class LoopCloser:
-    """Looks for loops as the chair goes on; `counts` says what came of it."""
+    """Searches for loops while the chair drives; `counts` holds the number of searches, finds and rejections."""
 
     def __init__(
         self,
@@ -154,7 +153,7 @@ class LoopCloser:
         reach: float,
         base_from_laser: Pose2,
     ) -> None:
-        """`reach` [m]: half side of a reference beyond the window and the chain's own size."""
+        """`reach` [m]: half side of a reference beyond the window and the chain's size."""
         self.counts: Counter[str] = Counter()
         self._settings, self._matching, self._noise, self._reach = settings, matching, noise, reach
         self._pyramids = SubmapPyramids(settings.search, settings.submaps)
@@ -165,14 +164,14 @@ class LoopCloser:
         self._sighted: _Find | None = None
 
     def moved(self, distance: float) -> None:
-        """Told how far the chair went [m]."""
+        """Add the distance driven [m] since the last call."""
         self._since_search += distance
         self._since_submaps += distance
         self._since_glimpse += distance
         self._since_loop += distance
 
     def loops(self, keys: KeyGraph, recent: Sequence[int]) -> list[Edge]:
-        """Edges that close a loop at the last key scan; `recent` are the latest key scans, in the order of the drive."""
+        """Return edges that close loops at the last key scan; `recent` are the latest key scans in driving order."""
         settings = self._settings
         known = len(keys) - len(recent)
         if self._since_search < settings.spacing or known < 1 or len(recent) < settings.query_scans:
@@ -194,12 +193,12 @@ class LoopCloser:
         return edges
 
     def sighted(self, keys: KeyGraph, recent: Sequence[int], old: int, map_from_base: Pose2) -> Edge | Doubt:
-        """The edge to an old key scan, from which something else, such as a picture, says where the chair is.
+        """Return the edge to an old key scan for a place that another sensor, such as the camera, has recognised.
 
-        `map_from_base` is then the pose of the latest of the key scans `recent`. It must lie within what the way round
-        the graph may have drifted or, where that is more than a window can be, agree with the find before it; and the
-        scans must fit the surfaces round the old key scan there, as those of any other loop, and nowhere within reach
-        better. Where they fit equally well all along a corridor it is the other's word that counts.
+        `map_from_base` is the pose, by that sensor, at the last of the key scans `recent`. It must lie within the drift
+        of the path through the graph or, where that drift exceeds the largest window, agree with the find before it.
+        The scans must also fit the surfaces round the old key scan there, as for any loop, and fit no better anywhere
+        else within the drift. Where they fit equally well all along a corridor, the other sensor decides.
         """
         settings, here = self._settings, recent[-1]
         if len(recent) < settings.query_scans:
@@ -229,10 +228,10 @@ class LoopCloser:
         guess: Pose2 | None = None,
         rivals: Window | None = None,
     ) -> Edge | Doubt:
-        """The edge, if the latest key scans, taken together, fit the candidate's surfaces at one pose only.
+        """Return the edge if the latest key scans together fit the candidate's surfaces at one pose only.
 
-        That is looked for round the guess, by default where the chair is now; and with `rivals`, a window round where
-        it is now, none there may fit better.
+        The search is centred on the guess, by default the present pose. With `rivals`, a window round the present pose,
+        no pose in that window may fit better.
         """
         self.counts["loops_tried"] += 1
         settings, matching = self._settings, self._matching
@@ -260,23 +259,23 @@ class LoopCloser:
         return self._edge(keys, recent[-1], candidate, pose, information)
 
     def _round(self, keys: KeyGraph, candidate: Candidate, window: float) -> Reference:
-        """A candidate's surfaces, as far as the chair may see them from anywhere in a window [m]."""
+        """Return a candidate's surfaces, as far as they are visible from anywhere in a window [m]."""
         reach = window + self._settings.chain_reach + self._reach
         return keys.reference(candidate.members, keys.poses[candidate.nearest], reach, self._matching)
 
     def _edge(self, keys: KeyGraph, node: int, candidate: Candidate, pose: Pose2, information: FloatArray) -> Edge:
-        """From the candidate to a key scan, which stands at a pose by a match with this information (3, 3)."""
+        """Return the edge from the candidate to a key scan at `pose`, by a match with this information (3, 3)."""
         nearest_from_node = keys.pose(candidate.nearest).inverse() @ pose
         known = turned(of_match(information, self._noise), -pose.theta)
         return Edge(candidate.nearest, node, nearest_from_node, known, EdgeKind.LOOP)
 
     def _patience_is_over(self) -> bool:
-        """Whether it is time for the dearer search: views that match as a whole have closed no loop for a while."""
+        """Return whether the costly search for partial overlap is due: whole views have closed no loop for a while."""
         settings = self._settings.glimpses
         return self._since_loop >= settings.patience and self._since_glimpse >= settings.spacing
 
     def _glimpsed_again(self, keys: KeyGraph, recent: Sequence[int], near: tuple[Candidate, ...]) -> list[Edge]:
-        """The edges to candidates of which a little was seen again, once two finds agree."""
+        """Return the edges to candidates found by partial overlap, where two finds agree."""
         settings, matching, node = self._settings.glimpses, self._matching, len(keys) - 1
         self._since_glimpse, before, self._glimpsed = 0.0, self._glimpsed, []
         base = keys.pose(node)
@@ -299,7 +298,7 @@ class LoopCloser:
         return edges
 
     def _elsewhere(self, keys: KeyGraph, recent: Sequence[int], ways: FloatArray) -> Edge | Doubt | None:
-        """The edge to a submap beyond the reach of a window, once two finds agree."""
+        """Return the edge to a submap that is too uncertain for a window, when two finds agree."""
         settings, node = self._settings, len(keys) - 1
         submaps = beyond_reach(ways, settings)
         if not submaps:
@@ -322,7 +321,7 @@ class LoopCloser:
         return self._proven(keys, recent, near, pose)
 
     def _ambiguous(self, found: tuple[SubmapHypothesis, ...]) -> bool:
-        """Whether a second place, in any submap, fits nearly as well as the best."""
+        """Return whether a second place, in any submap, fits nearly as well as the best."""
         best, settings = found[0], self._settings
         for other in found[1:]:
             gap = best.map_from_base.inverse() @ other.map_from_base
@@ -332,7 +331,7 @@ class LoopCloser:
         return False
 
     def _agree(self, keys: KeyGraph, before: _Find, now: _Find) -> bool:
-        """Whether the way between two finds is the way that was driven."""
+        """Return whether the motion between two finds equals the motion that was driven."""
         driven = keys.pose(before.node).inverse() @ keys.pose(now.node)
         gap = (before.pose @ driven).inverse() @ now.pose
         near = math.hypot(gap.x, gap.y) < self._settings.agree_distance

@@ -1,4 +1,4 @@
-"""The mapper: one sensor frame in, the pose in the map out, and a graph of key scans that closes its loops."""
+"""The mapper (graph SLAM): it tracks the chair by scan matching, adds key scans to a pose graph, and closes loops."""
 
 from __future__ import annotations
 
@@ -27,7 +27,7 @@ from waychair.types import FloatArray, Odometry, Pose2, SensorFrame, Trajectory,
 
 @dataclass(frozen=True, slots=True)
 class MapperSettings(Settings):
-    """Which scans become key scans, when a match is believed, and the parts' own settings."""
+    """Which scans become key scans, and the settings of the parts."""
 
     key_distance: float = setting(0.2, "m", "way after which a scan is matched with care", low=0.0, high=5.0)
     key_angle: float = setting(math.radians(10), "rad", "turn after which it is", low=0.0, high=math.pi)
@@ -76,12 +76,12 @@ class MapperSettings(Settings):
 
 @dataclass(frozen=True, slots=True)
 class MapperResult:
-    """What a recording became.
+    """The map of a recording.
 
-    `trajectory` has one pose per frame, in the order of the input; key scan k stands at `key_poses[k]` (N, 3) and is
-    the scan of frame `key_frames[k]`. The grid is to be drawn from `scan_frames`: the key scans and the latest scans
-    that they stood for, in their order in time. `counts` and `seconds` (CPU) by stage are for the report. The first
-    `begun` frames are those that are kept of earlier drives.
+    `trajectory` has one pose per frame, in the order of the input. Key scan k has pose `key_poses[k]` (N, 3) and is the
+    scan of frame `key_frames[k]`. The grid is drawn from `scan_frames`: the key scans and the latest scans that they
+    cover, in order of time. `counts` and `seconds` (CPU) by stage are for the report. The first `begun` frames are kept
+    from earlier drives.
     """
 
     trajectory: Trajectory
@@ -96,16 +96,16 @@ class MapperResult:
 
     @property
     def driven(self) -> Trajectory:
-        """The trajectory of the drive itself, without the frames of earlier ones."""
+        """The trajectory of this drive, without frames of earlier drives."""
         return Trajectory(self.trajectory.stamps_ns[self.begun :], self.trajectory.poses[self.begun :])
 
 
 class Mapper:
-    """Graph SLAM over key scans; feed it frames in the order of the recording, then ask for the `result`.
+    """Graph SLAM over key scans: `process` the frames in the order of the recording, then take the `result`.
 
-    Every frame is drawn onto the surfaces of the key scans round it; every 0.2 m or 10 degrees it is matched with care.
-    It becomes a key scan itself only where no earlier one stands for it: the graph grows with the building, not with
-    the time spent in it.
+    Every frame is aligned with the surfaces of the key scans round it; every 0.2 m or 10 degrees a full match follows.
+    A frame becomes a key scan only where no earlier key scan covers its view, so the graph grows with the building and
+    not with the time spent in it.
     """
 
     def __init__(self, settings: MapperSettings, base_from_laser: Pose2) -> None:
@@ -114,65 +114,65 @@ class Mapper:
         self.keys = KeyGraph(settings.graph)
         self.frames = HungFrames()
         self.key_frames: list[int] = []
-        self.covered_frames: list[list[int]] = []  # of each key scan: the latest frames that it stood for
-        self.begun = 0  # frames below this are of earlier drives
+        self.covered_frames: list[list[int]] = []  # of each key scan: the latest frames that it covers
+        self.begun = 0  # frames below this number belong to earlier drives
         self.counts: Counter[str] = Counter()
         self.seconds: defaultdict[str, float] = defaultdict(float)
-        self._visited: list[int] = []  # latest key scans that the chair was at; the frames hang on the last one
+        self._visited: list[int] = []  # latest key scans visited; new frames are attached to the last one
         self._reference: Reference | None = None
         self._odometry: Pose2 | None = None
         self._motion = Pose2()
-        self._anchored = Pose2()  # where the chair was in `here` when it was last matched with care
-        self._reckoned = Pose2()  # where the odometry alone puts it since then
-        self._loose = 0  # frames since the last one that its scan has placed
+        self._anchored = Pose2()  # pose relative to `_here` at the last full match
+        self._reckoned = Pose2()  # the same pose continued by odometry alone
+        self._loose = 0  # frames since the last one whose scan matched
         self._inliers = 1.0
         self._closer = LoopCloser(
             settings.loops, settings.matching, settings.noise, settings.running_reach, base_from_laser
         )
 
     def process(self, frame: SensorFrame) -> Pose2:
-        """`map_from_base` at the stamp of the frame's scan."""
-        last_from_base = self._reckon(frame)  # how far the wheels say the chair went
+        """Return `map_from_base` at the stamp of the frame's scan."""
+        last_from_base = self._reckon(frame)  # motion by odometry
         scan = self._points(frame)
-        here_from_base = self._track(scan, last_from_base)  # where the scan says that is
+        here_from_base = self._track(scan, last_from_base)  # corrected by the scan
         if self._is_far(here_from_base):
-            edge = self._match(scan, here_from_base)  # the same with care, every few steps
+            edge = self._match(scan, here_from_base)  # full match, every few steps
             if not self._is_covered(frame, edge):
-                self._add(frame, scan, edge)  # a place not seen before from here
-                self._close_loops()  # or was it?
+                self._add(frame, scan, edge)  # a view that no key scan covers
+                self._close_loops()  # may be a revisited place
         else:
             self._hang(frame, here_from_base)
         return self.pose()
 
     def pose(self) -> Pose2:
-        """`map_from_base` of the latest frame."""
+        """Return `map_from_base` of the latest frame."""
         last = self.frames[-1]
         return self.keys.pose(last.key) @ last.key_from_base
 
     @property
     def odometry(self) -> Pose2 | None:
-        """`odom_from_base` at the latest frame that had one."""
+        """`odom_from_base` at the latest frame with odometry."""
         return self._odometry
 
     @property
     def inliers(self) -> float:
-        """Share of the latest scan's points on surfaces that were seen before; 0 where it has too few, 1 for the first."""
+        """Share of the latest scan's points on known surfaces; 0 for a scan with too few points, 1 for the first scan."""
         return self._inliers
 
     @property
     def is_placed(self) -> bool:
-        """Whether its scan has put the latest frame where it is, and not the odometry alone."""
+        """Whether the latest frame's pose comes from its scan, and not from odometry alone."""
         return self._loose == 0
 
     @property
     def is_whole(self) -> bool:
-        """Whether the latest frame is joined to the first one, and not to what was begun anew after the chair was carried."""
+        """Whether the graph connects the latest frame with the first; not so while a kidnapped chair has closed no loop."""
         return self.keys.reaches(self._here, 1)
 
     def placed(self, stamp_ns: int, gap_s: float) -> tuple[int, Pose2] | None:
-        """The key scan that the frame nearest to a stamp hangs on, and `map_from_base` at the stamp, between two frames.
+        """Return the key scan of the frame nearest to a stamp, and `map_from_base` interpolated at the stamp.
 
-        None where there is no frame before and after it, or where the two are further apart than `gap_s`.
+        None without a frame before and after the stamp, or where the two are further apart than `gap_s`.
         """
         first = self.begun
         after = bisect_left(self.frames, stamp_ns, lo=first, key=lambda frame: frame.stamp_ns)
@@ -187,9 +187,9 @@ class Mapper:
         return (low if part < 0.5 else high).key, interpolate(before, after_it, part)
 
     def close(self, old: int, map_from_base: Pose2) -> Edge | Doubt:
-        """Closes a loop that something else has found, if the scans agree and so does the rest of the graph.
+        """Close a loop that another sensor has found, if the scans and the rest of the graph agree.
 
-        The chair is at `map_from_base` now, as seen from an old key scan (see `LoopCloser.sighted`).
+        `map_from_base` is the present pose as measured from the old key scan (see `LoopCloser.sighted`).
         """
         with self._timed("loops"):
             here = self.keys.pose(self._here)
@@ -201,10 +201,10 @@ class Mapper:
         return edge
 
     def continued(self, renewed: Mapping[int, ScanPoints]) -> Mapper:
-        """A mapper for another drive through the same building, which may begin anywhere: its first frame hangs on
-        nothing until a loop is closed, unless `begin_at` says where it is.
+        """Return a mapper for another drive through the same building, which may begin anywhere.
 
-        Some key scans have newer surfaces. Of the frames only those are left whose scans the grid is drawn from.
+        Its first frame is unconnected until a loop is closed, unless `begin_at` gives its pose. `renewed` holds newer
+        surfaces of some key scans. Only the frames remain whose scans the grid is drawn from.
         """
         other = Mapper(self.settings, self.base_from_laser)
         other.keys = self.keys.continued(renewed)
@@ -217,11 +217,11 @@ class Mapper:
         return other
 
     def begin_at(self, key: int, key_from_base: Pose2) -> None:
-        """The drive begins here, as seen from a key scan of an earlier one; told before its first frame."""
+        """Set the start of the drive relative to a key scan of an earlier drive; call it before the first frame."""
         self._arrive(key, key_from_base)
 
     def result(self) -> MapperResult:
-        """The map so far, its graph optimised once more."""
+        """Return the map so far, after a final optimisation of its graph."""
         with self._timed("optimisation"):
             self.keys.finish()
         frames = self.frames
@@ -238,7 +238,7 @@ class Mapper:
         )
 
     def _reckon(self, frame: SensorFrame) -> Pose2:
-        """`last_from_base`: the motion since the frame before by the odometry, else the last motion once more."""
+        """Return `last_from_base`: the motion since the last frame by odometry, else the last motion again."""
         self.counts["frames"] += 1
         own = odometry_of(frame)
         if own is None:
@@ -252,7 +252,7 @@ class Mapper:
             return scan_points(frame.scan, self.base_from_laser, self.settings.matching.range_max, twist_of(frame))
 
     def _track(self, scan: ScanPoints, last_from_base: Pose2) -> Pose2:
-        """Where the frame is beside the key scan it hangs on: the odometry, drawn onto the surfaces."""
+        """Return the frame's pose relative to its key scan: odometry, aligned with the surfaces."""
         if not self._visited:
             return Pose2()
         with self._timed("tracking"):
@@ -280,16 +280,16 @@ class Mapper:
             return here_from_base
 
     def _is_far(self, here_from_base: Pose2) -> bool:
-        """Whether the chair went far enough since it was last matched with care."""
+        """Return whether the chair has moved far enough since the last full match."""
         moved = self._anchored.inverse() @ here_from_base
         distance, turn = math.hypot(moved.x, moved.y), abs(moved.theta)
         return self._begins or distance >= self.settings.key_distance or turn >= self.settings.key_angle
 
     def _match(self, scan: ScanPoints, here_from_base: Pose2) -> Edge | None:
-        """Edge from the key scan the chair hangs on to where it is: odometry, improved where the scan can tell."""
+        """Return the edge from the current key scan to the chair: odometry, improved by a scan match where one is good."""
         if not len(self.keys):
             return None
-        if not self._visited:  # another drive, which may begin anywhere
+        if not self._visited:  # another drive, with an unknown start
             return Edge(len(self.keys) - 1, len(self.keys), Pose2(), of_nothing(), EdgeKind.TORN)
         with self._timed("matching"):
             settings, here, node = self.settings, self._here, len(self.keys)
@@ -300,7 +300,7 @@ class Mapper:
             window = Window(share * settings.search_distance, share * settings.search_angle)
             reference = self._running()
             found, slipped = match(scan, reference, guess, prior, window, settings.matching), False
-            if found.response < settings.good_response:  # the odometry slipped, or this place is new
+            if found.response < settings.good_response:  # the odometry slipped, or the place is new
                 window = Window(settings.slip_distance, settings.slip_angle)
                 wide = match(scan, reference, guess, prior / 100, window, settings.matching)
                 if wide.response > 1.1 * found.response:
@@ -317,9 +317,9 @@ class Mapper:
             return Edge(here, node, self._from_node(here, found.pose), information, EdgeKind.MATCH)
 
     def _elsewhere(self, scan: ScanPoints, found: Match, guess: Pose2, slipped: bool) -> bool:
-        """Whether the chair was carried: it looks through surfaces both where the match and where the wheels put it.
+        """Return whether the chair was kidnapped: its beams cross surfaces, both at the match and at the odometry's pose.
 
-        The worse the match, the less of that is needed.
+        The worse the match, the fewer crossed surfaces are needed.
         """
         settings = self.settings
         doubted = slipped or found.inliers < settings.doubted_inliers
@@ -329,7 +329,7 @@ class Mapper:
         return min(through) > (settings.seen_through if doubted else settings.surely_seen_through)
 
     def _is_covered(self, frame: SensorFrame, edge: Edge | None) -> bool:
-        """Hangs the frame on an earlier key scan that saw what is to be seen from here, if there is one."""
+        """Attach the frame to an earlier key scan that covers the view from here; return whether there is one."""
         if edge is None or edge.kind is not EdgeKind.MATCH:
             return False
         settings, here = self.settings, self._here
@@ -359,7 +359,7 @@ class Mapper:
         self._hang(frame, Pose2())
 
     def _tear(self, node: int, here_from_node: Pose2) -> None:
-        """What was seen before has nothing to do with what is seen now, nor with the last frames that fitted nothing."""
+        """Start an unconnected part of the map at a key scan, and attach the last unmatched frames to it."""
         self._visited = []
         for k in range(1 - self._loose, 0):
             frame = self.frames[k]
@@ -367,7 +367,7 @@ class Mapper:
         self._loose = 0
 
     def _arrive(self, key: int, key_from_base: Pose2) -> None:
-        """From now on the frames hang on this key scan."""
+        """Attach the frames from now on to this key scan."""
         if not self._visited or key != self._here:
             before = [node for node in self._visited if node != key]
             self._visited = [*before, key][-self.settings.running_scans :]
@@ -378,7 +378,7 @@ class Mapper:
         self.frames.append(HungFrame(frame.stamp_ns, self._here, here_from_base))
 
     def _share_out(self, here_from_base: Pose2) -> None:
-        """Spreads what a match corrected over the frames before it that only the odometry has placed."""
+        """Distribute the correction of a match over the frames before it that only odometry has placed."""
         loose, self._loose = self._loose, 0
         if loose < 2:
             return
@@ -395,12 +395,14 @@ class Mapper:
 
     @property
     def _begins(self) -> bool:
-        """Whether this is the first frame of the drive."""
+        """Whether the next frame is the first of the drive."""
         return len(self.frames) == self.begun
 
     def _running(self) -> Reference:
-        """The surfaces of the latest key scans round the chair, and of earlier ones whose place beside it is certain:
-        where it comes back another way it sees what the latest had behind them."""
+        """Return the surfaces of the latest key scans round the chair, and of key scans near it along the edges.
+
+        The latter show what the latest scans had behind them when the chair returns with another heading.
+        """
         if self._reference is None:
             here = self.keys.poses[self._here]
             certain = self.keys.ways(self._here, self.settings.certain_way)
@@ -412,14 +414,14 @@ class Mapper:
         return self._reference
 
     def _close_loops(self) -> None:
-        """Whether the chair was here before; if so the graph is bent accordingly."""
+        """Search for loops at the last key scan, and optimise the graph with those found."""
         with self._timed("loops"):
             loops = self._closer.loops(self.keys, self._visited)
         if loops:
             self._bend(loops)
 
     def _bend(self, loops: Sequence[Edge]) -> None:
-        """The poses follow the loops."""
+        """Add loop edges to the graph and optimise it."""
         with self._timed("optimisation"):
             for loop in loops:
                 self.keys.link(loop)
@@ -437,11 +439,11 @@ class Mapper:
 
 
 def odometry_of(frame: SensorFrame) -> Odometry | None:
-    """The latest odometry among the frame's own readings, if it has any."""
+    """Return the latest odometry among the frame's readings, or None."""
     return next((reading for reading in reversed(frame.wheels) if isinstance(reading, Odometry)), None)
 
 
 def twist_of(frame: SensorFrame) -> Twist | None:
-    """Twist of the base at the frame's stamp by its own odometry, if it has any."""
+    """Return the twist of the base by the frame's odometry, or None."""
     own = odometry_of(frame)
     return None if own is None else own.twist

@@ -1,7 +1,7 @@
-"""Which descriptors of two images belong together, and whether one camera motion explains it.
+"""Descriptor matching between two images, and the epipolar check of the matches.
 
-For pictures without depth the check is the epipolar one (RTAB-Map's VhEp): matches that agree with a fundamental
-matrix, found by RANSAC (Hartley and Zisserman 2004, chapter 11).
+For images without depth the check is RTAB-Map's VhEp: matches that agree with a fundamental matrix found by RANSAC
+(Hartley and Zisserman 2004, chapter 11).
 """
 
 from __future__ import annotations
@@ -18,12 +18,12 @@ from waychair.slam.hamming_index import hamming_table, packed
 from waychair.types import Float32Array, IntArray
 
 LEAST_MATCHES = 8
-"""Any seven matches agree with some fundamental matrix: fewer than one more say nothing."""
+"""Any seven matches agree with some fundamental matrix, so fewer than eight are no evidence."""
 
 
 @dataclass(frozen=True, slots=True)
 class EpipolarSettings(Settings):
-    """When two pictures show the same place by geometry."""
+    """When geometry confirms that two images show the same place."""
 
     ratio: float = setting(
         0.8, "", "a match is nearer than this often the second nearest, both ways", low=0.1, high=1.0
@@ -36,7 +36,7 @@ class EpipolarSettings(Settings):
 
 @dataclass(frozen=True, slots=True)
 class Support:
-    """How well two pictures fit: matches, those of them that one camera motion explains, and whether that is enough."""
+    """How well two images fit: the matches, the inliers of one camera motion, and whether these are enough."""
 
     matches: int
     inliers: int
@@ -44,7 +44,7 @@ class Support:
 
 
 def epipolar_support(a: Features, b: Features, settings: EpipolarSettings) -> Support:
-    """Whether one motion of the camera explains the matches of two pictures; their points in space are not needed."""
+    """Check whether one camera motion explains the matches of two images; no depth is needed."""
     pairs = mutual_matches(distances_between(a.descriptors, b.descriptors), settings.ratio)
     if len(pairs) < LEAST_MATCHES:
         return Support(len(pairs), 0, False)
@@ -57,7 +57,7 @@ def epipolar_support(a: Features, b: Features, settings: EpipolarSettings) -> Su
 
 
 def distances_between(a: Descriptors, b: Descriptors) -> Float32Array:
-    """(N, M) distances of descriptors (N, W) and (M, W): Hamming of bytes, squared Euclidean of floats."""
+    """Return distances (N, M) of descriptors (N, W) and (M, W): Hamming for bytes, squared Euclidean for floats."""
     if a.dtype == np.uint8:
         bits: Float32Array = hamming_table(packed(a), packed(b))
         return bits
@@ -68,7 +68,7 @@ def distances_between(a: Descriptors, b: Descriptors) -> Float32Array:
 
 @njit(cache=True)
 def mutual_matches(distances: Float32Array, ratio: float) -> IntArray:
-    """(K, 2) rows and columns of a table (N, M) that are each other's nearest, clearly so from both sides."""
+    """Return (K, 2) rows and columns of a table (N, M) that are mutual nearest neighbours and pass the ratio test both ways."""
     rows, columns = distances.shape
     row_best, row_first, row_second = _two_smallest(distances)
     column_best, column_first, column_second = _two_smallest(distances.T)
@@ -86,7 +86,7 @@ def mutual_matches(distances: Float32Array, ratio: float) -> IntArray:
 
 @njit(cache=True)
 def _two_smallest(table: Float32Array) -> tuple[IntArray, Float32Array, Float32Array]:
-    """Column of each row's smallest value (the first of equal ones), that value, and the second smallest."""
+    """Return the column of each row's smallest value (the first of equal values), that value, and the second smallest."""
     best = np.full(table.shape[0], -1, np.int64)
     first = np.full(table.shape[0], np.inf, np.float32)
     second = np.full(table.shape[0], np.inf, np.float32)

@@ -1,8 +1,8 @@
-"""Whether scans and odometry tell of the same motion, and if not, which mount of the laser would make them agree.
+"""Check of the lidar mount: do scans and odometry show the same motion, and if not, which mount would make them agree?
 
-With the laser at the assumed mount B but in truth at T, motion M of the base by odometry appears in the matched scans
-as C M C^-1 with C = B T^-1 (the equation of hand-eye calibration, Shiu and Ahmad 1989, in the plane). Its translation
-is linear in the direction and the lever arm of C, so that C follows from all motions by least squares.
+With the assumed mount B and the true mount T, a motion M of the base by odometry appears in the matched scans as
+C M C^-1 with C = B T^-1 (the equation of hand-eye calibration, Shiu and Ahmad 1989, in the plane). Its translation is
+linear in the direction and the lever arm of C, so C follows from all motions by least squares.
 """
 
 from __future__ import annotations
@@ -19,25 +19,25 @@ from waychair.types import FloatArray, Odometry, Pose2, SensorFrame
 
 MIN_MOTIONS = 20
 MIN_DISTANCE, MIN_TURN = 2.0, math.pi
-"""Less than this way [m] and turning [rad] says nothing about a mount."""
+"""Least distance driven [m] and turning [rad] that tell about a mount."""
 
-_STEP, _STEP_TURN = 0.3, 0.3  # [m], [rad] of a motion that is compared
-_LARGEST_YAW, _LARGEST_LEVER = math.radians(6.0), 0.15  # [rad], [m] that odometry alone may be off by
+_STEP, _STEP_TURN = 0.3, 0.3  # [m], [rad]; least motion that is compared
+_LARGEST_YAW, _LARGEST_LEVER = math.radians(6.0), 0.15  # [rad], [m]; odometry alone may be wrong by so much
 _LARGEST_SCALE = 0.2
-_LEAST_DEVIATIONS = 4.0  # a disagreement is no accident
+_LEAST_DEVIATIONS = 4.0  # sigma; a larger disagreement is significant
 _LEAST_TURN_RATIO = 0.3
-_NOISE = 0.02  # [m]: residuals below are not told apart
+_NOISE = 0.02  # [m]; smaller residuals have equal weight
 _ROUNDS = 10
 
 
 @dataclass(frozen=True, slots=True)
 class MountCheck:
-    """How the motion by scans differs from that by odometry.
+    """How the motion by scans differs from the motion by odometry.
 
-    `yaw` [rad] is the difference in direction, `lever` [m] the distance by which turns tell the mount to be off, and
-    `deviations` the larger of the two in standard deviations of its estimate; `scale` the matched metres per metre,
-    `turn_ratio` the matched radians per radian (nan where there was no turning); `residual_before` and `_after` [m] the
-    median disagreement of a motion as mounted and at `base_from_laser`, the mount that fits best.
+    `yaw` [rad] is the difference in direction, `lever` [m] the position error of the mount by the turns, and
+    `deviations` the larger of the two in standard deviations of its estimate. `scale` is the matched distance over the
+    odometry's, `turn_ratio` the same for turns (nan without turning). `residual_before` and `residual_after` [m] are the
+    median disagreement of a motion at the assumed mount and at `base_from_laser`, the mount that fits best.
     """
 
     yaw: float
@@ -51,7 +51,7 @@ class MountCheck:
 
 
 def check_mount(odometry: FloatArray, matched: FloatArray, base_from_laser: Pose2) -> MountCheck | None:
-    """Compares motions of the base (N, 3) by odometry and by scans matched with this mount; None when they are too few."""
+    """Compare motions of the base (N, 3) by odometry and by scans matched with this mount; None for too few motions."""
     distance, turning = float(np.hypot(*odometry[:, :2].T).sum()), float(np.abs(odometry[:, 2]).sum())
     if len(odometry) < MIN_MOTIONS or distance < MIN_DISTANCE:
         return None
@@ -61,7 +61,7 @@ def check_mount(odometry: FloatArray, matched: FloatArray, base_from_laser: Pose
     lever = [[1.0 - np.cos(theta), np.sin(theta)], [-np.sin(theta), 1.0 - np.cos(theta)]] if turned else [[], []]
     rows = np.stack([np.stack([x, -y, *lever[0]], axis=1), np.stack([y, x, *lever[1]], axis=1)], axis=1)
     told = matched[:, :2]
-    # Least absolute deviations by reweighting: slips and false matches are no measurements of the mount.
+    # least absolute deviations by reweighting: slips and false matches are outliers
     weights, solution = one, zero
     for _ in range(_ROUNDS):
         root = np.sqrt(weights)[:, None]
@@ -73,7 +73,7 @@ def check_mount(odometry: FloatArray, matched: FloatArray, base_from_laser: Pose
     yaw = math.atan2(solution[1], solution[0])
     arm = solution[2:] if turned else np.zeros(2)
     scale = math.hypot(solution[0], solution[1])
-    spread = 1.48 * np.median(away)  # standard deviation of normal residuals in two dimensions, about
+    spread = 1.48 * np.median(away)  # approximate standard deviation of normal residuals in two dimensions
     sigmas = spread * np.sqrt(np.diag(np.linalg.inv(np.einsum("nij,nik->jk", rows, rows))))
     deviations = np.abs([yaw * scale, *solution[2:]]) / sigmas[1:]
     correction = Pose2(float(arm[0]), float(arm[1]), yaw)
@@ -90,7 +90,7 @@ def check_mount(odometry: FloatArray, matched: FloatArray, base_from_laser: Pose
 
 
 def mount_warnings(frames: Sequence[SensorFrame], poses: FloatArray, base_from_laser: Pose2) -> tuple[str, ...]:
-    """What is suspicious about the mount, one sentence each, of frames with odometry and their mapped poses (N, 3)."""
+    """Return warnings about the mount, one sentence each, from frames with odometry and their mapped poses (N, 3)."""
     pairs = [
         (own[-1].odom_from_base, pose_from_array(pose))
         for frame, pose in zip(frames, poses, strict=True)
@@ -114,7 +114,7 @@ def mount_warnings(frames: Sequence[SensorFrame], poses: FloatArray, base_from_l
 
 
 def _motions(pairs: Sequence[tuple[Pose2, Pose2]]) -> tuple[FloatArray, FloatArray]:
-    """Motions (N, 3) by odometry and as mapped, between poses that are some way apart."""
+    """Return motions (N, 3) by odometry and as mapped, between poses some distance apart."""
     odometry, mapped = [], []
     last = pairs[0] if pairs else (Pose2(), Pose2())
     for pair in pairs:

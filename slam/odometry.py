@@ -1,9 +1,9 @@
-"""Dead reckoning: a Kalman filter over drive wheels and gyro, and over measured motions where somebody matches scans.
+"""Odometry: an extended Kalman filter over drive wheels, gyro and, optionally, motions measured by scan matching.
 
-The gyro leads the turn wherever there is one, and the wheels' turn is a measurement of it, whose innovations teach the
-gyro's bias and the wheels' constants, and show slip. Wheels that stand still say that the chair does not turn, so that
-all that the gyro reads is bias (zero-velocity update; Skog et al., IEEE T-BME 2010). The state and its motion are those
-of `odometry_model`; filterpy carries the filter.
+With a gyro, the gyro drives the turn and the wheels' turn is a measurement; its innovations estimate the gyro's bias and
+the wheels' constants, and reveal slip. While the wheels stand still the chair does not turn, so the gyro reads pure bias
+(zero-velocity update; Skog et al., IEEE T-BME 2010). State and motion model are in `odometry_model`; filterpy provides
+the filter.
 """
 
 from __future__ import annotations
@@ -40,30 +40,30 @@ from waychair.slam.slip import SpeedWatch
 from waychair.types import FloatArray, ImuSample, Odometry, Pose2, Twist, WheelTicks
 
 COUNTS = 2**32
-"""Encoder counters wrap here."""
+"""Encoder counters wrap at this count."""
 
 REACH_NS = 100_000_000
-"""The pose is extrapolated by no more, and a gyro that is silent for longer is not used."""
+"""Longest extrapolation of the pose, and longest gap of a gyro that is used."""
 
-_CLOCK_NS = 1_000_000_000  # a stamp older by more comes from a clock that was set back, by less it is late
-_KEPT = 200  # outputs that `predict` can go back to
-_COAST_NS = 500_000_000  # wheels that are silent for longer are done without
-_SHOWN_NS = 300_000_000  # slip is shown for this long
-_LEAST_GRIP_S = 0.5  # how long the error of a slipping wheel persists
-_MOTION_GATE = 25.0  # squared sigmas beyond which a measured motion is believed less
-_FASTEST_TURN = 10.0  # [rad/s]; no chair turns so fast
+_CLOCK_NS = 1_000_000_000  # a stamp older by more means that a clock was set back; by less, that a reading is late
+_KEPT = 200  # outputs kept for `predict`
+_COAST_NS = 500_000_000  # the filter goes on without wheels that are silent for longer
+_SHOWN_NS = 300_000_000  # `slipping` stays true for this long
+_LEAST_GRIP_S = 0.5  # correlation time of a slipping wheel's error
+_MOTION_GATE = 25.0  # squared sigmas; gate beyond which a measured motion is weighted down
+_FASTEST_TURN = 10.0  # [rad/s]; faster readings are faults
 
 
 class OdometryFilter:
-    """Pose of the base in odom, which starts at the origin, with its twist and a covariance that can be believed.
+    """Pose of the base in odom, starting at the origin, with its twist and a consistent covariance.
 
-    It runs on what it is given: wheels only, wheels and gyro, measured motions only, or any mix that changes meanwhile.
-    Readings that are not finite, repeat a stamp or come too late are left out; a clock that was set back, and wheels
-    that have lost count, begin anew where the chair is.
+    The inputs may be wheels only, wheels and gyro, measured motions only, or a mix that changes over time. Readings that
+    are not finite, repeat a stamp or come too late are ignored. After a clock was set back, or wheels lost count, the
+    filter starts again at the present pose.
     """
 
     def __init__(self, body: ChairBody | None = None, settings: OdometrySettings | None = None) -> None:
-        """Counts of encoders need the chair's `body`."""
+        """Encoder counts need the chair's `body`."""
         from filterpy.kalman import ExtendedKalmanFilter
 
         self.settings = settings or OdometrySettings()
@@ -72,37 +72,37 @@ class OdometryFilter:
         self._filter.x = np.zeros(SIZE)
         self._filter.P = initial_covariance(self.settings)
         self._watch = SpeedWatch(self.settings.slip_speed)
-        self._pose, self._twist, self._bias = Pose2(), Twist(), 0.0  # of the state, for the outputs
+        self._pose, self._twist, self._bias = Pose2(), Twist(), 0.0  # copies of the state, for the outputs
         self._covariance = np.zeros((3, 3))
-        self._now_ns: int | None = None  # the state's moment
+        self._now_ns: int | None = None  # time of the state
         self._outputs: deque[Odometry] = deque(maxlen=_KEPT)
         self._wheels: WheelTicks | Odometry | None = None
         self._imu_ns: int | None = None
-        self._rate = self._rate_before = 0.0  # the gyro's last reading, and that of the step before [rad/s]
-        self._turned = 0.0  # by the gyro from the state's moment to its last reading [rad]
-        self._gyro_whole = True  # whether it has told all of that
+        self._rate = self._rate_before = 0.0  # the gyro's last reading, and the one of the step before [rad/s]
+        self._turned = 0.0  # turn by the gyro from the state's time to its last reading [rad]
+        self._gyro_whole = True  # whether the gyro had no gap since then
         self._still_s = 0.0
         self._slipped_ns: int | None = None
         self.innovation: float | None = None
-        """By how many sigmas the wheels' last turn was off the gyro's; None if there was nothing to compare."""
+        """Normalised innovation [sigma] of the wheels' last turn against the gyro; None without a comparison."""
         self._mark_ns: int | None = None
-        self._mark_to = Pose2()  # from the marked pose to where the last measured motion ended
+        self._mark_to = Pose2()  # from the marked pose to the end of the last measured motion
 
     @property
     def slipping(self) -> bool:
-        """Whether the wheels have slipped within the last 0.3 s, as gyro or accelerometer show."""
+        """Whether gyro or accelerometer have shown wheel slip within the last 0.3 s."""
         return self._slipped_ns is not None and self._outputs[-1].stamp_ns - self._slipped_ns < _SHOWN_NS
 
     @property
     def gyro_bias(self) -> tuple[float, float]:
-        """What the gyro reads at rest about z [rad/s], and its standard deviation."""
+        """Bias of the gyro about z [rad/s], and its standard deviation."""
         return float(self._filter.x[BIAS]), math.sqrt(self._filter.P[BIAS, BIAS])
 
     @property
     def twist_covariance(self) -> FloatArray:
-        """(3, 3) of the speed ahead, that sideways and the turn [m^2/s^2, m rad/s^2, rad^2/s^2], as known now.
+        """Present covariance (3, 3) of forward speed, lateral speed and turn rate [m^2/s^2, m rad/s^2, rad^2/s^2].
 
-        At least as large as by how a chair may creep that seems to stand; wheels roll sideways no faster than that.
+        It has a floor: a chair at rest may still creep, and the wheels may roll sideways by as much.
         """
         s = self.settings
         known: FloatArray = np.diag([s.still_speed, s.still_speed, s.still_turn]) ** 2
@@ -110,10 +110,10 @@ class OdometryFilter:
         return known
 
     def update_wheels(self, reading: WheelTicks | Odometry) -> Odometry:
-        """Odometry with a reading of the wheels; of an `Odometry` only the motion since the one before is used.
+        """Add a reading of the wheels, and return the odometry; of an `Odometry` only the motion since the last is used.
 
         Raises:
-            CalibrationError: counts of encoders were given to a filter without the chair's body.
+            CalibrationError: the reading holds encoder counts, and the filter has no chair body.
         """
         if isinstance(reading, WheelTicks) and self._body is None:
             raise CalibrationError("counts of encoders say nothing without the chair's wheels: give the chair's body")
@@ -126,7 +126,7 @@ class OdometryFilter:
             self._begin(reading.stamp_ns)
             before = None
         if self._now_ns is None or (before is None and self._mark_ns is None):
-            self._begin(reading.stamp_ns)  # until the wheels are heard, the chair is taken to stand
+            self._begin(reading.stamp_ns)  # before the first wheel reading the chair is taken to stand
         self._wheels = reading
         if before is None or type(before) is not type(reading) or reading.stamp_ns <= self._moment:
             return self._output(reading.stamp_ns)
@@ -139,10 +139,10 @@ class OdometryFilter:
         return self._output(reading.stamp_ns)
 
     def update_imu(self, sample: ImuSample) -> Odometry:
-        """Odometry at the stamp of a sample of the IMU, whose axes are the base's.
+        """Add an IMU sample in axes of the base, and return the odometry at its stamp.
 
-        A sample tells the motion since the one before. One that is more than a second ahead of all else has another
-        clock, and is left out until the wheels catch up.
+        A sample gives the motion since the last sample. A sample more than a second ahead of all other readings comes
+        from another clock, and is ignored until the wheels catch up.
         """
         rate, accel, stamp_ns = float(sample.gyro[2]), float(sample.accel[0]), sample.stamp_ns
         if not math.isfinite(rate + accel) or abs(rate) > _FASTEST_TURN:
@@ -167,14 +167,14 @@ class OdometryFilter:
         return self._output(stamp_ns)
 
     def update_motion(self, begin_ns: int, end_ns: int, begin_from_end: Pose2, covariance: FloatArray) -> Odometry:
-        """Odometry with a motion of the base that was measured between two moments, as by matching scans.
+        """Add a motion of the base measured between two stamps, as by scan matching, and return the odometry.
 
         Args:
-            begin_ns: its begin, which is the end of the motion given before; otherwise only `end_ns` is kept, as the
-                begin of the next one.
+            begin_ns: its start, which must be the end of the motion before; otherwise only `end_ns` is kept, as the
+                start of the next motion.
             end_ns: its end.
-            begin_from_end: pose of the base at the end, in the base at the begin.
-            covariance: (3, 3) of x, y, theta [m^2, m rad, rad^2] in the base at the begin.
+            begin_from_end: pose of the base at the end, in the base at the start.
+            covariance: (3, 3) of x, y, theta [m^2, m rad, rad^2] in the base at the start.
         """
         values = np.concatenate([begin_from_end.array(), np.ravel(covariance)])
         if end_ns <= begin_ns or not np.isfinite(values).all():
@@ -190,7 +190,7 @@ class OdometryFilter:
         return self._output(end_ns)
 
     def predict(self, stamp_ns: int) -> Odometry:
-        """Odometry at a stamp, between the outputs so far or at most 0.1 s after the last or before the first of them."""
+        """Return the odometry at a stamp: interpolated between outputs, or extrapolated by at most 0.1 s."""
         if not self._outputs:
             return Odometry(stamp_ns, Pose2(), Twist(), self._covariance)
         last = self._outputs[-1]
@@ -211,14 +211,14 @@ class OdometryFilter:
         return self._now_ns
 
     def _begin(self, stamp_ns: int) -> None:
-        """The clock begins, or begins anew, at this stamp; the pose stays."""
+        """Start the filter's time, or start it again, at this stamp; the pose stays."""
         self._now_ns = stamp_ns
         self._outputs.clear()
         self._wheels = self._imu_ns = self._mark_ns = self._slipped_ns = None
         self._turned, self._gyro_whole, self._still_s = 0.0, True, 0.0
 
     def _motion_between(self, before: WheelTicks | Odometry, after: WheelTicks | Odometry) -> Pose2:
-        """Motion of the base by two readings of the same kind."""
+        """Return the motion of the base between two readings of the same kind."""
         if isinstance(before, Odometry) and isinstance(after, Odometry):
             return before.odom_from_base.inverse() @ after.odom_from_base
         assert isinstance(before, WheelTicks)
@@ -229,14 +229,14 @@ class OdometryFilter:
         return arc((left + right) / 2, (right - left) / self._body.track)
 
     def _rest_of(self, motion: Pose2, begin_ns: int, end_ns: int) -> Pose2:
-        """The part of a motion that comes after the state's moment, which may have gone on without the wheels."""
+        """Return the part of a motion after the state's time, to which the state may have advanced without the wheels."""
         if begin_ns >= self._moment:
             return motion
         part = (end_ns - self._moment) / (end_ns - begin_ns)
         return arc(part * forward(motion), part * motion.theta)
 
     def _advance(self, end_ns: int, wheels: Pose2 | None) -> None:
-        """The state moves on to `end_ns`: by the wheels' motion if there is one, and by the gyro if it is alive."""
+        """Advance the state to `end_ns`: by the wheels' motion if given, and by the gyro if it is alive."""
         seconds = (end_ns - self._moment) * 1e-9
         if seconds <= 0.0:
             return
@@ -254,8 +254,10 @@ class OdometryFilter:
         self._take_out()
 
     def _gyro_until(self, end_ns: int) -> float | None:
-        """What the gyro's readings add up to since the state's moment [rad], the last one held up to `end_ns`; None if
-        it has missed some of that. What comes after `end_ns` is kept for the next step."""
+        """Return the integral of the gyro since the state's time [rad], its last reading held up to `end_ns`.
+
+        None if the gyro had a gap. The part after `end_ns` is kept for the next step.
+        """
         alive = self._imu_ns is not None and end_ns - self._imu_ns <= REACH_NS
         whole, self._gyro_whole = self._gyro_whole and alive, True
         if self._imu_ns is None:
@@ -271,7 +273,7 @@ class OdometryFilter:
         self._still_s = self._still_s + seconds if still else 0.0
 
     def _agrees(self, wheels: Pose2, seconds: float) -> bool:
-        """Takes in the wheels' turn beside the gyro's, unless they slip."""
+        """Update with the wheels' turn unless they slip; return whether they agree with the gyro."""
         s = self.settings
         expected, row, variance = turn_by_wheels(self._filter.x, seconds, wheels, s)
         variance += (s.stamp_error * (self._rate - self._rate_before)) ** 2
@@ -285,7 +287,7 @@ class OdometryFilter:
         return True
 
     def _doubt(self, wheels: Pose2, slip: float | None, seconds: float) -> None:
-        """The way of wheels that slip may be wrong, and stays so while they do: its errors add up like the way."""
+        """Increase the position's variance for slipping wheels: the errors of a slip are correlated and add up linearly."""
         wrong = abs(forward(wheels)) if slip is None else max(abs(forward(wheels)), abs(slip * seconds))
         grip_steps = max(2.0 * _LEAST_GRIP_S / seconds, 1.0)
         self._filter.P[[0, 1], [0, 1]] += (self.settings.slip_way * wrong) ** 2 * grip_steps
@@ -296,7 +298,7 @@ class OdometryFilter:
         self._filter.x = step.state
 
     def _compare(self, measured: Pose2, covariance: FloatArray, end_ns: int) -> None:
-        """Takes in a motion since the mark; one that is far off what the filter thinks is believed less."""
+        """Update with a motion since the mark; an outlier gets a larger covariance."""
         base_to = self._pose.inverse() @ self._pose_at(end_ns)
         expected, jacobian = motion_since_mark(self._filter.x, self._mark_to, base_to)
         off = measured.array() - expected
@@ -309,7 +311,7 @@ class OdometryFilter:
         self._take_out()
 
     def _set_mark(self, stamp_ns: int) -> None:
-        """The state's pose is kept beside it, with all that ties it to the rest."""
+        """Clone the present pose, with its covariances, into the state as the mark."""
         x, p = self._filter.x, self._filter.P
         x[MARK] = x[POSE]
         p[MARK] = p[POSE]
@@ -322,7 +324,7 @@ class OdometryFilter:
         return self._pose_after(stamp_ns)
 
     def _pose_after(self, stamp_ns: int) -> Pose2:
-        """The pose from the state's moment on: at its speed, and turning as the gyro says."""
+        """Return the pose extrapolated from the state: at its speed, and turning by the gyro."""
         seconds = (stamp_ns - self._moment) * 1e-9
         turn = self._twist.omega * seconds
         if self._imu_ns is not None and self._moment < self._imu_ns <= stamp_ns:
@@ -331,13 +333,13 @@ class OdometryFilter:
         return self._pose @ arc(self._twist.v * seconds, turn)
 
     def _take_out(self) -> None:
-        """Pose, twist, bias and covariance of the state, as the outputs need them."""
+        """Copy pose, twist, bias and covariance of the state for the outputs."""
         x, y, theta, v, omega, bias = self._filter.x[:6].tolist()
         self._pose, self._twist, self._bias = Pose2(x, y, wrap_angle(theta)), Twist(v, omega), bias
         self._covariance = self._filter.P[POSE, POSE].copy()
 
     def _output(self, stamp_ns: int) -> Odometry:
-        """Odometry at the latest moment known, which is `stamp_ns` unless a reading came late."""
+        """Return the odometry at the latest known time, which is `stamp_ns` unless a reading came late."""
         latest_ns = max(stamp_ns, self._moment)
         if self._outputs:
             latest_ns = max(latest_ns, self._outputs[-1].stamp_ns)
@@ -349,7 +351,7 @@ class OdometryFilter:
         return self._outputs[-1]
 
     def _last(self, stamp_ns: int) -> Odometry:
-        """The last output again, for a reading that says nothing."""
+        """Return the last output again, for an ignored reading."""
         return self._outputs[-1] if self._outputs else Odometry(stamp_ns, Pose2(), Twist(), self._covariance)
 
 
@@ -358,5 +360,5 @@ def _pairs(now: WheelTicks, before: WheelTicks) -> tuple[tuple[int, int], tuple[
 
 
 def _difference(now: int, before: int) -> int:
-    """Signed step of a wrapping 32-bit counter."""
+    """Return the signed step of a wrapping 32-bit counter."""
     return (now - before + COUNTS // 2) % COUNTS - COUNTS // 2

@@ -1,10 +1,10 @@
-"""How the state of the odometry filter moves and what its readings say about it: data to data.
+"""Motion and measurement model of the odometry filter, as pure functions.
 
-Wheels err in two ways. What is wrong with them for good (tyres larger than they are held for or unlike each other, a
-track that is not the nominal one) bends every stretch by the same part, so that its error grows with the distance;
-what slips at random adds up as the distance's root. The first kind is therefore part of the state, constants that
-start with the doubt a calibration leaves (they are those of Antonelli, Chiaverini and Fusco, IEEE T-RO 2005); the
-second kind is noise that goes with the motion (Thrun, Burgard and Fox, Probabilistic Robotics, 2005, chapter 5).
+Wheels have two kinds of error. Systematic errors (wrong or unequal wheel radii, a wrong track) distort every stretch by
+the same factor, so that their effect grows with the distance; random slip grows with the root of the distance. The
+systematic errors are therefore constants in the state, whose initial covariance is the uncertainty that a calibration
+leaves (Antonelli, Chiaverini and Fusco, IEEE T-RO 2005). Random slip is process noise that depends on the motion
+(Thrun, Burgard and Fox, Probabilistic Robotics, 2005, chapter 5).
 """
 
 from __future__ import annotations
@@ -18,21 +18,22 @@ from waychair.config import Settings, setting
 from waychair.types import FloatArray, Pose2
 
 X, Y, THETA, V, OMEGA, BIAS, SCALE, DRIFT, TRACK, GAIN = range(10)
-"""The state: pose in odom; twist; gyro bias [rad/s]; by which part a true way is longer than the wheels say, its turn
-per metre [rad/m], by which part a true turn is larger than the wheels say, and the gyro's reading than the true one."""
+"""The state: pose in odom; twist; gyro bias [rad/s]; relative error of the wheels' distance; their turn per metre
+[rad/m]; relative error of the wheels' turn; relative error of the gyro's scale. Distance and turn: true over measured
+value less 1; gyro: measured over true value less 1."""
 
 POSE, MARK = slice(0, 3), slice(10, 13)
-"""The pose, and the one at which the last measured motion ended, with which the next one can be compared."""
+"""The present pose, and the mark: the pose at the end of the last measured motion, where the next one starts."""
 
 SIZE = 13
 
 
 @dataclass(frozen=True, slots=True)
 class OdometrySettings(Settings):
-    """What is not known about wheels and gyro; the defaults are those of a chair that was calibrated.
+    """Uncertainty of wheels and gyro; the defaults are those of a calibrated chair.
 
-    The white noise of the wheels stands for slip of 0.3 % that persists for 0.3 s; the gyro is a MEMS unit of the class
-    of Bosch's BMI088, whose bias also follows its temperature.
+    The white noise of the wheels models slip of 0.3 % that persists for 0.3 s. The gyro is a MEMS unit of the class of
+    Bosch's BMI088, whose bias also follows its temperature.
     """
 
     wheel_scale: float = setting(0.002, "", "of both wheels' radii (one sigma)", low=0.0, high=0.5)
@@ -60,7 +61,7 @@ class OdometrySettings(Settings):
 
 @dataclass(frozen=True, slots=True)
 class Step:
-    """The state (13,) one step on, with its Jacobian (13, 13) and the noise (13, 13) that the step added."""
+    """The state (13,) after a step, its Jacobian (13, 13), and the covariance (13, 13) of the step's noise."""
 
     state: FloatArray
     jacobian: FloatArray
@@ -68,7 +69,7 @@ class Step:
 
 
 def initial_covariance(settings: OdometrySettings) -> FloatArray:
-    """(13, 13) at the start: the pose is known, the constants as well as they were calibrated."""
+    """Return the initial covariance (13, 13): the pose is certain, the constants have the calibration's uncertainty."""
     s, sigma = settings, np.zeros(SIZE)
     sigma[[V, OMEGA]] = 1.0
     sigma[[BIAS, SCALE, DRIFT, TRACK, GAIN]] = s.gyro_bias, s.wheel_scale, s.wheel_drift, s.track_scale, s.gyro_scale
@@ -78,14 +79,14 @@ def initial_covariance(settings: OdometrySettings) -> FloatArray:
 def moved(
     state: FloatArray, seconds: float, wheels: Pose2 | None, gyro: float | None, settings: OdometrySettings
 ) -> Step:
-    """The state after `seconds`, in which the wheels went along `wheels` and the gyro's readings add up to `gyro` [rad].
+    """Return the step of `seconds` in which the wheels moved by `wheels` and the gyro's readings add up to `gyro` [rad].
 
-    What is None is not known: without the gyro the wheels tell the turn, and without both the twist goes on as it was.
+    Either may be None, for unknown: without the gyro the wheels give the turn; without both the twist is kept.
     """
-    jacobian, noises = np.eye(SIZE), np.zeros((SIZE, 4))  # of four independent noises: along, across, turn, twist
+    jacobian, noises = np.eye(SIZE), np.zeros((SIZE, 4))  # four independent noises: along, across, turn, twist
     turn, by_turn = _turn(state, seconds, wheels, gyro, settings, noises)
     x, y, by_way = _way(state, seconds, wheels, turn, settings, noises)
-    by_way += np.outer((-0.5 * y, 0.5 * x), by_turn)  # a turn that comes out larger swings the chord by half of it
+    by_way += np.outer((-0.5 * y, 0.5 * x), by_turn)  # an error of the turn rotates the chord by half of it
     noises[:2] += np.outer((-0.5 * y, 0.5 * x), noises[THETA])
     c, s = math.cos(state[THETA]), math.sin(state[THETA])
     rotation = np.array([[c, -s], [s, c]])
@@ -96,7 +97,7 @@ def moved(
     jacobian[X, THETA], jacobian[Y, THETA] = -north, east
     jacobian[THETA] += by_turn
     noises[:2] = rotation @ noises[:2]
-    if wheels is not None:  # the twist is what has just been seen
+    if wheels is not None:  # the twist is that of the measured motion
         after[V] = (1.0 + state[SCALE]) * forward(wheels) / seconds
         jacobian[V] = 0.0
         jacobian[V, SCALE] = forward(wheels) / seconds
@@ -112,8 +113,8 @@ def moved(
 def turn_by_wheels(
     state: FloatArray, seconds: float, wheels: Pose2, settings: OdometrySettings
 ) -> tuple[float, FloatArray, float]:
-    """What the wheels should say about the turn of a step that the gyro has led: it [rad], its Jacobian (13,) and the
-    variance of the wheels' reading [rad^2]."""
+    """Return the wheels' expected turn in a step driven by the gyro [rad], its Jacobian (13,), and the variance of the
+    wheels' reading [rad^2]."""
     way, row = forward(wheels), np.zeros(SIZE)
     turn = (state[OMEGA] * seconds - state[DRIFT] * way) / (1.0 + state[TRACK])
     row[[OMEGA, DRIFT, TRACK]] = seconds, -way, -turn
@@ -122,10 +123,10 @@ def turn_by_wheels(
 
 
 def motion_since_mark(state: FloatArray, mark_to: Pose2, base_to: Pose2) -> tuple[FloatArray, FloatArray]:
-    """The motion (3,) between two moments, as it should be measured, and its Jacobian (3, 13).
+    """Return the expected motion (3,) between two moments, and its Jacobian (3, 13).
 
-    They are those at which the chair stood at `mark_to` in the frame of the marked pose, and at `base_to` in that of
-    the present one.
+    At the first moment the chair was at `mark_to` in the frame of the mark, at the second at `base_to` in the frame of
+    the present pose.
     """
     begin, end = Pose2(*state[MARK]) @ mark_to, Pose2(*state[:3]) @ base_to
     motion = begin.inverse() @ end
@@ -139,7 +140,7 @@ def motion_since_mark(state: FloatArray, mark_to: Pose2, base_to: Pose2) -> tupl
 
 
 def forward(motion: Pose2) -> float:
-    """Signed length [m] of the arc to a pose: its chord's part along the mean heading, lengthened by the bend."""
+    """Return the signed length [m] of the arc to a pose: its chord along the mean heading, times arc over chord."""
     half = 0.5 * motion.theta
     chord = motion.x * math.cos(half) + motion.y * math.sin(half)
     return chord * half / math.sin(half) if abs(half) > 1e-9 else chord
@@ -148,7 +149,7 @@ def forward(motion: Pose2) -> float:
 def _turn(
     state: FloatArray, seconds: float, wheels: Pose2 | None, gyro: float | None, s: OdometrySettings, noises: FloatArray
 ) -> tuple[float, FloatArray]:
-    """Turn [rad] of a step and its gradient (13,); its noise goes into `noises`."""
+    """Return the turn [rad] of a step and its gradient (13,); add its noise to `noises`."""
     row = np.zeros(SIZE)
     if gyro is not None:
         turn = (gyro - state[BIAS] * seconds) * (1.0 - state[GAIN])
@@ -168,14 +169,14 @@ def _turn(
 def _way(
     state: FloatArray, seconds: float, wheels: Pose2 | None, turn: float, s: OdometrySettings, noises: FloatArray
 ) -> tuple[float, float, FloatArray]:
-    """Chord x, y [m] of a step in the frame of its beginning, its gradient (2, 13) but for that by the turn."""
+    """Return the chord x, y [m] of a step in its start frame, and its gradient (2, 13) without the part by the turn."""
     gradient = np.zeros((2, SIZE))
     if wheels is not None:
         swing, scale = 0.5 * (turn - wheels.theta), 1.0 + state[SCALE]
         c, d = math.cos(swing), math.sin(swing)
         x, y = c * wheels.x - d * wheels.y, d * wheels.x + c * wheels.y
         gradient[:, SCALE] = x, y
-        # two readings far apart do not tell where between them the chair has turned
+        # two readings far apart leave open where between them the chair turned
         bend = 0.125 * forward(wheels) * wheels.theta
         noises[0, 0] = noises[1, 1] = s.way_noise * math.sqrt(math.hypot(wheels.x, wheels.y))
         noises[1, 1] = math.hypot(noises[1, 1], bend)
@@ -188,5 +189,5 @@ def _way(
 
 
 def _slip_variance(wheels: Pose2, s: OdometrySettings) -> float:
-    """Of the wheels' turn [rad^2]."""
+    """Return the variance [rad^2] of the wheels' turn by slip."""
     return s.drift_noise**2 * abs(forward(wheels)) + s.turn_noise**2 * abs(wheels.theta)

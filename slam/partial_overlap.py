@@ -1,10 +1,10 @@
-"""Loops by a glimpse: where the latest scans and earlier ones show only a little of the same ground.
+"""Loop closure by partial overlap: the latest scans and earlier ones show only a small part of the same ground.
 
-A chair that comes back looking another way, or whose lidar sees a few metres, sees mostly what it did not see before;
-the mean likelihood over all points then says nothing. Here only points on ground that the earlier scans saw count:
-one on a surface speaks for a pose, one where they saw free ground speaks against it, one elsewhere says nothing. Each
-of these is bounded over blocks of cells as the likelihood is, so that the search stays exact (the occupancy of Hess et
-al. 2016, section V.B, with the unknown between the free and the occupied).
+A chair that returns with another heading, or whose lidar has a short range, sees mostly new ground, so the mean
+likelihood over all points is meaningless. Here only points on ground that the earlier scans saw count: a point on a
+surface is evidence for a pose, a point in known free space is evidence against it, a point elsewhere is none. Blocks of
+cells bound these values as they bound the likelihood, so the search stays exact (the occupancy of Hess et al. 2016,
+section V.B, with unknown cells between free and occupied).
 """
 
 from __future__ import annotations
@@ -22,12 +22,12 @@ from waychair.slam.scan_matching import MatchSettings, Window, correlative_searc
 from waychair.slam.scan_points import ScanPoints, ScanStore
 from waychair.types import BoolArray, FloatArray, IntArray, Pose2
 
-_GAP = 0.05  # [rad] between two beams that have nothing between them
+_GAP = 0.05  # [rad]; a larger angle between two beams is a gap
 
 
 @dataclass(frozen=True, slots=True)
 class GlimpseSettings(Settings):
-    """What a little common ground has to show before a place is taken for found."""
+    """When a partial overlap is enough evidence for a place."""
 
     query_scans: int = setting(15, "", "latest key scans that are searched for together", low=1, high=100)
     spacing: float = setting(1.0, "m", "distance driven between two searches", low=0.0, high=100.0)
@@ -46,10 +46,10 @@ class GlimpseSettings(Settings):
 
 @dataclass(frozen=True, slots=True)
 class Glimpse:
-    """Where the query fits the ground it shares with the reference.
+    """Pose at which the query fits the ground that it shares with the reference.
 
-    `information` (3, 3) as of a match; `points` of the query lie on shared ground, with this mean likelihood
-    (`response`) and share on surfaces (`inliers`); `evidence` is their sum of likelihood less doubt.
+    `information` (3, 3) is as of a match. `points` of the query lie on shared ground, with mean likelihood `response`
+    and share `inliers` on surfaces; `evidence` is the sum of their likelihood less the neutral level.
     """
 
     pose: Pose2
@@ -63,9 +63,9 @@ class Glimpse:
 def known_ground(
     store: ScanStore, poses: FloatArray, members: Sequence[int] | IntArray, base_from_laser: Pose2, reference: Reference
 ) -> BoolArray:
-    """(H, W) cells of the reference that the beams of key scans `members` crossed, or that lie on their surfaces.
+    """Return the cells (H, W) of the reference that beams of the key scans `members` crossed, or that hold a surface.
 
-    `poses` (N, 3) [m, m, rad] are those of all key scans in the map.
+    `poses` (N, 3) [m, m, rad] are the poses of all key scans in the map frame.
     """
     crossed = np.zeros(reference.bounds.shape[1:], np.uint8)
     for member in members:
@@ -93,14 +93,14 @@ def glimpse(
     matching: MatchSettings,
     settings: GlimpseSettings,
 ) -> Glimpse | None:
-    """Where the query fits on known ground (H, W), if one place of the window stands alone and is good enough.
+    """Return where the query fits on known ground (H, W), if one place of the window is unambiguous and good enough.
 
-    Whether it fits on the surfaces' right sides too (`inliers`) is for the caller to judge: where a thing is seen from
-    behind it does not, and the place is found all the same.
+    The caller judges whether the points fit the right side of the surfaces (`inliers`): an object seen from behind
+    does not, although the place is right.
     """
     middle = reference.origin + 0.5 * reference.resolution * reference.bounds.shape[1]
     reach = float(np.min(middle - reference.origin - np.abs((guess.x, guess.y) - middle))) - 1.5 * window.distance
-    query = _those(query, np.hypot(*query.points.T) < reach)  # the rest may leave the grid
+    query = _those(query, np.hypot(*query.points.T) < reach)  # further points may leave the grid
     if len(query) == 0:
         return None
     level = round(255 * settings.doubt)
@@ -125,7 +125,7 @@ def glimpse(
 
 
 def _evidence(reference: Reference, known: BoolArray, level: int) -> Reference:
-    """The reference with ground that nobody saw at a level [0, 255], above the free and below the occupied."""
+    """Return the reference with unseen ground at `level` in [0, 255], between free and occupied."""
     value = np.where(known, reference.bounds[0], np.uint8(level))
     return replace(reference, bounds=block_maxima(value, LEVELS))
 

@@ -1,9 +1,8 @@
-"""Where a small patch of an earlier picture is seen in this one, to a fraction of a pixel.
+"""Subpixel alignment of small image patches: where a patch of an earlier image is in the present image.
 
-The patch is first turned and scaled as the two poses say, then shifted by the inverse compositional form of Lucas and
-Kanade (Baker and Matthews, IJCV 2004) with its brightness and contrast free, from coarse to fine; as each patch is
-always compared with the picture in which its point was first seen, errors do not add up along a track (as in SVO,
-Forster et al., TRO 2017, section IV).
+The patch is first warped by the two poses, then aligned by inverse compositional Lucas-Kanade (Baker and Matthews, IJCV
+2004) with free brightness and contrast, from coarse to fine. Each patch is always compared with the image in which its
+point was first seen, so errors do not accumulate along a track (as in SVO, Forster et al., TRO 2017, section IV).
 """
 
 from __future__ import annotations
@@ -17,9 +16,9 @@ from numba import njit
 from waychair.types import Bytes, FloatArray, IntArray
 
 HALF = 5
-"""A patch reaches this far [px] from its middle, on every level."""
+"""Half side [px] of a patch, on every level."""
 
-_TEXTURE = 4.0  # [grey level^2] least eigenvalue of the mean squared gradient of a patch that can be aligned
+_TEXTURE = 4.0  # [grey level^2]; least eigenvalue of the mean squared gradient of a usable patch
 _ITERATIONS = 10
 _CONVERGED = 0.02  # [px]
 
@@ -34,12 +33,12 @@ def align(
     reach: float,
     least: float,
 ) -> tuple[FloatArray, IntArray]:
-    """Pixels (N, 2) of patches in a picture, and the finest level (N,) on which they were found, -1 where on none.
+    """Return the pixels (N, 2) of patches in a picture, and the finest level (N,) of success, -1 for none.
 
-    Both pictures are pyramids, each level half of the one before; `at` (N, 2) are the middles in the reference, affine
-    (N, 2, 2) takes offsets there to offsets here, `guess` (N, 2) is where they are expected. `levels` are gone through
-    in their order, coarse first; on each a patch must not move further than `reach` [px], and must be at least so much
-    like what is found (correlation), or it stays where the level before put it: a blurred picture has no fine level.
+    Both pictures are pyramids, each level half of the one before. `at` (N, 2) are patch centres in the reference,
+    `affine` (N, 2, 2) maps offsets there to offsets here, `guess` (N, 2) are the expected pixels. `levels` are processed
+    in their order, coarse first. On each level a patch may move by at most `reach` [px] and must correlate by `least`,
+    or it keeps the result of the level before: a blurred picture has no fine level.
     """
     found, finest = np.ascontiguousarray(guess, np.float64).copy(), np.full(len(guess), -1)
     for level in levels:
@@ -63,7 +62,7 @@ def _sample(image: Bytes, x: float, y: float) -> float:
 
 @njit(cache=True)
 def template_kernel(image: Bytes, x: float, y: float, affine: FloatArray, patch: FloatArray) -> bool:
-    """The patch (2h + 3, 2h + 3) round a pixel, seen through the inverse of `affine`; False at the border."""
+    """Sample the patch (2h + 3, 2h + 3) round a pixel, warped by the inverse of `affine`; return False at the border."""
     height, width = image.shape
     determinant = affine[0, 0] * affine[1, 1] - affine[0, 1] * affine[1, 0]
     if not 0.1 < determinant < 10.0:
@@ -92,7 +91,7 @@ def align_kernel(
     alike: FloatArray,
     reach: float,
 ) -> None:
-    """`align` on one level: moves found (N, 2) in place, and puts the correlation into alike (N,), -1 where it failed."""
+    """Run `align` on one level: update found (N, 2) in place, and write the correlation to alike (N,), -1 on failure."""
     height, width = picture.shape
     side = 2 * HALF + 1
     patch = np.empty((side + 2, side + 2))
@@ -112,7 +111,7 @@ def align_kernel(
                 sx += gx[r, c]
                 sy += gy[r, c]
         count = float(side * side)
-        # with the brightness solved for, the gradients count without their means
+        # the brightness is an unknown, so the gradients lose their means
         xx, xy, yy = xx - sx * sx / count, xy - sx * sy / count, yy - sy * sy / count
         determinant = xx * yy - xy * xy
         weakest = 0.5 * (xx + yy - math.sqrt((xx - yy) ** 2 + 4.0 * xy * xy))
@@ -128,7 +127,7 @@ def align_kernel(
             for r in range(side):
                 for c in range(side):
                     now[r, c] = _sample(picture, x + c - HALF, y + r - HALF)
-            # a camera that sets its own exposure sees the same patch brighter and with more contrast
+            # automatic exposure changes brightness and contrast of the same patch
             bright, spread = moments(now)
             gain = contrast / max(spread, 1e-9)
             bx = by = 0.0
@@ -155,7 +154,7 @@ def align_kernel(
 
 @njit(cache=True)
 def moments(patch: FloatArray) -> tuple[float, float]:
-    """Mean and standard deviation of a patch."""
+    """Return the mean and the standard deviation of a patch."""
     total = square = 0.0
     for r in range(patch.shape[0]):
         for c in range(patch.shape[1]):
@@ -167,7 +166,7 @@ def moments(patch: FloatArray) -> tuple[float, float]:
 
 @njit(cache=True)
 def correlation(patch: FloatArray, now: FloatArray) -> float:
-    """Zero-mean normalised correlation of a patch without its rim and what is seen now."""
+    """Return the zero-mean normalised correlation of a patch without its rim and the present patch."""
     side = now.shape[0]
     a = b = aa = bb = ab = 0.0
     for r in range(side):
@@ -192,9 +191,9 @@ def affine_kernel(
     shift: FloatArray,
     camera: FloatArray,
 ) -> FloatArray:
-    """(N, 2, 2) how offsets in the reference picture become offsets in this one, round points (N, 3) of the map.
+    """Return affine maps (N, 2, 2) of offsets in the reference picture to offsets here, round map points (N, 3).
 
-    Each point lies on a small surface that faced the reference camera; poses are camera_from_map.
+    Each point is taken to lie on a small plane parallel to the reference image; poses are camera_from_map.
     """
     found = np.empty((len(points), 2, 2))
     here_from_there = turn @ reference_turn.T

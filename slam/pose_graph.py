@@ -1,8 +1,8 @@
-"""A pose graph that grows: solved incrementally while the chair drives, and as a whole when a loop is in doubt.
+"""A growing pose graph: solved incrementally (iSAM2) while the chair drives, and as a whole when a loop is in doubt.
 
-iSAM2 with QR was chosen by measurement: the Intel graph fed node by node costs 2 ms of processor time per node (95 %:
-8 ms), where one Levenberg-Marquardt of the whole graph costs about 60 ms at the end, and a node that closes no loop
-0.1 ms however long the graph is. iSAM2 with Cholesky factors fails on the Manhattan graph.
+iSAM2 with QR was chosen by measurement. On the Intel graph, fed node by node, it costs 2 ms of processor time per node
+(95 %: 8 ms); Levenberg-Marquardt on the whole graph costs about 60 ms at the end. A node that closes no loop costs
+0.1 ms at any length of the graph. iSAM2 with Cholesky factors fails on the Manhattan graph.
 """
 
 from __future__ import annotations
@@ -20,52 +20,52 @@ from waychair.slam.robust import GraphSettings, Reason, Rejected, Solution, solv
 from waychair.types import FloatArray
 
 _STEPS = 5
-"""Further iSAM2 steps after a loop in doubt: each linearises anew what the one before has moved."""
+"""Further iSAM2 steps after a loop in doubt; each relinearises the nodes that the last step moved."""
 
 _REVIEW = 4
-"""Loops left out at which all are first looked at again; then whenever their number has doubled."""
+"""Number of rejected loops at which all are first reviewed; later whenever the number has doubled."""
 
 
 class PoseGraph:
     """Nodes and edges in the order in which they were added; `poses` (N, 3) are those of the last `update`.
 
-    The array of poses is another one whenever a node has moved; where nodes were only added, the longer one begins with
-    the very memory of the shorter, now and then apart.
+    `poses` is a new array whenever a node has moved. While nodes are only added, the longer array shares the memory of
+    the shorter one, except when the buffer has to grow.
 
-    `rejected` names the loops that were left out and why. They are looked at again whenever the whole graph is solved.
+    `rejected` holds the rejected loops with reasons. They are checked again whenever the whole graph is solved.
     """
 
     def __init__(self, settings: GraphSettings) -> None:
         self.settings = settings
-        self._history: list[tuple[Any, ...]] = []  # every change, by which the same graph comes about again
+        self._history: list[tuple[Any, ...]] = []  # every change; replaying it gives the same graph
         self.poses: FloatArray = np.empty((0, 3))
-        self._room = self.poses  # the array that poses are appended to, with room for more
+        self._room = self.poses  # buffer of poses, with spare rows
         self._edges: list[Edge] = []
-        self._rejected: dict[int, Rejected] = {}  # by the edge's place in the list
+        self._rejected: dict[int, Rejected] = {}  # by the edge's index in the list
         self._removed: list[Rejected] = []
-        self._attached = 1  # nodes below this hang on an edge
-        self._closed = False  # an edge since the last update closes a cycle
+        self._attached = 1  # nodes below this number have an edge to an earlier node
+        self._closed = False  # whether an edge since the last update closes a cycle
         self._isam: Any = None
-        self._known_nodes = 0  # to iSAM2
+        self._known_nodes = 0  # nodes and edges that iSAM2 has
         self._known_edges = 0
         self._review_at = _REVIEW
         self._cost = 0.0  # sum of robust chi-squares at iSAM2's estimate
 
     @property
     def edges(self) -> tuple[Edge, ...]:
-        """The edges that the poses rest on."""
+        """The accepted edges, which determine the poses."""
         return tuple(edge for k, edge in enumerate(self._edges) if k not in self._rejected)
 
     @property
     def rejected(self) -> tuple[Rejected, ...]:
-        """The loops that were left out, and those that were removed."""
+        """The rejected loops and the removed loops."""
         return (*self._rejected.values(), *self._removed)
 
     def add(self, poses: FloatArray, edges: Sequence[Edge]) -> None:
-        """Appends nodes at poses (K, 3), the frame of node 0, and edges among all nodes.
+        """Add nodes at poses (K, 3) in the frame of node 0, and edges among all nodes.
 
         Raises:
-            GraphError: an edge to a node that is not there, or a value that is not finite. Nothing is then added.
+            GraphError: an edge names a missing node, or a value is not finite. Nothing is then added.
         """
         count = len(self.poses) + len(poses)
         for edge in edges:
@@ -84,7 +84,7 @@ class PoseGraph:
             self._closed |= not extends
 
     def _append(self, poses: FloatArray) -> None:
-        """New rows behind those that are there, which stay where they are as long as there is room."""
+        """Append rows to the buffer of poses; existing rows stay in place while there are spare rows."""
         known, count = len(self.poses), len(self.poses) + len(poses)
         if self.poses.base is not self._room or count > len(self._room):
             self._room = np.empty((max(64, 2 * count), 3))
@@ -93,35 +93,35 @@ class PoseGraph:
         self.poses = self._room[:count]
 
     def update(self) -> FloatArray:
-        """Poses (N, 3) that fit all edges so far.
+        """Return poses (N, 3) that fit all edges so far.
 
-        While every node hangs on one edge to an earlier one, the poses fit already and nothing is done. Where an edge
-        closes a cycle, iSAM2 (Kaess et al., IJRR 2012) solves what the edge touches. If the new loops raise the
-        cost by more than leaving one out is worth, or one does not fit, the whole graph is solved by `robust.solve`.
+        While every node has one edge to an earlier node, the poses already fit and nothing is done. When an edge closes
+        a cycle, iSAM2 (Kaess et al., IJRR 2012) solves the affected part. If the new loops raise the cost by more than
+        the rejection of a loop costs, or a loop does not fit, `robust.solve` solves the whole graph.
 
         Raises:
-            GraphError: nodes that hang on no edge, or equations that cannot be solved.
+            GraphError: the graph is not connected, or the equations cannot be solved.
         """
         if self._closed or self._attached < len(self.poses):
             self._history.append(("update",))
             if not self._advance():
                 self._solve_accepted()
-                if len(self._rejected) >= self._review_at:  # perhaps it is an older loop that is false
+                if len(self._rejected) >= self._review_at:  # perhaps an older loop is false
                     self._review_at = 2 * len(self._solved().rejected) + _REVIEW
             self._closed = False
         return self.poses
 
     def solve(self) -> Solution:
-        """The whole graph solved from the present poses, every loop looked at again; `poses` become the solution's.
+        """Solve the whole graph from the present poses, check every loop again, and set `poses` to the solution.
 
         Raises:
-            GraphError: nodes that hang on no edge, or equations that cannot be solved.
+            GraphError: the graph is not connected, or the equations cannot be solved.
         """
         self._history.append(("solve",))
         return self._solved()
 
     def __getstate__(self) -> dict[str, Any]:
-        """The settings and every change so far: what iSAM2 knows cannot be written down, but comes about again."""
+        """Return the settings and every change so far; iSAM2's state cannot be stored, but replaying rebuilds it."""
         return {"settings": self.settings, "history": self._history}
 
     def __setstate__(self, state: dict[str, Any]) -> None:
@@ -138,7 +138,7 @@ class PoseGraph:
         return replace(solution, rejected=self.rejected)
 
     def _solve_accepted(self) -> None:
-        """The whole graph solved without the loops that were left out before."""
+        """Solve the whole graph without the loops rejected before."""
         inside = [k for k in range(len(self._edges)) if k not in self._rejected]
         solution = solve(self.poses, [self._edges[k] for k in inside], self.settings)
         self.poses = solution.poses
@@ -147,10 +147,10 @@ class PoseGraph:
         self._restart()
 
     def remove(self, edges: Collection[Edge]) -> None:
-        """Takes edges out for good; loops among them are kept under `rejected`. The next `update` solves the rest.
+        """Remove edges permanently; loops among them stay listed in `rejected`. The next `update` solves the rest.
 
         Raises:
-            GraphError: an edge that is not in the graph.
+            GraphError: an edge is not in the graph.
         """
         going = {id(edge) for edge in edges}
         gone = [k for k, edge in enumerate(self._edges) if id(edge) in going]
@@ -161,7 +161,7 @@ class PoseGraph:
             raise GraphError(f"{len(going) - len(gone)} of the edges to remove are not in the graph; remove each once")
 
     def _remove(self, gone: list[int]) -> None:
-        """Takes the edges at these places out."""
+        """Remove the edges at these indices."""
         loops = [self._edges[k] for k in gone if self._edges[k].kind is EdgeKind.LOOP]
         against = chi_square(self.poses, loops) if loops else ()
         limit = self.settings.loop_limit
@@ -174,7 +174,7 @@ class PoseGraph:
         self._isam, self._closed = None, True
 
     def _advance(self) -> bool:
-        """Feeds iSAM2 what is new; False where it cannot go on, or stays in doubt about a loop."""
+        """Feed iSAM2 the new nodes and edges; return False if it fails, or a loop stays in doubt."""
         if self._isam is None:
             return False
         import gtsam
@@ -188,12 +188,12 @@ class PoseGraph:
                 if not self._in_doubt(cost, known):
                     return True
                 self._feed(gtsam.NonlinearFactorGraph(), gtsam.Values())
-        except RuntimeError:  # what gtsam raises for equations that cannot be solved
+        except RuntimeError:  # gtsam's error for equations that cannot be solved
             return False
         return False
 
     def _restart(self) -> None:
-        """A new iSAM2 of the accepted edges, linearised at the present poses."""
+        """Start a new iSAM2 with the accepted edges, linearised at the present poses."""
         import gtsam
 
         parameters = gtsam.ISAM2Params()
@@ -205,7 +205,7 @@ class PoseGraph:
         self._feed(problem.factor_graph(self.poses), gtsam_values(self.poses))
 
     def _feed(self, factors: Any, values: Any) -> None:
-        """One step of iSAM2 with new factors and nodes."""
+        """Run one step of iSAM2 with new factors and nodes."""
         import gtsam
 
         self._isam.update(factors, values)
@@ -215,7 +215,7 @@ class PoseGraph:
         self._known_nodes, self._known_edges = len(self.poses), len(self._edges)
 
     def _in_doubt(self, cost: float, known: int) -> bool:
-        """Whether the edges from `known` on cost more than leaving one out is worth, or one of them does not fit."""
+        """Return whether the edges from `known` on cost more than a rejection, or a loop among them does not fit."""
         if self._cost - cost > self.settings.rejection_cost:
             return True
         loops = [edge for edge in self._edges[known:] if edge.kind is EdgeKind.LOOP]

@@ -1,10 +1,10 @@
-"""Finding out where a lost chair is: places it may be at, compared while it moves until one stands alone.
+"""Relocalisation of a lost (kidnapped) chair: candidate places, compared while it moves until one is unambiguous.
 
-The scans since the chair was lost are matched against each other into a small map of their own, the local frame. At
-intervals this whole cloud is searched for on the saved map; the places found join those found before, which the
-local frame carries along, and each is judged by what all the beams say there. Believing the wrong place is the worst
-error, so a place must win by its share of the odds against all others and against being nowhere on the map, several
-times in a row with way in between, and fit in all directions.
+The scans since the chair was lost are matched with each other into a small local map. At intervals this whole cloud is
+searched for on the saved map. The places found join the earlier candidates, which move along in the local frame, and the
+beam model rates each of them. A wrong place is the worst error. So a place must be probable against all others and
+against being nowhere on the map, win several searches in a row some distance apart, and be well constrained in all
+directions.
 """
 
 from __future__ import annotations
@@ -27,7 +27,7 @@ from waychair.types import FloatArray, Pose2
 
 @dataclass(frozen=True, slots=True)
 class RecoverySettings(Settings):
-    """How much has to be seen before a place is believed."""
+    """How much evidence a lost chair needs before it accepts a place."""
 
     key_distance: float = setting(0.15, "m", "way between two scans that are kept", low=0.01, high=5.0)
     key_angle: float = setting(0.2, "rad", "turn between two scans that are kept", low=0.01, high=math.pi)
@@ -52,7 +52,7 @@ class RecoverySettings(Settings):
 
 @dataclass(frozen=True, slots=True)
 class SavedMap:
-    """A map in the forms that matching, judging and searching need."""
+    """A map in the forms for matching, beam tracing and global search."""
 
     reference: Reference
     beams: BeamMap
@@ -61,7 +61,7 @@ class SavedMap:
 
 @dataclass(frozen=True, slots=True)
 class Candidate:
-    """A place the chair may be at: its pose, log-odds by its beams, and whether it fits in all directions."""
+    """A place where the chair may be: pose, log-odds by the beams, and whether all directions are well constrained."""
 
     pose: Pose2
     log_odds: float
@@ -70,7 +70,7 @@ class Candidate:
 
 @dataclass(frozen=True, slots=True)
 class RecoveryParts(Settings):
-    """The settings of what a recovery uses."""
+    """The settings of a recovery and its parts."""
 
     recovery: RecoverySettings = field(default_factory=RecoverySettings)
     search: RelocaliserSettings = field(default_factory=RelocaliserSettings)
@@ -79,21 +79,21 @@ class RecoveryParts(Settings):
 
 
 class Recovery:
-    """What has been seen since the chair was lost, and the places that it may be at (`candidates`, best first)."""
+    """The scans since the chair was lost, and the places where it may be (`candidates`, best first)."""
 
     def __init__(self, saved: SavedMap, sensor: FloatArray, settings: RecoveryParts) -> None:
-        """`sensor` (2,) [m] is where the lidar stands in the base frame."""
+        """`sensor` (2,) [m] is the lidar's position in the base frame."""
         self._saved, self._sensor, self._settings = saved, sensor, settings
         self._kept: deque[tuple[ScanPoints, Pose2]] = deque(maxlen=settings.recovery.kept_scans)
         self._odometry = Pose2()  # odom_from_base at the last kept scan
         self._way = self._turn = math.inf  # since the last search
-        self._winner: Pose2 | None = None  # map_from_local of the place that won last
+        self._winner: Pose2 | None = None  # map_from_local of the last winner
         self._wins, self._won_way = 0, 0.0
         self.candidates: tuple[Candidate, ...] = ()
         self.searches = 0
 
     def process(self, scan: ScanPoints, odom_from_base: Pose2) -> Pose2 | None:
-        """`map_from_base` as soon as one place stands alone, else None."""
+        """Return `map_from_base` once one place is accepted, else None."""
         moved = self._odometry.inverse() @ odom_from_base
         settings = self._settings.recovery
         away = math.hypot(moved.x, moved.y)
@@ -112,14 +112,14 @@ class Recovery:
         return self._believed(driven if math.isfinite(driven) else 0.0)
 
     def probability(self) -> float:
-        """That the best candidate is right, against all others and against being nowhere on the map."""
+        """Return the probability of the best candidate against all others and against being nowhere on the map."""
         if not self.candidates:
             return 0.0
         odds = np.exp(np.clip([candidate.log_odds for candidate in self.candidates], -50.0, 50.0))
         return float(odds[0] / (1.0 + odds.sum()))
 
     def _keep(self, scan: ScanPoints, moved: Pose2, odom_from_base: Pose2) -> Pose2:
-        """Adds a scan to the local map where it fits it; returns the motion since the one before."""
+        """Add a scan to the local map where it matches; return the motion since the last kept scan."""
         settings = self._settings
         self._odometry = odom_from_base
         if not self._kept:
@@ -145,7 +145,7 @@ class Recovery:
         return last.inverse() @ pose
 
     def _cloud(self) -> tuple[ScanPoints, FloatArray]:
-        """The kept points in the frame of the last scan, thinned evenly, and where each was seen from (N, 2)."""
+        """Return the kept points in the frame of the last scan, thinned evenly, and the lidar's position for each (N, 2)."""
         base, points, normals, sensors = self._kept[-1][1], [], [], []
         for scan, pose in reversed(self._kept):
             base_from_scan = base.inverse() @ pose
@@ -153,20 +153,20 @@ class Recovery:
             normals.append(scan.normals @ rotation(base_from_scan.theta).T)
             seen_from = transform_points(base_from_scan, self._sensor[None])
             sensors.append(np.broadcast_to(seen_from, scan.points.shape))
-        step = max(1, len(points) // 5)  # beams of one scan say much the same
+        step = max(1, len(points) // 5)  # neighbouring beams of a scan are redundant
         every, facing, seen_from = (np.concatenate(parts)[::step] for parts in (points, normals, sensors))
         cloud = ScanPoints(np.ascontiguousarray(every), np.ascontiguousarray(facing))
         return cloud, np.ascontiguousarray(seen_from)
 
     def _places(self, cloud: ScanPoints) -> tuple[Hypothesis, ...]:
-        """What the whole map offers, and the places carried along from before."""
+        """Return the places found on the whole map, and the earlier candidates."""
         self.searches += 1
         fresh = global_search(cloud.points, self._saved.pyramid, self._settings.search)
         carried = tuple(Hypothesis(candidate.pose, 0.0) for candidate in self.candidates)
         return fresh + carried
 
     def _judged(self, cloud: ScanPoints, sensors: FloatArray, places: tuple[Hypothesis, ...]) -> tuple[Candidate, ...]:
-        """The places at their best fit, best log-odds first, doubles and hopeless ones left out."""
+        """Return the places at their best fit, best log-odds first, without duplicates and hopeless ones."""
         settings, window = (
             self._settings,
             Window(self._settings.recovery.judged_distance, self._settings.recovery.judged_angle),
@@ -193,7 +193,7 @@ class Recovery:
         return math.hypot(a.x - b.x, a.y - b.y) >= search.apart_distance or turned >= search.apart_angle
 
     def _believed(self, driven: float) -> Pose2 | None:
-        """The pose of the winner once it has won often enough in a row, over way enough."""
+        """Return the pose of the winner once it has won enough searches in a row over enough distance, else None."""
         settings = self._settings.recovery
         if not self.candidates or not self.candidates[0].firm or self.probability() < settings.min_probability:
             self._winner, self._wins = None, 0

@@ -1,8 +1,8 @@
-"""The reference a scan is matched against: the surfaces seen by a few key scans, on one small grid.
+"""The reference that a scan is matched against: the surfaces of a few key scans on one small grid.
 
-Points fall into cells of `resolution`; a cell keeps the mean point and mean normal of up to two surfaces (the two
-sides of a thin wall face opposite ways). The same cells, smeared by a Gaussian, are the likelihood of a beam's end,
-and its sliding maxima over 2^h x 2^h cells are the bounds of the branch and bound search.
+Points fall into cells of side `resolution`. A cell keeps the mean point and mean normal of up to two surfaces, because
+the two sides of a thin wall have opposite normals. The occupied cells, blurred by a Gaussian, are the likelihood of a
+beam's end; its sliding maxima over 2^h x 2^h cells are the bounds of the branch and bound search.
 """
 
 from __future__ import annotations
@@ -27,11 +27,11 @@ LEVELS = 5
 
 @dataclass(frozen=True, slots=True)
 class Reference:
-    """Surfaces on a grid whose corner `origin` [m] is in the map frame.
+    """Surfaces on a grid with corner `origin` [m] in the map frame.
 
-    `slots` (H, W, 2): row in `surfaces` of each side of each cell, 0 for none; `surfaces` (S, 4): mean x, y [m] and mean
-    unit normal (row 0 is unused).
-    `bounds` (LEVELS, H, W) u8: level 0 is the likelihood, level h its maximum over the 2^h x 2^h cells from there.
+    - `slots` (H, W, 2): row in `surfaces` of each side of each cell, 0 for none.
+    - `surfaces` (S, 4): mean x, y [m] and mean unit normal; row 0 is unused.
+    - `bounds` (LEVELS, H, W) u8: level 0 is the likelihood, level h its maximum over 2^h x 2^h cells from the cell on.
     """
 
     origin: FloatArray
@@ -45,7 +45,7 @@ def reference_from_scans(
     store: ScanStore, poses: FloatArray, members: Sequence[int] | IntArray, centre: FloatArray, reach: float,
     resolution: float, sigma: float,
 ) -> Reference:  # fmt: skip
-    """Reference of the key scans `members`, at map poses `poses` (N, 3), limited to `reach` [m] round `centre` (2,)."""
+    """Return the reference of the key scans `members` at map poses `poses` (N, 3), within `reach` [m] of `centre` (2,)."""
     points, normals, offsets = store.arrays
     members = np.asarray(members, np.int64)
     origin = np.floor((centre[:2] - reach) / resolution) * resolution
@@ -57,7 +57,7 @@ def reference_from_scans(
 
 
 def reference_from_points(points: FloatArray, normals: FloatArray, resolution: float, sigma: float) -> Reference:
-    """Reference of points (N, 2) and normals (N, 2) that are given in the map frame already."""
+    """Return the reference of points (N, 2) and normals (N, 2) in the map frame."""
     low, high = (points.min(axis=0), points.max(axis=0)) if len(points) else (np.zeros(2), np.zeros(2))
     reach = float(max(high - low)) / 2 + (_margin(_kernel(sigma / resolution)) + 2) * resolution
     store = ScanStore()
@@ -66,13 +66,15 @@ def reference_from_points(points: FloatArray, normals: FloatArray, resolution: f
 
 
 def _margin(kernel: Bytes) -> int:
-    """Cells without a likelihood along the grid's lower edges: a block that begins outside the grid may reach into it,
-    and counts as 0 there, which bounds its cells only if those are 0."""
+    """Return the width [cells] of the margin of zero likelihood along the grid's lower edges.
+
+    A block that begins outside the grid may reach into it. It counts as 0, which is a bound only if its cells are 0.
+    """
     return int(2 ** (LEVELS - 1)) + len(kernel) // 2
 
 
 def _kernel(sigma: float) -> Bytes:
-    """Gaussian of peak 255 over +-3 sigma cells, but at least the cell itself."""
+    """Return a Gaussian kernel with peak 255 over +-2.5 sigma [cells], at least one cell on each side."""
     half = max(1, math.ceil(2.5 * sigma))
     steps = np.arange(-half, half + 1)
     gauss = np.exp(-0.5 * (steps[:, None] ** 2 + steps[None, :] ** 2) / sigma**2)
@@ -81,8 +83,10 @@ def _kernel(sigma: float) -> Bytes:
 
 
 def block_maxima(likelihood: Bytes, count: int) -> Bytes:
-    """(count, H, W): level h holds the maxima over the 2^h x 2^h cells that start at each cell, as far as they lie on
-    the grid (Hess et al. 2016, section V.B)."""
+    """Return (count, H, W): level h holds, for each cell, the maximum over the 2^h x 2^h cells from it on.
+
+    Only cells on the grid count (Hess et al. 2016, section V.B).
+    """
     levels = np.empty((count, *likelihood.shape), np.uint8)
     levels[0] = likelihood
     for h in range(1, count):
@@ -106,8 +110,10 @@ def _gather(
     margin: int,
     resolution: float,
 ) -> tuple[FloatArray, Slots, IntArray]:
-    """Mean surfaces, the slot of each cell's two sides in them, and the flat indices of the cells that hold a point,
-    but for those nearer than `margin` to the lower edges."""
+    """Return the mean surfaces, the slots of each cell's two sides, and the flat indices of occupied cells.
+
+    Occupied cells within `margin` of the lower edges are left out.
+    """
     total = 0
     for member in members:
         total += offsets[member + 1] - offsets[member]
@@ -156,7 +162,7 @@ def _gather(
 
 @njit(cache=True)
 def _smear(hits: IntArray, size: int, kernel: Bytes) -> Bytes:
-    """(size, size) u8: at each cell the largest kernel value of the hit cells around it."""
+    """Return (size, size) u8: at each cell the largest kernel value of the hit cells around it."""
     likelihood = np.zeros((size, size), np.uint8)
     half = len(kernel) // 2
     for hit in hits:
