@@ -1,1 +1,4 @@
-"""Worlds, plant and sensors that speak the same messages as a real chair."""
+"""The simulator: worlds, chairs, people and sensors, which send the same messages as a real chair.
+
+Begin with `simulator.py`, then `world.py` for the buildings and `plant.py` for the chairs.
+"""

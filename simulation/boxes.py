@@ -1,7 +1,7 @@
-"""Upright boxes seen from above, and the bins that find those near a place: what contact, lidar and sonars look up.
+"""Upright boxes seen from above, and the bins by which contact, lidar and sonars find the boxes near a place.
 
 Boxes are (N, 6) float64: x, y of the middle [m, map], cosine and sine of the heading, half length and half width [m].
-A wall's face is a box of no width, so that one kind of bin serves bodies and beams.
+A wall's face is a box of no width, so that the same bins serve contact and rays.
 """
 
 from __future__ import annotations
@@ -15,16 +15,16 @@ from numba import njit
 from waychair.types import FloatArray, IntArray
 
 SMALLEST_BIN = 0.25
-"""Side [m] below which smaller bins cost more to cross than they save."""
+"""Least side of a bin [m]: smaller bins would cost more time to cross than they save."""
 
 REACH_OVER = 1e-6
-"""A box counts in a bin that it comes this near to [m], so that rounding on a bin's border loses none."""
+"""A box is listed in every bin within this distance [m], so that rounding at a bin's border loses no box."""
 
 
 class Bins(NamedTuple):
-    """Boxes by the square bins that they reach into, all bins of a row together; what lies outside is empty.
+    """The boxes that reach into each square bin, stored row by row; nothing lies outside the bins.
 
-    Bin (row, col) begins at (x + col side, y + row side) [m] and holds `items[starts[k]:starts[k + 1]]`, the numbers of
+    Bin (row, col) begins at (x + col side, y + row side) [m] and holds `items[starts[k]:starts[k + 1]]`, the indices of
     its boxes, for k = row cols + col.
     """
 
@@ -38,7 +38,7 @@ class Bins(NamedTuple):
 
 
 def bins_of(boxes: FloatArray) -> Bins:
-    """Bins of boxes (N, 6), a few for every box."""
+    """Return the bins of boxes (N, 6), about four bins for every box."""
     if not len(boxes):
         return Bins(0.0, 0.0, 1.0, 1, 1, np.zeros(2, np.int64), np.zeros(0, np.int64))
     c, s = np.abs(boxes[:, 2:4].T)
@@ -53,7 +53,7 @@ def bins_of(boxes: FloatArray) -> Bins:
 
 
 def boxes_of_segments(segments: FloatArray) -> FloatArray:
-    """Boxes (N, 6) of no width along segments (N, 4), x0 y0 x1 y1 [m, map]."""
+    """Return boxes (N, 6) of no width along segments (N, 4), x0 y0 x1 y1 [m, map]."""
     ends = np.asarray(segments, np.float64).reshape(-1, 4)
     along = ends[:, 2:] - ends[:, :2]
     theta = np.arctan2(along[:, 1], along[:, 0])
@@ -63,7 +63,7 @@ def boxes_of_segments(segments: FloatArray) -> FloatArray:
 
 @njit(cache=True)
 def touch(a: FloatArray, b: FloatArray) -> bool:
-    """Whether two boxes (6,) share a point: no side of either separates them (separating axis theorem)."""
+    """Return whether two boxes (6,) share a point: no side of either separates them (separating axis theorem)."""
     dx, dy = b[0] - a[0], b[1] - a[1]
     c, s = abs(a[2] * b[2] + a[3] * b[3]), abs(a[2] * b[3] - a[3] * b[2])  # of the angle between them
     return bool(
@@ -76,9 +76,9 @@ def touch(a: FloatArray, b: FloatArray) -> bool:
 
 @njit(cache=True)
 def nearest_points(a: FloatArray, b: FloatArray) -> tuple[float, float, float]:
-    """Distance [m] of two boxes (6,) that do not meet, and the point (x, y) [m, map] of `b` where it is.
+    """Return the distance [m] of two boxes (6,) that do not touch, and the point (x, y) [m, map] of `b` nearest to `a`.
 
-    At least one end of the shortest way between two convex polygons is a corner.
+    At least one end of the shortest line between two convex polygons is a corner.
     """
     best, x, y = math.inf, 0.0, 0.0
     for corner in range(4):
@@ -104,7 +104,7 @@ def _corner(box: FloatArray, number: int) -> tuple[float, float]:
 
 @njit(cache=True)
 def _clamped(box: FloatArray, x: float, y: float) -> tuple[float, float]:
-    """The point of the box that is nearest to (x, y)."""
+    """Return the point of the box that is nearest to (x, y)."""
     dx, dy = x - box[0], y - box[1]
     along = min(max(dx * box[2] + dy * box[3], -box[4]), box[4])
     across = min(max(dy * box[2] - dx * box[3], -box[5]), box[5])
@@ -113,7 +113,7 @@ def _clamped(box: FloatArray, x: float, y: float) -> tuple[float, float]:
 
 @njit(cache=True)
 def _filled(boxes: FloatArray, bins: Bins) -> tuple[IntArray, IntArray]:
-    """`starts` and `items` of the bins: count, then put each box where it was counted."""
+    """Return `starts` and `items` of the bins: count the boxes of each bin, then fill in their indices."""
     starts = np.zeros(bins.rows * bins.cols + 1, np.int64)
     for i in range(boxes.shape[0]):
         for row, col in _bins_reached(boxes[i], bins):
@@ -130,7 +130,7 @@ def _filled(boxes: FloatArray, bins: Bins) -> tuple[IntArray, IntArray]:
 
 @njit(cache=True)
 def _bins_reached(box: FloatArray, bins: Bins) -> list[tuple[int, int]]:
-    """Row and column of the bins that the box comes near to."""
+    """Return row and column of the bins within REACH_OVER of the box."""
     reach_x = box[4] * abs(box[2]) + box[5] * abs(box[3]) + REACH_OVER
     reach_y = box[4] * abs(box[3]) + box[5] * abs(box[2]) + REACH_OVER
     first_col, last_col = span(box[0] - bins.x, reach_x, bins.side, bins.cols)
@@ -149,5 +149,5 @@ def _bins_reached(box: FloatArray, bins: Bins) -> list[tuple[int, int]]:
 
 @njit(cache=True)
 def span(middle: float, reach: float, side: float, count: int) -> tuple[int, int]:
-    """First and last of the `count` bins that the stretch of half length `reach` lies in; none: last before first."""
+    """Return the first and last of `count` bins that overlap [middle - reach, middle + reach]; last < first if none."""
     return max(0, math.floor((middle - reach) / side)), min(count - 1, math.floor((middle + reach) / side))

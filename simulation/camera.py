@@ -1,4 +1,4 @@
-"""An RGB-D camera: what the renderer draws, exposed, blurred and noisy as a real one would have it.
+"""An RGB-D camera: adds exposure, motion blur and noise to the rendered image.
 
 Colours are square roots of light (a display's gamma of 2), so that shot noise is the same at all brightnesses. The depth
 noise grows with the square of the distance, as it must for stereo depth; `CameraSettings.depth_sigma` is plausible for
@@ -23,21 +23,21 @@ from waychair.simulation.scene import PersonState
 from waychair.types import Bytes, Float32Array, IntArray, Pose3, RgbdFrame, Twist
 
 SENSITIVITY = 75.0
-"""Exposed light per second of exposure of a surface of brightness 1 in the light of an office; 1 is white."""
+"""Light per second of exposure from a surface of brightness 1 in office light; 1 gives a white pixel."""
 
 FULL_WELL = 10_000.0
-"""Electrons of a pixel that is white at gain 1."""
+"""Electrons in a white pixel at gain 1."""
 
 NOISE_STEP = 1.0 / 32.0
-"""Standard deviations per count in the bank of noise."""
+"""Standard deviations per count in the stored noise."""
 
 SETTLED = 0.05
-"""A camera that has been on for a while sees its target brightness within this part of it."""
+"""Relative error of the brightness at which the automatic exposure counts as settled."""
 
 
 @dataclass(frozen=True, slots=True)
 class CameraSettings(Settings):
-    """Picture, exposure and faults of the camera; its view and depth range are those of common stereo depth cameras."""
+    """Image, exposure and faults of the camera; view and depth range are those of common stereo depth cameras."""
 
     rate_hz: float = setting(0.0, "Hz", "frames per second; 0: no camera", low=0.0, high=100.0)
     width: int = setting(640, "pixels", "columns", low=16, high=4096)
@@ -66,12 +66,12 @@ class CameraSettings(Settings):
 
 
 class Camera:
-    """Keeps its exposure and its own random stream, of which every frame uses equally much, whatever it sees."""
+    """The camera with its exposure and its own random stream; every frame uses equally many random numbers."""
 
     def __init__(
         self, settings: CameraSettings, base_from_camera: Pose3, rng: np.random.Generator, renderer: Renderer
     ) -> None:
-        """The optical frame's mount, and a renderer of the size that the settings give."""
+        """Make a camera from the mount of its optical frame and a renderer of the size in the settings."""
         self._settings = settings
         self._base_from_camera = base_from_camera
         self._rng = rng
@@ -85,16 +85,16 @@ class Camera:
 
     @property
     def exposure(self) -> float:
-        """Time [s] the next frame is exposed."""
+        """Exposure time [s] of the next frame."""
         return min(max(self._light, self._settings.exposure_min), self._settings.exposure_max)
 
     @property
     def gain(self) -> float:
-        """Gain of the next frame, from 1: what the exposure cannot give."""
+        """Gain of the next frame, at least 1: it makes up for light that the longest exposure cannot give."""
         return max(self._light / self.exposure, 1.0)
 
     def frame(self, stamp_ns: int, map_from_base: Pose3, twist: Twist, people: Sequence[PersonState] = ()) -> RgbdFrame:
-        """Colour and depth at one moment; depth is along the optical axis, nan where there is none."""
+        """Return colour and depth at one moment; depth is along the optical axis, nan where none was measured."""
         s = self._settings
         jitter = self._rng.standard_normal(3) * s.vibration * abs(twist.v)
         rows = self._rng.integers(0, len(self._normal) - 3 * s.width, (3, s.height))
@@ -113,7 +113,7 @@ class Camera:
         return RgbdFrame(stamp_ns, image, depth, self._renderer.camera_matrix)
 
     def _picture(self, map_from_camera: Pose3, people: Sequence[PersonState]) -> Picture:
-        """What the sensor gets; before its first frame the camera has been on for a while."""
+        """Return the exposed image; the first frame is rendered again until the exposure has settled."""
         picture = self._renderer.render(map_from_camera, people, SENSITIVITY * self.exposure * self.gain)
         for _ in range(8 if self._stamp_ns is None else 0):
             if abs(self._wanted(picture) - 1.0) < SETTLED:
@@ -123,13 +123,13 @@ class Camera:
         return picture
 
     def _adapt(self, picture: Picture, stamp_ns: int) -> None:
-        """Goes a part of the way to the wanted exposure, by the time since the last frame."""
+        """Move the exposure towards the wanted one with a first-order lag over the time since the last frame."""
         elapsed = 0.0 if self._stamp_ns is None else (stamp_ns - self._stamp_ns) * 1e-9
         self._stamp_ns = stamp_ns
         self._expose(self._wanted(picture) ** (1.0 - math.exp(-elapsed / self._settings.adaptation)))
 
     def _wanted(self, picture: Picture) -> float:
-        """By how much more the scene should have been exposed, from a coarse sample of it."""
+        """Return the factor by which the exposure should change, from every eighth pixel."""
         light = np.square(picture.colour[4::8, 4::8, :3] * np.float32(1.0 / 255.0)).mean()
         return float(self._settings.target_grey / max(light, 1e-3))
 
@@ -138,12 +138,12 @@ class Camera:
         self._light = min(max(self._light * factor, s.exposure_min), s.exposure_max * s.gain_max)
 
     def _pixels_swept(self, rate: float) -> float:
-        """How far the picture's middle moves while exposed, at a turn rate [rad/s]."""
+        """Return how far [pixels] the image's middle moves during the exposure at a turn rate [rad/s]."""
         return float(abs(rate)) * self.exposure * float(self._renderer.camera_matrix[0, 0])
 
 
 def blurred(colour: Bytes, across: float, down: float) -> Bytes:
-    """A picture (H, W, 4) as smeared over so many pixels, if more than one, by a camera that turns while exposed."""
+    """Return an image (H, W, 4) blurred over `across` and `down` pixels of motion; up to one pixel changes nothing."""
     width, height = (2 * round((length - 1.0) / 2.0) + 1 if length > 1.0 else 1 for length in (across, down))
     if width == 1 and height == 1:
         return colour
@@ -151,7 +151,7 @@ def blurred(colour: Bytes, across: float, down: float) -> Bytes:
 
 
 def noise_by_level(settings: CameraSettings, gain: float) -> Float32Array:
-    """(256,) deviation of a pixel of each value, in values: shot and read noise through gain and square root."""
+    """Return the standard deviation (256,) [levels] of each pixel value: shot and read noise after gain and root."""
     light = np.square(np.maximum(np.arange(256), 4) / 255.0)
     electrons = light * FULL_WELL / gain
     noise = np.sqrt(settings.shot_noise**2 * electrons + settings.read_noise**2)
@@ -160,7 +160,7 @@ def noise_by_level(settings: CameraSettings, gain: float) -> Float32Array:
 
 @njit(cache=True, nogil=True)
 def noisy_image(colour: Bytes, sigma: Float32Array, normal: NDArray[np.int8], starts: IntArray) -> Bytes:
-    """(H, W, 3) of `colour` (H, W, 4) with noise from a bank of normal counts, row i's from `starts[i]` on."""
+    """Return an image (H, W, 3): `colour` (H, W, 4) plus noise from `normal`, for row i from `starts[i]` on."""
     height, width = colour.shape[:2]
     image = np.empty((height, width, 3), np.uint8)
     step = np.float32(NOISE_STEP)
@@ -190,11 +190,11 @@ def measured_depth(
     slope: float,
     kept: float,
 ) -> Float32Array:
-    """(H, W) [m] of a true depth: noise of `sigma` z^2, and nan where a stereo camera finds nothing.
+    """Return a measured depth (H, W) [m]: noise of `sigma` z^2, and nan where a stereo camera finds no match.
 
-    That is out of range, where depth changes by more than `slope` z from one pixel to the next (edges, surfaces seen at
-    a grazing angle), and by chance: `returns` / 255 times `kept` of the pixels are left. Row i takes its numbers from
-    `normal` and `uniform` from `starts[0, i]` and `starts[1, i]` on.
+    There is no match out of range, and where depth changes by more than `slope` z from one pixel to the next (edges,
+    grazing angles). Matches also fail by chance: a share of `returns` / 255 times `kept` is left. Row i uses `normal`
+    and `uniform` from `starts[0, i]` and `starts[1, i]` on.
     """
     height, width = depth.shape
     measured = np.empty((height, width), np.float32)
@@ -217,7 +217,7 @@ def measured_depth(
 
 
 def _tilted(pitch: float, roll: float) -> Pose3:
-    """A camera turned about its own x and z axes by small angles [rad]."""
+    """Return the pose of a camera turned about its own x and z axes by small angles [rad]."""
     (sp, cp), (sr, cr) = ((math.sin(angle), math.cos(angle)) for angle in (pitch, roll))
     about_x = np.array([[1.0, 0.0, 0.0], [0.0, cp, -sp], [0.0, sp, cp]])
     about_z = np.array([[cr, -sr, 0.0], [sr, cr, 0.0], [0.0, 0.0, 1.0]])

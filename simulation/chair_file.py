@@ -1,6 +1,6 @@
-"""One file per simulated chair: its body, its electronics and its masses; some are built in, others are YAML.
+"""Simulated chairs: body, electronics and masses of each; some are built in, others are YAML files.
 
-A file need hold only what differs from chair A; `save_chair` writes all of it, each value with its unit.
+A file needs only the values that differ from chair A; `save_chair` writes all values with their units.
 """
 
 from __future__ import annotations
@@ -32,7 +32,7 @@ _SPREADS = (
 
 @dataclass(frozen=True, slots=True)
 class SimulatedChair(Settings):
-    """What a simulated chair is: its body, its drive, and what the physical plant needs besides."""
+    """A simulated chair: its body, its drive, and the further figures of the MuJoCo plant."""
 
     body: ChairBody = field(default_factory=ChairBody)
     plant: PlantSettings = field(default_factory=PlantSettings)
@@ -72,7 +72,7 @@ _LIGHT = MujocoSettings(
     swivel_friction=0.001,
     swivel_armature=0.00002,
 )
-"""A robot of 4 kg without a rider; plausible, measured on none."""
+"""A robot of 4 kg without a rider; plausible figures, not measured."""
 
 _PHYSICS = {
     CHAIR_A_MID.chair_id: MujocoSettings(caster_from_end=0.15),  # casters must swing clear of the drive wheels
@@ -82,14 +82,14 @@ _PHYSICS = {
 CHAIRS: Mapping[str, SimulatedChair] = MappingProxyType(
     {name: SimulatedChair(body, mujoco=_PHYSICS.get(name, MujocoSettings())) for name, body in BODIES.items()}
 )
-"""By name, the chairs that are built in."""
+"""The built-in chairs by name."""
 
 
 def load_chair(name_or_path: str | Path = CHAIR_A.chair_id) -> SimulatedChair:
-    """The chair that is built in under this name, or that of a YAML file.
+    """Return the built-in chair of this name, or the chair of a YAML file.
 
     Raises:
-        ConfigError: there is no such chair or file, or the file holds something unknown or impossible.
+        ConfigError: there is no such chair or file, or the file holds an unknown key or an impossible value.
     """
     path = Path(name_or_path)
     if path.suffix in (".yaml", ".yml"):
@@ -100,10 +100,10 @@ def load_chair(name_or_path: str | Path = CHAIR_A.chair_id) -> SimulatedChair:
 
 
 def save_chair(chair: SimulatedChair, path: Path) -> None:
-    """Write all of a chair to a YAML file that `load_chair` reads back, each value with its unit and meaning.
+    """Write a whole chair to a YAML file that `load_chair` reads back, each value with its unit and meaning.
 
     Raises:
-        ConfigError: the file's name does not end as YAML files do, so that `load_chair` would take it for a name.
+        ConfigError: the file's name does not end in .yaml or .yml: `load_chair` would take it for a chair's name.
         OutputError: the file cannot be written.
     """
     if path.suffix not in (".yaml", ".yml"):
@@ -112,10 +112,10 @@ def save_chair(chair: SimulatedChair, path: Path) -> None:
 
 
 def randomised_chair(chair: SimulatedChair, seed: int) -> SimulatedChair:
-    """Another chair of the same make with another rider; the body, which is measured by tape, stays.
+    """Return another chair of the same make with another rider; the body, which is measured by tape, stays the same.
 
-    The drive varies as in `plant.randomised`; the rider's mass by +-25 % and place by +-3 cm, motors by +-10 %, drag
-    and friction of wheels and pivots by +-30 %, each drawn evenly.
+    The drive varies as in `plant.randomised`; the rider's mass by +-25 % and position by +-3 cm, motors by +-10 %, drag
+    and friction of wheels and pivots by +-30 %, each with a uniform distribution.
     """
     rng = np.random.default_rng(np.random.SeedSequence(seed, spawn_key=(1,)))
     return dataclasses.replace(chair, plant=randomised(chair.plant, seed), mujoco=drawn(chair.mujoco, _SPREADS, rng))

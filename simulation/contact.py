@@ -1,6 +1,6 @@
-"""The chair's rectangle against all that is solid and all who are about: exact contact and exact distance.
+"""Exact contact and exact distance between the chair's rectangle, solid obstacles and people.
 
-What is solid are upright boxes, so both are closed-form: contact by separating axes, distance from the corners of one
+Obstacles are upright boxes, so both are closed-form: contact by separating axes, distance from the corners of one box
 to the other. People are discs.
 """
 
@@ -21,11 +21,11 @@ from waychair.simulation.scene import Block, PersonState, Pit
 from waychair.types import FloatArray, Pose2
 
 LOWEST, HIGHEST = 0.03, 1.20
-"""A chair rolls over what ends below the one, and passes under what begins above the other [m]."""
+"""Heights [m]: a chair rolls over blocks that end below LOWEST and passes under blocks that begin above HIGHEST."""
 
 
 class ContactKind(enum.Enum):
-    """What a chair can run into."""
+    """The kinds of contact: an obstacle, a person, or a fall."""
 
     SOLID = "solid"
     PERSON = "person"
@@ -34,7 +34,7 @@ class ContactKind(enum.Enum):
 
 @dataclass(frozen=True, slots=True)
 class Contact:
-    """The chair has run into something at (x, y) [m, map], at `speed` [m/s] over the ground."""
+    """One contact of the chair at (x, y) [m, map], at `speed` [m/s] over the ground."""
 
     stamp_ns: int
     kind: ContactKind
@@ -44,14 +44,14 @@ class Contact:
 
 
 class Solid(NamedTuple):
-    """What a chair runs into, as boxes (N, 6) (see `boxes.py`) and their bins."""
+    """The obstacles of a level as boxes (N, 6) (see `boxes.py`) and their bins."""
 
     boxes: FloatArray
     bins: Bins
 
 
 def solid_from_blocks(blocks: Iterable[Block], pits: Iterable[Pit] = ()) -> Solid:
-    """The blocks that a chair can run into, and the pits, as if there were a wall about them."""
+    """Return the blocks that a chair can hit, and the pits as if a wall stood round them."""
     solid: list[Block | Pit] = [block for block in blocks if block.low < HIGHEST and block.high > LOWEST]
     boxes = np.array(
         [
@@ -64,30 +64,30 @@ def solid_from_blocks(blocks: Iterable[Block], pits: Iterable[Pit] = ()) -> Soli
 
 
 def in_contact(solid: Solid, body: ChairBody, map_from_base: Pose2) -> bool:
-    """Whether the outline and a box share a point."""
+    """Return whether the chair's rectangle and a box share a point."""
     return bool(_touches(solid, *_outline(body, map_from_base)))
 
 
 def clearance(solid: Solid, body: ChairBody, map_from_base: Pose2) -> float:
-    """Smallest distance [m] from the outline to a box: 0 in contact, +inf where nothing is solid."""
+    """Return the smallest distance [m] from the chair's rectangle to a box: 0 in contact, +inf without boxes."""
     if in_contact(solid, body, map_from_base):
         return 0.0
     return float(_nearest(solid, *_outline(body, map_from_base))[0])
 
 
 def nearest_point(solid: Solid, body: ChairBody, map_from_base: Pose2) -> tuple[float, float]:
-    """The point [m, map] of what is solid that is nearest to the outline, where the chair is about to touch it.
+    """Return the point [m, map] of the obstacles that is nearest to the chair's rectangle.
 
-    In contact it is a corner of either rectangle near the other; (nan, nan) where nothing is solid.
+    In contact it is a corner of either rectangle near the other; (nan, nan) without obstacles.
     """
     _, x, y = _nearest(solid, *_outline(body, map_from_base))
     return float(x), float(y)
 
 
 def nearest_person(body: ChairBody, map_from_base: Pose2, people: Iterable[PersonState]) -> tuple[float, float, float]:
-    """Distance [m] from the outline to the nearest person's disc, 0 in contact, and where that person is [m, map].
+    """Return the distance [m] to the nearest person's disc, 0 in contact, and that person's position [m, map].
 
-    +inf and (nan, nan) where nobody is.
+    +inf and (nan, nan) without people.
     """
     x, y, c, s, half_length, half_width = _outline(body, map_from_base)
     best, best_x, best_y = math.inf, math.nan, math.nan
@@ -102,12 +102,12 @@ def nearest_person(body: ChairBody, map_from_base: Pose2, people: Iterable[Perso
 
 
 def person_distance(body: ChairBody, map_from_base: Pose2, people: Iterable[PersonState]) -> float:
-    """Smallest distance [m] from the outline to a person's disc: 0 in contact, +inf where nobody is."""
+    """Return the smallest distance [m] from the chair to a person's disc: 0 in contact, +inf without people."""
     return nearest_person(body, map_from_base, people)[0]
 
 
 def _outline(body: ChairBody, map_from_base: Pose2) -> tuple[float, float, float, float, float, float]:
-    """The outline as a box: the origin is not its middle."""
+    """Return the chair's rectangle as a box; the base's origin is not its middle."""
     c, s = math.cos(map_from_base.theta), math.sin(map_from_base.theta)
     ahead = (body.front - body.rear) / 2
     return (
@@ -139,7 +139,7 @@ def _touches(solid: Solid, x: float, y: float, c: float, s: float, half_length: 
 def _nearest(
     solid: Solid, x: float, y: float, c: float, s: float, half_length: float, half_width: float
 ) -> tuple[float, float, float]:
-    """Distance [m] of the nearest box and its nearest point, looking ever farther round; +inf and nan without boxes."""
+    """Return distance [m] and point of the nearest box, by doubling the search radius; +inf and nan without boxes."""
     bins, box = solid.bins, np.array([x, y, c, s, half_length, half_width])
     radius = math.hypot(half_length, half_width)
     left, low = x - bins.x, y - bins.y

@@ -1,6 +1,6 @@
-"""People as the camera sees them: limbs (rounded tubes) placed by pose and stride, in clothes that go by their seed.
+"""The bodies of people for the camera: limbs (rounded tubes) placed by pose and stride, in clothes chosen by seed.
 
-Legs stand where `silhouettes.py` has the lidar see them; the other measures are plausible ones of a grown person.
+Legs are where `silhouettes.py` puts them for the lidar; the other sizes are plausible for an adult.
 """
 
 from __future__ import annotations
@@ -31,7 +31,7 @@ MOVER_HEIGHT = 0.5
 HIP_HEIGHT, SHOULDER_HEIGHT, HEAD_HEIGHT = 0.86, 1.40, 1.62
 SEAT_HEIGHT, SEATED_SHOULDER_HEIGHT, SEATED_HEAD_HEIGHT = 0.52, 1.02, 1.24
 SHIN_HEIGHT = 0.30
-"""Where `silhouettes.SWING` is measured [m]."""
+"""Height [m] at which `silhouettes.SWING` is measured."""
 
 ARM_RADIUS = 0.05
 
@@ -39,17 +39,17 @@ SIDES = 8
 """Corners of a tube."""
 
 RINGS = np.array([(0, -1.0, 0.0), (0, -0.6, 0.8), (0, 0.0, 1.0), (1, 0.0, 1.0), (1, 0.6, 0.8), (1, 1.0, 0.0)])
-"""Of a tube: part of its length, radii beyond that end, part of its radius; so that its ends are round."""
+"""Rings of a tube with round ends: part of its length, radii beyond that end, part of its radius."""
 
 PARTS = {"jacket": "clothes", "trousers": "clothes", "head": "skin", "chair": "metal"}
-"""The looks of parts; what is of one part is of one colour."""
+"""The look of each body part; limbs of one part have one colour."""
 
 _Point: TypeAlias = tuple[float, float, float]
 
 
 @dataclass(frozen=True, slots=True)
 class _Limb:
-    """A tube between two points [m, the person's own frame], its ends rounded off beyond them, or flat; a key of PARTS."""
+    """A tube between two points [m, person's frame], its ends rounded beyond them or flat; `part` is a key of PARTS."""
 
     begin: _Point
     end: _Point
@@ -60,8 +60,8 @@ class _Limb:
 
 @dataclass(frozen=True, slots=True)
 class Figures:
-    """Triangles (T, 3) of V vertices: positions (V, 3) [m, map], their place on the surface (V, 2) [m], how much they
-    look up (V,) from -1 to 1, looks (V,) as numbers, seeds (V,), and which person they belong to (V,)."""
+    """Triangles (T, 3) of V vertices: positions (V, 3) [m, map], coordinates on the surface (V, 2) [m], the normal's
+    upward component (V,) from -1 to 1, look numbers (V,), seeds (V,), and the index of the person (V,)."""
 
     positions: FloatArray
     on_surface: FloatArray
@@ -73,13 +73,13 @@ class Figures:
 
 
 def figures(people: Sequence[PersonState], looks: Sequence[str]) -> Figures:
-    """All these people's bodies; a look is numbered by its place in `looks`."""
+    """Return the bodies of all people; a look's number is its index in `looks`."""
     limbs = [(owner, number, limb) for owner, person in enumerate(people) for number, limb in enumerate(_limbs(person))]
     begins = _placed(people, [(owner, limb.begin) for owner, _, limb in limbs])
     ends = _placed(people, [(owner, limb.end) for owner, _, limb in limbs])
     radii = np.array([limb.radius for _, _, limb in limbs])
     rounded = np.array([float(limb.round) for _, _, limb in limbs])
-    angles = np.linspace(0.0, math.tau, SIDES + 1)  # the first again at the end, where the surface's seam is
+    angles = np.linspace(0.0, math.tau, SIDES + 1)  # the first angle again: the seam of the surface
     along = ends - begins
     lengths = np.linalg.norm(along, axis=1)
     along = along / lengths[:, None]
@@ -107,7 +107,7 @@ def figures(people: Sequence[PersonState], looks: Sequence[str]) -> Figures:
 
 
 def _limbs(person: PersonState) -> list[_Limb]:
-    """Walking: legs swing by the sine of the stride, arms against them. Seated: shins and chair of `silhouettes`."""
+    """Return a person's limbs; a walker's legs swing by the sine of the stride and the arms against them."""
     if person.behaviour is Behaviour.BOUNCE:
         return [_Limb((0.0, 0.0, 0.0), (0.0, 0.0, MOVER_HEIGHT), person.radius, "jacket", round=False)]
     build = 0.72 * person.radius
@@ -126,7 +126,7 @@ def _limbs(person: PersonState) -> list[_Limb]:
 
 
 def _trunk(low: float, shoulder: float, head: float, build: float, swing: float) -> list[_Limb]:
-    """Body, head and arms; the left hand is `swing` [m] ahead, the right one as much behind."""
+    """Return body, head and arms; the left hand is `swing` [m] ahead, the right hand as far behind."""
     arms = []
     for side in (1.0, -1.0):
         hand, joint = (side * swing, side * (build + 0.07), shoulder - 0.55), (0.0, side * (build + 0.03), shoulder)
@@ -136,7 +136,7 @@ def _trunk(low: float, shoulder: float, head: float, build: float, swing: float)
 
 
 def _placed(people: Sequence[PersonState], points: Sequence[tuple[int, _Point]]) -> FloatArray:
-    """Points (L, 3) in map, of points in their owners' own frames."""
+    """Return points (L, 3) in map, from points in their owners' frames."""
     poses = np.array([people[owner].pose.array() for owner, _ in points]).reshape(-1, 3)
     x, y, z = np.array([point for _, point in points]).reshape(-1, 3).T
     c, s = np.cos(poses[:, 2]), np.sin(poses[:, 2])
@@ -144,12 +144,12 @@ def _placed(people: Sequence[PersonState], points: Sequence[tuple[int, _Point]])
 
 
 def _seed(person: PersonState, number: int, part: str) -> int:
-    """Limbs of one part have seeds that differ in the last bits only: their colours are alike, their patterns not."""
+    """Return a limb's seed; those of one part differ in the last bits only: same colour, different pattern."""
     return (seed_of(part, person.seed) << 4 & 0xFFFFFFF0) | number
 
 
 def _triangles() -> IntArray:
-    """(T, 3) vertices of one tube, ring by ring, counter-clockwise as seen in the picture."""
+    """Return the triangles (T, 3) of one tube, ring by ring, counter-clockwise as seen in the image."""
     ring, side = np.divmod(np.arange((len(RINGS) - 1) * SIDES), SIDES)
     first = ring * (SIDES + 1) + side
     after = first + SIDES + 1

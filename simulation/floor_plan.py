@@ -1,4 +1,4 @@
-"""Floor plans as they are written: one small YAML file for a building, refused by file and line (`plan_file.py`).
+"""The file format of floor plans: one YAML file for a building; `plan_file.py` reads it and names the line of an error.
 
     name: flat
     size: [6.0, 4.0]            # x and y; the origin is the lower left corner
@@ -17,9 +17,9 @@
     people:
       - {behaviour: path, path: [[2.5, 1.5], [5.0, 1.5]], speed: 0.8}
 
-Further sections are `tables`, `ramps`, `thresholds`, `stairs`, `pits`, `lamps` and `lifts`. A building of several levels
-has a `name` and `levels`, a list of such plans, each with a name of its own. Metres and radians throughout; materials
-are those of `scene.MATERIALS`, behaviours those of `scene.Behaviour`.
+Further sections are `tables`, `ramps`, `thresholds`, `stairs`, `pits`, `lamps` and `lifts`. A building of several
+levels has a `name` and `levels`, a list of such plans with their own names. Units are metres and radians;
+`scene.MATERIALS` lists the materials and `scene.Behaviour` the behaviours.
 """
 
 from __future__ import annotations
@@ -33,7 +33,7 @@ from msgspec import Meta
 from waychair.simulation.scene import Finish
 
 Keys: TypeAlias = tuple[str | int, ...]
-"""The way to a value in a plan, such as ("walls", 0, "start")."""
+"""The keys that lead to a value in a plan, such as ("walls", 0, "start")."""
 
 Point: TypeAlias = tuple[float, float]
 Planar: TypeAlias = tuple[float, float, float]
@@ -44,9 +44,9 @@ Power: TypeAlias = Annotated[float, Meta(ge=0.0, le=100.0)]
 
 
 class PlanDoor(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
-    """An opening in a wall: its middle is `at` [m] from the wall's start.
+    """An opening in a wall; its middle is `at` [m] from the wall's start.
 
-    One that has a name can be closed; `closed` ones always are, by a leaf of `material`.
+    A door with a name can be closed in the simulator. A `closed` door has a fixed leaf of `material`.
     """
 
     at: float
@@ -57,9 +57,9 @@ class PlanDoor(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
 
 
 class PlanPoster(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
-    """A picture on a wall: its middle is `at` [m] from the wall's start, on the `left` or `right` as one looks along.
+    """A poster on a wall; its middle is `at` [m] from the wall's start, on the `left` or `right` seen along the wall.
 
-    Its `size` is along the wall and upwards; posters of one `seed` look alike.
+    `size` is width along the wall and height; posters with equal `seed` look alike.
     """
 
     at: float
@@ -70,8 +70,8 @@ class PlanPoster(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
 
 
 class PlanWall(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
-    """A straight wall between two points, up to the ceiling; at least two cells thick, as a slanted one must have no
-    holes. `material` is the finish's where it is not given; walls of one `seed` look alike.
+    """A straight wall between two points, up to the ceiling; at least two cells thick, so that a slanted wall has no
+    holes. `material` defaults to that of the finish; walls with equal `seed` look alike.
     """
 
     start: Point
@@ -84,7 +84,7 @@ class PlanWall(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
 
     @property
     def length(self) -> float:
-        """From start to end [m]."""
+        """Length from start to end [m]."""
         return math.dist(self.start, self.end)
 
 
@@ -101,7 +101,7 @@ class PlanBox(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
 
 
 class PlanTable(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
-    """A table: a top of thickness `top` whose upper face is at `height`, on four legs of side `legs` [m]."""
+    """A table on four square legs of side `legs` [m]; its top is `top` thick, with the upper face at `height` [m]."""
 
     centre: Point
     size: tuple[Length, Length]
@@ -114,7 +114,7 @@ class PlanTable(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
 
 
 class PlanRamp(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
-    """A slope to drive on, from `low` [m] at its start to `high` at its end; one of equal heights is a platform."""
+    """A slope to drive on, from `low` [m] at its start to `high` [m] at its end; with equal heights a platform."""
 
     start: Point
     end: Point
@@ -135,7 +135,7 @@ class PlanThreshold(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
 
 
 class PlanStairs(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
-    """A stairway down from its start to its end: `steps` of `rise` [m] each, the last onto the floor below."""
+    """A stairway down from its start to its end: `steps` of `rise` [m] each; the last step is the floor below."""
 
     start: Point
     end: Point
@@ -155,7 +155,7 @@ class PlanPit(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
 
 
 class PlanLamp(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
-    """A lamp; just under the ceiling where no `height` is given."""
+    """A lamp; without `height` just under the ceiling."""
 
     at: Point
     height: Height | None = None
@@ -163,7 +163,7 @@ class PlanLamp(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
 
 
 class PlanLight(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
-    """Light from everywhere, and the lattice on which lamps hang where none is given one by one."""
+    """Ambient light, and the spacing [m] of the lattice of lamps in a plan that lists no lamps."""
 
     ambient: Share = 0.35
     power: Power = 1.0
@@ -180,7 +180,7 @@ class PlanFinish(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
 
 
 class PlanPerson(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
-    """A person, or `count` movers that bounce: those may leave out their path and are then strewn over free ground."""
+    """A person, or `count` movers that bounce; movers without a path are placed at random on free floor."""
 
     behaviour: str
     path: list[Point] = []
@@ -192,7 +192,7 @@ class PlanPerson(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
 
 
 class PlanLift(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
-    """A lift's cabin: `middle` its pose (x, y, yaw) looking out of its door, `size` along that and across."""
+    """A lift's cabin: pose of its `middle` (x, y, yaw) facing its door, `size` along that direction and across."""
 
     name: str
     middle: Planar
@@ -200,7 +200,7 @@ class PlanLift(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
 
 
 class FloorPlan(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
-    """One level; `resolution` [m] is the side of a cell of the grid that is made of it."""
+    """One level; `resolution` [m] is the cell size of its grid."""
 
     name: str
     size: tuple[Length, Length]
@@ -224,7 +224,7 @@ class FloorPlan(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
 
 
 class BuildingPlan(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
-    """Several levels, the first of them the one that a chair begins on."""
+    """Several levels; a chair starts on the first."""
 
     name: str
     levels: list[FloorPlan]

@@ -1,6 +1,6 @@
-"""What the types of a floor plan cannot say: each problem is the keys of a value, and a sentence with advice.
+"""Checks of a floor plan beyond its types; a problem is the keys of a value and a sentence with a remedy.
 
-The problems of a plan come in the order of importance; what depends on the grid it makes is checked in `world.py`.
+The problems of a plan come in order of importance; `world.py` makes the checks that need the grid.
 """
 
 from __future__ import annotations
@@ -17,14 +17,14 @@ from waychair.simulation.floor_plan import FloorPlan, Keys, PlanDoor, PlanPerson
 from waychair.simulation.scene import MATERIALS, Behaviour
 
 MOST_CELLS = 50_000_000
-"""Largest world that is rasterised, in cells."""
+"""Largest grid that a plan may need [cells]."""
 
 _Problems: TypeAlias = Iterator[tuple[Keys, str]]
 _SLACK = 1e-9
 
 
 def plan_problems(plan: FloorPlan) -> _Problems:
-    """Problems of one level, taken by itself."""
+    """Yield the problems of one level by itself."""
     for keys, number in _numbers(msgspec.to_builtins(plan), ()):
         if not math.isfinite(number):
             yield keys, f"{number} is not finite; give a finite number"
@@ -45,7 +45,7 @@ def plan_problems(plan: FloorPlan) -> _Problems:
 
 
 def building_problems(levels: Sequence[FloorPlan]) -> _Problems:
-    """Problems of levels that must fit together; the keys begin with ("levels", number)."""
+    """Yield the problems between levels of a building; the keys begin with ("levels", index)."""
     if not levels:
         yield ("levels",), "a building without levels; give at least one"
     for i, plan in enumerate(levels):
@@ -107,7 +107,7 @@ def _outside(plan: FloorPlan) -> _Problems:
 
 
 def _points(plan: FloorPlan) -> Iterator[tuple[Keys, Point]]:
-    """All points that must lie on the plan, but for those that are checked on its grid."""
+    """Yield all points that must lie on the plan, except those that are checked on its grid."""
     for section in ("walls", "ramps", "stairs"):
         for i, item in enumerate(getattr(plan, section)):
             yield (section, i, "start"), item.start
@@ -130,7 +130,7 @@ def _materials(plan: FloorPlan) -> _Problems:
     for i, wall in enumerate(plan.walls):
         named += [(("walls", i, "doors", k, "material"), door.material) for k, door in enumerate(wall.doors)]
     for keys, material in named:
-        # A wall without a material has that of the finish.
+        # A wall without a material takes the finish's.
         if material not in MATERIALS and not (material == "" and keys[0] == "walls" and len(keys) == 3):
             yield keys, f"unknown material '{material}'; did you mean '{_nearest(material, MATERIALS)}'?"
 
@@ -155,7 +155,7 @@ def _furniture(plan: FloorPlan) -> _Problems:
 
 
 def _ways(plan: FloorPlan) -> _Problems:
-    """Ramps and stairs."""
+    """Yield the problems of ramps and stairs."""
     for section, what in (("ramps", "the ramp has"), ("stairs", "the stairs have")):
         for i, item in enumerate(getattr(plan, section)):
             if math.dist(item.start, item.end) < plan.resolution:
@@ -195,7 +195,7 @@ def _nearest(name: str, known: Iterable[str]) -> str:
 
 
 def _numbers(value: object, keys: Keys) -> Iterator[tuple[Keys, float]]:
-    """Every float in nested lists and dictionaries, with the keys that lead to it."""
+    """Yield every float in nested lists and dictionaries, with the keys that lead to it."""
     if isinstance(value, dict):
         for key, item in value.items():
             yield from _numbers(item, (*keys, key))

@@ -1,7 +1,7 @@
-"""A rider who knows the way: follows waypoints by the true pose, waits for people, and moves the joystick.
+"""A simulated rider: follows waypoints by the true pose, waits for people, and moves the joystick.
 
-It is for recording mapping drives. Straight legs are held by pure pursuit (Coulter, Implementation of the Pure Pursuit
-Path Tracking Algorithm, 1992); at a sharp corner the chair stops and turns in place, as riders do in narrow corridors.
+It drives the mapping routes of recordings. Straight legs use pure pursuit (Coulter, Implementation of the Pure Pursuit
+Path Tracking Algorithm, 1992). At a sharp corner the chair stops and turns on the spot, as riders do in corridors.
 """
 
 from __future__ import annotations
@@ -25,7 +25,7 @@ from waychair.simulation.simulator import SensorMessage, Simulator
 from waychair.types import FloatArray, JoystickInput, Pose2, Twist
 
 PATIENCE_NS = 60_000_000_000
-"""A drive that has not moved by 10 cm for so long has failed."""
+"""A drive that moves less than 10 cm in this time has failed."""
 
 _Point: TypeAlias = tuple[float, float]
 
@@ -47,12 +47,12 @@ class FollowerSettings(Settings):
 
 
 class Follower:
-    """Keeps which leg of `route` (N, 2) [m, map] is being driven, and whether the chair is turning in place."""
+    """A rider on a `route` (N, 2) [m, map]; holds the present leg and whether the chair turns on the spot."""
 
     def __init__(
         self, route: FloatArray, track: float, plant: PlantSettings, settings: FollowerSettings | None = None
     ) -> None:
-        """`track` [m] and `plant` are the chair the rider believes to sit in; the real one may differ a little."""
+        """`track` [m] and `plant` describe the chair that the rider assumes; the simulated one may differ a little."""
         self._waypoints: list[_Point] = [(float(x), float(y)) for x, y in route]
         self._track = track
         self._plant = plant
@@ -69,14 +69,14 @@ class Follower:
     def stick(
         self, map_from_base: Pose2, body: ChairBody | None = None, people: Sequence[PersonState] = ()
     ) -> tuple[float, float]:
-        """Joystick (forward, turn) in [-1, 1] for the next tick; at rest once done, and while people are in `body`'s way."""
+        """Return the joystick (forward, turn) in [-1, 1] for the next tick: at rest when done or near a person."""
         twist = self._twist(map_from_base)
         if body and people and self._comes_near(map_from_base, twist, body, people):
             twist = Twist()
         return joystick_from_volts(self._plant, *volts_from_twist(self._plant, self._track, twist))
 
     def _comes_near(self, pose: Pose2, twist: Twist, body: ChairBody, people: Sequence[PersonState]) -> bool:
-        """Whether the chair would soon be nearer to a person than it should, and than it is."""
+        """Return whether the chair would soon come nearer to a person than the limit and than it is now."""
         s = self._settings
         limit = min(s.room, person_distance(body, pose, people))
         times = np.arange(1, 7) * s.look_s / 6
@@ -93,7 +93,7 @@ class Follower:
             return Twist()
         waypoint = self._waypoints[self._next]
         remaining = _remaining(begin, waypoint, pose)
-        # The aim may lie beyond the waypoint, on the leg's own line: so the last metre stays straight.
+        # The aim may lie beyond the waypoint on the leg's line, so that the last metre stays straight.
         aim = _along(begin, waypoint, s.look_ahead - remaining)
         off = wrap_angle(math.atan2(aim[1] - pose.y, aim[0] - pose.x) - pose.theta)
         omega = min(s.turn_rate, max(-s.turn_rate, s.turn_gain * off))
@@ -104,21 +104,21 @@ class Follower:
 
 
 def _remaining(begin: _Point, end: _Point, pose: Pose2) -> float:
-    """Distance [m] still to go in the direction of the leg; 0 on a leg of no length."""
+    """Return the distance [m] left in the direction of the leg; 0 on a leg of no length."""
     x, y = end[0] - begin[0], end[1] - begin[1]
     length = math.hypot(x, y)
     return ((end[0] - pose.x) * x + (end[1] - pose.y) * y) / length if length > 1e-6 else 0.0
 
 
 def _along(begin: _Point, end: _Point, beyond: float) -> _Point:
-    """The point on the leg's line that lies `beyond` [m] its end."""
+    """Return the point on the leg's line that lies `beyond` [m] past its end."""
     x, y = end[0] - begin[0], end[1] - begin[1]
     part = beyond / math.hypot(x, y)
     return end[0] + part * x, end[1] + part * y
 
 
 class Progress:
-    """Watches that a rider gets on."""
+    """Watches that a rider's drive makes progress."""
 
     def __init__(self, simulator: Simulator) -> None:
         self._simulator = simulator
@@ -127,7 +127,7 @@ class Progress:
     def check(self) -> None:
         """
         Raises:
-            WorldError: the chair touched something, or made no way for a minute.
+            WorldError: the chair touched something, or moved less than 10 cm in a minute.
         """
         simulator, pose = self._simulator, self._simulator.truth()
         at = f"({pose.x:.2f}, {pose.y:.2f})"
@@ -140,12 +140,12 @@ class Progress:
 
 
 def follow(simulator: Simulator, follower: Follower, tick_ns: int = 50_000_000) -> Iterator[SensorMessage]:
-    """The messages of a whole drive along the follower's route, from the simulator's present state.
+    """Yield the messages of a whole drive along the follower's route, from the simulator's present state.
 
-    The rider's stick goes to the chair's lines, or through the board that is wired between them.
+    The rider's stick drives the chair's lines directly, or through the board that is wired in.
 
     Raises:
-        WorldError: the chair touched something on the way, or made no way for a minute.
+        WorldError: the chair touched something on the route, or moved less than 10 cm in a minute.
     """
     simulator.release()
     progress = Progress(simulator)

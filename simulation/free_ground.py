@@ -1,4 +1,4 @@
-"""Whether what must be on free ground is: points and ways against a world's grid and pits."""
+"""Checks that points and paths lie on free floor, by a world's grid and pits."""
 
 from __future__ import annotations
 
@@ -17,23 +17,23 @@ from waychair.simulation.scene import Pit
 from waychair.types import FloatArray, OccupancyGrid
 
 Refuse: TypeAlias = Callable[[Keys, str], WorldError]
-"""Makes the error about the value at these keys, from a sentence."""
+"""Makes the error about the value at some keys, from a sentence."""
 
 
 def refuse_solid_point(grid: OccupancyGrid, pits: Sequence[Pit], point: FloatArray, keys: Keys, refuse: Refuse) -> None:
-    """Raises what `refuse` makes where a point (2,) [m] lies outside the grid, in something solid or over a pit."""
+    """Raise `refuse`'s error if a point (2,) [m] lies outside the grid, in something solid or over a pit."""
     _refuse_solid(grid, pits, np.atleast_2d(point), keys, refuse)
 
 
 def refuse_solid_way(grid: OccupancyGrid, pits: Sequence[Pit], way: FloatArray, keys: Keys, refuse: Refuse) -> None:
-    """The same for all points of a polyline (N, 2) [m]; the keys of the point where a leg ends are added."""
+    """Raise `refuse`'s error as above for any point of a polyline (N, 2) [m], at the index of the leg's end point."""
     _refuse_solid(grid, pits, way[:1], (*keys, 0), refuse)
     for i, (begin, end) in enumerate(pairwise(way)):
         _refuse_solid(grid, pits, samples(grid, begin, end), (*keys, i + 1), refuse)
 
 
 def samples(grid: OccupancyGrid, begin: FloatArray, end: FloatArray) -> FloatArray:
-    """Points (N, 2) [m] from begin to end, two to a cell."""
+    """Return points (N, 2) [m] from begin to end, two per cell."""
     count = math.ceil(math.dist(begin, end) / (grid.resolution / 2)) + 2
     return np.linspace(begin, end, count)
 

@@ -1,4 +1,4 @@
-"""Worlds from elsewhere: maps as map_server writes them, and the environments of the BARN benchmark."""
+"""Worlds made from other data: maps in map_server's format, and the environments of the BARN benchmark."""
 
 from __future__ import annotations
 
@@ -18,14 +18,14 @@ from waychair.simulation.world import World, world_from_grid
 from waychair.types import BoolArray, FloatArray, OccupancyGrid, Place, Pose2
 
 BARN_RESOLUTION = 0.025
-"""Side of a cell [m]: a cylinder of 7.5 cm radius is six cells wide."""
+"""Cell size [m]: a cylinder of 7.5 cm radius is six cells wide."""
 
 BARN_MARGIN = 2.0
-"""Free ground [m] kept about the cylinders, the start and the goal of a BARN world."""
+"""Free margin [m] round the cylinders, the start and the goal of a BARN world."""
 
 
 def world_from_map(path: Path, start: Pose2) -> World:
-    """World raised from a map folder or its map.yaml, with the places that lie beside it.
+    """Return the world of a map folder or its map.yaml, with the places stored beside it.
 
     Raises:
         MapError: the map cannot be read.
@@ -40,7 +40,7 @@ def world_from_map(path: Path, start: Pose2) -> World:
 class BarnEnvironment:
     """One BARN environment: cylinders (N, 3) of x, y, radius, and poses [m, rad]; the goal has the start's heading.
 
-    `path_length` [m] is that of the benchmark's own reference path, from which its score takes the optimal time.
+    `path_length` [m] is the length of the benchmark's reference path; its score derives the optimal time from it.
     """
 
     name: str
@@ -51,10 +51,10 @@ class BarnEnvironment:
 
 
 def read_barn(path: Path, scale: float = 1.0) -> BarnEnvironment:
-    """One BARN environment: a text of `key value` lines, then `grid` and its lines, the largest y on top.
+    """Return one BARN environment, read from `key value` lines, then `grid` and its rows, the largest y first.
 
     Every `#` is a cylinder on a lattice (Perille, Truong, Xiao, Stone, Benchmarking Metric Ground Navigation, SSRR
-    2020); poses and sizes come from the header, and `scale` multiplies all of them, for robots of another size.
+    2020). Poses and sizes come from the header; `scale` multiplies all of them, for robots of another size.
 
     Raises:
         WorldError: the file cannot be read, lacks something or holds impossible numbers; or `scale` is not in [0.1, 10].
@@ -85,10 +85,10 @@ def read_barn(path: Path, scale: float = 1.0) -> BarnEnvironment:
 
 
 def world_from_barn(path: Path, scale: float = 1.0) -> World:
-    """World of one BARN environment, as `read_barn` reads it.
+    """Return the world of one BARN environment, as `read_barn` reads it.
 
-    The only walls are cylinders: the ground about them is free for two metres beyond the outermost of them, the start
-    and the goal, and past that nothing is solid either. The goal is the place `goal`.
+    The cylinders are the only obstacles. The grid ends two metres beyond the outermost cylinder, the start and the
+    goal; there is nothing solid outside it either. The goal is the place `goal`.
 
     Raises:
         WorldError: as `read_barn`.
@@ -112,7 +112,7 @@ def _numbers(path: Path, header: Mapping[str, list[str]], key: str, count: int) 
 
 
 def _lattice(path: Path, header: Mapping[str, list[str]], lines: list[str], begin: int) -> BoolArray:
-    """(rows, cols) where cylinders stand, row 0 at the bottom."""
+    """Return the lattice points (rows, cols) with a cylinder, row 0 at the bottom."""
     rows, cols = (_numbers(path, header, key, 1)[0] for key in ("rows", "cols"))
     drawn = [line for line in lines[begin + 1 :] if line.strip()]
     if not drawn:
@@ -126,7 +126,7 @@ def _lattice(path: Path, header: Mapping[str, list[str]], lines: list[str], begi
 
 
 def _cylinders(centres: FloatArray, radius: float, poses: FloatArray) -> OccupancyGrid:
-    """Grid about all cylinders (N, 2) and poses (M, 2) [m]: solid where a cell's centre lies in a cylinder."""
+    """Return the grid round cylinders (N, 2) and poses (M, 2) [m]; cells whose centre is in a cylinder are solid."""
     every = np.concatenate([centres, poses])
     low, high = every.min(axis=0) - BARN_MARGIN - radius, every.max(axis=0) + BARN_MARGIN + radius
     cells = np.zeros(np.ceil((high - low)[::-1] / BARN_RESOLUTION).astype(int), np.int8)

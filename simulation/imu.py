@@ -1,4 +1,4 @@
-"""An inertial unit: the true motion at its mount, with the errors of a MEMS sensor."""
+"""The IMU: the true motion at its mount with the errors of a MEMS sensor."""
 
 from __future__ import annotations
 
@@ -12,7 +12,7 @@ from waychair.config import Settings, setting
 from waychair.types import FloatArray, ImuSample
 
 _BANK = 1024
-"""Samples whose errors are drawn at once."""
+"""Number of samples for which errors are drawn in one call."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -21,7 +21,7 @@ class ImuSettings(Settings):
 
     The figures are plausible for a MEMS unit of the class of Bosch's BMI088 or TDK's ICM-20948 that was calibrated
     once and then mounted: 16 bits over +-3 g and +-2000 deg/s, noise of about 0.2 mg and 0.014 deg/s per root Hz.
-    The drift stands for warming up and cooling down too, and so is larger than the bias instability of a data sheet.
+    The drift includes warming up and cooling down, and so is larger than the bias instability of a data sheet.
     """
 
     rate_hz: float = setting(0.0, "Hz", "samples per second; 0: there is none", low=0.0, high=1000.0)
@@ -39,7 +39,7 @@ class ImuSettings(Settings):
 
 
 class Imu:
-    """Keeps what was drawn when it was switched on, the drifting biases, and its own random stream."""
+    """The IMU with the scale errors and biases drawn at its start, the drifting biases, and its own random stream."""
 
     def __init__(self, settings: ImuSettings, rng: np.random.Generator) -> None:
         s = settings
@@ -56,7 +56,7 @@ class Imu:
         self._next = 0
 
     def sample(self, stamp_ns: int, specific_force: FloatArray, angular_rate: FloatArray) -> ImuSample:
-        """Reading by REP-145 of a true specific force (3,) [m/s^2], +g upwards at rest, and rate (3,) [rad/s]."""
+        """Return the reading (REP-145) of a specific force (3,) [m/s^2], +g up at rest, and a rate (3,) [rad/s]."""
         if self._next == len(self._errors):
             self._draw()
         read = np.empty(6)
@@ -71,7 +71,7 @@ class Imu:
         return ImuSample(stamp_ns, read[:3], read[3:])
 
     def _draw(self) -> None:
-        """The errors of the next samples: white noise, and biases that wander as first-order Gauss-Markov sequences."""
+        """Draw the errors of the next samples: white noise, and biases that are first-order Gauss-Markov sequences."""
         white, fresh = self._rng.standard_normal((2, _BANK, 6))
         wandered = gauss_markov(self._wandering, fresh, self._keep)
         self._wandering = wandered[-1]
@@ -81,9 +81,9 @@ class Imu:
 
 @njit(cache=True)
 def gauss_markov(start: FloatArray, fresh: FloatArray, keep: float) -> FloatArray:
-    """The next N values (N, K) of K sequences of unit variance that were at `start` (K,), from unit normals (N, K).
+    """Return the next values (N, K) of K first-order Gauss-Markov sequences of unit variance.
 
-    Each value keeps `keep` of the one before it (first-order Gauss-Markov).
+    They follow `start` (K,) and use unit normals `fresh` (N, K); `keep` is the correlation of one value with the next.
     """
     values = np.empty_like(fresh)
     gain = math.sqrt(1.0 - keep * keep)

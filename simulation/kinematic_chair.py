@@ -1,4 +1,4 @@
-"""The kinematic chair: no mass, slope or caster; it does what its wheels do, but for a little slip."""
+"""The kinematic chair: without mass, slopes or casters; it follows its wheels, apart from a little slip."""
 
 from __future__ import annotations
 
@@ -16,9 +16,10 @@ from waychair.types import FloatArray, Pose2, Pose3, Twist, WheelSpeeds
 
 
 class KinematicChair:
-    """A `Plant` without physics: true pose in map, true twist, and the angles the drive wheels have turned by.
+    """A `Plant` without physics: true pose in map, true twist, and the angles of the drive wheels.
 
-    Its IMU feels the differences between one step's twist and the next: motor ripple shakes it, and a wall is a jolt.
+    The IMU's accelerations are differences of the twist from step to step: motor ripple shows as vibration, a wall as
+    a jolt.
     """
 
     def __init__(
@@ -51,18 +52,18 @@ class KinematicChair:
 
     @property
     def angular_rate(self) -> FloatArray:
-        """(3,) [rad/s], axes as base."""
+        """Angular rate (3,) [rad/s], axes as base."""
         return np.array([0.0, 0.0, self.twist.omega])
 
     @property
     def upright(self) -> bool:
-        """It cannot tip over."""
+        """Always true: this chair cannot tip over."""
         return True
 
     def step(self, forward_volts: float, turn_volts: float, is_free: Callable[[Pose2], bool]) -> bool:
-        """Move on by one step at these volts on the stick's lines; whether the way was free.
+        """Move by one step at these volts on the joystick lines; return whether the new pose was free.
 
-        Where it was not, the chair stays at its last free pose and its wheels stall. A turn above neutral is right.
+        If it was not, the chair stays at its last free pose and its wheels stall. Turn volts above neutral turn right.
         """
         s = self._settings
         wheels = self._controller.step(forward_volts, turn_volts, self._load)
@@ -88,7 +89,7 @@ class KinematicChair:
         return True
 
     def _feel(self, twist: Twist) -> None:
-        """Take up this twist; the IMU feels the change, the way round a curve and its own distance from the axle."""
+        """Set the twist; the IMU senses its change, the centripetal acceleration and its lever arm from the axle."""
         x, y = self._body.imu_x, self._body.imu_y
         acceleration = (twist.v - self.twist.v) / self._dt
         spin = (twist.omega - self.twist.omega) / self._dt
@@ -99,7 +100,7 @@ class KinematicChair:
         self.twist = twist
 
     def _load_of(self, wheels: WheelSpeeds) -> float:
-        """Load in [0, 1] of motors that roll a chair on the level and speed it up: full is the ramp at full speed."""
+        """Return the motors' load in [0, 1] for rolling on the level and accelerating; 1 is full ramp at full speed."""
         s, rolling = self._settings, self._settings.family.rolling_load
         fastest = s.forward_gain * (s.swing_volts - s.forward_dead_band)
         speed = max(abs(wheels.left), abs(wheels.right)) / fastest
@@ -108,7 +109,7 @@ class KinematicChair:
 
 
 def moved(pose: Pose2, twist: Twist, seconds: float) -> Pose2:
-    """Pose after a constant twist: the exact arc, not its tangent."""
+    """Return the pose after a constant twist, by the exact arc."""
     turn = twist.omega * seconds
     half = 0.5 * turn
     chord = twist.v * seconds * (math.sin(half) / half if abs(half) > 1e-9 else 1.0)

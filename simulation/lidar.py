@@ -1,7 +1,7 @@
-"""A planar lidar that turns while the chair drives: exact rays, what surfaces do to them, and the faults of a real one.
+"""A planar lidar on a moving chair: exact rays, reflections by material, and the faults of a real instrument.
 
-A sweep takes time: each beam leaves from where the chair is at its own moment, and the scan is there when the last beam
-is through. Glass lets beams pass, mirrors send them on, dark surfaces swallow them from a few metres off. Where a level
+A sweep takes time: each beam leaves from the chair's pose at its own moment, and the scan is delivered after the last
+beam. Glass lets beams through, mirrors reflect them, and dark surfaces absorb them beyond a few metres. Where a level
 has ramps, the plane of the beams tilts with the chair.
 """
 
@@ -27,18 +27,18 @@ from waychair.topics import SCAN
 from waychair.types import FloatArray, IntArray, Pose2, Scan
 
 MOST_MIRRORS = 2
-"""A beam that meets more mirrors than this is lost."""
+"""A beam reflected by more mirrors than this is lost."""
 
-_MOST_SURFACES = 16  # so that a beam between two panes comes to an end
-_ONWARD = 1e-7  # [m], so that a beam that goes on does not meet the same surface again
+_MOST_SURFACES = 16  # ends a beam between two panes of glass
+_ONWARD = 1e-7  # m; a beam that continues does not hit the same surface again
 _DARK, _GLASS, _MIRROR = (int(kind) for kind in (Reflection.DARK, Reflection.GLASS, Reflection.MIRROR))
 
 
 @dataclass(frozen=True, slots=True)
 class LidarSettings(Settings):
-    """Field of view, range and faults of the lidar; beams are spread evenly from one edge of the view to the other.
+    """Field of view, range and faults of the lidar; beams are evenly spaced over the field of view.
 
-    The ranges at which surfaces vanish and the faults' shares are plausible for a small indoor lidar, not measured.
+    The ranges at which surfaces vanish and the rates of faults are plausible for a small indoor lidar, not measured.
     """
 
     rate_hz: float = setting(SCAN.rate_hz, "Hz", "scans per second", low=1.0, high=100.0)
@@ -65,7 +65,7 @@ class LidarSettings(Settings):
 
 
 class Optics(NamedTuple):
-    """Farthest ranges [m] of any and of a dark surface, and the cosine of incidence from which glass is seen."""
+    """Largest ranges [m] of any and of a dark surface, and the least cosine of incidence at which glass is seen."""
 
     reach: float
     dark_reach: float
@@ -73,7 +73,7 @@ class Optics(NamedTuple):
 
 
 class Lidar:
-    """Keeps the sweep in progress, and its own random stream, of which every scan uses equally much."""
+    """The lidar with the sweep in progress and its own random stream; every scan uses equally many random numbers."""
 
     def __init__(self, settings: LidarSettings, body: ChairBody, rng: np.random.Generator) -> None:
         self._settings = settings
@@ -100,9 +100,9 @@ class Lidar:
         now_ns: int,
         leaning: Leaning | None = None,
     ) -> Scan | None:
-        """The scan whose last beam has left by now, if there is one; called at every step of the chair.
+        """Return the scan whose last beam left in this step, if any; to be called at every step of the chair.
 
-        A sweep begins at every whole period; `people` are those of this moment. With `leaning` beams are cast in space.
+        A sweep begins at every whole period; `people` are those of this moment. With `leaning` beams are cast in 3D.
         """
         scan = None
         if self._times_ns:
@@ -111,7 +111,7 @@ class Lidar:
         if now_ns % self._period_ns == 0:
             self._people = legs(people)
             self._note(map_from_base, leaning, now_ns)
-            # A snapshot is through as soon as it begins.
+            # A sweep of no duration ends as it begins.
             scan = self._finished(scenery, people, now_ns) or scan
         return scan
 
@@ -124,10 +124,10 @@ class Lidar:
         circles_begin: FloatArray = NOBODY,
         circles_end: FloatArray = NOBODY,
     ) -> Scan:
-        """Scan whose first beam leaves at `stamp_ns`, from a chair that has poses (M, 3) in map at times_ns (M,).
+        """Return the scan whose first beam leaves at `stamp_ns`, from a chair with poses (M, 3) in map at times_ns (M,).
 
-        Between the times poses are interpolated, beyond them held. Circles (K, 3) move from where they are at the
-        first beam to where they are at the last. Ranges by REP-117: +inf nothing seen, -inf too close, nan dropped out.
+        Poses are interpolated between the times and held beyond them. Circles (K, 3) move from their position at the
+        first beam to that at the last. Ranges by REP-117: +inf nothing seen, -inf too close, nan dropped out.
         """
         seconds = ((np.asarray(times_ns, np.int64) - stamp_ns) * 1e-9).astype(np.float64)
         ranges = cast_sweep(
@@ -152,7 +152,7 @@ class Lidar:
         circles_begin: FloatArray = NOBODY,
         circles_end: FloatArray = NOBODY,
     ) -> Scan:
-        """`scan` of a chair that tilts: poses (M, 12) are those of `row_of` at times_ns (M,)."""
+        """Return `scan` for a tilting chair: poses (M, 12) are rows of `row_of` at times_ns (M,)."""
         ranges = cast_tilted(
             terrain,
             np.ascontiguousarray(circles_begin, np.float64),
@@ -168,7 +168,7 @@ class Lidar:
         return self._scan_of(ranges, stamp_ns)
 
     def _scan_of(self, ranges: FloatArray, stamp_ns: int) -> Scan:
-        """True ranges (N,) with the rider's legs before them and the instrument's faults."""
+        """Return the scan of true ranges (N,): cut by the rider's legs, then with the instrument's faults."""
         s = self._settings
         np.minimum(ranges, self._legs, out=ranges)
         return Scan(
@@ -182,7 +182,7 @@ class Lidar:
         )
 
     def scan_at_rest(self, scenery: Scenery, map_from_base: Pose2, stamp_ns: int, circles: FloatArray = NOBODY) -> Scan:
-        """Scan of a chair and of circles (K, 3) that stay where they are."""
+        """Return the scan of a chair at rest among circles (K, 3) at rest."""
         return self.scan(scenery, np.array([stamp_ns]), map_from_base.array()[None], stamp_ns, circles, circles)
 
     def _note(self, pose: Pose2, leaning: Leaning | None, now_ns: int) -> None:
@@ -206,11 +206,11 @@ class Lidar:
         return scan
 
     def _faulty(self, ranges: FloatArray) -> FloatArray:
-        """True ranges (N,) as the instrument reads them."""
+        """Return true ranges (N,) with noise, mixed pixels, range limits and drop-outs."""
         s = self._settings
         normal = self._rng.standard_normal(s.beams)
         dropped, mixed, blend = self._rng.random((3, s.beams))
-        # A beam on an edge lights both sides, and reads something between (mixed pixels: Hebert and Krotkov 1992).
+        # A beam on an edge lights both sides and reads a range between them (mixed pixels: Hebert and Krotkov 1992).
         with np.errstate(invalid="ignore"):
             step = np.append(ranges[1:] - ranges[:-1], 0.0)
             on_edge = np.isfinite(step) & (np.abs(step) > s.edge) & (mixed < s.mixed)
@@ -224,7 +224,7 @@ class Lidar:
 
 
 def _ranges_of_own(body: ChairBody, angles: FloatArray) -> FloatArray:
-    """Ranges (N,) [m] at which the beams end on the rider's legs and the leg rests; +inf for those that pass."""
+    """Return ranges (N,) [m] of the beams to the rider's legs and the leg rests; +inf for beams that miss them."""
     circles, mount = rider_legs(body), body.base_from_laser
     ranges = [
         nearest_circle(
@@ -247,9 +247,9 @@ def cast_sweep(
     delays: FloatArray,
     optics: Optics,
 ) -> FloatArray:
-    """True ranges (N,) [m] along beams at `angles` [rad], each leaving `delays` [s] after the scan's stamp.
+    """Return true ranges (N,) [m] of beams at `angles` [rad], each leaving `delays` [s] after the scan's stamp.
 
-    `poses` (M, 3) are those of the chair at `times` (M,) [s], ascending; `mount` (3,) is base_from_laser.
+    The chair has `poses` (M, 3) at ascending `times` (M,) [s]; `mount` (3,) is base_from_laser.
     """
     ranges = np.empty(angles.shape[0])
     last = times.shape[0] - 1
@@ -285,11 +285,11 @@ def _trace(
     dy: float,
     optics: Optics,
 ) -> float:
-    """Length of one beam's way through glass and over mirrors to what sends it back; +inf if nothing does.
+    """Return the length of a beam, through glass and over mirrors, up to the surface that returns it; +inf if none does.
 
-    A diffuse surface sends back light by the cosine of incidence and the inverse square of the range (Lambert), so the
-    range from which a dark one is still seen goes with the root of that cosine. Glass answers only straight on (Foster
-    et al., VisAGGE, ICRA 2013).
+    A diffuse surface returns light in proportion to the cosine of incidence and the inverse square of the range
+    (Lambert), so the largest range of a dark surface is proportional to the root of that cosine. Glass returns a beam
+    only near normal incidence (Foster et al., VisAGGE, ICRA 2013).
     """
     way, after, mirrors = 0.0, 0.0, 0
     for _ in range(_MOST_SURFACES):

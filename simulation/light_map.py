@@ -1,7 +1,7 @@
-"""What the lamps give to every surface, found once for a world: a picture with a small window for each face.
+"""The light map: the lamps' light on every face, computed once for a world and stored as one texture.
 
-Light falls straight from each lamp where no block is in its way, and a part of it comes from all around, as if thrown
-back by the room. Since lamps are fixed in the world, so is this light: it does not change with the viewpoint.
+Each lamp lights a point directly if no block is between them. A part of its light has no direction, as if the room
+scattered it. Lamps are fixed in the world, so the light does not depend on the viewpoint.
 """
 
 from __future__ import annotations
@@ -20,34 +20,34 @@ from waychair.simulation.world import World
 from waychair.types import BoolArray, Float32Array, FloatArray, IntArray
 
 SPACING = 0.3
-"""Distance [m] between points of a face whose light is found; between them it changes evenly."""
+"""Spacing [m] of the points of a face at which light is computed; between them it is interpolated."""
 
 REACH = 6.5
-"""Lamps farther [m] than this from a point do not light it."""
+"""Largest distance [m] at which a lamp lights a point."""
 
 HALF_LIGHT = 1.5
-"""Distance [m] at which a lamp, which is no point, gives half of what it gives at none."""
+"""Distance [m] at which a lamp, which is not a point source, gives half of its light at distance 0."""
 
 SCATTERED = 0.25
-"""Part of a lamp's light that comes from all around."""
+"""Part of a lamp's light that has no direction."""
 
 GLOW = 1.6
-"""How bright the faces of lamps are."""
+"""Brightness of the faces of lamps."""
 
 LAMP_SPACING = 4.0
 MOST_LAMPS = 400
-"""Lamps of a world that says nothing of its light are so far [m] apart, or farther, lest they be more than this."""
+"""Least spacing [m] and greatest number of lamps in a world that defines no lamps."""
 
 ATLAS_WIDTH = 1024
 """Texels in a row."""
 
 _NEAR = 0.01
-"""Light is found so far [m] before a face, and within its rim, to be clear of what touches it."""
+"""Light is computed this far [m] off a face and inside its rim, clear of blocks that touch the face."""
 
 
 @dataclass(frozen=True, slots=True)
 class LightMap:
-    """Texels (R, C, 3) of light, and where in them, (F, 4, 2) from 0 to 1 across and down, each face's corners are."""
+    """Texels (R, C, 3) of light, and texture coordinates (F, 4, 2) of each face's corners, 0 to 1 across and down."""
 
     texels: Float32Array
     coordinates: Float32Array
@@ -56,7 +56,7 @@ class LightMap:
 def light_map(
     surfaces: Surfaces, glowing: BoolArray, blocks: Sequence[Block], lamps: Sequence[Lamp], finish: Finish
 ) -> LightMap:
-    """Light of every face; those that are `glowing` (F,) shine themselves."""
+    """Return the light of every face; faces that are `glowing` (F,) are lamps."""
     low, high = surfaces.outlines.min(axis=1), surfaces.outlines.max(axis=1)
     extents = np.maximum(high - low, 1e-6)
     nodes = np.clip(np.ceil(extents / SPACING).astype(np.int64) + 1, 2, ATLAS_WIDTH)
@@ -86,7 +86,7 @@ def light_map(
 
 
 def default_lamps(world: World) -> tuple[Lamp, ...]:
-    """Lamps under the whole ceiling, for a world that says nothing of its light."""
+    """Return a lattice of lamps under the ceiling, for a world that defines no lamps."""
     grid = world.grid
     size = np.array(grid.cells.shape[::-1]) * grid.resolution
     counts = np.maximum(np.rint(size / max(LAMP_SPACING, math.sqrt(size.prod() / MOST_LAMPS))), 1).astype(int)
@@ -96,7 +96,7 @@ def default_lamps(world: World) -> tuple[Lamp, ...]:
 
 
 def _packed(nodes: IntArray) -> tuple[IntArray, int]:
-    """Upper left corners (F, 2) of windows of `nodes` (F, 2) columns and rows, on shelves; and how many rows in all."""
+    """Return upper left corners (F, 2) of windows of `nodes` (F, 2) columns and rows packed on shelves, and all rows."""
     origins = np.zeros_like(nodes)
     column, row, tallest = 0, 0, 0
     for i in np.argsort(-nodes[:, 1], kind="stable"):
@@ -109,7 +109,7 @@ def _packed(nodes: IntArray) -> tuple[IntArray, int]:
 
 
 def _boxes(blocks: Sequence[Block]) -> FloatArray:
-    """(B, 8): x, y of the middle, cosine and sine of its direction, half length, half width, low, high."""
+    """Return (B, 8): x, y of the middle, cosine and sine of its direction, half length, half width, low, high."""
     rows = []
     for b in blocks:
         c, s = math.cos(b.middle.theta), math.sin(b.middle.theta)
@@ -118,7 +118,7 @@ def _boxes(blocks: Sequence[Block]) -> FloatArray:
 
 
 def _within_reach(boxes: FloatArray, lamps: FloatArray) -> tuple[IntArray, IntArray]:
-    """Indices of the boxes near each lamp, in one row; lamp k's are those from `starts[k]` to `starts[k + 1]`."""
+    """Return `starts` and the concatenated indices of boxes near each lamp; lamp k has `starts[k]:starts[k + 1]`."""
     reach = REACH + np.hypot(boxes[:, 4], boxes[:, 5])
     near = [np.flatnonzero(np.hypot(*(boxes[:, :2] - lamp[:2]).T) < reach) for lamp in lamps]
     starts = np.cumsum([0, *(len(indices) for indices in near)])
@@ -138,11 +138,11 @@ def light_face(
     near: IntArray,
     touching: FloatArray,
 ) -> None:
-    """Adds the lamps' light to `window` (rows of v, columns of u, 3) of one face.
+    """Add the lamps' light to `window` (rows of v, columns of u, 3) of one face.
 
-    Lamps (L, 6) are x, y, z and their light; `boxes` (B, 8) those of `_boxes`, of which the ones that may hide lamp k
-    are `near[starts[k] : starts[k + 1]]`, and those that may reach to the face are `touching`.
-    A point inside a block, where another thing stands against the face, takes the light of the free points beside it.
+    Lamps (L, 6) are x, y, z and colour; `boxes` (B, 8) come from `_boxes`. The boxes `near[starts[k] : starts[k + 1]]`
+    may hide lamp k, and `touching` may reach the face. A point inside a block, where the block touches the face, takes
+    the light of the free points beside it.
     """
     rows, columns = v.shape[0], u.shape[0]
     normal = np.cross(axes[0], axes[1])
@@ -189,7 +189,7 @@ def _add_light(
 
 @njit(cache=True, nogil=True)
 def _is_between(point: FloatArray, x: float, y: float, z: float, box: FloatArray) -> bool:
-    """Whether the way from the point by (x, y, z) leads through the box (slabs of Kay and Kajiya, 1986)."""
+    """Return whether the segment from the point by (x, y, z) crosses the box (slabs of Kay and Kajiya, 1986)."""
     px, py = point[0] - box[0], point[1] - box[1]
     enter, leave = 0.0, 1.0
     for axis in range(3):
@@ -226,7 +226,7 @@ def _is_inside(point: FloatArray, boxes: FloatArray) -> bool:
 
 @njit(cache=True, nogil=True)
 def _spread(window: FloatArray, buried: BoolArray) -> int:
-    """Gives buried points the mean light of their free neighbours, which frees them; returns how many are left."""
+    """Give buried points the mean light of their free neighbours and mark them free; return how many stay buried."""
     rows, columns = buried.shape
     before = buried.copy()
     left = 0

@@ -1,7 +1,7 @@
-"""How surfaces look: a table of numbers for each kind, from which `shaders.py` draws it.
+"""The appearance of surfaces: a table of numbers for each kind, from which `shaders.py` draws it.
 
-No picture is stored. Every pattern is a sum of the same few parts: soft clouds, joints between pieces, and four layers of
-marks (stains, scratches, pores, specks) from coarse to fine, so that there are corners to be found near and far.
+No image is stored. Every pattern is a sum of the same parts: soft clouds, joints between pieces, and four layers of
+marks (stains, scratches, pores, specks) from coarse to fine, so that a camera finds corners near and far.
 """
 
 from __future__ import annotations
@@ -16,15 +16,15 @@ from waychair.simulation.scene import MATERIALS, Colour
 from waychair.types import Float32Array
 
 GLASS = "glass"
-"""The look that is drawn over what is behind it."""
+"""The look that is blended over the surfaces behind it."""
 
 GLASS_OPACITY = 0.25
-"""Part of the picture that glass itself makes up, and of the depths that it spoils."""
+"""Opacity of glass in colour, and the part of depth pixels that it corrupts."""
 
 
 @dataclass(frozen=True, slots=True)
 class Clouds:
-    """Soft blotches: their length and height [m], and their contrast, as part of the mean brightness."""
+    """Soft blotches: length and height [m], and contrast relative to the mean brightness."""
 
     length: float = 0.5
     height: float = 0.5
@@ -33,7 +33,7 @@ class Clouds:
 
 @dataclass(frozen=True, slots=True)
 class Joints:
-    """Lines of `width` between pieces of `length` by `height` [m]; contrast of lines, and between pieces."""
+    """Lines of `width` between pieces of `length` by `height` [m]; `contrast` of lines and `tint` between pieces."""
 
     length: float
     height: float
@@ -44,17 +44,17 @@ class Joints:
 
 @dataclass(frozen=True, slots=True)
 class Pattern:
-    """Numbers of a pattern. Marks lie in cells of four sizes [m], at most one in each."""
+    """The numbers of a pattern; marks lie in cells of four sizes [m], at most one per cell."""
 
     clouds: Clouds = Clouds()
     joints: Joints | None = None
     cells: tuple[float, float, float, float] = (0.45, 0.15, 0.05, 0.017)
     contrasts: tuple[float, float, float, float] = (0.2, 0.3, 0.3, 0.3)
     density: float = 0.5  # part of the cells with a mark
-    stretch: float = 1.0  # how much longer than high marks are
-    tilt: float = 2.0  # how far marks lean, 0: all upright
-    colourful: float = 0.0  # how far marks differ in colour, not only in brightness
-    variety: float = 0.0  # how far the whole surface's colour depends on its seed
+    stretch: float = 1.0  # length over height of the marks
+    tilt: float = 2.0  # spread of the marks' slant; 0: all upright
+    colourful: float = 0.0  # spread of the marks' colour, beside their brightness
+    variety: float = 0.0  # spread of the whole surface's colour by its seed
 
 
 WOOD_CELLS = (0.4, 0.12, 0.04, 0.012)
@@ -95,12 +95,12 @@ PATTERNS: Mapping[str, Pattern] = MappingProxyType(
         "lamp": Pattern(Clouds(0.5, 0.5, 0.02), contrasts=(0.0, 0.0, 0.02, 0.0)),
     }
 )  # fmt: skip
-"""By the names of `scene.PATTERNS`, and those of what has no material."""
+"""Patterns by the names of `scene.PATTERNS`, and of surfaces that have no material."""
 
 
 @dataclass(frozen=True, slots=True)
 class Look:
-    """A pattern in a mean colour. `returns` is the part of its pixels that a depth camera can measure."""
+    """A pattern in a mean colour; `returns` is the part of its pixels that a depth camera can measure."""
 
     pattern: str
     colour: Colour
@@ -118,19 +118,19 @@ LOOKS: Mapping[str, Look] = MappingProxyType(
         "lamp": Look("lamp", (0.98, 0.98, 0.95), 0.6),
     }
 )
-"""By the names of materials, and those of what is none."""
+"""Looks by material, and of surfaces that have no material."""
 
 LOOK_ROWS = 7
-"""Rows of four numbers of a look in `look_table`."""
+"""Rows of four numbers per look in `look_table`."""
 
 
 def look_table() -> Float32Array:
-    """(looks, LOOK_ROWS, 4) float32: the numbers of all looks in the order of `LOOKS`, as the shaders take them."""
+    """Return (looks, LOOK_ROWS, 4) float32: the numbers of all looks in the order of `LOOKS`, for the shaders."""
     return np.array([_rows(look, PATTERNS[look.pattern]) for look in LOOKS.values()], np.float32)
 
 
 def _rows(look: Look, p: Pattern) -> list[tuple[float, ...]]:
-    """Lengths become how many there are in a metre."""
+    """Return the rows of a look; lengths become their number per metre."""
     joints, tint = (0.0, 0.0, 0.0, 0.0), 0.0
     if p.joints:
         joints, tint = (1.0 / p.joints.length, 1.0 / p.joints.height, p.joints.width, p.joints.contrast), p.joints.tint

@@ -1,4 +1,4 @@
-"""The chair's own electronics: what its motors are told when the stick's lines are at so many volts."""
+"""The chair's electronics: from volts on the joystick lines to wheel speeds."""
 
 from __future__ import annotations
 
@@ -13,10 +13,10 @@ from waychair.types import WheelSpeeds
 
 
 class MotorController:
-    """Stick volts in, the speeds its motors turn the wheels at out.
+    """From joystick volts to wheel speeds, with delay, ramps, lag, parking brake and heating.
 
-    Keeps the volts on their way, the axes after the ramps, the wheels after the lag, the brake and the heat. `power` is
-    the part of the full battery's cold motors that is left; `braked` whether the wheels are locked.
+    `power` is the power left, as a part of that of cold motors on a full battery; `braked` tells whether the parking
+    brake locks the wheels.
     """
 
     def __init__(self, track: float, settings: PlantSettings) -> None:
@@ -33,9 +33,9 @@ class MotorController:
         self.power = 1.0
 
     def step(self, forward_volts: float, turn_volts: float, load: float = 0.0) -> WheelSpeeds:
-        """Rim speeds [m/s] after one step at these volts on the stick's lines; a turn above neutral is right.
+        """Return wheel speeds at the rim [m/s] after one step at these volts; turn volts above neutral turn right.
 
-        `load` in [0, 1] is what the motors had to give in the last step, as a part of the most that they can.
+        `load` in [0, 1] is the motors' torque in the last step, relative to their greatest torque.
         """
         self._on_the_way.append((forward_volts, turn_volts))
         speed, difference = self._targets(*self._on_the_way.popleft())
@@ -51,12 +51,12 @@ class MotorController:
         return self._wheels
 
     def stall(self) -> None:
-        """The wheels are held: the ramps begin anew from rest."""
+        """Stop the wheels; the ramps start again from rest."""
         self._axes = (0.0, 0.0)
         self._wheels = WheelSpeeds()
 
     def _targets(self, forward_volts: float, turn_volts: float) -> tuple[float, float]:
-        """Speed [m/s] and wheel speed difference [m/s] that the stick asks of a full battery."""
+        """Return speed [m/s] and wheel speed difference [m/s] that the stick commands with a full battery."""
         s, family = self._settings, self._settings.family
         forward_span, turn_span = s.swing_volts - s.forward_dead_band, s.swing_volts - s.turn_dead_band
         forward = _axis(forward_volts - s.neutral_volts, s.forward_dead_band, s.swing_volts) / forward_span
@@ -86,7 +86,7 @@ class MotorController:
 
 
 class WheelNoise:
-    """Ripple and slip of the two wheels: four independent first-order Gauss-Markov sequences of unit variance."""
+    """Motor ripple and slip of the two wheels: four independent first-order Gauss-Markov sequences of unit variance."""
 
     def __init__(self, rng: np.random.Generator, settings: PlantSettings) -> None:
         self._rng = rng
@@ -96,7 +96,7 @@ class WheelNoise:
         self._stock: list[list[float]] = []
 
     def draw(self) -> tuple[float, float, float, float]:
-        """Values of the next step: ripple left and right, slip left and right."""
+        """Return the values of the next step: ripple left and right, slip left and right."""
         if not self._stock:
             self._stock = (self._fresh * self._rng.standard_normal((1024, 4))).tolist()
         a, b, c, d = self._values
@@ -107,7 +107,7 @@ class WheelNoise:
 
 
 def _axis(volts: float, dead_band: float, swing: float) -> float:
-    """Volts beyond the dead band, saturated at the swing."""
+    """Return the volts beyond the dead band, saturated at the swing."""
     return math.copysign(max(min(abs(volts), swing) - dead_band, 0.0), volts)
 
 

@@ -1,6 +1,6 @@
-"""The physical chair: the same controller as the kinematic one, but its motors push 149 kg on wheels and casters.
+"""The physical chair: the same controller as the kinematic chair, but its motors move 149 kg on wheels and casters.
 
-This is the one module that imports MuJoCo, and only when a chair is made.
+Only this module imports MuJoCo, and only when a chair is made.
 """
 
 from __future__ import annotations
@@ -20,17 +20,17 @@ from waychair.simulation.world import World
 from waychair.types import FloatArray, Pose2, Pose3, Twist
 
 SETTLING_S = 0.5
-"""How long the chair sinks into its wheels' contacts before time begins."""
+"""Time for the chair to settle on its wheels before the simulation begins."""
 
 TIPPED = math.radians(25.0)
-"""A chair that leans over this far has tipped: five times a ramp of 1:12, and short of a staircase."""
+"""Lean [rad] at which a chair has tipped over: five times a ramp of 1:12, and less than a staircase."""
 
 
 class MujocoChair:
     """A `Plant` in MuJoCo, integrated at `settings.timestep_ms`; slip, droop and casters come from the physics.
 
-    Of `plant` the slip noise and the swing of the casters are not used, and a wheel's scale and the track's are those of
-    the model's geometry. The IMU gives the mean over a step, as the filter in front of its converter does.
+    It does not use the slip noise and the caster swing of `plant`; the scales of wheels and track change the model's
+    geometry. The IMU gives the mean over a step, like the filter in front of its converter.
     """
 
     def __init__(
@@ -59,7 +59,7 @@ class MujocoChair:
         self._noise = WheelNoise(rng, plant)
         self._model = self._mujoco.MjModel.from_xml_string(mjcf(world, body, plant, settings, pose))
         self._data = self._mujoco.MjData(self._model)
-        # Views of MuJoCo's own arrays: to ask for one anew in every step costs more than to read it.
+        # Views of MuJoCo's arrays: getting one anew in every step costs more than reading it.
         self._qpos, self._qvel, self._control = self._data.qpos, self._data.qvel, self._data.ctrl
         self._torques, self._sensed = self._data.actuator_force, self._data.sensordata
         self._outline = self._model.geom("outline").id
@@ -71,7 +71,7 @@ class MujocoChair:
 
     @property
     def pose3(self) -> Pose3:
-        """True map_from_base in space: the base's origin is a wheel's radius below the axle, square to the seat."""
+        """True map_from_base in 3D; the base's origin is a wheel radius below the axle along the chair's z axis."""
         flat = np.empty(9)
         self._mujoco.mju_quat2Mat(flat, self._qpos[3:7])
         rotation = flat.reshape(3, 3)
@@ -85,22 +85,22 @@ class MujocoChair:
 
     @property
     def specific_force(self) -> FloatArray:
-        """(3,) [m/s^2] at the IMU's mount, axes as base, mean over the last step; +g upwards at rest (REP-145)."""
+        """Specific force (3,) [m/s^2] at the IMU's mount, axes as base, mean over the last step (REP-145)."""
         return self._felt[:3]
 
     @property
     def angular_rate(self) -> FloatArray:
-        """(3,) [rad/s], axes as base, mean over the last step."""
+        """Angular rate (3,) [rad/s], axes as base, mean over the last step."""
         return self._felt[3:]
 
     def step(self, forward_volts: float, turn_volts: float, is_free: Callable[[Pose2], bool] | None = None) -> bool:
-        """Move on by the plant's step at these volts on the stick's lines; whether the outline touched nothing.
+        """Move by the plant's step at these volts on the joystick lines; return whether the chair touched nothing.
 
-        A turn above neutral is right. What can be touched is in the model, the floor under a chair that has tipped
-        over included: `is_free` is not asked.
+        Turn volts above neutral turn right. The model holds all obstacles, and the floor under a tipped chair, so that
+        `is_free` is not used.
 
         Raises:
-            WorldError: the physics became unstable, by settings that stand no such time step.
+            WorldError: the physics became unstable, because the time step is too long for these settings.
         """
         data = self._data
         self._command(forward_volts, turn_volts)
@@ -108,7 +108,7 @@ class MujocoChair:
         for _ in range(self._substeps):
             self._mujoco.mj_step(self._model, data)
             felt += self._sensed
-        if data.time <= began:  # MuJoCo begins anew, at the start and at time 0, when numbers run away
+        if data.time <= began:  # MuJoCo resets itself to the start and time 0 when the state diverges
             raise WorldError(
                 f"the physics became unstable at timestep_ms = {self._settings.timestep_ms:g}: choose a smaller one, "
                 "or settings nearer to the defaults"
@@ -118,7 +118,7 @@ class MujocoChair:
         return self._outline not in data.contact.geom.ravel().tolist()
 
     def _look(self) -> None:
-        """Pose and twist from the state itself: what MuJoCo derives from it, `xmat` and the like, is one step old."""
+        """Update pose and twist from the state; MuJoCo's derived arrays such as `xmat` are one step old."""
         x, y, _, qw, qx, qy, qz = self._qpos[:7].tolist()
         vx, vy, vz, _, _, omega = self._qvel[:6].tolist()
         ahead_x, ahead_y, ahead_z = (
@@ -133,7 +133,7 @@ class MujocoChair:
         self.upright = self.upright and up_z > math.cos(TIPPED)
 
     def _command(self, forward_volts: float, turn_volts: float) -> None:
-        """What the controller makes of the volts and of the motors' load goes to motors and brakes."""
+        """Command motors and brakes with the controller's answer to the volts and the motors' load."""
         model, torque = self._model, self._settings.motor_torque
         left, right = self._torques.tolist()
         load = min(1.0, 0.5 * (abs(left) + abs(right)) / torque)
@@ -149,11 +149,11 @@ class MujocoChair:
             model.dof_frictionloss[self._axles] = limits[1]
 
     def _settle(self, steps: int, pose: Pose2) -> None:
-        """Let the wheels find their load, then put chair and encoders back to where they started."""
+        """Let the chair settle on its wheels, then move chair and encoders back to their start."""
         data = self._data
         self._mujoco.mj_step(self._model, data, nstep=steps)
         self._look()
-        # Only the heading is set back: the pitch at which the chair has come to rest must stay.
+        # Only the heading is set back: the chair keeps the pitch at which it came to rest.
         back = 0.5 * (pose.theta - self.pose.theta)
         c, s = math.cos(back), math.sin(back)
         qw, qx, qy, qz = data.qpos[3:7].tolist()
@@ -167,10 +167,10 @@ class MujocoChair:
 
 
 def substeps(plant: PlantSettings, settings: MujocoSettings) -> int:
-    """Time steps of the physics in one step of the plant.
+    """Return the number of physics time steps in one step of the plant.
 
     Raises:
-        ConfigError: not a whole number.
+        ConfigError: it is not a whole number.
     """
     steps = plant.step_ms / settings.timestep_ms
     if steps < 1.0 or not math.isclose(steps, round(steps), rel_tol=1e-9):

@@ -1,6 +1,6 @@
-"""What the physical chair stands on and runs into, as MJCF: floor, pits, slopes and blocks, exactly where they are.
+"""The ground and the obstacles of the physical chair as MJCF: floor, pits, slopes and blocks at their exact places.
 
-All of it belongs to the world's own body: MuJoCo then neither moves it nor asks each piece for contact in every step.
+All geoms belong to the world body: MuJoCo then does not move them and skips contacts among them.
 """
 
 from __future__ import annotations
@@ -17,20 +17,20 @@ from waychair.simulation.world import World
 from waychair.types import FloatArray, OccupancyGrid, Pose2
 
 FLOOR, WALL = 1, 2
-"""Collision bits: wheels and outline meet the floor, the outline alone meets walls, no part of the chair another."""
+"""Collision bits: wheels and body collide with the floor, only the body with walls; the chair's parts never collide."""
 
 CLIMB = 0.10
-"""Height of a step [m] up to which it is for the wheels to climb, rather than a wall."""
+"""Greatest height of a step [m] that the wheels may climb; higher ones are walls."""
 
 BEYOND = 20.0
-"""How far [m] the floor goes on beyond the grid, where it is not endless."""
+"""Margin [m] of a finite floor beyond the grid."""
 
 
 def ground(world: World, floor_friction: float, wall_friction: float, reach: float) -> str:
-    """MJCF geoms of a level; what begins `reach` [m] above all ground there is to stand on is left out.
+    """Return the MJCF geoms of a level, without blocks that begin `reach` [m] above the highest ground.
 
-    Blocks no higher than a step, thresholds and stairs among them, are ground to drive on; so are all that lie within
-    a step above the highest slope, which leads up to them.
+    Blocks no higher than a step, such as thresholds and stairs, are ground to drive on. So are blocks up to a step above
+    the highest slope, which leads up to them.
 
     Raises:
         WorldError: pits that are neither parallel nor at right angles to each other.
@@ -54,9 +54,9 @@ def _plane(height: float, friction: float) -> str:
 
 
 def _floor(world: World, friction: float) -> str:
-    """An endless floor where the deepest pit ends, and on it boxes that leave the pits out.
+    """Return an endless floor at the depth of the deepest pit, and boxes on it everywhere but over the pits.
 
-    The plane is cut along all sides of the pits, in whose direction the boxes lie.
+    The boxes are parallel to the pits; the floor is cut along all sides of the pits.
     """
     map_from_frame = Pose2(0.0, 0.0, world.pits[0].middle.theta)
     holes = np.array([_hole(map_from_frame.inverse(), pit, world.name) for pit in world.pits])
@@ -82,7 +82,7 @@ def _floor(world: World, friction: float) -> str:
 
 
 def _corners(grid: OccupancyGrid) -> FloatArray:
-    """(4, 2) [m, map]."""
+    """Return the grid's corners (4, 2) [m, map]."""
     rows, cols = grid.cells.shape
     return transform_points(
         grid.map_from_grid, grid.resolution * np.array([[0, 0], [cols, 0], [cols, rows], [0, rows]])
@@ -90,7 +90,7 @@ def _corners(grid: OccupancyGrid) -> FloatArray:
 
 
 def _hole(frame_from_map: Pose2, pit: Pit, name: str) -> FloatArray:
-    """Least x, y and greatest x, y [m] of a pit in a frame along whose axes its sides lie."""
+    """Return least x, y and greatest x, y [m] of a pit in a frame parallel to its sides."""
     middle = frame_from_map @ pit.middle
     quarters = round(middle.theta / (math.pi / 2))
     if abs(wrap_angle(middle.theta - quarters * math.pi / 2)) > 1e-6:
@@ -99,7 +99,7 @@ def _hole(frame_from_map: Pose2, pit: Pit, name: str) -> FloatArray:
             "parallel or at right angles"
         )
     across, along = (pit.length, pit.width) if quarters % 2 else (pit.width, pit.length)
-    # rounded, so that sides that touch are cut once
+    # rounded, so that touching sides give one cut
     return np.round([middle.x - along / 2, middle.y - across / 2, middle.x + along / 2, middle.y + across / 2], 9)
 
 
@@ -113,7 +113,7 @@ def _block(block: Block, friction: float, bit: int) -> str:
 
 
 def _slope(slope: Slope, friction: float) -> str:
-    """A tilted box whose upper face is the slope's, thick enough to have no room under it."""
+    """Return a tilted box whose upper face is the slope's, thick enough to leave no gap under it."""
     rise = slope.high - slope.low
     pitch, heading = math.atan2(rise, slope.length), slope.middle.theta
     thickness = CLIMB + max(slope.high, slope.low) - min(slope.high, slope.low, 0.0)

@@ -1,8 +1,8 @@
-"""The physical chair as MJCF, MuJoCo's model language: data to text, no MuJoCo needed.
+"""The physical chair as MJCF, MuJoCo's model language; writing it needs no MuJoCo.
 
-The parameter set is one that was measured against truth: what decides is the shape of the drive wheels. An ellipsoid
-touches the floor in one point and turns in place with 1 to 2 degrees of odometry error per turn; a cylinder touches at
-both rims and resists the turn (28 degrees). Friction cones must be elliptic: pyramidal ones slip in yaw.
+The shape of the drive wheels matters most, by comparison with the true motion. An ellipsoid touches the floor in one
+point and turns on the spot with 1 to 2 degrees of odometry error per turn; a cylinder touches at both rims and resists
+the turn (28 degrees). Friction cones must be elliptic: pyramidal ones slip in yaw.
 """
 
 from __future__ import annotations
@@ -20,10 +20,10 @@ from waychair.types import Pose2
 
 @dataclass(frozen=True, slots=True)
 class MujocoSettings(Settings):
-    """Masses, wheels, casters and motors of the physical chair; plausible for 149 kg with rider, measured on none.
+    """Masses, wheels, casters and motors of the physical chair; plausible for 149 kg with rider, not measured.
 
-    Of two frictions in contact MuJoCo takes the larger, element by element (its modelling manual, contact parameters):
-    a wet floor is a low `floor_friction`, a low `wheel_friction` and a low `caster_friction`.
+    For two touching geoms MuJoCo takes the larger friction, element by element (modelling manual, contact parameters):
+    a wet floor needs low `floor_friction`, `wheel_friction` and `caster_friction`.
     """
 
     timestep_ms: float = setting(2.5, "ms", "integration step", low=0.1, high=5.0)
@@ -75,11 +75,11 @@ class MujocoSettings(Settings):
 
 
 def mjcf(world: World, body: ChairBody, plant: PlantSettings, settings: MujocoSettings, pose: Pose2) -> str:
-    """MJCF text of one chair at `pose` (map_from_base) on its level; MuJoCo's world is the map.
+    """Return the MJCF text of one chair at `pose` (map_from_base) on its level; MuJoCo's world is the map.
 
-    The body `chair` has its origin in the middle of the drive axle, at wheel height. Of `plant` only the true radii
-    and the true track count here. Joints and motors are named `left` and `right`, the solid part of the chair
-    `outline`; the sensors at the IMU's mount are an accelerometer and a gyro.
+    The body `chair` has its origin in the middle of the drive axle. Only the true radii and the true track of `plant`
+    are used. Joints and motors are named `left` and `right`, the solid part of the chair `outline`; the sensors at the
+    IMU's mount are an accelerometer and a gyro.
 
     Raises:
         WorldError: pits that are neither parallel nor at right angles to each other.
@@ -112,7 +112,7 @@ def mjcf(world: World, body: ChairBody, plant: PlantSettings, settings: MujocoSe
 
 
 def _seat(body: ChairBody, s: MujocoSettings) -> str:
-    """Frame and rider, which weigh and touch nothing, and the outline, which touches everything and weighs nothing."""
+    """Return frame and rider, which have mass but no contacts, and the outline, which has contacts but no mass."""
     middle, axle = 0.5 * (body.front - body.rear), body.wheel_radius
     low, high = s.outline_low - axle, s.outline_high - axle
     return f"""<geom type="box" pos="{middle} 0 {0.6 * axle}"
@@ -126,9 +126,10 @@ def _seat(body: ChairBody, s: MujocoSettings) -> str:
 
 
 def _wheel(name: str, y: float, radius: float, body: ChairBody, s: MujocoSettings) -> str:
-    """A wheel that is not of nominal radius has its axle higher or lower, so that it stands on the floor.
+    """Return a drive wheel; its axle height follows its true radius, so that it stands on the floor.
 
-    Its dry friction, which is the brake's, is stiffer than MuJoCo's default, with which locked wheels creep down a ramp.
+    The joint's dry friction is the brake. It is stiffer than MuJoCo's default, which lets locked wheels creep down a
+    ramp.
     """
     return f"""<body pos="0 {y} {radius - body.wheel_radius}">
 <joint name="{name}" axis="0 1 0" armature="{s.wheel_armature}" damping="{s.wheel_damping}"
@@ -140,7 +141,7 @@ def _wheel(name: str, y: float, radius: float, body: ChairBody, s: MujocoSetting
 
 
 def _casters(body: ChairBody, s: MujocoSettings) -> str:
-    """Pairs of casters ahead of the drive wheels, behind them, or both, which are sprung: six hard wheels would rock."""
+    """Return pairs of casters ahead of the drive wheels, behind them, or both; both are sprung, or the chair rocks."""
     ahead, behind = body.front - s.caster_from_end, s.caster_from_end - body.rear
     ends = {"rear": (ahead,), "mid": (ahead, behind), "front": (behind,)}[body.drive]
     y = 0.5 * body.width - s.caster_inset
@@ -149,7 +150,7 @@ def _casters(body: ChairBody, s: MujocoSettings) -> str:
 
 
 def _spring(s: MujocoSettings) -> str:
-    """What one of four casters slides on; in its middle position it bears its part of the springs' share."""
+    """Return the sprung slide of one of four casters; in the middle it bears a quarter of the springs' share."""
     mass = s.frame_mass + s.rider_mass + 2.0 * s.wheel_mass + 4.0 * (s.caster_mass + s.fork_mass)
     pressed = s.spring_share * mass * GRAVITY / 4.0 / s.spring_stiffness
     return (

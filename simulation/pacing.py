@@ -1,8 +1,8 @@
-"""How simulated time goes by: with the clock on the wall, as fast as it can, or one tick for each answer.
+"""The pace of simulated time: real time, as fast as possible, or one tick per answer of an external driver.
 
-A simulation is a loop of ticks: what drives the chair is told what the sensors say, it sets the joystick lines, and the
-simulator advances. A driver in the same process has answered whenever the loop comes round. A driver at the other end
-of a cable has not: only `LOCKSTEP` then makes its runs repeatable.
+A simulation is a loop of ticks: the driver gets the sensors' messages and sets the joystick lines, then the simulator
+advances. A driver in the same process always answers within the tick. A driver at the other end of a cable may not: its
+runs are repeatable only in `LOCKSTEP`.
 """
 
 from __future__ import annotations
@@ -18,16 +18,16 @@ from waychair.errors import DriverSilent
 
 
 class PaceMode(enum.Enum):
-    """What time waits for after each tick."""
+    """The event for which the simulation waits after each tick."""
 
-    LOCKSTEP = "lockstep"  # the driver's answer, however long it takes within patience
-    FAST = "fast"  # nothing
-    REALTIME = "realtime"  # the clock on the wall
+    LOCKSTEP = "lockstep"  # the driver's answer, up to a timeout
+    FAST = "fast"  # none
+    REALTIME = "realtime"  # the real clock
 
 
 @dataclass(frozen=True, slots=True)
 class PacingSettings(Settings):
-    """Limits of patience."""
+    """Timeouts of the pacing."""
 
     patience: float = setting(
         5.0, "s", "lockstep: a driver that takes longer to answer has failed", low=0.01, high=3600
@@ -36,18 +36,18 @@ class PacingSettings(Settings):
 
 
 class Driver(Protocol):
-    """What drives the chair from outside this process, such as the peer of a `PseudoTerminal`."""
+    """A driver of the chair outside this process, such as the peer of a `PseudoTerminal`."""
 
     def wait(self, timeout_s: float) -> bool:
-        """Whether its answer is there to be read, at the latest after `timeout_s`."""
+        """Wait up to `timeout_s` for an answer; return whether it can be read."""
         ...
 
 
 class Pacer:
-    """Holds back a simulation after each tick, and keeps account of how its time went by.
+    """Delays a simulation after each tick and measures its real-time factor.
 
-    In realtime, short delays are caught up; of a longer one only `slack` is, so that a machine that stumbles does not
-    then rush. `lost_s` is what was given up so.
+    In real time a short delay is caught up. Of a longer delay only `slack` is caught up, so that the simulation does
+    not race after a stall; `lost_s` is the rest.
     """
 
     def __init__(
@@ -59,24 +59,24 @@ class Pacer:
         clock: Callable[[], int] = time.monotonic_ns,
         sleep: Callable[[float], None] = time.sleep,
     ) -> None:
-        """`driver` is the one that lockstep waits for; None is one in this process, which has answered already.
+        """Lockstep waits for `driver`; None means a driver in this process, which needs no waiting.
 
-        `clock` gives nanoseconds that never step back.
+        `clock` gives monotonic nanoseconds.
         """
         self.mode = mode
         self._driver = driver
         self._settings = settings or PacingSettings()
         self._clock = clock
         self._sleep = sleep
-        self._began: tuple[int, int] | None = None  # wall and simulated time of the first call
+        self._began: tuple[int, int] | None = None  # real and simulated time of the first call
         self._now_ns = 0
         self._lost_ns = 0
 
     def pace(self, now_ns: int) -> None:
-        """To be called with the simulated time [ns] after each tick; a call without a new time does nothing.
+        """Wait after a tick at simulated time `now_ns`; a call with an old time does nothing. Does not read the answer.
 
         Raises:
-            DriverSilent: in lockstep, no answer came within patience; the answer itself is left to be read.
+            DriverSilent: in lockstep no answer came before the timeout.
         """
         if self._began is None:
             self._began = self._clock(), now_ns
@@ -95,7 +95,7 @@ class Pacer:
 
     @property
     def real_time_factor(self) -> float:
-        """Simulated seconds per second on the wall so far; 0 before any time has passed."""
+        """Simulated seconds per real second so far; 0 before any time has passed."""
         if self._began is None:
             return 0.0
         wall_ns = self._clock() - self._began[0]
@@ -103,7 +103,7 @@ class Pacer:
 
     @property
     def lost_s(self) -> float:
-        """Seconds by which a realtime simulation fell behind for good; 0 when it held."""
+        """Seconds by which a real-time simulation fell behind for good; 0 if it kept up."""
         return self._lost_ns * 1e-9
 
     def _hold_to_the_wall(self) -> None:

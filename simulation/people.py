@@ -1,11 +1,11 @@
-"""The people of a world: where they stand, and how they walk on as time passes and the chair comes near.
+"""The people of a world: their states, advanced in time and in answer to the chair.
 
-Five behaviours (`scene.Behaviour`): to and fro along a path, with social forces, seated, suddenly stepping out, and
-discs that drift about. Each is a disc that never enters a wall, nor of itself the chair or another; how they do it is in
-`walking.py`, `rails.py` and `social_force.py`.
+There are five behaviours (`scene.Behaviour`): to and fro along a path, with social forces, seated, suddenly stepping
+out, and drifting discs. A person is a disc that never moves into a wall, the chair or another person; `walking.py`,
+`rails.py` and `social_force.py` move it.
 
-Every random number but the headings of the drifting discs is drawn in the beginning, and those every HEADING_NS, one per
-disc: their number depends on the plan and the time alone, never on what the chair does.
+All random numbers are drawn at the start, except the headings of drifting discs: one per disc every HEADING_NS. The
+count of random numbers therefore depends on plan and time alone, not on the chair.
 """
 
 from __future__ import annotations
@@ -26,31 +26,31 @@ from waychair.simulation.walking import BOUNCE, PERSON, TOP_SPEED, Stage, live
 from waychair.types import OccupancyGrid, Pose2, Twist
 
 LONGEST_STEP_NS = 50_000_000
-"""Longer times pass in steps of this."""
+"""Longest step of the people's motion; longer times are divided."""
 
 HEADING_NS = 2_000_000_000
-"""A drifting disc takes a new heading every 2 s."""
+"""Interval between new headings of a drifting disc: 2 s."""
 
 STRIDE = 1.4
-"""Length [m] of a stride, two steps: a turn of `PersonState.stride`."""
+"""Length [m] of a stride of two steps, one turn of `PersonState.stride`."""
 
 CONTACT_GAP = 1e-3
-"""A person comes no nearer to the chair than this by itself [m] without touching it; nearer is contact."""
+"""Gap [m] that a person keeps to the chair; a smaller gap counts as contact."""
 
 VEER = (math.radians(6.0), math.radians(2.0))
-"""Mean and deviation [rad] of how far social walkers keep to the right (`social_force.veered`)."""
+"""Mean and deviation [rad] of the angle by which social walkers keep to the right (`social_force.veered`)."""
 
 
 class People:
-    """Those of one level, about one chair; at time 0 each stands where its path begins, looking along it."""
+    """The people of one level round one chair; at time 0 each stands at the start of its path, facing along it."""
 
     def __init__(
         self, plans: Sequence[PersonPlan], grid: OccupancyGrid, body: ChairBody, rng: np.random.Generator
     ) -> None:
         """
         Raises:
-            WorldError: a person who is to walk stands outside the grid or too near to something solid, or is to walk
-                faster than TOP_SPEED.
+            WorldError: a walking person starts outside the grid or too near to something solid, or its speed is above
+                TOP_SPEED.
         """
         self._plans = tuple(plans)
         self._body = body
@@ -75,7 +75,7 @@ class People:
         self._take_new_headings()
 
     def step(self, duration_ns: int, map_from_base: Pose2, twist: Twist) -> None:
-        """Let time pass, with the chair at this pose and of this twist for all of it.
+        """Let time pass, with the chair's pose and twist constant.
 
         Raises:
             ValueError: the duration is negative.
@@ -94,7 +94,7 @@ class People:
 
     @property
     def states(self) -> tuple[PersonState, ...]:
-        """Everybody now, in the order of the plans."""
+        """All people now, in the order of the plans."""
         return tuple(
             PersonState(
                 Pose2(float(person["x"]), float(person["y"]), wrap_angle(float(person["heading"]))),

@@ -1,4 +1,4 @@
-"""What a floor plan is built of: blocks, slopes and pits, and the grid of where a chair cannot be."""
+"""The geometry of a floor plan: blocks, slopes and pits, and the grid of cells that a chair cannot enter."""
 
 from __future__ import annotations
 
@@ -18,9 +18,9 @@ from waychair.types import BoolArray, Cells, FloatArray, IntArray, OccupancyGrid
 
 
 def blocks_from_plan(plan: FloorPlan, building: str) -> tuple[Block, ...]:
-    """All that is solid and stands still: walls, lintels, closed doors, furniture, sills, steps of stairways.
+    """Return all fixed solids: walls, lintels, closed doors, furniture, thresholds, steps of stairways.
 
-    Seeds are made of the names of building and level and the number of the thing, unless the plan gives one.
+    A seed is made of the names of building and level and the item's index, unless the plan gives one.
     """
     parts: list[tuple[str, int, int | None, list[Block]]] = []
     for i, wall in enumerate(plan.walls):
@@ -37,7 +37,7 @@ def blocks_from_plan(plan: FloorPlan, building: str) -> tuple[Block, ...]:
 
 
 def slopes_from_plan(plan: FloorPlan, building: str) -> tuple[Slope, ...]:
-    """Ramps and platforms."""
+    """Return ramps and platforms."""
     return tuple(
         Slope(*_strip(r.start, r.end), r.width, r.low, r.high, r.material, seed_of(building, plan.name, "ramps", i))
         for i, r in enumerate(plan.ramps)
@@ -45,13 +45,13 @@ def slopes_from_plan(plan: FloorPlan, building: str) -> tuple[Slope, ...]:
 
 
 def pits_from_plan(plan: FloorPlan) -> tuple[Pit, ...]:
-    """Stairways and other holes in the floor."""
+    """Return stairways and other holes in the floor."""
     stairs = [Pit(*_strip(s.start, s.end), s.width, s.steps * s.rise) for s in plan.stairs]
     return (*stairs, *(Pit(Pose2(*pit.centre, pit.yaw), *pit.size, pit.depth) for pit in plan.pits))
 
 
 def solid_pieces(wall: PlanWall) -> list[tuple[float, float]]:
-    """Where the wall stands, as stretches [m] from its start: all of it but its doors, closed ones too."""
+    """Return the wall's solid stretches [m] from its start: all but its doors, open or closed."""
     doors = sorted(wall.doors, key=lambda door: door.at)
     begins = [0.0, *(door.at + door.width / 2 for door in doors)]
     ends = [*(door.at - door.width / 2 for door in doors), wall.length]
@@ -59,19 +59,19 @@ def solid_pieces(wall: PlanWall) -> list[tuple[float, float]]:
 
 
 def on_wall(wall: PlanWall, at: float) -> Pose2:
-    """The pose on the wall's middle line, `at` [m] from its start, looking along it."""
+    """Return the pose on the wall's centre line, `at` [m] from its start, facing along it."""
     (ax, ay), (bx, by) = wall.start, wall.end
     theta = math.atan2(by - ay, bx - ax)
     return Pose2(ax + at * math.cos(theta), ay + at * math.sin(theta), theta)
 
 
 def door_block(middle: Pose2, width: float, thickness: float, ceiling: float, material: str, seed: int = 0) -> Block:
-    """The leaf of a closed door, as thick as its wall."""
+    """Return the leaf of a closed door, as thick as its wall."""
     return Block(middle, width, thickness, 0.0, min(DOOR_HEIGHT, ceiling), material, seed)
 
 
 def _wall(wall: PlanWall, material: str, ceiling: float) -> list[Block]:
-    """Its pieces between the doors, then a lintel above each door, then the leaves of closed ones."""
+    """Return a wall's pieces between the doors, then a lintel above each door, then the leaves of closed doors."""
     blocks = [
         Block(on_wall(wall, (begin + end) / 2), end - begin, wall.thickness, 0.0, ceiling, material)
         for begin, end in solid_pieces(wall)
@@ -97,7 +97,7 @@ def _threshold(sill: PlanThreshold) -> Block:
 
 
 def _table(table: PlanTable) -> list[Block]:
-    """The top, then the legs at its corners."""
+    """Return the table top, then the legs at its corners."""
     middle, under = Pose2(*table.centre, table.yaw), table.height - table.top
     out_x, out_y = ((side - table.legs) / 2 for side in table.size)
     return [
@@ -111,7 +111,7 @@ def _table(table: PlanTable) -> list[Block]:
 
 
 def _steps(stairs: PlanStairs) -> list[Block]:
-    """All steps but the last, which is the floor of the pit."""
+    """Return all steps but the last, which is the floor of the pit."""
     middle, length = _strip(stairs.start, stairs.end)
     tread, depth = length / stairs.steps, stairs.steps * stairs.rise
     return [
@@ -128,7 +128,7 @@ def _steps(stairs: PlanStairs) -> list[Block]:
 
 
 def _strip(start: Point, end: Point) -> tuple[Pose2, float]:
-    """Middle and length of what runs from start to end."""
+    """Return the middle pose and the length of the strip from start to end."""
     (ax, ay), (bx, by) = start, end
     return Pose2((ax + bx) / 2, (ay + by) / 2, math.atan2(by - ay, bx - ax)), math.dist(start, end)
 
@@ -136,10 +136,10 @@ def _strip(start: Point, end: Point) -> tuple[Pose2, float]:
 def grid_of(
     plan: FloorPlan, margin: float, blocks: Iterable[Block], slopes: Sequence[Slope], pits: Iterable[Pit]
 ) -> OccupancyGrid:
-    """The grid, without unknown cells, of where a chair cannot be; it reaches `margin` [m] beyond the plan.
+    """Return the grid of cells that a chair cannot enter, without unknown cells; it reaches `margin` [m] past the plan.
 
-    A cell is occupied when its centre lies in a block that stands between `LOWEST` and `HIGHEST` above the floor, or
-    in a pit, or on the upper side of an edge of a slope that is higher than `LOWEST`.
+    A cell is occupied if its centre lies in a block between `LOWEST` and `HIGHEST` above the floor, in a pit, or on the
+    upper side of a slope's edge that is higher than `LOWEST`.
     """
     # round() first: 15.0 / 0.05 must not become 301 cells by an error in the last place
     shape = tuple(math.ceil(round((length + 2 * margin) / plan.resolution, 6)) for length in reversed(plan.size))
@@ -155,13 +155,13 @@ def grid_of(
 
 
 def fill(cells: Cells, grid: OccupancyGrid, middle: Pose2, length: float, width: float) -> None:
-    """Makes solid every one of `cells` whose centre lies in the rectangle."""
+    """Mark each of `cells` whose centre lies in the rectangle as occupied."""
     covered, _ = cells_in(grid, middle, length, width)
     cells[tuple(covered.T)] = 100
 
 
 def cells_in(grid: OccupancyGrid, middle: Pose2, length: float, width: float) -> tuple[IntArray, FloatArray]:
-    """Row and column (N, 2) of the cells whose centres lie in a rectangle, and these centres (N, 2) [m] in its frame."""
+    """Return row and column (N, 2) of the cells with centres in a rectangle, and the centres (N, 2) [m] in its frame."""
     corners = cells_from_points(grid, transform_points(middle, rectangle(length / 2, length / 2, width / 2)))
     low = np.maximum(corners.min(axis=0) - 1, 0)
     high = np.maximum(np.minimum(corners.max(axis=0) + 2, grid.cells.shape), low)
@@ -172,7 +172,7 @@ def cells_in(grid: OccupancyGrid, middle: Pose2, length: float, width: float) ->
 
 
 def _edges(grid: OccupancyGrid, slopes: Sequence[Slope]) -> BoolArray:
-    """(H, W) cells from which the ground falls by more than `LOWEST` to one of the four next to it."""
+    """Return the cells (H, W) from which the ground drops by more than `LOWEST` to one of the four neighbours."""
     ground = np.zeros(grid.cells.shape)
     for slope in slopes:
         cells, local = cells_in(grid, slope.middle, slope.length, slope.width)

@@ -1,4 +1,4 @@
-"""Reading floor plans: YAML to `FloorPlan`s, strictly; each mistake is refused with its file, its line and advice."""
+"""Reads floor plans strictly from YAML; an error names the file, the line and the remedy."""
 
 from __future__ import annotations
 
@@ -40,20 +40,20 @@ _SECTIONS: dict[str, type[msgspec.Struct]] = {
 
 @dataclass(frozen=True, slots=True)
 class PlanSource:
-    """Where a plan was read: says of each key on which line it stands. `prefix` leads from the file's top to it."""
+    """The source of a plan, which gives the line of each key; `prefix` are the keys from the file's top to the plan."""
 
     path: Path
     root: yaml.Node
     prefix: Keys = ()
 
     def error(self, keys: Keys, problem: str) -> WorldError:
-        """The error about the value at `keys`, such as ("walls", 0, "start"), with its line."""
+        """Return the error about the value at `keys`, such as ("walls", 0, "start"), with its line."""
         keys = (*self.prefix, *keys)
         where = "".join(f"[{key}]" if isinstance(key, int) else f".{key}" for key in keys).lstrip(".")
         return WorldError(f"{self.path}, line {self._line(keys)}: {where + ': ' if where else ''}{problem}")
 
     def _line(self, keys: Keys) -> int:
-        """Line of the innermost node on the way along `keys` that is written out."""
+        """Return the line of the innermost node along `keys` that the file contains."""
         node, line = self.root, self.root.start_mark.line
         for key in keys:
             if isinstance(node, yaml.MappingNode):
@@ -70,7 +70,7 @@ class PlanSource:
 
 @dataclass(frozen=True, slots=True)
 class Level:
-    """The plan of one level and where it stands in its file."""
+    """The plan of one level and its source."""
 
     plan: FloorPlan
     source: PlanSource
@@ -78,19 +78,18 @@ class Level:
 
 @dataclass(frozen=True, slots=True)
 class Building:
-    """What a file holds: at least one level; that of a plan without `levels` has the name of the building."""
+    """The content of a file: at least one level; in a plan without `levels` it has the building's name."""
 
     name: str
     levels: tuple[Level, ...]
 
 
 def load_building(path: Path) -> Building:
-    """The plans in a file, each checked in itself and against the others, but not yet against the grid they make.
+    """Return the plans of a file, each checked by itself and against the others; checks on the grid come later.
 
     Raises:
         WorldError: the file cannot be read or is not YAML; a key is unknown, missing, given twice or of the wrong type;
-            a number is not finite; a wall, a door or anything else is impossible. With the line, and what would be
-            right.
+            a number is not finite; a wall, a door or another item is impossible. It names the line and the remedy.
     """
     source, values = _parsed(path)
     if not isinstance(values, dict):
@@ -129,7 +128,7 @@ def _converted(values: dict[str, Any], kind: type[_Plan], source: PlanSource) ->
 
 
 def _refuse_named(plan: object, prefix: Keys, source: PlanSource, kind: type[msgspec.Struct]) -> None:
-    """Checks entries with names of their own one by one: msgspec does not say which of them it refuses."""
+    """Check entries of named sections one by one: msgspec does not tell which entry it refuses."""
     for section, entry_kind in _NAMED.items():
         entries = plan.get(section) if isinstance(plan, dict) else None
         for name, entry in entries.items() if isinstance(entries, dict) else ():
@@ -140,7 +139,7 @@ def _refuse_named(plan: object, prefix: Keys, source: PlanSource, kind: type[msg
 
 
 def _refusal(source: PlanSource, prefix: Keys, message: str, kind: type[msgspec.Struct]) -> WorldError:
-    """The error of a validation message, which ends in the path of the value."""
+    """Return the error of a validation message, which ends in the path of the value."""
     problem, _, at = message.partition(" - at ")
     path = at.partition("$")[2].rstrip("`")
     keys = (*prefix, *(int(i) if i else name for name, i in re.findall(r"\.([^.\[]+)|\[(\d+)\]", path)))

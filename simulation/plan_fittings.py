@@ -1,4 +1,4 @@
-"""What a floor plan is fitted out with: its finish, lamps, posters and people."""
+"""The fittings of a floor plan: finish, lamps, posters and people."""
 
 from __future__ import annotations
 
@@ -18,22 +18,22 @@ from waychair.simulation.seeds import seed_of
 from waychair.types import BoolArray, FloatArray, OccupancyGrid, Pose2
 
 POSTER_WIDTHS = (0.4, 0.9)
-"""Widths [m] between which the posters of a density are drawn."""
+"""Least and greatest width [m] of posters placed by density."""
 
 CLEAR_OF_START = 0.5
-"""Distance [m] from the start that movers keep when they are strewn."""
+"""Least distance [m] between the start and movers that are placed at random."""
 
 _BELOW_CEILING = 0.05
 _OFF_WALL = 0.004
 
 
 def finish_of(plan: FloorPlan) -> Finish:
-    """Finish of the level."""
+    """Return the finish of the level."""
     return Finish(plan.finish.floor, plan.finish.ceiling, plan.finish.height, plan.light.ambient)
 
 
 def lamps_of(plan: FloorPlan, blocks: Sequence[Block]) -> tuple[Lamp, ...]:
-    """The lamps that the plan gives, or else a lattice of them under the ceiling, but for those inside of a wall."""
+    """Return the plan's lamps, or else a lattice of lamps under the ceiling, except points inside a block."""
     under = plan.finish.height - _BELOW_CEILING
     if plan.lamps:
         return tuple(Lamp(*lamp.at, under if lamp.height is None else lamp.height, lamp.power) for lamp in plan.lamps)
@@ -46,7 +46,7 @@ def lamps_of(plan: FloorPlan, blocks: Sequence[Block]) -> tuple[Lamp, ...]:
 
 
 def within_any(points: FloatArray, blocks: Sequence[Block]) -> BoolArray:
-    """(N,) whether points (N, 3) [m] lie in a block."""
+    """Return whether points (N, 3) [m] lie in a block, (N,)."""
     if not blocks:
         return np.zeros(len(points), np.bool_)
     x, y, theta, length, width, low, high = np.array(
@@ -60,7 +60,7 @@ def within_any(points: FloatArray, blocks: Sequence[Block]) -> BoolArray:
 
 
 def posters_of(plan: FloorPlan, building: str, blocks: Sequence[Block]) -> tuple[Poster, ...]:
-    """The posters that the plan gives, and those of its density: the same ones whenever it is read."""
+    """Return the plan's posters and those placed by its density, which are the same at every reading."""
     given = [poster for i, wall in enumerate(plan.walls) for poster in _given(plan, building, i, wall)]
     drawn = [
         poster
@@ -70,7 +70,7 @@ def posters_of(plan: FloorPlan, building: str, blocks: Sequence[Block]) -> tuple
     ]
     if not drawn:
         return tuple(given)
-    # Five points of each a little before it: none may lie in a block, nor outside of the plan or above the ceiling.
+    # None of five points just in front of a poster may lie in a block, outside the plan or above the ceiling.
     before = np.array(
         [
             (*transform_points(poster.middle, np.array([[0.05, y]]))[0], poster.height + z)
@@ -89,7 +89,7 @@ def _given(plan: FloorPlan, building: str, i: int, wall: PlanWall) -> Iterator[P
 
 
 def _drawn(plan: FloorPlan, building: str, i: int, wall: PlanWall) -> Iterator[Poster]:
-    """Posters of the plan's density on both faces of the wall, each somewhere in a bay of its own."""
+    """Yield posters at the plan's density on both faces of the wall, each at random within its own bay."""
     rng = np.random.default_rng(seed_of(building, plan.name, "poster places", i))
     for n, (begin, end) in enumerate(solid_pieces(wall)):
         for left in (True, False):
@@ -106,20 +106,20 @@ def _drawn(plan: FloorPlan, building: str, i: int, wall: PlanWall) -> Iterator[P
 
 
 def _is_papered(wall: PlanWall, plan: FloorPlan) -> bool:
-    """Nobody pastes posters on glass and mirrors."""
+    """Return whether a wall may have posters: glass and mirrors have none."""
     return MATERIALS[wall.material or plan.finish.walls].reflection in (Reflection.DIFFUSE, Reflection.DARK)
 
 
 def _on_face(wall: PlanWall, at: float, left: bool) -> Pose2:
-    """The pose on the left or right face of the wall, looking away from it."""
+    """Return the pose on the left or right face of the wall, facing away from it."""
     side = 1.0 if left else -1.0
     return on_wall(wall, at) @ Pose2(0.0, side * (wall.thickness / 2 + _OFF_WALL), side * math.pi / 2)
 
 
 def people_of(plan: FloorPlan, building: str, grid: OccupancyGrid) -> tuple[PersonPlan, ...]:
-    """The people of the plan; movers without a path are strewn over the free ground, away from the start.
+    """Return the people of the plan; movers without a path are placed at random on free floor, away from the start.
 
-    Where there is not room enough for all of these, there are fewer of them.
+    If the free floor is too small for all of them, there are fewer.
     """
     people: list[PersonPlan] = []
     for i, person in enumerate(plan.people):
@@ -139,7 +139,7 @@ def people_of(plan: FloorPlan, building: str, grid: OccupancyGrid) -> tuple[Pers
 def _strewn(
     grid: OccupancyGrid, start: FloatArray, taken: FloatArray, radius: float, count: int, rng: np.random.Generator
 ) -> FloatArray:
-    """At most `count` points (N, 2) [m] that a disc can reach from the start, clear of each other and of `taken`.
+    """Return up to `count` points (N, 2) [m] that a disc can reach from the start, clear of each other and of `taken`.
 
     `taken` (M, 3) are discs: x, y, radius [m].
     """
@@ -148,7 +148,7 @@ def _strewn(
     cells = np.argwhere(roomy)
     if not len(cells):
         return np.empty((0, 2))
-    row, col = cells[np.hypot(*(cells - cells_from_points(grid, start)).T).argmin()]  # it may be no room at the start
+    row, col = cells[np.hypot(*(cells - cells_from_points(grid, start)).T).argmin()]  # the start may be too narrow
     free = points_from_cells(grid, np.argwhere(regions == regions[row, col]))
     free = free[np.all([np.hypot(*(free - disc[:2]).T) > disc[2] + radius for disc in taken], axis=0)]
     points = np.empty((0, 2))

@@ -1,9 +1,8 @@
-"""What a chair is to the simulator: joystick volts in, motion, encoder counts and what its IMU feels out.
+"""The plant: the simulated chair from joystick volts to motion, encoder counts and IMU signals.
 
-Two chairs answer to it: `kinematic_chair`, whose wheels do as they are told, and `mujoco_chair`, which has mass,
-casters and grip. Both have the same electronics (`motor_controller`), which are modelled as a rider feels them: a dead
-band about neutral, a gain per axis, ramps, a delay and a first-order lag, with a left and a right motor that are not
-quite alike, and whatever `plant_families` adds.
+There are two plants: `kinematic_chair`, whose wheels follow their commands, and `mujoco_chair`, which has mass, casters
+and grip. Both have the same electronics (`motor_controller`): a dead band about neutral, a gain per axis, ramps, a
+delay and a first-order lag, with slightly unequal motors, and the effects of `plant_families`.
 """
 
 from __future__ import annotations
@@ -28,12 +27,12 @@ GRAVITY = 9.80665
 
 @dataclass(frozen=True, slots=True)
 class PlantSettings(Settings):
-    """One chair's drive. The defaults turn the printed equations of Pai et al. (2026) the other way round.
+    """One chair's drive; the defaults invert the printed equations of Pai et al. (2026).
 
     Inverting their four coefficients at 12.94 mV per count gives the two gains and the two skews below exactly. Ramps,
-    lag and the dead band (7 % of 1.35 V) are plausible figures, not measured on a chair: randomise them. The swing is
-    the 1.2 V of a common analogue joystick input (Curtiss-Wright SK81935). No two tyres are pumped up alike: with a
-    millimetre in a metre between them, wheel odometry ends about 10 m off after a route of 200 m, as it does on chairs.
+    lag and the dead band (7 % of 1.35 V) are plausible, not measured on a chair: randomise them. The swing is the 1.2 V
+    of a common analogue joystick input (Curtiss-Wright SK81935). Two tyres never have equal radii: with a difference
+    of 0.1 %, wheel odometry ends about 10 m off after a route of 200 m, as on real chairs.
     """
 
     neutral_volts: float = setting(1.65, "V", "both axes at rest", low=0.5, high=10.0)
@@ -61,7 +60,7 @@ class PlantSettings(Settings):
 
 @dataclass(frozen=True, slots=True)
 class Spread:
-    """Half the width of the range about a setting's value that is drawn from; a part of the value if `relative`."""
+    """Half the width of the interval about a figure's value for random draws; a part of the value if `relative`."""
 
     name: str
     half_width: float
@@ -85,14 +84,14 @@ _SPREADS = (
 )
 
 _TYRES = 0.002
-"""Both drive wheels' radii together are off by up to this part."""
+"""Largest relative error that both drive wheels' radii share."""
 
 _TYRE_DIFFERENCE = (0.0010, 0.0014)
-"""Least and greatest part by which one drive wheel is larger than the other, whichever it is."""
+"""Least and greatest relative difference of the two drive wheels' radii; either may be the larger."""
 
 
 def drawn(settings: S, spreads: tuple[Spread, ...], rng: np.random.Generator) -> S:
-    """Settings with each figure of `spreads` drawn evenly from its range about the present value, where possible."""
+    """Return settings with each figure of `spreads` drawn uniformly about its value and held within its limits."""
     fields = {entry.name: entry.metadata for entry in dataclasses.fields(settings)}
     values = {}
     for spread in spreads:
@@ -103,11 +102,10 @@ def drawn(settings: S, spreads: tuple[Spread, ...], rng: np.random.Generator) ->
 
 
 def randomised(settings: PlantSettings, seed: int) -> PlantSettings:
-    """Another chair of the same make: each figure drawn evenly from its range about `settings`.
+    """Return another chair of the same make: each figure drawn uniformly about `settings`.
 
     Ranges: neutral +-10 mV, dead bands +-25 %, gains +-8 %, skews +-0.03, ramps +-20 %, lag +-30 %, delay +-50 %, track
-    +-0.1 %, both wheel radii +-0.2 %. One wheel is larger than the other by 0.10 to 0.14 %, never by nothing: tyres are
-    not that alike.
+    +-0.1 %, both wheel radii +-0.2 %. One wheel is always larger than the other, by 0.10 to 0.14 %.
     """
     rng = np.random.default_rng(seed)
     chair = drawn(settings, _SPREADS, rng)
@@ -119,20 +117,20 @@ def randomised(settings: PlantSettings, seed: int) -> PlantSettings:
 
 
 def families(settings: PlantSettings | None = None) -> Mapping[str, PlantSettings]:
-    """By name, eight chairs like `settings` (the default one) with one more effect each, outside any calibration form."""
+    """Return eight chairs by name, each `settings` with one more effect that no form of calibration describes."""
     nominal = settings or PlantSettings()
     return {name: dataclasses.replace(nominal, family=family) for name, family in FAMILIES.items()}
 
 
 def volts_from_twist(settings: PlantSettings, track: float, twist: Twist) -> tuple[float, float]:
-    """Stick volts (forward, turn) at which a chair without skew holds the twist; an axis at rest is at neutral."""
+    """Return the volts (forward, turn) at which a chair without skew holds the twist; an axis at rest is at neutral."""
     forward = _volts(twist.v / settings.forward_gain, settings.forward_dead_band, settings.swing_volts)
     turn = _volts(-twist.omega * track / settings.turn_gain, settings.turn_dead_band, settings.swing_volts)
     return settings.neutral_volts + forward, settings.neutral_volts + turn
 
 
 def volts_from_joystick(settings: PlantSettings, forward: float, turn: float) -> tuple[float, float]:
-    """Stick volts (forward, turn) of a rider's joystick in [-1, 1], turn positive to the left."""
+    """Return the volts (forward, turn) of a rider's joystick in [-1, 1], turn positive to the left."""
     return (
         settings.neutral_volts + settings.swing_volts * min(1.0, max(-1.0, forward)),
         settings.neutral_volts - settings.swing_volts * min(1.0, max(-1.0, turn)),
@@ -140,13 +138,13 @@ def volts_from_joystick(settings: PlantSettings, forward: float, turn: float) ->
 
 
 def joystick_from_volts(settings: PlantSettings, forward: float, turn: float) -> tuple[float, float]:
-    """The joystick (forward, turn) in [-1, 1] that gives these stick volts; turn positive to the left."""
+    """Return the joystick (forward, turn) in [-1, 1] that gives these volts; turn positive to the left."""
     forward, turn = ((volts - settings.neutral_volts) / settings.swing_volts for volts in (forward, turn))
     return forward, -turn
 
 
 class Plant(Protocol):
-    """What a chair is to the simulator; time passes one `PlantSettings.step_ms` a step."""
+    """The simulator's view of a chair; each step lasts `PlantSettings.step_ms`."""
 
     @property
     def pose(self) -> Pose2:
@@ -154,7 +152,7 @@ class Plant(Protocol):
 
     @property
     def pose3(self) -> Pose3:
-        """True map_from_base in space; the base's origin is on the floor under the middle of the drive axle."""
+        """True map_from_base in 3D; the base's origin is on the floor under the middle of the drive axle."""
 
     @property
     def twist(self) -> Twist:
@@ -166,25 +164,25 @@ class Plant(Protocol):
 
     @property
     def specific_force(self) -> FloatArray:
-        """(3,) [m/s^2] at the IMU's mount, axes as base: acceleration less gravity, so +g upwards at rest (REP-145)."""
+        """Specific force (3,) [m/s^2] at the IMU's mount, axes as base: +g upwards at rest (REP-145)."""
 
     @property
     def angular_rate(self) -> FloatArray:
-        """(3,) [rad/s], axes as base."""
+        """Angular rate (3,) [rad/s], axes as base."""
 
     @property
     def upright(self) -> bool:
-        """False once the chair has tipped over or fallen, for ever."""
+        """False from the moment when the chair tipped over or fell."""
 
     def step(self, forward_volts: float, turn_volts: float, is_free: Callable[[Pose2], bool]) -> bool:
-        """Move on by one step at these volts, a turn above neutral being right; whether nothing was touched.
+        """Move by one step at these volts (turn volts above neutral turn right); return whether nothing was touched.
 
-        `is_free` tells where the chair may stand; a plant that has walls of its own need not ask.
+        `is_free` tells whether the chair may be at a pose; a plant with its own walls need not call it.
         """
 
 
 def ticks_from_angle(angle: float, ticks_per_turn: int) -> int:
-    """Encoder count of a wheel that has turned by `angle` [rad], wrapping as a signed 32-bit number."""
+    """Return the encoder count of a wheel that has turned by `angle` [rad], wrapping as a signed 32-bit number."""
     count = math.floor(angle / math.tau * ticks_per_turn)
     return (count + 2**31) % 2**32 - 2**31
 

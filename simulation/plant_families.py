@@ -1,7 +1,7 @@
-"""What chairs' electronics do beyond gains, dead bands and ramps, each by a figure that is neutral by default.
+"""Further effects of chairs' electronics, beyond gains, dead bands and ramps; the default figures switch them off.
 
-No single form of calibration describes all of it: that is what these families are for. Where the documents of real
-controllers mention an effect, its function says so; all figures are plausible, not measured.
+No single form of calibration describes all of these effects, so the families test a calibration's limits. A function
+says where documents of real controllers mention its effect; all figures are plausible, not measured.
 """
 
 from __future__ import annotations
@@ -14,15 +14,15 @@ from types import MappingProxyType
 from waychair.config import Settings, setting
 
 SWING_END = 3.7
-"""A caster has swung round when ln tan(phi / 2) of its angle phi is here: 3 degrees short of trailing exactly."""
+"""A caster has swung round when ln tan(phi / 2) of its angle phi reaches this: 3 degrees short of trailing exactly."""
 
 AT_REST = 0.01
-"""Wheels slower than this [m/s] are held by the parking brake."""
+"""Wheel speed [m/s] below which the parking brake may engage."""
 
 
 @dataclass(frozen=True, slots=True)
 class FamilySettings(Settings):
-    """One member of the families; the defaults change nothing."""
+    """The figures of one family; the defaults change nothing."""
 
     stick_curve: float = setting(0.0, "", "S-curve of the stick: 0 straight, 1 smoothstep", low=0.0, high=1.0)
     turn_cut: float = setting(0.0, "", "part of the speed that is lost at full turn", low=0.0, high=0.9)
@@ -45,7 +45,7 @@ class FamilySettings(Settings):
 
     @property
     def speed(self) -> float:
-        """Part of the greatest speeds that dial and profile leave."""
+        """Part of the greatest speeds that dial and profile allow."""
         return self.dial * self.profile_speed
 
 
@@ -61,24 +61,24 @@ FAMILIES: Mapping[str, FamilySettings] = MappingProxyType(
         "thermal_fade": FamilySettings(thermal_fade=0.4),
     }
 )
-"""Eight controllers, each with one effect that a rider would notice."""
+"""Eight controllers by name, each with one effect that a rider would notice."""
 
 
 def stick_response(deflection: float, curve: float) -> float:
-    """Answer to a deflection in [-1, 1] beyond the dead band: gentle at first and at the end, odd and monotonic.
+    """Return the S-curve (1 - c) u + c u^2 (3 - 2 u) of a deflection u in [-1, 1] beyond the dead band.
 
-    A rider feels a stick that is calm near the middle. (1 - c) u + c u^2 (3 - 2 u); plausible, not measured.
+    It is odd and monotonic, and makes the stick less sensitive near the middle; plausible, not measured.
     """
     u = abs(deflection)
     return math.copysign((1.0 - curve) * u + curve * u * u * (3.0 - 2.0 * u), deflection)
 
 
 def cut_by_each_other(forward: float, turn: float, settings: FamilySettings) -> tuple[float, float]:
-    """Axes in [-1, 1] after the speed is cut with turn and the turn with speed.
+    """Return both axes in [-1, 1] after turn reduces the speed and speed reduces the turn.
 
-    A rider feels the chair slow down into a curve, and wide curves at speed. Each axis loses a part that grows with
-    the other's deflection. That controllers lower the speed with turn is told by owners (wheelchairdriver.com, thread
-    3261); the straight line is plausible, not measured.
+    The chair slows down in a curve, and its curves are wider at speed. Each axis loses a part that grows linearly with
+    the other's deflection. Owners report that controllers lower the speed with turn (wheelchairdriver.com, thread
+    3261); the linear form is plausible, not measured.
     """
     return (
         forward * (1.0 - settings.turn_cut * abs(turn)),
@@ -87,20 +87,20 @@ def cut_by_each_other(forward: float, turn: float, settings: FamilySettings) -> 
 
 
 def voltage(load: float, settings: FamilySettings) -> float:
-    """Part of the full battery's voltage at a load in [0, 1]; speeds are in proportion to it.
+    """Return the battery's voltage at a load in [0, 1], relative to a full battery; speeds are proportional to it.
 
-    A rider feels a tired chair: slower at the end of the day and uphill. An open-circuit voltage that falls with the
-    charge, less a drop at the inner resistance; both straight lines are plausible, not measured.
+    The chair is slower at the end of the day and uphill. The open-circuit voltage falls linearly with the charge, and
+    the inner resistance takes a drop proportional to the load; both are plausible, not measured.
     """
     return 1.0 - settings.sag_empty * (1.0 - settings.charge) - settings.sag_load * load
 
 
 class ParkingBrake:
-    """Whether the brakes on the motors are shut, and for how long that has been about to change.
+    """The parking brakes on the motors, with their release and engage delays.
 
-    A rider feels a short wait and a click before the chair sets off. The brakes are shut by springs and opened by a
-    current: they open `brake_release_s` after something is asked of the motors (0.2 to 0.5 s is plausible, not
-    measured), and shut `brake_rest_s` after the chair has come to rest with nothing asked.
+    A rider notices a short wait and a click before the chair moves off. Springs engage the brakes and a current
+    releases them: they open `brake_release_s` after a command to the motors (0.2 to 0.5 s is plausible, not measured),
+    and shut `brake_rest_s` after the chair has come to rest without a command.
     """
 
     def __init__(self, settings: FamilySettings, step_s: float) -> None:
@@ -110,25 +110,25 @@ class ParkingBrake:
         self.shut = settings.brake_release_s > 0.0
 
     def step(self, asked: bool, speed: float) -> bool:
-        """Whether they are shut after one step: is anything `asked` of the motors, do the wheels turn at `speed`?"""
+        """Return whether the brakes are shut after one step, given a command `asked` or not and the wheels' `speed`."""
         s = self._settings
         if s.brake_release_s == 0.0:
             return False
         about_to_change = asked if self.shut else not asked and speed < AT_REST
         self._changing_s = self._changing_s + self._step_s if about_to_change else 0.0
-        # half a step more, so that a sum of many steps does not fall short of the time by its last digit
+        # half a step more, so that the rounded sum of many steps is not short of the time
         if self._changing_s + 0.5 * self._step_s > (s.brake_release_s if self.shut else s.brake_rest_s):
             self.shut, self._changing_s = not self.shut, 0.0
         return self.shut
 
 
 class Casters:
-    """Which way the casters trail, and to which side they push when they swing round.
+    """The casters' direction, and the yaw of the chair while they swing round.
 
-    A rider feels the chair lurch sideways on setting off backwards. A caster follows its pivot like a trailer:
-    phi' = -(v / trail) sin(phi) for the angle phi from trailing forwards, which is solved by
-    ln tan(phi / 2) falling by the way over the trail; the chair yaws by `caster_flip` over the half turn of phi, in
-    proportion to its progress, to the side to which it turned last. The yaw is plausible, not measured.
+    The chair lurches sideways when it starts to reverse. A caster follows its pivot like a trailer:
+    phi' = -(v / trail) sin(phi) for the angle phi from trailing forwards, so ln tan(phi / 2) falls by the distance
+    driven over the trail. The chair yaws by `caster_flip` over the half turn of phi, in proportion to its progress, to
+    the side of its last turn. The yaw is plausible, not measured.
     """
 
     def __init__(self, settings: FamilySettings) -> None:
@@ -137,7 +137,7 @@ class Casters:
         self._side = 1.0
 
     def step(self, v: float, omega: float, step_s: float) -> float:
-        """Yaw rate [rad/s] added by the casters in one step at speed v [m/s] and turn rate omega [rad/s]."""
+        """Return the yaw rate [rad/s] from the casters in one step at speed v [m/s] and turn rate omega [rad/s]."""
         if abs(omega) > 0.02:
             self._side = math.copysign(1.0, omega)
         before = self._swing
@@ -147,11 +147,10 @@ class Casters:
 
 
 class Heat:
-    """Mean square load of the motors over the last minutes.
+    """The motors' heat, as their mean square load over the last minutes.
 
-    A rider feels the chair grow weak after long climbing and recover on the level. Copper heats with the square of
-    its current and cools like a body of one time constant; the controller folds the current back between two
-    temperatures. The scheme is plausible, not measured.
+    The chair weakens on a long climb and recovers on the level. Copper heats with the square of its current and cools
+    with one time constant; the controller reduces the current between two temperatures. Plausible, not measured.
     """
 
     def __init__(self, settings: FamilySettings, step_s: float) -> None:
@@ -160,7 +159,7 @@ class Heat:
         self._mean_square = 0.0
 
     def step(self, load: float) -> float:
-        """Part of the power that is left after one step at a load in [0, 1]."""
+        """Return the part of the power that is left after one step at a load in [0, 1]."""
         s = self._settings
         self._mean_square += self._part * (load * load - self._mean_square)
         hot = (self._mean_square - s.thermal_from) / max(s.thermal_full - s.thermal_from, 1e-9)
@@ -168,5 +167,5 @@ class Heat:
 
 
 def _angle(swing: float) -> float:
-    """Angle [rad] of a caster whose ln tan(phi / 2) is `swing`."""
+    """Return the angle phi [rad] of a caster from `swing` = ln tan(phi / 2)."""
     return 2.0 * math.atan(math.exp(swing))

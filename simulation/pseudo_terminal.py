@@ -1,7 +1,7 @@
 """A serial cable without hardware: the far end is a device file that any program opens as a serial port.
 
-It is a pseudo-terminal pair in raw mode (termios(3), pty(7)). As with a cable, a program may open the far end, vanish
-and come back; bytes that are sent while nobody is there are lost.
+It is a pseudo-terminal pair in raw mode (termios(3), pty(7)). As with a cable, a program may open the far end, go away
+and come back; bytes sent while the far end is closed are lost.
 """
 
 from __future__ import annotations
@@ -20,14 +20,14 @@ from typing import Self
 from waychair.errors import OutputError
 
 CAPACITY = 1 << 16
-"""Bytes that wait for a slow reader before more are refused, besides a few thousand in the kernel."""
+"""Bytes that may wait for a slow reader, besides a few thousand in the kernel; more are refused."""
 
 _READ_AT_ONCE = 1 << 16
-_LOOK_AGAIN_S = 0.005  # poll(2) returns at once while nobody has the far end open
+_LOOK_AGAIN_S = 0.005  # poll(2) returns at once while the far end is closed
 
 
 class PseudoTerminal:
-    """The near end of the cable; nothing here ever blocks but `wait`.
+    """The near end of the cable; only `wait` blocks.
 
         with PseudoTerminal(link=Path("out/chair")) as cable:
             cable.write(b"...")
@@ -39,14 +39,14 @@ class PseudoTerminal:
     """
 
     def __init__(self, link: Path | None = None) -> None:
-        """`link` is a name for the far end that stays the same from run to run."""
+        """`link` is a path for the far end that is the same in every run."""
         try:
             self._near, far = os.openpty()
         except OSError as error:
             raise OutputError(f"no pseudo-terminal can be opened: {error.strerror}; close some terminals") from error
         self._device = Path(os.ttyname(far))
         tty.setraw(far)
-        os.close(far)  # so that a hang-up of the last one who has it open is seen
+        os.close(far)  # so that a hang-up by the last program at the far end is seen
         os.set_blocking(self._near, False)
         self._poll = select.poll()
         self._waiting: deque[bytes] = deque()
@@ -62,18 +62,18 @@ class PseudoTerminal:
 
     @property
     def path(self) -> Path:
-        """What the other program opens."""
+        """The path that the other program opens."""
         return self._link or self._device
 
     @property
     def connected(self) -> bool:
-        """Whether somebody has the far end open."""
+        """Whether a program has the far end open."""
         return not self._events(select.POLLIN, 0.0) & select.POLLHUP
 
     def write(self, data: bytes) -> int:
-        """Sends bytes; how many of them were taken, which is fewer than all only when the reader lags far behind.
+        """Send bytes; return how many were accepted, fewer than all only if the reader lags far behind.
 
-        While nobody has the far end open all are taken, and lost.
+        While the far end is closed, all bytes are accepted and lost.
         """
         if not self.connected:
             self._forget()
@@ -86,7 +86,7 @@ class PseudoTerminal:
         return len(taken)
 
     def read(self) -> bytes:
-        """What has come since the last call, up to 64 KiB; empty when there is nothing."""
+        """Return the bytes received since the last call, up to 64 KiB; empty if there are none."""
         self._send()
         parts, room = [], _READ_AT_ONCE
         while room > 0:
@@ -95,7 +95,7 @@ class PseudoTerminal:
             except BlockingIOError:
                 break
             except OSError as error:
-                if error.errno != errno.EIO:  # nobody is there, and what they sent before has been read
+                if error.errno != errno.EIO:  # EIO: the far end is closed and all its bytes were read
                     raise
                 break
             parts.append(part)
@@ -103,7 +103,7 @@ class PseudoTerminal:
         return b"".join(parts)
 
     def wait(self, timeout_s: float) -> bool:
-        """Whether bytes are there to be read, at the latest after `timeout_s`; what waits to be sent goes meanwhile."""
+        """Wait up to `timeout_s` for bytes, sending queued bytes meanwhile; return whether bytes can be read."""
         deadline = time.monotonic() + timeout_s
         while True:
             self._send()
@@ -117,7 +117,7 @@ class PseudoTerminal:
                 time.sleep(min(left, _LOOK_AGAIN_S))
 
     def close(self) -> None:
-        """Hangs up and removes the link; may be called again."""
+        """Hang up and remove the link; may be called again."""
         if self._near < 0:
             return
         os.close(self._near)
@@ -138,7 +138,7 @@ class PseudoTerminal:
         return next((seen for _, seen in self._poll.poll(timeout_s * 1000.0)), 0)
 
     def _send(self) -> None:
-        """As much of what waits as the kernel takes."""
+        """Send as many of the queued bytes as the kernel takes."""
         while self._waiting:
             try:
                 sent = os.write(self._near, self._waiting[0])
@@ -151,22 +151,22 @@ class PseudoTerminal:
                 self._waiting[0] = self._waiting[0][sent:]
 
     def _forget(self) -> None:
-        """Nobody who comes later shall read what was meant for the one who left."""
+        """Discard all queued bytes, so that the next program at the far end does not read them."""
         self._waiting.clear()
         self._waiting_bytes = 0
-        termios.tcflush(self._near, termios.TCOFLUSH)  # what is on its way
+        termios.tcflush(self._near, termios.TCOFLUSH)  # bytes in transit
         far = os.open(self._device, os.O_RDWR | os.O_NOCTTY)
         try:
-            termios.tcflush(far, termios.TCIFLUSH)  # what has arrived
+            termios.tcflush(far, termios.TCIFLUSH)  # bytes that arrived
         finally:
             os.close(far)
 
 
 def make_link(link: Path, device: Path) -> None:
-    """A symbolic link to the device; one whose device is gone is replaced.
+    """Make a symbolic link to the device; a link to a device that is gone is replaced.
 
     Raises:
-        OutputError: there is something else of that name, or the link cannot be made.
+        OutputError: the name is taken by something else, or the link cannot be made.
     """
     if link.is_symlink() and not link.exists():
         link.unlink()

@@ -1,7 +1,7 @@
-"""The line that a person walks along: its path with the corners rounded, and how fast it may be taken where.
+"""The line that a person walks along: a path with rounded corners and a speed limit at each point.
 
-A rail is (M, 5) float64: distance from its beginning [m], x, y [m, map], direction [rad, not wrapped: it may be
-interpolated] and the greatest speed there [m/s]. It is the same line walked back, with the direction turned about.
+A rail is (M, 5) float64: distance from its beginning [m], x, y [m, map], direction [rad, not wrapped, so that it can be
+interpolated] and the speed limit there [m/s]. A person walks the same line back with the direction reversed.
 """
 
 from __future__ import annotations
@@ -18,26 +18,26 @@ SPACING = 0.05
 """Greatest distance [m] between two points of a rail."""
 
 CORNER_RADIUS = 0.4
-"""Radius [m] of a rounded corner, smaller where the path is too short or the corner too sharp for it."""
+"""Greatest radius [m] of a rounded corner; it is smaller where the path is too short or the corner too sharp."""
 
 CORNER_CUT = 0.2
-"""How far from a corner its bend may pass [m]."""
+"""Largest distance [m] between a corner and its bend."""
 
 ACCELERATION = 1.2
-"""Of a person who sets off, comes to rest, or rounds a corner [m/s^2]: from rest to walking in a step or two."""
+"""Acceleration [m/s^2] of a person when starting, stopping or in a bend: walking speed within one or two steps."""
 
 SLOWEST = 0.05
-"""Speed [m/s] below which nobody falls on the way: else it would take forever to set off from rest."""
+"""Least speed limit [m/s] on a rail: with a limit of 0 a person would never start."""
 
 _STRAIGHT = math.radians(0.1)
-"""Corners of less than this angle are none."""
+"""Turns by less than this angle [rad] are not corners."""
 
 
 def rail_from_path(path: FloatArray, speed: float) -> FloatArray:
-    """Rail (M, 5) along a path (N, 2) [m, map] for a person who likes to walk at `speed` [m/s].
+    """Return the rail (M, 5) along a path (N, 2) [m, map] for a person with the preferred `speed` [m/s].
 
-    The speed is that from which ACCELERATION stops at either end and keeps to the corners; a path of one point is a
-    rail of one row. The passes over the squared speed are those of time-optimal path following.
+    The speed limit allows a stop at either end and the corners with ACCELERATION; a path of one point gives one row.
+    The two passes over the squared speed are those of time-optimal path following.
     """
     line = _rounded(_without_repeats(path))
     points, direction, radius = line[:, :2], line[:, 2], line[:, 3]
@@ -52,7 +52,7 @@ def rail_from_path(path: FloatArray, speed: float) -> FloatArray:
 
 @njit(cache=True)
 def on_rail(rails: FloatArray, first: int, last: int, along: float) -> tuple[float, float, float, float]:
-    """x, y, direction and greatest speed at a distance [m] along the rail in rows `first` to `last` of `rails`."""
+    """Return x, y, direction and speed limit at a distance [m] along the rail in rows `first:last` of `rails`."""
     low, high = first, last - 1
     while high - low > 1:
         middle = (low + high) // 2
@@ -78,7 +78,7 @@ def _without_repeats(path: FloatArray) -> FloatArray:
 
 
 def _rounded(path: FloatArray) -> FloatArray:
-    """(M, 4) x, y, direction and radius of the bend, +inf on straights, every SPACING along the path."""
+    """Return x, y, direction and bend radius (+inf on straights) every SPACING along the path, (M, 4)."""
     if len(path) == 1:
         return np.array([[*path[0], 0.0, math.inf]])
     edges = np.diff(path, axis=0)
@@ -104,14 +104,14 @@ def _rounded(path: FloatArray) -> FloatArray:
 
 
 def _straight(begin: FloatArray, end: FloatArray, direction: float) -> FloatArray:
-    """Rows from `begin` up to but not at `end`."""
+    """Return the rows from `begin` to `end`, without `end`."""
     count = math.ceil(math.dist(begin, end) / SPACING)
     points = np.linspace(begin, end, count, endpoint=False).reshape(-1, 2)
     return np.column_stack([points, np.full(count, direction), np.full(count, math.inf)])
 
 
 def _arc(begin: FloatArray, direction: float, turn: float, radius: float) -> FloatArray:
-    """Rows of a bend that begins in a direction and turns by `turn` [rad], left if positive; both ends included."""
+    """Return the rows of a bend from a direction by `turn` [rad], left if positive; both ends included."""
     angles = np.linspace(0.0, abs(turn), math.ceil(radius * abs(turn) / SPACING) + 2)
     c, s = math.cos(direction), math.sin(direction)
     ahead, aside = radius * np.sin(angles), math.copysign(radius, turn) * (1.0 - np.cos(angles))

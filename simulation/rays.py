@@ -1,7 +1,7 @@
-"""Straight rays among the segments of a slice and circles: the nearest hit, exactly.
+"""Exact ray casting among the segments of a slice and circles.
 
-Segments are found through bins that the ray crosses in order, one border at a time (Amanatides and Woo, A Fast Voxel
-Traversal Algorithm for Ray Tracing, 1987). Circles (K, 3), x, y, radius [m, map], are what moves: legs and bodies.
+A ray finds segments through the bins that it crosses in order (Amanatides and Woo, A Fast Voxel Traversal Algorithm for
+Ray Tracing, 1987). Circles (K, 3), x, y, radius [m, map], are moving things: legs and bodies.
 """
 
 from __future__ import annotations
@@ -17,14 +17,14 @@ from waychair.simulation.scene import Slice
 from waychair.types import FloatArray, IntArray
 
 NOBODY: FloatArray = np.zeros((0, 3))
-"""No circles at all."""
+"""No circles."""
 
 _PAST_THE_END = 1e-9
-"""Part of its length by which a segment is taken longer, so that no ray slips through where two of them meet."""
+"""Relative extension of each segment, so that no ray passes between two that meet."""
 
 
 class Scenery(NamedTuple):
-    """A slice made ready for rays: segments (N, 4) x0 y0 x1 y1 [m, map], `Reflection`s (N,) and the segments' bins."""
+    """A slice prepared for rays: segments (N, 4) x0 y0 x1 y1 [m, map], `Reflection`s (N,) and the segments' bins."""
 
     segments: FloatArray
     reflections: IntArray
@@ -32,7 +32,7 @@ class Scenery(NamedTuple):
 
 
 def scenery_of(view: Slice) -> Scenery:
-    """The slice with its bins; made once for a world."""
+    """Return the slice with its bins; made once per world."""
     segments = np.ascontiguousarray(view.segments, np.float64).reshape(-1, 4)
     reflections = np.ascontiguousarray(view.reflections, np.int64)
     return Scenery(segments, reflections, bins_of(boxes_of_segments(segments)))
@@ -42,9 +42,9 @@ def scenery_of(view: Slice) -> Scenery:
 def nearest_segment(
     scenery: Scenery, x: float, y: float, dx: float, dy: float, after: float, limit: float
 ) -> tuple[float, int]:
-    """Distance [m] from (x, y) along the unit vector (dx, dy) to the first segment hit, and its number.
+    """Return the distance [m] from (x, y) along the unit vector (dx, dy) to the first segment, and its index.
 
-    Hits nearer than `after` do not count; (+inf, -1) if there is none until `limit` [m].
+    Hits nearer than `after` are ignored; (+inf, -1) if there is none up to `limit` [m].
     """
     bins, segments = scenery.bins, scenery.segments
     per_x = 1.0 / dx if dx != 0.0 else math.inf
@@ -66,7 +66,7 @@ def nearest_segment(
             distance = _meeting(segments[bins.items[k]], x, y, dx, dy)
             if after <= distance < best:
                 best, hit = distance, bins.items[k]
-        # What lies beyond this bin is for the bins behind it, where something may be nearer.
+        # A hit beyond this bin must wait: the next bin may hold a nearer segment.
         if min(best, limit) <= min(to_x, to_y):
             break
         if to_x < to_y:
@@ -80,9 +80,9 @@ def nearest_segment(
 def nearest_circle(
     begin: FloatArray, end: FloatArray, part: float, x: float, y: float, dx: float, dy: float, after: float
 ) -> float:
-    """Distance [m] along a ray to the first circle, at `part` (0 to 1) of the way of all from `begin` to `end` (K, 3).
+    """Return the distance [m] along a ray to the first circle, all at `part` (0 to 1) from `begin` to `end` (K, 3).
 
-    0 from within a circle; hits nearer than `after` do not count, +inf if there is none.
+    0 from within a circle; hits nearer than `after` are ignored; +inf if there is none.
     """
     best = math.inf
     for i in range(begin.shape[0]):
@@ -100,7 +100,7 @@ def nearest_circle(
 
 @njit(cache=True, nogil=True)
 def cosine_of_incidence(segment: FloatArray, dx: float, dy: float) -> float:
-    """Of the angle between a ray and the normal of the segment (4,): 1 straight on, 0 along it."""
+    """Return the cosine of the angle between a ray and a segment's normal: 1 straight on, 0 along the segment."""
     ex, ey = segment[2] - segment[0], segment[3] - segment[1]
     cosine: float = abs(dx * ey - dy * ex) / math.hypot(ex, ey)
     return cosine
@@ -108,7 +108,7 @@ def cosine_of_incidence(segment: FloatArray, dx: float, dy: float) -> float:
 
 @njit(cache=True, nogil=True)
 def _meeting(segment: FloatArray, x: float, y: float, dx: float, dy: float) -> float:
-    """Distance along the ray to where it meets the segment, behind it negative; +inf if they miss or are parallel."""
+    """Return the distance along the ray to the segment, negative behind its start; +inf if it misses or is parallel."""
     ax, ay = segment[0] - x, segment[1] - y
     ex, ey = segment[2] - segment[0], segment[3] - segment[1]
     cross = dx * ey - dy * ex
@@ -123,7 +123,7 @@ def _meeting(segment: FloatArray, x: float, y: float, dx: float, dy: float) -> f
 
 @njit(cache=True, nogil=True)
 def _entry(start: float, per: float, size: float) -> float:
-    """Distance to where a coordinate enters [0, size]: 0 from within, +inf if it never does."""
+    """Return the distance at which a coordinate enters [0, size]: 0 from within, +inf if it never does."""
     if 0.0 <= start <= size:
         return 0.0
     distance = -start * per if start < 0.0 else (size - start) * per

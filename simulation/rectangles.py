@@ -1,4 +1,4 @@
-"""Solid things from a grid: its occupied cells as few upright blocks."""
+"""Covers the occupied cells of a grid with few upright blocks."""
 
 from __future__ import annotations
 
@@ -11,7 +11,7 @@ from waychair.types import BoolArray, IntArray, OccupancyGrid, Pose2
 
 
 def blocks_from_grid(grid: OccupancyGrid, name: str, finish: Finish) -> tuple[Block, ...]:
-    """Blocks from the floor to the ceiling that cover the occupied cells exactly; `name` makes their seeds."""
+    """Return blocks from floor to ceiling that cover the occupied cells exactly; their seeds derive from `name`."""
     side = grid.resolution
     return tuple(
         Block(
@@ -27,9 +27,9 @@ def blocks_from_grid(grid: OccupancyGrid, name: str, finish: Finish) -> tuple[Bl
 
 
 def rectangles_from_cells(cells: BoolArray) -> IntArray:
-    """Few disjoint rectangles (N, 4) of row, column, height, width [cells] that cover the set cells (H, W) exactly.
+    """Return few disjoint rectangles (N, 4), row, column, height, width [cells], that cover the set cells (H, W).
 
-    Greedy: from the first cell left over, the larger of the widest and the tallest rectangle that starts there.
+    Greedy: from the first uncovered cell, the larger of the widest and the tallest rectangle that starts there.
     """
     left = cells.copy()
     rectangles = []
@@ -46,5 +46,5 @@ def rectangles_from_cells(cells: BoolArray) -> IntArray:
 
 
 def _run(mask: BoolArray) -> int:
-    """Number of leading set values of (N,)."""
+    """Return the number of leading set values of (N,)."""
     return len(mask) if mask.all() else int(np.argmin(mask))

@@ -1,7 +1,7 @@
-"""The picture of a world from anywhere in it: colour and depth in one pass, drawn without a display.
+"""Renders a world from any pose: colour and depth in one pass, without a display.
 
-What cannot change (faces, patterns, light) is handed to the graphics library once; each frame then only says which
-faces may be in view, nearest first, and where the people are.
+Faces, patterns and light never change and are uploaded once; each frame only lists the faces that may be in view,
+nearest first, and the people.
 """
 
 from __future__ import annotations
@@ -31,10 +31,10 @@ from waychair.simulation.world import World
 from waychair.types import BoolArray, Bytes, Float32Array, FloatArray, IntArray, Pose3
 
 NEAR = 0.1
-"""Nothing nearer than this [m] is drawn."""
+"""Near plane [m]: nothing nearer is drawn."""
 
 PERSON_REACH = 1.3
-"""No part of a person is farther [m] than this from its point at 1 m height."""
+"""Radius [m] of the sphere round the point at 1 m height that contains a person."""
 
 _NAMES = tuple(LOOKS)
 _QUAD = np.array([0, 1, 2, 0, 2, 3], np.uint32)
@@ -54,10 +54,10 @@ _Vertices: TypeAlias = NDArray[np.void]
 
 @dataclass(frozen=True, slots=True)
 class Picture:
-    """What a renderer drew; the arrays are its own and hold until it draws again.
+    """A rendered image; the arrays belong to the renderer and are valid until it renders again.
 
-    `colour` (H, W, 4) u8: square roots of the exposed light in red, green and blue, and the part of its light that a
-    depth camera gets back. `depth` (H, W) f32 [m] along the optical axis, +inf where there is nothing.
+    `colour` (H, W, 4) u8: square roots of the exposed light in red, green and blue, and the part of its light that
+    returns to a depth camera. `depth` (H, W) f32 [m] along the optical axis, +inf where there is nothing.
     """
 
     colour: Bytes
@@ -66,7 +66,7 @@ class Picture:
 
 @functools.cache
 def renderer_problem() -> str | None:
-    """Why nothing can be rendered on this machine, and what mends it; None if it can. It is found out only once."""
+    """Return why this machine cannot render, with the remedy; None if it can. The check runs only once."""
     try:
         _context().release()
     except MissingExtra as error:
@@ -75,16 +75,19 @@ def renderer_problem() -> str | None:
 
 
 def camera_matrix(width: int, height: int, field_of_view: float) -> FloatArray:
-    """(3, 3) [pixels] of a camera without distortion that sees `field_of_view` [rad] across; pixel (0, 0) is a middle."""
+    """Return the matrix (3, 3) [pixels] of a camera without distortion with horizontal `field_of_view` [rad].
+
+    Pixel coordinates are those of pixel centres.
+    """
     focal = width / 2 / math.tan(field_of_view / 2)
     return np.array([[focal, 0.0, (width - 1) / 2], [0.0, focal, (height - 1) / 2], [0.0, 0.0, 1.0]])
 
 
 class Renderer:
-    """Keeps one world on the graphics side, and the buffers that pictures are read into."""
+    """Renders one world; holds its graphics data and the buffers of the images."""
 
     def __init__(self, world: World, camera_matrix: FloatArray, width: int, height: int) -> None:
-        """`camera_matrix` (3, 3) [pixels], without skew. A world without lamps is lit as an office would be.
+        """`camera_matrix` (3, 3) [pixels], without skew. A world without lamps gets the light of an office.
 
         Raises:
             MissingExtra: moderngl or EGL is missing; the message says how to get it.
@@ -115,7 +118,7 @@ class Renderer:
             self._hand_over(vertices, light.texels)
 
     def _hand_over(self, vertices: _Vertices, light: Float32Array) -> None:
-        """All that stays as it is, and the buffers that pictures are drawn into."""
+        """Upload the constant data and make the buffers for the images."""
         height, width = self._depth.shape
         context = self._context
         self._program = context.program(vertex_shader=VERTEX_SHADER, fragment_shader=FRAGMENT_SHADER)
@@ -128,7 +131,7 @@ class Renderer:
         self._faces = self._vertex_array(context.buffer(vertices), self._indices)
 
     def render(self, map_from_camera: Pose3, people: Sequence[PersonState] = (), exposure: float = 0.3) -> Picture:
-        """The picture from a pose of the optical frame (REP-103: z forward, x right, y down); light times exposure."""
+        """Return the image from a pose of the optical frame (REP-103: z forward, x right, y down) at an exposure."""
         clip_from_map = self._projection @ _matrix(map_from_camera.inverse())
         solid, glass = self._in_view(clip_from_map, map_from_camera.translation)
         middles = np.array([(p.pose.x, p.pose.y, 1.0) for p in people]).reshape(-1, 3)
@@ -152,11 +155,11 @@ class Renderer:
         return Picture(self._colour, self._depth)
 
     def release(self) -> None:
-        """Gives back what the graphics library holds; nothing can be rendered afterwards."""
+        """Free the graphics data; nothing can be rendered afterwards."""
         self._close()
 
     def _in_view(self, clip_from_map: FloatArray, camera: FloatArray) -> tuple[IntArray, IntArray]:
-        """Faces that may be in view: the solid ones from near to far, so that few pixels are drawn twice; the glass."""
+        """Return the faces that may be in view: opaque from near to far, to draw few pixels twice, and glass."""
         facing = self._normals @ camera > self._offsets
         seen = np.flatnonzero(facing & _is_ahead(clip_from_map, self._middles, self._radii))
         distances = np.linalg.norm(self._middles[seen] - camera, axis=1) - self._radii[seen]
@@ -170,7 +173,7 @@ class Renderer:
             self._faces.render(vertices=len(faces) * _QUAD.size)
 
     def _draw_glass(self, faces: IntArray) -> None:
-        """Over what is behind it, from far to near, and without a depth of its own: depth cameras see through it."""
+        """Draw glass from far to near, blended over the image and without depth: depth cameras see through it."""
         context = self._context
         context.enable(context.BLEND)
         context.blend_func = context.SRC_ALPHA, context.ONE_MINUS_SRC_ALPHA, context.ZERO, context.ONE_MINUS_SRC_ALPHA
@@ -180,7 +183,7 @@ class Renderer:
         self._target.depth_mask = True
 
     def _draw_people(self, people: Sequence[PersonState]) -> None:
-        """They stand in the light that falls on the floor under them, less of it where they look down."""
+        """Draw people in the light on the floor below them, darker on faces that look down."""
         bodies = figures(people, _NAMES)
         vertices = np.zeros(len(bodies.looks), _VERTEX)
         vertices["position"] = bodies.positions
@@ -209,7 +212,7 @@ class Renderer:
 
 @dataclass(frozen=True, slots=True)
 class _Floor:
-    """The pieces of the floor: their extents (K, 2) each [m, map], and the corners of those extents on the light map."""
+    """The pieces of the floor: least and greatest x, y (K, 2) [m, map] and the light map's coordinates of both."""
 
     low: FloatArray
     high: FloatArray
@@ -223,7 +226,7 @@ class _Floor:
         return cls(corners.min(axis=1), corners.max(axis=1), coordinates.min(axis=1), coordinates.max(axis=1))
 
     def at(self, x: float, y: float) -> FloatArray:
-        """(2,) where the light map holds the light on the floor at that point, or the nearest one."""
+        """Return the light map's coordinates (2,) of the floor at this point, or at the nearest point of the floor."""
         nearest = np.clip((x, y), self.low, self.high)
         k = int(np.argmin(np.hypot(*(nearest - (x, y)).T)))
         part = (nearest[k] - self.low[k]) / (self.high[k] - self.low[k])
@@ -233,7 +236,7 @@ class _Floor:
 
 @njit(cache=True, nogil=True)
 def metres_from_depth(depth: Float32Array) -> None:
-    """Turns a depth buffer (H, W), 1 - near / z, into z [m], in place; 1, where nothing was drawn, into +inf."""
+    """Convert a depth buffer (H, W), 1 - near / z, into z [m] in place; 1, where nothing was drawn, becomes +inf."""
     height, width = depth.shape
     for row in range(height):
         for column in range(width):
@@ -242,12 +245,12 @@ def metres_from_depth(depth: Float32Array) -> None:
 
 
 def _context() -> Any:
-    """A graphics context of its own, without a window.
+    """Return a new graphics context without a window.
 
     Raises:
         MissingExtra: moderngl is not installed, or the machine has no EGL.
     """
-    # Mesa's software renderer does a frame with less processor time in one thread; it reads this when it starts.
+    # Mesa's software renderer needs less processor time per frame in one thread; it reads this at its start.
     os.environ.setdefault("LP_NUM_THREADS", "0")
     try:
         moderngl: Any = importlib.import_module("moderngl")
@@ -255,19 +258,19 @@ def _context() -> Any:
         raise MissingExtra(f"the camera needs moderngl ({error}): pip install 'waychair[sim]'") from error
     try:
         return moderngl.create_context(standalone=True, backend="egl")
-    except Exception as error:  # what is raised depends on the library that is missing
+    except Exception as error:  # the exception's type depends on the missing library
         raise MissingExtra(
             f"the camera needs OpenGL through EGL ({error}): install it, on Debian apt install libegl1 libgl1-mesa-dri"
         ) from error
 
 
 def _projection(camera_matrix: FloatArray, width: int, height: int) -> FloatArray:
-    """(4, 4) clip coordinates from the optical frame, without a far end; the picture's first row comes out first.
+    """Return the matrix (4, 4) from optical frame to clip coordinates, without a far plane, with the first row on top.
 
     Depth in the buffer is 1 - near / z (Lengyel, Projection Matrix Tricks, 2007, with the far plane at infinity).
     """
     (fx, _, cx), (_, fy, cy), _ = camera_matrix
-    # OpenGL counts pixels from their corner, the camera matrix from their middle.
+    # OpenGL measures pixels from their corner, the camera matrix from their centre.
     return np.array(
         [
             [2 * fx / width, 0.0, 2 * (cx + 0.5) / width - 1.0, 0.0],
@@ -279,7 +282,7 @@ def _projection(camera_matrix: FloatArray, width: int, height: int) -> FloatArra
 
 
 def _is_ahead(clip_from_map: FloatArray, middles: FloatArray, radii: FloatArray) -> BoolArray:
-    """(N,) whether spheres, middles (N, 3) [m, map], reach into what the camera sees, between its four sides."""
+    """Return whether spheres with middles (N, 3) [m, map] reach into the view frustum, between its four sides, (N,)."""
     planes = np.concatenate([clip_from_map[3] + clip_from_map[:2], clip_from_map[3] - clip_from_map[:2]])
     planes = planes / np.linalg.norm(planes[:, :3], axis=1)[:, None]
     ahead: BoolArray = np.all(middles @ planes[:, :3].T + planes[:, 3] > -radii[:, None], axis=1)
@@ -287,7 +290,7 @@ def _is_ahead(clip_from_map: FloatArray, middles: FloatArray, radii: FloatArray)
 
 
 def _matrix(pose: Pose3) -> FloatArray:
-    """A pose as a homogeneous matrix (4, 4)."""
+    """Return a pose as a homogeneous matrix (4, 4)."""
     matrix = np.eye(4)
     matrix[:3, :3], matrix[:3, 3] = pose.rotation, pose.translation
     return matrix

@@ -1,7 +1,7 @@
-"""The nouns of a simulated building: what it is made of, who walks in it, and what sensors may ask of it.
+"""The data types of a simulated building: materials, blocks, slopes, pits, lamps, lifts, people and slices.
 
 Everything solid is an upright block of one material on a level's floor; ramps are slopes and stairways down are pits.
-Lidar and sonars see a `Slice` of the blocks at their height, the camera and the physics see the blocks themselves.
+Lidar and sonars see a `Slice` of the blocks at their height; the camera and the physics use the blocks themselves.
 All poses are in the level's map frame, z is above its floor; colours are linear, 0 to 1.
 """
 
@@ -18,21 +18,21 @@ from waychair.types import FloatArray, IntArray, Pose2
 Colour: TypeAlias = tuple[float, float, float]
 
 DOOR_HEIGHT = 2.05
-"""Height [m] of an open door; the wall goes on above it."""
+"""Height [m] of a door; the wall continues above it."""
 
 
 class Reflection(enum.IntEnum):
-    """How a surface answers the light of a lidar."""
+    """How a surface reflects the light of a lidar."""
 
-    DIFFUSE = 0  # from any angle
+    DIFFUSE = 0  # returns beams from any angle
     DARK = 1  # diffuse but weak: lost beyond a few metres
-    GLASS = 2  # lets it through but for a beam that falls nearly straight on it
-    MIRROR = 3  # sends it on, as if the room went on behind
+    GLASS = 2  # transparent, except to beams at nearly normal incidence
+    MIRROR = 3  # reflects beams, as if the room continued behind it
 
 
 @dataclass(frozen=True, slots=True)
 class Material:
-    """What a surface looks like to the camera (pattern and mean colour) and to the lidar."""
+    """A surface's appearance to the camera (pattern and mean colour) and to the lidar."""
 
     pattern: str
     colour: Colour
@@ -40,7 +40,7 @@ class Material:
 
 
 PATTERNS = ("plaster", "concrete", "tiles", "panels", "wood", "cloth", "leather", "metal", "glass", "mirror", "skin")
-"""What the renderer can draw; each surface has its own, by its place in the world."""
+"""Patterns that the renderer can draw; each surface has its own variant, by its place in the world."""
 
 MATERIALS: Mapping[str, Material] = MappingProxyType(
     {
@@ -56,14 +56,14 @@ MATERIALS: Mapping[str, Material] = MappingProxyType(
         "mirror": Material("mirror", (0.85, 0.87, 0.88), Reflection.MIRROR),
     }
 )
-"""By the names that floor plans use."""
+"""Materials by their names in floor plans."""
 
 
 @dataclass(frozen=True, slots=True)
 class Block:
-    """An upright box: `middle` its pose in map (x along `length`), from `low` to `high` [m] above the floor.
+    """An upright box: `middle` is its pose in map (x along `length`), from `low` to `high` [m] above the floor.
 
-    `material` is a key of MATERIALS. `seed` tells its surface from all others; blocks with equal seeds look alike.
+    `material` is a key of MATERIALS. `seed` chooses the variant of its surface; blocks with equal seeds look alike.
     """
 
     middle: Pose2
@@ -90,7 +90,7 @@ class Slope:
 
 @dataclass(frozen=True, slots=True)
 class Pit:
-    """Where the floor is missing, `depth` [m] down: a stairway, whose steps are blocks that end below the floor."""
+    """A hole in the floor, `depth` [m] deep; a stairway is a pit whose steps are blocks below floor level."""
 
     middle: Pose2
     length: float
@@ -100,7 +100,7 @@ class Pit:
 
 @dataclass(frozen=True, slots=True)
 class Poster:
-    """A picture on a wall: `middle` its pose in map, theta the way it looks; its middle `height` [m] above the floor."""
+    """A poster on a wall: `middle` is its pose in map, facing out; its centre is `height` [m] above the floor."""
 
     middle: Pose2
     height: float
@@ -111,7 +111,7 @@ class Poster:
 
 @dataclass(frozen=True, slots=True)
 class Lamp:
-    """A lamp that is fixed in the world, at (x, y, z) [m]; `power` 1 lights an office."""
+    """A fixed lamp at (x, y, z) [m]; power 1 gives the light of an office."""
 
     x: float
     y: float
@@ -122,7 +122,7 @@ class Lamp:
 
 @dataclass(frozen=True, slots=True)
 class Finish:
-    """What a level is finished with: materials of floor and ceiling, its height [m], light from everywhere (0 to 1)."""
+    """The finish of a level: materials of floor and ceiling, room height [m] and ambient light (0 to 1)."""
 
     floor: str = "tiles"
     ceiling: str = "panels"
@@ -132,7 +132,7 @@ class Finish:
 
 @dataclass(frozen=True, slots=True)
 class Lift:
-    """A cabin that stops at several levels, `middle` its pose in each level's map, looking out of its door."""
+    """A lift's cabin that stops at several levels; `middle` is its pose in each level's map, facing its door."""
 
     name: str
     middle: Pose2
@@ -142,18 +142,18 @@ class Lift:
 
 
 class Behaviour(enum.Enum):
-    """What moves a person."""
+    """The way a person moves."""
 
-    PATH = "path"  # to and fro along a path, whatever comes; stops only for what stands in the way if it yields
+    PATH = "path"  # to and fro along a path; one that yields stops for obstacles on it
     SOCIAL = "social"  # along a path, pushed aside by walls, people and the chair (social force)
-    SEATED = "seated"  # stays where it is
+    SEATED = "seated"  # does not move
     SUDDEN = "sudden"  # steps out along its path when the chair comes near, and back after a while
-    BOUNCE = "bounce"  # a disc with a new heading every 2 s, thrown back by walls
+    BOUNCE = "bounce"  # a disc with a new heading every 2 s, reflected by walls
 
 
 @dataclass(frozen=True, slots=True)
 class PersonPlan:
-    """A person of the plan: `path` (N, 2) [m, map] starts where it stands; `yields` to the chair or not."""
+    """A person of the plan at the start of `path` (N, 2) [m, map]; `yields` tells if it yields to the chair."""
 
     behaviour: Behaviour
     path: FloatArray
@@ -165,7 +165,7 @@ class PersonPlan:
 
 @dataclass(frozen=True, slots=True)
 class PersonState:
-    """A person at one moment: pose in map, speed [m/s], `stride` [rad] the phase of its gait, as the sensors need it."""
+    """A person at one moment, for the sensors: pose in map, speed [m/s], and `stride` [rad], the phase of its gait."""
 
     pose: Pose2
     speed: float
@@ -177,7 +177,7 @@ class PersonState:
 
 @dataclass(frozen=True, slots=True)
 class Slice:
-    """What stands at one height: segments (N, 4) [m, map] x0 y0 x1 y1 and their `Reflection`, (N,)."""
+    """The outline of a world at one height: segments (N, 4) [m, map] x0 y0 x1 y1 and their `Reflection`, (N,)."""
 
     segments: FloatArray
     reflections: IntArray

@@ -1,4 +1,4 @@
-"""Seeds of surfaces: the same in every run and on every machine, unlike `hash`."""
+"""Seeds made of names: the same in every run and on every machine, unlike `hash`."""
 
 from __future__ import annotations
 
@@ -6,5 +6,5 @@ import zlib
 
 
 def seed_of(*names: str | int) -> int:
-    """A seed in [0, 2^31) made of the names of what it is for."""
+    """Return a seed in [0, 2^31) made of the names of its item."""
     return zlib.crc32("/".join(map(str, names)).encode()) & 0x7FFFFFFF

@@ -1,8 +1,8 @@
-"""The shaders that draw every surface from its look (`looks.py`), its seed and where on it a point lies.
+"""The shaders that draw every surface from its look (`looks.py`), its seed and the coordinates on it.
 
-What is at a point of a pattern is a hash of its place on the surface and of the seed: no two surfaces are alike unless
-their seeds are. Each part of a pattern fades before it gets finer than a pixel, so that nothing flickers as the camera
-moves. There is no branch between kinds of surface: a software renderer would walk through all of them anyway.
+A pattern is a hash of the coordinates and the seed: two surfaces are alike only if their seeds are equal. Each part of
+a pattern fades out before it gets finer than a pixel, so that nothing flickers as the camera moves. There is no branch
+between kinds of surface, because a software renderer would evaluate all branches anyway.
 """
 
 from __future__ import annotations
@@ -40,7 +40,7 @@ void main() {
     hashed = seed;
 }
 """.replace("LOOK_ROWS", str(LOOK_ROWS)).replace("LOOKS", str(len(LOOKS)))
-"""Takes a surface's numbers from the table, and its own colour from its seed."""
+"""Reads a surface's numbers from the table and varies its colour by its seed."""
 
 FRAGMENT_SHADER = """
 #version 330
@@ -113,4 +113,4 @@ void main() {
     picture = vec4(sqrt(clamp(colour.rgb * tone * lit * exposure, 0.0, 1.0)), opacity < 1.0 ? opacity : colour.a);
 }
 """
-"""Draws any surface; the alpha is the part of light that a depth camera gets back."""
+"""Draws any surface; the alpha is the part of light that returns to a depth camera."""

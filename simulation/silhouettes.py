@@ -1,6 +1,6 @@
-"""What lidar and sonars see of people: circles (K, 3), x, y, radius [m].
+"""The cross-sections of people for lidar and sonars: circles (K, 3), x, y, radius [m].
 
-Measures are those of a grown person of common size; they are plausible, not taken from a table.
+Sizes are plausible for an average adult, not taken from a table.
 """
 
 from __future__ import annotations
@@ -17,33 +17,33 @@ from waychair.simulation.scene import Behaviour, PersonState
 from waychair.types import FloatArray, Pose2
 
 LEG_RADIUS = 0.06
-"""A trousered leg below the knee [m]."""
+"""Radius of a trousered leg below the knee [m]."""
 
 HIP = 0.09
-"""From the middle of a person to the middle of either leg [m]."""
+"""Distance from the middle of a person to the middle of either leg [m]."""
 
 SWING = 0.25
-"""How far a leg swings ahead of and behind the hip [m] at shin height, in steps of 0.7 m."""
+"""Swing of a leg ahead of and behind the hip [m] at shin height, for steps of 0.7 m."""
 
 FULL_STRIDE_SPEED = 0.6
-"""Walking slower than this [m/s], people take shorter steps; standing, their legs are side by side."""
+"""Speed [m/s] below which people take shorter steps; a standing person's legs are side by side."""
 
 CHAIR_LEG_RADIUS = 0.015
 CHAIR_LEGS = ((0.2, 0.2), (-0.2, 0.2), (-0.2, -0.2), (0.2, -0.2))
 SHINS = ((0.4, HIP), (0.4, -HIP))
-"""Legs of a chair about the middle of its seat, and the shins of who sits on it [m]."""
+"""Legs of a chair relative to the middle of its seat, and the shins of a seated person [m]."""
 
 FROM_FRONT = 0.20
 TUBE_FROM_FRONT = 0.10
 TUBE_RADIUS = 0.015
-"""The rider's shins and the tubes of the leg rests, behind the front end of a wheelchair [m]."""
+"""Distances of the rider's shins and the leg rests' tubes behind a wheelchair's front end, and the tubes' radius [m]."""
 
 
 def legs_of(person: PersonState) -> FloatArray:
-    """A person at the height of a lidar, (K, 3) in map; K depends on its behaviour only.
+    """Return a person's circles (K, 3) in map at the height of a lidar; K depends on the behaviour only.
 
-    Who walks has two legs, which swing by the sine of the stride's phase, one ahead while the other is behind (phase 0:
-    side by side, the left one going ahead). Who sits has two shins and the chair's four legs. A BOUNCE mover is a disc.
+    A walker's two legs swing in opposite directions by the sine of the stride's phase; at phase 0 they are side by side
+    and the left one goes ahead. A seated person has two shins and the chair's four legs. A BOUNCE mover is a disc.
     """
     if person.behaviour is Behaviour.BOUNCE:
         return _placed(person.pose, [(0.0, 0.0, person.radius)])
@@ -55,17 +55,17 @@ def legs_of(person: PersonState) -> FloatArray:
 
 
 def legs(people: Iterable[PersonState]) -> FloatArray:
-    """All their legs, (K, 3) in map, in order."""
+    """Return the circles (K, 3) in map of all people, in order."""
     return np.concatenate([NOBODY, *(legs_of(person) for person in people)])
 
 
 def bodies(people: Iterable[PersonState]) -> FloatArray:
-    """Everybody as one disc of its radius, (K, 3) in map: what sonars meet above the knee."""
+    """Return each person as one disc, (K, 3) in map: the cross-section for sonars, above the knee."""
     return np.array([(p.pose.x, p.pose.y, p.radius) for p in people], np.float64).reshape(-1, 3)
 
 
 def rider_legs(body: ChairBody) -> FloatArray:
-    """The rider's shins and the tubes of the leg rests, (4, 3) in the base frame."""
+    """Return the rider's shins and the leg rests' tubes, (4, 3) in the base frame."""
     shin, tube = body.front - FROM_FRONT, body.front - TUBE_FROM_FRONT
     return np.array(
         [

@@ -1,9 +1,9 @@
 """A chair in a world, in lockstep: joystick lines in, stamped messages out, the same bytes for the same seed.
 
-Time passes only in `advance`. What holds the joystick lines is the board that was wired in: the shipped firmware, which
-gets the rider's stick and is commanded over its own cable. Without a board it is the rider, or whoever clips a
-laboratory supply to the lines by `drive`, as a calibration on the bench does. Truth
-(pose, twist, contacts, clearance, people) is for scores and reports; what drives the chair must not read it.
+Time passes only in `advance`. The joystick lines are driven by a wired board (the shipped firmware, which reads the
+rider's stick and takes commands over its own cable), or without a board by the rider or by the volts of `drive`, like a
+bench calibration. The truth (pose, twist, contacts, clearance, people) is for scores and reports only; software that
+drives the chair must not read it.
 """
 
 from __future__ import annotations
@@ -50,13 +50,13 @@ from waychair.types import ImuSample, JoystickInput, Pose2, RgbdFrame, Scan, Son
 SensorMessage: TypeAlias = WheelTicks | Scan | ImuSample | RgbdFrame | SonarReadings
 
 PLANT_MODELS = ("kinematic", "mujoco")
-"""Bare wheels that do as they are told, or mass, motors, casters and slip."""
+"""Ideal wheels, or mass, motors, casters and slip."""
 
 CONTACT_ENDS = 0.02
-"""A contact is over once the chair is this far [m] from everything, so that pushing on counts once."""
+"""Distance [m] at which a contact has ended, so that continued pushing counts once."""
 
 PEOPLE_STEP_NS = 50_000_000
-"""People move on, and contact with them is looked for, in steps of this."""
+"""Step of the people's motion and of the check for contact with them."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -89,7 +89,7 @@ class SimulatorSettings(Settings):
 
 
 def with_all_sensors(settings: SimulatorSettings) -> SimulatorSettings:
-    """The same chair with IMU, sonars and camera switched on, at the rates of `topics`."""
+    """Return the same chair with IMU, sonars and camera switched on, at the rates of `topics`."""
     return replace(
         settings,
         imu=replace(settings.imu, rate_hz=IMU.rate_hz),
@@ -99,7 +99,7 @@ def with_all_sensors(settings: SimulatorSettings) -> SimulatorSettings:
 
 
 class Simulator:
-    """One chair on one level; starts at `world.start`, at rest, at time 0, with the lines released."""
+    """One chair on one level; it starts at `world.start`, at rest, at time 0, with the joystick live."""
 
     def __init__(self, world: World, body: ChairBody, settings: SimulatorSettings | None = None, seed: int = 0) -> None:
         """
@@ -115,9 +115,9 @@ class Simulator:
         self.around_board: BoardInputs = at_rest()
         self.contact_reports: list[Contact] = []
         self.lines: LineState | None = None
-        """What the board has left on the joystick lines last; None before one was wired in."""
+        """State of the joystick lines after the board's last step; None before a board was wired in."""
         self.pushed: Twist | None = None
-        """How somebody pushes the chair about by hand, its motors out of gear; None: nobody does."""
+        """Twist at which a helper pushes the chair by hand, its motors out of gear; None: no one pushes."""
         self._seed = seed
         self._step_ns = self.settings.plant.step_ms * 1_000_000
         self._lines: tuple[float, float] | None = None
@@ -133,7 +133,7 @@ class Simulator:
 
     @property
     def camera_problem(self) -> str | None:
-        """Why there are no pictures although the settings ask for them; None when there are, or none are asked for."""
+        """Why the camera of the settings cannot render; None if it can, or if there is no camera."""
         return renderer_problem() if self.settings.camera.rate_hz > 0.0 and self._camera is None else None
 
     @property
@@ -143,28 +143,28 @@ class Simulator:
 
     @property
     def contacts(self) -> int:
-        """Contacts so far: each is counted once, however long it lasts."""
+        """Number of contacts so far; each counts once, however long it lasts."""
         return len(self.contact_reports)
 
     @property
     def people(self) -> tuple[PersonState, ...]:
-        """Everybody on this level, now."""
+        """All people on this level, now."""
         return self._people_now
 
     def populate(self, people: Sequence[PersonPlan]) -> None:
-        """From now on these people are about, and nobody else: each begins the plan anew.
+        """Replace all people by these; each starts its plan from the beginning.
 
         Raises:
-            WorldError: a person stands or is to walk where or as nobody can.
+            WorldError: a person's start is not free, or its speed is impossible.
         """
         self._people = People(people, self.world.grid, self.body, _stream(self._seed, 4))
         self._people_now = self._people.states
         self.world = replace(self.world, people=tuple(people))
 
     def wire(self, board: HostBoard | None) -> None:
-        """Put a board between the rider's stick and the chair's lines, or take it out; it lives by this clock.
+        """Connect a board between the rider's stick and the chair's lines, or remove it; it runs on simulated time.
 
-        `around_board` says what else is around it (its reference line, the e-stop, a defect) and may be replaced.
+        `around_board` holds its other inputs (reference line, e-stop, a defect) and may be replaced.
         """
         self._board = board
         if board is not None:
@@ -172,7 +172,7 @@ class Simulator:
             self._step_board(board)
 
     def drive(self, forward_volts: float, turn_volts: float) -> None:
-        """Hold the lines at these volts (turn above neutral is right) until the next call of this or `release`.
+        """Hold the lines at these volts (turn volts above neutral turn right) until the next `drive` or `release`.
 
         Raises:
             ValueError: the volts are not finite, or a board holds the lines.
@@ -184,22 +184,22 @@ class Simulator:
         self._lines = (forward_volts, turn_volts)
 
     def release(self) -> None:
-        """Let go of the lines: `rider` moves the chair."""
+        """Release the lines, so that `rider` drives the chair."""
         self._lines = None
 
     def close(self, *doors: str) -> None:
-        """Shut doors of this level.
+        """Close doors of this level.
 
         Raises:
-            WorldError: there is no door of such a name, or the chair stands in it.
+            WorldError: there is no door of this name, or the chair stands in it.
         """
         self._place(self.world.with_closed(doors), self.truth())
 
     def ride(self, level: World) -> None:
-        """Take the lift to another level of the building: the chair comes out where it stands in the cabin, at rest.
+        """Take the lift to another level of the building; the chair keeps its pose in the cabin and is at rest.
 
         Raises:
-            WorldError: no lift stops at both levels, or the chair is not within its cabin.
+            WorldError: no lift stops at both levels, or the chair is not in its cabin.
         """
         pose = self.truth()
         shared = [lift for lift in self.world.lifts if lift in level.lifts]
@@ -213,7 +213,7 @@ class Simulator:
         raise WorldError(f"the chair at ({pose.x:.2f}, {pose.y:.2f}) is not in {names}: drive it into the cabin first")
 
     def advance(self, duration_ns: int) -> tuple[SensorMessage, ...]:
-        """Let time pass, a whole number of steps; the messages of that time in the order in which they come.
+        """Let a whole number of steps pass; return the messages of that time in order.
 
         Raises:
             ValueError: the duration is negative or not a multiple of the plant's step.
@@ -235,15 +235,15 @@ class Simulator:
         return self._chair.twist
 
     def clearance(self) -> float:
-        """True distance [m] from the outline to what is solid."""
+        """Return the true distance [m] from the chair's rectangle to the nearest obstacle."""
         return clearance(self._solid, self.body, self._chair.pose)
 
     def person_distance(self) -> float:
-        """True distance [m] from the outline to the nearest person; +inf where there is nobody."""
+        """Return the true distance [m] from the chair's rectangle to the nearest person; +inf without people."""
         return person_distance(self.body, self._chair.pose, self._people_now)
 
     def _place(self, world: World, pose: Pose2) -> None:
-        """Put the chair, at rest, into a world."""
+        """Put the chair at rest into a world."""
         solid = solid_from_blocks(world.blocks, world.pits)
         if in_contact(solid, self.body, pose):
             raise WorldError(
@@ -285,21 +285,21 @@ class Simulator:
         self._note_contacts(free, speed)
 
     def _volts_of(self, pushed: Twist) -> tuple[float, float]:
-        """What the wheels would have to be driven by to turn as they are pushed."""
+        """Return the volts that would drive the wheels at the speeds of a pushed chair."""
         return volts_from_twist(self.settings.plant, self.body.track, pushed)
 
     def _stick_volts(self) -> tuple[float, float]:
         return volts_from_joystick(self.settings.plant, self.rider.forward, self.rider.turn)
 
     def _step_board(self, board: HostBoard) -> None:
-        """The board lives until now; what it leaves on the lines drives the chair from now on."""
+        """Run the board up to now; its line volts drive the chair in the next step."""
         forward, turn = (round(1000.0 * volts) for volts in self._stick_volts())
         inputs = replace(self.around_board, joystick_forward_mv=forward, joystick_turn_mv=turn)
         lines = self.lines = board.step(self.now_ns // 1_000_000, inputs)
         self._board_volts = lines.forward_mv / 1000.0, lines.turn_mv / 1000.0
 
     def _sense(self, messages: list[SensorMessage]) -> None:
-        """Add what the sensors say after a step."""
+        """Append the sensors' messages after a step."""
         now_ns, chair, settings = self.now_ns, self._chair, self.settings
         if self._is_due(settings.imu.rate_hz):
             messages.append(self._imu.sample(now_ns, chair.specific_force, chair.angular_rate))
@@ -315,19 +315,19 @@ class Simulator:
             messages.append(self._camera.frame(now_ns, chair.pose3, chair.twist, self._people_now))
 
     def _is_due(self, rate_hz: float) -> bool:
-        """Whether a sample falls into the step that has just ended; half a nanosecond stands against rounding."""
+        """Return whether a sample falls into the last step; half a nanosecond guards against rounding."""
         if rate_hz == 0.0:
             return False
         before, now = (self.now_ns - self._step_ns + 0.5) * rate_hz * 1e-9, (self.now_ns + 0.5) * rate_hz * 1e-9
         return math.floor(now) > math.floor(before)
 
     def _ticks(self) -> tuple[int, int]:
-        """Encoder counts, which go on when the chair is put into another world."""
+        """Return the encoder counts, which continue when the chair is put into another world."""
         left, right = (sum(pair) for pair in zip(self._ticks_before, self._chair.ticks, strict=True))
         return (left + 2**31) % 2**32 - 2**31, (right + 2**31) % 2**32 - 2**31
 
     def _note_contacts(self, free: bool, speed: float) -> None:
-        """A contact is reported as it begins, at the `speed` before it, and ends once the chair is well away again."""
+        """Report a contact when it begins, with the `speed` before it; it ends at a distance of CONTACT_ENDS."""
         pose = self._chair.pose
         if self._begins(ContactKind.SOLID, not free, self.clearance):
             self._report(ContactKind.SOLID, nearest_point(self._solid, self.body, pose), speed)
@@ -361,5 +361,5 @@ def _plant(world: World, pose: Pose2, body: ChairBody, settings: SimulatorSettin
 
 
 def _stream(seed: int, sensor: int) -> np.random.Generator:
-    """Its own random stream for each part, so that changing one leaves the others' bytes alone."""
+    """Return a part's own random stream, so that a change of one part does not change the others' bytes."""
     return np.random.default_rng(np.random.SeedSequence(seed, spawn_key=(sensor,)))

@@ -1,7 +1,6 @@
-"""What stands at one height of a world, as the segments that lidar and sonars see.
+"""Cuts a world at one height into the segments that lidar and sonars see.
 
-The outline of all blocks there is cut clean: what no beam can reach, because another block stands against it, is left
-out. Glass hides nothing.
+Stretches that no beam can reach, because another block touches or covers them, are left out. Glass hides nothing.
 """
 
 from __future__ import annotations
@@ -17,14 +16,14 @@ from waychair.simulation.scene import MATERIALS, Block, Reflection, Slice
 from waychair.types import BoolArray, FloatArray, IntArray
 
 TOUCH = 1e-6
-"""Blocks that are nearer to each other than this [m] touch."""
+"""Distance [m] below which two blocks touch."""
 
 
 def slice_at(blocks: Sequence[Block], height: float) -> Slice:
-    """Outline at `height` [m] above the floor of the blocks that stand there, low <= height < high.
+    """Return the outline of the blocks at `height` [m] above the floor, low <= height < high.
 
-    Every block's sides run counter-clockwise, so that the outside is on the right. Only those stretches of them remain
-    that do not lie in or against an opaque other block; where two such blocks end flush, both keep theirs.
+    Every block's sides run counter-clockwise, so that the outside is on the right. Stretches in or against another
+    opaque block are removed; where two blocks end flush, both keep their sides.
     """
     standing = [block for block in blocks if block.low <= height < block.high]
     if not standing:
@@ -41,10 +40,10 @@ def slice_at(blocks: Sequence[Block], height: float) -> Slice:
 
 @njit(cache=True, nogil=True)
 def visible_stretches(sides: FloatArray, boxes: FloatArray, opaque: BoolArray) -> tuple[FloatArray, IntArray]:
-    """Stretches (K, 4) [m] of `sides` (4 M, 4) that are seen from outside, and the number of the side of each, (K,).
+    """Return the stretches (K, 4) [m] of `sides` (4 M, 4) that are visible from outside, and their side's index (K,).
 
-    Sides 4 i to 4 i + 3 belong to `boxes[i]` (x, y, theta, half length, half width); opaque (M,) boxes hide what lies
-    in them. Of each side the union of the hidden intervals is taken away.
+    Sides 4 i to 4 i + 3 belong to `boxes[i]` (x, y, theta, half length, half width); opaque (M,) boxes hide everything
+    inside them. The union of the hidden intervals is removed from each side.
     """
     cosines, sines, reaches = np.cos(boxes[:, 2]), np.sin(boxes[:, 2]), np.hypot(boxes[:, 3], boxes[:, 4])
     stretches = [(0.0, 0.0, 0.0, 0.0) for _ in range(0)]
@@ -59,7 +58,7 @@ def visible_stretches(sides: FloatArray, boxes: FloatArray, opaque: BoolArray) -
             far = length / 2 + reaches[k] + TOUCH
             near = abs((x0 + x1) / 2 - boxes[k, 0]) < far and abs((y0 + y1) / 2 - boxes[k, 1]) < far
             if k != i // 4 and opaque[k] and near:
-                # In the box's frame, a hair outside of the side: there the beams come from.
+                # In the box's frame, slightly outside the side, where beams come from.
                 px, py = x0 + TOUCH * dy - boxes[k, 0], y0 - TOUCH * dx - boxes[k, 1]
                 c, s = cosines[k], sines[k]
                 begin_x, end_x = _within(c * px + s * py, c * dx + s * dy, boxes[k, 3])
@@ -81,7 +80,7 @@ def visible_stretches(sides: FloatArray, boxes: FloatArray, opaque: BoolArray) -
 
 @njit(cache=True, inline="always")
 def _within(start: float, slope: float, half: float) -> tuple[float, float]:
-    """The interval in which |start + slope t| < half; an empty one is (inf, -inf)."""
+    """Return the interval of t in which |start + slope t| < half; (inf, -inf) if it is empty."""
     if slope == 0.0:
         return (-math.inf, math.inf) if abs(start) < half else (math.inf, -math.inf)
     a, b = (-half - start) / slope, (half - start) / slope

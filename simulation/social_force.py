@@ -1,12 +1,12 @@
-"""The social force model: what pushes and pulls a walking person, as accelerations [m/s^2].
+"""The social force model: the forces on a walking person, as accelerations [m/s^2].
 
 Helbing and Molnar, Social force model for pedestrian dynamics, Physical Review E 51 (1995) 4282; equation numbers are
-theirs, and so are the values of RELAXATION, V0, SIGMA, STEP_TIME, U0, SIGHT, BEHIND and FASTEST. Three things differ:
-the ellipses of equation 4 follow the velocity of the other relative to one's own (Johansson, Helbing and Shukla,
-Advances in Complex Systems 10, 2007), so that who follows pushes nobody aside; they begin where bodies touch, as in
-Helbing, Farkas and Vicsek (Nature 407, 2000), for the people of 1995 were points; and `veered` stands for the random
-fluctuations. WALL_RANGE and STRONGEST are ours: at the paper's range of 0.2 m the two jambs of a 0.80 m door are too
-steep a hill for a person who wants to walk at 1 m/s.
+theirs, and so are the values of RELAXATION, V0, SIGMA, STEP_TIME, U0, SIGHT, BEHIND and FASTEST. Three things differ.
+The ellipses of equation 4 follow the other person's velocity relative to one's own (Johansson, Helbing and Shukla,
+Advances in Complex Systems 10, 2007), so that a follower does not push the person ahead. They begin where bodies touch,
+as in Helbing, Farkas and Vicsek (Nature 407, 2000), because the people of 1995 were points. `veered` replaces the random
+fluctuations. WALL_RANGE and STRONGEST are our values: with the paper's range of 0.2 m the jambs of a 0.80 m door would
+stop a person with a preferred speed of 1 m/s.
 """
 
 from __future__ import annotations
@@ -16,7 +16,7 @@ import math
 from numba import njit
 
 RELAXATION = 0.5
-"""Time [s] in which a person takes up the velocity it wants (tau)."""
+"""Time constant [s] in which a person reaches its preferred velocity (tau)."""
 
 V0 = 2.1
 """Strength of the repulsion between people [m^2/s^2]."""
@@ -25,7 +25,7 @@ SIGMA = 0.3
 """Range of the repulsion between people [m]."""
 
 STEP_TIME = 2.0
-"""How far ahead in time [s] the other's way is kept clear (delta t)."""
+"""Time [s] for which the other person's motion is predicted (delta t)."""
 
 U0 = 10.0
 """Strength of the repulsion of walls [m^2/s^2]."""
@@ -37,18 +37,18 @@ SIGHT = math.radians(100.0)
 """Half of the field of view (phi)."""
 
 BEHIND = 0.5
-"""Weight of what is out of sight (c)."""
+"""Weight of forces from outside the field of view (c)."""
 
 FASTEST = 1.3
-"""A person's greatest speed, as a multiple of the speed it likes."""
+"""A person's greatest speed, as a multiple of its preferred speed."""
 
 STRONGEST = 2.5
-"""Cap on the sum of all forces [m/s^2]: nobody starts or stops quicker."""
+"""Cap on the sum of all forces [m/s^2]: the greatest acceleration of a person."""
 
 
 @njit(cache=True)
 def goal_force(to_goal_x: float, to_goal_y: float, vx: float, vy: float, speed: float) -> tuple[float, float]:
-    """Towards a goal that is (x, y) [m] away, from the velocity (vx, vy) to `speed` [m/s] (equation 2).
+    """Return the force towards a goal that is (x, y) [m] away, from velocity (vx, vy) to `speed` [m/s] (equation 2).
 
     The wanted speed falls with the distance once the goal is nearer than `speed` times RELAXATION, so that a person
     comes to rest there.
@@ -60,11 +60,11 @@ def goal_force(to_goal_x: float, to_goal_y: float, vx: float, vy: float, speed: 
 
 @njit(cache=True)
 def repulsion(x: float, y: float, vx: float, vy: float, bodies: float) -> tuple[float, float]:
-    """From another that is at the origin and comes with (vx, vy) [m/s], seen from a person at (x, y) [m].
+    """Return the force on a person at (x, y) [m] from another at the origin with the velocity (vx, vy) [m/s].
 
-    The negative gradient of V0 exp((bodies - b) / SIGMA), whose levels are ellipses about the other and where it will be
-    after STEP_TIME (equations 3 and 4); b is their half minor axis, `bodies` the sum of both radii [m]. Zero, for want
-    of a direction, on the straight line between the two foci.
+    It is the negative gradient of V0 exp((bodies - b) / SIGMA). The levels are ellipses with the other person's present
+    position and its position after STEP_TIME as foci (equations 3 and 4); b is their half minor axis, `bodies` the sum
+    of both radii [m]. Between the foci the force has no direction and is zero.
     """
     ahead_x, ahead_y = vx * STEP_TIME, vy * STEP_TIME
     near, far = math.hypot(x, y), math.hypot(x - ahead_x, y - ahead_y)
@@ -77,7 +77,7 @@ def repulsion(x: float, y: float, vx: float, vy: float, bodies: float) -> tuple[
 
 @njit(cache=True)
 def wall_repulsion(x: float, y: float) -> tuple[float, float]:
-    """From the nearest point of a wall, at the origin, on a person at (x, y) [m] (equation 5)."""
+    """Return the force of a wall, with its nearest point at the origin, on a person at (x, y) [m] (equation 5)."""
     distance = math.hypot(x, y)
     if distance < 1e-9:
         return 0.0, 0.0
@@ -87,9 +87,9 @@ def wall_repulsion(x: float, y: float) -> tuple[float, float]:
 
 @njit(cache=True)
 def weight(look_x: float, look_y: float, force_x: float, force_y: float) -> float:
-    """1 of a force that comes from within the field of view about the way (x, y) that one looks, else BEHIND.
+    """Return the weight of a force: 1 if its source is in the field of view about the gaze (x, y), else BEHIND.
 
-    Equations 7 and 8 with the force's source where it must be, on the side that the force pushes away from.
+    Equations 7 and 8; the source is opposite to the direction of the force.
     """
     along = -(look_x * force_x + look_y * force_y)
     reach = math.hypot(look_x, look_y) * math.hypot(force_x, force_y)
@@ -98,10 +98,10 @@ def weight(look_x: float, look_y: float, force_x: float, force_y: float) -> floa
 
 @njit(cache=True)
 def veered(x: float, y: float, angle: float) -> tuple[float, float]:
-    """The vector from another to oneself, turned by `angle` [rad] to the left.
+    """Return the vector from another person to oneself, turned by `angle` [rad] to the left.
 
-    Whoever takes others to be a little to the left of where they are goes past them on the right; two who meet exactly
-    head-on do not push each other to a stop.
+    People who see others slightly to the left pass them on the right, so that two people who meet head-on do not stop
+    each other.
     """
     c, s = math.cos(angle), math.sin(angle)
     return c * x - s * y, s * x + c * y
@@ -109,7 +109,7 @@ def veered(x: float, y: float, angle: float) -> tuple[float, float]:
 
 @njit(cache=True)
 def capped(x: float, y: float, limit: float) -> tuple[float, float]:
-    """The vector, made no longer than `limit`."""
+    """Return the vector, shortened to `limit` if it is longer."""
     length = math.hypot(x, y)
     part = limit / length if length > limit else 1.0
     return x * part, y * part

@@ -1,7 +1,7 @@
-"""Eight sonars round the chair: the first echo out of a cone, from whatever sends sound back.
+"""Eight sonars round the chair: each measures the range of the first echo in a cone.
 
-Sound does not care for what light does: glass and mirrors are walls. But a smooth surface far off the normal throws the
-ping away, and one sonar may hear another's.
+Glass and mirrors reflect sound like walls. A smooth surface far off normal incidence deflects the ping, and a sonar may
+hear another sonar's ping.
 """
 
 from __future__ import annotations
@@ -22,12 +22,12 @@ from waychair.simulation.silhouettes import bodies
 from waychair.types import FloatArray, Pose2, SonarReadings
 
 _RAY_STEP = math.radians(0.5)
-"""Between the rays of a cone: a chair's leg of 3 cm is met up to 3.4 m away."""
+"""Angle between the rays of a cone [rad]: they hit a chair's leg of 3 cm up to 3.4 m away."""
 
 
 @dataclass(frozen=True, slots=True)
 class SonarSettings(Settings):
-    """Cone, range and faults, plausible for the cheap 40 kHz transducers that wheelchairs are fitted with."""
+    """Cone, range and faults of the sonars, plausible for cheap 40 kHz transducers."""
 
     rate_hz: float = setting(0.0, "Hz", "readings per second of all sonars; 0: there are none", low=0.0, high=100.0)
     height: float = setting(0.40, "m", "of the sonars above the floor", low=0.02, high=2.0)
@@ -40,7 +40,7 @@ class SonarSettings(Settings):
 
 
 class Sonars:
-    """Keeps its own random stream, of which every reading uses equally much."""
+    """The sonars with their own random stream; every reading uses equally many random numbers."""
 
     def __init__(self, settings: SonarSettings, body: ChairBody, rng: np.random.Generator) -> None:
         self._settings = settings
@@ -52,14 +52,14 @@ class Sonars:
     def read(
         self, scenery: Scenery, map_from_base: Pose2, people: Iterable[PersonState], stamp_ns: int
     ) -> SonarReadings:
-        """Ranges (8,) in the order of `sonar_mounts`, by REP-117: +inf no echo, -inf too close."""
+        """Return ranges (8,) in the order of `sonar_mounts`, by REP-117: +inf no echo, -inf too close."""
         s = self._settings
         sonars = compose(map_from_base.array(), self._mounts)
         ranges = first_echoes(scenery, bodies(people), sonars, self._fan, math.cos(s.incidence), s.range_max)
         noise = self._rng.standard_normal(len(ranges))
         heard, place = self._rng.random((2, len(ranges)))
         ranges += s.sigma * noise
-        # Another's ping comes at any time; it counts where it is the first to come.
+        # Another sonar's ping comes at any time; it counts if it comes first.
         alien = np.where(heard < s.cross_talk, s.range_min + place * (s.range_max - s.range_min), math.inf)
         np.minimum(ranges, alien, out=ranges)
         ranges[ranges > s.range_max] = math.inf
@@ -71,10 +71,10 @@ class Sonars:
 def first_echoes(
     scenery: Scenery, circles: FloatArray, sonars: FloatArray, fan: FloatArray, straight: float, reach: float
 ) -> FloatArray:
-    """Ranges (K,) [m] of the first echo in each sonar's cone, poses (K, 3) in map; +inf if none within `reach`.
+    """Return ranges (K,) [m] of the first echo of sonars with poses (K, 3) in map; +inf if none within `reach`.
 
-    A cone is a `fan` of rays [rad]; a face echoes where the cosine of incidence is at least `straight`, a circle
-    (people are round and rough) always. What throws the ping away still hides what is behind it.
+    A cone is a `fan` of rays [rad]. A face echoes if the cosine of incidence is at least `straight`; a circle always
+    does, as people are round and rough. A face that deflects the ping still hides everything behind it.
     """
     ranges = np.full(sonars.shape[0], math.inf)
     for i in range(sonars.shape[0]):

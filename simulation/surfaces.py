@@ -1,7 +1,7 @@
-"""The flat faces of a world, as the camera sees them: blocks, ramps, pits, posters, lamps, floor and ceiling.
+"""The flat faces of a world for the camera: blocks, ramps, pits, posters, lamps, floor and ceiling.
 
-A face lies in a plane that has its own coordinates (u, v) [m]: the point at (u, v) is `anchor + u * axes[0] + v *
-axes[1]`, and its outside is where `axes[0] x axes[1]` points. Patterns are drawn in these coordinates.
+A face has plane coordinates (u, v) [m]: the point (u, v) is `anchor + u * axes[0] + v * axes[1]`, and the normal
+`axes[0] x axes[1]` points outwards. Patterns are drawn in these coordinates.
 """
 
 from __future__ import annotations
@@ -22,13 +22,13 @@ from waychair.simulation.world import World
 from waychair.types import FloatArray, IntArray, Pose2
 
 TILE = 6.0
-"""Floor and ceiling are cut into squares of this side [m], so that those out of sight cost nothing."""
+"""Side [m] of the squares of floor and ceiling; squares out of sight cost nothing."""
 
 POSTER_GAP = 0.004
-"""How far [m] a poster hangs before its wall: enough for depth buffers to tell them apart."""
+"""Gap [m] between a poster and its wall, enough for the depth buffer to separate them."""
 
 LAMP_SIDE = 0.5
-"""Side [m] of the bright square that a lamp is seen as."""
+"""Side [m] of the bright square that shows a lamp."""
 
 Seeds: TypeAlias = NDArray[np.uint32]
 _UP = np.array([0.0, 0.0, 1.0])
@@ -47,7 +47,7 @@ class Face:
 
 @dataclass(frozen=True, slots=True)
 class Surfaces:
-    """F faces as arrays: anchors (F, 3), axes (F, 2, 3), outlines (F, 4, 2) [m], looks (F,) as numbers, seeds (F,)."""
+    """F faces as arrays: anchors (F, 3), axes (F, 2, 3), outlines (F, 4, 2) [m], look numbers (F,), seeds (F,)."""
 
     anchors: FloatArray
     axes: FloatArray
@@ -57,17 +57,17 @@ class Surfaces:
 
     @property
     def normals(self) -> FloatArray:
-        """(F, 3) unit vectors out of the faces."""
+        """Outward unit normals (F, 3)."""
         return np.cross(self.axes[:, 0], self.axes[:, 1])
 
     @property
     def corners(self) -> FloatArray:
-        """(F, 4, 3) [m, map]."""
+        """Corners (F, 4, 3) [m, map]."""
         return self.anchors[:, None] + self.outlines @ self.axes
 
 
 def surfaces_from_world(world: World, looks: Sequence[str]) -> Surfaces:
-    """All faces of a world that can be seen; a look is numbered by its place in `looks`."""
+    """Return all visible faces of a world; a look's number is its index in `looks`."""
     faces = [*_floor_and_ceiling(world)]
     for block in world.blocks:
         faces += _block_faces(block, world.finish.height)
@@ -88,7 +88,7 @@ def surfaces_from_world(world: World, looks: Sequence[str]) -> Surfaces:
 
 
 def _block_faces(block: Block, ceiling: float) -> Iterator[Face]:
-    """Four sides, and top and bottom where the floor or the ceiling does not hide them."""
+    """Yield four sides, and top and bottom unless they touch the ceiling or the floor."""
     sides = _side_faces(block.middle, block.length, block.width, block.low, block.high, block.material, block.seed)
     yield from sides
     if block.high < ceiling - 0.01:
@@ -99,7 +99,7 @@ def _block_faces(block: Block, ceiling: float) -> Iterator[Face]:
 
 
 def _slope_faces(slope: Slope) -> Iterator[Face]:
-    """The inclined top; the sides as one block's, cut down to the slope, and its high end."""
+    """Yield the inclined top, two sides up to the slope, and the ends that are above the floor."""
     run, rise = slope.length, slope.high - slope.low
     long, cross = _directions(slope.middle.theta)
     along = np.array([*(long[:2] * run), rise]) / math.hypot(run, rise)
@@ -120,7 +120,7 @@ def _slope_faces(slope: Slope) -> Iterator[Face]:
 
 
 def _pit_faces(pit: Pit, floor: str) -> Iterator[Face]:
-    """Its four walls, seen from within, and its ground."""
+    """Yield a pit's four walls, facing inwards, and its bottom."""
     seed = seed_of("pit", f"{pit.middle.x:.3f}", f"{pit.middle.y:.3f}")
     for face in _side_faces(pit.middle, pit.length, pit.width, -pit.depth, 0.0, "concrete", seed):
         yield Face(face.anchor, face.axes * [[-1.0], [1.0]], face.outline, face.look, face.seed)
@@ -149,7 +149,7 @@ def _side_faces(
 def _level_face(
     middle: Pose2, length: float, width: float, height: float, look: str, seed: int, *, up: bool = True
 ) -> Face:
-    """A level rectangle seen from above, or from below."""
+    """Return a level rectangle that faces up or down."""
     long, cross = _directions(middle.theta)
     axes = np.stack([long, cross if up else -cross])
     outline = rectangle(length / 2, length / 2, width / 2)
@@ -157,7 +157,7 @@ def _level_face(
 
 
 def _floor_and_ceiling(world: World) -> Iterator[Face]:
-    """Squares over the grid's extent, in the map's own coordinates; the floor without its pits."""
+    """Yield squares over the grid's extent in map coordinates; the floor has holes for the pits."""
     grid, finish = world.grid, world.finish
     size = np.array(grid.cells.shape[::-1]) * grid.resolution
     low, high = (f(transform_points(grid.map_from_grid, _box(*size)), axis=0) for f in (np.min, np.max))
@@ -173,7 +173,7 @@ def _floor_and_ceiling(world: World) -> Iterator[Face]:
 
 
 def _without_pits(tile: FloatArray, pits: Sequence[Pit]) -> Iterator[FloatArray]:
-    """Convex pieces (4, 2) of a convex polygon that lie outside all pits; a triangle repeats its last corner."""
+    """Yield the convex pieces (4, 2) of a convex polygon outside all pits; a triangle repeats its last corner."""
     pieces = [tile]
     for pit in pits:
         hole = transform_points(pit.middle, rectangle(pit.length / 2, pit.length / 2, pit.width / 2))
@@ -184,7 +184,7 @@ def _without_pits(tile: FloatArray, pits: Sequence[Pit]) -> Iterator[FloatArray]
 
 
 def _without(polygon: FloatArray, hole: FloatArray) -> Iterator[FloatArray]:
-    """What lies outside a convex hole: beyond its first edge, then beyond its second but not the first, ..."""
+    """Yield a polygon's parts outside a convex hole: beyond its first edge, then beyond the second only, ..."""
     for begin, end in zip(hole, np.roll(hole, -1, axis=0), strict=True):
         outwards = np.array([end[1] - begin[1], begin[0] - end[0]])
         beyond = _clipped(polygon, begin, outwards)
@@ -196,7 +196,7 @@ def _without(polygon: FloatArray, hole: FloatArray) -> Iterator[FloatArray]:
 
 
 def _clipped(polygon: FloatArray, point: FloatArray, direction: FloatArray) -> FloatArray:
-    """The part of a convex polygon (N, 2) on the side of a line to which `direction` points (Sutherland, Hodgman)."""
+    """Return the part of a convex polygon (N, 2) on the `direction` side of a line (Sutherland, Hodgman)."""
     side = (polygon - point) @ direction
     corners = []
     for i in range(len(polygon)):
@@ -209,7 +209,7 @@ def _clipped(polygon: FloatArray, point: FloatArray, direction: FloatArray) -> F
 
 
 def _directions(theta: float) -> tuple[FloatArray, FloatArray]:
-    """Ahead and to the left, (3,) each."""
+    """Return the unit vectors ahead and to the left, (3,) each."""
     c, s = math.cos(theta), math.sin(theta)
     return np.array([c, s, 0.0]), np.array([-s, c, 0.0])
 
@@ -224,5 +224,5 @@ def _box(length: float, width: float) -> FloatArray:
 
 
 def _mixed(seed: int, number: int) -> int:
-    """A seed for one of up to eight faces of a thing, alike but for its last three bits (Knuth's multiplicative hash)."""
+    """Return the seed of one of eight faces; they differ in the last three bits (Knuth's multiplicative hash)."""
     return (seed * 2654435761 & 0xFFFFFFF8) | number

@@ -1,4 +1,4 @@
-"""What stands about a person: the solid cells of its level, and the chair's rectangle; exact distances to both."""
+"""Exact distances from a person to the solid cells of its level and to the chair's rectangle."""
 
 from __future__ import annotations
 
@@ -13,11 +13,11 @@ from waychair.maps.grid import occupied
 from waychair.types import BoolArray, FloatArray, OccupancyGrid, Pose2, Twist
 
 FAR = 1e9
-"""Distance [m] of what is not there."""
+"""Distance [m] when nothing is in reach."""
 
 
 class Walls(NamedTuple):
-    """Cells (H, W), solid all round the edge, `resolution` [m], and x, y [m], cosine, sine of cells_from_map."""
+    """Cells (H, W) with a solid border, `resolution` [m], and x, y [m], cosine, sine of cells_from_map."""
 
     solid: BoolArray
     resolution: float
@@ -28,7 +28,7 @@ class Walls(NamedTuple):
 
 
 class Outline(NamedTuple):
-    """The chair's rectangle: pose in map, its reach about its base [m], and the base's velocity in map [m/s], [rad/s]."""
+    """The chair's rectangle: pose in map, extent about its base [m], and the base's velocity in map [m/s, rad/s]."""
 
     x: float
     y: float
@@ -43,7 +43,7 @@ class Outline(NamedTuple):
 
 
 def walls_of(grid: OccupancyGrid) -> Walls:
-    """The occupied cells of a grid, and its border, which nobody may cross."""
+    """Return the occupied cells of a grid with a solid border, which no person may cross."""
     solid = np.pad(occupied(grid), 1, constant_values=True)
     grid_from_padded = Pose2(-grid.resolution, -grid.resolution, 0.0)
     padded_from_map = (grid.map_from_grid @ grid_from_padded).inverse()
@@ -52,7 +52,7 @@ def walls_of(grid: OccupancyGrid) -> Walls:
 
 
 def outline_of(body: ChairBody, map_from_base: Pose2, twist: Twist) -> Outline:
-    """The chair where it is and as it moves."""
+    """Return the chair's rectangle with its pose and velocity."""
     c, s = math.cos(map_from_base.theta), math.sin(map_from_base.theta)
     reach = (body.front, body.rear, body.width / 2)
     return Outline(map_from_base.x, map_from_base.y, c, s, *reach, twist.v * c, twist.v * s, twist.omega)
@@ -60,10 +60,10 @@ def outline_of(body: ChairBody, map_from_base: Pose2, twist: Twist) -> Outline:
 
 @njit(cache=True)
 def nearest_walls(walls: Walls, x: float, y: float, reach: float) -> FloatArray:
-    """(4, 2) vectors [m, map] to (x, y) from the nearest point of a solid cell in each quarter of the compass.
+    """Return vectors (4, 2) [m, map] to (x, y) from the nearest point of a solid cell in each of four quarters.
 
-    A quarter spans 45 degrees to both sides of an axis of the grid; (FAR, FAR) where it holds nothing within `reach`.
-    One point in each, rather than the nearest of all, lets the two sides of a door or a corridor balance.
+    A quarter spans 45 degrees to both sides of a grid axis; (FAR, FAR) if it holds no solid cell within `reach`. One
+    point per quarter, instead of the nearest of all, balances the forces of a door's or a corridor's two sides.
     """
     left = walls.cosine * x - walls.sine * y + walls.x
     low = walls.sine * x + walls.cosine * y + walls.y
@@ -87,9 +87,9 @@ def nearest_walls(walls: Walls, x: float, y: float, reach: float) -> FloatArray:
 
 @njit(cache=True)
 def nearest_wall(walls: Walls, x: float, y: float, reach: float) -> tuple[float, float, float]:
-    """Distance [m] to the nearest solid cell and the unit vector (x, y) away from it; FAR if none is within `reach`.
+    """Return the distance [m] to the nearest solid cell and the unit vector away from it; FAR if none is in `reach`.
 
-    In a solid cell the distance is 0, and so is the vector.
+    In a solid cell both are 0.
     """
     best, away_x, away_y = FAR, 0.0, 0.0
     for vector in nearest_walls(walls, x, y, reach):
@@ -101,9 +101,9 @@ def nearest_wall(walls: Walls, x: float, y: float, reach: float) -> tuple[float,
 
 @njit(cache=True)
 def nearest_on_chair(chair: Outline, x: float, y: float) -> tuple[float, float, float]:
-    """Distance [m] from (x, y) to the chair's rectangle, and the unit vector (x, y) [map] by which that grows most.
+    """Return the distance [m] from (x, y) to the chair's rectangle, and the unit vector [map] away from it.
 
-    Inside, the distance is negative, that to the nearest side, and the vector points out through this side.
+    Inside, the distance to the nearest side is negative, and the vector points out through this side.
     """
     dx, dy = x - chair.x, y - chair.y
     ahead, aside = dx * chair.cosine + dy * chair.sine, dy * chair.cosine - dx * chair.sine
@@ -124,5 +124,5 @@ def nearest_on_chair(chair: Outline, x: float, y: float) -> tuple[float, float, 
 
 @njit(cache=True)
 def velocity_at(chair: Outline, x: float, y: float) -> tuple[float, float]:
-    """Velocity [m/s, map] of the point of the chair at (x, y)."""
+    """Return the velocity [m/s, map] of the chair's point at (x, y)."""
     return chair.vx - chair.omega * (y - chair.y), chair.vy + chair.omega * (x - chair.x)

@@ -1,8 +1,8 @@
-"""Beams of a lidar that tilts with the chair, among blocks, slopes, floor and ceiling: exact, in space.
+"""Exact 3D ray casting of a lidar that tilts with the chair, among blocks, slopes, floor and ceiling.
 
-Where a level has ramps, the plane of the beams rises and falls with the chair, and what stands at the lidar's height is
-no longer what they meet: rolling down, they end on the level floor beyond the foot. Every solid is cut by the planes of
-its faces; the stretch of a ray within all of them is within the solid (Kay and Kajiya, SIGGRAPH 1986).
+On a ramp the plane of the beams tilts with the chair, so that a slice at the lidar's height is not enough: on the way
+down the beams hit the level floor beyond the foot of the ramp. A solid is the intersection of its faces' half spaces; a
+ray is inside where it is inside all of them (Kay and Kajiya, SIGGRAPH 1986).
 """
 
 from __future__ import annotations
@@ -19,18 +19,19 @@ from waychair.simulation.world import World
 from waychair.types import FloatArray, IntArray, Pose3
 
 FLOOR, NOTHING = -1, -2
-"""Numbers of what is hit that is no solid; the ceiling counts as floor."""
+"""Indices for a hit on the floor or ceiling, and for no hit."""
 
-_MOST_SURFACES = 16  # so that a beam between two panes comes to an end
-_ONWARD = 1e-7  # [m], so that a beam that goes on does not meet the same surface again
+_MOST_SURFACES = 16  # ends a beam between two panes of glass
+_ONWARD = 1e-7  # m; a beam that continues does not hit the same surface again
 _DARK, _GLASS, _MIRROR = (int(kind) for kind in (Reflection.DARK, Reflection.GLASS, Reflection.MIRROR))
 
 
 class Terrain(NamedTuple):
-    """A level in space, ready for rays.
+    """A level in 3D, prepared for rays.
 
-    solids (N, 9): x, y [m, map], cosine and sine of the heading, half length, half width, low, top in the middle [m],
-    rise of the top per metre of length; their `Reflection`s (N,); pits (M, 6), the first six of the same; ceiling [m].
+    `solids` (N, 9): x, y [m, map], cosine and sine of the heading, half length, half width, low, top in the middle [m],
+    rise of the top per metre of length. `reflections` (N,) are their `Reflection`s. `pits` (M, 6) have the first six of
+    these columns. `ceiling` is its height [m].
     """
 
     solids: FloatArray
@@ -40,14 +41,14 @@ class Terrain(NamedTuple):
 
 
 class Leaning(NamedTuple):
-    """What a tilting lidar needs to know: the terrain, and the chair's pose in space (map_from_base)."""
+    """The terrain, and the 3D pose of a tilting chair (map_from_base)."""
 
     terrain: Terrain
     map_from_base: Pose3
 
 
 def terrain_of(world: World) -> Terrain | None:
-    """The level in space; None where no slopes make a chair tilt for long, and a slice tells what a lidar sees."""
+    """Return the level in 3D; None without slopes, where a chair does not tilt for long and a slice is enough."""
     if not world.slopes:
         return None
     things: list[Block | Slope] = [*world.blocks, *world.slopes]
@@ -58,14 +59,14 @@ def terrain_of(world: World) -> Terrain | None:
 
 
 def row_of(pose: Pose3) -> FloatArray:
-    """(12,): rotation row by row, then the translation, so that poses can be interpolated as arrays."""
+    """Return a pose as a row (12,): rotation row by row, then translation, for interpolation."""
     return np.concatenate([pose.rotation.ravel(), pose.translation])
 
 
 def _solid(thing: Block | Slope) -> tuple[float, ...]:
     if isinstance(thing, Block):
         return *_outline(thing), thing.low, thing.high, 0.0
-    # a ramp is filled down to the floor, or to its lower end where that lies below
+    # a ramp is filled down to the floor, or to its lower end if that is below the floor
     bottom = min(0.0, thing.low, thing.high)
     return *_outline(thing), bottom, 0.5 * (thing.low + thing.high), (thing.high - thing.low) / thing.length
 
@@ -88,10 +89,10 @@ def cast_tilted(
     optics: tuple[float, float, float],
     most_mirrors: int,
 ) -> FloatArray:
-    """True ranges (N,) [m] along beams at `angles` [rad], each leaving `delays` [s] after the scan's stamp.
+    """Return true ranges (N,) [m] of beams at `angles` [rad], each leaving `delays` [s] after the scan's stamp.
 
-    `poses` (M, 12) are map_from_base at `times` (M,) [s], ascending, and `mount` (12,) is base_from_laser, as of
-    `row_of`; circles (K, 3) stand upright. `optics` as in `lidar.Optics`.
+    `poses` (M, 12) are rows of `row_of`: map_from_base at ascending `times` (M,) [s]; `mount` (12,) is base_from_laser.
+    Circles (K, 3) are upright cylinders; `optics` are `lidar.Optics`.
     """
     ranges = np.empty(angles.shape[0])
     last = times.shape[0] - 1
@@ -103,7 +104,7 @@ def cast_tilted(
         nxt = min(k + 1, last)
         span = times[nxt] - times[k]
         part = min(max((delays[i] - times[k]) / span, 0.0), 1.0) if span > 0.0 else 0.0
-        # between two poses that are milliseconds apart a rotation is as good as straight
+        # between poses a few milliseconds apart, linear interpolation of a rotation is accurate enough
         base = poses[k] + part * (poses[nxt] - poses[k])
         rotation = base[:9].copy().reshape(3, 3)
         start = rotation @ mount[9:] + base[9:]
@@ -126,7 +127,7 @@ def _trace(
     optics: tuple[float, float, float],
     most_mirrors: int,
 ) -> float:
-    """Length of one beam's way, as `lidar` has it in the plane."""
+    """Return the length of a beam up to the surface that returns it, like `lidar._trace` in the plane."""
     reach, dark_reach, straight = optics
     x, y, z = start
     dx, dy, dz = ahead
@@ -159,10 +160,10 @@ def _trace(
 def nearest_face(
     terrain: Terrain, x: float, y: float, z: float, dx: float, dy: float, dz: float, after: float, limit: float
 ) -> tuple[float, int, float, float, float]:
-    """Distance [m] from (x, y, z) along the unit vector to what is hit first, its number, and the face's normal.
+    """Return the distance [m] from (x, y, z) along the unit vector to the first solid, its index and the face's normal.
 
-    Faces nearer than `after` do not count, faces are hit from within too; (+inf, NOTHING, 0, 0, 0) if there is none
-    until `limit` [m].
+    Faces nearer than `after` are ignored; faces are also hit from inside. Without a hit up to `limit` [m] the answer is
+    (+inf, NOTHING, 0, 0, 0).
     """
     best, hit, bx, by, bz = math.inf, NOTHING, 0.0, 0.0, 0.0
     for i in range(terrain.solids.shape[0]):
@@ -173,7 +174,7 @@ def nearest_face(
             continue
         entry, leaving, entry_face, leaving_face = -math.inf, math.inf, 0, 0
         for face in range(6):
-            # how far outside of the face's plane the ray begins, and how fast it goes out
+            # distance of the ray's start outside the face's plane, and its outward speed
             if face < 2:
                 sign = 1.0 - 2.0 * face
                 out, speed = sign * u - half_length, sign * du

@@ -1,7 +1,7 @@
-"""One short moment of everybody's life, one person after the other: where each goes, and that nobody goes through.
+"""One short step of all people, one after the other: each person's motion, without collisions.
 
-People are rows of PERSON, discs of their radius, and move in place. A move never makes an overlap with a wall, the
-chair or another person, nor one that the chair has made by driving on any deeper; so what moves may touch, and waits.
+People are rows of PERSON, discs that are updated in place. A move never creates an overlap with a wall, the chair or
+another person, and never deepens an overlap that the chair made; a blocked person moves up to contact and waits.
 """
 
 from __future__ import annotations
@@ -33,12 +33,12 @@ PERSON = np.dtype(
         ("behaviour", np.int64),  # its number in Behaviour
         ("yields", np.bool_),
         ("radius", np.float64),  # m
-        ("speed", np.float64),  # m/s, the one it likes
+        ("speed", np.float64),  # m/s, preferred
         ("trigger", np.float64),  # m
         ("veer", np.float64),  # rad, see social_force.veered
         ("first", np.int64),  # rows of its rail
         ("last", np.int64),
-        ("along", np.float64),  # m along its rail, of itself or of the point that it makes for
+        ("along", np.float64),  # m along its rail, of the person or of the point that it walks towards
         ("way", np.float64),  # 1 along the rail, -1 back
         ("x", np.float64),  # m, map
         ("y", np.float64),
@@ -46,12 +46,12 @@ PERSON = np.dtype(
         ("vx", np.float64),  # m/s, map
         ("vy", np.float64),
         ("walked", np.float64),  # m in all
-        ("waited", np.float64),  # s on the spot
+        ("waited", np.float64),  # s without moving
         ("startled", np.bool_),  # SUDDEN: has stepped out
     ],
     align=True,
 )
-"""One person."""
+"""The fields of one person."""
 
 Crowd: TypeAlias = NDArray[np.void]
 """(N,) of PERSON."""
@@ -65,44 +65,44 @@ PATH, SOCIAL, SEATED, SUDDEN, BOUNCE = (
 )
 
 TURN_RATE = 3.0
-"""How fast a person turns about [rad/s]: a second for the half turn at the end of its path."""
+"""Turn rate of a person [rad/s]: about a second for the half turn at the end of its path."""
 
 BRAKING = 2.5
-"""Of a person before whom something appears [m/s^2]."""
+"""Deceleration of a person for a sudden obstacle [m/s^2]."""
 
 STAND_OFF = 0.4
-"""How far from the chair or another person one who yields comes to a stop [m], along its rail."""
+"""Distance along its rail [m] at which a yielding person stops before the chair or another person."""
 
 SIDE_ROOM = 0.1
-"""How near one who yields goes past the chair or another person [m]."""
+"""Least side clearance [m] at which a yielding person passes the chair or another person."""
 
 BERTH = 0.05
-"""Who yields leaves this much [m] to the chair, however narrow the way."""
+"""Least gap [m] that a yielding person keeps to the chair, however narrow the passage."""
 
 LINGERS = 5.0
-"""How long somebody who has stepped out suddenly stays there [s] before going back, for good."""
+"""Time [s] after which a person who stepped out suddenly goes back for good."""
 
 PATIENCE = 8.0
-"""How long a person waits before something in its way [s] until it turns back."""
+"""Time [s] for which a person waits for an obstacle before it turns back."""
 
 LOOKAHEAD = 1.0
-"""A social walker makes for the point of its rail that is this far away [m]."""
+"""A social walker walks towards the point of its rail at this distance [m]."""
 
 ARRIVED = 0.3
-"""How near to the end of its rail a social walker turns back [m]."""
+"""Distance [m] from the end of its rail at which a social walker turns back."""
 
 WALLS_MATTER = 0.8
 """Distance [m] beyond which the repulsion of walls is less than 0.04 m/s^2."""
 
 ROUNDING = 1e-9
-"""Overlaps up to this [m] are none, so that one in contact can move along what it touches."""
+"""Overlaps up to this [m] are ignored, so that a person in contact can slide along the obstacle."""
 
 TOP_SPEED = 1.5
-"""Nobody runs [m/s]."""
+"""Greatest walking speed [m/s]; no person runs."""
 
 
 class Stage(NamedTuple):
-    """What people move among: the rails of them all, one after the other, the walls and the chair."""
+    """The surroundings of the people: the rails of all of them in one array, the walls and the chair."""
 
     rails: FloatArray
     walls: Walls
@@ -111,7 +111,7 @@ class Stage(NamedTuple):
 
 @njit(cache=True, nogil=True)
 def live(people: Crowd, stage: Stage, seconds: float) -> None:
-    """Let everybody go on for a moment [s] with the chair where it is, in the order of `people`."""
+    """Move all people on by `seconds`, in the order of `people`, with the chair at rest."""
     for i in range(len(people)):
         person = people[i]
         before_x, before_y = person.x, person.y
@@ -132,10 +132,10 @@ def live(people: Crowd, stage: Stage, seconds: float) -> None:
 
 @njit(cache=True)
 def obstruction(people: Crowd, i: int, stage: Stage, x: float, y: float) -> tuple[bool, float, float]:
-    """Whether person `i` cannot be at (x, y) [m, map], and the unit vector away from what is most in its way there.
+    """Return whether person `i` cannot move to (x, y) [m, map], and the unit vector away from the worst obstacle there.
 
-    What it overlaps already is in the way only of moves that make this worse. From the chair and from people the vector
-    is that of where the person still is: square to it one gets past anything round or cornered without cutting in.
+    An existing overlap blocks only moves that deepen it. The vector away from the chair or a person is that at the
+    person's present place: a move at right angles to it passes round bodies and corners without cutting into them.
     """
     person = people[i]
     deepest, away_x, away_y = -ROUNDING, 0.0, 0.0
@@ -163,7 +163,7 @@ def obstruction(people: Crowd, i: int, stage: Stage, x: float, y: float) -> tupl
 
 @njit(cache=True)
 def startles(person: Person, stage: Stage) -> bool:
-    """Whether the chair is within the person's `trigger` [m] of its rail, and coming nearer."""
+    """Return whether the chair is within `trigger` [m] of the person's rail and comes nearer."""
     best, to_x, to_y, at_x, at_y = FAR, 0.0, 0.0, 0.0, 0.0
     for row in range(person.first, person.last):
         x, y = stage.rails[row, 1], stage.rails[row, 2]
@@ -176,7 +176,7 @@ def startles(person: Person, stage: Stage) -> bool:
 
 @njit(cache=True)
 def _walk(people: Crowd, i: int, stage: Stage, seconds: float) -> None:
-    """Along the rail, as fast as it allows and what stands ahead; about at its end, or after waiting too long."""
+    """Walk along the rail within its speed limit and the free distance; turn at its end or after waiting too long."""
     person = people[i]
     length = stage.rails[person.last - 1, 0]
     if length == 0.0:
@@ -188,14 +188,14 @@ def _walk(people: Crowd, i: int, stage: Stage, seconds: float) -> None:
     _, _, direction, limit = on_rail(stage.rails, person.first, person.last, person.along)
     off = _face(person, direction if person.way > 0.0 else direction + math.pi, seconds)
     speed = math.hypot(person.vx, person.vy)
-    # Nobody walks backwards: first the half turn, then the first step.
+    # No person walks backwards: first the half turn, then the first step.
     wanted = min(limit, math.sqrt(2.0 * ACCELERATION * _free_way(people, i, stage, speed))) if off < 1.0 else 0.0
     speed = min(max(wanted, speed - BRAKING * seconds), speed + ACCELERATION * seconds)
     begin = person.along
     end = min(max(begin + person.way * speed * seconds, 0.0), length)
     x, y, _, _ = on_rail(stage.rails, person.first, person.last, end)
     if obstruction(people, i, stage, x, y)[0]:
-        # Up to contact, to 0.1 mm, and no farther.
+        # Up to contact, to 0.1 mm.
         free, blocked = begin, end
         while abs(blocked - free) > 1e-4:
             middle = 0.5 * (free + blocked)
@@ -212,9 +212,9 @@ def _walk(people: Crowd, i: int, stage: Stage, seconds: float) -> None:
 
 @njit(cache=True)
 def _free_way(people: Crowd, i: int, stage: Stage, speed: float) -> float:
-    """How far [m] person `i` may go on along its rail: up to a wall, and short of whom it yields to; FAR if far enough.
+    """Return the free distance [m] of person `i` along its rail, up to a wall or short of people and chair; else FAR.
 
-    What it only passes with SIDE_ROOM to spare, or comes away from, is not in its way.
+    Only a yielding person stops short of people and the chair, and not for those it passes with SIDE_ROOM or leaves.
     """
     person = people[i]
     here = _room(people, i, stage, person.x, person.y)
@@ -233,7 +233,7 @@ def _free_way(people: Crowd, i: int, stage: Stage, speed: float) -> float:
 
 @njit(cache=True)
 def _room(people: Crowd, i: int, stage: Stage, x: float, y: float) -> float:
-    """Distance [m] from person `i`, were it at (x, y), to the chair or whoever is nearest."""
+    """Return the gap [m] from person `i` at (x, y) to the chair or the nearest other person."""
     person = people[i]
     room = nearest_on_chair(stage.chair, x, y)[0] - person.radius
     for j in range(len(people)):
@@ -245,7 +245,7 @@ def _room(people: Crowd, i: int, stage: Stage, x: float, y: float) -> float:
 
 @njit(cache=True)
 def _mingle(people: Crowd, i: int, stage: Stage, seconds: float) -> None:
-    """Where the social forces push; along what cannot be walked through."""
+    """Move by the social forces; slide along obstacles."""
     person = people[i]
     if person.waited > PATIENCE:
         person.way, person.waited = -person.way, 0.0
@@ -284,7 +284,7 @@ def _goal(person: Person, rails: FloatArray) -> tuple[float, float]:
 
 @njit(cache=True)
 def _social_forces(people: Crowd, i: int, stage: Stage, to_x: float, to_y: float) -> tuple[float, float]:
-    """Acceleration [m/s^2] of person `i`, whose goal is (x, y) [m] away."""
+    """Return the acceleration [m/s^2] of person `i` with a goal (x, y) [m] away."""
     person = people[i]
     fx, fy = goal_force(to_x, to_y, person.vx, person.vy, person.speed)
     for j in range(len(people)):
@@ -295,10 +295,10 @@ def _social_forces(people: Crowd, i: int, stage: Stage, to_x: float, to_y: float
             part = weight(to_x, to_y, px, py)
             fx, fy = fx + part * px, fy + part * py
     if person.yields:
-        # The chair acts from the point of its outline that is nearest, with the velocity of that point.
+        # The chair acts from its nearest point, with the velocity of that point.
         distance, nx, ny = nearest_on_chair(stage.chair, person.x, person.y)
         cx, cy = velocity_at(stage.chair, person.x - distance * nx, person.y - distance * ny)
-        # Who is under the chair is pushed out as if just before it.
+        # A person under the chair is pushed out as if just in front of it.
         distance = max(distance, 0.01)
         x, y = veered(distance * nx, distance * ny, person.veer)
         px, py = repulsion(x, y, cx - person.vx, cy - person.vy, person.radius)
@@ -312,7 +312,7 @@ def _social_forces(people: Crowd, i: int, stage: Stage, to_x: float, to_y: float
 
 @njit(cache=True)
 def _drift(people: Crowd, i: int, stage: Stage, seconds: float) -> None:
-    """Straight on, and at every contact back like a ball, at an unchanging speed; so is another disc that is hit."""
+    """Move straight at constant speed; a contact reflects the disc like a ball, and also a disc that it hits."""
     person = people[i]
     vx, vy = person.speed * math.cos(person.heading), person.speed * math.sin(person.heading)
     left = seconds
@@ -331,7 +331,7 @@ def _drift(people: Crowd, i: int, stage: Stage, seconds: float) -> None:
 
 @njit(cache=True)
 def _free_part(people: Crowd, i: int, stage: Stage, dx: float, dy: float) -> float:
-    """How much of the move (dx, dy) [m] person `i` can make: all of it, or up to contact, to 0.1 % of it."""
+    """Return the part of the move (dx, dy) [m] that person `i` can make up to contact, to 0.1 %."""
     if not obstruction(people, i, stage, people[i].x + dx, people[i].y + dy)[0]:
         return 1.0
     free, blocked = 0.0, 1.0
@@ -346,7 +346,7 @@ def _free_part(people: Crowd, i: int, stage: Stage, dx: float, dy: float) -> flo
 
 @njit(cache=True)
 def _throw_back(people: Crowd, i: int, nx: float, ny: float) -> None:
-    """Turn about the disc that person `i` has hit, away from which (nx, ny) points, if it came on."""
+    """Reflect the disc that person `i` has hit, if it was approaching; (nx, ny) points away from it."""
     for j in range(len(people)):
         other = people[j]
         dx, dy = people[i].x - other.x, people[i].y - other.y
@@ -359,14 +359,14 @@ def _throw_back(people: Crowd, i: int, nx: float, ny: float) -> None:
 
 @njit(cache=True)
 def _reflected(vx: float, vy: float, nx: float, ny: float) -> tuple[float, float]:
-    """A velocity after it met something away from which the unit vector (nx, ny) points."""
+    """Return a velocity after reflection by an obstacle; the unit vector (nx, ny) points away from the obstacle."""
     into = min(vx * nx + vy * ny, 0.0)
     return vx - 2.0 * into * nx, vy - 2.0 * into * ny
 
 
 @njit(cache=True)
 def _face(person: Person, direction: float, seconds: float) -> float:
-    """Turn towards a direction [rad] at TURN_RATE at most; how far off [rad] it is still."""
+    """Turn towards a direction [rad] at TURN_RATE at most; return the angle [rad] that remains."""
     off = (direction - person.heading + math.pi) % math.tau - math.pi
     turn = min(max(off, -TURN_RATE * seconds), TURN_RATE * seconds)
     person.heading = (person.heading + turn + math.pi) % math.tau - math.pi

@@ -1,4 +1,4 @@
-"""A world to drive in: the true grid, where the chair starts, named places and doors, and routes to drive.
+"""A world to drive in: the true grid, the chair's start, named places and doors, and routes to drive.
 
 A world comes from a floor plan (see `floor_plan.py`), from a mapped grid, or from another benchmark (`imports.py`).
 """
@@ -35,18 +35,18 @@ from waychair.simulation.seeds import seed_of
 from waychair.types import FloatArray, OccupancyGrid, Place, Pose2
 
 MARGIN = 0.5
-"""Free ground [m] kept round a floor plan, so that walls may stand on its edge."""
+"""Free margin [m] round a floor plan, so that walls may stand on its edge."""
 
 WORLDS = Path(__file__).resolve().parent / "worlds"
-"""Folder of the worlds that are shipped."""
+"""Folder of the shipped worlds."""
 
 MAPPING_ROUTE = "mapping"
-"""Name of the route that sees all of a world and comes back over places seen before."""
+"""Name of the route that sees all of a world and revisits places."""
 
 
 @dataclass(frozen=True, slots=True)
 class Door:
-    """An open door that can be closed: `middle` is its pose in map, theta along its wall; width, thickness in [m]."""
+    """An open door that can be closed: `middle` is its pose in map, theta along its wall; width and thickness [m]."""
 
     name: str
     middle: Pose2
@@ -58,8 +58,8 @@ class Door:
 class World:
     """One level of a building; poses and routes (N, 2) [m] are in its map.
 
-    `grid` is the truth of where a chair cannot be, without unknown cells where it comes from a plan; `blocks` are all
-    that is solid, at its height.
+    `grid` marks the cells that a chair cannot enter; from a plan it has no unknown cells. `blocks` are all solids with
+    their heights.
     """
 
     name: str
@@ -79,10 +79,10 @@ class World:
     lifts: tuple[Lift, ...] = ()
 
     def route(self, name: str = MAPPING_ROUTE) -> FloatArray:
-        """Waypoints (N, 2) [m] of a route.
+        """Return the waypoints (N, 2) [m] of a route.
 
         Raises:
-            WorldError: there is none of this name; the message gives those that exist.
+            WorldError: there is no route of this name; the message lists the routes.
         """
         if name not in self.routes:
             known = f"take one of {', '.join(self.routes)}" if self.routes else "it has no routes"
@@ -90,14 +90,14 @@ class World:
         return self.routes[name]
 
     def without_people(self) -> World:
-        """The same world with nobody in it."""
+        """Return the same world without people."""
         return replace(self, people=())
 
     def with_closed(self, names: Iterable[str]) -> World:
-        """The same world with these doors shut: they are solid, as if their wall went through.
+        """Return the same world with these doors closed, solid like their wall.
 
         Raises:
-            WorldError: there is no door of such a name, or the start or a place lies in it.
+            WorldError: there is no door of this name, or the start or a place lies in it.
         """
         doors, cells = {door.name: door for door in self.doors}, self.grid.cells.copy()
         leaves = []
@@ -114,25 +114,25 @@ class World:
 
 
 def shipped_worlds() -> tuple[str, ...]:
-    """Names of the worlds that are shipped, in order."""
+    """Return the sorted names of the shipped worlds."""
     return tuple(sorted(path.stem for path in WORLDS.glob("*.yaml")))
 
 
 def levels_of(name_or_path: str | Path) -> tuple[str, ...]:
-    """Names of a world's levels, the first of which is where one begins; a world of one level has its own name there.
+    """Return the names of a world's levels, the start level first; a single level has the world's name.
 
     Raises:
-        WorldError: as `load_world`, but for what depends on the grid.
+        WorldError: as `load_world`, except for the checks that need the grid.
     """
     return tuple(level.plan.name for level in load_building(_path(name_or_path)).levels)
 
 
 def load_world(name_or_path: str | Path, level: str | None = None) -> World:
-    """World of a shipped plan's name, or of a plan's path; its first level, or that of the name `level`.
+    """Return the world of a shipped plan's name or of a plan's path: its first level, or the level of this name.
 
     Raises:
-        WorldError: there is no such world or level, its plan is broken (`load_building`), or the start, a place, a
-            route, a lift or a person's path lies outside or in something solid; with the line.
+        WorldError: there is no such world or level, its plan is invalid (`load_building`), or the start, a place, a
+            route, a lift or a person's path lies outside or in something solid; it names the line.
     """
     building = load_building(_path(name_or_path))
     levels = {each.plan.name: each for each in building.levels}
@@ -168,7 +168,7 @@ def _path(name_or_path: str | Path) -> Path:
 
 
 def world_from_plan(plan: FloorPlan, building: str, lifts: tuple[Lift, ...] = ()) -> World:
-    """World of one level of a building, whose plan and whose `lifts` `load_building` has let pass."""
+    """Return the world of one level of a building; `load_building` must have checked its plan and `lifts`."""
     blocks, slopes, pits = blocks_from_plan(plan, building), slopes_from_plan(plan, building), pits_from_plan(plan)
     grid = grid_of(plan, MARGIN, blocks, slopes, pits)
     return World(
@@ -196,7 +196,7 @@ def world_from_plan(plan: FloorPlan, building: str, lifts: tuple[Lift, ...] = ()
 
 
 def world_from_grid(grid: OccupancyGrid, start: Pose2, places: tuple[Place, ...] = (), name: str = "grid") -> World:
-    """World raised from a mapped grid: its occupied cells are solid, its unknown ones let everything through.
+    """Return the world of a mapped grid: occupied cells are solid, unknown cells are not.
 
     Raises:
         WorldError: the start or a place lies outside the grid or in an occupied cell.
@@ -207,7 +207,7 @@ def world_from_grid(grid: OccupancyGrid, start: Pose2, places: tuple[Place, ...]
 
 
 def _refusal(name: str) -> Refuse:
-    """The error of a world that has no file, and so no lines."""
+    """Return the maker of errors for a world without a file, and so without lines."""
     return lambda keys, problem: WorldError(f"{name}: {' '.join(map(str, keys))}: {problem}")
 
 
@@ -220,7 +220,7 @@ def _refuse_poses_in_walls(world: World, refuse: Refuse) -> None:
 
 def _refuse_blocked_lifts(world: World, refuse: Refuse) -> None:
     for i, lift in enumerate(world.lifts):
-        # A cell less on either side: the cabin may touch the walls of its shaft.
+        # One cell less on either side: the cabin may touch the walls of its shaft.
         length, width = (max(side - 2 * world.grid.resolution, 0.0) for side in (lift.length, lift.width))
         cells, _ = cells_in(world.grid, lift.middle, length, width)
         if (world.grid.cells[tuple(cells.T)] >= OCCUPIED_FROM).any():
@@ -228,7 +228,7 @@ def _refuse_blocked_lifts(world: World, refuse: Refuse) -> None:
 
 
 def _refuse_blocked_people(world: World, plan: FloorPlan, refuse: Refuse) -> None:
-    """Their paths must be free by their radius, and they must stand off the start."""
+    """Refuse people whose path is not free by their radius, or who stand at the start."""
     room = distance_field(world.grid).metres
     for i, person in enumerate(plan.people):
         keys, path = ("people", i, "path"), np.array(person.path, float).reshape(-1, 2)
