@@ -1,9 +1,8 @@
-"""Whether two pictures show the same place, and how the second lies to the first: features, then geometry.
+"""Visual registration: the relative pose of two images that show the same place, or the reason for its rejection.
 
-RTAB-Map's registration (0.23.8, RegistrationVis): features matched by the nearest neighbours' distance ratio, or inside
-a window round where a guess puts them; the pose by PnP with RANSAC from the first one's points to the second one's
-pixels; refined on pixels and depth; done twice, the second time with the first result as the guess. A pair that is
-refused says why.
+RTAB-Map's registration (0.23.8, RegistrationVis): features are matched by the distance ratio of nearest neighbours, or
+within a window round the pixel predicted by a guess; PnP with RANSAC gives the pose from the first image's points and
+the second image's pixels; pixels and depth refine it. A second pass takes the first result as its guess.
 """
 
 from __future__ import annotations
@@ -22,15 +21,15 @@ from waychair.slam.matching import distances_between, mutual_matches
 from waychair.slam.reprojection import NoiseModel, fit_pose, project
 from waychair.types import BoolArray, FloatArray, IntArray, Pose3
 
-_MEDIAN = 2.1981  # variance of a normal error over the 25 % quantile of its square, as RTAB-Map takes it
+_MEDIAN = 2.1981  # variance of a normal error over the 25 % quantile of its square, as in RTAB-Map
 _LEAST_LINEAR, _LEAST_ANGULAR = 0.01**2, 0.008**2
-"""[m^2], [rad^2] no pair is known better than this: what is left of pairs of hand-held pictures, measured against truth
-(nine of ten within 0.027 m and 0.034 rad), is several times what the matches of one pair say of each other."""
+"""Least variances [m^2], [rad^2] of a pair: the errors of hand-held image pairs against ground truth (nine of ten within
+0.027 m and 0.034 rad) are several times larger than the spread of their matches suggests."""
 
 
 @dataclass(frozen=True, slots=True)
 class RegistrationSettings(Settings):
-    """When two pictures are believed to show the same; the names in brackets are RTAB-Map's."""
+    """When a registration is accepted; the names in brackets are RTAB-Map's."""
 
     ratio: float = setting(0.8, "", "a match is this much nearer than the next best (Vis/CorNNDR)", low=0.1, high=1.0)
     window: float = setting(40.0, "px", "round where the guess puts a point (Vis/CorGuessWinSize)", low=2.0, high=500.0)
@@ -47,7 +46,7 @@ class RegistrationSettings(Settings):
 
 
 class Refusal(enum.Enum):
-    """Why two pictures are not believed to show the same."""
+    """Why a registration is rejected."""
 
     FEW_FEATURES = "too few features with depth"
     FEW_MATCHES = "too few features look alike"
@@ -60,9 +59,9 @@ class Refusal(enum.Enum):
 
 @dataclass(frozen=True, slots=True)
 class Registration:
-    """`old_from_new` of two cameras with its covariance (6, 6) of rotation [rad], translation [m], or why there is none.
+    """`old_from_new` of two cameras with its covariance (6, 6) of rotation [rad], translation [m], or the reason for none.
 
-    `matches` looked alike, of which `inliers` agree with the pose.
+    Of the `matches` of similar features, `inliers` agree with the pose.
     """
 
     old_from_new: Pose3 | None
@@ -71,14 +70,14 @@ class Registration:
     inliers: int = 0
     refusal: Refusal | None = None
     points: FloatArray = field(default_factory=lambda: np.empty((0, 3)))
-    """(N, 3) [m] of the matches that agree, in the old camera's frame."""
+    """Points (N, 3) [m] of the inliers, in the old camera's frame."""
     pixels: FloatArray = field(default_factory=lambda: np.empty((0, 2)))
-    """(N, 2) [px] where the new one sees them."""
+    """Their pixels (N, 2) in the new image."""
     limits: FloatArray = field(default_factory=lambda: np.empty(0))
-    """(N,) [px] by which each may be elsewhere."""
+    """Largest reprojection error (N,) [px] of each inlier."""
 
     def share(self, old_from_new: Pose3, camera: FloatArray) -> float:
-        """Of the matches that agree with this pose, the share that agrees with another one."""
+        """Return the share of this pose's inliers that agree with another pose."""
         at = project(self.points, old_from_new.inverse(), camera)[:, :2]
         with np.errstate(invalid="ignore"):
             return float((np.hypot(*(at - self.pixels).T) <= self.limits).mean()) if len(at) else 0.0
@@ -91,9 +90,9 @@ def register(
     settings: RegistrationSettings,
     old_from_new: Pose3 | None = None,
 ) -> Registration:
-    """How the camera (fx, fy, cx, cy) of `new` lies in that of `old`, whose features must have depth.
+    """Return the pose of the camera (fx, fy, cx, cy) of `new` in that of `old`, whose features must have depth.
 
-    With a guess only what lies near it is matched; where that fails, it is done without.
+    With a guess, only features near their predicted pixels are matched; if that fails, all are.
     """
     old = old.take(np.isfinite(old.points[:, 2]))
     if min(len(old), len(new)) < settings.min_inliers:
@@ -110,9 +109,9 @@ def register(
 
 
 def match_features(old: Features, new: Features, ratio: float, near: BoolArray | None = None) -> IntArray:
-    """(K, 2) places in `old` and `new` of features that are each other's nearest, and much nearer than the next best.
+    """Return (K, 2) indices in `old` and `new` of mutual nearest features that pass the ratio test.
 
-    `near` (N, M) says which pairs may be matched.
+    `near` (N, M) marks the pairs that may be matched.
     """
     distances = distances_between(old.descriptors, new.descriptors)
     if near is None:
@@ -125,7 +124,7 @@ def match_features(old: Features, new: Features, ratio: float, near: BoolArray |
 def _registered(
     old: Features, new: Features, camera: FloatArray, settings: RegistrationSettings, guess: Pose3 | None
 ) -> Registration:
-    """One pass; a guess (old_from_new) limits what is matched and starts the fit in RANSAC's place."""
+    """Run one pass; a guess (old_from_new) limits the matches and replaces RANSAC as the start of the fit."""
     mask = None if guess is None else _near(old, new, camera, guess, settings.window)
     i, j = match_features(old, new, settings.ratio, mask).T
     if len(i) < settings.min_inliers:
@@ -136,7 +135,7 @@ def _registered(
         return _refused(Refusal.NO_POSE, len(i))
     with np.errstate(divide="ignore", invalid="ignore"):
         inverse = 1.0 / new.points[j, 2].astype(np.float64)
-    # a corner of a coarse level is known no better than that level's pixels
+    # a corner found on a coarse pyramid level is only as accurate as that level's pixels
     scale = np.maximum(1.0, 1.2 ** new.octave[j].astype(np.float64)) if new.octave.any() else np.ones(len(j))
     fit = fit_pose(points, np.column_stack([pixels, inverse, scale]), camera, start, settings.noise)
     inliers = int(fit.inliers.sum())
@@ -157,7 +156,7 @@ def _registered(
 
 
 def _near(old: Features, new: Features, camera: FloatArray, guess: Pose3, window: float) -> BoolArray:
-    """(N, M) which features of `new` lie round where the guess puts those of `old`."""
+    """Return (N, M): which features of `new` lie near the predicted pixels of those of `old`."""
     expected = project(old.points.astype(np.float64), guess.inverse(), camera)[:, :2]
     with np.errstate(invalid="ignore"):
         near = np.all(np.abs(expected[:, None] - new.pixels[None]) < window, axis=2)
@@ -165,15 +164,15 @@ def _near(old: Features, new: Features, camera: FloatArray, guess: Pose3, window
 
 
 def _ransac(points: FloatArray, pixels: FloatArray, camera: FloatArray, settings: RegistrationSettings) -> Pose3 | None:
-    """camera_from_points that most of the matches agree with."""
+    """Return the camera_from_points on which most matches agree, or None."""
     matrix = np.array([[camera[0], 0.0, camera[2]], [0.0, camera[1], camera[3]], [0.0, 0.0, 1.0]])
-    cv2.setRNGSeed(0)  # the same pair gives the same answer
+    cv2.setRNGSeed(0)  # deterministic result
     try:
         found, turn, shift, _ = cv2.solvePnPRansac(
             points, pixels, matrix, None, iterationsCount=settings.iterations,
             reprojectionError=settings.reprojection, flags=cv2.SOLVEPNP_AP3P,
         )  # fmt: skip
-    except cv2.error:  # points of which no four make a pose
+    except cv2.error:  # no four points determine a pose
         return None
     pose = (
         Pose3(np.asarray(cv2.Rodrigues(turn)[0], np.float64), np.asarray(shift, np.float64).ravel()) if found else None
@@ -182,15 +181,15 @@ def _ransac(points: FloatArray, pixels: FloatArray, camera: FloatArray, settings
 
 
 def _spread(pixels: FloatArray, camera: FloatArray) -> float:
-    """Smaller variance of pixels (N, 2) along their two axes, in squares of the picture's width."""
+    """Return the smaller principal variance of pixels (N, 2), in squares of the image width."""
     inside = (pixels - pixels.mean(axis=0)) / (2.0 * camera[2])
     return float(np.linalg.eigvalsh(inside.T @ inside / len(inside))[0])
 
 
 def _covariance(old: FloatArray, new: FloatArray, old_from_new: Pose3) -> FloatArray:
-    """(6, 6) by how far the points of both agree: RTAB-Map's 25 % quantile, the same in all directions.
+    """Return the covariance (6, 6) by the distances between both point sets: RTAB-Map's 25 % quantile, isotropic.
 
-    A point of `new` without depth is taken at 1.1 times the distance that the other one's says, as RTAB-Map does.
+    A point of `new` without depth is placed at 1.1 times the predicted distance, as RTAB-Map does.
     """
     inside = (old - old_from_new.translation) @ old_from_new.rotation
     moved = np.where(np.isfinite(new), new, 1.1 * inside)
@@ -207,5 +206,5 @@ def _refused(refusal: Refusal, matches: int = 0, inliers: int = 0) -> Registrati
 
 
 def angle_between(a: Pose3, b: Pose3) -> float:
-    """Angle [rad] of the turn from one to the other."""
+    """Return the angle [rad] of the rotation between two poses."""
     return float(np.linalg.norm(Rotation.from_matrix(a.rotation.T @ b.rotation).as_rotvec()))

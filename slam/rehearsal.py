@@ -1,7 +1,7 @@
-"""Rehearsal: consecutive views that look alike make one node that weighs more (RTAB-Map 0.23.8, Memory::rehearsal).
+"""Rehearsal: consecutive similar views are merged into one node of greater weight (RTAB-Map 0.23.8, Memory::rehearsal).
 
-A node's weight says how often the view did not change, so how long the chair stayed. RTAB-Map can compare by global
-descriptors instead of words; nothing here makes any, so that the words always decide.
+A node's weight counts how often the view did not change, and so how long the chair stayed. RTAB-Map can also compare
+global descriptors; waychair computes none, so visual words always decide.
 """
 
 from __future__ import annotations
@@ -16,7 +16,7 @@ from waychair.types import Pose2
 
 
 class Verdict(enum.Enum):
-    """What becomes of a new node and the one before it."""
+    """How a new node and the one before it are treated."""
 
     APART = "they do not look alike"
     WEIGHTS = "the chair moves: only the weight goes over"
@@ -25,7 +25,7 @@ class Verdict(enum.Enum):
 
 
 def similarity(a: WordIds, b: WordIds) -> float:
-    """Occurrences of words that two views share, as a part of the larger view's; 0 where one has none."""
+    """Return the share of the larger view's words that both views contain; 0 if a view has no words."""
     a, b = a[a > 0], b[b > 0]
     if not len(a) or not len(b):
         return 0.0
@@ -36,16 +36,16 @@ def similarity(a: WordIds, b: WordIds) -> float:
 
 
 def is_moving(motion: Pose2, settings: MemorySettings) -> bool:
-    """Whether any axis of the motion exceeds its limit (each for itself, not their length)."""
+    """Return whether any axis of the motion exceeds its limit (per axis, not by length)."""
     linear, angular = settings.linear_update, settings.angular_update
     return abs(motion.x) > linear or abs(motion.y) > linear or abs(motion.theta) > angular
 
 
 def judge(new: Node, old: Node, motion: Pose2 | None, linked: bool, settings: MemorySettings) -> Verdict:
-    """What becomes of a new node, by the latest earlier node of the STM that is not an intermediate one.
+    """Compare a new node with `old`, the latest earlier node of the STM that is not intermediate.
 
     Args:
-        motion: the new node's pose from its neighbour in time; None where it has none, and so has come from anywhere.
+        motion: the new node's pose relative to its neighbour in time; None without a neighbour: the motion is unknown.
         linked: whether that neighbour is `old`.
     """
     if new.is_bad or similarity(new.words, old.words) < settings.rehearsal_similarity:

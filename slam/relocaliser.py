@@ -1,12 +1,12 @@
-"""Where on a whole map a scan fits, with no idea where the chair is: branch and bound over all positions and headings.
+"""Global search: where a scan fits on a whole map, by branch and bound over all positions and headings.
 
-The likelihood of a beam's end is kept at one fine level; level h of the pyramid holds its maxima over the 2^h x 2^h
-cells from each cell, so that a sum over the points at level h is never below that of any of the 4^h poses it stands
-for (Hess et al. 2016, section V.B). A second pyramid says where the chair can stand: blocks without a free cell are
-never opened. Runs that find nothing are cheap, because they start from the least response that would be believed.
+Level 0 of the pyramid is the likelihood of a beam's end; level h holds its maxima over 2^h x 2^h cells, so a sum over
+the points at level h is an upper bound for all 4^h positions of a block (Hess et al. 2016, section V.B). A second
+pyramid marks where the chair can stand: blocks without a free cell are never searched. Searches without a find are
+cheap, because they start from the least response that counts.
 
-The search knows the ends of beams only. What the beams passed through on their way tells real places from lookalikes;
-`waychair.slam.beam_model` judges the few hypotheses that come out of here.
+The search uses the ends of beams only. Real places and lookalikes differ in the cells that the beams cross, so
+`waychair.slam.beam_model` rates the few hypotheses found here.
 """
 
 from __future__ import annotations
@@ -27,7 +27,7 @@ from waychair.types import BoolArray, Bytes, FloatArray, IntArray, OccupancyGrid
 
 @dataclass(frozen=True, slots=True)
 class RelocaliserSettings(Settings):
-    """How finely a map is searched and which places are kept."""
+    """Resolution of the search, and which places are kept."""
 
     resolution: float = setting(
         0.1, "m", "step of the search; angles step by as much at the far beams", low=0.02, high=1
@@ -44,7 +44,7 @@ class RelocaliserSettings(Settings):
 
 @dataclass(frozen=True, slots=True)
 class Hypothesis:
-    """A pose (of the base, in the map) and the mean likelihood in [0, 1] of the beams' ends there."""
+    """A pose of the base in the map, and the mean likelihood in [0, 1] of the beams' ends there."""
 
     pose: Pose2
     response: float
@@ -52,9 +52,9 @@ class Hypothesis:
 
 @dataclass(frozen=True, slots=True)
 class Pyramid:
-    """What is searched: `likelihood` (L, H, W) u8 of a beam's end, `standing` (L, H, W) u8: 1 where some cell of the
-    block can hold the chair. Level h, cell (r, c) stands for the cells [r, r + 2^h) x [c, c + 2^h) of level 0, whose
-    side is `resolution` [m]; `map_from_pyramid` is the corner of cell (0, 0)."""
+    """The search pyramid: `likelihood` (L, H, W) u8 of a beam's end; `standing` (L, H, W) u8, 1 where the chair may stand
+    in some cell of the block. Cell (r, c) of level h is the block [r, r + 2^h) x [c, c + 2^h) of level 0, whose cells
+    have side `resolution` [m]; `map_from_pyramid` is the corner of cell (0, 0)."""
 
     likelihood: Bytes
     standing: Bytes
@@ -63,9 +63,9 @@ class Pyramid:
 
 
 def pyramid_from_grid(grid: OccupancyGrid, settings: RelocaliserSettings) -> Pyramid:
-    """Pyramid of a whole map: walls are its occupied cells, the chair can stand on those known to be free.
+    """Return the pyramid of a whole map: occupied cells are walls, the chair can stand on free cells.
 
-    A map without any wall gives a likelihood of 0 everywhere, in which nothing is ever found.
+    A map without walls has zero likelihood everywhere, and no place is found on it.
     """
     ratio = max(1, round(settings.resolution / grid.resolution))
     solid = occupied(grid)
@@ -75,9 +75,9 @@ def pyramid_from_grid(grid: OccupancyGrid, settings: RelocaliserSettings) -> Pyr
 def pyramid_from_points(
     points: FloatArray, standing: FloatArray, reach: float, settings: RelocaliserSettings
 ) -> Pyramid:
-    """Pyramid of the points (N, 2) [m] of a few key scans; the chair can stand within `reach` [m] of `standing` (M, 2).
+    """Return the pyramid of the points (N, 2) [m] of a few key scans; the chair can stand within `reach` [m] of `standing`.
 
-    All in one frame, which the pyramid's axes are parallel to.
+    `standing` (M, 2) [m] and the points share one frame, whose axes are those of the pyramid.
     """
     step = settings.resolution / 2
     every = np.concatenate([points, standing])
@@ -94,11 +94,11 @@ def pyramid_from_points(
 def global_search(
     points: FloatArray, pyramid: Pyramid, settings: RelocaliserSettings, *, floor: float | None = None
 ) -> tuple[Hypothesis, ...]:
-    """The distinct places where points (N, 2) [m, base] fit best, best first; none when nothing fits well enough.
+    """Return the distinct places where points (N, 2) [m, base] fit best, best first; none if no fit is good enough.
 
-    Every place with a response above `floor` (default: the settings' least) and within the settings' spread of the best
-    is considered; the best is the best of all poses of the pyramid's steps, the others the best of their surroundings,
-    at most `settings.hypotheses` of them. Positions are exact to a step; a refinement has to follow.
+    A place counts if its response exceeds `floor` (default: the least response) and lies within the spread of the best.
+    The first is the best of all grid poses, the others the best of their surroundings, up to the number of hypotheses.
+    Positions are exact to one cell; the caller refines them.
     """
     points = thinned(points, pyramid.resolution, settings.max_points)
     if len(points) == 0:
@@ -114,13 +114,13 @@ def global_search(
 
 
 def heading_count(points: FloatArray, resolution: float) -> int:
-    """Headings to be tried so that the far points move by one cell from one to the next (Hess et al. 2016, eq. 7)."""
+    """Return the number of headings for which far points move by one cell per step (Hess et al. 2016, eq. 7)."""
     far = max(1.0, float(np.quantile(np.hypot(points[:, 0], points[:, 1]), 0.8)))
     return math.ceil(math.tau / math.acos(1.0 - resolution**2 / (2.0 * far**2)))
 
 
 def thinned(points: FloatArray, resolution: float, most: int) -> FloatArray:
-    """Points (M, 2), M <= `most`: one per cell of `resolution` [m], then every n-th."""
+    """Return points (M, 2), M <= `most`: one per cell of `resolution` [m], then every n-th."""
     _, first = np.unique(np.floor(points / resolution).astype(np.int64), axis=0, return_index=True)
     kept = points[np.sort(first)]
     step = max(1, -(-len(kept) // most))
@@ -130,7 +130,7 @@ def thinned(points: FloatArray, resolution: float, most: int) -> FloatArray:
 def _pyramid(
     solid: BoolArray, standing: BoolArray, cell: float, ratio: int, map_from_grid: Pose2, settings: RelocaliserSettings
 ) -> Pyramid:
-    """Likelihood at the centres of blocks of `ratio` x `ratio` grid cells, and whether the chair can stand in one."""
+    """Build the pyramid over blocks of `ratio` x `ratio` grid cells: likelihood at their centres, and standing room."""
     height, width = (-(-side // ratio) * ratio for side in solid.shape)
     padded = np.zeros((2, height, width), bool)
     padded[:, : solid.shape[0], : solid.shape[1]] = solid, standing
@@ -138,7 +138,7 @@ def _pyramid(
     away = np.full((height, width), np.inf)
     if solid.any():
         away = cv2.distanceTransform((~padded[0]).astype(np.uint8), cv2.DIST_L2, cv2.DIST_MASK_PRECISE) * cell
-    # the centre of a block of 2 x 2 cells is a corner: the mean of the distances round it is that of the centre
+    # the centre of a block of 2 x 2 cells is a cell corner: take the mean distance of the cells round it
     centre = away.reshape(blocks.shape[1:]).mean(axis=(1, 3))
     likelihood = np.round(255.0 * np.exp(-0.5 * (centre / settings.sigma) ** 2)).astype(np.uint8)
     free = blocks[1].any(axis=(1, 3)).astype(np.uint8)
@@ -149,7 +149,7 @@ def _pyramid(
 
 @njit(cache=True, nogil=True)
 def _turned_cells(points: FloatArray, resolution: float, count: int) -> tuple[IntArray, IntArray]:
-    """Rows and columns (count, N) of the points, seen from the centre of cell (0, 0), at each heading."""
+    """Return rows and columns (count, N) of the points at each heading, relative to the centre of cell (0, 0)."""
     rows = np.empty((count, len(points)), np.int64)
     cols = np.empty((count, len(points)), np.int64)
     for a in range(count):
@@ -163,10 +163,10 @@ def _turned_cells(points: FloatArray, resolution: float, count: int) -> tuple[In
 
 @njit(cache=True, nogil=True)
 def _block_score(level: Bytes, rows: IntArray, cols: IntArray, row: int, col: int, side: int) -> int:
-    """Sum over the points of the level's values, for the blocks of `side` x `side` cells that start (row, col) cells on.
+    """Return the sum of the level's values at the points, shifted by (row, col), for blocks of `side` x `side` cells.
 
-    A block that begins outside the grid and reaches into it is bounded by the block that begins at the grid's edge, so
-    that the sum is never below that of any pose in it; what lies outside the grid is 0.
+    A block that begins outside the grid but reaches into it takes the value of the block at the grid's edge, which keeps
+    the sum an upper bound. Cells outside the grid are 0.
     """
     height, width = level.shape
     total = 0
@@ -181,7 +181,7 @@ def _block_score(level: Bytes, rows: IntArray, cols: IntArray, row: int, col: in
 def _keep(
     found: FloatArray, used: int, x: float, y: float, theta: float, value: float, apart: float, apart_angle: float
 ) -> int:
-    """Puts a pose among the distinct best ones (K, 4) x, y, theta, value; returns how many there are now."""
+    """Insert a pose into the distinct best ones (K, 4) x, y, theta, value; return their number."""
     near, worst = -1, 0
     for k in range(used):
         turn = abs(theta - found[k, 2])
@@ -203,7 +203,7 @@ def _open(
     likelihood: Bytes, standing: Bytes, rows: IntArray, cols: IntArray, row: int, col: int, half: int, least: float,
     bounds: FloatArray, corners: IntArray,
 ) -> int:  # fmt: skip
-    """Bounds of a block's quarters that exceed `least`, in ascending order, and their corners; returns how many."""
+    """Write the bounds of a block's quarters above `least`, ascending, and their corners; return their number."""
     count = 0
     for quarter in range(4):
         r, c = row + half * (quarter // 2), col + half * (quarter % 2)
@@ -235,9 +235,9 @@ def _search_everywhere(
     apart: float,
     apart_angle: float,
 ) -> FloatArray:
-    """Depth-first branch and bound over (heading, row, col), most promising block first; see `global_search`.
+    """Search depth-first by branch and bound over (heading, row, col), best block first; see `global_search`.
 
-    Returns (K, 4): x, y [m] in the pyramid's frame, heading [rad], response.
+    Return (K, 4): x, y [m] in the pyramid's frame, heading [rad], response.
     """
     levels, height, width = likelihood.shape
     block = 2 ** (levels - 1)

@@ -1,12 +1,11 @@
-"""The optimisation of a pose graph some of whose loops are false, and why a loop was left out.
+"""Robust optimisation of a pose graph with false loops, and the reasons for rejected loops.
 
-Kernels and annealing were measured on the Intel and Manhattan graphs with 50 false loops, scattered at random or in
-groups that agree with each other (`benchmarks/acceptance/posegraphs.py`). Cauchy's and Geman-McClure's kernels alone
-end up to 1.3 m away. Scaling loops down by how far they are contradicted (dynamic covariance scaling) trusts the
-start: exact where the odometry is good, groups included, and lost where it is not. Graduated non-convexity trusts no
-start, but lets a group bend an odometry that claims little. So both are tried, and the solution of greater likelihood
-stands, with a noise level that is estimated from each solution, because many a graph's information is far too modest
-(Intel's by a factor of 50).
+The methods were measured on the Intel and Manhattan graphs with 50 false loops, at random or in mutually consistent
+groups (`benchmarks/acceptance/posegraphs.py`). Cauchy and Geman-McClure kernels alone err by up to 1.3 m. Dynamic
+covariance scaling relies on the start: it is exact where the odometry is good, even for groups, and fails where it is
+not. Graduated non-convexity needs no good start, but a group of false loops can bend weakly constrained odometry. So
+both are tried, and the solution of greater likelihood is taken. Its noise level is estimated from the solution, because
+the information of many graphs is far too small (Intel's by a factor of 50).
 """
 
 from __future__ import annotations
@@ -28,7 +27,7 @@ from waychair.types import BoolArray, FloatArray
 
 @dataclass(frozen=True, slots=True)
 class GraphSettings(Settings):
-    """How the graph is optimised."""
+    """How the pose graph is optimised."""
 
     loop_scale: float = setting(1.0, "", "chi-square up to which a loop counts in full", low=0.01, high=1e4)
     match_kernel: float = setting(2.0, "sigma", "width of the Huber kernel on the other edges", low=0.1, high=100.0)
@@ -52,7 +51,7 @@ class GraphSettings(Settings):
 
 
 class Reason(enum.Enum):
-    """Why a loop was left out of the graph."""
+    """Why a loop was rejected."""
 
     CONTRADICTED = "the rest of the graph contradicts it"
     REMOVED = "it was taken out on request"
@@ -60,7 +59,7 @@ class Reason(enum.Enum):
 
 @dataclass(frozen=True, slots=True)
 class Rejected:
-    """A loop that was left out: its chi-square (3 dof) against the poses without it, and what was allowed."""
+    """A rejected loop: its chi-square (3 dof) against the poses without it, and the limit."""
 
     edge: Edge
     reason: Reason
@@ -74,7 +73,7 @@ class Rejected:
 
 @dataclass(frozen=True, slots=True)
 class Solution:
-    """Poses (N, 3) [m, m, rad], and which edges (E,) they rest on: all but the rejected loops."""
+    """Poses (N, 3) [m, m, rad], and the mask (E,) of accepted edges: all except rejected loops."""
 
     poses: FloatArray
     accepted: BoolArray
@@ -83,7 +82,7 @@ class Solution:
 
 @dataclass(frozen=True, slots=True)
 class _Candidate:
-    """A solution under trial: the weights (E,) are 1 or 0; the rest as `_unlikelihood` says."""
+    """A trial solution: weights (E,) of 1 or 0; `score`, `against` and `variance` as `_unlikelihood` returns them."""
 
     poses: FloatArray
     weights: FloatArray
@@ -93,18 +92,18 @@ class _Candidate:
 
 
 def optimise(poses: FloatArray, edges: Sequence[Edge], settings: GraphSettings) -> FloatArray:
-    """Poses (N, 3) of `solve`."""
+    """Return the poses (N, 3) of `solve`."""
     return solve(poses, edges, settings).poses
 
 
 def solve(poses: FloatArray, edges: Sequence[Edge], settings: GraphSettings) -> Solution:
-    """Poses that fit the edges best, node 0 held where it is, and the loops that had to be left out for it.
+    """Return the poses that fit the edges best, with node 0 fixed, and the rejected loops.
 
-    Edges that are no loops are believed, under a Huber kernel (on every edge the largest single gain measured on the
-    Freiburg and Intel logs). When the quick solution contradicts no loop it stands.
+    All other edges are kept, under a Huber kernel (the largest single gain measured on the Freiburg and Intel logs).
+    The quick solution is taken if it contradicts no loop.
 
     Raises:
-        GraphError: nodes that hang on no edge, values that are not finite, or equations that cannot be solved.
+        GraphError: the graph is not connected, values are not finite, or the equations cannot be solved.
     """
     arrays = edge_arrays(edges)
     check_graph(poses, arrays)
@@ -119,7 +118,7 @@ def solve(poses: FloatArray, edges: Sequence[Edge], settings: GraphSettings) -> 
         best = min(best, _settled(problem, _trusting(problem, best, poses, settings), settings), key=_score)
         best = _looked_at_again(problem, best, settings)
     left_out = int((best.weights == 0).sum())
-    if left_out > settings.few:  # the poses may have been bent by what was believed before
+    if left_out > settings.few:  # loops accepted earlier may have bent the poses
         best = min(best, _quick(problem, reckoned(poses, edges), settings), key=_score)
     if left_out > settings.hopeless * arrays.loop.sum():
         start = placed(spectral_poses(arrays, len(poses)), poses[0])
@@ -137,7 +136,7 @@ def solve(poses: FloatArray, edges: Sequence[Edge], settings: GraphSettings) -> 
 
 
 def reckoned(poses: FloatArray, edges: Sequence[Edge]) -> FloatArray:
-    """Poses (N, 3) by the edges between consecutive nodes alone, no loops; where there is none, the step of `poses`."""
+    """Return poses (N, 3) chained from the edges between consecutive nodes; a missing edge takes the step of `poses`."""
     steps = {edge.i: edge.i_from_j for edge in edges if edge.kind is not EdgeKind.LOOP and edge.j == edge.i + 1}
     chain = [pose_from_array(poses[0])]
     for k in range(len(poses) - 1):
@@ -148,7 +147,7 @@ def reckoned(poses: FloatArray, edges: Sequence[Edge]) -> FloatArray:
 
 
 def _quick(problem: Problem, poses: FloatArray, settings: GraphSettings) -> _Candidate:
-    """The solution next to the poses that dynamic covariance scaling finds."""
+    """Return the settled solution next to that of dynamic covariance scaling."""
     return _settled(problem, problem.solve_switchable(poses, settings.loop_scale, settings.max_iterations), settings)
 
 
@@ -157,18 +156,18 @@ def _score(candidate: _Candidate) -> float:
 
 
 def _trusting(problem: Problem, quick: _Candidate, poses: FloatArray, settings: GraphSettings) -> FloatArray:
-    """Poses that give the loops left out by the quick solution their chance: all of them if they are few."""
+    """Return poses that trust the loops rejected by the quick solution: all at once if they are few, else by annealing."""
     if (quick.weights == 0).sum() > settings.few:
         return _graduated(problem, poses, settings)
     return problem.solve(quick.poses, iterations=settings.max_iterations)
 
 
 def _graduated(problem: Problem, poses: FloatArray, settings: GraphSettings) -> FloatArray:
-    """Poses by graduated non-convexity with truncated least squares on the loops.
+    """Return poses by graduated non-convexity with truncated least squares on the loops.
 
-    Yang, Antonante, Tzoumas, Carlone: Graduated non-convexity for robust spatial perception, RA-L 2020, eq. 14 for
-    the weights. All loops are trusted at first, then only those that a shrinking limit lets pass; one Gauss-Newton
-    step at each limit is enough, as the solution moves little between them.
+    Yang, Antonante, Tzoumas, Carlone: Graduated non-convexity for robust spatial perception, RA-L 2020, weights by
+    eq. 14. At first all loops are trusted, then only those within a shrinking limit. One Gauss-Newton step per limit is
+    enough, because the solution moves little between limits.
     """
     loop, limit = problem.edges.loop, settings.loop_limit
     weights = np.ones(len(loop))
@@ -187,7 +186,7 @@ def _graduated(problem: Problem, poses: FloatArray, settings: GraphSettings) -> 
 
 
 def _settled(problem: Problem, poses: FloatArray, settings: GraphSettings) -> _Candidate:
-    """The solution next to the poses that rests on exactly the loops within the limit."""
+    """Return the solution next to the poses whose accepted loops are exactly those within the limit."""
     weights = _within(problem, poses, settings.loop_limit)
     for _ in range(10):
         poses = problem.solve(poses, weights, iterations=settings.max_iterations)
@@ -199,22 +198,22 @@ def _settled(problem: Problem, poses: FloatArray, settings: GraphSettings) -> _C
 
 
 def _within(problem: Problem, poses: FloatArray, limit: float) -> FloatArray:
-    """(E,) 1 for every edge but the loops beyond the limit, 0 for those."""
+    """Return weights (E,): 0 for loops beyond the limit, 1 for all other edges."""
     against = chi_square(poses, problem.edges)
     return np.where(problem.edges.loop & (against >= limit), 0.0, 1.0)
 
 
 def _variance(against: float, loops: float) -> float:
-    """Noise level of a solution: its sum of chi-squares per degree of freedom, drawn to 1 where loops are few."""
-    prior = 15.0  # as if five more loops had fitted as their information says
+    """Return the noise level of a solution: its chi-square per degree of freedom, pulled towards 1 for few loops."""
+    prior = 15.0  # as if five more loops fitted exactly as their information says
     return (against + prior) / (3 * loops + prior)
 
 
 def _unlikelihood(problem: Problem, poses: FloatArray, weights: FloatArray, cost: float) -> tuple[float, float, float]:
-    """-2 log likelihood of the loops up to a constant, the sum of chi-squares, and the noise level.
+    """Return -2 log likelihood of the loops up to a constant, the sum of chi-squares, and the noise level.
 
-    Each accepted loop has 3 degrees of freedom of the variance that fits the solution, each rejected one costs `cost`.
-    A group of false loops that bends the odometry raises the variance, and with it the cost of every true loop.
+    Each accepted loop has 3 degrees of freedom with the solution's variance; each rejected loop costs `cost`. A group of
+    false loops that bends the odometry raises the variance, and with it the cost of every true loop.
     """
     loop = problem.edges.loop
     accepted = float((weights[loop] > 0).sum())
@@ -225,11 +224,11 @@ def _unlikelihood(problem: Problem, poses: FloatArray, weights: FloatArray, cost
 
 
 def _looked_at_again(problem: Problem, best: _Candidate, settings: GraphSettings) -> _Candidate:
-    """The candidate with the loops back in that were only out because the poses between them are uncertain.
+    """Return the candidate after accepting again the loops that were rejected only because their poses are uncertain.
 
-    A true loop left out early may lie hundreds of sigmas from a solution that is itself uncertain there; its
-    innovation tells it from a false one. As real noise has long tails, a single loop may be as poor as five times the
-    noise level. Loops are taken back together, and stay if that costs less than leaving them out.
+    A true loop that was rejected early may lie hundreds of sigmas from a solution that is uncertain there; its
+    innovation tells it from a false loop. Real noise has long tails, so one loop may reach five times the noise level.
+    Loops are accepted together, and stay if that costs less than their rejection.
     """
     noise = max(best.variance, min(1.0, 5 * best.variance))
     for _ in range(5):

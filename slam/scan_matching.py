@@ -1,9 +1,8 @@
 """Scan matching: a branch and bound correlative search, refined by point-to-line least squares.
 
-The search (Olson 2009; Hess et al. 2016) cannot be trapped by a bad guess: it returns the best pose of its window, to
-one cell and one angle step. The refinement then minimises the distances of the points to the surfaces they lie on
-together with the distance to the odometry's guess, so that along a bare corridor, where the scan says nothing, the
-odometry decides (the weak direction of C1/C3 in the literature).
+The search (Olson 2009; Hess et al. 2016) has no local minima: it returns the best pose of its window, to one cell and one
+angle step. The refinement then minimises the point-to-line distances together with the distance to the odometry's guess.
+Along a bare corridor, where the scan gives no information, the odometry decides.
 """
 
 from __future__ import annotations
@@ -25,17 +24,17 @@ WIDE, NARROW = 0.3, 0.1
 """First and last width [m] of the refinement's kernel."""
 
 THROUGH = 0.3
-"""A surface so far [m] before the end of a beam was looked through."""
+"""A beam has crossed a surface that lies at least so far [m] before its end."""
 
-_GAP = 0.05  # [rad] between two beams that have nothing between them
+_GAP = 0.05  # [rad]; a larger angle between two beams is a gap
 
 NOTHING_KNOWN = 100.0
-"""Variance [m^2], [rad^2] of what a scan says nothing about."""
+"""Variance [m^2], [rad^2] of a direction in which a scan gives no information."""
 
 
 @dataclass(frozen=True, slots=True)
 class MatchSettings(Settings):
-    """How a scan is matched."""
+    """How a scan is matched with a reference."""
 
     resolution: float = setting(0.05, "m", "side of a reference cell", low=0.01, high=0.5)
     sigma: float = setting(0.06, "m", "spread of a beam's end about the surface", low=0.005, high=1.0)
@@ -59,7 +58,7 @@ class MatchSettings(Settings):
 
 @dataclass(frozen=True, slots=True)
 class Window:
-    """Half sizes of the search round the guess: distance [m] in x and y, angle [rad]."""
+    """Half sizes of the search window: distance [m] in x and y, angle [rad]."""
 
     distance: float
     angle: float
@@ -67,14 +66,15 @@ class Window:
 
 @dataclass(frozen=True, slots=True)
 class Match:
-    """Where the scan fits best.
+    """The best fit of a scan.
 
-    `response` in [0, 1]: mean likelihood of the beams' ends; `inliers` in [0, 1]: share of the points that lie on a
-    surface; `rms` [m] of those; `information` (3, 3) of x, y [1/m^2], theta [1/rad^2] in the map frame, from the scan
-    alone; `covariance` (3, 3) [m^2, m rad, rad^2] what it comes to in reality (see `calibrated_covariance`).
-    `complexity` in [0, 0.5]: share of the matched surfaces that face the weakest direction, 0 between parallel walls;
-    `degenerate`: so few that along it the pose is the guess's. `runner_up` in [0, 1]: response of the second best
-    distinct place of the window over the winner's (see `ambiguity`), 0 when it was not asked for.
+    - `response` in [0, 1]: mean likelihood of the beams' ends.
+    - `inliers` in [0, 1]: share of the points on a surface; `rms` [m]: their distance to it.
+    - `information` (3, 3) of x, y [1/m^2], theta [1/rad^2] in the map frame, from the scan alone.
+    - `covariance` (3, 3) [m^2, m rad, rad^2]: realistic errors (see `calibrated_covariance`).
+    - `complexity` in [0, 0.5]: share of the matched surfaces that face the weakest direction, 0 between parallel walls.
+    - `degenerate`: the complexity is so low that the pose along the weakest direction is the guess's.
+    - `runner_up` in [0, 1]: response of the second best distinct place over the best; 0 if not requested.
     """
 
     pose: Pose2
@@ -98,9 +98,9 @@ def match(
     *,
     with_runner_up: bool = False,
 ) -> Match:
-    """Pose in the map that fits the scan to the reference best, near a guess with information (3, 3).
+    """Return the pose in the map at which the scan fits the reference best, near a guess with information (3, 3).
 
-    A scan without points fits nowhere: response and inliers are 0 and the pose is the guess.
+    For a scan without points, response and inliers are 0 and the pose is the guess.
     """
     if len(scan) == 0:
         return Match(guess, 0.0, 0.0, math.inf, np.zeros((3, 3)))
@@ -120,16 +120,15 @@ def match(
 def ambiguity(
     points: FloatArray, reference: Reference, guess: Pose2, window: Window, settings: MatchSettings, winner: Pose2
 ) -> float:
-    """Response of the best place of the window that is distinct from the winner; 0 when there is none."""
+    """Return the response of the best place of the window that is distinct from the winner; 0 if there is none."""
     return correlative_search(points, reference, guess, window, settings, taken=winner)[1]
 
 
 def weakest_direction(information: FloatArray) -> tuple[float, FloatArray]:
-    """How well the weakest direction is known, and the unit vector (2,) of the strongest.
+    """Return the structural complexity, and the unit vector (2,) of the best known direction.
 
-    The first is the smaller eigenvalue of the position's information (3, 3) over the sum of both: for point-to-line
-    distances that is the share of the (weighted) surfaces that face that way, the structural complexity of RTAB-Map's
-    ICP. Without any surface it is 0.
+    The complexity is the smaller eigenvalue of the position's information (3, 3) over the sum of both. For point-to-line
+    distances that is the weighted share of surfaces that face this direction, as in RTAB-Map's ICP; 0 without surfaces.
     """
     values, vectors = np.linalg.eigh(information[:2, :2])
     total = float(values.sum())
@@ -137,11 +136,11 @@ def weakest_direction(information: FloatArray) -> tuple[float, FloatArray]:
 
 
 def calibrated_covariance(information: FloatArray, settings: MatchSettings) -> FloatArray:
-    """Covariance (3, 3) of a match in reality.
+    """Return the realistic covariance (3, 3) of a match.
 
-    Least squares believe that every point errs by itself, but the points of one wall share their errors; the inverse
-    of the information is too small by `settings.optimism`, measured by matching every other beam against every other
-    key scan, twice with nothing in common: the factor found was 0.2 on the Intel lab and 1.9 on Freiburg 079.
+    Least squares assume independent errors, but the points of one wall share their errors, so the inverse of the
+    information is too small by a factor (`settings.optimism`). It was measured by matching disjoint halves of the beams
+    against disjoint halves of the key scans: 0.2 on the Intel lab and 1.9 on Freiburg 079.
     """
     least = np.eye(3) / NOTHING_KNOWN
     return np.asarray(settings.optimism * np.linalg.inv(information + least), np.float64)
@@ -150,10 +149,9 @@ def calibrated_covariance(information: FloatArray, settings: MatchSettings) -> F
 def _kept_along_weak(
     pose: Pose2, information: FloatArray, guess: Pose2, strong: FloatArray
 ) -> tuple[Pose2, FloatArray]:
-    """The pose moved from the guess along the strong direction only, and the information without the weak one.
+    """Return the pose moved from the guess along the strong direction only, and the information without the weak one.
 
-    A few crooked normals in a corridor look like knowledge of the way along it; it is none (solution remapping, Zhang,
-    Kaess and Singh 2016).
+    A few wrong normals in a corridor look like information along it (solution remapping, Zhang, Kaess and Singh 2016).
     """
     keep = np.eye(3)
     keep[:2, :2] = np.outer(strong, strong)
@@ -171,10 +169,10 @@ def correlative_search(
     floor: float = 0.0,
     taken: Pose2 | None = None,
 ) -> tuple[Pose2, float]:
-    """Best pose of the window and its response; the guess and 0 when nothing scores above `floor`.
+    """Return the best pose of the window and its response; the guess and 0 when no pose scores above `floor`.
 
-    With `taken`, poses within 0.5 m and 15 degrees of it do not count: what is left is the runner-up, whose response
-    tells how ambiguous the winner is.
+    With `taken`, poses within 0.5 m and 15 degrees of it do not count: the result is the runner-up, whose response tells
+    how ambiguous the winner is.
     """
     radii = np.hypot(points[:, 0], points[:, 1])
     fifth = len(radii) - 1 - len(radii) // 5
@@ -200,10 +198,10 @@ def refine(
     *,
     reach: float = WIDE,
 ) -> tuple[Pose2, FloatArray, float, float]:
-    """Pose that minimises point-to-line distances plus the distance to the guess, from `start`.
+    """Minimise the point-to-line distances plus the distance to the guess, from `start`.
 
-    `reach` [m] is the kernel's first width: how far off surfaces may be at the start; a small one costs less.
-    Returns the pose, the information (3, 3) of the scan alone, the share of inliers and their rms distance [m].
+    `reach` [m] is the kernel's first width, the largest distance of surfaces at the start; a small one is faster.
+    Return the pose, the information (3, 3) of the scan alone, the share of inliers and their rms distance [m].
     """
     pose, information, inliers, rms = _refine(
         scan.points, scan.normals, reference.surfaces, reference.slots, reference.origin, reference.resolution,
@@ -215,11 +213,10 @@ def refine(
 
 
 def seen_through(scan: ScanPoints, base_from_laser: Pose2, reference: Reference, pose: Pose2) -> float:
-    """Share in [0, 1] of the reference's surfaces that the scan, from this pose, looks through and not at.
+    """Return the share in [0, 1] of the reference's surfaces that the scan's beams, from this pose, cross.
 
-    Only those count that lie on a beam: before its end (looked through, by more than `THROUGH`) or at it. A place not
-    seen before, or people standing round the chair, hide surfaces but contradict none; another place does. 0 when there
-    is nothing to compare.
+    Only surfaces on a beam count: those before its end by more than `THROUGH` (crossed) and those at its end. A new place
+    or people round the chair hide surfaces but cross none; at a wrong pose beams cross many. 0 without such surfaces.
     """
     beams = transform_points(base_from_laser.inverse(), scan.points)
     bearing = np.arctan2(beams[:, 1], beams[:, 0])
@@ -238,7 +235,7 @@ def seen_through(scan: ScanPoints, base_from_laser: Pose2, reference: Reference,
 
 @njit(cache=True)
 def _score(level: Bytes, rows: np.ndarray, cols: np.ndarray, row: int, col: int) -> int:
-    """Sum of the level's values under the points, moved by (row, col) cells; outside the grid it is 0."""
+    """Return the sum of the level's values at the points, shifted by (row, col) cells; 0 outside the grid."""
     height, width = level.shape
     total = 0
     for i in range(len(rows)):
@@ -263,7 +260,7 @@ def _search(
     floor: float,
     taken: FloatArray,
 ) -> tuple[FloatArray, float]:
-    """Depth-first branch and bound over (angle, row, col); see `correlative_search`."""
+    """Search depth-first by branch and bound over (angle, row, col); see `correlative_search`."""
     full = 255.0 * len(points)
     top = 0
     while top < LEVELS - 1 and 2 ** (top + 1) <= cells:
@@ -336,9 +333,9 @@ def nearest_surface(
     nx: float,
     ny: float,
 ) -> int:
-    """Slot of the nearest surface (by its mean point) that faces the same way, within `reach` cells; 0 for none.
+    """Return the slot of the nearest surface (by its mean point) with a similar normal, within `reach` cells; 0 for none.
 
-    Looked for ring by ring round the cell: a surface's mean point lies in its own cell, so that those of ring n are at
+    The search goes ring by ring round the cell: a surface's mean point lies in its cell, so surfaces of ring n are at
     least n - 1 cells away.
     """
     best, found = 1e18, 0
@@ -377,7 +374,7 @@ def _refine(
     max_iterations: int,
     widest: float,
 ) -> tuple[FloatArray, FloatArray, float, float]:
-    """Gauss-Newton with a Geman-McClure kernel whose width shrinks with the iterations; see `refine`."""
+    """Run Gauss-Newton with a Geman-McClure kernel whose width shrinks with the iterations; see `refine`."""
     pose = start.copy()
     information = np.zeros((3, 3))
     step = np.ones(3)

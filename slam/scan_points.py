@@ -1,4 +1,4 @@
-"""A scan as points with surface normals, and the growing store of the key scans that the mapper keeps."""
+"""Scans as points with surface normals, and the growing store of the mapper's key scans."""
 
 from __future__ import annotations
 
@@ -15,13 +15,13 @@ from waychair.types import BoolArray, Float32Array, FloatArray, IntArray, Pose2,
 MIN_POINTS = 20
 """A scan with fewer usable points cannot be matched."""
 
-_STANDING = np.empty((0, 3))  # motion of a chair while a scan is taken at once
+_STANDING = np.empty((0, 3))  # no motion during a scan
 
 
 @dataclass(frozen=True, slots=True)
 class ScanPoints:
-    """Points (N, 2) [m] in the base frame, and unit normals (N, 2) turned towards the sensor; (0, 0) where the
-    neighbouring beams show no straight surface."""
+    """Points (N, 2) [m] in the base frame, and unit normals (N, 2) towards the sensor; (0, 0) where the neighbouring beams
+    show no straight surface."""
 
     points: FloatArray
     normals: FloatArray
@@ -30,7 +30,7 @@ class ScanPoints:
         return len(self.points)
 
     def thinned(self, most: int) -> ScanPoints:
-        """Every n-th point, so that at most `most` are left."""
+        """Return every n-th point, so that at most `most` remain."""
         step = -(-len(self.points) // most)
         return self if step <= 1 else ScanPoints(self.points[::step].copy(), self.normals[::step].copy())
 
@@ -38,11 +38,11 @@ class ScanPoints:
 def scan_points(
     scan: Scan, base_from_laser: Pose2, range_max: float, twist: Twist | None = None, mask: SelfMask | None = None
 ) -> ScanPoints:
-    """Points and normals of the valid beams nearer than `range_max` [m], in the base frame at the scan's stamp.
+    """Return points and normals of the valid beams nearer than `range_max` [m], in the base frame at the scan's stamp.
 
-    Normals come from a line fitted to the nearest beams on both sides, as long as they lie on one surface. A scan whose
-    beams are taken one after another (`time_step`) is straightened by the chair's `twist` meanwhile, when it is given.
-    Beams that `mask` hides are invalid: they end on the chair itself.
+    Normals come from a line fitted to the nearest beams on both sides that lie on one surface. If `twist` is given, a
+    scan with a `time_step` between beams is corrected for the chair's motion during the scan. Beams that `mask` hides
+    are invalid: they end on the chair itself.
     """
     seen = scan if mask is None else mask.applied(scan)
     points, usable = beam_ends(seen, base_from_laser, range_max, twist)
@@ -52,20 +52,20 @@ def scan_points(
 def beam_ends(
     scan: Scan, base_from_laser: Pose2, range_max: float, twist: Twist | None = None
 ) -> tuple[FloatArray, BoolArray]:
-    """Where each of the beams (N,) ends, (N, 2) [m] in the base frame, and which of them are valid; see `scan_points`."""
+    """Return the beams' ends (N, 2) [m] in the base frame, and which beams (N,) are valid; see `scan_points`."""
     nearest, farthest = max(scan.range_min, 0.05), min(range_max, scan.range_max if scan.range_max > 0 else range_max)
     motion = _STANDING if twist is None or scan.time_step == 0.0 else motion_of_beams(scan, twist)
     return _ends(scan.ranges, scan.angle_min, scan.angle_step, base_from_laser.array(), nearest, farthest, motion)
 
 
 def motion_of_beams(scan: Scan, twist: Twist) -> FloatArray:
-    """Pose of the base at each beam's time in the base at the scan's stamp, (N, 3) [m, m, rad], at a constant twist."""
+    """Return the pose (N, 3) [m, m, rad] of the base at each beam's time, in the base at the scan's stamp, for a constant twist."""
     seconds: FloatArray = scan.time_step * np.arange(len(scan.ranges), dtype=np.float64)
     return arcs(twist.v * seconds, twist.omega * seconds)
 
 
 def swept(scan: Scan, twist: Twist) -> Pose2:
-    """Pose of the base at a scan's last beam in the base at its first, at a constant twist."""
+    """Return the pose of the base at a scan's last beam in the base at its first beam, for a constant twist."""
     seconds = scan.time_step * (len(scan.ranges) - 1)
     return arc(twist.v * seconds, twist.omega * seconds)
 
@@ -80,8 +80,10 @@ def _ends(
     farthest: float,
     motion: FloatArray,
 ) -> tuple[FloatArray, BoolArray]:
-    """Ends (N, 2) of the beams in the base frame, each seen from its own pose of `motion` unless that is empty, and
-    whether they are usable."""
+    """Return the beams' ends (N, 2) in the base frame, and whether they are usable.
+
+    Each beam starts from its own pose of `motion`, unless that is empty.
+    """
     points, usable = np.zeros((len(ranges), 2)), np.zeros(len(ranges), np.bool_)
     c, s = math.cos(mount[2]), math.sin(mount[2])
     for i in range(len(ranges)):
@@ -103,8 +105,10 @@ def _ends(
 def _with_normals(
     points: FloatArray, usable: BoolArray, laser_x: float, laser_y: float, angle_step: float
 ) -> tuple[FloatArray, FloatArray]:
-    """The usable points, and their normals towards the laser from a total-least-squares line through up to 3 beams on
-    either side."""
+    """Return the usable points and their normals towards the laser.
+
+    A normal belongs to a total-least-squares line through up to 3 beams on either side.
+    """
     count, kept = len(points), 0
     ends = np.empty((np.count_nonzero(usable), 2))
     normals = np.zeros(ends.shape)
@@ -156,7 +160,7 @@ class ScanStore:
         return self._count
 
     def append(self, scan: ScanPoints) -> int:
-        """Keep a scan; returns its index."""
+        """Add a scan; return its index."""
         start = self._offsets[self._count]
         end = start + len(scan)
         while end > len(self._points):
@@ -175,5 +179,5 @@ class ScanStore:
 
     @property
     def arrays(self) -> tuple[FloatArray, FloatArray, IntArray]:
-        """Points, normals and offsets, as the kernels take them."""
+        """Points, normals and offsets, for the kernels."""
         return self._points, self._normals, self._offsets

@@ -1,13 +1,14 @@
-"""What is kept in RAM of every node there ever was, asleep or not: about 60 B a node and 100 B a link.
+"""The skeleton of the memory: the part of every node and link, also of those in long-term memory, that stays in RAM.
 
-Arrays, not objects: 36,000 nodes (10 h at 1 Hz) take 6 MB, up to twice that just after they have grown, and nothing
-for the garbage collector to walk through. So the neighbours of any node are known without reading a disk.
+It takes about 60 B a node and 100 B a link. Arrays instead of objects: 36,000 nodes (10 h at 1 Hz) take 6 MB, up to twice
+that just after growth, and the garbage collector has nothing to traverse. So the neighbours of any node are known
+without disk access.
 
-**Where sleeping nodes stand.** A node hangs on an anchor, a key scan of the graph that is optimised, and moves with it.
-That graph grows with the building and not with the time spent in it (`KeyGraph`), so the cost of optimising it is
-bounded, none of its nodes needs to be marginalised, and a loop that bends it moves the sleeping nodes at once: their
-poses are one composition away. RTAB-Map optimises what is awake only, and its grid shrinks to that. The alternative, a
-full graph of all nodes ever, has exact poses too, but its optimisation takes longer every hour.
+**Poses of nodes in long-term memory.** Each node is attached to an anchor, a key scan of the optimised graph, and moves
+with it. That graph grows with the building and not with the time spent in it (`KeyGraph`), so its optimisation has a
+bounded cost and no node must be marginalised. A loop closure moves the nodes in long-term memory at once: their pose is
+one composition away. RTAB-Map optimises only nodes in working memory, and its grid shrinks to them. A full graph of all
+nodes would also have exact poses, but its optimisation would take longer every hour.
 """
 
 from __future__ import annotations
@@ -40,25 +41,25 @@ ANY = frozenset(LinkKind)
 
 
 class Skeleton:
-    """Nodes by id, counted from 1, and links between them; each link belongs to both of its ends alike."""
+    """Nodes by id, counted from 1, and links between them; a link belongs to both of its ends."""
 
     def __init__(self) -> None:
         self.rows = np.zeros(64, NODE)
-        """What is known of node k, in row k; rows from `count` on are not in use."""
+        """Data of node k in row k; rows from `count` on are spare."""
         self.rows["anchor"][0] = -1  # there is no node 0
         self.count = 1
         self._links = np.zeros(64, LINK)
         # half-edge h is one end of link h >> 1, half-edge h ^ 1 the other; those of a node form a list
         self._ends = array("i")
-        self._kinds = array("b")  # of links, apart because they are looked up one by one
+        self._kinds = array("b")  # of links; a separate array for fast single look-ups
         self._first = array("i", [-1]) * 64
         self._after = array("i")
         self._free: list[int] = []
-        self._beside: dict[int, tuple[tuple[int, ...], tuple[int, ...]]] = {}  # of nodes that were asked for
-        self._on: dict[int, list[int]] = {}  # nodes that hang on an anchor
+        self._beside: dict[int, tuple[tuple[int, ...], tuple[int, ...]]] = {}  # cached neighbours
+        self._on: dict[int, list[int]] = {}  # nodes attached to an anchor
 
     def add(self, node: int, stamp_ns: int, map_id: int, anchor: int, anchor_from_node: Pose2) -> None:
-        """A new node, in the STM; ids may be left out, but not come again."""
+        """Add a node to the STM; ids ascend and may have gaps."""
         if node < self.count:
             raise ValueError(f"node {node} was there already; the next one may be {self.count}")
         self.reserve(node + 1)
@@ -66,29 +67,29 @@ class Skeleton:
         self._on.setdefault(anchor, []).append(node)
 
     def reserve(self, count: int) -> None:
-        """The next node is `count` at least; there may be rows that no node has."""
+        """Make the next node's id at least `count`; unused ids have empty rows."""
         while count > len(self.rows):
             self.rows = np.concatenate([self.rows, np.zeros_like(self.rows)])
             self._first.extend(array("i", [-1]) * len(self._first))
         self.count = max(self.count, count)
 
     def remove(self, node: int) -> None:
-        """The node is gone, its links as well."""
+        """Remove a node and its links."""
         for link in self.links(node):
             self.unlink(link.i, link.j)
         self._on[int(self.rows["anchor"][node])].remove(node)
         self.rows["kept"][node] = Kept.GONE
 
     def kept(self, node: int) -> Kept:
-        """Where the node is."""
+        """Return the memory that holds the node."""
         return Kept(int(self.rows["kept"][node])) if 0 < node < self.count else Kept.GONE
 
     def ids(self, *where: Kept) -> list[int]:
-        """Nodes that are there, in ascending order; walks through all there ever were."""
+        """Return the nodes in these memories (default: any), ascending; the cost grows with all ids."""
         return np.flatnonzero(np.isin(self.rows["kept"][: self.count], where or (1, 2, 3))).tolist()
 
     def link(self, link: Link) -> None:
-        """Joins two nodes; a link that they have already is replaced."""
+        """Link two nodes; an existing link between them is replaced."""
         self.unlink(link.i, link.j)
         if self._free:
             row = self._free.pop()
@@ -108,7 +109,7 @@ class Skeleton:
             self._first[node] = half
 
     def unlink(self, i: int, j: int) -> bool:
-        """Whether the two were linked; they are no longer."""
+        """Remove the link between two nodes; return whether there was one."""
         row = self._row(i, j)
         if row is None:
             return False
@@ -126,31 +127,31 @@ class Skeleton:
         return True
 
     def linked(self, i: int, j: int) -> Link | None:
-        """The link from i to j, if there is one."""
+        """Return the link from i to j, or None."""
         row = self._row(i, j)
         return None if row is None else self._link(row).from_node(i)
 
     def links(self, node: int, kinds: Collection[LinkKind] = ANY) -> list[Link]:
-        """Those of a node, each with the node as its i, the latest first."""
+        """Return the links of a node, each with the node as `i`, the latest first."""
         found = (self._link(half >> 1).from_node(node) for half in self._halves(node))
         return [link for link in found if link.kind in kinds]
 
     def neighbours(self, node: int, kinds: Collection[LinkKind] = ANY) -> list[int]:
-        """The nodes at the other ends of its links."""
+        """Return the nodes at the other ends of a node's links."""
         return [self._ends[half ^ 1] for half in self._halves(node) if self._kinds[half >> 1] in kinds]
 
     def steps(self, node: int) -> list[tuple[int, float]]:
-        """The nodes at the other ends of its links, and how far away [m] they were measured."""
+        """Return the nodes at the other ends of a node's links, with the measured distances [m]."""
         rows = [(self._ends[half ^ 1], half >> 1) for half in self._halves(node)]
         return [(there, math.hypot(*self._links["i_from_j"][row, :2].tolist())) for there, row in rows]
 
     def every_link(self) -> Iterator[Link]:
-        """Each link once."""
+        """Yield each link once."""
         free = set(self._free)
         return (self._link(row) for row in range(len(self._ends) // 2) if row not in free)
 
     def levels(self, start: int, most: int, kinds: Collection[LinkKind] = ANY) -> Iterator[list[int]]:
-        """Nodes 0, 1, ... `most` links away, each list in ascending order."""
+        """Yield the nodes 0, 1, ... `most` links away, each list in ascending order."""
         seen, level = {start}, [start]
         yield level
         for _ in range(most):
@@ -162,22 +163,22 @@ class Skeleton:
             yield level
 
     def hang(self, node: int, anchor: int, anchor_from_node: Pose2) -> None:
-        """The node moves with another anchor from now on."""
+        """Attach the node to another anchor."""
         self._on[int(self.rows["anchor"][node])].remove(node)
         self._on.setdefault(anchor, []).append(node)
         self.rows["anchor"][node] = anchor
         self.rows["anchor_from_node"][node] = anchor_from_node.array()
 
     def on(self, anchor: int) -> Sequence[int]:
-        """Nodes that hang on an anchor."""
+        """Return the nodes attached to an anchor."""
         return self._on.get(anchor, ())
 
     def anchor_from_node(self, node: int) -> Pose2:
-        """Where the node is from its anchor."""
+        """Return the pose of the node relative to its anchor."""
         return Pose2(*self.rows["anchor_from_node"][node].tolist())
 
     def poses(self, nodes: Iterable[int] | IntArray, anchors: FloatArray) -> FloatArray:
-        """(K, 3) [m, m, rad] of K nodes in map, whose anchors stand at `anchors` (A, 3); nan where one has no pose."""
+        """Return the poses (K, 3) [m, m, rad] of nodes in the map for anchor poses (A, 3); nan for an anchor without a pose."""
         ids = np.fromiter(nodes, np.int64)
         on = self.rows["anchor"][ids]
         known = np.full((len(ids), 3), np.nan)
@@ -186,7 +187,7 @@ class Skeleton:
         return compose(known, self.rows["anchor_from_node"][ids])
 
     def anchor_edge(self, link: Link, kind: EdgeKind = EdgeKind.LOOP) -> Edge | None:
-        """The link as an edge between the anchors of its ends; None where both hang on one."""
+        """Return the link as an edge between the anchors of its ends; None if both have the same anchor."""
         i, j = self.rows["anchor"][[link.i, link.j]].tolist()
         if i == j:
             return None
@@ -194,8 +195,10 @@ class Skeleton:
         return Edge(i, j, off_i @ link.i_from_j @ off_j.inverse(), carried(link.information, off_j), kind)
 
     def beside(self, node: int) -> tuple[tuple[int, ...], tuple[int, ...]]:
-        """Its neighbours along the way that was driven, and those over loops by appearance; known until a link changes,
-        so that asking for them every frame costs nothing however often the chair has come by."""
+        """Return a node's neighbours along the drive, and those by appearance loops.
+
+        The result is cached until a link changes, so calls for every frame cost nothing at places with many links.
+        """
         known = self._beside.get(node)
         if known is None:
             known = tuple(self.neighbours(node, IN_TIME)), tuple(self.neighbours(node, (LinkKind.GLOBAL,)))
@@ -203,7 +206,7 @@ class Skeleton:
         return known
 
     def ways_in_time(self, node: int) -> tuple[int, ...]:
-        """Its neighbours along the way that was driven."""
+        """Return a node's neighbours along the drive."""
         return self.beside(node)[0]
 
     def _forget(self, *nodes: int) -> None:

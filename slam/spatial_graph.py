@@ -1,4 +1,4 @@
-"""A graph of poses in space, solved with gtsam: relative poses with their covariances, each of them doubted."""
+"""Pose graph in 3D, solved with gtsam under robust kernels."""
 
 from __future__ import annotations
 
@@ -12,7 +12,7 @@ from waychair.errors import GraphError
 from waychair.slam.registration import angle_between
 from waychair.types import FloatArray, Pose3
 
-_HELD = 1e-6  # standard deviation [rad], [m] that holds node 0 where it is
+_HELD = 1e-6  # standard deviation [rad], [m] of the prior that fixes node 0
 
 
 @dataclass(frozen=True, slots=True)
@@ -24,12 +24,12 @@ class SpatialEdge:
     i_from_j: Pose3
     covariance: FloatArray
     loop: bool = False
-    """Found by what two places look like: where it does not fit the rest it pulls the less, the less it fits."""
+    """Found by appearance: its weight falls with its residual (Cauchy kernel)."""
 
 
 @dataclass(frozen=True, slots=True)
 class SpatialSettings(Settings):
-    """How the graph is optimised."""
+    """How the 3D pose graph is optimised."""
 
     max_error: float = setting(
         3.0, "sigma", "an edge further from its measure makes the newest loop doubtful (RGBD/OptimizeMaxError)",
@@ -43,14 +43,14 @@ class SpatialSettings(Settings):
 
 @dataclass(frozen=True, slots=True)
 class SpatialSolution:
-    """Poses map_from_node, and how far each edge (E,) is from its measure at them [sigma]."""
+    """Poses map_from_node, and the residual (E,) of each edge [sigma]."""
 
     poses: tuple[Pose3, ...]
     errors: FloatArray
 
 
 def solve_spatial(poses: Sequence[Pose3], edges: Sequence[SpatialEdge], settings: SpatialSettings) -> SpatialSolution:
-    """Poses that fit the edges, node 0 held; every node must hang on an edge.
+    """Return poses that fit the edges, with node 0 fixed; the graph must be connected.
 
     Raises:
         GraphError: the equations cannot be solved.
@@ -82,7 +82,7 @@ def solve_spatial(poses: Sequence[Pose3], edges: Sequence[SpatialEdge], settings
 
 
 def _errors(poses: Sequence[Pose3], edges: Sequence[SpatialEdge]) -> FloatArray:
-    """(E,) how far each edge is from its measure [sigma]: RTAB-Map's ratio, the larger of translation and turn."""
+    """Return the residual (E,) of each edge [sigma]: RTAB-Map's ratio, the larger of translation and rotation."""
     ratios = []
     for edge in edges:
         now = poses[edge.i].inverse() @ poses[edge.j]

@@ -1,8 +1,8 @@
-"""Loop closure where nearness cannot help: the query is searched for in whole submaps, wherever the drift has put them.
+"""Search of whole submaps, for loop closures where drift makes the position useless.
 
-A submap is a run of key scans; it is searched in the frame of its first one, so that its pyramid stays good while the
-graph moves it about, and is kept until its own shape changes. Searches that find nothing cost little: each starts from
-the least response that would still count.
+A submap is a run of key scans. It is searched in the frame of its first key scan, so its pyramid stays valid while the
+graph moves the submap, until the submap's own shape changes. Searches without a find are cheap: each starts from the
+least response that still counts.
 """
 
 from __future__ import annotations
@@ -21,7 +21,7 @@ from waychair.types import FloatArray, IntArray, Pose2
 
 @dataclass(frozen=True, slots=True)
 class SubmapSettings(Settings):
-    """Where in a submap the chair may stand, and when a kept pyramid is out of date."""
+    """Where in a submap the chair may stand, and when a cached pyramid is stale."""
 
     reach: float = setting(2.0, "m", "the chair stands this near to a pose of the submap", low=0.1, high=20.0)
     bent: float = setting(
@@ -31,7 +31,7 @@ class SubmapSettings(Settings):
 
 @dataclass(frozen=True, slots=True)
 class SubmapHypothesis:
-    """The query fits submap `submap`: `map_from_base` by the submap's present pose, and the mean likelihood [0, 1]."""
+    """A fit in submap `submap`: `map_from_base` by the submap's present pose, and the mean likelihood in [0, 1]."""
 
     submap: int
     map_from_base: Pose2
@@ -39,7 +39,7 @@ class SubmapHypothesis:
 
 
 class SubmapPyramids:
-    """Pyramids of finished submaps, kept from search to search."""
+    """Cache of the pyramids of finished submaps."""
 
     def __init__(self, search: RelocaliserSettings, settings: SubmapSettings) -> None:
         self.search = search
@@ -47,7 +47,7 @@ class SubmapPyramids:
         self._kept: dict[int, tuple[IntArray, FloatArray, Pyramid]] = {}
 
     def pyramid(self, submap: int, store: ScanStore, poses: FloatArray, members: IntArray) -> Pyramid:
-        """Pyramid of the key scans `members` (M,), in the frame of the first of them."""
+        """Return the pyramid of the key scans `members` (M,), in the frame of the first of them."""
         shape = compose(invert(poses[members[0]]), poses[members])
         if submap in self._kept:
             known, then, pyramid = self._kept[submap]
@@ -71,10 +71,10 @@ def global_candidates(
     points: FloatArray,
     pyramids: SubmapPyramids,
 ) -> tuple[SubmapHypothesis, ...]:
-    """Where points (N, 2) [m, base] fit in the submaps, best first, at most `search.hypotheses` of them.
+    """Return the fits of points (N, 2) [m, base] in the submaps, best first, up to the number of hypotheses.
 
     `poses` (K, 3) [m, m, rad] are those of all key scans in the map, `members_by_submap` the key scans of each submap.
-    The positions are exact to a step of the search; a match against the submap's key scans has to follow.
+    Positions are exact to one cell of the search; a match against the submap's key scans has to follow.
     """
     search, found = pyramids.search, list[SubmapHypothesis]()
     floor = search.min_response

@@ -1,4 +1,4 @@
-"""Planar pose graphs in complex numbers: a start that needs no guess, and a proof of how good a solution is.
+"""Angular synchronisation of planar pose graphs: spectral initialisation, and a proof of a solution's quality.
 
 A planar rotation is a complex number of unit length and a translation a complex number, so that the cost
 
@@ -6,8 +6,8 @@ A planar rotation is a complex number of unit length and a translation a complex
 
 (Rosen, Carlone, Bandeira, Leonard: SE-Sync, IJRR 2019, eq. 10) is one Hermitian form in the stacked translations and
 rotations (Carlone, Calafiore, Tommolillo, Dellaert: Planar pose graph optimization, T-RO 2016; Fan et al.: CPL-SLAM,
-T-RO 2020). Without the unit lengths its least eigenvector solves it: that is the start. With them, the Lagrange
-multipliers of a solution give a lower bound on every solution: that is the proof.
+T-RO 2020). Without the unit lengths its least eigenvector solves it, which gives the initialisation. With them, the Lagrange
+multipliers of a solution give a lower bound on the cost of every solution, which is the proof.
 """
 
 from __future__ import annotations
@@ -23,32 +23,32 @@ from waychair.types import FloatArray
 
 
 def sesync_weights(edges: EdgeArrays) -> tuple[FloatArray, FloatArray]:
-    """kappa (E,) [1/rad^2] and tau (E,) [1/m^2]: the information as SE-Sync's reader sees it (isotropic)."""
+    """Return kappa (E,) [1/rad^2] and tau (E,) [1/m^2]: the information made isotropic as by SE-Sync's reader."""
     tau = 2.0 / np.trace(np.linalg.inv(edges.information[:, :2, :2]), axis1=1, axis2=2)
     return edges.information[:, 2, 2].copy(), tau
 
 
 def isotropic(edges: EdgeArrays) -> EdgeArrays:
-    """The edges with the information whose sum of chi-squares is F to second order (a turn counts twice kappa)."""
+    """Return the edges with the information whose sum of chi-squares is F to second order (a turn counts twice kappa)."""
     kappa, tau = sesync_weights(edges)
     weights = np.stack([tau, tau, 2 * kappa], axis=1)
     return dataclasses.replace(edges, information=weights[:, :, None] * np.eye(3))
 
 
 def sesync_objective(poses: FloatArray, edges: EdgeArrays) -> float:
-    """F of the module's head at poses (N, 3), all edges alike."""
+    """Return the cost F (see the module docstring) at poses (N, 3)."""
     kappa, tau = sesync_weights(edges)
     turn, offset = _chordal(poses, edges)
     return float(4 * (kappa * (1 - np.cos(turn))).sum() + (tau * (offset**2).sum(axis=1)).sum())
 
 
 def spectral_poses(edges: EdgeArrays, count: int) -> FloatArray:
-    """Poses (count, 3) near the optimum of F from the edges alone, node 0 at the origin.
+    """Return poses (count, 3) near the optimum of F from the edges alone, node 0 at the origin.
 
-    The rotations are the least eigenvector of F with the translations taken out, each scaled to unit length. Unlike
-    averaging the measured rotations (LAGO), it sees what the translations say about the headings.
+    The rotations are the least eigenvector of F after elimination of the translations, each scaled to unit length.
+    Unlike averages of measured rotations (LAGO), it uses the information of translations about headings.
     """
-    form = _form(edges, count)[1:, 1:].tocsc()  # node 0 stands at the origin
+    form = _form(edges, count)[1:, 1:].tocsc()  # node 0 is the origin
     factor = _factorised(form)
     inner = count - 1
 
@@ -68,11 +68,11 @@ def spectral_poses(edges: EdgeArrays, count: int) -> FloatArray:
 
 
 def lower_bound(poses: FloatArray, edges: EdgeArrays) -> float:
-    """A value that no poses can bring F below; at a global optimum it is F itself.
+    """Return a lower bound of F over all poses; at a global optimum it equals F.
 
-    For any real multipliers m for which the form minus diag(0, m) has no negative eigenvalue, F >= sum(m). Those that
-    belong to the poses are taken and lowered together until a Cholesky-like factorisation proves that (SE-Sync,
-    theorem 7). Poses that are not stationary, or only a local optimum, give a weak bound, never a wrong one.
+    For real multipliers m such that the form minus diag(0, m) has no negative eigenvalue, F >= sum(m). The multipliers
+    of the poses are lowered together until a Cholesky-like factorisation proves this condition (SE-Sync, theorem 7).
+    Poses that are not stationary, or only a local optimum, give a weak but valid bound.
     """
     count = len(poses)
     form = _form(edges, count)
@@ -88,7 +88,7 @@ def lower_bound(poses: FloatArray, edges: EdgeArrays) -> float:
 
 
 def polished(poses: FloatArray, edges: EdgeArrays, iterations: int = 30) -> FloatArray:
-    """Poses (N, 3) at the stationary point of F next to the given ones, by Gauss-Newton steps that never go up."""
+    """Return poses (N, 3) at the stationary point of F next to the given poses, by descending Gauss-Newton steps."""
     kappa, tau = sesync_weights(edges)
     best = sesync_objective(poses, edges)
     for _ in range(iterations):
@@ -106,7 +106,7 @@ def polished(poses: FloatArray, edges: EdgeArrays, iterations: int = 30) -> Floa
 
 
 def _chordal(poses: FloatArray, edges: EdgeArrays) -> tuple[FloatArray, FloatArray]:
-    """Turn (E,) [rad] and offset (E, 2) [m], in the world's axes, between measured and present relative poses."""
+    """Return turn (E,) [rad] and offset (E, 2) [m], in world axes, between measured and present relative poses."""
     first, second = poses[edges.i], poses[edges.j]
     c, s = np.cos(first[:, 2]), np.sin(first[:, 2])
     x, y, theta = edges.i_from_j.T
@@ -117,7 +117,7 @@ def _chordal(poses: FloatArray, edges: EdgeArrays) -> tuple[FloatArray, FloatArr
 def _linearised(
     poses: FloatArray, edges: EdgeArrays, kappa: FloatArray, tau: FloatArray
 ) -> tuple[sparse.csr_matrix, FloatArray]:
-    """Jacobian (3E, 3N - 3) and residuals (3E,) whose squares sum to F; ||R(a) - 1||^2 is 8 sin^2(a / 2)."""
+    """Return the Jacobian (3E, 3N - 3) and residuals (3E,) whose squares sum to F; ||R(a) - 1||^2 is 8 sin^2(a / 2)."""
     turn, offset = _chordal(poses, edges)
     c, s = np.cos(poses[edges.i, 2]), np.sin(poses[edges.i, 2])
     x, y, _ = edges.i_from_j.T
@@ -135,7 +135,7 @@ def _linearised(
 
 
 def _form(edges: EdgeArrays, count: int) -> sparse.csc_matrix:
-    """(2N, 2N) Hermitian matrix whose form at (translations, rotations) is F."""
+    """Return the Hermitian matrix (2N, 2N) whose form at (translations, rotations) is F."""
     kappa, tau = sesync_weights(edges)
     far, stiff = np.sqrt(tau), np.sqrt(2 * kappa)  # ||R - R'||^2 is twice the squared distance of complex numbers
     turn, offset = np.exp(1j * edges.i_from_j[:, 2]), edges.i_from_j[:, 0] + 1j * edges.i_from_j[:, 1]
@@ -151,12 +151,12 @@ def _form(edges: EdgeArrays, count: int) -> sparse.csc_matrix:
 
 
 def _factorised(matrix: sparse.csc_matrix) -> splu:
-    """L D L^H in the guise of an LU: a symmetric ordering and no pivoting off the diagonal."""
+    """Return L D L^H as an LU factorisation with symmetric ordering and without off-diagonal pivoting."""
     return splu(matrix, permc_spec="MMD_AT_PLUS_A", diag_pivot_thresh=0.0, options={"SymmetricMode": True})
 
 
 def _positive(matrix: sparse.csc_matrix) -> bool:
-    """Whether a Hermitian matrix is positive definite: all pivots of L D L^H are (Sylvester's law of inertia)."""
+    """Return whether a Hermitian matrix is positive definite: all pivots of L D L^H are (Sylvester's law of inertia)."""
     try:
         factor = _factorised(matrix.tocsc())
     except RuntimeError:  # a pivot is exactly zero

@@ -1,7 +1,7 @@
-"""Sensor messages in, as they come; frames out: what belongs together at one time, and all wheels and IMU in between.
+"""Synchronisation of sensor messages: groups them into frames, each with all wheel and IMU readings since the last.
 
-It reads no clock: time passes with the stamps. Pictures and scans are put together by `message_sets`; a frame is given
-out once wheels and IMU have come as far as its stamp, or are late.
+No clock is read: time passes with the stamps. `message_sets` groups scans and pictures. A frame is returned once wheels
+and IMU have reached its stamp, or are late.
 """
 
 from __future__ import annotations
@@ -26,20 +26,20 @@ Reading: TypeAlias = WheelTicks | Odometry | ImuSample
 
 _SNAPSHOTS: dict[type, str] = {Scan: "scan", RgbdFrame: "rgbd", SonarReadings: "sonar"}
 _STREAMS: dict[type, str] = {WheelTicks: "wheels", Odometry: "wheels", ImuSample: "imu"}
-"""Fields of a frame by the type of a topic: one message of each of these, all of each of those."""
+"""Fields of a frame by topic type: one message per frame of a snapshot, all readings of a stream."""
 
 _RATE_OVER = 21
-"""Messages that a rate is told from."""
+"""Number of messages from which a rate is computed."""
 
 _COUNTS = 2**32  # encoder counters wrap here
 
 _SLOW = 0.7
-"""A topic below this part of its rate is complained about."""
+"""A topic whose rate is below this share of the nominal rate gets a complaint."""
 
 
 @dataclass(frozen=True, slots=True)
 class SynchroniserSettings(Settings):
-    """How far apart the messages of a frame may be, and how long it is waited for them."""
+    """How far apart the messages of a frame may be, and how long a frame waits for them."""
 
     exact: bool = setting(False, "", "stamps of a frame's scan and pictures must be the same")
     max_spread_s: float = setting(0.05, "s", "from the first to the last of a frame's", low=0.0, high=10.0)
@@ -54,8 +54,8 @@ class SynchroniserSettings(Settings):
 
 @dataclass(frozen=True, slots=True)
 class TopicStatus:
-    """How a topic does: rate [Hz] by its last stamps, age [s] of the last one (None: nothing came), seconds it is behind
-    the topic that is farthest on, what became of its messages, and what is wrong with it as a sentence, or ''."""
+    """Health of a topic: rate [Hz] by its last stamps, age [s] of the last one (None: no message), delay [s] behind the
+    newest topic, message counts, and a complaint as a sentence, or ''."""
 
     name: str
     rate_hz: float
@@ -66,17 +66,17 @@ class TopicStatus:
 
 
 class Synchroniser:
-    """Keeps the messages that are not in a frame yet.
+    """Collects messages until they form a frame.
 
-    The first topic of scans, pictures or sonars gives a frame its stamp, which later frames' are beyond. `wheels` and
-    `imu` of a frame are the readings after the stamp of the frame before, up to its own; a wheel reading at its stamp is
-    put in between the two on either side, if there is none.
+    The first topic of scans, pictures or sonars sets a frame's stamp; stamps of frames ascend. `wheels` and `imu` of a
+    frame are the readings after the stamp of the frame before, up to its own. If no wheel reading has the frame's stamp,
+    one is interpolated between its neighbours.
     """
 
     def __init__(self, topics: Sequence[Topic], settings: SynchroniserSettings | None = None) -> None:
         """
         Raises:
-            ConfigError: no topic gives frames, one is of a type that has no place in them, or two want the same place.
+            ConfigError: no topic is a snapshot, a topic has a type without a frame field, or two have the same field.
         """
         self.settings = settings or SynchroniserSettings()
         self.resets = 0
@@ -91,10 +91,10 @@ class Synchroniser:
         self._queues: dict[str, MessageQueue[Any]] = {**self._sets.queues, **self._streams}
         self._stamps: dict[str, deque[int]] = {topic.name: deque(maxlen=_RATE_OVER) for topic in topics}
         self._pending: deque[tuple[Snapshot, ...]] = deque()
-        self._before: dict[str, Reading] = {}  # the last reading that went into a frame
+        self._before: dict[str, Reading] = {}  # the last reading of each stream in a frame
 
     def add(self, topic: Topic | str, message: Snapshot | Reading) -> tuple[SensorFrame, ...]:
-        """The frames, in the order of time, that this message completes.
+        """Add a message, and return the frames that it completes, in order of time.
 
         Raises:
             ConfigError: the topic was not announced.
@@ -115,11 +115,11 @@ class Synchroniser:
         return before + self._ready(wait=True)
 
     def flush(self) -> tuple[SensorFrame, ...]:
-        """At the end of a recording: the frames that still wait for wheels or IMU, without these."""
+        """Return the frames that still wait for wheels or IMU, without these; for the end of a recording."""
         return self._ready(wait=False)
 
     def diagnostics(self, now_ns: int) -> tuple[TopicStatus, ...]:
-        """How each topic does at a moment of the clock that the stamps are of."""
+        """Return the health of each topic at a time of the stamps' clock."""
         newest = {name: queue.newest_ns for name, queue in self._queues.items() if queue.newest_ns is not None}
         ahead = max(newest, key=lambda name: newest[name], default="")
         return tuple(self._status(topic, newest, ahead, now_ns) for topic in self._topics.values())
@@ -131,7 +131,7 @@ class Synchroniser:
         return tuple(frames)
 
     def _must_wait(self, stamp_ns: int) -> bool:
-        """Whether wheels or IMU that belong to a frame may still come."""
+        """Return whether wheel or IMU readings of a frame may still arrive."""
         newest = [queue.newest_ns for queue in self._queues.values() if queue.newest_ns is not None]
         if max(newest) - stamp_ns > round(self.settings.wait_s * 1e9):
             return False
@@ -174,10 +174,10 @@ class Synchroniser:
 
 
 def frames_with_delays(frames: Sequence[SensorFrame], delays: SensorDelays) -> tuple[SensorFrame, ...]:
-    """A recording's frames as they would be had every sensor stamped its messages without delay.
+    """Return a recording's frames with all stamps corrected for the sensors' delays.
 
-    The frames keep their order; each gets the wheel and IMU readings since the one before by the mended stamps, and
-    last a wheel reading at its own stamp.
+    The frames keep their order. Each gets the wheel and IMU readings since the frame before by the corrected stamps, and
+    an interpolated wheel reading at its own stamp.
     """
     if delays == SensorDelays():
         return tuple(frames)
@@ -200,7 +200,7 @@ def frames_with_delays(frames: Sequence[SensorFrame], delays: SensorDelays) -> t
 
 
 def _between(before: Reading, after: Reading, stamp_ns: int) -> list[Reading]:
-    """A wheel reading at a stamp between two others, on the straight line between them; none of an IMU."""
+    """Return a wheel reading interpolated linearly at a stamp between two others; nothing for an IMU."""
     part = (stamp_ns - before.stamp_ns) / (after.stamp_ns - before.stamp_ns)
     if isinstance(before, WheelTicks) and isinstance(after, WheelTicks):
         left, right = (
@@ -217,7 +217,7 @@ def _between(before: Reading, after: Reading, stamp_ns: int) -> list[Reading]:
 
 
 def _wrapped(count: int) -> int:
-    """A count as a signed 32-bit number."""
+    """Return a count as a signed 32-bit number."""
     return (count + _COUNTS // 2) % _COUNTS - _COUNTS // 2
 
 
@@ -253,7 +253,7 @@ def _sets_for(topics: Sequence[Topic], settings: SynchroniserSettings) -> Messag
 
 
 def _complaint(topic: Topic, rate_hz: float, age_s: float | None, behind_s: float, ahead: str) -> str:
-    """What is wrong with a topic, and what to do about it; '' if nothing is."""
+    """Return the fault of a topic and its remedy as a sentence; '' for none."""
     name = f"/{topic.name}"
     if age_s is None:
         return f"nothing has come on {name}: start its node, or check its name"

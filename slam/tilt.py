@@ -1,10 +1,10 @@
-"""How far the chair leans, and which beams of its lidar end on the floor because of it.
+"""Tilt of the chair (roll and pitch) from the IMU, and the lidar beams that end on the floor because of it.
 
-What a planar lidar at 0.3 m sees of a ramp of 1:12: from the level, its face 3.6 m beyond the foot, if it rises that
-high; on it, going up, nothing, for the beams run parallel to it; going down, the level floor 3.6 m beyond the foot, as a
-wall from side to side that moves on before the chair; and over a sill of 2 cm, for a moment, the floor 7 m ahead. The
-last two are told by the pitch. The first cannot be told from a wall by one scan, whatever the pitch; the beams that
-pass over that place once the chair is on the ramp clear it.
+A planar lidar at 0.3 m sees a ramp of 1:12 as follows. From level ground, before the ramp: its face 3.6 m beyond the
+foot, if it rises that high. Going up: nothing, because the beams run parallel to it. Going down: the level floor 3.6 m
+beyond the foot, as a wall across the path that recedes before the chair. Over a sill of 2 cm: for a moment the floor 7 m
+ahead. The pitch reveals the last two. One scan cannot tell the first from a wall at any pitch; beams that pass over that
+place once the chair is on the ramp clear it.
 """
 
 from __future__ import annotations
@@ -18,12 +18,12 @@ from waychair.calibration.chair import ChairBody
 from waychair.config import Settings, setting
 from waychair.types import BoolArray, FloatArray, ImuSample, Scan, Twist
 
-_LONGEST_NS = 100_000_000  # after a longer pause of the IMU it begins anew
+_LONGEST_NS = 100_000_000  # the filter restarts after a longer gap of the IMU
 
 
 @dataclass(frozen=True, slots=True)
 class TiltSettings(Settings):
-    """The filter's time constant, and from when on a beam is held to end on the floor."""
+    """Time constants of the tilt filter, and the limits for beams that end on the floor."""
 
     settle_s: float = setting(1.5, "s", "the accelerometer wins over the gyro within this", low=0.05, high=60.0)
     learn_s: float = setting(10.0, "s", "the gyro's bias is learnt within this", low=0.5, high=600.0)
@@ -33,23 +33,23 @@ class TiltSettings(Settings):
 
 @dataclass(frozen=True, slots=True)
 class Tilt:
-    """The base's lean at a stamp: roll to the right and pitch nose down [rad] (REP-103: about x, then about y)."""
+    """Tilt of the base at a stamp: roll to the right and pitch nose down [rad] (REP-103: about x, then about y)."""
 
     stamp_ns: int
     roll: float = 0.0
     pitch: float = 0.0
 
     def level_from_base(self) -> FloatArray:
-        """(3, 3) rotation to axes of which z is upright and x lies under the base's."""
+        """Return the rotation (3, 3) to axes with z upright and x below the base's x."""
         (sr, cr), (sp, cp) = ((math.sin(angle), math.cos(angle)) for angle in (self.roll, self.pitch))
         return np.array([[cp, sp * sr, sp * cr], [0.0, cr, -sr], [-sp, cp * sr, cp * cr]])
 
 
 class TiltFilter:
-    """Roll and pitch from gyro and accelerometer, less what the wheels say the chair accelerates by.
+    """Roll and pitch from gyro and accelerometer, corrected for the chair's own acceleration by the wheels.
 
-    A complementary filter with the gyro's bias as its integral term (Mahony, Hamel and Pflimlin, IEEE TAC 2008), on the
-    two angles. An accelerometer's own bias goes into the angles, 0.05 m/s^2 as 0.3 degrees: calibrate it.
+    It is a complementary filter on the two angles with the gyro's bias as integral term (Mahony, Hamel and Pflimlin, IEEE
+    TAC 2008). The accelerometer's bias must be calibrated: 0.05 m/s^2 make 0.3 degrees.
     """
 
     def __init__(self, body: ChairBody, settings: TiltSettings | None = None) -> None:
@@ -61,13 +61,13 @@ class TiltFilter:
 
     @property
     def tilt(self) -> Tilt | None:
-        """The last one; None before the first sample."""
+        """The latest tilt; None before the first sample."""
         return self._tilt
 
     def update(self, sample: ImuSample, twist: Twist) -> Tilt:
-        """The lean at the stamp of a sample, whose axes are the base's, of a chair that moves by `twist`.
+        """Add a sample, in axes of the base, of a chair that moves with `twist`; return the tilt at its stamp.
 
-        Samples that are not finite or come late are left out. The first one is taken at rest.
+        Samples that are not finite or late are ignored. The first sample is taken at rest.
         """
         (ax, ay, az), (p, q, r), last = sample.accel.tolist(), sample.gyro.tolist(), self._tilt
         if not math.isfinite(ax + ay + az + p + q + r) or not math.isfinite(twist.v + twist.omega):
@@ -98,8 +98,8 @@ class TiltFilter:
         sr, cr = math.sin(last.roll), math.cos(last.roll)
         roll = last.roll + seconds * (p + math.tan(last.pitch) * (q * sr + r * cr))
         pitch = last.pitch + seconds * (q * cr - r * sr)
-        # what is left of the specific force without the way round a curve and the change of speed is gravity; jolts are
-        # not left out, since over time they come to nothing but a change of speed
+        # the specific force less centripetal and forward acceleration is gravity; jolts need no filter, because over
+        # time they average to a change of speed
         ax += twist.omega * twist.omega * body.imu_x - (twist.v - self._speed) / seconds
         ay += twist.omega * twist.omega * body.imu_y - twist.v * twist.omega
         seen_roll, seen_pitch = _lean(ax, ay, az)
@@ -110,11 +110,11 @@ class TiltFilter:
 
 
 def ground_beams(scan: Scan, body: ChairBody, tilt: Tilt, settings: TiltSettings | None = None) -> BoolArray:
-    """(N,) beams that say nothing of obstacles since they may end on the floor.
+    """Return the mask (N,) of beams that may end on the floor, and so give no evidence of obstacles.
 
-    These point down, and end no higher than the level plane on which the drive wheels stand: beyond the foot of a ramp
-    the floor is there or lower. What really stands there, behind the place where the beam meets the floor, is not lost:
-    it is seen from the level. This is for mapping; what looks out for the rider must not leave beams out by it.
+    They point down and end near or below the level plane of the drive wheels: beyond the foot of a ramp the floor lies
+    there or lower. A real obstacle behind that point is not lost, because it is seen from level ground. This is for
+    mapping only: code that protects the rider must not ignore these beams.
     """
     s = settings or TiltSettings()
     start, ahead = _beams(scan, body, tilt)
@@ -127,7 +127,7 @@ def ground_beams(scan: Scan, body: ChairBody, tilt: Tilt, settings: TiltSettings
 
 
 def levelled(scan: Scan, body: ChairBody, tilt: Tilt, settings: TiltSettings | None = None) -> Scan:
-    """The scan as seen from above: ranges as long as their way over the floor plan, nan where they end on the floor."""
+    """Return the scan projected onto the floor plane, with nan for beams that may end on the floor."""
     s = settings or TiltSettings()
     if max(abs(tilt.roll), abs(tilt.pitch)) < s.least_tilt:
         return scan
@@ -138,7 +138,7 @@ def levelled(scan: Scan, body: ChairBody, tilt: Tilt, settings: TiltSettings | N
 
 
 def _beams(scan: Scan, body: ChairBody, tilt: Tilt) -> tuple[FloatArray, FloatArray]:
-    """Where the beams leave, (3,) [m], and their unit vectors (N, 3), in level axes from the base's origin."""
+    """Return the beams' origin (3,) [m] and unit vectors (N, 3), in level axes from the base's origin."""
     level_from_base, angles = tilt.level_from_base(), body.laser_theta + scan.angles()
     ahead = np.stack([np.cos(angles), np.sin(angles), np.zeros_like(angles)], axis=1) @ level_from_base.T
     start: FloatArray = level_from_base @ np.array([body.laser_x, body.laser_y, body.laser_z])
@@ -146,5 +146,5 @@ def _beams(scan: Scan, body: ChairBody, tilt: Tilt) -> tuple[FloatArray, FloatAr
 
 
 def _lean(ax: float, ay: float, az: float) -> tuple[float, float]:
-    """Roll and pitch [rad] at which gravity alone would be felt so."""
+    """Return the roll and pitch [rad] at which gravity alone gives this acceleration."""
     return math.atan2(ay, az), math.atan2(-ax, math.hypot(ay, az))

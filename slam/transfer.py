@@ -1,4 +1,4 @@
-"""Which nodes of the WM are put to sleep, as RTAB-Map 0.23.8 chooses them (Memory::getRemovableSignatures)."""
+"""Choice of the nodes that go from working to long-term memory (RTAB-Map 0.23.8, Memory::getRemovableSignatures)."""
 
 from __future__ import annotations
 
@@ -15,7 +15,7 @@ _SECOND = 1_000_000_000
 
 @dataclass(frozen=True, slots=True)
 class Awake:
-    """What is in RAM: STM in the order of joining, WM; and the newer node of the latest loop closure (0: none yet)."""
+    """Nodes in RAM: the STM in joining order, and the WM; and the newer node of the latest loop closure (0: none)."""
 
     stm: Sequence[int]
     wm: Collection[int]
@@ -24,17 +24,16 @@ class Awake:
 
 
 def is_due(spent_ms: float, wm_nodes: int, settings: MemorySettings) -> bool:
-    """Whether a limit is exceeded: by the time that the frame took, or by the WM's nodes, intermediate ones apart."""
+    """Return whether a limit is exceeded: the time of a frame, or the WM's nodes without intermediate ones."""
     late = settings.time_thr > 0 and spent_ms > settings.time_thr
     return late or (settings.memory_thr > 0 and wm_nodes > settings.memory_thr)
 
 
 def removable(skeleton: Skeleton, awake: Awake, most: int, settings: MemorySettings) -> list[int]:
-    """The nodes to put to sleep, at most so many: lowest weight, then oldest age in whole seconds, then lowest id.
+    """Return at most `most` nodes for transfer: lowest weight first, then oldest in whole seconds, then lowest id.
 
-    Not those that weigh -1 or are immunised, nor the STM's neighbours, nor the latest closure. Nodes newer than that
-    closure are spared where they are fewer than a part (`recent_wm_ratio`) of the WM; where they are more, until the
-    pick has made them so.
+    Exempt are intermediate nodes (weight -1), immunised nodes, neighbours of the STM and the latest closure. Nodes newer
+    than that closure are exempt while they are fewer than the share `recent_wm_ratio` of the WM.
     """
     candidates = _candidates(skeleton, awake)
     ids = np.array(candidates, np.int64)
@@ -57,7 +56,7 @@ def removable(skeleton: Skeleton, awake: Awake, most: int, settings: MemorySetti
 
 
 def with_intermediate(skeleton: Skeleton, picked: Sequence[int], wm: Collection[int]) -> list[int]:
-    """The nodes and, each after its own, the intermediate ones of the WM on either side; those are not counted."""
+    """Return the nodes, each followed by the adjacent intermediate nodes of the WM, which do not count."""
     going: dict[int, None] = {}
     for node in picked:
         going[node] = None
@@ -71,7 +70,7 @@ def with_intermediate(skeleton: Skeleton, picked: Sequence[int], wm: Collection[
 
 
 def _candidates(skeleton: Skeleton, awake: Awake) -> list[int]:
-    """Nodes of the WM that may go at all, but for what is recent."""
+    """Return the nodes of the WM that may be transferred, before the exemption of recent nodes."""
     held = {there for node in awake.stm for there in skeleton.neighbours(node)}
     held.update(awake.immunised)
     held.add(awake.last_closure)
