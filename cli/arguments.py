@@ -1,4 +1,4 @@
-"""Arguments of commands: how many, and poses that are written as comma-separated numbers."""
+"""Types of command-line arguments: counts, file names, and poses as comma-separated numbers."""
 
 from __future__ import annotations
 
@@ -22,7 +22,7 @@ class BadArgument(WaychairError):
 
 
 def _whole(kind: type, tokens: Sequence[Token]) -> Any:
-    """A whole number; by itself cyclopts rounds any other to one."""
+    """Convert a whole number; cyclopts alone would round other numbers."""
     for token in tokens:
         if "." in token.value:
             raise ValueError(f"'{token.value}' is no whole number.")
@@ -30,25 +30,25 @@ def _whole(kind: type, tokens: Sequence[Token]) -> Any:
 
 
 Count = Annotated[int, Parameter(converter=_whole, validator=validators.Number(gte=0))]
-"""So many of something, none perhaps, or a number that it goes by, such as a seed."""
+"""A whole number from 0, such as a count or a seed."""
 
 Number = Annotated[int, Parameter(converter=_whole, validator=validators.Number(gte=1))]
-"""So many of something, one at least."""
+"""A whole number from 1."""
 
 
 def _named(kind: type, tokens: Sequence[Token]) -> Any:
-    """A path; by itself an empty text would be the folder that one is in."""
+    """Convert a path; cyclopts alone would take an empty text for the current folder."""
     if not all(token.value for token in tokens):
         raise ValueError("it is empty; give a name.")
     return cyclopts.convert(kind, [token.value for token in tokens])
 
 
 Named = Annotated[Path, Parameter(converter=_named)]
-"""A path that is given by a name."""
+"""A path that is not empty."""
 
 
 def pose_from_text(text: str, name: str) -> Pose2:
-    """`X,Y` or `X,Y,THETA` in metres and radians."""
+    """Return the pose of `X,Y` or `X,Y,THETA` in metres and radians."""
     try:
         values = [float(part) for part in text.split(",")]
     except ValueError:
@@ -65,10 +65,10 @@ def pose_from_text(text: str, name: str) -> Pose2:
 
 
 def check_picture(path: Path | None, name: str, *sources: Path) -> None:
-    """Refuse a picture that is to be written to no .png file, or over one of the files that it is made from.
+    """Check that a picture goes to a .png file and overwrites none of its source files.
 
     Raises:
-        BadArgument: it is.
+        BadArgument: it has another suffix, or it is one of `sources`.
     """
     if path is None:
         return

@@ -18,26 +18,26 @@ def barn_command(
     jobs: Number | None = None,
     json: bool = False,
 ) -> None:
-    """Drive through fields of cylinders without a map (the BARN benchmark), and print the score.
+    """Run the BARN benchmark (drives through fields of cylinders without a map), and print the score.
 
     Parameters
     ----------
     folder
-        Folder of the worlds, world_NNN.txt, or the one that holds it as `worlds`.
+        Folder of the world_NNN.txt files, or a folder with a subfolder `worlds` of them.
     worlds
-        So many of them, evenly spread; all without it.
+        Number of worlds, evenly spread over the folder; default all.
     starts
-        Runs per world, each from another seeded start.
+        Runs per world, each from a different seeded start.
     speed
-        Greatest speed [m/s].
+        Top speed [m/s].
     body
-        jackal, the benchmark's robot, or a chair: A or B.
+        jackal (the benchmark's robot), or chair A or B.
     scale
-        Scale of all lengths of the worlds, the cylinders' too.
+        Scale of all lengths of the worlds, including the cylinders.
     jobs
-        Processes; one per core without it.
+        Number of processes; default one per core.
     json
-        Print everything as JSON, with a row for each world.
+        Print JSON, with a row per world.
     """
     import json as text
 

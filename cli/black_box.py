@@ -1,4 +1,4 @@
-"""The command that explains a stop from the chair's black box."""
+"""`waychair why`: explain a stop from the chair's black box."""
 
 from __future__ import annotations
 
@@ -7,24 +7,24 @@ from pathlib import Path
 from waychair.cli.arguments import BadArgument, Count
 
 USUAL = (Path("out/up/box"), Path("out/box"))
-"""Where the nodes keep theirs, and where a simulated drive's is in the guides."""
+"""Default black boxes: that of the nodes, and that of a simulated drive in the guides."""
 
 
 def why_command(*, box: Path | None = None, last: Count = 1, json: bool = False, bag: Path | None = None) -> None:
-    """Explain the chair's last stop: what it was doing, what happened first, what followed, and what to do.
+    """Explain the chair's last stop: its state before, the cause, the consequences, and the remedy.
 
     Parameters
     ----------
     box
-        The black box: the folder that --box named when the chair drove; by default whichever of `out/up/box`, the
-        nodes' own, and `out/box` was written last.
+        The folder that --box named when the chair drove; default the latest of `out/up/box` (the nodes' black box) and
+        `out/box`.
     last
-        Explain so many stops, the latest first.
+        Number of stops to explain, the latest first.
     json
-        Print them as JSON.
+        Print JSON.
     bag
-        Write what the sensors said round the last stop as a ROS 2 bag, which `waychair map` reads: a new .mcap or .db3
-        file, or a new folder.
+        Write the sensor messages round the last stop to this ROS 2 bag, for `waychair map`: a new .mcap or .db3 file,
+        or a new folder.
     """
     import msgspec
 

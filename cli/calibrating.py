@@ -1,4 +1,4 @@
-"""`waychair calibrate`: commands that measure a chair and keep what they find in its file."""
+"""`waychair calibrate`: commands that measure a chair and store the results in its calibration file."""
 
 from __future__ import annotations
 
@@ -33,7 +33,7 @@ _CHAIR, _REAL, _SWEEP = ChairOptions(), PortOptions(), SweepOptions()
 
 @dataclass(frozen=True, slots=True)
 class _Sweep:
-    """What a sweep is fitted with: the chair's name and body, its neutral [V], and the log."""
+    """The input of a fit: the chair's name and body, its neutral (forward, turn) [V], and the sweep's log."""
 
     name: str
     body: ChairBody
@@ -57,28 +57,28 @@ def dac_command(
 ) -> None:
     """Fit the joystick's volts to the chair's speeds: dead bands, gains, limits, coupling, delay and lag.
 
-    Drives a simulated chair, or with --port a real one, through a sweep, or reads the CSV file of one. Its columns are
-    stamp_ns, forward_counts, turn_counts, v (m/s, forward positive) and omega (rad/s, left positive); levels are held
-    for two seconds or more each, with rests at neutral between them.
+    Drives a simulated chair, or a real one with --port, through a sweep of levels, or reads the sweep from a CSV file.
+    Its columns are stamp_ns, forward_counts, turn_counts, v (m/s, forward positive) and omega (rad/s, left positive).
+    Each level must last two seconds or more, with rests at neutral between levels.
 
     Parameters
     ----------
     csv
-        Log of a sweep, instead of a drive.
+        Log of a sweep, to fit without a drive.
     neutral
-        Volts of the forward and the turn line with the original stick at rest, for --csv; a real chair's board reads
-        them itself.
+        Volts of the forward and the turn line with the original stick at rest, for --csv. (With --port the board
+        measures them.)
     chair_id
-        Name of the chair, for --csv and --port; a simulated one is called sim-SEED.
+        Name of the chair, for --csv and --port; a simulated chair is called sim-SEED.
     plant
-        kinematic: wheels that do as they are told; mujoco: mass, motors, casters and slip.
+        kinematic: wheels follow their commands; mujoco: mass, motors, casters and slip.
     blocks
-        The wheels are off the ground: find neutral, dead bands and directions only, and write nothing.
+        The wheels are off the ground: only measure neutral, dead bands and directions, and write nothing.
     log
-        Where to keep the sweep as a CSV file, for --port beside the chair's file unless given; one that is broken off
-        stays as NAME.part.
+        CSV file for the sweep; with --port the default is beside the chair's file. An aborted sweep is kept as
+        NAME.part.
     plot
-        Where to write a picture of the fit.
+        File for a picture of the fit.
     """
     from waychair.calibration.dac_plot import plot_fit
     from waychair.calibration.fit_dac import fit_dac
@@ -191,21 +191,21 @@ def stop_command(
     repetitions: Count = 3,
     log: Path | None = None,
 ) -> None:
-    """Measure how far the chair goes on after Stop, forward, in reverse and turning; the worst case is kept.
+    """Measure the chair's stopping distances, forward, in reverse and turning; the worst case is stored.
 
-    A chair whose stops were never measured is held at 0.3 m/s. Needs what `waychair calibrate dac` has found.
+    A chair without measured stops drives at 0.3 m/s at most. Run `waychair calibrate dac` first.
 
     Parameters
     ----------
     plant
-        kinematic: wheels that do as they are told; mujoco: mass, motors, casters and slip.
+        kinematic: wheels follow their commands; mujoco: mass, motors, casters and slip.
     fastest
-        Fastest speed to stop from, in m/s; as fast as the chair goes unless given.
+        Highest speed to stop from, in m/s; default the chair's top speed.
     repetitions
-        Stops of each kind.
+        Number of stops of each kind.
     log
-        Where to keep the drive as a CSV file, for --port beside the chair's file unless given; one that is broken off
-        stays as NAME.part.
+        CSV file for the drive; with --port the default is beside the chair's file. An aborted drive is kept as
+        NAME.part.
     """
     from waychair.calibration.calibration_file import load_calibration
     from waychair.calibration.stopping import StopSettings
@@ -262,21 +262,22 @@ def wheels_command(
     trajectory: Path | None = None,
     chair_id: str | None = None,
 ) -> None:
-    """Find the radius of each drive wheel and the track, from a square that is driven both ways round.
+    """Find the radius of each drive wheel and the track, from a square driven in both directions.
 
-    With --recording and --trajectory from a real drive: encoders out of the bag, poses out of the trajectory.tum that
-    `waychair map` wrote of it; drive two squares to the left and two to the right, or spin to both sides on the way.
+    With --recording and --trajectory the encoders come from the bag of a real drive, and the poses from the
+    trajectory.tum that `waychair map` made of it. Drive two squares to the left and two to the right, or turn on the
+    spot to both sides during the drive.
 
     Parameters
     ----------
     plant
-        kinematic: wheels that do as they are told; mujoco: mass, motors, casters and slip.
+        kinematic: wheels follow their commands; mujoco: mass, motors, casters and slip.
     against
-        truth: the simulator's own poses; map: those that the lidar finds on a map.
+        truth: the simulator's true poses; map: poses by lidar localisation on a map.
     recording
         Bag of a real drive with joint states of both drive wheels.
     trajectory
-        Poses of the same drive: trajectory.tum.
+        Poses of the same drive (trajectory.tum).
     chair_id
         Name of the chair, for --recording.
     """
@@ -309,14 +310,14 @@ def imu_command(
     recording: Path | None = None,
     chair_id: str | None = None,
 ) -> None:
-    """Find bias and noise of the inertial unit while the chair stands still on a level floor.
+    """Find bias and noise of the inertial unit; the chair stands still on a level floor.
 
     Parameters
     ----------
     seconds
-        How long to record; 20 or more.
+        Length of the simulated recording; 20 or more.
     recording
-        Bag of a real chair at rest, instead of a simulated one; --seconds does not matter then.
+        Bag of a real chair at rest; --seconds has no effect then.
     chair_id
         Name of the chair, for --recording.
     """
@@ -342,15 +343,15 @@ def imu_command(
 def camera_command(
     *, options: ChairOptions = _CHAIR, recording: Path | None = None, chair_id: str | None = None
 ) -> None:
-    """Find where the camera is, seen from the lidar, from walls and floor that both see.
+    """Find the camera's pose relative to the lidar, from walls and floor that both see.
 
-    The simulated chair's camera is off its nominal place by centimetres and degrees, by the seed.
+    The simulated chair's camera is off its nominal place by centimetres and degrees, depending on the seed.
 
     Parameters
     ----------
     recording
-        Bag with scans, pictures and depth of a real chair that was turned and stood still by turns, in a room with bare
-        walls; lidar and camera are where --chair says, to within some centimetres.
+        Bag with scans, pictures and depth of a real chair that alternately turned and rested in a room with bare walls.
+        --chair must give the places of lidar and camera to within some centimetres.
     chair_id
         Name of the chair, for --recording.
     """
@@ -378,7 +379,7 @@ def camera_command(
 
 
 def _recorded_chair(options: ChairOptions, chair_id: str | None) -> tuple[str, ChairBody]:
-    """Name and body of the chair of a recording; the file must not be another one's."""
+    """Return name and body of a recording's chair; the calibration file must not belong to another chair."""
     if chair_id is None or options.chair_sim is not None:
         raise BadArgument("--recording needs --chair-id NAME and no --chair-sim")
     options.refuse_other_chair(chair_id)

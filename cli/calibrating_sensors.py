@@ -1,4 +1,4 @@
-"""`waychair calibrate time` and `mask`: what a chair's sensors say late, and what its lidar sees of the chair."""
+"""`waychair calibrate time` and `mask`: the delays of a chair's sensors, and the lidar's view of the chair itself."""
 
 from __future__ import annotations
 
@@ -27,23 +27,23 @@ def time_command(
     camera: bool = True,
     inject: tuple[float, float, float] = (0.0, 0.0, 0.0),
 ) -> None:
-    """Find by how much the stamps of lidar, encoders and camera are late, against the gyro's.
+    """Find the delays of the stamps of lidar, encoders and camera, relative to the gyro.
 
-    Turns a simulated chair to and fro, or reads a recording of a chair that was turned left and right by turns for half a
-    minute in a room that stands still.
+    Turns a simulated chair left and right, or reads a recording of a chair that turned left and right for half a minute
+    in a static room.
 
     Parameters
     ----------
     recording
         A ROS bag with an IMU, instead of a simulated chair.
     chair_id
-        Name of the chair, for a recording; a simulated one is called sim-SEED.
+        Name of the chair, for a recording; a simulated chair is called sim-SEED.
     seconds
-        How long the simulated chair turns.
+        Duration of the simulated chair's turns.
     camera
-        Whether the camera's delay is looked for too.
+        Find the camera's delay, too.
     inject
-        Delays in ms that the stamps of the simulated lidar, encoders and camera are given, to see them found.
+        Delays in ms to add to the stamps of the simulated lidar, encoders and camera, as a test.
     """
     from waychair.calibration.calibration_file import load_calibration
     from waychair.trials.calibrate_time import TimeCalibrator, merged, milliseconds
@@ -78,17 +78,17 @@ def mask_command(
     options: ChairOptions = ChairOptions(),  # noqa: B008
     chair_id: str | None = None,
 ) -> None:
-    """Learn what the lidar sees of the chair itself (legs, leg rests, a bag), so that it is no obstacle.
+    """Learn which beams of the lidar hit the chair itself (legs, leg rests, a bag), so that they are no obstacles.
 
-    Turns a simulated chair, whose legs the lidar sees, once round, or reads a recording of a chair that was turned or
-    driven about with its rider in it.
+    Turns a simulated chair with visible legs once round, or reads a recording of a chair that turned or drove with its
+    rider.
 
     Parameters
     ----------
     recording
         Any recording that `waychair map` reads, instead of a simulated chair.
     chair_id
-        Name of the chair, for a recording; a simulated one is called sim-SEED.
+        Name of the chair, for a recording; a simulated chair is called sim-SEED.
     """
     import math
 
@@ -112,7 +112,7 @@ def mask_command(
 
 
 def _recorded(path: Path, chair_id: str | None, options: ChairOptions) -> tuple[str, Recording]:
-    """The chair's name, and its recording."""
+    """Return the chair's name and its recording."""
     from waychair.recording import read_recording
 
     if chair_id is None or options.chair_sim is not None:
@@ -123,7 +123,7 @@ def _recorded(path: Path, chair_id: str | None, options: ChairOptions) -> tuple[
 
 
 def _with_laser_of(recording: Recording, body: ChairBody) -> ChairBody:
-    """The body with its lidar where the recording says it is; one that says nothing has it where the body has it."""
+    """Return the body with the recording's lidar mount, if the recording has one."""
     from waychair.types import Pose2
 
     at = recording.base_from_laser
@@ -133,7 +133,7 @@ def _with_laser_of(recording: Recording, body: ChairBody) -> ChairBody:
 def _turned(
     options: ChairOptions, seconds: float, camera: bool, inject: tuple[float, float, float]
 ) -> tuple[ChairBody, TimeCalibrator]:
-    """What the sensors of a simulated chair have seen while it was turned to and fro."""
+    """Turn a simulated chair left and right; return its body and a calibrator with its messages."""
     from waychair.calibration.time_offset import SensorDelays, without_delay
     from waychair.simulation.simulator import Simulator, with_all_sensors
     from waychair.trials.calibrate_time import TIME_HALL, TimeCalibrator, turns_to_and_fro
@@ -157,7 +157,7 @@ def _turned(
 
 
 def _seen_while_turning(options: ChairOptions) -> tuple[ChairBody, list[Scan]]:
-    """The scans of a simulated chair that turns once round."""
+    """Turn a simulated chair once round; return its body and scans."""
     from waychair.simulation.simulator import Simulator
     from waychair.trials.halls import open_hall
     from waychair.trials.learn_mask import MASK_HALL, scans_while_turning, with_legs

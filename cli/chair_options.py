@@ -1,4 +1,4 @@
-"""Options that all of `waychair calibrate` share: which chair, and where what is found of it is kept."""
+"""Options shared by the commands of `waychair calibrate`: the chair, its ports, its file."""
 
 from __future__ import annotations
 
@@ -22,25 +22,25 @@ PlantName = Literal["kinematic", "mujoco"]
 
 
 class Progress(Protocol):
-    """Is told how much is done."""
+    """A callback for the progress of a task."""
 
     def __call__(self, share: float) -> None:
-        """`share` of the work is done."""
+        """Show that `share` (0 to 1) of the work is done."""
 
 
 @Parameter(name="*")
 @dataclass(frozen=True, kw_only=True)
 class ChairOptions:
-    """A chair, simulated unless the command is told otherwise, and its file.
+    """A chair, simulated by default, and its calibration file.
 
     Parameters
     ----------
     out
-        File of the chair; what is in it already stays.
+        Calibration file of the chair; its other entries stay.
     chair_sim
-        Seed of the simulated chair, 0 unless given.
+        Seed of the simulated chair, default 0.
     chair
-        One of the chairs that are built in (A, B, ...), or a simulated chair's .yaml file.
+        A built-in chair (A, B, ...), or a simulated chair's .yaml file.
     quiet
         Print nothing but errors.
     """
@@ -52,22 +52,22 @@ class ChairOptions:
 
     @property
     def seed(self) -> int:
-        """Of the simulated chair."""
+        """Seed of the simulated chair."""
         return self.chair_sim or 0
 
     @property
     def simulated_name(self) -> str:
-        """What the simulated chair's file calls it."""
+        """The simulated chair's name in its file."""
         return f"sim-{self.seed}"
 
     def body(self) -> ChairBody:
-        """Its body, as measured with a tape."""
+        """Return the chair's body by tape measure."""
         from waychair.simulation.chair_file import load_chair
 
         return load_chair(self.chair).body
 
     def simulated(self, plant: PlantName = "kinematic") -> tuple[ChairBody, SimulatorSettings]:
-        """Body and drive of the simulated chair of this seed."""
+        """Return body and simulator settings of the simulated chair of this seed."""
         from waychair.simulation.chair_file import load_chair, randomised_chair
         from waychair.simulation.simulator import SimulatorSettings
 
@@ -75,14 +75,14 @@ class ChairOptions:
         return made.body, SimulatorSettings(plant_model=plant, plant=made.plant, mujoco=made.mujoco)
 
     def refuse_other_chair(self, name: str) -> None:
-        """Before anything is driven: raises `CalibrationMismatch` when the file is another chair's."""
+        """Raise `CalibrationMismatch` if the file belongs to another chair; called before a drive."""
         from waychair.calibration.calibration_file import load_calibration
 
         if self.out.exists():
             load_calibration(self.out, name)
 
     def keep(self, name: str, body: ChairBody, **parts: object) -> None:
-        """Add what was measured to the chair's file."""
+        """Add measured parts to the chair's file."""
         from datetime import UTC, datetime
 
         from waychair.calibration.calibration_file import ChairCalibration, update_calibration
@@ -99,7 +99,7 @@ class ChairOptions:
 
     @contextmanager
     def progress(self, what: str) -> Iterator[Progress]:
-        """A bar on standard error while the block runs."""
+        """Show a progress bar on standard error while the block runs."""
         from rich.console import Console
         from rich.progress import Progress as Bar
 
@@ -112,21 +112,21 @@ class ChairOptions:
 @Parameter(name="*")
 @dataclass(frozen=True, kw_only=True)
 class PortOptions:
-    """A real chair behind its board.
+    """A real chair and its board.
 
     Parameters
     ----------
     port
-        Port of the board of a real chair, which then drives by itself: /dev/ttyUSB0, pty:PATH or tcp:HOST:PORT.
+        Port of a real chair's board: /dev/ttyUSB0, pty:PATH or tcp:HOST:PORT. The chair then drives by itself.
     sensors
-        Port of its sensors, which come as lines of text: `wheels STAMP LEFT RIGHT`, `imu ...`, `scan ...`; see
+        Port of its sensors, which send lines of text: `wheels STAMP LEFT RIGHT`, `imu ...`, `scan ...`; see
         trials/sensor_lines.py.
     family
-        Family of its joystick, for which the board was flashed.
+        Joystick family for which the board was flashed.
     speeds_from
-        encoders, or lidar: lidar and gyro, for the many chairs that have no encoders.
+        encoders, or lidar (with gyro) for a chair without encoders.
     room
-        Farthest that the real chair may go from where it stands, in metres.
+        Greatest distance of the real chair from its start, in metres.
     """
 
     port: str | None = None
@@ -139,24 +139,24 @@ class PortOptions:
 @Parameter(name="*")
 @dataclass(frozen=True, kw_only=True)
 class SweepOptions:
-    """What is swept, with which converter.
+    """The levels of a sweep, and the converter.
 
     Parameters
     ----------
     bits
-        Resolution of the converter, 8 to 16; a real chair's board names its own.
+        Bits of the converter, 8 to 16; a real chair's board reports its own.
     volts_max
-        Output of the converter at its largest count; likewise.
+        Output of the converter at its largest count; a real chair's board reports it.
     volts_min
-        Output of the converter at count 0; likewise.
+        Output of the converter at count 0; a real chair's board reports it.
     levels
-        Levels on each axis.
+        Number of levels on each axis.
     repetitions
-        Times that each level is driven.
+        Number of runs of each level.
     swing
-        Farthest from neutral, in volts: begin with little on a chair that nobody knows.
+        Greatest deflection from neutral, in volts; begin with little on an unknown chair.
     rest
-        Seconds at neutral between two levels: more of them keep motors cool.
+        Seconds at neutral between two levels; longer rests keep the motors cooler.
     """
 
     bits: Count = 12
@@ -168,7 +168,7 @@ class SweepOptions:
     rest: float = 1.6
 
     def settings(self, blocks: bool) -> SweepSettings:
-        """As they are; on `blocks` nothing is asked about both axes together."""
+        """Return the sweep's settings; with `blocks` no level combines both axes."""
         from waychair.calibration.sweep import SweepSettings
 
         return SweepSettings(

@@ -1,4 +1,4 @@
-"""`waychair doctor`: what is missing on this machine, what for, and the command that mends it."""
+"""`waychair doctor`: find missing parts of this machine, their purpose, and the command that fixes each."""
 
 from __future__ import annotations
 
@@ -18,23 +18,23 @@ from pathlib import Path
 GIGABYTE = 1e9
 LEAST_DISK = 2 * GIGABYTE
 LEAST_MEMORY = 1.5 * GIGABYTE
-"""Free bytes that mapping a building and recording a drive through it take; pictures take about 1 GB a minute."""
+"""Free bytes for mapping a building and recording a drive through it; pictures take about 1 GB a minute."""
 
 LEAST_CORES = 2
-"""The stack in one, the simulator in another."""
+"""One for the stack, one for the simulator."""
 
 
 class State(enum.Enum):
-    """How a part is."""
+    """The state of a part."""
 
     OK = "ok"
-    MISSING = "missing"  # and the main job needs it: to map, to plan, and to drive in simulation
-    OPTIONAL = "optional"  # missing, and only what it is for does without
+    MISSING = "missing"  # missing, and needed for mapping, planning or simulation
+    OPTIONAL = "optional"  # missing, and needed only for its own purpose
 
 
 @dataclass(frozen=True, slots=True)
 class Check:
-    """One part of the machine; `remedy` is the command that mends it, empty when it is well."""
+    """One part of the machine; `remedy` is the command that fixes it, empty if the part is OK."""
 
     part: str
     state: State
@@ -43,10 +43,9 @@ class Check:
 
 
 def doctor_command() -> None:
-    """Say what is missing on this machine and the command that mends it.
+    """List missing parts of this machine and the commands that fix them.
 
-    Ends with 1 when something is missing that mapping, planning or driving in simulation needs; what is optional is
-    only told.
+    Exits with 1 if a part is missing that mapping, planning or simulated driving needs; optional parts are only listed.
     """
     from rich.markup import escape
     from rich.table import Column, Table
@@ -65,7 +64,7 @@ def doctor_command() -> None:
 
 
 def examine() -> tuple[Check, ...]:
-    """Every part, in the order in which one would mend them."""
+    """Check all parts, in the order in which to fix them."""
     return tuple(look() for look in _LOOKS)
 
 
@@ -103,7 +102,7 @@ def _ros() -> Check:
 
 
 def _packages(part: str, extra: str | None, purpose: str, otherwise: State) -> Check:
-    """Whether all that waychair, or one of its extras, requires is installed."""
+    """Check that all packages that waychair or one of its extras requires are installed."""
     missing = []
     for requirement in metadata.requires("waychair") or []:
         needed, _, marker = requirement.partition(";")
@@ -124,7 +123,7 @@ def _installed(requirement: str) -> bool:
 
 
 def _camera() -> Check:
-    """Tried in a process of its own: a broken driver takes that one down only."""
+    """Check rendering in a separate process, as a broken driver may crash it."""
     program = "import sys; from waychair.simulation.renderer import renderer_problem; sys.exit(renderer_problem())"
     purpose, remedy = "simulated camera", "sudo apt-get install libegl1 libgl1-mesa-dri"
     if find_spec("moderngl") is None:
@@ -143,7 +142,7 @@ def _compiler() -> Check:
 
 
 def _serial_ports() -> Check:
-    """Debian gives serial ports to the group dialout."""
+    """Check the access to serial ports, which belong to the group dialout on Debian."""
     import grp
 
     try:
@@ -171,7 +170,7 @@ def _disk() -> Check:
 def _memory() -> Check:
     free = os.sysconf("SC_AVPHYS_PAGES") * os.sysconf("SC_PAGE_SIZE")
     meminfo = Path("/proc/meminfo")
-    if meminfo.exists():  # counts what caches would give back
+    if meminfo.exists():  # counts reclaimable caches as free
         available = re.search(r"MemAvailable:\s+(\d+) kB", meminfo.read_text(encoding="utf-8"))
         free = int(available[1]) * 1024 if available else free
     part = f"memory, {free / GIGABYTE:.1f} GB free"
@@ -187,7 +186,7 @@ def _cores() -> Check:
 
 
 def _kernel_cache() -> Check:
-    """Where compiled kernels are kept: numba refuses to cache when neither its folder nor the sources' is writable."""
+    """Check the cache of compiled kernels: numba needs its own folder or the sources' folder to be writable."""
     import waychair.planning
 
     folders = [Path(folder) for folder in waychair.planning.__path__]
@@ -201,7 +200,7 @@ def _kernel_cache() -> Check:
 
 
 def _existing(folder: Path) -> Path:
-    """The folder, or the nearest above it that is there, where it would be made."""
+    """Return the folder, or its nearest existing parent."""
     return next(path for path in (folder, *folder.absolute().parents) if path.exists())
 
 

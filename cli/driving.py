@@ -1,4 +1,4 @@
-"""Commands that drive the chair."""
+"""`waychair demo`."""
 
 from __future__ import annotations
 
@@ -27,26 +27,26 @@ def demo_command(
     page_port: Count | None = None,
     quiet: bool = False,
 ) -> None:
-    """Map a simulated floor by joystick, then let the chair find itself on the map and drive to three places.
+    """Map a simulated floor by joystick, then let the chair localise itself on the map and drive to three places.
 
-    Ends in report.html and report.json. While it runs, as fast as it can, a page in the browser shows it.
+    Writes report.html and report.json. The demo runs as fast as possible; a web page shows it live.
 
     Parameters
     ----------
     out
         Folder for the map and the report.
     seed
-        Seed of the simulated chair, its sensors and its noise, and of the people.
+        Seed of the simulated chair, of its sensors and noise, and of the people.
     world
-        One of `waychair worlds`, or a plan's .yaml file.
+        A world of `waychair worlds`, or a plan's .yaml file.
     surprises
-        People walk about, one may step suddenly in front, and a door on the planned way is shut.
+        People walk about, one may suddenly step in front, and a door on the planned path is closed.
     box
-        Log what the chair is told and does in this folder, for `waychair why`.
+        Folder of a black box that logs the chair's inputs and actions, for `waychair why`.
     headless
-        Without the page.
+        Show no page.
     page_port
-        Of the page; by default 8000, or a free one where that is taken.
+        Port of the page; default 8000, or a free port if that is taken.
     quiet
         Print nothing but errors.
     """
@@ -84,7 +84,7 @@ def demo_command(
 
 @contextmanager
 def _shown(page: DemoPage, headless: bool, port: int | None, console: Console) -> Iterator[None]:
-    """The demo's page, for as long as the block lasts."""
+    """Serve the demo's page while the block runs."""
     from waychair.cli.page_process import has_ui, port_of_page
     from waychair.ui.server import page_server
 

@@ -1,4 +1,4 @@
-"""Commands that say where the chair was on a map, and how good a trajectory is."""
+"""`waychair localize` and `waychair evaluate`."""
 
 from __future__ import annotations
 
@@ -27,20 +27,20 @@ def localize_command(
     config: Path | None = None,
     quiet: bool = False,
 ) -> None:
-    """Follow the chair of a recording on a map.
+    """Localise the chair of a recording on a map.
 
     Writes trajectory.tum, config.yaml and report.json.
 
     Parameters
     ----------
     recording
-        The log or bag, of any kind that `waychair map` reads.
+        A log or bag that `waychair map` can read.
     map
         Map folder or its map.yaml.
     out
         Folder for the trajectory and the report.
     start
-        X,Y,YAW: where the chair is at the first scan, in metres and radians in the map; without it that is found out.
+        X,Y,YAW: the chair's pose in the map at the first scan, in metres and radians; default: relocalise.
     config
         YAML file with settings that differ from the defaults.
     quiet
@@ -84,19 +84,19 @@ def evaluate_command(
     base_from_laser: Annotated[str | None, Parameter(allow_leading_hyphen=True)] = None,
     json: bool = False,
 ) -> None:
-    """Say how good a trajectory is.
+    """Evaluate a trajectory against relations or a true trajectory.
 
     Parameters
     ----------
     trajectory
-        TUM text, as `waychair map` writes it.
+        A trajectory in TUM format, as written by `waychair map`.
     relations
-        Published relations between its poses (Kuemmerle et al. 2009), gzipped or not: errors in metres and degrees,
-        those that cross a loop (stamps more than 60 s apart) apart from local ones.
+        File of published relations between poses (Kuemmerle et al. 2009), gzipped or not: gives errors in metres and
+        degrees, separately for local ones and across loops (stamps more than 60 s apart).
     truth
-        The true trajectory, TUM text: absolute trajectory error after laying one onto the other in the plane.
+        The true trajectory in TUM format: gives the absolute trajectory error after alignment in the plane.
     base_from_laser
-        X,Y,YAW: mount of the laser, where the relations are of the laser and the trajectory is of the base.
+        X,Y,YAW: mount of the laser, if the relations are of the laser and the trajectory is of the base.
     json
         Print JSON.
     """
@@ -141,7 +141,7 @@ def _line(name: str, errors: Errors) -> str:
 
 
 def _without_nan(values: object) -> object:
-    """JSON has no nan: what is not known is null."""
+    """Return the values with null for nan, which JSON does not have."""
     if isinstance(values, dict):
         return {key: _without_nan(value) for key, value in values.items()}
     return None if isinstance(values, float) and math.isnan(values) else values

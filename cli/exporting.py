@@ -1,4 +1,4 @@
-"""Commands that write what others read."""
+"""`waychair export`."""
 
 from __future__ import annotations
 
@@ -6,16 +6,16 @@ from pathlib import Path
 
 
 def export_command(source: Path, /, *, ply: Path, voxel: float = 0.02) -> None:
-    """Write the coloured point cloud of the key frames of a recording with pictures and depth.
+    """Write the coloured point cloud of a recording or a map with depth pictures.
 
     Parameters
     ----------
     source
-        A bag or a folder of pictures, which is mapped first, or the folder of a map that was made of one.
+        A bag or a folder of pictures (mapped first), or the folder of a map made of one.
     ply
-        The file to write.
+        The .ply file to write.
     voxel
-        Of the points in a cube of this side, in metres, one is kept.
+        Side of the cubes, in metres, that keep one point each.
     """
     from waychair.runtime.cloud_export import CloudSettings, export_cloud
 

@@ -1,4 +1,4 @@
-"""`waychair`: the commands, and how a failure is told: one sentence on standard error and a non-zero exit."""
+"""The `waychair` program: its commands. A failure is one sentence on standard error and a non-zero exit code."""
 
 from __future__ import annotations
 
@@ -19,7 +19,7 @@ app = App(
     help_format="plaintext",
     result_action="return_value",
     default_parameter=Parameter(negative_iterable=()),  # no --empty-goal beside --goal
-    suppress_keyboard_interrupt=False,  # `main` says what an interrupt has left behind
+    suppress_keyboard_interrupt=False,  # `main` prints the notes of an interrupt
 )
 app.command("waychair.cli.mapping:map_command", name="map", help="Make a map of a recording.")
 app.command("waychair.cli.mapping:places_command", name="places", help="List the named places of a map, or add one.")
@@ -117,20 +117,20 @@ def main() -> None:
 
         _fail(f"cannot read or write {error.filename or 'what was asked for'}: {refusal(error)}")
     except KeyboardInterrupt as stop:
-        for note in getattr(stop, "__notes__", ()):  # such as where an interrupted recording is
+        for note in getattr(stop, "__notes__", ()):  # such as the path of an interrupted recording
             print(f"waychair: stopped; {note}", file=sys.stderr)
         sys.exit(130)
 
 
 def _fail(sentence: str) -> NoReturn:
-    """End with a sentence on standard error."""
+    """Print a sentence on standard error and exit with 1."""
     _forget_output()
     print(f"waychair: {sentence}", file=sys.stderr)
     sys.exit(1)
 
 
 def _forget_output() -> None:
-    """What could not be written by now is not tried again when the program ends."""
+    """Flush standard output; if that fails, discard it, so that the program's end does not fail again."""
     try:
         sys.stdout.flush()
     except OSError:

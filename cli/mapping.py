@@ -1,4 +1,4 @@
-"""Commands that make and describe maps."""
+"""`waychair map` and `waychair places`."""
 
 from __future__ import annotations
 
@@ -36,34 +36,33 @@ def map_command(
     """Make a map of a recording.
 
     Reads CARMEN logs (.clf, .log) and CoreSLAM logs (.dat), gzipped or not, ROS 1 bags, and ROS 2 bags (folder, .mcap,
-    .db3), told apart by their content; writes map.yaml, map.pgm, trajectory.tum, graph.g2o, config.yaml, report.json,
-    report.html, and session.npz for further drives. When it is stopped, the same command goes on near where it was.
+    .db3), recognised by their content. Writes map.yaml, map.pgm, trajectory.tum, graph.g2o, config.yaml, report.json,
+    report.html, and session.npz for further drives. After an interruption the same command resumes near that point.
 
-    Pictures with depth in a bag add what the lidar does not see: table tops, low things, and where the floor ends;
-    depth.yaml and depth.pgm then say which cells of the map those are.
+    Depth pictures in a bag add obstacles that the lidar does not see: table tops, low objects and drop-offs. depth.yaml
+    and depth.pgm mark their cells.
 
-    They also tell that the chair is where it was before; memory.db holds the places, and a run that is stopped then
-    begins anew.
+    Depth pictures also close loops by appearance. memory.db holds the places; an interrupted run then restarts.
 
-    Of a folder of colour and depth pictures (TUM RGB-D's rgb/ and depth/, or frame-N.color and frame-N.depth.png) it
-    writes trajectory.tum, in space and of the camera's optical frame, memory.db, config.yaml and report.json.
+    From a folder of colour and depth pictures (TUM RGB-D's rgb/ and depth/, or frame-N.color and frame-N.depth.png) it
+    writes trajectory.tum (3D poses of the camera's optical frame), memory.db, config.yaml and report.json.
 
     Parameters
     ----------
     recording
         The log or bag.
     out
-        Folder for the map; with --session the map's own without it. One with another map that somebody has drawn places
-        or zones on is refused.
+        Folder for the map; with --session the default is the session's folder. A folder with another map that has drawn
+        places or zones is refused.
     session
-        Folder of a map that this recording is a further drive through: both become one map. If they never meet, or the
-        command is stopped, the map stays as it was.
+        Folder of an earlier map; the recording is a further drive that is joined to it. If the two have no common
+        place, or the command is stopped, the map does not change.
     config
         YAML file with settings that differ from the defaults (see `waychair config`).
     depth
-        What is done with a bag's pictures with depth: on, beside the lidar; off; only, in the lidar's stead.
+        Use of a bag's depth pictures: on (besides the lidar), off, or only (instead of the lidar).
     vision
-        Whether places are known again by a bag's pictures with depth, and loops closed by them.
+        Recognise places by a bag's depth pictures and close loops with them.
     quiet
         Print nothing but errors.
     """
@@ -114,7 +113,7 @@ def map_command(
 
 
 def _session_line(report: Json) -> str:
-    """What a further drive has added, if it is one."""
+    """Return the summary of a further drive, or an empty text."""
     if "session" not in report:
         return ""
     told = report["session"]
@@ -122,14 +121,14 @@ def _session_line(report: Json) -> str:
 
 
 def _depth_line(depth: Json) -> str:
-    """What the pictures gave, if there are any."""
+    """Return the summary of the depth pictures, or an empty text."""
     if not depth["kept"]:
         return ""
     return f"{depth['kept']} of {depth['pictures']} pictures with {depth['drop_offs_m2']:.1f} m2 of drop-offs, "
 
 
 def _memory_line(report: Json) -> str:
-    """What the memory of places came to, if there is one."""
+    """Return the summary of the memory of places, or an empty text."""
     if "memory" not in report:
         return ""
     told, counts = report["memory"], report["memory"]["memory"]
@@ -173,13 +172,13 @@ def places_command(
     Parameters
     ----------
     map
-        Map folder or its map.yaml; by default the map of the chair that is running.
+        Map folder or its map.yaml; default the map of the running chair.
     add
-        NAME X,Y,YAW: a place to add, in metres and radians in the map.
+        NAME X,Y,YAW: place to add, in metres and radians in the map.
     domain
-        ROS domain of the chair that is running.
+        ROS domain of the running chair.
     namespace
-        Namespace of its nodes.
+        Namespace of the chair's nodes.
     """
     from waychair.cli.arguments import BadArgument, pose_from_text
     from waychair.maps.map_files import load_map

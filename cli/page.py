@@ -1,4 +1,4 @@
-"""The rider's page of a simulated chair, in one command."""
+"""`waychair page`: the rider's page of a simulated chair."""
 
 from __future__ import annotations
 
@@ -26,33 +26,33 @@ def page_command(
     box: Path | None = None,
     urgent: bool = False,
 ) -> None:
-    """Drive a simulated chair, in real time, by a page in the browser; until Ctrl-C.
+    """Drive a simulated chair in real time by a page in the browser, until Ctrl-C.
 
-    Without ROS; `waychair up` gives the page of a chair's nodes, a real one's too.
+    It needs no ROS. For the page of a real chair, or of simulated ROS nodes, use `waychair up`.
 
     Parameters
     ----------
     sim
-        World of the chair (see `waychair worlds`), or its file.
+        World of the chair (see `waychair worlds`), or a plan's .yaml file.
     map
-        Map folder of a drive that began at the world's start; by default the world's own plan, and what is drawn on it
-        is forgotten at the end.
+        Map folder of a drive that began at the world's start; default the world's plan, on which drawings are lost at
+        the end.
     port
-        Of the page.
+        Port of the page.
     lan
         Let other computers on the network open the page, with the token.
     token
-        What they have to show; by default one is made and printed.
+        Token for --lan; default a random one, which is printed.
     people
-        With the world's people.
+        Simulate the world's people.
     camera
-        With pictures of its camera to look at.
+        Show pictures of the chair's camera.
     seed
-        Seed of the simulated chair, its sensors and its noise, and of the people.
+        Seed of the simulated chair, of its sensors and noise, and of the people.
     box
-        Log what the chair is told and does in this folder, for `waychair why`.
+        Folder of a black box that logs the chair's inputs and actions, for `waychair why`.
     urgent
-        Real-time priority for the chair, where the system grants it: on a computer that does other things, too.
+        Real-time priority for the chair, if the system grants it; useful on a busy computer.
     """
     from waychair.cli.page_process import page_address, page_token
     from waychair.cli.stack import WARNING

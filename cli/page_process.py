@@ -1,4 +1,4 @@
-"""The page beside a chair's nodes: the process that `waychair up` starts for it, and who may open it."""
+"""The rider's page of a chair's ROS nodes: the process that `waychair up` starts, its token, port and address."""
 
 from __future__ import annotations
 
@@ -17,22 +17,22 @@ if TYPE_CHECKING:
     from waychair.runtime.chair_port import ChairPort
 
 TOKEN = "WAYCHAIR_PAGE_TOKEN"
-"""The page's token in its process's environment: files and arguments can be read by others."""
+"""Environment variable with the page's token; files and arguments could be read by other users."""
 
 _USUAL = 8000
 _SHORTEST = 12
 
 
 def has_ui() -> bool:
-    """Whether the extra [ui] is installed."""
+    """Return whether the extra [ui] is installed."""
     return all(importlib.util.find_spec(name) is not None for name in ("fastapi", "uvicorn", "websockets"))
 
 
 def page_token(lan: bool, given: str | None) -> str:
-    """What who opens the page has to show: nothing where only this computer can, unless it is given.
+    """Return the given token, else a random one for `lan`, else an empty one.
 
     Raises:
-        BadArgument: it is too short, or holds what no address may.
+        BadArgument: the given token is too short or holds characters that an address must not have.
     """
     if given is None:
         return secrets.token_urlsafe(16) if lan else ""
@@ -44,16 +44,16 @@ def page_token(lan: bool, given: str | None) -> str:
 
 
 def page_address(port: int, lan: bool, token: str) -> str:
-    """What to open in a browser."""
+    """Return the page's address."""
     host = socket.gethostname() if lan else "127.0.0.1"
     return f"http://{host}:{port}/{f'#token={token}' if token else ''}"
 
 
 def port_of_page(wanted: int | None) -> int:
-    """The port that was asked for; by default the usual one, or a free one where that is taken.
+    """Return the wanted port; by default 8000, or a free port if that is taken.
 
     Raises:
-        BadArgument: the one that was asked for is taken.
+        BadArgument: the wanted port is taken or invalid.
     """
     for port in (_USUAL, 0) if wanted is None else (wanted,):
         try:
@@ -65,7 +65,7 @@ def port_of_page(wanted: int | None) -> int:
 
 
 def served(port: ChairPort, settings: PageNodeSettings) -> AbstractContextManager[str]:
-    """The page's server."""
+    """Return the page's server, with the token of the environment."""
     from waychair.ui.server import page_server
 
     token, names = os.environ.get(TOKEN, ""), (socket.gethostname(),)
@@ -73,7 +73,7 @@ def served(port: ChairPort, settings: PageNodeSettings) -> AbstractContextManage
 
 
 def main() -> int:
-    """The process."""
+    """Run the page's process."""
     from waychair.ros.node import run_node
     from waychair.ros.page_node import PageNode
 

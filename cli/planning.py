@@ -1,4 +1,4 @@
-"""Commands that plan on a map and drive in a world raised from it."""
+"""`waychair plan` and `waychair navigate`."""
 
 from __future__ import annotations
 
@@ -35,28 +35,27 @@ def plan_command(
     png: Named | None = None,
     json: bool = False,
 ) -> None:
-    """Plan a path on a map, for the chair, or over the cells of a Moving AI benchmark.
+    """Plan a path for the chair on a map, or over the cells of a Moving AI benchmark map.
 
     Parameters
     ----------
     map
         Map folder, its map.yaml or another map_server YAML, or a Moving AI .map file.
     start
-        Where from: X,Y or X,Y,YAW in metres and radians, or the name of a place; on a .map column,row, row 0 on top.
+        Start: X,Y or X,Y,YAW in metres and radians, or the name of a place; on a .map column,row with row 0 on top.
     goal
-        Where to, likewise.
+        Goal, in the same form.
     scen
-        All queries of a Moving AI scenario instead of a start and a goal; fails where one has no way, or costs other
-        than it says.
+        Moving AI scenario: plan all its queries. Fails if a query has no path, or another cost than the scenario gives.
     planner
         dstar-lite, astar, dijkstra or harmonic.
     smooth
-        taut, band, none, or auto: the rubber band for harmonic, else taut. For the chair only.
+        taut, band, none, or auto (band for harmonic, else taut); only for the chair.
     body
-        Of the chair: A, B, A_mid, A_front or robot.
+        The chair's body: A, B, A_mid, A_front or robot.
     png
-        Draw the path on the map into this .png file; with harmonic or band the potential, D* Lite's path and the turns,
-        too.
+        Draw the path on the map into this .png file; with harmonic or band also the potential, D* Lite's path and the
+        turns.
     json
         Print JSON.
     """
@@ -88,7 +87,7 @@ def plan_command(
 def _plan_for_the_chair(
     map: Path, start: str, goal: str, planner: str, smooth: str, body: str, png: Path | None, json: bool
 ) -> None:
-    """A path in metres, wide enough for the chair."""
+    """Plan a path in metres for the chair's footprint, and print it."""
     import time
 
     from waychair.calibration.chair import BODIES
@@ -131,7 +130,7 @@ def _plan_for_the_chair(
 
 
 def _with_potential(costmap: Costmap, begin: Place, end: Place, settings: PlannerSettings, path: Poses) -> Picture:
-    """The potential, and the path beside that of the default planner."""
+    """Return a picture of the potential, with the path and the default planner's path."""
     import numpy as np
 
     from waychair.maps.grid import cells_from_points
@@ -149,7 +148,7 @@ def _with_potential(costmap: Costmap, begin: Place, end: Place, settings: Planne
 
 
 def _plan_on_cells(map: Path, start: str, goal: str, planner: str, png: Path | None, json: bool) -> None:
-    """A path over the cells of a Moving AI map, for a point."""
+    """Plan a point's path over the cells of a Moving AI map, and print it."""
     import time
 
     import numpy as np
@@ -173,7 +172,7 @@ def _plan_on_cells(map: Path, start: str, goal: str, planner: str, png: Path | N
 
 
 def _cells_picture(free: BoolArray, cells: IntArray, names: tuple[str, str], planner: str) -> Picture:
-    """A path over cells, drawn with y upwards, one metre a cell; the potential, too, if it is that planner's."""
+    """Return a picture of a path over cells, with y upwards and 1 m per cell; for harmonic also the potential."""
     import numpy as np
 
     from waychair.planning.grid_graph import FREE_PRICE
@@ -205,10 +204,10 @@ def _cells_picture(free: BoolArray, cells: IntArray, names: tuple[str, str], pla
 
 
 def _plan_scenario(map: Path, scen: Path, planner: str, json: bool) -> None:
-    """All queries of a scenario, each planned from scratch; the cost of one without a way is null.
+    """Plan all queries of a scenario from scratch, and print them; the cost of a query without a path is null.
 
     Raises:
-        PlanningError: once all is told, where one has no way, or not the cost that the scenario says.
+        PlanningError: after the output, if a query has no path or another cost than the scenario gives.
     """
     import statistics
     import time
@@ -245,18 +244,18 @@ def _plan_scenario(map: Path, scen: Path, planner: str, json: bool) -> None:
     if without:
         raise NoPath(f"no way for {_listed(without)} of {scen}; give the scenario of this map")
     dearer = [number for number, is_right in enumerate(right, start=1) if not is_right]
-    if dearer and planner != HARMONIC:  # which looks for no cheapest way
+    if dearer and planner != HARMONIC:  # harmonic paths are not the cheapest
         raise PlanningError(f"another cost than {scen} says for {_listed(dearer)}; give the scenario of this map")
 
 
 def _listed(numbers: list[int]) -> str:
-    """The first of the queries of these numbers, and how many more."""
+    """Return the first ten query numbers as text, and the count of the others."""
     first, more = ", ".join(map(str, numbers[:10])), len(numbers) - 10
     return f"{'query' if len(numbers) == 1 else 'queries'} {first}" + (f" and {more} more" if more > 0 else "")
 
 
 def _load_kernels(planner: str) -> None:
-    """A first plan, since that also loads the kernels, which is no part of any query's time."""
+    """Plan once to load the compiled kernels, so that this does not count in the measured times."""
     import numpy as np
 
     from waychair.planning.grid_graph import FREE_PRICE
@@ -266,14 +265,14 @@ def _load_kernels(planner: str) -> None:
 
 
 def _per_cell() -> int:
-    """What a straight step costs, so that costs read as cells of free floor."""
+    """Return the cost of a straight step, to express costs in cells."""
     from waychair.planning.grid_graph import STRAIGHT
 
     return STRAIGHT
 
 
 def _cell(text: str, option: str) -> tuple[int, int]:
-    """(row, column) of `column,row`."""
+    """Return (row, column) of `column,row`."""
     from waychair.cli.arguments import BadArgument
 
     try:
@@ -302,33 +301,33 @@ def navigate_command(
     smooth: str = "auto",
     box: Path | None = None,
 ) -> None:
-    """Drive a simulated chair to places on a map and by its zones.
+    """Drive a simulated chair to places on a map, obeying the map's zones.
 
-    The world is raised from the map, or is one that ships; then the map is one of a drive that began at its start, as
-    `waychair simulate` records them, or, without a map, the world's own plan.
+    Without --world the world is raised from the map. With --world the map must be of a drive that began at the world's
+    start (as from `waychair simulate`); without a map it is the world's plan.
 
     Parameters
     ----------
     goal
-        Name of a place, or X,Y or X,Y,YAW in metres and radians; may be given several times.
+        Name of a place, or X,Y or X,Y,YAW in metres and radians; may be repeated.
     map
         Map folder or its map.yaml.
     world
-        Name of a world (see `waychair worlds`), or its file.
+        Name of a world (see `waychair worlds`), or a plan's .yaml file.
     start
-        Where the chair stands at first, likewise; by default at 0,0,0 of the map, or at the world's own start.
+        The chair's start, in the same form; default 0,0,0 of the map, or the world's start.
     people
-        So many people walk about.
+        Number of people who walk about.
     sensors
-        With sonars, a depth camera and an IMU, besides the lidar.
+        Simulate sonars, a depth camera and an IMU besides the lidar.
     seed
-        Seed of the simulated chair, its sensors and its noise, and of the people.
+        Seed of the simulated chair, of its sensors and noise, and of the people.
     planner
         dstar-lite, astar, dijkstra or harmonic.
     smooth
-        taut, band, none, or auto: the rubber band for harmonic, else taut.
+        taut, band, none, or auto (band for harmonic, else taut).
     box
-        Log what the chair is told and does in this folder, for `waychair why`.
+        Folder of a black box that logs the chair's inputs and actions, for `waychair why`.
     """
     from rich.console import Console
     from rich.table import Table
@@ -382,14 +381,14 @@ def navigate_command(
 
 
 def _place(map: Path, text: str, option: str) -> Place:
-    """The place of this name, or the pose that is written out, under its own text as a name."""
+    """Return the map's place of this name, or the pose that the text gives, named by the text."""
     from waychair.maps.places import load_places
 
     return _place_among(load_places(map), text, option)
 
 
 def _place_among(places: Mapping[str, Place], text: str, option: str, whose: str = "the map") -> Place:
-    """Likewise, of these places, `whose` they are."""
+    """Return the place or pose that the text gives; `whose` names the owner of the places in errors."""
     from waychair.cli.arguments import pose_from_text
     from waychair.maps.places import find
     from waychair.types import Place

@@ -1,4 +1,4 @@
-"""A real chair on the command line: open its ports, ask whoever stands beside it, arm its board."""
+"""Real chairs for `waychair calibrate`: open the ports, ask for confirmation, arm the board, keep the log."""
 
 from __future__ import annotations
 
@@ -20,15 +20,15 @@ if TYPE_CHECKING:
     from waychair.trials.measured_speeds import SpeedMeter
 
 GO = "drive"
-"""What is typed to let a chair drive by itself."""
+"""The word that confirms that a chair may drive by itself."""
 
 
 @contextmanager
 def armed_chair(real: PortOptions, body: ChairBody, name: str) -> Iterator[BoardDrive]:
-    """The chair behind `real`, armed after it was confirmed on standard input; its lines are let go afterwards.
+    """Yield a real chair, armed after confirmation on standard input; its lines are released afterwards.
 
     Raises:
-        BadArgument: no port is given, or nobody confirmed.
+        BadArgument: a port is missing, or the drive was not confirmed.
         BridgeError, TransportError, CalibrationError: see `BoardDrive`.
     """
     from waychair.firmware_bridge.protocol import Family
@@ -71,10 +71,10 @@ def _confirm(name: str, room: float) -> None:
 
 @contextmanager
 def keeping(log: Path | None, recorder: Recorder) -> Iterator[Recorder]:
-    """Writes what was recorded to `log` when the block ends; to NAME.part when it is broken off.
+    """Write the recorder's samples to `log` after the block, or to NAME.part if the block fails.
 
     Raises:
-        WaychairError: that of the block, with where the part is.
+        WaychairError: the block's error, with the path of the part.
     """
     try:
         yield recorder

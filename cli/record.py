@@ -1,4 +1,4 @@
-"""Commands that keep what a running chair senses and makes: a bag of its drive, its map."""
+"""`waychair record` and `waychair save`: the bag and the map of a running chair."""
 
 from __future__ import annotations
 
@@ -12,7 +12,7 @@ from cyclopts import Parameter
 from waychair.cli.arguments import Count
 
 USUAL = ("/scan", "/odom", "/imu/data", "/tf_static")
-"""Without these `waychair map` has to guess, or can do nothing."""
+"""Topics that `waychair map` needs, or without which it has to guess."""
 
 
 def record_command(
@@ -22,14 +22,14 @@ def record_command(
     domain: Count | None = None,
     namespace: str = "",
 ) -> None:
-    """Record what the nodes of a chair say into a ROS 2 bag, until Ctrl-C; `waychair map` makes a map of it.
+    """Record the topics of a running chair into a ROS 2 bag until Ctrl-C, for `waychair map`.
 
     Parameters
     ----------
     out
-        The bag: a file that ends in .mcap or .db3, or a folder; by default drive-DATE-TIME.mcap.
+        The bag: a .mcap or .db3 file, or a folder; default drive-DATE-TIME.mcap.
     camera
-        With pictures and depth, some 25 MB a second before they are compressed.
+        Record pictures and depth, about 25 MB a second before compression.
     domain
         ROS domain of the chair.
     namespace
@@ -48,7 +48,7 @@ def record_command(
 
 
 def save_command(folder: Path, /, *, domain: Count | None = None, namespace: str = "") -> None:
-    """Write the map of the running chair to a folder, also while it is being made.
+    """Write the map of the running chair to a folder; also works during mapping.
 
     Parameters
     ----------

@@ -1,4 +1,4 @@
-"""What the commands that read a recording share: the options that say how, progress with the time left, warnings."""
+"""Options, progress bars and warnings shared by the commands that read a recording."""
 
 from __future__ import annotations
 
@@ -20,23 +20,23 @@ if TYPE_CHECKING:
 @Parameter(name="*")
 @dataclass(frozen=True, kw_only=True)
 class RecordingOptions:
-    """How a recording is read.
+    """Options for reading a recording.
 
     Parameters
     ----------
     base_from_laser
-        Where the lidar is mounted: X,Y,YAW in metres and radians, with ",upside-down" where it hangs so; once for each
-        --scan. A bag's mounts are taken from its /tf without it; for a CARMEN log it also makes the robot's own pose
-        the odometry (without it the base is the laser).
+        Mount of the lidar: X,Y,YAW in metres and radians, with ",upside-down" appended for a hanging lidar; once per
+        --scan. The default in a bag is its /tf. In a CARMEN log it also selects the robot's pose as odometry (by
+        default the base is the laser).
     scan
-        Topic of the laser scans or point clouds in a bag; given more than once, these lidars are merged.
+        Topic of the laser scans or point clouds in a bag; several lidars are merged.
     odom
-        Topic of the odometry in a bag; where there is none it is taken from /tf.
+        Topic of the odometry in a bag; default /tf if there is none.
     imu
         Topic of the inertial unit in a bag.
     camera
-        Camera of a folder of pictures: fr1, fr2, fr3 (TUM RGB-D), or FX,FY,CX,CY[,K1,K2,P1,P2[,K3]] in pixels; without
-        it a file in the folder or the folder's name says it.
+        Camera of a folder of pictures: fr1, fr2, fr3 (TUM RGB-D), or FX,FY,CX,CY[,K1,K2,P1,P2[,K3]] in pixels; default
+        from a file in the folder or from the folder's name.
     """
 
     base_from_laser: Annotated[tuple[str, ...], Parameter(allow_leading_hyphen=True)] = ()
@@ -46,7 +46,7 @@ class RecordingOptions:
     camera: str | None = None
 
     def over(self, settings: InputSettings) -> InputSettings:
-        """The settings with what was said on the command line in their place."""
+        """Return the settings, overridden by these options."""
         bag = settings.bag
         bag = replace(
             bag,
@@ -59,23 +59,23 @@ class RecordingOptions:
 
 
 class Stages:
-    """A bar with the time left for each stage of the work, and warnings, on standard error."""
+    """Progress bars with the remaining time of each stage, and warnings, on standard error."""
 
     def __init__(self, bar: Progress) -> None:
         self._bar = bar
 
     def stage(self, name: str) -> Callable[[float], None]:
-        """A new bar; it is told the share of the stage that is done."""
+        """Add a bar; return the callback for the share (0 to 1) that is done."""
         task = self._bar.add_task(name, total=1.0)
         return lambda share: self._bar.update(task, completed=share)
 
     def warn(self, warnings: tuple[str, ...] | list[str]) -> None:
-        """Each warning as a line."""
+        """Print each warning on a line."""
         for warning in warnings:
             self._bar.console.print(f"warning: {warning}", markup=False, highlight=False, soft_wrap=True)
 
     def read(self, path: Path, settings: InputSettings) -> Recording:
-        """The recording, with its warnings told."""
+        """Read a recording and print its warnings."""
         from waychair.recording import read_recording
 
         recording = read_recording(path, settings, progress=self.stage("reading"))
@@ -85,7 +85,7 @@ class Stages:
 
 @contextmanager
 def stages(quiet: bool) -> Iterator[Stages]:
-    """Progress while the block runs; nothing but errors when `quiet`."""
+    """Show progress while the block runs; with `quiet` only errors."""
     from rich.console import Console
     from rich.progress import (
         BarColumn,

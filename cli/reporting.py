@@ -1,4 +1,4 @@
-"""Commands that report."""
+"""`waychair report`."""
 
 from __future__ import annotations
 
@@ -9,14 +9,13 @@ from cyclopts import Parameter
 
 
 def report_command(*, paper: Annotated[tuple[Path, ...], Parameter(consume_multiple=True)]) -> None:
-    """Print what a map's memory of places came to, beside the published figures.
+    """Print the figures of a map's memory of places beside the published ones.
 
     Parameters
     ----------
     paper
-        One or two map folders, made with pictures: Tables 1 to 3 of Pai et al. 2026 of each, the first beside its
-        second floor, the second beside its basement. Every count says what it is; where it can be read in two ways,
-        both are there.
+        One or two map folders, made with pictures. Prints Tables 1 to 3 of Pai et al. 2026, with the first map beside
+        its second floor, the second beside its basement. If a published count is ambiguous, both readings are shown.
     """
     from rich.table import Table
 

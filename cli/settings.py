@@ -1,10 +1,10 @@
-"""Commands about configuration."""
+"""`waychair config`."""
 
 from __future__ import annotations
 
 
 def config_command() -> None:
-    """Print all settings of `waychair map` with their defaults, units and meaning, as YAML for --config."""
+    """Print all settings of `waychair map` with defaults, units and meaning, as YAML for --config."""
     from waychair import config
     from waychair.runtime.mapping import MappingSettings
 

@@ -1,4 +1,4 @@
-"""Commands about simulated worlds."""
+"""`waychair worlds` and `waychair simulate`."""
 
 from __future__ import annotations
 
@@ -19,16 +19,16 @@ if TYPE_CHECKING:
 
 
 def worlds_command(name: str | None = None, /, *, level: str | None = None, picture: Path | None = None) -> None:
-    """List the simulated worlds that ship, each level with its size, places, doors that can be closed, routes, hazards.
+    """List the shipped simulated worlds: size, places, doors that can be closed, routes and hazards of each level.
 
     Parameters
     ----------
     name
-        Only this one, with the names of its doors: one of those listed without it, or a plan's .yaml file.
+        Show only this world, with the names of its doors: a shipped world, or a plan's .yaml file.
     level
-        Only this level of it.
+        Show only this level of it.
     picture
-        Draw the plan of that level (without --level: the first) into this .png file.
+        Draw the plan of that level (default the first) into this .png file.
     """
     from rich.table import Column, Table
 
@@ -55,7 +55,7 @@ def worlds_command(name: str | None = None, /, *, level: str | None = None, pict
 
 
 def _row(world: World, brief: bool) -> tuple[str, ...]:
-    """One level; `brief` when it stands among many, where doors are counted rather than named."""
+    """Return a level's table row; `brief` counts the doors instead of naming them."""
     from waychair.simulation.world import MARGIN
     from waychair.trials.record import route_length
     from waychair.trials.world_plan import hazards
@@ -91,33 +91,33 @@ def simulate_command(
 ) -> None:
     """Drive a simulated chair along a route of a world, and record it.
 
-    A rider who sees the truth holds the joystick. What the sensors say, wheel odometry and the truth are recorded as a
-    ROS 2 bag, which `waychair map` reads; pictures make it about 1 GB a minute. When the disk fills up or you interrupt
-    it, what was recorded so far stays, as NAME.part.
+    A simulated rider, who knows the true pose, steers by joystick. Sensor messages, wheel odometry and true poses are
+    recorded as a ROS 2 bag for `waychair map`; with pictures about 1 GB a minute. If the disk fills up or you interrupt
+    the drive, the recorded part stays as NAME.part.
 
     Parameters
     ----------
     world
-        One of `waychair worlds`, or a plan's .yaml file.
+        A world of `waychair worlds`, or a plan's .yaml file.
     level
-        Level of it, the first unless given.
+        Level of the world, default the first.
     route
         Name of one of the level's routes.
     record
-        Where to write the bag: a new .mcap or .db3 file, or a new folder.
+        Path of the bag: a new .mcap or .db3 file, or a new folder.
     seed
-        Seed of the simulated chair, its sensors and its noise.
+        Seed of the simulated chair, of its sensors and noise.
     mode
-        fast: as fast as it can; realtime: with the clock on the wall; lockstep: one tick for each answer of the driver
-        (the rider of a route answers at once).
+        fast: as fast as possible; realtime: at wall-clock speed; lockstep: one tick per answer of the driver (the rider
+        of a route answers at once).
     camera
-        Whether there is a camera; unless told, there is one when the drive is recorded and this machine can render.
+        Simulate a camera; by default only if the drive is recorded and this machine can render.
     people
-        Whether the people of the plan are there.
+        Simulate the people of the plan.
     chair
-        One of the chairs that are built in (A, B, ...), or a chair's .yaml file.
+        A built-in chair (A, B, ...), or a chair's .yaml file.
     plant
-        kinematic: wheels that do as they are told; mujoco: mass, motors, casters and slip.
+        kinematic: wheels follow their commands; mujoco: mass, motors, casters and slip.
     quiet
         Print nothing but errors and warnings.
     """
@@ -143,7 +143,7 @@ def simulate_command(
 def _simulator(
     place: World, chair: str, plant: PlantName, seed: int, *, sensors: bool, camera: bool | None
 ) -> Simulator:
-    """The chair of this seed in its world; says on standard error when there is no camera although one is wanted."""
+    """Return the simulator of this seed's chair; warn on standard error if a wanted camera is not available."""
     from waychair.simulation.camera import CameraSettings
     from waychair.simulation.chair_file import load_chair, randomised_chair
     from waychair.simulation.simulator import Simulator, SimulatorSettings, with_all_sensors
@@ -161,7 +161,7 @@ def _simulator(
 
 
 def _driven(simulator: Simulator, waypoints: FloatArray, record: Path | None, pacer: Pacer, quiet: bool) -> RouteDrive:
-    """The drive along the route, with a bar on standard error."""
+    """Drive along the route with a progress bar on standard error."""
     from rich.console import Console
     from rich.progress import Progress
 

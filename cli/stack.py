@@ -1,4 +1,4 @@
-"""Commands for a chair that runs: start its nodes, send it somewhere, ask how it is."""
+"""Commands for a running chair: `waychair up`, goto, confirm, pause, go-on, cancel and status."""
 
 from __future__ import annotations
 
@@ -54,54 +54,54 @@ def up_command(
     page_lan: bool = False,
     token: str | None = None,
 ) -> None:
-    """Start all nodes of a chair, and keep them running until Ctrl-C or SIGTERM.
+    """Start all ROS nodes of a chair, and keep them running until Ctrl-C or SIGTERM.
 
     Parameters
     ----------
     sim
         Simulate a chair in this world (see `waychair worlds`), in real time.
     map
-        Map folder to drive on; a simulated chair without one is given its world's own plan.
+        Map folder to drive on; the default of a simulated chair is its world's plan.
     mapping
-        Make a map on the way.
+        Make a map during the drive.
     chair
         A real chair's calibration file.
     cable
         Port of a real chair's board: /dev/ttyUSB0, pty:PATH or tcp:HOST:PORT.
     start
-        X,Y,YAW where the chair stands; by default where it stood last, or it finds itself.
+        X,Y,YAW: the chair's pose; default its last pose, else it relocalises.
     camera
-        With a camera.
+        Simulate or use a camera.
     people
-        With the world's people.
+        Simulate the world's people.
     seed
         Seed of the simulated chair.
     unattended
-        Of a simulated chair: a goal needs no yes.
+        Let a simulated chair drive to goals without confirmation.
     urgent
-        Real-time priority for the nodes, where the system grants it: on a computer that does other things, too.
+        Real-time priority for the nodes, if the system grants it; useful on a busy computer.
     lan
-        Let other computers on the network see the nodes; without security keys no speeds are obeyed then.
+        Let other computers on the network see the nodes; without security keys, velocity commands are then ignored.
     domain
         ROS domain, 0 to 101.
     namespace
-        For the names of all nodes and topics: several chairs in one domain.
+        Prefix for the names of all nodes and topics, for several chairs in one domain.
     params
         A ROS parameter file.
     out
         Folder for the run's files.
     box
-        Folder of the black box, which `waychair why` reads; by default `box` in the run's.
+        Folder of the black box for `waychair why`; default `box` in the run's folder.
     no_box
-        Keep no black box.
+        Write no black box.
     page
-        Serve the rider's page; by default where the extra [ui] is installed.
+        Serve the rider's page; default if the extra [ui] is installed.
     page_port
-        Port of the page; by default 8000, or a free one where that is taken.
+        Port of the page; default 8000, or a free port if that is taken.
     page_lan
-        Let other computers on the network open the page, with the token; the nodes themselves stay unseen.
+        Let other computers on the network open the page with the token; the nodes stay hidden.
     token
-        What they have to show; by default one is made and printed.
+        Token for --page-lan; default a random one, which is printed.
     """
     from waychair.cli.arguments import BadArgument, pose_from_text
     from waychair.cli.page_process import TOKEN, has_ui, page_address, page_token, port_of_page
@@ -119,7 +119,7 @@ def up_command(
     if unattended and sim is None:
         raise BadArgument("--unattended is for simulated chairs: whoever sits in a real one says yes")
     if map is not None:
-        check_zones(load_zones(map), load_map(map))  # else each node would say what is wrong with it, and die
+        check_zones(load_zones(map), load_map(map))  # here, else each node would report the error and exit
     environment = ros_environment(domain=domain, lan=lan)
     deaf = lan and not is_secured(environment)
     stack = Stack(
@@ -131,7 +131,7 @@ def up_command(
     )  # fmt: skip
     table = processes(stack)
     environment = {**environment, TOKEN: page_token(page_lan, token)}
-    interface_type("waychair_msgs/msg/DriveState")  # built here, or every node would wait for the first
+    interface_type("waychair_msgs/msg/DriveState")  # built here, else all nodes would wait for the first
     print(WARNING, file=sys.stderr)
     if lan:
         print(
@@ -162,9 +162,9 @@ def goto_command(
     goals
         Names of places, or X,Y or X,Y,YAW in metres and radians.
     yes
-        Say the rider's yes as well: somebody is watching the chair now.
+        Confirm the goal, too: you watch the chair now.
     timeout
-        Seconds for each drive.
+        Time limit of each drive, in seconds.
     domain
         ROS domain of the chair.
     namespace
@@ -195,12 +195,12 @@ def goto_command(
 
 
 def confirm_command(goal: Pose | None = None, /, *, domain: Count | None = None, namespace: str = "") -> None:
-    """Say the rider's yes to the goal that waits, and to no other that comes meanwhile.
+    """Confirm the waiting goal for the rider, and no other goal that comes meanwhile.
 
     Parameters
     ----------
     goal
-        The place or pose that must be the one that waits; by default it is whichever does, and is named.
+        Confirm only if the waiting goal is this place or pose; default any goal, whose name is printed.
     domain
         ROS domain of the chair.
     namespace
@@ -220,7 +220,7 @@ def confirm_command(goal: Pose | None = None, /, *, domain: Count | None = None,
 
 
 def cancel_command(*, domain: Count | None = None, namespace: str = "") -> None:
-    """End the drive; the chair comes to rest.
+    """Cancel the drive; the chair stops.
 
     Parameters
     ----------
@@ -236,7 +236,7 @@ def cancel_command(*, domain: Count | None = None, namespace: str = "") -> None:
 
 
 def pause_command(*, domain: Count | None = None, namespace: str = "") -> None:
-    """Have the drive come to rest and stand, its goal kept, until `waychair go-on`.
+    """Pause the drive: the chair stops and keeps its goal until `waychair go-on`.
 
     Parameters
     ----------
@@ -252,7 +252,7 @@ def pause_command(*, domain: Count | None = None, namespace: str = "") -> None:
 
 
 def go_on_command(*, domain: Count | None = None, namespace: str = "") -> None:
-    """Have the paused drive go on.
+    """Continue the paused drive.
 
     Parameters
     ----------
@@ -275,7 +275,7 @@ def _say(answer: tuple[bool, str]) -> None:
 
 
 def status_command(*, json: bool = False, domain: Count | None = None, namespace: str = "") -> None:
-    """Where the chair is, how sure it is of that, who drives, and what stands against a drive.
+    """Print the chair's pose and its certainty, the drive mode, and the reasons that prevent a drive.
 
     Parameters
     ----------
@@ -320,7 +320,7 @@ def status_command(*, json: bool = False, domain: Count | None = None, namespace
 
 
 def _next(state: DriveReport, goal: str) -> str:
-    """What the chair will do if nobody does anything."""
+    """Return the chair's next action as text."""
     if state.driving:
         return "it goes where a page's joystick points" if state.steered else f"it drives to {goal}"
     if state.waits:
@@ -329,7 +329,7 @@ def _next(state: DriveReport, goal: str) -> str:
 
 
 def _pose(client: ChairClient, text: str) -> Pose2:
-    """Of a place of the running chair's map, or as it is written."""
+    """Return the pose of a place of the running chair's map, or the pose that the text gives."""
     from waychair.cli.arguments import pose_from_text
     from waychair.maps.places import find
 
@@ -338,7 +338,7 @@ def _pose(client: ChairClient, text: str) -> Pose2:
 
 
 def _named(client: ChairClient, state: DriveReport) -> str:
-    """What people call the bridge's goal."""
+    """Return the name of the bridge's goal: a place, its coordinates, or "no goal"."""
     if not state.goal_id:
         return "no goal"
     near = {name: _distance(place.pose, state.goal) for name, place in client.places().items()}
@@ -351,7 +351,7 @@ def _distance(one: Pose2, other: Pose2) -> float:
 
 
 def _begin(client: ChairClient, yes: bool) -> None:
-    """Wait for the bridge to know of the goal, and say yes to it or ask for it."""
+    """With `yes` confirm the goal once the bridge knows it, else ask the user for the confirmation."""
     if not yes:
         print("waiting for the rider's yes: press Drive, or `waychair confirm`", file=sys.stderr)
         return

@@ -9,11 +9,11 @@ if TYPE_CHECKING:
     from rich.table import Table
 
 WIDTH_OF_A_PIPE = 200
-"""Columns for a table that goes to a file or another program, where nothing should be broken over lines."""
+"""Width [columns] of a table in a file or pipe, where lines should not be wrapped."""
 
 
 def print_table(table: Table) -> None:
-    """As wide as the terminal."""
+    """Print a table, as wide as the terminal."""
     from rich.console import Console
 
     Console(width=None if sys.stdout.isatty() else WIDTH_OF_A_PIPE).print(table)

@@ -1,4 +1,4 @@
-"""Commands about visual words."""
+"""`waychair vocabulary`."""
 
 from __future__ import annotations
 
@@ -21,9 +21,9 @@ def vocabulary_command(
     seed: Count = 1,
     quiet: bool = False,
 ) -> None:
-    """Make a fixed dictionary of visual words by clustering: k-majority of binary features, k-means of float ones.
+    """Make a fixed vocabulary of visual words by clustering: k-majority of binary features, k-means of float ones.
 
-    Mapping needs none: it makes its own words as it goes. A fixed one is the classical way, for comparison.
+    Mapping does not need it, as it builds its vocabulary incrementally. A fixed one serves for comparison.
 
     Parameters
     ----------
@@ -32,11 +32,11 @@ def vocabulary_command(
     output
         The file to write, such as building.npz.
     words
-        Size of the dictionary; a small one tells places apart badly.
+        Size of the vocabulary; a small one distinguishes places badly.
     detector
-        What is looked for in the pictures; SURF is not in OpenCV 5, sift is its nearest relative.
+        Kind of features; SURF is not in OpenCV 5, sift is the most similar.
     seed
-        Of the draws: the same pictures and seed give the same words.
+        Seed of the clustering: the same pictures and seed give the same words.
     quiet
         Show no progress and no warnings.
     """

@@ -57,7 +57,7 @@ class Guard(enum.Enum):
 
 
 class Struck(enum.Enum):
-    """What the chair had contact with, and who caused it."""
+    """The kind of a contact: the object that the chair touched, or a person who walked into the chair."""
 
     EDGE = "edge"
     GLASS = "glass"

@@ -101,7 +101,7 @@ class StraightDrive:
     """The result of a straight drive, by the true motion relative to its start.
 
     `ahead_m`, `left_m`, `heading_rad`: the end pose. `widest_m`: greatest offset from the line. `speed_rms` [m/s]: error
-    of the speed from one second after the cruising speed is reached. `jerk_rms`, `jerk_max` [m/s^3]: of the speed along,
+    of the speed from one second after reaching the cruising speed. `jerk_rms`, `jerk_max` [m/s^3]: of the forward speed,
     smoothed over 0.25 s. `fault`: reason of an aborted drive.
     """
 
