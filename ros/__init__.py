@@ -1,1 +1,4 @@
-"""The ROS 2 shell: one file per node; the only room that may import rclpy or a *_msgs package."""
+"""The ROS 2 nodes of a chair, one file per node. Begin with `node` (common to all) and `stack` (the processes).
+
+This is the only package that may import rclpy or a *_msgs package.
+"""

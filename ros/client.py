@@ -1,13 +1,13 @@
-"""A chair's nodes for programs: where it is, where it may go, and the drive there, by the verbs that Nav2's users know.
+"""A Python client of a chair's nodes: the pose, the places, and drives, with method names that Nav2 users know.
 
     with ChairClient() as chair:
         chair.go_to_pose(chair.places()["lift"].pose)
-        chair.confirm()                       # the rider's yes
+        chair.confirm()                       # the rider's confirmation
         while not chair.is_task_complete():
             print(chair.feedback().distance_remaining)
         print(chair.result().reason)
 
-Scripts for nav2_simple_commander's BasicNavigator find its names, too (`goToPose`, `isTaskComplete`, ...).
+The method names of nav2_simple_commander's BasicNavigator work too (`goToPose`, `isTaskComplete`, ...).
 """
 
 from __future__ import annotations
@@ -48,7 +48,7 @@ _SUCCEEDED, _CANCELED, _ABORTED = 4, 5, 6  # action_msgs/msg/GoalStatus
 
 _LISTEN_S = 0.3
 _SILENT_S = 3.0
-"""A navigator tells five times a second how a drive goes; one that says nothing for so long has died."""
+"""A navigator that sends no feedback for so long has died; it normally sends feedback five times a second."""
 
 
 class TaskResult(enum.Enum):
@@ -62,7 +62,7 @@ class TaskResult(enum.Enum):
 
 @dataclass(frozen=True, slots=True)
 class Ended:
-    """How a drive ended, why, and Nav2's code of it."""
+    """How a drive ended: the result, the reason, and Nav2's error code."""
 
     result: TaskResult
     reason: str = ""
@@ -70,13 +70,13 @@ class Ended:
 
 
 class ChairClient:
-    """One program's way to the nodes of one chair; each call waits for its answer no longer than it says."""
+    """A client of one chair's nodes. Each call has a timeout for its answer."""
 
     def __init__(self, name: str = "chair_client", *, domain: int | None = None, namespace: str = "") -> None:
-        """`namespace` is that of the chair's nodes.
+        """Join the ROS domain; `namespace` is that of the chair's nodes.
 
         Raises:
-            ConfigError: the domain is none of 0 to 101, or the namespace is impossible.
+            ConfigError: the domain is not in 0 to 101, or the namespace is invalid.
         """
         enter_ros_environment(domain=domain)
         named = namespace_arguments(namespace)
@@ -86,7 +86,7 @@ class ChairClient:
         self._executor = NodeExecutor(context=self._context)
         self._executor.add_node(self.node)
         self._heard: dict[str, Any] = {}
-        self._unread: dict[str, str] = {}  # what was wrong with the last message of a topic that could not be read
+        self._unread: dict[str, str] = {}  # the defect of the last unreadable message, by topic
         self._services: dict[str, Any] = {}
         self._action = ActionClient(
             self.node, interface_type("nav2_msgs/action/NavigateToPose"), topics.NAVIGATE_TO_POSE
@@ -106,136 +106,135 @@ class ChairClient:
         self.close()
 
     def close(self) -> None:
-        """Leave; a drive under way goes on."""
+        """Disconnect; a drive in progress continues."""
         self._executor.shutdown()
         self._action.destroy()
         self.node.destroy_node()
         rclpy.try_shutdown(context=self._context)
 
     def wait_until_active(self, timeout_s: float = 10.0) -> None:
-        """Until the nodes are there and the chair knows where it is.
+        """Wait until the nodes answer and the chair is localised.
 
         Raises:
-            RosError: they are not, in that time.
+            RosError: timeout.
         """
         self.localisation(timeout_s)
         if not self._until(self._action.server_is_ready, timeout_s):
             raise RosError(f"no navigator answers within {timeout_s:g} s: start the chair with `waychair up`")
 
     def places(self, timeout_s: float = 5.0) -> Mapping[str, Place]:
-        """The named places of the map.
+        """Return the named places of the map.
 
         Raises:
-            RosError: nobody says so, in that time.
+            RosError: timeout.
         """
         return self._first(topics.PLACES, read_places, timeout_s, "navigator")
 
     def localisation(self, timeout_s: float = 5.0) -> Localisation:
-        """Where the chair is, and how far that can be trusted.
+        """Return the chair's pose, and how reliable it is.
 
         Raises:
-            RosError: nobody says so, in that time.
+            RosError: timeout.
         """
         return self._first(topics.LOCALISATION, read_localisation, timeout_s, "mapper")[1]
 
     def drive_state(self, timeout_s: float = 5.0) -> DriveReport:
-        """Who drives, why, and what stands against a drive.
+        """Return the drive mode, its reason, and the conditions that prevent a drive.
 
         Raises:
-            RosError: nobody says so, in that time.
+            RosError: timeout.
         """
         return self._first(topics.DRIVE_STATE, read_drive_state, timeout_s, "bridge")
 
     def go_to_pose(self, pose: Pose2, timeout_s: float = 5.0) -> bool:
-        """Ask for a drive to a pose in map, which waits for the rider's `confirm`; whether it was accepted.
+        """Request a drive to a pose in map, which waits for the rider's `confirm`; return whether it was accepted.
 
         Raises:
-            RosError: no navigator answers in that time.
+            RosError: the navigator does not answer in time.
         """
         return self._send_goal(native(pose_stamped(self._now_ns(), pose)), timeout_s)
 
     @property
     def goal_id(self) -> int:
-        """Of the goal that this client asked for last; `NO_GOAL` before the first."""
+        """Return the id of the goal that this client requested last; `NO_GOAL` before the first."""
         return NO_GOAL if self._handle is None else goal_id_of(self._handle.goal_id)
 
     def confirm(self, timeout_s: float = 5.0, *, goal_id: int | None = None) -> tuple[bool, str]:
-        """The rider's yes to one goal, by default the one that this client asked for: whether the drive begins, and a
-        sentence. It is refused when another goal has come meanwhile.
+        """Confirm one goal for the rider, by default this client's last; return whether the drive begins, and a sentence.
 
-        `goal_id` is that of a `drive_state` which was shown to the rider.
+        It is refused if another goal has arrived meanwhile. `goal_id` is that of a `drive_state` that the rider saw.
 
         Raises:
-            RosError: no bridge answers in that time.
+            RosError: the bridge does not answer in time.
         """
         kind = interface_type("waychair_msgs/srv/Confirm")
-        if goal_id is None:  # which the bridge hears of a moment after the client
+        if goal_id is None:  # the bridge learns of the goal a moment after the client
             goal_id = self.goal_id
             self.drive_state(timeout_s)
             self._until(lambda: self._heard[topics.DRIVE_STATE.name].goal_id == goal_id, min(timeout_s, _LISTEN_S))
         return self._ask("confirm", kind, kind.Request(goal_id=goal_id), timeout_s)
 
     def stop(self, timeout_s: float = 5.0) -> tuple[bool, str]:
-        """The rider's Stop.
+        """Stop the chair, as the rider's Stop does.
 
         Raises:
-            RosError: no bridge answers in that time.
+            RosError: the bridge does not answer in time.
         """
         return self._trigger("stop", timeout_s)
 
     def reset_faults(self, timeout_s: float = 5.0) -> tuple[bool, str]:
-        """Somebody has seen to what was wrong.
+        """Reset latched faults, after somebody has repaired their cause.
 
         Raises:
-            RosError: no bridge answers in that time.
+            RosError: the bridge does not answer in time.
         """
         return self._trigger("reset_faults", timeout_s)
 
     def cancel(self, timeout_s: float = 5.0) -> tuple[bool, str]:
-        """End whatever drive there is, whoever asked for it.
+        """Cancel the current drive, even if another client requested it.
 
         Raises:
-            RosError: no navigator answers in that time.
+            RosError: the navigator does not answer in time.
         """
         return self._trigger("cancel", timeout_s)
 
     def pause(self, timeout_s: float = 5.0) -> tuple[bool, str]:
-        """Have the drive under way, whoever asked for it, come to rest and stand, its goal kept, until `go_on`.
+        """Pause the current drive, even if another client requested it; the chair stops and keeps its goal until `go_on`.
 
         Raises:
-            RosError: no navigator answers in that time.
+            RosError: the navigator does not answer in time.
         """
         return self._trigger("pause", timeout_s)
 
     def go_on(self, timeout_s: float = 5.0) -> tuple[bool, str]:
-        """Have the paused drive go on.
+        """Resume the paused drive.
 
         Raises:
-            RosError: no navigator answers in that time.
+            RosError: the navigator does not answer in time.
         """
         return self._trigger("go_on", timeout_s)
 
     def cancel_task(self, timeout_s: float = 5.0) -> None:
-        """End the drive that this client asked for."""
+        """Cancel the drive that this client requested."""
         if self._handle is not None:
             done = self._handle.cancel_goal_async()
             self._until(done.done, timeout_s)
 
     def is_task_complete(self, wait_s: float = 0.1) -> bool:
-        """Whether the drive has ended, after waiting for so long at most; as it has when the navigator died."""
+        """Return whether the drive has ended, after waiting `wait_s` at most. A dead navigator counts as an end."""
         if self._ended is None or self._until(self._ended.done, wait_s):
             return True
         if time.monotonic() - self._fed_s > _SILENT_S:
-            self.spin(_LISTEN_S)  # whoever has not asked for long has not listened either
+            self.spin(_LISTEN_S)  # feedback is received only while this client spins
         return self._ended.done() or self._is_deserted
 
     def feedback(self) -> Any:
-        """The latest nav2_msgs/action/NavigateToPose feedback; None before the first."""
+        """Return the latest nav2_msgs/action/NavigateToPose feedback; None before the first."""
         return self._feedback
 
     def result(self) -> Ended:
-        """How the drive ended; unknown while it goes on."""
-        self.is_task_complete(0.0)  # whoever has waited otherwise has not listened
+        """Return how the drive ended; UNKNOWN while it is in progress."""
+        self.is_task_complete(0.0)  # receive an end that arrived since the last spin
         if self._ended is not None and not self._ended.done() and self._is_deserted:
             return Ended(TaskResult.FAILED, "the navigator does not answer any more: see `waychair status`")
         if self._ended is None or not self._ended.done():
@@ -246,10 +245,10 @@ class ChairClient:
         return Ended(kind, str(answer.result.error_msg), int(answer.result.error_code))
 
     def set_initial_pose(self, pose: Pose2, timeout_s: float = 5.0) -> None:
-        """Say where the chair stands.
+        """Tell the localiser the chair's pose in map.
 
         Raises:
-            RosError: no mapper listens, in that time.
+            RosError: no mapper subscribes in time.
         """
         topic = topics.INITIAL_POSE
         if self._initial is None:
@@ -261,11 +260,11 @@ class ChairClient:
         self._initial.publish(serialised(pose_with_covariance(self._now_ns(), pose)))
 
     def goToPose(self, pose: Any, behavior_tree: str = "") -> bool:
-        """Of BasicNavigator: with a geometry_msgs/PoseStamped."""
+        """Request a drive as BasicNavigator does, with a geometry_msgs/PoseStamped."""
         return self._send_goal(pose, 5.0)
 
     def setInitialPose(self, pose: Any) -> None:
-        """Of BasicNavigator: with a geometry_msgs/PoseStamped."""
+        """Set the initial pose as BasicNavigator does, with a geometry_msgs/PoseStamped."""
         from waychair.ros.messages.wire import plain
 
         self.set_initial_pose(read_pose_stamped(plain(pose)))
@@ -275,15 +274,15 @@ class ChairClient:
     getFeedback = feedback
 
     def getResult(self) -> TaskResult:
-        """Of BasicNavigator."""
+        """Return the result as BasicNavigator does."""
         return self.result().result
 
     def waitUntilNav2Active(self, navigator: str = "", localizer: str = "") -> None:
-        """Of BasicNavigator; there is one navigator and one localiser."""
+        """Wait as BasicNavigator does; the arguments are ignored, since there is one navigator and one localiser."""
         self.wait_until_active()
 
     def spin(self, seconds: float) -> None:
-        """Take in what comes for so long."""
+        """Receive messages for a number of seconds."""
         self._until(lambda: False, seconds)
 
     def _send_goal(self, pose: Any, timeout_s: float) -> bool:
@@ -310,12 +309,12 @@ class ChairClient:
         return self._ended is not None and time.monotonic() - self._fed_s > _SILENT_S
 
     def _trigger(self, name: str, timeout_s: float) -> tuple[bool, str]:
-        """Ask a service std_srvs/Trigger."""
+        """Call a std_srvs/Trigger service."""
         kind = interface_type("std_srvs/srv/Trigger")
         return self._ask(name, kind, kind.Request(), timeout_s)
 
     def _ask(self, name: str, kind: Any, request: Any, timeout_s: float) -> tuple[bool, str]:
-        """Ask a service that answers with whether it was done, and a sentence."""
+        """Call a service; return its success, and its sentence."""
         if name not in self._services:
             self._services[name] = self.node.create_client(kind, name)
         client = self._services[name]
@@ -329,7 +328,7 @@ class ChairClient:
         return bool(answer.success), str(answer.message)
 
     def _first(self, topic: topics.RosTopic, read: Callable[[Any], T], timeout_s: float, sender: str) -> T:
-        """The latest of a topic, from now on; the first call waits for one. What cannot be read is left out."""
+        """Return the latest message of a topic; the first call subscribes and waits. Unreadable messages are skipped."""
         if topic.name not in self._heard:
             self._heard[topic.name] = None
 
@@ -351,7 +350,7 @@ class ChairClient:
         return found
 
     def _until(self, true: Callable[[], bool], timeout_s: float) -> bool:
-        """Take in what comes until something is true; whether it is, in that time."""
+        """Receive messages until a condition holds; return whether it does within the timeout."""
         ends = time.monotonic() + timeout_s
         while not true():
             left = ends - time.monotonic()

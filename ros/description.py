@@ -1,8 +1,7 @@
-"""The chair for RViz and whoever else draws or checks it: a URDF and the frames of its wheels, from the chair's file.
+"""The chair's URDF for RViz and other tools, and the frames of its wheels, both from the chair's file.
 
-The joints are named as in joint_states; fixed joints stand where the static transforms put their frames (`mounts`), so
-that both are of one file. Angles and axes follow REP-103; a joint's `rpy` are turns about the fixed axes x, y, z in turn
-(http://wiki.ros.org/urdf/XML/joint).
+Joints have the names of joint_states. Fixed joints equal the static transforms of `mounts`. Angles and axes follow
+REP-103; a joint's `rpy` are rotations about the fixed axes x, y, z in turn (http://wiki.ros.org/urdf/XML/joint).
 """
 
 from __future__ import annotations
@@ -23,19 +22,19 @@ from waychair.types import Pose3, WheelTicks
 
 WHEEL_FRAMES = tuple(joint.replace("_joint", "_link") for joint in WHEEL_JOINTS)
 
-_WHEEL_WIDTH = 0.05  # m; of the picture only
-_SEAT = (0.10, 0.50)  # m above the floor; of the picture of a chair whose outline is the same at all heights
-_SENSOR_SIZE = 0.04  # m; of the picture only
+_WHEEL_WIDTH = 0.05  # m; for drawing only
+_SEAT = (0.10, 0.50)  # m above the floor; for drawing a chair with one outline for all heights
+_SENSOR_SIZE = 0.04  # m; for drawing only
 _COLOURS = {"body": "0.20 0.35 0.60 0.45", "wheel": "0.10 0.10 0.10 1", "sensor": "0.90 0.55 0.10 1"}
 
 
 def robot_description(body: ChairBody) -> Any:
-    """std_msgs/String with the chair's URDF."""
+    """Return a std_msgs/String with the chair's URDF."""
     return make("std_msgs/msg/String", urdf(body))
 
 
 def urdf(body: ChairBody) -> str:
-    """URDF (XML) of a chair: its outline, drive wheels that turn, and the frames of its sensors."""
+    """Return the URDF (XML) of a chair: its outline, its turning drive wheels, and the frames of its sensors."""
     robot = Element("robot", name=f"waychair_{body.chair_id}")
     for name, rgba in _COLOURS.items():
         SubElement(SubElement(robot, "material", name=name), "color", rgba=rgba)
@@ -55,13 +54,13 @@ def urdf(body: ChairBody) -> str:
 
 
 def wheel_transforms(body: ChairBody, ticks: WheelTicks) -> dict[tuple[str, str], Pose3]:
-    """`base_from_wheel` of both drive wheels by (parent, child), as their joints' angles have turned them."""
+    """Return `base_from_wheel` of both drive wheels, rotated by their encoder counts, by (parent, child)."""
     angle = math.tau / body.ticks_per_turn
     return _wheels(body, (ticks.left * angle, ticks.right * angle))
 
 
 def _wheels(body: ChairBody, angles: tuple[float, float]) -> dict[tuple[str, str], Pose3]:
-    """The wheels stand on the floor under the axle, and roll forward about y, to the left."""
+    """Return the wheel frames: wheels on the floor at both ends of the axle, rotated about y (left) by `angles` [rad]."""
     found = {}
     for frame, side, angle in zip(WHEEL_FRAMES, (1.0, -1.0), angles, strict=True):
         c, s = math.cos(angle), math.sin(angle)
@@ -71,7 +70,7 @@ def _wheels(body: ChairBody, angles: tuple[float, float]) -> dict[tuple[str, str
 
 
 def _add_base(robot: Element, body: ChairBody) -> None:
-    """The outline; to be drawn only so high that the sensors can be seen, to keep clear of as high as it reaches."""
+    """Add the chair's body: `visual` only up to the seat, so that the sensors stay visible; `collision` in full height."""
     base = SubElement(robot, "link", name=BASE_FRAME)
     layers = body.height_layers()
     seat = BodyLayer(*_SEAT, body.front, body.rear, body.width / 2)
@@ -88,7 +87,7 @@ def _add_layer(base: Element, kind: str, layer: BodyLayer, material: str = "") -
 
 
 def _add_wheel(robot: Element, frame: str, radius: float) -> None:
-    """A cylinder, whose own axis is z, turned to lie along y."""
+    """Add a wheel: a cylinder (axis z) turned to lie along y."""
     link = SubElement(robot, "link", name=frame)
     across = Pose3(Rotation.from_euler("x", math.pi / 2).as_matrix(), np.zeros(3))
     for kind, material in (("visual", "wheel"), ("collision", "")):

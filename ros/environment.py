@@ -1,7 +1,7 @@
-"""The environment variables of a chair's ROS processes: who is found, and by which transport.
+"""Environment variables of a chair's ROS processes: discovery range and transport.
 
-A chair's nodes are found on this computer only, unless somebody opens them to the network: whoever reaches the topics
-of motion can move the chair.
+Nodes are visible on this computer only, unless they are opened to the network on purpose: any program that can publish
+on the motion topics can move the chair.
 """
 
 from __future__ import annotations
@@ -14,25 +14,25 @@ from pathlib import Path
 from waychair.errors import ConfigError
 
 PROFILE = Path(__file__).resolve().parent / "config" / "fastdds.xml"
-"""Fast DDS with shared memory for pictures, and fast announcements."""
+"""Fast DDS profile with shared memory for pictures, and fast announcements."""
 
 _PROFILE_VARIABLES = ("FASTRTPS_DEFAULT_PROFILES_FILE", "FASTDDS_DEFAULT_PROFILES_FILE")
 _OPENED = "WAYCHAIR_LAN"
-"""Tells the processes of a chair, which enter their environment by themselves, that it was opened on purpose."""
+"""Marks an environment as opened on purpose; the chair's processes, which set their own environment, respect it."""
 
-_DOMAINS = range(102)  # those whose ports do not meet a Linux computer's ephemeral ones
+_DOMAINS = range(102)  # the domains whose ports do not overlap Linux's ephemeral ports
 
 
 def ros_environment(
     *, domain: int | None = None, lan: bool = False, base: Mapping[str, str] | None = None
 ) -> dict[str, str]:
-    """All variables for a process of the chair, from those of `base` (this process's, unless given).
+    """Return all variables for a process of the chair, based on `base` (default: this process's environment).
 
-    `domain`: the ROS domain, else that of `base`. `lan` opens the nodes to the local network. A Fast DDS profile that
-    the user has named stays.
+    `domain` is the ROS domain, by default that of `base`. `lan` opens the nodes to the local network. A Fast DDS profile
+    set by the user is kept.
 
     Raises:
-        ConfigError: the domain is none of 0 to 101.
+        ConfigError: the domain is not in 0 to 101.
     """
     variables = dict(os.environ if base is None else base)
     wanted = variables.get("ROS_DOMAIN_ID", "") if domain is None else str(domain)
@@ -40,7 +40,7 @@ def ros_environment(
         raise ConfigError(f"ROS_DOMAIN_ID = {wanted} is impossible: take one of 0 to {_DOMAINS[-1]}")
     if wanted:
         variables["ROS_DOMAIN_ID"] = wanted
-    variables.pop("ROS_LOCALHOST_ONLY", None)  # outdated, and stronger than what follows
+    variables.pop("ROS_LOCALHOST_ONLY", None)  # deprecated, and it would override the next variable
     lan = lan or variables.get(_OPENED) == "1"
     variables["ROS_AUTOMATIC_DISCOVERY_RANGE"] = "SUBNET" if lan else "LOCALHOST"
     if lan:
@@ -53,10 +53,10 @@ def ros_environment(
 
 
 def enter_ros_environment(*, domain: int | None = None, lan: bool = False) -> None:
-    """Give this process those variables, before it first uses ROS.
+    """Set this process's environment to `ros_environment`, before its first use of ROS.
 
     Raises:
-        ConfigError: the domain is none of 0 to 101.
+        ConfigError: the domain is not in 0 to 101.
     """
     variables = ros_environment(domain=domain, lan=lan)
     for name in set(os.environ) - set(variables):
@@ -65,12 +65,12 @@ def enter_ros_environment(*, domain: int | None = None, lan: bool = False) -> No
 
 
 def namespace_arguments(namespace: str) -> tuple[str, ...]:
-    """What a node is started with to live in a namespace, after `--ros-args`; nothing, where that is empty.
+    """Return the arguments after `--ros-args` that put a node into a namespace; none if it is empty.
 
-    Its transforms are told apart from those of other chairs as Nav2 does it: /tf and /tf_static lie in it, too.
+    As in Nav2, /tf and /tf_static move into the namespace too, which separates the transforms of several chairs.
 
     Raises:
-        ConfigError: no namespace of ROS can be called so.
+        ConfigError: the name is not a valid ROS namespace.
     """
     name = namespace.strip("/")
     if not name:
@@ -81,7 +81,7 @@ def namespace_arguments(namespace: str) -> tuple[str, ...]:
 
 
 def is_secured(variables: Mapping[str, str]) -> bool:
-    """Whether processes of this environment sign and check their messages, and refuse those who do not (SROS 2)."""
+    """Return whether processes of this environment sign and check all messages, and refuse unsigned ones (SROS 2)."""
     enforced = variables.get("ROS_SECURITY_STRATEGY", "").lower() == "enforce"
     return (
         variables.get("ROS_SECURITY_ENABLE", "").lower() == "true"

@@ -1,6 +1,6 @@
-"""A map that a node makes on the way: messages in as they come, the chair's place out, all the work beside the executor.
+"""Live mapping in a node: it takes messages as they arrive, and reports the chair's pose; the work runs in a worker.
 
-The frames are those that a bag of the same messages holds for `waychair map`, so that both make the same map. Both
+Its frames equal those that `waychair map` reads from a bag of the same messages, so that both make the same map. Both
 begin with the last scan before the chair first moves.
 """
 
@@ -29,28 +29,27 @@ from waychair.slam.synchroniser import Synchroniser, SynchroniserSettings
 from waychair.types import ImuSample, OccupancyGrid, Odometry, Pose2, Scan, SensorFrame
 
 MOST_BEHIND = 100
-"""Frames that may wait; of the oldest beyond them only the odometry is used."""
+"""Largest number of queued frames with scans; older frames lose their scan and keep their odometry."""
 
-_WAIT_S = 1.0  # for odometry and IMU of a scan: a busy computer delivers late
+_WAIT_S = 1.0  # a scan waits so long for its odometry and IMU: a busy computer delivers late
 _PARTIAL = 5
-"""Frames at the beginning that are left out: topics are found one after the other, and a frame is to hold all that came
-since the one before, as in a bag."""
+"""Frames that are dropped at the start: subscriptions connect one after the other, so early frames lack readings."""
 
-_STEP = 0.05  # m and rad; a correction beyond it is a jump (as a localiser's, which never corrects more at once)
-_FASTER = 0.5  # m/s and rad/s by which it may be faster than it was
+_STEP = 0.05  # m and rad; a larger correction is reported as a jump, since a localiser never corrects more at once
+_FASTER = 0.5  # m/s and rad/s; largest increase of speed between two readings
 
 
 class GrowingMap:
-    """A `LiveMapping` at work in a node's worker, one job at a time."""
+    """A `LiveMapping` that runs in a node's worker, one job at a time."""
 
     def __init__(
         self, worker: Worker, begin: Callable[[], LiveMapping], placed: Callable[[int, Localisation], None]
     ) -> None:
-        """`begin` makes an empty map, anew with each scan until the chair first moves (`first_motion`).
+        """Take a factory of empty maps, called for each scan until the chair first moves (`first_motion`).
 
-        `placed` is told the stamp [ns] of each scan and where it puts the chair, in the executor's thread.
+        `placed` is called in the executor's thread with the stamp [ns] of each scan and the chair's pose.
         """
-        self.blind = 0  # frames whose scans were left out, since the computer was too slow
+        self.blind = 0  # frames whose scans were dropped because the computer was too slow
         self._worker, self._begin, self._placed = worker, begin, placed
         self._live, self._rests = begin(), True
         self._synchroniser = Synchroniser(
@@ -59,15 +58,15 @@ class GrowingMap:
         self._frames: deque[SensorFrame] = deque()
         self._jobs: deque[tuple[Callable[[], Any], Callable[[Any], None]]] = deque()
         self._busy = False
-        self._left_out = 0  # frames with odometry before the first that is mapped
+        self._left_out = 0  # frames with odometry before the first mapped one
         self._map_from_odom: Pose2 | None = None
         self._odometry: Odometry | None = None
-        self._shift = Pose2()  # of the odometry since it began anew
+        self._shift = Pose2()  # offset that joins restarted odometry to the odometry before
         self._drawn: tuple[int, int, int] | None = None
-        self._folders: set[Path] = set()  # to which it was written; what is drawn there is drawn on it
+        self._folders: set[Path] = set()  # this map was saved there: places and zones drawn there belong to it
 
     def report(self) -> Report:
-        """Whether the map keeps up with the chair."""
+        """Return whether mapping keeps up with the chair."""
         behind = len(self._frames)
         late = behind > topics.SCAN.rate_hz
         message = f"{behind} scans wait to be mapped: drive slower, or on a faster computer" if late else ""
@@ -75,12 +74,15 @@ class GrowingMap:
         return Report("mapping", Level.WARN if late else Level.OK, message, values)
 
     def see(self, scan: Scan) -> None:
-        """Take a scan in."""
+        """Take a scan."""
         self._take(self._synchroniser.add(topics.SCAN, scan))
 
     def move(self, odometry: Odometry, anew: bool = False) -> None:
-        """Take odometry in; one that seems to begin `anew`, and lies where the chair cannot have come to since the one
-        before, goes on, for the map, where that one ended."""
+        """Take an odometry reading.
+
+        If the odometry seems to have restarted (`anew`) and its pose is out of the chair's reach, it is shifted to
+        continue where the last reading ended.
+        """
         moved = replace(odometry, odom_from_base=self._shift @ odometry.odom_from_base)
         if anew and self._odometry is not None and not _within_reach(self._odometry, moved):
             self._shift = self._odometry.odom_from_base @ odometry.odom_from_base.inverse()
@@ -89,21 +91,22 @@ class GrowingMap:
         self._take(self._synchroniser.add(topics.ODOMETRY, moved))
 
     def feel(self, sample: ImuSample) -> None:
-        """Take a sample of the IMU in, in the axes of the base."""
+        """Take a sample of the IMU, in the axes of the base."""
         self._take(self._synchroniser.add(topics.IMU, sample))
 
     def draw(self, drawn: Callable[[OccupancyGrid], None]) -> None:
-        """Have the grid told, if it has changed since it was told last."""
+        """Call `drawn` with the grid if it has changed since the last call."""
         self._ask(self._changed_grid, lambda grid: None if grid is None else drawn(grid))
 
     def save(self, folder: Path, saved: Callable[[str], None]) -> None:
-        """Have the map so far written to a folder, as `waychair map` does; `saved` is told what went wrong, or ''."""
+        """Save the map so far to a folder, as `waychair map` does; call `saved` with an error sentence, or ''."""
         self._ask(lambda: self._write(folder), saved)
 
     def keep(self, folder: Path) -> str:
-        """At the node's end, when its worker has ended: map what waits and write it; what went wrong, or ''.
+        """Map the queued frames and save the map, at the node's end when its worker has ended.
 
-        Another map that somebody has drawn on makes way, under a name of its own.
+        Another map in the folder that carries drawn places or zones is moved to another name. Returns an error sentence,
+        or ''.
         """
         while self._frames:
             self._map(self._frames.popleft())
@@ -133,7 +136,7 @@ class GrowingMap:
         self._go_on()
 
     def _go_on(self) -> None:
-        """The next job, unless one is at hand; the worker's own queue, which drops what is too much, stays empty."""
+        """Submit the next job unless one runs; so the worker's own queue, which drops jobs, stays empty."""
         if self._busy or not (self._jobs or self._frames):
             return
         if self._jobs:
@@ -155,10 +158,10 @@ class GrowingMap:
             self._placed(*found)
 
     def _map(self, frame: SensorFrame) -> tuple[int, Localisation] | None:
-        """In the worker: where a frame's scan puts the chair; None without one.
+        """Map a frame, in the worker, and return the stamp and the pose of its scan; None without a scan.
 
-        What a map's own making can say of its pose: LOST, where the chair was carried and the map is torn there; DEGRADED,
-        where the odometry alone has put it. `health` is no more than the share of the scan on known surfaces.
+        The state is LOST after a kidnapping that has torn the map, and DEGRADED where the pose is from odometry alone.
+        `health` is merely the share of the scan on known surfaces.
         """
         self._rests = self._rests and rests(frame)
         if self._rests and frame.scan is not None:
@@ -168,8 +171,8 @@ class GrowingMap:
         if frame.scan is None or own is None:
             return None
         mapper = self._live.mapper
-        state = LocalisationState.OK if mapper.is_placed else LocalisationState.DEGRADED
-        state = state if mapper.is_whole else LocalisationState.LOST
+        state = LocalisationState.OK if mapper.is_matched else LocalisationState.DEGRADED
+        state = state if mapper.is_connected else LocalisationState.LOST
         before, self._map_from_odom = self._map_from_odom, pose @ own.odom_from_base.inverse()
         moved = Pose2() if before is None else (before @ own.odom_from_base).inverse() @ pose
         jumped = max(abs(moved.x), abs(moved.y), abs(wrap_angle(moved.theta))) > _STEP
@@ -198,7 +201,7 @@ class GrowingMap:
 
 
 def _within_reach(before: Odometry, after: Odometry) -> bool:
-    """Whether a chair that speeds up as chairs do may have come from one to the other."""
+    """Return whether a chair with limited acceleration can have moved from one reading to the other."""
     seconds = abs(after.stamp_ns - before.stamp_ns) * 1e-9
     step = before.odom_from_base.inverse() @ after.odom_from_base
     way, turn = (abs(before.twist.v) + _FASTER) * seconds, (abs(before.twist.omega) + _FASTER) * seconds

@@ -1,4 +1,4 @@
-"""What a node takes in: raw messages of one topic, read into nouns, with an account of what is wrong with them."""
+"""A node's subscription: decodes raw messages of one topic, and diagnoses missing, stale, late and invalid messages."""
 
 from __future__ import annotations
 
@@ -20,21 +20,21 @@ if TYPE_CHECKING:
 T = TypeVar("T")
 
 CLOCK_ERROR_NS = 5_000_000_000
-"""A message that has just come but is stamped as far away as this comes from another clock."""
+"""A message whose stamp differs from its arrival by more than this is from another clock."""
 
 IMPOSSIBLE = (ArithmeticError, AssertionError, IndexError, TypeError, ValueError)
-"""What reading may come to with numbers that nobody thought of; no message ends a node."""
+"""Errors that decoding absurd numbers can raise. An invalid message must never end a node."""
 
-_KEPT_S = 0.1  # of messages that wait while the node is busy
+_KEPT_S = 0.1  # s; messages of this time are queued while the node is busy
 
 SLOW = 0.8
-"""Part of the nominal rate below which a topic is called slow."""
+"""A topic below this fraction of its nominal rate is reported as slow."""
 
 
 class Input(Generic[T]):
-    """One subscription: its messages' age by their stamps, how many came, were refused, or cannot come at all.
+    """One subscription, with the age and the number of its messages, and the reasons of missing or refused messages.
 
-    `latest` is what was read last; None before that.
+    `latest` is the last decoded value; None before the first.
     """
 
     def __init__(
@@ -47,15 +47,14 @@ class Input(Generic[T]):
         *,
         needed: bool = True,
     ) -> None:
-        """`read` makes a noun of a plain message, `take` is told it, in the executor's thread.
+        """Subscribe; `read` decodes a plain message, and `take` is called with the result in the executor's thread.
 
-        A message that `read` refuses (`MessageError`), or cannot read, is counted and reported; nobody is told it, but
-        `refuse` that there was one: where what came before it must not stand.
-        An input that is not `needed` may stay silent.
+        A message for which `read` raises is counted and reported, and `refuse` is called: for inputs whose previous value
+        must not stay in force. An input that is not `needed` may stay silent.
         """
         from rclpy.event_handler import SubscriptionEventCallbacks
 
-        silent = SubscriptionEventCallbacks(use_default_callbacks=False)  # a wait for each event costs more than a look
+        silent = SubscriptionEventCallbacks(use_default_callbacks=False)  # waiting for events costs more than polling
         self.topic = topic
         self.latest: T | None = None
         self.stamp_ns: int | None = None
@@ -76,20 +75,20 @@ class Input(Generic[T]):
 
     @property
     def name(self) -> str:
-        """The topic's name after remapping."""
+        """Return the topic's name after remapping."""
         return str(self.subscription.topic_name)
 
     def age_ns(self) -> int | None:
-        """By the stamp, against the node's clock; None before the first message."""
+        """Return the age of the last message's stamp by the node's clock; None before the first message."""
         return None if self.stamp_ns is None else self._now_ns() - self.stamp_ns
 
     def is_stale(self) -> bool:
-        """Whether the last message is older than its declared rate allows, or there is none, or its clock is another."""
+        """Return whether the last message is missing, too old for its nominal rate, or from another clock."""
         carries = self.topic.carries
         return carries is not None and carries.is_stale(self.stamp_ns, self._now_ns())
 
     def report(self) -> Report:
-        """How this input is, for /diagnostics; rates are those since the last report."""
+        """Return this input's state for /diagnostics; the rate is that since the last report."""
         before_ns, count = self._reported
         now_ns = time.monotonic_ns()
         self._reported = now_ns, self._count
@@ -103,7 +102,7 @@ class Input(Generic[T]):
         return Report(f"input {self.topic.name}", level, message, tuple(values))
 
     def trouble(self) -> str:
-        """Whose messages cannot come, and why: another type, or a QoS that does not fit what is asked for here."""
+        """Return a sentence about a publisher of another type or with an incompatible QoS; '' if there is none."""
         from rclpy.qos import QoSCompatibility, qos_check_compatible
 
         wanted = profile(self.topic.qos)
@@ -168,7 +167,7 @@ class Input(Generic[T]):
             self._take(noun)
 
     def _misfit(self) -> str:
-        """`trouble`, looked for when somebody new sends or has left, and logged once."""
+        """Return `trouble`, updated when the number of publishers changes, and log it once."""
         senders = self._node.count_publishers(self.name)
         if senders != self._senders:
             before, self._senders, self._trouble = self._trouble, senders, self.trouble()

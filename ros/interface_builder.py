@@ -1,8 +1,8 @@
-"""ROS packages of messages that no wheel carries, built on this computer into the user's cache.
+"""Building the ROS message packages that are not on PyPI, on this computer, into the user's cache.
 
-An installation of ROS has them ready made, and they are taken from there (`interface_types`). Wheels of ROS carry the
-common messages only, but also the generators and headers with which all were made: given the same fields, what comes
-out has the same type, hash and bytes on the wire. A build takes a C++ compiler and Python's headers.
+An installed ROS has these packages, and then they are used (`interface_types`). The ROS wheels carry only the common
+messages, but also the generators and headers for all. From equal definitions a build gives equal types, hashes and
+bytes on the wire. A build needs a C++ compiler and Python's headers.
 """
 
 from __future__ import annotations
@@ -29,10 +29,10 @@ from waychair.files import cache_folder
 from waychair.ros.interface_generator import DEPENDENCIES, INTROSPECTION
 
 TEXTS = Path(__file__).resolve().parent / "interfaces"
-"""Our own definitions: one folder for each package, in it msg, srv and action."""
+"""The definitions: one folder for each package, with the folders msg, srv and action."""
 
 FLAGS = ("-O1", "-fPIC", "-w")
-"""-O2 takes half as long again to compile; these types are not what a message's time is spent on."""
+"""-O2 takes 50 % longer to compile, and these types take little of the run time."""
 
 _LIBRARIES = ("generator_c", "generator_py", "typesupport_c", "typesupport_fastrtps_c", "typesupport_introspection_c")
 _RUNTIME = ("rosidl_runtime_c", "rcutils", "fastcdr", "rosidl_typesupport_fastrtps_cpp", *(
@@ -41,13 +41,13 @@ _RUNTIME = ("rosidl_runtime_c", "rcutils", "fastcdr", "rosidl_typesupport_fastrt
 
 
 def built_interfaces(texts: Path = TEXTS) -> Path:
-    """Folder with the Python packages of all definitions, to be put on Python's path; builds them on the first use.
+    """Return the folder with the Python packages of all definitions, for Python's path; build them on first use.
 
-    Processes that build at the same time wait for the first one. A build that was killed leaves nothing that is used.
+    A lock lets only one process build. A killed build leaves no usable folder behind.
 
     Raises:
-        MissingExtra: there is no ROS, or it has no generators.
-        InterfaceBuildError: there is no C++ compiler, no Python headers, or the sources do not compile.
+        MissingExtra: ROS or its generators are not installed.
+        InterfaceBuildError: the C++ compiler or Python's headers are missing, or the sources do not compile.
         OutputError: the cache cannot be written to.
     """
     packages = sorted(folder.name for folder in texts.iterdir() if folder.is_dir())
@@ -62,10 +62,10 @@ def built_interfaces(texts: Path = TEXTS) -> Path:
 
 
 def ros_prefixes() -> list[Path]:
-    """Where ROS is installed: overlays first, as a sourced `setup.bash` says, or the place of its wheels.
+    """Return the install prefixes of ROS: those of a sourced `setup.bash`, overlays first, else that of the wheels.
 
     Raises:
-        MissingExtra: there is no ROS, or it has no generators.
+        MissingExtra: ROS or its generators are not installed.
     """
     missing = [name for name in ("rclpy", "rosidl_adapter", "rosidl_generator_py") if not _is_there(name)]
     if missing:
@@ -87,7 +87,7 @@ def _is_there(module: str) -> bool:
 
 
 def _digest(texts: Path, prefixes: list[Path]) -> str:
-    """Of all that decides what comes out."""
+    """Return a digest of everything that a build depends on."""
     parts = [metadata.version("rclpy"), np.__version__.split(".")[0], *map(str, prefixes), *FLAGS]
     digest = hashlib.sha256("\n".join(parts).encode())
     sources = [path for path in sorted(texts.rglob("*")) if path.is_file()]
@@ -98,7 +98,7 @@ def _digest(texts: Path, prefixes: list[Path]) -> str:
 
 @contextmanager
 def _locked(path: Path) -> Iterator[None]:
-    """One process at a time; the lock of one that dies is free again."""
+    """Hold a file lock, which the system releases when the process dies."""
     try:
         path.parent.mkdir(parents=True, exist_ok=True)
         with path.open("w") as file:
@@ -132,7 +132,7 @@ def _build(texts: Path, packages: list[str], prefixes: list[Path], folder: Path)
 
 
 def _compilers() -> dict[str, str]:
-    """The compilers of .c and .cpp files."""
+    """Return the compilers of .c and .cpp files."""
     c = os.environ.get("CC") or shutil.which("cc") or shutil.which("gcc") or shutil.which("clang")
     cpp = os.environ.get("CXX") or shutil.which("c++") or shutil.which("g++") or shutil.which("clang++")
     advice = "or the packages ros-jazzy-tf2-msgs and ros-jazzy-nav2-msgs of an installed ROS"
@@ -154,13 +154,13 @@ def _generate(texts: Path, package: str, out: Path, prefixes: list[Path]) -> Non
 
 
 def _sources(work: Path) -> list[Path]:
-    """Largest first, so that both ends of a build are busy."""
+    """Return the sources, largest first, so that no processor is idle at the end of a build."""
     sources = [*work.rglob("*.c"), *work.rglob("*.cpp")]
     return sorted(sources, key=lambda source: source.stat().st_size, reverse=True)
 
 
 def _compile(compilers: dict[str, str], source: Path, work: Path, prefixes: list[Path]) -> Path:
-    """The object of one source."""
+    """Compile one source, and return its object file."""
     includes = [work / "src", work / INTROSPECTION, Path(sysconfig.get_paths()["include"]), Path(np.get_include())]
     for prefix in prefixes:
         includes += [prefix / "include", *(folder for folder in (prefix / "include").iterdir() if folder.is_dir())]
@@ -172,7 +172,7 @@ def _compile(compilers: dict[str, str], source: Path, work: Path, prefixes: list
 
 
 def _link(compiler: str, objects: list[Path], package: str, work: Path, prefixes: list[Path]) -> None:
-    """One extension for the whole package, where its Python looks for it."""
+    """Link one extension module for the whole package, with the name that its Python code imports."""
     extension = work / "py" / package / f"{package}_s__rosidl_typesupport_c.so"
     libraries = [f"-l{name}__rosidl_{part}" for name in DEPENDENCIES for part in _LIBRARIES]
     libraries += [f"-l{name}" for name in _RUNTIME]

@@ -1,8 +1,8 @@
-"""C sources of ROS messages, services and actions from their definitions, by the generators that come with ROS.
+"""Generating the C sources of ROS messages, services and actions from their definitions, with ROS's own generators.
 
 It runs as a process of its own (`python -m waychair.ros.interface_generator TEXTS PACKAGE OUT PREFIX...`), because the
-generators read the environment and take over standard output. Where ROS itself is installed, the same generators run
-under CMake; wheels bring no CMake packages for them, but all of their Python.
+generators read the environment and take over standard output. In an installed ROS the same generators run under CMake;
+the wheels lack the CMake packages, but have all of the Python code.
 """
 
 from __future__ import annotations
@@ -21,21 +21,21 @@ DEPENDENCIES = (
     "unique_identifier_msgs",
     "action_msgs",
 )
-"""Packages that the definitions may name; services and actions need the last three."""
+"""Packages that the definitions may refer to; services and actions need the last three."""
 
 INTROSPECTION = "introspection"
-"""Folder of the sources that describe a type's fields, whose file names are those of others."""
+"""Folder of the introspection sources, apart from the others because file names repeat."""
 
 _FASTRTPS, _INTROSPECTION = "rosidl_typesupport_fastrtps_c", "rosidl_typesupport_introspection_c"
 
 
 def generate(texts: Path, package: str, out: Path, prefixes: list[Path]) -> None:
-    """Sources of `package`, whose definitions lie in `texts`/`package`, below `out`.
+    """Generate the sources of `package` from the definitions in `texts`/`package` into `out`.
 
     `out` then holds `src` and `introspection` (C and C++, each with a folder of the package's name) and `py` (the
-    Python package and its extension's C). `prefixes` are those of installations with share/DEPENDENCY.
+    Python package and its extension's C). `prefixes` are installations with share/DEPENDENCY.
     """
-    os.environ["AMENT_PREFIX_PATH"] = os.pathsep.join(map(str, prefixes))  # where the generators find themselves
+    os.environ["AMENT_PREFIX_PATH"] = os.pathsep.join(map(str, prefixes))  # the generators find their templates by it
     from rosidl_generator_c.cli import GenerateC
     from rosidl_generator_py.cli import GeneratePython
     from rosidl_generator_type_description.cli import HashTypeDescription
@@ -60,7 +60,7 @@ def generate(texts: Path, package: str, out: Path, prefixes: list[Path]) -> None
 
 
 def _translated(texts: Path, package: str, out: Path) -> list[str]:
-    """The definitions in IDL, as FOLDER:FILE."""
+    """Translate the definitions to IDL, and return them as FOLDER:FILE."""
     from rosidl_adapter.action import convert_action_to_idl
     from rosidl_adapter.msg import convert_msg_to_idl
     from rosidl_adapter.srv import convert_srv_to_idl
@@ -80,10 +80,10 @@ def _share(package: str, prefixes: list[Path]) -> Path | None:
 
 
 def _link_statically(dispatcher: Path, package: str) -> None:
-    """Let a type's dispatcher know both implementations that rmw_fastrtps asks for, the second being introspection.
+    """Make a type's dispatcher answer for both implementations that rmw_fastrtps uses: fastrtps and introspection.
 
-    As generated it knows one, or else opens shared libraries by name, which would have to lie in LD_LIBRARY_PATH. The
-    handle that it returns becomes a copy whose lookup answers for the other, too.
+    The generated dispatcher knows only one, or opens shared libraries by name, which would need LD_LIBRARY_PATH. The
+    returned handle becomes a copy whose lookup function answers for both.
     """
 
     def replacement(found: re.Match[str]) -> str:

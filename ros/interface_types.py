@@ -1,4 +1,4 @@
-"""The one way to the Python classes of ROS messages, services and actions, wherever they come from."""
+"""Importing the Python classes of ROS messages, services and actions, from an installed ROS or from our own build."""
 
 from __future__ import annotations
 
@@ -14,13 +14,13 @@ from waychair.ros.interface_builder import TEXTS, built_interfaces
 
 @cache
 def interface_type(name: str) -> Any:
-    """The class of an interface, as `tf2_msgs/msg/TFMessage`.
+    """Return the class of an interface, e.g. `tf2_msgs/msg/TFMessage`.
 
-    Packages of an installed ROS win over those that are built here; see `built_interfaces`.
+    Packages of an installed ROS take precedence over our own build; see `built_interfaces`.
 
     Raises:
         MissingExtra: ROS, or this package of it, is not installed.
-        InterfaceBuildError: the package has to be built and cannot be.
+        InterfaceBuildError: the package cannot be built.
     """
     package, kind, leaf = name.split("/")
     _make_importable(package)
@@ -34,7 +34,7 @@ def interface_type(name: str) -> Any:
 
 
 def prepare() -> None:
-    """Build what would otherwise be built by its first use; nothing, where an installed ROS has it all.
+    """Build the missing message packages in advance; do nothing if an installed ROS has them all.
 
     Raises:
         MissingExtra, InterfaceBuildError: as `interface_type`.
@@ -45,5 +45,5 @@ def prepare() -> None:
 
 def _make_importable(package: str) -> None:
     if (TEXTS / package).is_dir() and importlib.util.find_spec(package) is None:
-        sys.path.append(str(built_interfaces()))  # last on the path: whatever is installed is found first
+        sys.path.append(str(built_interfaces()))  # last on the path, so that installed packages are found first
         importlib.invalidate_caches()

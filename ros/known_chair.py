@@ -1,4 +1,4 @@
-"""The chair that a node belongs to, by its file or, for a simulated one, by its name."""
+"""The calibration of a node's chair: from the chair's file, or for a simulated chair by name."""
 
 from __future__ import annotations
 
@@ -10,11 +10,11 @@ from waychair.trials.simulated_stops import simulated_calibration
 
 
 def known_chair(file: str, simulated: str) -> ChairCalibration:
-    """What is known of the chair of a calibration file; without one, what would be in that of a simulated chair.
+    """Return the calibration from a file; without a file (''), the calibration of the named simulated chair.
 
     Raises:
         CalibrationError: the file is missing or damaged.
-        ConfigError: there is no such simulated chair.
+        ConfigError: the simulated chair does not exist.
     """
     if file:
         return load_calibration(Path(file))

@@ -1,22 +1,23 @@
-"""The mapper as a node: where the chair is on a map, which is given or which it makes on the way.
+"""The mapper node: it localises the chair on a given map, or makes a map.
 
 | takes | |
 |---|---|
-| scan, odom | what it matches, and where dead reckoning had the chair meanwhile |
-| imu/data | while it maps: how the chair turned and leans |
-| initialpose | where the rider says that the chair is |
+| scan, odom | scans to match, and dead reckoning |
+| imu/data | while mapping: turn rate and tilt |
+| initialpose | the chair's pose, from the rider |
 
 | sends | |
 |---|---|
-| map | when it changes; those who come late get it, too |
-| /tf | odom in map, often, so that nobody waits for it |
-| localisation, amcl_pose | where each scan was taken, and how far that can be trusted |
+| map | on change; latched |
+| /tf | map -> odom, at 25 Hz, so that nobody waits for it |
+| localisation, amcl_pose | the pose of each scan, and its reliability |
 
 Services: `map_server/load_map`, `map_saver/save_map` (nav2_msgs), `reinitialize_global_localization` (std_srvs/Empty), and
-`amcl/get_state` (lifecycle_msgs), for scripts that wait for Nav2's localiser. Another map than that of `map_folder` is
-one without its places and zones: the other nodes have theirs from the `map_folder` that they were started with.
-With a map it localises: where the chair stood when the node last ran, where `start` says, or from nowhere. Without one,
-or with `mapping`, it maps: as `waychair map` would map a bag of the same drive.
+`amcl/get_state` (lifecycle_msgs) for scripts that wait for Nav2's localiser. `load_map` does not change the places and
+zones of the other nodes, which come from the `map_folder` that they were started with.
+
+With a map it localises, starting from `start`, else from the pose saved by its last run, else by global localisation.
+Without a map, or with `mapping`, it makes a map, the same as `waychair map` from a bag of the same drive.
 """
 
 from __future__ import annotations
@@ -61,7 +62,7 @@ from waychair.runtime.last_pose import remember_pose, remembered_pose
 from waychair.runtime.live_mapping import LiveMapping, LiveMappingSettings
 from waychair.runtime.map_folders import copy_map
 from waychair.runtime.odometry_track import OdometryTrack
-from waychair.slam.localiser import Localisation, LocalisationState, Localiser, LocaliserSettings, saved_map
+from waychair.slam.localiser import Localisation, LocalisationState, Localiser, LocaliserSettings, prepared_map
 from waychair.types import Odometry, Pose2, Scan
 
 if TYPE_CHECKING:
@@ -71,13 +72,13 @@ _ALIVE_HZ = 25.0
 _MAP_HZ = 0.5
 _PATIENCE_S = 2.0
 _REMEMBER_HZ = 4.0
-_MOVED = 0.05  # m and rad beyond which the pose is worth remembering
-_ANYWHERE = np.diag([1e4, 1e4, math.pi**2])  # m2, m2, rad2: covariance of a place that is not known
+_MOVED = 0.05  # m and rad; smaller changes of the pose are not saved
+_ANYWHERE = np.diag([1e4, 1e4, math.pi**2])  # m2, m2, rad2: covariance of an unknown pose
 
 
 @dataclass(frozen=True, slots=True)
 class MapperNodeSettings(Settings):
-    """Which map, or how one is made."""
+    """The map to localise on, or how to make one."""
 
     map_folder: str = setting("", "", "the map to localise on; empty: one is made")
     mapping: bool = setting(False, "", "make a map although one is given")
@@ -95,7 +96,7 @@ class MapperNodeSettings(Settings):
 
 
 class MapperNode(ChairNode[MapperNodeSettings]):
-    """A `Localiser` or a `GrowingMap`, and what it needs of the odometry."""
+    """A node with a `Localiser` or a `GrowingMap`."""
 
     def __init__(self, arguments: Sequence[str] | None = None) -> None:
         super().__init__("mapper", MapperNodeSettings, arguments=arguments)
@@ -127,7 +128,7 @@ class MapperNode(ChairNode[MapperNodeSettings]):
         self.listen(topics.LAYOUT, lambda message: message, lambda message: self._redraw(), needed=False)
         self.create_service(interface_type("std_srvs/srv/Empty"), "reinitialize_global_localization", self._forget)
         answer_for("amcl", self, lambda: self._found is not None)
-        own = MutuallyExclusiveCallbackGroup()  # so that the others go on while a map is saved
+        own = MutuallyExclusiveCallbackGroup()  # so that other callbacks run while a map is saved
         self.create_service(
             interface_type("nav2_msgs/srv/SaveMap"), "map_saver/save_map", self._save, callback_group=own
         )
@@ -135,12 +136,12 @@ class MapperNode(ChairNode[MapperNodeSettings]):
         self.every(_REMEMBER_HZ, self._remember)
 
     def _begin_map(self) -> GrowingMap:
-        """Make a map, as `waychair map` does of a bag of the same drive."""
-        from waychair.ros.growing_map import GrowingMap  # late: who localises starts without it
+        """Begin a map, like `waychair map` from a bag of the same drive."""
+        from waychair.ros.growing_map import GrowingMap  # late, since localisation does not need it
 
         s = self.settings
         if s.keep:
-            self.at_end(self._keep)  # once the worker, which comes later, has ended
+            self.at_end(self._keep)  # runs after the end of the worker, which is started later
         growing = GrowingMap(
             self.worker, lambda: LiveMapping(s.live, self._body.base_from_laser, self._body), self._publish
         )
@@ -149,7 +150,7 @@ class MapperNode(ChairNode[MapperNodeSettings]):
         return growing
 
     def reports(self) -> Iterable[Report]:
-        """Whether the chair knows where it is, and whether a map that is made keeps up."""
+        """Report the localisation's state, and whether mapping keeps up."""
         if self._growing is not None:
             yield self._growing.report()
         if self._found is None:
@@ -170,20 +171,20 @@ class MapperNode(ChairNode[MapperNodeSettings]):
         """Localise on a saved map.
 
         Raises:
-            MapError: it cannot be read.
+            MapError: the map cannot be read.
         """
         grid = load_map(folder)
         scanned = scanned_part(grid, load_depth_layer(folder, grid))
         self._folder, self._grid = folder, grid
         self._localiser = Localiser(scanned, self._body.base_from_laser, start, self.settings.localiser)
-        self._found = self._remembered = None  # of another map
+        self._found = self._remembered = None  # these belong to another map
         self._send_map(occupancy_grid(self.now_ns(), grid))
 
     def _first_pose(self) -> Pose2 | None:
-        """Where the chair stands: as it is told, or as it was when this node ran last; None: unknown.
+        """Return the start pose: from the setting, else from this node's last run; None: unknown.
 
         Raises:
-            ConfigError: the start is no pose.
+            ConfigError: the setting `start` is not a pose.
         """
         s = self.settings
         if s.start:
@@ -195,7 +196,7 @@ class MapperNode(ChairNode[MapperNodeSettings]):
             return None
 
     def _remember(self) -> None:
-        """Keep where the chair is, while it knows."""
+        """Save the chair's pose unless it is lost."""
         s = self.settings
         if not s.remember or self._localiser is None or self._found is None:
             return
@@ -212,20 +213,20 @@ class MapperNode(ChairNode[MapperNodeSettings]):
             self.get_logger().warning(str(error), throttle_duration_sec=60.0)
 
     def _set_pose(self, pose: Pose2) -> None:
-        """The rider's word."""
+        """Restart the localiser at a pose given by the rider."""
         if self._localiser is None:
             self.get_logger().warning("a map is being made: there is no pose to set on it")
             return
         self._localiser.restart(pose)
 
     def _forget(self, request: Any, response: Any) -> Any:
-        """As Nav2's localiser has it: the chair may be anywhere on the map."""
+        """Start global localisation, as the service of Nav2's localiser does."""
         if self._localiser is not None:
             self._localiser.restart(None)
         return response
 
     def _redraw(self) -> None:
-        """Something may have been erased of the map."""
+        """Reload the map, of which parts may have been erased."""
         localiser = self._localiser
         if localiser is None:
             return
@@ -239,7 +240,7 @@ class MapperNode(ChairNode[MapperNodeSettings]):
             return
         self._grid = grid
         self._send_map(occupancy_grid(self.now_ns(), grid))
-        self.worker.submit(lambda: saved_map(scanned, self.settings.localiser), localiser.redraw)
+        self.worker.submit(lambda: prepared_map(scanned, self.settings.localiser), localiser.redraw)
 
     def _move(self, odometry: Odometry) -> None:
         anew = self._track.take(odometry)
@@ -251,14 +252,14 @@ class MapperNode(ChairNode[MapperNodeSettings]):
         self._place_waiting(odometry.stamp_ns)
 
     def _see(self, scan: Scan) -> None:
-        """A scan is placed once the odometry has reached it, or nearly so, and those before it were placed."""
+        """Localise a scan once the odometry has reached its stamp and earlier scans are done."""
         if self._growing is not None:
             self._growing.see(self._calibration.seen(scan))
             return
         if abs(self.now_ns() - scan.stamp_ns) > CLOCK_ERROR_NS:
-            return  # by this node's clock nobody could follow the transforms: its input says so, and nobody drives
+            return  # another clock: its transforms would be useless; the input reports it, and the chair does not drive
         if self._waiting and scan.stamp_ns <= self._waiting[-1].stamp_ns:
-            self._waiting.clear()  # a clock was set back
+            self._waiting.clear()  # the clock was set back
         self._waiting.append(scan)
         if self._track.odom_from_base(scan.stamp_ns) is not None:
             self._place_waiting(scan.stamp_ns)
@@ -268,7 +269,7 @@ class MapperNode(ChairNode[MapperNodeSettings]):
             self._place(self._waiting.popleft())
 
     def _begin_anew(self) -> None:
-        """The odometry has: the chair is looked for round where it was seen last."""
+        """Restart the localiser at the last pose, because the odometry restarted."""
         if self._localiser is None or self._found is None or self._found[1].lost:
             return
         self.get_logger().warning("the odometry began anew: the chair is looked for round its last place")
@@ -289,7 +290,7 @@ class MapperNode(ChairNode[MapperNodeSettings]):
         self._send_pose(pose_with_covariance(stamp_ns, found.map_from_base, covariance))
 
     def _repeat(self) -> None:
-        """Show that this node lives, and keep the transform fresh."""
+        """Repeat the localisation as a heartbeat, and keep the transform fresh."""
         if self._found is None:
             return
         stamp_ns, found = self._found
@@ -301,7 +302,7 @@ class MapperNode(ChairNode[MapperNodeSettings]):
             self._growing.draw(lambda grid: self._send_map(occupancy_grid(self.now_ns(), grid)))
 
     def _load(self, request: Any, response: Any) -> Any:
-        """nav2_msgs/srv/LoadMap; the URL is a map folder's or its map.yaml's."""
+        """Serve nav2_msgs/srv/LoadMap; the URL is that of a map folder or its map.yaml."""
         if self._growing is not None:
             self.get_logger().error("a map is being made: save it, then start the chair anew with the other map")
             response.result = response.RESULT_UNDEFINED_FAILURE
@@ -321,9 +322,9 @@ class MapperNode(ChairNode[MapperNodeSettings]):
         return response
 
     async def _save(self, request: Any, response: Any) -> Any:
-        """nav2_msgs/srv/SaveMap, into the folder that the URL names: all that belongs to the map of this node.
+        """Serve nav2_msgs/srv/SaveMap: save this node's map with all its files to the folder that the URL names.
 
-        Topic, format, mode and thresholds of the request count for nothing.
+        Topic, format, mode and thresholds of the request are ignored.
         """
         folder = Path(request.map_url.removeprefix("file://"))
         saved: Any = Future()
@@ -338,7 +339,7 @@ class MapperNode(ChairNode[MapperNodeSettings]):
         return response
 
     def _copy_map(self, folder: Path) -> str:
-        """What went wrong, or an empty sentence."""
+        """Copy the map's files to a folder; return an error sentence, or ''."""
         try:
             copy_map(self._folder, folder)
         except WaychairError as error:
@@ -346,7 +347,7 @@ class MapperNode(ChairNode[MapperNodeSettings]):
         return ""
 
     def _keep(self) -> None:
-        """At the end, a map that was being made is not lost."""
+        """Save the map that was being made, at the node's end."""
         if self._growing is not None:
             trouble = self._growing.keep(Path(self.settings.keep))
             if trouble:
@@ -354,15 +355,15 @@ class MapperNode(ChairNode[MapperNodeSettings]):
 
 
 def _all_of(topic: RosTopic) -> RosTopic:
-    """A topic of which nothing is to be missed, though this process may be busy for a second or two."""
+    """Return the topic with a queue that loses nothing while this process is busy for `_PATIENCE_S`."""
     return replace(topic, qos=replace(topic.qos, depth=round(_PATIENCE_S * topic.rate_hz)))
 
 
 def pose_from_text(text: str) -> Pose2:
-    """Of X,Y,YAW or X,Y.
+    """Return the pose of a text X,Y,YAW or X,Y.
 
     Raises:
-        ConfigError: it is no pose.
+        ConfigError: the text has another form.
     """
     try:
         numbers = [float(part) for part in text.split(",")]
@@ -374,7 +375,7 @@ def pose_from_text(text: str) -> Pose2:
 
 
 def main(arguments: Sequence[str] | None = None) -> int:
-    """The node's process."""
+    """Run the node's process, and return its exit code."""
     return run_node(MapperNode, arguments)
 
 

@@ -1,4 +1,4 @@
-"""Where the sensors of a chair sit, as static transforms."""
+"""The mounts of a chair's sensors as static transforms."""
 
 from __future__ import annotations
 
@@ -9,7 +9,7 @@ from waychair.types import Pose3
 
 
 def static_transforms(body: ChairBody, sonar_height: float = 0.4) -> dict[tuple[str, str], Pose3]:
-    """`parent_from_child` of all sensors on a chair, by (parent, child)."""
+    """Return `parent_from_child` of all sensors on a chair, by (parent, child); `sonar_height` [m]."""
     mounts = mounts_of(body, sonar_height)
     fixed = {(BASE_FRAME, frame): base_from_frame for frame, base_from_frame in mounts.items()}
     return fixed | {(CAMERA_FRAME, OPTICAL_FRAME): CAMERA_FROM_OPTICAL}

@@ -1,21 +1,21 @@
-"""The navigator as a node: goals in, speeds out, twenty times a second, every other time just behind a scan.
+"""The navigator node: it turns goals into velocity commands at 20 Hz, every second tick just after a scan.
 
 | takes | |
 |---|---|
-| map, localisation, odom | where it drives, and where the chair is |
-| scan, sonar_0.., camera/... | what is in the way |
-| goal_pose; the action navigate_to_pose | where to go; the rider's `confirm` begins the drive |
-| drive_state | who drives, what became of the last speeds, and what ended a drive |
-| speed_limit | how fast it may go |
+| map, localisation, odom | the map, and the chair's pose and twist |
+| scan, sonar_0.., camera/... | obstacles |
+| goal_pose; the action navigate_to_pose | the goal; the rider's `confirm` begins the drive |
+| drive_state | the bridge's mode, the command that it sent, and the reason why a drive ended |
+| speed_limit | the largest speed |
 
 | sends | |
 |---|---|
-| cmd_vel, drive_request | to the bridge, which obeys no other node |
+| cmd_vel, drive_request | to the bridge, which accepts them from this node only |
 | plan, local_plan, people, global_costmap/costmap, local_costmap/... | see `NavigationDisplay` |
-| places | the map's, for those who call them by name |
+| places | the named places of the map |
 
-Services: `pause`, `go_on` and `cancel` (std_srvs/Trigger), and `bt_navigator/get_state` (lifecycle_msgs), for scripts
-that wait for Nav2's.
+Services: `pause`, `go_on` and `cancel` (std_srvs/Trigger), and `bt_navigator/get_state` (lifecycle_msgs) for scripts
+that wait for Nav2's node.
 """
 
 from __future__ import annotations
@@ -81,12 +81,12 @@ _PERIOD_NS = round(1e9 / COMMAND_RATE.rate_hz)
 _FEEDBACK_EVERY = 4  # ticks
 _SONARS = 8
 _SILENT_NS = 500_000_000
-"""For so long a drive waits at rest for the bridge or for the chair's place (F25)."""
+"""A drive waits at rest so long for the bridge or the localiser before it ends (F25)."""
 
 
 @dataclass(frozen=True, slots=True)
 class NavigatorNodeSettings(PilotSettings):
-    """Which chair, and which map's places and zones."""
+    """The chair, and the map whose places and zones apply."""
 
     calibration: str = setting("", "", "the chair's file; empty: a simulated chair's")
     chair: str = setting("A", "", "the simulated chair, where there is no file")
@@ -97,7 +97,7 @@ class NavigatorNodeSettings(PilotSettings):
 
 
 class NavigatorNode(ChairNode[NavigatorNodeSettings]):
-    """One `Pilot`, on the map of the mapper."""
+    """A node with a `Pilot` on the mapper's map."""
 
     def __init__(self) -> None:
         super().__init__("navigator", NavigatorNodeSettings)
@@ -113,13 +113,13 @@ class NavigatorNode(ChairNode[NavigatorNodeSettings]):
         self._scan: Scan | None = None
         self._located: tuple[int, Localisation] | None = None
         self._state: DriveReport | None = None
-        self._told_ns: int | None = None  # when the bridge spoke last, by the steady clock
-        self._seen_ns = 0  # stamp of the last scan that was of use
-        self._placed_ns: int | None = None  # when the chair's place was known
+        self._told_ns: int | None = None  # time of the bridge's last message, by the steady clock
+        self._seen_ns = 0  # stamp of the last scan that was used
+        self._placed_ns: int | None = None  # time when the chair's pose was last known, by the steady clock
         self._frame: RgbdFrame | None = None
-        self._looked_ns: int | None = None  # when the camera spoke
+        self._looked_ns: int | None = None  # time of the camera's last usable frame, by the steady clock
         self._goal, self._goal_id, self._began_ns, self._ticks = Pose2(), NO_GOAL, 0, 0
-        self._recoveries = 0  # before this goal
+        self._recoveries = 0  # number of recoveries before this goal
         self._navigation: Navigation | None = None
         self._limit = math.inf
 
@@ -154,7 +154,7 @@ class NavigatorNode(ChairNode[NavigatorNodeSettings]):
         self._timer = self.every(COMMAND_RATE.rate_hz, self._tick)
 
     def reports(self) -> Iterable[Report]:
-        """How far the drive has come."""
+        """Report the stage of the drive."""
         navigation = self._navigation
         if navigation is None:
             yield Report("navigation", Level.STALE, "no map and no place on it are known yet")
@@ -163,10 +163,10 @@ class NavigatorNode(ChairNode[NavigatorNodeSettings]):
         yield Report("navigation", Level.OK, reason, (("stage", navigation.stage.value),))
 
     def begin(self, goal: Pose2, goal_id: int) -> None:
-        """Of the action: set out for a pose; see `navigate_action.Drive`.
+        """Start a drive to a pose, for the action; see `navigate_action.Drive`.
 
         Raises:
-            ConfigError: there is no map yet, or nobody to drive with.
+            ConfigError: there is no map yet, or the bridge, the chair's pose or the camera is missing.
         """
         if self._pilot is None:
             raise ConfigError("there is no map yet: start the mapper, or wait for it")
@@ -177,19 +177,19 @@ class NavigatorNode(ChairNode[NavigatorNodeSettings]):
         self._recoveries = self._pilot.navigator.recovery.begun
 
     def cancel(self) -> None:
-        """Of the action, and of everybody: come to rest, the goal is given up."""
+        """Give the goal up and stop; for the action and the service."""
         if self._pilot is not None:
             self._pilot.drop("the drive was cancelled")
 
     def _tolerant(self, goal: Pose2) -> Goal:
-        """With the tolerance of the place that is meant, if one is there."""
+        """Return the goal, with the tolerances of the place at this pose if there is one."""
         for place in self._places.values():
             if math.hypot(place.pose.x - goal.x, place.pose.y - goal.y) < 0.01:
                 return Goal(goal, place.tolerance_m, place.tolerance_rad)
         return Goal(goal)
 
     def _go(self, goal: Pose2) -> None:
-        """By topic; a client of the action that waits is told that its goal was replaced."""
+        """Start a drive requested by topic; a waiting client of the action learns that its goal was replaced."""
         self._action.end(reached=False, reason="another goal was given")
         try:
             self.begin(goal, time.time_ns())
@@ -216,7 +216,7 @@ class NavigatorNode(ChairNode[NavigatorNodeSettings]):
         self._limit = limit
 
     def _take_map(self, grid: OccupancyGrid) -> None:
-        """Used at once, or when the present drive is over."""
+        """Use a new map at once, or after the current drive."""
         self._next_map = grid
         self._renew()
 
@@ -235,7 +235,7 @@ class NavigatorNode(ChairNode[NavigatorNodeSettings]):
         self._display.draw(lambda: pilot.drawn(grid, zones).costmap())
 
     def _redraw(self) -> None:
-        """Places and zones have changed: a drive under way is planned anew by them."""
+        """Load changed places and zones; a current drive is replanned with them."""
         if not self.settings.map_folder:
             return
         folder = FilePath(self.settings.map_folder)
@@ -252,7 +252,7 @@ class NavigatorNode(ChairNode[NavigatorNodeSettings]):
 
     def _move(self, odometry: Odometry) -> None:
         if self._track.take(odometry):
-            self._located = None  # it was found by odometry that is over
+            self._located = None  # the odometry restarted, so the old localisation is void
 
     def _see(self, scan: Scan) -> None:
         self._scan = scan
@@ -264,7 +264,7 @@ class NavigatorNode(ChairNode[NavigatorNodeSettings]):
             self._join()
 
     def _join(self) -> None:
-        """A scan is of use once it is known where it was taken."""
+        """Pass a scan to the pilot once its localisation has arrived."""
         scan, located = self._scan, self._located
         if self._pilot is None or scan is None or located is None or scan.stamp_ns != located[0]:
             return
@@ -293,11 +293,11 @@ class NavigatorNode(ChairNode[NavigatorNodeSettings]):
         self.listen(topics.DEPTH, pairing.depth, self._take_frame, needed=False)
 
     def _take_frame(self, frame: RgbdFrame | None) -> None:
-        if frame is not None and tells(frame):  # one without any depth is as good as none
+        if frame is not None and tells(frame):  # a frame without any depth is ignored
             self._frame, self._looked_ns = self._calibration.on_time(frame), time.monotonic_ns()
 
     def _look(self) -> None:
-        """At the latest frame, just after a tick: it takes a good part of the time to the next one."""
+        """Process the latest camera frame, just after a tick, since it takes much of the time to the next tick."""
         frame, self._frame = self._frame, None
         pose = None if frame is None else self._map_from_base(frame.stamp_ns)
         if frame is not None and self._pilot is not None and pose is not None:
@@ -306,14 +306,14 @@ class NavigatorNode(ChairNode[NavigatorNodeSettings]):
             self._pilot.look(frame, pose, lean)
 
     def _map_from_base(self, stamp_ns: int) -> Pose2 | None:
-        """None while the odometry is silent or the chair's place unknown."""
+        """Return the chair's pose at a stamp; None without current odometry or localisation."""
         odom_from_base = self._track.odom_from_base(stamp_ns)
         if odom_from_base is None or self._located is None:
             return None
         return self._located[1].map_from_odom @ odom_from_base
 
     def _obey(self, report: DriveReport) -> None:
-        """What the bridge has decided and done."""
+        """Take the bridge's report: its verdict about the drive, and the command that it sent."""
         self._state, self._told_ns = report, time.monotonic_ns()
         pilot = self._pilot
         if pilot is None or self._goal_id == NO_GOAL:
@@ -330,9 +330,10 @@ class NavigatorNode(ChairNode[NavigatorNodeSettings]):
         self._look()
 
     def _step(self) -> None:
-        """One step of the navigator; what it wants goes to the bridge, whatever that is.
+        """Make one step of the navigator, and send its request to the bridge, even without a drive.
 
-        Stamps are of ROS's clock; the navigator itself lives by the computer's steady one, whatever happens to that.
+        Stamps are of ROS's clock. The navigator itself uses the steady clock, so that jumps of ROS's clock do not affect
+        it.
         """
         now_ns, steady_ns = self.now_ns(), time.monotonic_ns()
         pose = self._map_from_base(now_ns)
@@ -357,7 +358,7 @@ class NavigatorNode(ChairNode[NavigatorNodeSettings]):
         self._renew()
 
     def _request(self, now_ns: int, navigation: Navigation | None = None) -> DriveRequest:
-        """What is wanted of the bridge, by this tick's navigation or, without one, nothing but that there is a goal."""
+        """Return the request to the bridge from this tick's navigation; without one, only the goal."""
         if self._pilot is None:
             return DriveRequest(now_ns)
         navigator, last = self._pilot.navigator, navigation or self._navigation
@@ -376,7 +377,7 @@ class NavigatorNode(ChairNode[NavigatorNodeSettings]):
         )
 
     def _missing(self, now_ns: int) -> str:
-        """Why no goal can be kept: the bridge is silent, the chair's place, or the camera, where that matters so much."""
+        """Return why a goal must be dropped: the bridge, the localisation or (if so configured) the camera is silent; or ''."""
         if self._told_ns is None or now_ns - self._told_ns > _SILENT_NS:
             return "the bridge does not answer: wait until it is back, then ask for the goal again"
         if self._placed_ns is None or now_ns - self._placed_ns > _SILENT_NS:
@@ -388,11 +389,11 @@ class NavigatorNode(ChairNode[NavigatorNodeSettings]):
         return self.settings.fitness.depth_silent == "stop"
 
     def _is_blind(self, now_ns: int) -> bool:
-        """F13: whether there is a camera that has fallen silent, so that nobody sees drop-offs."""
+        """Return whether a working camera has fallen silent, so that drop-offs go unseen (F13)."""
         return self._looked_ns is not None and CAMERA_RATE.is_stale(self._looked_ns, now_ns)
 
     def _is_late(self, now_ns: int) -> bool:
-        """Whether the last scan whose place is known is too old to drive by."""
+        """Return whether the last localised scan is too old for driving."""
         return self._located is None or SCAN_RATE.is_stale(self._located[0], now_ns)
 
     def _slowed(self, command: Twist) -> Twist:
@@ -407,7 +408,7 @@ class NavigatorNode(ChairNode[NavigatorNodeSettings]):
         self._send_request(drive_request(request))
 
     def _tell_action(self, pose: Pose2 | None = None) -> None:
-        """Feedback now and then and once at the end, and the end of a drive at once."""
+        """Send the action's feedback periodically and at the end, and its result at once."""
         self._ticks += 1
         if not self._action.active or self._pilot is None:
             return
@@ -429,7 +430,7 @@ class NavigatorNode(ChairNode[NavigatorNodeSettings]):
 
 
 def _way_left(way: Path | None, pose: Pose2) -> float:
-    """[m] along a path from the point of it that is nearest to a pose."""
+    """Return the length [m] of a path from its point nearest to a pose."""
     if way is None or len(way.poses) < 2:
         return 0.0
     points = way.poses[:, :2]
@@ -438,7 +439,7 @@ def _way_left(way: Path | None, pose: Pose2) -> float:
 
 
 def main(arguments: Sequence[str] | None = None) -> int:
-    """The node's process."""
+    """Run the node's process, and return its exit code."""
     return run_node(NavigatorNode, arguments)
 
 

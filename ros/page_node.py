@@ -1,14 +1,14 @@
-"""The page as a node: it hears what a page shows, and says what a page asks for (`page_port`).
+"""The page node: it connects the rider's page to the chair's nodes (`page_port`).
 
 | takes | |
 |---|---|
-| drive_state, drive_request, localisation, odom, scan, plan, people, map, places | what is shown |
-| camera/... | while somebody looks at its pictures |
+| drive_state, drive_request, localisation, odom, scan, plan, people, map, places | for display |
+| camera/... | only while a page shows its pictures |
 
 | sends | |
 |---|---|
-| page_joystick, page_watch | a page's joystick while it is held; that there is a page to press Stop on |
-| stop, initialpose, layout_changed | what a page asks for |
+| page_joystick, page_watch | a page's joystick while it is held; a heartbeat while a page with a Stop button is open |
+| stop, initialpose, layout_changed | requests of a page |
 
 It calls `confirm`, `pause`, `go_on`, `cancel`, `stop`, `reset_faults`, `reinitialize_global_localization`, and navigate_to_pose.
 """
@@ -33,7 +33,7 @@ _LOOK_HZ = 5.0
 
 @dataclass(frozen=True, slots=True)
 class PageNodeSettings(Settings):
-    """Which chair, which map's folder, and where the page is served."""
+    """The chair, the map's folder, and the address of the page."""
 
     calibration: str = setting("", "", "the chair's file; empty: a simulated chair's")
     chair: str = setting("A", "", "the simulated chair, where there is no file")
@@ -44,10 +44,10 @@ class PageNodeSettings(Settings):
 
 
 class PageNode(ChairNode[PageNodeSettings]):
-    """A `PagePort` and, for as long as the node lives, the server of its page."""
+    """A node with a `PagePort` and the web server of its page."""
 
     def __init__(self, serve: Callable[[ChairPort, PageNodeSettings], AbstractContextManager[str]]) -> None:
-        """`serve` gives the page's address."""
+        """Start the page with `serve`, a context manager that yields the page's address."""
         super().__init__("page", PageNodeSettings)
         s = self.settings
         folder = Path(s.map_folder) if s.map_folder else None
@@ -59,5 +59,5 @@ class PageNode(ChairNode[PageNodeSettings]):
         self.get_logger().info(f"the page is at {address.partition('#')[0]}")
 
     def reports(self) -> Iterable[Report]:
-        """Whether its pictures can be shown."""
+        """Report whether the camera's pictures can be shown."""
         return self._port.reports()

@@ -1,4 +1,4 @@
-"""ROS parameters from a module's `Settings`: names with dots for nested settings, units and bounds as descriptions."""
+"""ROS parameters from `Settings`: dotted names for nested settings, with descriptors for meaning, unit and bounds."""
 
 from __future__ import annotations
 
@@ -18,12 +18,12 @@ from waychair.yaml_files import yaml_from_text
 S = TypeVar("S", bound=Settings)
 
 _SCALARS = (bool, int, float, str)
-_LARGEST = 2**62  # a bound of whole numbers that has none
+_LARGEST = 2**62  # stands for an infinite bound of whole numbers
 
 
 @dataclasses.dataclass(frozen=True, slots=True)
 class Leaf:
-    """One setting that is a value: its dotted name, value, and what its field says (`unit`, `about`, `low`, `high`)."""
+    """One setting with a plain value: its dotted name, value, and metadata (`unit`, `about`, `low`, `high`)."""
 
     name: str
     value: Any
@@ -31,7 +31,7 @@ class Leaf:
 
     @property
     def parameter(self) -> Any:
-        """The value as ROS can hold it: scalars and lists of one kind as they are, anything else as YAML text."""
+        """Return the value as a ROS parameter: scalars and uniform lists as they are, anything else as YAML text."""
         value = list(self.value) if isinstance(self.value, tuple) else self.value
         if isinstance(value, _SCALARS):
             return value
@@ -41,12 +41,12 @@ class Leaf:
 
     @property
     def is_text(self) -> bool:
-        """Whether ROS holds it as YAML text."""
+        """Return whether the ROS parameter is YAML text."""
         return isinstance(self.parameter, str) and not isinstance(self.value, str)
 
 
 def leaves(settings: Settings, prefix: str = "") -> dict[str, Leaf]:
-    """All values of settings, by dotted name."""
+    """Return all plain values of nested settings, by dotted name."""
     found: dict[str, Leaf] = {}
     for entry in dataclasses.fields(settings):
         name, value = f"{prefix}{entry.name}", getattr(settings, entry.name)
@@ -58,10 +58,10 @@ def leaves(settings: Settings, prefix: str = "") -> dict[str, Leaf]:
 
 
 def settings_from_parameters(kind: type[S], values: Mapping[str, Any], where: str) -> S:
-    """Settings from parameters by dotted name; those that are not given keep their defaults.
+    """Return settings from parameters by dotted name; missing ones keep their defaults. `where` names the node.
 
     Raises:
-        ConfigError: a name that there is not (with the nearest one), a wrong type, or an impossible value.
+        ConfigError: an unknown name (with the nearest one), a wrong type, or an impossible value.
     """
     texts = {name for name, leaf in leaves(kind()).items() if leaf.is_text}
     nested: dict[str, Any] = {}
@@ -77,7 +77,7 @@ def settings_from_parameters(kind: type[S], values: Mapping[str, Any], where: st
 
 
 def descriptor(leaf: Leaf, *, dynamic: bool) -> Any:
-    """rcl_interfaces/ParameterDescriptor: what the setting is for, its unit and bounds, and whether it may change."""
+    """Return a rcl_interfaces/ParameterDescriptor with a setting's meaning, unit and bounds, and whether it may change."""
     about, unit = leaf.metadata.get("about", ""), leaf.metadata.get("unit", "")
     described = interface_type("rcl_interfaces/msg/ParameterDescriptor")(
         description=f"{about} [{unit}]" if unit else about, read_only=not dynamic, dynamic_typing=leaf.is_text
@@ -106,7 +106,7 @@ def _from_text(name: str, value: Any, where: str) -> Any:
 
 
 def _listed(value: Any) -> Any:
-    """rclpy gives arrays as array.array."""
+    """Return the value with rclpy's array.array as a list."""
     return value if isinstance(value, str | bytes) or not isinstance(value, Iterable) else list(value)
 
 

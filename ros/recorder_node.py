@@ -1,8 +1,8 @@
-"""The recorder as a node: all that the chair's nodes say, into a ROS 2 bag, without ros2cli.
+"""The recorder node: records the messages of the chair's nodes to a ROS 2 bag, without ros2cli.
 
-Messages are kept as the bytes that came, logged at the time at which they came. Every second what there is goes to the
-file, so that a recorder that is killed leaves all but its last second (see `BagOutput.aside`); one that is asked to end
-leaves the whole bag at its path.
+Messages are stored as the received bytes, with their time of arrival. The bag is flushed every second, so that a killed
+recorder loses at most its last second (see `BagOutput.aside`). A recorder that ends normally leaves the whole bag at its
+path.
 """
 
 from __future__ import annotations
@@ -54,15 +54,15 @@ DRIVE: tuple[RosTopic, ...] = (
     topics.DIAGNOSTICS,
 )
 PICTURES: tuple[RosTopic, ...] = (topics.COLOUR, topics.COLOUR_INFO, topics.DEPTH, topics.DEPTH_INFO)
-"""Some 25 MB a second before they are compressed."""
+"""About 25 MB a second before compression."""
 
-_DEPTH = 200  # messages that wait while the disk is busy
+_DEPTH = 200  # QoS depth: messages that are queued while the disk is busy
 _FLUSH_HZ = 1.0
 
 
 @dataclass(frozen=True, slots=True)
 class RecorderNodeSettings(Settings):
-    """Where to, and what."""
+    """The bag's path, and the optional topics."""
 
     out: str = setting(
         "drive.mcap", "", "the bag: a file that ends in .mcap or .db3, or a folder; there must be none yet"
@@ -72,7 +72,7 @@ class RecorderNodeSettings(Settings):
 
 @dataclass(frozen=True, slots=True)
 class Recorded:
-    """A bag that was recorded: seconds from its first to its last message, and how many came by topic."""
+    """A recorded bag: its path, seconds from the first to the last message, message counts by topic, and size."""
 
     path: Path
     seconds: float
@@ -81,10 +81,10 @@ class Recorded:
 
 
 class RecorderNode(ChairNode[RecorderNodeSettings]):
-    """One `BagOutput`; `recorded` is what came of it, once the node has ended."""
+    """A node that writes a `BagOutput`; `recorded` is its summary after the node has ended."""
 
     def __init__(self, settings: RecorderNodeSettings | None = None) -> None:
-        """The settings stand for the node's parameters, for who starts it by itself."""
+        """Take settings that replace the node's parameters, for use from a program."""
         super().__init__("recorder", RecorderNodeSettings)
         self.settings = settings or self.settings
         self.recorded: Recorded | None = None
@@ -102,7 +102,7 @@ class RecorderNode(ChairNode[RecorderNodeSettings]):
         self.every(_FLUSH_HZ, self._fit)
 
     def reports(self) -> Iterable[Report]:
-        """How much there is, of which topics."""
+        """Report the size of the bag and the message counts."""
         counts = ((name, str(count)) for name, count in sorted(self._counts.items()))
         values = (("MB", f"{self._bag.size / 1e6:.1f}"), *counts)
         level = Level.OK if self._counts else Level.WARN
@@ -119,7 +119,7 @@ class RecorderNode(ChairNode[RecorderNodeSettings]):
         self._heard[topic] = subscription
 
     def _fit(self) -> None:
-        """Take what is offered with less than is usual: best is some of it."""
+        """Subscribe again, with best effort, to topics whose publishers offer less than the usual QoS."""
         for topic in self._misfits:
             self.destroy_subscription(self._heard[topic])
             self._listen(topic, replace(topic, qos=topics.Qos(_DEPTH, reliable=False)))
@@ -138,14 +138,15 @@ class RecorderNode(ChairNode[RecorderNodeSettings]):
         return take
 
     def _end(self) -> None:
-        """
+        """Finish the bag.
+
         Raises:
-            RecordingError: nothing came.
+            RecordingError: no message was received.
             OutputError: the bag cannot be finished.
         """
         if not self._bag.is_open:
             return
-        if self._span_ns is None or set(self._counts) == {topics.DIAGNOSTICS.name}:  # its own
+        if self._span_ns is None or set(self._counts) == {topics.DIAGNOSTICS.name}:  # the recorder's own
             self._bag.discard()
             raise RecordingError("nothing was recorded, for nobody said anything: start the chair with `waychair up`")
         megabytes = self._bag.size / 1e6
@@ -154,12 +155,12 @@ class RecorderNode(ChairNode[RecorderNodeSettings]):
 
 
 def record(path: Path, camera: bool = False, namespace: str = "") -> Recorded:
-    """Record what the chair's nodes say, until SIGINT or SIGTERM; those of a namespace, where one is given.
+    """Record the messages of the chair's nodes until SIGINT or SIGTERM; `namespace` selects one chair's nodes.
 
     Raises:
-        ConfigError: the namespace is impossible.
-        OutputError: there is something at the path already, it cannot be written to, or its disk is full.
-        RecordingError: nothing came.
+        ConfigError: the namespace is invalid.
+        OutputError: the path exists, cannot be written to, or its disk is full.
+        RecordingError: no message was received.
     """
     nodes: list[RecorderNode] = []
 
@@ -175,7 +176,7 @@ def record(path: Path, camera: bool = False, namespace: str = "") -> Recorded:
 
 
 def main(arguments: Sequence[str] | None = None) -> int:
-    """The node's process."""
+    """Run the node's process, and return its exit code."""
     return run_node(RecorderNode, arguments)
 
 

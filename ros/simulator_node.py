@@ -1,4 +1,4 @@
-"""The simulated chair as a node, in real time: what a real one's sensors, drivers and cable would give.
+"""The simulator node: a simulated chair in real time, with the sensors, drivers and serial cable of a real one.
 
 | sends | |
 |---|---|
@@ -6,12 +6,12 @@
 | camera/... | pictures and depth, where this computer can render |
 | joint_states | angles of the drive wheels, from their encoders |
 | odom, /tf, /tf_static | unless `publish_base` is off: dead reckoning, and the mounts of the chair's file |
-| ground_truth/odom | where the chair really is; a stack must not take it |
-| ground_truth/lines | what is on the joystick lines, at each change; likewise |
+| ground_truth/odom | the true pose; a driving stack must not subscribe to it |
+| ground_truth/lines | the voltages of the joystick lines, at each change; likewise |
 | /clock | with `use_sim_time` |
 
-It takes `joy`, the rider's own stick. The joystick lines are held by the shipped firmware, which a bridge reaches by
-the pseudo-terminal `board_link`, as it would by a cable.
+It subscribes to `joy`, the rider's joystick. The shipped firmware drives the joystick lines; a bridge connects to it by
+the pseudo-terminal `board_link`, as by a cable.
 """
 
 from __future__ import annotations
@@ -53,13 +53,13 @@ from waychair.types import ImuSample, JoystickInput, Odometry, Pose2, RgbdFrame,
 
 _REMEMBER_HZ = 10.0
 _SLACK_S = 0.04
-"""A delay beyond this is never caught up: in the rush the board's time goes by without a word from the computer, whose
-silence it forgives for 0.1 s, and stamps are as old as the delay."""
+"""A longer delay is never caught up. While catching up, the board's time would pass without messages from the computer,
+whose silence it tolerates for 0.1 s, and stamps would be as old as the delay."""
 
 
 @dataclass(frozen=True, slots=True)
 class SimulatorNodeSettings(Settings):
-    """Which chair drives in which world, and what there is of it."""
+    """The simulated chair, its world, and its sensors."""
 
     world: str = setting("small_clinic", "", "a world that ships (`waychair worlds`), or a plan's .yaml file")
     level: str = setting("", "", "level of it; empty: the first")
@@ -80,7 +80,7 @@ class SimulatorNodeSettings(Settings):
 
 
 class _Board(HostBoard):
-    """The board; `left` is what it left on the lines last."""
+    """The simulated board; `left` is the last state of its lines."""
 
     left: LineState | None = None
 
@@ -90,7 +90,7 @@ class _Board(HostBoard):
 
 
 class SimulatorNode(ChairNode[SimulatorNodeSettings]):
-    """One simulated chair; its time goes by in the worker's thread, to which the renderer belongs."""
+    """A node with one simulated chair, which runs in the worker's thread, since the renderer needs a single thread."""
 
     def __init__(self) -> None:
         super().__init__("simulator", SimulatorNodeSettings)
@@ -111,7 +111,7 @@ class SimulatorNode(ChairNode[SimulatorNodeSettings]):
         self.at_end(self._ended.set)
 
     def reports(self) -> Iterable[Report]:
-        """The pace, what the chair ran into, and where its cable is."""
+        """Report the real-time factor, the number of contacts, and the path of the cable."""
         if self._simulator is None:
             return (Report("simulation", Level.STALE, "the world is being built"),)
         lost_s, self._lost_s = self._pacer.lost_s - self._lost_s, self._pacer.lost_s
@@ -129,7 +129,7 @@ class SimulatorNode(ChairNode[SimulatorNodeSettings]):
         return (Report("simulation", level, message, values),)
 
     def _simulate(self) -> None:
-        """Build the world and let its time go by with the wall's, until the node ends."""
+        """Build the world and run it in real time until the node ends."""
         if self.settings.urgent:
             urgent()
         with ExitStack() as ends:
@@ -178,14 +178,14 @@ class SimulatorNode(ChairNode[SimulatorNodeSettings]):
             if s.board_link:
                 link = Path(s.board_link)
                 if link.is_symlink():
-                    link.unlink()  # of a simulator that was killed: its terminal's number may be somebody's again
+                    link.unlink()  # left by a killed simulator; its terminal's number may be in use again
                 make_link(link, Path(board.path))
                 ends.callback(link.unlink, missing_ok=True)
                 self._cable = str(link)
         return simulator
 
     def _remember(self) -> None:
-        """Keep where the chair is: one that is simulated again goes on from there, as a real one would have stayed."""
+        """Save the chair's pose, so that a restarted simulator continues there, as a real chair would."""
         simulator, s = self._simulator, self.settings
         pose = None if simulator is None else simulator.truth()
         if pose is None or pose == self._remembered:
@@ -197,14 +197,14 @@ class SimulatorNode(ChairNode[SimulatorNodeSettings]):
             self.get_logger().warning(str(error), throttle_duration_sec=60.0)
 
     def _rider(self, now_ns: int) -> JoystickInput:
-        """The stick, which springs back when nobody says that it is held."""
+        """Return the rider's joystick; it springs back when its messages are stale."""
         stick = self._joystick.latest
         if stick is None or self._joystick.is_stale():
             return JoystickInput(now_ns)
         return replace(stick, stamp_ns=now_ns)
 
     def _stamp_ns(self, simulated_ns: int) -> int:
-        """Simulated time as the other nodes have it: theirs is the wall's, unless they follow /clock."""
+        """Return simulated time in the clock of the other nodes: wall time, unless they follow /clock."""
         if self._is_clock:
             return simulated_ns
         return self._began_ns + round(self._pacer.lost_s * 1e9) + simulated_ns
@@ -213,7 +213,7 @@ class SimulatorNode(ChairNode[SimulatorNodeSettings]):
         self._send(topics.CLOCK, ros_messages.make("rosgraph_msgs/msg/Clock", ros_messages.header(now_ns, "").stamp))
 
     def _tell_lines(self) -> None:
-        """When the lines have changed; stamped by the clock, behind which the simulated time may be a little."""
+        """Publish changed line voltages, stamped by the node's clock, which may be slightly ahead of simulated time."""
         left, before = None if self._board is None else self._board.left, self._left
         if left is None or (before is not None and _on_lines(left) == _on_lines(before)):
             return
@@ -256,7 +256,7 @@ class SimulatorNode(ChairNode[SimulatorNodeSettings]):
         self._send(topics.DEPTH, ros_messages.depth_image(frame))
 
     def _send(self, topic: topics.RosTopic, message: Any) -> None:
-        """On a topic that is there from its first message on."""
+        """Publish a message; the first one on a topic creates its publisher."""
         if topic.name not in self._sends:
             self._sends[topic.name] = self.publisher(topic)
         self._sends[topic.name](message)
@@ -276,7 +276,7 @@ def _on_lines(state: LineState) -> tuple[int, int, int]:
 
 
 def main(arguments: Sequence[str] | None = None) -> int:
-    """The node's process."""
+    """Run the node's process, and return its exit code."""
     return run_node(SimulatorNode, arguments)
 
 

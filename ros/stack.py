@@ -1,4 +1,4 @@
-"""A chair's nodes as a table of processes: which ones, with which parameters, for a real chair or a simulated one."""
+"""The table of a chair's processes and their parameters, for a real or a simulated chair."""
 
 from __future__ import annotations
 
@@ -21,31 +21,31 @@ from waychair.simulation.world import World, load_world
 from waychair.types import Pose2
 
 BOARD_LINK = "board"
-"""Name of the simulated board's cable in the folder of a run."""
+"""The name of the simulated board's cable in the folder of a run."""
 
 MADE_MAP = "made_map"
-"""Name of the folder, in that of a run, for the map that was made in it."""
+"""The folder of a newly made map in the folder of a run."""
 
 _POSE_FILE, _TRUTH_FILE = "pose.json", "simulated_pose.json"
 
 _PAGE, _PAGE_MODULE = "page", "waychair.cli.page_process"
-"""It brings the page's node and the web server together, which do not know each other."""
+"""The module that combines the page's node and the web server, which do not import each other."""
 
 COUNTDOWN_S = 3.0
-"""From the rider's yes to the first motion, where a page announces it."""
+"""Seconds from the rider's confirmation to the first motion, if there is a page to announce it."""
 
 _PRIORITIES = {"simulator": 5, "bridge": 4, "mapper": 3, "navigator": 2}
-"""Of urgent processes: who stops the chair comes before who drives it, and a simulated world is on time for all."""
+"""Real-time priorities with `urgent`: stopping comes before driving, and the simulated world is on time for all."""
 
 
 @dataclass(frozen=True, slots=True)
 class Stack:
-    """What is to run. `folder` is where the run keeps its files; `world` is that of a simulated chair.
+    """The configuration of a run. `folder` holds the run's files; `world` is the world of a simulated chair.
 
-    Without a map a simulated chair is given its world's own plan, unless it is `mapping`. `parameters` is a YAML file of
-    the user's, which outweighs what is said here. `deaf`: no speeds are obeyed. `urgent`: with real-time priority.
-    `box`: folder of the black box; None: no log is kept. `page_port`: of the page, on `page_host`; None: there is none.
-    Where there is one a drive begins with a countdown, for the page announces it. `namespace`: of all nodes' names.
+    Without a map a simulated chair gets its world's floor plan as the map, unless `mapping`. `parameters` is a YAML file
+    of the user that overrides these settings. `deaf`: all speed commands are ignored. `urgent`: real-time priority.
+    `box`: folder of the black box; None: no log. `page_port`, `page_host`: address of the page; port None: no page. With
+    a page, each drive begins with a countdown that the page announces. `namespace`: that of all nodes.
     """
 
     folder: Path
@@ -69,12 +69,11 @@ class Stack:
 
 
 def processes(stack: Stack) -> tuple[Process, ...]:
-    """The table, its parameter files written into the stack's folder.
+    """Return the process table, after writing the parameter files into the stack's folder.
 
     Raises:
-        ConfigError: there is neither a world nor a cable, or neither a map nor the wish to make one, or the namespace
-            is impossible.
-        WorldError: there is no such world.
+        ConfigError: a world or a cable is missing, a map or `mapping` is missing, or the namespace is invalid.
+        WorldError: the world does not exist.
         OutputError: the folder cannot be written to.
     """
     if not stack.world and not stack.cable:
@@ -88,7 +87,7 @@ def processes(stack: Stack) -> tuple[Process, ...]:
     chair: dict[str, object] = {"calibration": str(stack.calibration.resolve()) if stack.calibration else ""}
     place = {**chair, "map_folder": "" if known is None else str(known[0])}
     if stack.world:
-        (folder / _TRUTH_FILE).unlink(missing_ok=True)  # of an earlier run
+        (folder / _TRUTH_FILE).unlink(missing_ok=True)  # left by an earlier run
         rows["simulator"] = {
             "world": stack.world,
             "seed": stack.seed,
@@ -100,7 +99,7 @@ def processes(stack: Stack) -> tuple[Process, ...]:
         }
     start = stack.start or (None if known is None else known[1])
     if known is not None and start is not None:
-        # As what the mapper remembers: when it is started again during a run, the chair stands elsewhere.
+        # As the mapper's saved pose, not as its `start`: when it restarts during a run, the chair stands elsewhere.
         remember_pose(folder / _POSE_FILE, known[0], start)
     rows["bridge"] = {
         **place,
@@ -123,8 +122,10 @@ def processes(stack: Stack) -> tuple[Process, ...]:
 
 
 def _known_map(stack: Stack, folder: Path) -> tuple[Path, Pose2 | None] | None:
-    """The map's folder, or its YAML file where that has a name of its own, and where the chair stands on it, if that is
-    known; None while a map is being made."""
+    """Return the map's folder (or its YAML file if that is not named map.yaml), and the start pose if known.
+
+    None while a map is being made.
+    """
     if stack.map_folder is not None:
         path = yaml_path(stack.map_folder)
         folder = path.parent.resolve()
@@ -137,12 +138,12 @@ def _known_map(stack: Stack, folder: Path) -> tuple[Path, Pose2 | None] | None:
 
 
 def _save_plan(world: World, folder: Path) -> None:
-    """The world's own plan as a map; what people have drawn on it in an earlier run stays."""
+    """Save the world's floor plan as a map; places and zones drawn on it in an earlier run are kept."""
     if (folder / MAP_YAML).is_file():
         known, grid = load_map(folder), without(world.grid, load_erased(folder))
         if known.cells.shape == grid.cells.shape and (known.cells == grid.cells).all():
             return
-    forget(folder)  # it was drawn on another world's
+    forget(folder)  # places and zones were drawn on another world's plan
     save_map(folder, world.grid)
     save_places(folder, {place.name: place for place in world.places})
 

@@ -1,27 +1,29 @@
-"""A timer whose ticks come a little behind what they act on, so that news do not wait for most of a period."""
+"""Phase-locking a timer to periodic messages: its ticks follow a message after a short delay, not after a long wait."""
 
 from __future__ import annotations
 
 
 class TickPhase:
-    """Moves the ticks of a timer, a bit at a time, to just behind regular news."""
+    """Moves the ticks of a timer, in small steps, to just after periodic messages."""
 
     def __init__(self, period_ns: int, behind_ns: int = 6_000_000, most_ns: int = 2_000_000) -> None:
-        """`behind_ns`: from the news to the tick, so that news which are late by less are not missed; `most_ns`: by
-        which a period may be changed."""
+        """Take the period, the delay `behind_ns` from a message to the tick, and the largest change `most_ns` of a period.
+
+        The delay allows for jitter: a message that is late by less is not missed.
+        """
         self._period_ns, self._behind_ns, self._most_ns = period_ns, behind_ns, most_ns
         self._ticked_ns: int | None = None
 
     def ticked(self, now_ns: int) -> None:
-        """A tick begins."""
+        """Note the time of a tick."""
         self._ticked_ns = now_ns
 
     def came(self, now_ns: int) -> int:
-        """News have come: how long the next period should be [ns]."""
+        """Note the arrival of a message, and return the next period [ns]."""
         if self._ticked_ns is None:
             return self._period_ns
         wait_ns = (self._ticked_ns - now_ns) % self._period_ns
         late_ns = wait_ns - self._behind_ns
-        if late_ns > self._period_ns // 2:  # the tick before was a bit too early
+        if late_ns > self._period_ns // 2:  # the tick before was slightly too early
             late_ns -= self._period_ns
         return self._period_ns - min(max(late_ns // 2, -self._most_ns), self._most_ns)

@@ -1,8 +1,7 @@
-"""What the chair's nodes publish and take: names, types, frames and QoS as Nav2, RViz and Foxglove users expect them.
+"""Topics of the chair's nodes: names, types, frames and QoS as Nav2, RViz and Foxglove users expect them.
 
-What bags hold, too, is in `waychair.ros_topics`; here is the rest. Names are relative, so that a namespace and remapping
-work; those with a slash are absolute for everybody (tf2_ros, diagnostic_updater and rclcpp name them so), and Nav2's
-launch files remap them.
+`waychair.ros_topics` defines the topics that bags hold too. Names are relative, so that namespaces and remapping work.
+Names with a leading slash are absolute, as in tf2_ros, diagnostic_updater and rclcpp; Nav2's launch files remap them.
 """
 
 from __future__ import annotations
@@ -54,7 +53,7 @@ __all__ = [
 JOY = RosTopic("joy", "sensor_msgs/msg/Joy", SENSOR_DATA, "", topics.JOYSTICK)
 BATTERY = RosTopic("battery_state", "sensor_msgs/msg/BatteryState", RELIABLE, "", topics.STATUS)
 SEAT = RosTopic("seat_occupied", "std_msgs/msg/Bool", RELIABLE, "", topics.STATUS)
-"""Whether somebody sits in the chair, from its seat switch, where one is fitted (`fitness.seat_switch`)."""
+"""Whether the seat is occupied, from the seat switch, where one is fitted (`fitness.seat_switch`)."""
 
 MAP = RosTopic("map", "nav_msgs/msg/OccupancyGrid", LATCHED, MAP_FRAME, topics.MAP)
 PLAN = RosTopic("plan", "nav_msgs/msg/Path", RELIABLE, MAP_FRAME, topics.PLAN)
@@ -64,31 +63,31 @@ LOCAL_COSTMAP = RosTopic("local_costmap/costmap", "nav_msgs/msg/OccupancyGrid", 
 FOOTPRINT = RosTopic("local_costmap/published_footprint", "geometry_msgs/msg/PolygonStamped", RELIABLE, ODOM_FRAME)
 COMMAND = RosTopic("cmd_vel", "geometry_msgs/msg/Twist", RELIABLE, BASE_FRAME, topics.COMMAND)
 STAMPED_COMMAND = RosTopic("cmd_vel", "geometry_msgs/msg/TwistStamped", RELIABLE, BASE_FRAME, topics.COMMAND)
-"""The same name with a stamp, for those who set `enable_stamped_cmd_vel`, as in Nav2."""
+"""The command with a stamp, used if `enable_stamped_cmd_vel` is set, as in Nav2."""
 
 GOAL = RosTopic("goal_pose", "geometry_msgs/msg/PoseStamped", RELIABLE, MAP_FRAME, topics.GOAL)
 INITIAL_POSE = RosTopic("initialpose", "geometry_msgs/msg/PoseWithCovarianceStamped", RELIABLE, MAP_FRAME)
 POSE = RosTopic("amcl_pose", "geometry_msgs/msg/PoseWithCovarianceStamped", LATCHED, MAP_FRAME)
-"""Named after Nav2's localiser, since scripts wait for it."""
+"""Named after Nav2's localiser, because scripts wait for this topic."""
 
 LINES = RosTopic("ground_truth/lines", "waychair_msgs/msg/Lines", Qos(200, latched=True), BASE_FRAME)
-"""What is on the simulated joystick lines, at each change: for measurements, as `TRUTH`."""
+"""The voltages of the simulated joystick lines, at each change: for measurements only, like `TRUTH`."""
 
 SPEED_LIMIT = RosTopic("speed_limit", "nav2_msgs/msg/SpeedLimit", RELIABLE, MAP_FRAME)
 STOP = RosTopic("stop", "std_msgs/msg/Empty", RELIABLE)
-"""The rider's stop; a service of the same name (std_srvs/Trigger) does the same and answers."""
+"""The rider's Stop; a service of the same name (std_srvs/Trigger) does the same and answers."""
 
 PAGE_JOYSTICK = RosTopic("page_joystick", "sensor_msgs/msg/Joy", RELIABLE, BASE_FRAME)
-"""A page's joystick, while it is held; without axes: it was let go."""
+"""A page's joystick while it is held; a message without axes means that it was released."""
 
 PAGE_WATCH = RosTopic("page_watch", "std_msgs/msg/Empty", RELIABLE)
-"""Said several times a second while a page is open on which Stop can be pressed."""
+"""Heartbeat several times a second while a page with a usable Stop button is open."""
 
 LAYOUT = RosTopic("layout_changed", "std_msgs/msg/Empty", RELIABLE)
-"""Places, zones or what was erased of the map have changed in its folder."""
+"""The places, zones or erased parts in the map's folder have changed."""
 
 PEOPLE = RosTopic("people", "geometry_msgs/msg/PoseArray", RELIABLE, MAP_FRAME)
-"""Where those are who walk about, or have."""
+"""Positions of pedestrians, walking or standing after a walk."""
 
 ROBOT_DESCRIPTION = RosTopic("robot_description", "std_msgs/msg/String", LATCHED)
 CLOCK = RosTopic("/clock", "rosgraph_msgs/msg/Clock", Qos(1))
@@ -100,11 +99,11 @@ DRIVE_STATE = RosTopic("drive_state", "waychair_msgs/msg/DriveState", RELIABLE, 
 PLACES = RosTopic("places", "waychair_msgs/msg/Places", LATCHED, MAP_FRAME)
 
 NAVIGATE_TO_POSE = "navigate_to_pose"
-"""Name of the action nav2_msgs/action/NavigateToPose."""
+"""The name of the action nav2_msgs/action/NavigateToPose."""
 
 
 def profile(qos: Qos) -> Any:
-    """rclpy's QoSProfile."""
+    """Return rclpy's QoSProfile."""
     from rclpy.qos import DurabilityPolicy, QoSProfile, ReliabilityPolicy
 
     return QoSProfile(

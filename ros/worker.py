@@ -1,4 +1,4 @@
-"""Heavy work beside the executor, so that callbacks stay short; kernels that let go of the interpreter run in parallel."""
+"""A worker thread for heavy work, so that callbacks stay short. Kernels that release the GIL run in parallel."""
 
 from __future__ import annotations
 
@@ -14,9 +14,9 @@ T = TypeVar("T")
 
 
 class Worker:
-    """One thread and a short queue: when it is full the oldest job is dropped, since newer data say more.
+    """One thread with a short queue. When the queue is full the oldest job is dropped, since newer data matter more.
 
-    Results come back in the executor's thread, and what a job raised is raised there.
+    Results are delivered in the executor's thread, and a job's exception is raised there.
     """
 
     def __init__(self, node: Node, length: int = 4) -> None:
@@ -28,7 +28,7 @@ class Worker:
         self._back = node.create_guard_condition(self._hand_back)
 
     def submit(self, job: Callable[[], T], done: Callable[[T], None]) -> None:
-        """Run `job` in the thread, then `done` with its result in the executor's."""
+        """Run `job` in the worker thread, then `done` with its result in the executor's thread."""
         self._waiting = deque(future for future in self._waiting if not (future.running() or future.done()))
         if len(self._waiting) >= self._length:
             self._waiting.popleft().cancel()
@@ -38,7 +38,7 @@ class Worker:
         future.add_done_callback(lambda ended: self._ended(done, ended))
 
     def close(self) -> None:
-        """Drop what waits, and wait for the job at hand."""
+        """Drop the queued jobs, and wait for the running one."""
         self._pool.shutdown(cancel_futures=True)
 
     def _ended(self, done: Callable[[Any], None], future: Future[Any]) -> None:
