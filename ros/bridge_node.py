@@ -1,25 +1,25 @@
-"""The bridge as a node: the half of a chair at its cable, from the navigator's speeds to the joystick lines.
+"""The bridge node: it supervises the drive, limits the navigator's speeds and sends them to the board by its cable.
 
 | takes | |
 |---|---|
-| cmd_vel, drive_request | the navigator's speeds, and whether it drives: of the navigator alone, and from just now |
-| scan, imu/data, joint_states, battery_state | for odometry, limits and the collision monitor, a process of its own |
-| localisation | for slow zones, and so that nobody drives who does not know where it is |
-| stop | the rider's Stop |
-| page_joystick, page_watch, layout_changed | of a page: its joystick, that it is there, other zones |
+| cmd_vel, drive_request | the navigator's speeds and requests; only fresh ones, and only from the navigator |
+| scan, imu/data, joint_states, battery_state | for odometry, limits and the collision monitor (a process of its own) |
+| localisation | for slow zones; a chair that is not localised does not drive |
+| stop | the rider's StopReason |
+| page_joystick, page_watch, layout_changed | from a page: its joystick, its heartbeat, changed zones |
 
 | sends | |
 |---|---|
 | odom, /tf, /tf_static | dead reckoning, and the mounts of the chair's file |
-| drive_state | who drives and why, and what was sent |
+| drive_state | the drive mode and its reason, and the command that was sent |
 
-Services: `confirm` (waychair_msgs/Confirm: the rider's yes to the goal that was shown), `stop`, `reset_faults`
-(std_srvs/Trigger). What it is asked for (go, confirm, stop, reset), hears and does is kept in a black box; of a page's
-joystick, zones that change and a place that is given anew what comes of them, tick by tick.
+Services: `confirm` (waychair_msgs/Confirm: the rider's confirmation of a goal), `stop`, `reset_faults` (std_srvs/Trigger).
+A black box records the requests (go, confirm, stop, reset), sensor messages, decisions and commands. A page's joystick,
+changed zones and a newly set pose appear in it by their effects only.
 
-Its tick follows each request of the navigator, so that no time is lost between them; without one it ticks by itself. The
-parts live by the computer's steady clock, whatever happens to ROS's: stamps are moved over as they come in, and what is
-stamped by another clock is left out. What was asked for before this node began is over: nothing goes on by itself.
+The node ticks on each request of the navigator, without delay, and otherwise by a timer. Its parts use the steady clock,
+so that jumps of ROS's clock do not affect them. Incoming stamps are converted, and messages stamped by another clock are
+dropped. A goal requested before this node started is over: no drive resumes by itself.
 """
 
 from __future__ import annotations
@@ -73,23 +73,23 @@ from waychair.topics import SCAN as SCAN_RATE
 from waychair.types import ChairStatus, DriveMode, Goal, JoystickInput, Odometry, Pose2, Twist, WheelTicks
 
 SILENT_NS = 100_000_000
-"""A navigator or localiser that has said nothing for so long is dead, or as good as dead."""
+"""A navigator or localiser that has been silent for so long is treated as dead."""
 
 OTHER_CLOCK_NS = 500_000_000
-"""What is stamped farther from now was held up, or is of another clock (F16)."""
+"""A message whose stamp is farther from now was delayed, or is of another clock (F16)."""
 
-_OPENING_S = 0.02  # a tick waits no longer for a cable that is being opened
-_AHEAD_NS = 50_000_000  # of a request, where /clock ticks
-_TICK_NS = 45_000_000
-_LET_GO_NS = 2_000_000_000  # of silence of a page's joystick: nobody has held it all the time
+_OPENING_S = 0.02  # longest time that a tick waits for opening the cable
+_AHEAD_NS = 50_000_000  # a request may be stamped so far ahead, since /clock is coarse
+_TICK_NS = 45_000_000  # without requests the node ticks this long after the last tick
+_LET_GO_NS = 2_000_000_000  # a page's joystick that is silent for so long has been released
 _WHEELS_HZ = 10.0
 _WATCH_HZ = 50.0
-_NAMES_NS = 200_000_000  # between two looks at who publishes, as long as there are no more than before
+_NAMES_NS = 200_000_000  # time between two checks of the publishers' names while their number is constant
 
 
 @dataclass(frozen=True, slots=True)
 class BridgeNodeSettings(BaseSettings):
-    """Which chair, on which cable, and on which map's zones."""
+    """The chair, the cable, the map whose zones apply, and the nodes that may command."""
 
     calibration: str = setting("", "", "the chair's file (`waychair calibrate`); empty: a simulated chair's")
     chair: str = setting("A", "", "the simulated chair, where there is no file")
@@ -108,7 +108,7 @@ class BridgeNodeSettings(BaseSettings):
 
 @dataclass(slots=True)
 class _Heard:
-    """What came last from another node, and when by the steady clock [ns]."""
+    """The last message from another node, and its arrival by the steady clock [ns]."""
 
     what: Any = None
     at_ns: int = field(default=-SILENT_NS * 1000)
@@ -121,7 +121,7 @@ class _Heard:
 
 
 class BridgeNode(ChairNode[BridgeNodeSettings]):
-    """One `DriveBase`, its heartbeat and its monitor."""
+    """A node with a `DriveBase`, its heartbeat and its collision monitor."""
 
     def __init__(self) -> None:
         super().__init__("bridge", BridgeNodeSettings)
@@ -149,14 +149,14 @@ class BridgeNode(ChairNode[BridgeNodeSettings]):
         self._report_of_tick: DriveReport | None = None
         self._last_stop = ""
         self._watch_of_pages = PageWatch()
-        self._held_ns: int | None = time.monotonic_ns()  # a page's joystick, by all that is known; None: it was let go
-        self._placed: Localisation | None = None  # by the last scan that could be
+        self._held_ns: int | None = time.monotonic_ns()  # a page's joystick may be held since then; None: released
+        self._placed: Localisation | None = None  # by the last localised scan
         self._localised_ns, self._place_ns = 0, -OTHER_CLOCK_NS * 1000  # by the scan's stamp, and by the steady clock
         self._motion = {
             self.resolve_topic_name(topics.COMMAND.name): s.navigator,
             self.resolve_topic_name(topics.DRIVE_REQUEST.name): s.navigator,
             self.resolve_topic_name(topics.PAGE_JOYSTICK.name): s.page,
-        }  # what moves the chair, and the only node that may send it
+        }  # the topics that move the chair, and the only node that may publish each
         self._sender_counts, self._named_ns, self._stranger = [0] * len(self._motion), 0, ""
 
         self._send_odometry, self._send_transform = self.publisher(topics.ODOMETRY), self.publisher(topics.TF)
@@ -189,7 +189,7 @@ class BridgeNode(ChairNode[BridgeNodeSettings]):
         self.every(_WATCH_HZ, self._watch)
 
     def _begun_log(self) -> DriveLog | None:
-        """The black box, where one is asked for."""
+        """Return the black box's log if a folder is configured."""
         s = self.settings
         if not s.box:
             return None
@@ -199,7 +199,7 @@ class BridgeNode(ChairNode[BridgeNodeSettings]):
         return log
 
     def reports(self) -> Iterable[Report]:
-        """Who drives, what stands against it, and whether the board is there."""
+        """Report the black box, the drive mode with the conditions against driving, and the board."""
         if self._log is not None:
             yield self._log.report()
         last = self._report_of_tick
@@ -223,7 +223,7 @@ class BridgeNode(ChairNode[BridgeNodeSettings]):
             yield Report("board", Level.OK, "", (("state", str(telemetry.state)),))
 
     def _hear(self, message: Message) -> bool:
-        """A sensor's message, its stamp moved over to the steady clock; whether it is of this clock at all."""
+        """Process a sensor's message with its stamp converted to the steady clock; return False if it is of another clock."""
         age_ns = self.now_ns() - message.stamp_ns
         if abs(age_ns) > OTHER_CLOCK_NS:
             return False
@@ -240,7 +240,7 @@ class BridgeNode(ChairNode[BridgeNodeSettings]):
             self._publish_odometry(replace(odometry, stamp_ns=message.stamp_ns))
 
     def _show_wheels(self) -> None:
-        """How the wheels have turned, for who draws the chair."""
+        """Publish the wheels' rotation, for displays."""
         frames = wheel_transforms(self._calibration.body, self._wheels)
         self._send_transform(ros_messages.transforms(self.now_ns(), frames))
 
@@ -254,7 +254,7 @@ class BridgeNode(ChairNode[BridgeNodeSettings]):
         self._send_transform(transform(odometry.stamp_ns, ODOM_FRAME, BASE_FRAME, in_space(pose)))
 
     def _locate(self, located: tuple[int, Localisation]) -> None:
-        """What the localiser says; what it repeats shows that it lives, not that it sees."""
+        """Take the localiser's message; a repeated one is only a heartbeat."""
         stamp_ns, localisation = located
         self._located.take(localisation)
         self._place_ns = time.monotonic_ns() - (self.now_ns() - stamp_ns)
@@ -266,7 +266,7 @@ class BridgeNode(ChairNode[BridgeNodeSettings]):
         return ChairStatus(self.now_ns(), seated=bool(message.data))
 
     def _no_speed(self) -> None:
-        """F5: a speed that is none takes the place of the one before, and the chair stops at once."""
+        """Replace the last speed by nan after an invalid one, so that the chair stops at once (F5)."""
         self._command.take(Twist(math.nan, math.nan))
 
     def _take_stamped(self, command: tuple[int, Twist]) -> None:
@@ -274,7 +274,7 @@ class BridgeNode(ChairNode[BridgeNodeSettings]):
             self._command.take(command[1])
 
     def _asked(self, request: DriveRequest) -> None:
-        """The navigator wants something; one that was held up on its way is none."""
+        """Process a request of the navigator, unless it was delayed on its way."""
         if not self._is_of_now(request.stamp_ns):
             return
         if request.active and not self._asked_before:
@@ -286,18 +286,18 @@ class BridgeNode(ChairNode[BridgeNodeSettings]):
         self._tick()
 
     def _is_of_now(self, stamp_ns: int) -> bool:
-        """F2: decided no longer ago than the last gate allows."""
+        """Return whether a stamp is no older than the board's limit for commands (F2)."""
         return -_AHEAD_NS <= self.now_ns() - stamp_ns <= self.settings.bridge.max_age_ms * 1_000_000
 
     def _watch(self) -> None:
-        """A tick of its own, when the navigator does not make one, or somebody has fallen silent during a drive."""
+        """Tick without a request, if none has come for a while or another node falls silent during a drive."""
         now_ns = time.monotonic_ns()
         silent = self._request.is_silent(now_ns) or self._located.is_silent(now_ns)
         if now_ns - self._ticked_ns > _TICK_NS or (silent and self._mode in DRIVEN):
             self._tick()
 
     def _tick(self) -> None:
-        """Decide who drives, send what that comes to, and say so."""
+        """Make one tick: decide the drive mode, send the command to the board, and publish the state."""
         now_ns = self._ticked_ns = time.monotonic_ns()
         request: DriveRequest = self._request.what
         if request.active and request.goal_id != self._goal_id:
@@ -343,7 +343,7 @@ class BridgeNode(ChairNode[BridgeNodeSettings]):
         self._send_state(drive_state(self._report_of_tick))
 
     def _halts(self, now_ns: int, active: bool) -> list[Halt]:
-        """What only a chair of several processes has: those that are silent, and those that are too many."""
+        """Return the halts that only a chair of several processes has: silent nodes and additional commanders."""
         halts = [halt("open_network")] if self.settings.deaf else []
         if (active or self._mode in DRIVEN) and self._request.is_silent(now_ns):
             halts.append(halt("navigator_silent"))
@@ -356,12 +356,12 @@ class BridgeNode(ChairNode[BridgeNodeSettings]):
         return halts
 
     def _look_for_strangers(self, now_ns: int) -> None:
-        """Who publishes speeds, requests or a page's joystick and is not the one that may, or is one too many.
+        """Find an unauthorised or duplicate publisher of speeds, requests or a page's joystick.
 
-        A publisher is known here before its first message is, so that none of those is obeyed.
+        A publisher is discovered before its first message, so that none of its messages is obeyed.
         """
         counts = [self.count_publishers(name) for name in self._motion]
-        if self._held_ns is not None:  # until a page has been there, and silent for long enough
+        if self._held_ns is not None:  # until a page has been present, and silent for long enough
             if not self._sender_counts[-1]:
                 self._held_ns = now_ns
             elif now_ns - self._held_ns >= _LET_GO_NS:
@@ -376,7 +376,7 @@ class BridgeNode(ChairNode[BridgeNodeSettings]):
                 self._stranger = others[0] if others else f"{len(names)} nodes of the name '{sender}'"
 
     def _serve(self, name: str, call: Callable[[], tuple[bool, str]]) -> None:
-        """A service std_srvs/Trigger that answers with whether it was done, and a sentence."""
+        """Offer a std_srvs/Trigger service that answers with success and a sentence."""
 
         def answer(request: Any, response: Any) -> Any:
             response.success, response.message = call()
@@ -385,14 +385,14 @@ class BridgeNode(ChairNode[BridgeNodeSettings]):
         self.create_service(interface_type("std_srvs/srv/Trigger"), name, answer)
 
     def _tell(self, what: str, *goals: Goal) -> None:
-        """The log, what somebody asked for."""
+        """Record a request in the black box."""
         if self._log is not None:
             self._log.told(what, goals)
 
     def _steered(self, stick: JoystickInput | None) -> None:
-        """A page's joystick; nobody's on an open network, nor what was held up on its way.
+        """Take a page's joystick, unless the network is open or the message was delayed.
 
-        What was pushed before this node began counts only once it was let go of, or was silent for as long.
+        A joystick that may have been held before this node started counts only after a release or `_LET_GO_NS` of silence.
         """
         now_ns = time.monotonic_ns()
         self._look_for_strangers(now_ns)
@@ -408,7 +408,7 @@ class BridgeNode(ChairNode[BridgeNodeSettings]):
         self._watch_of_pages.seen(["page"], time.monotonic_ns())
 
     def _redraw(self, message: Any) -> None:
-        """Other zones from now on."""
+        """Load the changed zones."""
         if not self.settings.map_folder:
             return
         try:
@@ -417,7 +417,7 @@ class BridgeNode(ChairNode[BridgeNodeSettings]):
             self.get_logger().error(f"{error}; the zones stay as they were")
 
     def _look_again(self) -> None:
-        """The chair was pushed by hand: where its scans do not quite bear out where to, the localiser looks anew."""
+        """After a push by hand, restart the localiser at its pose if the scans confirm that pose only partly."""
         located: Localisation | None = self._located.what
         if located is not None and located.state is LocalisationState.DEGRADED:
             self._send_pose(pose_with_covariance(self.now_ns(), located.map_from_base))
@@ -433,7 +433,7 @@ class BridgeNode(ChairNode[BridgeNodeSettings]):
         return response
 
     def _confirm(self, goal_id: int, on_page: bool = False) -> tuple[bool, str]:
-        """The rider's yes to one goal: to no other that has come meanwhile."""
+        """Confirm one goal for the rider; refuse if another goal has arrived meanwhile."""
         request: DriveRequest = self._request.what
         if not request.active or self._goal_id in (NO_GOAL, self._over):
             return False, "there is no goal to say yes to: ask for one first"
@@ -459,12 +459,12 @@ class BridgeNode(ChairNode[BridgeNodeSettings]):
 
 
 def _of_whoever(topic: RosTopic) -> RosTopic:
-    """A topic as it is taken of reliable and of best-effort drivers alike."""
+    """Return the topic with best effort, which is compatible with reliable and best-effort publishers."""
     return replace(topic, qos=replace(topic.qos, reliable=False))
 
 
 def main(arguments: Sequence[str] | None = None) -> int:
-    """The node's process."""
+    """Run the node's process, and return its exit code."""
     return run_node(BridgeNode, arguments)
 
 

@@ -1,6 +1,6 @@
-"""The bridge's black box: what its chair was told, heard and did, as `waychair why` reads it.
+"""The bridge's black box: a record of requests, sensor messages and commands, for `waychair why`.
 
-The bridge knows all of that but the way, which comes with the navigator's requests.
+The bridge does not know the planned path; the record holds only the goal, from the navigator's requests.
 """
 
 from __future__ import annotations
@@ -11,7 +11,7 @@ from pathlib import Path as FilePath
 import numpy as np
 
 from waychair.control.navigator import Navigation, Stage
-from waychair.control.supervisor import Verdict
+from waychair.control.supervisor import SupervisorVerdict
 from waychair.errors import BoxError
 from waychair.ros.messages.chair import DriveRequest
 from waychair.ros.messages.reports import Level, Report
@@ -26,22 +26,22 @@ _STAGES = {stage.value: stage for stage in Stage}
 
 @dataclass(frozen=True, slots=True)
 class Decided:
-    """What came of a tick of the bridge: the request with its speeds that it answers, and who drives by it."""
+    """The result of a tick of the bridge: the navigator's request and speeds, the verdict, and the command."""
 
     now_ns: int
     request: DriveRequest
     asked: Twist
     located: Localisation | None
-    verdict: Verdict
+    verdict: SupervisorVerdict
     driven: Driven
     telemetry: Telemetry | None
 
 
 class DriveLog:
-    """A black box round a `DriveBase`. It neither waits nor raises: a chair drives on without its log (F27)."""
+    """A black box of a `DriveBase`. It neither waits nor raises: the chair keeps driving if logging fails (F27)."""
 
     def __init__(self, folder: FilePath, about: About, settings: BlackBoxSettings) -> None:
-        """One that cannot be begun is reported, and logs nothing."""
+        """Start the log; if that fails, the problem is reported and nothing is logged."""
         self._folder, self._problem = folder, ""
         self._heard: list[Message] = []
         self._box: BlackBox | None = None
@@ -56,24 +56,24 @@ class DriveLog:
             self._box.__exit__(None, None, None)
 
     def hear(self, message: Message) -> None:
-        """What a sensor says, by the steady clock."""
+        """Record a sensor's message, stamped by the steady clock."""
         if self._box is not None:
             self._heard.append(message)
 
     def told(self, what: str, goals: tuple[Goal, ...] = ()) -> None:
-        """Somebody asked for something: go, confirm, stop or reset; a cancel is the navigator's, and ends its request."""
+        """Record a request: go, confirm, stop or reset. A cancel shows as the end of the navigator's request."""
         if self._box is not None:
             self._box.told(what, goals)
 
     def note(self, base: DriveBase, decided: Decided) -> None:
-        """A tick is over."""
+        """Record a finished tick."""
         if self._box is None:
             return
         heard, self._heard = tuple(self._heard), []
         self._box.note(heard, _state(base, decided), base.bridge.greeting)
 
     def report(self) -> Report:
-        """Whether it logs."""
+        """Report whether logging works."""
         box = self._box
         problem = self._problem or ("" if box is None else box.problem)
         lost = 0 if box is None else box.lost

@@ -1,4 +1,4 @@
-"""Have the map of the chair that is running written to a folder."""
+"""Saving the map of a running chair to a folder."""
 
 from __future__ import annotations
 
@@ -13,10 +13,10 @@ SERVICE = "map_saver/save_map"
 
 
 def save_running_map(folder: Path, *, domain: int | None = None, namespace: str = "", timeout_s: float = 60.0) -> None:
-    """Ask the mapper; the folder is one of the mapper's computer.
+    """Ask the mapper to save its map; `folder` is a path on the mapper's computer.
 
     Raises:
-        RosError: no mapper answers in that time, or it could not.
+        RosError: the mapper does not answer in time, or could not save.
     """
     kind = interface_type("nav2_msgs/srv/SaveMap")
     with ChairClient(domain=domain, namespace=namespace) as client:

@@ -1,7 +1,7 @@
-"""The action navigate_to_pose as Nav2's clients expect it, around whatever drives: one goal at a time, the latest wins.
+"""The action server navigate_to_pose as Nav2's clients expect it: one goal at a time, and a new goal replaces the old.
 
-A goal ends as succeeded, as canceled when a client asked for that, or as aborted with a code and a sentence. Codes are
-those of Nav2's planner server (nav2_msgs/action/ComputePathToPose, 200 to 208) where the reason is one of planning.
+A goal ends as succeeded, as canceled by a client, or as aborted with a code and a sentence. For planning failures the
+codes are those of Nav2's planner server (nav2_msgs/action/ComputePathToPose, 200 to 208).
 """
 
 from __future__ import annotations
@@ -48,17 +48,17 @@ ERROR_CODES: Mapping[type[WaychairError], int] = MappingProxyType(
         PlanningError: 200,
     }
 )
-"""Nav2's codes of what keeps a planner from planning, the particular before the general."""
+"""Nav2's codes of planning failures, subclasses before base classes."""
 
 
 def error_code(error: WaychairError) -> int:
-    """Nav2's code of a failure; 0 where it has none."""
+    """Return Nav2's code of a failure; 0 if it has none."""
     return next((code for kind, code in ERROR_CODES.items() if isinstance(error, kind)), NONE)
 
 
 @dataclass(frozen=True, slots=True)
 class Progress:
-    """What a client is told on the way: where the chair is in map, times [s], recoveries so far, and the way left [m]."""
+    """The feedback to a client: the chair's pose in map, times [s], recoveries so far, and remaining distance [m]."""
 
     map_from_base: Pose2
     elapsed_s: float
@@ -68,17 +68,17 @@ class Progress:
 
 
 class Drive(Protocol):
-    """What drives for the action. Both are called in the executor's thread and return at once."""
+    """The interface of the action's owner. Both methods are called in the executor's thread and return at once."""
 
     def begin(self, goal: Pose2, goal_id: int) -> None:
-        """Set out for a pose in map; a drive under way ends for it. Raises `WaychairError` when it cannot."""
+        """Start a drive to a pose in map, which ends the current drive. Raises `WaychairError` if it cannot start."""
 
     def cancel(self) -> None:
-        """Come to rest and give the goal up; `NavigateAction.end` follows when that is done."""
+        """Stop and give the goal up; call `NavigateAction.end` afterwards."""
 
 
 class NavigateAction:
-    """The server. Its owner calls `tell` on the way and `end` when the drive is over, in the executor's thread."""
+    """The action server. In the executor's thread, its owner calls `tell` during a drive and `end` after it."""
 
     def __init__(self, node: ChairNode[Any], drive: Drive) -> None:
         self._node = node
@@ -97,11 +97,11 @@ class NavigateAction:
 
     @property
     def active(self) -> bool:
-        """Whether a client waits for the end of a drive."""
+        """Return whether a client waits for the end of a drive."""
         return self._goal is not None
 
     def tell(self, progress: Progress) -> None:
-        """Feedback to the client, if there is one."""
+        """Send feedback to the client, if there is one."""
         if self._goal is None:
             return
         feedback = self._type.Feedback()
@@ -113,7 +113,7 @@ class NavigateAction:
         self._goal[0].publish_feedback(feedback)
 
     def end(self, *, reached: bool, reason: str = "", code: int = NONE) -> None:
-        """The drive is over: at the goal, canceled if a client asked for that, and for this reason otherwise."""
+        """End the goal as succeeded if `reached`, as canceled if a client requested that, else as aborted."""
         if self._goal is None:
             return
         handle, ended = self._goal
@@ -139,7 +139,7 @@ class NavigateAction:
     def _cancel(self, handle: ServerGoalHandle) -> CancelResponse:
         if self._goal is None or self._goal[0] is not handle:
             return CancelResponse.REJECT
-        self._node.executor.create_task(self._drive.cancel)  # after this, when the goal is marked as being canceled
+        self._node.executor.create_task(self._drive.cancel)  # runs when the goal is already marked as being canceled
         return CancelResponse.ACCEPT
 
     async def _execute(self, handle: ServerGoalHandle) -> Any:

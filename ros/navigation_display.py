@@ -1,4 +1,4 @@
-"""What RViz and Foxglove show of a drive, under Nav2's names; no node of the chair obeys any of it."""
+"""Topics that RViz and Foxglove display during a drive, under Nav2's names; no node of the chair uses them to drive."""
 
 from __future__ import annotations
 
@@ -26,20 +26,20 @@ _LOOK_HZ, _PLAN_NS = 1.0, 1_000_000_000
 _NO_WAY = Path(np.empty((0, 3)))
 _OCCUPIED, _CLOSED, _DEAREST = 100, 99, 98
 _SCALING, _INFLATION = 3.0, 0.7
-"""How fast costs fall with the distance [1/m], and how far from things there are any [m]: those of nav2_bringup."""
+"""Decay of the cost with distance [1/m], and inflation radius [m]: the values of nav2_bringup."""
 
 
 class NavigationDisplay:
     """The topics plan, local_plan, people, global_costmap/costmap, local_costmap/costmap and .../published_footprint.
 
-    What is dear, the costmaps, is made only while somebody looks.
+    The costmaps, which are expensive, are made only while there are subscribers.
     """
 
     def __init__(self, node: ChairNode[Any], body: ChairBody) -> None:
         self._node, self._body = node, body
         self._ticks = 0
-        self._plan, self._plan_ns, self._has_local = _NO_WAY, 0, False  # as they were sent last
-        self._priced: Callable[[], Costmap] | None = None  # what has not been shown yet
+        self._plan, self._plan_ns, self._has_local = _NO_WAY, 0, False  # as published last
+        self._priced: Callable[[], Costmap] | None = None  # makes the costmap that was not published yet
         self._send_plan, self._send_local = node.publisher(topics.PLAN), node.publisher(topics.LOCAL_PLAN)
         self._send_people, self._send_costmap = node.publisher(topics.PEOPLE), node.publisher(topics.GLOBAL_COSTMAP)
         self._send_footprint = node.publisher(topics.FOOTPRINT)
@@ -47,13 +47,13 @@ class NavigationDisplay:
         node.every(_LOOK_HZ, self._look)
 
     def draw(self, priced: Callable[[], Costmap]) -> None:
-        """Another map, or other zones on it: what makes its costmap, in the worker's thread, once somebody looks."""
+        """Take the function that makes the costmap of a changed map; it runs in the worker once there is a subscriber."""
         self._priced = priced
 
     def show(
         self, navigation: Navigation, navigator: Navigator, map_from_odom: Pose2, odom_from_base: Pose2 | None
     ) -> None:
-        """A tick of the navigator, and what came of it."""
+        """Publish the result of a tick of the navigator."""
         self._ticks += 1
         now_ns, odom = self._node.now_ns(), topics.ODOMETRY.frame
         self._show_plan(now_ns, navigation.path if navigator.active else None)
@@ -73,7 +73,7 @@ class NavigationDisplay:
             self.clear()
 
     def clear(self) -> None:
-        """No drive is under way: no plan stays to be seen."""
+        """Publish empty plans, since no drive is in progress."""
         now_ns = self._node.now_ns()
         self._show_plan(now_ns, None)
         if self._has_local:
@@ -81,7 +81,7 @@ class NavigationDisplay:
             self._has_local = False
 
     def _show_plan(self, now_ns: int, way: Path | None) -> None:
-        """At each change, and now and then for those who come late; an empty one once the drive is over."""
+        """Publish the plan on change and periodically for late subscribers; an empty one after the drive."""
         way = way or _NO_WAY
         again = len(way.poses) > 0 and abs(now_ns - self._plan_ns) > _PLAN_NS
         if way is not self._plan or again:
@@ -89,7 +89,7 @@ class NavigationDisplay:
             self._plan, self._plan_ns = way, now_ns
 
     def _look(self) -> None:
-        """Whether somebody wants the costmap; who comes later than others gets the same, for it is latched."""
+        """Make and publish the costmap if it has a subscriber; it is latched for later ones."""
         priced = self._priced
         if priced is None or not self._is_watched(topics.GLOBAL_COSTMAP):
             return
@@ -104,10 +104,10 @@ class NavigationDisplay:
 
 
 def grid_from_costmap(costmap: Costmap) -> OccupancyGrid:
-    """A costmap in the percentages that Nav2's publisher of costmaps uses, which RViz has colours for.
+    """Return a costmap in the percentages of Nav2's Costmap2DPublisher, for which RViz has a colour map.
 
-    100 is a wall, 99 where the chair's middle cannot be, -1 unknown, and 0 to 98 what it costs from the cheapest cell to
-    the dearest (nav2_costmap_2d, Costmap2DPublisher).
+    100 is a wall, 99 a cell that the chair's centre cannot occupy, -1 unknown, and 0 to 98 the cost, scaled from the
+    cheapest to the most expensive cell (nav2_costmap_2d, Costmap2DPublisher).
     """
     prices, known = costmap.prices, costmap.grid.cells
     cheapest, dearest = int(prices[prices > 0].min(initial=MAX_PRICE)), int(prices.max(initial=0))
@@ -119,12 +119,11 @@ def grid_from_costmap(costmap: Costmap) -> OccupancyGrid:
 
 
 def grid_from_distances(near: DistanceField, body: ChairBody) -> OccupancyGrid:
-    """What stands round the chair as Nav2's inflation shows it, where the field lies.
+    """Return the obstacles around the chair as a costmap like that of Nav2's inflation layer, on the field's grid.
 
-    100 is an obstacle, 99 where the chair's inscribed circle does not fit whichever way it looks; beyond that circle's
-    radius r a distance d costs 98 exp(-k (d - r)), and nothing from the inflation radius on. (nav2_costmap_2d,
-    `InflationLayer::computeCost`, in the percentages of `Costmap2DPublisher`.) Distances lie between cells' centres there
-    and here alike.
+    100 is an obstacle, 99 a cell where the chair's inscribed circle (radius r) does not fit. Beyond r, the cost at
+    distance d is 98 exp(-k (d - r)), and 0 from the inflation radius on (nav2_costmap_2d, `InflationLayer::computeCost`,
+    in the percentages of `Costmap2DPublisher`). As in Nav2, distances are between cell centres.
     """
     inscribed, metres = min(body.front, body.rear, body.width / 2), near.to_anything()
     falling = np.rint(_DEAREST * np.exp(-_SCALING * (metres - inscribed)))

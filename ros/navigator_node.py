@@ -31,10 +31,10 @@ from typing import Any
 import numpy as np
 
 from waychair.config import setting
-from waychair.control.fitness import tells
+from waychair.control.fitness import has_valid_reading
 from waychair.control.navigator import Navigation, Stage
 from waychair.control.stops import halt
-from waychair.control.supervisor import Verdict
+from waychair.control.supervisor import SupervisorVerdict
 from waychair.errors import ConfigError, WaychairError
 from waychair.maps.places import load_places
 from waychair.maps.zones import load_zones
@@ -293,7 +293,7 @@ class NavigatorNode(ChairNode[NavigatorNodeSettings]):
         self.listen(topics.DEPTH, pairing.depth, self._take_frame, needed=False)
 
     def _take_frame(self, frame: RgbdFrame | None) -> None:
-        if frame is not None and tells(frame):  # a frame without any depth is ignored
+        if frame is not None and has_valid_reading(frame):  # a frame without any depth is ignored
             self._frame, self._looked_ns = self._calibration.on_time(frame), time.monotonic_ns()
 
     def _look(self) -> None:
@@ -320,7 +320,7 @@ class NavigatorNode(ChairNode[NavigatorNodeSettings]):
             return
         mine = report.goal_id == self._goal_id
         if mine and pilot.navigator.active:
-            pilot.obey(Verdict(report.mode, report.reason, drops_goal=report.drops_goal))
+            pilot.obey(SupervisorVerdict(report.mode, report.reason, drops_goal=report.drops_goal))
         pilot.learn(report.command if mine else None)
 
     def _tick(self) -> None:

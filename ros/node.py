@@ -1,7 +1,7 @@
-"""What all nodes of a chair share: parameters from settings, topics, diagnostics, a worker, and a clean end.
+"""The base class of the chair's nodes: parameters from settings, topics, diagnostics, a worker, and a clean end.
 
-A node is a class derived from `ChairNode`, and its process is `run_node` of it. Its callbacks run one after the other
-in the main thread; heavy work goes to `worker`.
+A node derives from `ChairNode`, and its process calls `run_node`. Callbacks run one after the other in the main thread;
+heavy work goes to `worker`.
 """
 
 from __future__ import annotations
@@ -42,21 +42,21 @@ T = TypeVar("T")
 DIAGNOSTICS_HZ = 1.0
 
 _OF_ROS = ("use_sim_time", "start_type_description_service", "qos_overrides.")
-"""Parameters of every node of ROS, by how they begin."""
+"""Prefixes of the parameters that every ROS node has."""
 
 
 class ChairNode(Node, Generic[S]):
-    """A ROS node with settings of type `S`, in force as `settings`."""
+    """A ROS node whose parameters are settings of type `S`, with their current values in `settings`."""
 
     def __init__(
         self, name: str, kind: type[S], dynamic: Iterable[str] = (), arguments: Sequence[str] | None = None
     ) -> None:
-        """`dynamic` names the settings (with dots) that may change while the node runs; see `on_settings`.
+        """Create the node; `dynamic` names the settings (dotted) that may change while it runs (see `on_settings`).
 
-        `arguments` (`--ros-args ...`) are for this node alone, and stronger than those of its process.
+        `arguments` (`--ros-args ...`) apply to this node alone, and override those of its process.
 
         Raises:
-            ConfigError: a parameter that there is not, of a wrong type, or with an impossible value.
+            ConfigError: a parameter is unknown, of a wrong type, or has an impossible value.
         """
         own = None if arguments is None else list(arguments)
         super().__init__(name, cli_args=own, automatically_declare_parameters_from_overrides=True)
@@ -74,19 +74,19 @@ class ChairNode(Node, Generic[S]):
 
     @property
     def worker(self) -> Worker:
-        """The node's thread for heavy work, started by its first use."""
+        """Return the node's thread for heavy work, started on first use."""
         if self._worker is None:
             self._worker = Worker(self)
             self.at_end(self._worker.close)
         return self._worker
 
     def now_ns(self) -> int:
-        """The node's time: the computer's, or that of /clock with `use_sim_time`, 0 before its first tick."""
+        """Return the node's time: the computer's, or with `use_sim_time` that of /clock (0 before its first message)."""
         return int(self.get_clock().now().nanoseconds)
 
     def publisher(self, topic: RosTopic) -> Callable[[Any], None]:
-        """What publishes plain messages on a topic."""
-        silent = PublisherEventCallbacks(use_default_callbacks=False)  # subscribers say what does not fit
+        """Create a publisher, and return its function for plain messages."""
+        silent = PublisherEventCallbacks(use_default_callbacks=False)  # the subscribers report incompatible QoS
         publisher = self.create_publisher(
             interface_type(topic.type), topic.name, profile(topic.qos), event_callbacks=silent
         )
@@ -101,40 +101,40 @@ class ChairNode(Node, Generic[S]):
         *,
         needed: bool = True,
     ) -> Input[T]:
-        """Take a topic's messages in; its age, its refusals and misfits are reported on /diagnostics."""
+        """Subscribe to a topic (see `Input`); its state is reported on /diagnostics."""
         self._inputs.append(Input(self, topic, read, take, refuse, needed=needed))
         return self._inputs[-1]
 
     def every(self, rate_hz: float, call: Callable[[], None]) -> Any:
-        """A timer on a clock that never stands still nor jumps, whatever /clock does."""
+        """Create a timer on the steady clock, which does not follow /clock."""
         return self.create_timer(1.0 / rate_hz, call, clock=self.steady_clock)
 
     def at_end(self, call: Callable[[], Any]) -> None:
-        """Have something called when the node ends, the last first."""
+        """Register a function for the node's end; functions are called in reverse order."""
         self._closing.callback(call)
 
     def reports(self) -> Iterable[Report]:
-        """What this node says of itself on /diagnostics, besides its inputs; for nodes to override."""
+        """Return this node's own reports for /diagnostics, besides its inputs; for nodes to override."""
         return ()
 
     def on_settings(self, settings: S) -> None:
-        """Told after a parameter was changed while the node runs; for nodes to override."""
+        """React to a parameter that changed while the node runs; for nodes to override."""
 
     def settle(self) -> None:
-        """Told that much was built that stays: the garbage collector need not look at it again.
+        """Exclude all present objects from garbage collection, after building long-lived ones.
 
-        Measured: it takes 60 ms to look at a node's modules and their kernels, a control loop's period and more.
+        A collection over a node's modules and kernels was measured at 60 ms, more than a control period.
         """
         gc.collect()
         gc.freeze()
 
     def close(self) -> None:
-        """End what the node has started."""
+        """Call the functions of `at_end`, and destroy the node."""
         self._closing.close()
         self.destroy_node()
 
     def set_parameters_atomically(self, parameter_list: list[Parameter]) -> Any:
-        """As rclpy's, but a value that is refused is refused with the settings' own sentence."""
+        """Set parameters as in rclpy, but refuse values with the settings' own sentence."""
         answer = interface_type("rcl_interfaces/msg/SetParametersResult")
         known = leaves(self.settings)
         changed = [parameter for parameter in parameter_list if parameter.name in known]
@@ -158,7 +158,7 @@ class ChairNode(Node, Generic[S]):
         return result
 
     def _declared(self) -> S:
-        """The settings that files and command line ask for, declared as parameters with their meaning and bounds."""
+        """Return the settings from files and command line, and declare them as parameters with meaning and bounds."""
         given = {name: parameter.value for name, parameter in self.get_parameters_by_prefix("").items()}
         own = {name: value for name, value in given.items() if not name.startswith(_OF_ROS)}
         settings = settings_from_parameters(self._kind, own, self.get_name())
@@ -170,7 +170,7 @@ class ChairNode(Node, Generic[S]):
         return settings
 
     def _clock_trouble(self) -> str:
-        """What is wrong with /clock, where this node follows it; empty otherwise."""
+        """Return a sentence about a missing or duplicate /clock if this node follows it; else ''."""
         if not self.get_parameter("use_sim_time").value:
             return ""
         if self.now_ns() == 0:
@@ -182,7 +182,7 @@ class ChairNode(Node, Generic[S]):
         reports = [Report("node", Level.OK, "", (("pid", str(os.getpid())),))]
         if trouble := self._clock_trouble():
             reports.append(Report("clock", Level.ERROR, trouble))
-        if self.now_ns():  # else the inputs' ages mean nothing
+        if self.now_ns():  # without a clock the inputs' ages are meaningless
             reports += [each.report() for each in self._inputs]
         prefix = self.get_fully_qualified_name()
         named = [
@@ -193,9 +193,9 @@ class ChairNode(Node, Generic[S]):
 
 
 def run_node(make: Callable[[], ChairNode[Any]], arguments: Sequence[str] | None = None) -> int:
-    """The life of a node's process; the exit code.
+    """Run a node's process, and return its exit code.
 
-    0 after SIGINT or SIGTERM, 2 when the node cannot begin or go on, of which the log says why in one sentence. See
+    0 after SIGINT or SIGTERM; 2 when the node cannot start or continue, with the reason logged in one sentence. See
     `live` for the arguments.
     """
     try:
@@ -207,12 +207,12 @@ def run_node(make: Callable[[], ChairNode[Any]], arguments: Sequence[str] | None
 
 
 def live(make: Callable[[], ChairNode[Any]], arguments: Sequence[str] | None = None) -> None:
-    """This process's environment, the node, its callbacks until SIGINT or SIGTERM, and its end.
+    """Set the environment, make the node, run its callbacks until SIGINT or SIGTERM, and close it.
 
-    `arguments` are those of ROS (`--ros-args ...`), this process's unless given.
+    `arguments` are ROS arguments (`--ros-args ...`), by default those of this process.
 
     Raises:
-        WaychairError: the node cannot begin, go on or end.
+        WaychairError: the node cannot start, continue or close.
     """
     node: ChairNode[Any] | None = None
     try:
@@ -225,7 +225,7 @@ def live(make: Callable[[], ChairNode[Any]], arguments: Sequence[str] | None = N
         executor.spin()
     except (KeyboardInterrupt, ExternalShutdownException):
         pass
-    except RuntimeError:  # rcl's, when the signal came between two waits
+    except RuntimeError:  # from rcl, if the signal came between two waits
         if rclpy.ok():
             raise
     finally:
@@ -237,9 +237,9 @@ def live(make: Callable[[], ChairNode[Any]], arguments: Sequence[str] | None = N
 
 
 def _initialise(arguments: Sequence[str] | None) -> None:
-    """Begin; from then on an interrupt is ROS's alone.
+    """Initialise rclpy; from then on only ROS reacts to an interrupt.
 
-    rclpy ends the spinning by it, and hands it on to Python, which would interrupt the node's end as well.
+    rclpy ends the spinning, and passes the interrupt on to Python, which would interrupt the node's closing as well.
     """
     begun = False
 
@@ -251,6 +251,6 @@ def _initialise(arguments: Sequence[str] | None) -> None:
         signal.signal(signal.SIGINT, interrupted)
     try:
         rclpy.init(args=None if arguments is None else list(arguments))
-    except RuntimeError as error:  # rcl's, such as of a parameter file that is none
+    except RuntimeError as error:  # from rcl, e.g. for an invalid parameter file
         raise ConfigError(f"ROS cannot begin: {' '.join(str(error).split())}") from error
     begun = True

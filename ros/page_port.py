@@ -1,6 +1,6 @@
-"""A chair's nodes as a page has them: what they say, put together, and what a page asks for, handed on.
+"""The `ChairPort` of a page over the chair's nodes: it collects their messages and forwards the page's requests.
 
-Messages come in by the node's executor; a page's wishes come from the web server's threads, which wait for the answers.
+Messages arrive in the node's executor. Requests of a page come from the web server's threads, which wait for the answers.
 """
 
 from __future__ import annotations
@@ -51,23 +51,23 @@ from waychair.slam.localisation import Localisation, LocalisationState
 from waychair.types import DriveMode, FloatArray, JoystickInput, OccupancyGrid, Odometry, Place, Pose2, Scan
 
 _SILENT_NS = 500_000_000
-"""A node that says nothing for so long is gone for a page."""
+"""A node that is silent for so long counts as gone."""
 
-_PICTURE_NS = 200_000_000
+_PICTURE_NS = 200_000_000  # shortest time between two encoded pictures
 _LOOKS_NS = 3_000_000_000
-"""Pictures are taken in for so long after the last one was asked for."""
+"""The camera subscription ends so long after the last request for a picture."""
 
 _AT_PLACE = 0.01
-"""A goal this near [m] to a place is that place."""
+"""A goal within this distance [m] of a place is called by the place's name."""
 
 _NOWHERE = np.empty((0, 2))
 
 _TRIGGERS = ("stop", "pause", "go_on", "cancel", "reset_faults")
-"""Services that take no words."""
+"""Services without arguments (std_srvs/Trigger)."""
 
 
 class PagePort(DrawingPort):
-    """A `ChairPort` over the nodes that a node of this process hears."""
+    """A `ChairPort` over the messages and services that a node of this process uses."""
 
     def __init__(
         self,
@@ -76,7 +76,7 @@ class PagePort(DrawingPort):
         map_folder: Path | None,
         scan_frame: str = LASER_FRAME,
     ) -> None:
-        """`map_folder`: of the map that the nodes drive on; None while one is made."""
+        """Subscribe to the chair's nodes; `map_folder` is that of their map, None while a map is made."""
         self._scan_frame = scan_frame
         self._node, self._calibration, self._map_folder = node, calibration, map_folder
         self._state: DriveReport | None = None
@@ -94,7 +94,7 @@ class PagePort(DrawingPort):
         self._camera: Any = None
         self._picture: tuple[int, bytes] | None = None
         self._asked_picture_ns = 0
-        self._unseen = ""  # why there is no picture
+        self._unseen = ""  # the reason of a missing picture
         self._listen()
         self._send_stick = node.publisher(topics.PAGE_JOYSTICK)
         self._send_watch, self._send_layout = node.publisher(topics.PAGE_WATCH), node.publisher(topics.LAYOUT)
@@ -149,7 +149,7 @@ class PagePort(DrawingPort):
         )
         if silent or state is None:
             return replace(shown, free_since_ns=shown.free_since_ns or self._told_ns or now_ns)
-        has_goal, request = self._had_goal, self._request  # as of that state, so that goal and end are told at once
+        has_goal, request = self._had_goal, self._request  # as of that state, so that goal and end change together
         goal, way = (self._label, self._way) if has_goal else ("", _NOWHERE)
         obstacles = tuple(obstacle_of(stop_id, text) for stop_id, text in state.halts)
         countdown_s, waits = state.countdown_s or None, has_goal and state.waits
@@ -184,17 +184,17 @@ class PagePort(DrawingPort):
             return Layout(dict(drawn.places), drawn.zones, self._drawings.undoable)
 
     def picture(self) -> bytes | None:
-        """See `ChairPort`; the camera is listened to while somebody looks."""
+        """See `ChairPort`; the camera subscription lasts only while pictures are requested."""
         self._asked_picture_ns = time.monotonic_ns()
         return None if self._picture is None else self._picture[1]
 
     def reports(self) -> Iterable[Report]:
-        """What is wrong with the camera's pictures, while somebody looks at them."""
+        """Report defects of the camera's pictures while they are requested."""
         if self._camera is not None:
             yield Report("camera", Level.WARN if self._unseen else Level.OK, self._unseen)
 
     def look(self) -> None:
-        """To be called now and then in the executor's thread: begins or ends listening to the camera."""
+        """Begin or end the camera subscription; to be called periodically in the executor's thread."""
         looks = time.monotonic_ns() - self._asked_picture_ns < _LOOKS_NS
         if looks and self._camera is None:
             kind = interface_type(topics.COLOUR.type)
@@ -251,7 +251,7 @@ class PagePort(DrawingPort):
         return self._triggered("cancel")
 
     def stop(self) -> Answer:
-        """See `ChairPort`; by topic and by service, whichever is there first."""
+        """See `ChairPort`; sent by topic and by service, so that the faster one counts."""
         self._send_stop(make("std_msgs/msg/Empty", 0))
         return self._triggered("stop")
 
@@ -289,7 +289,7 @@ class PagePort(DrawingPort):
             self._send_watch(make("std_msgs/msg/Empty", 0))
 
     def _drawn(self, change: Callable[[Drawings], None], done: str) -> Answer:
-        """Change what is drawn in the map's folder, and tell the nodes."""
+        """Change the drawings in the map's folder, and notify the nodes."""
         with self._drawing:
             if self._drawings is None:
                 return Answer(False, "the map is being made: save it, and start the chair on it first")
@@ -335,11 +335,11 @@ class PagePort(DrawingPort):
         self._state = state
 
     def _note_end(self, state: DriveReport) -> None:
-        """Why a drive is over, or was none."""
+        """Note the reason why a drive ended, or did not begin."""
         has_goal = self._has_goal(state)
         halts, request = dict(state.halts), self._request
         if self._state is None:
-            self._last_stop = sentence(state.last_stop)  # from before this page began
+            self._last_stop = sentence(state.last_stop)  # from before the start of this page
         if has_goal:
             self._label = self._name_of(state.goal)
         elif self._had_goal:
@@ -367,7 +367,7 @@ class PagePort(DrawingPort):
         self._join()
 
     def _join(self) -> None:
-        """A scan is shown once it is known where it was taken."""
+        """Show a scan once its localisation has arrived."""
         scan, located = self._scan, self._located
         if scan is None or located is None or scan.stamp_ns != located[0]:
             return
@@ -403,7 +403,7 @@ class PagePort(DrawingPort):
         self._picture, self._unseen = (now_ns, bytes(data)), ""
 
     def _panel(self) -> dict[str, float]:
-        """Figures for engineers."""
+        """Return figures for engineers."""
         now_ns, state = self._node.now_ns(), self._state
         figures = {
             "plans of this drive": float(self._request.plans),
@@ -425,7 +425,7 @@ def _stage(text: str) -> Stage:
 
 
 def _waited(future: Any) -> Any:
-    """What a call to a node came to, whose answer the executor's thread takes in; None without one in time."""
+    """Wait for an answer that arrives in the executor's thread, and return it; None after the timeout."""
     done = threading.Event()
     future.add_done_callback(lambda _: done.set())
     return future.result() if done.wait(0.8 * ANSWER_S) else None

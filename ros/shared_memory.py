@@ -1,8 +1,8 @@
-"""What processes that were killed leave behind in shared memory.
+"""Removing the shared-memory files that killed processes leave behind.
 
-Fast DDS keeps a segment (35 MB by our profile) and ports for each process, in files that only a process which ends by
-itself takes away. A file beside a segment is locked for as long as its owner lives; by that Fast DDS's own `fastdds shm
-clean` tells the dead, too.
+Fast DDS keeps a segment (35 MB by our profile) and ports for each process, in files that only a process that ends
+normally removes. A lock file beside a segment is locked as long as its owner lives. Fast DDS's own `fastdds shm clean`
+identifies dead owners in the same way.
 """
 
 from __future__ import annotations
@@ -21,10 +21,11 @@ _OF_PORT = re.compile(r"(sem\.)?fastrtps_port\d+(_el|_sl|_mutex)?")
 
 
 def clear_dead(folder: Path = FOLDER) -> int:
-    """Remove what the dead have left, and tell of how many segments that was; what belongs to other users stays.
+    """Remove segments and ports of dead processes, and return the number of segments; files of other users stay.
 
-    Fast DDS takes the dead's ports up by itself, but for one whose owner was killed while it made it: everybody who comes
-    after waits for it for ever. Somebody who lives may hold a port open, so they are removed only when nobody does.
+    Fast DDS reuses ports of dead processes itself, except a port whose owner was killed while creating it: every later
+    process waits for that port forever. A living process may hold any port open, so ports are removed only if no segment
+    has a living owner.
     """
     cleared = 0
     for lock, segment in _locks(folder):
@@ -41,7 +42,7 @@ def clear_dead(folder: Path = FOLDER) -> int:
 
 
 def _locks(folder: Path) -> Iterator[tuple[Path, Path]]:
-    """Each segment's lock, and the segment."""
+    """Yield each segment's lock file, and the segment."""
     for path in _files(folder):
         if (found := _LOCK_OF_SEGMENT.fullmatch(path.name)) is not None:
             yield path, folder / found[1]
@@ -53,9 +54,10 @@ def _files(folder: Path) -> list[Path]:
 
 @contextmanager
 def _held(lock: Path) -> Iterator[None]:
-    """
+    """Hold a lock file.
+
     Raises:
-        OSError: its owner lives, or is another user's.
+        OSError: the owner lives, or the file belongs to another user.
     """
     file = os.open(lock, os.O_RDWR)
     try:

@@ -1,1 +1,4 @@
-"""Nouns as ROS messages and back: `wire` (bytes), `sensors`, `camera`, `motion`, `maps` and `reports`."""
+"""Conversion between waychair's types and ROS messages: `sensors`, `camera`, `motion`, `maps`, `chair` and `reports`.
+
+Begin with `wire`, which converts messages to bytes and back.
+"""

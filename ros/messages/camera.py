@@ -1,4 +1,4 @@
-"""Pictures with depth: the two images and the camera's matrix, which come as separate messages of one stamp."""
+"""Decoding pictures with depth from separate colour, depth and camera_info messages of one stamp."""
 
 from __future__ import annotations
 
@@ -13,16 +13,15 @@ from waychair.ros.messages.wire import require_finite, stamp_of
 from waychair.ros_decoding import camera_matrix_from_message, depth_from_message, picture_from_message
 from waychair.types import RgbdFrame
 
-_WAITING = 8  # stamps whose other half has not come yet
-_SHORTEST = 1.0  # pixels of a focal length
+_WAITING = 8  # stamps for which only colour or depth has arrived
+_SHORTEST = 1.0  # px; a smaller focal length means that the camera is not calibrated
 
 
 def read_rgbd(colour: Any, depth: Any, info: Any) -> RgbdFrame:
-    """Of a colour and a depth sensor_msgs/Image (16UC1 in mm or 32FC1 in m, REP-118) and a sensor_msgs/CameraInfo.
+    """Return the frame of a colour and a depth sensor_msgs/Image (16UC1 in mm or 32FC1 in m, REP-118) and a CameraInfo.
 
     Raises:
-        MessageError: an encoding that is not known, bytes that do not fill the picture, pictures of different sizes or
-            stamps, or a camera that is not calibrated.
+        MessageError: an unknown encoding, too few bytes, different sizes or stamps, or an uncalibrated camera.
     """
     stamp_ns = stamp_of(colour)
     if stamp_of(depth) != stamp_ns:
@@ -51,24 +50,24 @@ class _Half:
 
 
 class CameraPairing:
-    """Brings the pictures and depths of a camera together, in whichever order they come, and drops what stays alone."""
+    """Pairs a camera's colour and depth messages by stamp, in any order of arrival, and drops unpaired ones."""
 
     def __init__(self) -> None:
         self._info: Any = None
         self._waiting: OrderedDict[int, _Half] = OrderedDict()
 
     def calibrated(self, info: Any) -> None:
-        """Take in a sensor_msgs/CameraInfo."""
+        """Take a sensor_msgs/CameraInfo."""
         self._info = info
 
     def colour(self, message: Any) -> RgbdFrame | None:
-        """The frame, if its depth was there before; see `read_rgbd` for what it raises."""
+        """Take a colour picture; return the frame if its depth has arrived. Raises as `read_rgbd`."""
         half = self._half(message)
         half.colour = message
         return self._completed(stamp_of(message), half)
 
     def depth(self, message: Any) -> RgbdFrame | None:
-        """The frame, if its picture was there before; see `read_rgbd` for what it raises."""
+        """Take a depth picture; return the frame if its colour has arrived. Raises as `read_rgbd`."""
         half = self._half(message)
         half.depth = message
         return self._completed(stamp_of(message), half)

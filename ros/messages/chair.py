@@ -1,4 +1,4 @@
-"""What the chair's own nodes say to each other, in messages of the package waychair_msgs."""
+"""Messages between the chair's own nodes (package waychair_msgs): drive requests and reports, localisation, places."""
 
 from __future__ import annotations
 
@@ -19,21 +19,21 @@ from waychair.slam.localisation import Localisation, LocalisationState
 from waychair.types import DriveMode, FloatArray, Place, Pose2, Twist
 
 NO_GOAL = 0
-"""The id of no goal; that of a goal is never used again."""
+"""The id that stands for no goal. The id of a goal is never reused."""
 
 
 def goal_id_of(unique: Any) -> int:
-    """The id of an action's goal, from its unique_identifier_msgs/UUID."""
+    """Return the id of an action's goal, from its unique_identifier_msgs/UUID."""
     return int.from_bytes(bytes(unique.uuid)[:8], "little") or 1
 
 
 @dataclass(frozen=True, slots=True)
 class DriveRequest:
-    """What the navigator wants: `active` while there is a goal to reach, `driving` while it asks for speeds.
+    """The navigator's request: `active` while there is a goal, `driving` while it commands speeds.
 
-    `scan_ns`: stamp of the latest scan by which that was decided; 0 without one. `goal` is where that goal lies in map;
-    stage, reason and plans are the `Navigation`'s. `furniture` (N, 2) [m] in the base
-    of that scan: what in it might be legs but is on the map.
+    `scan_ns`: stamp of the latest scan used in the decision; 0 for none. `goal`: the goal's pose in map. `stage`, `reason`
+    and `plans` are those of `Navigation`. `furniture` (N, 2) [m]: scan points that look like legs but are on the map, in
+    the base frame at that scan.
     """
 
     stamp_ns: int
@@ -50,13 +50,13 @@ class DriveRequest:
 
 @dataclass(frozen=True, slots=True)
 class DriveReport:
-    """Who drives in a tick of the bridge and why, of which goal, and what came of it.
+    """The bridge's report of a tick: drive mode, reason, goal and result.
 
-    `command` is what was sent, None while the lines are let go. `drops_goal`: that goal is over. `ended`: why bridge or
-    board ended a drive. `halts` are ids and sentences of what stands against a drive. The chair leans by `roll` and
-    `pitch` [rad]. `scan_ns` is that of the request it answers, `goal` where its goal lies in map. `last_stop`: why the
-    last drive was over, or did not begin. `countdown_s`: until the first motion of a drive that has begun, 0 when none is
-    about to begin. `steered`: a page's joystick drives.
+    `command`: the command sent to the board, None while the lines are released. `drops_goal`: the goal is over. `ended`:
+    why bridge or board ended a drive. `halts`: ids and sentences of the conditions that prevent a drive. `roll` and
+    `pitch` [rad]: the chair's tilt. `scan_ns` and `goal`: from the request that the tick answers. `last_stop`: why the
+    last drive ended, or did not begin. `countdown_s`: time until the first motion of a confirmed drive, 0 for none.
+    `steered`: a page's joystick drives.
     """
 
     stamp_ns: int
@@ -78,18 +78,18 @@ class DriveReport:
 
     @property
     def driving(self) -> bool:
-        """Whether the computer drives: to this goal, or as a page's joystick says."""
+        """Return whether the computer drives: to this goal, or by a page's joystick."""
         return self.mode in DRIVEN
 
     @property
     def waits(self) -> bool:
-        """Whether this goal waits for the rider's yes."""
+        """Return whether this goal waits for the rider's confirmation."""
         return self.reason == halt("unconfirmed").text
 
 
 @dataclass(frozen=True, slots=True)
 class Lines:
-    """What is on a simulated chair's joystick lines [V] from `stamp_ns` on, and who holds them."""
+    """The voltages [V] of a simulated chair's joystick lines from `stamp_ns` on, and their holder."""
 
     stamp_ns: int
     holder: Holder
@@ -98,7 +98,7 @@ class Lines:
 
 
 def drive_request(request: DriveRequest) -> Any:
-    """waychair_msgs/DriveRequest."""
+    """Return a waychair_msgs/DriveRequest."""
     head = header(request.stamp_ns, BASE_FRAME)
     flags = request.active, request.driving
     way = pose(request.goal), request.stage, request.reason, request.plans
@@ -107,10 +107,10 @@ def drive_request(request: DriveRequest) -> Any:
 
 
 def read_drive_request(message: Any) -> DriveRequest:
-    """Of a waychair_msgs/DriveRequest.
+    """Return the request of a waychair_msgs/DriveRequest.
 
     Raises:
-        MessageError: a goal that is no pose, or furniture at no place.
+        MessageError: an invalid goal pose, or invalid furniture coordinates.
     """
     furniture = np.asarray(message.furniture, np.float64)
     require_finite("the place of furniture", *furniture.tolist())
@@ -131,7 +131,7 @@ def read_drive_request(message: Any) -> DriveRequest:
 
 
 def drive_state(report: DriveReport) -> Any:
-    """waychair_msgs/DriveState."""
+    """Return a waychair_msgs/DriveState."""
     command = report.command
     return make(
         "waychair_msgs/msg/DriveState",
@@ -157,10 +157,10 @@ def drive_state(report: DriveReport) -> Any:
 
 
 def read_drive_state(message: Any) -> DriveReport:
-    """Of a waychair_msgs/DriveState.
+    """Return the report of a waychair_msgs/DriveState.
 
     Raises:
-        MessageError: a mode that there is not, a goal that is no pose, or what is no number.
+        MessageError: an unknown mode, an invalid goal pose, or a value that is not finite.
     """
     require_finite("the chair's lean and the countdown", message.roll, message.pitch, message.countdown)
     return DriveReport(
@@ -184,16 +184,16 @@ def read_drive_state(message: Any) -> DriveReport:
 
 
 def lines(on_lines: Lines) -> Any:
-    """waychair_msgs/Lines."""
+    """Return a waychair_msgs/Lines."""
     head = header(on_lines.stamp_ns, BASE_FRAME)
     return make("waychair_msgs/msg/Lines", head, int(on_lines.holder), on_lines.forward, on_lines.turn)
 
 
 def read_lines(message: Any) -> Lines:
-    """Of a waychair_msgs/Lines.
+    """Return the lines of a waychair_msgs/Lines.
 
     Raises:
-        MessageError: nobody of that name can hold them, or what is no number.
+        MessageError: an unknown holder, or a voltage that is not finite.
     """
     require_finite("a line's voltage", message.forward, message.turn)
     holder = _value(Holder, int(message.holder))
@@ -201,7 +201,7 @@ def read_lines(message: Any) -> Lines:
 
 
 def localisation(stamp_ns: int, found: Localisation) -> Any:
-    """waychair_msgs/Localisation; candidates of a lost chair stay behind."""
+    """Return a waychair_msgs/Localisation; the candidate poses of a lost chair are not sent."""
     covariance = np.full(9, np.nan) if found.covariance is None else np.ravel(found.covariance)
     return make(
         "waychair_msgs/msg/Localisation",
@@ -218,10 +218,10 @@ def localisation(stamp_ns: int, found: Localisation) -> Any:
 
 
 def read_localisation(message: Any) -> tuple[int, Localisation]:
-    """Stamp of the scan [ns] and what is known by it, of a waychair_msgs/Localisation.
+    """Return the stamp [ns] of the scan and its localisation from a waychair_msgs/Localisation.
 
     Raises:
-        MessageError: another frame, a state that there is not, or what is no number.
+        MessageError: another frame, an unknown state, or a value that is not finite.
     """
     require_frame(message, MAP_FRAME)
     require_finite("a localisation's health", message.health, message.inliers)
@@ -239,7 +239,7 @@ def read_localisation(message: Any) -> tuple[int, Localisation]:
 
 
 def places(stamp_ns: int, named: Mapping[str, Place]) -> Any:
-    """waychair_msgs/Places."""
+    """Return a waychair_msgs/Places."""
     listed = [
         make("waychair_msgs/msg/Place", place.name, pose(place.pose), place.tolerance_m, place.tolerance_rad)
         for place in named.values()
@@ -248,10 +248,10 @@ def places(stamp_ns: int, named: Mapping[str, Place]) -> Any:
 
 
 def read_places(message: Any) -> dict[str, Place]:
-    """By name, of a waychair_msgs/Places.
+    """Return the places of a waychair_msgs/Places, by name.
 
     Raises:
-        MessageError: another frame, or what is no pose.
+        MessageError: another frame, or an invalid pose.
     """
     require_frame(message, MAP_FRAME)
     return {
@@ -263,10 +263,10 @@ def read_places(message: Any) -> dict[str, Place]:
 
 
 def _value(kind: Any, text: str | int) -> Any:
-    """The member of an enumeration.
+    """Return the member of an enumeration.
 
     Raises:
-        MessageError: there is none.
+        MessageError: the enumeration has no such value.
     """
     try:
         return kind(text)

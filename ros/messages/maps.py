@@ -1,4 +1,4 @@
-"""Grid maps as nav_msgs/OccupancyGrid."""
+"""Conversion of grid maps to and from nav_msgs/OccupancyGrid."""
 
 from __future__ import annotations
 
@@ -17,7 +17,7 @@ _OCCUPIED = 100
 
 
 def occupancy_grid(stamp_ns: int, grid: OccupancyGrid, frame: str = MAP_FRAME) -> Any:
-    """nav_msgs/OccupancyGrid, row 0 at the lower edge."""
+    """Return a nav_msgs/OccupancyGrid, row 0 at the lower edge."""
     height, width = grid.cells.shape
     head = header(stamp_ns, frame)
     info = make("nav_msgs/msg/MapMetaData", head.stamp, grid.resolution, width, height, pose(grid.map_from_grid))
@@ -25,10 +25,10 @@ def occupancy_grid(stamp_ns: int, grid: OccupancyGrid, frame: str = MAP_FRAME) -
 
 
 def read_occupancy_grid(message: Any) -> OccupancyGrid:
-    """Of a nav_msgs/OccupancyGrid in map; the resolution, float32 on the wire, is rounded to what was meant.
+    """Return the grid of a nav_msgs/OccupancyGrid in map; the float32 resolution is rounded to 7 digits.
 
     Raises:
-        MessageError: another frame, cells that do not fill the grid or lie beyond -1..100, or no resolution.
+        MessageError: another frame, a wrong number of cells, cells outside -1..100, or an invalid resolution.
     """
     require_frame(message, MAP_FRAME)
     info = message.info

@@ -1,4 +1,4 @@
-"""Poses, twists, paths, odometry, transforms and speed limits."""
+"""Conversion of poses, twists, paths, odometry, transforms and speed limits to and from ROS messages."""
 
 from __future__ import annotations
 
@@ -26,11 +26,11 @@ from waychair.ros_transforms import BASE_FRAMES, frame_name, planar, pose_matrix
 from waychair.types import FloatArray, Odometry, Path, Pose2, Pose3, Twist
 
 _PLANAR = np.ix_([0, 1, 5], [0, 1, 5])  # x, y and yaw among x, y, z, roll, pitch, yaw
-_UNIT = 0.1  # a quaternion whose length differs from 1 by more is none
+_UNIT = 0.1  # a quaternion whose length differs from 1 by more is invalid
 
 
 def pose(at: Pose2) -> Any:
-    """geometry_msgs/Pose in the plane."""
+    """Return a geometry_msgs/Pose in the plane."""
     half = math.remainder(at.theta, math.tau) / 2  # so that w >= 0
     point = make("geometry_msgs/msg/Point", float(at.x), float(at.y), 0.0)
     return make(
@@ -39,10 +39,10 @@ def pose(at: Pose2) -> Any:
 
 
 def read_pose(message: Any) -> Pose2:
-    """x, y and yaw of a geometry_msgs/Pose.
+    """Return x, y and yaw of a geometry_msgs/Pose.
 
     Raises:
-        MessageError: a number is missing, or the quaternion is none, such as one of zeros.
+        MessageError: a value is not finite, or the quaternion is invalid, e.g. all zeros.
     """
     at, turn = message.position, message.orientation
     require_finite("a pose", at.x, at.y, at.z, turn.x, turn.y, turn.z, turn.w)
@@ -53,31 +53,31 @@ def read_pose(message: Any) -> Pose2:
 
 
 def pose_stamped(stamp_ns: int, at: Pose2, frame: str = MAP_FRAME) -> Any:
-    """geometry_msgs/PoseStamped, as of a goal."""
+    """Return a geometry_msgs/PoseStamped, e.g. for a goal."""
     return make("geometry_msgs/msg/PoseStamped", header(stamp_ns, frame), pose(at))
 
 
 def read_pose_stamped(message: Any, *frames: str) -> Pose2:
-    """The pose of a geometry_msgs/PoseStamped in one of `frames` (map, unless given).
+    """Return the pose of a geometry_msgs/PoseStamped in one of `frames` (default: map).
 
     Raises:
-        MessageError: another frame, no pose (`read_pose`), or one that is on no map.
+        MessageError: another frame, an invalid pose (`read_pose`), or a pose too far away for a map.
     """
     require_frame(message, *(frames or (MAP_FRAME,)))
     return _on_a_map(read_pose(message.pose))
 
 
 def pose_with_covariance(stamp_ns: int, at: Pose2, covariance: FloatArray | None = None) -> Any:
-    """geometry_msgs/PoseWithCovarianceStamped in map; covariance (3, 3) of x, y, theta, zeros when none is known."""
+    """Return a geometry_msgs/PoseWithCovarianceStamped in map; covariance (3, 3) of x, y, theta; None gives zeros."""
     estimate = make("geometry_msgs/msg/PoseWithCovariance", pose(at), covariance_in_space(covariance))
     return make("geometry_msgs/msg/PoseWithCovarianceStamped", header(stamp_ns, MAP_FRAME), estimate)
 
 
 def read_pose_with_covariance(message: Any) -> tuple[Pose2, FloatArray | None]:
-    """The pose in map and covariance (3, 3) of x, y, theta, None where all are zero.
+    """Return the pose in map, and the covariance (3, 3) of x, y, theta; None where it is all zeros.
 
     Raises:
-        MessageError: another frame, no pose, one that is on no map, or a covariance that is none.
+        MessageError: another frame, an invalid pose, a pose too far away for a map, or an invalid covariance.
     """
     require_frame(message, MAP_FRAME)
     full = np.array(message.pose.covariance, np.float64).reshape(6, 6)
@@ -94,10 +94,10 @@ def _on_a_map(pose: Pose2) -> Pose2:
 
 
 def read_odometry(message: Any, frame: str = ODOM_FRAME) -> Odometry:
-    """Of a nav_msgs/Odometry of the base in `frame`.
+    """Return the odometry of a nav_msgs/Odometry of the base in `frame`.
 
     Raises:
-        MessageError: other frames, or what is no pose.
+        MessageError: other frames, or an invalid pose or twist.
     """
     stamp_of(message)
     require_frame(message, frame)
@@ -114,20 +114,20 @@ def read_odometry(message: Any, frame: str = ODOM_FRAME) -> Odometry:
 
 
 def twist(command: Twist) -> Any:
-    """geometry_msgs/Twist."""
+    """Return a geometry_msgs/Twist."""
     return make("geometry_msgs/msg/Twist", vector((command.v, 0.0, 0.0)), vector((0.0, 0.0, command.omega)))
 
 
 def twist_stamped(stamp_ns: int, command: Twist) -> Any:
-    """geometry_msgs/TwistStamped in base_link."""
+    """Return a geometry_msgs/TwistStamped in base_link."""
     return make("geometry_msgs/msg/TwistStamped", header(stamp_ns, BASE_FRAME), twist(command))
 
 
 def read_twist(message: Any) -> Twist:
-    """Forward speed and turn of a geometry_msgs/Twist; the chair has no others.
+    """Return forward speed and turn rate of a geometry_msgs/Twist; the other components are ignored.
 
     Raises:
-        MessageError: one of them is no number.
+        MessageError: one of them is not finite.
     """
     v, omega = float(message.linear.x), float(message.angular.z)
     require_finite("a twist", v, omega)
@@ -135,39 +135,39 @@ def read_twist(message: Any) -> Twist:
 
 
 def read_twist_stamped(message: Any) -> tuple[int, Twist]:
-    """Stamp [ns] and twist of a geometry_msgs/TwistStamped in base_link.
+    """Return stamp [ns] and twist of a geometry_msgs/TwistStamped in base_link.
 
     Raises:
-        MessageError: another frame, or what is no number.
+        MessageError: another frame, or a value that is not finite.
     """
     require_frame(message, BASE_FRAME, "")
     return stamp_of(message), read_twist(message.twist)
 
 
 def path(stamp_ns: int, way: Path, frame: str = MAP_FRAME) -> Any:
-    """nav_msgs/Path."""
+    """Return a nav_msgs/Path."""
     head = header(stamp_ns, frame)
     stamped = [make("geometry_msgs/msg/PoseStamped", head, pose(Pose2(*row))) for row in way.poses.tolist()]
     return make("nav_msgs/msg/Path", head, stamped)
 
 
 def points(stamp_ns: int, at: FloatArray, frame: str = MAP_FRAME) -> Any:
-    """geometry_msgs/PoseArray of points (N, 2) [m]."""
+    """Return a geometry_msgs/PoseArray of points (N, 2) [m]."""
     poses = [pose(Pose2(x, y)) for x, y in at.tolist()]
     return make("geometry_msgs/msg/PoseArray", header(stamp_ns, frame), poses)
 
 
 def polygon(stamp_ns: int, corners: FloatArray, frame: str) -> Any:
-    """geometry_msgs/PolygonStamped of corners (N, 2) [m]."""
+    """Return a geometry_msgs/PolygonStamped of corners (N, 2) [m]."""
     around = [make("geometry_msgs/msg/Point32", x, y, 0.0) for x, y in corners.tolist()]
     return make("geometry_msgs/msg/PolygonStamped", header(stamp_ns, frame), make("geometry_msgs/msg/Polygon", around))
 
 
 def read_points(message: Any, frame: str = MAP_FRAME) -> FloatArray:
-    """(N, 2) [m] of a geometry_msgs/PoseArray.
+    """Return the points (N, 2) [m] of a geometry_msgs/PoseArray.
 
     Raises:
-        MessageError: another frame, or what is no number.
+        MessageError: another frame, or a coordinate that is not finite.
     """
     require_frame(message, frame)
     at = np.array([[each.position.x, each.position.y] for each in message.poses], np.float64).reshape(-1, 2)
@@ -176,10 +176,10 @@ def read_points(message: Any, frame: str = MAP_FRAME) -> FloatArray:
 
 
 def read_path(message: Any) -> Path:
-    """Of a nav_msgs/Path in map.
+    """Return the path of a nav_msgs/Path in map.
 
     Raises:
-        MessageError: another frame, or a pose that is none.
+        MessageError: another frame, or an invalid pose.
     """
     require_frame(message, MAP_FRAME)
     poses = [read_pose(stamped.pose).array() for stamped in message.poses]
@@ -187,15 +187,15 @@ def read_path(message: Any) -> Path:
 
 
 def transform(stamp_ns: int, parent: str, child: str, parent_from_child: Pose3) -> Any:
-    """tf2_msgs/TFMessage of one transform."""
+    """Return a tf2_msgs/TFMessage of one transform."""
     return transforms(stamp_ns, {(parent, child): parent_from_child})
 
 
 def read_transforms(message: Any) -> Mapping[tuple[str, str], tuple[int, Pose3]]:
-    """Stamps [ns] and `parent_from_child` of a tf2_msgs/TFMessage, by (parent, child).
+    """Return stamps [ns] and `parent_from_child` of a tf2_msgs/TFMessage, by (parent, child).
 
     Raises:
-        MessageError: a transform is no number, has no quaternion, or is of a frame in itself.
+        MessageError: a transform that is not finite, an invalid quaternion, or equal frames.
     """
     found = {}
     for stamped in message.transforms:
@@ -213,16 +213,16 @@ def read_transforms(message: Any) -> Mapping[tuple[str, str], tuple[int, Pose3]]
 
 
 def speed_limit(stamp_ns: int, metres_per_second: float) -> Any:
-    """nav2_msgs/SpeedLimit; +inf lifts the limit."""
+    """Return a nav2_msgs/SpeedLimit; +inf lifts the limit."""
     limit = 0.0 if math.isinf(metres_per_second) else metres_per_second
     return make("nav2_msgs/msg/SpeedLimit", header(stamp_ns, MAP_FRAME), False, limit)
 
 
 def read_speed_limit(message: Any, full_speed: float) -> float:
-    """The limit [m/s] of a nav2_msgs/SpeedLimit, whose percentages are of `full_speed`; +inf where it is lifted.
+    """Return the limit [m/s] of a nav2_msgs/SpeedLimit; percentages are of `full_speed`; +inf where it is lifted.
 
     Raises:
-        MessageError: it is negative or no number.
+        MessageError: the limit is negative or not finite.
     """
     limit = float(message.speed_limit)
     require_finite("a speed limit", limit)

@@ -1,4 +1,4 @@
-"""What a part says of itself, as diagnostic_msgs: levels and sentences for people, and nouns that programs read back."""
+"""Diagnostic reports of the nodes' parts, as diagnostic_msgs: a level, a sentence for people, and values."""
 
 from __future__ import annotations
 
@@ -18,7 +18,7 @@ T = TypeVar("T")
 
 
 class Level(enum.IntEnum):
-    """Of a diagnostic_msgs/DiagnosticStatus."""
+    """The level of a diagnostic_msgs/DiagnosticStatus."""
 
     OK = 0
     WARN = 1
@@ -28,7 +28,7 @@ class Level(enum.IntEnum):
 
 @dataclass(frozen=True, slots=True)
 class Report:
-    """How one part is: `name` as 'node: part', one sentence for people, and values by key."""
+    """The state of one part: `name` as 'node: part', a level, one sentence for people, and values by key."""
 
     name: str
     level: Level = Level.OK
@@ -37,7 +37,7 @@ class Report:
 
 
 def diagnostics(stamp_ns: int, reports: Sequence[Report], hardware_id: str = "") -> Any:
-    """diagnostic_msgs/DiagnosticArray."""
+    """Return a diagnostic_msgs/DiagnosticArray."""
     status = [
         make(
             "diagnostic_msgs/msg/DiagnosticStatus",
@@ -53,10 +53,10 @@ def diagnostics(stamp_ns: int, reports: Sequence[Report], hardware_id: str = "")
 
 
 def read_diagnostics(message: Any) -> tuple[Report, ...]:
-    """All reports of a diagnostic_msgs/DiagnosticArray.
+    """Return all reports of a diagnostic_msgs/DiagnosticArray.
 
     Raises:
-        MessageError: a level that there is not, or an impossible stamp.
+        MessageError: an unknown level, or an impossible stamp.
     """
     stamp_of(message)
     reports = []

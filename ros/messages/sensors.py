@@ -1,7 +1,7 @@
-"""Scans, IMU samples, wheels, sonars, joystick and battery: what sensors and drivers say on the usual topics.
+"""Decoding messages of sensors and drivers: scans, IMU samples, wheels, sonars, joystick and battery.
 
-The way out is `waychair.ros_messages` for those that bags hold too; here is what is on the wire only, and the way in,
-which names what is wrong with a message instead of leaving it out.
+Invalid messages raise a `MessageError` that names the defect. `waychair.ros_messages` encodes the messages that bags hold
+too; the other encoders are here.
 """
 
 from __future__ import annotations
@@ -21,14 +21,14 @@ from waychair.types import ChairStatus, ImuSample, JoystickInput, Scan, SonarRea
 _COUNTS = 2**32
 _UNKNOWN, _CHARGING, _DISCHARGING, _NOT_CHARGING, _FULL = range(5)  # BatteryState.power_supply_status
 _CONNECTED = {_CHARGING: True, _DISCHARGING: False, _NOT_CHARGING: True, _FULL: True}
-"""Whether a charger is connected: a battery that feeds the chair is discharging, whatever its charge."""
+"""Whether a charger is connected, by status: without one, the battery is discharging."""
 
 
 def read_scan(message: Any, frame: str = LASER_FRAME) -> Scan:
-    """Of a sensor_msgs/LaserScan (REP-117 codes kept) of the lidar in `frame`, its angles turned to ascend.
+    """Return the scan, by ascending angle, of a sensor_msgs/LaserScan (REP-117 codes kept) of the lidar in `frame`.
 
     Raises:
-        MessageError: it is in another frame, has no beams, angles that are no numbers, or another count of ranges than its angles say.
+        MessageError: another frame, no beams, angles that are not finite, or a number of ranges that contradicts the angles.
     """
     stamp_of(message)
     _require_sensor(message, frame, "scan_frame")
@@ -45,10 +45,10 @@ def read_scan(message: Any, frame: str = LASER_FRAME) -> Scan:
 
 
 def read_imu(message: Any, frame: str = IMU_FRAME) -> ImuSample:
-    """Of a sensor_msgs/Imu in the axes of the sensor in `frame` (REP-145).
+    """Return the sample of a sensor_msgs/Imu in the axes of the sensor in `frame` (REP-145).
 
     Raises:
-        MessageError: it is in another frame, or a rate or an acceleration is no number, or is marked as not measured.
+        MessageError: another frame, or a rate or an acceleration that is not finite or is marked as not measured.
     """
     stamp_of(message)
     _require_sensor(message, frame, "imu_frame")
@@ -65,7 +65,7 @@ def read_imu(message: Any, frame: str = IMU_FRAME) -> ImuSample:
 
 
 def _require_sensor(message: Any, frame: str, name: str) -> None:
-    """Refuse what is of another sensor than the one whose mount is in the chair's file; `name`: of the setting."""
+    """Refuse messages of a sensor whose mount is not in the chair's file; `name` is the setting for its frame."""
     found = frame_name(message.header.frame_id)
     if found != frame_name(frame):
         raise MessageError(
@@ -75,10 +75,10 @@ def _require_sensor(message: Any, frame: str, name: str) -> None:
 
 
 def read_wheels(message: Any, ticks_per_turn: int) -> WheelTicks:
-    """Of the two drive wheels in a sensor_msgs/JointState, among whatever other joints.
+    """Return the counts of the two drive wheels in a sensor_msgs/JointState, which may hold other joints.
 
     Raises:
-        MessageError: a wheel is missing, or its angle is no number.
+        MessageError: a wheel is missing, or its angle is not finite.
     """
     angles = dict(zip(message.name, message.position, strict=False))
     missing = [joint for joint in WHEEL_JOINTS if joint not in angles]
@@ -95,10 +95,10 @@ def _wrapped(count: int) -> int:
 
 
 def read_range(message: Any) -> float:
-    """Distance [m] of one sonar's sensor_msgs/Range, by REP-117; what lies beyond its limits becomes their codes.
+    """Return the distance [m] of one sonar's sensor_msgs/Range; distances outside its limits become REP-117 codes.
 
     Raises:
-        MessageError: its limits are impossible.
+        MessageError: the limits are impossible.
     """
     stamp_of(message)
     low, high, distance = float(message.min_range), float(message.max_range), float(message.range)
@@ -110,7 +110,7 @@ def read_range(message: Any) -> float:
 
 
 class SonarRing:
-    """Puts the readings of the K sonars together, which come one by one; those of one stamp belong together."""
+    """Collects the separate messages of the K sonars into readings of one stamp."""
 
     def __init__(self, count: int) -> None:
         self._stamp_ns = -1
@@ -118,9 +118,9 @@ class SonarRing:
         self._heard = 0
 
     def hear(self, index: int, message: Any) -> SonarReadings | None:
-        """All readings of a stamp, once the last of them is there; nan for a sonar that said nothing.
+        """Take one sonar's message; return the readings of a stamp once they are complete, else None.
 
-        A ring that lacks one is complete when the next stamp begins.
+        A stamp with missing sonars (nan) is complete when the next stamp begins.
 
         Raises:
             MessageError: see `read_range`.
@@ -141,16 +141,16 @@ class SonarRing:
 
 
 def joy(stick: JoystickInput) -> Any:
-    """sensor_msgs/Joy with the axes of teleop_twist_joy: turn (left positive), forward."""
+    """Return a sensor_msgs/Joy with the axes of teleop_twist_joy: turn (left positive), forward."""
     axes = np.array([stick.turn, stick.forward], np.float32)
     return make("sensor_msgs/msg/Joy", header(stick.stamp_ns, ""), axes, np.zeros(0, np.int32))
 
 
 def read_joy(message: Any) -> JoystickInput:
-    """The first stick of a sensor_msgs/Joy, cut to [-1, 1].
+    """Return the first stick of a sensor_msgs/Joy, clipped to [-1, 1].
 
     Raises:
-        MessageError: it has no two axes, or they are no numbers.
+        MessageError: fewer than two axes, or an axis that is not finite.
     """
     if len(message.axes) < 2:
         raise MessageError(f"a joystick of {len(message.axes)} axes cannot steer: it takes two, turn and forward")
@@ -160,7 +160,7 @@ def read_joy(message: Any) -> JoystickInput:
 
 
 def read_page_joystick(message: Any) -> JoystickInput | None:
-    """A page's joystick as of `read_joy`; None where the message has no axes: it was let go.
+    """Return a page's joystick as `read_joy`; None for a message without axes, i.e. a release.
 
     Raises:
         MessageError: see `read_joy`.
@@ -169,7 +169,7 @@ def read_page_joystick(message: Any) -> JoystickInput | None:
 
 
 def battery(status: ChairStatus) -> Any:
-    """sensor_msgs/BatteryState: what is not measured is nan."""
+    """Return a sensor_msgs/BatteryState; unmeasured fields are nan."""
     kinds = {None: _UNKNOWN, True: _CHARGING, False: _DISCHARGING}
     nothing, none = math.nan, np.zeros(0, np.float32)
     percentage = nothing if status.battery is None else status.battery
@@ -190,10 +190,10 @@ def battery(status: ChairStatus) -> Any:
 
 
 def read_battery(message: Any) -> ChairStatus:
-    """Charge and charger of a sensor_msgs/BatteryState; it says nothing of the seat.
+    """Return the charge and the charger's state of a sensor_msgs/BatteryState; the seat is None.
 
     Raises:
-        MessageError: a charge beyond [0, 1].
+        MessageError: a charge outside [0, 1].
     """
     charge = float(message.percentage)
     if not math.isnan(charge) and not 0.0 <= charge <= 1.0:

@@ -1,9 +1,8 @@
-"""ROS messages between bytes, plain objects and rclpy's classes, and what is wrong with those that come in.
+"""Conversion of ROS messages between bytes, plain objects and rclpy's classes, and common checks of incoming ones.
 
-On the way to the wire a noun becomes a plain message (`waychair.ros_messages`, the same as in a bag) and then bytes,
-which rclpy publishes as they are; subscriptions take bytes likewise. Measured against filling in rclpy's own classes,
-that takes half the CPU time for scans and IMU samples, a third for a picture on its way out, and a seventieth for one
-that comes in. Only actions and services need rclpy's classes: `native`, `plain`.
+Nodes publish bytes, made from a plain message (`waychair.ros_messages`, as in a bag), and subscribe to bytes likewise.
+Compared with rclpy's own classes, that takes half of the CPU time for scans and IMU samples, a third for an outgoing
+picture, and a seventieth for an incoming picture. Only actions and services need rclpy's classes: `native`, `plain`.
 """
 
 from __future__ import annotations
@@ -22,24 +21,24 @@ from waychair.ros_messages import TYPES
 from waychair.ros_transforms import frame_name
 
 _NANOSECONDS = 1_000_000_000
-_BROKEN = (SerdeError, struct.error, ValueError, IndexError, AssertionError)  # what a decoder raises on damaged bytes
+_BROKEN = (SerdeError, struct.error, ValueError, IndexError, AssertionError)  # a decoder's errors on damaged bytes
 
-for _path in sorted(TEXTS.glob("*/msg/*.msg")):  # those that rosbags does not know
+for _path in sorted(TEXTS.glob("*/msg/*.msg")):  # types that rosbags does not know
     _name = f"{_path.parts[-3]}/msg/{_path.stem}"
     if _name not in TYPES.types:
         TYPES.register(get_types_from_msg(_path.read_text(encoding="utf-8"), _name))
 
 
 def serialised(message: Any) -> bytes:
-    """CDR bytes of a plain message."""
+    """Return the CDR bytes of a plain message."""
     return bytes(TYPES.serialize_cdr(message, message.__msgtype__))
 
 
 def deserialised(data: bytes, name: str) -> Any:
-    """A plain message of the type `name` from its CDR bytes.
+    """Return a plain message of the type `name` from its CDR bytes.
 
     Raises:
-        MessageError: the bytes are no such message.
+        MessageError: the bytes do not decode to this type.
     """
     try:
         return TYPES.deserialize_cdr(data, name)
@@ -48,14 +47,14 @@ def deserialised(data: bytes, name: str) -> Any:
 
 
 def native(message: Any) -> Any:
-    """rclpy's object of a plain message."""
+    """Return rclpy's object of a plain message."""
     from rclpy.serialization import deserialize_message
 
     return deserialize_message(serialised(message), interface_type(message.__msgtype__))
 
 
 def plain(message: Any) -> Any:
-    """The plain message of an object of rclpy."""
+    """Return the plain message of an object of rclpy."""
     from rclpy.serialization import serialize_message
 
     package, kind, _ = type(message).__module__.split(".", 2)
@@ -63,10 +62,10 @@ def plain(message: Any) -> Any:
 
 
 def stamp_of(message: Any) -> int:
-    """Nanoseconds of the header.
+    """Return the stamp [ns] of the header.
 
     Raises:
-        MessageError: it is before 1970, or has a second's worth of nanoseconds or more.
+        MessageError: the stamp is before 1970, or its nanoseconds exceed a second.
     """
     stamp = message.header.stamp
     if stamp.sec < 0 or not 0 <= stamp.nanosec < _NANOSECONDS:
@@ -75,10 +74,10 @@ def stamp_of(message: Any) -> int:
 
 
 def require_frame(message: Any, *frames: str) -> str:
-    """The header's frame, which must be one of these.
+    """Return the header's frame, which must be one of `frames`.
 
     Raises:
-        MessageError: it is another.
+        MessageError: another frame.
     """
     frame = frame_name(message.header.frame_id)
     if frame not in frames:
@@ -87,9 +86,10 @@ def require_frame(message: Any, *frames: str) -> str:
 
 
 def require_finite(what: str, *values: float) -> None:
-    """
+    """Require that all values are finite; `what` names them in the error.
+
     Raises:
-        MessageError: one of them is no number, or infinite.
+        MessageError: a value is nan or infinite.
     """
     if not all(map(math.isfinite, values)):
         shown = ", ".join(f"{value:g}" for value in values)

@@ -1,6 +1,6 @@
-"""The nodes as executables of a ROS package, for `ros2 run` and `ros2 launch`; their code is in the package waychair.
+"""The ROS package waychair_ros: entry points of the nodes for `ros2 run` and `ros2 launch`; the code is in waychair.
 
-The page is no node of its own: `waychair up` brings it and its web server together.
+The page is not among them, since `waychair up` combines its node with the web server.
 """
 
 from pathlib import Path

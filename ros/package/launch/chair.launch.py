@@ -1,7 +1,7 @@
-"""All nodes of a chair, as `waychair up` starts them: ros2 launch waychair_ros chair.launch.py sim:=small_clinic
+"""Launch all nodes of a chair, as `waychair up` does: ros2 launch waychair_ros chair.launch.py sim:=small_clinic
 
-Nodes, parameters and their files are those of `waychair.ros.stack`. A node that dies is started again; nothing drives on
-by itself. There is no page, so no drive is counted down: that is the bridge's `supervisor.countdown_s`, in `params`.
+Nodes and their parameter files come from `waychair.ros.stack`. A node that dies is restarted, but no drive resumes by
+itself. There is no page, and so no countdown before a drive, unless `params` sets the bridge's `supervisor.countdown_s`.
 """
 
 from __future__ import annotations
@@ -35,7 +35,7 @@ ARGUMENTS = {
 
 
 def generate_launch_description() -> LaunchDescription:
-    """Of ros2 launch."""
+    """Return the description for ros2 launch."""
     declared = [
         DeclareLaunchArgument(name, default_value=value, description=about)
         for name, (value, about) in ARGUMENTS.items()
@@ -44,7 +44,7 @@ def generate_launch_description() -> LaunchDescription:
 
 
 def nodes(context: LaunchContext) -> list[LaunchDescriptionEntity]:
-    """The processes, once the arguments are known."""
+    """Return the nodes' processes for the given arguments."""
     given = {name: context.launch_configurations[name] for name in ARGUMENTS}
     stack = Stack(
         folder=Path(given["out"]),
