@@ -1,1 +1,4 @@
-"""The parts put together as one object, the Chair, and the report of what it did."""
+"""The running chair: localiser, pilot and drive base put together, its black box, and mapping with its reports.
+
+Begin with `chair.py` for a chair that drives, and with `mapping.py` for a recording that becomes a map.
+"""

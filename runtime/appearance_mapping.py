@@ -1,4 +1,4 @@
-"""The memory of a map's places: pictures between the scans of a recording, `memory.db`, and what is told of both."""
+"""The memory of places of a map: built from a recording's pictures, saved as `memory.db`, with its report."""
 
 from __future__ import annotations
 
@@ -25,7 +25,7 @@ MEMORY = "memory.db"
 
 
 class MemoryMaking:
-    """A memory that grows with a recording's scans by the pictures between them; `seconds` of CPU, decoding included."""
+    """Builds a memory of places from the pictures between a recording's scans; `seconds`: CPU time with decoding."""
 
     def __init__(self, appearance: Appearance, pictures: Iterator[RgbdFrame]) -> None:
         self.appearance = appearance
@@ -35,7 +35,7 @@ class MemoryMaking:
         self._next = next(self._pictures, None)
 
     def follow(self, mapper: Mapper, frame: SensorFrame) -> None:
-        """After the mapper was given a frame: the pictures that are no later."""
+        """Add the pictures up to a frame; call it after `mapper.process`."""
         started = time.process_time()
         while self._next is not None and self._next.stamp_ns <= frame.stamp_ns:
             self.appearance.see(self._next)
@@ -44,9 +44,9 @@ class MemoryMaking:
         self.seconds += time.process_time() - started
 
     def finish(self, mapper: Mapper) -> Json:
-        """After the mapper's graph was optimised for the last time; what is told of the memory, whose file is closed.
+        """Close the memory after the mapper's last optimisation; return its report.
 
-        `warnings` then says what was wrong with the pictures and the file.
+        `warnings` then holds problems of the pictures and the file.
         """
         late = sum(1 for _ in self._pictures) + (self._next is not None)
         self.appearance.counts["pictures after the last scan"] = late
@@ -58,7 +58,7 @@ class MemoryMaking:
         return report
 
     def _readable(self, pictures: Iterator[RgbdFrame]) -> Iterator[RgbdFrame]:
-        """The pictures up to the first that cannot be read: the lidar goes on alone."""
+        """Yield the pictures up to the first unreadable one; the lidar goes on alone."""
         try:
             yield from pictures
         except RecordingError as error:
@@ -68,9 +68,9 @@ class MemoryMaking:
 def begin_memory(
     recording: Recording, settings: AppearanceSettings, base_from_camera: Pose3, folder: Path | None
 ) -> MemoryMaking | None:
-    """A new memory, in a folder or in RAM; None for a recording without pictures.
+    """Begin a new memory, in a folder or in RAM; None for a recording without pictures.
 
-    What an earlier run has left of its memory in the folder goes: it is that of another map.
+    A memory that is already in the folder belongs to another map and is removed.
 
     Raises:
         OutputError: the folder cannot be written to.
@@ -84,7 +84,7 @@ def begin_memory(
 
 
 def new_memory(folder: Path, settings: MemorySettings) -> Memory:
-    """An empty memory in a folder; one that was there goes.
+    """Return an empty memory in a folder, in place of an existing one.
 
     Raises:
         OutputError: the folder cannot be written to.
@@ -94,7 +94,7 @@ def new_memory(folder: Path, settings: MemorySettings) -> Memory:
 
 
 def remove_memory(folder: Path) -> None:
-    """No memory is in the folder then.
+    """Remove the memory from a folder.
 
     Raises:
         OutputError: the folder cannot be written to.
@@ -109,12 +109,12 @@ def remove_memory(folder: Path) -> None:
 def go_on_with_memory(
     recording: Recording, settings: AppearanceSettings, base_from_camera: Pose3, folder: Path, known: int
 ) -> MemoryMaking | None:
-    """The memory of a map folder, whose anchors are the `known` key scans, goes on; None for a recording without pictures.
+    """Continue the memory of a map with `known` key scans; None for a recording without pictures.
 
-    Where it is damaged it is moved aside and a new one begun; the making's `warnings` say so in the end.
+    A damaged memory is moved aside and a new one begun, with a warning at the end.
 
     Raises:
-        SessionError: it is the memory of another map.
+        SessionError: the memory belongs to another map.
     """
     if not _has_pictures(recording):
         return None
@@ -130,7 +130,7 @@ def go_on_with_memory(
 
 
 def bend_memory(folder: Path, mapper: Mapper) -> None:
-    """The memory of a folder, if there is one, follows the graph of a drive that had no pictures."""
+    """Move the memory of a folder, if there is one, with the graph of a drive without pictures."""
     if (folder / MEMORY).exists():
         memory = Memory.opened(folder / MEMORY)
         memory.bend(mapper.keys.poses)
@@ -141,14 +141,14 @@ def _has_pictures(recording: Recording) -> bool:
     try:
         return next(recording.pictures(), None) is not None
     except RecordingError:
-        return False  # whoever draws by them says so
+        return False  # `depth_recording.see_pictures` warns of it
 
 
 def revisits(memory: Memory, near: float, pause: int) -> int:
-    """How often the chair came back: stretches of nodes that are linked, over less than `near` [m], to earlier ones.
+    """Count the returns to known places: runs of nodes with links of less than `near` [m] to earlier nodes.
 
-    A stretch ends where more than `pause` nodes without such a link follow; one begins anew at the next. This is the
-    paper's "loop closures": one for each time that an area is entered again, however many links are made in it.
+    A run ends where more than `pause` nodes without such a link follow. This is the paper's number of loop closures:
+    one for each time that an area is entered again, whatever the number of links in it.
     """
     count, last = 0, -np.inf
     for node in memory.skeleton.ids():
@@ -160,9 +160,9 @@ def revisits(memory: Memory, near: float, pause: int) -> int:
 
 
 def memory_report(places: PlaceMemory, near: float) -> Json:
-    """Counts of pictures, memory, words and loops, and the time per picture; what each is stands in `paper_tables`.
+    """Return counts of pictures, memory, words and loops, and the time per picture; `paper_tables` explains each.
 
-    `near` [m] is how close to an earlier node the camera has come back.
+    `near` [m]: greatest length of a link that counts as a return to a known place.
     """
     memory, costs = places.memory, places.costs
     counts = memory.counts(len(places.recognition.vocabulary))
@@ -192,6 +192,6 @@ def _total(costs: list[PictureCost], value: Callable[[PictureCost], float]) -> i
 
 
 def _mean(costs: list[PictureCost], value: Callable[[PictureCost], float]) -> float:
-    """Without the first, in which kernels are loaded."""
+    """Return the mean without the first value, which includes the loading of kernels."""
     counted = costs[1:] or costs
     return round(float(np.mean([value(cost) for cost in counted])), 2) if counted else 0.0

@@ -1,11 +1,11 @@
-"""The black box of a chair: what it was told and did in the last ten minutes, and for good what was round each stop.
+"""The black box of a chair: a log of the last minutes in a ring of files, and permanent parts around each stop.
 
-`note` costs the control tick a few microseconds: it hands references to a queue, and a thread does the rest. Nothing
-the disk does holds the tick up: what the queue has no room for is dropped and counted, and a disk that is full or
-broken ends the log with one diagnostic while the chair drives on (F27).
+`note` costs the control tick a few microseconds: it puts references into a queue, and a thread does the rest. The disk
+never delays the tick: ticks that do not fit into the queue are dropped and counted, and a full or broken disk ends the
+log with one diagnostic while the chair drives on (F27).
 
-After the program is killed the log ends at most `write_ms` and a tick earlier; after a power cut at most `sync_ms` more,
-where disk and file system keep what `fdatasync` promised. The next run finds the loose end and keeps it as a part.
+After the program is killed, the log lacks at most `write_ms` and a tick; after a power cut at most `sync_ms` more, if
+disk and file system honour `fdatasync`. The next run finds the unfinished log and keeps its end as a part.
 """
 
 from __future__ import annotations
@@ -60,12 +60,12 @@ from waychair.types import Goal, Place, RgbdFrame
 _LOGGER = logging.getLogger(__name__)
 _CLOSE_S = 5.0
 _MOVES, _ON_TICKS = 0.05, 20
-"""Commanded more than this [m/s] for so many ticks the chair has driven on after an event."""
+"""The chair has driven on after an event once more than _MOVES [m/s] was commanded for _ON_TICKS ticks."""
 
 
 @dataclass(frozen=True, slots=True)
 class BlackBoxSettings(Settings):
-    """How much is kept, and how soon it is safe."""
+    """Size of the log, and how soon it is safe on the disk."""
 
     minutes: float = setting(10.0, "min", "length of the ring", low=1.0, high=1440.0)
     segment_s: float = setting(20.0, "s", "length of one of its files", low=1.0, high=600.0)
@@ -83,7 +83,7 @@ class BlackBoxSettings(Settings):
 
 @dataclass(frozen=True, slots=True)
 class About:
-    """Whose log it is: the configuration in force, what is known of the chair, and the places of its map."""
+    """The data in the log's header: configuration in force, the chair's calibration and the places of its map."""
 
     configuration: Settings
     calibration: ChairCalibration
@@ -92,7 +92,7 @@ class About:
 
 @dataclass(frozen=True, slots=True)
 class _Noted:
-    """What waits for the thread."""
+    """A tick in the thread's queue."""
 
     state: ChairState
     heard: tuple[Message, ...]
@@ -101,13 +101,14 @@ class _Noted:
 
 
 class BlackBox:
-    """A `ChairWatcher` that logs, for as long as the block lasts.
+    """A `ChairWatcher` that logs for as long as the block lasts.
 
-    `problem` is empty while it does, else why it has ended; `lost` ticks were not logged, since the disk was too slow.
+    `problem` is empty while it logs, else the reason why the log has ended. `lost` counts ticks that were not logged
+    since the disk was too slow.
     """
 
     def __init__(self, folder: Path, about: About, settings: BlackBoxSettings | None = None) -> None:
-        """`folder` is made where there is none; one that another run has left is gone on with."""
+        """`folder` is created if it is missing; the log of an earlier run in it is continued."""
         self.folder, self.settings = folder, settings or BlackBoxSettings()
         self.problem = ""
         self.lost = 0
@@ -127,7 +128,7 @@ class BlackBox:
     def __enter__(self) -> Self:
         """
         Raises:
-            BoxError: another program writes to it, or it cannot be written to.
+            BoxError: another program writes to the folder, or it cannot be written to.
         """
         with contextlib.ExitStack() as undone:
             self._lock = undone.enter_context(Locked(self.folder))
@@ -162,7 +163,7 @@ class BlackBox:
         self._put(_Noted(state, kept, board, time.time_ns()))
 
     def _wanted(self, frame: RgbdFrame) -> bool:
-        """Whether it is time for a picture."""
+        """Whether a picture is due by `pictures_hz`."""
         if not self.settings.pictures_hz:
             return False
         before_ns, period_ns = self._pictured_ns, 0.99e9 / self.settings.pictures_hz
@@ -180,7 +181,7 @@ class BlackBox:
             self.lost += isinstance(noted, _Noted)
 
     def _work(self) -> None:
-        """The thread: whatever goes wrong here ends the log and nothing else."""
+        """Run the thread; any error in it ends the log and nothing else."""
         pause_s, closing = self.settings.write_ms / 1000.0, False
         try:
             while not closing:
@@ -193,11 +194,11 @@ class BlackBox:
             self._writer.end()
         except Exception as error:  # noqa: BLE001 - a chair does not stop because its log does
             self._give_up(error)
-            while not closing:  # nobody shall wait for room in a queue that nobody empties
+            while not closing:  # so that no caller waits for a full queue
                 closing = self._queue.get() is None
 
     def _give_up(self, error: Exception) -> None:
-        """Say so once; what was logged stays."""
+        """End the log with one warning; the ticks logged so far stay."""
         self.problem = (
             f"the black box {self.folder} logs no more: {_why(error)}; make room or mend it, then start again"
         )
@@ -206,7 +207,7 @@ class BlackBox:
 
 
 class _Writer:
-    """The thread's half: the ring, what happened, and the parts that are being kept."""
+    """The thread's data: the ring, the event detector, and the parts that are still open."""
 
     def __init__(self, folder: Path, head: Head, settings: BlackBoxSettings) -> None:
         s = self._settings = settings
@@ -224,7 +225,7 @@ class _Writer:
         self._ring.begin(replace(head, wall_ns=time.time_ns()))
 
     def _keep_loose_end(self, folder: Path) -> None:
-        """What a run that ended without a word has left is an event itself."""
+        """Keep the end of a log that a killed run has left, as an event of its own."""
         left = cut_off(folder, self._settings.before_s)
         if left is None:
             return
@@ -234,7 +235,7 @@ class _Writer:
         finish(folder, event.text)
 
     def take(self, noted: _Noted | Told, lost: int) -> None:
-        """Log it, and keep what it shows to have happened."""
+        """Log a tick or a request, and keep a part for each event in it."""
         if lost > self._lost:
             self._ring.append(encoded(Lost(lost - self._lost)))
             self._lost = lost
@@ -248,7 +249,7 @@ class _Writer:
         if self._ring.full_segment or not self._continues(segment, tick.stamp_ns):
             self._next_segment()
         self._ring.append(encoded(moment), tick.stamp_ns)
-        if tick.mode in DRIVEN and not self._drove:  # nothing resumes by itself: somebody has said yes to another drive
+        if tick.mode in DRIVEN and not self._drove:  # a drive never resumes by itself, so this one is new
             self._driven_ticks = _ON_TICKS
         self._drove = tick.mode in DRIVEN
         for event in self._watch.update(moment):
@@ -258,7 +259,7 @@ class _Writer:
         self._close_parts(tick.stamp_ns)
 
     def flush(self) -> None:
-        """Write and sync, if it is time."""
+        """Write and sync if it is due."""
         now_s = time.monotonic()
         if now_s - self._written_s >= self._settings.write_ms / 1000.0:
             self._ring.write()
@@ -268,17 +269,17 @@ class _Writer:
             self._synced_s = now_s
 
     def end(self) -> None:
-        """Close on purpose."""
+        """Close the log in order."""
         self._ring.append(encoded(End()))
         self._close_parts(None)
         self._ring.close()
 
     def give_up(self, problem: str) -> None:
-        """Close because it has to be."""
+        """Close the log after an error."""
         self._ring.give_up(problem)
 
     def _meet(self, board: HelloReply | None) -> None:
-        """A board that was not known yet, or another one, is written at the head of a segment."""
+        """Write a new header if the board is new."""
         if board is None:
             return
         name = board.chair_id.rstrip(b"\0").decode(errors="replace")
@@ -288,17 +289,17 @@ class _Writer:
             self._ring.append(encoded(replace(self._head, wall_ns=time.time_ns())))
 
     def _continues(self, segment: Segment, stamp_ns: int) -> bool:
-        """Whether a tick belongs to the present segment: a clock that went back begins another one."""
+        """Whether a tick belongs to the present segment; a clock that was set back begins a new one."""
         if segment.begin_ns is None or segment.end_ns is None:
             return True
         return segment.end_ns <= stamp_ns < segment.begin_ns + self._settings.segment_s * 1e9
 
     def _next_segment(self) -> None:
-        self._keep_up(self._open)  # before the ring may drop what belongs to them
+        self._keep_up(self._open)  # before the ring may drop their segments
         self._ring.begin(replace(self._head, wall_ns=time.time_ns()))
 
     def _keep(self, event: Event) -> None:
-        """A part of its own, unless it follows from the event before: the chair has not driven on since."""
+        """Open a part for an event, or add it to the open part if the chair has not driven on since the last event."""
         s, after_ns = self._settings, round(self._settings.after_s * 1e9)
         if self._open and self._driven_ticks < _ON_TICKS:
             self._open[-1] = with_event(self._open[-1], event, after_ns)
@@ -310,14 +311,14 @@ class _Writer:
         self._driven_ticks = 0
 
     def _keep_up(self, parts: Sequence[Part]) -> None:
-        """Have them hold what was logged so far of theirs."""
+        """Link the segments so far into open parts."""
         if parts:
             self._ring.write()
         for part in parts:
             self._parts.keep(part, self._ring.segments)
 
     def _close_parts(self, now_ns: int | None) -> None:
-        """Those whose span is over; None: all of them."""
+        """Close the parts whose span is over; with None, all of them."""
         over = [part for part in self._open if now_ns is None or not part.begin_ns <= now_ns <= part.end_ns]
         self._keep_up(over)
         for part in over:

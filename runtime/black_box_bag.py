@@ -1,4 +1,4 @@
-"""A bag of what a chair's sensors said, from its black box: for `waychair map`, RViz and Foxglove."""
+"""Export of a black box's sensor messages as a ROS bag, for `waychair map`, RViz and Foxglove."""
 
 from __future__ import annotations
 
@@ -16,13 +16,13 @@ from waychair.types import ChairStatus, ImuSample, Odometry, Pose3, RgbdFrame, S
 
 
 def write_bag(path: Path, log: Log, mounts: Callable[[ChairBody], Mapping[str, Pose3]]) -> None:
-    """Write what the sensors said, and the odometry of wheels and gyro, with stamps of the clock on the wall.
+    """Write the log's sensor messages, and the odometry of wheels and gyro, with wall-clock stamps.
 
-    `mounts`: where a body carries its sensors, by the names of their frames.
+    `mounts` returns a body's sensor mounts by frame name.
 
     Raises:
-        BoxError: there is not one message in the log.
-        OutputError: there is something at the path already, it cannot be written to, or its disk is full.
+        BoxError: the log holds no sensor message.
+        OutputError: the path exists already, cannot be written to, or its disk is full.
     """
     if not any(True for _ in log.messages()):
         raise BoxError(f"no sensor has said anything in this log: {path} would be empty")

@@ -1,4 +1,4 @@
-"""What a black box keeps for good: every stop, fault, jolt and jump of the pose, found in the ticks as they come."""
+"""The events that a black box keeps permanently: every stop, fault, jolt and pose jump, found in the ticks."""
 
 from __future__ import annotations
 
@@ -16,7 +16,7 @@ from waychair.types import DriveMode, ImuSample
 
 
 class Gravity(enum.Enum):
-    """PAUSE: the chair stood and went on by itself; END: a drive was over, or did not begin; FAULT: something broke."""
+    """PAUSE: the chair stood and went on by itself; END: a drive ended or did not begin; FAULT: something broke."""
 
     PAUSE = "pause"
     END = "end"
@@ -25,7 +25,7 @@ class Gravity(enum.Enum):
 
 @dataclass(frozen=True, slots=True)
 class Event:
-    """What happened at a tick: `id` of a row of `stops.STOPS` or of `OTHERS`, with a plain sentence."""
+    """An event at a tick: `id` of a row of `stops.STOPS` or of `OTHERS`, with a plain sentence."""
 
     id: str
     text: str
@@ -48,34 +48,34 @@ OTHERS: Mapping[str, tuple[str, str]] = MappingProxyType(
         ),
     }
 )
-"""Events that are no rows of the table of stops: what happened, and what to do."""
+"""Events outside the table of stops: sentence and remedy."""
 
 _SAME_PAUSE_NS = 2_000_000_000
-"""A reason to pause that is back within this time was never gone."""
+"""A reason to pause that returns within this time counts as the same event."""
 
 _SAME_JOLT_NS = 1_000_000_000
 _SAME_END_NS = 500_000_000
-"""Where base and navigator are two processes, one hears of a drive's end after the other."""
+"""Base and navigator in two processes report the end of one drive up to this time apart."""
 
 _FAILED, _ENDED = Stage.FAILED.value, (Stage.FAILED.value, Stage.ARRIVED.value, Stage.IDLE.value)
 
 
 class Watch:
-    """Looks at each tick beside the one before."""
+    """Finds events by comparing each tick with the one before."""
 
     def __init__(self, jolt: float, jump: float) -> None:
-        """jolt: horizontal acceleration [m/s^2] that no drive makes; jump: of the pose at once [m]."""
+        """jolt: horizontal acceleration [m/s^2] above that of any drive; jump: step of the pose [m]."""
         self._jolt, self._jump = jolt, jump
         self._drove = False
         self._stage = Stage.IDLE.value
-        self._latched: frozenset[str] | None = None  # None until the chair has once been without
+        self._latched: frozenset[str] | None = None  # None until the first tick without a latched fault
         self._paused_ns: dict[str, int] = {}
         self._located: Located | None = None
         self._jolted_ns: int | None = None
         self._ended_ns: int | None = None
 
     def update(self, moment: Moment) -> tuple[Event, ...]:
-        """What happened in this tick, the gravest of each kind first."""
+        """Return the events of this tick, each id once."""
         tick = moment.tick
         found = [*self._end_once(tick), *self._faults(tick), *self._jumped(tick), *self._jolts(moment)]
         if tick.mode in DRIVEN:
@@ -85,7 +85,7 @@ class Watch:
         return tuple(event for event in found if named[event.id] is event)
 
     def _end_once(self, tick: Tick) -> list[Event]:
-        """The end of a drive, if it is not the one that was told just before."""
+        """Return the end of a drive, unless it was reported just before."""
         events = self._end_of_drive(tick)
         before_ns = self._ended_ns
         if events:
@@ -94,12 +94,12 @@ class Watch:
         return [] if same else events
 
     def _end_of_drive(self, tick: Tick) -> list[Event]:
-        """A drive that ended before its goal, or was confirmed and did not begin."""
+        """Return the event of a drive that ended before its goal, or was confirmed and did not begin."""
         drives = tick.mode in DRIVEN
         failed = tick.stage == _FAILED and (drives or self._stage not in _ENDED)
         over = not drives and (self._drove or failed)
         if over and tick.halt is not None:
-            waits = tick.halt.id == "unconfirmed"  # another goal was asked for, or nobody has said yes
+            waits = tick.halt.id == "unconfirmed"  # another goal was asked for, or no yes came
             return [] if waits else [_event(tick, tick.halt)]
         if failed and (drives or self._drove):
             return [Event("drive_failed", tick.stage_reason, Gravity.END, tick.stamp_ns, tick.wall_ns)]
@@ -108,7 +108,7 @@ class Watch:
         return []
 
     def _faults(self, tick: Tick) -> list[Event]:
-        """What has to be reset and was not there before."""
+        """Return new faults that need a reset."""
         now = {halted.id: halted for halted in tick.halts if _severity(halted) is Severity.LATCHES}
         before, fresh = self._latched, [] if self._latched is None else [n for n in now if n not in self._latched]
         if before is not None or not now:
@@ -116,7 +116,7 @@ class Watch:
         return [_event(tick, now[name]) for name in fresh]
 
     def _pauses(self, tick: Tick) -> list[Event]:
-        """A drive that is held up."""
+        """Return new reasons to pause."""
         events = []
         for halted in tick.halts:
             if _severity(halted) is Severity.PAUSES:
@@ -127,7 +127,7 @@ class Watch:
         return events
 
     def _jumped(self, tick: Tick) -> list[Event]:
-        """A pose that is corrected by much, at once."""
+        """Return an event if the localiser corrected the pose by more than the limit at once."""
         before, now = self._located, tick.located
         if before is None or now is None or before == now:
             return []
@@ -140,7 +140,7 @@ class Watch:
         return [Event("pose_corrected", text, Gravity.FAULT, tick.stamp_ns, tick.wall_ns)]
 
     def _jolts(self, moment: Moment) -> list[Event]:
-        """What the IMU feels of a knock; a drive brakes by less, and a lean of 8 degrees pulls by less."""
+        """Return an event if the IMU felt a knock; braking, and a tilt of 8 degrees, stay below the limit."""
         tick = moment.tick
         felt = [math.hypot(*message.accel[:2]) for message in moment.heard if isinstance(message, ImuSample)]
         hardest = max((value for value in felt if math.isfinite(value)), default=0.0)

@@ -1,12 +1,12 @@
-"""The file format of the black box: what a chair was told and did, tick by tick, readable as far as it was written.
+"""The file format of the black box: requests to a chair and its ticks, readable up to the last written byte.
 
-A file is a row of records, each `mark kind length crc payload`: the mark `ab 57 42 01` is what a reader looks for
-after damage, the CRC-32 covers kind and payload, and the payload is MessagePack. A record of which the end is missing,
-or a byte is wrong, is left out and counted, and reading goes on at the next mark. The first record is a `Head`, so that
-every file says by itself which chair, configuration, calibration, board and software it is of.
+A file is a row of records, each `mark kind length crc payload`: after damage a reader looks for the mark `ab 57 42 01`,
+the CRC-32 covers kind and payload, and the payload is MessagePack. A record with a missing end or a wrong byte is left
+out and counted, and reading goes on at the next mark. The first record is a `Head`, so that every file by itself names
+its chair, configuration, calibration, board and software.
 
-A bag needs an index or whole chunks to be read well; this log has to be read after a power cut, and holds what ROS has
-no messages for. `black_box_bag` makes a bag of it.
+A ROS bag needs an index or whole chunks; this log must be readable after a power cut, and holds data for which ROS has
+no messages. `black_box_bag` makes a bag of it.
 """
 
 from __future__ import annotations
@@ -42,7 +42,7 @@ from waychair.types import (
 )
 
 FORMAT = 1
-"""Version of the records; a log of another one is not guessed at."""
+"""Version of the records; logs of other versions are refused."""
 
 _MARK = b"\xabWB\x01"
 _FRAME = struct.Struct("<4scII")
@@ -51,7 +51,7 @@ _LARGEST = 1 << 24  # bytes of a payload: three uncompressed pictures
 
 @dataclass(frozen=True, slots=True)
 class BoardIdentity:
-    """What a board said of itself in its greeting: `layout_hash` is that of the messages on the wire."""
+    """A board's greeting: `layout_hash` is the hash of the messages on the wire."""
 
     firmware_version: int
     layout_hash: int
@@ -61,7 +61,7 @@ class BoardIdentity:
 
 @dataclass(frozen=True, slots=True)
 class Head:
-    """What a chair's log is of. `session` names one run of the program, `configuration` is YAML with all values."""
+    """The header of a log file. `session` names one run of the program, `configuration` is YAML with all values."""
 
     session: str
     wall_ns: int
@@ -76,7 +76,7 @@ class Head:
 
 @dataclass(frozen=True, slots=True)
 class Halted:
-    """A row of the table of stops, by id, with its sentence and figures."""
+    """A halt: the id of its row in the table of stops, and its sentence with figures."""
 
     id: str
     text: str
@@ -84,7 +84,7 @@ class Halted:
 
 @dataclass(frozen=True, slots=True)
 class Located:
-    """What the localiser held at its last scan; see `Localisation`."""
+    """The localiser's result at its last scan; see `Localisation`."""
 
     state: str
     health: float
@@ -96,9 +96,9 @@ class Located:
 
 @dataclass(frozen=True, slots=True)
 class Tick:
-    """One tick of a chair: its `ChairState` without what can be computed again.
+    """One tick of a chair: its `ChairState` without the values that can be computed from the rest.
 
-    `goal`: where the path ends, None without one. `asked` is the navigator's twist. `wall_ns`: the clock on the wall.
+    `goal`: the end of the path, None without one. `asked` is the navigator's twist. `wall_ns` is of the wall clock.
     """
 
     stamp_ns: int
@@ -125,7 +125,7 @@ class Tick:
 
 @dataclass(frozen=True, slots=True)
 class Told:
-    """What somebody asked of the chair after the tick before: go (with its goals), confirm, cancel, stop or reset."""
+    """A request to the chair since the last tick: go (with its goals), confirm, cancel, stop or reset."""
 
     what: str
     goals: tuple[Goal, ...] = ()
@@ -133,14 +133,14 @@ class Told:
 
 @dataclass(frozen=True, slots=True)
 class Lost:
-    """So many ticks were not logged here, since the disk was too slow."""
+    """A number of ticks that were not logged here, since the disk was too slow."""
 
     ticks: int
 
 
 @dataclass(frozen=True, slots=True)
 class End:
-    """The log was closed on purpose; `problem` why before its time, if so."""
+    """The end of a log that was closed in order; `problem` is the reason if it was closed early."""
 
     problem: str = ""
 
@@ -158,7 +158,7 @@ class StoredPicture:
 
 @dataclass(frozen=True, slots=True)
 class Moment:
-    """A tick, and the messages that the chair heard since the one before."""
+    """A tick, and the sensor messages since the one before."""
 
     tick: Tick
     heard: tuple[Message, ...] = ()
@@ -172,7 +172,7 @@ _HEARD = (WheelTicks, Scan, ImuSample, SonarReadings, ChairStatus, StoredPicture
 
 
 def encoded(record: Record) -> bytes:
-    """A record as it lies in the file."""
+    """Return a record's bytes in the file."""
     values: Any = record
     if isinstance(record, Moment):
         values = record.tick, [(type(message).__name__, message) for message in map(_stored, record.heard)]
@@ -182,7 +182,7 @@ def encoded(record: Record) -> bytes:
 
 
 def tick_from_state(state: ChairState, wall_ns: int) -> Tick:
-    """What is logged of a tick."""
+    """Return the logged form of a chair's state."""
     verdict, navigation, found = state.verdict, state.navigation, state.localisation
     path = navigation.path
     return Tick(
@@ -215,9 +215,9 @@ def tick_from_state(state: ChairState, wall_ns: int) -> Tick:
 
 @dataclass(frozen=True, slots=True)
 class Log:
-    """What is readable of one run: its latest head, moments in order, and what was asked for before which one (index).
+    """The readable records of one run: latest header, moments in order, and requests with the index of the next moment.
 
-    `lost` ticks were not logged, `damaged` bytes are not readable; `end` None: it was cut off.
+    `lost` ticks were not logged, `damaged` bytes are not readable; `end` None: the log was cut off.
     """
 
     head: Head
@@ -229,16 +229,16 @@ class Log:
 
     @property
     def ticks(self) -> tuple[Tick, ...]:
-        """Without what was heard."""
+        """The ticks without their messages."""
         return tuple(moment.tick for moment in self.moments)
 
     def messages(self) -> Iterator[Message]:
-        """What the sensors said, in order."""
+        """Yield the sensor messages in order."""
         for moment in self.moments:
             yield from moment.heard
 
     def between(self, begin_ns: int, end_ns: int) -> Log:
-        """The ticks of a span of the chair's clock."""
+        """Return the part of the log in a span of the chair's clock."""
         kept = [k for k, moment in enumerate(self.moments) if begin_ns <= moment.tick.stamp_ns <= end_ns]
         if not kept:
             return replace(self, moments=(), told=())
@@ -248,10 +248,10 @@ class Log:
 
 
 def read_log(files: Sequence[Path]) -> Log:
-    """Files of one run in the order in which they were written.
+    """Read the files of one run, given in the order of writing.
 
     Raises:
-        BoxError: nothing of a black box can be read in them, or it is of another version of the format.
+        BoxError: they hold no readable header, or are of another version of the format.
     """
     heads, moments, told, lost, damaged = list[Head](), list[Moment](), list[tuple[int, Told]](), 0, 0
     end: End | None = None
@@ -277,22 +277,22 @@ def read_log(files: Sequence[Path]) -> Log:
 
 
 def read_head(file: Path) -> Head | None:
-    """The head of a file; None if that is not readable.
+    """Return the header of a file; None if it is not readable.
 
     Raises:
-        BoxError: it is of another version of the format.
+        BoxError: the file is of another version of the format.
     """
     return next((record for record in _records(file, 1 << 20) if isinstance(record, Head)), None)
 
 
 def read_end(file: Path) -> End | None:
-    """How a file was closed; None if it was not."""
+    """Return the end record of a file; None if it was cut off."""
     last = deque(_records(file), maxlen=1)
     return last[0] if last and isinstance(last[0], End) else None
 
 
 def _records(file: Path, most: int = -1) -> Iterator[Record | int]:
-    """Those of a file, or of its first bytes."""
+    """Yield the records of a file, or of its first `most` bytes."""
     try:
         with file.open("rb") as opened:
             data = opened.read(most)
@@ -302,10 +302,10 @@ def _records(file: Path, most: int = -1) -> Iterator[Record | int]:
 
 
 def records(data: bytes) -> Iterator[Record | int]:
-    """Readable records; where there are others between them, how many bytes.
+    """Yield readable records, and the number of bytes of each unreadable stretch between them.
 
     Raises:
-        BoxError: they are of another version of the format.
+        BoxError: the records are of another version of the format.
     """
     at = 0
     while at < len(data):
@@ -320,7 +320,7 @@ def records(data: bytes) -> Iterator[Record | int]:
 
 
 def _record_at(data: bytes, at: int) -> tuple[Record | None, int]:
-    """The record at a place, None if it is of a kind that a later version writes, and its end; `at` where none is."""
+    """Return the record at an offset and its end; None for an unknown kind; the end is `at` if there is no record."""
     if len(data) - at < _FRAME.size:
         return None, at
     mark, letter, length, crc = _FRAME.unpack_from(data, at)
@@ -382,7 +382,7 @@ def _restored(message: Any) -> Message:
 
 
 def _plain(value: Any) -> Any:
-    """Arrays as dtype, shape and bytes; numbers of numpy as Python's."""
+    """Encode arrays as dtype, shape and bytes, and numbers of numpy as Python's."""
     if isinstance(value, np.ndarray):
         return value.dtype.str, value.shape, value.tobytes()
     if isinstance(value, np.generic):

@@ -1,13 +1,13 @@
-"""A black box on disk: a ring of segments, of which the oldest are dropped, and parts that are kept.
+"""The folder of a black box: a ring of segments, whose oldest are dropped, and permanent parts.
 
-    BOX/lock                      held by the program that writes
+    BOX/lock                      held by the writing program
     BOX/ring/00000042.log         one segment: see `black_box_file`
-    BOX/parts/0007-obstacle/      part.json, configuration.yaml, calibration.json and the segments round an event
+    BOX/parts/0007-obstacle/      part.json, configuration.yaml, calibration.json and the segments around an event
 
-Segments are appended to, never mapped: a mapped file raises SIGBUS in whoever writes to it when the disk is full, which
-would kill the chair's program, and appending says so by an error. What was written survives the death of the program
-at once, and that of the computer from the next `fdatasync` on. A part holds hard links to its segments, so that keeping
-costs neither time nor room until the ring has dropped them; where there are no links, copies.
+Segments are appended to, not mapped into memory: on a full disk a mapped file raises SIGBUS, which would kill the
+chair's program, while appending returns an error. Written data survive the program's death at once, and a power cut
+from the next `fdatasync` on. A part holds hard links to its segments, so that it costs no time, and no disk space until
+the ring drops them; on file systems without hard links it holds copies.
 """
 
 from __future__ import annotations
@@ -34,12 +34,12 @@ from waychair.runtime.black_box_file import End, Head, Log, Tick, encoded, read_
 RING, PARTS, LOCK = "ring", "parts", "lock"
 _ABOUT, _READ = "part.json", "read"
 LEAST_FREE = 64 << 20
-"""Logging ends when fewer bytes than these are free, so that the rest of the machine can go on."""
+"""Logging ends when fewer bytes are free, so that the rest of the computer can go on."""
 
 
 @dataclass(frozen=True, slots=True)
 class Bounds:
-    """What a box may take: segments in the ring, their bytes together, and parts."""
+    """Limits of a box: segments in the ring, their bytes in total, and parts."""
 
     segments: int
     ring_bytes: int
@@ -56,7 +56,7 @@ class Segment:
     size: int = 0
 
     def overlaps(self, begin_ns: int, end_ns: int) -> bool:
-        """Whether it holds a tick of this span."""
+        """Whether the segment holds a tick of this span."""
         return (
             self.begin_ns is not None
             and self.end_ns is not None
@@ -66,10 +66,10 @@ class Segment:
 
 
 class Ring:
-    """The segments of a box, written by one run of the program. All of it raises OSError when the disk will not."""
+    """The segments of a box, written by one run of the program. Every method raises OSError when the disk fails."""
 
     def __init__(self, folder: Path, bounds: Bounds) -> None:
-        """`folder` is the box's."""
+        """`folder` is the folder of the box."""
         self._folder, self._bounds = folder / RING, bounds
         self._folder.mkdir(parents=True, exist_ok=True)
         self._old = [Segment(path, size=path.stat().st_size) for path in segment_files(folder)]
@@ -79,20 +79,20 @@ class Ring:
 
     @property
     def waiting(self) -> int:
-        """Bytes that are not written yet."""
+        """Number of bytes that are not written yet."""
         return len(self._waiting)
 
     @property
     def full_segment(self) -> bool:
-        """Whether the present segment has its share of the ring's bytes."""
+        """Whether the present segment has reached its share of the ring's bytes."""
         share = max(self._bounds.ring_bytes // self._bounds.segments, 1 << 16)
         return bool(self.segments) and self.segments[-1].size + len(self._waiting) >= share
 
     def begin(self, head: Head) -> None:
-        """A new segment; what exceeds the bounds is dropped.
+        """Begin a new segment, and drop the oldest ones beyond the bounds.
 
         Raises:
-            OSError: there is no room on the disk.
+            OSError: the disk is full.
         """
         if shutil.disk_usage(self._folder).free < LEAST_FREE:
             raise OSError(errno.ENOSPC, os.strerror(errno.ENOSPC))
@@ -108,7 +108,7 @@ class Ring:
         sync_folder(self._folder)
 
     def append(self, data: bytes, stamp_ns: int | None = None) -> None:
-        """A record, of a tick of this stamp or of none; it is written by the next `write`."""
+        """Append a record, with its tick's stamp if it has one; the next `write` writes it."""
         self._waiting += data
         segment = self.segments[-1]
         if stamp_ns is not None:
@@ -116,7 +116,7 @@ class Ring:
             segment.end_ns = stamp_ns if segment.end_ns is None else max(segment.end_ns, stamp_ns)
 
     def write(self) -> None:
-        """Hand to the system what waits: from then on it survives the program's death."""
+        """Pass the waiting bytes to the system: from then on they survive the program's death."""
         if self._file is None:
             return
         while self._waiting:
@@ -125,27 +125,27 @@ class Ring:
             del self._waiting[:written]
 
     def sync(self) -> None:
-        """Have the disk keep it: from then on it survives a power cut, as far as the disk tells the truth."""
+        """Sync to the disk: from then on the log survives a power cut, if the disk honours it."""
         self.write()
         if self._file is not None:
             os.fdatasync(self._file)
 
     def close(self) -> None:
-        """End the present segment, if there is one."""
+        """Close the present segment, if there is one."""
         if self._file is not None:
             self.sync()
             os.close(self._file)
             self._file = None
 
     def give_up(self, problem: str) -> None:
-        """The disk will not: drop the oldest segment, and write in the room of it what waits, and why the log ends."""
+        """After a disk error, drop the oldest segment to make room, then write the waiting bytes and the reason."""
         if self._file is None:
             return
         with contextlib.suppress(OSError):
             every = [*self._old, *self.segments[:-1]]
             if every:
                 every[0].path.unlink()
-            self._waiting += encoded(End(problem))  # after what is left of the record before
+            self._waiting += encoded(End(problem))  # after the half-written record
             self.sync()
         with contextlib.suppress(OSError):
             os.close(self._file)
@@ -167,7 +167,7 @@ class Ring:
 
 @dataclass(frozen=True, slots=True)
 class Part:
-    """What is kept of an event: what happened, in the order in which it did, and the span that belongs to it."""
+    """A kept part of the log: its events in order, and its time span."""
 
     folder: Path
     session: str
@@ -181,43 +181,43 @@ class Part:
 
     @property
     def number(self) -> int:
-        """They are counted from 1."""
+        """The part's number, from 1."""
         return int(self.folder.name.split("-")[0])
 
     @property
     def read(self) -> bool:
-        """Whether somebody has had it explained."""
+        """Whether the part has been explained to somebody."""
         return (self.folder / _READ).exists()
 
     @property
     def gravity(self) -> Gravity:
-        """Of the gravest event."""
+        """The gravity of the gravest event."""
         return max((event.gravity for event in self.events), key=list(Gravity).index)
 
     def mark_read(self) -> None:
-        """Somebody has seen it; a box that cannot be written to forgets that."""
+        """Mark the part as read; ignored if the box cannot be written to."""
         with contextlib.suppress(OSError):
             (self.folder / _READ).touch()
 
     def log(self) -> Log:
-        """Its log.
+        """Return the part's log.
 
         Raises:
-            BoxError: nothing in it is readable.
+            BoxError: no record of it is readable.
         """
         return read_log(sorted(self.folder.glob("*.log"))).between(self.begin_ns, self.end_ns)
 
 
 class Parts:
-    """The kept parts of a box, written by one run of the program. All of it raises OSError when the disk will not."""
+    """The kept parts of a box, written by one run of the program. Every method raises OSError when the disk fails."""
 
     def __init__(self, folder: Path, bounds: Bounds) -> None:
         self._box, self._folder, self._bounds = folder, folder / PARTS, bounds
         self._folder.mkdir(parents=True, exist_ok=True)
-        self._written: set[Path] = set()  # folders of parts that this run has not closed yet
+        self._written: set[Path] = set()  # folders of this run's open parts
 
     def open(self, event: Event, head: Head, segments: Sequence[Segment], span_ns: tuple[int, int]) -> Part:
-        """Keep the segments of a span round an event, until it is closed; then drop what exceeds the bounds."""
+        """Open a part with the segments of a span around an event, and drop parts beyond the bounds."""
         part = Part(
             self._folder / f"{self._next_number():04d}-{event.id}",
             head.session,
@@ -238,7 +238,7 @@ class Parts:
         return part
 
     def keep(self, part: Part, segments: Sequence[Segment]) -> None:
-        """Link, or copy, what the part does not hold yet of the segments that belong to it."""
+        """Link, or copy, the part's segments that it does not hold yet."""
         for segment in segments:
             kept = part.folder / segment.path.name
             if not segment.overlaps(part.begin_ns, part.end_ns) or not segment.path.exists():
@@ -251,7 +251,7 @@ class Parts:
                 shutil.copyfile(segment.path, kept)
 
     def save(self, part: Part) -> None:
-        """Write what is known of it."""
+        """Write part.json."""
         write_json(part.folder / _ABOUT, msgspec.to_builtins(part, enc_hook=lambda folder: folder.name))
         with (part.folder / _ABOUT).open("rb") as file:
             os.fsync(file.fileno())
@@ -259,20 +259,20 @@ class Parts:
         sync_folder(self._folder)
 
     def close(self, part: Part) -> None:
-        """Nothing more will belong to it."""
+        """Mark a part as complete."""
         self.save(replace(part, closed=True))
         self._written.discard(part.folder)
         self._drop_least()
 
     def _next_number(self) -> int:
-        """Of all folders that there are: who died while it made one has left nothing that can be read."""
+        """Return the next free number over all folders, also unreadable ones that a killed program has left."""
         begun = (path.name.split("-")[0] for path in self._folder.iterdir())
         return max((int(number) for number in begun if number.isdecimal()), default=0) + 1
 
     def _drop_least(self) -> None:
-        """Too many: pauses before ends, of those the unread, of those the oldest; never the newest, nor what is written.
+        """Drop parts beyond the bounds: pauses before others, among these unread before read, then the oldest.
 
-        Those that are still written are dropped when they are closed.
+        The newest part always stays. Open parts are dropped when they are closed.
         """
         kept = parts_of(self._box)
         order = sorted(kept[:-1], key=lambda part: (part.gravity is not Gravity.PAUSE, part.read, part.number))
@@ -282,12 +282,12 @@ class Parts:
 
 
 class Locked:
-    """A box that nobody else writes to meanwhile; the system lets go of it when the program dies."""
+    """The exclusive lock of a box, held until the block or the program ends."""
 
     def __init__(self, folder: Path) -> None:
         """
         Raises:
-            BoxError: another program writes to it, or it cannot be written to.
+            BoxError: another program holds the lock, or the folder cannot be written to.
         """
         try:
             folder.mkdir(parents=True, exist_ok=True)
@@ -308,7 +308,7 @@ class Locked:
 
 
 def is_written(folder: Path) -> bool:
-    """Whether a program writes to this box now."""
+    """Whether a program is writing to this box."""
     try:
         with (folder / LOCK).open("rb") as file:
             fcntl.flock(file, fcntl.LOCK_SH | fcntl.LOCK_NB)
@@ -320,19 +320,19 @@ def is_written(folder: Path) -> bool:
 
 
 def last_written_s(folder: Path) -> float:
-    """When a box was written to last, by the clock on the wall [s]; 0 for what is none."""
+    """Return the time of the last write to a box, by the wall clock [s]; 0 if there is no box."""
     with contextlib.suppress(OSError):
         return max((file.stat().st_mtime for file in segment_files(folder)), default=0.0)
     return 0.0
 
 
 def segment_files(folder: Path) -> list[Path]:
-    """The ring's, oldest first."""
+    """Return the ring's segment files, oldest first."""
     return sorted(path for path in (folder / RING).glob("*.log") if path.stem.isdecimal())
 
 
 def parts_of(folder: Path) -> list[Part]:
-    """The parts of a box that can be read, oldest first."""
+    """Return the readable parts of a box, oldest first."""
     found = []
     for path in sorted((folder / PARTS).glob("*/" + _ABOUT)):
         with contextlib.suppress(OSError, msgspec.MsgspecError, ValueError):
@@ -342,10 +342,7 @@ def parts_of(folder: Path) -> list[Part]:
 
 
 def cut_off(folder: Path, before_s: float) -> tuple[Event, Log, list[Segment]] | None:
-    """What is left of a run that ended without a word: its end as an event, its last segments and what is in them.
-
-    None if none did.
-    """
+    """Return the end of a killed run as an event, its last log and segments; None if the last run ended in order."""
     files = [file for file in segment_files(folder) if _is_readable(file)]
     if not files or read_end(files[-1]) is not None:
         return None
@@ -377,18 +374,18 @@ def _is_readable(file: Path) -> bool:
 
 
 def finish(folder: Path, problem: str) -> None:
-    """Say at the end of the ring that its last run is accounted for."""
+    """Append an end record to the ring, since its last run has been kept as a part."""
     with segment_files(folder)[-1].open("ab") as file:
         file.write(encoded(End(problem)))
 
 
 def with_event(part: Part, event: Event, after_ns: int) -> Part:
-    """The part with what happened next, and as long after that."""
+    """Return the part with a further event, its span extended to `after_ns` after it."""
     return replace(part, events=(*part.events, event), end_ns=max(part.end_ns, event.stamp_ns + after_ns))
 
 
 def segments_needed(seconds: float, segment_s: float) -> int:
-    """So many segments always hold the last `seconds`."""
+    """Return the number of segments that always hold the last `seconds`."""
     return math.ceil(seconds / segment_s) + 1
 
 

@@ -1,11 +1,11 @@
 """The whole chair as one object: sensor messages in, commands to the board out, one tick at a time.
 
-It has no clock and no threads of its own: whoever owns it (a trial, the page) calls `step` at `topics.COMMAND.rate_hz`
-with the messages since the last tick, and `beat` in between, at `topics.TELEMETRY.rate_hz` or faster, so that the board
-knows that the computer lives. As ROS nodes the same three parts, base, localiser and pilot, are processes.
+It has no clock and no threads of its own. Its owner (a trial or the page) calls `step` at `topics.COMMAND.rate_hz` with
+the messages since the last tick, and `beat` in between, at `topics.TELEMETRY.rate_hz` or faster, as a heartbeat for the
+board. In ROS the same three parts, base, localiser and pilot, are processes.
 
-Nothing drives because it was asked for: `go` takes a goal, and `confirm`, the rider's own yes, begins it, if nothing is
-wrong at that moment. Otherwise the goal is dropped, and so it is by whatever ends a drive.
+No drive begins by the request alone: `go` takes a goal, and `confirm`, the rider's own yes, begins the drive if nothing
+is wrong at that moment. Otherwise the goal is dropped. Everything that ends a drive drops its goal, too.
 """
 
 from __future__ import annotations
@@ -18,7 +18,7 @@ from waychair.calibration.calibration_file import ChairCalibration
 from waychair.calibration.dac import DacModel
 from waychair.control.navigator import Navigation, Navigator
 from waychair.control.stops import Halt
-from waychair.control.supervisor import Verdict
+from waychair.control.supervisor import SupervisorVerdict
 from waychair.firmware_bridge.bridge import Bridge
 from waychair.firmware_bridge.protocol import HelloReply
 from waychair.firmware_bridge.transports import Reconnecting
@@ -27,7 +27,7 @@ from waychair.planning.drawn_map import DrawnMap
 from waychair.runtime.drive_base import DriveBase, Message
 from waychair.runtime.monitor_process import MonitorPort
 from waychair.runtime.pilot import Pilot, PilotSettings
-from waychair.slam.localiser import Localisation, LocalisationState, Localiser, LocaliserSettings, saved_map
+from waychair.slam.localiser import Localisation, LocalisationState, Localiser, LocaliserSettings, prepared_map
 from waychair.slam.recovery import SavedMap
 from waychair.types import (
     Goal,
@@ -45,25 +45,24 @@ from waychair.types import (
 
 @dataclass(frozen=True, slots=True)
 class ChairSettings(PilotSettings):
-    """The parts' own settings."""
+    """The settings of the pilot, the drive base and the localiser."""
 
     localiser: LocaliserSettings = field(default_factory=LocaliserSettings)
 
 
 @dataclass(frozen=True, slots=True)
 class ChairState:
-    """What the chair knows and did in one tick: where it is, who drives and why, what was asked and what was sent.
+    """The chair after one tick: pose, driver and reason, requested twist, and the command that was sent.
 
-    `halts`: all that keeps it from driving or holds it up, each with its remedy. `command`: the navigator's twist
-    within the limits, None when the computer does not drive. `telemetry` is the board's last report, None while there
-    is no board that could be driven through.
+    `halts`: every stop that is active, each with its remedy. `command`: the navigator's twist within the limits, None
+    when the computer does not drive. `telemetry` is the board's last report, None while no usable board is connected.
     """
 
     stamp_ns: int
     map_from_base: Pose2
     twist: Twist
     localisation: Localisation | None
-    verdict: Verdict
+    verdict: SupervisorVerdict
     halts: tuple[Halt, ...]
     navigation: Navigation
     command: Twist | None
@@ -72,13 +71,13 @@ class ChairState:
 
 
 class ChairWatcher(Protocol):
-    """Who looks on while a chair drives, as a black box does. It must neither wait nor raise."""
+    """An observer of a chair's ticks, such as a black box. It must neither wait nor raise."""
 
     def told(self, what: str, goals: tuple[Goal, ...] = ()) -> None:
-        """Somebody asked for something: go (to these goals), confirm, cancel, stop or reset; nothing else is told."""
+        """Note a request to the chair: go (to these goals), confirm, cancel, stop or reset; no other is passed on."""
 
     def note(self, heard: tuple[Message, ...], state: ChairState, board: HelloReply | None) -> None:
-        """A tick is over: what was heard in it, what came of it, and what the board said of itself."""
+        """Note a tick that is over: the messages of it, the chair's state after it, and the board's greeting."""
 
 
 class Chair:
@@ -98,10 +97,10 @@ class Chair:
         scanned: OccupancyGrid | None = None,
         watcher: ChairWatcher | None = None,
     ) -> None:
-        """See `DriveBase` and `Pilot`; `start` None: it has to find out where it is.
+        """See `DriveBase` and `Pilot`; `start` None: the localiser searches the whole map.
 
-        `scanned` is the map as a lidar sees it, where a camera has drawn into it, too; `watcher` is told what the chair
-        is asked for (see `ChairWatcher.told`), and tick by tick what it hears and does: steering shows in who drives.
+        `scanned` is the map without the depth camera's cells, for the localiser; default: `grid`. `watcher` gets every
+        request (see `ChairWatcher.told`) and every tick; steering shows in the state's verdict.
 
         Raises:
             BridgeError: the chair's name is too long for a board.
@@ -117,12 +116,12 @@ class Chair:
 
     @property
     def bridge(self) -> Bridge:
-        """Its end of the cable."""
+        """The computer's end of the cable to the board."""
         return self._base.bridge
 
     @property
     def navigator(self) -> Navigator:
-        """What it drives by."""
+        """The navigator, which plans paths and follows them."""
         return self._pilot.navigator
 
     @property
@@ -131,101 +130,98 @@ class Chair:
         return self._base.ready
 
     def go(self, goal: Goal, *further: Goal) -> None:
-        """Take a goal, and those after it, which wait for `confirm`; a drive under way comes to rest first.
+        """Take a goal, or a list of them, which waits for `confirm`; a drive under way comes to rest first.
 
         Raises:
-            UnknownPlace: one is not on the map.
-            GoalTooExact: one is to be reached more closely than a chair can stop.
+            UnknownPlace: a goal's place is not on the map.
+            GoalTooExact: a goal's tolerance is smaller than a chair can stop within.
         """
         self._pilot.go(goal, *further)
         self._base.request()
         self._tell("go", (goal, *further))
 
     def confirm(self) -> None:
-        """The rider's yes to the goal that waits: the drive begins in the next tick, unless something is wrong."""
+        """Take the rider's yes to the waiting goal: the drive begins in the next tick, unless something is wrong."""
         self._tell("confirm")
         if self._pilot.waits:
             self._base.confirm()
 
     @property
     def waits(self) -> bool:
-        """Whether there is a goal to say yes to."""
+        """Whether a goal waits for the rider's yes."""
         return self._pilot.waits
 
     def countdown_s(self, now_ns: int) -> float | None:
-        """Until the first motion of a drive that has begun [s]; None when it is not waited for."""
+        """Return the time until a drive that has begun may move [s]; None outside the countdown."""
         return self._base.countdown_s(now_ns)
 
     def cancel(self) -> None:
-        """Come to rest and give the goal up."""
+        """Come to rest and drop the goal."""
         self._tell("cancel")
         self._pilot.drop("the drive was cancelled")
 
     def pause(self) -> bool:
-        """Come to rest in comfort and stand, the goal kept, until `go_on`; whether there is a drive to pause.
+        """Come to rest in comfort and stand, the goal kept, until `go_on`; return whether there is a drive to pause.
 
-        Whatever ends a drive ends this one, too: the rider's joystick takes it over.
+        A paused drive ends for the same reasons as any other: the rider's joystick takes it over.
         """
         return self._pilot.pause()
 
     def go_on(self) -> bool:
-        """Somebody's deliberate act: the paused drive goes on; whether there is one."""
+        """Let the paused drive go on, by a person's deliberate act; return whether there is one."""
         return self._pilot.go_on()
 
     def stop(self) -> None:
-        """The rider's Stop: nothing moves by itself until a new goal is asked for, or somebody steers."""
+        """Obey the rider's Stop: nothing moves by itself until a new goal is asked for or a page steers."""
         self._tell("stop")
         self._base.stop()
 
     def steer(self, forward: float, turn: float, now_ns: int) -> None:
-        """A page's joystick is held there; see `DriveBase.steer`."""
+        """Take the position of a page's joystick; see `DriveBase.steer`."""
         self._base.steer(forward, turn, now_ns)
 
     def let_go(self, now_ns: int) -> None:
-        """A page's joystick was let go."""
+        """Note that a page's joystick was let go."""
         self._base.let_go(now_ns)
 
     def relocalise(self, map_from_base: Pose2 | None) -> None:
-        """Find out anew where the chair is, near a pose or anywhere."""
+        """Localise anew, near a pose in map or, with None, on the whole map."""
         self._localiser.restart(map_from_base)
 
     def reset(self) -> None:
-        """Somebody's deliberate act: the faults were seen to, the emergency stop was released on purpose.
+        """Reset faults and the emergency stop, by a person's deliberate act.
 
-        Nothing drives because of it: a goal that was waiting for it has to be asked for again.
+        No drive begins by it: a goal that was waiting has to be asked for again.
         """
         self._pilot.drop("the faults were reset; ask for the goal again")
         self._tell("reset")
         self._base.reset()
 
     def drawn(self, grid: OccupancyGrid, zones: Sequence[Zone]) -> DrawnMap:
-        """A map made ready for `redraw`; takes a while, and may be called from any thread."""
+        """Prepare a map for `redraw`; takes a while, and may be called from any thread."""
         return self._pilot.drawn(grid, zones)
 
     def known(self, scanned: OccupancyGrid) -> SavedMap:
-        """The map as a lidar sees it, made ready for `redraw`; takes a while, and may be called from any thread."""
-        return saved_map(scanned, self.settings.localiser)
+        """Prepare the localiser's map for `redraw`; takes a while, and may be called from any thread."""
+        return prepared_map(scanned, self.settings.localiser)
 
     def redraw(
         self, drawn: DrawnMap, zones: Sequence[Zone], places: Mapping[str, Place], known: SavedMap | None = None
     ) -> None:
-        """Other places and zones from now on, and what was erased of the map.
-
-        known: where something was erased, what the chair knows its place by from now on.
-        """
+        """Replace places, zones and the planner's map; `known`, where something was erased, also the localiser's."""
         self._base.zones = tuple(zones)
         self._pilot.redraw(drawn, places)
         if known is not None:
-            self._localiser.redraw(known)
+            self._localiser.replace_map(known)
 
     def beat(self, now_ns: int) -> None:
-        """Keep the board company between two ticks."""
+        """Send the board a heartbeat between two ticks."""
         self._base.beat(now_ns)
 
     def step(self, now_ns: int, messages: Iterable[Message], further: Iterable[Halt] = ()) -> ChairState:
-        """One tick: take in the messages, decide who drives, and let the bridge send what that comes to.
+        """Run one tick: take in the messages, decide who drives, and send the command.
 
-        `further` is what else stands against a drive, by those who know of it.
+        `further` are halts that only the caller knows of, such as that of a page that is gone.
         """
         heard = tuple(messages)
         for message in heard:
@@ -234,7 +230,7 @@ class Chair:
         self._pilot.expire(now_ns)
         verdict, telemetry = self._base.supervise(now_ns, self._pilot.navigator.active, further)
         if self._base.stands_again and self._is_in_doubt:
-            self._localiser.restart(pose)  # it was pushed, and what it sees does not quite bear out where to
+            self._localiser.restart(pose)  # after a push the scans match the pose only in part
         self._pilot.obey(verdict)
         map_from_odom = None if self._localisation is None else self._localisation.map_from_odom
         navigation = self._pilot.step(now_ns, pose, map_from_odom)
@@ -258,7 +254,7 @@ class Chair:
 
     @property
     def _is_in_doubt(self) -> bool:
-        """One that is lost looks for itself by itself."""
+        """Whether the pose is uncertain; a localiser that is lost searches by itself."""
         return self._localisation is not None and self._localisation.state is LocalisationState.DEGRADED
 
     def _tell(self, what: str, goals: tuple[Goal, ...] = ()) -> None:
@@ -266,7 +262,7 @@ class Chair:
             self._watcher.told(what, goals)
 
     def _take_in(self, message: Message) -> None:
-        """To the base all of them; to the localiser and the navigator what they need to know."""
+        """Pass a message to the base, and scans, sonars and pictures to localiser and pilot as well."""
         base = self._base
         base.hear(message)
         if isinstance(message, Scan) and base.odometry is not None:

@@ -1,4 +1,4 @@
-"""What a page shows of a chair in this program, put together tick by tick."""
+"""The view of a chair in this program for a page, put together tick by tick."""
 
 from __future__ import annotations
 
@@ -18,18 +18,18 @@ from waychair.types import FloatArray, Pose2, Scan
 
 
 class ChairDisplay:
-    """Keeps the latest scan, what is driven to, and why the last drive is over; used in the chair's own thread."""
+    """Keeps the latest scan, the goal's name and the reason of the last stop; used in the chair's own thread."""
 
     def __init__(self, chair: Chair, base_from_laser: Pose2) -> None:
         self.label = ""
-        """What the latest goal is called; told by who asks for it."""
+        """Name of the latest goal, set by the caller that asks for it."""
         self._chair, self._base_from_laser = chair, base_from_laser
         self._last_stop = ""
         self._had_goal = self._was_pushed = self._was_driven = False  # at the last tick
         self._points: FloatArray = np.empty((0, 2))
 
     def hear(self, messages: Iterable[object], state: ChairState) -> None:
-        """A tick is over."""
+        """Take in the messages and the state of a tick that is over."""
         for message in messages:
             if isinstance(message, Scan) and state.localisation is not None:
                 pose = state.localisation.map_from_base
@@ -37,7 +37,7 @@ class ChairDisplay:
         self._note_end(state)
 
     def view(self, state: ChairState) -> ChairView:
-        """The chair at the end of the tick that was heard last; revisions and the panel are for others to add."""
+        """Return the chair after the latest tick; the caller adds revisions and the panel."""
         chair, found, navigation = self._chair, state.localisation, state.navigation
         knows = found is not None and found.state is not LocalisationState.LOST
         pose = state.map_from_base if found is not None else None
@@ -74,7 +74,7 @@ class ChairDisplay:
         )
 
     def _note_end(self, state: ChairState) -> None:
-        """Why a drive is over, or was none."""
+        """Keep the reason for which a drive ended or did not begin."""
         navigator, pushed = self._chair.navigator, any(halted.stop.id == "pushed" for halted in state.halts)
         has_goal = self._chair.waits or navigator.active
         if self._had_goal and not has_goal:

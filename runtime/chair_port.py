@@ -1,7 +1,7 @@
-"""What a page needs of a chair: looked at, told, asked. A chair in this program and one behind ROS both offer it.
+"""The interface between a page and a chair, with its data types. A chair in this program and one behind ROS offer it.
 
-Calls come from the web server's threads, return within `ANSWER_S`, and never raise: what is refused is answered with a
-sentence that says why and what to do.
+Calls come from the web server's threads, return within `ANSWER_S` and never raise: a refusal is an `Answer` with the
+reason and the remedy.
 """
 
 from __future__ import annotations
@@ -20,7 +20,7 @@ ANSWER_S = 2.0
 """A call returns within this; Stop has taken effect at the lines within 0.1 s of its call."""
 
 STEER_S = 0.3
-"""The page's joystick must be told again within this: silence is letting go."""
+"""The page repeats the joystick's position within this time; silence counts as letting go."""
 
 
 def _no_points() -> FloatArray:
@@ -29,7 +29,7 @@ def _no_points() -> FloatArray:
 
 @dataclass(frozen=True, slots=True)
 class Answer:
-    """Whether something was done, and a plain sentence for the rider."""
+    """The answer to a request: whether it was done, and a plain sentence for the rider."""
 
     done: bool
     sentence: str
@@ -37,7 +37,7 @@ class Answer:
 
 @dataclass(frozen=True, slots=True)
 class Obstacle:
-    """What stands against a drive or holds it up: the stop's id, why in a plain sentence, and what helps."""
+    """A reason why the chair does not drive or stands: the stop's id, a plain sentence, and its remedy."""
 
     stop_id: str
     sentence: str
@@ -49,13 +49,13 @@ class ChairView:
     """A chair as a page shows it, at `stamp_ns`.
 
     `map_from_base`, `scan` (N, 2), `path` (M, 2) and `people` (K, 2) [m] are in map; the pose is None while unknown.
-    `goal` is the place or the point that was asked for, empty without one; `waits`: for the rider's yes;
-    `countdown_s`: until the first motion, None when nothing is about to begin. `next_action` is what the chair will do
-    next and `last_stop` why it stopped last, in plain sentences. `map_revision` and `layout_revision` change with the
-    grid, and with places and zones. `panel` is for engineers: figures by name, units in the names. `stamp_ns` is of the
-    computer's steady clock (`time.monotonic_ns`), and so is `free_since_ns`: since when the lines are the rider's own
-    joystick's, None while the computer holds them. `steered`: a page's joystick does. `paused`: the drive stands until
-    somebody has it go on.
+    `goal`: the requested place or point, empty without one; `waits`: it waits for the rider's yes; `countdown_s`: time
+    until the first motion, None outside the countdown. `next_action` and `last_stop` are plain sentences: the chair's
+    next action and the reason of its last stop. `map_revision` changes with the grid, `layout_revision` with places and
+    zones. `panel` is for engineers: figures by name, units in the names. `stamp_ns` and `free_since_ns` are of the
+    computer's steady clock (`time.monotonic_ns`); the latter is the time since which the rider's own joystick has the
+    lines, None while the computer holds them. `steered`: a page's joystick drives. `paused`: the drive stands until
+    somebody lets it go on.
     """
 
     stamp_ns: int
@@ -83,7 +83,7 @@ class ChairView:
 
 @dataclass(frozen=True, slots=True)
 class Layout:
-    """What people have drawn on a map: places by name, zones, and whether there is something to undo."""
+    """The drawn part of a map: places by name, zones, and whether there is a change to undo."""
 
     places: Mapping[str, Place] = field(default_factory=dict)
     zones: tuple[Zone, ...] = ()
@@ -91,86 +91,89 @@ class Layout:
 
 
 class ChairPort(Protocol):
-    """A chair, as a page has it."""
+    """The calls of a page to a chair."""
 
     @property
     def outline(self) -> FloatArray:
-        """Corners of the chair's outline in base, (N, 2) [m]."""
+        """Corners of the chair's footprint in base, (N, 2) [m]."""
 
     def view(self) -> ChairView:
-        """The chair now; costs next to nothing."""
+        """Return the chair's present state; cheap."""
 
     def grid(self) -> OccupancyGrid | None:
-        """The map of `view().map_revision`; None while there is none."""
+        """Return the map of `view().map_revision`; None while there is none."""
 
     def layout(self) -> Layout:
-        """Places and zones of `view().layout_revision`."""
+        """Return places and zones of `view().layout_revision`."""
 
     def picture(self) -> bytes | None:
-        """The camera's latest picture as JPEG; None without a camera."""
+        """Return the camera's latest picture as JPEG; None without a camera."""
 
     def go(self, goal: str | Pose2) -> Answer:
         """Ask for a drive to a place or a pose in map; it waits for `confirm`."""
 
     def confirm(self, goal: str = "") -> Answer:
-        """The rider's yes: tone and phrase, 3 s in which `cancel` and `stop` prevent it, then the drive.
+        """Begin the drive by the rider's yes: tone and phrase, 3 s in which `cancel` and `stop` prevent it, the drive.
 
-        `goal` is what the page showed (`ChairView.goal`): a yes to it is none to another that has come meanwhile. Empty:
-        to whatever waits.
+        `goal` is the one that the page showed (`ChairView.goal`): a yes to it does not count for another goal that has
+        replaced it meanwhile. Empty: the yes counts for any waiting goal.
         """
 
     def pause(self) -> Answer:
         """Come to rest and stand, the goal kept, until `go_on`, or until something ends the drive."""
 
     def go_on(self) -> Answer:
-        """Have the paused drive go on."""
+        """Let the paused drive go on."""
 
     def cancel(self) -> Answer:
-        """Come to rest and give the goal up."""
+        """Come to rest and drop the goal."""
 
     def stop(self) -> Answer:
-        """The rider's Stop: the computer lets go of the lines at once."""
+        """Obey the rider's Stop: the computer lets go of the lines at once."""
 
     def reset(self) -> Answer:
-        """Somebody has seen to what was wrong."""
+        """Reset latched faults, once somebody has dealt with their cause."""
 
     def steer(self, forward: float, turn: float) -> Answer:
-        """The page's joystick, each in [-1, 1], left positive, at walking speed at most; told again within `STEER_S` or
-        let go. It ends a drive. After Stop, and after whatever else has ended it, it counts once it was let go."""
+        """Steer by the page's joystick: each axis in [-1, 1], left positive, walking speed at most.
+
+        The position is repeated within `STEER_S`, or the joystick counts as let go. Steering ends a drive. After Stop,
+        or any other end of steering, the joystick counts again only once it was let go.
+        """
 
     def release(self) -> Answer:
-        """The page's joystick was let go."""
+        """Let the page's joystick go."""
 
     def place_here(self, name: str, tolerance_m: float, tolerance_rad: float, replaces: bool = False) -> Answer:
-        """Save where the chair stands as a place; one of that name stays as it is unless this `replaces` it."""
+        """Save the chair's pose as a place; an existing place of that name is kept unless this `replaces` it."""
 
     def set_place(self, place: Place, replaces: bool = False) -> Answer:
-        """Add a place, or change the one that this `replaces`."""
+        """Add a place, or change the existing one that this `replaces`."""
 
     def rename_place(self, name: str, new_name: str) -> Answer:
-        """Give a place another name, which no other has."""
+        """Give a place another name that is free."""
 
     def remove_place(self, name: str) -> Answer:
         """Forget a place."""
 
     def set_zone(self, zone: Zone, replaces: bool = False) -> Answer:
-        """Draw a zone, or draw the one anew that this `replaces`."""
+        """Draw a zone, or redraw the existing one that this `replaces`."""
 
     def remove_zone(self, name: str) -> Answer:
         """Forget a zone."""
 
     def erase(self, polygon: FloatArray) -> Answer:
-        """Clear what the map shows within a polygon (N, 2) [m] in map: a ghost of something that is gone."""
+        """Erase the obstacles of the map within a polygon (N, 2) [m] in map, such as a ghost of a removed thing."""
 
     def undo(self) -> Answer:
-        """Take the latest change of places, zones or map back."""
+        """Undo the latest change of places, zones or map."""
 
     def relocalise(self, map_from_base: Pose2 | None = None) -> Answer:
-        """Find out anew where the chair stands, near a pose in map if one is given."""
+        """Localise anew, near a pose in map if one is given."""
 
     def watched(self, pages: Sequence[str]) -> None:
-        """Called at 10 Hz or more with the ids of the pages that are open and answer.
+        """Take the ids of the pages that are open and answer; called at 10 Hz or more.
 
-        A drive that a page has begun ends within 1 s of the last answer of the last page to press Stop on, or when
-        these calls cease for 0.7 s.
+        A drive that was begun from a page ends within 1 s of the last answer of the last page with a Stop button, or
+        when these calls cease for 0.7 s.
         """

@@ -1,4 +1,4 @@
-"""A chair's drive as it is told to people: what comes next, and what stands against it."""
+"""Sentences for the rider: the chair's next action, and the reasons why it does not drive."""
 
 from __future__ import annotations
 
@@ -20,14 +20,15 @@ from waychair.slam.scan_points import scan_points
 from waychair.types import DriveMode, FloatArray, Pose2, Scan, Twist
 
 _POINTS = 360
-"""Of a scan that are shown."""
+"""Greatest number of a scan's points on a display."""
 
 
 @dataclass(frozen=True, slots=True)
 class Scene:
-    """What is told of: who drives, to which `goal`, whether that waits for a yes or is about to begin, and how it goes.
+    """The facts of a drive that the sentences are made of.
 
-    `way` (N, 2) [m] in map; `reason` is the navigator's. `holds_lines`: the computer does, be it at rest.
+    `way` is the planned path (N, 2) [m] in map; `reason` is the navigator's. `holds_lines`: the computer holds the
+    joystick lines, also at rest.
     """
 
     mode: DriveMode
@@ -44,7 +45,7 @@ class Scene:
 
 
 def next_action(scene: Scene) -> str:
-    """One sentence, or two."""
+    """Return one or two sentences about the chair's next action."""
     if scene.steered:
         return _steered(scene)
     if scene.mode in DRIVEN and scene.goal:
@@ -83,13 +84,13 @@ def _driving(scene: Scene) -> str:
 
 
 def shown_points(scan: Scan, mount: Pose2, pose: Pose2, twist: Twist) -> FloatArray:
-    """(N, 2) [m] in map: where the beams of a scan from map_from_base ended, thinned to what a display needs."""
+    """Return a scan's points in map, (N, 2) [m], thinned to the number that a display needs."""
     points = scan_points(scan, mount, math.inf, twist).points
     return transform_points(pose, points[:: max(1, len(points) // _POINTS)])
 
 
 def check_zone(zone: Zone, pose: Pose2 | None, outline: FloatArray) -> None:
-    """Refuse to close the ground that the chair stands on.
+    """Refuse a keep-out zone that covers the chair.
 
     Raises:
         ZoneError: the zone does.
@@ -101,14 +102,14 @@ def check_zone(zone: Zone, pose: Pose2 | None, outline: FloatArray) -> None:
 
 
 def obstacles_of(halts: Iterable[Halt]) -> tuple[Obstacle, ...]:
-    """What stands against a drive, each with what helps."""
+    """Return each halt's sentence with its remedy."""
     return tuple(obstacle_of(halted.stop.id, halted.text) for halted in halts)
 
 
 def obstacle_of(stop_id: str, text: str) -> Obstacle:
-    """One stop, whose text ends in its remedy; one that another version knows is told as that tells it."""
+    """Split a stop's text into sentence and remedy; a stop unknown to this version keeps its own words."""
     remedy = STOPS[stop_id].remedy if stop_id in STOPS else ""
     happened = text.removesuffix(remedy).rstrip(": ") if remedy else text
-    if happened == text:  # another part's own sentence
+    if happened == text:  # the text is not the table's
         happened, _, remedy = text.rpartition("; ") if "; " in text else text.partition(": ")
     return Obstacle(stop_id, happened or f"the chair does not drive, and says '{stop_id}'", remedy)

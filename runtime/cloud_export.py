@@ -1,4 +1,4 @@
-"""The coloured point cloud of a recording's key frames, as a PLY file."""
+"""Export of a recording's key frames as a coloured point cloud in a PLY file."""
 
 from __future__ import annotations
 
@@ -33,7 +33,7 @@ from waychair.types import Bytes, FloatArray, Pose3, RgbdFrame, Trajectory, Traj
 
 @dataclass(frozen=True, slots=True)
 class CloudSettings(Settings):
-    """Which pictures and which of their pixels make the cloud."""
+    """Selection of the images and pixels of a cloud."""
 
     voxel: float = setting(0.02, "m", "of the points in a cube of this side one is kept", low=0.001, high=1.0)
     range_max: float = setting(4.0, "m", "depth farther away is too rough", low=0.2, high=50.0)
@@ -46,7 +46,7 @@ class CloudSettings(Settings):
 
 @dataclass(frozen=True, slots=True)
 class Posed:
-    """A picture and where its optical frame was in map."""
+    """An image and the pose of its optical frame in map."""
 
     picture: RgbdFrame
     map_from_camera: Pose3
@@ -54,7 +54,7 @@ class Posed:
 
 @dataclass(frozen=True, slots=True)
 class Exported:
-    """How many key frames went into the cloud, of how many pictures, and its points."""
+    """Numbers of a cloud: key frames in it, images read, and points."""
 
     key_frames: int
     pictures: int
@@ -62,13 +62,13 @@ class Exported:
 
 
 def export_cloud(source: Path, ply: Path, settings: CloudSettings | None = None) -> Exported:
-    """Write the cloud of a recording, which is mapped for it, or of a map folder, whose recording is where it was.
+    """Write the cloud of a recording, which is mapped first, or of a map folder, whose recording must still exist.
 
     Raises:
         MissingExtra: Open3D, which makes and writes clouds, is not installed.
-        NoPictures: no picture with depth has a pose.
-        MapError: the map does not say what it was made of.
-        RecordingError: the recording cannot be read, or is no longer there.
+        NoPictures: no image with depth has a pose.
+        MapError: the map does not name its recording.
+        RecordingError: the recording cannot be read, or is missing.
         OutputError: the file cannot be written.
     """
     s, clouds = settings or CloudSettings(), _open3d()
@@ -91,7 +91,7 @@ def export_cloud(source: Path, ply: Path, settings: CloudSettings | None = None)
 
 
 def coloured_points(posed: Posed, settings: CloudSettings) -> tuple[FloatArray, FloatArray]:
-    """Points (N, 3) [m] in map of a picture's depths, and their colours (N, 3) in [0, 1]."""
+    """Return points (N, 3) [m] in map of an image's depths, and their colours (N, 3) in [0, 1]."""
     s, picture = settings, posed.picture
     depth = picture.depth[:: s.step, :: s.step].astype(np.float64)
     rows, columns = np.nonzero(np.isfinite(depth) & (depth > 0.0) & (depth < s.range_max))
@@ -123,7 +123,7 @@ def _is_key(last: Pose3 | None, here: Pose3, settings: CloudSettings) -> bool:
 
 
 def _posed(source: Path, settings: CloudSettings) -> Iterator[Posed]:
-    """The pictures of a recording or of a map's recording that have a pose, in their order."""
+    """Yield the images of a recording, or of a map's recording, that have a pose, in order."""
     report = yaml_path(source).with_name("report.json")
     folder = report.parent if (report.parent / "trajectory.tum").is_file() and report.is_file() else None
     recording = read_recording(source if folder is None else _recording_of(report))
@@ -145,7 +145,7 @@ def _posed(source: Path, settings: CloudSettings) -> Iterator[Posed]:
 
 
 def _poses_in_space(path: Path) -> Trajectory3:
-    """A trajectory as `waychair map` writes it of a folder of pictures."""
+    """Read a trajectory that `waychair map` has written for a folder of images."""
     from scipy.spatial.transform import Rotation
 
     stamps, rows = [], []
@@ -169,7 +169,7 @@ def _recording_of(report: Path) -> Path:
 
 
 def _in_space(recording: Recording, way: Trajectory3) -> Iterator[Posed]:
-    """Pictures of a folder, whose trajectory is of their own stamps."""
+    """Yield images of a folder, whose trajectory has the images' own stamps."""
     at = {stamp // 1000: k for k, stamp in enumerate(way.stamps_ns.tolist())}
     for picture in recording.pictures():
         k = at.get(picture.stamp_ns // 1000)
@@ -178,7 +178,7 @@ def _in_space(recording: Recording, way: Trajectory3) -> Iterator[Posed]:
 
 
 def _on_floor(recording: Recording, mount: Pose3, way: Trajectory, settings: CloudSettings) -> Iterator[Posed]:
-    """Pictures of a bag, between the poses of its scans, levelled by its IMU."""
+    """Yield images of a bag, with poses between those of its scans and the tilt from its IMU."""
     leaning, reckoning = DepthMapping(MappingSettings().depth, mount, CHAIR_A.front), DeadReckoning(CHAIR_A)
     for frame in recording.frames:
         reckoning.update(replace(frame, scan=None))

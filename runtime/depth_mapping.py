@@ -1,4 +1,4 @@
-"""The depth camera's part of a map: which pictures are kept, how the chair leant at each, and where on the graph it hangs."""
+"""The depth camera's part of a map: selection of depth images, the chair's tilt at each, and their key scans."""
 
 from __future__ import annotations
 
@@ -19,17 +19,17 @@ from waychair.slam.tilt import Tilt
 from waychair.types import FloatArray, OccupancyGrid, Pose2, Pose3, RgbdFrame
 
 USES = ("on", "off", "only")
-"""Depth images beside the lidar, not at all, or instead of the lidar."""
+"""Depth images together with the lidar, not at all, or instead of the lidar."""
 
 PLAIN = ("pictures", "kept", "near")
-"""Counts of pictures with which nothing was wrong; every other one is a reason."""
+"""Counts of good depth images; the name of every other count is a reason for leaving images out."""
 
-_WAITING = 32  # pictures that wait for the scan after them
+_WAITING = 32  # greatest number of depth images that wait for the scan after them
 
 
 @dataclass(frozen=True, slots=True)
 class DepthMappingSettings(Settings):
-    """What is done with depth images where there are any."""
+    """The use of depth images, and the camera's mount."""
 
     use: str = setting("on", "", "on: beside the lidar, off: not at all, only: instead of the lidar")
     mount: tuple[float, ...] = setting(
@@ -51,9 +51,9 @@ class DepthMappingSettings(Settings):
 
 
 class DepthMapping:
-    """Pictures in their order in time, a little before or after the scans; their cells, wherever the graph bends.
+    """Takes depth images in order of time and keeps some of them, anchored to key scans, for the grid.
 
-    `counts` says what became of them: kept, near to one that is kept, or why nothing could be done with them.
+    `counts`: images that were kept, near to a kept one, or left out, by reason.
     """
 
     def __init__(
@@ -64,7 +64,7 @@ class DepthMapping:
         occupancy: OccupancySettings | None = None,
         assembly: AssemblySettings | None = None,
     ) -> None:
-        """`front` is how far the chair reaches ahead of its axle [m]."""
+        """`front` is the distance from the axle to the chair's front [m]."""
         self.settings = settings
         self.counts: Counter[str] = Counter()
         self._mount, self._front = base_from_camera, front
@@ -72,17 +72,17 @@ class DepthMapping:
         self._tilts: list[Tilt] = []
         self._waiting: deque[RgbdFrame] = deque()
         self._latest_ns: int | None = None
-        self._kept: tuple[int, Pose2] | None = None  # stamp and place of the latest picture that was kept
+        self._kept: tuple[int, Pose2] | None = None  # stamp and pose of the latest kept image
         self._on_node: dict[int, list[int]] = {}
         self._number = 0
 
     def lean(self, tilt: Tilt | None) -> None:
-        """How the chair leans, in the order of time; None is not known."""
+        """Take in the chair's tilt, in order of time; None if it is unknown."""
         if tilt is not None and (not self._tilts or tilt.stamp_ns > self._tilts[-1].stamp_ns):
             self._tilts.append(tilt)
 
     def see(self, picture: RgbdFrame) -> None:
-        """A picture; it is placed once the scan after it was."""
+        """Take in a depth image; it is placed after the scan that follows it."""
         self.counts["pictures"] += 1
         if self._latest_ns is not None and picture.stamp_ns <= self._latest_ns:
             self.counts["pictures not later than the one before"] += 1
@@ -98,13 +98,13 @@ class DepthMapping:
         self._waiting.append(picture)
 
     def follow(self, mapper: Mapper, *, ended: bool = False) -> None:
-        """Place the pictures that wait for a scan that has come, or that will never come."""
+        """Place the waiting images up to the latest scan; with `ended`, all of them."""
         while self._waiting and mapper.frames:
             picture = self._waiting[0]
             if picture.stamp_ns > mapper.frames[-1].stamp_ns and not ended:
                 return
             self._waiting.popleft()
-            found = mapper.placed(picture.stamp_ns, self.settings.gap)
+            found = mapper.pose_at(picture.stamp_ns, self.settings.gap)
             if found is None:
                 self.counts[_NO_SCAN] += 1
             elif self._is_near(picture.stamp_ns, found[1]):
@@ -113,12 +113,12 @@ class DepthMapping:
                 self._keep(mapper, picture, *found)
 
     def scan(self, picture: RgbdFrame) -> DepthScan:
-        """What a picture tells, levelled by the lean at its stamp."""
+        """Return a depth image's scan, levelled by the tilt at its stamp."""
         level_from_base = self.tilt_at(picture.stamp_ns).level_from_base()
         return depth_scan(picture, self._mount, level_from_base, self._front, self.settings.view)
 
     def tilt_at(self, stamp_ns: int) -> Tilt:
-        """The lean at a stamp, between two that are known in proportion; none where none is known."""
+        """Return the tilt at a stamp, interpolated linearly; level where no tilt is known."""
         after = bisect_left(self._tilts, stamp_ns, key=lambda tilt: tilt.stamp_ns)
         if after == 0 or after == len(self._tilts):
             return self._tilts[min(after, len(self._tilts) - 1)] if self._tilts else Tilt(stamp_ns)
@@ -127,7 +127,7 @@ class DepthMapping:
         return Tilt(stamp_ns, low.roll + part * (high.roll - low.roll), low.pitch + part * (high.pitch - low.pitch))
 
     def grids(self) -> tuple[OccupancyGrid, OccupancyGrid]:
-        """What stands or hangs, and where the floor ends, as drawn now."""
+        """Return the grids of obstacles and of drop-offs as drawn so far."""
         return self.assembly.grids()
 
     def _is_near(self, stamp_ns: int, pose: Pose2) -> bool:
@@ -138,19 +138,18 @@ class DepthMapping:
         return away < s.key_distance and turned < s.key_angle and stamp_ns - before_ns < s.key_time * 1e9
 
     def _keep(self, mapper: Mapper, picture: RgbdFrame, node: int, pose: Pose2) -> None:
-        """Hang a picture on a node, in the place of the oldest where there are enough."""
+        """Anchor an image to a node, in place of the oldest if the node has enough."""
         self.counts["kept"] += 1
         self._kept = picture.stamp_ns, pose
         self.hang(self.scan(picture), node, (mapper.keys.pose(node).inverse() @ pose).array())
 
     def hung(self) -> list[tuple[int, DepthScan, int, FloatArray]]:
-        """What is kept, the older first on each key scan: the session of a picture, what it tells, its key scan, and where
-        it was from there."""
+        """Return the kept images, oldest first on each key scan: session, depth scan, key scan, and pose from there."""
         told = (self.assembly.hung(number) for numbers in self._on_node.values() for number in numbers)
         return [(session, scan, node, places[0]) for session, scan, node, places in told]
 
     def hang(self, scan: DepthScan, node: int, place: FloatArray) -> None:
-        """What a picture tells, taken at a place (3,) [m, m, rad] from a key scan, replaces the oldest of many there."""
+        """Anchor a depth scan to a key scan, at a pose (3,) [m, m, rad] from there; drop the oldest one if too many."""
         self.assembly.add(self._number, scan, node, place, place)
         on_node = self._on_node.setdefault(node, [])
         on_node.append(self._number)

@@ -1,4 +1,4 @@
-"""A recording's pictures with depth, beside its scans or in their stead."""
+"""Depth images of a recording in a map, together with its scans or instead of them."""
 
 from __future__ import annotations
 
@@ -19,10 +19,10 @@ _Reading = WheelTicks | Odometry | ImuSample
 
 
 def mount_of_camera(recording: Recording, settings: DepthMappingSettings) -> tuple[Pose3 | None, list[str]]:
-    """The mount of the camera's optical frame on the base, None where pictures are not to be used, and what is amiss.
+    """Return the mount of the camera's optical frame, None where depth images are not used, and warnings.
 
     Raises:
-        NoPictures: the map is to be made of pictures, and nothing says where the camera is.
+        NoPictures: the map is to be made of depth images alone, and the camera's mount is unknown.
     """
     if settings.use == "off":
         return None, []
@@ -50,7 +50,7 @@ _ADVICE = "record /tf_static with it, or set depth: mount: [X, Y, Z, YAW, PITCH]
 
 
 def see_pictures(live: LiveMapping, recording: Recording) -> list[str]:
-    """Hang the pictures of a recording on the map of its scans; returns why not all of them, if they cannot be read."""
+    """Add the depth images of a recording to the map of its scans; return a warning if not all could be read."""
     try:
         for picture in recording.pictures():
             live.see(picture)
@@ -65,10 +65,10 @@ def live_from_pictures(
     base_from_camera: Pose3 | None,
     progress: Callable[[float], None] | None = None,
 ) -> LiveMapping:
-    """The map of a recording's pictures, which stand in for the lidar, its wheels and its IMU.
+    """Map a recording by its depth images in place of the lidar, with wheels and IMU.
 
     Raises:
-        NoPictures: there is none with depth.
+        NoPictures: there is no usable depth image.
     """
     assert base_from_camera is not None
     lens = Pose2(float(base_from_camera.translation[0]), float(base_from_camera.translation[1]), 0.0)
@@ -81,7 +81,7 @@ def live_from_pictures(
     began_ns, at = readings[0].stamp_ns if readings else 0, 0
     for picture in recording.pictures():
         if live.mapper.frames and picture.stamp_ns <= live.mapper.frames[-1].stamp_ns:
-            live.see(picture)  # which counts it
+            live.see(picture)  # counts it as late
             continue
         if frame_problem(picture, settings.depth.view) is None:
             begin, at = at, _first_after(readings, picture.stamp_ns, at)
@@ -111,7 +111,7 @@ def _frame(stamp_ns: int, readings: list[_Reading]) -> SensorFrame:
 
 
 def depth_report(counts: Counter[str], layer: OccupancyGrid | None) -> Json:
-    """What became of the pictures, and how much of the map only they know [m2]."""
+    """Return the counts of depth images, and the map area that only they have seen [m2]."""
     report: Json = {name: counts[name] for name in PLAIN}
     report["left_out"] = {reason: count for reason, count in counts.items() if reason not in PLAIN}
     if layer is not None:
@@ -122,6 +122,6 @@ def depth_report(counts: Counter[str], layer: OccupancyGrid | None) -> Json:
 
 
 def warnings_of(counts: Counter[str], unread: Counter[str]) -> list[str]:
-    """One sentence for each reason for which pictures were left out."""
+    """Return one sentence for each reason for which images were left out."""
     left_out = [f"{n} of {counts['pictures']} {reason}" for reason, n in counts.items() if reason not in PLAIN]
     return [*left_out, *(f"{count} pictures left out: {reason}" for reason, count in unread.items())]

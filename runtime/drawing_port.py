@@ -1,4 +1,4 @@
-"""The part of a `ChairPort` that draws on the map: alike whoever has the chair, but for who is told of a change."""
+"""The part of a `ChairPort` that edits places, zones and map, for a chair in this program and one behind ROS."""
 
 from __future__ import annotations
 
@@ -15,7 +15,7 @@ from waychair.types import FloatArray, OccupancyGrid, Place
 
 
 class DrawingPort(ABC):
-    """Checks what is drawn, and has `_drawn` make the change."""
+    """Checks each change of places, zones and map; the subclass's `_drawn` makes it."""
 
     @property
     @abstractmethod
@@ -32,7 +32,7 @@ class DrawingPort(ABC):
 
     @abstractmethod
     def _drawn(self, change: Callable[[Drawings], None], done: str) -> Answer:
-        """Make a change of what is drawn, tell whoever drives by it, and answer `done` or why not."""
+        """Make a change, pass it to the navigator, and answer `done` or why it was refused."""
 
     def place_here(self, name: str, tolerance_m: float, tolerance_rad: float, replaces: bool = False) -> Answer:
         """See `ChairPort`."""

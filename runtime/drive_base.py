@@ -1,8 +1,8 @@
-"""The half of a chair at its cable: wheels, inertia, contacts and the board; who drives, and what the lines are told.
+"""The drive base: odometry, stops, supervisor, limits, collision monitor and the bridge to the board.
 
-It knows nothing of goals but that there is one, and of ways nothing at all. Each tick it is told what its sensors and
-the localiser say, decides who drives (`supervise`), and sends the board what the twist of that tick comes to within all
-limits (`drive`); in between, whoever plans has heard its verdict. It lets go of the lines whenever it is not told.
+Of goals it knows only whether there is one, and nothing of paths. Each tick it takes in sensor messages and the
+localiser's pose, decides who drives (`supervise`), and sends the requested twist within all limits to the board
+(`drive`); in between, the navigator hears its verdict. Without a call of `drive` it lets go of the lines.
 """
 
 from __future__ import annotations
@@ -20,14 +20,14 @@ from waychair.calibration.fitted_dac import DeadBand, FittedDac
 from waychair.calibration.stopping import permitted_speed
 from waychair.config import Settings
 from waychair.control.closed_loop import ClosedLoop, ClosedLoopSettings
-from waychair.control.collision_monitor import MonitorSettings, is_silent, permitted_share, refusal
+from waychair.control.collision_monitor import MonitorSettings, is_silent, permitted_share, stale_stop
 from waychair.control.fitness import Fitness, FitnessSettings
 from waychair.control.kinematics import saturate, twist_from_wheel_speeds, wheel_speeds_from_twist
 from waychair.control.limiter import Limiter, LimiterSettings, is_possible
 from waychair.control.pushing import Pushing, PushingSettings
 from waychair.control.steering import Steering, SteeringSettings
 from waychair.control.stops import STOPS, Braking, Halt, Severity, board_halt, halt, halt_as_told
-from waychair.control.supervisor import DRIVEN, Override, Situation, SupervisorSettings, Verdict, supervise
+from waychair.control.supervisor import DRIVEN, Override, Situation, SupervisorSettings, SupervisorVerdict, supervise
 from waychair.control.unseen import Sector, UnseenSettings, sectors_of_scan, sight_share
 from waychair.firmware_bridge.bridge import Bridge, BridgeSettings
 from waychair.firmware_bridge.transports import Reconnecting
@@ -54,15 +54,15 @@ from waychair.types import (
 )
 
 Message: TypeAlias = WheelTicks | Scan | ImuSample | SonarReadings | RgbdFrame | ChairStatus
-"""What a chair's sensors and contacts say; it drives by its wheels and its lidar, and watches all that it is given.
+"""A message of a chair's sensors or contacts. Wheels and lidar are required; every other one that comes is supervised.
 
-The rider's joystick is no message: the board reads it, and says so in its telemetry.
+The rider's joystick is no message: the board reads it and reports it in its telemetry.
 """
 
 
 @dataclass(frozen=True, slots=True)
 class BaseSettings(Settings):
-    """The parts' own settings."""
+    """The settings of the drive base's parts."""
 
     closed_loop: ClosedLoopSettings = field(default_factory=ClosedLoopSettings)
     supervisor: SupervisorSettings = field(default_factory=SupervisorSettings)
@@ -77,9 +77,9 @@ class BaseSettings(Settings):
 
 @dataclass(frozen=True, slots=True)
 class Driven:
-    """What came of a tick: the command within the limits, None when the computer does not drive, and what was sent.
+    """The command of a tick within the limits, None when the computer does not drive, and the bridge's record of it.
 
-    `ended`: why bridge or board have ended a drive that the computer would have gone on with; empty otherwise.
+    `ended`: the reason for which bridge or board ended a drive that the supervisor would have continued, else empty.
     """
 
     command: Twist | None
@@ -100,11 +100,11 @@ class DriveBase:
         monitor: MonitorPort | None = None,
         zones: Sequence[Zone] = (),
     ) -> None:
-        """What the calibration lacks is careful: without measured stops the chair crawls.
+        """Missing parts of the calibration are replaced by careful defaults: without measured stops the chair crawls.
 
-        start: where on the map the chair is taken to be until the localiser has spoken. `model` drives the lines in
-        place of the calibration's. `monitor`: a `MonitorProcess`, for a chair on its feet; by default the monitor lives
-        in the tick, as the simulator's clock needs it. `zones` are the map's.
+        start: the chair's assumed pose in map until the localiser has found one. `model` replaces the calibration's DAC
+        model. `monitor`: a `MonitorProcess`, for a real chair; by default the monitor runs in the tick, as the
+        simulator's clock needs it. `zones` are the map's.
 
         Raises:
             BridgeError: the chair's name is too long for a board.
@@ -124,12 +124,12 @@ class DriveBase:
         self._fitness = Fitness(body, s.fitness)
         self._override = Override(s.supervisor)
         self._steering, self._pushing = Steering(s.steering), Pushing(s.pushing, s.supervisor.at_rest)
-        self._begins_ns: int | None = None  # when the drive that was said yes to may move
+        self._begins_ns: int | None = None  # the confirmed drive may move from this stamp on
         self.stands_again = False
-        """In this tick the chair was found to stand after it was pushed, and may be elsewhere than it knows."""
+        """Whether the chair came to rest in this tick after a push by hand; its pose may be wrong."""
         self._start = start
         self.zones = tuple(zones)
-        """Of the map; others may be drawn at any time."""
+        """The map's zones; they may be replaced at any time."""
         self._mode = DriveMode.MANUAL
         self._requested = self._confirmed = self._stop_pressed = False
         self._latched: Halt | None = None
@@ -137,9 +137,9 @@ class DriveBase:
         self._sent: Sent | None = None
         self._wheels: Odometry | None = None
         self._twists: list[Twist] = []  # since the last tick
-        self._measured = Twist()  # their mean
-        self._looked_ns, self._looks_since_ns = 0, 0  # of ticks: the last one, and the first without a gap since
-        self._sectors: list[Sector] = []  # what the latest scan sees of
+        self._measured = Twist()  # mean of _twists
+        self._looked_ns, self._looks_since_ns = 0, 0  # stamps of the last tick and of the first one since a gap
+        self._sectors: list[Sector] = []  # directions in which the latest scan measured something
         self._localisation: Localisation | None = None
 
     @property
@@ -149,26 +149,26 @@ class DriveBase:
 
     @property
     def odometry(self) -> Odometry | None:
-        """The latest; None before the wheels have spoken."""
+        """The latest odometry; None before the first wheel reading."""
         return self._wheels
 
     @property
     def twist(self) -> Twist:
-        """As measured by wheels and gyro."""
+        """The chair's twist as measured by wheels and gyro."""
         return Twist() if self._wheels is None else self._wheels.twist
 
     @property
     def twist_covariance(self) -> FloatArray:
-        """(3, 3) of the speed ahead, that sideways and the turn [m^2/s^2, m rad/s^2, rad^2/s^2], now."""
+        """Covariance (3, 3) of forward speed, lateral speed and turn rate [m^2/s^2, m rad/s^2, rad^2/s^2]."""
         return self._odometry.twist_covariance
 
     @property
     def tilt(self) -> Tilt | None:
-        """How the chair leans; None before the IMU has said so."""
+        """The chair's tilt; None before the first IMU message."""
         return self._tilt.tilt
 
     def odom_from_base(self, stamp_ns: int) -> Pose2:
-        """Odometry at a stamp, its last speeds taken to go on for at most 0.1 s; zero before the wheels have spoken."""
+        """Return the odometry at a stamp, extrapolated by at most 0.1 s; the origin before the first wheel reading."""
         if self._wheels is None:
             return Pose2()
         seconds = min(max((stamp_ns - self._wheels.stamp_ns) * 1e-9, -0.1), 0.1)
@@ -176,47 +176,47 @@ class DriveBase:
         return self._wheels.odom_from_base @ arc(twist.v * seconds, twist.omega * seconds)
 
     def map_from_base(self, now_ns: int) -> Pose2:
-        """Where the chair is by its localiser and its wheels."""
+        """Return the chair's pose in map by localiser and odometry."""
         if self._localisation is None:
             return self._start
         return self._localisation.map_from_odom @ self.odom_from_base(now_ns)
 
     def request(self) -> None:
-        """Told that another goal was asked for: it waits for a `confirm` of its own.
+        """Note that another goal was asked for: it waits for a `confirm` of its own.
 
-        What the computer itself did to the board (a lost cable, a pause) is forgiven by that.
+        This also resets board faults that the computer caused (a lost cable, a gap in its messages).
         """
         self._requested, self._confirmed, self._stop_pressed = True, False, False
         self._steering.end()
         self.bridge.reset()
 
     def confirm(self) -> None:
-        """The rider's yes: the drive begins in the next tick, unless something is wrong; it moves after the countdown."""
+        """Take the rider's yes: unless something is wrong the drive begins in the next tick, with the countdown."""
         self._confirmed = True
 
     def countdown_s(self, now_ns: int) -> float | None:
-        """Until the first motion of a drive that has begun [s]; None when it is not waited for."""
+        """Return the time until a drive that has begun may move [s]; None outside the countdown."""
         if self._begins_ns is None or now_ns >= self._begins_ns:
             return None
         return (self._begins_ns - now_ns) * 1e-9
 
     def stop(self) -> None:
-        """The rider's Stop: nothing moves by itself until a new goal is asked for, or somebody steers."""
+        """Obey the rider's Stop: nothing moves by itself until a new goal is asked for or a page steers."""
         self._stop_pressed = True
         self._steering.end()
 
     def steer(self, forward: float, turn: float, now_ns: int) -> None:
-        """A page's joystick is held there, each axis in [-1, 1], left positive; see `Steering`."""
+        """Take the position of a page's joystick, each axis in [-1, 1], left positive; see `Steering`."""
         if self._steering.push(forward, turn, now_ns):
             self._stop_pressed = False
             self.bridge.reset()
 
     def let_go(self, now_ns: int) -> None:
-        """A page's joystick was let go."""
+        """Note that a page's joystick was let go."""
         self._steering.let_go(now_ns)
 
     def reset(self) -> None:
-        """Somebody's deliberate act: the faults were seen to, the emergency stop was released on purpose."""
+        """Reset faults and the emergency stop, by a person's deliberate act."""
         self.bridge.reset(by_rider=True)
         self._loop.acknowledge()
         if any(halted.stop is STOPS["monitor_silent"] for halted in self.halts):
@@ -224,15 +224,15 @@ class DriveBase:
         self._latched = None
 
     def beat(self, now_ns: int) -> None:
-        """Keep the board company between two ticks."""
+        """Send the board a heartbeat between two ticks."""
         self.bridge.beat(now_ns)
 
     def on_time(self, late: Message) -> Message:
-        """A message as of the time that it is about, by the measured delay of its sensor."""
+        """Return a message with its stamp corrected by the measured latency of its sensor."""
         return self._calibration.on_time(late)
 
     def hear(self, message: Message) -> None:
-        """Take in what a sensor says, by `on_time`; a scan before the wheels have spoken is lost."""
+        """Take in a sensor message after `on_time`; scans before the first wheel reading are ignored."""
         if isinstance(message, WheelTicks):
             self._wheels = self._odometry.update_wheels(message)
             self._twists.append(self._wheels.twist)
@@ -246,15 +246,15 @@ class DriveBase:
             self._fitness.hear(message, self.twist)
 
     def locate(self, localisation: Localisation, stamp_ns: int) -> None:
-        """Take in where the localiser says the chair was at a stamp."""
+        """Take in the localiser's result for a stamp."""
         self._localisation = localisation
         self._fitness.locate(localisation, self.odom_from_base(stamp_ns))
 
-    def supervise(self, now_ns: int, active: bool, further: Iterable[Halt] = ()) -> tuple[Verdict, Telemetry | None]:
-        """Who drives in this tick, where there is a goal or not (`active`), and the board's last report.
+    def supervise(self, now_ns: int, active: bool, further: Iterable[Halt] = ()) -> tuple[SupervisorVerdict, Telemetry | None]:
+        """Decide who drives in this tick; return the verdict and the board's last report.
 
-        `further` is what else stands against a drive, by those who know of it. The report is None while there is no
-        board that could be driven through.
+        `active`: whether there is a goal. `further` are halts that only the caller knows of. The report is None while
+        no usable board is connected.
         """
         telemetry = self.bridge.listen(now_ns)
         stick = None if telemetry is None else telemetry.joystick
@@ -277,10 +277,10 @@ class DriveBase:
             self._begins_ns = now_ns + round(self.settings.supervisor.countdown_s * 1e9)
         return verdict, telemetry
 
-    def drive(self, now_ns: int, verdict: Verdict, asked: Twist | None) -> Driven:
-        """Send what a twist comes to within all limits; None: nothing is asked for, and the chair comes to rest.
+    def drive(self, now_ns: int, verdict: SupervisorVerdict, asked: Twist | None) -> Driven:
+        """Send a requested twist within all limits; with None the chair comes to rest.
 
-        Of whoever steers it is the page's joystick that asks.
+        While a page steers, the twist of its joystick replaces the request.
         """
         self._measure()
         asked = self._steering.twist(now_ns) if verdict.steered else asked
@@ -295,22 +295,22 @@ class DriveBase:
         was_driving = command is not None and before is not None and before.active
         ended = self._sent.reason if was_driving else ""
         if ended and verdict.steered:
-            self._steering.end()  # or the lines would be asked for, and not let go, for as long as the page pushes
+            self._steering.end()  # otherwise the lines would be requested again for as long as the page pushes
         return Driven(command, self._sent, ended)
 
     def furnish(self, mapped: FloatArray, scan_ns: int) -> None:
-        """Told what of a scan might be legs but has always stood there, (N, 2) [m] in the base frame of `scan_ns`."""
+        """Take a scan's points that look like legs but are on the map, (N, 2) [m] in the base frame of `scan_ns`."""
         self._monitor.furnish(mapped, scan_ns)
 
     def _measure(self) -> None:
-        """The mean over a tick, for one sample of an encoder is coarse."""
+        """Average the twists of a tick, since one encoder sample is coarse."""
         twists, self._twists = self._twists, []
         if twists:
             v, omega = sum(twist.v for twist in twists), sum(twist.omega for twist in twists)
             self._measured = Twist(v / len(twists), omega / len(twists))
 
     def _look_for_halts(self, now_ns: int, further: Iterable[Halt]) -> tuple[Halt, ...]:
-        """All that is wrong now, and what was wrong with the last drive until somebody resets it."""
+        """Return all present halts, and the latched one of the last drive until it is reset."""
         s, verdict = self.settings.monitor, self._monitor.verdict
         self._look_again(now_ns)
         if self._mode not in DRIVEN:
@@ -333,16 +333,16 @@ class DriveBase:
         return tuple(halts)
 
     def _look_again(self, now_ns: int) -> None:
-        """F17: who was held up has not heard the monitor meanwhile, and cannot say that it was silent.
+        """Note a gap between ticks (F17): a loop that was held up cannot tell whether the monitor was silent meanwhile.
 
-        What was commanded before is over: by its age the bridge sends zero, and then lets go.
+        The command from before the gap is stale: by its age the bridge sends zero, then lets go.
         """
         if now_ns - self._looked_ns > self.settings.bridge.late_ms * 1_000_000:
             self._looks_since_ns = now_ns
         self._looked_ns = now_ns
 
-    def _limited(self, now_ns: int, verdict: Verdict, twist: Twist | None) -> Twist | None:
-        """What is commanded: the twist within all limits, or the way to rest; None to let go of the lines."""
+    def _limited(self, now_ns: int, verdict: SupervisorVerdict, twist: Twist | None) -> Twist | None:
+        """Return the command: the twist within all limits, or a step towards rest; None to let go of the lines."""
         driving = verdict.computer_drives and twist is not None
         braking = None if driving else verdict.braking
         asked = self._limiter.command
@@ -357,7 +357,7 @@ class DriveBase:
         found = self._monitor.verdict
         if found is not None and found.stop:
             braking = STOPS[found.stop].braking
-        if self._gate(now_ns):  # the bridge sends zero, so the command is none
+        if self._gate(now_ns):  # the bridge sends zero, so there is no command to limit
             braking = Braking.RELEASE
         cap = self._speed_limit(now_ns)
         share = 0.0 if found is None else permitted_share(asked, found, self.settings.monitor)
@@ -365,16 +365,16 @@ class DriveBase:
         return self._limiter.step(asked, now_ns, cap, share, braking)
 
     def _within_wheels(self, twist: Twist) -> Twist:
-        """The same arc no faster than a wheel may turn; what is impossible stays so."""
+        """Slow a twist down along its arc to the greatest wheel speed; an impossible twist is returned as it is."""
         track = self.body.track
         speeds = wheel_speeds_from_twist(twist, track)
         slower = saturate(speeds, self.settings.bridge.max_wheel_speed)
         return twist if slower is speeds or not is_possible(twist) else twist_from_wheel_speeds(slower, track)
 
     def _speed_limit(self, now_ns: int) -> float:
-        """Greatest speed [m/s] for reasons that are no stops: doubts, sensors, measured brakes, and slow zones."""
+        """Return the speed limit [m/s] by the control loop's faults, sensors, measured stops and slow zones."""
         v, limits = self._limiter.command.v, self.settings.limiter
-        seconds = limits.braking / limits.jerk / 2 + self.settings.monitor.reaction_s  # the chair is later than told
+        seconds = limits.braking / limits.jerk / 2 + self.settings.monitor.reaction_s  # the chair lags its command
         slows_down_in = math.copysign(abs(v) * seconds + v * v / (2.0 * limits.braking), v)
         here = self.map_from_base(now_ns)
         there = here @ Pose2(slows_down_in)
@@ -387,6 +387,6 @@ class DriveBase:
         )
 
     def _gate(self, now_ns: int) -> str:
-        """Why no speed may pass the bridge now, by the age of the monitor's verdict and of its scan."""
-        stop_id = refusal(self._monitor.verdict, now_ns, self.settings.monitor)
+        """Return why the bridge may send no speed, by the age of the monitor's verdict and scan; empty if it may."""
+        stop_id = stale_stop(self._monitor.verdict, now_ns, self.settings.monitor)
         return halt(stop_id).text if stop_id else ""

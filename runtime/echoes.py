@@ -1,7 +1,7 @@
-"""Sonar echoes that another one bears out: a ping of another's, heard by chance, is not something that stands there.
+"""A filter against sonar crosstalk: an echo counts only if a second one at nearly the same range confirms it.
 
-The rule that consecutive ranges have to agree is that of error-eliminating rapid ultrasonic firing (Borenstein and
-Koren, IEEE Transactions on Robotics and Automation 11(1), 1995), without its changes of the firing order.
+Consecutive ranges have to agree as in error-eliminating rapid ultrasonic firing (Borenstein and Koren, IEEE
+Transactions on Robotics and Automation 11(1), 1995), without its changes of the firing order.
 """
 
 from __future__ import annotations
@@ -17,7 +17,7 @@ from waychair.types import SonarReadings
 
 @dataclass(frozen=True, slots=True)
 class EchoSettings(Settings):
-    """When two echoes of a sonar are taken to come from the same thing."""
+    """When two echoes of a sonar count as echoes of the same thing."""
 
     agree: float = setting(
         0.15, "m", "echoes of one thing differ by no more: noise, and the chair's way", low=0.01, high=1
@@ -26,16 +26,16 @@ class EchoSettings(Settings):
 
 
 class Echoes:
-    """Remembers what each sonar said last."""
+    """Keeps the latest readings of each sonar."""
 
     def __init__(self, settings: EchoSettings) -> None:
         self._settings = settings
         self._before: deque[SonarReadings] = deque()
 
     def borne_out(self, readings: SonarReadings) -> SonarReadings:
-        """The readings with nan, which says nothing, for echoes that the sonar has not heard a moment before as well.
+        """Return the readings with nan (no information) for echoes that no earlier reading of the sonar confirms.
 
-        No echo (+inf) and too near a one (-inf) need no other.
+        No echo (+inf) and an echo below the least range (-inf) need no confirmation.
         """
         s, before = self._settings, self._before
         while before and not 0 < readings.stamp_ns - before[0].stamp_ns <= s.within_s * 1e9:
@@ -43,7 +43,7 @@ class Echoes:
         ranges = readings.ranges
         again = np.zeros(len(ranges), np.bool_)
         for earlier in before:
-            with np.errstate(invalid="ignore"):  # of two infinities
+            with np.errstate(invalid="ignore"):  # inf - inf
                 again |= np.abs(ranges - earlier.ranges) <= s.agree
         before.append(readings)
         return replace(readings, ranges=np.where(np.isfinite(ranges) & ~again, np.float32(np.nan), ranges))

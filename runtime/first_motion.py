@@ -1,7 +1,7 @@
-"""Where a map begins: with the last scan before the chair first moves.
+"""The frame with which a map begins: the last scan before the chair first moves.
 
-What it saw before tells nothing more, but a map that begins with another scan is another one by a centimetre or three
-(measured, on a drive of 50 m): so whoever looks on from earlier or later on makes the same map of the same drive.
+Earlier scans add nothing, but a map that begins with another scan differs by one to three centimetres (measured on a
+drive of 50 m). With this rule, recordings of one drive that were started earlier or later give the same map.
 """
 
 from __future__ import annotations
@@ -11,19 +11,19 @@ from collections.abc import Sequence
 from waychair.types import Odometry, SensorFrame
 
 _V, _OMEGA = 0.02, 0.05
-"""Above the noise of a gyro and of encoders at rest [m/s, rad/s]."""
+"""Thresholds of motion [m/s, rad/s], above the noise of encoders and gyro at rest."""
 
 
 def rests(frame: SensorFrame) -> bool:
-    """Whether wheels and IMU say that the chair stands; a frame without them says nothing."""
+    """Whether wheels and IMU say that the chair stands; False for a frame without an IMU."""
     return bool(frame.imu) and _stands(frame)
 
 
 def begins_at(frames: Sequence[SensorFrame]) -> int:
-    """The last of the frames with a scan before the chair first moves; 0 where it never does, moves from the start on, or
-    has no IMU.
+    """Return the index of the last frame with a scan before the chair first moves.
 
-    A recorder finds topics one after the other: while none of the IMU has come yet, the wheels' word is enough.
+    0 where it never moves, moves from the start, or has no IMU. A recorder finds topics one after the other: until the
+    first IMU message the wheels alone decide.
     """
     before, felt = 0, False
     for index, frame in enumerate(frames):

@@ -1,4 +1,4 @@
-"""Where a chair stood last, kept in a file from one run to the next: as its localiser knows it, or its simulator."""
+"""The chair's last pose, by its localiser or its simulator, kept in a file from one run to the next."""
 
 from __future__ import annotations
 
@@ -12,7 +12,7 @@ from waychair.types import Pose2
 
 
 def remember_pose(path: Path, map_folder: Path, pose: Pose2) -> None:
-    """Keep a pose on a map, or in a world by its name; who does so all the time does not wait for the disk.
+    """Save a pose on a map, or in a world by its name, without waiting for the disk.
 
     Raises:
         OutputError: the file cannot be written.
@@ -21,7 +21,7 @@ def remember_pose(path: Path, map_folder: Path, pose: Pose2) -> None:
 
 
 def remembered_pose(path: Path, map_folder: Path) -> Pose2 | None:
-    """The pose that was kept; None without one, or for a pose on another map.
+    """Return the saved pose; None without one, or for a pose on another map.
 
     Raises:
         ConfigError: the file is damaged.

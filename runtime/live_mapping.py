@@ -1,4 +1,4 @@
-"""The mapper with its grid as one object, for a chair that drives: frames in, pose and grid out at any time."""
+"""Mapper, depth camera and grid as one object: sensor frames in, pose and grid out at any time of a drive."""
 
 from __future__ import annotations
 
@@ -22,13 +22,13 @@ from waychair.runtime.depth_mapping import DepthMapping, DepthMappingSettings
 from waychair.slam.dead_reckoning import DeadReckoning
 from waychair.slam.mapper import Mapper, MapperResult, MapperSettings, odometry_of, twist_of
 from waychair.slam.odometry_model import OdometrySettings
-from waychair.slam.scan_points import swept
+from waychair.slam.scan_points import sweep_motion
 from waychair.types import OccupancyGrid, Pose2, Pose3, RgbdFrame, SensorFrame, Twist
 
 
 @dataclass(frozen=True, slots=True)
 class LiveMappingSettings(Settings):
-    """What a map is made with, wherever the frames come from."""
+    """The settings of mapping, live or from a recording."""
 
     laser_height: float = setting(
         0.30, "m", "lidar above the floor; tells which beams meet it on a ramp", low=0.02, high=3.0
@@ -41,10 +41,10 @@ class LiveMappingSettings(Settings):
 
 
 class LiveMapping:
-    """Reads no clock but the processor's, for the report, and has no thread: everything is done in the calls.
+    """Maps frame by frame. It reads no clock but the CPU time, for the report, and has no thread.
 
-    Frames are numbered as they come, those without a scan apart. Whoever has all of them, and wants the map only, calls
-    `reckon` and `include` for each and `settle`, which draws every scan once.
+    Frames with a scan are numbered in order. A caller that has all frames and wants only the final map calls `reckon`
+    and `include` for each, then `settle`, which draws every scan once.
     """
 
     def __init__(
@@ -54,16 +54,16 @@ class LiveMapping:
         body: ChairBody = CHAIR_A,
         base_from_camera: Pose3 | None = None,
     ) -> None:
-        """`body` is the chair whose encoders count in the frames, if they hold counts; its laser may sit elsewhere.
+        """`body` gives the encoders' scale; its lidar mount is replaced by `base_from_laser`.
 
-        So may its camera, whose optical frame's mount is `base_from_camera`.
+        `base_from_camera`: mount of the depth camera's optical frame; default: the body's.
         """
         self.settings = settings
         self.base_from_laser = base_from_laser
         self.mapper = Mapper(settings.mapper, base_from_laser)
-        self.told: list[SensorFrame] = []  # what the odometry said at each frame
-        self.key_seconds: list[float] = []  # CPU of each frame that was matched with care
-        self.seconds: defaultdict[str, float] = defaultdict(float)  # CPU by what the mapper does not count itself
+        self.told: list[SensorFrame] = []  # odometry at each frame
+        self.key_seconds: list[float] = []  # CPU time of each full scan match
+        self.seconds: defaultdict[str, float] = defaultdict(float)  # CPU time by stage, without the mapper's own stages
         mount, height = base_from_laser, settings.laser_height
         body = replace(body, laser_x=mount.x, laser_y=mount.y, laser_theta=mount.theta, laser_z=height)
         self._reckoning = DeadReckoning(body, settings.odometry)
@@ -71,34 +71,34 @@ class LiveMapping:
         """The scans that the grid is drawn from, by the numbers of their frames."""
         camera = base_from_camera or body.base_from_camera
         self.depth = DepthMapping(settings.depth, camera, body.front, settings.grid, settings.assembly)
-        self._covered: list[list[int]] = []  # of each key scan: the frames in the grid that it stood for
+        self._covered: list[list[int]] = []  # of each key scan: numbers of its covered frames in the grid
 
     def process(self, frame: SensorFrame) -> Pose2:
-        """`map_from_base` at the latest scan."""
-        reckoned = self.reckon(frame)  # where wheels and IMU put it, its scan upright
+        """Map one frame; return `map_from_base` at the latest scan."""
+        reckoned = self.reckon(frame)
         if reckoned.scan is not None:
-            self.include(reckoned)  # where its scan puts it
-        self.draw()  # the grid follows
+            self.include(reckoned)
+        self.draw()
         return self.pose()
 
     def reckon(self, frame: SensorFrame) -> SensorFrame:
-        """The frame with the odometry that wheels and IMU come to, its scan levelled; for every frame in its order."""
+        """Return a frame with odometry from wheels and IMU, and its scan levelled; call it for every frame in order."""
         with self._timed("odometry"):
             reckoned = self._reckoning.update(frame)
             self.depth.lean(self._reckoning.tilt)
             return reckoned
 
     def see(self, picture: RgbdFrame) -> None:
-        """A picture with depth, in the order of time; what it tells is yet to be drawn.
+        """Take in a depth image, in order of time, without drawing it.
 
-        It is placed between the scans before and after it, so that it is in the grid once the latter was included.
+        Its pose lies between the scans before and after it, so it enters the grid after the latter was included.
         """
         with self._timed("depth"):
             self.depth.see(picture)
             self.depth.follow(self.mapper)
 
     def include(self, frame: SensorFrame) -> Pose2:
-        """`map_from_base` of a reckoned frame with a scan; what it changes in the grid is yet to be drawn."""
+        """Match a reckoned frame with a scan, without drawing it; return its `map_from_base`."""
         started, matches = time.process_time(), self.mapper.counts["matches"]
         pose = self.mapper.process(frame)
         if self.mapper.counts["matches"] > matches:
@@ -113,34 +113,34 @@ class LiveMapping:
         return pose
 
     def draw(self) -> int:
-        """Bring the grid nearer to what it should be, by one slice of work (see `GridAssembly.draw`)."""
+        """Do one slice of the pending drawing (see `GridAssembly.draw`)."""
         with self._timed("grid"):
             return self.scans.draw() + self.depth.assembly.draw()
 
     @property
     def pending(self) -> int:
-        """At most so many scans and pictures are yet to be drawn or moved; 0 when the grid is up to date."""
+        """Upper bound on the scans and depth images that are still to be drawn or moved; 0: the grid is up to date."""
         return self.scans.pending + self.depth.assembly.pending
 
     def pose(self) -> Pose2:
-        """`map_from_base` at the latest scan; the origin before the first."""
+        """Return `map_from_base` at the latest scan; the origin before the first."""
         return self.mapper.pose() if self.mapper.frames else Pose2()
 
     def grid(self) -> OccupancyGrid:
-        """The grid as it is drawn now, of all sensors; all unknown before the first scan."""
+        """Return the grid of all sensors as drawn so far; all cells unknown before the first scan."""
         return self.layered_grid()[0]
 
     def layered_grid(self) -> tuple[OccupancyGrid, OccupancyGrid | None]:
-        """The grid as it is drawn now, and what only the camera sees of it (`maps.depth_layer`); None without pictures."""
+        """Return the grid as drawn so far, and the layer of the camera alone (`maps.depth_layer`), None without one."""
         if not len(self.depth.assembly):
             return self.scans.grid(), None
-        # without a lidar its scans are made of the very pictures
+        # without a lidar the scans themselves are made of depth images
         scanned = (EvidenceGrid(self.settings.grid) if self.settings.depth.use == "only" else self.scans).grid()
         grid, drops = merged(scanned, *self.depth.grids())
         return grid, depth_layer(scanned, grid, drops)
 
     def settle(self) -> MapperResult:
-        """The map so far, its graph optimised once more and its grid drawn to the end; mapping can go on after it.
+        """Return the map so far, its graph optimised and its grid drawn completely; mapping can go on after it.
 
         Raises:
             NoScans: no frame with a scan has come yet.
@@ -156,7 +156,7 @@ class LiveMapping:
         return result
 
     def resume(self, mapper: Mapper, frames: Sequence[SensorFrame]) -> None:
-        """Go on with a mapper that has seen these reckoned frames; for a mapping that has seen none itself."""
+        """Continue a checkpointed mapper that has seen these reckoned frames; call it before the first frame."""
         self.mapper = mapper
         for frame in frames:
             self._tell(frame)
@@ -167,15 +167,17 @@ class LiveMapping:
         self._bend()
 
     def go_on(self, mapper: Mapper, sessions: int) -> None:
-        """Go on with the map of so many earlier drives, whose scans and pictures are then to be given by `scans.add` and
-        `depth.hang`; for a mapping that has seen no frame itself."""
+        """Continue the map of a number of earlier drives; call it before the first frame.
+
+        The caller then passes their scans to `scans.add` and their depth images to `depth.hang`.
+        """
         self.mapper = mapper
         self._covered = [list(latest) for latest in mapper.covered_frames]
         self.scans.begin(sessions)
         self.depth.assembly.begin(sessions)
 
     def _follow(self, frame: SensorFrame) -> None:
-        """What the mapper has just kept for the grid is added to it, and what it no longer keeps is dropped."""
+        """Add the scan that the mapper has just kept to the grid, and drop those that it no longer keeps."""
         number = len(self.mapper.frames) - 1
         if len(self.mapper.key_frames) > len(self._covered):
             self._covered.append([])
@@ -190,11 +192,11 @@ class LiveMapping:
             self._covered[key] = list(latest)
 
     def _hang(self, number: int, frame: SensorFrame) -> None:
-        """A frame's scan goes into the grid, at the key scan that the frame hangs on."""
+        """Add a frame's scan to the grid, anchored to the frame's key scan."""
         assert frame.scan is not None
         hung, twist = self.mapper.frames[number], twist_of(frame) or Twist()
         first = hung.key_from_base @ self.base_from_laser
-        last = hung.key_from_base @ swept(frame.scan, twist) @ self.base_from_laser
+        last = hung.key_from_base @ sweep_motion(frame.scan, twist) @ self.base_from_laser
         self.scans.add(number, frame.scan, hung.key, first.array(), last.array())
 
     def _bend(self) -> None:

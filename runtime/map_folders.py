@@ -1,4 +1,4 @@
-"""Folders of maps as wholes: copied with all that belongs to a map, and never one map mixed with what is of another."""
+"""Operations on whole map folders: copying, and refusing to mix files of two maps."""
 
 from __future__ import annotations
 
@@ -27,15 +27,15 @@ from waychair.yaml_files import load_yaml
 CONFIG, TRAJECTORY, REPORT = "config.yaml", "trajectory.tum", "report.json"
 
 _OTHERS = (f"{DEPTH}.pgm", f"{DEPTH}.yaml", GRAPH, SESSION, MEMORY, TRAJECTORY, CONFIG, REPORT, "report.html")
-"""What lies beside a map's YAML and image, besides what people draw."""
+"""Files of a map other than its YAML, its image, and the places and zones."""
 
 
 def refuse_drawn(folder: Path, instead: str = "choose another folder") -> None:
-    """Let a new map into a folder only where nobody has drawn anything; `instead` is advice.
+    """Refuse a folder with places, zones or erased parts for a new map; `instead` is the advice in the error.
 
     Raises:
-        OutputError: somebody has.
-        MapError: that cannot be known.
+        OutputError: the folder holds some.
+        MapError: the folder cannot be read.
     """
     if is_drawn_on(folder):
         raise OutputError(f"the places, zones or erased parts in {folder} are those of another map: {instead}")
@@ -43,22 +43,22 @@ def refuse_drawn(folder: Path, instead: str = "choose another folder") -> None:
 
 
 def refuse_other(folder: Path, frames: Sequence[SensorFrame], settings: Settings) -> None:
-    """As `refuse_drawn`, but a map that was made of the same recording with the same settings may be made again.
+    """As `refuse_drawn`, but allow the map of the same recording with the same settings to be made again.
 
     Raises:
-        OutputError: somebody has drawn on a map that is another one.
-        MapError: that cannot be known.
+        OutputError: the folder holds another map with places, zones or erased parts.
+        MapError: the folder cannot be read.
     """
     if not _is_made_of(folder, frames, settings):
         refuse_drawn(folder, "choose another folder with --out, or join the drive to that map with --session")
 
 
 def set_aside(folder: Path) -> Path | None:
-    """Rename a folder on whose map somebody has drawn; what it is called then, None where nobody has.
+    """Rename a folder with places, zones or erased parts; return its new path, None where it has none.
 
     Raises:
-        OutputError: it cannot be renamed.
-        MapError: it cannot be looked into.
+        OutputError: the folder cannot be renamed.
+        MapError: the folder cannot be read.
     """
     if not is_drawn_on(folder):
         return None
@@ -73,12 +73,13 @@ def set_aside(folder: Path) -> Path | None:
 
 
 def copy_map(map: Path, folder: Path) -> None:
-    """Copy the map of a folder or YAML file, all that was made with it and is drawn on it; as map.yaml, written last.
+    """Copy the map of a folder or YAML file with all its files, places and zones; map.yaml is written last.
 
-    A copy that is there already gets what is drawn by now, as a change that can be taken back (`maps.layout`).
+    An existing copy of the same map gets the present places and zones only, as a change that can be undone
+    (`maps.layout`).
 
     Raises:
-        OutputError: the folder cannot be written to, or somebody has drawn on another map there.
+        OutputError: the folder cannot be written to, or holds another map with places, zones or erased parts.
         WaychairError: a file of the map is broken.
     """
     known = yaml_path(map)
@@ -98,7 +99,7 @@ def copy_map(map: Path, folder: Path) -> None:
 
 
 def _copy(source: Path, target: Path) -> None:
-    """What the source lacks goes at the target, too: it belonged to another map."""
+    """Copy a file; without a source remove the target, which belonged to another map."""
     if not is_file(source, MapError):
         remove(target)
         return
@@ -107,19 +108,19 @@ def _copy(source: Path, target: Path) -> None:
 
 
 def _has_image_of(folder: Path, known: Path) -> bool:
-    """Whether a folder holds a map of the same grid as a YAML file's."""
+    """Whether a folder holds a map with the same grid as a YAML file's."""
     if not is_file(folder / MAP_YAML, MapError):
         return False
     try:
         one, other = load_info(folder / MAP_YAML), load_info(known)
         alike = replace(one, image=other.image) == other
         return alike and read_bytes(one.image, MapError) == read_bytes(other.image, MapError)
-    except MapError:  # what is there is broken
+    except MapError:  # the map in the folder is broken
         return False
 
 
 def _is_made_of(folder: Path, frames: Sequence[SensorFrame], settings: Settings) -> bool:
-    """Whether the folder's map is of one drive, of these frames, by these settings."""
+    """Whether the folder's map was made from these frames alone, with these settings."""
     paths = [folder / name for name in (CONFIG, TRAJECTORY, REPORT)]
     if not frames or not all(is_file(path, MapError) for path in paths):
         return False

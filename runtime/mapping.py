@@ -1,4 +1,4 @@
-"""A recording becomes a map folder: read, map, draw the grid, write everything at once."""
+"""Mapping of a recording: the recording becomes a map folder, or is joined to an existing one."""
 
 from __future__ import annotations
 
@@ -59,7 +59,7 @@ from waychair.types import Json, OccupancyGrid, Pose2, Pose3
 
 @dataclass(frozen=True, slots=True)
 class MappingSettings(LiveMappingSettings):
-    """Everything `waychair map` can be told in its configuration file."""
+    """All settings of `waychair map`."""
 
     input: InputSettings = field(default_factory=InputSettings)
     checkpoint_interval: float = setting(
@@ -71,9 +71,9 @@ class MappingSettings(LiveMappingSettings):
 
 @dataclass(frozen=True, slots=True)
 class Mapping:
-    """A mapped recording: the grid, the mapper's result, and the report as it is written to report.json.
+    """A mapped recording: the grid, the mapper's result, and the content of report.json.
 
-    `depth` is what only the camera has seen of the grid (`maps.depth_layer`), None without pictures.
+    `depth` is the layer of the grid that only the camera has seen (`maps.depth_layer`), None without depth images.
     """
 
     grid: OccupancyGrid
@@ -81,7 +81,7 @@ class Mapping:
     report: Json
     depth: OccupancyGrid | None = None
     state: MapState | None = None
-    """From which a further drive can go on."""
+    """The state from which a further drive can continue the map."""
 
 
 def map_recording(
@@ -92,20 +92,20 @@ def map_recording(
     keep_in: Path | None = None,
     reading_s: float = 0.0,
 ) -> Mapping:
-    """Maps a whole recording; `progress` is called with the share of frames done.
+    """Map a whole recording; `progress` is called with the share of frames done.
 
-    With a folder to keep its state in, a run that was stopped goes on where it was last kept, and gives what it would
-    have given; the state is removed when the map is saved. `reading_s` is the CPU time that reading took, for the report.
+    With the folder `keep_in`, a stopped run resumes from its last checkpoint and gives the same map as an uninterrupted
+    one; the checkpoint is removed when the map is saved. `reading_s` is the CPU time of reading, for the report.
 
-    What a chair with an IMU saw before it first moved is left out, but for the last scan (`first_motion`).
+    Frames before the first motion are left out, except the last scan before it, if the chair has an IMU
+    (`first_motion`).
 
-    Pictures with depth are drawn after the scans, or, as the settings say, left out, or mapped instead of the scans.
-    Unless vision is off, they also close loops, and the memory of their places is left in the folder; such a run, when
-    it is stopped, begins anew.
+    Depth images are drawn after the scans, left out, or mapped instead of the scans, as the settings say. Unless vision
+    is off, pictures also close loops, and their memory of places is saved in the folder; such a run cannot be resumed.
 
     Raises:
         NoScans: the recording has no frame with a scan.
-        NoPictures: it is to be mapped from pictures, and has none with depth, or does not say where the camera is.
+        NoPictures: the map is to be made from depth images alone, and there is none, or no camera mount.
         OutputError: the folder cannot be written to.
     """
     started, cpu = time.perf_counter(), time.process_time()
@@ -149,15 +149,15 @@ def join_recording(
     *,
     reading_s: float = 0.0,
 ) -> Mapping:
-    """Maps a recording as a further drive through the building of a map folder; the map of both (see `sessions`).
+    """Map a recording as a further drive through the building of a map folder; return the map of both (see `sessions`).
 
-    The memory of places goes on in `keep_in`, a copy of the folder; the folder itself is only read. A node that is tied
-    to an earlier one goes once it leaves the short-term memory (`reduce_graph`), so that nodes do not grow with the
-    number of drives.
+    The memory of places is continued in `keep_in`, a copy of the folder; the folder itself is only read. A node with a
+    link to an earlier one is removed once it leaves the short-term memory (`reduce_graph`), so that the number of nodes
+    does not grow with the number of drives.
 
     Raises:
         NoScans: the recording has no frame with a scan.
-        SessionError: the folder has nothing to go on from; the drive was recorded by other sensors, or never meets the
+        SessionError: the folder has no saved session, the drive was recorded by other sensors, or it never meets the
             map.
     """
     started, cpu = time.perf_counter(), time.process_time()
@@ -205,7 +205,7 @@ def join_recording(
 def _beginning(
     recording: Recording, settings: MappingSettings, state: MapState, folder: Path, lens: Pose3 | None
 ) -> tuple[int, Pose2] | None:
-    """Where the drive begins on the map, found by driving it as far as the first loop that is proven."""
+    """Return where the drive begins on the map, found by mapping it up to the first accepted loop closure."""
     scratch = LiveMapping(settings, recording.base_from_laser)
     grid, mapper = go_on(scratch, state), state.mapper
     frames = [frame for frame in map(scratch.reckon, recording.frames) if frame.scan is not None]
@@ -227,10 +227,10 @@ def _beginning(
 
 
 def _lens(recording: Recording, settings: MappingSettings, camera: Pose3 | None) -> Pose3 | None:
-    """The mount of the camera by whose pictures places are known again; None where they are not."""
+    """Return the mount of the camera for place recognition; None where there is none."""
     if settings.vision == "off":
         return None
-    if settings.depth.use == "off":  # it is not looked for where depth is not drawn
+    if settings.depth.use == "off":  # then the caller has not looked for the mount
         camera, _ = mount_of_camera(recording, replace(settings.depth, use="on"))
     return camera
 
@@ -247,7 +247,7 @@ def _finished(
     first: int,
     seeing: MemoryMaking | None = None,
 ) -> Mapping:
-    """The settled map; `began` are wall and CPU clock at its beginning and the CPU that reading took [s]."""
+    """Return the settled map; `began`: wall clock and CPU time at the beginning, and the CPU time of reading [s]."""
     started, cpu, reading_s = began
     result = live.settle()
     memory = None
@@ -266,7 +266,7 @@ def _finished(
 
 
 def live_result(live: LiveMapping, name: Path, source: str) -> Mapping:
-    """The map of a drive so far, settled, with its report; `name` and `source` say there where the frames came from.
+    """Return the settled map of a drive so far, with its report; `name` and `source` name the origin of the frames.
 
     Raises:
         NoScans: no frame with a scan has come yet.
@@ -282,8 +282,8 @@ def live_result(live: LiveMapping, name: Path, source: str) -> Mapping:
 
 def _reported(live: LiveMapping, result: MapperResult, source: Recording, cost: Cost, resumed_at: int) -> Mapping:
     grid, depth = live.layered_grid()
-    # a wrong mount tears the map as well, and is what has to be mended
-    amiss = mount_warnings(live.told, result.driven.poses, live.base_from_laser) or torn_warnings(result)
+    # a wrong mount also tears the map; its warning names the cause
+    amiss = mount_warnings(live.told, result.drive_trajectory.poses, live.base_from_laser) or torn_warnings(result)
     left_out = warnings_of(live.depth.counts, source.unread)
     report = mapping_report(source, [*source.warnings, *amiss, *left_out], result, grid, cost, resumed_at)
     report["depth"] = depth_report(live.depth.counts, depth)
@@ -291,17 +291,17 @@ def _reported(live: LiveMapping, result: MapperResult, source: Recording, cost: 
 
 
 def save_mapping(folder: Path, mapping: Mapping, settings: LiveMappingSettings) -> None:
-    """Writes map.pgm, map.yaml, trajectory.tum, graph.g2o, config.yaml, report.json and report.html, each whole or not.
+    """Write map.pgm, map.yaml, trajectory.tum, graph.g2o, config.yaml, report.json and report.html, each atomically.
 
-    A map with pictures also has depth.pgm and depth.yaml, one of a recording's scans session.npz, from which a further
-    drive can go on. Of an earlier map's none stays; what is drawn on one does (see `map_folders`).
+    With depth images also depth.pgm and depth.yaml; for a recording with scans session.npz, from which a further drive
+    can continue. Other files of an earlier map are removed; its places and zones stay (see `map_folders`).
 
     Raises:
         OutputError: the folder cannot be written to.
     """
     if "memory" not in mapping.report and "session" not in mapping.report:
         remove_memory(folder)
-    write_tum(folder / "trajectory.tum", mapping.result.driven)
+    write_tum(folder / "trajectory.tum", mapping.result.drive_trajectory)
     write_g2o(folder / "graph.g2o", mapping.result.key_poses, mapping.result.edges)
     config.save(settings, folder / "config.yaml")
     write_json(folder / "report.json", mapping.report)
@@ -316,6 +316,6 @@ def save_mapping(folder: Path, mapping: Mapping, settings: LiveMappingSettings) 
 
 
 def peak_memory_mb() -> float:
-    """Largest resident memory of this process so far [MB]."""
+    """Return the largest resident memory of this process so far [MB]."""
     peak = resource.getrusage(resource.RUSAGE_SELF).ru_maxrss
     return peak / 1e6 if sys.platform == "darwin" else peak / 1e3

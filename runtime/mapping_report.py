@@ -1,4 +1,4 @@
-"""What a mapping run has to say: report.json, and report.html with the map, the way and the loops drawn."""
+"""The report of a mapping run: report.json, and report.html with a drawing of map, trajectory and loop closures."""
 
 from __future__ import annotations
 
@@ -19,15 +19,15 @@ from waychair.slam.graph import EdgeKind
 from waychair.slam.mapper import MapperResult
 from waychair.types import UNKNOWN, FloatArray, Json, OccupancyGrid
 
-_MARGIN = 1.0  # [m] round what is known
-_WAY_STEP = 0.1  # [m] between the points of the way that are drawn
-_FREE, _OCCUPIED, _UNKNOWN_SHADE = 50.0, 65.0, 209  # [%] drawn white, [%] drawn black, grey
-_TICKS = (1, 2, 5, 10, 20, 50, 100, 200)  # [m] lengths of the scale
+_MARGIN = 1.0  # [m] around the known part of the map
+_WAY_STEP = 0.1  # [m] between drawn points of the trajectory
+_FREE, _OCCUPIED, _UNKNOWN_SHADE = 50.0, 65.0, 209  # [%] drawn white, [%] drawn black, grey level of unknown cells
+_TICKS = (1, 2, 5, 10, 20, 50, 100, 200)  # [m] possible lengths of the scale bar
 
 
 @dataclass(frozen=True, slots=True)
 class Cost:
-    """What a run cost: CPU seconds by stage and of each scan that was matched with care, wall seconds, memory [MB]."""
+    """The cost of a run: CPU seconds by stage and of each full scan match, wall seconds, peak memory [MB]."""
 
     stages: Mapping[str, float]
     key_seconds: Sequence[float]
@@ -43,8 +43,8 @@ def mapping_report(
     cost: Cost,
     resumed_at: int,
 ) -> Json:
-    """The report as JSON: input, counts, loops with their stamps, times by stage, memory."""
-    poses, stamps = result.driven.poses, result.driven.stamps_ns
+    """Return the report as JSON: input, counts, loop closures with their stamps, times by stage, memory."""
+    poses, stamps = result.drive_trajectory.poses, result.drive_trajectory.stamps_ns
     kinds = [edge.kind for edge in result.edges]
     return {
         "waychair": __version__,
@@ -75,13 +75,13 @@ def mapping_report(
 
 
 def torn_warnings(result: MapperResult) -> list[str]:
-    """One sentence for each time that the scans had nothing to do with those before, and whether that was mended."""
-    torn = [e for e in result.edges if e.kind is EdgeKind.TORN and result.key_frames[e.j] >= result.begun]
-    whole = [edge for edge in result.edges if edge.kind is not EdgeKind.TORN]
+    """Return one sentence for each break in the scan matching, and whether a loop closure has bridged it."""
+    torn = [e for e in result.edges if e.kind is EdgeKind.UNKNOWN and result.key_frames[e.j] >= result.earlier_frames]
+    whole = [edge for edge in result.edges if edge.kind is not EdgeKind.UNKNOWN]
     nodes = len(result.key_poses)
     links = csr_matrix((np.ones(len(whole)), ([e.i for e in whole], [e.j for e in whole])), shape=(nodes, nodes))
     _, piece = connected_components(links, directed=False)
-    start = int(result.driven.stamps_ns[0])
+    start = int(result.drive_trajectory.stamps_ns[0])
     warnings = []
     for edge in torn:
         seconds = (int(result.trajectory.stamps_ns[result.key_frames[edge.j]]) - start) * 1e-9
@@ -93,7 +93,7 @@ def torn_warnings(result: MapperResult) -> list[str]:
 
 
 def _milliseconds(seconds: Sequence[float]) -> Json:
-    """Mean, 95th percentile and largest, in ms."""
+    """Return mean, 95th percentile and maximum [ms]."""
     if not seconds:
         return {}
     values = 1e3 * np.array(seconds)
@@ -102,10 +102,10 @@ def _milliseconds(seconds: Sequence[float]) -> Json:
 
 
 def write_mapping_page(path: Path, report: Json, grid: OccupancyGrid, result: MapperResult) -> None:
-    """report.html: nothing in it is loaded from elsewhere.
+    """Write report.html, which loads nothing from elsewhere.
 
     Raises:
-        OutputError: it cannot be written.
+        OutputError: the file cannot be written.
     """
     total = report["cpu_seconds"]["total"]
     lead = (
@@ -135,14 +135,14 @@ def write_mapping_page(path: Path, report: Json, grid: OccupancyGrid, result: Ma
 
 
 def draw_mapping(grid: OccupancyGrid, result: MapperResult) -> str:
-    """The map with the way and the loops as one SVG, a user unit for a metre, y up; its axes are the grid's."""
+    """Return map, trajectory and loop closures as one SVG in the grid's axes: one user unit per metre, y up."""
     known = np.argwhere(grid.cells != UNKNOWN)
     low, high = (
         (known.min(axis=0), known.max(axis=0) + 1) if len(known) else (np.zeros(2, int), np.array(grid.cells.shape))
     )
     cells = grid.cells[low[0] : high[0], low[1] : high[1]]
     (height, width), (y, x) = np.array(cells.shape) * grid.resolution, low * grid.resolution
-    way = _in_grid(result.driven.poses[:, :2], grid)
+    way = _in_grid(result.drive_trajectory.poses[:, :2], grid)
     keys = _in_grid(result.key_poses[:, :2], grid)
     corner = np.minimum([x, y], way.min(axis=0)) - _MARGIN
     size = np.maximum([x + width, y + height], way.max(axis=0)) + _MARGIN - corner
@@ -182,7 +182,7 @@ def _caption(report: Json) -> str:
 
 
 def _in_grid(points: FloatArray, grid: OccupancyGrid) -> FloatArray:
-    """Points (N, 2) of the map in the grid's own axes [m]."""
+    """Return points (N, 2) of the map in the grid's axes [m]."""
     corner = grid.map_from_grid
     c, s = np.cos(corner.theta), np.sin(corner.theta)
     away = points - (corner.x, corner.y)
@@ -191,7 +191,7 @@ def _in_grid(points: FloatArray, grid: OccupancyGrid) -> FloatArray:
 
 
 def _thinned(points: FloatArray) -> FloatArray:
-    """The points without those nearer than a step to the last one kept."""
+    """Return the points without those nearer than a step to the last one kept."""
     kept = [points[0]]
     for point in points:
         if np.hypot(*(point - kept[-1])) >= _WAY_STEP:
@@ -200,14 +200,14 @@ def _thinned(points: FloatArray) -> FloatArray:
 
 
 def _png(cells: np.ndarray) -> str:
-    """Cells (H, W), first row lowest, as a picture whose first row is the top, in a data URI."""
+    """Return cells (H, W), lowest row first, as a data URI of a PNG with the top row first."""
     dark = np.clip((cells.astype(np.float64) - _FREE) / (_OCCUPIED - _FREE), 0.0, 1.0)
     shades = np.where(cells == UNKNOWN, _UNKNOWN_SHADE, 255 * (1.0 - dark)).astype(np.uint8)
     return "data:image/png;base64," + base64.b64encode(cv2.imencode(".png", np.flipud(shades))[1].tobytes()).decode()
 
 
 def _loops(result: MapperResult) -> list[Json]:
-    """Every loop closure: its two stamps, and how the graph sees it: later pose in the earlier one."""
+    """Return every loop closure: its two stamps, and the later pose in the earlier one's frame."""
     stamps = result.trajectory.stamps_ns[list(result.key_frames)].tolist()
     return [
         {
@@ -222,7 +222,7 @@ def _loops(result: MapperResult) -> list[Json]:
 
 
 def _loop_table(report: Json) -> Table:
-    """The loops that span the longest times."""
+    """Return a table of the loop closures over the longest times."""
     longest = sorted(report["loops"], key=lambda loop: -loop["apart_s"])[:10]
     rows = tuple(
         (f"{loop['from_stamp_s']:.3f}", f"{loop['to_stamp_s']:.3f}", f"{loop['apart_s']:.0f} s") for loop in longest

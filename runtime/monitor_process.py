@@ -1,9 +1,9 @@
-"""The collision monitor in a process of its own, which neither a hanging planner nor a busy interpreter holds up.
+"""The collision monitor in a process of its own, so that neither a hanging planner nor a busy interpreter delays it.
 
-Between it and the control loop lies a pair of datagram sockets: scans and commands go there, verdicts come back, each
-message whole or not at all. Nobody waits for anybody: what the other side has no room for is dropped, and a side that
-stops answering is noticed by the age of its last verdict. The process judges by its own timer, whether or not a command
-came, and ends when the control loop is gone. All stamps are of CLOCK_MONOTONIC, which processes of a computer share.
+A pair of datagram sockets connects it to the control loop: scans and commands go there, verdicts come back, each
+message whole or not at all. Neither side waits: messages that do not fit into the socket's buffer are dropped, and a
+dead monitor is noticed by the age of its last verdict. The process judges by its own timer, with or without a new
+command, and ends with the control loop. All stamps are of CLOCK_MONOTONIC, which the processes of a computer share.
 """
 
 from __future__ import annotations
@@ -32,7 +32,7 @@ from waychair.firmware_bridge.heartbeat import urgent
 from waychair.types import FloatArray, Scan, Twist
 
 PERIOD_S = 0.02
-"""The process judges this often."""
+"""Period of the process's verdicts."""
 
 _LARGEST = 1 << 17  # bytes of a message: a scan of 10 000 beams is a third of it
 _SCAN = struct.Struct("<cqddddd")
@@ -44,7 +44,7 @@ _NO_SCAN = -(2**63)
 
 @dataclass(frozen=True, slots=True)
 class Watched:
-    """What a monitor must know of its chair."""
+    """A chair's data for its monitor."""
 
     body: ChairBody = field(default_factory=lambda: CHAIR_A)
     settings: MonitorSettings = field(default_factory=MonitorSettings)
@@ -52,32 +52,32 @@ class Watched:
     mask: SelfMask | None = None
 
     def monitor(self) -> Monitor:
-        """A monitor that has seen nothing yet."""
+        """Return a new monitor."""
         return Monitor(self.body, self.settings, self.stops, self.mask)
 
 
 class MonitorPort(Protocol):
-    """What a chair wants of its monitor, wherever that lives. `verdict` may be asked for from any thread."""
+    """The interface of a chair to its monitor, in the tick or in a process. `verdict` may be read from any thread."""
 
     @property
     def verdict(self) -> MonitorVerdict | None:
-        """The latest; None before the first."""
+        """The latest verdict; None before the first."""
 
     def see(self, scan: Scan) -> None:
-        """Pass a raw scan on."""
+        """Pass on a raw scan."""
 
     def furnish(self, mapped: FloatArray, stamp_ns: int) -> None:
-        """Pass on what might be legs but has always stood there, (N, 2) [m] in the base frame of `stamp_ns`."""
+        """Pass on points that look like legs but are on the map, (N, 2) [m] in the base frame of `stamp_ns`."""
 
     def judge(self, command: Twist, measured: Twist, now_ns: int) -> None:
-        """Pass on what is to be commanded, and how the chair moves."""
+        """Pass on the command that is about to be sent, and the measured twist."""
 
     def restart(self) -> None:
-        """Begin anew, since it does not answer."""
+        """Restart a monitor that does not answer."""
 
 
 class MonitorInStep:
-    """The same monitor as a plain object, for a chair whose clock is a simulator's: it judges when it is told to."""
+    """The monitor as an object in the tick, for a chair on a simulator's clock: it judges when it is called."""
 
     def __init__(self, watched: Watched) -> None:
         self._watched = watched
@@ -107,7 +107,7 @@ class MonitorInStep:
 
 
 class MonitorProcess:
-    """The monitor's process, for as long as the block lasts; `pid` is its number."""
+    """Runs the monitor's process for as long as the block lasts; `pid` is its process id."""
 
     def __init__(self, watched: Watched) -> None:
         self._watched = watched
@@ -126,7 +126,7 @@ class MonitorProcess:
 
     @property
     def pid(self) -> int:
-        """Of the process that watches now."""
+        """Id of the present process."""
         return self._process.pid
 
     @property
@@ -143,7 +143,7 @@ class MonitorProcess:
             _send(self._socket, _scan_message(scan))
 
     def furnish(self, mapped: FloatArray, stamp_ns: int) -> None:
-        """See `MonitorPort`; the stamp is of the clock that the processes share."""
+        """See `MonitorPort`; the stamp is of CLOCK_MONOTONIC."""
         with self._lock:
             _send(self._socket, _FURNITURE.pack(b"f", stamp_ns) + np.ascontiguousarray(mapped, "<f4").tobytes())
 
@@ -161,12 +161,12 @@ class MonitorProcess:
 
     def _end(self) -> None:
         self._socket.close()
-        self._process.kill()  # also one that was stopped; it keeps nothing
+        self._process.kill()  # SIGKILL also ends a stopped process; it has nothing to save
         self._process.wait()
 
 
 def _started(watched: Watched) -> tuple[socket.socket, subprocess.Popen[bytes]]:
-    """Our end of the channel, and the process at the other one."""
+    """Start the process; return our end of the channel and the process."""
     ours, theirs = socket.socketpair(socket.AF_UNIX, socket.SOCK_DGRAM)
     ours.setblocking(False)
     told = msgspec.json.encode(watched).decode()
@@ -176,7 +176,7 @@ def _started(watched: Watched) -> tuple[socket.socket, subprocess.Popen[bytes]]:
 
 
 def watch(channel: socket.socket, monitor: Monitor) -> None:
-    """The process: take in what came, judge by the timer, until the other side is gone."""
+    """Run the process: take in messages and judge by the timer, until the other side is gone."""
     channel.setblocking(False)
     command, measured = Twist(), Twist()
     due_s = time.monotonic()
@@ -199,14 +199,14 @@ def watch(channel: socket.socket, monitor: Monitor) -> None:
 
 
 def _received(channel: socket.socket) -> Iterator[bytes]:
-    """All messages that are there."""
-    with contextlib.suppress(OSError):  # none is left, or the other side is gone
+    """Yield all waiting messages."""
+    with contextlib.suppress(OSError):  # no message is left, or the other side is gone
         while True:
             yield channel.recv(_LARGEST)
 
 
 def _send(channel: socket.socket, message: bytes) -> bool:
-    """False when nobody is there any more; a message for which there is no room is dropped."""
+    """Send a message, or drop it if the buffer is full; return False if the other side is gone."""
     try:
         channel.send(message)
     except BlockingIOError:
@@ -242,7 +242,7 @@ def _verdict_from(message: bytes) -> MonitorVerdict:
 
 
 def main() -> None:
-    """Watch over the chair that the second argument describes, by the socket that the first one numbers."""
+    """Watch over the chair that the second argument describes, over the socket whose descriptor is the first."""
     channel = socket.socket(fileno=int(sys.argv[1]))
     urgent()
     watch(channel, msgspec.json.decode(sys.argv[2], type=Watched).monitor())

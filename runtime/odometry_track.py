@@ -1,4 +1,4 @@
-"""Where the odometry had the chair at a stamp, for whoever gets odometry and scans by different ways."""
+"""Odometry of the last second, to look up the pose at a scan's stamp where both come in separate messages."""
 
 from __future__ import annotations
 
@@ -10,7 +10,7 @@ from waychair.geometry import arc
 from waychair.types import Odometry, Pose2, Twist
 
 _CARRIED_NS = 100_000_000
-"""The last speeds are taken to go on for so long."""
+"""Greatest time of extrapolation by the last twist."""
 
 _KEPT_NS = 1_000_000_000
 
@@ -18,20 +18,20 @@ _NEAR_START = 0.1  # m and rad
 
 
 class OdometryTrack:
-    """The odometry of the last second."""
+    """Keeps the odometry of the last second."""
 
     def __init__(self) -> None:
         self._track: deque[Odometry] = deque()
 
     @property
     def twist(self) -> Twist:
-        """The latest."""
+        """The latest twist."""
         return self._track[-1].twist if self._track else Twist()
 
     def take(self, odometry: Odometry) -> bool:
-        """A new one; whether the odometry begins anew by it, as when what reckons it was started again.
+        """Add a reading; return whether the odometry has begun anew with it, as after a restart of its source.
 
-        One that is not later than the last comes from a clock that was set back: what came before is forgotten.
+        A reading that is not later than the last one means that the clock was set back: the older ones are dropped.
         """
         anew = bool(self._track) and self._begins(odometry)
         if anew or (self._track and odometry.stamp_ns <= self._track[-1].stamp_ns):
@@ -42,13 +42,13 @@ class OdometryTrack:
         return anew
 
     def _begins(self, odometry: Odometry) -> bool:
-        """Whether it is where every odometry begins, after a silence, and was elsewhere before."""
+        """Whether a reading is near the origin after a silence, and the last one was not."""
         before, since_ns = self._track[-1], odometry.stamp_ns - self._track[-1].stamp_ns
         began = _is_near_start(odometry.odom_from_base) and not _is_near_start(before.odom_from_base)
         return began and not 0 < since_ns <= _CARRIED_NS
 
     def odom_from_base(self, stamp_ns: int) -> Pose2 | None:
-        """The pose at a stamp, on the arc from the odometry before it; None where nothing near enough is known."""
+        """Return the pose at a stamp, on the arc from the reading before it; None where no reading is near enough."""
         index = bisect_right(self._track, stamp_ns, key=lambda odometry: odometry.stamp_ns) - 1
         if not self._track or stamp_ns < self._track[0].stamp_ns - _CARRIED_NS:
             return None

@@ -1,8 +1,8 @@
-"""Tables 1 to 3 of the wheelchair paper (Pai et al. 2026, section 4.1) for maps of our own, beside its figures.
+"""Tables 1 to 3 of the wheelchair paper (Pai et al. 2026, section 4.1) for our maps, beside the paper's figures.
 
-The paper does not say what it counts, and its counts do not agree with each other: of 1050 frames it has 1498 + 427
-nodes in WM and LTM, of 550 it has 870 + 132. So there are two readings of each, as a state at the end of the drive and
-as events since its beginning, and each row says what it is (`MemoryCounts` shows why neither explains the paper's).
+The paper does not define its counts, and they contradict each other: 1498 + 427 nodes in WM and LTM from 1050 frames,
+870 + 132 from 550. So each count is given in two readings, as the state at the end of the drive and as the number of
+events since its beginning, and each row names its reading (`MemoryCounts` shows why neither explains the paper's).
 """
 
 from __future__ import annotations
@@ -30,7 +30,7 @@ _PER_FRAME = {
 
 @dataclass(frozen=True, slots=True)
 class PaperTable:
-    """A table: its title, the heads of its columns, and rows of as many cells."""
+    """A table: title, column heads, and rows with one cell per head."""
 
     title: str
     heads: tuple[str, ...]
@@ -38,11 +38,11 @@ class PaperTable:
 
 
 def read_report(folder: Path) -> Json:
-    """The report of a map with a memory of its places.
+    """Return the report of a map with a memory of places.
 
     Raises:
-        MapNotFound: there is no map's report.
-        MapError: it cannot be read, or the map was made without pictures.
+        MapNotFound: the folder holds no report.json.
+        MapError: the report cannot be read, or the map was made without pictures.
     """
     path = folder / "report.json"
     if not path.is_file():
@@ -57,7 +57,7 @@ def read_report(folder: Path) -> Json:
 
 
 def paper_tables(reports: Sequence[Json]) -> tuple[PaperTable, ...]:
-    """Tables 1 and 2 of the reports of one or two maps, the second floor's first, and Table 3 of both."""
+    """Return Tables 1 and 2 for the reports of one or two maps, the second floor's first, and Table 3 for both."""
     names = ("second floor", "basement")
     counts = [_counts(k + 1, names[k], report, _FLOORS[k]) for k, report in enumerate(reports[:2])]
     return (*counts, _per_frame([report["memory"]["per_picture"] for report in reports[:2]]))

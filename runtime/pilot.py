@@ -1,7 +1,7 @@
-"""The half of a chair that knows where to go: goals that wait for a yes, what is in the way, and the navigator.
+"""The pilot: goals that wait for the rider's yes, obstacles from the sensors, and the navigator.
 
-It is told where the chair is and what its sensors see, and asks for a twist each tick. Whether it drives is not its to
-say: it obeys the verdict of the `DriveBase`, and what that interrupts or refuses is dropped and never resumes by itself.
+Each tick it takes in the chair's pose and sensor messages and asks for a twist. The `DriveBase` decides whether the
+chair drives; a drive that its verdict interrupts or refuses is dropped and never resumes by itself.
 """
 
 from __future__ import annotations
@@ -16,7 +16,7 @@ from waychair.calibration.stopping import StopTable, permitted_speed
 from waychair.config import setting
 from waychair.control.collision_monitor import points_now, slim_beams
 from waychair.control.navigator import Navigation, Navigator, NavigatorSettings, Stage
-from waychair.control.supervisor import Verdict
+from waychair.control.supervisor import SupervisorVerdict
 from waychair.geometry import transform_points
 from waychair.maps.zones import Zone
 from waychair.planning.drawn_map import DrawnMap
@@ -31,7 +31,7 @@ from waychair.types import FloatArray, Goal, OccupancyGrid, Place, Pose2, RgbdFr
 
 @dataclass(frozen=True, slots=True)
 class PilotSettings(BaseSettings):
-    """The navigator's own settings, beside the limits of the base that it plans within."""
+    """The settings of the navigator, and of the drive base whose limits it plans within."""
 
     navigator: NavigatorSettings = field(default_factory=NavigatorSettings)
     echoes: EchoSettings = field(default_factory=EchoSettings)
@@ -43,7 +43,7 @@ _NOTHING: FloatArray = np.empty((0, 2))
 
 @dataclass(frozen=True, slots=True)
 class _Sight:
-    """What a scan saw, (N, 2) [m] in map, how far its other beams went, (M, 2), and when; None when there was no scan."""
+    """Points of a scan, (N, 2) [m] in map, ends of its free beams, (M, 2), and its stamp; None without a scan."""
 
     points: FloatArray | None = None
     beyond: FloatArray | None = None
@@ -51,7 +51,7 @@ class _Sight:
 
 
 class Pilot:
-    """Takes goals to where they are on a map."""
+    """Takes goals and asks for the twists that lead to them."""
 
     def __init__(
         self,
@@ -62,64 +62,64 @@ class Pilot:
         stops: StopTable | None = None,
         zones: Sequence[Zone] = (),
     ) -> None:
-        """stops: as measured on this chair; without them it crawls. `zones` are the map's."""
+        """stops: stopping distances measured on this chair; without them it crawls. `zones` are the map's."""
         self.settings = settings or PilotSettings()
         self.body = body
         self.navigator = Navigator(grid, places, body, _within(self.settings, stops), zones)
-        self._goals: tuple[Goal, ...] = ()  # that wait for a yes
+        self._goals: tuple[Goal, ...] = ()  # waiting for the rider's yes
         self._goals_since_ns: int | None = None
         self._paused_since_ns: int | None = None
         self._sight = _Sight()  # since the last tick
         self._echoes = Echoes(self.settings.echoes)
         self.furniture = _NOTHING
-        """(N, 2) [m] in the base of the latest scan: what of it might be legs but has always stood there, by a sure place."""
+        """Points of the latest scan that look like legs but are on the map, (N, 2) [m] in base; none if unlocalised."""
 
     def go(self, goal: Goal, *further: Goal) -> None:
-        """Take a goal, and those after it, which wait for the rider's yes.
+        """Take a goal, or a list of them, which waits for the rider's yes.
 
         Raises:
-            UnknownPlace: one is not on the map.
-            GoalTooExact: one is to be reached more closely than a chair can stop.
+            UnknownPlace: a goal's place is not on the map.
+            GoalTooExact: a goal's tolerance is smaller than a chair can stop within.
         """
         self.navigator.go(goal, *further)
         self._goals, self._goals_since_ns = (goal, *further), None
 
     @property
     def waits(self) -> bool:
-        """Whether there is a goal to say yes to."""
+        """Whether a goal waits for the rider's yes."""
         return bool(self._goals)
 
     def pause(self) -> bool:
-        """Have a drive under way come to rest, and stand until `go_on`; whether there is one."""
+        """Bring a drive under way to rest until `go_on`; return whether there is one."""
         if self.waits or not self.navigator.active:
             return False
         self.navigator.pause()
         return True
 
     def go_on(self) -> bool:
-        """Have a paused drive go on; whether there is one."""
+        """Let a paused drive go on; return whether there is one."""
         paused = self.navigator.stage is Stage.PAUSED
         self.navigator.resume()
         return paused
 
     def drop(self, reason: str) -> None:
-        """Give up what was asked for."""
+        """Drop the waiting goals and end the drive."""
         self._goals = ()
         self.navigator.cancel(reason)
 
     def drawn(self, grid: OccupancyGrid, zones: Sequence[Zone]) -> DrawnMap:
-        """A map made ready for `redraw`; takes a while, and may be called from any thread."""
+        """Prepare a map for `redraw`; takes a while, and may be called from any thread."""
         return DrawnMap(grid, self.body, self.navigator.settings.costmap, zones)
 
     def redraw(self, drawn: DrawnMap, places: Mapping[str, Place]) -> None:
-        """Go on by another drawing of the map; a drive under way is planned anew, one that has ended stays so."""
+        """Replace the map and the places; a drive under way is replanned, one that has ended stays ended."""
         self.navigator.redraw(drawn, places)
 
     def see(self, scan: Scan, localisation: Localisation, twist: Twist) -> None:
-        """Told what a scan shows but for the chair itself, and where it was taken."""
+        """Take in a scan without the beams that hit the chair itself, and the pose at which it was taken."""
         reach, mount = self.settings.navigator.obstacle_range, self.body.base_from_laser
         reach = min(reach, scan.range_max) if scan.range_max > 0.0 else reach
-        # of a beam that goes on so far is known that it goes on so far
+        # a beam beyond the reach shows free space up to there
         clear = scan.ranges >= reach
         within = replace(scan, ranges=np.where(clear, np.float32(0.999 * reach), scan.ranges))
         ends, valid = beam_ends(within, mount, reach, twist)
@@ -142,15 +142,15 @@ class Pilot:
         return mapped
 
     def hear(self, readings: SonarReadings, map_from_base: Pose2) -> None:
-        """Told what the sonars say; what is said once only does not count."""
+        """Take in sonar readings; an echo counts only once a second reading confirms it."""
         self.navigator.hear(self._echoes.borne_out(readings), map_from_base)
 
     def look(self, frame: RgbdFrame, map_from_base: Pose2, tilt: Tilt | None) -> None:
-        """Told what the depth camera sees, and how the chair leans, if that is known."""
+        """Take in a picture of the depth camera, and the chair's tilt if it is known."""
         self.navigator.look(frame, map_from_base, None if tilt is None else tilt.level_from_base())
 
     def expire(self, now_ns: int) -> None:
-        """A goal waits for its yes for so long only, and a paused drive for going on."""
+        """Drop a goal that has waited too long for its yes, or a drive that was paused for too long."""
         if self.navigator.stage is not Stage.PAUSED:
             self._paused_since_ns = None
         elif self._paused_since_ns is None:
@@ -163,21 +163,21 @@ class Pilot:
         if now_ns - self._goals_since_ns > self.settings.supervisor.confirm_s * 1e9:
             self.drop("nobody has confirmed the drive: ask for the goal again")
 
-    def obey(self, verdict: Verdict) -> None:
-        """Begin what was said yes to, or drop what was interrupted or refused."""
+    def obey(self, verdict: SupervisorVerdict) -> None:
+        """Begin the confirmed goals, or drop a drive that was interrupted or refused."""
         if verdict.drops_goal or not self.navigator.active:
             self.drop(verdict.reason)
         elif verdict.computer_drives and self._goals:
-            self.navigator.go(*self._goals)  # afresh: what it tried while it waited does not count
+            self.navigator.go(*self._goals)  # anew, so that attempts from before the yes do not count
             self._goals = ()
 
     def step(self, now_ns: int, map_from_base: Pose2, map_from_odom: Pose2 | None) -> Navigation:
-        """The next twist to ask for."""
+        """Return the next twist to ask for."""
         sight, self._sight = self._sight, _Sight()
         return self.navigator.step(now_ns, map_from_base, sight.points, map_from_odom, sight.beyond, sight.seen_ns)
 
     def learn(self, command: Twist | None, ended: str = "") -> None:
-        """What was really sent is news to the navigator; None: the lines were let go. So is why a drive has `ended`."""
+        """Pass the sent command to the navigator, None when the lines were let go, and why a drive has `ended`."""
         if command is None:
             self.navigator.at_rest()
         else:
@@ -187,9 +187,9 @@ class Pilot:
 
 
 def _within(settings: PilotSettings, stops: StopTable | None) -> NavigatorSettings:
-    """The navigator plans within the rider's comfort and what the chair's brakes were measured for.
+    """Return the navigator's settings within the rider's comfort limits and the chair's measured stops.
 
-    It gives way to people for as long as the monitor does.
+    The navigator gives way to people for as long as the monitor does.
     """
     navigator, limits = settings.navigator, settings.limiter
     dwa = measured(navigator.dwa, stops)

@@ -1,4 +1,4 @@
-"""The harmonic planner's view of a map: its potential, streamlines, the paths beside each other, how sharply they turn."""
+"""Figures of the harmonic planner: potential, streamlines, compared paths, and the histogram of their turns."""
 
 from __future__ import annotations
 
@@ -14,21 +14,21 @@ from waychair.runtime.report import COLOURS, Picture, draw_map, draw_places, new
 from waychair.types import FloatArray, IntArray, OccupancyGrid, Path, Place
 
 EVERY_M = 0.10
-"""Turns are measured on a path resampled at this distance [m]."""
+"""Distance [m] at which a path is resampled to measure its turns."""
 
 _BIN_DEG = 5
 _LINES = 60
 
 
 def turns_of(path: Path, every: float = EVERY_M) -> FloatArray:
-    """(N,) turning angles [rad] of a path at every so many metres."""
+    """Return turning angles (N,) [rad] of a path that is resampled at a distance [m]."""
     points = path.poses[:, :2]
     apart = np.append(True, np.hypot(*np.diff(points, axis=0).T) > 1e-6)
     return turning_angles(resampled(points[apart], every))
 
 
 def turn_histogram(path: Path, every: float = EVERY_M) -> tuple[IntArray, IntArray]:
-    """Lower edges [deg] of bins, and how many of a path's turns lie in each; up to the sharpest."""
+    """Return a histogram of a path's turns: lower edges of the bins [deg] and counts, up to the sharpest turn."""
     degrees = np.degrees(turns_of(path, every))
     bins = max(math.ceil((degrees.max(initial=0.0) + 1e-9) / _BIN_DEG), 1)
     counts, edges = np.histogram(degrees, bins, (0, bins * _BIN_DEG))
@@ -43,9 +43,9 @@ def potential_picture(
     every: float = EVERY_M,
     unit: str = "m",
 ) -> Picture:
-    """log v in colour on the map, streamlines to the goal, paths by name, and the histogram of their turns.
+    """Return a picture of log v in colour on the map, streamlines to the goal, paths by name, and their turns.
 
-    Turns are those at every so many of a unit, in which the paths are told.
+    `every` is the distance between measured turns, in the `unit` of the paths.
     """
     figure, (axes, below) = new_figure(8, 11, 2, 1, height_ratios=[3, 1])
     draw_map(axes, grid)

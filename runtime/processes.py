@@ -1,8 +1,7 @@
-"""Processes that belong together, as a table: all are started, whichever dies is started again, and all end together.
+"""Supervision of a table of processes: all are started, a dead one is restarted, and all end together.
 
-One that hangs is as good as dead: a process may show that it lives (`beats`), and if it then ceases to, it is killed.
-What a dead process leaves undone is for the others to notice by the age of what it said: they stop first, and nothing
-resumes by itself when it is back.
+A process may send heartbeats (`beats`); if they cease, the process counts as hung and is killed. The other processes
+notice a dead one by the age of its messages: they stop first, and nothing resumes by itself when it is back.
 """
 
 from __future__ import annotations
@@ -25,21 +24,21 @@ from typing import Self
 from waychair.config import Settings, setting
 
 BEAT_HZ = 5.0
-"""A process that shows that it lives does so as often."""
+"""Rate of a process's heartbeats."""
 
 _BEAT_TO = "WAYCHAIR_BEAT_TO"
-"""Tells a process, in its environment, by which file descriptor it may do so."""
+"""Environment variable with the file descriptor for a process's heartbeats."""
 
 _WATCHED_S = 1.0
-"""Who has not watched for so long cannot say for how long the others were silent."""
+"""A supervisor that was held up for longer cannot tell how long the processes were silent."""
 
 
 @dataclass(frozen=True, slots=True)
 class Process:
-    """A row: its name, the Python module that it runs, and that one's arguments.
+    """A row of the table: a process's name, its Python module, and the module's arguments.
 
-    `priority` above 0 is a real-time one, where the system grants it (sched(7)). The others go on without one that is not
-    `vital`.
+    `priority` above 0 is a real-time priority, where the system grants it (sched(7)). If a process that is not `vital`
+    dies too often, the others go on without it.
     """
 
     name: str
@@ -51,7 +50,7 @@ class Process:
 
 @dataclass(frozen=True, slots=True)
 class SupervisionSettings(Settings):
-    """When to give up, and how long to wait for an end."""
+    """Limits on restarts, and waiting times."""
 
     most_deaths: int = setting(5, "", "a process that died so often ...", low=1, high=1000)
     within_s: float = setting(60.0, "s", "... within this time stays dead, and all end", low=1.0, high=3600.0)
@@ -68,17 +67,17 @@ class _Running:
     process: subprocess.Popen[bytes]
     beats: int
     deaths: deque[float] = field(default_factory=deque)
-    beaten_s: float | None = None  # None until it has, for the first time
-    used_s: float = 0.0  # CPU until then
+    beaten_s: float | None = None  # time of the latest heartbeat; None before the first
+    used_s: float = 0.0  # CPU time at that heartbeat
 
     @property
     def sentence(self) -> str:
-        """That it has begun."""
+        """A sentence that the process runs."""
         return f"'{self.row.name}' runs as process {self.process.pid}"
 
 
 class Supervision:
-    """The processes of a table, for as long as the block lasts."""
+    """Runs the processes of a table for as long as the block lasts."""
 
     def __init__(
         self,
@@ -87,7 +86,7 @@ class Supervision:
         told: Callable[[str], None] = lambda sentence: None,
         settings: SupervisionSettings | None = None,
     ) -> None:
-        """`told` is given a sentence whenever a process dies or begins."""
+        """`told` receives a sentence whenever a process dies or begins."""
         self._table = table
         self._environment = dict(environment)
         self._told = told
@@ -97,7 +96,7 @@ class Supervision:
 
     def __enter__(self) -> Self:
         self._running = []
-        with ExitStack() as begun:  # if one cannot be started, none is left behind
+        with ExitStack() as begun:  # if one cannot be started, those before it are ended
             begun.push(self)
             for row in self._table:
                 self._running.append(_Running(row, *self._start(row)))
@@ -108,7 +107,7 @@ class Supervision:
     def __exit__(
         self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
     ) -> None:
-        """Ask all to end, the last that was started first, and kill what does not."""
+        """Ask all processes to end, the last one first, and kill those that do not."""
         for each in reversed(self._running):
             if each.process.poll() is None:
                 each.process.send_signal(signal.SIGTERM)
@@ -123,11 +122,11 @@ class Supervision:
 
     @property
     def pids(self) -> Mapping[str, int]:
-        """Of the processes that run now, by name."""
+        """Process ids of the running processes, by name."""
         return {each.row.name: each.process.pid for each in self._running}
 
     def watch(self) -> str:
-        """Start again what has died or hangs; why all must end, or an empty sentence. To be called several times a second."""
+        """Restart dead and hung processes; return why all must end, or an empty sentence. Call it at about 5 Hz."""
         now, s = time.monotonic(), self._settings
         self._kill_what_hangs(now)
         for each in list(self._running):
@@ -156,7 +155,7 @@ class Supervision:
         return ""
 
     def _kill_what_hangs(self, now: float) -> None:
-        """One that has ceased to beat, and waits for what does not come, or computes for much too long."""
+        """Kill processes whose heartbeat has ceased, after a short time if idle, after a longer one if computing."""
         s, unwatched = self._settings, now - self._watched_s > _WATCHED_S
         self._watched_s = now
         for each in self._running:
@@ -174,7 +173,7 @@ class Supervision:
                 each.process.wait()
 
     def _start(self, row: Process) -> tuple[subprocess.Popen[bytes], int]:
-        """The process, and our end of the pipe by which it may show that it lives."""
+        """Start a process; return it and the reading end of its heartbeat pipe."""
         command = [sys.executable, "-m", row.module, *row.arguments]
         beats, beat_to = os.pipe2(os.O_NONBLOCK | os.O_CLOEXEC)
         try:
@@ -194,21 +193,23 @@ class Supervision:
 
 
 def beats() -> Callable[[], None] | None:
-    """What shows a `Supervision` that this process lives, to be called at `BEAT_HZ` from the very loop that must not hang;
-    None where nobody supervises it."""
+    """Return a function that sends a heartbeat of this process to its `Supervision`; None where there is none.
+
+    Call it at `BEAT_HZ` from the very loop that must not hang.
+    """
     beat_to = os.environ.get(_BEAT_TO, "")
     if not beat_to:
         return None
 
     def beat() -> None:
-        with suppress(OSError):  # nobody takes them at the moment, or any more
+        with suppress(OSError):  # the pipe is full or closed
             os.write(int(beat_to), b".")
 
     return beat
 
 
 def signalled(*signals: signal.Signals) -> Callable[[], bool]:
-    """Whether one of these signals has come, from now on, in place of what they would do to this process."""
+    """Catch these signals from now on; return a function that tells whether one has come."""
     came: list[int] = []
     for each in signals:
         signal.signal(each, lambda number, frame: came.append(number))
@@ -216,14 +217,14 @@ def signalled(*signals: signal.Signals) -> Callable[[], bool]:
 
 
 def _has_beaten(pipe: int) -> bool:
-    """Since this was asked last."""
+    """Whether a heartbeat has come since the last call."""
     with suppress(BlockingIOError):
         return bool(os.read(pipe, 1 << 16))
     return False
 
 
 def _cpu_s(pid: int) -> float:
-    """CPU time that a process has used (proc(5)); 0 where that is not to be known."""
+    """Return the CPU time [s] that a process has used (proc(5)); 0 where it is unknown."""
     try:
         fields = Path(f"/proc/{pid}/stat").read_text(encoding="ascii", errors="replace").rpartition(") ")[2].split()
     except OSError:
@@ -232,10 +233,10 @@ def _cpu_s(pid: int) -> float:
 
 
 def _begin(parent: int, priority: int) -> None:
-    """Asks Linux for SIGTERM when the parent dies, however it dies (prctl(2), PR_SET_PDEATHSIG), and for priority."""
+    """Ask Linux for SIGTERM at the parent's death (prctl(2), PR_SET_PDEATHSIG), and for the priority; in the child."""
     ctypes.CDLL(None).prctl(1, signal.SIGTERM)
     if priority > 0:
         with suppress(OSError):
             os.sched_setscheduler(0, os.SCHED_RR, os.sched_param(priority))
-    if os.getppid() != parent:  # it has died before it was asked
+    if os.getppid() != parent:  # the parent died before prctl
         os._exit(1)

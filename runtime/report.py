@@ -1,4 +1,4 @@
-"""Pictures and pages of what was mapped and driven: one self-contained HTML file, nothing loaded from elsewhere."""
+"""Figures and report pages of maps and drives: one self-contained HTML file each."""
 
 from __future__ import annotations
 
@@ -21,7 +21,7 @@ if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
 COLOURS = ("#0072b2", "#d55e00", "#009e73", "#cc79a7", "#56b4e9", "#e69f00")
-"""Told apart by colour-blind eyes too (Okabe and Ito)."""
+"""Colours that colour-blind readers can tell apart (Okabe and Ito)."""
 
 STYLE = """
 :root { color-scheme: light dark; }
@@ -47,7 +47,7 @@ class Table:
 
 @dataclass(frozen=True, slots=True)
 class Bars:
-    """Values beside bars of their length: name, value, and the value as text."""
+    """A bar chart: name, value, and the value as text."""
 
     title: str
     rows: tuple[tuple[str, float, str], ...]
@@ -55,7 +55,7 @@ class Bars:
 
 @dataclass(frozen=True, slots=True)
 class Drawing:
-    """An SVG element and what is to be seen on it."""
+    """An SVG element with title and caption."""
 
     title: str
     caption: str
@@ -64,7 +64,7 @@ class Drawing:
 
 @dataclass(frozen=True, slots=True)
 class Picture:
-    """A PNG and what is to be seen on it."""
+    """A PNG with title and caption."""
 
     title: str
     caption: str
@@ -72,7 +72,7 @@ class Picture:
 
 
 def new_figure(width: float, height: float, rows: int = 1, columns: int = 1, **kwargs: Any) -> tuple[Figure, Any]:
-    """An empty figure of a size in inches and its axes, drawn without a display."""
+    """Return an empty matplotlib figure of a size in inches, and its axes; needs no display."""
     from matplotlib.figure import Figure
 
     figure = Figure(figsize=(width, height), dpi=110, layout="constrained")
@@ -80,14 +80,14 @@ def new_figure(width: float, height: float, rows: int = 1, columns: int = 1, **k
 
 
 def png_from_figure(figure: Figure) -> bytes:
-    """The figure as a PNG."""
+    """Return the figure as a PNG."""
     buffer = io.BytesIO()
     figure.savefig(buffer, format="png", bbox_inches="tight", pad_inches=0.1)
     return buffer.getvalue()
 
 
 def draw_map(axes: Axes, grid: OccupancyGrid, around: FloatArray | None = None) -> None:
-    """The grid in grey on metric axes: white free, black occupied; limited to what is known or to points (N, 2)."""
+    """Draw the grid in metres: white free, black occupied, grey unknown; cropped to its known part or points (N, 2)."""
     shades = np.select([grid.cells == UNKNOWN, grid.cells >= 65], [0.82, 0.0], 1.0)
     height, width = np.array(grid.cells.shape) * grid.resolution
     corner = grid.map_from_grid
@@ -110,7 +110,7 @@ def draw_map(axes: Axes, grid: OccupancyGrid, around: FloatArray | None = None) 
 
 
 def draw_places(axes: Axes, places: Sequence[Place]) -> None:
-    """Each place as a flag with its name and heading."""
+    """Draw each place as a dot with its name and an arrow for its heading."""
     for place in places:
         pose = place.pose
         tip = pose @ Pose2(0.8, 0.0, 0.0)
@@ -123,13 +123,13 @@ def draw_places(axes: Axes, places: Sequence[Place]) -> None:
 
 
 def draw_outline(axes: Axes, outline: FloatArray, pose: Pose2, colour: str) -> None:
-    """A body's outline (4, 2) at a pose."""
+    """Draw a chair's footprint (4, 2) at a pose."""
     corners = transform_points(pose, np.concatenate([outline, outline[:1]]))
     axes.plot(corners[:, 0], corners[:, 1], color=colour, linewidth=1.0)
 
 
 def path_picture(grid: OccupancyGrid, path: Path, places: Sequence[Place]) -> Picture:
-    """A planned path on its map."""
+    """Return a picture of a planned path on its map."""
     figure, axes = new_figure(8, 8)
     draw_map(axes, grid)
     axes.plot(*path.poses[:, :2].T, color=COLOURS[1], linewidth=1.6)
@@ -145,7 +145,7 @@ def write_page(
     pictures: Sequence[Picture | Drawing],
     warnings: Sequence[str] = (),
 ) -> None:
-    """One HTML page with everything inside it: drawings first, then tables, then pictures."""
+    """Write one HTML page with everything inside it: drawings first, then tables, then pictures."""
     parts = [f"<h1>{html.escape(title)}</h1>", f"<p>{html.escape(lead)}</p>"]
     if warnings:
         items = "".join(f"<li>{html.escape(warning)}</li>" for warning in warnings)
@@ -188,7 +188,7 @@ def _bars(bars: Bars) -> str:
 
 
 def write_png(path: FilePath, picture: Picture) -> None:
-    """The picture alone, whole or not at all."""
+    """Write the picture alone, atomically."""
     with replacing(path) as aside:
         aside.write_bytes(picture.png)
 

@@ -1,4 +1,4 @@
-"""Mapping that can be stopped: the mapper's state is kept aside in the output folder, and taken up by the next run."""
+"""Checkpoints of a mapping run: the mapper's state is saved in the output folder, and the next run resumes from it."""
 
 from __future__ import annotations
 
@@ -21,11 +21,11 @@ from waychair.slam.mapper import Mapper
 
 CHECKPOINT = "checkpoint.npz"
 
-_MOST_TIME = 0.05  # share of the time that may go into keeping
+_MOST_TIME = 0.05  # share of the run time that may go into saving
 
 
 class Checkpoints:
-    """Keeps a mapper's state every so many seconds, or less often where that would slow the mapping down."""
+    """Saves a mapper's state at an interval, or less often where saving would slow the mapping down."""
 
     def __init__(self, folder: Path, recording: Recording, settings: Settings, interval_s: float) -> None:
         self.path = folder / CHECKPOINT
@@ -34,18 +34,18 @@ class Checkpoints:
         self._next = time.monotonic() + interval_s
 
     def restored(self) -> tuple[Mapper, int] | None:
-        """The mapper that an earlier run with the same input and settings has left, and the frames it has seen."""
+        """Return the mapper of an earlier run with the same input and settings, and its frame count; None without."""
         try:
             with np.load(self.path, allow_pickle=False) as state:
                 if not np.array_equal(state["fingerprint"], self._fingerprint):
                     return None
                 return mapper_from_state(state), int(state["frames"])
         except (OSError, ValueError, KeyError, EOFError, zipfile.BadZipFile):
-            return None  # there is none, or it was made by another version: the mapping begins anew
+            return None  # there is no checkpoint, or another version's: the mapping begins anew
 
     @contextmanager
     def noted(self) -> Iterator[None]:
-        """An interrupt from the keyboard within the block is told what it leaves behind."""
+        """Add a note about the checkpoint to an interrupt from the keyboard within the block."""
         try:
             yield
         except KeyboardInterrupt as stop:
@@ -54,7 +54,7 @@ class Checkpoints:
             raise
 
     def offer(self, mapper: Mapper, frames: int) -> None:
-        """Keeps the mapper, which has seen so many frames, if it is time.
+        """Save the mapper with its number of frames, if it is time.
 
         Raises:
             OutputError: the folder cannot be written to.
@@ -70,14 +70,14 @@ class Checkpoints:
 
 
 def remove_checkpoint(folder: Path) -> None:
-    """The mapping is done: what was kept goes, also what a killed run left half written."""
+    """Remove the checkpoint after a finished run, and the half-written files of killed runs."""
     stem, _, suffix = CHECKPOINT.partition(".")
     for path in (folder / CHECKPOINT, *folder.glob(f".{stem}.*.{suffix}")):
         path.unlink(missing_ok=True)
 
 
 def _fingerprint(recording: Recording, settings: Settings) -> str:
-    """Changes with the recording's files, what is read of them, the settings and the version of the program."""
+    """Return a hash over the recording's files and frames, the settings and the program's version."""
     files = sorted(path for path in recording.path.rglob("*") if path.is_file()) or [recording.path]
     stats = [(path.name, path.stat().st_size, path.stat().st_mtime_ns) for path in files]
     stamps = [frame.stamp_ns for frame in recording.frames]

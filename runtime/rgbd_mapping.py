@@ -1,4 +1,4 @@
-"""A folder of colour and depth pictures becomes a trajectory: read, follow, close loops, write everything at once."""
+"""Mapping of a folder of colour and depth images: visual odometry with loop closures gives a trajectory."""
 
 from __future__ import annotations
 
@@ -23,7 +23,7 @@ from waychair.types import Json, RgbdFrame
 
 @dataclass(frozen=True, slots=True)
 class RgbdMappingSettings(Settings):
-    """Everything `waychair map` can be told about a folder of pictures in its configuration file."""
+    """All settings of `waychair map` for a folder of images."""
 
     input: InputSettings = field(default_factory=InputSettings)
     rgbd: RgbdMapperSettings = field(default_factory=RgbdMapperSettings)
@@ -31,7 +31,7 @@ class RgbdMappingSettings(Settings):
 
 @dataclass(frozen=True, slots=True)
 class RgbdMapping:
-    """A followed recording, and its report as it is written to report.json."""
+    """The map of a recording, and the content of its report.json."""
 
     result: RgbdMap
     report: Json
@@ -43,12 +43,12 @@ def map_pictures(
     progress: Callable[[float], None] | None = None,
     keep_in: Path | None = None,
 ) -> RgbdMapping:
-    """The pose of every picture whose place can be told; frames that show nothing are left out and counted by reason.
+    """Estimate the pose of every usable image; unusable ones are left out and counted by reason.
 
-    The memory of its places is written in the folder `keep_in` while the map is made, or kept in RAM without one.
+    The memory of places is written in the folder `keep_in` during the mapping, or kept in RAM without one.
 
     Raises:
-        NoPictures: none has depth and anything to be seen, so that no map could be begun.
+        NoPictures: no image has depth and enough features to begin a map.
         OutputError: the folder cannot be written to.
     """
     started, cpu = time.perf_counter(), time.process_time()
@@ -75,7 +75,7 @@ def map_pictures(
 
 
 def save_pictures_map(folder: Path, mapping: RgbdMapping, settings: RgbdMappingSettings) -> None:
-    """Writes trajectory.tum, config.yaml and report.json, each whole or not; memory.db is there since it was mapped.
+    """Write trajectory.tum, config.yaml and report.json, each atomically; `map_pictures` has written memory.db.
 
     Raises:
         OutputError: the folder cannot be written to.
@@ -86,7 +86,7 @@ def save_pictures_map(folder: Path, mapping: RgbdMapping, settings: RgbdMappingS
 
 
 def _in_order(recording: Recording) -> Iterator[RgbdFrame]:
-    """The pictures without those that are not later than the one before, which are counted."""
+    """Yield the images in order of time; count those that are not later than the one before."""
     latest: int | None = None
     for frame in recording.pictures():
         if latest is not None and frame.stamp_ns <= latest:

@@ -1,4 +1,4 @@
-"""What a chair does next, and why it stopped, in plain sentences for whoever sits in it."""
+"""Plain sentences for the rider about the path ahead."""
 
 from __future__ import annotations
 
@@ -14,35 +14,35 @@ GOES_ON, NOTHING_PAUSED = "goes on", "no drive is paused: ask for a goal"
 
 _TURN = math.radians(40.0)
 _WITHIN = 1.0
-"""A way that turns by more than this within this [m] takes a turn."""
+"""A change of heading by more than _TURN within _WITHIN [m] of path is a turn."""
 
 _SOON = 8.0
-"""Turns farther ahead [m] are not spoken of yet."""
+"""Turns farther ahead [m] are not mentioned yet."""
 
 _HERE = 0.6
-"""A turn so near [m] is now."""
+"""A turn nearer than this [m] is happening now."""
 
 
 def sentence(text: str) -> str:
-    """A clause as a sentence of its own."""
+    """Return a clause with a capital letter and a full stop."""
     text = text.strip()
     return "" if not text else text[0].upper() + text[1:] + ("" if text[-1] in ".!?" else ".")
 
 
 def way_ahead(way: FloatArray, pose: Pose2) -> FloatArray:
-    """The part of a way (N, 2) [m] that is still to be driven from a pose, from the nearest of its points on."""
+    """Return the rest of a path (N, 2) [m], from its point nearest to a pose."""
     if len(way) < 2:
         return way
     return way[int(np.argmin(np.hypot(*(way - (pose.x, pose.y)).T))) :]
 
 
 def length_of(way: FloatArray) -> float:
-    """[m]"""
+    """Return the length of a path (N, 2) [m]."""
     return float(np.hypot(*np.diff(way, axis=0).T).sum()) if len(way) > 1 else 0.0
 
 
 def next_turn(way: FloatArray) -> tuple[float, str] | None:
-    """How far ahead [m] a way (N, 2) [m] takes its next turn, and to which side; None where it is straight so far."""
+    """Return the distance [m] to the next turn of a path (N, 2) [m], and its side; None where it is straight."""
     steps = np.diff(way, axis=0)
     lengths = np.hypot(*steps.T)
     steps, lengths = steps[lengths > 1e-6], lengths[lengths > 1e-6]
@@ -58,7 +58,7 @@ def next_turn(way: FloatArray) -> tuple[float, str] | None:
 
 
 def driving_sentence(goal: str, way: FloatArray, pose: Pose2) -> str:
-    """What comes next on the way (N, 2) [m] to a goal."""
+    """Return a sentence about the next turn and the distance left on the path (N, 2) [m] to a goal."""
     ahead = way_ahead(way, pose)
     left = length_of(ahead)
     if len(ahead) < 2:

@@ -1,13 +1,13 @@
-"""Several drives through one building, on different days, become one map.
+"""Multi-session mapping: several drives through one building, on different days, become one map.
 
-What a map is drawn from is kept beside it (`session.npz`): its graph of key scans, and the scans and pictures that hang
-on them. A further drive goes on with that graph. Until it is known where the drive began, its key scans hang on nothing
-(a map id of its own); the first loop that is proven, by pictures and scans or by scans alone, joins the two. Then the
-drive is taken from its beginning once more, now knowing where that is, so that what it sees again is covered by the key
-scans that are there, and the graph grows by what is new only.
+The data from which a map is drawn are saved beside it (`session.npz`): the graph of key scans, with the scans and depth
+images anchored to them. A further drive continues that graph. While its start on the map is unknown, its key scans form
+a graph of their own; the first accepted loop closure, by pictures and scans or by scans alone, joins the two. Then the
+drive is mapped again from its beginning with that start known. Known ground is then covered by existing key scans, and
+the graph grows only where the drive saw new ground.
 
-A key scan round which something has changed is renewed by the latest scan that it stood for; how the grid forgets what was
-moved away is in `maps.session_grid`.
+A key scan whose surroundings have changed is renewed by the latest scan that it covered. `maps.session_grid` forgets
+things that were moved away.
 """
 
 from __future__ import annotations
@@ -28,7 +28,7 @@ from waychair.errors import OutputError, SessionError
 from waychair.files import replacing
 from waychair.maps.depth_scan import DepthScan
 from waychair.runtime.live_mapping import LiveMapping, LiveMappingSettings
-from waychair.slam.checkpoint import made_again, state_of
+from waychair.slam.checkpoint import object_from_state, state_of
 from waychair.slam.edges import EdgeKind
 from waychair.slam.localiser import LocalisationState, Localiser, LocaliserSettings
 from waychair.slam.mapper import Mapper, twist_of
@@ -36,15 +36,15 @@ from waychair.slam.scan_points import ScanPoints, scan_points
 from waychair.types import BoolArray, FloatArray, OccupancyGrid, Pose2, Pose3, Scan, SensorFrame
 
 SESSION = "session.npz"
-"""Name of the file in a map folder."""
+"""Name of the session's file in a map folder."""
 
-_MOUNT, _MOUNT_TURN = 0.05, math.radians(3.0)  # [m], [rad] by which mounts of one chair differ at most
-_NEAR, _ALIKE = 0.15, 0.85  # [m] from a point to the same surface, share of such points where nothing has changed
+_MOUNT, _MOUNT_TURN = 0.05, math.radians(3.0)  # [m], [rad] greatest difference between mounts of one chair
+_NEAR, _ALIKE = 0.15, 0.85  # [m] greatest distance to the same surface; least share of such points without a change
 
 
 @dataclass(frozen=True, slots=True)
 class KeptScan:
-    """A scan that the grid is drawn from: its session, its key scan, and the laser (2, 3) from there at both ends."""
+    """A scan of the grid: its session, its key scan, and the lidar's poses (2, 3) from there at first and last beam."""
 
     session: int
     scan: Scan
@@ -54,7 +54,7 @@ class KeptScan:
 
 @dataclass(frozen=True, slots=True)
 class KeptPicture:
-    """The session of a picture with depth, what it tells, its key scan, and where the chair was from there (3,)."""
+    """A depth image of the grid: its session, its depth scan, its key scan, and the chair's pose (3,) from there."""
 
     session: int
     told: DepthScan
@@ -64,7 +64,7 @@ class KeptPicture:
 
 @dataclass(frozen=True, slots=True)
 class MapState:
-    """What a further drive goes on with. `scans` are those of the mapper's frames, in their order."""
+    """The state from which a further drive continues. `scans` are those of the mapper's frames, in order."""
 
     mapper: Mapper
     sessions: int
@@ -76,7 +76,7 @@ class MapState:
 
 
 def state_of_map(live: LiveMapping, base_from_camera: Pose3 | None, features: str) -> MapState:
-    """Of a settled mapping; `features` is how pictures are recognised."""
+    """Return the state of a settled mapping; `features` names the pictures' feature detector."""
     mapper = live.mapper
     numbers = sorted(mapper.key_frames + [frame for latest in mapper.covered_frames for frame in latest])
     scans = [KeptScan(*live.scans.hung(number)) for number in numbers]
@@ -84,7 +84,7 @@ def state_of_map(live: LiveMapping, base_from_camera: Pose3 | None, features: st
     pictures = tuple(KeptPicture(*hung) for hung in live.depth.hung())
     camera = None if base_from_camera is None else (base_from_camera.rotation, base_from_camera.translation)
     return MapState(
-        mapper.continued(_renewed(mapper, of_frame)),
+        mapper.for_next_drive(_renewed(mapper, of_frame)),
         live.scans.session + 1,
         live.settings.laser_height,
         camera,
@@ -95,19 +95,20 @@ def state_of_map(live: LiveMapping, base_from_camera: Pose3 | None, features: st
 
 
 def save_state(folder: Path, state: MapState) -> None:
-    """
+    """Write a state to a map folder.
+
     Raises:
-        OutputError: it cannot be written.
+        OutputError: the file cannot be written.
     """
     with replacing(folder / SESSION) as aside, aside.open("wb") as file:
         np.savez(file, **state_of(state))  # type: ignore[arg-type]
 
 
 def session_folder(map: Path) -> Path:
-    """The folder of a map given by it or by its map.yaml.
+    """Return the folder of a map that is given by its folder or its map.yaml.
 
     Raises:
-        SessionError: there is none.
+        SessionError: there is no such folder.
     """
     folder = map.parent if map.name == "map.yaml" else map
     if not folder.is_dir():
@@ -116,14 +117,15 @@ def session_folder(map: Path) -> Path:
 
 
 def load_state(folder: Path) -> MapState:
-    """
+    """Read the state of a map folder.
+
     Raises:
         SessionError: there is none, or it is damaged or of another version.
     """
     path = folder / SESSION
     try:
         with np.load(path, allow_pickle=False) as state:
-            return made_again(state, MapState)
+            return object_from_state(state, MapState)
     except FileNotFoundError as error:
         raise SessionError(f"{folder} holds no {SESSION} to go on from: map its recording again to get one") from error
     except (OSError, ValueError, KeyError, EOFError, zipfile.BadZipFile) as error:
@@ -137,9 +139,10 @@ def check_sensors(
     base_from_camera: Pose3 | None,
     features: str,
 ) -> None:
-    """
+    """Compare the sensors of a drive with those of a map.
+
     Raises:
-        SessionError: the drive was recorded by other sensors than the map.
+        SessionError: they are mounted differently, or use another feature detector.
     """
     gap = state.mapper.base_from_laser.inverse() @ base_from_laser
     height = settings.laser_height - state.laser_height
@@ -168,10 +171,7 @@ def check_sensors(
 
 
 def go_on(live: LiveMapping, state: MapState) -> OccupancyGrid:
-    """A mapping that has seen nothing goes on with an earlier map, whose grid by its scans is returned.
-
-    The state is used up.
-    """
+    """Let a new mapping continue an earlier map; return the grid of its scans. The mapping takes over the state."""
     live.go_on(state.mapper, state.sessions)
     for number, kept in enumerate(state.scans):
         live.scans.begin(kept.session)
@@ -188,32 +188,32 @@ def go_on(live: LiveMapping, state: MapState) -> OccupancyGrid:
 
 
 class Meeting:
-    """Whether a drive and the map of earlier ones have met, and by scans alone where the drive is on that map.
+    """Joins a drive to the map of earlier ones by scans alone, and notes whether the two graphs are connected.
 
-    The chair is looked for on the saved grid as one that is switched on somewhere (`slam.localiser`). Where it says to
-    know, its scans have to fit the key scans there as those of any other loop, at two places some way apart.
+    The localiser searches for the chair on the saved grid (`slam.localiser`), as after switching on. Its poses become
+    candidates for loop closures, which have to pass the usual tests at two places some distance apart.
     """
 
     def __init__(self, grid: OccupancyGrid, mapper: Mapper) -> None:
-        """`grid` is that of the map whose key scans the mapper has so far."""
+        """`grid` is the grid of the earlier map, whose key scans the mapper holds."""
         self.joined = False
         self._known = len(mapper.keys)
         self._localiser = Localiser(grid, mapper.base_from_laser, None, LocaliserSettings())
         self._loops = -1
 
     def follow(self, mapper: Mapper, frame: SensorFrame) -> None:
-        """After the mapper was given a frame, and a loop was closed by whoever else does."""
+        """Look for a loop closure; call it after `mapper.process` and after the loops by pictures."""
         if self.joined or frame.scan is None:
             return
-        # what the scans say of the way since the drive began is better than what the wheels do
+        # the mapper's pose, from scan matching, is better odometry than the wheels'
         found = self._localiser.process(frame.scan, mapper.pose(), twist_of(frame))
         if found.state is LocalisationState.OK:
             here = found.map_from_base @ found.remaining
-            mapper.close(nearest_key(mapper, here, self._known)[0], here)
+            mapper.close_loop(nearest_key(mapper, here, self._known)[0], here)
         self._check(mapper)
 
     def _check(self, mapper: Mapper) -> None:
-        """Whether a way leads from the chair to one of the key scans of earlier drives, looked for after each loop."""
+        """Check after each loop closure whether the graph connects the chair to a key scan of earlier drives."""
         closed = mapper.keys.kinds[EdgeKind.LOOP]
         if not self.joined and closed != self._loops:
             self.joined = mapper.keys.reaches(mapper.frames[-1].key, self._known)
@@ -221,7 +221,7 @@ class Meeting:
 
 
 def nearest_key(mapper: Mapper, pose: Pose2, known: int) -> tuple[int, float]:
-    """Of the first `known` key scans the one nearest to a pose, and how far away that is [m]."""
+    """Return the index of the key scan nearest to a pose among the first `known`, and its distance [m]."""
     away = np.hypot(*(mapper.keys.poses[:known, :2] - (pose.x, pose.y)).T)
     nearest = int(np.argmin(away))
     return nearest, float(away[nearest])
@@ -230,13 +230,13 @@ def nearest_key(mapper: Mapper, pose: Pose2, known: int) -> tuple[int, float]:
 def beginning(
     mapper: Mapper, grid: OccupancyGrid, frames: Sequence[SensorFrame], follow: Callable[[Mapper, SensorFrame], None]
 ) -> tuple[int, Pose2] | None:
-    """Where a drive begins on a map: the key scan next to its first frame, and that frame's pose from there.
+    """Return where a drive begins on a map: the key scan nearest to its first frame, and that frame's pose from there.
 
-    None where it begins on ground that the map does not know. The mapper goes on with the map that the grid is of, and
-    has seen nothing else; `follow` is called after each frame, as by whoever closes loops by pictures.
+    None where it begins outside the map. The mapper continues the map of the grid and has seen nothing else; `follow`
+    is called after each frame, for loop closures by pictures.
 
     Raises:
-        SessionError: the drive never comes to where the map was made, or nowhere that can be told from elsewhere.
+        SessionError: the drive is nowhere recognised on the map.
     """
     known, meeting = len(mapper.keys), Meeting(grid, mapper)
     for frame in frames:
@@ -250,7 +250,7 @@ def beginning(
             "the drive meets the map nowhere that both recognise: record one that passes through a place that the map "
             "knows, or map it by itself"
         )
-    first = mapper.frames[mapper.begun]
+    first = mapper.frames[mapper.earlier_frames]
     pose = mapper.keys.pose(first.key) @ first.key_from_base
     nearest, away = nearest_key(mapper, pose, known)
     if away > mapper.settings.certain_way:
@@ -260,12 +260,12 @@ def beginning(
 
 @contextmanager
 def written_aside(folder: Path, like: Path) -> Iterator[Path]:
-    """A folder with a copy of `like`, which takes the place of `folder` when the block ends well, and goes when not.
+    """Yield a copy of `like` that replaces `folder` when the block ends without an error, and is removed otherwise.
 
-    So whatever happens to a drive that is to be joined, the map that was there stays as it was.
+    So a failed join leaves the existing map as it was.
 
     Raises:
-        OutputError: it cannot be written.
+        OutputError: the folder cannot be written.
     """
     folder = folder.absolute()
     try:
@@ -289,11 +289,13 @@ def written_aside(folder: Path, like: Path) -> Iterator[Path]:
 
 
 def _renewed(mapper: Mapper, scans: dict[int, KeptScan]) -> dict[int, ScanPoints]:
-    """New surfaces of the key scans round which something has changed, by the latest scan that they stood for: what is
-    no longer seen is left out, what is new is added."""
+    """Return new surfaces of the key scans whose surroundings have changed, from the latest scan that each covered.
+
+    Points that are no longer seen are left out, new ones are added.
+    """
     renewed = {}
     for key, latest in enumerate(mapper.covered_frames):
-        if not latest or latest[-1] < mapper.begun:
+        if not latest or latest[-1] < mapper.earlier_frames:
             continue
         kept = scans[latest[-1]]
         seen = scan_points(kept.scan, Pose2(*kept.key_from_laser[0].tolist()), mapper.settings.matching.range_max)
@@ -303,14 +305,14 @@ def _renewed(mapper: Mapper, scans: dict[int, KeptScan]) -> dict[int, ScanPoints
         there = _beside(before.points, seen.points)
         known = _beside(seen.points, before.points)
         if min(there.mean(), known.mean()) < _ALIKE:
-            # what has stayed is kept where it was: placed anew each day it would drift
+            # unchanged points keep their place: placed anew each day they would drift
             points = np.concatenate([before.points[there], seen.points[~known]])
             renewed[key] = ScanPoints(points, np.concatenate([before.normals[there], seen.normals[~known]]))
     return renewed
 
 
 def _beside(points: FloatArray, surface: FloatArray) -> BoolArray:
-    """(N,) whether points (N, 2) lie near one of a surface (M, 2)."""
+    """Return (N,) whether points (N, 2) lie near a point of a surface (M, 2)."""
     away, _ = cKDTree(surface).query(points, distance_upper_bound=_NEAR)
     near: BoolArray = away <= _NEAR
     return near

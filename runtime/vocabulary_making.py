@@ -1,4 +1,4 @@
-"""A dictionary of visual words out of a folder of pictures or a recording with pictures."""
+"""Training of a visual vocabulary from a folder of pictures or a recording with pictures."""
 
 from __future__ import annotations
 
@@ -18,12 +18,12 @@ from waychair.slam.vocabulary_training import TrainingSettings, save, train
 from waychair.types import Bytes
 
 SUFFIXES = frozenset({".jpg", ".jpeg", ".png", ".bmp", ".tif", ".tiff", ".webp"})
-"""What counts as a picture in a plain folder."""
+"""Suffixes of pictures in a plain folder."""
 
 
 @dataclass(frozen=True, slots=True)
 class VocabularyMaking(Settings):
-    """How pictures become words."""
+    """Settings of the training: features, clustering, and the recording's input."""
 
     features: FeatureSettings = field(default_factory=lambda: FeatureSettings(detector="orb"))
     training: TrainingSettings = field(default_factory=TrainingSettings)
@@ -32,7 +32,7 @@ class VocabularyMaking(Settings):
 
 @dataclass(frozen=True, slots=True)
 class MadeVocabulary:
-    """What was made: pictures read, those of them that show nothing, files that could not be read, and sizes."""
+    """Counts of a training: pictures read, pictures without features, unreadable files, descriptors and words."""
 
     pictures: int
     blank: int
@@ -45,10 +45,10 @@ class MadeVocabulary:
 def make_vocabulary(
     source: Path, out: Path, settings: VocabularyMaking, progress: Callable[[str], Callable[[float], None]]
 ) -> MadeVocabulary:
-    """Read the pictures of `source`, cluster what they show, and write the dictionary to `out`.
+    """Read the pictures of `source`, cluster their descriptors, and write the vocabulary to `out`.
 
     Raises:
-        VocabularyError: there is no picture, or the pictures show too little.
+        VocabularyError: there is no picture, or no picture has features.
         RecordingError: the recording cannot be read.
         OutputError: `out` cannot be written.
     """
@@ -80,7 +80,7 @@ def make_vocabulary(
 
 
 def picture_files(folder: Path) -> list[Path]:
-    """Pictures that lie in a folder itself, by the numbers in their names; none if it is not a folder."""
+    """Return the pictures directly in a folder, ordered by the numbers in their names; none if it is no folder."""
     if not folder.is_dir() or (folder / "associations.txt").exists():
         return []
     files = (path for path in folder.iterdir() if path.suffix.lower() in SUFFIXES and ".depth." not in path.name)

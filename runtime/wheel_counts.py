@@ -1,4 +1,4 @@
-"""Encoder counts that go on where they were, although what counts them was started again from zero."""
+"""Encoder counts that continue over a restart of the counter from zero."""
 
 from __future__ import annotations
 
@@ -9,19 +9,19 @@ _COUNTS = 2**32  # they wrap here
 
 
 class WheelCounts:
-    """Keeps what is to be added to the counts of two encoders."""
+    """Keeps the offsets to be added to the counts of two encoders."""
 
     def __init__(self, ticks_per_turn: int) -> None:
-        """ticks_per_turn: of a wheel."""
+        """ticks_per_turn: encoder counts of one turn of a wheel."""
         self._turn = ticks_per_turn
         self._before: WheelTicks | None = None
         self._added = (0, 0)
 
     def update(self, reading: WheelTicks) -> WheelTicks:
-        """A reading whose counts follow from those before.
+        """Return a reading whose counts continue those before.
 
-        Counts near zero after a silence, and far from what they were, were begun anew: the chair is taken to have stood
-        meanwhile. Otherwise a motion of metres would be read out of them, in the second that it took.
+        Counts near zero after a silence, and far from the last ones, mean a restarted counter; the chair is assumed to
+        have stood meanwhile. Otherwise the jump would be read as a motion of metres within a second.
         """
         before, self._before = self._before, reading
         if before is not None and reading.stamp_ns - before.stamp_ns > _SILENT_NS:

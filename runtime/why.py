@@ -1,4 +1,4 @@
-"""Why a chair stopped, in plain sentences, from its black box."""
+"""Explanation of a chair's stops in plain sentences, from its black box."""
 
 from __future__ import annotations
 
@@ -20,12 +20,12 @@ from waychair.types import DriveMode, Pose2
 _STANDS, _TURNS = 0.03, 0.06
 _NEAR = 0.3
 _BACK_S = 30.0
-"""How far back an ended run's last words are read [s]."""
+"""Length of the log that is read before the end of a killed run [s]."""
 
 
 @dataclass(frozen=True, slots=True)
 class Explanation:
-    """One stop. `id` names its gravest reason, `wall_ns` is its time by the clock on the wall."""
+    """The explanation of one stop. `id` is its gravest reason, `wall_ns` its time by the wall clock."""
 
     id: str
     wall_ns: int
@@ -44,7 +44,7 @@ class Explanation:
 
 @dataclass(frozen=True, slots=True)
 class Stop:
-    """What the box holds of one stop; `part` None while the run after it has not kept it yet."""
+    """The events and the log of one stop; `part` None for a killed run that no later run has kept yet."""
 
     events: tuple[Event, ...]
     log: Log
@@ -53,10 +53,10 @@ class Stop:
 
 
 def last_stops(box: Path, count: int = 1) -> list[Stop]:
-    """The latest stops that a box knows of, the latest first.
+    """Return the latest stops in a box, the latest first.
 
     Raises:
-        BoxError: there is no black box, or none of it can be read, or nothing has stopped the chair.
+        BoxError: there is no black box, it is not readable, or it holds no stop.
     """
     if not (box / RING).is_dir() and not (box / PARTS).is_dir():
         what = "is no black box: it holds neither ring/ nor parts/" if box.exists() else "does not exist"
@@ -80,7 +80,7 @@ def last_stops(box: Path, count: int = 1) -> list[Stop]:
 
 
 def _loose_end(box: Path) -> list[Stop]:
-    """A run that ended without a word, and that no later one has found."""
+    """Return the end of a killed run that no later run has kept yet."""
     if is_written(box):
         return []
     left = cut_off(box, _BACK_S)
@@ -97,7 +97,7 @@ def _not_empty(log: Log, folder: Path) -> Log:
 
 
 def explain(stop: Stop) -> Explanation:
-    """What happened, in the order in which it did."""
+    """Return the explanation of a stop, in the order of events."""
     log, worst = stop.log, _worst(stop.events)
     at = _index(log, stop.events[0])
     begun = _onset(log, at)
@@ -125,7 +125,7 @@ def explain(stop: Stop) -> Explanation:
 
 
 def sentences(explanation: Explanation) -> list[str]:
-    """An explanation as lines for a person."""
+    """Return an explanation as lines of text."""
     e = explanation
     when = datetime.fromtimestamp(e.wall_ns * 1e-9, UTC).astimezone().strftime("%Y-%m-%d %H:%M:%S")
     lines = [f"{when}: {e.id}", f"  What it was doing: {e.doing}.", f"  What happened first: {e.first}."]
@@ -142,24 +142,24 @@ def sentences(explanation: Explanation) -> list[str]:
 
 
 def _worst(events: tuple[Event, ...]) -> Event:
-    """The first of the gravest."""
+    """Return the first of the gravest events."""
     return max(events, key=lambda event: list(Gravity).index(event.gravity))
 
 
 def _index(log: Log, event: Event) -> int:
-    """The tick of an event."""
+    """Return the index of an event's tick."""
     gaps = [abs(tick.stamp_ns - event.stamp_ns) for tick in log.ticks]
     return gaps.index(min(gaps))
 
 
 def _scene(log: Log, events: tuple[Event, ...], name: str, at: int) -> Scene:
-    """The tick at which a reason is looked at: that of its event."""
+    """Return the log at the tick of a reason's event."""
     event = next((event for event in events if event.id == name), None)
     return Scene(log, at if event is None else _index(log, event))
 
 
 def _onset(log: Log, at: int) -> int:
-    """The tick from which on something has held the drive up without a break, up to the event."""
+    """Return the index of the tick from which on the drive was held up without a break until the event."""
     begun = at
     while begun > 0 and _held_up(log.moments[begun - 1].tick):
         begun -= 1
@@ -176,7 +176,7 @@ def _counts(halted: Halted) -> bool:
 
 
 def _first(event: Event, log: Log, at: int, begun: int) -> Halted:
-    """What came before all else: the event, or what had held the drive up before it."""
+    """Return the first cause: the halt that had held the drive up before the event, or the event itself."""
     halts = [halted for halted in log.moments[begun].tick.halts if _counts(halted)] if begun < at else []
     return halts[0] if halts else Halted(event.id, event.text)
 
@@ -189,7 +189,7 @@ def _told_first(first: Halted, log: Log, begun: int, worst: Event) -> str:
 
 
 def _doing(log: Log, index: int, at: int) -> str:
-    """Where to, how fast and where, in the tick before it began; the event was `at`."""
+    """Describe goal, speed and pose in the tick before the stop began; `at` is the event's tick."""
     tick = log.moments[index].tick
     here = tick.map_from_base
     where = f"at {here.x:.2f}, {here.y:.2f} on the map"
@@ -208,11 +208,11 @@ def _doing(log: Log, index: int, at: int) -> str:
 
 
 def _goal(log: Log, index: int) -> str:
-    """Its name or its pose, and how far it was as the crow flies."""
+    """Return the goal's name or pose, with its straight-line distance."""
     tick = log.moments[index].tick
     asked = [told.goals for k, told in log.told if told.what == "go" and k <= index]
     goals = asked[-1] if asked else ()
-    left = tick.goals or len(goals)  # none is left of a drive that has just failed
+    left = tick.goals or len(goals)  # 0 after a drive that has just failed
     target = goals[len(goals) - left].target if 0 < left <= len(goals) else tick.goal
     pose = log.head.places.get(target) if isinstance(target, str) else target
     pose = pose or tick.goal
@@ -233,7 +233,7 @@ def _place_at(log: Log, pose: Pose2) -> str:
 
 
 def _followed(stop: Stop, at: int, first: Halted) -> list[str]:
-    """What came of it until the next drive, with seconds after the first event."""
+    """Return the events after the first one until the next drive, each with its delay [s]."""
     log, began_ns = stop.log, stop.log.moments[at].tick.stamp_ns
     ticks = _until_next_drive(log.ticks[max(at - 1, 0) :])
     after = ticks[1 if at else 0 :]
@@ -256,7 +256,7 @@ def _followed(stop: Stop, at: int, first: Halted) -> list[str]:
 
 
 def _released(after: tuple[Tick, ...]) -> list[tuple[int, str]]:
-    """When the lines were let go."""
+    """Return when the lines were let go."""
     if not after or not after[0].sent.active:
         return [(after[0].stamp_ns, "the computer had let go of the joystick lines")] if after else []
     tick = next((tick for tick in after if not tick.sent.active), None)
@@ -267,7 +267,7 @@ def _released(after: tuple[Tick, ...]) -> list[tuple[int, str]]:
 
 
 def _came_to_rest(after: tuple[Tick, ...]) -> list[tuple[int, str]]:
-    """When the chair stood, and how far it had gone until then."""
+    """Return when the chair stood, with the distance driven until then."""
     way = 0.0
     for before, tick in pairwise(after):
         way += abs(before.twist.v) * (tick.stamp_ns - before.stamp_ns) * 1e-9
@@ -277,7 +277,7 @@ def _came_to_rest(after: tuple[Tick, ...]) -> list[tuple[int, str]]:
 
 
 def _over(ticks: tuple[Tick, ...]) -> list[tuple[int, str]]:
-    """When the drive was over, and whether another one began."""
+    """Return when the drive was over, and when another one began."""
     told = []
     for before, tick in pairwise(ticks):
         was, drives = before.mode in DRIVEN, tick.mode in DRIVEN
@@ -289,7 +289,7 @@ def _over(ticks: tuple[Tick, ...]) -> list[tuple[int, str]]:
 
 
 def _until_next_drive(ticks: tuple[Tick, ...]) -> tuple[Tick, ...]:
-    """Up to the tick in which another drive begins."""
+    """Return the ticks up to the one in which another drive begins."""
     for index, (before, tick) in enumerate(pairwise(ticks)):
         if index and tick.mode in DRIVEN and before.mode not in DRIVEN:
             return ticks[: index + 2]

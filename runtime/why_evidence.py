@@ -1,4 +1,4 @@
-"""What a log shows of a stop: figures as plain sentences, one function for each kind of reason."""
+"""Evidence for the reason of a stop from the log: figures in plain sentences, one function for each kind of reason."""
 
 from __future__ import annotations
 
@@ -12,7 +12,7 @@ import msgspec
 import numpy as np
 
 from waychair.calibration.calibration_file import ChairCalibration
-from waychair.control.collision_monitor import measuring, points_now
+from waychair.control.collision_monitor import points_now, valid_beams
 from waychair.control.navigator import Stage
 from waychair.control.stops import STOPS
 from waychair.control.supervisor import DRIVEN, SupervisorSettings
@@ -27,18 +27,18 @@ _A_MOMENT_NS = 500_000_000
 
 @dataclass(frozen=True, slots=True)
 class Scene:
-    """A log, and the tick in it that is looked at."""
+    """A log with the index of one of its ticks."""
 
     log: Log
     index: int
 
     @property
     def tick(self) -> Tick:
-        """What the chair knew and did then."""
+        """The tick at the index."""
         return self.log.moments[self.index].tick
 
     def latest(self, kind: type[_M]) -> _M | None:
-        """What a sensor said last."""
+        """Return the latest message of a type; None without one."""
         for moment in reversed(self.log.moments[: self.index + 1]):
             for message in reversed(moment.heard):
                 if isinstance(message, kind):
@@ -46,19 +46,19 @@ class Scene:
         return None
 
     def recent(self, ns: int = _A_MOMENT_NS) -> list[Tick]:
-        """The ticks up to this one, so long."""
+        """Return the ticks of the last `ns` nanoseconds, up to this one."""
         until_ns = self.tick.stamp_ns
         return [tick for tick in self.log.ticks[: self.index + 1] if until_ns - tick.stamp_ns <= ns]
 
     def calibration(self) -> ChairCalibration:
-        """Of the chair, or of the default one if this version cannot read it."""
+        """Return the chair's calibration, or the default one if this version cannot read it."""
         try:
             return msgspec.convert(self.log.head.calibration, ChairCalibration)
         except (msgspec.ValidationError, WaychairError):
             return ChairCalibration("", "")
 
     def setting(self, *path: str, default: float) -> float:
-        """A figure of the configuration in force."""
+        """Return a figure of the logged configuration, or the default."""
         try:
             value: Any = yaml_from_text(self.log.head.configuration, "the configuration", BoxError)
             for name in path:
@@ -69,19 +69,19 @@ class Scene:
 
 
 def evidence(scene: Scene, stop_id: str) -> tuple[str, ...]:
-    """What the log shows of a reason."""
+    """Return the sentences of evidence for a reason."""
     name = "board" if stop_id.startswith("board_") else stop_id
     return tuple(sentence for sentence in _SHOWN.get(name, _nothing)(scene) if sentence)
 
 
 def nearest_obstacle(scene: Scene) -> str:
-    """The nearest thing that the last scan shows where the chair was going, or else anywhere."""
+    """Return a sentence about the nearest point of the last scan in the driving direction, or else anywhere."""
     scan, tick = scene.latest(Scan), scene.tick
     if scan is None:
         return ""
     calibration = scene.calibration()
     body, seen = calibration.body, calibration.seen(scan)
-    told = measuring(seen, np.zeros(len(seen.ranges), np.bool_))
+    told = valid_beams(seen, np.zeros(len(seen.ranges), np.bool_))
     points = points_now(seen, told, body, tick.twist, tick.stamp_ns)
     if not len(points):
         return "the last scan shows nothing"
@@ -99,7 +99,7 @@ def nearest_obstacle(scene: Scene) -> str:
 
 
 def _on_the_way(points: FloatArray, tick: Tick, width: float) -> np.ndarray[Any, np.dtype[np.bool_]]:
-    """(N,) points that lie in the direction in which the chair was to go, no more than its width aside."""
+    """Return (N,) whether points lie in the driving direction, no more than the chair's width aside."""
     backwards = (tick.asked.v or tick.twist.v) < 0.0
     towards = -points[:, 0] if backwards else points[:, 0]
     ahead: np.ndarray[Any, np.dtype[np.bool_]] = (towards > 0.0) & (np.abs(points[:, 1]) < width)
@@ -190,7 +190,7 @@ def _disobeys(scene: Scene) -> tuple[str, ...]:
 
 
 def _board(scene: Scene) -> tuple[str, ...]:
-    """The board's last report, and what it did not do of what it was sent."""
+    """Return the board's last report, and the line voltages beside those that were sent."""
     ticks = scene.log.ticks[: scene.index + 1]
     reported = next((tick for tick in reversed(ticks) if tick.telemetry is not None), None)
     if reported is None or reported.telemetry is None:
@@ -233,7 +233,7 @@ def _contacts(scene: Scene) -> tuple[str, ...]:
 
 
 def _given_up(scene: Scene) -> tuple[str, ...]:
-    """How long it had waited, by how many plans, and what was near."""
+    """Return the waiting time, the number of plans, and the nearest obstacle."""
     waits = {Stage.WAITING.value, Stage.FAILED.value}
     since = scene.index
     while since > 0 and scene.log.moments[since - 1].tick.stage in waits:
@@ -325,16 +325,16 @@ LOOK_AT: Mapping[str, tuple[str, ...]] = MappingProxyType(
         "program": ("the system's log of that minute, for lack of memory or power",),
     }
 )
-"""What is worth a look, by the first word of a reason's id."""
+"""Hints for the search for the cause, by the first word of a reason's id."""
 
 
 def look_at(stop_id: str) -> tuple[str, ...]:
-    """What is worth a look for whoever finds out why."""
+    """Return the hints for a reason."""
     return LOOK_AT.get(stop_id.split("_")[0], ())
 
 
 def remedy_of(stop_id: str, text: str) -> str:
-    """What to do: the table's words, or the sentence's own after its colon."""
+    """Return the remedy from the table of stops, or the text after the last colon."""
     stop = STOPS.get(stop_id)
     if stop is not None:
         return stop.remedy

@@ -1,1 +1,4 @@
-"""The rider's and engineer's page; it speaks to a ChairPort and knows neither ROS nor algorithms."""
+"""The web page for riders and engineers, which calls a `ChairPort` and knows neither ROS nor algorithms.
+
+Begin with `server.py`; the page itself is in `static/`.
+"""

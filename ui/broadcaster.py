@@ -1,7 +1,6 @@
-"""One loop looks at the chair and tells every open page; another tells the chair which pages still answer.
-
-A page that cannot keep up is told the newest only. What blocks (the chair's own calls, pictures) runs in threads, and
-Stop has threads of its own, so that nothing can stand before it.
+"""Messages between the chair and its open pages: one loop sends views, another reports answering pages to the chair.
+A slow page gets only the newest message of each kind. Blocking calls (the chair's own, pictures) run in threads, and
+Stop has threads of its own, so that no other call can delay it.
 """
 
 from __future__ import annotations
@@ -25,23 +24,23 @@ from waychair.ui.wire import encoded, grid_picture, layout_message, map_message,
 T = TypeVar("T")
 
 VIEW_S = 0.1
-"""Pages are told how the chair is this often."""
+"""Period of the views that pages get."""
 
 WATCH_S = 0.1
-"""The chair is told of the pages that answer this often."""
+"""Period of the reports of answering pages to the chair."""
 
 ANSWERS_S = 0.2
-"""A page counts as there for so long after its latest answer; the chair waits longer (`runtime.page_watch`)."""
+"""A page counts as present for this time after its latest answer; the chair waits longer (`runtime.page_watch`)."""
 
 MOST_WAITING = 50
-"""A page has no more commands under way than these: more would be a broken page."""
+"""Greatest number of commands and answers that wait for one page; a working page never needs as many."""
 
 _THREADS = 8
 _STOP_THREADS = 2
 
 
 class OpenPage:
-    """What waits to be sent to one page: of views, maps and layouts only the newest."""
+    """The messages that wait to be sent to one page: of views, maps and layouts only the newest."""
 
     def __init__(self, page_id: str) -> None:
         self.page_id = page_id
@@ -50,17 +49,17 @@ class OpenPage:
         self._wake = asyncio.Event()
 
     def tell(self, kind: str, text: str) -> None:
-        """The newest message of its kind."""
+        """Set the newest message of a kind."""
         self._newest[kind] = text
         self._wake.set()
 
     def answer(self, text: str) -> None:
-        """An answer to a command."""
+        """Add an answer to a command."""
         self._answers.append(text)
         self._wake.set()
 
     async def next_messages(self) -> list[str]:
-        """Whatever there is to send, once there is something; the map comes before the view that is drawn on it."""
+        """Wait for messages and return them all; the map comes before the view that is drawn on it."""
         await self._wake.wait()
         self._wake.clear()
         texts = [*self._answers, *(self._newest[kind] for kind in ("map", "layout", "view") if kind in self._newest)]
@@ -70,18 +69,18 @@ class OpenPage:
 
 
 class Broadcaster:
-    """The chair's pages, and the threads in which the chair is asked and told. `run` keeps them informed."""
+    """The open pages of a chair, and the threads that call the chair. `run` keeps the pages informed."""
 
     def __init__(self, port: ChairPort, clock: Callable[[], float] = time.monotonic) -> None:
         self.port = port
-        self.boot = secrets.token_hex(4)  # so that a browser's copy of an earlier run's map is no longer good
+        self.boot = secrets.token_hex(4)  # makes browsers drop their copy of an earlier run's map
         self.grid: tuple[int, OccupancyGrid] | None = None
         self._clock = clock
         self._calls = ThreadPoolExecutor(_THREADS, "page-call")
         self._stops = ThreadPoolExecutor(_STOP_THREADS, "page-stop")
-        self._watches = ThreadPoolExecutor(1, "page-watch")  # no call that takes its time ends a drive
+        self._watches = ThreadPoolExecutor(1, "page-watch")  # its own thread, so that a slow call ends no drive
         self._pages: set[OpenPage] = set()
-        self._answered: dict[OpenPage, float] = {}  # not by their ids: a duplicated tab has that of its twin
+        self._answered: dict[OpenPage, float] = {}  # not by page id, which a duplicated tab shares
         self._failing: set[str] = set()
         self._told: dict[str, str] = {}
         self._layout_revision: int | None = None
@@ -89,20 +88,20 @@ class Broadcaster:
         self._count = 0
 
     async def run(self) -> None:
-        """Until cancelled. What fails in a turn is logged, and tried again in the next one."""
+        """Run until cancelled. An error in one turn is logged, and the next turn tries again."""
         async with asyncio.TaskGroup() as group:
             group.create_task(self._again(VIEW_S, self._look))
             group.create_task(self._again(WATCH_S, self._watch))
 
     def close(self) -> None:
-        """No page is left."""
+        """Report to the chair that no page is left, and end the threads."""
         with self._logged("the last word of the pages"):
             self._watches.submit(self.port.watched, ()).result()
         for threads in (self._calls, self._stops, self._watches):
             threads.shutdown(cancel_futures=True)
 
     def join(self, page: OpenPage) -> None:
-        """A page is open: it is told all there is."""
+        """Add an open page, and send it everything."""
         self._pages.add(page)
         outline = self.port.outline.tolist()
         page.answer(encoded({"type": "chair", "boot": self.boot, "outline": outline}))
@@ -111,34 +110,34 @@ class Broadcaster:
         self.answered(page)
 
     def leave(self, page: OpenPage) -> None:
-        """A page's socket is closed; it still counts as there until its latest answer is too old."""
+        """Remove a page after its socket was closed; it counts as present until its latest answer is too old."""
         self._pages.discard(page)
 
     def answered(self, page: OpenPage) -> None:
-        """A page has answered, with somebody before it."""
+        """Note that a visible page has answered."""
         self._answered[page] = self._clock()
 
     def hidden(self, page: OpenPage) -> None:
-        """A page lies behind others: nobody can press its Stop."""
+        """Note that a page is hidden: nobody can press its Stop."""
         self._answered.pop(page, None)
 
     def there(self) -> tuple[str, ...]:
-        """The ids of the pages that have answered lately."""
+        """Return the ids of the pages that are present."""
         since = self._clock() - ANSWERS_S
         self._answered = {page: at for page, at in self._answered.items() if at > since}
         return tuple(dict.fromkeys(page.page_id for page in self._answered))
 
     async def call(self, work: Callable[[], T]) -> T:
-        """Something that may block, in a thread."""
+        """Run a blocking call in a thread."""
         return await asyncio.get_running_loop().run_in_executor(self._calls, work)
 
     async def obey(self, name: str, asked: Json) -> Answer:
-        """A page's command."""
+        """Run a page's command in a thread."""
         threads = self._stops if name == STOP else self._calls
         return await asyncio.get_running_loop().run_in_executor(threads, partial(obey, self.port, name, asked))
 
     async def picture(self, theme: str) -> tuple[str, bytes] | None:
-        """The map's picture and its tag; None while there is no map."""
+        """Return the map's picture with its ETag; None while there is no map."""
         if self.grid is None:
             return None
         revision, grid = self.grid
@@ -157,7 +156,7 @@ class Broadcaster:
 
     @contextmanager
     def _logged(self, what: str) -> Iterator[None]:
-        """What fails in the block is logged, once until it works again."""
+        """Log an error in the block, once until it works again."""
         try:
             yield
         except Exception:
@@ -175,7 +174,7 @@ class Broadcaster:
                 page.tell(kind, text)
 
     def _messages(self) -> dict[str, str]:
-        """What is new, by kind."""
+        """Return the new messages by kind."""
         view, texts = self.port.view(), {}
         with self._logged("map"):
             if (self.grid is None or self.grid[0] != view.map_revision) and (grid := self.port.grid()) is not None:
@@ -193,7 +192,7 @@ class Broadcaster:
 
 
 class Desk:
-    """Takes one page's commands: in turn, but for Stop, and for the stick, of which only the newest wish counts."""
+    """Runs one page's commands in order; Stop runs at once, and of joystick positions only the newest counts."""
 
     def __init__(self, broadcaster: Broadcaster, page: OpenPage) -> None:
         self._broadcaster = broadcaster
@@ -205,7 +204,7 @@ class Desk:
         self._stopping: set[asyncio.Task[None]] = set()
 
     async def run(self) -> None:
-        """Until cancelled; a stick that was still held is let go."""
+        """Run until cancelled; a joystick that is still held is then let go."""
         try:
             async with asyncio.TaskGroup() as group:
                 group.create_task(self._obey_stick())
@@ -215,7 +214,7 @@ class Desk:
                 await asyncio.shield(self._broadcaster.obey(RELEASE, {}))
 
     def take(self, name: str, asked: Json, number: object) -> None:
-        """A command as it comes in; `number` comes back with its answer."""
+        """Take a command; its answer carries `number`."""
         if name == STOP:
             self._forget_stick()
             task = asyncio.create_task(self._obey(name, asked, number))
@@ -232,7 +231,7 @@ class Desk:
             self._others.put_nowait((name, asked, number))
 
     def _forget_stick(self) -> None:
-        """Drops what is not done yet, but for a letting go: the next hold is another one."""
+        """Drop waiting joystick positions, but keep a release: without it two holds would be one."""
         self._wishes = deque(wish for wish in self._wishes if wish[0] == RELEASE)
 
     async def _obey_stick(self) -> None:

@@ -1,6 +1,6 @@
-"""What a page may ask of a chair, in one table: the name on the wire, its figures, and the call of the `ChairPort`.
+"""The commands of a page in one table: name on the wire, arguments, and call of the `ChairPort`.
 
-Whatever is missing, unknown, of the wrong type or not finite is refused before the chair hears of it.
+Arguments that are missing, unknown, of the wrong type or not finite are refused before the chair is called.
 """
 
 from __future__ import annotations
@@ -23,14 +23,14 @@ from waychair.types import Place, Pose2
 STOP = "stop"
 RELEASE = "release"
 STICK = ("steer", RELEASE)
-"""Of these only the newest counts: a hand's older wishes are nobody's any more."""
+"""Commands of the page's joystick; only the newest position counts."""
 
 _FAR = 1e5
 Metres = Annotated[float, msgspec.Meta(ge=-_FAR, le=_FAR)]
 Angle = Annotated[float, msgspec.Meta(ge=-1e3, le=1e3)]
 Axis = Annotated[float, msgspec.Meta(ge=-1.0, le=1.0)]
 NewName = Annotated[str, msgspec.Meta(min_length=1, max_length=60)]
-"""Of what is made here; names that are there already, by whoever wrote them, may be longer."""
+"""A name that a page gives; existing names from other sources may be longer."""
 
 Corners = Annotated[list[tuple[Metres, Metres]], msgspec.Meta(min_length=3, max_length=200)]
 Tolerance = Annotated[float, msgspec.Meta(gt=0.0, le=5.0)]
@@ -38,7 +38,7 @@ Speed = Annotated[float, msgspec.Meta(ge=SLOWEST, le=5.0)]
 
 
 class _Asked(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
-    """What comes with a command."""
+    """Base of the arguments of commands."""
 
 
 class _Nothing(_Asked, frozen=True):
@@ -156,7 +156,7 @@ COMMANDS: Mapping[str, _Command] = {
 
 
 def obey(port: ChairPort, name: str, asked: object) -> Answer:
-    """Do what a page asks: `asked` is the JSON object that came with the command. Never raises."""
+    """Run a page's command with its JSON arguments `asked`, and return the answer. Never raises."""
     command = COMMANDS.get(name)
     if command is None:
         return Answer(False, f"the chair knows no '{name[:40]}': reload this page")
@@ -166,6 +166,6 @@ def obey(port: ChairPort, name: str, asked: object) -> Answer:
         return Answer(False, f"that cannot be done: {error}")
     except WaychairError as error:
         return Answer(False, str(error))
-    except Exception:  # whoever presses a button is answered, whatever is broken behind it
+    except Exception:  # every press of a button gets an answer
         logging.getLogger(__name__).exception("'%s' failed", name)
         return Answer(False, "something is broken in the chair's program: see its messages, and start it again")

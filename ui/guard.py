@@ -1,8 +1,8 @@
-"""Who may talk to a page's server: this computer's own pages, and beyond it those who hold the token.
+"""Access control of the page's server: pages of this computer are let in, pages from the network need the token.
 
-A page of another site that is open in the same browser can reach this server, too. It is refused by the `Origin` and
-`Sec-Fetch-Site` headers, which it cannot forge; and a name of its own that it points at this computer (DNS rebinding)
-is refused by the `Host` header. (Fetch and Fetch Metadata standards; WebSockets know no same-origin rule.)
+A page of another site in the same browser can reach this server, too. It is refused by the `Origin` and
+`Sec-Fetch-Site` headers, which it cannot forge. A foreign name that points at this computer (DNS rebinding) is refused
+by the `Host` header. (Fetch and Fetch Metadata standards; WebSockets have no same-origin rule.)
 """
 
 from __future__ import annotations
@@ -20,7 +20,7 @@ AsgiApp = Callable[[Message, Receive, Send], Awaitable[None]]
 
 API = "/api/"
 LIVE = "/api/live"
-"""Its token comes in the first message: browsers cannot send one with the request."""
+"""Path of the pages' socket. Its token comes in the first message: browsers cannot send one with the request."""
 
 _POLICY = (
     "default-src 'none'; script-src 'self'; style-src 'self'; img-src 'self' blob: data:; connect-src 'self'; "
@@ -36,7 +36,7 @@ _HEADERS = (
 
 
 def is_token(told: str, token: str) -> bool:
-    """Whether a page holds the token, compared in constant time; everybody does where none is asked for."""
+    """Whether a page has sent the token, compared in constant time; always true without a token."""
     return not token or hmac.compare_digest(told.encode(), token.encode())
 
 
@@ -56,9 +56,9 @@ def is_host(host: str, names: Sequence[str]) -> bool:
 
 
 class Guard:
-    """Middleware that lets through what may come in, and gives every answer its safety headers.
+    """Middleware that refuses foreign requests and adds the security headers to every answer.
 
-    `names`: what this server is called beyond localhost and its addresses. `local`: only a loopback address is a host.
+    `names`: host names of this server besides localhost and its addresses. `local`: only loopback addresses are hosts.
     """
 
     def __init__(self, app: AsgiApp, token: str, names: Sequence[str] = (), local: bool = True) -> None:
@@ -68,7 +68,7 @@ class Guard:
         self._local = local
 
     async def __call__(self, scope: Message, receive: Receive, send: Send) -> None:
-        """One request or one socket."""
+        """Handle one request or one socket."""
         if scope["type"] not in ("http", "websocket"):
             await self._app(scope, receive, send)
             return
@@ -77,7 +77,7 @@ class Guard:
             if message["type"] == "http.response.start":
                 headers = [*message.get("headers", ()), *_HEADERS]
                 if all(name != b"cache-control" for name, _ in headers):
-                    headers.append((b"cache-control", b"no-cache"))  # or a browser might show yesterday's page
+                    headers.append((b"cache-control", b"no-cache"))  # otherwise a browser might show an old page
                 message["headers"] = headers
             await send(message)
 
@@ -93,7 +93,7 @@ class Guard:
             await send({"type": "http.response.body", "body": reason.encode()})
 
     def _refusal(self, scope: Message, headers: dict[str, str]) -> tuple[int, str]:
-        """The status and the sentence of a refusal; 0 for none."""
+        """Return the status and the sentence of a refusal; status 0 for none."""
         host = headers.get("host", "")
         if not is_host(host, self._names) or (self._local and not _is_loopback(host)):
             return 403, "This name is not known here: open the page by the address that waychair printed."
@@ -110,7 +110,7 @@ class Guard:
 
 
 def _netloc(origin: str) -> str:
-    """Name and port of an `Origin` header; empty for one that is none."""
+    """Return name and port of an `Origin` header; empty for an invalid one."""
     try:
         return urlsplit(origin).netloc.lower()
     except ValueError:

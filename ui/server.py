@@ -1,11 +1,11 @@
-"""The page's server: static files, one socket per page, commands by socket and by POST. It speaks to a `ChairPort`.
+"""The page's server: static files, one socket per page, and commands by socket and by POST to a `ChairPort`.
 
     with page_server(port, http_port=8000) as address: ...  # this computer only
     with page_server(port, host="0.0.0.0", token=secrets.token_urlsafe(16)) as address: ...
 
-Over the socket (/api/live) a page says `{"token", "page"}` first. Then it is sent what `wire` makes, ten views a second,
-answers each with `{"seen": n, "visible": bool}`, and asks with `{"do": name, "with": {...}, "id": n}` (`commands`). The
-same commands but for the stick's are POSTed to /api/do/NAME, so that Stop has two ways.
+On the socket (/api/live) a page first sends `{"token", "page"}`. It then receives the messages of `wire`, with ten views
+a second, answers each view with `{"seen": n, "visible": bool}`, and sends commands as `{"do": name, "with": {...},
+"id": n}` (`commands`). All commands except the joystick's can also be POSTed to /api/do/NAME, a second path for Stop.
 """
 
 from __future__ import annotations
@@ -39,23 +39,23 @@ if TYPE_CHECKING:
 STATIC = Path(__file__).parent / "static"
 
 HELLO_S = 5.0
-"""A socket that has not shown its token by then is closed."""
+"""A socket without a valid token after this time is closed."""
 
 UNAUTHORISED = 4401
-"""Close code of a socket whose token is missing or wrong."""
+"""Close code of a socket with a missing or wrong token."""
 
 _NO_JSON = (msgspec.DecodeError, ValueError, RecursionError)
-"""What reading a page's text comes to where it is none, or one inside another without end."""
+"""Errors of decoding a page's text that is not JSON, or is nested too deeply."""
 
 _LARGEST = 65_536
 _ENDING_S = 3
 
 
 def app(port: ChairPort, token: str = "", *, names: Sequence[str] = (), local: bool = True) -> FastAPI:
-    """The page of a chair as an ASGI application.
+    """Return the page of a chair as an ASGI application.
 
-    `token`: asked of every page unless empty. `local`: it is reached by localhost and loopback addresses only;
-    otherwise by any address and by `names`, too.
+    `token`: required of every page unless empty. `local`: only localhost and loopback addresses are valid hosts;
+    otherwise every address and `names`, too.
 
     Raises:
         MissingExtra: the extra [ui] is not installed.
@@ -111,11 +111,11 @@ def page_server(
     token: str = "",
     names: Sequence[str] = (),
 ) -> Iterator[str]:
-    """The page while the block lasts, in a thread: gives its address. `http_port` 0 takes a free one.
+    """Serve the page in a thread while the block lasts; yield its address. `http_port` 0 takes a free port.
 
     Raises:
-        ConfigError: it would be open to the network without a token.
-        OutputError: the port is taken or not allowed.
+        ConfigError: the page would be open to the network without a token.
+        OutputError: the port is in use or not allowed.
         MissingExtra: the extra [ui] is not installed.
     """
     server, listener, address = _prepared(port, host, http_port, token, names)
@@ -132,7 +132,7 @@ def page_server(
 def _prepared(
     port: ChairPort, host: str, http_port: int, token: str, names: Sequence[str]
 ) -> tuple[uvicorn.Server, socket.socket, str]:
-    """A server, the socket it listens on, and the page's address."""
+    """Return a server, its listening socket, and the page's address."""
     local = _is_local(host)
     if not local and not token:
         raise ConfigError(f"the page on {host} would be open to the whole network: give it a token")
@@ -169,7 +169,7 @@ def _is_local(host: str) -> bool:
 
 
 async def _live(page: WebSocket, broadcaster: Broadcaster, token: str) -> None:
-    """One page's socket, from its first message to its end."""
+    """Serve one page's socket, from its first message to its end."""
     from starlette.websockets import WebSocketDisconnect
 
     await page.accept()
@@ -196,14 +196,14 @@ async def _live(page: WebSocket, broadcaster: Broadcaster, token: str) -> None:
         for task in tasks:
             task.cancel()
         await asyncio.wait(tasks)
-        no_news = (WebSocketDisconnect, *_NO_JSON, KeyError, type(None))  # it went away, or said what is no message
+        no_news = (WebSocketDisconnect, *_NO_JSON, KeyError, type(None))  # it went away, or sent an invalid message
         for task in tasks:
             if not task.cancelled() and not isinstance(task.exception(), no_news):
                 logging.getLogger(__name__).error("a page was dropped", exc_info=task.exception())
 
 
 async def _hear(page: WebSocket, broadcaster: Broadcaster, opened: OpenPage, desk: Desk) -> None:
-    """What a page says, until its socket closes or it says something that is no message."""
+    """Take a page's messages until its socket closes or an invalid message comes."""
     while True:
         said = msgspec.json.decode(await page.receive_text(), type=dict[str, object])
         if "seen" in said:
@@ -213,14 +213,14 @@ async def _hear(page: WebSocket, broadcaster: Broadcaster, opened: OpenPage, des
 
 
 async def _tell(page: WebSocket, opened: OpenPage) -> None:
-    """Whatever there is to tell a page, as fast as it takes it."""
+    """Send the waiting messages to a page, as fast as it takes them."""
     while True:
         for text in await opened.next_messages():
             await page.send_text(text)
 
 
 class _Grid:
-    """The map's picture; a browser that has it is told so."""
+    """The map's picture, with an ETag so that a browser loads it only once."""
 
     def __init__(self, broadcaster: Broadcaster) -> None:
         self._broadcaster = broadcaster
@@ -240,7 +240,7 @@ class _Grid:
 
 
 class _Camera:
-    """The camera's latest picture."""
+    """The camera's latest picture, as JPEG."""
 
     def __init__(self, broadcaster: Broadcaster) -> None:
         self._broadcaster = broadcaster
@@ -265,7 +265,7 @@ class _Commands:
         from starlette.responses import JSONResponse
 
         name = request.path_params["name"]
-        if name not in COMMANDS or name in STICK:  # a hand is known by its socket
+        if name not in COMMANDS or name in STICK:  # the joystick needs a socket: the end of the socket lets it go
             return JSONResponse({"done": False, "sentence": "the chair knows no such command"}, 404)
         body = b""
         async for part in request.stream():
@@ -281,6 +281,6 @@ class _Commands:
 
 
 def _say_why(task: asyncio.Task[None]) -> None:
-    """A broadcaster that failed leaves its pages without news, and the chair without pages: both say so by themselves."""
+    """Log a failed broadcaster. Its pages notice the silence themselves, and the chair the missing pages."""
     if not task.cancelled() and (error := task.exception()) is not None:
         logging.getLogger(__name__).error("the page is told nothing any more", exc_info=error)

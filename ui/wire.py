@@ -1,4 +1,4 @@
-"""What pages are told: a chair's view as compact JSON, its map as a picture."""
+"""Messages to pages: a chair's view, layout and map as compact JSON, the map's picture as PNG."""
 
 from __future__ import annotations
 
@@ -13,9 +13,9 @@ from waychair.runtime.chair_port import ChairView, Layout
 from waychair.types import Bytes, FloatArray, Json, OccupancyGrid, Place, Pose2
 
 MOST_POINTS = 400
-"""A picture of a scan or a path takes no more points than these."""
+"""Greatest number of points of a scan or path in a view."""
 
-# Occupied, free, unknown as blue, green, red: walls stand out at 3:1 or more against both of the others.
+# Occupied, free, unknown as blue, green, red: the contrast of walls against both others is 3:1 or more.
 _PALETTES = {
     "light": ((74, 62, 44), (252, 253, 253), (226, 222, 217)),
     "dark": ((222, 212, 200), (58, 47, 38), (30, 24, 19)),
@@ -24,12 +24,12 @@ THEMES = tuple(_PALETTES)
 
 
 def encoded(message: Json) -> str:
-    """JSON text; NaN and infinities become null."""
+    """Return JSON text; NaN and infinities become null."""
     return msgspec.json.encode(message).decode()
 
 
 def view_message(view: ChairView, count: int) -> str:
-    """A view as JSON text; points are centimetres in map, x and y in turn; `count` is what the page answers with."""
+    """Return a view as JSON text; points are x and y in turn, in centimetres in map; the page answers with `count`."""
     return encoded(
         {
             "type": "view",
@@ -62,7 +62,7 @@ def view_message(view: ChairView, count: int) -> str:
 
 
 def layout_message(layout: Layout) -> str:
-    """Places, zones and whether there is something to undo, as JSON text."""
+    """Return places, zones and whether there is a change to undo, as JSON text."""
     return encoded(
         {
             "type": "layout",
@@ -74,7 +74,7 @@ def layout_message(layout: Layout) -> str:
 
 
 def map_message(grid: OccupancyGrid, revision: int) -> str:
-    """Where the map's picture lies, as JSON text: cells across and up, side of a cell [m], lower-left corner in map."""
+    """Return the map's size, resolution [m] and lower-left corner in map, as JSON text."""
     rows, columns = grid.cells.shape
     return encoded(
         {
@@ -88,7 +88,7 @@ def map_message(grid: OccupancyGrid, revision: int) -> str:
 
 
 def grid_picture(grid: OccupancyGrid, theme: str) -> bytes:
-    """The map as a PNG, north (larger y) up, in the colours of a light or a dark page."""
+    """Return the map as a PNG, larger y up, in the colours of a light or a dark page."""
     import cv2
 
     occupied, free, unknown = (np.array(colour, np.float64) for colour in _PALETTES[theme])
@@ -105,7 +105,7 @@ def _takes_reset(stop_id: str) -> bool:
 
 
 def _centimetres(points: FloatArray) -> list[int]:
-    """Finite points of (N, 2) [m], thinned to `MOST_POINTS`; the last one stays."""
+    """Return the finite points of (N, 2) [m] in centimetres, thinned to `MOST_POINTS`, always with the last one."""
     known = points[np.isfinite(points).all(axis=1)] if len(points) else np.empty((0, 2))
     if len(known) > MOST_POINTS:
         known = known[np.linspace(0, len(known) - 1, MOST_POINTS).astype(int)]

@@ -1,4 +1,4 @@
-// Zones and ghosts drawn on the map: corners by pointer, or by a cross that arrow keys and buttons move.
+// Drawing zones and erasing on the map: corners are set by pointer, or by a cross that arrow keys and buttons move.
 
 /* global L */
 
@@ -22,7 +22,7 @@ const dots = L.layerGroup().addTo(map);
 const icon = L.divIcon({ className: "cross-mark", iconSize: [44, 44], iconAnchor: [22, 22] });
 const mark = L.marker([0, 0], { icon, interactive: false, keyboard: false });
 
-/** Whether the map is drawn on: a press on it sets a corner then. */
+/** Whether a zone is being drawn: a press on the map then sets a corner. */
 export const draws = () => tool !== null;
 
 function choose(name) {
@@ -45,7 +45,7 @@ function choose(name) {
   show();
 }
 
-/** The name of a zone that nobody gives another one. */
+/** The default name of the zone. */
 const proposed = () => freeName(WORDS[tool], now.layout.zones);
 const propose = () => tool && ($("draw-name").placeholder = proposed());
 
@@ -58,7 +58,7 @@ function giveUp() {
   show();
 }
 
-/** The corners as they count: two of them are those of an upright rectangle. */
+/** The polygon of the corners; two corners span an upright rectangle. */
 function polygon() {
   if (corners.length !== 2) return corners;
   const [a, c] = corners.map(toScreen);
@@ -83,10 +83,10 @@ function setCorner(at) {
   show();
 }
 
-/** Moves the cross by steps to the right and up, and brings it into view. */
+/** Moves the cross by steps to the right and up, and scrolls it into view. */
 function move(right, up, steps = 1) {
   const way = L.point(right, -up).multiplyBy(STEP_PX * steps);
-  cross = toMap(map.unproject(map.project(toScreen(cross)).add(way))); // not by pixels of the screen: those are rounded
+  cross = toMap(map.unproject(map.project(toScreen(cross)).add(way))); // in projected pixels, since screen pixels are rounded
   map.panInside(toScreen(cross), { padding: [40, 40], animate: false });
   show();
 }
@@ -131,7 +131,7 @@ $("map").addEventListener(
     else if (event.key === "Backspace" && corners.length) $("draw-back").click();
     else return;
     event.preventDefault();
-    event.stopImmediatePropagation(); // the map itself would move
+    event.stopImmediatePropagation(); // otherwise the map would move, too
   },
   true,
 );

@@ -1,4 +1,4 @@
-// What the chair does, will do and why it stopped; the yes before a drive, the seconds before it moves, and its end.
+// The chair's state: next action, last stop and obstacles; the yes before a drive, its countdown, pause and end.
 
 import { draws } from "./draw.js";
 import { ask, on } from "./link.js";
@@ -12,17 +12,17 @@ const SPOKEN_MS = 2000;
 const LOCALISATION = { ok: "Knows its place", degraded: "Unsure of its place", lost: "Does not know its place" };
 const MODES = { manual: "mode-manual", stopped: "mode-manual", assisted: "mode-assisted", autonomous: "mode-autonomous" };
 
-let asked = false; // on this page, so that only here the focus moves to the question
+let asked = false; // the drive was asked for on this page: only here the focus moves to the question
 let counting = false;
 let point = null;
 
-/** Ask for a drive; the chair then waits for a yes. */
+/** Asks for a drive; the chair then waits for a yes. */
 export async function goTo(wish) {
   asked = true;
   if (!(await say(ask("go", wish)))) asked = false;
 }
 
-/** The name of the goal as a person says it. */
+/** The goal's name in a sentence. */
 const named = ({ goal }) => goal || "the point on the map";
 
 on("view", (view) => {
@@ -84,7 +84,7 @@ function showCountdown(view) {
   if (!counting && now.before && !view.waits && !moves(view) && was) asked = false;
 }
 
-/** Whoever pressed the one button finds the other in its place. */
+/** Shows Pause or Go on; the focus moves from the one to the other. */
 function showPause(view) {
   const [pause, goOn] = [$("pause"), $("go-on")];
   const held = [pause, goOn].includes(document.activeElement);
@@ -102,7 +102,7 @@ function showModes({ mode }) {
 let said = "";
 let saidAt = -Infinity;
 
-/** The newest sentence for screen readers, no quicker than it can be read out. */
+/** Sets the sentence for screen readers, not faster than it can be read out. */
 function speak(view) {
   const parts = [view.next, ...view.obstacles.map(({ text, remedy }) => `${text}: ${remedy}`)];
   const text = parts.map(sentenceOf).filter(Boolean).join(" ");
@@ -119,7 +119,7 @@ onPress(([x, y]) => {
   setText($("here-title"), "This point on the map");
 });
 
-/** A pose at the point that was pressed, looking away from the chair. */
+/** A pose at the pressed point, heading away from the chair. */
 function posed() {
   const from = now.view?.pose;
   const heading = from ? Math.atan2(point[1] - from[1], point[0] - from[0]) : headingInMap(0);

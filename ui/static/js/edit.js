@@ -1,4 +1,4 @@
-// Places saved where the chair stands, and everything drawn: renamed, removed, undone.
+// Saving the chair's pose as a place, and the list of places and zones: rename, remove, undo.
 
 import { ask, on } from "./link.js";
 import { $, element, freeName, note, now, say, setText } from "./page.js";
@@ -10,14 +10,14 @@ const TOLERANCES = [
   ["At a table: 8 cm, 4 degrees", 0.08, 4],
   ["In a lift: 10 cm, 5 degrees", 0.1, 5],
 ];
-const IN_GROUP = 6; // so many are walked through by one switch at a time
+const IN_GROUP = 6; // items per group in one-switch scanning
 const RULES = { keep_out: "keep-out zone", slow: "slow zone", one_way: "one-way zone" };
 
 $("save-tolerance").replaceChildren(
   ...TOLERANCES.map(([textContent], index) => element("option", { textContent, value: String(index) })),
 );
 
-let replaced = null; // the place that another press on Save replaces
+let replaced = null; // name of the place that a second press on Save replaces
 
 function willReplace(name) {
   replaced = name;
@@ -42,12 +42,12 @@ $("save-name").addEventListener("input", () => willReplace(null));
 
 $("undo").addEventListener("click", () => say(ask("undo")));
 
-/** One line: the name, and what can be done with it. */
+/** A line of the list: name, kind and buttons. */
 function line(name, kind, actions) {
   const buttons = actions.map(([word, act]) => {
     const button = element("button", { type: "button", textContent: word });
     button.setAttribute("aria-label", `${word} ${name}`);
-    if (word === "Remove") button.dataset.scan = ""; // another name is nothing that one switch can give
+    if (word === "Remove") button.dataset.scan = ""; // a new name cannot be typed with one switch
     button.addEventListener("click", () => act(item));
     return button;
   });
@@ -55,7 +55,7 @@ function line(name, kind, actions) {
   return item;
 }
 
-/** Puts a field for another name in the place of a line's buttons. */
+/** Replaces a line's buttons by a field for a new name. */
 function rename(item, place) {
   const field = element("input", { value: place.name, maxLength: 60, autocomplete: "off" });
   field.setAttribute("aria-label", `New name of ${place.name}`);

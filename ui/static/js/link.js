@@ -1,7 +1,7 @@
-// The way to the chair: one socket, and fetch beside it. Silence counts as a lost connection.
+// The connection to the chair: one socket, and fetch as a second path. Silence counts as a lost connection.
 
 const SILENT_MS = 1000;
-const TRIED_MS = 2000; // after which another try is worth more than this one
+const TRIED_MS = 2000; // timeout of a try to connect
 const RETRY_MS = 300;
 const HEARD = new EventTarget();
 
@@ -9,7 +9,7 @@ const id = sessionStorage.getItem("page") ?? self.crypto?.randomUUID?.() ?? `${D
 sessionStorage.setItem("page", id);
 if (location.hash.startsWith("#token=")) {
   sessionStorage.setItem("token", decodeURIComponent(location.hash.slice(7)));
-  history.replaceState(null, "", location.pathname); // so that it is not seen over a shoulder or kept as a bookmark
+  history.replaceState(null, "", location.pathname); // keeps the token out of sight and of bookmarks
 }
 
 let socket = null;
@@ -17,11 +17,11 @@ let heardAt = performance.now();
 let triedAt = heardAt;
 let stamp = null;
 let stampAt = performance.now();
-let state = "connecting"; // connecting, open, lost, mute (the chair says nothing new), refused
+let state = "connecting"; // connecting, open, lost, mute (the views do not change), refused
 let number = 0;
 const waiting = new Map();
 
-/** Listen: "chair", "map", "layout", "view" with the message as detail; "state" with the connection's. */
+/** Registers a listener: "chair", "map", "layout" and "view" pass the message, "state" the connection's state. */
 export const on = (kind, heard) => HEARD.addEventListener(kind, (event) => heard(event.detail));
 
 export const linkState = () => state;
@@ -78,14 +78,14 @@ function hear(message) {
   tell(message.type, message);
 }
 
-let leaves = false; // a page that is reloaded is hidden on its way, and is back soon
+let leaves = false; // during a reload the page is hidden for a moment; that is not reported
 
 const answer = (seen) =>
   !leaves &&
   socket?.readyState === WebSocket.OPEN &&
   socket.send(JSON.stringify({ seen, visible: document.visibilityState === "visible" }));
 
-/** Whether the socket, or the try to get one, is not worth waiting for. */
+/** Whether the socket, or the try to connect, has timed out. */
 function isSilent() {
   const silent = performance.now() - Math.max(heardAt, triedAt);
   if (state === "open" || state === "mute") return silent > SILENT_MS;
@@ -104,7 +104,7 @@ document.addEventListener("visibilitychange", () => answer(0));
 addEventListener("pagehide", () => (leaves = true));
 addEventListener("pageshow", () => (leaves = false));
 
-/** Ask the chair for something: answers {done, sentence}, and says no by itself where the connection is lost. */
+/** Sends a command to the chair; resolves to {done, sentence}, also where the connection is lost. */
 export function ask(name, asked = {}) {
   if (socket?.readyState !== WebSocket.OPEN) {
     return Promise.resolve({ done: false, sentence: "The page has no connection to the chair." });
@@ -115,7 +115,7 @@ export function ask(name, asked = {}) {
   return new Promise((done) => waiting.set(mine, done));
 }
 
-/** The same by fetch: a second way, for Stop. */
+/** Sends a command by fetch: the second path for Stop. */
 export const post = (name) =>
   fetch(`api/do/${name}`, { method: "POST", headers: headers(), keepalive: true, body: "{}" });
 

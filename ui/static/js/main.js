@@ -1,4 +1,4 @@
-// Puts the page together: Stop and the connection come first, and work without all the rest.
+// The page's entry point. Stop and the connection are loaded first and work without the rest.
 
 import { ask, enter, on } from "./link.js";
 import "./stop.js";

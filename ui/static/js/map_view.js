@@ -1,4 +1,4 @@
-// The map: Leaflet with one metre as its unit, in the grid's own frame, so that a grid may lie askew in map.
+// The map: Leaflet with the metre as unit, in the grid's own frame, so that a grid may be rotated in map.
 
 /* global L */
 
@@ -10,7 +10,7 @@ const STILL = matchMedia("(prefers-reduced-motion: reduce)");
 const DARK = matchMedia("(prefers-color-scheme: dark)");
 const RULES = { keep_out: "keep out", slow: "slow", one_way: "one way" };
 const NEAR = 4.5; // 23 px to the metre
-const EDGE = 0.44; // of the map's width and height, from its middle
+const EDGE = 0.44; // share of the map's width and height, from its middle, in which the chair may move
 const CLICKS = new EventTarget();
 
 let frame = { x: 0, y: 0, theta: 0 }; // map_from_grid
@@ -50,13 +50,13 @@ export function toMap({ lat, lng }) {
   return [frame.x + c * lng - s * lat, frame.y + s * lng + c * lat];
 }
 
-/** A heading in map of one on the screen, both in radians from the right, counter-clockwise. */
+/** The heading in map of a heading on the screen, both in radians from the right, counter-clockwise. */
 export const headingInMap = (onScreen) => onScreen + frame.theta;
 
-/** Whoever wants to know where the map was pressed: [x, y] in map. */
+/** Registers a listener for presses on the map: [x, y] in map. */
 export const onPress = (heard) => CLICKS.addEventListener("press", (event) => heard(event.detail));
 
-/** Whoever wants to know which place was pressed on the map. */
+/** Registers a listener for presses on a place's pin. */
 export const onPlace = (heard) => CLICKS.addEventListener("place", (event) => heard(event.detail));
 
 export function follow(whether) {
@@ -142,7 +142,7 @@ function drawView(view) {
   if (following && pose) centre(false);
 }
 
-/** Brings the chair into view: always, or only once it leaves the middle part, so that the map rests while it drives. */
+/** Centres the chair: always, or only once it leaves the middle part, so that the map rarely moves. */
 function centre(always, zoom = map.getZoom()) {
   const at = toScreen(now.view.pose);
   const [size, spot] = [map.getSize(), map.latLngToContainerPoint(at)];

@@ -1,4 +1,4 @@
-// What moves on the map: scan, path, people, the chair. One canvas, drawn anew with each view.
+// The moving things on the map: scan, path, people, the chair. One canvas, redrawn with each view.
 
 /* global L */
 
@@ -11,7 +11,7 @@ export const Overlay = L.Layer.extend({
     this.readColours();
   },
 
-  /** Takes the colours of the style sheet, again when light becomes dark. */
+  /** Reads the colours of the style sheet; called again when the colour scheme changes. */
   readColours() {
     const style = getComputedStyle(document.documentElement);
     this._colour = Object.fromEntries(COLOURS.map((name) => [name, style.getPropertyValue(`--map-${name}`).trim()]));
@@ -20,7 +20,7 @@ export const Overlay = L.Layer.extend({
 
   onAdd(map) {
     this._map = map;
-    const pane = map.getPane("chair") ?? map.createPane("chair"); // above the places, and pressed through
+    const pane = map.getPane("chair") ?? map.createPane("chair"); // above the places, transparent to presses
     pane.append(this._canvas);
     map.on("move zoomend viewreset resize", this.redraw, this);
     this.redraw();
@@ -103,7 +103,7 @@ export const Overlay = L.Layer.extend({
     context.stroke();
   },
 
-  /** The outline, an arrow on it, and a ring that can be found at any zoom. */
+  /** Draws the footprint with an arrow, and a ring while the chair is unsure of its place. */
   _drawChair(context, outline, { at, heading }, localisation) {
     const colour = localisation === "lost" ? this._colour.lost : this._colour.chair;
     const { x, y } = this._at(at);

@@ -1,10 +1,10 @@
-// What the other modules share: elements, notes, and how numbers are said.
+// Helpers of the other modules: elements, notes, sentences, and the newest messages.
 
 import { on } from "./link.js";
 
 export const $ = (id) => document.getElementById(id);
 
-/** An element with properties and children. */
+/** Creates an element with properties and children. */
 export function element(tag, properties = {}, ...children) {
   const made = Object.assign(document.createElement(tag), properties);
   made.append(...children);
@@ -13,7 +13,7 @@ export function element(tag, properties = {}, ...children) {
 
 const NOTE_MS = 8000;
 
-/** A short note that goes away by itself; bad ones stay a little longer. */
+/** Shows a short note that disappears by itself; bad ones stay longer. */
 export function note(sentence, good = true) {
   if (!sentence) return;
   const text = sentenceOf(sentence);
@@ -23,14 +23,14 @@ export function note(sentence, good = true) {
   setTimeout(() => made.remove(), good ? NOTE_MS : 2 * NOTE_MS);
 }
 
-/** Says what came of something that was asked. */
+/** Shows the answer to a command as a note; resolves to whether it was done. */
 export async function say(answering) {
   const { done, sentence } = await answering;
   note(sentence, done);
   return done;
 }
 
-/** Text as a sentence: a capital, and a full stop. */
+/** Text as a sentence, with a capital letter and a full stop. */
 export function sentenceOf(text) {
   const trimmed = text.trim();
   if (!trimmed) return "";
@@ -38,13 +38,13 @@ export function sentenceOf(text) {
   return /[.!?]$/.test(begun) ? begun : `${begun}.`;
 }
 
-/** A name that none of these has yet. */
+/** The first free name: the word with a number. */
 export function freeName(word, things) {
   const names = new Set(things.map(({ name }) => name));
   for (let number = 1; ; number += 1) if (!names.has(`${word} ${number}`)) return `${word} ${number}`;
 }
 
-/** Sets text only where it changes, so that nothing is read out twice. */
+/** Sets text only where it changes, so that screen readers read nothing twice. */
 export function setText(target, text) {
   if (target.textContent !== text) target.textContent = text;
 }
@@ -57,10 +57,10 @@ export const moves = (view) =>
     Math.abs(view.twist[0]) > 0.02 ||
     Math.abs(view.twist[1]) > 0.03);
 
-/** The newest view, the one before it, the layout and the chair's outline. */
+/** The newest view, the one before it, the layout and the chair's footprint. */
 export const now = { view: null, before: null, layout: { places: [], zones: [], undoable: false }, outline: [] };
 
-// this module is evaluated first, so whoever hears of a view finds it here
+// this module registers first, so that other listeners find the newest view here
 on("view", (view) => ([now.before, now.view] = [now.view, view]));
 on("layout", (layout) => (now.layout = layout));
 on("chair", ({ outline }) => (now.outline = outline));

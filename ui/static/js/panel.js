@@ -1,4 +1,4 @@
-// For engineers: figures by kind, and what the camera sees. Closed at first; asks for pictures only while it is open.
+// The engineers' panel: figures by kind, and the camera's picture, which is loaded only while the panel is open.
 
 import { on, picture } from "./link.js";
 import { $, element } from "./page.js";
@@ -11,7 +11,7 @@ let open = false;
 let shownAt = -Infinity;
 let url = null;
 
-/** "tick, mean [ms]" is its label, its unit, and the kind of figure it is. */
+/** Splits a name such as "tick, mean [ms]" into label and unit, and finds the kind of figure. */
 function parts(name) {
   const [, label, unit = ""] = /^(.*?)(?: \[(.*)\])?$/.exec(name);
   return { label, unit, kind: KINDS.find(([, units]) => units.test(unit))[0] };

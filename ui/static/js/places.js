@@ -1,10 +1,10 @@
-// Places as large buttons, found by typing; the ones driven to lately come first.
+// The list of places as large buttons, filtered by typing; recent goals come first.
 
 import { goTo } from "./drive.js";
 import { on } from "./link.js";
 import { $, element, now } from "./page.js";
 
-const IN_GROUP = 6; // so many places are walked through by one switch at a time
+const IN_GROUP = 6; // places per group in one-switch scanning
 
 const latest = () => JSON.parse(localStorage.getItem("latest") ?? "[]");
 

@@ -1,30 +1,30 @@
-// One switch: a frame walks through groups of buttons, then through the buttons of the group that was taken. The switch
-// is Space or Enter; while the chair moves it is Stop and nothing else, whatever has the focus.
+// One-switch scanning: a frame walks through groups of buttons, then through the buttons of the chosen group. The switch
+// is Space or Enter; while the chair moves it is Stop and nothing else, wherever the focus is.
 
 import { $, moves, now, setText } from "./page.js";
 import { onSpace, stop } from "./stop.js";
 
 const BOUNCE_MS = 250;
-const HELPED_MS = 10_000; // then whoever helped has written what there was to write
-const ROUNDS = 2; // through a group's buttons before the groups come again
+const HELPED_MS = 10_000; // a text field without other input for so long is left
+const ROUNDS = 2; // rounds through a group's buttons before the frame returns to the groups
 
 const option = $("option-scanning");
 const interval = $("option-interval");
 
 let running = localStorage.getItem("scanning") === "on";
 let timer = 0;
-let group = null; // name of the group that was taken
+let group = null; // name of the chosen group
 let index = -1;
 let rounds = 0;
 let marked = [];
 let pressedAt = -Infinity;
-let helpedAt = -Infinity; // when somebody did something here by more than the switch
+let helpedAt = -Infinity; // time of the latest input other than the switch
 let releases = null;
 
 const usable = (target) => !target.disabled && target.offsetParent !== null;
 const groupOf = (target) => target.closest("[data-scan-group]")?.dataset.scanGroup ?? "";
 
-/** Groups on the page by name, each with its buttons; one without a group stands for itself. */
+/** Groups of buttons on the page by name; a button without a group is a group of its own. */
 function groups() {
   const found = new Map();
   for (const target of document.querySelectorAll("[data-scan]")) {
@@ -35,7 +35,7 @@ function groups() {
   return found;
 }
 
-/** What the frame walks through now: [name, targets] each; Stop leads. */
+/** The stops of the frame: [name, targets] each, Stop first. */
 function stations() {
   const all = groups();
   if (group && all.has(group)) return all.get(group).map((target) => [labelOf(target), [target]]);
@@ -72,7 +72,7 @@ function step() {
   mark(all[Math.min(index, all.length - 1)][1]);
 }
 
-/** The switch was pressed: takes what the frame is on. */
+/** Handles a press of the switch: takes the group or button in the frame. */
 function press() {
   const at = performance.now();
   if (at - pressedAt < BOUNCE_MS && !moves(now.view)) return;
@@ -94,7 +94,7 @@ function take(target) {
   [group, index, rounds] = [null, -1, 0];
   if (target.dataset.hold) {
     target.dispatchEvent(new KeyboardEvent("keydown", { key: "Enter" }));
-    releases = target; // for as long as the switch is held
+    releases = target; // steering lasts as long as the switch is held
   } else {
     target.click();
   }
@@ -122,7 +122,7 @@ function set(on) {
 
 const WRITES = "input, select, textarea";
 
-/** Whether the switch is Stop. */
+/** Whether a press of the switch is Stop. */
 const stops = () => running && moves(now.view);
 
 onSpace(() => {
@@ -131,7 +131,7 @@ onSpace(() => {
   return true;
 }, stops);
 
-/** One switch gets out of no field by itself: only who has more than that stays in one. */
+/** Leaves a text field in which nobody types: one switch alone could not get out of it. */
 function leaveField() {
   const field = document.activeElement;
   if (running && field?.matches(WRITES) && performance.now() - helpedAt > HELPED_MS) field.blur();

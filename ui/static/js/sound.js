@@ -1,4 +1,4 @@
-// A tone and a phrase before the chair moves. Neither is needed: the page says the same in words.
+// A tone and a spoken phrase before the chair moves. The page shows the same in words.
 
 let context = null;
 let wanted = localStorage.getItem("sound") !== "off";

@@ -1,5 +1,5 @@
-// The joystick in the page: held it is told ten times a second, let go it is let go at once. Whatever takes hand or eye
-// off it is letting go, too: another window, another tab, a lost connection, Stop.
+// The page's joystick: its position is sent ten times a second while it is held, and a release at once when it is let go.
+// Another window, another tab, a lost connection and Stop release it, too.
 
 import { ask, linkState, on } from "./link.js";
 import { $, setText } from "./page.js";
@@ -20,7 +20,7 @@ export function hold(forward, turn) {
   knob.style.transform = `translate(${-wish[1] * 38}%, ${-wish[0] * 38}%) translate(-50%, -50%)`;
   pad.classList.add("held");
   if (!timer) {
-    ask("release"); // another hold, whatever ended the one before
+    ask("release"); // begins a new hold, however the last one ended
     timer = setInterval(tell, TELL_MS);
     tell();
   }

@@ -1,5 +1,5 @@
-// Stop: by pointer, by Enter on the button, by Esc anywhere, by Space but where one writes; over the socket and by fetch at
-// once.
+// Stop: by pointer, by Enter on the button, by Esc anywhere, by Space outside text fields. It is sent over the socket and
+// by fetch at the same time.
 
 import { ask, post } from "./link.js";
 import { note } from "./page.js";
@@ -13,23 +13,23 @@ let takesSpace = () => false;
 let isSwitch = () => false;
 
 /**
- * Whoever may need Space for something else: true keeps Stop from it (one-switch use, while the chair stands).
- * `stops`: whether Space is a rider's only way to Stop now, and so is Stop in text fields, too.
+ * Registers the one-switch mode. `handler`: true where it has used the press of Space, which then is not Stop.
+ * `stops`: whether Space has to be Stop in text fields, too.
  */
 export const onSpace = (handler, stops) => ([takesSpace, isSwitch] = [handler, stops]);
 
-/** Whoever has to let go of something when Stop is pressed. */
+/** Registers a listener for Stop. */
 export const onStop = (heard) => STOPPED.addEventListener("stop", heard);
 
 export function stop() {
   heed([ask("stop"), post("stop").then((response) => response.json())]);
   STOPPED.dispatchEvent(new Event("stop"));
   button.classList.remove("pressed");
-  void button.offsetWidth; // so that the same animation begins anew
+  void button.offsetWidth; // restarts the animation
   button.classList.add("pressed");
 }
 
-/** Says so where no way has brought Stop to the chair. */
+/** Warns if neither path has brought an answer to Stop. */
 async function heed(ways) {
   const done = ways.map(async (way) => (await way).done || Promise.reject());
   const late = new Promise((_, reject) => setTimeout(reject, UNANSWERED_MS));
@@ -43,12 +43,12 @@ export const isTextField = (element) =>
 
 button.addEventListener("pointerdown", stop);
 button.addEventListener("click", (event) => {
-  if (event.detail === 0) stop(); // by keyboard or by an assistive device, which press no pointer
+  if (event.detail === 0) stop(); // by keyboard or an assistive device, without a pointer
 });
 function pressed(event) {
   if (event.key !== "Escape" && event.key !== " ") return;
   if (event.key === " " && isTextField(event.target) && !isSwitch()) return;
-  event.preventDefault(); // Space presses no other button, neither when it goes down nor when it comes up
+  event.preventDefault(); // so that Space presses no button, neither on keydown nor on keyup
   if (event.type === "keyup" || event.repeat) return;
   if (event.key === " " && takesSpace(event)) return;
   stop();

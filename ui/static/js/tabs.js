@@ -1,11 +1,11 @@
-// Tabs by pointer, and by arrow keys as a keyboard expects them (WAI-ARIA Authoring Practices, Tabs).
+// Tabs by pointer and by arrow keys (WAI-ARIA Authoring Practices, Tabs).
 
 import { $ } from "./page.js";
 
 const tabs = [...document.querySelectorAll("[role=tab]")];
 const SHOWN = new EventTarget();
 
-/** Whoever wants to know which panel is shown: its id. */
+/** Registers a listener for the id of the panel that is shown. */
 export const onTab = (heard) => SHOWN.addEventListener("tab", ({ detail }) => heard(detail));
 
 export function showTab(name, focus = "") {
