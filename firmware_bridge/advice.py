@@ -1,4 +1,4 @@
-"""What the board says, in sentences for whoever sits in the chair: what is wrong, and what to do about it."""
+"""Turns the board's faults and refusals into sentences for the rider: the cause and the remedy."""
 
 from __future__ import annotations
 
@@ -8,7 +8,7 @@ from types import MappingProxyType
 from waychair.firmware_bridge.protocol import FIRMWARE_VERSION, BoardFault, Hello, HelloReply, Refusal
 
 HOST_FAULTS = BoardFault.HOST_SILENT | BoardFault.BAD_FRAMES | BoardFault.RANGE | BoardFault.NEW_HOST | BoardFault.CLOCK
-"""Faults of the computer or its cable: lines and board are in order, a new goal may clear them."""
+"""Faults of the computer or its cable; lines and board are in order, so a new goal may clear them."""
 
 FAULT_ADVICE: Mapping[BoardFault, str] = MappingProxyType(
     {
@@ -29,17 +29,17 @@ FAULT_ADVICE: Mapping[BoardFault, str] = MappingProxyType(
         BoardFault.HOST_SILENT: "the board heard nothing from the computer for too long: ask for the goal again",
     }
 )
-"""By fault bit, gravest first."""
+"""Advice by fault bit, most severe first."""
 
 UNKNOWN_FAULT = (
     "the board reports a fault that this version does not know: have board and wiring checked, install the waychair "
     "that belongs to its firmware, then press Reset"
 )
-"""What bits come to that a later firmware has: as grave as any that only somebody's deliberate act may clear."""
+"""Advice for fault bits of a later firmware; as severe as the faults that need a deliberate reset."""
 
 
 def fault_advice(faults: int) -> tuple[str, ...]:
-    """A sentence for each fault bit that is set, one for all that are unknown, the gravest first."""
+    """Return a sentence for each fault bit that is set and one for all unknown bits, most severe first."""
     told = {fault: advice for fault, advice in FAULT_ADVICE.items() if fault & faults}
     latching = [advice for fault, advice in told.items() if fault not in HOST_FAULTS]
     unknown = [UNKNOWN_FAULT] if _unknown(faults) else []
@@ -48,15 +48,15 @@ def fault_advice(faults: int) -> tuple[str, ...]:
 
 
 def fault_names(faults: int) -> tuple[str, ...]:
-    """The name of each fault bit that is set; of an unknown one its number."""
+    """Return the name of each fault bit that is set; for an unknown bit its number."""
     unknown = _unknown(faults)
     bits = (f"BIT_{bit}" for bit in range(unknown.bit_length()) if unknown >> bit & 1)
     return (*(str(fault.name) for fault in BoardFault if fault & faults), *bits)
 
 
 def is_of_host(faults: int) -> bool:
-    """Whether all bits that are set are faults of the computer."""
-    return not (int(faults) & ~int(HOST_FAULTS))  # of whole numbers: the complement of flags has no unknown ones
+    """Return whether all bits that are set are faults of the computer."""
+    return not (int(faults) & ~int(HOST_FAULTS))  # as integers: the complement of a flag has no unknown bits
 
 
 def _unknown(faults: int) -> int:
@@ -64,9 +64,9 @@ def _unknown(faults: int) -> int:
 
 
 def refusal(reply: HelloReply, ours: Hello) -> str:
-    """Why a board that answered a greeting like this must not be driven through; empty when it may be.
+    """Return why the board of this handshake reply must not be used; empty if it may be (F22).
 
-    What the board refuses counts as much as what this computer sees in its answer (F22).
+    Refusals by the board and mismatches found by this computer count alike.
     """
     refused = Refusal(reply.refused)
     if Refusal.VERSION in refused or reply.version != ours.version:

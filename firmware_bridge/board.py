@@ -1,9 +1,9 @@
 """The shipped firmware as a process on this computer: build it, start it on a pseudo-terminal, step it in lockstep.
 
-`HostBoard` is the board's place in a simulation. The bridge talks to `HostBoard.transport` (or opens `HostBoard.path`
-from another process), the simulator calls `step` with its time and the rider's stick and gets what the chair's lines
-read. The C code that runs is the code that is flashed; only the hardware around it is a model
-(`firmware/host/hardware.c`), which can be broken on purpose.
+`HostBoard` stands for the board in a simulation. The bridge talks to `HostBoard.transport` (or opens `HostBoard.path`
+from another process). The simulator calls `step` with its time and the rider's stick, and gets the voltages of the
+chair's lines. The C code is the code that is flashed; only the hardware around it is a model
+(`firmware/host/hardware.c`), which can simulate defects.
 """
 
 from __future__ import annotations
@@ -33,33 +33,33 @@ FIRMWARE = Path(__file__).resolve().parent / "firmware"
 C_FLAGS = ("-std=c99", "-D_POSIX_C_SOURCE=200809L", "-O2", "-Wall", "-Wextra", "-Werror", "-pedantic")
 
 PATIENCE_S = 2.0
-"""Real time within which the program must answer a step."""
+"""Timeout in real time for the program's answer to a step."""
 
 _REQUEST = struct.Struct("<IIHHHBBBxh")
 _ANSWER = struct.Struct("<IIHHBBH")
 
 
 class Defect(enum.IntEnum):
-    """What can be broken around the microcontroller; axis 0 is forward, 1 turn."""
+    """A defect of the hardware around the microcontroller; axis 0 is forward, 1 turn."""
 
     NONE = 0
     STUCK = 1  # the converter keeps its last voltage on the axis
     OFFSET = 2  # `value` mV are added to the converter's axis
-    OPEN = 3  # the axis' wire is off: pulled to the reference
+    OPEN = 3  # the axis' wire is broken; the line is pulled to the reference
     LOW = 4  # the axis is shorted to ground
     HIGH = 5  # the axis is shorted to the supply
-    SWAP = 6  # the lines are exchanged
-    BRIDGE = 7  # the lines touch each other
-    STICK_OPEN = 8  # the rider's stick lost the axis' wire
-    CONVERTER_SILENT = 9  # the converter answers no more and keeps its voltages
+    SWAP = 6  # the two lines are swapped
+    BRIDGE = 7  # the two lines are shorted to each other
+    STICK_OPEN = 8  # the axis' wire to the rider's stick is broken
+    CONVERTER_SILENT = 9  # the converter does not answer and keeps its voltages
     WELDED = 10  # the line switch stays where it is
     FROZEN = 11  # the firmware hangs
-    BROWN_OUT = 12  # the board has no power; it boots afterwards
+    BROWN_OUT = 12  # the board has no power; it boots when this ends
 
 
 @dataclass(frozen=True, slots=True)
 class BoardSettings(Settings):
-    """What is stored on the board: its chair, its joystick family, its limits; the computer cannot change them."""
+    """The configuration stored on the board: chair, joystick family and limits; the computer cannot change it."""
 
     chair_id: str = setting("A", "", "the chair this board is built into")
     family: int = setting(Family.HALL_5V, "", "joystick family, see firmware/families.c", low=0, high=255)
@@ -72,7 +72,7 @@ class BoardSettings(Settings):
 
 @dataclass(frozen=True, slots=True)
 class BoardInputs:
-    """What is around the board: the rider's stick and the chair's reference line [mV], the e-stop, one defect."""
+    """The board's inputs: the rider's stick and the chair's reference line [mV], the e-stop, and one defect."""
 
     joystick_forward_mv: int
     joystick_turn_mv: int
@@ -85,7 +85,7 @@ class BoardInputs:
 
 @dataclass(frozen=True, slots=True)
 class LineState:
-    """What the chair's controller sees [mV], who is on the lines, and what the firmware says about itself."""
+    """The line voltages at the chair's controller [mV], the holder of the lines, and the firmware's state."""
 
     forward_mv: int
     turn_mv: int
@@ -101,13 +101,13 @@ REFERENCE_MV: Mapping[int, int] = MappingProxyType(
 
 
 def at_rest(family: int = Family.HALL_5V) -> BoardInputs:
-    """Everything in order and the rider's hand off the stick."""
+    """Return inputs without any defect and with the stick at rest."""
     reference_mv = REFERENCE_MV[family]
     return BoardInputs(reference_mv, reference_mv, reference_mv)
 
 
 def build_board(folder: Path) -> Path:
-    """The program `waychair_board`, built into `folder` unless it holds one of the same sources already.
+    """Return the program `waychair_board`, built into `folder` unless one of the same sources is there already.
 
     Raises:
         BoardBuildError: there is no C compiler, or it refuses the sources.
@@ -128,7 +128,7 @@ def build_board(folder: Path) -> Path:
 
 
 def board_program() -> Path:
-    """The program, built on its first use into the user's cache.
+    """Return the program, built into the user's cache at its first use.
 
     Raises:
         BoardBuildError: there is no C compiler, or it refuses the sources.
@@ -141,7 +141,7 @@ def compile_c(arguments: list[str]) -> None:
     """Run the system's C compiler.
 
     Raises:
-        BoardBuildError: there is none, or it reports an error.
+        BoardBuildError: there is no compiler, or it reports an error.
     """
     compiler = os.environ.get("CC") or shutil.which("cc") or shutil.which("gcc") or shutil.which("clang")
     if compiler is None:
@@ -158,9 +158,10 @@ def compile_c(arguments: list[str]) -> None:
 
 
 class LockstepTransport(DescriptorTransport):
-    """The computer's end of a board's terminal that counts: what it wrote, and what it must still have received.
+    """The computer's end of a board's terminal; it counts the bytes written and the bytes to be received.
 
-    A pseudo-terminal delivers a little later than it accepts; the counts make each side wait for the other's bytes.
+    A pseudo-terminal delivers bytes a little later than it accepts them; with the counts each side waits for the other's
+    bytes.
     """
 
     def __init__(self, descriptor: int) -> None:
@@ -170,14 +171,14 @@ class LockstepTransport(DescriptorTransport):
         self._received = 0
 
     def write(self, data: bytes) -> bool:
-        """Send all of it; a part that found no room counts for nothing."""
+        """Send all bytes; a partial write is not counted."""
         accepted = super().write(data)
         if accepted:
             self.written = (self.written + len(data)) & 0xFFFFFFFF
         return accepted
 
     def read(self) -> bytes:
-        """All that the board had sent at its last step."""
+        """Return all bytes that the board sent up to its last step."""
         data = b""
         while (missing := (self.expected - self._received) & 0xFFFFFFFF) and not self.closed:
             ready, _, _ = select.select([self], [], [], PATIENCE_S)
@@ -190,9 +191,9 @@ class LockstepTransport(DescriptorTransport):
 
 
 class HostBoard:
-    """A running board; a context manager. Starts with the joystick live, as every board does.
+    """A running board, as a context manager. It starts with the joystick live, as every board does.
 
-    Nothing of it raises for a board that died: without power its switch falls back to the joystick.
+    A dead board raises no error: without power its switch falls back to the joystick.
     """
 
     def __init__(self, program: Path, settings: BoardSettings | None = None) -> None:
@@ -225,15 +226,15 @@ class HostBoard:
 
     @property
     def alive(self) -> bool:
-        """Whether the board has power: its program runs."""
+        """Whether the board has power, that is, its program runs."""
         return self._process.poll() is None
 
     def step(self, now_ms: int, inputs: BoardInputs) -> LineState:
-        """Let the board live until `now_ms` (taken modulo 2^32), a millisecond at a time; the lines at that moment.
+        """Run the board up to `now_ms` (modulo 2^32), a millisecond at a time; return the lines at that moment.
 
-        Waits for the bytes that `transport` was given before, so that the same calls give the same answers. A jump by
-        nothing, backwards, or by more than a second is a jump of the board's clock. What the computer does on `path`
-        from another process arrives when it arrives.
+        The board first waits for all bytes written to `transport`, so that the same calls give the same answers. A step
+        of 0, backwards, or of more than a second is a jump of the board's clock. The timing of another process on `path`
+        is not deterministic.
 
         Raises:
             BridgeError: the program runs but does not answer, or a voltage lies outside 0..65535 mV.
@@ -246,12 +247,12 @@ class HostBoard:
         return LineState(forward, turn, Holder(holder), BoardState(state), BoardFault(faults))
 
     def kill(self) -> None:
-        """Take its power away, at once and for good."""
+        """Remove the board's power at once and for good."""
         self._process.send_signal(signal.SIGKILL)
         self._process.wait()
 
     def close(self) -> None:
-        """End the program and give back its descriptors."""
+        """End the program and close its descriptors."""
         if self._process.poll() is None:
             self.kill()
         self._release()
@@ -284,7 +285,7 @@ class HostBoard:
         )
 
     def _exchange(self, request: bytes) -> bytes | None:
-        """The program's answer; None when it is gone."""
+        """Return the program's answer; None if the program has ended."""
         answer = b""
         try:
             os.write(self._requests[1], request)
@@ -319,7 +320,7 @@ def _request(now_ms: int, written: int, inputs: BoardInputs) -> bytes:
 
 
 def _unpowered(inputs: BoardInputs) -> LineState:
-    """A board without power: its switch is at the joystick, unless the e-stop's own contact has cut the lines."""
+    """Return the lines of a board without power: at the joystick, unless the e-stop's contact has cut them."""
     if not inputs.estop_released:
         reference = inputs.reference_mv
         return LineState(reference, reference, Holder.CUT, BoardState.SILENT, BoardFault(0))

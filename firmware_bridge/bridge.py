@@ -1,11 +1,10 @@
-"""The last gate on the computer: a fresh, finite, allowed command goes to the board, anything else lets the lines go.
+"""The bridge, the last check on the computer: it sends only fresh, finite, allowed commands to the board.
 
-Fails silent: whatever is wrong, ENABLE is dropped, so that the rider's own joystick is live, and the caller is told
-why. Nothing here raises on account of a command. The board (`firmware/`) checks everything again and trusts none of it.
+It fails silent: on any problem it drops ENABLE, so that the rider's joystick is live, and tells the caller why. A bad
+command raises no error. The board (`firmware/`) checks everything again and trusts none of it.
 
-Between two commands `beat` repeats the last one at 50 Hz, so that the board knows that the computer lives; but only
-for as long as the command is fresh: a planner that hangs behind a living heartbeat is zero after `late_ms` and silent
-after `max_age_ms`.
+Between two commands `beat` repeats the last one at 50 Hz as a heartbeat, but only while it is fresh: if the planner
+hangs, zero is sent after `late_ms`, and ENABLE is dropped after `max_age_ms`.
 """
 
 from __future__ import annotations
@@ -39,20 +38,20 @@ from waychair.firmware_bridge.transports import Reconnecting
 from waychair.types import Sent, Telemetry, WheelSpeeds
 
 CREEP = 0.05
-"""Speed [m/s] that a chair may at most have at the board's neutral, by its calibration (F21's own limit)."""
+"""Greatest speed [m/s] at the board's neutral by the calibration; the limit of F21."""
 
 RESET_NS = 1_000_000_000
-"""For so long a reset is asked for: the board takes one only when everything is in order."""
+"""Time for which a reset is requested: the board accepts it only when everything is in order."""
 
 AT_REST = 0.1
-"""Part of the swing within which a stick is at rest; a board may be set to less or more."""
+"""Part of the swing within which a stick counts as at rest; a board's own setting may differ."""
 
 TAKEN_OVER = "the rider took over by joystick"
 
 
 @dataclass(frozen=True, slots=True)
 class BridgeSettings(Settings):
-    """What the bridge lets through."""
+    """Limits of the commands that the bridge passes on."""
 
     family: int = setting(Family.EIGHT_PIN_3V3, "", "joystick family, see firmware/families.c", low=1, high=3)
     period_ms: int = setting(20, "ms", "between two heartbeats", low=5, high=40)
@@ -73,7 +72,7 @@ class BridgeSettings(Settings):
 
 @dataclass(frozen=True, slots=True)
 class _Order:
-    """The last command as counts, None for one that must not be sent; `reason` why it is none, or why it is zero."""
+    """The last command as counts, or None if it must not be sent; `reason` tells why it is None or zero."""
 
     counts: tuple[int, int] | None
     reason: str
@@ -83,23 +82,23 @@ class _Order:
 
 @dataclass(slots=True)
 class _Reset:
-    """A reset that is asked for, of all faults or the computer's; its second begins at the first time that is known."""
+    """A requested reset of all faults or of the computer's faults; RESET_NS begins at the first call of `is_over`."""
 
     by_rider: bool
     since_ns: int | None = None
-    rises: bool = False  # in every other command, since the board takes its rising edge
+    rises: bool = False  # set in every other command, because the board needs a rising edge
 
     def is_over(self, now_ns: int) -> bool:
-        """Whether its second is."""
+        """Return whether RESET_NS have passed since the first call."""
         self.since_ns = now_ns if self.since_ns is None else self.since_ns
         return not 0 <= now_ns - self.since_ns < RESET_NS
 
 
 class Bridge:
-    """From wheel speeds to the board: `send` once a control tick, `beat` at least at 50 Hz. Safe to call from threads.
+    """From wheel speeds to the board: `send` once a control tick, `beat` at least at 50 Hz. Thread-safe.
 
-    Starts silent: the board is greeted, and armed by two seconds of zero before it takes its first command. Whatever
-    ended a drive has to be answered by a `send(None)` before the next one, which a chair does by giving up its goal.
+    It starts silent: after the handshake, two seconds of zero arm the board before it takes its first command. After a
+    drive has ended, `send(None)` must come before the next drive; a chair does this when it gives up its goal.
     """
 
     def __init__(
@@ -110,7 +109,7 @@ class Bridge:
         settings: BridgeSettings | None = None,
         gate: Callable[[int], str] = lambda now_ns: "",
     ) -> None:
-        """`gate` is asked at every command and heartbeat: why no speed may pass now, "" when it may.
+        """`gate` is called at every command and heartbeat; it returns why no speed may pass now, or "".
 
         Raises:
             BridgeError: the chair's name is longer than 16 bytes.
@@ -125,11 +124,11 @@ class Bridge:
         self._volts_per_count = (high - self._volts_low) / calibration.counts_max
         self._order = _Order(None, "no command", 0, 0)
         self._now_ns = 0
-        self._called_ns: int | None = None  # each caller's own clock readings: a tick that began before a beat is not
-        self._beaten_ns: int | None = None  # a clock that goes back
+        self._called_ns: int | None = None  # last time of `send`; apart from `beat`'s, because a tick that began
+        self._beaten_ns: int | None = None  # before a beat is not a clock that goes back
         self._told_ns: int | None = None
-        self._volts: tuple[float, float] | None = None  # what the lines were last told, None while they are let go
-        self._letting_go = False  # until the board says that it has
+        self._volts: tuple[float, float] | None = None  # last volts commanded on the lines; None while released
+        self._letting_go = False  # until the board reports that it has released the lines
         self._drives = False
         self._ended = ""
         self._failure = ""  # of the heartbeat, until the next beat
@@ -138,17 +137,17 @@ class Bridge:
 
     @property
     def telemetry(self) -> Telemetry | None:
-        """What the board reported last; None when it is silent, refused or gone."""
+        """The board's last report; None if the board is silent, refused or disconnected."""
         return self._session.telemetry
 
     @property
     def greeting(self) -> HelloReply | None:
-        """What the board said of itself; None while it is silent, refused or gone."""
+        """The board's handshake reply; None while the board is silent, refused or disconnected."""
         return self._session.reply
 
     @property
     def armed(self) -> bool:
-        """Whether the board acts on set-points: before, only zero is sent."""
+        """Whether the board acts on set-points; before that only zero is sent."""
         board = self._session.board
         return board is not None and board.state in (BoardState.ARMED, BoardState.DRIVE) and not self._letting_go
 
@@ -159,32 +158,32 @@ class Bridge:
 
     @property
     def trouble(self) -> tuple[str, ...]:
-        """Why the board cannot drive at this moment, as sentences with a remedy; without faults that are being reset."""
+        """Why the board cannot drive now, as sentences with a remedy; faults being reset are left out."""
         problem = self._problem(self._now_ns)
         if problem:
             return (problem,)
         return () if self._resetting else fault_advice(self._faults)
 
     def reset(self, *, by_rider: bool = False) -> None:
-        """Ask the board to clear its faults, for a second or until it did, whether it can be told in that time or not.
+        """Ask the board for up to a second to clear its faults; the request ends even if the board cannot be reached.
 
-        Only faults of the computer; `by_rider`, which is somebody's deliberate act, all of them, and that the emergency
-        stop was released on purpose. A reset drives nothing.
+        It clears only faults of the computer. `by_rider`, a person's deliberate act, clears all faults and acknowledges
+        the emergency stop. A reset does not move the chair.
         """
         with self._lock:
             self._reset = _Reset(by_rider or (self._reset is not None and self._reset.by_rider))
 
     def listen(self, now_ns: int) -> Telemetry | None:
-        """Take in what the board said; its last report."""
+        """Read the board's messages; return its last report."""
         with self._lock:
             self._listen(max(now_ns, self._now_ns))
             return self.telemetry
 
     def send(self, speeds: WheelSpeeds | None, stamp_ns: int, now_ns: int) -> Sent:
-        """Send wheel speeds [m/s] decided at `stamp_ns`, or let the lines go; what was really sent.
+        """Send wheel speeds [m/s] decided at `stamp_ns`, or release the lines; return what was really sent.
 
-        None means that the computer does not want to drive. `stamp_ns` and `now_ns` are of one monotonic clock. While
-        the board is not armed zero is sent, and `Sent` says so.
+        None means that the computer does not want to drive. `stamp_ns` and `now_ns` are from one monotonic clock. While
+        the board is not armed, zero is sent and `Sent` says so.
         """
         with self._lock:
             back_ns, self._called_ns = self._step_back(now_ns, self._called_ns), now_ns
@@ -197,7 +196,7 @@ class Bridge:
             return self._tell(now_ns)
 
     def beat(self, now_ns: int) -> Sent:
-        """Take in what the board said and, when it is time, repeat the last command while it is fresh."""
+        """Read the board's messages and, when it is due, repeat the last command while it is fresh."""
         with self._lock:
             back_ns, self._beaten_ns = self._step_back(now_ns, self._beaten_ns), now_ns
             now_ns = max(now_ns, self._now_ns)
@@ -211,20 +210,20 @@ class Bridge:
             return self._sent
 
     def fail(self, reason: str) -> None:
-        """Told why a heartbeat could not be: a drive is over, and the board is in trouble until one can."""
+        """Report why a heartbeat failed: it ends a drive, and `trouble` names it until the next heartbeat."""
         with self._lock:
             self._failure = reason
             self._ended = self._ended or reason
 
     def _step_back(self, now_ns: int, before_ns: int | None) -> int:
-        """By how much a caller's clock went back [ns]; then time is what it says now."""
+        """Return by how much a caller's clock went back [ns]; if it did, take its new time as now."""
         if before_ns is None or now_ns >= before_ns:
             return 0
         self._now_ns = now_ns
         return before_ns - now_ns
 
     def _order_from(self, speeds: WheelSpeeds | None, stamp_ns: int, now_ns: int, back_ns: int) -> _Order:
-        """The command as counts, or why it must not be sent."""
+        """Return the command as counts, or with the reason why it must not be sent."""
         reason = self._refusal(speeds, stamp_ns, now_ns, back_ns)
         if speeds is None or reason:
             return _Order(None, reason, stamp_ns, now_ns)
@@ -235,12 +234,14 @@ class Bridge:
         if not all(isinstance(count, int) and 0 <= count <= self._calibration.counts_max for count in counts):
             return _Order(None, f"the calibration gave {counts}, which are no counts", stamp_ns, now_ns)
         late_ns = 0 if self._order.counts is None else now_ns - self._order.given_ns
-        if late_ns > self._settings.late_ms * 1_000_000:  # F17: what this tick decided was decided in a hurry
+        if (
+            late_ns > self._settings.late_ms * 1_000_000
+        ):  # F17: the loop stalled before this tick, so this command is not trusted
             return _Order(self._rest, _was_late(late_ns), stamp_ns, now_ns)
         return _Order(counts, "", stamp_ns, now_ns)
 
     def _refusal(self, speeds: WheelSpeeds | None, stamp_ns: int, now_ns: int, back_ns: int) -> str:
-        """Why this command must not be sent; empty when it may be."""
+        """Return why this command must not be sent; empty if it may be."""
         s = self._settings
         if speeds is None:
             return "no command"
@@ -257,7 +258,7 @@ class Bridge:
         return ""
 
     def _listen(self, now_ns: int) -> None:
-        """Take in what the board said, and notice when it has ended a drive by itself."""
+        """Read the board's messages, and detect that the board has ended a drive by itself."""
         self._now_ns = now_ns
         self._session.listen(now_ns)
         board = self._session.board
@@ -272,15 +273,15 @@ class Bridge:
             self._ended = self._problem(now_ns) or next(iter(fault_advice(self._faults)), self._silence())
 
     def _problem(self, now_ns: int) -> str:
-        """Why nothing may be driven through this bridge, whatever the board's faults; empty when it may."""
+        """Return why this bridge cannot drive, apart from the board's faults; empty if it can."""
         return self._session.problem(now_ns) or self._failure
 
     def _silence(self) -> str:
-        """Why a board is silent that was told to drive and reports no fault."""
+        """Return why a board without faults ended a drive."""
         return TAKEN_OVER if self._session.echoes else "the board was reset during the drive: ask for the goal again"
 
     def _tell(self, now_ns: int) -> Sent:
-        """One command to the board, by the last order and what the board said."""
+        """Send one command to the board, by the last order and the board's state."""
         elapsed_ns = self._settings.period_ms * 1_000_000 if self._told_ns is None else now_ns - self._told_ns
         self._told_ns = now_ns
         reason = self._reason(now_ns)
@@ -297,7 +298,7 @@ class Bridge:
         return self._sent
 
     def _reason(self, now_ns: int) -> str:
-        """Why the lines are let go now; empty when the order may be carried out."""
+        """Return why the lines are released now; empty if the order may be executed."""
         order, problem = self._order, self._problem(now_ns)
         if order.counts is None:
             return order.reason
@@ -310,7 +311,7 @@ class Bridge:
         return self._ended or ("the board lets go of the lines" if self._letting_go else "")
 
     def _driven(self, reply: HelloReply, now_ns: int, elapsed_ns: int) -> Sent:
-        """The order on its way to the board: enabled, no faster than the slew; a full cable leaves the last one."""
+        """Send the order to the board, enabled and within the slew limit; if the cable is full, the last one stays."""
         order, why = self._order, self._order.reason
         late_ns = now_ns - order.given_ns
         if late_ns > self._settings.late_ms * 1_000_000:
@@ -335,21 +336,21 @@ class Bridge:
         return Sent(now_ns, speeds, *counts, *lines, active=self.armed, reason=why)
 
     def _arming(self) -> str:
-        """Why the board is not armed yet."""
+        """Return why the board is not armed yet."""
         telemetry = self._session.telemetry
         if telemetry is not None and max(abs(telemetry.joystick.forward), abs(telemetry.joystick.turn)) > AT_REST:
             return "the board waits for the joystick to rest: let go of it"
         return "the board arms: two seconds at rest come first"
 
     def _line_volts(self, order: _Order, neutral: float) -> tuple[float, float]:
-        """Volts of an order; an axis at rest is at the board's own neutral, which follows the reference line."""
+        """Return the volts of an order; an axis at rest is at the board's neutral, which follows the reference line."""
         counts = order.counts or self._rest
         volts = volts_from_counts(self._calibration, *counts)
         forward, turn = (neutral if counts[axis] == self._rest[axis] else volts[axis] for axis in (0, 1))
         return forward, turn
 
     def _counts(self, volts: float) -> int:
-        """The calibration's nearest count to line volts."""
+        """Return the calibration's nearest count to line volts."""
         count = nearest((volts - self._volts_low) / self._volts_per_count)
         return min(max(count, 0), self._calibration.counts_max)
 
@@ -363,7 +364,7 @@ class Bridge:
         return self._reset is not None and (self._reset.by_rider or is_of_host(self._faults))
 
     def _reset_flags(self) -> CommandFlag:
-        """What a command that lets go says of a reset that is asked for."""
+        """Return the reset flags of a command that releases the lines."""
         if self._reset is None or not self._resetting:
             return CommandFlag(0)
         self._reset.rises = not self._reset.rises
@@ -371,7 +372,7 @@ class Bridge:
         return flags | CommandFlag.ESTOP_ACK if self._reset.by_rider else flags
 
     def _misfit(self, reply: HelloReply) -> str:
-        """Why a board's neutral does not suit the calibration: by it the chair would drive off (F22)."""
+        """Return why a board's neutral does not fit the calibration, by which the chair would then move (F22)."""
         volts = reply.reference_mv / 1000.0
         counts = self._counts(volts)
         speeds = wheel_speeds_from_counts(self._calibration, counts, counts)
@@ -389,7 +390,7 @@ class Bridge:
 
 
 def _towards(volts: tuple[float, float], wanted: tuple[float, float], limit: float) -> tuple[float, float]:
-    """On the straight line to `wanted`, neither axis changed by more than `limit` [V]."""
+    """Return volts on the straight line to `wanted`, with neither axis changed by more than `limit` [V]."""
     forward, turn = wanted[0] - volts[0], wanted[1] - volts[1]
     fraction = min(1.0, limit / max(abs(forward), abs(turn), 1e-12))
     return volts[0] + fraction * forward, volts[1] + fraction * turn

@@ -1,7 +1,7 @@
-"""Proof by killing: the computer, or the board itself, dies at random moments of a drive, and the joystick must be live.
+"""Fail-safe trials: computer or board is killed at random moments of a drive; the joystick must then be live.
 
-Everything is the real thing but time and the hardware's model: a process that is killed by SIGKILL, a pseudo-terminal,
-the shipped firmware as a program. Time is simulated, so that a busy machine changes nothing.
+Process, SIGKILL, pseudo-terminal and firmware are real; time and the hardware around the board are simulated, so that
+a busy machine does not change the results.
 """
 
 from __future__ import annotations
@@ -20,18 +20,18 @@ from waychair.firmware_bridge.protocol import BoardState, Family, Holder, encode
 from waychair.firmware_bridge.steady_computer import DRIVE_FROM_MS, PERIOD_MS, TICK, WRITTEN, command_at
 
 BUDGET_MS = 100
-"""From the death to a live joystick (F1, F29)."""
+"""Longest time from the death to a live joystick (F1, F29)."""
 
 LONGEST_DRIVE_MS = 1000
-"""The death falls within this time after the start of the drive: on the ramp or at the full command."""
+"""Latest death after the start of the drive: on the ramp or at the full command."""
 
 WATCHED_MS = 500
-"""How long the lines are watched afterwards: nothing may come back."""
+"""Time for which the lines are watched after the death: the command must not return."""
 
 
 @dataclass(frozen=True, slots=True)
 class Death:
-    """One moment: what died at `moment_ms` of simulated time, and after how long the joystick was live for good."""
+    """One trial: the side killed at `moment_ms` of simulated time, and the time until the joystick was live for good."""
 
     what: str
     moment_ms: int
@@ -46,18 +46,18 @@ class Death:
 
 @dataclass(frozen=True, slots=True)
 class DeathReport:
-    """All moments of a run."""
+    """All trials of a run."""
 
     deaths: tuple[Death, ...]
 
     @property
     def failures(self) -> tuple[Death, ...]:
-        """The moments after which the joystick was not live in time."""
+        """The trials in which the joystick was not live in time."""
         return tuple(death for death in self.deaths if not death.safe)
 
     @property
     def longest_ms(self) -> int:
-        """The longest time to a live joystick among those that got there."""
+        """The longest time to a live joystick among the trials that reached one."""
         return max((death.released_ms for death in self.deaths if death.released_ms is not None), default=0)
 
     @property
@@ -70,22 +70,22 @@ class DeathReport:
 
 
 def kill_host(program: Path, moments: int, seed: int = 0) -> DeathReport:
-    """SIGKILL of the computer's process at so many random moments of a drive, now and then in the middle of a frame.
+    """Kill the computer's process at `moments` random moments of a drive, some of them in the middle of a frame.
 
-    `program` is the board's, by `build_board`.
+    `program` is the board's, from `build_board`.
 
     Raises:
-        BridgeError: the board did not drive before the death, so that the trial says nothing.
+        BridgeError: the board did not drive before the death, so that the trial proves nothing.
     """
     chance = random.Random(seed)
     return DeathReport(tuple(_kill_one_host(program, chance) for _ in range(moments)))
 
 
 def kill_board(program: Path, moments: int, seed: int = 0) -> DeathReport:
-    """The board freezes, loses its power or its program is killed, in turn, at so many random moments of a drive.
+    """Freeze the board, cut its power or kill its program, in turn, at `moments` random moments of a drive.
 
     Raises:
-        BridgeError: the board did not drive before the death, so that the trial says nothing.
+        BridgeError: the board did not drive before the death, so that the trial proves nothing.
     """
     chance = random.Random(seed)
     ways = ("frozen", "brown-out", "killed")
@@ -93,7 +93,7 @@ def kill_board(program: Path, moments: int, seed: int = 0) -> DeathReport:
 
 
 def _draw(chance: random.Random) -> tuple[int, tuple[int, int]]:
-    """A moment [ms] and a command: anywhere on the way, anywhere on the plane."""
+    """Return a random moment of the drive [ms] and a random command."""
     moment = DRIVE_FROM_MS + PERIOD_MS + chance.randrange(LONGEST_DRIVE_MS)
     return moment, (chance.choice((-1, 1)) * chance.randint(500, 10_000), chance.randint(-10_000, 10_000))
 
@@ -141,13 +141,13 @@ def _kill_one_board(program: Path, way: str, chance: random.Random) -> Death:
 
 
 def _ticks(moment: int) -> list[int]:
-    """A tick per command until one or two commands before the moment, then one per millisecond."""
+    """Return one tick per command until one or two commands before the moment, then one per millisecond."""
     coarse = (moment // PERIOD_MS - 1) * PERIOD_MS
     return [*range(PERIOD_MS, coarse + 1, PERIOD_MS), *range(coarse + 1, moment + 1)]
 
 
 def _released_ms(board: HostBoard, moment: int, inputs: BoardInputs, send: Callable[[int], None]) -> int | None:
-    """Milliseconds after which the joystick was on the lines for good; None when it was not at the end."""
+    """Return the time [ms] after which the joystick was on the lines for good; None if it was not at the end."""
     released = None
     for after in range(1, WATCHED_MS + 1):
         send(moment + after)

@@ -1,11 +1,10 @@
-"""The bridge's heartbeat in real time: a thread beside the control loop, which may take its time or hang.
+"""The bridge's heartbeat in real time: a thread beside the control loop, which may be late or hang.
 
-It sleeps in the operating system until a byte arrives or a beat is due, so that what the board says is taken in at
-once. It repeats what the control loop said last; the bridge itself lets that go stale. Where the system allows it, it
-has real-time priority: on a busy computer other programs then wait for it, and not it for them.
+It sleeps until a byte arrives or a beat is due, so that the board's messages are read at once. It repeats the control
+loop's last command; the bridge itself rejects a stale one. Where the system allows it, the thread has real-time
+priority, so that on a busy computer it does not wait for other programs.
 
-It never dies in silence: whatever goes wrong in a beat ends the drive, is the bridge's trouble, and the next beat is
-tried all the same.
+It never dies silently: an error in a beat ends the drive, becomes the bridge's trouble, and the next beat is tried.
 """
 
 from __future__ import annotations
@@ -26,11 +25,11 @@ _LOGGER = logging.getLogger(__name__)
 PERIOD_S = 0.02
 
 URGENT = 10
-"""Above the priorities of a chair's nodes (`waychair up --urgent`), below those of the system's own threads."""
+"""Real-time priority above a chair's nodes (`waychair up --urgent`), below the system's own threads."""
 
 
 def urgent(process: int = 0) -> bool:
-    """Real-time priority for a process, by default the calling thread; false where the system does not grant it.
+    """Give a process, by default the calling thread, real-time priority; return whether the system granted it.
 
     Linux grants it to root and to users with an `rtprio` limit (sched(7), limits.conf(5)).
     """
@@ -42,7 +41,7 @@ def urgent(process: int = 0) -> bool:
 
 
 class Heartbeat:
-    """Beats for as long as its block lasts. `clock` is the one by which commands are stamped [ns]."""
+    """The heartbeat thread, running within its `with` block; `clock` must be the clock that stamps commands [ns]."""
 
     def __init__(self, bridge: Bridge, cable: Reconnecting, clock: Callable[[], int] = time.monotonic_ns) -> None:
         self._bridge = bridge
@@ -59,7 +58,7 @@ class Heartbeat:
     def __exit__(
         self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
     ) -> None:
-        """The board hears no more: 100 ms later the joystick is live whatever was commanded."""
+        """Stop the heartbeat: 100 ms later the joystick is live, whatever the last command was."""
         self._ended.set()
         self._thread.join()
 
@@ -69,12 +68,12 @@ class Heartbeat:
             try:
                 self._bridge.beat(self._clock())
                 self._cable.wait(PERIOD_S / 2)
-            except Exception as error:  # noqa: BLE001 - a thread that has died tells nobody
+            except Exception as error:  # noqa: BLE001 - a thread that dies would report nothing
                 self._fail(error)
                 self._ended.wait(PERIOD_S / 2)
 
     def _fail(self, error: Exception) -> None:
-        """Whatever it was: tell the bridge, and the log what it has not been told yet."""
+        """Report an error to the bridge, and log it unless it is the same as the last one."""
         reason = (
             f"the heartbeat failed ({str(error) or type(error).__name__}): start the program again if that stays so"
         )

@@ -3,8 +3,8 @@
 A frame on the wire is `COBS(type u8, sequence u16, payload, crc u16) 00`, all little endian: COBS by Cheshire and Baker
 (1999), CRC-16/IBM-3740 (polynomial 0x1021, start 0xFFFF, check value 0x29B1) over everything before it. Set-points are
 1/10000 of the joystick family's swing, so that they mean the same with every converter; turn is positive to the right,
-as on the chair's line. `firmware/protocol.h` is the same table in C; the CRC-32 of its text is the layout hash, by which
-two sides that were built from different tables refuse each other.
+as on the chair's line. `firmware/protocol.h` is the same table in C. The CRC-32 of the table's text is the layout hash:
+two sides built from different tables refuse each other.
 """
 
 from __future__ import annotations
@@ -20,10 +20,10 @@ from waychair.errors import BridgeError
 
 PROTOCOL_VERSION = 1
 FIRMWARE_VERSION = 0x0100
-"""Major and minor of the firmware that this computer was tested with; another major is refused."""
+"""Major and minor version of the firmware tested with this computer; another major version is refused."""
 
 SETPOINT_MAX = 10_000
-"""A set-point of the whole swing; the board takes anything beyond as a fault."""
+"""Set-point of the full swing; anything beyond it is a fault for the board."""
 
 PAYLOAD_MAX = 48
 """Longest payload [bytes] that either side accepts."""
@@ -46,7 +46,7 @@ class Family(enum.IntEnum):
 
 
 class CommandFlag(enum.IntFlag):
-    """What the computer asks for beside its set-points."""
+    """Flags of a command beside its set-points."""
 
     ENABLE = 1
     RESET = 2
@@ -54,7 +54,7 @@ class CommandFlag(enum.IntFlag):
 
 
 class Refusal(enum.IntFlag):
-    """Why the board refused a handshake."""
+    """Reasons for which a board refuses a handshake."""
 
     VERSION = 1
     LAYOUT = 2
@@ -64,7 +64,7 @@ class Refusal(enum.IntFlag):
 
 
 class BoardState(enum.IntEnum):
-    """State of the safety core."""
+    """The state of the safety core."""
 
     SILENT = 0
     ARMED = 1
@@ -73,7 +73,7 @@ class BoardState(enum.IntEnum):
 
 
 class Holder(enum.IntEnum):
-    """Who is on the chair's lines."""
+    """The source of the voltages on the chair's lines."""
 
     JOYSTICK = 0
     BOARD = 1
@@ -81,7 +81,7 @@ class Holder(enum.IntEnum):
 
 
 class BoardFault(enum.IntFlag):
-    """Fault bits of the safety core; the rows of the fault table in README.md."""
+    """The fault bits of the safety core, which are rows of the fault table in README.md."""
 
     HOST_SILENT = 1 << 0  # F1
     BAD_FRAMES = 1 << 1  # F3
@@ -99,7 +99,7 @@ class BoardFault(enum.IntFlag):
 
 @dataclass(frozen=True, slots=True)
 class Hello:
-    """Computer to board: who I am and which chair I was calibrated for."""
+    """Computer to board: the computer's protocol and the chair of its calibration."""
 
     TYPE: ClassVar[int] = 1
     LAYOUT: ClassVar[str] = "version u8,layout_hash u32,chair_id id,family u8"
@@ -112,7 +112,8 @@ class Hello:
 
 @dataclass(frozen=True, slots=True)
 class HelloReply:
-    """Board to computer: who it is, `refused` a `Refusal`; line voltages [mV] at the converter's ends."""
+    """Board to computer: its identity, `refused` (a `Refusal`), and its converter; `dac_low_mv` and `dac_high_mv` are
+    the line voltages at the converter's lowest and highest count."""
 
     TYPE: ClassVar[int] = 2
     LAYOUT: ClassVar[str] = (
@@ -136,7 +137,7 @@ class HelloReply:
 
 @dataclass(frozen=True, slots=True)
 class Command:
-    """Computer to board, 50 a second; each is also the heartbeat. `stamp_us` is only echoed (modulo 2^32)."""
+    """Computer to board at 50 Hz; each command is also the heartbeat. `stamp_us` is only echoed (modulo 2^32)."""
 
     TYPE: ClassVar[int] = 3
     LAYOUT: ClassVar[str] = "forward i16,turn i16,flags u8,stamp_us u32"
@@ -149,7 +150,7 @@ class Command:
 
 @dataclass(frozen=True, slots=True)
 class BoardTelemetry:
-    """Board to computer after every command that counts, or every 20 ms: voltages [mV], echo, counters."""
+    """Board to computer after every accepted command, or every 20 ms: voltages [mV], echo, counters."""
 
     TYPE: ClassVar[int] = 4
     LAYOUT: ClassVar[str] = (
@@ -189,14 +190,14 @@ LAYOUT_HASH = zlib.crc32(";".join(f"{t}:{_TYPES[t].LAYOUT}" for t in sorted(_TYP
 
 @dataclass(frozen=True, slots=True)
 class Received:
-    """A message that arrived in order, and the sequence number of its frame."""
+    """A message that was received without error, and the sequence number of its frame."""
 
     sequence: int
     message: Message
 
 
 def hello(chair_id: str, family: Family) -> Hello:
-    """The greeting of a computer that was calibrated for this chair.
+    """Return the greeting of a computer that was calibrated for this chair.
 
     Raises:
         BridgeError: the chair's name is longer than 16 bytes.
@@ -208,7 +209,7 @@ def hello(chair_id: str, family: Family) -> Hello:
 
 
 def line_millivolts(reply: HelloReply, setpoint: int) -> float:
-    """What a line reads [mV] at a set-point, with the reference at its nominal value and the board's own rounding."""
+    """Return a line's voltage [mV] at a set-point, with the reference at its nominal value and the board's rounding."""
     wanted = reply.reference_mv + _nearest(setpoint * reply.swing_mv, SETPOINT_MAX)
     span = reply.dac_high_mv - reply.dac_low_mv
     inside = min(max(wanted, reply.dac_low_mv), reply.dac_high_mv)
@@ -217,7 +218,7 @@ def line_millivolts(reply: HelloReply, setpoint: int) -> float:
 
 
 def setpoint_from_millivolts(reply: HelloReply, millivolts: float) -> int:
-    """Nearest set-point for a line voltage [mV], held within the swing.
+    """Return the nearest set-point for a line voltage [mV], limited to the swing.
 
     Raises:
         BridgeError: the voltage is not a finite number.
@@ -229,10 +230,10 @@ def setpoint_from_millivolts(reply: HelloReply, millivolts: float) -> int:
 
 
 def encode(message: Message, sequence: int) -> bytes:
-    """A frame for the wire, from its type to the closing zero; `sequence` is taken modulo 2^16.
+    """Return a frame for the wire, up to the closing zero; `sequence` is taken modulo 2^16.
 
     Raises:
-        BridgeError: a field does not fit its place in the layout.
+        BridgeError: a field does not fit its type in the layout.
     """
     try:
         payload = _STRUCTS[message.TYPE].pack(*astuple(message))
@@ -243,14 +244,14 @@ def encode(message: Message, sequence: int) -> bytes:
 
 
 def crc16(data: bytes) -> int:
-    """CRC-16/IBM-3740, the checksum known as CCITT with start value 0xFFFF."""
+    """Return the CRC-16/IBM-3740, also known as CCITT with start value 0xFFFF."""
     return binascii.crc_hqx(data, 0xFFFF)
 
 
 class Decoder:
-    """Messages from any bytes in any pieces: bounded memory, in step again after every zero byte.
+    """Decodes messages from bytes in any pieces, with bounded memory; it resynchronises at every zero byte.
 
-    `bad` counts what stood between two zero bytes and was no frame of this protocol.
+    `bad` counts the byte runs between two zero bytes that were not frames of this protocol.
     """
 
     def __init__(self) -> None:
@@ -259,7 +260,7 @@ class Decoder:
         self._overflowed = False
 
     def feed(self, data: bytes) -> list[Received]:
-        """Messages that these bytes completed, in order."""
+        """Return the messages completed by these bytes, in order."""
         messages = []
         *ended, rest = data.split(b"\0")
         for part in ended:
@@ -297,7 +298,7 @@ def _parse(plain: bytes | None) -> Received | None:
 
 
 def _stuff(plain: bytes) -> bytes:
-    """COBS of fewer than 254 bytes: each run between zeros behind the distance to the next zero."""
+    """Return the COBS encoding of fewer than 254 bytes: each run between zeros after the distance to the next zero."""
     return b"".join(bytes([len(run) + 1]) + run for run in plain.split(b"\0"))
 
 
@@ -310,6 +311,6 @@ def _unstuff(stuffed: bytes) -> bytes | None:
 
 
 def _nearest(numerator: int, denominator: int) -> int:
-    """Quotient to nearest, halves away from zero: the board's own rounding."""
+    """Return the quotient to nearest, halves away from zero, which is the board's rounding."""
     size = (abs(numerator) + denominator // 2) // denominator
     return size if numerator >= 0 else -size

@@ -1,4 +1,4 @@
-"""How long a command takes to the board and its answer back, in real time over a pseudo-terminal."""
+"""Measures the round trip of a command to the board and its echo, in real time over a pseudo-terminal."""
 
 from __future__ import annotations
 
@@ -28,7 +28,7 @@ CHAIR = "A"
 
 @contextmanager
 def board_in_real_time(program: Path) -> Iterator[tuple[str, int]]:
-    """The board's program by `build_board`, living by the real clock: its terminal's path and its process."""
+    """Run the board's program from `build_board` in real time; yield its terminal's path and its process id."""
     board, computer, path = open_pseudo_terminal()
     words = ["--serial-fd", str(board), "--realtime", "--chair", CHAIR, "--family", str(int(Family.EIGHT_PIN_3V3))]
     os.set_blocking(board, False)
@@ -43,11 +43,11 @@ def board_in_real_time(program: Path) -> Iterator[tuple[str, int]]:
 
 
 def round_trips_ms(program: Path, count: int = 500, *, urgently: bool = True) -> tuple[FloatArray, bool]:
-    """Times (count,) [ms] from sending a command to taking in its echo: the bridge at 50 Hz, over pyserial.
+    """Return the times (count,) [ms] from sending a command to reading its echo: the bridge at 50 Hz, over pyserial.
 
-    Between two commands the bridge sleeps until a byte arrives, so the times are those of the path: the terminal, the
-    board's loop of a millisecond, and whenever the operating system lets either process run. `urgently` asks for
-    real-time priority for both, as a board has a processor to itself; the second answer says whether it was granted.
+    Between two commands the bridge sleeps until a byte arrives. The times therefore come from the terminal, the board's
+    loop of one millisecond and the scheduling of both processes. `urgently` asks for real-time priority for both, as a
+    board has its own processor; the second result tells whether it was granted.
 
     Raises:
         BridgeError: the board stops answering.
@@ -76,12 +76,12 @@ def _measure(path: str, count: int) -> FloatArray:
 
 
 def _echoes_since(since_ns: int, report: Telemetry) -> bool:
-    """Whether a report is the answer to a command that was sent at this time or later."""
+    """Return whether a report answers a command sent at this time or later."""
     return report.round_trip_ns is not None and report.stamp_ns - report.round_trip_ns >= since_ns
 
 
 def _live_until(bridge: Bridge, cable: Reconnecting, done: Callable[[Telemetry], bool]) -> None:
-    """Beat, and sleep until bytes come, until there is such a report."""
+    """Beat and wait for bytes until a report fulfils `done`."""
     deadline_s = time.monotonic() + PATIENCE_S
     while time.monotonic() < deadline_s:
         bridge.beat(time.monotonic_ns())

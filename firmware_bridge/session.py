@@ -1,7 +1,7 @@
-"""The computer's half of the conversation with a board: greeting, numbered commands, telemetry, and when it has ended.
+"""The computer's side of a session with a board: greeting, numbered commands, telemetry and the end.
 
-One session lasts from a greeting that both sides accept to the loss of the cable, a silent board, or a board that does
-not count the commands any more (it was reset and waits to be greeted). Then the board is greeted again.
+A session lasts from a greeting that both sides accept to the loss of the cable, a silent board, or a board that no
+longer echoes commands (it was reset and waits for a greeting). Then the board is greeted again.
 """
 
 from __future__ import annotations
@@ -26,22 +26,22 @@ from waychair.topics import TELEMETRY
 from waychair.types import JoystickInput, Telemetry
 
 GREETING_NS = 500_000_000
-"""An unanswered greeting is repeated after this."""
+"""Time after which an unanswered greeting is repeated."""
 
 UNHEARD_NS = 200_000_000
-"""Commands that no telemetry has echoed for so long do not reach the board, or count for nothing there."""
+"""Time without an echo in telemetry after which commands do not reach the board, or are rejected there."""
 
 SILENT = "the board is silent: check its cable and its power, and that its firmware is of this version"
 
 _REMEMBERED = 256
-"""Commands whose echo is still recognised: five seconds' worth."""
+"""Number of commands whose echo is recognised: five seconds."""
 
 
 class BoardSession:
-    """Keeps the numbers of both directions; `reply` and `board` are what the board said last in this session,
-    `echoes` whether that was about a command of this session: a board that was reset knows of none.
+    """A session with one board; `reply` and `board` are its last handshake reply and its last telemetry.
 
-    `judge` looks at a greeting's answer that the protocol has nothing against, and says why it will not do, or "".
+    `echoes` tells whether that telemetry echoes a command of this session; a board that was reset echoes none. `judge`
+    gets a reply that the protocol accepts, and returns why the board cannot be used, or "".
     """
 
     def __init__(
@@ -69,7 +69,7 @@ class BoardSession:
         self._sent_ns: dict[int, int] = {}
 
     def listen(self, now_ns: int) -> None:
-        """Take in what has arrived; open a lost cable again and greet the board when it is time."""
+        """Read the board's messages; open a lost cable again and greet the board when it is due."""
         if not self._cable.poll(now_ns):
             self._end()
             return
@@ -86,14 +86,14 @@ class BoardSession:
             self._cable.write(self._greeting())
 
     def command(self, forward: int, turn: int, flags: int, now_ns: int) -> bool:
-        """Send set-points [1/10000 of the swing] and flags; false when the cable did not take them."""
+        """Send set-points [1/10000 of the swing] and flags; return whether the cable took them."""
         sequence = self._next()
         self._sent_ns[sequence] = now_ns
         self._sent_ns.pop((sequence - _REMEMBERED) & 0xFFFF, None)
         return self._cable.write(encode(Command(forward, turn, flags, _stamp_us(now_ns)), sequence))
 
     def problem(self, now_ns: int) -> str:
-        """Why the board cannot be told anything at this moment, with what to do; empty when it can."""
+        """Return why the board cannot be reached now, with a remedy; empty if it can."""
         if self._cable.closed:
             return self._cable.reason
         if self._refusal:
@@ -112,7 +112,7 @@ class BoardSession:
         return self._sequence
 
     def _end(self) -> None:
-        """What was said before counts no more, but a refusal stands until there is another answer."""
+        """End the session: forget the board's messages, but keep a refusal until the next reply."""
         self.reply = self.board = self.telemetry = self._heard_ns = self._round_trip_ns = None
         self._sent_ns.clear()
 
@@ -136,12 +136,12 @@ class BoardSession:
 
 
 def _is_sane(message: BoardTelemetry) -> bool:
-    """Whether state and holder are ones that there are: a damaged frame in 65536 has the right checksum."""
+    """Return whether state and holder are valid: one damaged frame in 65536 has the right checksum."""
     return message.state <= max(BoardState) and message.holder <= max(Holder)
 
 
 def _telemetry(board: BoardTelemetry, reply: HelloReply, round_trip_ns: int | None, now_ns: int) -> Telemetry:
-    """In volts and names; the stick as parts of the swing, turn positive to the left."""
+    """Return telemetry in volts and names; the stick as parts of the swing, turn positive to the left."""
     forward = (board.joystick_forward_mv - board.reference_mv) / reply.swing_mv
     turn = (board.reference_mv - board.joystick_turn_mv) / reply.swing_mv
     return Telemetry(

@@ -1,8 +1,8 @@
-"""A computer that shakes hands, holds zero and then drives steadily, as a process: the victim of `fail_safe.kill_host`.
+"""A computer as a process, for `fail_safe.kill_host`: it shakes hands, holds zero and then drives steadily.
 
-Simulated time comes on its standard input as records (now_ms u32, fine u8), and for each it answers the number of bytes
-(u32) that it has written to the terminal so far. `fine` ticks are a millisecond long and send a frame in two halves, so
-that the process can be killed in the middle of one.
+Simulated time comes on its standard input as records (now_ms u32, fine u8). For each it answers the number of bytes
+(u32) written to the terminal so far. A `fine` tick lasts one millisecond and sends half of a frame, so that the process
+can be killed in the middle of a frame.
 """
 
 from __future__ import annotations
@@ -15,20 +15,20 @@ from waychair.firmware_bridge.protocol import Command, CommandFlag, Family, enco
 
 PERIOD_MS = 20
 DRIVE_FROM_MS = 2100
-"""Zero until then: the board's two seconds of neutral and a margin."""
+"""Time of the first non-zero command: the board's two seconds of neutral and a margin."""
 
 TICK = struct.Struct("<IB")
 WRITTEN = struct.Struct("<I")
 
 
 def command_at(now_ms: int, forward: int, turn: int) -> Command:
-    """What the steady computer commands at a time since its start."""
+    """Return the steady computer's command at a time since its start."""
     drives = now_ms >= DRIVE_FROM_MS
     return Command(forward * drives, turn * drives, CommandFlag.ENABLE, now_ms * 1000)
 
 
 def serve(terminal: int, forward: int, turn: int) -> None:
-    """Live until the input ends."""
+    """Answer ticks until the input ends."""
     pending, written, sequence, period = encode(hello("A", Family.HALL_5V), 0), 0, 0, -1
     while len(tick := os.read(0, TICK.size)) == TICK.size:
         now_ms, fine = TICK.unpack(tick)

@@ -1,7 +1,7 @@
-"""Bytes to the board and back: a serial line, TCP or a pseudo-terminal behind the same three calls, none of which waits.
+"""Transports of bytes to the board and back: a serial line, TCP or a pseudo-terminal behind one interface.
 
-A cable may be pulled at any moment, so nothing here raises once it is open: a transport that lost its other end says so
-in `closed`, swallows what is written and reads nothing. `Reconnecting` opens it again.
+No call waits longer than one command period. A cable may be pulled at any moment, so an open transport raises no error:
+after it lost its other end, `closed` is true, writes fail and reads are empty. `Reconnecting` opens it again.
 """
 
 from __future__ import annotations
@@ -22,7 +22,7 @@ from typing import Protocol
 from waychair.errors import TransportError
 
 WRITE_TIMEOUT_S = 0.02
-"""One command period. pyserial takes None for ever and, on a full line, 0 as well; a finite time always returns."""
+"""One command period. pyserial waits for ever with None and, on a full line, also with 0."""
 
 READ_MAX = 4096
 
@@ -31,24 +31,24 @@ class Transport(Protocol):
     """A cable to the board."""
 
     def write(self, data: bytes) -> bool:
-        """Send all of it within one command period; false when it could not, and some of it may be lost."""
+        """Send all bytes within one command period; return whether it could. On failure some bytes may be lost."""
 
     def read(self) -> bytes:
-        """What has arrived, possibly nothing."""
+        """Return the bytes that have arrived, possibly none."""
 
     def fileno(self) -> int:
-        """Its descriptor, for `select`; -1 once closed, also while another thread is closing it."""
+        """Return the descriptor for `select`; -1 once closed, also while another thread is closing it."""
 
     @property
     def closed(self) -> bool:
         """Whether the other end is gone."""
 
     def close(self) -> None:
-        """Let go; again is allowed."""
+        """Close the transport; may be called again."""
 
 
 class SerialTransport:
-    """A serial port by pyserial: 115200 baud, 8 data bits, no parity, one stop bit, nobody else on it."""
+    """A serial port by pyserial: 115200 baud, 8 data bits, no parity, one stop bit, exclusive."""
 
     def __init__(self, path: str, baud: int = 115_200) -> None:
         """
@@ -59,7 +59,7 @@ class SerialTransport:
             import serial
         except ImportError as error:
             raise TransportError("a serial port needs pyserial: install it with `pip install pyserial`") from error
-        # A device that goes is a termios.error, too, and a port that another thread is closing has None for descriptor.
+        # A device that is removed also raises termios.error; a port that another thread closes has the descriptor None.
         self._failures = (OSError, ValueError, TypeError, termios.error, serial.SerialException)
         try:
             self._port = serial.Serial(path, baud, timeout=0, write_timeout=WRITE_TIMEOUT_S, exclusive=True)
@@ -107,7 +107,7 @@ class TcpTransport:
     def __init__(self, host: str, port: int, timeout_s: float = 2.0) -> None:
         """
         Raises:
-            TransportError: nobody answers there.
+            TransportError: the address does not answer.
         """
         try:
             self._socket: socket.socket | None = socket.create_connection((host, port), timeout_s)
@@ -121,7 +121,7 @@ class TcpTransport:
         return self._socket is None
 
     def fileno(self) -> int:
-        connected = self._socket  # which another thread may be closing
+        connected = self._socket  # another thread may be closing it
         return -1 if connected is None else connected.fileno()
 
     def write(self, data: bytes) -> bool:
@@ -157,7 +157,7 @@ class TcpTransport:
 
 
 class DescriptorTransport:
-    """An open, raw terminal or socket by its file descriptor, which it closes: one end of a pseudo-terminal."""
+    """An open, raw terminal or socket by its file descriptor, which `close` closes, such as a pseudo-terminal's end."""
 
     def __init__(self, descriptor: int) -> None:
         os.set_blocking(descriptor, False)
@@ -168,7 +168,7 @@ class DescriptorTransport:
         return self._descriptor is None
 
     def fileno(self) -> int:
-        descriptor = self._descriptor  # which another thread may be closing
+        descriptor = self._descriptor  # another thread may be closing it
         return -1 if descriptor is None else descriptor
 
     def write(self, data: bytes) -> bool:
@@ -194,7 +194,7 @@ class DescriptorTransport:
         except OSError:
             data = b""
         if not data:
-            self.close()  # both kinds answer EIO or nothing once the other end is gone
+            self.close()  # terminals raise EIO and sockets return nothing once the other end is gone
         return data
 
     def close(self) -> None:
@@ -204,10 +204,11 @@ class DescriptorTransport:
 
 
 def transport_from_text(text: str, what: str = "a port") -> Transport:
-    """The open port of /dev/ttyUSB0, pty:PATH or tcp:HOST:PORT; `what` is its name where it is none of these.
+    """Open a port given as /dev/ttyUSB0, pty:PATH or tcp:HOST:PORT; `what` names it in errors.
 
     Raises:
-        TransportError: it is none of these, cannot be opened, or a pseudo-terminal's link has outlived it.
+        TransportError: the text has none of these forms, the port cannot be opened, or a pseudo-terminal's link is older
+            than the terminal.
     """
     kind, _, rest = text.partition(":")
     if kind == "tcp":
@@ -224,29 +225,31 @@ def transport_from_text(text: str, what: str = "a port") -> Transport:
 
 
 def _is_older_than_its_terminal(link: Path) -> bool:
-    """Whether a link was made before the terminal that it leads to now.
+    """Return whether a link was made before the terminal that it leads to now.
 
-    Of a program that was killed the link stays, and the number of its terminal is given to whoever asks next (pts(4)):
-    who goes by the link would talk to a stranger's board, and take its answers away from it.
+    A killed program leaves its link behind, and its terminal's number goes to the next program (pts(4)). The link would
+    then lead to another program's board and take that program's answers.
     """
     try:
         return link.is_symlink() and link.stat().st_ctime_ns > link.lstat().st_mtime_ns
     except OSError:
-        return False  # there is no terminal: the attempt to open it says so
+        return False  # no terminal: opening it raises the error
 
 
 class Reconnecting:
-    """A transport that is opened again after it was lost, no more often than every `pause_ns`.
+    """A transport that is opened again after a loss, at most once every `pause_ns`.
 
-    `connections` counts the openings: a change tells its user to shake hands anew. Time is the caller's, so that `poll`
-    is called once a tick with a monotonic clock.
+    `connections` counts the openings: after a change the user must shake hands again. The caller must call `poll` once a
+    tick with the time of a monotonic clock.
     """
 
     def __init__(
         self, connect: Callable[[], Transport], pause_ns: int = 500_000_000, patience_s: float | None = None
     ) -> None:
-        """`connect` raises TransportError where it cannot; `poll` waits for it for `patience_s`, after which it goes on
-        in a thread of its own; None: to its end, as a simulated clock needs it."""
+        """`connect` opens the transport or raises TransportError; `poll` waits up to `patience_s` for it.
+
+        After that the attempt continues in its own thread. None waits for its end, which a simulated clock needs.
+        """
         self.connections = 0
         self.reason = "the cable to the board was not opened yet"
         self._connect = connect
@@ -261,7 +264,7 @@ class Reconnecting:
         return self._transport is None or self._transport.closed
 
     def poll(self, now_ns: int) -> bool:
-        """Open it if it is closed and its time has come; whether it is open. `reason` says why it is not."""
+        """Open the transport if it is closed and an attempt is due; return whether it is open, else see `reason`."""
         if not self.closed:
             return True
         if self._opening is None:
@@ -283,7 +286,7 @@ class Reconnecting:
         return True
 
     def _begun(self) -> Future[Transport]:
-        """An attempt, after as long as there is patience for it."""
+        """Start an attempt and wait for it up to `patience_s`."""
         opening: Future[Transport] = Future()
         if self._patience_s is None:
             _open(self._connect, opening)
@@ -300,7 +303,7 @@ class Reconnecting:
         return b"" if self._transport is None else self._transport.read()
 
     def wait(self, timeout_s: float) -> None:
-        """Return as soon as something has arrived, at the latest after this time; at once for a time that is over."""
+        """Wait until bytes arrive, at most `timeout_s`; a negative time does not wait."""
         timeout_s = max(timeout_s, 0.0)
         descriptor = -1 if self._transport is None else self._transport.fileno()
         if descriptor < 0:
@@ -315,15 +318,15 @@ class Reconnecting:
 
 
 def _open(connect: Callable[[], Transport], opening: Future[Transport]) -> None:
-    """What comes of an attempt, be it an error."""
+    """Store the result of an attempt, or its error."""
     try:
         opening.set_result(connect())
-    except BaseException as error:  # noqa: BLE001 - it is raised again where the result is asked for
+    except BaseException as error:  # noqa: BLE001 - raised again by `result`
         opening.set_exception(error)
 
 
 def open_pseudo_terminal() -> tuple[int, int, str]:
-    """Descriptors of both ends, raw, and the path by which others may open the second: (board, computer, path).
+    """Return the raw descriptors of both ends and the path of the second: (board, computer, path).
 
     Raises:
         TransportError: the system has no pseudo-terminal left.
