@@ -1,1 +1,4 @@
-"""Pure functions and small data structures that turn a map and a goal into a path and a (v, omega)."""
+"""Planning: from a map and a goal to a path, and from a path to the next command (v, omega).
+
+Pure functions and small data structures; begin with `global_planner` for paths and `dwa` for commands.
+"""

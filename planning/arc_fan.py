@@ -1,13 +1,13 @@
-"""How far each of a fan of arcs from one pose is free: the dynamic window's inner loop.
+"""How far each arc of a fan from one pose is free: the inner loop of the dynamic window.
 
-`footprint.free_time` answers for one arc; here thousands start at the same pose, which is what makes them cheap. Arcs of
-one turning speed pass through the same headings at the same times, and their places scale with the speed: cosines,
-sines and places are tabled once per turning speed.
+`footprint.free_time` handles one arc. Here thousands start at the same pose, which makes each cheap: arcs of one
+turning speed pass through the same headings at the same times, and their positions scale with the speed. Cosines, sines
+and positions are tabulated once per turning speed.
 
-Between two poses that are both free the body can only touch what lies outside both rectangles. A corner that moves by
-a lengthways and b sideways is, a share t of the way, b t outside the first and a (1 - t) outside the second: the sliver
-is a b / (a + b) deep, nothing on a straight way, little on an arc. So two poses that are free by so much more prove
-everything between them free, and only where they are not is the step halved.
+Between two free poses the body can only touch obstacles outside both rectangles. A corner that moves by a lengthways
+and b sideways is, at a share t of the step, b t outside the first and a (1 - t) outside the second: the sliver is
+a b / (a + b) deep, nothing on a straight line, little on an arc. Two poses that are free by that much more prove
+everything between them free; the step is halved only where they are not.
 """
 
 from __future__ import annotations
@@ -21,23 +21,23 @@ from waychair.planning.footprint import SLACK, SWEPT, Footprint, Outline, layer_
 from waychair.types import Float32Array, FloatArray
 
 FINE = 256
-"""Steps of the finest kind over the horizon."""
+"""Number of finest steps over the horizon."""
 
 _LONGEST = 4.0
-"""Way [cells] of the fastest point of the body in a step of the coarsest kind."""
+"""Displacement [cells] of the body's fastest point in a coarsest step."""
 
 _TRUST = 4
-"""Steps that must succeed before a longer one is tried again."""
+"""Number of steps that must succeed before a longer one is tried again."""
 
 
 @njit(cache=True, nogil=True)
 def free_times(
     shape: Footprint, start: FloatArray, candidates: FloatArray, certain: FloatArray, horizon: float
 ) -> FloatArray:
-    """(N,) how long [s] the body can follow each arc, up to the horizon; 0 where it does not fit at the start.
+    """Return (N,) how long [s] the body can follow each arc, up to the horizon; 0 where it does not fit at the start.
 
-    start (3,) [cells, cells, rad]; candidates (N, 2) of v [m/s] and omega [rad/s], those of one omega best in a row;
-    certain (N,) [s]: up to here nothing is jumped over, beyond it steps are coarse.
+    start (3,) [cells, cells, rad]; candidates (N, 2) of v [m/s] and omega [rad/s], fastest if sorted by omega;
+    certain (N,) [s]: no obstacle is skipped up to this time, beyond it steps are coarse.
     """
     times = np.zeros(len(candidates))
     table = np.empty((FINE + 1, 4))
@@ -62,7 +62,7 @@ def free_times(
 
 @njit(cache=True, nogil=True)
 def fill_table(table: FloatArray, theta: float, omega: float, step: float) -> None:
-    """(K, 4) cos and sin of the heading, and x and y per unit of speed, at every `step` [s] of an arc from a heading."""
+    """Fill (K, 4): cos, sin of the heading, x and y per unit of speed, every `step` [s] along an arc from a heading."""
     half = 0.5 * omega * step
     chord = step * (math.sin(half) / half if abs(half) > 1e-9 else 1.0)
     ahead, aside = chord * math.cos(half), chord * math.sin(half)
@@ -87,11 +87,11 @@ def _free_steps(
     reach: float,
     half_width: float,
 ) -> int:
-    """Fine steps that are free, all of them looked at up to `last`; -1 where the start is not."""
+    """Return how many fine steps are free, every one checked up to `last`; -1 where the start is not free."""
     tight = SLACK - SWEPT
     if not _fits(outline, start, table[0], v, tight):
         return -1
-    # A corner's ways lengthways and sideways per fine step, and how far its edges bulge in turning.
+    # A corner's displacement lengthways and sideways per fine step, and how far its edges bulge in turning.
     along, across = (abs(v) + turn * half_width) * step, turn * reach * step
     bulge = (abs(v) + turn * reach) * turn * step * step / 8
     coarsest = max(1, min(int(_LONGEST / max((abs(v) + turn * reach) * step, 1e-9)), FINE // 4))
@@ -122,7 +122,7 @@ def _free_steps(
 
 @njit(cache=True, inline="always")
 def _fits(outline: Outline, start: FloatArray, row: FloatArray, v: float, slack: float) -> bool:
-    """Whether no obstacle lies within the body and `slack` [cells] about it, at a row of the table."""
+    """Return whether no obstacle lies within the body and `slack` [cells] around it, at a row of the table."""
     c, s = row[0], row[1]
     x, y = start[0] + v * row[2], start[1] + v * row[3]
     discs, skip, metres, cell = outline
@@ -150,7 +150,7 @@ def _fits(outline: Outline, start: FloatArray, row: FloatArray, v: float, slack:
 
 @njit(cache=True, inline="always")
 def _bilinear(metres: Float32Array, column: float, row: float) -> float:
-    """As `distance_field.interpolated`, at least one cell inside the field."""
+    """Return `distance_field.interpolated` for a point at least one cell inside the field."""
     x, y = column - 0.5, row - 0.5
     left, below = int(x), int(y)
     x -= left

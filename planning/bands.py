@@ -1,7 +1,7 @@
-"""A large grid's rows shared out between two threads: numba's kernels that let go of the interpreter run side by side.
+"""Row threads: a large grid's rows are split between two threads running nogil numba kernels in parallel.
 
-Results do not hang on how many threads there are: rows are computed alike whichever band they are in, and a sum is put
-together from the same bands by one thread as by two.
+Results do not depend on the number of threads: each row is computed the same in either half, and one thread adds up
+the same two halves as two threads do.
 """
 
 from __future__ import annotations
@@ -15,24 +15,24 @@ from typing import TypeVar
 Result = TypeVar("Result")
 
 _WORTH = 1 << 17
-"""Cells from which on a second thread saves more than it costs to wake it, some 0.05 ms: their rows are cut in two."""
+"""Least number of cells for which a second thread saves more time than waking it takes, about 0.05 ms."""
 
 
 def in_bands(kernel: Callable[..., None], first: int, stop: int, cells: int, *given: object) -> None:
-    """`kernel(*given, first, stop)` over all rows from `first` to before `stop`, a band in each thread.
+    """Run `kernel(*given, first, stop)` over the rows from `first` to before `stop` of a grid of so many cells.
 
-    Of a grid of so many cells; no row may need what another one writes.
+    Rows must be independent: none may read values that another writes.
     """
     _shared(kernel, first, stop, cells, given)
 
 
 def summed(kernel: Callable[..., float], first: int, stop: int, cells: int, *given: object) -> float:
-    """As `in_bands`, for the sum of what the kernel gives for each band."""
+    """Return the sum of the kernel's results; otherwise as `in_bands`."""
     return sum(_shared(kernel, first, stop, cells, given))
 
 
 def bands(first: int, stop: int, cells: int) -> list[tuple[int, int]]:
-    """Into which the rows from `first` to before `stop` are cut."""
+    """Return the row ranges into which the rows from `first` to before `stop` are split."""
     half = (first + stop) // 2
     return [(first, half), (half, stop)] if cells >= _WORTH else [(first, stop)]
 
@@ -40,7 +40,7 @@ def bands(first: int, stop: int, cells: int) -> list[tuple[int, int]]:
 def _shared(
     kernel: Callable[..., Result], first: int, stop: int, cells: int, given: tuple[object, ...]
 ) -> list[Result]:
-    """What is made of each band, in their order; that of the last in the helper, where there is one."""
+    """Return the kernel's result for each row range, in order; the last range runs in the helper thread, if any."""
     *here, last = bands(first, stop, cells)
     helper = _helper() if here else None
     if helper is None:
@@ -51,8 +51,8 @@ def _shared(
 
 @cache
 def _helper() -> ThreadPoolExecutor | None:
-    """One thread beside that which asks; None on a computer of one core."""
+    """Return a pool of one extra thread; None on a computer with one core."""
     return ThreadPoolExecutor(1, "bands") if len(os.sched_getaffinity(0)) > 1 else None
 
 
-os.register_at_fork(after_in_child=_helper.cache_clear)  # threads are not forked
+os.register_at_fork(after_in_child=_helper.cache_clear)  # a forked child has no threads

@@ -17,8 +17,8 @@ HARD = 0.0
 """[m] The footprint as it is: start, goal and the straight line through a door must fit with this."""
 
 EASE_STEP, EASE_STEPS = 0.002, 26
-"""[m] and count: the planned clearance is eased in steps of 2 mm, by at most 25 of them (5 cm), where noise of a scan or
-of the localisation puts an obstacle inside it. Without that a chair that stands too near could never leave."""
+"""[m] and count: the planned clearance is eased in steps of 2 mm, by at most 25 of them (5 cm), where noise of a scan
+or of the localisation puts an obstacle inside it. Without that a chair that stands too near could never leave."""
 
 NOISE = 0.005
 """[m] Below this the distance to an obstacle is noise. No unplanned drive starts from there."""
@@ -35,8 +35,8 @@ PLANNED_TURN = 0.06
 """[m] Kept where a turn on the spot is planned: `PLANNED`, and as much again because the stop is not exact."""
 
 MANOEUVRE, MANOEUVRE_TIGHT = (0.05, PLANNED), (0.02, 0.015, 0.015)
-"""[m] Tried in turn for a multi-point turn. The tight ones come after leading the chair out of its place has failed. Less
-than the last is less than the accuracy of the localisation."""
+"""[m] Tried in turn for a multi-point turn. The tight ones come after leading the chair out of its place has failed.
+Less than the last is less than the accuracy of the localisation."""
 
 CRAMPED = PLANNED
 """[m] A chair with less than this around it is led out before it turns."""
@@ -45,7 +45,7 @@ LEAVING = (0.025, 0.02, 0.015, 0.0125, 0.01, 0.0075, 0.005, 0.0025, 0.0)
 """[m] Tried in turn for leading a chair out of a cramped place: the first that fits where it stands is kept."""
 
 LEAVING_DIP = 1 / 3
-"""Part of the clearance in `LEAVING` that may be lost on the way out, since every turn begins by coming a little nearer."""
+"""Part of the clearance in `LEAVING` that may be lost on the way out: every turn begins by coming a little nearer."""
 
 LEFT = 0.06
 """[m] A cramped chair is out once it has this much around it, enough to turn like anywhere else."""
@@ -72,8 +72,8 @@ TIGHT_DOOR = 0.35
 """[m] Clear width beyond the chair's own: in a door with no more than this the chair follows the axis exactly."""
 
 EXACT_BEND = 0.3
-"""Part of the body's length: a bend with less clearance than this is followed exactly, since the part of the chair ahead
-of its axle cuts it by about as much."""
+"""Part of the body's length: a bend with less clearance than this is followed exactly, since the part of the chair
+ahead of its axle cuts it by about as much."""
 
 TOLD_APART = 2.0
 """[m] Larger distances to obstacles are not told apart in a costmap."""

@@ -1,7 +1,7 @@
 """Conjugate gradients preconditioned by multigrid, for Laplace's equation on a grid with holes.
 
-What is found is float64. What is left, and the cycle that preconditions, are float32: they say where to go, and what is
-left is found anew from what was found before it has lost its digits.
+The solution x is float64. The residual and the preconditioning cycle are float32: they only give the search direction.
+The residual is recomputed from x before it has lost its digits.
 """
 
 from __future__ import annotations
@@ -33,12 +33,11 @@ def conjugate_gradients(
     rest: FloatArray | None = None,
     memory: Memory | None = None,
 ) -> Parts[tuple[float, int]]:
-    """Improve x (H + 2, W + 2), in place, until |b - A x| <= tolerance |b|; returns what was reached, and the cycles.
+    """Improve x (H + 2, W + 2) in place until |b - A x| <= tolerance |b|; return the relative residual and the cycles.
 
-    absorption (H, W): of the cells that A is of, as the levels are. x and b are 0 in walls and on the border. Stops
-    early after `most` cycles, or when `go_on` says so between two. patches: of the levels, seen to by themselves.
-    rest: b - A x, if it is known already. memory: for one grid
-    of float32.
+    absorption (H, W) of the cells defines A, as it does the levels. x and b are 0 in walls and on the border. The solve
+    stops early after `most` cycles, or when `go_on` is false between two. patches: extra local smoothing on the levels.
+    rest: the residual b - A x, if known. memory: for one grid of float32.
     """
     finest, rows, cells = levels[0], absorption.shape[0], absorption.size
     r, z = finest.b, finest.x
@@ -64,23 +63,23 @@ def conjugate_gradients(
 
 
 _ROUNDED, _LOST = 1e-3, 1e-6
-"""What is left is rounded to float32 in each cycle, and is found anew where it has become so much less; of what it was
-when it was last known exactly, so much may have been lost on the way."""
+"""The residual is rounded to float32 in each cycle. It is recomputed once it is smaller by the first factor; rounding
+may have lost the second part of its last exact value by then."""
 
 
 def length_of(x: FloatArray) -> float:
-    """Of a vector (H + 2, W + 2), the root of the sum of its squares."""
+    """Return the Euclidean norm of a vector (H + 2, W + 2)."""
     return math.sqrt(summed(product_of_rows, 1, x.shape[0] - 1, x.size, x, x))
 
 
 def rest_of(absorption: Float32Array, x: FloatArray, b: FloatArray, into: AnyFloat) -> float:
-    """b - A x, written, all of them as in `conjugate_gradients`; returns the length of it."""
+    """Write the residual b - A x into an array, shapes as in `conjugate_gradients`; return its norm."""
     return math.sqrt(summed(_rest_of, 0, absorption.shape[0], absorption.size, absorption, x, b, into))
 
 
 @njit(cache=True, nogil=True)
 def _rest_of(absorption: Float32Array, x: FloatArray, b: FloatArray, into: AnyFloat, first: int, stop: int) -> float:
-    """Rows of b - A x, written; returns the sum of their squares."""
+    """Write rows of b - A x; return the sum of their squares."""
     squares = 0.0
     for i in range(first, stop):
         for j in range(absorption.shape[1]):
@@ -91,7 +90,7 @@ def _rest_of(absorption: Float32Array, x: FloatArray, b: FloatArray, into: AnyFl
 
 @njit(cache=True, nogil=True, inline="always")
 def _product(absorption: Float32Array, x: AnyFloat, i: int, j: int) -> float:
-    """A x in one cell of those that absorb, in float64 whatever x is; 0 in a wall."""
+    """Return A x in one cell, in float64 whatever x is; 0 in a wall."""
     across = np.float64(x[i + 1, j + 2]) + np.float64(x[i + 1, j])
     along = np.float64(x[i + 2, j + 1]) + np.float64(x[i, j + 1])
     value = (4.0 + np.float64(absorption[i, j])) * np.float64(x[i + 1, j + 1]) - (across + along)
@@ -100,7 +99,7 @@ def _product(absorption: Float32Array, x: AnyFloat, i: int, j: int) -> float:
 
 @njit(cache=True, nogil=True)
 def _turn(absorption: Float32Array, p: Float32Array, z: Float32Array, beta: float, first: int, stop: int) -> float:
-    """The next direction, z + beta p, in place of p; returns what the rows but the first and the last add to p A p."""
+    """Update the search direction p to z + beta p; return the inner rows' share of p A p (without first and last)."""
     total, share = 0.0, np.float32(beta)
     for i in range(first, stop):
         for j in range(p.shape[1]):
@@ -112,7 +111,7 @@ def _turn(absorption: Float32Array, p: Float32Array, z: Float32Array, beta: floa
 
 @njit(cache=True, nogil=True)
 def _bent_of_ends(absorption: Float32Array, p: Float32Array, first: int, stop: int) -> float:
-    """What the first and the last of some rows add to p A p, when those beside them are there."""
+    """Return the share of p A p of the first and the last row of a range, once the rows beside them are updated."""
     last = _bent_of_row(absorption, p, stop - 1) if stop - 1 > first else 0.0
     return float(_bent_of_row(absorption, p, first) + last)
 
@@ -129,7 +128,7 @@ def _bent_of_row(absorption: Float32Array, p: Float32Array, i: int) -> float:
 def _go(
     absorption: Float32Array, x: FloatArray, r: Float32Array, p: Float32Array, length: float, first: int, stop: int
 ) -> float:
-    """Go along p: x and what is left, r, are updated. Returns the sum of the squares of r."""
+    """Step along p, updating x and the residual r; return the sum of the squares of r."""
     squares = 0.0
     for i in range(first, stop):
         for j in range(absorption.shape[1]):

@@ -1,9 +1,8 @@
-"""What driving through each cell costs: impassable near obstacles, dear beside them, cheap in the open.
+"""The costmap: the price of driving through each cell, impassable near obstacles, high beside them, low in the open.
 
-Layers, from below: the map, its zones, and what the sensors see now, at the heights at which the chair has an outline
-of its own. The chair is judged here by its half width alone, which any heading needs; whether the whole rectangle fits
-is the local planner's question. Unknown cells are free at a price (the source paper's section 3.3.1 takes them as
-free).
+Its layers, from below, are the map, the zones, and present sensor data at the heights at which the chair has an outline
+of its own. A costmap knows the chair's half width alone, which every heading needs; the local planner checks the whole
+footprint. Unknown cells are passable at a price (the source paper's section 3.3.1 takes them as free).
 """
 
 from __future__ import annotations
@@ -19,14 +18,14 @@ from waychair.config import Settings, setting
 from waychair.errors import NoFreeSpace
 from waychair.maps.distance_field import DistanceField, near_distances, update_near
 from waychair.maps.grid import OCCUPIED_FROM, cells_under, cells_where, occupied
-from waychair.maps.zones import Rule, Zone, cells_of, keep_out_cells
+from waychair.maps.zones import Rule, Zone, zone_cells, keep_out_cells
 from waychair.planning.grid_graph import FREE_PRICE, MAX_PRICE, NO_BARS, Prices, directions_against
 from waychair.types import UNKNOWN, BoolArray, Bytes, Float32Array, FloatArray, IntArray, OccupancyGrid
 
 
 @dataclass(frozen=True, slots=True)
 class CostmapSettings(Settings):
-    """How far to keep away from things, and what it is worth."""
+    """How prices rise near obstacles and in unknown cells."""
 
     margin: float = setting(0.03, "m", "kept free beside the chair's half width", low=0.0, high=0.5)
     inflation_radius: float = setting(1.0, "m", "clearance from which on a cell is no dearer", low=0.0, high=5.0)
@@ -40,10 +39,10 @@ class CostmapSettings(Settings):
 class Costmap:
     """Prices (H, W) int32 and clearance (H, W) float32 [m] of a grid's cells.
 
-    Prices are per mille of a free cell's, 0 is impassable. Clearance is measured between cell centres (see
-    `maps.distance_field`) to what the whole outline must keep clear of, map, keep-out zone or live, up to
-    `CostmapSettings.clearance_kept`. `grid` holds the live obstacles and the keep-out zones too, and the geometry;
-    `body` is the chair that the prices are for. `barred` (H, W), bit by direction as in `grid_graph`, holds the one-way
+    Prices are per mille of a free cell's price; 0 is impassable. Clearance is measured between cell centres (see
+    `maps.distance_field`) to obstacles for the whole outline: map, keep-out zone or live, up to
+    `CostmapSettings.clearance_kept`. `grid` holds the live obstacles and keep-out zones too, and the geometry; `body`
+    is the chair that the prices are for. `barred` (H, W) has one bit per direction as in `grid_graph` for the one-way
     zones, if there are any.
     """
 
@@ -55,11 +54,11 @@ class Costmap:
 
     @property
     def field(self) -> DistanceField:
-        """The clearance with its geometry, as the local planner takes it."""
+        """The clearance with its geometry, for the local planner."""
         return DistanceField(self.clearance, self.grid.resolution, self.grid.map_from_grid)
 
     def barred_on(self, field: DistanceField) -> Bytes:
-        """`barred` on the cells of a field that cuts this grid's into whole parts; (0, 0) without a one-way zone."""
+        """Return `barred` on the cells of a finer field that divides this grid's; (0, 0) without a one-way zone."""
         if self.barred is None:
             return NO_BARS
         parts = round(self.grid.resolution / field.resolution)
@@ -77,15 +76,15 @@ def costmap_from_grid(
     live_points: FloatArray | None = None,
     zones: Sequence[Zone] = (),
 ) -> Costmap:
-    """Costmap of a grid with its zones and of obstacles seen just now; see `LiveCostmap.costmap`."""
+    """Return the costmap of a grid with its zones and present obstacles; see `LiveCostmap.costmap`."""
     return LiveCostmap(grid, body, settings, zones).costmap(live_points)
 
 
 def check_free_space(costmap: Costmap) -> None:
-    """Refuse a map in which the chair has no room anywhere, or of which no cell is known to be free.
+    """Refuse a costmap without a passable cell, or without a cell known to be free.
 
     Raises:
-        NoFreeSpace: it does.
+        NoFreeSpace: either is the case.
     """
     if not costmap.prices.any():
         raise NoFreeSpace(
@@ -97,7 +96,7 @@ def check_free_space(costmap: Costmap) -> None:
 
 
 class LiveCostmap:
-    """The costmap of a map that stays, under obstacles that come and go; only what lies round these is made anew."""
+    """The costmap of a fixed map under live obstacles; only the surroundings of changed cells are computed anew."""
 
     def __init__(
         self, grid: OccupancyGrid, body: ChairBody, settings: CostmapSettings, zones: Sequence[Zone] = ()
@@ -117,12 +116,12 @@ class LiveCostmap:
     def costmap(
         self, live_points: FloatArray | None = None, layered: Sequence[tuple[BodyLayer, FloatArray]] = ()
     ) -> Costmap:
-        """The costmap with `live_points` (N, 2) [m] in map as obstacles; those outside the map are ignored.
+        """Return the costmap with `live_points` (N, 2) [m] in map as obstacles; those outside the map are ignored.
 
-        `layered` are obstacles that stand only at the heights of a layer of the body, so that its outline there is what
-        they must let pass. A cell is impassable when a wall's face, half a cell nearer than its centre, leaves less
-        than the half width and the margin. From there the price falls with the square of the clearance still missing
-        to the inflation radius, so that the middle of a door or corridor is the cheapest way through.
+        `layered` obstacles exist only at the heights of one layer of the body; only that layer's outline has to pass
+        them. A cell is impassable when a wall's face, half a cell nearer than its centre, leaves less than the half
+        width and the margin. From there the price falls with the square of the clearance still missing to the
+        inflation radius, so that the middle of a door or corridor is cheapest.
         """
         cell = self._grid.resolution
         solid = self._fixed | _marked(self._grid, live_points)
@@ -148,9 +147,9 @@ class LiveCostmap:
         return Costmap(prices, clearance, grid, self._body, self._barred)
 
     def _over(self, prices: Prices, clearance: Float32Array, layer: BodyLayer, cells: IntArray) -> None:
-        """Change prices and clearance where one layer of the body must keep clear of cells (N, 2) too.
+        """Update prices and clearance for occupied cells (N, 2) that concern one layer of the body only.
 
-        By as much as the layer is narrower than the whole outline, its obstacles are farther away.
+        The layer is narrower than the whole outline; by that difference its obstacles count as farther away.
         """
         body, reach = self._body, math.ceil(self._reach / self._grid.resolution)
         (top, left), (bottom, right) = np.maximum(cells.min(axis=0) - reach, 0), cells.max(axis=0) + reach + 1
@@ -166,19 +165,19 @@ class LiveCostmap:
         clearance[near] = np.minimum(clearance[near], away + np.float32(all_round))
 
     def _priced(self, clearance: Float32Array, window: tuple[slice, slice]) -> Prices:
-        """Prices of a window's cells."""
+        """Return the prices of a window's cells."""
         s = self._settings
         needed = self._body.width / 2 + s.margin + self._grid.resolution / 2
         missing = (s.inflation_radius - clearance) / max(s.inflation_radius - needed, 1e-6)
         prices = self._added[window] + s.wall_price * np.clip(missing, 0.0, 1.0) ** 2
-        # Clearances are float32: a hair of slack lets a cell at exactly the needed distance pass.
+        # Clearances are float32: this tolerance lets a cell at exactly the needed distance pass.
         prices[clearance < needed - 1e-5] = 0
         rounded: Prices = np.minimum(np.rint(prices), MAX_PRICE).astype(np.int32)
         return rounded
 
 
 def closed_off(grid: OccupancyGrid, zones: Sequence[Zone]) -> OccupancyGrid:
-    """The grid with its keep-out zones occupied; itself where there are none."""
+    """Return the grid with its keep-out zones occupied; the grid itself where there are none."""
     closed = keep_out_cells(zones, grid)
     if not closed.any():
         return grid
@@ -186,11 +185,11 @@ def closed_off(grid: OccupancyGrid, zones: Sequence[Zone]) -> OccupancyGrid:
 
 
 def _added_prices(grid: OccupancyGrid, zones: Sequence[Zone], settings: CostmapSettings) -> Float32Array:
-    """(H, W) price of each cell away from all obstacles: unknown cells are dearer, slow zones cost the time they take."""
+    """Return (H, W) each cell's price without obstacles: unknown cells cost more, slow zones in proportion to time."""
     prices = np.full(grid.cells.shape, FREE_PRICE, np.float32)
     for zone in zones:
         if zone.rule is Rule.SLOW:
-            part, within = cells_of(zone, grid)
+            part, within = zone_cells(zone, grid)
             price = np.float32(FREE_PRICE * max(settings.cruise / zone.value, 1.0))
             prices[part] = np.where(within, np.maximum(prices[part], price), prices[part])
     prices[grid.cells == UNKNOWN] += settings.unknown_price
@@ -198,19 +197,19 @@ def _added_prices(grid: OccupancyGrid, zones: Sequence[Zone], settings: CostmapS
 
 
 def _barred_directions(grid: OccupancyGrid, zones: Sequence[Zone]) -> Bytes | None:
-    """(H, W) directions, as bits, in which no step may lead; None where there is no one-way zone."""
+    """Return (H, W) forbidden directions of travel as bits; None where there is no one-way zone."""
     if not any(zone.rule is Rule.ONE_WAY for zone in zones):
         return None
     barred = np.zeros(grid.cells.shape, np.uint8)
     for zone in zones:
         if zone.rule is Rule.ONE_WAY:
-            part, within = cells_of(zone, grid)
+            part, within = zone_cells(zone, grid)
             barred[part] |= within * np.uint8(directions_against(zone.value - grid.map_from_grid.theta))
     return barred
 
 
 def _marked(grid: OccupancyGrid, points: FloatArray | None) -> BoolArray:
-    """(H, W) cells under points (N, 2) [m] in map; those outside are ignored."""
+    """Return (H, W) the cells under points (N, 2) [m] in map; points outside are ignored."""
     mask = np.zeros(grid.cells.shape, np.bool_)
     if points is not None and len(points):
         mask[tuple(cells_under(grid, points).T)] = True

@@ -1,4 +1,4 @@
-"""What a good arc is: measures of the candidates, and how they are weighed."""
+"""Critics of the dynamic window: measures of the candidate arcs, and their weighted sum."""
 
 from __future__ import annotations
 
@@ -11,11 +11,11 @@ from waychair.config import Settings, setting
 from waychair.types import BoolArray, FloatArray
 
 ENOUGH, LEAST = 0.3, 0.05
-"""Clearance [m] beyond which more is worth nothing, and up to which it always is."""
+"""Clearance [m] beyond which more is worth nothing, and up to which more always counts."""
 
 
 PERSONAL = 0.6
-"""Distance [m] to people beyond which more is worth nothing; Hall's intimate distance is 0.45 m, with some to spare."""
+"""Distance [m] to people beyond which more is worth nothing: Hall's intimate distance, 0.45 m, and some to spare."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -23,12 +23,12 @@ class Features:
     """Measures of N candidate arcs; all (N,) float64 unless said otherwise.
 
     candidates (N, 2): v [m/s], omega [rad/s]. admissible: bool. free_time [s]: until the first contact or the horizon.
-    clearance [m]: least distance beside the body on the way. path_error [m]: mean distance of the drive axle and of the
-    front from the path. heading_error [rad]: |end's heading - path's direction there|. progress [m]: way along the path
-    to the point nearest to the end. target_distance [m]: least distance to the target on the way. change [0..1]: size of
-    the step from the last command. people_gap [m]: least distance to a person on the way, if all go on as they do; +inf
-    without any. reversal: 1 where it turns from forwards to backwards or back, else 0. end_clearance [m]: clearance at
-    the path's end where that is near.
+    clearance [m]: least distance beside the body along the arc. path_error [m]: mean distance of the drive axle and of
+    the front from the path. heading_error [rad]: |heading at the arc's end - path's direction there|. progress [m]:
+    distance along the path to the point nearest to the arc's end. target_distance [m]: least distance to the target.
+    change [0..1]: size of the step from the last command. people_gap [m]: least distance to a predicted person; +inf
+    without any. reversal: 1 where the direction of travel changes, else 0. end_clearance [m]: clearance at the path's
+    end if that is near, else +inf.
     """
 
     candidates: FloatArray
@@ -47,7 +47,7 @@ class Features:
 
 @dataclass(frozen=True, slots=True)
 class Weights(Settings):
-    """Weights of the critics; each critic is 1 for the best arc there can be and falls by 1 over its scale."""
+    """Weights of the critics; each critic is 1 for the best possible arc and falls by 1 over its scale."""
 
     path: float = setting(4.0, "", "nearness to the path, per 0.5 m", low=0.0, high=100.0)
     heading: float = setting(0.4, "", "direction of the path at the end, per half turn", low=0.0, high=100.0)
@@ -61,11 +61,11 @@ class Weights(Settings):
 
 
 def comfortable_score(features: Features, weights: Weights, longest: float, highest: float) -> FloatArray:
-    """(N,) weighted sum of the critics; `longest` [m] is the way of the fastest arc, `highest` [m/s] its speed.
+    """Return (N,) the weighted sum of the critics; `longest` [m] is the longest arc, `highest` [m/s] the highest speed.
 
-    The critics are divided by fixed scales and not by what the candidates of this moment reach: a difference of
-    millimetres between arcs in an empty hall stays one, and there is no 0/0. Near a path's end, clearance beyond what
-    there is at the end is worth nothing: before a goal beside a wall the chair would else rather stand where it is.
+    The critics are divided by fixed scales, not by the extremes of the present candidates: a difference of millimetres
+    between arcs in an empty hall stays small, and there is no 0/0. Near a path's end, clearance beyond that at the end
+    is worth nothing; otherwise the chair would stop short of a goal beside a wall.
     """
     worth = min(ENOUGH, max(features.end_clearance, LEAST))
     score: FloatArray = (

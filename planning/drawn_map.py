@@ -1,4 +1,4 @@
-"""A map with what people have drawn on it, made ready to plan on."""
+"""A map with the zones drawn on it, prepared for planning."""
 
 from __future__ import annotations
 
@@ -13,9 +13,9 @@ from waychair.types import BoolArray, FloatArray, OccupancyGrid
 
 
 class DrawnMap:
-    """The grid with its keep-out zones closed, and its costmap.
+    """The grid with its keep-out zones occupied, and its costmap.
 
-    Making one takes as long as many control steps: who drives has somebody else make it.
+    Construction takes many control periods: do it outside the control loop.
     """
 
     def __init__(
@@ -31,27 +31,27 @@ class DrawnMap:
     def costmap(
         self, live_points: FloatArray | None = None, layered: Sequence[tuple[BodyLayer, FloatArray]] = ()
     ) -> Costmap:
-        """Under obstacles that come and go; see `LiveCostmap.costmap`."""
+        """Return the costmap with live obstacles; see `LiveCostmap.costmap`."""
         return self._costmaps.costmap(live_points, layered)
 
     def shows(self, points: FloatArray, within: float) -> BoolArray:
-        """(N,) which of points (N, 2) [m] in map are within so much [m] of a thing that the map shows; zones are none."""
+        """Return (N,) which points (N, 2) [m] in map are within a distance [m] of a mapped obstacle; zones are none."""
         return are_within(self._from_things, self.grid, points, within)
 
     def explains(self, points: FloatArray, within: float | FloatArray) -> BoolArray:
-        """As `shows`, and of points at a keep-out zone too narrow for anybody to be in: it is drawn round what they show.
+        """Return as `shows`, but with keep-out zones too narrow for a person counting as obstacles, too.
 
-        Glass shows where a beam meets it squarely, and that place moves with the chair like somebody who walks. within:
-        of all, or (N,) of each.
+        Such a zone is drawn around an obstacle such as glass. Glass is seen only where a beam meets it squarely, and
+        that place moves with the chair like a person. within [m]: for all points, or (N,) for each.
         """
         return are_within(self._from_known, self.grid, points, within)
 
 
 _ANYBODY = 0.25
-"""Where there is room for a disc of this radius [m], somebody may be."""
+"""A person may be where a disc of this radius [m] has room."""
 
 
 def _thin(closed: BoolArray, resolution: float) -> BoolArray:
-    """(H, W) the cells of a mask that no such disc within it covers."""
+    """Return (H, W) the cells of a mask that no person's disc within it covers."""
     deep = distances(~closed, resolution) >= _ANYBODY
     return closed & ~(distances(deep, resolution) < _ANYBODY)

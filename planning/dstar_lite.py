@@ -1,4 +1,4 @@
-"""D* Lite: the cheapest way to one goal, repaired instead of recomputed while the chair moves and cells change.
+"""D* Lite: the cheapest path to one goal, repaired instead of recomputed while the chair moves and cells change.
 
 The optimised version of Koenig and Likhachev, "Fast Replanning for Navigation in Unknown Terrain", IEEE Transactions on
 Robotics 21(3), 2005; section 3.3.1 of the source paper (intelligent wheelchair, D* Lite and DWA) describes its first
@@ -6,14 +6,14 @@ form. The search runs from the goal to the start. Every cell holds two estimates
 one-step lookahead rhs, and is in one of the three states of the paper's Fig. 6 (`Consistency`); cells that are not
 consistent wait in a queue ordered by (k1, k2) of Eqs. (5) and (7).
 
-Where this module departs from the source paper's text, which is misprinted:
-- Eq. (4) takes rhs over the predecessors; it is the minimum over the *successors* (as Eq. (3) has it for g).
+The source paper's text has misprints, corrected here:
+- Eq. (4) takes rhs over the predecessors; it is the minimum over the *successors* (as in Eq. (3) for g).
 - Eq. (6) writes the heuristic recursively and towards the goal; here h(s, start) is the octile distance of s from the
   *start*, in the same integers as the costs, hence consistent.
 - k_m is missing from Eq. (5): k1 = min(g, rhs) + h(s, start) + k_m. Without it, the keys of queued cells are no longer
   lower bounds once the start has moved, and the search stops too early.
-- "overconsistent ... updates the g values of the neighbours": it is their rhs that changes; and what is calculated
-  "according to Eq. (3)" for the first time is the rhs of Eq. (4).
+- "overconsistent ... updates the g values of the neighbours": their rhs changes; and the value first calculated
+  "according to Eq. (3)" is the rhs of Eq. (4).
 
 All costs and keys are integers and keys are compared exactly (see `grid_graph` for why).
 """
@@ -48,7 +48,7 @@ from waychair.planning.indexed_heap import ROOM, empty_heap, grown, has_room, le
 from waychair.types import Bytes, IntArray
 
 CELL = np.dtype([("g", np.int64), ("rhs", np.int64), ("ground", np.int32), ("place", np.int32)])
-"""What the search keeps of a cell, 24 bytes: its two estimates, its ground and its place in the queue."""
+"""The search's record of a cell, 24 bytes: its two estimates, its ground and its place in the queue."""
 
 
 class Consistency(enum.IntEnum):
@@ -65,7 +65,7 @@ UNDERCONSISTENT = int(Consistency.UNDERCONSISTENT)
 
 
 class _Aim(NamedTuple):
-    """What the queued keys were last made for: flat indices, the start's padded row and column, k_m, the stride."""
+    """The basis of the queued keys: flat indices of goal and start, the start's padded row and column, k_m, stride."""
 
     goal: int
     start: int
@@ -76,7 +76,7 @@ class _Aim(NamedTuple):
 
 
 class DStarLite:
-    """Search state for one goal. Cells are (row, column); prices (H, W) int32 and barred (H, W) as in `grid_graph`.
+    """The search state for one goal. Cells are (row, column); prices (H, W) int32 and barred (H, W) as in `grid_graph`.
 
     `pops` counts the cells taken from the queue since construction. A change of prices or start takes effect at the
     next `replan`; until then there is no path.
@@ -102,17 +102,17 @@ class DStarLite:
 
     @property
     def start(self) -> Cell:
-        """The cell that the next `replan` starts from."""
+        """The start cell of the next `replan`."""
         row, column = divmod(self._start, self._stride)
         return row - 1, column - 1
 
     @property
     def nbytes(self) -> int:
-        """Memory held in arrays [bytes]."""
+        """Size of the arrays [bytes]."""
         return self._cells.nbytes + self._heap.entries.nbytes
 
     def move_start(self, cell: Cell) -> None:
-        """The chair has moved: any cell of the grid, not only one on the path.
+        """Move the start to any cell of the grid, not only one on the path.
 
         Raises:
             ValueError: the cell lies outside the grid.
@@ -121,7 +121,7 @@ class DStarLite:
         self._cost = UNREACHABLE
 
     def update(self, cells: IntArray, prices: Prices) -> None:
-        """Cells (N, 2) have new prices (N,).
+        """Give cells (N, 2) new prices (N,).
 
         Raises:
             ValueError: a cell outside the grid, an impossible price, arrays of different length.
@@ -137,7 +137,7 @@ class DStarLite:
         self._cost = UNREACHABLE
 
     def replan(self) -> int:
-        """Cost of the cheapest way from the start to the goal, 10000 for a straight step between free cells.
+        """Return the cost of the cheapest path from start to goal, 10000 for a straight step between free cells.
 
         Raises:
             NoPath: they are not connected, or one of them is impassable.
@@ -158,10 +158,10 @@ class DStarLite:
         return self._cost
 
     def path(self) -> IntArray:
-        """Cells (N, 2) of the plan in force, start and goal included; the steps' costs sum to `replan`'s exactly.
+        """Return the cells (N, 2) of the present plan, start and goal included; their costs sum to `replan`'s exactly.
 
         Raises:
-            NoPath: there is none, or start or prices changed since.
+            NoPath: there is no plan, or start or prices have changed since.
         """
         if self._cost >= UNREACHABLE:
             raise NoPath(f"there is no plan from cell {self.start}; replan first, or choose another goal")
@@ -169,7 +169,7 @@ class DStarLite:
         return cells_from_padded(flat, self._shape)
 
     def consistency(self, cell: Cell) -> Consistency:
-        """State of a cell in the sense of the paper's Fig. 6."""
+        """Return a cell's state in the sense of the paper's Fig. 6."""
         record = self._cells[padded_index(cell, self._shape)]
         return Consistency(_consistency(record["g"], record["rhs"]))
 
@@ -191,7 +191,7 @@ class DStarLite:
 
 @njit(cache=True, error_model="numpy", nogil=True)
 def _forget_all(cells: Records, grounds: Prices) -> None:
-    """Nothing is known of any cell but its ground."""
+    """Reset every cell's record, except for its ground."""
     for i in range(len(cells)):
         cell = cells[i]
         cell.g, cell.rhs, cell.ground, cell.place = UNREACHABLE, UNREACHABLE, grounds[i], 0
@@ -199,7 +199,7 @@ def _forget_all(cells: Records, grounds: Prices) -> None:
 
 @njit(cache=True, error_model="numpy", inline="always")
 def _consistency(g: int, rhs: int) -> int:
-    """One of `Consistency`, as an integer."""
+    """Return one of `Consistency`, as an integer."""
     if g == rhs:
         return CONSISTENT
     return OVERCONSISTENT if g > rhs else UNDERCONSISTENT
@@ -207,7 +207,7 @@ def _consistency(g: int, rhs: int) -> int:
 
 @njit(cache=True, error_model="numpy", inline="always")
 def _update_vertex(entries: Records, size: IntArray, cells: Records, cell: int, aim: _Aim) -> None:
-    """Queue a cell with its key when it is not consistent, else take it out."""
+    """Queue a cell with its key if it is not consistent, else take it out."""
     g, rhs = cells[cell].g, cells[cell].rhs
     if _consistency(g, rhs) == CONSISTENT:
         remove(entries, size, cells, cell)
@@ -218,7 +218,7 @@ def _update_vertex(entries: Records, size: IntArray, cells: Records, cell: int, 
 
 @njit(cache=True, error_model="numpy")
 def _lookahead(cells: Records, steps: IntArray, cell: int) -> int:
-    """rhs of Eq. (4), over the successors."""
+    """Return rhs of Eq. (4), over the successors."""
     best = UNREACHABLE
     if price_of(cells[cell].ground) != 0:
         for direction in range(8):
@@ -239,10 +239,10 @@ def _apply(
     shape: tuple[int, int],
     aim: _Aim,
 ) -> bool:
-    """New prices, then a new lookahead wherever they matter; false, and nothing done, when a change is impossible.
+    """Set new prices and the lookahead of all affected cells; return false, and do nothing, if a change is impossible.
 
-    A changed price touches only steps whose ends both lie in the 3 x 3 cells round it, diagonal steps past it included.
-    All prices come first, since a cell's lookahead must see the new prices of all its neighbours.
+    A changed price affects only steps whose ends both lie in the 3 x 3 cells around it, diagonal steps past it
+    included. All prices are set first, since a cell's lookahead must see the new prices of all its neighbours.
     """
     if not set_prices(cells, changed, prices, shape[0], shape[1]):
         return False
@@ -264,7 +264,7 @@ def _apply(
 def _compute_shortest_path(
     entries: Records, size: IntArray, cells: Records, steps: IntArray, aim: _Aim
 ) -> tuple[int, int, bool]:
-    """Make cells consistent until the start's cost is certain; (cells popped, cost, false when the heap must grow)."""
+    """Make cells consistent until the start's cost is final; return (cells popped, cost, whether it is final)."""
     start = cells[aim.start]
     pops = 0
     while size[0] > 0:
@@ -279,7 +279,7 @@ def _compute_shortest_path(
         nearest = min(g, rhs)
         now_first = nearest + octile(aim.row, aim.column, cell, aim.stride) + aim.k_m
         if less(first, second, now_first, nearest):
-            # The key was made for an earlier start.
+            # The key belongs to an earlier start.
             put(entries, size, cells, cell, now_first, nearest)
         elif _consistency(g, rhs) == OVERCONSISTENT:
             _settle(entries, size, cells, steps, cell, aim)
@@ -290,13 +290,13 @@ def _compute_shortest_path(
 
 @njit(cache=True, error_model="numpy")
 def _settle(entries: Records, size: IntArray, cells: Records, steps: IntArray, cell: int, aim: _Aim) -> None:
-    """Overconsistent: the lookahead found a cheaper way, g takes it and the neighbours may go through this cell."""
+    """Settle an overconsistent cell: g takes the cheaper lookahead, and the neighbours may go through this cell."""
     g = cells[cell].rhs
     cells[cell].g = g
     remove(entries, size, cells, cell)
     for direction in range(8):
         other = cell + steps[direction]
-        # Most neighbours have a way that no step could better; the goal's costs nothing.
+        # Most neighbours have a path that no step could improve; the goal's costs nothing.
         if g + least_step(direction) < cells[other].rhs:
             through = g + step_cost(cells, cell, direction, steps, True)
             if through < cells[other].rhs:
@@ -306,7 +306,7 @@ def _settle(entries: Records, size: IntArray, cells: Records, steps: IntArray, c
 
 @njit(cache=True, error_model="numpy")
 def _forget(entries: Records, size: IntArray, cells: Records, steps: IntArray, cell: int, aim: _Aim) -> None:
-    """Underconsistent: the way got dearer, g is given up and whoever relied on it looks ahead again."""
+    """Reset an underconsistent cell: its path became dearer, so all neighbours that relied on it look ahead again."""
     before = cells[cell].g
     cells[cell].g = UNREACHABLE
     _update_vertex(entries, size, cells, cell, aim)
@@ -322,7 +322,7 @@ def _forget(entries: Records, size: IntArray, cells: Records, steps: IntArray, c
 
 @njit(cache=True, error_model="numpy")
 def _descend(cells: Records, steps: IntArray, start: int, goal: int) -> NDArray[np.int32]:
-    """Cells from start to goal, each the successor that Eq. (3) takes its minimum from."""
+    """Return the cells from start to goal, each the successor with the minimum of Eq. (3)."""
     path = np.empty(1024, np.int32)
     path[0] = start
     count = 1

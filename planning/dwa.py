@@ -1,23 +1,23 @@
-"""Dynamic window approach: the next (v, omega), chosen among arcs that the chair can reach and can stop on.
+"""The dynamic window approach: the next (v, omega), chosen among arcs that the chair can reach and can stop on.
 
 Fox, Burgard and Thrun, "The Dynamic Window Approach to Collision Avoidance", IEEE Robotics & Automation Magazine 4(1),
 1997; Eqs. (8)-(11) of the source paper (intelligent wheelchair, D* Lite and DWA), with these differences:
 
-- The window lies round the last *command*, never round the measured speed: a drive with a dead band does not follow
-  small commands, and a window round its standstill would offer the same too small ones for ever.
+- The window is centred on the last *command*, never on the measured speed: a drive with a dead band ignores small
+  commands, and a window around its standstill would offer nothing but these.
 - Eq. (10) bounds omega by sqrt(2 dist brake) with dist in metres; the units only agree with the *angle* left to turn.
   Both bounds together are one condition on time: the chair brakes v and omega in proportion, stays on its arc and
   needs half the longer braking time at full speed, so the arc must be free for that long.
 - eta of Eq. (11) is 0/0 where a term vanishes for all candidates; the critics here have fixed scales (`critics`).
 
-`paper_dwa` has the equations as they are printed.
+`paper_dwa` has the equations as printed.
 
-A candidate is a speed to go for; what is commanded is the first control period of the way there, and that too must be
-able to stop. Hence, in a world that stands still, a full stop from any commanded speed touches nothing. Jerk is limited
-on the way to a candidate (`Motion`) and in a stop of the chair's own choice; as soon as that would cost the room for a
-full one, and where nothing else is left, the chair brakes at once: comfort does not hold back what safety asks for.
+A candidate is a target speed. The command is the first control period towards it, and a stop from that command must
+be free, too. Hence, in a static world, a full stop from any commanded speed touches nothing. Jerk is limited on the way
+to a candidate (`Motion`) and in voluntary stops. Where limited jerk would leave no room for a full stop, and where
+nothing else is left, the chair brakes at once: safety comes before comfort.
 
-People who move are taken to go on as they do (`tracks`): no arc may meet one of them before the chair could stand.
+Moving people are predicted with constant velocity (`tracks`): no arc may meet one before the chair could stand.
 """
 
 from __future__ import annotations
@@ -66,34 +66,34 @@ if TYPE_CHECKING:
     from waychair.planning.tracks import Track
 
 DEFAULTS = DwaSettings()
-"""What a person is driven with, where nothing else is asked for."""
+"""The limits for a chair with a rider, unless others are given."""
 
 _LEAVING = 2.5
-"""Within this time [s] there must be more room, where there is far too little."""
+"""Where clearance is far too small, an admissible arc reaches a place with more within this time [s]."""
 
 _NEAR_END = 1.5
-"""On the last stretch [m] no more clearance is asked for than there is at the end."""
+"""On the last stretch [m] of a path, clearance beyond that at its end is worth nothing."""
 
 _FAR = 2.0
-"""More way [m] than this is no reason to leave the path less: fast chairs weigh way and path as slow ones do."""
+"""Cap [m] of the progress scale: fast chairs weigh progress against the path as slow ones do."""
 
 _LET_GO = 1e-6
-"""A chair that is to stand in the next period but for this [m/s] stands."""
+"""A command within this [m/s] of standstill counts as standstill."""
 
 _COURTESY = 0.5
-"""The chair stands this long [s] before it is reached by somebody who goes on."""
+"""The chair stands this long [s] before a predicted person reaches it."""
 
 _WALKS, _SHARES = 0.2, 2.0
-"""With somebody faster than this [m/s] so near [m], who looks for a way past, no way is looked for by turning about."""
+"""Somebody faster than this [m/s] and nearer than this [m] is looking for a way past: no turns on the spot then."""
 
 
 @dataclass(frozen=True, slots=True)
 class DwaResult:
     """The command, and why: candidates (N, 2) [m/s, rad/s], scores (N,) (-inf: not admissible).
 
-    `in_position`: at the goal, but for the heading. `blocked`: nothing that moves is possible, the twist brakes along
-    the present arc and then stands. `arrived`: at the goal, in position and heading, standing still. `arc` (M, 3)
-    [m, m, rad] is the chosen candidate's way, in the frame of the pose.
+    `in_position`: at the goal, except for the heading. `blocked`: no motion is possible; the twist brakes along the
+    present arc and then stands. `arrived`: at the goal, in position and heading, standing still. `arc` (M, 3)
+    [m, m, rad] is the chosen candidate's path, in the frame of the pose.
     """
 
     twist: Twist
@@ -117,17 +117,17 @@ def choose(
     tracks: Sequence[Track] = (),
     fastest: float = math.inf,
 ) -> DwaResult:
-    """The next command on a path.
+    """Return the next command on a path.
 
-    Pose (of the base, now), path, distances and tracks are in one frame, in which nothing jumps.
-    command: the last one sent; path: its last pose is the goal; distances: around the chair (what lies outside counts
-    as occupied); in_position: what the last result said, so that turning at the goal may drift a little without giving
-    it up. motion: `motion_after` the last command; jerk is not limited without it. tracks: as of the latest scan.
-    fastest [m/s]: the speed to come down to, where what follows is to be entered slowly.
+    Pose (of the base, now), path, distances and tracks are in one frame without jumps.
+    command: the last one sent. path: its last pose is the goal. distances: around the chair; anything outside counts as
+    occupied. in_position: as in the last result; turning at the goal may then drift a little without being given up.
+    motion: `motion_after` the last command; without it, jerk is not limited. tracks: as of the latest scan.
+    fastest [m/s]: upper bound of the speed, for slowing down before the next leg.
     """
     shape, ease = eased_footprint(body, settings.margin, distances, pose)
     settings = crawling(settings) if ease else settings
-    # What is commanded now moves the chair only after the reaction time, until then the last command does.
+    # This command moves the chair only after the reaction time; until then the last command does.
     ahead = Pose2(*along_arc(pose.x, pose.y, pose.theta, command.v, command.omega, settings.reaction_time))
     section, remaining = local_section(path.poses, ahead.array(), settings.max_speed * settings.horizon + 0.5)
 
@@ -150,7 +150,7 @@ def choose(
     features = _with_people(features, ahead, tracks, shape, distances, settings)
     if motion is not None:
         features = replace(features, reversal=(candidates[:, 0] * motion.direction < 0).astype(np.float64))
-    if ease > settings.margin:  # the outline itself may be too near: only where there is more room
+    if ease > settings.margin:  # the outline itself may be too near: admit arcs to more clearance only
         roomier = footprint(body, settings.margin - ease + EASE_STEP, distances)
         features = replace(features, admissible=features.admissible & _leaves(features, ahead, roomier, distances))
     longest = min(settings.max_speed * settings.horizon, _FAR)
@@ -171,11 +171,11 @@ def rotate_to_heading(
     settings: DwaSettings = DEFAULTS,
     motion: Motion | None = None,
 ) -> DwaResult:
-    """Turn in place to a heading [rad] in the frame of the pose, the short way round if it is free, else the long way.
+    """Turn on the spot to a heading [rad] in the pose's frame: in the shorter direction if it is free, else the longer.
 
-    The whole sweep of the rectangle is checked before it begins and at every call. `arrived` when the heading is
-    reached and the chair stands; `blocked` when neither way round is free. With a `motion`, a chair that still drives
-    stops with limited jerk first.
+    The whole sweep of the footprint is checked before the turn begins and at every call. `arrived` when the heading is
+    reached and the chair stands; `blocked` when neither direction is free. With a `motion`, a chair that still drives
+    first stops with limited jerk.
     """
     shape = footprint(body, settings.margin, distances)
     ahead = Pose2(*along_arc(pose.x, pose.y, pose.theta, command.v, command.omega, settings.reaction_time))
@@ -183,9 +183,10 @@ def rotate_to_heading(
 
 
 def _time_needed(candidates: FloatArray, settings: DwaSettings) -> FloatArray:
-    """(N,) Eq. (10) as a time [s] at full speed: a period and half the time to brake, or the measured way to rest.
+    """Return (N,) Eq. (10) as a time [s] at full speed: a period and half the braking time, or the measured stop.
 
-    What a turn goes on by grows with its square once the brakes bite; what goes by before is the reaction time's.
+    A turn's stopping angle grows with the square of its rate once the brakes act; the part before belongs to the
+    reaction time.
     """
     v, omega = np.abs(candidates).T
     needed: FloatArray = np.maximum(v / settings.braking, omega / settings.alpha) / 2
@@ -200,7 +201,7 @@ def _time_needed(candidates: FloatArray, settings: DwaSettings) -> FloatArray:
 
 
 def _can_stop(twist: Twist, start: FloatArray, shape: Footprint, settings: DwaSettings) -> bool:
-    """Eq. (10): one period at this speed and the stop after it stay free."""
+    """Return whether one period at this speed and the stop after it stay free (Eq. (10))."""
     twists = np.array([[twist.v, twist.omega]])
     return bool(first_free(shape, start, twists, _time_needed(twists, settings)) == 0)
 
@@ -208,9 +209,9 @@ def _can_stop(twist: Twist, start: FloatArray, shape: Footprint, settings: DwaSe
 def _window(
     command: Twist, fastest: float, body: ChairBody, settings: DwaSettings, motion: Motion | None
 ) -> FloatArray:
-    """(N, 2) candidates: Eqs. (8) and (9) round the command, wheel speed and sideways acceleration, 0 among them.
+    """Return (N, 2) candidates around the command, 0 among them: Eqs. (8), (9), limits of wheel speed and lateral a.
 
-    With a motion, Eq. (9) is of the third order: the acceleration too takes its time to change.
+    With a motion, Eq. (9) is of third order: the acceleration changes by the jerk.
     """
     time = settings.window_time
     a, alpha = (None, None) if motion is None else (motion.acceleration.v, motion.acceleration.omega)
@@ -224,18 +225,18 @@ def _window(
     v = _samples(min(v_low, v_high), max(v_low, v_high), settings.v_samples)
     v = np.where(v == 0.0, 0.0, np.copysign(np.maximum(np.abs(v), settings.min_speed), v))
     omega = _samples(min(omega_low, omega_high), max(omega_low, omega_high), settings.omega_samples)
-    # Those of one turning speed in a row, as `arc_fan` likes them.
+    # candidates of one turning speed in a row: `arc_fan` is fastest so
     pairs = np.stack(np.meshgrid(v, omega), axis=-1).reshape(-1, 2)
-    # a turn on the spot that the drive's dead band swallows is none
+    # no turns on the spot within the drive's dead band
     pairs = pairs[(pairs[:, 0] != 0.0) | (pairs[:, 1] == 0.0) | (np.abs(pairs[:, 1]) >= settings.min_omega)]
     wheels = np.abs(pairs[:, 0]) + np.abs(pairs[:, 1]) * body.track / 2
     possible = (wheels <= settings.max_wheel_speed) & (np.abs(pairs[:, 0] * pairs[:, 1]) <= settings.max_lateral)
-    # A command beyond the limits, say after they were lowered, leaves nothing possible: slow down whatever it takes.
+    # A command beyond the limits (lowered since) leaves no candidate: brake.
     return np.ascontiguousarray(pairs[possible]) if possible.any() else np.zeros((1, 2))
 
 
 def _samples(low: float, high: float, count: int) -> FloatArray:
-    """Evenly spaced, the one nearest to 0 moved onto it where 0 lies between: straight on and standing are tried."""
+    """Return evenly spaced values; a 0 among or between them is hit exactly, so standing and straight on are tried."""
     values = np.linspace(low, high, count)
     if low < 0.0 < high:
         values[np.argmin(np.abs(values))] = 0.0
@@ -251,7 +252,7 @@ def _features(
     distances: DistanceField,
     settings: DwaSettings,
 ) -> Features:
-    """Roll every candidate out and measure it against the path and the obstacles."""
+    """Roll out every candidate and measure it against the path and the obstacles."""
     needed = np.minimum(_time_needed(candidates, settings), settings.horizon)
     start, local = in_cells(distances, ahead), poses_in_cells(distances, section)
     rows = measure(shape, start, candidates, local, needed, settings.horizon)
@@ -283,11 +284,11 @@ def _with_people(
     distances: DistanceField,
     settings: DwaSettings,
 ) -> Features:
-    """The same, with people who go on as they do: an arc that meets one before the chair has long stood is no good.
+    """Return the measures with people: arcs that meet a predicted person before the chair stands are inadmissible.
 
-    To stand always is: whoever walks into a standing chair is not run into. So is what the chair can stop on, and where
-    it is met later, and comes no nearer to anybody, than if it stood. Nor does it turn on the spot before who walks up:
-    that bars now this side to them and now that, and neither gets past the other.
+    Standing is always admissible: a standing chair runs into nobody. So is an arc on which the chair can stop if it
+    would be met later there, and comes no nearer to anybody, than standing still. Turns on the spot in front of
+    somebody approaching are inadmissible: they block one side after the other, and neither gets past.
     """
     if not tracks:
         return features
@@ -306,7 +307,7 @@ def _sparing(
     distances: DistanceField,
     settings: DwaSettings,
 ) -> DwaResult:
-    """A turn on the spot, or a stop where one of its corners would meet somebody who goes on."""
+    """Return the turn on the spot, or a stop if a corner of the chair would meet a predicted person."""
     if not tracks or standing(turn.twist):
         return turn
     tried = np.array([[turn.twist.v, turn.twist.omega]])
@@ -323,7 +324,7 @@ def _spare(
     distances: DistanceField,
     settings: DwaSettings,
 ) -> tuple[BoolArray, FloatArray]:
-    """(N,) whether candidates meet nobody too soon, and their least gaps [m]; see `_with_people`."""
+    """Return (N,) whether candidates meet nobody too soon, and (N,) their least gaps [m]; see `_with_people`."""
     needed = np.minimum(_time_needed(candidates, settings), settings.horizon)
     met = _met(np.concatenate([candidates, np.zeros((1, 2))]), ahead, tracks, shape, distances, settings)
     met, stood = met[:-1], met[-1]
@@ -342,7 +343,7 @@ def _meets_somebody(
     distances: DistanceField,
     settings: DwaSettings,
 ) -> bool:
-    """Whether a chair that brakes in comfort would still be under way when it meets somebody."""
+    """Return whether a chair that brakes comfortably would meet somebody before it stands."""
     if not tracks or standing(command):
         return False
     present = np.array([[command.v, command.omega]])
@@ -357,7 +358,7 @@ def _met(
     distances: DistanceField,
     settings: DwaSettings,
 ) -> FloatArray:
-    """(N, 2) when [s] each candidate meets a person, who goes on as now, and the least gap [m]; see `people_ahead`."""
+    """Return (N, 2) when [s] each candidate meets a predicted person, and the least gap [m]; see `people_ahead`."""
     people = np.array([track.row(settings.reaction_time) for track in tracks])
     people[:, :2] = poses_in_cells(distances, np.column_stack([people[:, :2], np.zeros(len(people))]))[:, :2]
     people[:, 2:4] = people[:, 2:4] @ rotation(distances.map_from_grid.theta) / shape.cell
@@ -366,7 +367,7 @@ def _met(
 
 
 def _leaves(features: Features, ahead: Pose2, roomier: Footprint, distances: DistanceField) -> BoolArray:
-    """(N,) whether a candidate stands still or leads to where the body has more room than it has here."""
+    """Return (N,) whether a candidate stands still or leads to a place with more clearance than here."""
     times = np.minimum(_LEAVING, features.free_time)
     return fits_after(roomier, in_cells(distances, ahead), features.candidates, times)
 
@@ -381,7 +382,7 @@ def _best(
     settings: DwaSettings,
     motion: Motion | None,
 ) -> DwaResult:
-    """The best candidate whose first step can stop; braking when there is none."""
+    """Return the best candidate whose first period can stop; braking when there is none."""
     order = np.argsort(-scores, kind="stable")
     order = order[scores[order] > -np.inf]
     twists = towards_each(command, candidates[order], settings, motion)
@@ -394,7 +395,7 @@ def _best(
 
 
 def _arc(start: Pose2, candidate: FloatArray, horizon: float) -> FloatArray:
-    """(26, 3) poses along a candidate."""
+    """Return (26, 3) poses along a candidate."""
     times = np.linspace(0.0, horizon, 26)
     return np.array([along_arc(start.x, start.y, start.theta, candidate[0], candidate[1], t) for t in times])
 
@@ -409,10 +410,10 @@ def _rotate(
     settings: DwaSettings,
     motion: Motion | None,
 ) -> DwaResult:
-    """Brake v, in comfort as long as there is room for it, then turn: as fast as the angle left allows to stop.
+    """Brake v, comfortably if there is room, then turn as fast as stopping within the remaining angle allows.
 
-    A command that ought to have turned the chair there is trusted once the chair is seen to be there: a small turn that
-    is given up as soon as it was commanded never begins, where a dead band or a lag swallows the beginning.
+    The turn ends only when the measured heading confirms it. A small turn given up as soon as its command should have
+    sufficed would never begin where a dead band or a lag swallows the first part.
     """
     none = np.zeros((0, 2))
     here, start = ahead.array()[None], in_cells(distances, ahead)
@@ -441,7 +442,7 @@ def _rotate(
 
 
 def _ways_round(error: float, omega: float) -> tuple[float, float]:
-    """Angles [rad] to turn, the preferred first: the short way, unless the chair already turns the other way at half."""
+    """Return angles [rad] to turn, the preferred first: the shorter, unless the chair already turns the other way."""
     other = error - math.copysign(math.tau, error)
     turning_back = error * omega < 0 and abs(omega) > STANDING_OMEGA
     return (other, error) if turning_back and abs(error) > 0.8 * math.pi else (error, other)

@@ -1,4 +1,4 @@
-"""The arithmetic inside the dynamic window: arcs against the path and the obstacles."""
+"""Kernels of the dynamic window: candidate arcs measured against the path, the obstacles and people."""
 
 from __future__ import annotations
 
@@ -16,18 +16,19 @@ SPACING = 0.05
 """Distance [m] of the points of a section of path."""
 
 _LOOKS = 10
-"""Poses of an arc that are compared with the path."""
+"""Number of poses of an arc that are compared with the path."""
 
 _BEHIND, _AHEAD = 5, 25
-"""Where the nearest point of the path is looked for from one such pose to the next: from so many points before the last
-one on, among so many. An arc goes along the path."""
+"""Search window for the path's nearest point from one such pose to the next: it begins so many points before the last
+one and has so many points. An arc runs along the path."""
 
 
 def local_section(poses: FloatArray, at: FloatArray, length: float) -> tuple[FloatArray, float]:
-    """The path from its point nearest to a pose on: (M, 3) points every 0.05 m with the path's direction there.
+    """Return the path from its point nearest to a pose on, and the distance [m] left.
 
-    poses (N, 3) and at (3,) [m, m, rad] in map; the section ends after `length` [m] or at the path's end. Also the way
-    [m] that remains to the end of the whole path, the distance from the pose to the section included.
+    The section has (M, 3) points every 0.05 m with the path's direction there, and ends after `length` [m] or at the
+    path's end. poses (N, 3) and at (3,) are [m, m, rad] in map. The distance left is to the end of the whole path, and
+    includes the distance from the pose to the section.
     """
     points = poses[:, :2]
     if len(points) == 1:
@@ -49,10 +50,10 @@ def local_section(poses: FloatArray, at: FloatArray, length: float) -> tuple[Flo
 
 
 _EVERY = 8
-"""Fine steps between two looks at people."""
+"""Fine steps between two checks against people."""
 
 _WIDEST = 0.3
-"""What a person's radius grows by at most [m]: where somebody goes in two seconds nobody knows."""
+"""Largest growth [m] of a predicted person's radius: nobody can tell where somebody goes in two seconds."""
 
 
 @njit(cache=True, nogil=True)
@@ -64,12 +65,12 @@ def measure(
     needed: FloatArray,
     horizon: float,
 ) -> FloatArray:
-    """(N, 6): free_time, clearance, path_error, heading_error, progress, target_distance (see `Features`).
+    """Return (N, 6): free_time, clearance, path_error, heading_error, progress, target_distance (see `Features`).
 
-    start (3,) and section (M, 3) on the field's grid [cells, cells, rad]; needed (N,) [s]: arcs that are not free for so
-    long cannot be driven and are measured no further, their row is 0 but for the free time. horizon [s]: of the arcs.
+    start (3,) and section (M, 3) are on the field's grid [cells, cells, rad]. An arc that is free for less than its
+    needed (N,) time [s] is inadmissible; its row is 0 except for the free time. horizon [s]: duration of the arcs.
     """
-    # A point near the front end of the long axis; led along the path, it lines the chair up with doors early.
+    # A point near the front end of the long axis: guided along the path, it lines the chair up with doors early.
     nose = shape.discs[0, 0] + shape.discs[0, 3]
     first_x, first_y = start[0] + nose * math.cos(start[2]), start[1] + nose * math.sin(start[2])
     first, _ = _nearest(section, 0, len(section), first_x, first_y)
@@ -102,7 +103,7 @@ def _follow(
     first: int,
     row: FloatArray,
 ) -> None:
-    """Fill a row along an arc up to step `last`; its heading as the path's at the end."""
+    """Fill a row along an arc up to step `last`; column 3 gets the path's direction at the arc's end."""
     end = len(section) - 1
     near, front, path_error = 0, first, 0.0
     clearance, target = math.inf, math.inf
@@ -128,7 +129,7 @@ def _follow(
 
 @njit(cache=True, inline="always")
 def _nearest(section: FloatArray, begin: int, count: int, x: float, y: float) -> tuple[int, float]:
-    """Of `count` points from `begin` on the one nearest to (x, y), and the square of its distance."""
+    """Return which of `count` points from `begin` on is nearest to (x, y), and the square of its distance."""
     best, least = max(begin, 0), math.inf
     for j in range(max(begin, 0), min(begin + count, len(section))):
         square = (section[j, 0] - x) ** 2 + (section[j, 1] - y) ** 2
@@ -139,7 +140,7 @@ def _nearest(section: FloatArray, begin: int, count: int, x: float, y: float) ->
 
 @njit(cache=True, inline="always")
 def _beyond(end: FloatArray, x: float, y: float) -> float:
-    """Square of the distance [m^2] from the path prolonged straight past its end; infinite before the end.
+    """Return the squared distance [cells^2] from the path extended straight past its end; infinite before the end.
 
     The front of a chair that stops at the end lies beyond it, which is no error.
     """
@@ -153,10 +154,10 @@ def _beyond(end: FloatArray, x: float, y: float) -> float:
 def people_ahead(
     shape: Footprint, start: FloatArray, candidates: FloatArray, people: FloatArray, horizon: float
 ) -> FloatArray:
-    """(N, 2): when [s] an arc first meets a person, +inf if it does not, and the least gap [m] before that.
+    """Return (N, 2): when [s] an arc first meets a person, +inf if never, and the least gap [m] before that.
 
-    people (P, 6): x, y [cells], velocity [cells/s], radius [m] and what it grows by per second [m/s], at most
-    `_WIDEST`. The body is its rectangle with the margin; every `_EVERY` fine steps are looked at.
+    people (P, 6): x, y [cells], velocity [cells/s], radius [m] and its growth [m/s], in total at most `_WIDEST`. The
+    body is its rectangle with the margin; every `_EVERY`-th fine step is checked.
     """
     length, half = _half_sides(shape)
     table = np.empty((FINE + 1, 4))
@@ -187,14 +188,14 @@ def people_ahead(
 
 @njit(cache=True, inline="always")
 def _half_sides(shape: Footprint) -> tuple[float, float]:
-    """Half length and half width [cells] of the body with its margin."""
+    """Return half the length and half the width [cells] of the body with its margin."""
     half = shape.discs[0, 3]
     return math.sqrt(shape.discs[0, 2] ** 2 - half**2), half
 
 
 @njit(cache=True, nogil=True)
 def fits_after(shape: Footprint, start: FloatArray, candidates: FloatArray, times: FloatArray) -> BoolArray:
-    """(N,) whether the body fits where each candidate leads in its time; where it stands still it always does.
+    """Return (N,) whether the body fits where each candidate ends after its time; standing still always fits.
 
     start (3,) [cells, cells, rad]; candidates (N, 2) [m/s, rad/s]; times (N,) [s].
     """
@@ -208,9 +209,9 @@ def fits_after(shape: Footprint, start: FloatArray, candidates: FloatArray, time
 
 @njit(cache=True, nogil=True)
 def first_free(shape: Footprint, start: FloatArray, twists: FloatArray, times: FloatArray) -> int:
-    """The first of some twists (N, 2) [m/s, rad/s] that can be driven for its time (N,) [s]; N where there is none.
+    """Return the first of the twists (N, 2) [m/s, rad/s] that can be driven for its time (N,) [s]; N if there is none.
 
-    start (3,) [cells, cells, rad]. What many candidates have in common, as most have their first step, is tried once.
+    start (3,) [cells, cells, rad]. Equal twists are tried once: most candidates share their first period.
     """
     tried = np.empty((len(twists), 2))
     count = 0

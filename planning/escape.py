@@ -1,4 +1,4 @@
-"""Backing out of a tight spot the way the chair came in: the one way that is known to have been free."""
+"""Backing out of a tight spot along the path by which the chair came in, which is known to have been free."""
 
 from __future__ import annotations
 
@@ -15,15 +15,15 @@ from waychair.planning.motion import CRAWL_OMEGA, CRAWL_V, DwaSettings, braking,
 from waychair.types import FloatArray, Pose2, Twist
 
 _TURNS = 17
-"""Turning speeds tried."""
+"""Number of turning speeds tried."""
 
 
 def kept_footprint(
     pose: Pose2, distances: DistanceField, body: ChairBody, margin: float, keeps: float
 ) -> tuple[Footprint, float | None]:
-    """The body with its margin [m], eased as by `eased_footprint`, but to no less than is to be kept [m].
+    """Return the body with its margin [m], reduced as by `eased_footprint` but to no less than `keeps` [m].
 
-    Also returns what is free round it [m], the margin at most; None where it touches something.
+    Also return the clearance around it [m], at most the margin; None where it touches something.
     """
     shape, ease = eased_footprint(body, margin, distances, pose)
     if margin - ease < keeps:
@@ -40,11 +40,11 @@ def back_up(
     settings: DwaSettings,
     way: float = 0.5,
 ) -> DwaResult:
-    """The next command backwards, along `trail` (M, 3) [m, m, rad], the chair's latest poses, the last one last.
+    """Return the next command for backing out along `trail` (M, 3) [m, m, rad], the chair's latest poses in order.
 
-    Of the reverse arcs at walking-stick pace that are free and can be stopped on, the one that ends nearest to where
-    the chair was `way` [m] ago; straight back without a trail. The shape is the body's, with its margin, on the same
-    distances. `blocked` when there is none, or the chair may not drive backwards.
+    Among the reverse arcs at crawling speed that are free and leave room to stop, the best ends nearest to where the
+    chair was `way` [m] ago; without a trail, straight behind it. The shape is the body with its margin on the same
+    distances. `blocked` when there is no such arc, or the chair may not drive backwards.
     """
     ahead = Pose2(*along_arc(pose.x, pose.y, pose.theta, command.v, command.omega, settings.reaction_time))
     target = _behind(ahead, trail, way)
@@ -66,7 +66,7 @@ def back_up(
 
 
 def _behind(pose: Pose2, trail: FloatArray, way: float) -> Pose2:
-    """Where the chair was `way` [m] ago, or straight behind it."""
+    """Return where the chair was `way` [m] ago, or the pose that far straight behind it."""
     if len(trail) > 1:
         along = np.hypot(*np.diff(trail[::-1, :2], axis=0).T).cumsum()
         k = int(np.searchsorted(along, way))

@@ -1,4 +1,4 @@
-"""Distances on cells finer than a map's, in a square round one place: where centimetres decide whether a chair fits."""
+"""Distance fields finer than the map, in a square around one place where centimetres decide whether a chair fits."""
 
 from __future__ import annotations
 
@@ -14,10 +14,10 @@ from waychair.maps.grid import cells_from_points, cells_under, occupied, points_
 from waychair.types import BoolArray, FloatArray, IntArray, OccupancyGrid, Pose2
 
 FINEST = 0.0125
-"""Side [m] from which on cells are fine enough: what the body's check adds for safety is one cell."""
+"""Largest side [m] of a fine cell: the footprint's check adds one cell for safety."""
 
 _DEEP, _JAMB = 0.4, 0.06
-"""A door's opening is cleared this far [m] before and behind its middle; its jambs are this thick and half as deep."""
+"""A door's opening is cleared this far [m] before and behind its middle; its jambs are this wide and deep [m]."""
 
 
 def fine_field(
@@ -29,12 +29,12 @@ def fine_field(
     known_within: float = 0.0,
     layered: Sequence[tuple[BodyLayer, FloatArray]] = (),
 ) -> DistanceField:
-    """Distances to the grid's occupied cells and to `points` (N, 2) [m] in map, within `reach` [m] of a place.
+    """Return distances to the grid's occupied cells and to `points` (N, 2) [m] in map, within `reach` [m] of a place.
 
-    A cell of the map stays the square it is, cut into whole parts of at most `FINEST`. `opening` is a door's pose
-    (x leads through it) and width [m] as they were measured: it is free, and its jambs stand beside it, whatever the
-    map says. Points no farther than `known_within` [m] from all this are left out, they are that. What lies beyond the
-    map or the square is not known, and nothing fits there. `layered` points stand at the heights of a layer of the body.
+    A map cell is divided into whole parts of at most `FINEST`. `opening` is a door's measured pose (x leads through it)
+    and width [m]: it counts as free with a jamb on either side, whatever the map says. Points within `known_within` [m]
+    of these obstacles are taken for them and left out. Everything beyond the map or the square is unknown, and nothing
+    fits there. `layered` points exist only at the heights of one layer of the body.
     """
     side = grid.resolution
     parts = max(1, math.ceil(side / FINEST - 1e-9))
@@ -64,15 +64,15 @@ def fine_field(
             stands = np.zeros_like(solid)
             stands[cells[:, 0], cells[:, 1]] = True
             layers.append((layer, window_distances(stands, fine.resolution)))
-    if points is not None and len(points) and len(cells := news(points)):  # what is new is rare where it is tight
+    if points is not None and len(points) and len(cells := news(points)):  # new points are rare in tight places
         solid[cells[:, 0], cells[:, 1]] = True
         metres = window_distances(solid, fine.resolution)
     return DistanceField(metres, fine.resolution, fine.map_from_grid, tuple(layers))
 
 
 def _open(solid: BoolArray, fine: OccupancyGrid, map_from_door: Pose2, width: float) -> None:
-    """Clear the opening of a door, and put its jambs to both sides of it."""
-    reach = math.ceil(math.hypot(_DEEP, width / 2 + _JAMB) / fine.resolution) + 1  # no cell farther off is concerned
+    """Clear a door's opening, and put a jamb on either side."""
+    reach = math.ceil(math.hypot(_DEEP, width / 2 + _JAMB) / fine.resolution) + 1  # cells farther off do not change
     row, column = cells_from_points(fine, np.array([[map_from_door.x, map_from_door.y]]))[0]
     top, left = max(int(row) - reach, 0), max(int(column) - reach, 0)
     part = solid[top : max(int(row) + reach + 1, 0), left : max(int(column) + reach + 1, 0)]

@@ -1,13 +1,13 @@
-"""Does the chair's rectangle fit, here and along an arc? Exact enough for doors, and never a false "free".
+"""Collision checks of the chair's footprint at a pose and along an arc, against a distance field; never a false "free".
 
-The rectangle is halved again and again into a tree of smaller ones, each wrapped by a disc. Where the distance field
-shows that a disc is free, everything below it in the tree is free; only beside obstacles does the walk go down to
-leaves, whose discs overhang the rectangle by at most a fifth of a cell. The rectangle is the chair's own, not symmetric
-about the drive axle: the swing-out of its front in a turn is the usual contact at a door.
+The footprint's rectangle is halved repeatedly into a tree of smaller ones, each enclosed by a disc. Where the distance
+field shows that a disc is free, everything below it in the tree is free. Only beside obstacles does the search reach
+the leaves, whose discs overhang the rectangle by at most a fifth of a cell. The rectangle is not symmetric about the
+drive axle: the usual contact at a door is the front swinging out in a turn.
 
-Lengths inside the kernels are in cells. An obstacle may lie anywhere in its cell (0.71 cells from its centre), the
-interpolated distance may be 0.15 cells too large, and what a rectangle sweeps between two poses `_STEP` apart lies no
-deeper than 0.14 cells (`SWEPT`: 0.35 steps, a diagonal move) outside both: together `SLACK`, one cell.
+Lengths inside the kernels are in cells. An obstacle may lie anywhere in its cell (0.71 cells from its centre), and the
+interpolated distance may be 0.15 cells too large. The area swept between two poses `_STEP` apart reaches at most 0.14
+cells outside both rectangles (`SWEPT`: 0.35 steps, a diagonal move). Together this is `SLACK`, one cell.
 """
 
 from __future__ import annotations
@@ -26,29 +26,29 @@ from waychair.maps.distance_field import DistanceField, interpolated
 from waychair.types import BoolArray, Float32Array, FloatArray, Pose2
 
 SLACK = 1.0
-"""Clearance [cells] that a disc needs beyond its radius."""
+"""Distance [cells] to the nearest obstacle that a disc needs beyond its radius."""
 
 SWEPT = 0.14
-"""Part of the slack [cells] that is for what is swept between two poses `_STEP` apart."""
+"""Part of the slack [cells] for the area swept between two poses `_STEP` apart."""
 
 _STEP = 0.4
-"""Movement [cells] of any point of the body between two poses that are checked."""
+"""Largest displacement [cells] of any point of the body between two checked poses."""
 
 _GLANCE = 3.0
-"""The same beyond the time that must be certain, where an arc is only judged and not yet relied on."""
+"""The same beyond the time that must be certain: there an arc is rated, but not yet relied on."""
 
 
 EASE_STEP = 0.002
 _EASES = tuple(EASE_STEP * step for step in range(26))
-"""By how much [m] the margin may be eased, step by step: what a tight spot is eased by is what it takes, no more."""
+"""Reductions [m] of the margin that are tried in turn in a tight spot; the first that is enough is taken."""
 
 
 class Outline(NamedTuple):
-    """A rectangle on a field, in cells.
+    """The tree of discs of one rectangle, and the distance field that it is checked against; lengths in cells.
 
-    discs (N, 4) float64: x and y ahead and left of the drive axle, radius round its part, radius inside its part;
-    depth-first. skip (N,) int32: the next disc when this one is free; the disc after it, for a leaf.
-    metres: the field (H, W) float32 [m], `cell` [m] its resolution.
+    discs (N, 4) float64, depth-first: x ahead and y left of the drive axle, radius of the disc around its part of the
+    rectangle, radius of the disc inside it. skip (N,) int32: index of the next disc once this one is free; for a leaf
+    that is the following one. metres: the field (H, W) float32 [m]; `cell` [m] is its resolution.
     """
 
     discs: FloatArray
@@ -58,9 +58,10 @@ class Outline(NamedTuple):
 
 
 class Footprint(NamedTuple):
-    """A body on a field: its whole outline, as an `Outline`, and its layers where what stands has a field of its own.
+    """A body on a field: its whole outline, as in `Outline`, and those height layers that have a field of their own.
 
-    Of the layers, discs (M, 4) and skips (M,), one after the other, where each ends (L,), and their fields (L, H, W).
+    The layers' discs (M, 4) and skips (M,) are concatenated; `layer_ends` (L,) is the index after each layer's last
+    disc, `layer_metres` (L, H, W) [m] are their fields.
     """
 
     discs: FloatArray
@@ -74,7 +75,7 @@ class Footprint(NamedTuple):
 
 
 def footprint(body: ChairBody, margin: float, field: DistanceField) -> Footprint:
-    """The body, grown by a margin [m] on all sides, on a distance field."""
+    """Return the body, grown by a margin [m] on all sides, on a distance field."""
     cell = field.resolution
     discs, skip = _disc_tree(body.front, body.rear, body.width / 2, margin, cell)
     layers = [_disc_tree(layer.front, layer.rear, layer.half_width, margin, cell) for layer, _ in field.layers]
@@ -91,31 +92,31 @@ _NO_LAYERS = np.empty((0, 4)), np.empty(0, np.int32), np.empty(0, np.int32), np.
 
 @njit(cache=True, inline="always")
 def whole_of(shape: Footprint) -> Outline:
-    """The whole outline of a body."""
+    """Return the whole outline of a body."""
     return Outline(shape.discs, shape.skip, shape.metres, shape.cell)
 
 
 @njit(cache=True, inline="always")
 def layer_of(shape: Footprint, k: int) -> Outline:
-    """The outline of one of its layers."""
+    """Return the outline of layer k of a body."""
     begin, end = shape.layer_ends[k - 1] if k > 0 else 0, shape.layer_ends[k]
     return Outline(shape.layer_discs[begin:end], shape.layer_skip[begin:end], shape.layer_metres[k], shape.cell)
 
 
 def eased_footprint(body: ChairBody, margin: float, field: DistanceField, pose: Pose2) -> tuple[Footprint, float]:
-    """The body with its margin or, where it stands too near to something for that, with as much less as it takes.
+    """Return the body with its margin [m], reduced where it stands too near to an obstacle, and the reduction [m].
 
-    Noise of a scan or of the localisation can put an obstacle's cell inside the margin, and then nothing would be
-    admissible for ever. Eased by just what it takes, at most 5 cm, a chair can go on and leave, but on no way that has
-    less room; nor is the outline itself made smaller, but for what the cells may have added to an obstacle. Also
-    returns by how much [m] the margin was eased; when even that does not help, the body with its full margin and 0.
+    Noise of a scan or of the localisation can put an obstacle's cell inside the margin; then no arc would ever be
+    admissible. With the smallest sufficient reduction, at most 5 cm, the chair can leave, but on no path with less
+    clearance than here. The body itself is never shrunk by more than the cells may have enlarged an obstacle. Where
+    no reduction is enough, the body keeps its full margin and the reduction is 0.
     """
     at = in_cells(field, pose)
     for ease in _EASES:
         if margin - ease < -SLACK * field.resolution:
             break
         shape = footprint(body, margin - ease, field)
-        if room(shape, at[0], at[1], at[2], _STEP) >= 0.0:  # as closely as `free_time` will look
+        if room(shape, at[0], at[1], at[2], _STEP) >= 0.0:  # as finely as `free_time` checks
             return shape, ease
     return footprint(body, margin, field), 0.0
 
@@ -124,10 +125,10 @@ def eased_footprint(body: ChairBody, margin: float, field: DistanceField, pose: 
 def _disc_tree(
     front: float, rear: float, half: float, margin: float, cell: float
 ) -> tuple[FloatArray, NDArray[np.int32]]:
-    """`discs` and `skip` of an outline [m]; the same few are asked for at every tick.
+    """Return `discs` and `skip` of an outline [m]; cached, since every tick needs the same few.
 
-    All parts of one level are of one size, so that the tree is made level by level; of every part the two halves come
-    right after it and after all that is below the first.
+    All parts of one level have one size, so the tree is built level by level. The first half of a part comes right
+    after it, the second half after all parts below the first.
     """
     front, rear, half = (front + margin) / cell, (rear + margin) / cell, (half + margin) / cell
     sides = [((front + rear) / 2, half)]  # half sides of the parts, by level
@@ -141,39 +142,39 @@ def _disc_tree(
         discs[at] = np.column_stack([x, y, np.full_like(x, math.hypot(a, b)), np.full_like(x, min(a, b))])
         skip[at] = at + below
         below //= 2
-        along, across = (a / 2, 0.0) if a >= b else (0.0, -b / 2)  # the front first: it is what meets things
+        along, across = (a / 2, 0.0) if a >= b else (0.0, -b / 2)  # the front first: it usually meets obstacles
         at = np.concatenate([at + 1, at + 1 + below])
         x, y = np.concatenate([x + along, x - along]), np.concatenate([y + across, y - across])
     return discs, skip
 
 
 def in_cells(field: DistanceField, pose: Pose2) -> FloatArray:
-    """A pose in map as (3,) column, row [cells], theta [rad] on the field's grid."""
+    """Return a pose in map as (3,) column, row [cells], theta [rad] on the field's grid."""
     local = field.map_from_grid.inverse() @ pose
     return np.array([local.x / field.resolution, local.y / field.resolution, local.theta])
 
 
 def poses_in_cells(field: DistanceField, poses: FloatArray) -> FloatArray:
-    """Poses (N, 3) in map as `in_cells` has one."""
+    """Return poses (N, 3) in map as (N, 3) columns, rows [cells], theta [rad]; see `in_cells`."""
     local = compose(field.map_from_grid.inverse().array(), poses)
     local[:, :2] /= field.resolution
     return local
 
 
 def fits(body: ChairBody, margin: float, field: DistanceField, pose: Pose2) -> bool:
-    """Whether the body, grown by a margin [m], is surely free of obstacles at a pose in map."""
+    """Return whether the body, grown by a margin [m], is certainly free of obstacles at a pose in map."""
     at = in_cells(field, pose)
     return bool(room(footprint(body, margin, field), at[0], at[1], at[2]) >= 0.0)
 
 
 def fits_each(body: ChairBody, margin: float, field: DistanceField, poses: FloatArray) -> BoolArray:
-    """(N,) what `fits` says of each of many poses (N, 3) in map."""
+    """Return (N,) `fits` for each of many poses (N, 3) in map."""
     return _rooms(footprint(body, margin, field), poses_in_cells(field, poses)) >= 0.0
 
 
 @njit(cache=True, inline="always")
 def _distance(outline: Outline, column: float, row: float) -> float:
-    """Distance [cells] to the nearest obstacle centre, or to the field's border, beyond which nothing is known."""
+    """Return the distance [cells] to the nearest obstacle centre or to the field's border, beyond which is unknown."""
     height, width = outline.metres.shape
     border = min(min(column, width - column), min(row, height - row))
     return float(min(interpolated(outline.metres, column, row) / outline.cell, border))
@@ -181,9 +182,9 @@ def _distance(outline: Outline, column: float, row: float) -> float:
 
 @njit(cache=True, nogil=True)
 def room(shape: Footprint, x: float, y: float, theta: float, wanted: float = 0.0) -> float:
-    """How far [cells] every point of the body may move from here and stay free, at least; negative when it may touch.
+    """Return a lower bound [cells] on how far every point of the body may move and stay free; negative on contact.
 
-    Looks no closer than to find the room wanted.
+    The search stops refining once it has found the room wanted.
     """
     least = _room_of(whole_of(shape), x, y, theta, wanted)
     for k in range(len(shape.layer_ends)):
@@ -223,7 +224,7 @@ def _rooms(shape: Footprint, poses: FloatArray) -> FloatArray:
 
 @njit(cache=True, inline="always")
 def along_arc(x: float, y: float, theta: float, v: float, omega: float, t: float) -> tuple[float, float, float]:
-    """Pose after t seconds at constant v [lengths/s] and omega [rad/s]; theta is not wrapped."""
+    """Return the pose after t seconds at constant v [lengths/s] and omega [rad/s]; theta is not wrapped."""
     turned = omega * t
     if abs(turned) < 1e-6:
         middle = theta + 0.5 * turned
@@ -238,10 +239,10 @@ def along_arc(x: float, y: float, theta: float, v: float, omega: float, t: float
 
 @njit(cache=True, nogil=True)
 def free_time(shape: Footprint, start: FloatArray, v: float, omega: float, certain: float, horizon: float) -> float:
-    """How long [s] the body can follow an arc from a pose, up to the horizon; 0 when it does not fit there either.
+    """Return how long [s] the body can follow an arc from a pose, at most the horizon; 0 where it does not fit at all.
 
     `start` (3,) is in cells, v in cells/s. Steps are as long as the room found allows (conservative advancement), so
-    nothing is jumped over up to the time `certain` [s]; after it, steps are at least `_GLANCE`.
+    no obstacle is skipped up to the time `certain` [s]; after it, steps are at least `_GLANCE`.
     """
     # The root's disc reaches farther than any point of the body.
     reach = math.hypot(shape.discs[0, 0], shape.discs[0, 1]) + shape.discs[0, 2]
@@ -263,11 +264,10 @@ def free_time(shape: Footprint, start: FloatArray, v: float, omega: float, certa
 
 @njit(cache=True)
 def beside(shape: Footprint, x: float, y: float, c: float, s: float) -> float:
-    """Distance [m] from the body's sides to the nearest obstacle centre, measured from three points on its long axis.
+    """Return the distance [m] from the body's sides to the nearest obstacle centre, from three points on its long axis.
 
-    At (x, y) [cells] with a heading of cosine c and sine s.
-
-    A smooth measure for comparing poses that fit; whether one fits is `room`'s to say.
+    The body is at (x, y) [cells] with a heading of cosine c and sine s. This smooth measure compares poses that fit;
+    `room` decides whether a pose fits.
     """
     least = _beside(whole_of(shape), x, y, c, s)
     for k in range(len(shape.layer_ends)):

@@ -1,9 +1,9 @@
-"""Where people will be: occupancy over a time window, and whether to wait for them or to go round.
+"""Prediction of people: occupancy over a time window, and whether to wait for them or to drive around.
 
-The source paper names as its own weakness that somebody who crosses far ahead re-routes the chair sideways or even
-backwards, and as its remedy an occupancy that reflects a time window into the future. Here each cell holds the share of
-that window for which somebody is expected on it; it makes the cell dearer, never impassable. And a way round is taken
-only where it gets there sooner than waiting does.
+The source paper names a weakness: somebody crossing far ahead re-routes the chair sideways or even backwards. Its
+remedy is an occupancy over a time window into the future. Here each cell holds the share of that window for which
+somebody is expected on it; that raises the cell's price but never makes it impassable. A path around people is taken
+only where it is faster than waiting.
 """
 
 from __future__ import annotations
@@ -23,7 +23,7 @@ from waychair.types import Float32Array, FloatArray, OccupancyGrid
 
 @dataclass(frozen=True, slots=True)
 class ForecastSettings(Settings):
-    """How far ahead people are expected to go on, and what being in their way is worth."""
+    """How far ahead people are predicted, and the price of their predicted places."""
 
     window: float = setting(4.0, "s", "of time looked ahead; 0: nobody is foreseen", low=0.0, high=60.0)
     step: float = setting(0.2, "s", "between two looks", low=0.02, high=5.0)
@@ -33,13 +33,13 @@ class ForecastSettings(Settings):
     dearer: float = setting(20.0, "", "times the price where somebody is expected all the time", low=0.0, high=900.0)
 
     def looks(self) -> FloatArray:
-        """(T,) the times [s] in the window that are looked at, from now on."""
+        """Return (T,) the sampled times [s] in the window, from now on."""
         return np.arange(0.0, self.window + 1e-9, self.step) if self.window else np.empty(0)
 
 
 @dataclass(frozen=True, slots=True)
 class People:
-    """Those who are on their way, as `tracks` in map, and the distance [m] to be kept from the middle of each."""
+    """Moving people as `tracks` in map, and the distance [m] to keep between the path and the middle of each."""
 
     tracks: tuple[Track, ...]
     radius: float
@@ -48,10 +48,10 @@ class People:
 def predicted_occupancy(
     people: People, grid: OccupancyGrid, settings: ForecastSettings = ForecastSettings()
 ) -> Float32Array:
-    """(H, W) in [0, 1]: the share of the window for which somebody is within their radius of a cell's middle.
+    """Return (H, W) in [0, 1]: the share of the window for which somebody is within their radius of a cell's middle.
 
-    They go on as they go. How uncertain their speed is widens what they may take up by one sigma; the share is less by
-    as much as the disc is larger, as they are somewhere in it.
+    People move at constant velocity. Their disc grows by one sigma of their speed; the share falls as the disc's area
+    grows, since they are somewhere in it.
     """
     share = np.zeros(grid.cells.shape, np.float32)
     grid_from_map = grid.map_from_grid.inverse()
@@ -74,9 +74,9 @@ def predicted_occupancy(
 def with_forecast(
     costmap: Costmap, occupancy: Float32Array, settings: ForecastSettings = ForecastSettings()
 ) -> Costmap:
-    """The costmap with cells (H, W) dearer by how much of the time somebody is expected there; none gets impassable.
+    """Return the costmap with prices raised by the expected occupancy (H, W); no cell becomes impassable.
 
-    The harmonic field takes the price as absorption, so that the prediction bends it as it bends D* Lite's way.
+    The harmonic field takes prices as absorption, so the prediction bends its paths as it bends D* Lite's.
     """
     prices, expected = costmap.prices.copy(), tuple(cells_where(occupancy > 0.0).T)
     dearer = prices[expected] * (1.0 + settings.dearer * occupancy[expected].astype(np.float64))
@@ -87,10 +87,10 @@ def with_forecast(
 def arrival(
     people: People, points: FloatArray, cruise: float, settings: ForecastSettings = ForecastSettings()
 ) -> tuple[float, float]:
-    """When a path of points (N, 2) [m] in map is done at a speed [m/s], and how much of that is waiting at its start [s].
+    """Return the time [s] to drive a path (N, 2) [m] in map at a speed [m/s], and the wait [s] at its start in that.
 
-    One waits until the whole way can be gone without meeting anybody, who go on as they go. Of whoever is met however
-    long one waits within the window nothing is known but that: they are waited for as long as somebody `stays`.
+    The chair waits until it can drive the whole path without meeting any predicted person. If no wait within the window
+    is enough, it is expected to wait for `stays`.
     """
     along = arc_lengths(points) / cruise
     longest = float(along[-1])
@@ -103,5 +103,5 @@ def arrival(
 
 
 def _meets(people: People, points: FloatArray, seconds: FloatArray) -> bool:
-    """Whether somebody is too near to one of points (N, 2) after so many seconds (N,)."""
+    """Return whether somebody is too near to one of points (N, 2) at its time (N,) [s]."""
     return any(bool((np.hypot(*(points - each.after(seconds)).T) <= people.radius).any()) for each in people.tracks)

@@ -1,4 +1,4 @@
-"""From a costmap, a start and a goal to a path in map: D* Lite on the cells, a string pulled taut, cut into legs."""
+"""The global planner: from a costmap, a start and a goal to a path in map, searched on cells and cut into legs."""
 
 from __future__ import annotations
 
@@ -40,7 +40,7 @@ from waychair.types import FloatArray, IntArray, Path, Pose2
 
 @dataclass(frozen=True, slots=True)
 class PlannerSettings(Settings):
-    """How a path is made of cells."""
+    """Which planner searches the cells, and how a path is made of them."""
 
     planner: str = setting("dstar-lite", "", "planner on the grid: dstar-lite, astar, dijkstra or harmonic")
     smooth: str = setting("auto", "", "taut, band, none or auto: band for harmonic, else taut")
@@ -69,7 +69,7 @@ class PlannerSettings(Settings):
 
     @property
     def smoothing(self) -> str:
-        """How the path is smoothed: taut, band or none."""
+        """The smoothing in force: taut, band or none."""
         if self.smooth != "auto":
             return self.smooth
         return "band" if self.planner == HARMONIC else "taut"
@@ -79,7 +79,7 @@ SMOOTHINGS = ("auto", "taut", "band", "none")
 
 
 def plan(costmap: Costmap, start: Pose2, goal: Pose2, settings: PlannerSettings = PlannerSettings()) -> Path:
-    """Path in map from a start to a goal, planned from scratch; raises as `GlobalPlanner.replan`."""
+    """Return a path in map from a start to a goal, planned from scratch; raises as `GlobalPlanner.replan`."""
     return GlobalPlanner(goal, settings).replan(costmap, start)
 
 
@@ -99,7 +99,7 @@ def check_goal(costmap: Costmap, body: ChairBody, goal: Pose2) -> None:
 
 
 class GlobalPlanner:
-    """Plans to one goal again and again; keeps the search state, so that only what changed is searched anew."""
+    """A planner to one goal that keeps its search state, so that replanning only searches where something changed."""
 
     def __init__(self, goal: Pose2, settings: PlannerSettings = PlannerSettings()) -> None:
         self.goal = goal
@@ -112,20 +112,20 @@ class GlobalPlanner:
         self._distrusted: list[Door] = []
 
     def distrust(self, door: Door) -> None:
-        """Where the map seems to have this door none was found: what is narrow there is a tight place like any other."""
+        """Treat this door as an ordinary tight place from now on: the chair found no door there."""
         self._distrusted.append(door)
 
     @property
     def pops(self) -> int:
-        """Cells taken from the queue since the search began, a measure of the work done."""
+        """Number of cells taken from the queue since the search began, a measure of the work."""
         return self._search.pops if self._search is not None else 0
 
     def replan(self, costmap: Costmap, start: Pose2) -> Path:
-        """Path in map from the start to the goal over the present costmap; `legs` says how it is to be driven.
+        """Return a path in map from the start to the goal over the present costmap; `legs` says how to drive it.
 
-        Headings are the body's; the last one is the goal's. Two poses at one place: the chair stops there, and turns
-        to the heading of the second. A costmap of the geometry of the last call costs only what its changed cells
-        cost; another geometry begins anew.
+        Headings are the body's; the last one is the goal's. At two poses in one place the chair stops and turns to the
+        heading of the second. With the geometry of the last costmap, the search only repairs the effect of changed
+        cells; another geometry begins a new search.
 
         Raises:
             NoFreeSpace, StartOutsideMap, StartOccupied, GoalOutsideMap, GoalOccupied, NoPath.
@@ -136,12 +136,12 @@ class GlobalPlanner:
     def replan_in_slices(
         self, costmap: Costmap, start: Callable[[], Pose2], among_people: bool = False, go_on: GoOn | None = None
     ) -> Slices[Path]:
-        """The same in bounded parts: the harmonic field, then the way over the cells and its band, then tight turns.
+        """Do `replan` in bounded parts: the harmonic field, then the path over cells and its band, then tight turns.
 
-        The field holds from wherever the chair is by then, so that `start` is asked anew, and a band is found before it
-        has gone far: while `holds_anywhere` it may go on by the plan it has. `go_on` says whether there is time for more
-        of the field. `among_people` no tight turns are made of where they stand now, and no line is kept to that they
-        may cross: whether the rectangle passes is left to the local planner.
+        The field is valid from wherever the chair is by then, so `start` is called anew, and a band takes little time:
+        while `holds_anywhere` the chair may keep driving its present plan. `go_on` says whether there is time for more
+        of the field. `among_people` no tight turns are planned around people's present places and no leg is exact: the
+        local planner checks the footprint.
         """
         try:
             self.holds_anywhere = True
@@ -158,14 +158,14 @@ class GlobalPlanner:
         return whole(self.legs)
 
     def is_free(self, points: FloatArray) -> bool:
-        """Whether each of points (N, 2) [m] in map is passable on the costmap planned on last."""
+        """Return whether all points (N, 2) [m] in map are passable on the last costmap."""
         if self._costmap is None:
             return False
         cells = cells_from_points(self._costmap.grid, points)
         return bool(inside(self._costmap.grid, cells).all() and self._costmap.prices[tuple(cells.T)].all())
 
     def _cells(self, costmap: Costmap, here: Pose2) -> IntArray:
-        """The way (N, 2) over the cells; raises `NoPath`."""
+        """Return the path (N, 2) over the cells; raises `NoPath`."""
         search = self._search_over(costmap, here)
         try:
             self.cost = search.replan()
@@ -185,10 +185,10 @@ class GlobalPlanner:
         near: bool = False,
         go_on: GoOn | None = None,
     ) -> Slices[Path]:
-        """As `replan_in_slices` among people who are on their way, who may be `near`: foreseen, not walls.
+        """Do `replan_in_slices` among moving people, predicted rather than walls; `near`: some are close to the chair.
 
-        The direct way keeps to the right (`kept_right`). It is taken where nobody is met on it at `cruise` [m/s], or
-        where a way round them, over the costmap with their forecast, is done no sooner than waiting and the direct way.
+        The direct path keeps to one side (`kept_right`). It is taken if it meets nobody at `cruise` [m/s], or if a path
+        around the people, over the costmap with their prediction, is no faster than waiting and the direct path.
         """
         direct = yield from self.replan_in_slices(costmap, start, near, go_on)
         if people.tracks:
@@ -201,7 +201,7 @@ class GlobalPlanner:
         self.holds_anywhere = True  # until the next search is done
         yield
         expected = with_forecast(costmap, predicted_occupancy(people, costmap.grid, forecast), forecast)
-        with suppress(PlanningError):  # then there is no way round
+        with suppress(PlanningError):  # then no path leads around them
             around = yield from self.replan_in_slices(expected, start, near, go_on)
             if arrival(people, around.poses[:, :2], cruise, forecast)[0] < direct_s:
                 return around
@@ -209,7 +209,7 @@ class GlobalPlanner:
         return direct
 
     def _moved_aside(self, costmap: Costmap) -> Path:
-        """The way with its free legs to the right, where there is room."""
+        """Return the path with its free legs moved to one side, where there is room."""
         keep = self.settings.keep_right
         self.legs = tuple(
             replace(leg, path=kept_right(leg.path, costmap, keep)) if leg.manner is Manner.FREE else leg
@@ -218,13 +218,13 @@ class GlobalPlanner:
         return whole(self.legs)
 
     def _search_over(self, costmap: Costmap, start: Pose2) -> GridPlanner:
-        """The search over a costmap from the start."""
+        """Return the search over a costmap from the start."""
         check_free_space(costmap)
         begin = start_cell(costmap, start, self.settings.start_reach)
         return self._updated_search(costmap, begin, goal_cell(costmap, self.goal))
 
     def _updated_search(self, costmap: Costmap, start: Cell, goal: Cell) -> GridPlanner:
-        """The search over these prices, made anew only when the grid is another one."""
+        """Return the search over these prices; a new one only if the grid's geometry changed."""
         before, self._costmap = self._costmap, costmap
         if self._search is None or before is None or not _same_geometry(before, costmap):
             make = grid_planner(self.settings.planner, self.settings.harmonic)
@@ -255,12 +255,12 @@ def _legs_from_cells(
     settings: PlannerSettings,
     distrusted: Sequence[Door] = (),
 ) -> Slices[list[Leg]]:
-    """The chain of cells pulled taut where that is no dearer, and cut at tight doors; in slices, of its bands."""
+    """Return legs along the chain of cells, pulled taut where that costs no more, and cut at tight doors; resumable."""
     cell = costmap.grid.resolution
     grid_from_map = costmap.grid.map_from_grid.inverse()
     ends: FloatArray = transform_points(grid_from_map, np.array([[start.x, start.y], [goal.x, goal.y]])) / cell
     chain: FloatArray = cells[:, ::-1].astype(np.float64) + 0.5
-    # The exact ends stand for their cells; a start too close to a wall is joined to where the plan begins.
+    # The exact ends replace their cells; a start too close to a wall is joined to the first passable cell.
     chain = np.concatenate([ends[:1], chain if costmap.prices[cell_at(costmap, start)] == 0 else chain[1:]])
     chain = np.concatenate([chain[:-1] if len(chain) > 1 else chain, ends[1:]])
     taut = _evenly_spaced(_pulled(costmap, chain, settings), settings.spacing / cell)
@@ -284,7 +284,7 @@ def _legs_from_cells(
         begin = first + _nearest(taut[first:], leaving)
         beyond = taut[begin + 1 :]
         if not len(beyond) and math.dist(taut[begin], leaving) > settings.spacing / cell:
-            beyond = taut[begin:]  # the goal itself, which is not yet reached
+            beyond = taut[begin:]  # the goal itself lies beyond the door leg
         swung = _swung(costmap, beyond[::-1], leaving, entry - leaving) if settings.smoothing == "band" else None
         leaves = None if swung is None else float(through.path.poses[-1, 2])
         beyond = beyond if swung is None else swung[::-1]
@@ -295,13 +295,13 @@ def _legs_from_cells(
 
 
 def _is_one_of(door: Door, others: Sequence[Door]) -> bool:
-    """Whether a door stands where another one does."""
+    """Return whether a door is at the place of one of the others."""
     at = door.map_from_door
     return any(math.hypot(at.x - other.map_from_door.x, at.y - other.map_from_door.y) < _SAME for other in others)
 
 
 _SAME = 0.3
-"""Doors whose middles are no farther apart [m] are one, seen in another plan."""
+"""Doors of two plans whose middles are no farther apart [m] are the same door."""
 
 
 def _free_legs(
@@ -312,10 +312,10 @@ def _free_legs(
     leaves: float | None = None,
     straight_in: bool = False,
 ) -> Slices[list[Leg]]:
-    """Legs along points [cells], lined up with what is narrow, corners rounded, the last one ending in a heading.
+    """Return legs along points [cells], lined up with narrow places, corners rounded, the last ending in a heading.
 
-    A band leaves the first point in the direction `leaves` [rad], and arrives at the last `straight_in` its heading.
-    Corners at which the chair is to turn in place are not rounded: there one leg ends and the next begins.
+    A band starts in the direction `leaves` [rad] and, if `straight_in`, arrives in the direction of the heading.
+    Corners for a turn on the spot are not rounded: there one leg ends and the next begins.
     """
     cell = costmap.grid.resolution
     spacing = settings.spacing / cell
@@ -335,7 +335,7 @@ def _free_legs(
 
 
 def _pulled(costmap: Costmap, points: FloatArray, settings: PlannerSettings) -> FloatArray:
-    """The points pulled taut; those of the harmonic planner only on request, as they keep clear of walls."""
+    """Return the points pulled taut; those of the harmonic planner only on request, since they keep clear of walls."""
     if settings.smoothing == "none" or (settings.smoothing == "band" and settings.planner == HARMONIC):
         return points
     return points[pull_taut(costmap.prices, points, costmap.barred)]
@@ -344,9 +344,9 @@ def _pulled(costmap: Costmap, points: FloatArray, settings: PlannerSettings) -> 
 def _rounded(
     costmap: Costmap, points: FloatArray, settings: PlannerSettings, ends: tuple[float | None, float | None]
 ) -> Slices[FloatArray]:
-    """The points with their corners rounded, by the price of the cells or, along the band, for the rectangle.
+    """Return the points with corners rounded, by the prices of the cells or, with a band, for the footprint.
 
-    `ends` are the headings [rad] in map that a band has at its ends, if they are given.
+    `ends` are the band's headings [rad] in map at its ends, where they are fixed.
     """
     if settings.smoothing == "none":
         return points
@@ -354,7 +354,7 @@ def _rounded(
         points = round_corners(costmap.prices, points, settings.rounding, costmap.barred)
     if settings.smoothing != "band":
         return points
-    # with an end that is given there is a curve already, which must not be cut
+    # at a fixed end there is a curve already, which must not be cut
     turned = costmap.grid.map_from_grid.theta
     leaves, arrives = (
         None if end is None else np.array([math.cos(end - turned), math.sin(end - turned)]) for end in ends
@@ -365,7 +365,7 @@ def _rounded(
 
 
 def _is_against_one_way(costmap: Costmap, points: FloatArray) -> bool:
-    """Whether a line through points [cells] goes against a one-way zone; a band knows of walls only."""
+    """Return whether a line through points [cells] goes against a one-way zone; a band only knows walls."""
     if costmap.barred is None:
         return False
     return any(
@@ -377,7 +377,7 @@ def _is_against_one_way(costmap: Costmap, points: FloatArray) -> bool:
 
 
 def _join(legs: list[Leg]) -> None:
-    """Let each leg begin at the very point where the one before it ends, that of a door as it is."""
+    """Let each leg begin at the exact end of the one before it; door legs stay unchanged."""
     for leg, following in pairwise(legs):
         here, there = leg.path.poses[-1], following.path.poses[0]
         if following.manner is Manner.DOOR:
@@ -387,10 +387,10 @@ def _join(legs: list[Leg]) -> None:
 
 
 def _swung(costmap: Costmap, points: FloatArray, end: FloatArray, direction: FloatArray) -> FloatArray | None:
-    """Points [cells] that lead to beside the end of a door's leg, their last part swung into its direction (2,).
+    """Return points [cells] towards the end of a door leg, with their last part bent into its direction (2,).
 
-    That part is a cubic Bezier curve, so that a band has no corner there to begin with. None where no such curve is
-    free, and where the chair would come from ahead: there it turns on the spot.
+    That part is a cubic Bezier curve, so that a band begins without a corner there. None where no such curve is free,
+    and where the chair would come from ahead: there it turns on the spot.
     """
     cell, along = costmap.grid.resolution, direction / np.hypot(*direction)
     for k in range(len(points) - 1):
@@ -410,7 +410,7 @@ def _swung(costmap: Costmap, points: FloatArray, end: FloatArray, direction: Flo
 
 
 _SWING = 1.6
-"""Way [m] before and after a door's leg in which a band turns into its direction."""
+"""Distance [m] before and after a door leg within which a band bends into its direction."""
 
 
 def _nearest(points: FloatArray, point: FloatArray) -> int:
@@ -418,7 +418,7 @@ def _nearest(points: FloatArray, point: FloatArray) -> int:
 
 
 def _evenly_spaced(points: FloatArray, spacing: float) -> FloatArray:
-    """Points along a polyline, at most `spacing` apart, its two ends included."""
+    """Return points along a polyline, at most `spacing` apart, both ends included."""
     along = arc_lengths(points)
     count = max(int(np.ceil(along[-1] / spacing)), 1) + 1
     at = np.linspace(0.0, along[-1], count)
@@ -426,7 +426,7 @@ def _evenly_spaced(points: FloatArray, spacing: float) -> FloatArray:
 
 
 def _headings(points: FloatArray) -> FloatArray:
-    """Direction from each point to the next; the last goes on in that before."""
+    """Return the direction from each point to the next; the last one is repeated."""
     ahead = np.diff(points, axis=0)
     headings = np.arctan2(ahead[:, 1], ahead[:, 0])
     return np.append(headings, headings[-1:] if len(headings) else [0.0])

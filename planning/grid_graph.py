@@ -1,15 +1,15 @@
-"""The graph that all grid planners search: cells with prices, eight neighbours, integer costs, no corner cutting.
+"""The graph of all grid planners: cells with prices, eight neighbours, integer costs, no corner cutting.
 
-A price is an integer per mille of a free cell's price: 0 is impassable, 1000 a free cell, more is dearer. A straight
-step between two free cells costs 10000, a diagonal one 14142; between dearer cells the cost grows with the mean of
-both prices, so that it is the same in both directions. A diagonal step needs both orthogonal neighbours passable.
-In a one-way zone the steps against its heading are barred: one bit a direction, in either cell of the step.
+A price is an integer, per mille of a free cell's price: 0 is impassable, 1000 a free cell. A straight step between two
+free cells costs 10000, a diagonal one 14142. The cost is proportional to the mean of both prices, and so the same in
+both directions. A diagonal step needs both orthogonal neighbours passable. In a one-way zone the steps against its
+heading are barred: one bit per direction, in either cell of the step.
 
-Costs are integers because planners that order a queue by sums of costs must see ties as ties: with floating point, keys
-that are equal in theory differ by rounding, and D* Lite then silently keeps a path through a closed door.
+Costs are integers so that equal sums of costs compare equal. With floating point, keys that are equal in theory differ
+by rounding, and D* Lite then silently keeps a path through a closed door.
 
 Kernels see the grid with a border of impassable cells, flattened row by row, so that no neighbour needs a bounds check.
-What a search knows of a cell lies together in one record: a step to a neighbour costs one line of memory, not four.
+All that a search knows of a cell is in one record: a step to a neighbour reads one cache line, not four.
 """
 
 from __future__ import annotations
@@ -40,7 +40,7 @@ MAX_PRICE = 1_000_000
 STRAIGHT = 10_000
 DIAGONAL = 14_142
 UNREACHABLE = 1 << 61
-"""A cost above all sums of costs; twice it still fits an int64."""
+"""A cost above all sums of costs; twice this still fits an int64."""
 
 _BARRED_SHIFT = 20
 _PRICE_BITS = (1 << _BARRED_SHIFT) - 1
@@ -48,11 +48,11 @@ _PRICE_BITS = (1 << _BARRED_SHIFT) - 1
 
 
 NO_BARS: Bytes = np.zeros((0, 0), np.uint8)
-"""What kernels take for barred directions where there is no one-way zone."""
+"""The barred directions for kernels where there is no one-way zone."""
 
 
 def padded(prices: Prices, barred: Bytes | None = None) -> Prices:
-    """Flat grounds ((H + 2) * (W + 2),) int32 of an (H, W) grid inside a border of impassable cells.
+    """Return flat grounds ((H + 2) * (W + 2),) int32 of an (H, W) grid inside a border of impassable cells.
 
     `barred` (H, W) has bit d set where no step may lead in direction d (see `offsets`), into or out of the cell.
 
@@ -68,7 +68,7 @@ def padded(prices: Prices, barred: Bytes | None = None) -> Prices:
 
 
 def check_changes(cells: IntArray, prices: Prices, shape: tuple[int, int]) -> None:
-    """Refuse new prices (N,) of cells (N, 2) that an (H, W) grid cannot take.
+    """Refuse impossible new prices (N,) of cells (N, 2) in an (H, W) grid.
 
     Raises:
         ValueError: a cell outside the grid, an impossible price, arrays of different length.
@@ -81,7 +81,7 @@ def check_changes(cells: IntArray, prices: Prices, shape: tuple[int, int]) -> No
 
 
 def check_prices(prices: Prices) -> None:
-    """Refuse prices that the searches cannot be exact with.
+    """Refuse prices with which the searches would not be exact.
 
     Raises:
         ValueError: as in `padded`.
@@ -92,7 +92,7 @@ def check_prices(prices: Prices) -> None:
 
 
 def padded_index(cell: Cell, shape: tuple[int, int]) -> int:
-    """Flat index of a (row, column) of an (H, W) grid in its padded copy.
+    """Return the flat index of a (row, column) of an (H, W) grid in its padded copy.
 
     Raises:
         ValueError: the cell lies outside the grid.
@@ -104,33 +104,35 @@ def padded_index(cell: Cell, shape: tuple[int, int]) -> int:
 
 
 def cells_from_padded(indices: NDArray[np.int32], shape: tuple[int, int]) -> IntArray:
-    """(N, 2) row and column of flat indices (N,) into the padded copy of an (H, W) grid."""
+    """Return (N, 2) row and column of flat indices (N,) into the padded copy of an (H, W) grid."""
     rows, columns = np.divmod(indices.astype(np.int64), shape[1] + 2)
     return np.stack([rows - 1, columns - 1], axis=-1)
 
 
 def offsets(stride: int) -> IntArray:
-    """(9,) steps to the neighbours in a flat grid of rows `stride` long: direction d points d * 45 degrees from +column
-    to +row, even ones are straight, and the first comes again at the end."""
+    """Return (9,) steps to the neighbours in a flat grid of rows `stride` long.
+
+    Direction d points d * 45 degrees from +column to +row; even ones are straight; the first is repeated at the end.
+    """
     return np.array([1, 1 + stride, stride, stride - 1, -1, -1 - stride, -stride, 1 - stride, 1])
 
 
 def directions_against(heading: float) -> int:
-    """The directions, as bits, that lead back against a heading [rad] in the grid's frame; sideways is not against."""
+    """Return the directions, as bits, that lead against a heading [rad] in the grid's frame; sideways is allowed."""
     return sum(1 << d for d in range(8) if math.cos(d * math.pi / 4 - heading) < -1e-9)
 
 
 @njit(cache=True, inline="always")
 def price_of(ground: int) -> int:
-    """The price in a ground."""
+    """Return the price in a ground."""
     return int(ground) & _PRICE_BITS
 
 
 @njit(cache=True, nogil=True)
 def set_prices(records: Records, cells: IntArray, prices: Prices, height: int, width: int) -> bool:
-    """Give cells (N, 2) of an (H, W) grid new prices (N,), all or, when one is impossible, none and return false.
+    """Give cells (N, 2) of an (H, W) grid new prices (N,); if one is impossible, change none and return false.
 
-    Which directions are barred stays.
+    Barred directions stay.
     """
     for i in range(len(cells)):
         possible = prices[i] == 0 or FREE_PRICE <= prices[i] <= MAX_PRICE
@@ -144,13 +146,13 @@ def set_prices(records: Records, cells: IntArray, prices: Prices, height: int, w
 
 @njit(cache=True, inline="always")
 def least_step(direction: int) -> int:
-    """What a step in a direction costs at least."""
+    """Return the least cost of a step in a direction."""
     return STRAIGHT if direction % 2 == 0 else DIAGONAL
 
 
 @njit(cache=True, inline="always")
 def step_cost(cells: Records, cell: int, direction: int, steps: IntArray, backward: bool) -> int:
-    """Cost of the step from a cell in a direction, or of the step `backward` from there into the cell.
+    """Return the cost of the step from a cell in a direction, or of the step `backward` from there into the cell.
 
     UNREACHABLE when it is barred. `cells` are records with a `ground`, `steps` are the `offsets`.
     """
@@ -171,9 +173,9 @@ def step_cost(cells: Records, cell: int, direction: int, steps: IntArray, backwa
 
 @njit(cache=True, inline="always")
 def octile(row: int, column: int, cell: int, stride: int) -> int:
-    """Cost of the cheapest way over free floor between a row and column and a flat index, all of the padded grid.
+    """Return the cost of the cheapest path over free floor from a row and column to a flat index of the padded grid.
 
-    A consistent heuristic for prices >= 1000.
+    It is a consistent heuristic for prices >= 1000.
     """
     cell_row = int(np.uint64(cell) // np.uint64(stride))  # unsigned division is the faster one
     rows, columns = abs(cell_row - row), abs(cell - cell_row * stride - column)

@@ -1,4 +1,4 @@
-"""The one place where a word picks the planner on the grid: all of them answer to `GridPlanner`."""
+"""The grid planners by name, behind one interface, `GridPlanner`."""
 
 from __future__ import annotations
 
@@ -27,28 +27,28 @@ from waychair.types import Bytes, IntArray
 
 
 class GridPlanner(Protocol):
-    """The cheapest way to one goal over prices that change and from a start that moves; see `DStarLite`."""
+    """A planner to one goal over changing prices and from a moving start; see `DStarLite`."""
 
     pops: int
 
     def move_start(self, cell: Cell) -> None:
-        """The next `replan` starts from this cell."""
+        """Start the next `replan` from this cell."""
 
     def update(self, cells: IntArray, prices: Prices) -> None:
-        """Cells (N, 2) have new prices (N,)."""
+        """Give cells (N, 2) new prices (N,)."""
 
     def replan(self) -> int:
-        """Cost of the cheapest way; raises `NoPath`."""
+        """Plan, and return the path's cost; raises `NoPath`."""
 
     def path(self) -> IntArray:
-        """Cells (N, 2) of the plan in force; raises `NoPath`."""
+        """Return the cells (N, 2) of the present plan; raises `NoPath`."""
 
 
 class GridPlannerFactory(Protocol):
-    """Makes a planner for prices (H, W), a goal, a first start, and barred directions (H, W)."""
+    """A constructor of planners for prices (H, W), a goal, a first start, and barred directions (H, W)."""
 
     def __call__(self, prices: Prices, goal: Cell, start: Cell, barred: Bytes | None = None) -> GridPlanner:
-        """The planner, which keeps no hold of the arrays."""
+        """Return the planner, which keeps no references to the arrays."""
 
 
 GRID_PLANNERS: Mapping[str, GridPlannerFactory] = MappingProxyType(
@@ -57,16 +57,16 @@ GRID_PLANNERS: Mapping[str, GridPlannerFactory] = MappingProxyType(
 
 
 HARMONIC = "harmonic"
-"""The planner that follows a potential rather than the cheapest way."""
+"""The planner that follows a potential rather than the cheapest path."""
 
 
 def grid_planner(name: str, harmonic: HarmonicSettings | None = None) -> GridPlannerFactory:
-    """The planner of this name: one of those that find the cheapest way, or the harmonic one, which keeps more clear.
+    """Return the planner of this name: one for the cheapest path, or the harmonic one, which keeps more clearance.
 
-    `harmonic` are the settings of that one.
+    `harmonic` are the settings of the latter.
 
     Raises:
-        ConfigError: there is none.
+        ConfigError: no planner has this name.
     """
     if name == HARMONIC:
         return partial(HarmonicSearch, settings=harmonic)
@@ -76,7 +76,7 @@ def grid_planner(name: str, harmonic: HarmonicSettings | None = None) -> GridPla
 
 
 def prepared(planner: GridPlanner, go_on: GoOn | None = None) -> Slices[None]:
-    """Do, in slices, what would hold the next `replan` up: the harmonic planner solves its field, the others search.
+    """Do the slow part of the next `replan` resumably: the harmonic planner solves its field; others need nothing.
 
     Raises:
         MapTooLarge, NotConverged: see `HarmonicSearch.prepare`.
@@ -86,11 +86,11 @@ def prepared(planner: GridPlanner, go_on: GoOn | None = None) -> Slices[None]:
 
 
 def plan_on_cells(prices: Prices, start: Cell, goal: Cell, planner: str = "dstar-lite") -> GridPath:
-    """The cheapest way over (H, W) prices, planned once by the planner of a name.
+    """Return a path over (H, W) prices, planned once by the planner of a name.
 
     Raises:
         NoFreeSpace, StartOutsideMap, StartOccupied, GoalOutsideMap, GoalOccupied, NoPath.
-        ConfigError: there is no such planner.
+        ConfigError: no planner has this name.
     """
     make = grid_planner(planner)
     if not prices.any():

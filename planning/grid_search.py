@@ -1,7 +1,7 @@
-"""A* and Dijkstra from scratch: what D* Lite is measured against, on the same graph with the same costs and heap.
+"""A* and Dijkstra from scratch: baselines for D* Lite on the same graph with the same costs and heap.
 
-A* (Hart, Nilsson and Raphael 1968) orders the queue by cost so far plus the octile distance still to go, and prefers
-the cell nearer to the goal among equals; Dijkstra (1959) leaves the heuristic out.
+A* (Hart, Nilsson and Raphael 1968) orders the queue by cost so far plus the octile distance to the goal; among equals
+it prefers the cell nearer to the goal. Dijkstra (1959) uses no heuristic.
 """
 
 from __future__ import annotations
@@ -32,12 +32,12 @@ from waychair.planning.indexed_heap import ROOM, empty_heap, grown, put, remove
 from waychair.types import Bytes, IntArray
 
 CELL = np.dtype([("cost", np.int64), ("parent", np.int32), ("ground", np.int32), ("place", np.int32)], align=True)
-"""What a search keeps of a cell, 24 bytes."""
+"""A search's record of a cell, 24 bytes."""
 
 
 @dataclass(frozen=True, slots=True)
 class GridPath:
-    """What a search found: cost, cells (N, 2) from start to goal, and how many cells left the queue on the way."""
+    """The result of a search: cost, cells (N, 2) from start to goal, and how many cells were taken from the queue."""
 
     cost: int
     cells: IntArray
@@ -45,7 +45,7 @@ class GridPath:
 
 
 class FromScratch:
-    """The interface of `DStarLite` over a search that keeps nothing from one `replan` to the next.
+    """A search with the interface of `DStarLite` that starts each `replan` from scratch.
 
     Raises (constructor):
         ValueError: a cell outside the grid, an impossible price.
@@ -62,7 +62,7 @@ class FromScratch:
         self.move_start(start)
 
     def move_start(self, cell: Cell) -> None:
-        """As `DStarLite.move_start`."""
+        """Start the next `replan` from this cell, as `DStarLite.move_start`."""
         padded_index(cell, self._shape)
         self.start = cell
         self._found: GridPath | None = None
@@ -72,37 +72,37 @@ class FromScratch:
         return self._prices.shape[0], self._prices.shape[1]
 
     def update(self, cells: IntArray, prices: Prices) -> None:
-        """As `DStarLite.update`."""
+        """Change prices, as `DStarLite.update`."""
         cells = np.asarray(cells, np.int64).reshape(-1, 2)
         check_changes(cells, np.asarray(prices), self._shape)
         self._prices[tuple(cells.T)] = prices
         self._found = None
 
     def replan(self) -> int:
-        """As `DStarLite.replan`."""
+        """Plan, and return the cost, as `DStarLite.replan`."""
         self._found = search(self._prices, self.start, self._goal, informed=self.informed, barred=self._barred)
         self.pops += self._found.pops
         return self._found.cost
 
     def path(self) -> IntArray:
-        """As `DStarLite.path`."""
+        """Return the cells of the plan, as `DStarLite.path`."""
         if self._found is None:
             raise NoPath(f"there is no plan from cell {self.start}; replan first, or choose another goal")
         return self._found.cells
 
 
 class AStar(FromScratch):
-    """A*, anew each time."""
+    """A* from scratch each time."""
 
 
 class Dijkstra(FromScratch):
-    """Dijkstra's search, anew each time."""
+    """Dijkstra's search from scratch each time."""
 
     informed = False
 
 
 def shortest_cost(prices: Prices, start: Cell, goal: Cell, *, informed: bool = True) -> int:
-    """Cost of the cheapest way over (H, W) prices, by A* or (not informed) Dijkstra.
+    """Return the cost of the cheapest path over (H, W) prices, by A* or (not informed) Dijkstra.
 
     Raises:
         NoPath: start and goal are not connected.
@@ -112,12 +112,12 @@ def shortest_cost(prices: Prices, start: Cell, goal: Cell, *, informed: bool = T
 
 
 def shortest_path(prices: Prices, start: Cell, goal: Cell, *, informed: bool = True) -> IntArray:
-    """Cells (N, 2) of the cheapest way, start and goal included; raises as `shortest_cost`."""
+    """Return the cells (N, 2) of the cheapest path, start and goal included; raises as `shortest_cost`."""
     return search(prices, start, goal, informed=informed).cells
 
 
 def search(prices: Prices, start: Cell, goal: Cell, *, informed: bool = True, barred: Bytes | None = None) -> GridPath:
-    """The cheapest way with its cost and the work it took; `barred` as in `grid_graph`; raises as `shortest_cost`."""
+    """Return the cheapest path with cost and work; `barred` as in `grid_graph`; raises as `shortest_cost`."""
     shape = (prices.shape[0], prices.shape[1])
     first, last = padded_index(start, shape), padded_index(goal, shape)
     grounds = padded(prices, barred)
@@ -142,7 +142,7 @@ def search(prices: Prices, start: Cell, goal: Cell, *, informed: bool = True, ba
 
 @njit(cache=True, error_model="numpy", nogil=True)
 def _forget_all(cells: Records, grounds: Prices) -> None:
-    """Nothing is known of any cell but its ground."""
+    """Reset every cell's record, except for its ground."""
     for i in range(len(cells)):
         cell = cells[i]
         cell.cost, cell.parent, cell.ground, cell.place = UNREACHABLE, -1, grounds[i], 0
@@ -152,7 +152,7 @@ def _forget_all(cells: Records, grounds: Prices) -> None:
 def _expand(
     entries: Records, size: IntArray, cells: Records, steps: IntArray, goal: int, stride: int, informed: bool
 ) -> tuple[int, bool]:
-    """Expand cells until the goal is taken from the queue; (cells popped, false when the heap must grow)."""
+    """Expand cells until the goal is taken from the queue; return (cells popped, false when the heap must grow)."""
     goal_row, goal_column = goal // stride, goal % stride
     pops = 0
     while size[0] > 0:
@@ -179,7 +179,7 @@ def _expand(
 
 @njit(cache=True, error_model="numpy")
 def _trace(cells: Records, goal: int) -> NDArray[np.int32]:
-    """Cells from the start (the one without parent) to the goal."""
+    """Return the cells from the start (the one without parent) to the goal."""
     count = 1
     cell = goal
     while cells[cell].parent >= 0:

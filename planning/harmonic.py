@@ -1,12 +1,12 @@
-"""Harmonic potential fields: from every free cell that is connected to the goal, uphill in v leads there.
+"""Harmonic potential fields: from every cell connected to the goal, climbing v leads there.
 
-The idea is Connolly, Burns and Weiss's (1990): a harmonic function has no local extremum, so that descent cannot be
-trapped. It holds for the numbers, too, only if none is lost: v falls by a factor with every width of a corridor,
-and the source paper's u = 1 - v, in float32, is flat on most of a real floor. Here the logarithm of v is kept. It is
-found in stages: a solver finds v from the goal on, as far as its accuracy goes; what is known then is held, all is
-rescaled by the largest value at the border, and the next stage goes on from there. What no stage was spent on holds a
-lower bound that has no local maximum either, so that every descent arrives, from there on a less smooth way. For the
-way from one start, stages are spent only on what lies about its shortest one.
+The idea is Connolly, Burns and Weiss's (1990): a harmonic function has no local extremum, so a descent cannot be
+trapped. With numbers this holds only without underflow: v falls by a factor per corridor width, and the source paper's
+u = 1 - v, in float32, is flat on most of a real floor. Here the logarithm of v is kept. It is found in stages. A solver
+finds v from the goal on, as far as its accuracy goes. These values are then fixed, everything is rescaled by the
+largest value at their border, and the next stage continues from there. Cells without a stage hold a lower bound that
+has no local maximum either, so every descent arrives, only less smoothly. For a path from one start, only cells near
+its shortest path get stages.
 """
 
 from __future__ import annotations
@@ -35,15 +35,15 @@ from waychair.planning.slices import Parts, chunks, finished
 from waychair.types import BoolArray, Bytes, Float32Array, FloatArray, IntArray
 
 _SMOOTHING, _REPAIRS = 2, 200
-"""Sweeps in logarithms that follow the stages, and how many more at most until no cell lacks a better neighbour."""
+"""Sweeps in logarithms after the stages, and the most further sweeps until every cell has a better neighbour."""
 
 _DIRECTED_SWEEPS = 60
-"""Of a map with one-way zones, whose matrix is not symmetric: no stage can solve it, the sweeps do."""
+"""Sweeps for a map with one-way zones: its matrix is not symmetric, so the stages' solvers cannot be used."""
 
 
 @dataclass(frozen=True, slots=True)
 class HarmonicSettings(Settings):
-    """How far and how exactly the field is found."""
+    """How far and how exactly the field is solved."""
 
     solver: SolverSettings = field(default_factory=lambda: SolverSettings(tolerance=1e-13, most_sweeps=400))
     trusted: float = setting(
@@ -61,9 +61,9 @@ class HarmonicSettings(Settings):
 
 @dataclass(frozen=True, slots=True)
 class LogField:
-    """The harmonic field as logs (H, W) float64 = log v: 0 at the goal, -inf where no way leads from.
+    """The harmonic field as logs (H, W) float64 = log v: 0 at the goal, -inf where no path to it exists.
 
-    `stages` and `sweeps` are what it took; `solved` (H, W) are the cells that they found, of those `connected`.
+    `connected` counts the cells with a path; `solved` (H, W) are those that `stages` stages with `sweeps` sweeps found.
     """
 
     logs: FloatArray
@@ -83,9 +83,9 @@ def log_field(
     barred: Bytes | None = None,
     go_on: GoOn | None = None,
 ) -> LogField:
-    """The field of a problem in logarithms; every connected cell but the goal has a strictly better neighbour.
+    """Return the field of a problem in logarithms; every connected cell but the goal has a strictly better neighbour.
 
-    See `log_field_in_parts`, which this does in one go.
+    Arguments and errors are those of `log_field_in_parts`.
     """
     return finished(log_field_in_parts(problem, settings, warm_start, until, barred, go_on))
 
@@ -98,11 +98,10 @@ def log_field_in_parts(
     barred: Bytes | None = None,
     go_on: GoOn | None = None,
 ) -> Parts[LogField]:
-    """The field of a problem in logarithms, in parts of a few milliseconds each.
+    """Return the field of a problem in logarithms, in parts of a few milliseconds each.
 
-    With a cell `until`, only what lies between it and the goal is solved, and only as far as to it. A `warm_start` of a
-    similar problem saves the stages most of their work. `barred` (H, W) has the directions of one-way zones, as in
-    `grid_graph`.
+    With a cell `until`, only the cells between it and the goal are solved. A `warm_start` from a similar problem saves
+    the stages most of their work. `barred` (H, W) has the directions of one-way zones, as in `grid_graph`.
 
     Raises:
         MapTooLarge, NotConverged, ConfigError: see `laplace_solvers.solve`.
@@ -110,7 +109,7 @@ def log_field_in_parts(
     absorption = problem.absorption
     check_memory(absorption.size, chosen_solver(settings.solver.solver), settings.solver.memory)
     bars = NO_BARS if barred is None else barred
-    yield 3 * absorption.size  # what made the problem
+    yield 3 * absorption.size  # for making the problem
     order, numbers = yield from spread(absorption, bars, problem.goal)
     logs = np.full(absorption.shape, -np.inf)
     logs[problem.goal] = 0.0
@@ -132,13 +131,13 @@ def log_field_in_parts(
 
 
 def _between(order: Indices, numbers: Indices, shape: tuple[int, ...], start: Cell, detour: int) -> BoolArray:
-    """(N,) which cells of the order lie between a start and the goal; none if no way leads there."""
+    """Return (N,) which cells of the order lie between a start and the goal; none if they are not connected."""
     at = np.flatnonzero(order == start[0] * shape[1] + start[1])
     return between(numbers, int(at[0]), detour) if len(at) else np.zeros(len(order), np.bool_)
 
 
 def _mask(shape: tuple[int, ...], cells: Indices) -> BoolArray:
-    """(H, W) true at the cells (N,) of flat indices."""
+    """Return (H, W) a mask that is true at flat indices (N,)."""
     mask = np.zeros(shape, np.bool_)
     mask.ravel()[cells] = True
     return mask
@@ -153,7 +152,7 @@ def _staged(
     until: Cell | None,
     go_on: GoOn | None,
 ) -> Parts[tuple[int, int]]:
-    """Find `logs` (H, W) of wanted cells, in place, from the goal on; returns the stages and the sweeps that took."""
+    """Find `logs` (H, W) of wanted cells, in place, from the goal on; return the numbers of stages and sweeps."""
     stages, sweeps = 0, 0
     warm = warm_start.logs if warm_start is not None and warm_start.logs.shape == logs.shape else None
     while stages < settings.stages and (until is None or not np.isfinite(logs[until])):
@@ -180,7 +179,7 @@ def _staged(
 def _stage(
     absorption: Float32Array, known: FloatArray, warm: FloatArray | None, settings: HarmonicSettings, go_on: GoOn | None
 ) -> Parts[tuple[FloatArray, int]]:
-    """Logs (H, W) of the unknown cells that one solution tells well enough, -inf of the others; and its sweeps."""
+    """Return logs (H, W) of the unknown cells that one solution finds exactly enough, else -inf; and its sweeps."""
     free = np.pad(absorption < np.inf, 1)
     border = np.pad(known, 1, constant_values=-np.inf)
     beside = free[1:-1, 2:] | free[1:-1, :-2] | free[2:, 1:-1] | free[:-2, 1:-1]
@@ -206,10 +205,10 @@ def _stage(
 
 
 def _finish(logs: FloatArray, numbers: Indices, absorption: Float32Array, sweeps: int) -> Parts[None]:
-    """Fill what is not known of logs (N,), in the order of the steps from the goal, and let no cell be a summit.
+    """Fill the unknown logs (N,), in breadth-first order from the goal, so that no cell is a local maximum.
 
     Raises:
-        NotConverged: some cell still is.
+        NotConverged: some cell still is one.
     """
     diagonals = (4.0 + absorption).astype(np.float32)
     _fill(logs, numbers, diagonals)
@@ -226,7 +225,7 @@ def _finish(logs: FloatArray, numbers: Indices, absorption: Float32Array, sweeps
 
 
 def _swept(logs: FloatArray, numbers: Indices, diagonals: Float32Array, forward: bool) -> Parts[None]:
-    """One sweep over logs (N,) but the goal's, in chunks."""
+    """Do one sweep over logs (N,), except the goal's, in chunks."""
     parts = chunks(1, len(logs), _CHUNK)
     for first, last in parts if forward else parts[::-1]:
         log_sweep(logs, numbers, diagonals, first, last, forward)
@@ -234,12 +233,12 @@ def _swept(logs: FloatArray, numbers: Indices, diagonals: Float32Array, forward:
 
 
 _CHUNK, _LOG_PRICE = 100_000, 12
-"""Cells of one chunk of a sweep in logarithms, and the time each takes, beside one in the other passes."""
+"""Cells of one chunk of a sweep in logarithms, and the time per cell in units of the other passes."""
 
 
 @njit(cache=True, nogil=True)
 def _fill(logs: FloatArray, numbers: Indices, diagonals: Float32Array) -> None:
-    """Bound the unknown cells from below: at least what comes from the neighbours nearer to the goal passes on."""
+    """Bound the unknown cells from below by the contribution of their best neighbour nearer to the goal."""
     for k in range(1, len(logs)):
         if logs[k] == -np.inf:
             best = -np.inf
@@ -251,7 +250,7 @@ def _fill(logs: FloatArray, numbers: Indices, diagonals: Float32Array) -> None:
 
 @njit(cache=True, nogil=True)
 def summits(logs: FloatArray, numbers: Indices) -> int:
-    """How many cells but the first have no strictly better neighbour."""
+    """Return how many cells, except the first, have no strictly better neighbour."""
     count = 0
     for k in range(1, len(logs)):
         better = False
@@ -262,7 +261,7 @@ def summits(logs: FloatArray, numbers: Indices) -> int:
 
 
 def summits_of(found: LogField) -> int:
-    """How many connected cells but the goal have no strictly better neighbour, in plain array arithmetic."""
+    """Return how many connected cells but the goal have no strictly better neighbour, in plain array arithmetic."""
     padded = np.pad(found.logs, 1, constant_values=-np.inf)
     best = np.maximum.reduce([padded[1:-1, 2:], padded[1:-1, :-2], padded[2:, 1:-1], padded[:-2, 1:-1]])
     lacking = np.isfinite(found.logs) & (best <= found.logs)
@@ -271,9 +270,9 @@ def summits_of(found: LogField) -> int:
 
 
 def descend(found: LogField, start: Cell) -> IntArray:
-    """Cells (N, 2) from a start to the goal, each the best of the eight neighbours of the one before.
+    """Return cells (N, 2) from a start to the goal, each the best of the eight neighbours of the one before.
 
-    A diagonal step needs both cells beside it free. The source paper's index of the best neighbour, among four.
+    A diagonal step needs both cells beside it free. The source paper takes the best of four neighbours.
 
     Raises:
         StartOutsideMap, NoPath.
@@ -300,7 +299,7 @@ def _check_start(found: LogField, start: Cell) -> None:
 
 @njit(cache=True, nogil=True)
 def _descend(logs: FloatArray, barred: Bytes, row: int, column: int, most: int) -> tuple[IntArray, int]:
-    """The cells, and how many there are; 0 when it goes no further."""
+    """Return the cells and their number; 0 when the descent gets stuck."""
     height, width = logs.shape
     cells = np.empty((most, 2), np.int64)
     rows, columns = (0, 1, 1, 1, 0, -1, -1, -1), (1, 1, 0, -1, -1, -1, 0, 1)
@@ -328,10 +327,10 @@ def _descend(logs: FloatArray, barred: Bytes, row: int, column: int, most: int) 
 
 
 def streamline(found: LogField, start: FloatArray, settings: HarmonicSettings = HarmonicSettings()) -> FloatArray:
-    """Points (N, 2), columns and rows [cells], from a start along the gradient of the field, between the cells, too.
+    """Return points (N, 2), columns and rows [cells], from a start along the field's interpolated gradient.
 
-    (0.5, 0.5) is the middle of cell (0, 0). Where the interpolated gradient leads into a wall or no higher, the best
-    neighbour's middle is gone to: every such detour is higher than all before, so that the line arrives.
+    (0.5, 0.5) is the middle of cell (0, 0). Where the gradient leads into a wall or no higher, the line goes to the
+    middle of the best neighbour. Each such detour climbs above all points before it, so the line arrives.
 
     Raises:
         StartOutsideMap, NoPath.
@@ -346,7 +345,7 @@ def streamline(found: LogField, start: FloatArray, settings: HarmonicSettings = 
 
 
 _PATIENCE = 6
-"""Steps in which a streamline has to come higher than before."""
+"""Number of steps within which a streamline has to climb above its highest value so far."""
 
 
 @njit(cache=True, nogil=True)
@@ -372,7 +371,7 @@ def _streamline(logs: FloatArray, x: float, y: float, step: float, most: int) ->
             if _free(logs, to_x, to_y) and _free(logs, half_x, half_y) and _open_between(logs, x, y, to_x, to_y):
                 x, y = to_x, to_y
                 continue
-        # to the middle of the best of the four neighbours, from that of this cell
+        # to the middle of the best of the four neighbours
         highest, to_row, to_column = logs[row, column], row, column
         for d in range(4):
             i, j = row + (d == 0) - (d == 1), column + (d == 2) - (d == 3)
@@ -392,7 +391,7 @@ def _free(logs: FloatArray, x: float, y: float) -> bool:
 
 @njit(cache=True, inline="always")
 def _open_between(logs: FloatArray, x: float, y: float, to_x: float, to_y: float) -> bool:
-    """Whether a step to a diagonal neighbour passes no corner of a wall."""
+    """Return whether a step to a diagonal neighbour passes no corner of a wall."""
     if int(x) == int(to_x) or int(y) == int(to_y):
         return True
     return bool(logs[int(y), int(to_x)] > -np.inf and logs[int(to_y), int(x)] > -np.inf)
@@ -400,9 +399,9 @@ def _open_between(logs: FloatArray, x: float, y: float, to_x: float, to_y: float
 
 @njit(cache=True, nogil=True)
 def gradient(logs: FloatArray, x: float, y: float) -> tuple[float, float]:
-    """Direction in which v, interpolated between the middles of the four cells round a point, grows; walls hold 0.
+    """Return the gradient of v, interpolated between the middles of the four cells around a point; walls hold 0.
 
-    In units of the largest of the four values, so that nothing is lost however small they are.
+    It is in units of the largest of the four values, so that it cannot underflow.
     """
     left, above = math.floor(x - 0.5), math.floor(y - 0.5)
     fx, fy = x - 0.5 - left, y - 0.5 - above

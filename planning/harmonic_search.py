@@ -1,7 +1,7 @@
-"""The harmonic field as a planner on the grid: the same questions as D* Lite is asked, answered by a descent.
+"""The harmonic field as a grid planner, with the interface of D* Lite.
 
-Prices enter as absorption: an impassable cell absorbs all, and a cell dearer than free floor a part of what passes
-through it, so that the field avoids it the more the dearer it is.
+Prices enter as absorption: an impassable cell absorbs everything, a cell dearer than free floor a part of the flow
+through it, so that paths avoid a cell the more the dearer it is.
 """
 
 from __future__ import annotations
@@ -26,22 +26,22 @@ from waychair.planning.slices import Slices, finished, sliced
 from waychair.types import Bytes, Float32Array, IntArray
 
 ABSORBED = 2e-3
-"""Absorbed by a cell of twice the price of free floor: over some ten cells it costs as much as a little of a wall."""
+"""Absorption of a cell of twice the price of free floor: ten such cells together act as a small part of a wall."""
 
 
 def absorption_from_prices(prices: Prices) -> Float32Array:
-    """Absorption (H, W) float32 of cells with prices (H, W): 0 of free floor, infinite where nothing passes."""
+    """Return absorption (H, W) float32 of cells with prices (H, W): 0 for free floor, infinite if impassable."""
     dearer = (prices.astype(np.float32) / np.float32(FREE_PRICE) - 1) * np.float32(ABSORBED)
     absorbed: Float32Array = np.where(prices > 0, np.maximum(dearer, 0), np.inf).astype(np.float32)
     return absorbed
 
 
 _NEAR = 20
-"""So many cells beside what was solved a start may lie."""
+"""Largest distance [cells] of a start from the solved cells."""
 
 
 class HarmonicSearch:
-    """The interface of `DStarLite` over a harmonic field that is kept, and solved anew from what it was.
+    """A planner with the interface of `DStarLite` over a harmonic field that is kept as a warm start for the next.
 
     Raises (constructor):
         ValueError: a cell outside the grid, an impossible price.
@@ -67,20 +67,20 @@ class HarmonicSearch:
         self.pops = 0
 
     def move_start(self, cell: Cell) -> None:
-        """The next `replan` starts from this cell."""
+        """Start the next `replan` from this cell."""
         padded_index(cell, self._prices.shape)
         self._start, self._cells = cell, None
 
     def update(self, cells: IntArray, prices: Prices) -> None:
-        """Cells (N, 2) have new prices (N,)."""
+        """Give cells (N, 2) new prices (N,)."""
         check_changes(cells, prices, self._prices.shape)
         self._prices[cells[:, 0], cells[:, 1]] = prices
         self._stale, self._cells = True, None
 
     def prepare(self, go_on: GoOn | None = None) -> Slices[None]:
-        """Solve the field, in slices, if what it is of has changed, or the start is far from what was solved.
+        """Solve the field, resumably, if prices have changed or the start is far from the solved cells.
 
-        Left off in between, the field before is kept.
+        If the work is abandoned, the previous field is kept.
 
         Raises:
             MapTooLarge, NotConverged: see `log_field_in_parts`.
@@ -96,7 +96,7 @@ class HarmonicSearch:
             self.pops += found.sweeps * found.connected
 
     def _solved_near(self) -> bool:
-        """Whether cells about the start, on its side of the walls, are solved."""
+        """Return whether cells near the start, on its side of the walls, are solved."""
         assert self._field is not None
         row, column = self._start
         top, left = max(row - _NEAR, 0), max(column - _NEAR, 0)
@@ -105,7 +105,7 @@ class HarmonicSearch:
         return bool((self._field.solved[about] & (rooms == rooms[row - top, column - left]) & (rooms > 0)).any())
 
     def replan(self) -> int:
-        """Cost of the way that the field leads along, in the searches' unit, which is not the least.
+        """Return the cost of the field's path in the searches' unit; it is not the least possible.
 
         Raises:
             NoPath: the start is not connected to the goal.
@@ -120,18 +120,18 @@ class HarmonicSearch:
 
     @property
     def _connectable(self) -> bool:
-        """Whether neither end is impassable."""
+        """Whether both ends are passable."""
         return bool(self._prices[self._start] != 0 and self._prices[self._goal] != 0)
 
     def path(self) -> IntArray:
-        """Cells (N, 2) of the plan in force; raises `NoPath`."""
+        """Return the cells (N, 2) of the present plan; raises `NoPath`."""
         if self._cells is None:
             raise NoPath("there is no plan in force; call replan first")
         return self._cells
 
 
 def _cost(prices: Prices, cells: IntArray) -> int:
-    """Sum of the steps' costs, as in `grid_graph`."""
+    """Return the sum of the steps' costs, as in `grid_graph`."""
     along = prices[cells[:, 0], cells[:, 1]].astype(np.int64)
     diagonal = (np.diff(cells, axis=0) != 0).all(axis=1)
     both = along[:-1] + along[1:]

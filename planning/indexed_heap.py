@@ -1,8 +1,8 @@
-"""A priority queue of cells in typed arrays: 4-ary, with the place of every cell known, so that its key can change.
+"""A 4-ary priority queue of cells in typed arrays; every cell knows its place in it, so that its key can change.
 
 Keys are pairs of int64, compared lexicographically and exactly. Entries count from 1; a cell whose `place` is 0 is not
-queued. The place is a field of the search's own records of the cells. Whoever inserts must leave room: kernels check for
-`ROOM` before they touch up to nine cells, and return to Python, which calls `grown` and calls them again.
+queued. The place is a field of the search's records of the cells. Inserting does not grow the heap: kernels check for
+`ROOM` before they touch up to nine cells, and otherwise return to Python, which calls `grown` and calls them again.
 """
 
 from __future__ import annotations
@@ -16,7 +16,7 @@ from waychair.planning.grid_graph import Records
 from waychair.types import IntArray
 
 NEIGHBOURHOOD = 9
-"""Cells that one step of a search can insert: a cell and its eight neighbours."""
+"""Most cells that one step of a search inserts: a cell and its eight neighbours."""
 
 _SIBLINGS = 3
 """Entries behind the last that are read with it, as its siblings."""
@@ -29,11 +29,11 @@ ENTRY = np.dtype([("first", np.int64), ("second", np.int64), ("cell", np.int64)]
 
 _LAST = np.iinfo(np.int64).max
 _NOBODY = np.array((_LAST, _LAST, 0), ENTRY)
-"""Fills the room behind the last entry, so that four children can be compared without asking how many there are."""
+"""Fills the room behind the last entry, so that always four children can be compared."""
 
 
 class Heap(NamedTuple):
-    """entries (capacity + 1 + siblings,) of `ENTRY`, size (1,), and the cells' records (N,), of which `place` is used."""
+    """entries (capacity + 1 + siblings,) of `ENTRY`, size (1,), and the cells' records (N,) with their `place`."""
 
     entries: Records
     size: IntArray
@@ -41,17 +41,17 @@ class Heap(NamedTuple):
 
 
 def empty_heap(cells: Records, capacity: int = 4096) -> Heap:
-    """A heap for cells whose `place`, int32, is 0."""
+    """Return an empty heap for cells whose `place`, int32, is 0."""
     return Heap(np.full(capacity + 1 + _SIBLINGS, _NOBODY, ENTRY), np.zeros(1, np.int64), cells)
 
 
 def has_room(heap: Heap, neighbourhoods: int = 1) -> bool:
-    """Whether so many whole neighbourhoods can still be inserted."""
+    """Return whether so many whole neighbourhoods can still be inserted."""
     return int(heap.size[0]) + neighbourhoods * NEIGHBOURHOOD + _SIBLINGS < len(heap.entries)
 
 
 def grown(heap: Heap) -> Heap:
-    """The same heap with room for twice as many entries."""
+    """Return the heap with room for twice as many entries."""
     return heap._replace(
         entries=np.concatenate([heap.entries, np.full(len(heap.entries) - 1 - _SIBLINGS, _NOBODY, ENTRY)])
     )
@@ -59,13 +59,13 @@ def grown(heap: Heap) -> Heap:
 
 @njit(cache=True, inline="always")
 def less(first: int, second: int, other_first: int, other_second: int) -> bool:
-    """Lexicographic order of two keys; without a branch, since the outcome cannot be foretold."""
+    """Return whether a key is lexicographically less than another, without an (unpredictable) branch."""
     return (first < other_first) | ((first == other_first) & (second < other_second))
 
 
 @njit(cache=True)
 def rise(entries: Records, cells: Records, entry: int, cell: int, first: int, second: int) -> None:
-    """Put a cell into the free entry, or above it when its key is smaller than its parents'."""
+    """Put a cell into the free entry, or above it while its key is smaller than the parent's."""
     while entry > 1:
         parent = entries[(entry + 2) >> 2]
         if not less(first, second, parent.first, parent.second):
@@ -81,7 +81,7 @@ def rise(entries: Records, cells: Records, entry: int, cell: int, first: int, se
 
 @njit(cache=True)
 def sink(entries: Records, count: int, cells: Records, entry: int, cell: int, first: int, second: int) -> None:
-    """Put a cell into the free entry, or below it, among `count`, when its key is larger than its children's."""
+    """Put a cell into the free entry, or below it while its key is larger than a child's, among `count` entries."""
     while True:
         child = 4 * entry - 2
         if child > count:
@@ -107,7 +107,7 @@ def sink(entries: Records, count: int, cells: Records, entry: int, cell: int, fi
 
 @njit(cache=True)
 def put(entries: Records, size: IntArray, cells: Records, cell: int, first: int, second: int) -> None:
-    """Insert a cell, or give it a new key when it is queued already."""
+    """Insert a cell, or change its key if it is queued already."""
     entry = int(cells[cell].place)
     if entry == 0:
         size[0] += 1
@@ -120,7 +120,7 @@ def put(entries: Records, size: IntArray, cells: Records, cell: int, first: int,
 
 @njit(cache=True)
 def remove(entries: Records, size: IntArray, cells: Records, cell: int) -> None:
-    """Take a cell out; one that is not queued stays out."""
+    """Take a cell out, if it is queued."""
     entry = int(cells[cell].place)
     if entry == 0:
         return

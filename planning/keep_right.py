@@ -1,7 +1,7 @@
-"""To one side, as people keep who meet in a corridor: then each has the whole of the other side to pass on.
+"""Keeping to one side of a corridor, as people do, so that oncoming people can pass on the other.
 
-A wheelchair in the middle of a corridor of 2 m leaves 0.7 m on either side. Hardly anybody squeezes past there: who comes
-stops before the chair, and the chair before them.
+A wheelchair in the middle of a corridor of 2 m leaves 0.7 m on either side. Hardly anybody squeezes past there: people
+stop in front of the chair, and the chair in front of them.
 """
 
 from __future__ import annotations
@@ -20,7 +20,7 @@ from waychair.types import UNKNOWN, BoolArray, FloatArray, Path
 
 @dataclass(frozen=True, slots=True)
 class KeepRightSettings(Settings):
-    """How far aside, how near to what is there, and how gently."""
+    """How far to the side the path moves, how near to obstacles, and how gently."""
 
     aside: float = setting(
         0.4, "m", "to the right of where there are no people; negative: to the left", low=-2.0, high=2.0
@@ -31,11 +31,11 @@ class KeepRightSettings(Settings):
 
 
 _STEP = 0.05
-"""Between two places [m] that are looked at from the path aside."""
+"""Distance [m] between two tested places from the path to the side."""
 
 
 def kept_right(path: Path, costmap: Costmap, settings: KeepRightSettings = KeepRightSettings()) -> Path:
-    """The path moved aside, where it is not open, as far as there is room; its ends, and its last heading, stay."""
+    """Return the path moved to the side as far as there is room, except in the open; ends and last heading stay."""
     poses = path.poses
     if len(poses) < 3 or settings.aside == 0.0:
         return path
@@ -54,13 +54,13 @@ def kept_right(path: Path, costmap: Costmap, settings: KeepRightSettings = KeepR
 
 
 def _has_room(points: FloatArray, costmap: Costmap, room: float) -> BoolArray:
-    """(N, S) whether the chair may be at points (N, S, 2) [m] in map with `room` [m] beside it, on known floor."""
+    """Return (N, S) whether points (N, S, 2) [m] in map are on known floor with `room` [m] beside the chair."""
     cells = cells_from_points(costmap.grid, points.reshape(-1, 2))
     within = inside(costmap.grid, cells)
     at = tuple(np.where(within[:, None], cells, 0).T)
     needed = costmap.body.width / 2 + room + costmap.grid.resolution / 2  # to the face of a wall, not to its middle
     roomy = within & (costmap.clearance[at] >= needed) & (costmap.grid.cells[at] != UNKNOWN)
-    if costmap.barred is not None:  # whichever way a one-way zone leads
+    if costmap.barred is not None:  # never into a one-way zone, whatever its direction
         roomy &= costmap.barred[at] == 0
     by_pose: BoolArray = roomy.reshape(points.shape[:2])
     return by_pose

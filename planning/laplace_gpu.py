@@ -1,7 +1,7 @@
-"""The same conjugate gradients with the same multigrid on a GPU (numba.cuda), one thread a cell.
+"""Conjugate gradients with multigrid on a GPU (numba.cuda), one thread per cell; the algorithm is the CPU's.
 
-The levels are made on the CPU and copied over; between two looks at the residual nothing comes back but a few sums.
-numba's simulator of CUDA (NUMBA_ENABLE_CUDASIM=1) runs the same kernels on a CPU, slowly, which is how they are tested.
+The levels are made on the CPU and copied; during the cycles only a few sums come back.
+numba's CUDA simulator (NUMBA_ENABLE_CUDASIM=1) runs the same kernels on a CPU, slowly; the tests use it.
 """
 
 from __future__ import annotations
@@ -23,12 +23,12 @@ from waychair.types import Float32Array, FloatArray
 cuda: Any
 try:
     cuda = import_module("numba.cuda")
-except ImportError:  # a numba without its CUDA target, which numba-cuda, of the extra `gpu`, brings back
+except ImportError:  # a numba without its CUDA target; numba-cuda (the extra `gpu`) provides it
     cuda = None
 
 _COLUMNS, _ROWS = (4, 2) if getattr(numba.config, "ENABLE_CUDASIM", False) else (16, 4)
-"""A block of threads: neighbouring ones read neighbouring columns, which lie together in memory. The simulator's are
-threads of Python, of which fewer do."""
+"""Size of a block of threads: neighbouring threads read neighbouring columns, which are contiguous in memory. The
+simulator's threads are Python threads; fewer are faster."""
 
 _BLOCK = (_COLUMNS, _ROWS)
 _THREADS = _COLUMNS * _ROWS
@@ -36,12 +36,12 @@ _THREADS = _COLUMNS * _ROWS
 
 @cache
 def gpu_at_hand() -> bool:
-    """Whether kernels can be run here, be it in the simulator."""
+    """Return whether kernels can be run here, including in the simulator."""
     return cuda is not None and bool(cuda.is_available())
 
 
 class _Grid(NamedTuple):
-    """A `Level` on the GPU, room for what is left over the diagonal or as it is, and in how many blocks it is worked on."""
+    """A `Level` on the GPU, an array `left` for the residual (over the diagonal or not), and the number of blocks."""
 
     east: Any
     south: Any
@@ -62,10 +62,10 @@ def conjugate_gradients_on_gpu(
     most: int,
     go_on: Callable[[], bool] | None = None,
 ) -> tuple[float, int]:
-    """`conjugate_gradients.conjugate_gradients` without patches, transfers included, on the GPU.
+    """Do `conjugate_gradients.conjugate_gradients` without patches on the GPU, transfers included.
 
     Raises:
-        MissingExtra: there is none.
+        MissingExtra: there is no GPU.
     """
     if not gpu_at_hand():
         raise MissingExtra("no GPU can be used here: choose another solver, or install waychair[gpu] beside its driver")
@@ -145,7 +145,7 @@ class _Kernels(NamedTuple):
 
 @cache
 def _kernels() -> _Kernels:
-    """The kernels, made when they are first wanted: each thread has a cell, those on the border have nothing to do."""
+    """Return the kernels, made at first use: each thread has one cell; threads on the border do nothing."""
     jit = cuda.jit
 
     @jit(device=True)
@@ -157,12 +157,12 @@ def _kernels() -> _Kernels:
 
     @jit(device=True)
     def left_at(east: Any, south: Any, inverse: Any, uniform: bool, x: Any, b: Any, i: int, j: int) -> Any:
-        # over the diagonal
+        # the residual over the diagonal
         return inverse[i, j] * (b[i, j] + near(east, south, uniform, x, i, j)) - x[i, j]
 
     @jit(device=True)
     def smoothed_at(east: Any, south: Any, inverse: Any, uniform: bool, u: Any, i: int, j: int) -> Any:
-        # what is to be added, by what is left
+        # the correction from the residual u over the diagonal
         return OF_ITSELF * u[i, j] + OF_NEIGHBOURS * (inverse[i, j] * near(east, south, uniform, u, i, j))
 
     @jit
@@ -185,7 +185,7 @@ def _kernels() -> _Kernels:
 
     @jit
     def settle(east: Any, south: Any, inverse: Any, uniform: bool, x: Any, b: Any, u: Any) -> None:
-        # the coarsest level in one launch: one block goes through all of its cells, again and again
+        # the coarsest level in one launch: one block sweeps over all of its cells repeatedly
         first_j, first_i = cuda.grid(2)
         for i in range(first_i, x.shape[0], _ROWS):
             for j in range(first_j, x.shape[1], _COLUMNS):
@@ -255,7 +255,7 @@ def _kernels() -> _Kernels:
 
     @jit
     def dot(x: Any, y: Any, into: Any) -> None:
-        # each block sums its own cells in shared memory first, so that only one of its threads adds to the whole
+        # each block first sums its cells in shared memory, so that only one of its threads adds to the total
         parts = cuda.shared.array(_THREADS, np.float64)
         j, i = cuda.grid(2)
         own = cuda.threadIdx.y * _COLUMNS + cuda.threadIdx.x

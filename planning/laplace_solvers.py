@@ -1,9 +1,9 @@
-"""Laplace's equation on a grid, by any of several solvers behind one function.
+"""Laplace's equation on a grid: several solvers behind one function.
 
 The source paper (harmonic fields on a GPU and a rubber band for smart wheelchairs, section II) solves for u, 0 at the
-goal and 1 in obstacles. Here it is v = 1 - u, 1 at the goal and 0 in obstacles: far from the goal u differs from 1 by
-less than a float64 can tell, while v is as exact there as anywhere. A cell may absorb part of what passes through
-it (the diagonal is 4 + absorption): an obstacle absorbs all, a dear or perhaps occupied cell a little.
+goal and 1 in obstacles. Here the unknown is v = 1 - u, 1 at the goal and 0 in obstacles: far from the goal u differs
+from 1 by less than float64 resolves, while v keeps its relative accuracy. A cell may absorb part of the flow through it
+(the diagonal is 4 + absorption): an obstacle absorbs everything, a dear or possibly occupied cell a little.
 """
 
 from __future__ import annotations
@@ -28,25 +28,25 @@ from waychair.planning.slices import Parts, finished
 from waychair.types import BoolArray, Float32Array, FloatArray, IntArray
 
 GoOn = Callable[[], bool]
-"""Asked between sweeps whether there is time for more; whoever has a clock gives one."""
+"""Called between sweeps: returns whether there is time for more."""
 
 _BYTES = MappingProxyType({"gauss-seidel": 40, "sor": 40, "multigrid": 70, "direct": 2000, "gpu": 90})
-"""Memory [bytes] that a cell takes in a solver's arrays, about; the direct one's factors grow faster than the map."""
+"""Approximate memory [bytes] per cell of each solver; the direct solver's factors grow faster than the map."""
 
 _AROUND = (24, 64, 128)
-"""Cells round what changed that are solved by themselves before all are, one square after the other."""
+"""Margins [cells] around a change of the squares that are solved locally, in turn, before the whole grid."""
 
 
 _WRONG = 1e-3
-"""Of the largest rest: what changed leaves such rests; what the warm start was not exact in is less, and everywhere."""
+"""Part of the largest residual above which a cell counts as changed; a warm start's error is smaller."""
 
 _FADES = 0.03
-"""A square that leaves more than this part of what was wrong shows that the change is no matter of one place."""
+"""A local solve that leaves more than this part of the residual shows that the change is not local."""
 
 
 @dataclass(frozen=True, slots=True)
 class SolverSettings(Settings):
-    """Which solver, how exactly, and for how long."""
+    """Which solver is used, its tolerance, and its bounds of time and memory."""
 
     solver: str = setting("multigrid", "", "gauss-seidel, sor, multigrid, direct, gpu, or auto: gpu where there is one")
     tolerance: float = setting(1e-8, "", "of |b - A v| / |b|", low=1e-14, high=1.0)
@@ -57,12 +57,12 @@ class SolverSettings(Settings):
 
 
 PAPER_SOLVER = SolverSettings(solver="gauss-seidel", initial=0.5, tolerance=1e-6, most_sweeps=1_000_000)
-"""The paper's: Eq 1 row by row, in place, from the middle of the range; it gives no number of iterations."""
+"""The source paper's solver: Eq 1 row by row, in place, from the middle of the range. It gives no iteration count."""
 
 
 @dataclass(frozen=True, slots=True)
 class Problem:
-    """Where the field is wanted: absorption (H, W) float32, 0 of free floor and infinite of obstacles; and the goal.
+    """The input of a field: absorption (H, W) float32, 0 for free floor and infinite for obstacles, and the goal.
 
     Raises:
         GoalOutsideMap, GoalOccupied: the goal is no free cell of the map.
@@ -84,13 +84,13 @@ class Problem:
 
 
 def problem_of(free: BoolArray, goal: Cell) -> Problem:
-    """The problem of free cells (H, W) that absorb nothing."""
+    """Return the problem of free cells (H, W) that absorb nothing."""
     return Problem(np.where(free, np.float32(0.0), np.float32(np.inf)), goal)
 
 
 @dataclass(frozen=True, slots=True)
 class Field:
-    """v (H, W) float64: 1 at the goal, 0 in obstacles. residual: |b - A v| / |b|; sweeps: how many that took."""
+    """The solution v (H, W) float64: 1 at the goal, 0 in obstacles. residual: |b - A v| / |b|; sweeps: their number."""
 
     v: FloatArray
     residual: float
@@ -103,12 +103,12 @@ def solve(
     warm_start: Field | None = None,
     go_on: GoOn | None = None,
 ) -> Field:
-    """The field of a problem; from a `warm_start` of the same shape only what differs has to be found.
+    """Return the field of a problem; with a `warm_start` of the same shape only the differences take time.
 
     Raises:
-        MapTooLarge: the solver would take more memory than it may.
-        NotConverged: the tolerance was not reached in the sweeps, or the time, allowed.
-        ConfigError: there is no such solver.
+        MapTooLarge: the solver would exceed its memory.
+        NotConverged: the tolerance was not reached within the allowed sweeps or time.
+        ConfigError: no solver has this name.
     """
     solver = chosen_solver(settings.solver)
     absorption = problem.absorption
@@ -134,9 +134,9 @@ def solve(
 
 @dataclass(frozen=True, slots=True)
 class System:
-    """A x = b for cells (H, W) that absorb; those that do so infinitely are walls.
+    """The linear system A x = b of cells (H, W) with absorption; infinite absorption is a wall.
 
-    x and b (H + 2, W + 2) are 0 in walls and on the border; x is improved in place. `warm`: nearly right.
+    x and b (H + 2, W + 2) are 0 in walls and on the border; x is improved in place. `warm`: x is nearly right already.
     """
 
     absorption: Float32Array
@@ -148,7 +148,7 @@ class System:
 
 
 def run_solver(solver: str, system: System) -> Parts[tuple[float, int]]:
-    """Improve x in place till A x = b; returns the relative residual that is left, and the sweeps.
+    """Improve x in place until A x = b; return the relative residual, and the sweeps.
 
     Raises:
         NotConverged: as in `solve`.
@@ -164,7 +164,7 @@ def run_solver(solver: str, system: System) -> Parts[tuple[float, int]]:
 
 
 def relative_residual(problem: Problem, v: FloatArray) -> float:
-    """|b - A v| / |b| of values (H, W) with the goal's 1 among them, in plain array arithmetic."""
+    """Return |b - A v| / |b| of values (H, W) that include the goal's 1, in plain array arithmetic."""
     free = np.isfinite(problem.absorption)
     free[problem.goal] = False
     b, padded = np.zeros_like(v), np.pad(np.where(free, v, 0.0), 1)
@@ -177,13 +177,13 @@ def relative_residual(problem: Problem, v: FloatArray) -> float:
 
 
 def _neighbours(padded: FloatArray) -> FloatArray:
-    """(H, W) sums over the four neighbours of (H + 2, W + 2)."""
+    """Return (H, W) sums over the four neighbours of (H + 2, W + 2)."""
     total: FloatArray = padded[1:-1, 2:] + padded[1:-1, :-2] + padded[2:, 1:-1] + padded[:-2, 1:-1]
     return total
 
 
 def check_memory(cells: int, solver: str, memory: float) -> None:
-    """Refuse a map that a solver would take more than `memory` [MB] for.
+    """Refuse a map for which a solver would need more than `memory` [MB].
 
     Raises:
         MapTooLarge: it would.
@@ -197,7 +197,7 @@ def check_memory(cells: int, solver: str, memory: float) -> None:
 
 
 def chosen_solver(solver: str) -> str:
-    """The solver by its name, or that for this computer."""
+    """Return the name of the solver; `auto` is the best on this computer."""
     if solver == "auto":
         from waychair.planning.laplace_gpu import gpu_at_hand
 
@@ -230,10 +230,10 @@ def _multigrid(system: System) -> Parts[tuple[float, int]]:
 def _solved_nearby(
     absorption: Float32Array, x: FloatArray, b: FloatArray, tolerance: float, rest: FloatArray
 ) -> tuple[float, Place | None]:
-    """Improve x round the cells where it is wrong, in larger and larger squares.
+    """Improve x around the cells where it is wrong, in larger and larger squares.
 
-    What changes in one place is a matter of that place: its effect fades with the distance. Returns the residual that
-    is left, and where it was wrong at first, unless that was a little everywhere; `rest` is b - A x then.
+    The effect of a local change fades with the distance. Return the residual, and the rectangle of the first error;
+    None if the error was small but everywhere. Afterwards `rest` is the residual b - A x.
     """
     whole = length_of(b) or 1.0
     before, changed = math.inf, None
@@ -244,7 +244,7 @@ def _solved_nearby(
         before = residual
         enough = max(_WRONG * float(max(rest.max(), -rest.min())), 0.1 * tolerance * whole)
         wrong = cells_where((rest > enough) | (rest < -enough))
-        if not len(wrong):  # a little everywhere
+        if not len(wrong):  # a small error everywhere
             return residual, changed
         first, last = _extent(wrong)
         changed = changed or (first, last)
@@ -256,14 +256,14 @@ def _solved_nearby(
 
 
 def _extent(cells: IntArray) -> Place:
-    """First and last row and column of cells (N, 2)."""
+    """Return first and last row and column of cells (N, 2)."""
     return cells.min(axis=0), cells.max(axis=0)
 
 
 def _solve_square(
     absorption: Float32Array, x: FloatArray, rest: FloatArray, low: IntArray, high: IntArray, enough: float
 ) -> None:
-    """Correct x from row and column `low` to `high` (in the padded grid), holding what lies outside."""
+    """Correct x from row and column `low` to `high` (in the padded grid); all other values are fixed."""
     inner = (slice(int(low[0]), int(high[0]) + 1), slice(int(low[1]), int(high[1]) + 1))
     part = np.ascontiguousarray(absorption[low[0] - 1 : high[0], low[1] - 1 : high[1]])
     b = np.pad(rest[inner], 1)
@@ -275,7 +275,7 @@ def _solve_square(
 
 
 def _red_black(system: System) -> Parts[tuple[float, int]]:
-    """Successive over-relaxation; by default with the factor that is best for an empty square of the map's side."""
+    """Solve by successive over-relaxation; the default factor is the best one for an empty square of the map's side."""
     inverse, x, b = _inverse(system.absorption), system.x, system.b
     omega = system.settings.omega or 2.0 / (1.0 + math.sin(math.pi / max(x.shape)))
 
@@ -292,7 +292,7 @@ def _gauss_seidel(system: System) -> Parts[tuple[float, int]]:
 
 
 def _inverse(absorption: Float32Array) -> FloatArray:
-    """(H + 2, W + 2) one over the matrix's diagonal, 0 in walls."""
+    """Return (H + 2, W + 2) the inverse of the matrix's diagonal, 0 in walls."""
     inverse: FloatArray = np.pad(1.0 / (4.0 + absorption.astype(np.float64)), 1)
     return inverse
 
@@ -312,12 +312,12 @@ def _swept(sweep: Callable[[], None], system: System) -> Parts[tuple[float, int]
 
 
 _BETWEEN = 10
-"""Sweeps between two looks at the residual, which costs about as much as one."""
+"""Sweeps between two checks of the residual, which takes about as long as one sweep."""
 
 
 @njit(cache=True, nogil=True)
 def relax(inverse: FloatArray, x: FloatArray, b: FloatArray, colour: int, omega: float) -> None:
-    """Gauss-Seidel on the cells of one colour of a chessboard, in place, over-relaxed by omega."""
+    """Do one Gauss-Seidel sweep over the cells of one colour of a chessboard, in place, over-relaxed by omega."""
     for i in range(1, x.shape[0] - 1):
         for j in range(1 + (i + colour + 1) % 2, x.shape[1] - 1, 2):
             near = x[i, j + 1] + x[i, j - 1] + x[i + 1, j] + x[i - 1, j]
@@ -326,7 +326,8 @@ def relax(inverse: FloatArray, x: FloatArray, b: FloatArray, colour: int, omega:
 
 @njit(cache=True, nogil=True)
 def row_by_row(inverse: FloatArray, x: FloatArray, b: FloatArray) -> None:
-    """The paper's Eq 1 on a sequential computer: each cell the mean of its neighbours, new where there are."""
+    """Do one sweep of the paper's Eq 1 in sequence: each cell becomes the mean of its neighbours, already updated ones
+    included."""
     for i in range(1, x.shape[0] - 1):
         for j in range(1, x.shape[1] - 1):
             near = x[i, j + 1] + x[i, j - 1] + x[i + 1, j] + x[i - 1, j]
@@ -334,7 +335,7 @@ def row_by_row(inverse: FloatArray, x: FloatArray, b: FloatArray) -> None:
 
 
 def _direct(system: System) -> Parts[tuple[float, int]]:
-    """Sparse LU without pivoting (SuperLU), which a diagonally dominant matrix does not need: nothing cancels."""
+    """Solve by sparse LU (SuperLU) without pivoting: a diagonally dominant matrix needs none."""
     from scipy.sparse import csc_matrix
     from scipy.sparse.linalg import splu
 

@@ -1,4 +1,4 @@
-"""What a planned way is made of: legs, each driven in one go, in its own manner, from one stop to the next."""
+"""Legs of a planned path: each is driven without a stop, in its own manner."""
 
 from __future__ import annotations
 
@@ -14,14 +14,14 @@ from waychair.types import FloatArray, Path, Pose2
 class Manner(enum.Enum):
     """How a leg is to be driven."""
 
-    FREE = "free"  # the local planner may leave it as it sees fit
-    EXACT = "exact"  # kept to the centimetre, slowly: there is no room for anything else
-    DOOR = "door"  # exact, on the axis of a door that is looked for in the scan
+    FREE = "free"  # by the dynamic window, which may leave the line
+    EXACT = "exact"  # on the line to the centimetre, slowly: there is no room beside it
+    DOOR = "door"  # exactly, on the axis of a door that is tracked in the scan
 
 
 @dataclass(frozen=True, slots=True)
 class Door:
-    """A narrow place that is gone through straight: its middle, x through it and onwards, and its clear width [m]."""
+    """A narrow place to drive straight through: the pose of its middle, x along the drive, and its width [m]."""
 
     map_from_door: Pose2
     width: float
@@ -29,10 +29,10 @@ class Door:
 
 @dataclass(frozen=True, slots=True)
 class Leg:
-    """Poses in map whose headings are the body's; at its end the chair turns in place to the last heading.
+    """Poses in map with the body's headings; at its end the chair turns on the spot to the last heading.
 
-    `backwards`: it is driven in reverse. `door` is that of a door's leg, which is straight and on the door's axis.
-    `flows`: the chair does not stop at its end, the next leg goes on in the same direction.
+    `backwards`: the leg is driven in reverse. `door`: the door of a door leg, which is straight and on the door's axis.
+    `flows`: the chair does not stop at its end; the next leg goes on in the same direction.
     """
 
     path: Path
@@ -42,10 +42,10 @@ class Leg:
     flows: bool = False
 
     def poses_in(self, frame_from_map: Pose2) -> FloatArray:
-        """(N, 3) the leg's poses in another frame."""
+        """Return (N, 3) the leg's poses in another frame."""
         return compose(frame_from_map.array(), self.path.poses)
 
 
 def whole(legs: tuple[Leg, ...]) -> Path:
-    """The legs one after the other: two poses at one place are a stop, and a turn where their headings differ."""
+    """Return the legs joined to one path: two poses at one place are a stop, and a turn where their headings differ."""
     return Path(np.concatenate([leg.path.poses for leg in legs]))

@@ -1,12 +1,11 @@
-"""The grids of a multigrid cycle for Laplace's equation on a grid with holes, and what is done within one of them.
+"""The levels of a multigrid cycle for Laplace's equation on a grid with holes, and the operations within one level.
 
 Every free cell is linked to its four neighbours: diagonal * x - sum of neighbours = b, walls hold 0. A coarse cell
-stands for two by two fine ones and is free when any of them is. How far a wall is from a coarse cell's middle is kept by
-direction: it is no whole number of cells (finite volumes whose border cuts a cell).
+stands for two by two fine ones and is free if any of them is. The distance of a wall from a coarse cell's middle is
+kept per direction: it is not a whole number of cells (finite volumes with a border that cuts a cell).
 
-Levels are smoothed by Chebyshev's polynomials of the fourth kind with the best weights for a V-cycle (Lottes, Optimal
-polynomial smoothers for multigrid V-cycles, 2022), in which each step is a product with the matrix and no cell waits for
-another.
+The smoother is a Chebyshev polynomial of the fourth kind with the optimal weights for a V-cycle (Lottes, Optimal
+polynomial smoothers for multigrid V-cycles, 2022). Each step is a product with the matrix; no cell waits for another.
 
 All arrays have a border of cells that are not free, so that no neighbour needs a bounds check.
 """
@@ -25,22 +24,22 @@ from waychair.types import Bytes, Float32Array, FloatArray
 AnyFloat: TypeAlias = Float32Array | FloatArray
 
 _NEAREST_WALL = 4.0
-"""Weight that a wall's link has at most for each of a coarse cell's fine ones: one still nearer to the coarse cell's
-middle, or past it, says no more than that the wall is there."""
+"""Largest weight of a wall's link per fine cell of a coarse one. A wall still nearer to the coarse cell's middle, or
+past it, has no larger effect."""
 
 _COARSEST, COARSEST_SWEEPS = 6, 8
-"""Sides up to which a level is solved by smoothing alone [cells], and how often it is smoothed."""
+"""Largest side [cells] of a level that is solved by smoothing alone, and how often it is smoothed."""
 
 
 def _polynomial() -> tuple[np.float32, np.float32]:
-    """What a smoothing adds of u, which is what is left over the diagonal, and of what u's neighbours pass on over it.
+    """Return the smoother's coefficients of u, the residual over the diagonal, and of u's neighbours over the diagonal.
 
-    Two steps of Lottes' algorithm 3 with the weights of its table 1. No eigenvalue of the matrix over its diagonal is
-    larger than 2: a cell's links weigh no more than its diagonal.
+    Two steps of Lottes' algorithm 3 with the weights of its table 1. No eigenvalue of the matrix over its diagonal
+    exceeds 2, since a cell's links weigh no more than its diagonal.
     """
     first, second = 1.02387287570313, 1.26408905371085
     share, before, after = 4 / 3 / 2, 1 / 5, 12 / 5 / 2
-    # one step is share * u; what is left over the diagonal after it, u - share * (u - passed on)
+    # one step is share * u; the residual over the diagonal after it is u - share * (u - passed on)
     return (
         np.float32(first * share + second * (before * share + after * (1 - share))),
         np.float32(second * after * share),
@@ -50,16 +49,16 @@ def _polynomial() -> tuple[np.float32, np.float32]:
 OF_ITSELF, OF_NEIGHBOURS = _polynomial()
 
 SUMMED = {"reassoc", "contract", "nsz"}
-"""What a compiler may do to a sum, so that it is added up in several lanes. Only where nothing is written: elsewhere it
-would hang on where the arrays lie whether it does, and with that the last digits. Not that nothing is infinite: walls
-absorb so much."""
+"""Fast-math flags for sums, so that the compiler adds in several lanes. They are used only where no array is written:
+elsewhere the array alignment would decide on vectorisation, and thereby on the last digits. `ninf` is not among them:
+walls have infinite absorption."""
 
 
 class Level(NamedTuple):
-    """One grid, (H + 2, W + 2) with its border.
+    """One level's grid, (H + 2, W + 2) with its border.
 
-    `east` and `south` hold the weights of the links to the next column and row (empty where they are `uniform`, all 1),
-    `inverse` one over the diagonal, 0 where a cell is not free. `b` is what to solve, `x` what was found.
+    `east` and `south` hold the weights of the links to the next column and row (empty if `uniform`, then all 1);
+    `inverse` is one over the diagonal, 0 where a cell is not free. `b` is the right-hand side, `x` the solution.
     """
 
     east: Float32Array
@@ -71,9 +70,9 @@ class Level(NamedTuple):
 
 
 def levels_from(absorption: Float32Array, memory: Memory | None = None) -> tuple[Level, ...]:
-    """The levels of a grid whose cells (H, W) absorb, the finest first; those that absorb infinitely are walls.
+    """Return the levels, finest first, of a grid with absorption (H, W); infinite absorption is a wall.
 
-    They lie in the memory, if one is given, which has the `size_of_levels`.
+    Their arrays are taken from `memory`, if given, which must have `size_of_levels` bytes.
     """
     shapes = _shapes(absorption.shape)
     memory = memory or new_memory(size_of_levels(absorption.shape))
@@ -89,15 +88,15 @@ def levels_from(absorption: Float32Array, memory: Memory | None = None) -> tuple
 
 
 def size_of_levels(shape: tuple[int, ...]) -> int:
-    """Bytes that the levels of a grid (H, W) take."""
+    """Return the size [bytes] of the levels of a grid (H, W)."""
     finest, *coarser = (height * width for height, width in _shapes(shape))
-    # inverse, x and b; of coarser ones links, what is taken of each cell, and whether walls do, too
+    # inverse, x and b; coarser levels also have links and the arrays of `_Taken`
     numbers = 3 * finest + (5 + 5) * sum(coarser)
     return 4 * numbers + sum(coarser) + LINE * (3 + 8 * len(coarser))
 
 
 def _shapes(shape: tuple[int, ...]) -> list[tuple[int, int]]:
-    """Of all levels of a grid (H, W), with their borders."""
+    """Return the shapes of all levels of a grid (H, W), with their borders."""
     shapes = [(shape[0] + 2, shape[1] + 2)]
     while min(shapes[-1]) - 2 > _COARSEST:
         shapes.append(((shapes[-1][0] - 1) // 2 + 2, (shapes[-1][1] - 1) // 2 + 2))
@@ -105,10 +104,10 @@ def _shapes(shape: tuple[int, ...]) -> list[tuple[int, int]]:
 
 
 class _Taken(NamedTuple):
-    """What is taken of a level's cells (H, W): by walls (H, W, 4) to the east, south, west and north, valid where there
-    are any (`walled`), and by themselves.
+    """The absorption of a level's cells (H, W): by walls (H, W, 4) to the east, south, west, north, and by themselves.
 
-    Of the uniform level, where a cell that is not free is a wall to its neighbours, only the last.
+    `by_walls` is valid where `walled`. The uniform level, where every cell that is not free is a wall, has `itself`
+    only.
     """
 
     by_walls: Float32Array
@@ -117,7 +116,7 @@ class _Taken(NamedTuple):
 
 
 def _coarser(fine: Level, taken: _Taken, shape: tuple[int, int], memory: Memory) -> tuple[Level, _Taken]:
-    """The next level, of this shape, and what is taken of its cells."""
+    """Return the next coarser level, of this shape, and its cells' absorption."""
     inner = (shape[0] - 2, shape[1] - 2)
     east, south, inverse, x, b = (memory.framed(shape) for _ in range(5))
     coarser = Level(east, south, inverse, False, x, b)
@@ -129,7 +128,7 @@ def _coarser(fine: Level, taken: _Taken, shape: tuple[int, int], memory: Memory)
 
 @njit(cache=True, nogil=True)
 def _begin(absorption: Float32Array, inverse: Float32Array, first: int, stop: int) -> None:
-    """Rows of the finest level."""
+    """Fill rows of the finest level."""
     for i in range(first, stop):
         for j in range(absorption.shape[1]):
             inverse[i + 1, j + 1] = np.float32(1.0) / (np.float32(4.0) + absorption[i, j])
@@ -144,7 +143,7 @@ def _gather(
     first: int,
     stop: int,
 ) -> None:
-    """Rows of the next level; `inverse` is one more than walls take of a cell that is free, and 0 else."""
+    """Fill rows of the next level; `inverse` becomes 1 plus the walls' absorption in free cells, else 0."""
     height, width = fine.x.shape
     east, south, inverse = coarser.east, coarser.south, coarser.inverse
     free, half, one = fine.inverse, np.float32(0.5), np.float32(1.0)
@@ -174,7 +173,7 @@ def _gather(
 
 @njit(cache=True, nogil=True)
 def _gather_cell(fine: Level, taken: _Taken, coarser: Level, new: _Taken, row: int, column: int) -> None:
-    """A cell of the next level with walls about, or at the far border, which may have fewer than four fine ones."""
+    """Fill a cell of the next level beside walls or at the far border, where it may have fewer than four fine cells."""
     height, width = fine.x.shape
     east, south, inverse = coarser.east, coarser.south, coarser.inverse
     free, half = fine.inverse, np.float32(0.5)
@@ -208,7 +207,7 @@ def _gather_cell(fine: Level, taken: _Taken, coarser: Level, new: _Taken, row: i
 
 @njit(cache=True, nogil=True)
 def _invert(level: Level, itself: Float32Array, first: int, stop: int) -> None:
-    """One over the diagonal in the free cells of rows."""
+    """Turn `inverse` into one over the diagonal in the free cells of rows."""
     east, south, inverse, one = level.east, level.south, level.inverse, np.float32(1.0)
     for i in range(first, stop):
         for j in range(1, inverse.shape[1] - 1):
@@ -219,7 +218,7 @@ def _invert(level: Level, itself: Float32Array, first: int, stop: int) -> None:
 
 @njit(cache=True, nogil=True, inline="always")
 def _amid(free: Float32Array, i: int, j: int) -> bool:
-    """Whether two by two cells are free, and those beside them are."""
+    """Return whether two by two cells and all cells beside them are free."""
     inner = free[i, j] > 0 and free[i, j + 1] > 0 and free[i + 1, j] > 0 and free[i + 1, j + 1] > 0
     rows = free[i - 1, j] > 0 and free[i - 1, j + 1] > 0 and free[i + 2, j] > 0 and free[i + 2, j + 1] > 0
     columns = free[i, j - 1] > 0 and free[i + 1, j - 1] > 0 and free[i, j + 2] > 0 and free[i + 1, j + 2] > 0
@@ -228,10 +227,10 @@ def _amid(free: Float32Array, i: int, j: int) -> bool:
 
 @njit(cache=True, nogil=True, inline="always")
 def _wall_of_coarser(wall: float, outer: bool) -> float:
-    """What a wall takes of a coarse cell by one of its fine ones, of which it takes so much.
+    """Return a wall's weight for a coarse cell, from its weight for one of the fine cells.
 
-    A wall's weight is one over its distance from the cell's middle. Half a fine cell farther (`outer`), or nearer, is
-    that of the coarse cell; the distance counts half as much in its wider cells, and each of its two fine cells for half.
+    A wall's weight is one over its distance from the cell's middle. The coarse cell's middle is half a fine cell
+    farther (`outer`) or nearer. In coarse cells the distance counts half, and each of the two fine cells counts half.
     """
     nearer = 1.0 + 0.5 * wall if outer else max(1.0 - 0.5 * wall, 1e-3)
     return min(wall / nearer, _NEAREST_WALL)
@@ -239,9 +238,9 @@ def _wall_of_coarser(wall: float, outer: bool) -> float:
 
 @njit(cache=True, nogil=True, inline="always")
 def passed_on(level: Level, x: Float32Array, above: int, here: int, below: int, i: int, j: int) -> np.float32:
-    """What the neighbours of a cell pass on to it: x has its row and those beside it as `here`, `above` and `below`.
+    """Return the weighted sum of a cell's neighbours; `above`, `here` and `below` are the indices of the rows in x.
 
-    Walls hold 0, as all arrays here do there.
+    All arrays hold 0 in walls.
     """
     near: np.float32
     if level.uniform:
@@ -254,7 +253,7 @@ def passed_on(level: Level, x: Float32Array, above: int, here: int, below: int, 
 
 @njit(cache=True, nogil=True)
 def settle(level: Level) -> float:
-    """Find a small level's x by smoothing it from 0, again and again; returns the product of x and b."""
+    """Solve a small level by repeated smoothing from x = 0; return the product of x and b."""
     x, b, inverse = level.x, level.b, level.inverse
     left = np.zeros_like(x)
     x[:] = 0.0
@@ -271,7 +270,7 @@ def settle(level: Level) -> float:
 
 @njit(cache=True, nogil=True, fastmath=SUMMED)
 def product_of_row(first: AnyFloat, second: AnyFloat, i: int) -> float:
-    """Of two vectors, what a row adds to their product."""
+    """Return one row's share of the product of two vectors."""
     total = 0.0
     for j in range(first.shape[1]):
         total += np.float64(first[i, j]) * np.float64(second[i, j])
@@ -280,7 +279,7 @@ def product_of_row(first: AnyFloat, second: AnyFloat, i: int) -> float:
 
 @njit(cache=True, nogil=True)
 def product_of_rows(first: AnyFloat, second: AnyFloat, begin: int, stop: int) -> float:
-    """`product_of_row` of the rows from `begin` to before `stop`."""
+    """Return the sum of `product_of_row` over the rows from `begin` to before `stop`."""
     total = 0.0
     for i in range(begin, stop):
         total += product_of_row(first, second, i)

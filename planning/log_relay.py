@@ -1,7 +1,7 @@
-"""The harmonic field in logarithms: cells in the order in which it spreads from the goal, and sweeps along that order.
+"""The harmonic field in logarithms: cells in breadth-first order from the goal, and sweeps in that order.
 
-v falls by a factor with every width of a corridor, and leaves the range of float64 in a long building. Its logarithm
-does not. A sweep in the order of the steps from the goal carries a change of scale through the whole map at once.
+v falls by a factor per corridor width and underflows float64 in a long building; its logarithm does not. A sweep in
+breadth-first order from the goal carries a change of scale through the whole map at once.
 """
 
 from __future__ import annotations
@@ -21,10 +21,10 @@ Indices: TypeAlias = NDArray[np.int32]
 
 
 def spread(absorption: Float32Array, barred: Bytes, goal: Cell) -> Parts[tuple[Indices, Indices]]:
-    """Cells from which steps lead to a goal: flat indices (N,) in the order of their steps, and numbers (N, 4).
+    """Return the cells connected to a goal: flat indices (N,) in breadth-first order, and neighbour numbers (N, 4).
 
-    A cell's numbers are its neighbours' places in that order, -1 where no step leads: into a wall, or against a one-way
-    zone (`barred` (H, W) as in `grid_graph`, or empty). The goal is the first.
+    A cell's neighbour numbers are its neighbours' places in that order, -1 where no step leads: into a wall, or against
+    a one-way zone (`barred` (H, W) as in `grid_graph`, or empty). The goal is the first cell.
     """
     place = np.full(absorption.size, -1, np.int32)
     order = np.empty(absorption.size, np.int32)
@@ -44,14 +44,14 @@ def spread(absorption: Float32Array, barred: Bytes, goal: Cell) -> Parts[tuple[I
 
 
 _CHUNK, _STEP_PRICE = 50_000, 11
-"""Cells of one part, and the time each takes, beside one that a solver visits."""
+"""Cells of one part, and the time per cell in units of a solver's visit to a cell."""
 
 
 @njit(cache=True, nogil=True)
 def _reach(
     absorption: Float32Array, barred: Bytes, place: Indices, order: Indices, count: int, first: int, last: int
 ) -> int:
-    """Go on from the cells of the order from `first` to before `last`; how many cells there are in it then."""
+    """Append the unvisited neighbours of the cells from `first` to before `last`; return the new number of cells."""
     height, width = absorption.shape
     at = first
     while at < min(count, last):
@@ -74,7 +74,7 @@ def _reach(
 def _number(
     shape: tuple[int, int], barred: Bytes, place: Indices, order: Indices, numbers: Indices, first: int, last: int
 ) -> None:
-    """Fill the numbers of the cells of the order from `first` to before `last`."""
+    """Fill the neighbour numbers of the cells from `first` to before `last` in the order."""
     height, width = shape
     for at in range(first, last):
         i, j = order[at] // width, order[at] % width
@@ -89,9 +89,9 @@ def _number(
 
 @njit(cache=True, nogil=True)
 def between(numbers: Indices, start: int, detour: int) -> BoolArray:
-    """(N,) which cells lie on a way from a start to the goal that is at most `detour` steps longer than the shortest.
+    """Return (N,) which cells lie on a path from start to goal at most `detour` steps longer than the shortest.
 
-    Of numbers (N, 4) as `spread` gives them, no step being barred; `start` is the start's place in the order.
+    numbers (N, 4) are those of `spread` without barred steps; `start` is the start's place in the order.
     """
     to_goal = np.zeros(len(numbers), np.int32)
     for k in range(1, len(numbers)):
@@ -121,9 +121,9 @@ def between(numbers: Indices, start: int, detour: int) -> BoolArray:
 def log_sweep(
     logs: FloatArray, numbers: Indices, diagonals: Float32Array, first: int, last: int, forward: bool
 ) -> float:
-    """Set cells from `first` to before `last` to what their neighbours say; returns the largest change.
+    """Relax the cells from `first` to before `last` from their neighbours; return the largest change.
 
-    Cells that nothing is known of (-inf) count for nothing.
+    Unknown cells (-inf) contribute nothing.
     """
     largest = 0.0
     for step in range(first, last):

@@ -1,10 +1,10 @@
-"""Multi-point turns: from one pose to another where the way that the cells give leaves no room for the rectangle.
+"""Multi-point turns: from one pose to another where the path over the cells has no room for the footprint.
 
 Hybrid A*: Dolgov, Thrun, Montemerlo and Diebel, "Path Planning for Autonomous Vehicles in Unknown Semi-structured
-Environments", Int. J. Robotics Research 29(5), 2010. States are continuous poses, one kept per bin of place and heading;
-steps are what this drive can do: straight on and arcs, forwards and backwards, and, unlike a car, turns in place. Where
-theirs tries a Reeds-Shepp curve to the goal, a chair that turns in place tries turn, straight, turn. The estimate of
-what is left is the way round obstacles for the axle's middle alone, their second heuristic.
+Environments", Int. J. Robotics Research 29(5), 2010. States are continuous poses, one kept per bin of place and
+heading. Steps are straight lines and arcs, forwards and backwards, and, unlike a car's, turns on the spot. In place of
+their Reeds-Shepp curve to the goal, the chair tries turn, straight, turn. The cost-to-go estimate is their second
+heuristic, the path around obstacles for the axle's middle alone.
 """
 
 from __future__ import annotations
@@ -30,17 +30,17 @@ from waychair.planning.slices import Slices, finished
 from waychair.types import Bytes, Float32Array, FloatArray, Pose2
 
 _STEP = 2.0
-"""Way of one step in sides of a bin: longer than a bin is wide in any direction."""
+"""Length of one step in sides of a bin: longer than a bin's diagonal."""
 _SPACING = 0.05
 """Distance [m] of the poses of the path."""
 
 _SWEEP, _CONNECTION = 4, 40
-"""Checking a step all along, and trying the goal forwards and backwards, take about as long as so many looks at a pose."""
+"""Times of checking a whole step, and of trying the goal forwards and backwards, in units of one pose's check."""
 
 
 @dataclass(frozen=True, slots=True)
 class ManoeuvreSettings(Settings):
-    """What the parts of a multi-point turn cost, in metres driven forwards, and how long to search."""
+    """Costs of a multi-point turn's parts, in metres driven forwards, and bounds of the search."""
 
     margin: float = setting(0.03, "m", "kept free round the outline", low=0.0, high=0.3)
     roomy: float = setting(0.06, "m", "room beyond the margin up to which more is better", low=0.01, high=0.5)
@@ -69,14 +69,14 @@ def manoeuvre(
     settings: ManoeuvreSettings = ManoeuvreSettings(),
     barred: Bytes = NO_BARS,
 ) -> FloatArray:
-    """Poses (N, 3) [m, m, rad] of the body in map from a start to a goal, the rectangle free all the way.
+    """Return poses (N, 3) [m, m, rad] in map from a start to a goal, with the footprint free all along.
 
-    Headings are the body's: where it moves against its heading it drives backwards, and two poses at one place are a
-    turn in place. The field bounds the search. `barred` on its cells holds the directions of travel that a one-way zone
-    bars there, bit by bit as in `grid_graph`; (0, 0) where there is none.
+    Headings are the body's: movement against the heading is reversing, and two poses at one place are a turn on the
+    spot. The field bounds the search. `barred` on its cells holds the directions barred by one-way zones, as bits as in
+    `grid_graph`; (0, 0) where there is none.
 
     Raises:
-        NoPath: the chair does not fit at either end, or no such way was found.
+        NoPath: the chair does not fit at one of the ends, or no such path was found.
     """
     return finished(manoeuvre_in_slices(field, body, start, goal, settings, barred))
 
@@ -89,7 +89,7 @@ def manoeuvre_in_slices(
     settings: ManoeuvreSettings = ManoeuvreSettings(),
     barred: Bytes = NO_BARS,
 ) -> Slices[FloatArray]:
-    """The same, a bounded part of the search at each step, so that a control loop can go on between them."""
+    """Do `manoeuvre` resumably, with a bounded part of the search at each step for use in a control loop."""
     shape = footprint(body, settings.margin, field)
     begin, end = in_cells(field, start), in_cells(field, goal)
     for name, at, pose in (("start", begin, start), ("end", end, goal)):
@@ -130,12 +130,12 @@ def manoeuvre_in_slices(
 
 
 class _Known(NamedTuple):
-    """What a search knows so far.
+    """The state of a search.
 
-    best (rows, columns, headings) price to each bin, 0 where none is known (what is never looked at then takes no
-    memory either); states (N, 6) x, y [cells], theta [rad], gear, and way [cells] and turn [rad] that led there, with
-    their costs and parents; a binary heap of them; and the tally: `_COUNT` of states, `_QUEUED` in the heap, the
-    `_COST`, `_PARENT` and `_KIND` of the best connection to the goal, and how many states are `_LEFT` to look at.
+    best (rows, columns, headings): price of each bin, 0 for unknown (untouched pages then take no memory). states
+    (N, 6): x, y [cells], theta [rad], gear, and the distance [cells] and turn [rad] that led there, with costs and
+    parents. A binary heap of states. tally: `_COUNT` of states, `_QUEUED` in the heap, `_COST`, `_PARENT` and `_KIND`
+    of the best connection to the goal, and the number of states `_LEFT` to expand.
     """
 
     best: Float32Array
@@ -151,7 +151,7 @@ _COUNT, _QUEUED, _COST, _PARENT, _KIND, _LEFT = range(6)
 
 
 def _begun(start: FloatArray, ways: FloatArray, side: float, headings: int, most: int) -> _Known:
-    """The start alone is known; nothing is queued when no way leads from it."""
+    """Return the state of a search with the start alone; nothing is queued if the start is not connected."""
     capacity = most + 64
     states = np.empty((capacity, 6))
     states[0] = (*start, 2.0, 0.0, 0.0)
@@ -168,14 +168,14 @@ def _begun(start: FloatArray, ways: FloatArray, side: float, headings: int, most
 
 
 def _poses(field: DistanceField, chain: FloatArray, start: Pose2, goal: Pose2) -> FloatArray:
-    """The way through the states of a chain, (N, 6) as `_search` gives it, every 5 cm, turns in place as two poses."""
+    """Return poses every 5 cm through a chain of states (N, 6), turns on the spot as two poses."""
     cell, rows = field.resolution, [start.array()]
     for before, state in pairwise(chain):
         way, turn = state[4] * cell, state[5]
         if way == 0.0:
             x, y, theta = rows[-1]
             if len(rows) > 1 and np.array_equal(rows[-1][:2], rows[-2][:2]):
-                rows.pop()  # one turn, however many steps it took
+                rows.pop()  # consecutive turning steps are one turn
             rows.append(np.array([x, y, theta + turn]))
             continue
         count = max(1, math.ceil(abs(way) / _SPACING))
@@ -192,9 +192,9 @@ def _poses(field: DistanceField, chain: FloatArray, start: Pose2, goal: Pose2) -
 
 @njit(cache=True, nogil=True)
 def _ways_to(clearance: Float32Array, goal: FloatArray, side: float, least: float) -> FloatArray:
-    """(rows, columns) of bins: way [cells] of a point to the goal where the clearance [cells] is at least `least`.
+    """Return (rows, columns) each bin's distance [cells] to the goal over bins with a clearance [cells] of `least`.
 
-    Eight neighbours, relaxed over and over in both directions until nothing changes; infinite where no way leads.
+    Eight neighbours, relaxed repeatedly in both directions until nothing changes; infinite where not connected.
     """
     height, width = clearance.shape
     rows, columns = math.ceil(height / side), math.ceil(width / side)
@@ -245,10 +245,10 @@ def _search(
     heap_ids: NDArray[np.int64],
     tally: FloatArray,
 ) -> bool:
-    """Look at more states until `slice_` looks at the obstacles were taken; whether there are more states to look at.
+    """Expand states until `slice_` pose checks have been done; return whether there are more states to expand.
 
-    See `_Known` for what is kept. No more than `most` states are made, and no more than `polish` looked at once a way is
-    known. prices: reverse, turn, gear, greed, roomy, close (see the settings), the angle of a bin of headings, and steer.
+    The state is that of `_Known`. At most `most` states are made, and at most `polish` expanded once a path is known.
+    prices: reverse, turn, gear, greed, roomy, close (see the settings), the angle of a bin of headings, and steer.
     """
     cell, greed, angle = shape.cell, prices[3], prices[6]
     rows, columns = ways.shape
@@ -266,7 +266,7 @@ def _search(
         if costs[here] > best[i, j, k] + 1e-4 and here != 0:
             continue
         left = math.hypot(goal[0] - x, goal[1] - y) * cell
-        if left < 0.4 or here % 8 == 0:  # what is far is not tried from everywhere
+        if left < 0.4 or here % 8 == 0:  # far from the goal a direct connection is tried rarely
             checked += _CONNECTION
             for kind in (1, -1):
                 cost = costs[here] + _connection(shape, barred, states[here], goal, kind, prices)
@@ -281,7 +281,7 @@ def _search(
                 continue
             if _is_barred(barred, x, y, theta, way, turn):
                 continue
-            # the costly question, whether the whole step is free, comes last
+            # the expensive check of the whole step comes last
             known = best[i, j, k] - 1e-4 if best[i, j, k] > 0.0 else np.inf
             least = costs[here] + _least_price(way * cell, turn, gear, prices)
             if way != 0.0 and gear == _gear(way):
@@ -314,13 +314,13 @@ def _note(states: FloatArray, k: int, x: float, y: float, theta: float, gear: fl
 
 @njit(cache=True)
 def _gear(way: float) -> float:
-    """1 forwards, -1 backwards, 0 in place; a start has 2, from where any gear is as good."""
+    """Return 1 forwards, -1 backwards, 0 for a turn on the spot; the start has 2: any gear is free there."""
     return 0.0 if way == 0.0 else math.copysign(1.0, way)
 
 
 @njit(cache=True)
 def _move(move: int, side: float, angle: float) -> tuple[float, float]:
-    """Way [cells] and turn [rad] of the steps: five forwards, five backwards, two in place."""
+    """Return distance [cells] and turn [rad] of a step: five forwards, five backwards, two on the spot."""
     if move >= 10:
         return 0.0, angle if move == 10 else -angle
     return _STEP * side if move < 5 else -_STEP * side, (move % 5 - 2) * angle
@@ -328,7 +328,7 @@ def _move(move: int, side: float, angle: float) -> tuple[float, float]:
 
 @njit(cache=True)
 def _bin(x: float, y: float, off: float, side: float, angle: float) -> tuple[int, int, int]:
-    """Row, column and heading of a state's bin; headings are counted from the goal's."""
+    """Return row, column and heading of a state's bin; headings are counted from the goal's."""
     heading = round(off / angle) % round(math.tau / angle)
     return math.floor(y / side), math.floor(x / side), heading
 
@@ -337,20 +337,20 @@ def _bin(x: float, y: float, off: float, side: float, angle: float) -> tuple[int
 def _price(
     shape: Footprint, x: float, y: float, theta: float, way: float, turn: float, gear: float, prices: FloatArray
 ) -> float:
-    """Price [m] of a step that ends at a pose."""
+    """Return the price [m] of a step that ends at a pose."""
     spare = room(shape, x, y, theta, prices[4] / shape.cell) * shape.cell
     return float(_least_price(way, turn, gear, prices) + _tight_price(spare, way, turn, prices))
 
 
 @njit(cache=True)
 def _tight_price(spare: float, way: float, turn: float, prices: FloatArray) -> float:
-    """Price [m] added to a step that ends with so much room [m]."""
+    """Return the extra price [m] of a step that ends with so much room [m]."""
     return float(_drive_price(way, turn, prices) * prices[5] * (1.0 - min(max(spare, 0.0) / prices[4], 1.0)))
 
 
 @njit(cache=True)
 def _least_price(way: float, turn: float, gear: float, prices: FloatArray) -> float:
-    """Price [m] of a step where there is room: what it costs at least."""
+    """Return the price [m] of a step where there is room, its lower bound."""
     return float(_drive_price(way, turn, prices) + (prices[2] if gear != _gear(way) and gear != 2.0 else 0.0))
 
 
@@ -363,7 +363,7 @@ def _drive_price(way: float, turn: float, prices: FloatArray) -> float:
 
 @njit(cache=True)
 def _connection_angles(state: FloatArray, goal: FloatArray, kind: int) -> tuple[float, float, float]:
-    """Turn, way [cells], turn that lead to the goal, forwards (kind 1) or backwards (-1)."""
+    """Return turn [rad], distance [cells] and turn [rad] to the goal, forwards (kind 1) or backwards (-1)."""
     dx, dy = goal[0] - state[0], goal[1] - state[1]
     way = math.hypot(dx, dy)
     if way < 1e-6:
@@ -376,7 +376,7 @@ def _connection_angles(state: FloatArray, goal: FloatArray, kind: int) -> tuple[
 def _connection(
     shape: Footprint, barred: Bytes, state: FloatArray, goal: FloatArray, kind: int, prices: FloatArray
 ) -> float:
-    """Price [m] of turn, straight, turn to the goal; infinite where it is not free, or barred."""
+    """Return the price [m] of turn, straight, turn to the goal; infinite where it is not free, or barred."""
     first, way, last = _connection_angles(state, goal, kind)
     x, y, theta, price, gear = state[0], state[1], state[2], 0.0, state[3]
     for part in range(3):
@@ -394,7 +394,7 @@ def _connection(
 
 @njit(cache=True)
 def _is_barred(barred: Bytes, x: float, y: float, theta: float, way: float, turn: float) -> bool:
-    """Whether a step of a way [cells] and turn [rad] from a pose leads in a direction that is barred under it."""
+    """Return whether a step of a distance [cells] and turn [rad] from a pose goes in a direction barred under it."""
     if barred.size == 0 or way == 0.0:
         return False
     count = math.ceil(abs(way)) + 1
@@ -410,7 +410,7 @@ def _is_barred(barred: Bytes, x: float, y: float, theta: float, way: float, turn
 
 @njit(cache=True)
 def _chain(states: FloatArray, parents: NDArray[np.int64], last: int, goal: FloatArray, kind: int) -> FloatArray:
-    """The states from the start to one, and turn, straight, turn from there to the goal."""
+    """Return the states from the start to `last`, followed by turn, straight, turn to the goal."""
     length, here = 0, last
     while here >= 0:
         length, here = length + 1, parents[here]
@@ -434,7 +434,7 @@ def _chain(states: FloatArray, parents: NDArray[np.int64], last: int, goal: Floa
 
 @njit(cache=True)
 def _push(keys: FloatArray, ids: NDArray[np.int64], count: int, key: float, identity: int) -> int:
-    """Put one into a binary heap; its new size."""
+    """Push a state into a binary heap; return its new size."""
     place = count
     while place > 0 and keys[(place - 1) // 2] > key:
         keys[place], ids[place] = keys[(place - 1) // 2], ids[(place - 1) // 2]
@@ -445,7 +445,7 @@ def _push(keys: FloatArray, ids: NDArray[np.int64], count: int, key: float, iden
 
 @njit(cache=True)
 def _pop(keys: FloatArray, ids: NDArray[np.int64], count: int) -> int:
-    """Take the least from a binary heap; its new size."""
+    """Pop the least state from a binary heap; return its new size."""
     count -= 1
     key, identity = keys[count], ids[count]
     place = 0

@@ -1,6 +1,7 @@
-"""Large arrays of a solve, cut from one piece of memory that the next solve works in again.
+"""Scratch memory: the large arrays of a solve, cut from one block that the next solve reuses.
 
-The system clears new memory, which for a field of a million cells takes as long as two or three cycles of multigrid.
+The operating system clears new memory; for a field of a million cells that takes as long as two or three multigrid
+cycles.
 """
 
 from __future__ import annotations
@@ -14,29 +15,29 @@ import numpy as np
 from numpy.typing import DTypeLike, NDArray
 
 _MOST_KEPT = 128_000_000
-"""Bytes that are kept between two solves."""
+"""Largest block [bytes] that is kept between two solves."""
 
 LINE = 64
-"""Bytes at whole multiples of which each part begins."""
+"""Alignment [bytes] of each part."""
 
 _kept: list[NDArray[np.uint8]] = []
 
 
 class Memory:
-    """Hands out parts of one array, each once."""
+    """A block of memory that hands out its parts, each once."""
 
     def __init__(self, within: NDArray[np.uint8]) -> None:
         self._left = within
 
     def take(self, shape: tuple[int, ...], dtype: DTypeLike = np.float32) -> NDArray[Any]:
-        """An array that is still to be written."""
+        """Return an uninitialised array."""
         size = math.prod(shape) * np.dtype(dtype).itemsize
         taken = self._left[:size].view(dtype).reshape(shape)
         self._left = self._left[-(-size // LINE) * LINE :]
         return taken
 
     def framed(self, shape: tuple[int, int], dtype: DTypeLike = np.float32) -> NDArray[Any]:
-        """The same, with a border of zeros."""
+        """Return an uninitialised array with a border of zeros."""
         framed = self.take(shape, dtype)
         framed[0] = framed[-1] = 0.0
         framed[:, 0] = framed[:, -1] = 0.0
@@ -44,16 +45,16 @@ class Memory:
 
 
 def new_memory(size: int) -> Memory:
-    """So many bytes for one solve."""
+    """Return a new block of so many bytes."""
     return Memory(np.empty(size, np.uint8))
 
 
 @contextmanager
 def borrowed(size: int) -> Iterator[Memory]:
-    """So many bytes for as long as a solve takes; what is cut from them is not to be used after that."""
+    """Lend a block of so many bytes for one solve; its arrays must not be used afterwards."""
     try:
         within = _kept.pop()
-    except IndexError:  # nothing is kept, or another thread has it
+    except IndexError:  # no block is kept, or another thread has it
         within = np.empty(size, np.uint8)
     if within.size < size:
         within = np.empty(size, np.uint8)

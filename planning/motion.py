@@ -1,4 +1,4 @@
-"""How a chair's speeds may change: the limits of its motion, and the way from one command to the next."""
+"""The limits of a chair's motion, and the step from one command to the next within them."""
 
 from __future__ import annotations
 
@@ -15,7 +15,7 @@ from waychair.planning.critics import Weights
 from waychair.types import FloatArray, Twist
 
 CRAWL_V, CRAWL_OMEGA = 0.15, 0.4
-"""Speeds [m/s], [rad/s] at which the chair gets out of a tight spot."""
+"""Speeds [m/s], [rad/s] at which the chair leaves a tight spot."""
 
 STANDING_V, STANDING_OMEGA = 0.01, 0.02
 """Speeds [m/s], [rad/s] below which a command counts as standing still."""
@@ -25,7 +25,7 @@ STANDING_V, STANDING_OMEGA = 0.01, 0.02
 class DwaSettings(Settings):
     """Limits of the motion (engineering choices for comfort, no standard), sampling and weights.
 
-    `stops`: how far the chair goes on after Stop, where that was measured (`measured`).
+    `stops`: the measured stopping distances of the chair, if there are any (`measured`).
     """
 
     max_speed: float = setting(0.8, "m/s", "highest forward speed", low=0.05, high=3.0)
@@ -61,7 +61,7 @@ class DwaSettings(Settings):
 
 @dataclass(frozen=True, slots=True)
 class Motion:
-    """What a tick must know of those before: acceleration [m/s^2, rad/s^2] of the commands, and the last direction.
+    """The state of the commands so far: their acceleration [m/s^2, rad/s^2], and the last direction of travel.
 
     `direction` is 1 after driving forwards, -1 after driving backwards, 0 before either.
     """
@@ -71,11 +71,11 @@ class Motion:
 
 
 def measured(settings: DwaSettings, stops: StopTable | None) -> DwaSettings:
-    """The settings for a chair whose stops were measured, or were not: then it only crawls.
+    """Return the settings for a chair with these measured stops; without any it only crawls.
 
-    It drives no faster than its stops are known, reacts no sooner than was seen, and the dynamic window only tries arcs
-    along which the measured way to rest is free. What follows an exact line slows down for its end instead; there, as
-    everywhere, the collision monitor knows the measured stops.
+    The chair drives no faster than its stops were measured for, and reacts no sooner than measured. The dynamic window
+    admits only arcs along which the measured stopping distance is free. On an exact line the chair slows down for the
+    end instead; the collision monitor knows the measured stops everywhere.
     """
     return replace(
         settings,
@@ -86,10 +86,10 @@ def measured(settings: DwaSettings, stops: StopTable | None) -> DwaSettings:
 
 
 def motion_after(motion: Motion, command: Twist, following: Twist, settings: DwaSettings) -> Motion:
-    """The motion once `following` has been commanded after `command`; what has come to a stand brakes no more.
+    """Return the motion once `following` has been commanded after `command`; a standing chair no longer brakes.
 
-    What was braked harder than in comfort, by whoever else may cut a command, is gone on with as comfort would have it:
-    the jerk that limits the way back from a moment's emergency would else brake the chair to a stand.
+    The acceleration is clipped to the comfortable limits. The limiter or the monitor may have cut the command harder;
+    with that acceleration, limited jerk would brake the chair to standstill after a moment's emergency.
     """
     faster = 0.0 if following.v == 0.0 else (following.v - command.v) / settings.period
     turning = (following.omega - command.omega) / settings.period
@@ -103,7 +103,7 @@ def _within(value: float, most: float) -> float:
 
 
 def crawling(settings: DwaSettings) -> DwaSettings:
-    """The same limits, but slow: for leaving a place that is too narrow for the margin."""
+    """Return the same limits at crawling speed, for leaving a place that is too narrow for the margin."""
     return replace(
         settings,
         max_speed=min(settings.max_speed, CRAWL_V),
@@ -113,19 +113,19 @@ def crawling(settings: DwaSettings) -> DwaSettings:
 
 
 def braking(command: Twist, settings: DwaSettings) -> Twist:
-    """One control period of braking on the same arc: v and omega fall in proportion."""
+    """Return the command after one period of braking on the same arc: v and omega fall in proportion."""
     left = 1.0 - settings.period / max(stop_time(command, settings), settings.period)
     return Twist(command.v * left, command.omega * left)
 
 
 def braking_hard(command: Twist, settings: DwaSettings) -> Twist:
-    """One control period of braking on the same arc as in an emergency."""
+    """Return the command after one period of emergency braking on the same arc."""
     hard, hard_alpha = max(settings.emergency, settings.braking), max(settings.emergency_alpha, settings.alpha)
     return braking(command, replace(settings, braking=hard, alpha=hard_alpha))
 
 
 def stopping(command: Twist, settings: DwaSettings, motion: Motion | None) -> Twist:
-    """One control period of a stop in comfort: as `braking`, but with limited jerk, and never faster than before."""
+    """Return the command after one period of a comfortable stop: as `braking`, with limited jerk, never speeding up."""
     if motion is None:
         return braking(command, settings)
     eased = towards(command, Twist(), settings, motion)
@@ -136,40 +136,40 @@ def stopping(command: Twist, settings: DwaSettings, motion: Motion | None) -> Tw
 
 
 def slowing_speed(way: float, end: float, settings: DwaSettings) -> float:
-    """Greatest speed [m/s] that comes down to `end` [m/s] within a way [m], with half the braking and jerk held back.
+    """Return the greatest speed [m/s] that slows to `end` [m/s] within a distance [m] at half the braking and jerk.
 
-    What is held back is for the chair's lag. Neither before nor after it does the chair slow down. From v the mean
-    speed is (v + end) / 2, for the time (v - end) / a + a / jerk, or 2 sqrt((v - end) / jerk) where the full a is not
-    reached; solved for v.
+    The other half is kept in reserve for the chair's lag. The acceleration is 0 at both ends. From v the mean speed is
+    (v + end) / 2, for the time (v - end) / a + a / jerk, or 2 sqrt((v - end) / jerk) where the full a is not reached;
+    solved for v.
     """
     a, jerk, way = settings.braking / 2, settings.jerk / 2, max(way, 0.0)
     ramps = a * a / jerk  # change of the speed while a comes and goes
     speed = math.hypot(ramps / 2 - end, math.sqrt(2 * a * way)) - ramps / 2
     if speed - end >= ramps:
         return speed
-    # With s = sqrt(v - end) it is s^3 + 2 end s = way sqrt(jerk), of which Cardano's formula gives the one real root.
+    # With s = sqrt(v - end): s^3 + 2 end s = way sqrt(jerk). Cardano's formula gives the one real root.
     half, third = way * math.sqrt(jerk) / 2, 2 * end / 3
     root = math.sqrt(half**2 + third**3)
     return end + (math.cbrt(half + root) + math.cbrt(half - root)) ** 2
 
 
 def stop_time(twist: Twist, settings: DwaSettings) -> float:
-    """Time [s] to brake v and omega in proportion."""
+    """Return the time [s] to brake v and omega to 0 in proportion."""
     return max(abs(twist.v) / settings.braking, abs(twist.omega) / settings.alpha)
 
 
 def towards(command: Twist, target: Twist, settings: DwaSettings, motion: Motion | None = None) -> Twist:
-    """One control period from the command to the target: on a straight line in (v, omega), or with limited jerk."""
+    """Return the command after one period towards the target: straight in (v, omega), or with limited jerk."""
     return Twist(*_step(_limits(settings, motion), command.v, command.omega, target.v, target.omega))
 
 
 def towards_each(command: Twist, targets: FloatArray, settings: DwaSettings, motion: Motion | None) -> FloatArray:
-    """(N, 2) what `towards` says for each of many targets (N, 2) [m/s, rad/s]."""
+    """Return (N, 2) `towards` for each of many targets (N, 2) [m/s, rad/s]."""
     return _steps(_limits(settings, motion), command.v, command.omega, targets)
 
 
 class _Limits(NamedTuple):
-    """How a command may change in one period; `v` and `omega` are the accelerations now, of account if `eased`."""
+    """How a command may change in one period; `v` and `omega` are the present accelerations, used if `eased`."""
 
     period: float
     acceleration: float
@@ -197,7 +197,7 @@ def _step(limits: _Limits, v: float, omega: float, to_v: float, to_omega: float)
     if not limits.eased:
         return v + share * dv, omega + share * domega
     after = v + _eased(share * dv, dv, limits.v, limits.jerk, limits.period)
-    # hard braking may end in a stand, and is not carried on into driving the other way
+    # hard braking may end in standstill, but does not go on into reversing
     after = after if after * (v or to_v) > 0.0 else 0.0
     return after, omega + _eased(share * domega, domega, limits.omega, limits.alpha_jerk, limits.period)
 
@@ -212,8 +212,8 @@ def _steps(limits: _Limits, v: float, omega: float, targets: FloatArray) -> Floa
 
 @njit(cache=True, nogil=True)
 def _eased(step: float, left: float, acceleration: float, jerk: float, period: float) -> float:
-    """The step of a speed in one period, so that the acceleration changes by the jerk and is 0 when nothing is left."""
-    # After a step s come s - change, s - 2 change ..., n of them: together with it (n + 1) (s - n change / 2).
+    """Return a speed's step in one period: the acceleration changes by the jerk and ends at 0 at the target."""
+    # A step s is followed by n more, s - change, s - 2 change, ...: in sum (n + 1) (s - n change / 2).
     change = jerk * period**2
     n = math.floor((math.sqrt(1.0 + 8.0 * abs(left) / change) - 1.0) / 2.0)
     most = abs(left) / (n + 1) + n * change / 2
@@ -222,9 +222,9 @@ def _eased(step: float, left: float, acceleration: float, jerk: float, period: f
 
 
 def change_within(acceleration: float | None, sign: float, most: float, jerk: float, time: float) -> float:
-    """Greatest change of a speed up (sign 1) or down (-1) within a time, of an acceleration that the jerk takes to `most`.
+    """Return the greatest change of a speed up (sign 1) or down (-1) within a time; the jerk ramps a up to `most`.
 
-    At once without an acceleration.
+    Without a present acceleration it is `most` at once.
     """
     if acceleration is None:
         return most * time
@@ -234,5 +234,5 @@ def change_within(acceleration: float | None, sign: float, most: float, jerk: fl
 
 
 def standing(twist: Twist) -> bool:
-    """Whether a command is so small that the chair stands."""
+    """Return whether a command is so small that the chair stands."""
     return abs(twist.v) < STANDING_V and abs(twist.omega) < STANDING_OMEGA

@@ -1,8 +1,8 @@
-"""Multigrid's V-cycle on levels of a grid with holes, symmetric, so that it may precondition conjugate gradients.
+"""The multigrid V-cycle on levels of a grid with holes; it is symmetric, so it can precondition conjugate gradients.
 
 The V-cycle (Briggs, Henson and McCormick, A Multigrid Tutorial, 2000, chapter 3) interpolates bilinearly between the
 middles of cells and restricts by the transpose. It smooths the same way before and after the correction (Tatebe 1993).
-It computes in float32, twice as many cells at a time: it says where to go, not how far it is still.
+It computes in float32, twice as many cells at a time, since a preconditioner need not be exact.
 """
 
 from __future__ import annotations
@@ -20,18 +20,18 @@ from waychair.planning.slices import Parts, finished
 from waychair.types import Float32Array
 
 PASS = 5
-"""Cells that a sweep of the cycle goes through while other work on the field goes through one."""
+"""Cells that a sweep of the cycle visits in the time in which other work on the field visits one."""
 
 
 @njit(cache=True, nogil=True, inline="always")
 def _near(level: Level, rows: Float32Array, i: int, j: int) -> np.float32:
-    """`passed_on` of rows that are kept four at a time."""
+    """Return `passed_on` for rows in a ring buffer of four."""
     return passed_on(level, rows, (i - 1) & 3, i & 3, (i + 1) & 3, i, j)
 
 
 @njit(cache=True, nogil=True, inline="always")
 def _begin_row(level: Level, u: Float32Array, i: int) -> None:
-    """A row of what is left over the diagonal while x is 0; this one and all rows below are 0 outside the level."""
+    """Compute a row of the residual over the diagonal while x is 0; rows outside the level are 0, here and below."""
     if 0 < i < level.x.shape[0] - 1:
         for j in range(1, level.x.shape[1] - 1):
             u[i & 3, j] = level.inverse[i, j] * level.b[i, j]
@@ -41,7 +41,7 @@ def _begin_row(level: Level, u: Float32Array, i: int) -> None:
 
 @njit(cache=True, nogil=True, inline="always")
 def _smooth_row(level: Level, u: Float32Array, x: Float32Array, i: int) -> None:
-    """A row of x smoothed from 0."""
+    """Compute a row of x smoothed from 0."""
     if 0 < i < level.x.shape[0] - 1:
         for j in range(1, level.x.shape[1] - 1):
             x[i & 3, j] = OF_ITSELF * u[i & 3, j] + OF_NEIGHBOURS * (level.inverse[i, j] * _near(level, u, i, j))
@@ -51,7 +51,7 @@ def _smooth_row(level: Level, u: Float32Array, x: Float32Array, i: int) -> None:
 
 @njit(cache=True, nogil=True, inline="always")
 def _rest_row(level: Level, x: Float32Array, rest: Float32Array, i: int) -> None:
-    """A row of b - A x."""
+    """Compute a row of the residual b - A x."""
     if 0 < i < level.x.shape[0] - 1:
         for j in range(1, level.x.shape[1] - 1):
             left = level.b[i, j] + _near(level, x, i, j) - x[i & 3, j] / level.inverse[i, j]
@@ -62,7 +62,7 @@ def _rest_row(level: Level, x: Float32Array, rest: Float32Array, i: int) -> None
 
 @njit(cache=True, nogil=True, inline="always")
 def _left_row(level: Level, x: Float32Array, u: Float32Array, i: int) -> None:
-    """A row of b - A x over the diagonal."""
+    """Compute a row of b - A x over the diagonal."""
     if 0 < i < level.x.shape[0] - 1:
         for j in range(1, level.x.shape[1] - 1):
             u[i & 3, j] = level.inverse[i, j] * (level.b[i, j] + _near(level, x, i, j)) - x[i & 3, j]
@@ -72,9 +72,9 @@ def _left_row(level: Level, x: Float32Array, u: Float32Array, i: int) -> None:
 
 @njit(cache=True, nogil=True, error_model="numpy")
 def _descend(level: Level, coarser: Level, first: int, stop: int) -> None:
-    """Smooth from x = 0, and gather what is left of b - A x onto rows of the coarser level's b; x itself is not kept.
+    """Smooth from x = 0, and restrict the residual b - A x to rows of the coarser level's b; x itself is not kept.
 
-    In one sweep: each row is worked on as soon as those that it needs are there, one row behind each other.
+    All is done in one sweep: each stage follows one row behind the stage that it needs.
     """
     width, into = level.x.shape[1], coarser.b
     u, x, rest = np.zeros((4, width), np.float32), np.zeros((4, width), np.float32), np.zeros((4, width), np.float32)
@@ -83,7 +83,7 @@ def _descend(level: Level, coarser: Level, first: int, stop: int) -> None:
         _begin_row(level, u, i + 2)
         _smooth_row(level, u, x, i + 1)
         _rest_row(level, x, rest, i)
-        row = i // 2  # gathers four rows, of which an odd one is the last
+        row = i // 2  # gathers four rows, the last of them odd
         if i % 2 == 1 and first <= row < stop:
             above, first, second, below = (i - 3) & 3, (i - 2) & 3, (i - 1) & 3, i & 3
             for j in range(width):
@@ -96,9 +96,9 @@ def _descend(level: Level, coarser: Level, first: int, stop: int) -> None:
 
 @njit(cache=True, nogil=True)
 def _ascend(coarser: Level, level: Level, first: int, stop: int) -> float:
-    """Rows of x smoothed from 0 once more, the coarser level's x added, interpolated bilinearly, and all smoothed again.
+    """Compute rows of x: smoothed from 0 again, the coarser level's x added by interpolation, and smoothed once more.
 
-    Returns what they add to the product of x and b.
+    Return the rows' share of the product of x and b.
     """
     width, e = level.x.shape[1], coarser.x
     u, x, left = np.zeros((4, width), np.float32), np.zeros((4, width), np.float32), np.zeros((4, width), np.float32)
@@ -119,7 +119,7 @@ def _ascend(coarser: Level, level: Level, first: int, stop: int) -> float:
 
 @njit(cache=True, nogil=True, inline="always")
 def _add_row(coarser: Level, level: Level, x: Float32Array, i: int, near: Float32Array, between: Float32Array) -> None:
-    """Add to a row what lies there between the coarser level's x; `near` and `between` are room for its rows."""
+    """Add the interpolated x of the coarser level to a row; `near` and `between` are buffers for its rows."""
     e = coarser.x
     if 0 < i < level.x.shape[0] - 1:
         row = (i + 1) // 2
@@ -134,12 +134,12 @@ def _add_row(coarser: Level, level: Level, x: Float32Array, i: int, near: Float3
 
 
 def v_cycle(levels: tuple[Level, ...], patches: Patches = ()) -> None:
-    """Solve the finest level's A x = b roughly, from x = 0: its `b` is read, its `x` written."""
+    """Solve the finest level's A x = b approximately from x = 0: its `b` is read, its `x` written."""
     finished(v_cycle_in_parts(levels, patches))
 
 
 def v_cycle_in_parts(levels: tuple[Level, ...], patches: Patches = ()) -> Parts[float]:
-    """`v_cycle`, a level at a time; returns the product of x and b."""
+    """Do `v_cycle` resumably, a level at a time; return the product of x and b."""
     near: list[Sequence[Patch]] = [*patches, *repeat((), len(levels) - 1 - len(patches))]
     steps = [(level, coarser, seen_to) for (level, coarser), seen_to in zip(pairwise(levels), near, strict=True)]
     for level, coarser, seen_to in steps:

@@ -1,7 +1,7 @@
-"""Lining the path up with doors: a chair whose front reaches far ahead of its axle must be straight before it enters.
+"""Lining the path up with doorways: a chair with a long front must be straight before it enters.
 
-Where a door lies round a sharp corner, no arc leads into it: the chair drives to the door's axis, stops, turns in place
-and goes straight through.
+No arc leads into a door around a sharp corner: the chair drives to the door's axis, stops, turns on the spot and goes
+straight through.
 
 Points are (N, 2) columns and rows in cell units, spaced evenly: (0.5, 0.5) is the centre of cell (0, 0).
 """
@@ -22,37 +22,37 @@ from waychair.planning.smoothing import line_cost
 from waychair.types import BoolArray, FloatArray, Pose2
 
 _LONGEST = 1.6
-"""A narrow stretch longer than this [m] is a corridor, along which the path is straight already."""
+"""A narrow stretch longer than this [m] is a corridor; there the path is straight already."""
 
 _SLIDES = (0.0, 0.05, -0.05, 0.1, -0.1, 0.15, -0.15, 0.2, -0.2)
-"""How far [m] along the run from its end the chair may turn as well."""
+"""Offsets [m] along the run from its end at which a turn on the spot is tried."""
 
 _TURN_MARGIN = 0.06
-"""Kept free round the body [m] where it is to turn: the local planner's own margin, and that it stops not quite there."""
+"""Clearance [m] around a planned turn on the spot: the local planner's margin, and some for an inexact stop."""
 
 _AWAY = 1.0
-"""Where the chair comes from and goes to is seen this far away [m]: the bend itself is short, and says little."""
+"""Directions before and after a corner are taken to points this far away [m]: the bend itself is short."""
 
 _SHORTEST = 0.2
 """A leg shorter than this [m] is not worth a stop."""
 
 
 def line_up(costmap: Costmap, points: FloatArray, narrow: float, run_up: float) -> tuple[FloatArray, BoolArray]:
-    """The points with a straight run through every narrow place, along its axis; and which points begin or end a run.
+    """Return the points with a straight run along the axis of every narrow place, and which points begin or end a run.
 
-    A place is narrow where the clearance is below `narrow` [m] and obstacles stand on both sides; the run begins
+    A place is narrow where the clearance is below `narrow` [m] and obstacles stand on both sides. The run begins
     `run_up` [m] before its middle and ends two thirds of that after it, shorter where there is no room. Places too near
-    to the path's ends for a run are left as they are.
+    the path's ends for a run stay unchanged.
     """
     rows, columns = np.floor(points[:, ::-1]).astype(np.int64).T
     clearance = costmap.clearance[rows, columns]
     cell = costmap.grid.resolution
     lined, run_ends, kept = points, np.zeros(len(points), np.bool_), len(points)
-    # From the last to the first, so that the indices of those still to come stay right: those below `kept` are.
+    # From the last to the first, so that indices below `kept` stay valid.
     for first, last in reversed(_stretches(clearance < narrow)):
         length = math.dist(points[first], points[last]) * cell
         middle = first + int(np.argmin(clearance[first : last + 1]))
-        if middle >= kept:  # the run through the place after it goes through it, too
+        if middle >= kept:  # the run through the next narrow place covers this one, too
             continue
         axis = _passage(costmap, points[middle], narrow / cell) if length < _LONGEST else None
         if axis is None:
@@ -74,9 +74,9 @@ def line_up(costmap: Costmap, points: FloatArray, narrow: float, run_up: float) 
 
 
 def legs_between_turns(costmap: Costmap, points: FloatArray, run_ends: BoolArray, turn_from: float) -> list[FloatArray]:
-    """The points cut where the chair is to stop and turn in place: at ends of runs, onto or off them, by `turn_from`.
+    """Return the points cut into legs at ends of runs where the chair stops and turns on the spot.
 
-    `turn_from` [rad] is the least change of direction that is worth it; where the chair cannot turn, the corner stays.
+    `turn_from` [rad] is the least change of direction for a turn; where the chair cannot turn, the corner stays.
     """
     points, legs, begin = points.copy(), [], 0
     for i in np.flatnonzero(run_ends).tolist():
@@ -91,9 +91,9 @@ def legs_between_turns(costmap: Costmap, points: FloatArray, run_ends: BoolArray
 
 
 def tight_doors(costmap: Costmap, points: FloatArray, narrow: float, widest: float) -> list[tuple[int, int, Door]]:
-    """Doors on the way that are no wider than `widest` [m], with the first and last index of the points within them.
+    """Return the doors on a path that are at most `widest` [m] wide, with the first and last index of points in each.
 
-    A door is a narrow place as in `line_up`. Its direction is that in which the points go through it.
+    A door is a narrow place as in `line_up`. It points in the path's direction.
     """
     rows, columns = np.floor(points[:, ::-1]).astype(np.int64).T
     clearance = costmap.clearance[rows, columns]
@@ -120,7 +120,7 @@ def tight_doors(costmap: Costmap, points: FloatArray, narrow: float, widest: flo
 def _turning_spot(
     costmap: Costmap, points: FloatArray, i: int, other_end: FloatArray, turn_from: float
 ) -> FloatArray | None:
-    """Where to turn in place about point i: there or, for more room, a little up or down the run to its other end."""
+    """Return where to turn on the spot near point i: there, or a little along the run; None if nowhere."""
     axis = (other_end - points[i]) / np.hypot(*(other_end - points[i]))
     cell = costmap.grid.resolution
     come_from, go_to = _at_distance(points[i::-1], _AWAY / cell), _at_distance(points[i:], _AWAY / cell)
@@ -133,7 +133,7 @@ def _turning_spot(
 
 
 def _can_turn(costmap: Costmap, point: FloatArray, into: float, out_of: float) -> bool:
-    """Whether the body can be turned in place from one direction to the other, the short way round."""
+    """Return whether the body can turn on the spot from one direction to the other through the smaller angle."""
     shape, turn = footprint(costmap.body, _TURN_MARGIN, costmap.field), wrap_angle(out_of - into)
     return bool(
         free_time(shape, np.array([*point, into]), 0.0, math.copysign(1.0, turn), abs(turn), abs(turn)) >= abs(turn)
@@ -141,7 +141,7 @@ def _can_turn(costmap: Costmap, point: FloatArray, into: float, out_of: float) -
 
 
 def _at_distance(points: FloatArray, distance: float) -> FloatArray:
-    """The first of the points that is this far along them, or the last."""
+    """Return the first point at this distance along the points, or the last."""
     along = np.hypot(*np.diff(points, axis=0).T).cumsum()
     point: FloatArray = points[min(int(np.searchsorted(along, distance)) + 1, len(points) - 1)]
     return point
@@ -152,13 +152,13 @@ def _length(points: FloatArray) -> float:
 
 
 def _stretches(narrow: BoolArray) -> list[tuple[int, int]]:
-    """First and last index of every run of true values."""
+    """Return the first and last index of every run of true values."""
     edges = np.flatnonzero(np.diff(np.concatenate([[0], narrow.astype(np.int8), [0]])))
     return [(int(first), int(last) - 1) for first, last in edges.reshape(-1, 2)]
 
 
 def _passage(costmap: Costmap, point: FloatArray, reach: float) -> tuple[FloatArray, FloatArray] | None:
-    """Centre and direction of the passage between the nearest obstacles on opposite sides; None beside a single one."""
+    """Return centre and direction of the gap between the nearest obstacles on opposite sides; None beside one alone."""
     span = math.ceil(reach * 1.5)
     row, column = int(point[1]), int(point[0])
     top, left = max(row - span, 0), max(column - span, 0)
@@ -177,7 +177,7 @@ def _passage(costmap: Costmap, point: FloatArray, reach: float) -> tuple[FloatAr
 
 
 def _nearest(offsets: FloatArray, away: FloatArray) -> FloatArray | None:
-    """Mean of the nearest obstacles on one side (a post's face is several cells), None without any."""
+    """Return the mean of the nearest obstacles on one side (a post's face is several cells); None without any."""
     if len(away) == 0:
         return None
     one_side = offsets @ offsets[np.argmin(away)] > 0.0  # midway between two jambs both are the nearest
@@ -188,7 +188,7 @@ def _nearest(offsets: FloatArray, away: FloatArray) -> FloatArray | None:
 def _joined(
     costmap: Costmap, points: FloatArray, middle: int, begin: FloatArray, end: FloatArray
 ) -> tuple[int, int] | None:
-    """The points to go to `begin` from, and from `end` to; None where any part of the way is barred."""
+    """Return the indices to join `begin` from and `end` to; None where any part of the connection is blocked."""
     before = int(np.argmin(np.hypot(*(points[: middle + 1] - begin).T)))
     after = middle + int(np.argmin(np.hypot(*(points[middle:] - end).T)))
     # Join a little away from the run, so that the bend is gentle.

@@ -1,8 +1,8 @@
-"""What the sensors have seen round the chair and the map does not know: marked when seen, cleared when seen through.
+"""Obstacle layers: points that the sensors have seen and the map does not have, marked when seen, cleared when passed.
 
-One layer a sensor, and for sensors that tell heights one for each of the body's (`BodyLayer`). A sensor clears only
-what it has marked itself: a lidar looks through the glass that a sonar has heard, and under the table that a camera has
-seen. What is neither seen nor seen through, because it is out of sight, is remembered for a while and then fades.
+Each sensor has its own layer; sensors that measure heights have one per height layer of the body (`BodyLayer`). A
+sensor clears only its own marks: a lidar looks through glass that a sonar detects, and under a table that a camera
+sees. Points out of sight are remembered for a while and then forgotten.
 """
 
 from __future__ import annotations
@@ -28,7 +28,7 @@ _Beams: TypeAlias = tuple[FloatArray, FloatArray, FloatArray, BoolArray]
 
 @dataclass(frozen=True, slots=True)
 class ObstacleSettings(Settings):
-    """How obstacles are remembered."""
+    """How an obstacle layer is thinned and forgotten."""
 
     cell: float = setting(0.025, "m", "of points this near to each other one is kept", low=0.005, high=0.2)
     fade: float = setting(5.0, "s", "what is out of sight is forgotten after this long", low=0.1, high=600.0)
@@ -50,10 +50,10 @@ EMPTY = ObstacleLayer(np.empty((0, 2)), np.empty(0, np.int64))
 
 @dataclass(frozen=True, slots=True)
 class Sight:
-    """What one sensor saw at one moment: beams from `origin` (2,) [m] in map.
+    """One observation of one sensor: beams from `origin` (2,) [m] in map.
 
-    Beam i points along `bearings[i]` [rad] in map and is `half_angle` [rad] wide to both sides. It was free from
-    `near[i]` to `far[i]` [m], and met something there where `hits[i]`; otherwise it only was not followed any farther.
+    Beam i points along `bearings[i]` [rad] in map and extends `half_angle` [rad] to both sides. It was free from
+    `near[i]` to `far[i]` [m]. If `hits[i]`, it ended there at an obstacle; otherwise nothing is known beyond.
     """
 
     stamp_ns: int
@@ -65,19 +65,19 @@ class Sight:
     half_angle: float
 
     def points(self) -> FloatArray:
-        """(M, 2) [m] in map where something was met."""
+        """Return (M, 2) [m] in map the ends of the beams that hit an obstacle."""
         bearings, far = self.bearings[self.hits], self.far[self.hits]
         ends: FloatArray = self.origin + far[:, None] * np.stack([np.cos(bearings), np.sin(bearings)], axis=-1)
         return ends
 
 
 def updated(layer: ObstacleLayer, sight: Sight, settings: ObstacleSettings = ObstacleSettings()) -> ObstacleLayer:
-    """The layer after one more look of its sensor."""
+    """Return the layer after one more observation of its sensor."""
     if not len(layer.points) and not sight.hits.any():
         return layer
     seen = sight.points()
     cells = np.floor(np.concatenate([seen, layer.points]) / settings.cell).astype(np.int64)
-    # of a cell's points the latest is kept, which is the first here
+    # the latest point of each cell is kept, which comes first here
     _, first = np.unique((cells[:, 0] << 32) + cells[:, 1], return_index=True)
     old = first[first >= len(seen)] - len(seen)
     new = first[first < len(seen)]
@@ -91,12 +91,12 @@ def updated(layer: ObstacleLayer, sight: Sight, settings: ObstacleSettings = Obs
 
 
 def without(layer: ObstacleLayer, dropped: BoolArray) -> ObstacleLayer:
-    """The layer without some of its points, (N,)."""
+    """Return the layer without its points that are marked in (N,)."""
     return ObstacleLayer(layer.points[~dropped], layer.seen_ns[~dropped])
 
 
 def sight_from_points(stamp_ns: int, origin: FloatArray, ends: FloatArray, hits: BoolArray, half_angle: float) -> Sight:
-    """A planar sensor's look by the ends (N, 2) [m] in map of its beams."""
+    """Return a planar sensor's observation from the ends (N, 2) [m] in map of its beams."""
     away = ends - origin
     far = np.hypot(*away.T)
     return Sight(stamp_ns, origin, np.arctan2(away[:, 1], away[:, 0]), np.zeros(len(far)), far, hits, half_angle)
@@ -110,10 +110,10 @@ def sights_from_sonar(
     half_cone: float,
     spacing: float = math.radians(2.0),
 ) -> list[Sight]:
-    """A look of each sonar: an echo may come from anywhere on its arc, so the whole arc counts as met.
+    """Return an observation per sonar: an echo may come from anywhere on its arc, so the whole arc counts as hit.
 
-    Each cone becomes beams `spacing` [rad] apart. REP-117: +inf is free up to `range_max` [m]; nan and -inf (something
-    too close to be measured, which is not to be taken for free) say nothing.
+    Each cone becomes beams `spacing` [rad] apart. REP-117: +inf is free up to `range_max` [m]; nan and -inf (an
+    obstacle too close to measure, which is not free space) are ignored.
     """
     parts = np.linspace(-half_cone, half_cone, max(math.ceil(2 * half_cone / spacing), 1) + 1)
     sights = []
@@ -130,9 +130,9 @@ def sights_from_sonar(
 
 
 def sight_from_depth(view: GroundView, map_from_base: Pose2, layer: BodyLayer, floor: float) -> Sight:
-    """A depth camera's look at the heights of one layer of the body.
+    """Return a depth camera's observation at the heights of one layer of the body.
 
-    A beam is free where it passes the layer's heights (from `floor` [m] up), and met something where it ends between
+    A beam is free where it passes the layer's heights (from `floor` [m] up). It hit an obstacle if it ends between
     them, unless that is the ground, which may rise there.
     """
     bottom, theta = max(layer.bottom, floor), map_from_base.theta
@@ -141,7 +141,7 @@ def sight_from_depth(view: GroundView, map_from_base: Pose2, layer: BodyLayer, f
 
 @njit(cache=True, nogil=True)
 def between_heights(ends: FloatArray, kind: Bytes, lens: FloatArray, bottom: float, top: float, theta: float) -> _Beams:
-    """The beams that pass two heights [m] on their way, by a view's ends (H, W, 3).
+    """Return the beams that pass between two heights [m], from a view's ends (H, W, 3).
 
     theta [rad]: of the base in map.
     """
@@ -174,44 +174,44 @@ def between_heights(ends: FloatArray, kind: Bytes, lens: FloatArray, bottom: flo
 
 
 _LEVEL = 1e-6
-"""A beam that rises or falls by less [m] stays at the height of the lens."""
+"""A beam that rises or falls by less [m] is level."""
 
 
 def sight_of_drops(view: GroundView, map_from_base: Pose2) -> Sight:
-    """A depth camera's look for where the ground ends: steps down, kerbs, pits.
+    """Return a depth camera's observation of drop-offs: steps down, kerbs, pits.
 
-    Met are the rim, and all of the mouth that is seen: where beams that end below cross the plane of the ground before
-    it. A beam that meets the ground, and is no rim's, has seen that there is some.
+    Hits are the rim and the visible part of the hole: the points where beams that end below the ground cross its plane.
+    A beam that meets the ground away from a rim is evidence of floor.
     """
     below = view.kind == BELOW
     return _sight_of_ground(view, map_from_base, below | view.rim, below | (view.kind == GROUND))
 
 
 def sight_of_missing_ground(view: GroundView, map_from_base: Pose2) -> Sight:
-    """A depth camera's look for ground that ought to be seen and is not: it is met as if it were not there."""
+    """Return a depth camera's observation of expected but unseen ground, which counts as a drop-off."""
     missing = view.kind == MISSING
     return _sight_of_ground(view, map_from_base, missing, missing | (view.kind == GROUND))
 
 
 def _sight_of_ground(view: GroundView, map_from_base: Pose2, met: BoolArray, told: BoolArray) -> Sight:
-    """Beams (H, W) that are `told` of at their feet, some of which `met` an end of the ground there."""
+    """Return the beams (H, W) that are valid (`told`) on the ground, hits where they `met` a drop-off."""
     return _sight(view, map_from_base, on_ground(view.directions, view.foot, met, told, map_from_base.theta))
 
 
 def _sight(view: GroundView, map_from_base: Pose2, beams: _Beams) -> Sight:
-    """Beams from the lens of a view's camera."""
+    """Return beams from the lens of a view's camera as an observation."""
     bearings, near, far, hits = beams
     origin = transform_points(map_from_base, view.lens[None, :2])[0]
     return Sight(view.stamp_ns, origin, bearings, near, far, hits, view.half_angle)
 
 
 _FLOOR_AROUND = 0.12
-"""Floor that was met proves floor so far [m] before and behind."""
+"""Observed floor is evidence of floor this far [m] before and behind it."""
 
 
 @njit(cache=True, nogil=True)
 def on_ground(directions: FloatArray, foot: FloatArray, met: BoolArray, told: BoolArray, theta: float) -> _Beams:
-    """The beams (H, W) that are `told` of; theta [rad]: of the base in map."""
+    """Return the beams (H, W) that are valid (`told`); theta [rad]: of the base in map."""
     height, width = foot.shape
     rows = np.empty((3, height * width))
     hits = np.empty(height * width, np.bool_)
@@ -230,14 +230,14 @@ def on_ground(directions: FloatArray, foot: FloatArray, met: BoolArray, told: Bo
 
 
 def widened(points: FloatArray, margin: float) -> FloatArray:
-    """Points (N, 2) [m] and, for each, eight on a circle of `margin` [m] round it."""
+    """Return points (N, 2) [m] and, for each, eight more on a circle of `margin` [m] around it."""
     turns = np.linspace(0.0, math.tau, 8, endpoint=False)
     circle = margin * np.column_stack([np.cos(turns), np.sin(turns)])
     return np.concatenate([points, (points[:, None] + circle).reshape(-1, 2)])
 
 
 def _seen_through(points: FloatArray, sight: Sight, settings: ObstacleSettings) -> BoolArray:
-    """(N,) which points a beam has gone past while none that points at them was stopped before or at them."""
+    """Return (N,) which points some beam has passed, while no beam through them was stopped before or at them."""
     if len(points) == 0 or len(sight.bearings) == 0:
         return np.zeros(len(points), np.bool_)
     return passed(
@@ -263,9 +263,9 @@ def passed(
     radius: float,
     behind: float,
 ) -> BoolArray:
-    """(N,) points (N, 2) [m] from the sensor, of a `radius` [m], that beams have gone past.
+    """Return (N,) which points (N, 2) [m], relative to the sensor and of a `radius` [m], beams have passed.
 
-    Bearings [rad] in [-pi, pi], in any order. A beam counts for all points that any of its width touches.
+    Bearings [rad] are in [-pi, pi], in any order. A beam counts for every point that its width touches.
     """
     starts, order = _by_sector(bearings)
     result = np.zeros(len(points), np.bool_)
@@ -276,7 +276,7 @@ def passed(
         bearing = math.atan2(points[i, 1], points[i, 0])
         reach = half_angle + math.asin(radius / distance)
         low, high = bearing - reach, bearing + reach
-        first = math.floor((low + math.pi) / _SECTOR) - 1  # one more to both sides: sectors are cut by rounded numbers
+        first = math.floor((low + math.pi) / _SECTOR) - 1  # one more on both sides, for rounding at sector borders
         sectors = min(math.floor((high + math.pi) / _SECTOR) + 2 - first, _SECTORS)
         went, stopped = False, False
         for k in range(sectors):
@@ -284,7 +284,7 @@ def passed(
             for place in range(starts[sector], starts[sector + 1]):
                 beam = order[place]
                 at = bearings[beam]
-                # also from the other side of the seam at pi
+                # also across the seam at pi
                 touches = low <= at <= high or at - math.tau >= low or at + math.tau <= high
                 if touches and near[beam] <= distance:
                     if far[beam] > distance + behind:
@@ -304,7 +304,7 @@ _SECTOR = math.tau / _SECTORS
 
 @njit(cache=True, nogil=True)
 def _by_sector(bearings: FloatArray) -> tuple[IntArray, IntArray]:
-    """Indices of bearings [rad] by the sector of the full circle that they lie in, and where each sector's begin."""
+    """Return where each sector's bearings begin, and the indices of bearings [rad] sorted by sector of the circle."""
     sectors = np.empty(len(bearings), np.int64)
     starts = np.zeros(_SECTORS + 1, np.int64)
     for i in range(len(bearings)):
@@ -321,7 +321,7 @@ def _by_sector(bearings: FloatArray) -> tuple[IntArray, IntArray]:
 
 @njit(cache=True, nogil=True)
 def any_nearer(points: FloatArray, others: FloatArray, gap: float) -> bool:
-    """Whether any of points (N, 2) [m] is nearer than `gap` [m] to one of others (M, 2)."""
+    """Return whether any of points (N, 2) [m] is nearer than `gap` [m] to one of others (M, 2)."""
     if not len(points):
         return False
     left, right = points[:, 0].min() - gap, points[:, 0].max() + gap

@@ -1,4 +1,4 @@
-"""Openings on the way: gaps in what the map shows, where glass may stand that no lidar sees."""
+"""Gaps on the path between mapped obstacles: glass may stand there, which no lidar sees."""
 
 from __future__ import annotations
 
@@ -12,17 +12,16 @@ from waychair.maps.grid import OCCUPIED_FROM
 from waychair.types import Cells, FloatArray, IntArray, OccupancyGrid
 
 _SKEW, _CHORDS = math.radians(50.0), 11
-"""A gap is crossed by the way at no flatter an angle than this to its normal, and looked for in so many directions."""
+"""Largest angle [rad] between path and a gap's normal, and the number of directions that are tried within it."""
 
 _LONGEST = 1.6
-"""A narrow stretch longer than this [m] is a corridor, along which the chair looks: what counts of it are its ends."""
+"""A narrow stretch longer than this [m] is a corridor: the chair looks along it, so only its ends count as gaps."""
 
 
 def openings(grid: OccupancyGrid, poses: FloatArray, widest: float) -> IntArray:
-    """Which of poses (N, 3) [m, m, rad] in map, each looking to the next, are in the middle of a gap of the map.
+    """Return the indices of poses (N, 3) [m, m, rad] in map, each headed to the next, in the middle of a gap.
 
-    A gap is no wider than `widest` [m], between two things that the map shows. Of a corridor that is so narrow both
-    ends count.
+    A gap is at most `widest` [m] wide, between two mapped obstacles. Of a corridor that narrow, both ends count.
     """
     cell, turns = grid.resolution, np.linspace(-_SKEW, _SKEW, _CHORDS)
     in_cells = compose(grid.map_from_grid.inverse().array(), poses) / (cell, cell, 1.0)
@@ -40,9 +39,9 @@ def openings(grid: OccupancyGrid, poses: FloatArray, widest: float) -> IntArray:
 
 @njit(cache=True, nogil=True)
 def _chords(cells: Cells, occupied_from: int, poses: FloatArray, turns: FloatArray, reach: float) -> FloatArray:
-    """(N,) the shortest line through each pose from one occupied cell to another; +inf where none is within `reach`.
+    """Return (N,) the shortest line through each pose between two occupied cells; +inf where none is within `reach`.
 
-    Lines across the poses (N, 3) [cells, cells, rad], turned by each of `turns` [rad]; lengths in cells.
+    The lines are normal to the poses (N, 3) [cells, cells, rad], turned by each of `turns` [rad]; lengths in cells.
     """
     shortest = np.full(len(poses), np.inf)
     for i in range(len(poses)):
@@ -58,7 +57,7 @@ def _chords(cells: Cells, occupied_from: int, poses: FloatArray, turns: FloatArr
 
 @njit(cache=True, nogil=True)
 def _free(cells: Cells, occupied_from: int, x: float, y: float, dx: float, dy: float, reach: float) -> float:
-    """How far [cells] a ray goes before an occupied cell, in steps of half a cell; +inf where it does not meet one."""
+    """Return how far [cells] a ray is free before an occupied cell, in steps of half a cell; +inf if it meets none."""
     for step in range(math.ceil(2.0 * reach)):
         column, row = math.floor(x + 0.5 * step * dx), math.floor(y + 0.5 * step * dy)
         if row < 0 or column < 0 or row >= cells.shape[0] or column >= cells.shape[1]:

@@ -1,17 +1,17 @@
-"""The dynamic window exactly as the source paper prints it: the preset to compare with, behind limiter and monitor.
+"""The dynamic window exactly as the source paper prints it: a baseline, driven behind limiter and collision monitor.
 
-Eqs. (8)-(11) of the source paper (intelligent wheelchair, D* Lite and DWA), all weights 1, with what they leave open:
+Eqs. (8)-(11) of the source paper (intelligent wheelchair, D* Lite and DWA), all weights 1. Its gaps are filled so:
 
-- v_min of Eq. (8) is taken as 0: with dist and vel as good backwards as forwards, a chair at rest would else back off.
-- Eq. (9) lies round the present speed. A chair with a dead band never starts on it where the window's time is short:
-  what it offers is swallowed, and the next window lies round the same standstill.
-- Eq. (10) compares omega with sqrt(2 dist brake), dist in metres: a speed of turning with a root of rad m. As printed,
-  turning in place is never admissible, for a trajectory of no length has no dist; and the outline of the chair, its
-  reaction time and the way it makes until the next command are in none of the equations.
-- eta of Eq. (11) normalises, the paper does not say how. Here each term is divided by its sum over the admissible
-  candidates (Fox, Burgard and Thrun 1997 normalise alike); a term that is 0 for all of them, 0/0, contributes 0.
+- v_min of Eq. (8) is 0. Since dist and vel count backwards as forwards, a chair at rest would otherwise back off.
+- Eq. (9) is centred on the measured speed. With a short window a chair with a dead band never starts: its drive ignores
+  the small commands, and the next window is centred on the same standstill.
+- Eq. (10) compares omega with sqrt(2 dist brake), dist in metres: the units do not match. As printed, turning on the
+  spot is never admissible, since such an arc has no length. None of the equations knows the chair's outline, its
+  reaction time or the distance driven until the next command.
+- eta of Eq. (11) normalises; the paper does not say how. Here each term is divided by its sum over the admissible
+  candidates (as in Fox, Burgard and Thrun 1997); a term that is 0 for all of them, 0/0, contributes 0.
 
-`dwa.choose` is what the chair drives with.
+The chair itself is driven by `dwa.choose`.
 """
 
 from __future__ import annotations
@@ -37,11 +37,11 @@ def choose_as_paper(
     body: ChairBody,
     settings: DwaSettings,
 ) -> DwaResult:
-    """The next command towards the path, by the paper's equations.
+    """Return the next command towards the path by the paper's equations.
 
-    pose: map_from_base; measured: the present speed; path: in map, the target is the point as far down it as the
-    fastest arc reaches; distances: round the chair, in map. Speeds, accelerations, samples and horizon are those of the
-    settings, Delta t is their period. `blocked` when nothing is admissible.
+    pose: map_from_base. measured: the present speed. path: in map; the target is its point as far ahead as the fastest
+    arc reaches. distances: around the chair, in map. Speeds, accelerations, samples and horizon are the settings',
+    Delta t is their period. `blocked` when nothing is admissible.
     """
     candidates = window(measured, settings)
     section, _ = local_section(path.poses, pose.array(), settings.max_speed * settings.horizon)
@@ -65,7 +65,7 @@ def choose_as_paper(
 
 
 def window(measured: Twist, settings: DwaSettings) -> FloatArray:
-    """(N, 2) candidates: Eq. (8) cut with Eq. (9)."""
+    """Return (N, 2) candidates: the intersection of Eqs. (8) and (9)."""
     s, dt = settings, settings.period
     v = np.linspace(
         max(0.0, measured.v - s.braking * dt),
@@ -85,7 +85,7 @@ def score(
     admissible: BoolArray,
     weights: tuple[float, float, float] = (1.0, 1.0, 1.0),
 ) -> FloatArray:
-    """(N,) Eq. (11): alpha heading + beta dist + gamma vel of terms (N,), each normalised over the admissible ones."""
+    """Return (N,) Eq. (11): alpha heading + beta dist + gamma vel, terms (N,) normalised over the admissible ones."""
     total = np.zeros(len(admissible))
     for weight, term in zip(weights, terms, strict=True):
         whole = term[admissible].sum()

@@ -1,9 +1,9 @@
-"""Small places of a grid that a multigrid cycle sees to by themselves, on each of its levels.
+"""Extra local smoothing in a multigrid cycle: small patches around places where coarse levels are inaccurate.
 
-Coarse cells misjudge how much a wall of one or a few cells takes of what passes by, round which the solution is steep:
-a single cell, such as the goal, takes a cycle or two longer than a wall does. Smoothing a few more times round it costs
-next to nothing. A patch is smoothed from 0 before the cycle goes on to coarser levels, which then have only what is left
-to see to, and again after them, which keeps the cycle symmetric.
+Coarse cells misjudge the effect of a wall of one or a few cells, around which the solution is steep: a single cell,
+such as the goal, costs a cycle or two more than a long wall. A few more smoothing steps around it cost next to nothing.
+A patch is smoothed from 0 before the cycle continues to coarser levels, which then only see the residual, and again
+after them, which keeps the cycle symmetric.
 """
 
 from __future__ import annotations
@@ -18,22 +18,22 @@ from waychair.planning.levels import Level, passed_on, settle
 from waychair.types import Float32Array, IntArray
 
 _ROUND = 8
-"""Cells round a place that are smoothed with it, on each level."""
+"""Margin [cells] around a place that is smoothed with it, on each level."""
 
 _SMALLEST_SIDE = 16
-"""Levels with shorter sides [cells, with their border] have no patches."""
+"""Least side [cells, with border] of a level with patches."""
 
 _WORTH = 1 << 18
-"""Cells of a grid from which on patches save more time than they take."""
+"""Least number of cells of a grid for which patches save more time than they take."""
 
 _LARGEST_SHARE = 1 / 16
-"""Of a grid's cells that a patch may have."""
+"""Largest part of a grid's cells in a patch."""
 
 
 class Patch(NamedTuple):
-    """A rectangle of a level, with a border that is held at 0; `top` and `left` are the border's row and column.
+    """A rectangle of a level, with a border fixed at 0; `top` and `left` are the border's row and column.
 
-    `part` is the level within; `first` is what was found before the coarser levels, `given` the level's b before that.
+    `part` is the level within. `first` is the solution found before the coarser levels, `given` the level's b before.
     """
 
     top: int
@@ -44,14 +44,14 @@ class Patch(NamedTuple):
 
 
 Patches: TypeAlias = tuple[tuple[Patch, ...], ...]
-"""Of each level, the finest first; coarser ones than the last have none."""
+"""The patches of each level, finest first; levels beyond the last have none."""
 
 Place: TypeAlias = tuple[IntArray, IntArray]
-"""The first and the last row and column, (2,) each, of a rectangle in the finest level."""
+"""A rectangle in the finest level: its first and last (row, column), (2,) each."""
 
 
 def patches_of(levels: Sequence[Level], places: Sequence[Place]) -> Patches:
-    """Patches round places of a grid; none where they would not be worth their time."""
+    """Return patches around places of a grid; none where they would not be worth their time."""
     finest = levels[0].x
     if finest.size < _WORTH:
         return ()
@@ -66,7 +66,7 @@ def patches_of(levels: Sequence[Level], places: Sequence[Place]) -> Patches:
 
 
 def _patch(level: Level, low: IntArray, high: IntArray) -> Patch:
-    """Round a rectangle of a level, as far as that reaches."""
+    """Return the patch around a rectangle of a level, cut at the level's border."""
     top, left = (int(at) for at in np.maximum(low - _ROUND, 1) - 1)
     bottom, right = (int(at) for at in np.minimum(high + _ROUND, np.array(level.x.shape) - 2) + 1)
     within = (slice(top, bottom + 1), slice(left, right + 1))
@@ -79,15 +79,15 @@ def _patch(level: Level, low: IntArray, high: IntArray) -> Patch:
 
 
 def correct_before(level: Level, patches: Sequence[Patch]) -> None:
-    """Find x in the patches, one after the other, and take what that makes up for off the level's b."""
+    """Solve for x in the patches in turn, and subtract A x from the level's b."""
     for patch in patches:
         _correct_before(level, patch)
 
 
 def correct_after(level: Level, patches: Sequence[Patch]) -> float:
-    """Correct the level's x in the patches once more, the last one first; add what was found before, and give b back.
+    """Correct the level's x in the patches once more, in reverse order; add the first solution, and restore b.
 
-    Returns by how much that changes the product of x and b.
+    Return the resulting change of the product of x and b.
     """
     return sum(_correct_after(level, patch) for patch in reversed(patches))
 
@@ -114,7 +114,7 @@ def _correct_before(level: Level, patch: Patch) -> None:
 
 @njit(cache=True, nogil=True, inline="always")
 def _pass_on(level: Level, row: int, column: int, much: np.float32) -> None:
-    """Walls take nothing: their b stays 0."""
+    """Add to a cell's b, unless the cell is a wall: there b stays 0."""
     if level.inverse[row, column] > 0:
         level.b[row, column] += much
 

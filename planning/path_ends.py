@@ -1,4 +1,4 @@
-"""The two ends of a path: the cells it leads from and to, and whether the chair has room there."""
+"""The ends of a path: the cells of start and goal, and whether the chair has room there."""
 
 from __future__ import annotations
 
@@ -16,16 +16,16 @@ from waychair.planning.grid_graph import Cell
 from waychair.types import Pose2
 
 _NEAREST = 5.0
-"""A place this far [m] from a goal that is occupied may be told instead of it."""
+"""Largest distance [m] from an occupied goal to the place proposed instead."""
 
 _LOOKED_AT = 4000
-"""So many cells at most are looked at for it: a chair that drives waits for that."""
+"""Most cells tested for it, since a driving chair waits meanwhile."""
 
 
 def check_start(costmap: Costmap, body: ChairBody, start: Pose2) -> None:
-    """Refuse a start at which the outline, as it is turned there, holds the middle of an occupied cell.
+    """Refuse a start at which the chair's outline contains the middle of an occupied cell.
 
-    Closer beside a wall than it would ever be planned to drive, a chair may well stand.
+    A chair may well stand closer beside a wall than any planned path would lead.
 
     Raises:
         StartOutsideMap, StartOccupied.
@@ -46,9 +46,9 @@ def check_start(costmap: Costmap, body: ChairBody, start: Pose2) -> None:
 
 
 def start_cell(costmap: Costmap, start: Pose2, reach: float) -> Cell:
-    """The start's cell, or the nearest passable one in reach and in sight when a wall is too close for it.
+    """Return the start's cell or, if a wall is too close, the nearest passable one in reach and in line of sight.
 
-    A chair that stands closer to a wall than the planner would ever take it must still be able to leave.
+    A chair that stands closer to a wall than any planned path would lead must still be able to leave.
 
     Raises:
         StartOutsideMap, StartOccupied.
@@ -75,7 +75,7 @@ def _start_outside(start: Pose2) -> StartOutsideMap:
 
 
 def goal_cell(costmap: Costmap, goal: Pose2) -> Cell:
-    """The goal's cell.
+    """Return the goal's cell.
 
     Raises:
         GoalOutsideMap, GoalOccupied.
@@ -95,7 +95,7 @@ def goal_cell(costmap: Costmap, goal: Pose2) -> Cell:
 
 
 def _nearest_room(costmap: Costmap, goal: Pose2) -> tuple[float, float] | None:
-    """The nearest point [m], to the centimetre, at which the whole chair has room with the goal's heading, if any."""
+    """Return the nearest point [m], to the centimetre, at which the chair fits with the goal's heading, if any."""
     cells = np.array(_passable_by_distance(costmap, goal, _NEAREST)[:_LOOKED_AT], np.int64).reshape(-1, 2)
     points = points_from_cells(costmap.grid, cells).round(2)
     poses = np.column_stack([points, np.full(len(points), goal.theta)])
@@ -104,13 +104,13 @@ def _nearest_room(costmap: Costmap, goal: Pose2) -> tuple[float, float] | None:
 
 
 def cell_at(costmap: Costmap, pose: Pose2) -> Cell | None:
-    """Row and column under a pose, None outside the map."""
+    """Return row and column under a pose; None outside the map."""
     cells = cells_from_points(costmap.grid, np.array([[pose.x, pose.y]]))
     return (int(cells[0, 0]), int(cells[0, 1])) if inside(costmap.grid, cells)[0] else None
 
 
 def _passable_by_distance(costmap: Costmap, pose: Pose2, reach: float) -> list[Cell]:
-    """Passable cells whose centre lies within reach [m] of a pose, the nearest first."""
+    """Return the passable cells whose centre lies within reach [m] of a pose, the nearest first."""
     row, column = cells_from_points(costmap.grid, np.array([[pose.x, pose.y]]))[0]
     span = int(reach / costmap.grid.resolution) + 1
     top, left = max(row - span, 0), max(column - span, 0)
@@ -122,7 +122,7 @@ def _passable_by_distance(costmap: Costmap, pose: Pose2, reach: float) -> list[C
 
 
 def _in_sight(costmap: Costmap, first: Cell, second: Cell) -> bool:
-    """Whether no occupied cell lies on the straight line between two cells' centres."""
+    """Return whether the straight line between two cells' centres crosses no occupied cell."""
     steps = 4 * max(abs(first[0] - second[0]), abs(first[1] - second[1]), 1)
     rows, columns = np.rint(np.linspace(first, second, steps + 1)).astype(np.int64).T
     return bool((costmap.clearance[rows, columns] > 0).all())

@@ -57,4 +57,4 @@ PASSING_OPEN = 1.5
 """[m] With more free space than this on all sides the chair does not keep to one side."""
 
 GIVE_WAY_S = 1.5
-"""[s] The chair stands this long for people in its way before it passes them nearer (`PersonalSpaceSettings.squeezed`)."""
+"""[s] The chair stands this long for people in its way before it passes them nearer (`squeezed`)."""

@@ -1,7 +1,7 @@
-"""From a chain of points to legs: straight through doors, multi-point turns where the rectangle needs them, else free.
+"""From a chain of points to legs: straight through doors, multi-point turns where the footprint needs them, else free.
 
-The chain knows the chair's half width only. Here the rectangle is asked: whether it fits in the chain's direction all
-along, and whether it can be turned where the direction changes at once. Where not, a manoeuvre takes the chain's place.
+The chain was planned with the chair's half width only. Here the footprint is checked: whether it fits along the chain,
+and whether the chair can turn where the direction changes abruptly. Where not, a multi-point turn replaces the chain.
 """
 
 from __future__ import annotations
@@ -28,37 +28,37 @@ from waychair.planning.way_out import BY_HAND, CRAMPED, way_out, why_cramped
 from waychair.types import BoolArray, Bytes, FloatArray, Path, Pose2
 
 _FITS = 0.045
-"""Kept free round the body [m] where the simple way is judged: what the local planner keeps, on its coarser cells."""
+"""Clearance [m] for checking a simple path: what the local planner keeps, and some for the coarser cells."""
 
 _ROOMY = (0.05, 0.05, 72), (CRAMPED, 0.05, 72)
 _TIGHT = (0.02, 0.025, 144), (0.015, 0.025, 144), (0.015, 0.02, 180)
-"""Margin round the body [m], side of a bin [m] and number of headings: the first with which there is a manoeuvre.
+"""Margin around the body [m], side of a bin [m] and number of headings, tried in turn for a multi-point turn.
 
-Less than the last is less than a chair knows its place by.
+A margin below the last is less than the accuracy of the localisation.
 """
 
 _KNOWN = 0.005
-"""Nearer to something than this [m], which is noise, a chair does not try what was not planned."""
+"""With less clearance [m] than this, which is noise, the chair makes no unplanned attempt."""
 
 _AHEAD = (0.8, 0.6, 0.45, 0.3, 0.2, 0.1)
-"""Before a door's middle [m]: where the front end may stand when the chair lines up, the farthest with room."""
+"""Distances [m] of the front end before a door's middle for lining up; the farthest with room is taken."""
 
 _PAST = (0.35, 0.2, 0.1)
-"""Past a door's middle [m]: where the rear end is when the chair is through."""
+"""Distances [m] of the rear end past a door's middle at the end of the door leg; the farthest with room is taken."""
 
 _STRAIGHT_M, _STRAIGHT_RAD = 0.1, 0.3
-"""A chair no farther off a door's axis and direction than this [m], [rad] goes on without lining up anew."""
+"""A chair no farther off a door's axis [m] and direction [rad] continues without lining up again."""
 
 _BEND, _BEND_OVER = 0.3, 0.5
-"""A path that turns by more than this [rad] from so far [m] before a place to so far after it bends there."""
+"""A bend: the path turns by more than this [rad] from so far [m] before a place to so far after it."""
 
 _ROUND = (0.8, 2.0)
-"""How much [m] of the chain on both sides of what does not fit a manoeuvre may replace: more when less is in vain."""
+"""Lengths [m] of chain on both sides of a misfit that a multi-point turn replaces; the longer if the shorter fails."""
 
 
 @dataclass(frozen=True, slots=True)
 class RouteSettings(Settings):
-    """When the chain of points is not enough."""
+    """When the chain of points is replaced by exact legs and multi-point turns."""
 
     door_slack: float = setting(
         0.35, "m", "a door this much wider than the chair is lined up with exactly", low=0.0, high=2.0
@@ -76,9 +76,9 @@ class RouteSettings(Settings):
 
 
 def door_leg(costmap: Costmap, door: Door, start: Pose2, goal: Pose2) -> Leg | None:
-    """The leg through a door on its axis, from where the chair lines up to where it is through; None without room.
+    """Return the leg through a door on its axis, from lining up until the chair is through; None without room.
 
-    One that stands in the door already, and straight, goes on from there; a goal in the door ends the leg.
+    A chair that already stands straight in the door starts there; a goal in the door ends the leg.
     """
     body, middle = costmap.body, door.map_from_door
     near = fine_field(costmap.grid, middle, body.length + 1.0)
@@ -107,13 +107,13 @@ def door_leg(costmap: Costmap, door: Door, start: Pose2, goal: Pose2) -> Leg | N
 def checked(
     costmap: Costmap, start: Pose2, legs: list[Leg], settings: RouteSettings, banded: bool = False
 ) -> Slices[list[Leg]]:
-    """The free legs, each whole or with manoeuvres where the rectangle does not pass; `start` is the pose before them.
+    """Return the legs with multi-point turns where the footprint does not fit; `start` is the pose before them.
 
-    Searching for a manoeuvre takes its time: it is done in slices. The bends of a rubber band (`banded`) may take all
-    the room there is; a local planner that cuts them is caught there, so that tight ones become exact legs.
+    The search for a turn takes long; it is resumable. The bends of a rubber band (`banded`) may take all the room there
+    is. The dynamic window cuts bends and would get stuck there, so tight ones become exact legs.
 
     Raises:
-        NoPath: at some place the chair does not fit round.
+        NoPath: the chair does not fit somewhere.
     """
     done: list[Leg] = []
     for leg in legs:
@@ -128,7 +128,7 @@ def checked(
 
 
 def _docked(leg: Leg, docking: float) -> list[Leg]:
-    """A free leg whose last metre is exact, as it ends where the chair is to stop; another one as it is."""
+    """Return a free leg cut so that its last metre, up to the stop, is exact; any other leg unchanged."""
     if leg.manner is not Manner.FREE or leg.flows or docking == 0.0:
         return [leg]
     poses = leg.path.poses
@@ -140,7 +140,7 @@ def _docked(leg: Leg, docking: float) -> list[Leg]:
 
 
 def _with_exact_bends(costmap: Costmap, leg: Leg, settings: RouteSettings) -> list[Leg]:
-    """A free leg, its tight bends cut out of it as exact legs; another one as it is."""
+    """Return a free leg with its tight bends cut out as exact legs; any other leg unchanged."""
     poses, done = leg.path.poses, 0
     if leg.manner is not Manner.FREE or len(poses) < 3:
         return [leg]
@@ -154,9 +154,9 @@ def _with_exact_bends(costmap: Costmap, leg: Leg, settings: RouteSettings) -> li
 
 
 def _tight_bends(costmap: Costmap, poses: FloatArray, settings: RouteSettings) -> list[tuple[int, int]]:
-    """First and last index of every bend with little room, with half a metre on both sides; what is left is longer."""
-    body, headings, end = costmap.body, np.unwrap(poses[:-1, 2]), len(poses) - 1  # the last heading is a turn in place
-    room = settings.bend_share * body.length  # by how much a bend is cut grows with what is ahead of the axle
+    """Return first and last index of every bend with little room, extended by half a metre at both ends."""
+    body, headings, end = costmap.body, np.unwrap(poses[:-1, 2]), len(poses) - 1  # the last heading is a turn
+    room = settings.bend_share * body.length  # the part ahead of the axle cuts a bend
     along = arc_lengths(poses[:, :2])
     before = np.searchsorted(along, along[:-1] - _BEND_OVER)
     after = np.minimum(np.searchsorted(along, along[:-1] + _BEND_OVER), end - 1)
@@ -178,7 +178,7 @@ def _tight_bends(costmap: Costmap, poses: FloatArray, settings: RouteSettings) -
 
 
 def _legs_of_leg(costmap: Costmap, start: Pose2, poses: FloatArray, settings: RouteSettings) -> Slices[list[Leg]]:
-    """One free leg, checked: itself, or what can be driven in its place."""
+    """Return one free leg if it fits, else the legs that replace it."""
     tight = _tight_stretch(costmap, start, poses, settings.turn_from)
     if tight is None:
         return [Leg(Path(poses))]
@@ -195,7 +195,7 @@ def _legs_of_leg(costmap: Costmap, start: Pose2, poses: FloatArray, settings: Ro
             after = yield from _legs_of_leg(costmap, Pose2(*poses[end]), poses[end:], settings)
         return [*before, *_legs_of_manoeuvre(turned), *after]
     x, y, _ = poses[first]
-    if not _stands_free(costmap, start):  # too near to something for any plan: the local planner may still get away
+    if not _stands_free(costmap, start):  # too near to an obstacle for any plan; the local planner may still get away
         near = fine_field(costmap.grid, start, costmap.body.circumscribed_radius + 0.3)
         why = why_cramped(near, costmap.body, start, _KNOWN)
         if why is None:
@@ -208,7 +208,7 @@ def _legs_of_leg(costmap: Costmap, start: Pose2, poses: FloatArray, settings: Ro
 
 
 def _tight_stretch(costmap: Costmap, start: Pose2, poses: FloatArray, turn_from: float) -> tuple[int, int] | None:
-    """First and last index of the first poses that do not fit, or at which the chair cannot turn; None if all is well."""
+    """Return first and last index of the first poses that do not fit or allow no turn; None if all are fine."""
     bad = (1 + np.flatnonzero(~_stand_free(costmap, poses[1:-1]))).tolist()
     into = _turn_at(costmap, Pose2(poses[0, 0], poses[0, 1], start.theta), float(poses[0, 2]), turn_from)
     heading = float(poses[-2, 2]) if len(poses) > 1 else start.theta
@@ -225,12 +225,12 @@ def _tight_stretch(costmap: Costmap, start: Pose2, poses: FloatArray, turn_from:
 
 
 def _turn_at(costmap: Costmap, pose: Pose2, heading: float, turn_from: float) -> bool:
-    """Whether the chair can turn in place to a heading, one way round or the other, if it has to at all."""
+    """Return whether the chair can turn on the spot to a heading in either direction, or need not turn."""
     short = wrap_angle(heading - pose.theta)
     if abs(short) < turn_from:
         return True
     field = costmap.field
-    for fine in (False, True):  # the map's own cells are enough where there is room
+    for fine in (False, True):  # the map's cells are fine enough where there is room
         if fine:
             field = fine_field(costmap.grid, pose, costmap.body.circumscribed_radius + 0.3)
         shape = footprint(costmap.body, _FITS, field)
@@ -242,12 +242,12 @@ def _turn_at(costmap: Costmap, pose: Pose2, heading: float, turn_from: float) ->
 
 
 def _stands_free(costmap: Costmap, pose: Pose2) -> bool:
-    """Whether the rectangle fits at a pose."""
+    """Return whether the footprint fits at a pose."""
     return bool(_stand_free(costmap, pose.array()[None])[0])
 
 
 def _stand_free(costmap: Costmap, poses: FloatArray) -> BoolArray:
-    """(N,) whether the rectangle fits at poses (N, 3); the map's own cells say so where there is room."""
+    """Return (N,) whether the footprint fits at poses (N, 3); the map's cells are fine enough where there is room."""
     free = fits_each(costmap.body, _FITS, costmap.field, poses)
     for k in np.flatnonzero(~free):
         pose = Pose2(*poses[k])
@@ -257,7 +257,7 @@ def _stand_free(costmap: Costmap, poses: FloatArray) -> BoolArray:
 
 
 def _ends(costmap: Costmap, poses: FloatArray, first: int, last: int, around: float) -> tuple[int, int]:
-    """Indices of the poses between which a manoeuvre is to lead: `around` [m] off, or farther, where the chair fits."""
+    """Return the indices of a multi-point turn's ends, at least `around` [m] from the misfit, where the chair fits."""
     begin, end = first, last
     while begin > 0 and (
         math.dist(poses[begin, :2], poses[first, :2]) < around or not _stands_free(costmap, Pose2(*poses[begin]))
@@ -271,9 +271,9 @@ def _ends(costmap: Costmap, poses: FloatArray, first: int, last: int, around: fl
 
 
 def _manoeuvre(costmap: Costmap, begin: Pose2, end: Pose2, settings: ManoeuvreSettings) -> Slices[FloatArray | None]:
-    """A multi-point turn with as much margin as there is room for; None where there is none at all.
+    """Return a multi-point turn with as much margin as there is room for; None if there is none.
 
-    From a cramped place it leads out first, rather than keep as little all the way.
+    From a cramped place the chair is led out first, rather than keeping that little clearance all along.
     """
     body, middle = costmap.body, Pose2((begin.x + end.x) / 2, (begin.y + end.y) / 2, 0.0)
     field = fine_field(costmap.grid, middle, math.hypot(end.x - begin.x, end.y - begin.y) / 2 + 2 * body.length)
@@ -307,7 +307,7 @@ def _turned(
 
 
 def _legs_of_manoeuvre(poses: FloatArray) -> list[Leg]:
-    """Cut at turns in place and where the direction of travel changes; each leg ends in the heading of the next."""
+    """Return legs cut at turns on the spot and changes of direction; each leg ends in the heading of the next."""
     steps = np.diff(poses[:, :2], axis=0)
     along = steps[:, 0] * np.cos(poses[:-1, 2]) + steps[:, 1] * np.sin(poses[:-1, 2])
     gears = np.where((steps == 0.0).all(axis=1), 0, np.where(along < 0.0, -1, 1))
@@ -317,7 +317,7 @@ def _legs_of_manoeuvre(poses: FloatArray) -> list[Leg]:
         if k < len(gears) and gears[k] == gears[begin]:
             continue
         part = poses[begin : k + 1].copy()
-        if gears[begin] == 0 and legs:  # the leg before it ends with this turn
+        if gears[begin] == 0 and legs:  # the leg before ends with this turn
             legs[-1].path.poses[-1, 2] = part[-1, 2]
         else:
             legs.append(Leg(Path(part), Manner.EXACT, backwards=bool(gears[begin] < 0)))

@@ -1,9 +1,9 @@
-"""The rubber band: a path is an elastic line, pulled straight by its tension and held off by what stands round it.
+"""The rubber band: a path as an elastic line, pulled straight by its tension and pushed off by obstacles.
 
-`paper_band` is the source paper's (section IV, Eq 2): each point moves towards where the tension of its two neighbours
-and the force of the harmonic potential balance best. `band` needs no potential, so that it takes the path of any
-planner: tension pulls the line taut, stiffness spreads its bends, the distance field pushes it off obstacles, and no
-step is taken to where the chair's rectangle would not fit, or would have to turn tighter than before.
+`paper_band` is the source paper's (section IV, Eq 2): each point moves towards the place where the tension of its two
+neighbours and the force of the harmonic potential balance best. `band` needs no potential and so works with any
+planner's path: tension pulls the line taut, stiffness spreads its bends, the distance field pushes it off obstacles. No
+point moves to where the chair's footprint would not fit or would have to turn more sharply than before.
 """
 
 from __future__ import annotations
@@ -26,7 +26,7 @@ from waychair.types import Float32Array, FloatArray
 
 @dataclass(frozen=True, slots=True)
 class BandSettings(Settings):
-    """What pulls and what pushes."""
+    """The forces on the line, and its limits."""
 
     spacing: float = setting(0.1, "m", "of the points", low=0.01, high=1.0)
     passes: int = setting(800, "", "over all points", low=0, high=100_000)
@@ -57,12 +57,12 @@ def band(
     arrives: FloatArray | None = None,
     longest: float | None = None,
 ) -> Parts[FloatArray]:
-    """Points (M, 2) of the relaxed line of points (N, 2), columns and rows [cells], in parts of about a millisecond.
+    """Return points (M, 2) of the relaxed line of points (N, 2), columns and rows [cells]; parts take about 1 ms.
 
-    What it keeps: no point enters an impassable cell; where the rectangle fitted, along the line, it fits; where it did
-    not, the line comes no nearer to obstacles; and it gets no longer than it was, or than `longest` [cells]: it is
-    pushed less rather than that. `leaves` and `arrives` (2,) are the directions that the line is to have at its ends;
-    where it would get too long for them it ends as it comes.
+    Guarantees: no point enters an impassable cell; where the footprint fitted along the line, it still fits; where it
+    did not, the line comes no nearer to obstacles. The line gets no longer than it was, or than `longest` [cells]; the
+    push is reduced for that. `leaves` and `arrives` (2,) are fixed directions at the ends; they are dropped where the
+    line would get too long.
     """
     cell = costmap.grid.resolution
     line = resampled(points, settings.spacing / cell)
@@ -70,7 +70,7 @@ def band(
         return line
     most = length_of(points) if longest is None else longest
     tries: list[tuple[BandSettings, tuple[FloatArray | None, FloatArray | None]]] = [(settings, (None, None))]
-    if leaves is not None or arrives is not None:  # pulled taut it would bend at its very end
+    if leaves is not None or arrives is not None:  # under full tension it would bend right at its end
         tries.insert(0, (replace(settings, tension=_SLACK * settings.tension), (leaves, arrives)))
     for forces, ends in tries:
         for share in (1.0, 0.25, 0.0):
@@ -81,7 +81,7 @@ def band(
 
 
 _SLACK = 0.1
-"""Part of its tension that a line has which is to end in a direction."""
+"""Part of the tension for a line with a fixed direction at an end."""
 
 
 def _moved(
@@ -91,7 +91,7 @@ def _moved(
     share: float,
     ends: tuple[FloatArray | None, FloatArray | None],
 ) -> Parts[FloatArray]:
-    """The line at rest, pushed by a share of the settings' push; what lies beyond an end with a direction is a point."""
+    """Return the line at rest under a share of the push; a fixed direction is an extra point beyond that end."""
     cell = costmap.grid.resolution
     shape = footprint(costmap.body, settings.margin, costmap.field)
     forces = (settings.tension, settings.stiffness, share * settings.push, settings.clearance / cell)
@@ -114,24 +114,24 @@ def _moved(
 
 
 _ROUNDS = 4
-"""How often the points are spaced evenly again: tension draws them together where the line is shortest."""
+"""Number of times that the points are spaced evenly again: tension draws them together."""
 
 _PART, _POINT_PRICE = 2000, 300
-"""Points of one part, all its passes together, and the time each takes, beside a cell that a solver visits."""
+"""Points of one part, over all its passes, and the time per point in units of a solver's visit to a cell."""
 
 
 def paper_band(found: LogField, points: FloatArray, settings: PaperBandSettings = PAPER_BAND) -> FloatArray:
-    """The source paper's band on points (N, 2), columns and rows [cells], of a path over a field; the ends stay.
+    """Return the source paper's band of points (N, 2), columns and rows [cells], over a field; the ends stay.
 
-    Of a point and the eight steps of one cell round it, the one at which the forces balance best is stepped towards by
-    delta. The potential's force against a step is F = 1/v there - 1/v here; it is taken in units of 1/v here, since v
-    falls so fast with the distance from the goal that a force in fixed units vanishes near it and bursts far from it.
+    Among a point and its eight neighbours one cell away, the point steps by delta towards the best balance of forces.
+    The potential's force against a step is F = 1/v there - 1/v here, in units of 1/v here: v falls so fast with the
+    distance from the goal that a force in fixed units would vanish near the goal and explode far from it.
     """
     return _paper_relaxed(found.logs, points, settings.delta, settings.passes)
 
 
 def resampled(points: FloatArray, spacing: float) -> FloatArray:
-    """Points along a polyline, evenly spaced by at most `spacing`, its two ends included."""
+    """Return points along a polyline, evenly spaced by at most `spacing`, both ends included."""
     steps = np.hypot(*np.diff(points, axis=0).T)
     along = np.concatenate([[0.0], np.cumsum(steps)])
     count = max(math.ceil(along[-1] / spacing - 1e-9), 1) + 1
@@ -140,7 +140,7 @@ def resampled(points: FloatArray, spacing: float) -> FloatArray:
 
 
 def turning_angles(points: FloatArray) -> FloatArray:
-    """(N - 2,) by how much [rad] a polyline turns at each of its inner points, without the sign."""
+    """Return (N - 2,) the absolute turning angle [rad] at each inner point of a polyline."""
     steps = np.diff(points, axis=0)
     headings = np.arctan2(steps[:, 1], steps[:, 0])
     turns = np.diff(headings)
@@ -148,7 +148,7 @@ def turning_angles(points: FloatArray) -> FloatArray:
 
 
 def length_of(points: FloatArray) -> float:
-    """Length of a polyline (N, 2), in the points' unit."""
+    """Return the length of a polyline (N, 2), in the points' unit."""
     return float(np.hypot(*np.diff(points, axis=0).T).sum())
 
 
@@ -168,9 +168,9 @@ def _relax(
     first: int,
     stop: int,
 ) -> bool:
-    """Move a line's points from `first` to before `stop`, forth and back, in the passes from `begin` to before `end`.
+    """Move a line's points from `first` to before `stop`, alternately forwards and backwards, in the given passes.
 
-    Returns whether they are at rest.
+    The passes are those from `begin` to before `end`. Return whether the points are at rest.
     """
     last = len(line) - 1
     for turn in range(begin, end):
@@ -181,7 +181,7 @@ def _relax(
             middle_x = 0.5 * (line[k - 1, 0] + line[k + 1, 0]) - x
             middle_y = 0.5 * (line[k - 1, 1] + line[k + 1, 1]) - y
             dx, dy = tension * middle_x, tension * middle_y
-            if 1 < k < last - 1:  # where the sum of the squared second differences is least
+            if 1 < k < last - 1:  # towards the least sum of squared second differences
                 dx += stiffness * ((4 * middle_x * 2 - (line[k - 2, 0] + line[k + 2, 0] - 2 * x)) / 6)
                 dy += stiffness * ((4 * middle_y * 2 - (line[k - 2, 1] + line[k + 2, 1] - 2 * y)) / 6)
             else:
@@ -200,7 +200,7 @@ def _relax(
 
 @njit(cache=True, inline="always")
 def _push(clearance: Float32Array, cell: float, x: float, y: float, wanted: float) -> tuple[float, float]:
-    """What a point lacks of the wanted clearance [cells], away from what is nearest."""
+    """Return the missing part of the wanted clearance [cells] as a vector away from the nearest obstacle."""
     lacking = wanted - interpolated(clearance, x, y) / cell
     if lacking <= 0.0:
         return 0.0, 0.0
@@ -211,7 +211,7 @@ def _push(clearance: Float32Array, cell: float, x: float, y: float, wanted: floa
 
 
 _STILL = 1e-3
-"""Movement [cells] in a pass below which the line is at rest."""
+"""Displacement [cells] in a pass below which the line is at rest."""
 
 
 @njit(cache=True, nogil=True)
@@ -225,7 +225,7 @@ def _may_move(
     y: float,
     sharpest: float,
 ) -> bool:
-    """Whether point k may go to (x, y): passable, turned no tighter, and the rectangle fits, or did not before."""
+    """Return whether point k may go to (x, y): passable, no sharper turn, and the footprint fits or did not before."""
     old_x, old_y = line[k, 0], line[k, 1]
     for side in range(-1, 2, 2):
         if not _passable(prices, x, y, line[k + side, 0], line[k + side, 1]):
@@ -243,7 +243,7 @@ def _may_move(
 
 @njit(cache=True, inline="always")
 def _passable(prices: Prices, x: float, y: float, to_x: float, to_y: float) -> bool:
-    """Whether no cell under a short line is impassable, but for that of its end."""
+    """Return whether all cells under a short line are passable, not counting the cell at its end."""
     count = int(4 * max(abs(to_x - x), abs(to_y - y))) + 1
     for i in range(count):
         at_x, at_y = x + i / count * (to_x - x), y + i / count * (to_y - y)
@@ -257,7 +257,7 @@ def _passable(prices: Prices, x: float, y: float, to_x: float, to_y: float) -> b
 
 @njit(cache=True, nogil=True)
 def _sharpest_about(line: FloatArray, k: int) -> float:
-    """The sharpest turn [rad] at point k or at one of its neighbours."""
+    """Return the sharpest turn [rad] at point k or one of its neighbours."""
     sharpest = 0.0
     for m in range(max(k - 1, 1), min(k + 2, len(line) - 1)):
         ax, ay = line[m, 0] - line[m - 1, 0], line[m, 1] - line[m - 1, 1]
@@ -268,7 +268,7 @@ def _sharpest_about(line: FloatArray, k: int) -> float:
 
 @njit(cache=True, nogil=True)
 def _fits_about(shape: Footprint, line: FloatArray, k: int) -> bool:
-    """Whether the rectangle fits at point k and halfway to both neighbours, headed along the line."""
+    """Return whether the footprint fits at point k and halfway to both neighbours, headed along the line."""
     if not _fits(shape, line[k, 0], line[k, 1], line[k + 1, 0] - line[k - 1, 0], line[k + 1, 1] - line[k - 1, 1]):
         return False
     for m in range(k - 1, k + 1):
@@ -311,7 +311,7 @@ def _paper_relaxed(logs: FloatArray, points: FloatArray, delta: float, passes: i
 
 @njit(cache=True, inline="always")
 def log_between(logs: FloatArray, x: float, y: float) -> float:
-    """log v at a point [cells], v interpolated between the middles of the four cells round it; -inf in a wall."""
+    """Return log v at a point [cells], v interpolated between the middles of the four nearest cells; -inf in a wall."""
     if not (0 <= x < logs.shape[1] and 0 <= y < logs.shape[0]) or logs[int(y), int(x)] == -np.inf:
         return -np.inf
     left, above = math.floor(x - 0.5), math.floor(y - 0.5)

@@ -1,4 +1,4 @@
-"""Work that takes longer than a control step: a generator that yields between bounded parts, and returns the result."""
+"""Resumable generators, for work longer than a control period: they yield between bounded parts."""
 
 from __future__ import annotations
 
@@ -7,14 +7,14 @@ from typing import TypeAlias, TypeVar
 
 Result = TypeVar("Result")
 Slices: TypeAlias = Generator[None, None, Result]
-"""Yields wherever a control step may end."""
+"""A generator that yields wherever the control loop may interrupt the work."""
 
 Parts: TypeAlias = Generator[int, None, Result]
-"""Yields after each of many small parts how many cells of a grid that part has visited."""
+"""A generator that yields, after each small part, how many grid cells that part has visited."""
 
 
 def finished(work: Generator[object, None, Result]) -> Result:
-    """The result, all parts done in one go."""
+    """Return the result, without interruption."""
     while True:
         try:
             next(work)
@@ -24,12 +24,12 @@ def finished(work: Generator[object, None, Result]) -> Result:
 
 
 def chunks(first: int, stop: int, most: int) -> list[tuple[int, int]]:
-    """The numbers from `first` to before `stop`, cut into runs of at most so many: where each begins and ends."""
+    """Return the range from `first` to before `stop` cut into ranges of at most so many numbers."""
     return [(begin, min(begin + most, stop)) for begin in range(first, stop, most)]
 
 
 def sliced(work: Parts[Result], most: int) -> Slices[Result]:
-    """Small parts put together to slices, each of which ends once it has visited `most` cells."""
+    """Return the work with a yield only once `most` cells have been visited since the last one."""
     visited = 0
     while True:
         try:

@@ -1,4 +1,4 @@
-"""Straightening a chain of cells without giving up the clearance that its prices bought.
+"""Straightening a chain of cells without losing the clearance that its prices ensure.
 
 Points are (N, 2) columns and rows in cell units: (0.5, 0.5) is the centre of cell (0, 0).
 """
@@ -15,15 +15,15 @@ from waychair.types import Bytes, FloatArray, IntArray
 
 _SAMPLES_PER_CELL = 4
 _REACH = 400
-"""Points that a shortcut may skip; shorter ones are tried next, each three quarters of the last."""
+"""Most points that a shortcut may skip; each further try skips three quarters of the last."""
 
 
 @njit(cache=True)
 def line_cost(prices: Prices, x0: float, y0: float, x1: float, y1: float, barred: Bytes | None = None) -> float:
-    """Price times length [cells of free floor] of a straight line; infinite through impassable cells or off the map.
+    """Return price times length [cells of free floor] of a line; infinite through impassable cells or off the map.
 
-    Infinite, too, through cells whose `barred` directions (see `grid_graph`) have the line's, to the nearest of eight.
-    Sampled at a quarter of a cell, each sample standing for its share of the line.
+    Also infinite through cells whose `barred` directions (see `grid_graph`) include the line's, rounded to one of
+    eight. Sampled every quarter of a cell with equal weights.
     """
     height, width = prices.shape
     if min(x0, x1) < 0 or min(y0, y1) < 0 or max(x0, x1) >= width or max(y0, y1) >= height:
@@ -44,10 +44,10 @@ def line_cost(prices: Prices, x0: float, y0: float, x1: float, y1: float, barred
 
 @njit(cache=True, nogil=True)
 def pull_taut(prices: Prices, points: FloatArray, barred: Bytes | None = None) -> IntArray:
-    """Indices of the points to keep: from each one straight to a far one that is no dearer to reach directly.
+    """Return the indices of the points to keep: from each one, a far one that costs no more in a straight line.
 
-    "Dearer" is measured in the costmap's own prices, so that a path in the middle of a corridor stays there. A step
-    that is impassable to begin with (leaving a wall) is kept as it is.
+    Costs are the costmap's prices, so a path in the middle of a corridor stays there. A step that is impassable from
+    the beginning (leaving a wall) is kept.
     """
     count = len(points)
     along = np.zeros(count)
@@ -75,9 +75,9 @@ def pull_taut(prices: Prices, points: FloatArray, barred: Bytes | None = None) -
 
 @njit(cache=True, nogil=True)
 def round_corners(prices: Prices, points: FloatArray, passes: int, barred: Bytes | None = None) -> FloatArray:
-    """Move points towards the middle of their neighbours, where that is passable and no dearer; the ends stay.
+    """Return the points moved towards the middle of their neighbours, where that is passable and costs no more.
 
-    Nor may it lead in a direction that is `barred`.
+    The ends stay, and no line may lead in a `barred` direction.
     """
     moved = points.copy()
     for _ in range(passes):

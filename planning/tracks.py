@@ -1,11 +1,10 @@
-"""Who moves, and how: people as Kalman tracks of what the lidar sees and the map does not explain.
+"""Tracking of people: Kalman tracks of lidar points that the map does not explain.
 
-Points that touch are of one thing, and things as slim as legs that stand together of one person. Things are given to
-the tracks that expect them (global nearest neighbour within a gate), and each track is a Kalman filter of constant
-velocity whose noise is a white acceleration (Bar-Shalom, Li and Kirubarajan, Estimation with Applications to Tracking
-and Navigation, 2001, sections 6.2 and 6.3). A track is believed once it was
-seen often enough, and dropped when it has not been seen for a while. Who is too slow for its speed to be told from the
-filter's doubt about it is given away by the way it has made.
+Points that touch form a cluster, and slim clusters close together are the legs of one person. Clusters are assigned to
+tracks by global nearest neighbour within a gate. Each track is a Kalman filter of constant velocity with white noise
+acceleration (Bar-Shalom, Li and Kirubarajan, Estimation with Applications to Tracking and Navigation, 2001, sections
+6.2 and 6.3). A track is confirmed after enough sightings, and dropped when it has not been seen for a while. People too
+slow for the uncertainty of their speed are recognised by the distance they have walked.
 """
 
 from __future__ import annotations
@@ -26,7 +25,7 @@ from waychair.types import FloatArray, IntArray, Pose2
 
 @dataclass(frozen=True, slots=True)
 class TrackSettings(Settings):
-    """Sizes of people, how they move, and when a track is believed."""
+    """Sizes of people, how they move, and when a track is confirmed."""
 
     touch: float = setting(0.15, "m", "points nearer than this are of one thing", low=0.02, high=2.0)
     leg: float = setting(0.22, "m", "a thing no wider than this may be one leg of two", low=0.02, high=1.0)
@@ -68,11 +67,11 @@ class TrackSettings(Settings):
 
 @dataclass(frozen=True, slots=True)
 class Track:
-    """One who moves: position (2,) [m], velocity (2,) [m/s], and the covariance (4, 4) of x, y, vx, vy.
+    """A tracked person: position (2,) [m], velocity (2,) [m/s], and the covariance (4, 4) of x, y, vx, vy.
 
-    `seen` counts the sightings, the last of them at `seen_ns`; the state is of `stamp_ns`. radius [m]. `moved_ns`: when
-    it last moved by itself, beyond doubt, so that it is no furniture; None for never. `mark` (2,) [m] is where it was at
-    `mark_ns`, from where its way is measured.
+    `seen` counts the sightings, the last at `seen_ns`; the state is of `stamp_ns`. radius [m]. `moved_ns`: when it last
+    certainly moved by itself, so that it is no furniture; None for never. `mark` (2,) [m] is its position at `mark_ns`,
+    from which its displacement is measured.
     """
 
     number: int
@@ -89,15 +88,15 @@ class Track:
 
     @property
     def walked(self) -> bool:
-        """Whether it has ever moved by itself."""
+        """Whether it has ever certainly moved by itself."""
         return self.moved_ns is not None
 
     def walks(self, settings: TrackSettings) -> bool:
-        """Whether it is on its way, but for a short pause."""
+        """Return whether it is walking, short pauses included."""
         return self.moved_within(settings.pause)
 
     def moved_within(self, seconds: float) -> bool:
-        """Whether it has moved by itself in the last so many seconds."""
+        """Return whether it has moved by itself in the last so many seconds."""
         return self.moved_ns is not None and self.stamp_ns - self.moved_ns <= seconds * 1e9
 
     @property
@@ -107,20 +106,20 @@ class Track:
 
     @property
     def speed_sigma(self) -> float:
-        """How uncertain its speed is [m/s], one sigma."""
+        """Standard deviation of its speed [m/s]."""
         return math.sqrt(max(float(np.trace(self.covariance[2:, 2:])) / 2, 0.0))
 
     def after(self, seconds: FloatArray) -> FloatArray:
-        """(T, 2) where it is [m] after so many seconds (T,)."""
+        """Return its predicted positions (T, 2) [m] after so many seconds (T,)."""
         return self.position + seconds[:, None] * self.velocity
 
     def row(self, seconds: float) -> FloatArray:
-        """(6,): x, y [m] after so many seconds, vx, vy [m/s], radius [m] and what it grows by [m/s], one sigma."""
+        """Return (6,): x, y [m] after so many seconds, vx, vy [m/s], radius [m] and its growth [m/s], one sigma."""
         return np.array([*(self.position + seconds * self.velocity), *self.velocity, self.radius, self.speed_sigma])
 
 
 def moved_on(tracks: Iterable[Track], now_ns: int) -> tuple[Track, ...]:
-    """Tracks of an older scan as they are expected to be now: a beam is up to a tenth of a second old when it counts."""
+    """Return tracks of an older scan predicted to now: a beam is up to a tenth of a second old when it is used."""
     return tuple(
         replace(track, position=track.after(np.array([(now_ns - track.stamp_ns) * 1e-9]))[0], stamp_ns=now_ns)
         for track in tracks
@@ -128,7 +127,7 @@ def moved_on(tracks: Iterable[Track], now_ns: int) -> tuple[Track, ...]:
 
 
 def seen_from(frame_from_map: Pose2, tracks: Iterable[Track]) -> tuple[Track, ...]:
-    """Tracks in another frame than that in which they were made."""
+    """Return tracks transformed to another frame."""
     turn = rotation(frame_from_map.theta)
     both = np.kron(np.eye(2), turn)
     return tuple(
@@ -144,7 +143,7 @@ def seen_from(frame_from_map: Pose2, tracks: Iterable[Track]) -> tuple[Track, ..
 
 
 class Tracker:
-    """Keeps the tracks from scan to scan, in a frame that does not jump."""
+    """The tracks, updated from scan to scan in a frame without jumps."""
 
     def __init__(self, settings: TrackSettings | None = None) -> None:
         self._settings = settings or TrackSettings()
@@ -154,11 +153,11 @@ class Tracker:
 
     @property
     def lost(self) -> tuple[Track, ...]:
-        """Those who walked and went out of sight lately, as they were last expected."""
+        """People who walked and recently went out of sight, as last predicted."""
         return self._lost
 
     def update(self, stamp_ns: int, points: FloatArray) -> tuple[Track, ...]:
-        """The believed tracks after a scan whose points (N, 2) [m] nothing known explains."""
+        """Return the confirmed tracks after a scan with unexplained points (N, 2) [m]."""
         s = self._settings
         expected = tuple(predicted(track, stamp_ns, s) for track in self._tracks)
         middles = clusters(points, s)
@@ -171,7 +170,7 @@ class Tracker:
             if i in taken or stamp_ns - track.seen_ns <= s.forgotten_after * 1e9
         ]
         for k in sorted(set(range(len(middles))) - set(taken.values())):
-            # What is as near to somebody as a leg is to the other is no second person.
+            # A cluster as near to a person as one leg to the other is no second person.
             if all(math.dist(track.position, middles[k]) > s.apart for track in kept):
                 kept.append(_born(self._next, stamp_ns, middles[k], s))
                 self._next += 1
@@ -183,10 +182,10 @@ class Tracker:
 
 
 def room_round(tracks: Iterable[Track], room: float, pose: Pose2, body: ChairBody, spare: float) -> FloatArray:
-    """(N, 2) points on circles of `room` [m] round those who move or have moved, to be kept clear of as they are now.
+    """Return (N, 2) points on circles of `room` [m] around people who move or have moved, as obstacles.
 
-    Of one who has come so near to the chair at `pose` that the circle would reach it, less is kept clear: all but
-    `spare` [m] of what there is between, so that the chair can leave, and come no nearer.
+    Where a circle would reach a chair at `pose`, it is reduced to the distance between them less `spare` [m], so that
+    the chair can leave but come no nearer.
     """
     turns = np.linspace(0.0, math.tau, _ROUND, endpoint=False)
     circle = np.column_stack([np.cos(turns), np.sin(turns)])
@@ -199,13 +198,13 @@ def room_round(tracks: Iterable[Track], room: float, pose: Pose2, body: ChairBod
 
 
 def gap(point: FloatArray, pose: Pose2, body: ChairBody) -> float:
-    """Distance [m] from a point (2,) to the outline of a chair, 0 within."""
+    """Return the distance [m] from a point (2,) to the outline of a chair, 0 within."""
     x, y = transform_points(pose.inverse(), point[None])[0]
     return math.hypot(max(x - body.front, -body.rear - x, 0.0), max(abs(y) - body.width / 2, 0.0))
 
 
 def may_be_behind(tracks: Iterable[Track], now_ns: int, pose: Pose2, body: ChairBody, way: float) -> bool:
-    """Whether one who walked may stand where a chair at `pose` backs to over a way [m], gone on as fast as last seen."""
+    """Return whether somebody may be behind a chair at `pose` within a distance [m], moving on as fast as last seen."""
     for track in tracks:
         if track.walked:
             unseen_s = (now_ns - track.seen_ns) * 1e-9
@@ -218,14 +217,14 @@ def may_be_behind(tracks: Iterable[Track], now_ns: int, pose: Pose2, body: Chair
 
 
 _SLOWEST, _FARTHEST = 0.1, 1.0
-"""Who is out of sight goes on at least so fast [m/s], and is looked for no farther away than this [m]."""
+"""Least speed [m/s] assumed for a person out of sight, and the farthest [m] that person may have got."""
 
 _ROUND = 48
-"""Points of such a circle, 5 cm apart."""
+"""Points of a circle of personal space, 5 cm apart."""
 
 
 def clusters(points: FloatArray, settings: TrackSettings) -> FloatArray:
-    """(K, 2) middles [m] of those things, or pairs of legs, among points (N, 2) [m] that may be a person."""
+    """Return (K, 2) middles [m] of the clusters or pairs of legs among points (N, 2) [m] that may be a person."""
     if len(points) == 0:
         return np.empty((0, 2))
     things = _linked(points, settings.touch)
@@ -243,16 +242,16 @@ def clusters(points: FloatArray, settings: TrackSettings) -> FloatArray:
 
 
 def _linked(points: FloatArray, link: float) -> list[FloatArray]:
-    """Points (N, 2) [m], parted into groups whose points are joined by steps of no more than a link [m]."""
+    """Return points (N, 2) [m] split into groups connected by steps of at most a link [m]."""
     labels = linked_groups(points, link)
     return [points[labels == label] for label in range(labels.max() + 1)]
 
 
 @njit(cache=True)
 def linked_groups(points: FloatArray, link: float) -> IntArray:
-    """(N,) the group of each of points (N, 2) [m]: points are of one group that are joined by steps of at most a link.
+    """Return (N,) the group of each of points (N, 2) [m]; steps of at most a link [m] connect the points of a group.
 
-    Groups are numbered in the order of their first points. Every pair is looked at: a scan has few that nothing explains.
+    Groups are numbered in the order of their first points. All pairs are tested: a scan has few unexplained points.
     """
     labels = np.full(len(points), -1, np.int64)
     waiting = np.empty(len(points), np.int64)
@@ -275,7 +274,7 @@ def linked_groups(points: FloatArray, link: float) -> IntArray:
 
 
 def predicted(track: Track, stamp_ns: int, settings: TrackSettings) -> Track:
-    """The track at a later time, going on as it does."""
+    """Return the track predicted to a later time."""
     from filterpy.kalman import predict
 
     dt = (stamp_ns - track.stamp_ns) * 1e-9
@@ -287,7 +286,7 @@ def predicted(track: Track, stamp_ns: int, settings: TrackSettings) -> Track:
 
 
 def associate(tracks: tuple[Track, ...], middles: FloatArray, settings: TrackSettings) -> dict[int, int]:
-    """Which cluster (K, 2) each track has been seen as, by index: the least sum of distances, within the gate."""
+    """Return the index of the cluster (K, 2) of each track: the least sum of Mahalanobis distances, within the gate."""
     if not tracks or not len(middles):
         return {}
     distances = np.empty((len(tracks), len(middles)))
@@ -295,16 +294,16 @@ def associate(tracks: tuple[Track, ...], middles: FloatArray, settings: TrackSet
         spread = np.linalg.inv(track.covariance[:2, :2] + settings.sigma**2 * np.eye(2))
         off = middles - track.position
         distances[i] = np.einsum("ki,ij,kj->k", off, spread, off)
-    # What lies outside of its gate costs more than any sum within.
+    # An assignment outside the gate costs more than any sum within.
     outside = distances > settings.gate
     rows, cols = linear_sum_assignment(np.where(outside, settings.gate * (min(distances.shape) + 1), distances))
     return {int(i): int(k) for i, k in zip(rows, cols, strict=True) if not outside[i, k]}
 
 
 def _turned(before: Track, expected: Track, middle: FloatArray, settings: TrackSettings) -> Track:
-    """What is expected of who was seen so far from there that they must have turned round or stopped: anything sudden.
+    """Return the prediction; if the innovation shows that the person turned or stopped, with more acceleration noise.
 
-    A filter of constant velocity would take half a second to notice.
+    The filter of constant velocity alone would take half a second to follow.
     """
     off = middle - expected.position
     spread = expected.covariance[:2, :2] + settings.sigma**2 * np.eye(2)
@@ -321,7 +320,7 @@ def _corrected(track: Track, middle: FloatArray, settings: TrackSettings) -> Tra
     seen = _with_state(track, track.stamp_ns, track.stamp_ns, track.seen + 1, state, covariance)
     if seen.seen < settings.believed_after:
         return replace(seen, mark=seen.position, mark_ns=seen.stamp_ns)
-    # of one that is known to walk no proof is asked for
+    # a person known to walk needs no further proof
     doubt = 0.0 if track.walked else 2.0 * seen.speed_sigma
     made_way = _made_way(seen, settings)
     if made_way or seen.stamp_ns - seen.mark_ns > settings.way_within * 1e9:
@@ -331,7 +330,7 @@ def _corrected(track: Track, middle: FloatArray, settings: TrackSettings) -> Tra
 
 
 def _made_way(track: Track, settings: TrackSettings) -> bool:
-    """Whether it has come away from its mark, and is not only seen from another side, or in another part, than there."""
+    """Return whether it has truly left its mark, and not only shows another side or part of itself."""
     gone = track.position - track.mark
     way = float(np.hypot(*gone))
     seconds = (track.stamp_ns - track.mark_ns) * 1e-9

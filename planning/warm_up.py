@@ -1,4 +1,4 @@
-"""Loading the planners' kernels before a chair drives: the first use of each takes as long as many control steps."""
+"""Loading the planners' compiled kernels before a chair drives: the first call of each takes many control periods."""
 
 from __future__ import annotations
 
@@ -7,7 +7,7 @@ from functools import cache
 import numpy as np
 
 from waychair.calibration.chair import CHAIR_A
-from waychair.maps.ground import GroundSettings, ground_view
+from waychair.maps.ground import ground_view
 from waychair.planning.costmap import CostmapSettings, LiveCostmap
 from waychair.planning.dwa import choose
 from waychair.planning.dwa_kernels import fits_after
@@ -37,9 +37,9 @@ _SIDE, _CELL = 6.0, 0.05
 
 @cache
 def warm_up() -> None:
-    """Plan, replan, look, turn, leave a wall and choose once, in a small room; nothing on later calls.
+    """Plan, replan, observe, turn, leave a wall and choose a command once, in a small room; later calls do nothing.
 
-    For whoever makes a chair that is to keep its 20 steps a second; a kernel that was never compiled here is compiled.
+    Call it before a chair has to keep its 20 Hz; kernels that are not in numba's cache are compiled.
     """
     count = round(_SIDE / _CELL)
     cells = np.zeros((count, count), np.int8)
@@ -69,10 +69,10 @@ def warm_up() -> None:
 
 
 def _look(pose: Pose2) -> None:
-    """At a wall, by a camera."""
+    """Let a depth camera see a wall."""
     camera_matrix = np.array([[16.0, 0.0, 8.0], [0.0, 16.0, 8.0], [0.0, 0.0, 1.0]])
     picture = RgbdFrame(0, np.zeros((16, 16), np.uint8), np.ones((16, 16), np.float32), camera_matrix)
-    view = ground_view(picture, CHAIR_A.base_from_camera, CHAIR_A.front, GroundSettings())
+    view = ground_view(picture, CHAIR_A.base_from_camera, CHAIR_A.front)
     sight_of_drops(view, pose)
     sight_of_missing_ground(view, pose)
     for layer in CHAIR_A.height_layers():

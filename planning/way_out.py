@@ -1,9 +1,9 @@
-"""Out of a place with hardly any room, say parked beside a wall: straight along it, then away in a widening turn.
+"""Leaving a cramped place, such as parked along a wall: straight along it, then away in a tightening turn.
 
-Who turns beside a wall swings an end into it. Of a chair whose other end is b behind the axle, the corner comes nearer
-by b theta and goes away with the way gained, y' = theta; both in balance make a turn that grows as exp(s / b) with the
-way s. A search over places and headings has steps and bins of its own, too tight for that; here they are as wide as it
-takes.
+A chair that turns beside a wall swings an end into it. If its other end is b behind the axle, that corner comes nearer
+by b theta and moves away with the distance gained, y' = theta. Both in balance give a turn whose heading grows as
+exp(s / b) with the distance s. The fixed steps and bins of `manoeuvre` are too coarse for that, so such turns are
+generated here directly.
 """
 
 from __future__ import annotations
@@ -22,38 +22,38 @@ from waychair.planning.slices import Slices
 from waychair.types import FloatArray, Pose2
 
 CRAMPED = 0.03
-"""A chair that has less than this [m] round it is to be led out."""
+"""A chair with less clearance [m] than this is led out."""
 
 BY_HAND = "drive it a little away from there by hand"
-"""What helps a chair that is not led out."""
+"""Advice for a chair that cannot be led out."""
 
 _ENOUGH = 0.06
-"""Kept free round the body [m] where the way out ends: a place to turn from like any other."""
+"""Clearance [m] at the end of the way out: enough to turn from there like anywhere else."""
 
 _MARGINS = (0.025, 0.02, 0.015, 0.0125, 0.01, 0.0075, 0.005, 0.0025, 0.0)
-"""Tried in turn [m]: the first that fits is what is kept where the chair stands."""
+"""Clearances [m] tried in turn; the first that fits where the chair stands is kept."""
 
 _DIP = 1 / 3
-"""The part of what is free round the chair by which the way out may come nearer; every turn begins with a little."""
+"""Part of that clearance which may be lost on the way out; every turn begins by coming a little nearer."""
 
 _SPACING = 0.05
-"""Of the poses along the way [m]."""
+"""Distance [m] between poses."""
 
 _STRAIGHT, _TURN = 30, 60
-"""Steps of either part of the way, at most. A chair with its axle in the middle takes the longest to get its end away."""
+"""Most steps of the straight and of the turning part. A chair with its axle in the middle needs the most."""
 
 _ARCS, _WIDENING, _TIGHTEST = (0.1, 0.2, 0.4, 0.8), (0.005, 0.01, 0.02, 0.05, 0.1), 0.8
-"""Curvatures [1/m] of arcs, those with which turns begin that grow tighter, and the tightest that one becomes."""
+"""Curvatures [1/m]: of constant arcs, of the beginnings of tightening turns, and the largest of any turn."""
 
 _REVERSE_PRICE, _GEAR_PRICE = 1.6, 0.5
-"""A metre backwards in metres forwards, and a stop to go the other way [m]."""
+"""Cost of a metre backwards in metres forwards, and of a change of direction [m]."""
 
 
 def way_out(field: DistanceField, body: ChairBody, start: Pose2) -> Slices[FloatArray | None]:
-    """Poses (N, 3) [m, m, rad] of the body in map, every 5 cm from the start to the nearest with room; in slices.
+    """Return poses (N, 3) [m, m, rad] in map, every 5 cm from the start to the nearest place with room; resumable.
 
-    The way is a straight line, a turn, or the one and then the other, each of them forwards or backwards. None when the
-    chair has room where it stands, when it touches something there, or when there is no such way.
+    The path is a straight line, a turn, or a line and then a turn, each forwards or backwards. None when the chair has
+    room at the start, when it touches something there, or when there is no such path.
     """
     if fits(body, CRAMPED, field, start):
         return None
@@ -81,7 +81,7 @@ def way_out(field: DistanceField, body: ChairBody, start: Pose2) -> Slices[Float
 
 
 def why_cramped(field: DistanceField, body: ChairBody, pose: Pose2, needed: float = CRAMPED) -> str | None:
-    """What leaves a body at a pose less room than is needed [m], as its rider would say it; None where there is more."""
+    """Return a sentence on why a body at a pose has less clearance than needed [m]; None if it has enough."""
     if fits(body, needed, field, pose):
         return None
     front, rear, half = body.front, body.rear, body.width / 2
@@ -106,9 +106,9 @@ def why_cramped(field: DistanceField, body: ChairBody, pose: Pose2, needed: floa
 def _shortest(
     tight: Footprint, roomy: Footprint, start: FloatArray, turns: FloatArray, longest: int
 ) -> tuple[int, int]:
-    """Which of turns (M, N, 3) [m, m, rad] comes from a start (3,) [cells, cells, rad] to where there is room first.
+    """Return which of turns (M, N, 3) [m, m, rad] first reaches room from a start (3,) [cells, cells, rad], and where.
 
-    And at which of its poses, no later than the one numbered `longest`; -1 when none does.
+    The second number is the index of its pose, at most `longest`; the first is -1 when no turn reaches room.
     """
     c, s = math.cos(start[2]), math.sin(start[2])
     which = -1
@@ -125,18 +125,18 @@ def _shortest(
 
 
 _LEAST_END = 0.05
-"""An end that lies nearer to the axle [m] swings out so little that a turn may widen as if it lay here."""
+"""Least distance [m] from axle to end in the tightening rate: a shorter end hardly swings out."""
 
 
 def _turns(other_end: float, gear: int) -> FloatArray:
-    """Turns (M, _TURN + 1, 3) from the origin; of a chair that reaches so far [m] the other way from its axle."""
+    """Return turns (M, _TURN + 1, 3) from the origin for a chair whose other end is so far [m] from its axle."""
     kinds = [(k, 0.0) for k in _ARCS] + [(k, g / max(other_end, _LEAST_END)) for g, k in product((0.7, 1.0), _WIDENING)]
     bent = [_turn(side * k, growth, gear, _TURN) for k, growth in kinds for side in (1.0, -1.0)]
     return np.array([_turn(0.0, 0.0, gear, _TURN), *bent])
 
 
 def _turn(curvature: float, growth: float, gear: int, steps: int) -> FloatArray:
-    """Poses (steps + 1, 3) from the origin on, whose curvature [1/m] grows as exp(growth s) up to the tightest."""
+    """Return poses (steps + 1, 3) from the origin whose curvature [1/m] grows as exp(growth s) up to the tightest."""
     s = (np.arange(steps) + 0.5) * _SPACING
     bent = math.copysign(1.0, curvature) * np.minimum(np.abs(curvature) * np.exp(growth * s), _TIGHTEST)
     theta = np.concatenate([[0.0], np.cumsum(gear * bent * _SPACING)])
