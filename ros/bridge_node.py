@@ -5,7 +5,7 @@
 | cmd_vel, drive_request | the navigator's speeds and requests; only fresh ones, and only from the navigator |
 | scan, imu/data, joint_states, battery_state | for odometry, limits and the collision monitor (a process of its own) |
 | localisation | for slow zones; a chair that is not localised does not drive |
-| stop | the rider's StopReason |
+| stop | the rider's Stop |
 | page_joystick, page_watch, layout_changed | from a page: its joystick, its heartbeat, changed zones |
 
 | sends | |
@@ -63,8 +63,8 @@ from waychair.ros.mounts import static_transforms
 from waychair.ros.node import ChairNode, run_node
 from waychair.ros.topics import RosTopic
 from waychair.ros_messages import BASE_FRAME, IMU_FRAME, LASER_FRAME, ODOM_FRAME
-from waychair.runtime.black_box import About, BlackBoxSettings
-from waychair.runtime.drive_base import BaseSettings, DriveBase, Message
+from waychair.runtime.black_box import LoggedChair, BlackBoxSettings
+from waychair.runtime.drive_base import BaseSettings, DriveBase, SensorMessage
 from waychair.runtime.monitor_process import MonitorProcess, Watched
 from waychair.runtime.page_watch import PageWatch
 from waychair.runtime.wheel_counts import WheelCounts
@@ -194,7 +194,7 @@ class BridgeNode(ChairNode[BridgeNodeSettings]):
         if not s.box:
             return None
         places = load_places(Path(s.map_folder)) if s.map_folder else {}
-        log = DriveLog(Path(s.box), About(s, self._calibration, places), s.black_box)
+        log = DriveLog(Path(s.box), LoggedChair(s, self._calibration, places), s.black_box)
         self.at_end(log.close)
         return log
 
@@ -222,7 +222,7 @@ class BridgeNode(ChairNode[BridgeNodeSettings]):
         else:
             yield Report("board", Level.OK, "", (("state", str(telemetry.state)),))
 
-    def _hear(self, message: Message) -> bool:
+    def _hear(self, message: SensorMessage) -> bool:
         """Process a sensor's message with its stamp converted to the steady clock; return False if it is of another clock."""
         age_ns = self.now_ns() - message.stamp_ns
         if abs(age_ns) > OTHER_CLOCK_NS:
@@ -282,7 +282,7 @@ class BridgeNode(ChairNode[BridgeNodeSettings]):
         self._asked_before = True
         self._request.take(request)
         if request.scan_ns:
-            self._base.furnish(request.furniture, time.monotonic_ns() - (self.now_ns() - request.scan_ns))
+            self._base.note_mapped_legs(request.furniture, time.monotonic_ns() - (self.now_ns() - request.scan_ns))
         self._tick()
 
     def _is_of_now(self, stamp_ns: int) -> bool:
@@ -314,7 +314,7 @@ class BridgeNode(ChairNode[BridgeNodeSettings]):
         self._mode = verdict.mode
         if self._mode not in DRIVEN:
             self._watch_of_pages.over()
-        if self._base.stands_again:
+        if self._base.stopped_after_push:
             self._look_again()
         if active and (verdict.drops_goal or driven.ended):
             self._over, self._last_stop = self._goal_id, driven.ended or verdict.reason
@@ -387,7 +387,7 @@ class BridgeNode(ChairNode[BridgeNodeSettings]):
     def _tell(self, what: str, *goals: Goal) -> None:
         """Record a request in the black box."""
         if self._log is not None:
-            self._log.told(what, goals)
+            self._log.note_request(what, goals)
 
     def _steered(self, stick: JoystickInput | None) -> None:
         """Take a page's joystick, unless the network is open or the message was delayed.

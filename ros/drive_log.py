@@ -15,9 +15,9 @@ from waychair.control.supervisor import SupervisorVerdict
 from waychair.errors import BoxError
 from waychair.ros.messages.chair import DriveRequest
 from waychair.ros.messages.reports import Level, Report
-from waychair.runtime.black_box import About, BlackBox, BlackBoxSettings
+from waychair.runtime.black_box import LoggedChair, BlackBox, BlackBoxSettings
 from waychair.runtime.chair import ChairState
-from waychair.runtime.drive_base import DriveBase, Driven, Message
+from waychair.runtime.drive_base import DriveBase, DriveResult, SensorMessage
 from waychair.slam.localisation import Localisation
 from waychair.types import Goal, Path, Telemetry, Twist
 
@@ -33,17 +33,17 @@ class Decided:
     asked: Twist
     located: Localisation | None
     verdict: SupervisorVerdict
-    driven: Driven
+    driven: DriveResult
     telemetry: Telemetry | None
 
 
 class DriveLog:
     """A black box of a `DriveBase`. It neither waits nor raises: the chair keeps driving if logging fails (F27)."""
 
-    def __init__(self, folder: FilePath, about: About, settings: BlackBoxSettings) -> None:
+    def __init__(self, folder: FilePath, about: LoggedChair, settings: BlackBoxSettings) -> None:
         """Start the log; if that fails, the problem is reported and nothing is logged."""
         self._folder, self._problem = folder, ""
-        self._heard: list[Message] = []
+        self._heard: list[SensorMessage] = []
         self._box: BlackBox | None = None
         try:
             self._box = BlackBox(folder, about, settings).__enter__()
@@ -55,22 +55,22 @@ class DriveLog:
         if self._box is not None:
             self._box.__exit__(None, None, None)
 
-    def hear(self, message: Message) -> None:
+    def hear(self, message: SensorMessage) -> None:
         """Record a sensor's message, stamped by the steady clock."""
         if self._box is not None:
             self._heard.append(message)
 
-    def told(self, what: str, goals: tuple[Goal, ...] = ()) -> None:
+    def note_request(self, what: str, goals: tuple[Goal, ...] = ()) -> None:
         """Record a request: go, confirm, stop or reset. A cancel shows as the end of the navigator's request."""
         if self._box is not None:
-            self._box.told(what, goals)
+            self._box.note_request(what, goals)
 
     def note(self, base: DriveBase, decided: Decided) -> None:
         """Record a finished tick."""
         if self._box is None:
             return
         heard, self._heard = tuple(self._heard), []
-        self._box.note(heard, _state(base, decided), base.bridge.greeting)
+        self._box.note_tick(heard, _state(base, decided), base.bridge.greeting)
 
     def report(self) -> Report:
         """Report whether logging works."""

@@ -254,7 +254,7 @@ class MapperNode(ChairNode[MapperNodeSettings]):
     def _see(self, scan: Scan) -> None:
         """Localise a scan once the odometry has reached its stamp and earlier scans are done."""
         if self._growing is not None:
-            self._growing.see(self._calibration.seen(scan))
+            self._growing.see(self._calibration.masked(scan))
             return
         if abs(self.now_ns() - scan.stamp_ns) > CLOCK_ERROR_NS:
             return  # another clock: its transforms would be useless; the input reports it, and the chair does not drive
@@ -279,7 +279,7 @@ class MapperNode(ChairNode[MapperNodeSettings]):
         odom_from_base = self._track.odom_from_base(raw.stamp_ns)
         if odom_from_base is None or self._localiser is None:
             return
-        scan = self._calibration.seen(raw)
+        scan = self._calibration.masked(raw)
         self._publish(scan.stamp_ns, self._localiser.process(scan, odom_from_base, self._track.twist))
 
     def _publish(self, stamp_ns: int, found: Localisation) -> None:

@@ -60,7 +60,7 @@ class NavigationDisplay:
         if self._ticks % _PEOPLE_EVERY == 0:
             self._send_people(points(now_ns, transform_points(map_from_odom, navigator.people)))
         if self._ticks % _NEAR_EVERY == 0 and self._is_watched(topics.LOCAL_COSTMAP):
-            near = grid_from_distances(navigator.near, self._body)
+            near = grid_from_distances(navigator.local_distances, self._body)
             near = replace(near, map_from_grid=map_from_odom.inverse() @ near.map_from_grid)
             self._send_near(occupancy_grid(now_ns, near, odom))
         if odom_from_base is not None:

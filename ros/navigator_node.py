@@ -270,7 +270,7 @@ class NavigatorNode(ChairNode[NavigatorNodeSettings]):
             return
         self._scan, self._seen_ns = None, scan.stamp_ns
         self._timer.timer_period_ns = self._phase.came(time.monotonic_ns())
-        self._pilot.see(self._calibration.seen(scan), located[1], self._track.twist)
+        self._pilot.see(self._calibration.masked(scan), located[1], self._track.twist)
 
     def _listen_to_sonars(self) -> None:
         ring = SonarRing(_SONARS)
@@ -294,7 +294,7 @@ class NavigatorNode(ChairNode[NavigatorNodeSettings]):
 
     def _take_frame(self, frame: RgbdFrame | None) -> None:
         if frame is not None and has_valid_reading(frame):  # a frame without any depth is ignored
-            self._frame, self._looked_ns = self._calibration.on_time(frame), time.monotonic_ns()
+            self._frame, self._looked_ns = self._calibration.with_true_stamp(frame), time.monotonic_ns()
 
     def _look(self) -> None:
         """Process the latest camera frame, just after a tick, since it takes much of the time to the next tick."""
@@ -321,7 +321,7 @@ class NavigatorNode(ChairNode[NavigatorNodeSettings]):
         mine = report.goal_id == self._goal_id
         if mine and pilot.navigator.active:
             pilot.obey(SupervisorVerdict(report.mode, report.reason, drops_goal=report.drops_goal))
-        pilot.learn(report.command if mine else None)
+        pilot.note_sent(report.command if mine else None)
 
     def _tick(self) -> None:
         self._phase.ticked(time.monotonic_ns())
@@ -373,7 +373,7 @@ class NavigatorNode(ChairNode[NavigatorNodeSettings]):
             navigator.stage.value,
             navigator.reason,
             0 if last is None else last.plans,
-            self._pilot.furniture,
+            self._pilot.mapped_legs,
         )
 
     def _missing(self, now_ns: int) -> str:

@@ -21,7 +21,7 @@ from rclpy.action import ActionClient
 from waychair.calibration.calibration_file import ChairCalibration
 from waychair.control.navigator import Stage
 from waychair.errors import RecordingError, WaychairError
-from waychair.maps.layout import Layout as Drawings
+from waychair.maps.layout import DrawingEditor
 from waychair.maps.places import find
 from waychair.ros import topics
 from waychair.ros.inputs import IMPOSSIBLE
@@ -43,8 +43,8 @@ from waychair.ros.messages.wire import native
 from waychair.ros.node import ChairNode
 from waychair.ros_decoding import picture_from_message
 from waychair.ros_messages import LASER_FRAME, make
-from waychair.runtime.chair_port import ANSWER_S, Answer, ChairView, Layout
-from waychair.runtime.chair_story import Scene, next_action, obstacle_of, shown_points
+from waychair.runtime.chair_port import ANSWER_S, Answer, ChairView, LayoutView
+from waychair.runtime.chair_story import DriveFacts, next_action, obstacle_of, shown_points
 from waychair.runtime.drawing_port import DrawingPort
 from waychair.runtime.sentences import sentence
 from waychair.slam.localisation import Localisation, LocalisationState
@@ -105,7 +105,7 @@ class PagePort(DrawingPort):
         self._forget = node.create_client(interface_type("std_srvs/srv/Empty"), "reinitialize_global_localization")
         self._action = ActionClient(node, interface_type("nav2_msgs/action/NavigateToPose"), topics.NAVIGATE_TO_POSE)
         node.at_end(self._action.destroy)
-        self._drawings = None if map_folder is None else Drawings(map_folder)
+        self._drawings = None if map_folder is None else DrawingEditor(map_folder)
 
     def _listen(self) -> None:
         listen, on_time = self._node.listen, self._calibration.on_time
@@ -153,7 +153,7 @@ class PagePort(DrawingPort):
         goal, way = (self._label, self._way) if has_goal else ("", _NOWHERE)
         obstacles = tuple(obstacle_of(stop_id, text) for stop_id, text in state.halts)
         countdown_s, waits = state.countdown_s or None, has_goal and state.waits
-        scene = Scene(
+        scene = DriveFacts(
             state.mode, state.steered, goal, waits, countdown_s,
             _stage(request.stage), request.reason, None if lost else pose, way, obstacles,
             state.command is not None,
@@ -175,13 +175,13 @@ class PagePort(DrawingPort):
         """See `ChairPort`."""
         return self._grid
 
-    def layout(self) -> Layout:
+    def layout(self) -> LayoutView:
         """See `ChairPort`."""
         with self._drawing:
             if self._drawings is None:
-                return Layout(self._places)
+                return LayoutView(self._places)
             drawn = self._drawings.drawing
-            return Layout(dict(drawn.places), drawn.zones, self._drawings.undoable)
+            return LayoutView(dict(drawn.places), drawn.zones, self._drawings.undoable)
 
     def picture(self) -> bytes | None:
         """See `ChairPort`; the camera subscription lasts only while pictures are requested."""
@@ -288,7 +288,7 @@ class PagePort(DrawingPort):
         if pages:
             self._send_watch(make("std_msgs/msg/Empty", 0))
 
-    def _drawn(self, change: Callable[[Drawings], None], done: str) -> Answer:
+    def _drawn(self, change: Callable[[DrawingEditor], None], done: str) -> Answer:
         """Change the drawings in the map's folder, and notify the nodes."""
         with self._drawing:
             if self._drawings is None:
@@ -373,7 +373,9 @@ class PagePort(DrawingPort):
             return
         self._scan = None
         mount = self._calibration.body.base_from_laser
-        self._points = shown_points(self._calibration.seen(scan), mount, located[1].map_from_base, self._odometry.twist)
+        self._points = shown_points(
+            self._calibration.masked(scan), mount, located[1].map_from_base, self._odometry.twist
+        )
 
     def _take_way(self, way: Any) -> None:
         self._way = way.poses[:, :2]

@@ -10,7 +10,7 @@ import yaml
 
 from waychair.errors import ConfigError
 from waychair.files import write_text
-from waychair.maps.erased import load_erased, without
+from waychair.maps.erased import clear_erased, load_erased
 from waychair.maps.layout import forget
 from waychair.maps.map_files import MAP_YAML, load_map, save_map, yaml_path
 from waychair.maps.places import save_places
@@ -140,7 +140,7 @@ def _known_map(stack: Stack, folder: Path) -> tuple[Path, Pose2 | None] | None:
 def _save_plan(world: World, folder: Path) -> None:
     """Save the world's floor plan as a map; places and zones drawn on it in an earlier run are kept."""
     if (folder / MAP_YAML).is_file():
-        known, grid = load_map(folder), without(world.grid, load_erased(folder))
+        known, grid = load_map(folder), clear_erased(world.grid, load_erased(folder))
         if known.cells.shape == grid.cells.shape and (known.cells == grid.cells).all():
             return
     forget(folder)  # places and zones were drawn on another world's plan
