@@ -82,8 +82,8 @@ static host_message understand(board *self, const frame *received, command *orde
     return message;
 }
 
-/* Up to one frame: a burst is heard over as many steps as it has frames, so that none hides another. Bounded, so that
- * no flood of bytes keeps the loop from its watchdog. */
+/* Takes up to one frame: a burst of frames takes as many steps, so that no frame hides another. The number of bytes is
+ * limited, so that a flood of bytes does not keep the loop from its watchdog. */
 static host_message receive(board *self, command *order)
 {
     uint8_t byte;
@@ -132,7 +132,7 @@ static void count(board *self, const host_message *host, const safety_outputs *o
     }
 }
 
-/* The converter moves only while the switch keeps it off the lines, or to what the lines are meant to be. */
+/* The converter changes only while it is off the lines, or to the voltages intended for the lines. */
 static void act(board *self, const safety_outputs *outputs)
 {
     if (outputs->holder != HOLDER_BOARD)

@@ -18,7 +18,7 @@ typedef struct {
     bool configured;
     safety_core core;
     frame_decoder decoder;
-    bool converter_ok;             /* it took the last voltages */
+    bool converter_ok;             /* the converter accepted the last voltages */
     uint16_t sequence;
     uint32_t telemetry_ms;
     uint16_t echo_sequence;
@@ -29,7 +29,7 @@ typedef struct {
 
 void board_init(board *self, const board_config *config);
 
-/* To be called every millisecond; what it decided. */
+/* To be called every millisecond; returns the decision of the safety core. */
 safety_outputs board_step(board *self);
 
 #endif

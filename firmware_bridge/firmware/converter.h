@@ -6,10 +6,10 @@
 
 #include "families.h"
 
-/* Nearest count, within 0 and `counts_max`. */
+/* The nearest count, within 0 and `counts_max`. */
 uint16_t converter_counts(const joystick_family *family, uint16_t counts_max, int32_t line_mv);
 
-/* What the line reads at these counts. */
+/* The line voltage at these counts. */
 int32_t converter_line_mv(const joystick_family *family, uint16_t counts_max, uint16_t counts);
 
 #endif

@@ -1,7 +1,7 @@
-/* Joystick families as data: see families.h. Where the figures come from:
- * - Hall, 5 V ratiometric: neutral at half the supply and 1.2 V each way is what do-it-yourself builders measured on
- *   common controllers (wheelchairdriver.com, topic 3261). Fault limits: 10 % and 90 % of the supply, the range of
- *   a ratiometric Hall sensor in order.
+/* Joystick families as data: see families.h. Sources of the figures:
+ * - Hall, 5 V ratiometric: do-it-yourself builders measured neutral at half the supply and 1.2 V each way on common
+ *   controllers (wheelchairdriver.com, topic 3261). Fault limits: 10 % and 90 % of the supply, the range of a working
+ *   ratiometric Hall sensor.
  * - Inductive, 12 V: JC200 measured at 4.6 to 7.0 V (forum.arduino.cc, topic 201998). R-Net Omni2: swing 1.2 V, 1.1 to
  *   1.3 V accepted at calibration, more than 3.0 V from the reference is a fault (Curtiss-Wright manual SK81935).
  * - Eight-pin, 3.3 V: the stick of Pai et al. (2026), driven from a converter of 0 to 3.3 V without a stage.

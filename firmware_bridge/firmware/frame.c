@@ -33,7 +33,7 @@ static size_t stuff(const uint8_t *plain, size_t length, uint8_t *wire)
     return length + 2;
 }
 
-/* The reverse, in place and without the closing zero: the plain length, or 0 when a code points past the end. */
+/* The reverse, in place and without the closing zero: returns the plain length, or 0 if a code points past the end. */
 static size_t unstuff(uint8_t *bytes, size_t length)
 {
     size_t code = 0;

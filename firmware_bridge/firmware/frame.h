@@ -1,6 +1,6 @@
-/* Frames on the serial line: COBS (Cheshire and Baker 1999) between zero bytes, type, sequence number and payload
- * under a CRC-16/IBM-3740. A decoder takes any bytes in any pieces, needs a fixed buffer and finds the next frame
- * after every zero byte. firmware_bridge/protocol.py is the same layout in Python. */
+/* Frames on the serial line: type, sequence number, payload and CRC-16/IBM-3740, in COBS (Cheshire and Baker 1999)
+ * between zero bytes. A decoder takes bytes in any pieces, needs a fixed buffer and resynchronises at every zero byte.
+ * firmware_bridge/protocol.py is the same layout in Python. */
 #ifndef WAYCHAIR_FRAME_H
 #define WAYCHAIR_FRAME_H
 
@@ -24,7 +24,7 @@ typedef struct {
 
 typedef enum { DECODED_NOTHING, DECODED_FRAME, DECODED_BAD } decoded;
 
-/* Bytes since the last zero byte; `length` goes on past the end of the buffer by one, to remember that it overflowed. */
+/* The bytes since the last zero byte; a `length` of one more than the buffer marks an overflow. */
 typedef struct {
     uint8_t bytes[FRAME_WIRE_MAX];
     size_t length;
@@ -32,12 +32,13 @@ typedef struct {
 
 uint16_t frame_crc(const uint8_t *bytes, size_t length);
 
-/* Bytes written to `wire`, which holds FRAME_WIRE_MAX; `length` of the frame must not pass FRAME_PAYLOAD_MAX. */
+/* Returns the bytes written to `wire` of FRAME_WIRE_MAX bytes; the frame's `length` is at most FRAME_PAYLOAD_MAX. */
 size_t frame_encode(const frame *source, uint8_t *wire);
 
 void frame_decoder_init(frame_decoder *decoder);
 
-/* Take one byte. DECODED_FRAME: `*result` is a frame whose CRC is right. DECODED_BAD: what a zero byte ended was none. */
+/* Takes one byte. DECODED_FRAME: `*result` is a frame with a correct CRC. DECODED_BAD: the bytes before this zero byte
+ * are not a frame. */
 decoded frame_decode(frame_decoder *decoder, uint8_t byte, frame *result);
 
 #endif

@@ -1,5 +1,5 @@
-/* What a board must offer: a clock, a serial line, its senses, a converter, the line switch and the external watchdog.
- * Each board implements all of it in its own folder; nothing above this file knows which one it is. No call may wait. */
+/* The hardware abstraction layer: clock, serial line, inputs, converter, line switch and external watchdog. Each board
+ * implements all of it in its own folder; code above this file does not depend on the board. No call may wait. */
 #ifndef WAYCHAIR_HAL_H
 #define WAYCHAIR_HAL_H
 
@@ -15,7 +15,7 @@ typedef struct {
     uint16_t counts_max;
 } hal_converter;
 
-/* Bring the hardware up with the lines at the joystick; sees that the converter wakes up at neutral. */
+/* Starts the hardware with the lines at the joystick and makes sure that the converter powers up at neutral. */
 void hal_begin(const joystick_family *family);
 
 hal_converter hal_converter_of_board(void);
@@ -23,22 +23,22 @@ hal_converter hal_converter_of_board(void);
 /* Monotonic milliseconds, modulo 2^32. */
 uint32_t hal_now_ms(void);
 
-/* One received byte, if there is one. */
+/* Takes one received byte; false if there is none. */
 bool hal_read_byte(uint8_t *byte);
 
-/* Bytes that find no room are lost: the computer is told again 20 ms later. */
+/* Bytes beyond the buffer are lost: the next telemetry follows 20 ms later. */
 void hal_write(const uint8_t *bytes, size_t length);
 
-/* Fill everything but `host`. */
+/* Fills all inputs except `host`. */
 void hal_sense(safety_inputs *inputs);
 
-/* Put the converter at these line voltages; false when it did not take them. */
+/* Sets the converter to these line voltages; false if it did not accept them. */
 bool hal_put(const uint16_t line_mv[AXES]);
 
-/* Who is on the lines. The joystick is what an unpowered or reset board leaves (normally closed). */
+/* Connects a holder to the lines. Without power or in reset the joystick is connected (normally closed). */
 void hal_switch(uint8_t holder);
 
-/* Tell the external window watchdog that the loop is alive. */
+/* Tells the external window watchdog that the loop is alive. */
 void hal_kick(void);
 
 #endif

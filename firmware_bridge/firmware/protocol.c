@@ -15,7 +15,7 @@ static uint32_t get_u32(const uint8_t *bytes)
     return (uint32_t)get_u16(bytes) | ((uint32_t)get_u16(bytes + 2) << 16);
 }
 
-/* Two's complement without relying on how the compiler converts. */
+/* Two's complement, independent of the compiler's conversion. */
 static int16_t get_i16(const uint8_t *bytes)
 {
     const int32_t value = get_u16(bytes);

@@ -1,5 +1,5 @@
 /* Messages between computer and board, as payloads of frames (frame.h), little endian, without padding.
- * firmware_bridge/protocol.py holds the same table; its CRC-32 is PROTOCOL_LAYOUT_HASH, and a stranger is refused. */
+ * firmware_bridge/protocol.py holds the same table; its CRC-32 is PROTOCOL_LAYOUT_HASH. Another hash is refused. */
 #ifndef WAYCHAIR_PROTOCOL_H
 #define WAYCHAIR_PROTOCOL_H
 
@@ -38,7 +38,7 @@ typedef struct {
     uint16_t firmware_version;
     char chair_id[CHAIR_ID_LENGTH];
     uint8_t family;
-    uint8_t refused;               /* REFUSED_ bits, 0 when the computer may ask to drive */
+    uint8_t refused;               /* REFUSED_ bits; 0: the computer may drive */
     uint8_t dac_bits;
     uint16_t dac_counts_max;
     uint16_t reference_mv;
@@ -57,22 +57,22 @@ typedef struct {
     uint8_t state;
     uint8_t holder;
     uint16_t faults;
-    uint16_t set_mv[AXES];         /* what the converter was told */
+    uint16_t set_mv[AXES];         /* voltages commanded to the converter */
     uint16_t line_mv[AXES];
     uint16_t reference_mv;
     uint16_t joystick_mv[AXES];
-    uint16_t echo_sequence;        /* of the last command that counted */
+    uint16_t echo_sequence;        /* of the last accepted command */
     uint32_t echo_stamp_us;
     uint32_t board_ms;
     uint16_t bad_frames;
-    uint16_t rejected;             /* frames in order but out of the sequence window, or of no session */
+    uint16_t rejected;             /* valid frames outside the sequence window or without a session */
 } telemetry;
 
-/* False: the frame is of another type or length. */
+/* False: the frame has another type or length. */
 bool protocol_read_hello(const frame *source, hello *message);
 bool protocol_read_command(const frame *source, command *message);
 
-/* Fill type, length and payload of the frame; its sequence is the caller's. */
+/* Fill type, length and payload of the frame; the caller sets its sequence. */
 void protocol_write_hello_reply(const hello_reply *message, frame *result);
 void protocol_write_telemetry(const telemetry *message, frame *result);
 

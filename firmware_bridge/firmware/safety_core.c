@@ -1,4 +1,4 @@
-/* The safety core: see safety_core.h. One step reads top to bottom in safety_step, at the end of this file. */
+/* The safety core: see safety_core.h. Read safety_step at the end of this file first. */
 #include "safety_core.h"
 
 #include <stddef.h>
@@ -7,7 +7,7 @@
 enum { NEUTRAL_MIN = 20, NEUTRAL_MAX = 200, OVERRIDE_MAX = 800, OVERRIDE_MAX_MS = 500, SLEW_MIN_MS = 100,
        SLEW_MAX_MS = 1000 };
 
-/* Neutral and swing of the lines at this moment: both follow the reference, as a ratiometric stick does. */
+/* Neutral and swing of the lines now: both follow the reference, like a ratiometric stick. */
 typedef struct {
     int32_t neutral_mv;
     int32_t swing_mv;
@@ -23,7 +23,7 @@ static int32_t distance(int32_t a, int32_t b)
     return a < b ? b - a : a - b;
 }
 
-/* value * numerator / denominator, to nearest. */
+/* value * numerator / denominator, rounded to nearest. */
 static int32_t scaled(int32_t value, int32_t numerator, int32_t denominator)
 {
     const int32_t product = value * numerator;
@@ -54,7 +54,7 @@ bool safety_init(safety_core *core, const safety_config *config)
     return true;
 }
 
-/* Whether a condition has held for so long without a break. */
+/* Whether a condition has held for this time without a break. */
 static bool held(safety_core *core, int which, bool condition, uint32_t duration_ms)
 {
     safety_timer *timer = &core->timers[which];
@@ -72,7 +72,7 @@ static void tick(safety_core *core, uint32_t now_ms)
     core->started = true;
     core->now_ms = now_ms;
     if (core->elapsed_ms > STEP_MAX_MS)
-        memset(core->timers, 0, sizeof core->timers); /* what happened meanwhile is unknown: nothing has held */
+        memset(core->timers, 0, sizeof core->timers); /* the time between is unknown: no condition has held */
 }
 
 static int32_t reference_tolerance(const safety_core *core)
@@ -106,7 +106,7 @@ static bool stick_neutral(const safety_core *core, const safety_inputs *inputs, 
     return deflection(inputs->joystick_mv, now) * PER_MILLE <= core->config.neutral_per_mille * now.swing_mv;
 }
 
-/* A broken wire is no rider's wish: beyond the fault limits a stick does not override. */
+/* Beyond the fault limits a stick does not override: that is a broken wire, not the rider. */
 static bool stick_pushed(const safety_core *core, const safety_inputs *inputs, span now)
 {
     return possible(core, inputs->joystick_mv) &&
@@ -162,7 +162,7 @@ static uint16_t hear(safety_core *core, const host_message *host)
 {
     core->heard = core->reset_asked = false;
     if (core->bad_frames > 0 && core->now_ms - core->bad_frame_ms[BAD_FRAMES - 1] > BAD_FRAMES_MS)
-        core->bad_frames = 0; /* or a wrap of the clock would make them new again */
+        core->bad_frames = 0; /* otherwise a wrap of the clock would make them recent again */
     switch (host->event) {
     case EVENT_BAD_FRAME:
         return hear_bad_frame(core);
@@ -175,7 +175,7 @@ static uint16_t hear(safety_core *core, const host_message *host)
     }
 }
 
-/* Faults of the computer count once it is armed; before that they only keep it from being armed. */
+/* Faults of the computer latch only once it is armed; before that they only prevent arming. */
 static uint16_t host_faults(safety_core *core, const host_message *host)
 {
     uint16_t found = hear(core, host);
@@ -188,7 +188,7 @@ static uint16_t host_faults(safety_core *core, const host_message *host)
     return armed(core) ? found : 0;
 }
 
-/* Read-back against what is expected of whoever holds the lines: F8 at any time, F21 on an axis told to be at rest. */
+/* Compares the read-back with the voltage of the present holder: F8 at any time, F21 on an axis commanded to rest. */
 static uint16_t read_back_faults(safety_core *core, const safety_inputs *inputs)
 {
     bool mismatch = false, creep = false;
@@ -235,7 +235,7 @@ static void begin_stop(safety_core *core, uint32_t duration_ms)
     core->stop_left_ms = duration_ms;
 }
 
-/* Latch faults and begin the stop of their class; a stronger class takes over from a weaker one under way. */
+/* Latches faults and begins the stop of their class; a stronger class replaces a weaker one in progress. */
 static void latch(safety_core *core, uint16_t found)
 {
     if (found == 0)
@@ -252,8 +252,8 @@ static void latch(safety_core *core, uint16_t found)
         begin_stop(core, HANDOVER_MS);
 }
 
-/* Out of FAULT: a reset by the computer with everything in order. The rider alone, who may have no computer, gets the
- * joystick back after a released e-stop and a stick at rest; the computer stays locked out. */
+/* Leaves FAULT by a reset of the computer while everything is in order. A rider without a computer gets the joystick
+ * back after a released e-stop and a stick at rest; the computer stays locked out. */
 static void recover(safety_core *core, uint16_t found, bool neutral)
 {
     const bool only_estop = (core->faults & (FAULTS_RAMP_TO_CUT | FAULTS_CUT_AT_ONCE)) == FAULT_ESTOP;
@@ -275,7 +275,7 @@ static void take_lines(safety_core *core, const safety_inputs *inputs)
     core->state = STATE_DRIVE;
     give_lines(core, HOLDER_BOARD);
     for (int axis = 0; axis < AXES; axis++)
-        core->line_mv[axis] = inputs->joystick_mv[axis]; /* from where they are: no jump */
+        core->line_mv[axis] = inputs->joystick_mv[axis]; /* from the present voltage: no jump */
     memcpy(core->window_mv, core->line_mv, sizeof core->window_mv);
     core->window_start_ms = core->now_ms;
 }
@@ -288,7 +288,7 @@ static void change_state(safety_core *core, const safety_inputs *inputs, span no
     const bool overridden =
         held(core, TIMER_OVERRIDE, stick_pushed(core, inputs, now), core->config.override_ms);
     if (core->holder == HOLDER_BOARD && overridden && !(core->faults & FAULTS_RAMP_TO_CUT)) {
-        give_lines(core, HOLDER_JOYSTICK); /* F19, at once: the rider's own jump is no jolt */
+        give_lines(core, HOLDER_JOYSTICK); /* F19, at once: the rider expects this jump */
         if (core->state == STATE_DRIVE)
             core->state = STATE_SILENT;
     }
@@ -304,7 +304,7 @@ static void change_state(safety_core *core, const safety_inputs *inputs, span no
     }
 }
 
-/* Straight from the present command to the rider's stick, or to neutral before a cut, in the time that is left. */
+/* Ramps from the present command to the rider's stick, or to neutral before a cut, in the time that is left. */
 static void stop_lines(safety_core *core, const safety_inputs *inputs, span now)
 {
     const bool to_cut = (core->faults & FAULTS_RAMP_TO_CUT) != 0;
@@ -321,7 +321,7 @@ static void stop_lines(safety_core *core, const safety_inputs *inputs, span now)
     core->stop_left_ms -= core->elapsed_ms;
 }
 
-/* Towards the command, F6: by the slew of the chair, by no more than the window allows, never beyond the swing. */
+/* Moves towards the command (F6), limited by the chair's slew, by the window and by the swing. */
 static void drive_lines(safety_core *core, span now)
 {
     if (core->now_ms - core->window_start_ms >= WINDOW_MS) {

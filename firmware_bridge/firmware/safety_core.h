@@ -1,12 +1,12 @@
-/* The safety core: decides every millisecond who holds the chair's two joystick lines and at how many millivolts.
+/* The safety core: decides every millisecond which source drives the chair's two joystick lines, and the voltages.
  *
- *   SILENT   the rider's joystick is live; the computer is not listened to
- *   ARMED    the rider's joystick is live; the first command that is not zero takes the lines
- *   DRIVE    the board holds the lines at the computer's command, within limits of its own
- *   FAULT    latched until the computer asks for a reset with everything in order again
+ *   SILENT   the rider's joystick is live; commands of the computer are ignored
+ *   ARMED    the rider's joystick is live; the first non-zero command takes the lines
+ *   DRIVE    the board holds the lines at the computer's command, within its own limits
+ *   FAULT    latched until the computer asks for a reset while everything is in order
  *
- * Data in, data out: no heap, no float, no clock, no I/O. Milliseconds are modulo 2^32. Every fault F1 to F29 that is
- * named here is a row of the fault table in README.md. */
+ * Data in, data out: no heap, no float, no clock, no I/O. Milliseconds are modulo 2^32. The faults F1 to F29 named here
+ * are rows of the fault table in README.md. */
 #ifndef WAYCHAIR_SAFETY_CORE_H
 #define WAYCHAIR_SAFETY_CORE_H
 
@@ -23,21 +23,21 @@ enum {
     HOST_BUDGET_MS = 100,          /* F1: from the last good frame to a live joystick */
     HANDOVER_MS = 20,              /* the command fades into the joystick; a jump would jolt the rider */
     WATCHDOG_MS = HOST_BUDGET_MS - HANDOVER_MS,
-    RAMP_TO_CUT_MS = 200,          /* to neutral before a cut; quicker than a hand lets go of a stick */
-    NEUTRAL_HOLD_MS = 2000,        /* F7: as long as a chair's own controller watches for a displaced stick */
-    BAD_FRAMES = 5,                /* F3: so many bad frames */
-    BAD_FRAMES_MS = 500,           /* within this time are a broken line, not noise */
+    RAMP_TO_CUT_MS = 200,          /* to neutral before a cut; faster than a hand releases a stick */
+    NEUTRAL_HOLD_MS = 2000,        /* F7: the time for which chairs' controllers check for a displaced stick */
+    BAD_FRAMES = 5,                /* F3: this many bad frames */
+    BAD_FRAMES_MS = 500,           /*     within this time mean a broken line, not noise */
     SEQUENCE_WINDOW = 32,          /* F4: newer by 1 to 32; 0.64 s of lost frames at 50 Hz */
-    LINE_FAULT_MS = 60,            /* F8-F10: a controller's own patience with a wrong input (Curtis 1220 manual) */
+    LINE_FAULT_MS = 60,            /* F8-F10: a controller's own timeout for a wrong input (Curtis 1220 manual) */
     MISMATCH_MV = 60,              /* F8: four steps of an 8-bit converter, 80 mm/s */
     REFERENCE_PER_MILLE = 50,      /* F9: 5 % */
     CREEP_MV = 35,                 /* F21: 0.05 m/s at 1.33 mm/s per mV, with neither dead band nor brake */
     CREEP_MS = 300,
-    STEP_MAX_MS = 50,              /* F16: a step longer than this is a broken clock or a board that hung */
-    SLEW_STEP_MS = 20,             /* F6: a late step catches up no more than one command's worth */
-    WINDOW_MS = 100,               /* F6: in each such window a line moves no more than */
-    WINDOW_PER_MILLE = 600,        /*     this part of the swing, whatever the configuration says */
-    KICK_MS = 10                   /* F29: the external watchdog expects a sign this often */
+    STEP_MAX_MS = 50,              /* F16: a longer step means a broken clock or a board that hung */
+    SLEW_STEP_MS = 20,             /* F6: a late step catches up at most one command period */
+    WINDOW_MS = 100,               /* F6: in each window of this length a line moves at most by */
+    WINDOW_PER_MILLE = 600,        /*     this part of the swing, for every configuration */
+    KICK_MS = 10                   /* F29: period of the kicks that the external watchdog expects */
 };
 
 typedef enum { STATE_SILENT, STATE_ARMED, STATE_DRIVE, STATE_FAULT } safety_state;
@@ -58,7 +58,7 @@ enum {
     FAULT_ESTOP = 1 << 11          /* F18 */
 };
 
-/* Stop classes, weakest first: whom a fault leaves on the lines. */
+/* Stop classes, weakest first: the holder of the lines after a fault. */
 enum {
     FAULTS_TO_JOYSTICK = FAULT_HOST_SILENT | FAULT_BAD_FRAMES | FAULT_RANGE | FAULT_NEW_HOST | FAULT_CLOCK | FAULT_BOARD,
     FAULTS_RAMP_TO_CUT = FAULT_STICK | FAULT_REFERENCE | FAULT_CREEP,
@@ -76,12 +76,12 @@ typedef struct {
     uint16_t neutral_per_mille;    /* of the swing: a stick within this is at rest */
     uint16_t override_per_mille;   /* of the swing: a stick beyond this takes over */
     uint16_t override_ms;          /* for at least this long; raise both for tremor or spasm */
-    uint16_t slew_ms;              /* fastest way of a line from neutral to the end of its swing */
+    uint16_t slew_ms;              /* least time of a line from neutral to the end of its swing */
 } safety_config;
 
 typedef enum { EVENT_NONE, EVENT_BAD_FRAME, EVENT_HELLO, EVENT_COMMAND } host_event;
 
-/* What came from the computer since the last step; never more than one frame. */
+/* The message from the computer since the last step; at most one frame. */
 typedef struct {
     uint8_t event;
     bool hello_matches;            /* same protocol, layout, chair and family */
@@ -94,8 +94,8 @@ typedef struct {
     uint16_t joystick_mv[AXES];    /* the rider's stick, before the switch */
     uint16_t line_mv[AXES];        /* the chair's lines, after the switch */
     uint16_t reference_mv;
-    bool estop_released;           /* false: pressed, or its wire is lost */
-    bool board_ok;                 /* the converter answers and holds neutral in its memory */
+    bool estop_released;           /* false: pressed, or its wire is broken */
+    bool board_ok;                 /* the converter answers and its memory holds neutral */
     host_message host;
 } safety_inputs;
 
@@ -104,8 +104,8 @@ typedef struct {
     uint8_t holder;
     uint16_t faults;
     uint16_t line_mv[AXES];        /* for the converter, valid with every holder */
-    bool kick;                     /* the external watchdog is due */
-    bool heard;                    /* the frame of this step was a command that counts */
+    bool kick;                     /* a kick of the external watchdog is due */
+    bool heard;                    /* the frame of this step was an accepted command */
 } safety_outputs;
 
 typedef struct {
@@ -126,29 +126,29 @@ typedef struct {
     safety_state state;
     line_holder holder;
     uint16_t faults;
-    bool stopping;                 /* on the way from the computer's command to whoever comes next */
+    bool stopping;                 /* the lines ramp from the computer's command to the next holder */
     uint32_t stop_left_ms;
     int32_t line_mv[AXES];
     uint32_t window_start_ms;
     int32_t window_mv[AXES];
-    bool session;                  /* a handshake that matched */
+    bool session;                  /* the last handshake matched */
     bool host_present;
-    uint32_t host_ms;              /* of the last command that counts */
+    uint32_t host_ms;              /* of the last accepted command */
     uint16_t sequence;
     int16_t setpoint[AXES];
     uint8_t flags;
-    bool heard;                    /* this step's frame was a command that counts */
-    bool reset_asked;              /* and its reset flag was not set before */
+    bool heard;                    /* this step's frame was an accepted command */
+    bool reset_asked;              /* and its reset flag has just been set */
     uint8_t bad_frames;
     uint32_t bad_frame_ms[BAD_FRAMES];
     uint32_t kick_ms;
 } safety_core;
 
-/* A rider without tremor: stick at rest within 10 %, in command beyond 20 % for 10 ms; full swing in 200 ms, about the
- * speed of a hand. */
+/* For a rider without tremor: stick at rest within 10 %, override beyond 20 % for 10 ms; full swing in 200 ms, about
+ * the speed of a hand. */
 safety_config safety_defaults(uint8_t family);
 
-/* Start in SILENT with the joystick live. False: the configuration is impossible or has no family; it never arms. */
+/* Starts in SILENT with the joystick live. False: the configuration is invalid or has no family; it never arms. */
 bool safety_init(safety_core *core, const safety_config *config);
 
 safety_outputs safety_step(safety_core *core, const safety_inputs *inputs, uint32_t now_ms);

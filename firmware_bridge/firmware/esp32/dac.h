@@ -9,7 +9,7 @@
 
 extern const uint8_t DAC_BITS;
 
-/* Bring it to these counts and, where it can, make it wake up there; false when it does not. */
+/* Sets it to these counts and, if it has a memory, makes it power up there; false on failure. */
 bool dac_begin(uint16_t neutral_counts);
 
 bool dac_put(const uint16_t counts[AXES]);

@@ -1,6 +1,6 @@
 /* An external MCP4728, four 12-bit converters on I2C, by the Arduino core's C functions; channels A and B are used.
- * Commands and registers after Microchip's data sheet DS22187. Its EEPROM holds neutral, so that it wakes up there:
- * verified at every boot, written when it is not so. Compiled in the tests against a shim; NOT RUN ON HARDWARE. */
+ * Commands and registers after Microchip's data sheet DS22187. Its EEPROM holds neutral, so that it powers up there;
+ * every boot checks this and writes it if needed. Compiled in the tests against a shim; NOT RUN ON HARDWARE. */
 #include "dac.h"
 
 #include <stddef.h>
@@ -16,7 +16,7 @@ enum {
     TIMEOUT_MS = 3,                /* five bytes take 0.12 ms */
     SEQUENTIAL_WRITE = 0x50,       /* input registers and EEPROM, from channel A on */
     EEPROM_MS = 50,                /* longest time of an EEPROM write */
-    REGISTERS = 24,                /* four channels of 3 bytes of input register and 3 bytes of EEPROM */
+    REGISTERS = 24,                /* four channels with 3 bytes of input register and 3 bytes of EEPROM each */
     CHANNEL_BYTES = 6,
     EEPROM_OFFSET = 3,
     EEPROM_WRITE = 1 + 4 * 2
@@ -24,7 +24,7 @@ enum {
 
 const uint8_t DAC_BITS = 12;
 
-/* Supply as reference, powered, gain 1: all zero above the 12 bits, in the EEPROM too. */
+/* The bits above the 12 data bits are zero, in the EEPROM too: supply as reference, powered, gain 1. */
 static bool holds(const uint8_t *registers, int channel, uint16_t counts)
 {
     const uint8_t *stored = registers + channel * CHANNEL_BYTES + EEPROM_OFFSET;

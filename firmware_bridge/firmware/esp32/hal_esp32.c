@@ -22,8 +22,8 @@ static uint16_t counts_max(void)
 void hal_begin(const joystick_family *family)
 {
     chair = family;
-    /* Before they become outputs: the lines stay at the joystick, not cut. By the IDF, since the core's own digitalWrite
-     * does nothing from 3.0 on to a pin that is none yet. */
+    /* Set before the pins become outputs, so that the lines stay at the joystick and uncut. It uses the IDF, because
+     * from core 3.0 on digitalWrite ignores a pin that is not an output yet. */
     (void)gpio_set_level((gpio_num_t)PIN_SWITCH, LOW);
     (void)gpio_set_level((gpio_num_t)PIN_CUT, HIGH);
     pinMode(PIN_SWITCH, OUTPUT);

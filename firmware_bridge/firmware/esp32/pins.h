@@ -1,5 +1,5 @@
-/* Wiring of the ESP32 board; see the table in firmware_bridge/README.md. Analogue inputs are on ADC1, which works
- * beside the radio. */
+/* Wiring of the ESP32 board; see the diagram in firmware_bridge/README.md. Analogue inputs are on ADC1, which works
+ * while the radio is on. */
 #ifndef WAYCHAIR_PINS_H
 #define WAYCHAIR_PINS_H
 
@@ -13,9 +13,9 @@ enum {
     PIN_DAC_TURN = 26,
     PIN_SDA = 21,
     PIN_SCL = 22,
-    PIN_ESTOP = 27,                /* high: released; the pull-down makes a lost wire a pressed button */
+    PIN_ESTOP = 27,                /* high: released; with the pull-down a broken wire reads as pressed */
     PIN_SWITCH = 16,               /* high: lines at the board; the relay falls back to the joystick */
-    PIN_CUT = 17,                  /* low: lines cut; high-side driver, its pull-up keeps them closed without power */
+    PIN_CUT = 17,                  /* low: lines cut; high-side driver, whose pull-up keeps them closed without power */
     PIN_KICK = 4
 };
 

@@ -6,7 +6,7 @@
 void setup(void);
 void loop(void);
 
-/* To be changed for each chair that a board is built into; the computer must name the same chair and family. */
+/* Change these for each chair; the computer must name the same chair and family. */
 static const char CHAIR_ID[CHAIR_ID_LENGTH] = "A";
 static const uint8_t FAMILY = FAMILY_HALL_5V;
 

@@ -15,8 +15,8 @@ typedef struct {
 
 extern host_hal HOST;
 
-/* Read what the line holds into the receive buffer, waiting up to a second until `total` bytes have come since the
- * start: a pseudo-terminal delivers a little later than it accepts. */
+/* Reads the line into the receive buffer, and waits up to a second until `total` bytes have come since the start: a
+ * pseudo-terminal delivers bytes a little later than it accepts them. */
 void host_receive(uint32_t total);
 
 #endif

@@ -1,4 +1,4 @@
-/* What stands around the microcontroller: see hardware.h. */
+/* The hardware around the microcontroller: see hardware.h. */
 #include "hardware.h"
 
 #include "../converter.h"
@@ -14,7 +14,7 @@ void hardware_begin(hardware *self, const joystick_family *family, uint16_t coun
         self->counts[axis] = converter_counts(family, counts_max, family->reference_mv);
 }
 
-/* Without a coil current the switch falls back to the joystick; the e-stop's own contact opens the cut relay. */
+/* Without coil current the switch falls back to the joystick; the e-stop's own contact opens the cut relay. */
 static uint8_t switch_position(const hardware *self, bool powered)
 {
     if (self->broken.kind == DEFECT_WELDED)

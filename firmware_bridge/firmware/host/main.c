@@ -1,5 +1,5 @@
-/* waychair_board: the shipped firmware on a computer, speaking its protocol over a terminal. Its clock, its rider's
- * stick and its defects come in lockstep from a simulator, or it runs by itself in real time with the stick at rest.
+/* waychair_board: the shipped firmware on a computer, with its protocol on a terminal. In lockstep a simulator gives
+ * clock, rider's stick and defects; in real time it runs by itself with the stick at rest.
  *
  *   waychair_board (--serial PATH | --serial-fd N) (--lockstep IN,OUT | --realtime)
  *                  [--family N] [--chair ID] [--dac-bits N] [--neutral PER_MILLE] [--override PER_MILLE]
@@ -114,7 +114,7 @@ static options read_options(int count, char **words)
     return result;
 }
 
-/* One millisecond of the hardware and, unless it is hung, unpowered or in reset, of the firmware. */
+/* Runs one millisecond of the hardware and, unless it is hung, unpowered or in reset, of the firmware. */
 static safety_outputs run_once(const board_config *config)
 {
     static safety_outputs last;
@@ -122,7 +122,7 @@ static safety_outputs run_once(const board_config *config)
     const bool hung = HOST.around.broken.kind == DEFECT_FROZEN;
     in_reset = in_reset || !HOST.around.watched;
     if (powered && !hung && in_reset) {
-        board_init(&BOARD, config); /* boots; the watchdog counts anew */
+        board_init(&BOARD, config); /* boots; the watchdog starts again */
         in_reset = false;
     }
     if (!powered)
@@ -162,7 +162,7 @@ static void answer(const uint8_t *request, const board_config *config, uint8_t *
     host_receive(get_u32(request + 4));
     const uint32_t target = get_u32(request), ahead = target - around->now_ms;
     if (ahead == 0 || ahead > LONGEST_ADVANCE_MS)
-        around->now_ms = target - 1; /* a clock that jumps jumps in one step */
+        around->now_ms = target - 1; /* a jump of the clock is one step */
     safety_outputs last = {0};
     while (around->now_ms != target) {
         around->now_ms++;
