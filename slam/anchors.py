@@ -13,10 +13,10 @@ from scipy.spatial import cKDTree
 from waychair.types import FloatArray, IntArray, Pose2
 
 _MOVED = 1e-6  # [m], [rad]; an anchor that changed by less has not moved
-_TAIL = 256  # new anchors that are compared one by one before a new tree is built
+_UNINDEXED = 256  # new anchors that are compared one by one before a new tree is built
 
 
-class Anchors:
+class AnchorPoses:
     """Anchor poses (A, 3) [m, m, rad] in the map frame; nan for an anchor without a pose."""
 
     def __init__(self, poses: FloatArray | None = None) -> None:
@@ -28,7 +28,7 @@ class Anchors:
     def __len__(self) -> int:
         return len(self.poses)
 
-    def stand(self, poses: FloatArray) -> IntArray:
+    def update(self, poses: FloatArray) -> IntArray:
         """Replace the poses by (B, 3), without a copy; return the rows that are new or have moved.
 
         The caller must not change rows of an array that it passed before.
@@ -46,8 +46,8 @@ class Anchors:
 
     def near(self, at: Pose2, radius: float) -> IntArray:
         """Return the anchors within the radius [m], nearest first."""
-        if self._tree is None or len(self.poses) - self._known > _TAIL:
-            self._plant()
+        if self._tree is None or len(self.poses) - self._known > _UNINDEXED:
+            self._build_tree()
         assert self._tree is not None
         inside = self._tree.query_ball_point((at.x, at.y), radius) if len(self._rows) else []
         rows = np.concatenate([self._rows[inside], np.arange(self._known, len(self.poses))]).astype(np.int64)
@@ -56,7 +56,7 @@ class Anchors:
         nearest: IntArray = rows[order[away[order] <= radius]]
         return nearest
 
-    def _plant(self) -> None:
+    def _build_tree(self) -> None:
         self._known = len(self.poses)
         self._rows = np.flatnonzero(np.isfinite(self.poses[:, :2]).all(axis=1))
         self._tree = cKDTree(self.poses[self._rows, :2]) if len(self._rows) else cKDTree(np.zeros((1, 2)))

@@ -22,8 +22,8 @@ from waychair.errors import SensorError
 from waychair.geometry import pose_from_array, rotation, transform_points
 from waychair.slam.edges import Edge, EdgeKind
 from waychair.slam.features import Features, extract
-from waychair.slam.information import of_odometry
-from waychair.slam.loop_closure import Doubt
+from waychair.slam.information import odometry_information
+from waychair.slam.loop_closure import LoopRejection
 from waychair.slam.mapper import Mapper, twist_of
 from waychair.slam.memory import Memory
 from waychair.slam.memory_settings import MemorySettings
@@ -37,9 +37,9 @@ from waychair.slam.place_verification import (
     nearest_place,
 )
 from waychair.slam.registration import RegistrationSettings, register
-from waychair.slam.rehearsal import Verdict, is_moving
+from waychair.slam.rehearsal import RehearsalResult, is_moving
 from waychair.slam.reprojection import pinhole
-from waychair.slam.scan_points import ScanPoints, scan_points, swept
+from waychair.slam.scan_points import ScanPoints, scan_points, sweep_motion
 from waychair.slam.vocabulary import Vocabulary
 from waychair.types import FloatArray, Pose2, Pose3, RgbdFrame, SensorFrame, Twist
 
@@ -170,7 +170,7 @@ class Appearance:
         """Process the waiting pictures up to the mapper's latest frame, which is `frame`."""
         while self._waiting and self._waiting[0].stamp_ns <= mapper.frames[-1].stamp_ns:
             view = self._waiting.popleft()
-            placed = mapper.placed(view.stamp_ns, self.settings.gap)
+            placed = mapper.pose_at(view.stamp_ns, self.settings.gap)
             if placed is None:
                 self.counts[_NO_SCAN] += 1
                 continue
@@ -197,7 +197,7 @@ class Appearance:
         here = self._here(mapper, frame, view, new_id, key, pose)
         added = memory.add(
             self._node(mapper, frame, view, words, pose),
-            of_odometry(motion or Pose2(), mapper.settings.noise),
+            odometry_information(motion or Pose2(), mapper.settings.noise),
             key,
             here.key_from_node,
             motion=motion,
@@ -220,8 +220,8 @@ class Appearance:
         """Return a pose in map relative to the newest node; None without a node on this map."""
         return None if self._last is None else pose_from_array(self.memory.poses([self._last])[0]).inverse() @ pose
 
-    def _stands(self, motion: Pose2 | None, verdict: Verdict) -> bool:
-        return motion is not None and verdict is Verdict.APART and not is_moving(motion, self.settings.memory)
+    def _stands(self, motion: Pose2 | None, verdict: RehearsalResult) -> bool:
+        return motion is not None and verdict is RehearsalResult.DIFFERENT and not is_moving(motion, self.settings.memory)
 
     def _here(self, mapper: Mapper, frame: SensorFrame, view: _View, node: int, key: int, pose: Pose2) -> _Here:
         """Return the new node with its pose beside its key scan and the scan of the next frame, in the node's frame."""
@@ -237,7 +237,7 @@ class Appearance:
         scan, twist = frame.scan, twist_of(frame) or Twist()
         node_from_base = pose.inverse() @ mapper.pose()
         first = node_from_base @ mapper.base_from_laser
-        last = node_from_base @ swept(scan, twist) @ mapper.base_from_laser
+        last = node_from_base @ sweep_motion(scan, twist) @ mapper.base_from_laser
         features = view.features
         odometry = (mapper.odometry or mapper.pose()) @ node_from_base.inverse()
         return Node(
@@ -262,10 +262,10 @@ class Appearance:
         old_from_here = motion_of_base(found.old_from_new, self._mount)
         key = int(self.memory.skeleton.rows["anchor"][place])
         map_from_here = mapper.keys.pose(key) @ self.memory.skeleton.anchor_from_node(place) @ old_from_here
-        if key in mapper.keys.ways(here.key, mapper.settings.loops.min_way):
+        if key in mapper.keys.path_lengths(here.key, mapper.settings.loops.min_way):
             return self._confirm(mapper, here, place, key, map_from_here)
-        edge = mapper.close(key, map_from_here @ here.pose(mapper).inverse() @ mapper.pose())
-        if isinstance(edge, Doubt):
+        edge = mapper.close_loop(key, map_from_here @ here.pose(mapper).inverse() @ mapper.pose())
+        if isinstance(edge, LoopRejection):
             return self.places.refuse(here.id, place, edge.value)
         self.memory.bend(mapper.keys.poses)
         information = carried(edge.information, here.key_from_node.inverse())
@@ -281,7 +281,7 @@ class Appearance:
             return self.places.refuse(here.id, place, "the map has the two elsewhere")
         fit = fit_to_keys(mapper, key, here.scan, here.pose(mapper))
         if fit.inliers < self.settings.min_inliers:
-            return self.places.refuse(here.id, place, Doubt.OFF.value)
+            return self.places.refuse(here.id, place, LoopRejection.FEW_INLIERS.value)
         self._link(place, here.id, LinkKind.GLOBAL, fit.information)
         return True
 
@@ -300,7 +300,7 @@ class Appearance:
     def _tie_node(self, mapper: Mapper, node: int, key: int, scan: ScanPoints) -> bool:
         """Link a node to the nearest one of an earlier visit if its scan fits the surfaces there; return whether so."""
         settings, memory = self.settings, self.memory
-        around = mapper.keys.ways(key, mapper.settings.loops.min_way)
+        around = mapper.keys.path_lengths(key, mapper.settings.loops.min_way)
         place = nearest_place(memory, around, node, settings.near_distance, settings.near_angle)
         if place is None or memory.skeleton.linked(place, node) is not None:
             return False
@@ -337,7 +337,7 @@ class Appearance:
 
     def _tear(self, mapper: Mapper) -> None:
         """Start a new map in the memory if the mapper has lost its connection to the earlier frames."""
-        torn = mapper.keys.kinds[EdgeKind.TORN]
+        torn = mapper.keys.kinds[EdgeKind.UNKNOWN]
         if self._torn is not None and torn > self._torn and self._last is not None:
             self.memory.start_map()
             self._last = None
@@ -347,7 +347,7 @@ class Appearance:
         """Move STM nodes with their frames, which the mapper places by odometry first and by their scan later."""
         for node in self.memory.stm:
             stamp_ns, anchor = int(self.memory.node(node).stamp_ns), int(self.memory.skeleton.rows["anchor"][node])
-            placed = mapper.placed(stamp_ns, self.settings.gap)
+            placed = mapper.pose_at(stamp_ns, self.settings.gap)
             if placed is None:
                 continue
             key, pose = placed

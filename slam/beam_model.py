@@ -31,7 +31,7 @@ ground; on a narrow object in free space; behind a wall and on another wall."""
 
 CLASSES = 7
 _FREE, _WALL, _UNKNOWN = 0, 1, 2
-_OBJECT = 1.0
+_MAX_OBJECT_WIDTH = 1.0
 """Surfaces in free space up to this width [m] count as people, carts or chairs; wider ones count as walls."""
 
 
@@ -71,10 +71,10 @@ class PlaceSettings(Settings):
 
 @dataclass(frozen=True, slots=True)
 class BeamMap:
-    """A map for beam tracing: `kinds` (H, W) u8 0 free, 1 wall, 2 unknown; `away` (H, W) f32 [m] to the nearest wall."""
+    """A map for beam tracing: `kinds` (H, W) u8 0 free, 1 wall, 2 unknown; `wall_distance` (H, W) f32 [m] to the nearest wall."""
 
     kinds: Bytes
-    away: Float32Array
+    wall_distance: Float32Array
     resolution: float
     map_from_grid: Pose2 = field(default_factory=Pose2)
 
@@ -93,10 +93,10 @@ def beam_classes(points: FloatArray, sensors: FloatArray, map_from_base: FloatAr
     each beam, both in the base frame. Without points all shares are 0.
     """
     local = compose(beams.map_from_grid.inverse().array(), np.atleast_2d(map_from_base))
-    return _classes(points, sensors, local, beams.kinds, beams.away, beams.resolution)
+    return _classes(points, sensors, local, beams.kinds, beams.wall_distance, beams.resolution)
 
 
-def probability(shares: FloatArray, settings: HealthSettings) -> FloatArray:
+def pose_probability(shares: FloatArray, settings: HealthSettings) -> FloatArray:
     """Return the probability (P,) in (0, 1) that tracked poses with shares (P, 7) are right, at prior odds of 1 : 1."""
     weights = (settings.on_wall, settings.near_wall, settings.in_free, settings.through_wall, settings.in_unknown)
     odds = shares[:, [ON_WALL, NEAR_WALL, IN_FREE, THROUGH_WALL, IN_UNKNOWN]] @ np.array(weights)
@@ -118,7 +118,12 @@ def place_log_odds(shares: FloatArray, settings: PlaceSettings) -> FloatArray:
 
 @njit(cache=True, nogil=True)
 def _classes(
-    points: FloatArray, sensors: FloatArray, poses: FloatArray, kinds: Bytes, away: Float32Array, resolution: float
+    points: FloatArray,
+    sensors: FloatArray,
+    poses: FloatArray,
+    kinds: Bytes,
+    wall_distance: Float32Array,
+    resolution: float,
 ) -> FloatArray:
     shares = np.zeros((len(poses), CLASSES))
     for p in range(len(poses)):
@@ -129,9 +134,9 @@ def _classes(
             y0 = poses[p, 1] + s * sensors[i, 0] + c * sensors[i, 1]
             x1 = poses[p, 0] + c * points[i, 0] - s * points[i, 1]
             y1 = poses[p, 1] + s * points[i, 0] + c * points[i, 1]
-            found = _class_of(x0, y0, x1, y1, kinds, away, resolution)
-            if first >= 0 and not (found == IN_FREE and _joined(points, sensors, i)):
-                shares[p, ON_OBJECT if wide <= _OBJECT else IN_FREE] += (i - first) / len(points)
+            found = _trace_beam(x0, y0, x1, y1, kinds, wall_distance, resolution)
+            if first >= 0 and not (found == IN_FREE and _on_same_surface(points, sensors, i)):
+                shares[p, ON_OBJECT if wide <= _MAX_OBJECT_WIDTH else IN_FREE] += (i - first) / len(points)
                 first = -1
             if found != IN_FREE:
                 shares[p, found] += 1.0 / len(points)
@@ -140,12 +145,12 @@ def _classes(
             else:
                 wide = max(wide, math.hypot(points[i, 0] - points[first, 0], points[i, 1] - points[first, 1]))
         if first >= 0:
-            shares[p, ON_OBJECT if wide <= _OBJECT else IN_FREE] += (len(points) - first) / len(points)
+            shares[p, ON_OBJECT if wide <= _MAX_OBJECT_WIDTH else IN_FREE] += (len(points) - first) / len(points)
     return shares
 
 
 @njit(cache=True, nogil=True)
-def _joined(points: FloatArray, sensors: FloatArray, i: int) -> bool:
+def _on_same_surface(points: FloatArray, sensors: FloatArray, i: int) -> bool:
     """Return whether beam i ends on the same surface as beam i - 1: their ends lie close together for their range."""
     gap = math.hypot(points[i, 0] - points[i - 1, 0], points[i, 1] - points[i - 1, 1])
     return gap <= max(0.1, 0.1 * math.hypot(points[i, 0] - sensors[i, 0], points[i, 1] - sensors[i, 1]))
@@ -156,7 +161,9 @@ _DIAGONAL = 1.42
 
 
 @njit(cache=True, nogil=True)
-def _class_of(x0: float, y0: float, x1: float, y1: float, kinds: Bytes, away: Float32Array, resolution: float) -> int:
+def _trace_beam(
+    x0: float, y0: float, x1: float, y1: float, kinds: Bytes, wall_distance: Float32Array, resolution: float
+) -> int:
     """Return the class of the beam from (x0, y0) to (x1, y1) [m, grid frame], traced in steps of half a cell.
 
     The distance to the nearest wall lets the trace skip steps that cannot meet one.
@@ -176,16 +183,16 @@ def _class_of(x0: float, y0: float, x1: float, y1: float, kinds: Bytes, away: Fl
         elif kinds[row, col] == _WALL:
             through = True
             break
-        else:  # `away` runs between cell centres: up to half a diagonal less at both ends
-            k += max(1, int((away[row, col] - _DIAGONAL * resolution) / step))
+        else:  # `wall_distance` runs between cell centres: up to half a diagonal less at both ends
+            k += max(1, int((wall_distance[row, col] - _DIAGONAL * resolution) / step))
     row, col = math.floor(y1 / resolution), math.floor(x1 / resolution)
     inside = 0 <= row < height and 0 <= col < width
     if through:
-        return ON_FAR_WALL if inside and away[row, col] <= 0.1 else THROUGH_WALL
+        return ON_FAR_WALL if inside and wall_distance[row, col] <= 0.1 else THROUGH_WALL
     if not inside:
         return IN_UNKNOWN
-    if away[row, col] <= 0.1:
+    if wall_distance[row, col] <= 0.1:
         return ON_WALL
-    if away[row, col] <= 0.25:
+    if wall_distance[row, col] <= 0.25:
         return NEAR_WALL
     return IN_UNKNOWN if kinds[row, col] == _UNKNOWN else IN_FREE

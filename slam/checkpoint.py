@@ -41,10 +41,10 @@ def mapper_from_state(state: State) -> Mapper:
     Raises:
         ValueError: this is not the state of a mapper of this program version.
     """
-    return made_again(state, Mapper)
+    return object_from_state(state, Mapper)
 
 
-def made_again(state: State, kind: type[T]) -> T:
+def object_from_state(state: State, kind: type[T]) -> T:
     """Return the object of class `kind` that had this state.
 
     Raises:
@@ -53,9 +53,11 @@ def made_again(state: State, kind: type[T]) -> T:
     try:
         made = _Unpacker(state).unpack(json.loads(bytes(state[_TREE])))
         if not isinstance(made, kind):
-            raise TypeError(f"it is that of a {type(made).__name__}")
+            raise TypeError(f"it holds a {type(made).__name__}")
     except (KeyError, TypeError, AttributeError, IndexError, ImportError) as error:
-        raise ValueError(f"no {kind.__name__.lower()} can be made of this state: {error}") from error
+        raise ValueError(
+            f"this is not the state of a {kind.__name__.lower()} of this program version: {error}"
+        ) from error
     return made
 
 
@@ -92,14 +94,14 @@ class _Packer:
             elif isinstance(value, defaultdict):
                 kind, factory = "defaultdict", value.default_factory.__name__ if value.default_factory else ""
                 if factory not in _FACTORIES:
-                    raise TypeError(f"a defaultdict of {factory} cannot be kept")
+                    raise TypeError(f"a checkpoint cannot hold a defaultdict of {factory}")
             return [kind, factory, *([self.pack(key), self.pack(item)] for key, item in value.items())]
         if isinstance(value, list | set | frozenset):
             return [type(value).__name__, *map(self.pack, value)]
         if isinstance(value, deque):
             return ["deque", value.maxlen, *map(self.pack, value)]
         if not type(value).__module__.startswith(_PACKAGE):
-            raise TypeError(f"a {type(value).__module__}.{type(value).__name__} cannot be kept")
+            raise TypeError(f"a checkpoint cannot hold a {type(value).__module__}.{type(value).__name__}")
         if hasattr(type(value), "__setstate__") and not is_dataclass(value):
             return ["stateful", _name(type(value)), self.pack(value.__getstate__())]
         names = [entry.name for entry in fields(value)] if is_dataclass(value) else list(vars(value))
@@ -107,7 +109,7 @@ class _Packer:
 
     def _array(self, value: NDArray[Any], kind: str) -> list[Any]:
         if value.dtype.kind not in "biuf":
-            raise TypeError(f"an array of {value.dtype} cannot be kept")
+            raise TypeError(f"a checkpoint cannot hold an array of {value.dtype}")
         if value.size <= _SMALL:
             return [kind, value.dtype.str, list(value.shape), value.ravel().tolist()]
         key = f"a{len(self.arrays)}"
@@ -180,7 +182,7 @@ def _name(kind: type) -> str:
 def _class(name: str) -> Any:
     module, _, qualified = name.partition(":")
     if not module.startswith(_PACKAGE):
-        raise ValueError(f"{name} is no class of waychair")
+        raise ValueError(f"{name} is not a waychair class")
     found: Any = importlib.import_module(module)
     for part in qualified.split("."):
         found = getattr(found, part)

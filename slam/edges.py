@@ -18,7 +18,7 @@ class EdgeKind(enum.Enum):
     ODOMETRY = "odometry"
     MATCH = "match"
     LOOP = "loop"
-    TORN = "torn"
+    UNKNOWN = "torn"
     """The motion is unknown: the chair was kidnapped, or another drive begins."""
 
 

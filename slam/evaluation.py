@@ -56,9 +56,9 @@ class Errors:
 
 @dataclass(frozen=True, slots=True)
 class RelationErrors:
-    """Errors over all usable relations, the local ones, and those that cross a loop; `of` is the number used."""
+    """Errors over all usable relations, the local ones, and those that cross a loop; `total` were given."""
 
-    of: int
+    total: int
     every: Errors
     local: Errors
     loop: Errors
@@ -66,9 +66,9 @@ class RelationErrors:
 
 @dataclass(frozen=True, slots=True)
 class TruthErrors:
-    """Errors of position [m] and heading [deg] after alignment with the truth; `of` poses were given."""
+    """Errors of position [m] and heading [deg] after alignment with the truth; `total` poses were given."""
 
-    of: int
+    total: int
     errors: Errors
     rmse_m: float
     truth_from_map: Pose2
@@ -85,7 +85,7 @@ def read_relations(path: Path) -> Relations:
         data = path.read_bytes()
         text = (gzip.decompress(data) if data.startswith(GZIP_MAGIC) else data).decode()
     except FileNotFoundError as error:
-        raise RecordingNotFound(f"there are no relations at {path}; check the path") from error
+        raise RecordingNotFound(f"there is no relations file {path}; check the path") from error
     except (OSError, EOFError, UnicodeDecodeError, zlib.error) as error:
         raise RecordingDamaged(f"cannot read the relations {path}: {error}") from error
     stamps, poses = [], []
@@ -97,7 +97,7 @@ def read_relations(path: Path) -> Relations:
             first, second = stamp_from_text(fields[0]), stamp_from_text(fields[1])
             x, y, _, _, _, yaw = (float(field) for field in fields[2:])
             if not math.isfinite(x + y + yaw):
-                raise ValueError("these numbers are no pose")
+                raise ValueError("its numbers are not finite")
         except (ValueError, IndexError) as error:
             message = f"{path} line {number} is not `stamp1 stamp2 x y z roll pitch yaw`: {error}"
             raise RecordingDamaged(message) from error
@@ -131,7 +131,7 @@ def relation_errors(
     if not usable.any():
         raise RecordingError(
             f"none of the {len(usable)} relations has poses within {settings.max_gap:g} s at both stamps: "
-            "are they of this recording?"
+            "check that they belong to this recording"
         )
     first, second = relations.stamps_ns[usable].T
     moved = compose(invert(poses_at(stamps, poses, first)), poses_at(stamps, poses, second))
@@ -159,12 +159,12 @@ def truth_errors(trajectory: Trajectory, truth: Trajectory, settings: Evaluation
     if usable.sum() < 3:
         raise RecordingError(
             f"only {int(usable.sum())} of {len(usable)} poses have a true pose within {settings.max_truth_gap:g} s: "
-            "are both of one recording, with one clock?"
+            "check that both belong to one recording with one clock"
         )
     poses, true = trajectory.poses[usable], true_poses[near[usable]]
     truth_from_map = _alignment(poses[:, :2], true[:, :2])
-    laid = compose(truth_from_map.array(), poses)
-    away = np.column_stack([laid[:, :2] - true[:, :2], wrap_angles(laid[:, 2] - true[:, 2])])
+    aligned = compose(truth_from_map.array(), poses)
+    away = np.column_stack([aligned[:, :2] - true[:, :2], wrap_angles(aligned[:, 2] - true[:, 2])])
     rmse = float(np.sqrt((away[:, :2] ** 2).sum(axis=1).mean()))
     return TruthErrors(len(usable), _errors(away, np.ones(len(away), bool)), rmse, truth_from_map)
 

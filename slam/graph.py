@@ -6,14 +6,14 @@ The parts are `edges` (the data), `least_squares` (gtsam), `synchronisation` (in
 
 from waychair.slam.edges import Edge, EdgeKind, chi_square, residuals
 from waychair.slam.graph_files import read_g2o, write_g2o
-from waychair.slam.robust import GraphSettings, Reason, Rejected, Solution, optimise, solve
+from waychair.slam.robust import GraphSettings, RejectedLoop, RejectionReason, Solution, optimise, solve
 
 __all__ = [
     "Edge",
     "EdgeKind",
     "GraphSettings",
-    "Reason",
-    "Rejected",
+    "RejectedLoop",
+    "RejectionReason",
     "Solution",
     "chi_square",
     "optimise",

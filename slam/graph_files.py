@@ -44,7 +44,7 @@ def read_g2o(path: Path) -> tuple[FloatArray, tuple[Edge, ...]]:
             else:
                 raise ValueError(f"'{word}' is not a planar vertex or edge")
         except (ValueError, IndexError) as error:
-            raise GraphError(f"{path}, line {number}: {error}; repair the line or take it out") from error
+            raise GraphError(f"{path}, line {number}: {error}; repair or remove the line") from error
     if not rows:
         raise GraphError(f"{path} holds no EDGE_SE2 line; give a planar pose graph in g2o text")
     names = np.unique([*vertices, *(row[0] for row in rows), *(row[1] for row in rows)])
@@ -72,7 +72,7 @@ def _lines(path: Path) -> list[str]:
 
 def _numbers(words: list[str], count: int) -> FloatArray:
     if len(words) < count:
-        raise ValueError(f"{len(words)} numbers where {count} belong")
+        raise ValueError(f"{len(words)} numbers instead of {count}")
     values = np.array([float(word) for word in words[:count]])
     if not np.isfinite(values).all():
         raise ValueError("a value that is not finite")

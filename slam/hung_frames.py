@@ -15,7 +15,7 @@ from waychair.types import FloatArray, IntArray, Pose2
 
 
 @dataclass(frozen=True, slots=True)
-class HungFrame:
+class AttachedFrame:
     """A frame that moves with a key scan: its stamp, the key scan, and its pose relative to it."""
 
     stamp_ns: int
@@ -23,7 +23,7 @@ class HungFrame:
     key_from_base: Pose2
 
 
-class HungFrames:
+class AttachedFrames:
     """A list of such frames, stored as arrays."""
 
     def __init__(self) -> None:
@@ -34,17 +34,17 @@ class HungFrames:
     def __len__(self) -> int:
         return self._count
 
-    def __getitem__(self, number: int) -> HungFrame:
+    def __getitem__(self, number: int) -> AttachedFrame:
         row = self._row(number)
         stamp_ns, key = self._on[row].tolist()
-        return HungFrame(stamp_ns, key, pose_from_array(self._poses[row]))
+        return AttachedFrame(stamp_ns, key, pose_from_array(self._poses[row]))
 
-    def __setitem__(self, number: int, frame: HungFrame) -> None:
+    def __setitem__(self, number: int, frame: AttachedFrame) -> None:
         row = self._row(number)
         self._on[row] = frame.stamp_ns, frame.key
         self._poses[row] = frame.key_from_base.array()
 
-    def append(self, frame: HungFrame) -> None:
+    def append(self, frame: AttachedFrame) -> None:
         """Append a frame."""
         if self._count == len(self._on):
             self._on = np.concatenate([self._on, np.zeros_like(self._on)])
@@ -52,9 +52,9 @@ class HungFrames:
         self._count += 1
         self[-1] = frame
 
-    def take(self, numbers: Sequence[int]) -> HungFrames:
+    def take(self, numbers: Sequence[int]) -> AttachedFrames:
         """Return a copy of the frames with these numbers."""
-        taken, rows = HungFrames(), np.array(numbers, np.int64)
+        taken, rows = AttachedFrames(), np.array(numbers, np.int64)
         if len(rows):
             taken._count, taken._on, taken._poses = len(rows), self._on[rows], self._poses[rows]
         return taken

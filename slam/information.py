@@ -26,7 +26,7 @@ class NoiseSettings(Settings):
     match_angle: float = setting(0.004, "rad", "least standard deviation of a match", low=1e-5, high=1.0)
 
 
-def of_odometry(motion: Pose2, noise: NoiseSettings) -> FloatArray:
+def odometry_information(motion: Pose2, noise: NoiseSettings) -> FloatArray:
     """Return the information of a motion measured by the wheels, in the frame of its end."""
     distance, turn = math.hypot(motion.x, motion.y), abs(motion.theta)
     along = 0.01 + noise.odometry_distance * distance
@@ -34,18 +34,18 @@ def of_odometry(motion: Pose2, noise: NoiseSettings) -> FloatArray:
     return np.diag([along**-2, along**-2, angle**-2])
 
 
-def of_nothing() -> FloatArray:
+def unknown_information() -> FloatArray:
     """Return the information of an unknown motion, as of a kidnapped chair."""
     return np.diag([LOST_POSITION**-2, LOST_POSITION**-2, LOST_HEADING**-2])
 
 
-def of_match(information: FloatArray, noise: NoiseSettings) -> FloatArray:
+def match_information(information: FloatArray, noise: NoiseSettings) -> FloatArray:
     """Return the information of a scan match, with the least noise of a match added."""
     floor = np.diag([noise.match_position**2, noise.match_position**2, noise.match_angle**2])
     return np.linalg.inv(np.linalg.inv(information + 1e-6 * np.eye(3)) + floor)
 
 
-def turned(information: FloatArray, theta: float) -> FloatArray:
+def rotated_information(information: FloatArray, theta: float) -> FloatArray:
     """Return the information in a frame that is turned by -theta relative to the given frame."""
     turn = np.eye(3)
     turn[:2, :2] = rotation(theta)

@@ -10,9 +10,9 @@ from collections.abc import Mapping, Sequence
 import numpy as np
 
 from waychair.geometry import rotation, transform_points, wrap_angles
-from waychair.slam.graph import Edge, EdgeKind, GraphSettings, Rejected
+from waychair.slam.graph import Edge, EdgeKind, GraphSettings, RejectedLoop
 from waychair.slam.pose_graph import PoseGraph
-from waychair.slam.reference import Reference, reference_from_scans
+from waychair.slam.reference import ScanReference, reference_from_scans
 from waychair.slam.scan_matching import MatchSettings
 from waychair.slam.scan_points import ScanPoints, ScanStore
 from waychair.types import FloatArray, IntArray, Pose2
@@ -24,8 +24,8 @@ class KeyGraph:
     def __init__(self, settings: GraphSettings) -> None:
         self.store = ScanStore()
         self._graph = PoseGraph(settings)
-        self._linked: list[set[int]] = []
-        self._left_out = 0
+        self._neighbours: list[set[int]] = []
+        self._rejected_count = 0
         self.kinds: Counter[EdgeKind] = Counter()
         """Number of accepted edges of each kind."""
 
@@ -43,7 +43,7 @@ class KeyGraph:
         return self._graph.edges
 
     @property
-    def rejected(self) -> tuple[Rejected, ...]:
+    def rejected(self) -> tuple[RejectedLoop, ...]:
         """The rejected loops, with reasons."""
         return self._graph.rejected
 
@@ -55,54 +55,54 @@ class KeyGraph:
     def add(self, scan: ScanPoints, edge: Edge | None) -> int:
         """Add a key scan at the end of its edge (at the origin without an edge); return its node."""
         pose = Pose2() if edge is None else self.pose(edge.i) @ edge.i_from_j
-        self._linked.append(set())
+        self._neighbours.append(set())
         self._graph.add(pose.array()[None], [] if edge is None else [edge])
         if edge is not None:
-            self._join(edge)
+            self._count_edge(edge)
         return self.store.append(scan)
 
     def link(self, edge: Edge) -> None:
-        """Add an edge between two existing key scans; the poses follow at the next `settle`."""
+        """Add an edge between two existing key scans; the poses follow at the next `optimise`."""
         self._graph.add(np.empty((0, 3)), [edge])
-        self._join(edge)
+        self._count_edge(edge)
 
-    def settle(self) -> None:
+    def optimise(self) -> None:
         """Optimise the poses incrementally for all edges so far."""
         self._graph.update()
-        self._forget_rejected()
+        self._drop_rejected()
 
-    def finish(self) -> None:
+    def optimise_fully(self) -> None:
         """Optimise the whole graph, and check every rejected loop again."""
         self._graph.solve()
-        self._forget_rejected()
+        self._drop_rejected()
 
-    def _join(self, edge: Edge) -> None:
+    def _count_edge(self, edge: Edge) -> None:
         self.kinds[edge.kind] += 1
-        if edge.kind is EdgeKind.TORN:  # the chair did not drive along this edge
+        if edge.kind is EdgeKind.UNKNOWN:  # the chair did not drive along this edge
             return
-        self._linked[edge.i].add(edge.j)
-        self._linked[edge.j].add(edge.i)
+        self._neighbours[edge.i].add(edge.j)
+        self._neighbours[edge.j].add(edge.i)
 
-    def _forget_rejected(self) -> None:
+    def _drop_rejected(self) -> None:
         """Remove rejected loops from the paths through the graph."""
-        if len(self.rejected) == self._left_out == 0:
+        if len(self.rejected) == self._rejected_count == 0:
             return
-        self._left_out = len(self.rejected)
-        self._linked = [set() for _ in self._linked]
+        self._rejected_count = len(self.rejected)
+        self._neighbours = [set() for _ in self._neighbours]
         self.kinds.clear()
         for edge in self.edges:
-            self._join(edge)
+            self._count_edge(edge)
 
-    def continued(self, renewed: Mapping[int, ScanPoints]) -> KeyGraph:
+    def for_next_drive(self, renewed: Mapping[int, ScanPoints]) -> KeyGraph:
         """Return a copy for another drive: with the present poses, without rejected loops and optimisation history, and
         with the newer surfaces `renewed` of some key scans."""
         graph = KeyGraph(self._graph.settings)
         for node in range(len(self)):
             graph.store.append(renewed.get(node, self.store[node]))
-            graph._linked.append(set())
+            graph._neighbours.append(set())
         graph._graph.add(self.poses.copy(), self.edges)
         for edge in self.edges:
-            graph._join(edge)
+            graph._count_edge(edge)
         return graph
 
     def reaches(self, node: int, before: int) -> bool:
@@ -112,18 +112,18 @@ class KeyGraph:
             here = waiting.pop()
             if here < before:
                 return True
-            fresh = self._linked[here] - seen
+            fresh = self._neighbours[here] - seen
             seen |= fresh
             waiting += fresh
         return False
 
     def reference(
         self, members: Sequence[int] | IntArray, centre: FloatArray, reach: float, settings: MatchSettings
-    ) -> Reference:
+    ) -> ScanReference:
         """Return the surfaces of some key scans within `reach` [m] of the centre (2,) [m] in the map frame."""
         return reference_from_scans(self.store, self.poses, members, centre, reach, settings.resolution, settings.sigma)
 
-    def joined(self, members: Sequence[int], base: Pose2, cell: float) -> ScanPoints:
+    def joined_points(self, members: Sequence[int], base: Pose2, cell: float) -> ScanPoints:
         """Return the joined points of some key scans in the frame of `base`, one point per cell of side `cell` [m]."""
         points, normals = [], []
         for node in members:
@@ -135,28 +135,28 @@ class KeyGraph:
         _, first = np.unique(np.floor(every / cell).astype(np.int64), axis=0, return_index=True)
         return ScanPoints(np.ascontiguousarray(every[first]), np.ascontiguousarray(facing[first]))
 
-    def ways(self, node: int, limit: float) -> dict[int, float]:
+    def path_lengths(self, node: int, limit: float) -> dict[int, float]:
         """Return the lengths [m] of the shortest paths along the edges, from a key scan to those within `limit` [m]."""
-        poses, ways, queue = self.poses, {node: 0.0}, [(0.0, node)]
+        poses, path_lengths, queue = self.poses, {node: 0.0}, [(0.0, node)]
         while queue:
-            so_far, here = heapq.heappop(queue)
-            if so_far > ways[here]:
+            driven, here = heapq.heappop(queue)
+            if driven > path_lengths[here]:
                 continue
-            for there in self._linked[here]:
-                longer = so_far + math.dist(poses[here, :2], poses[there, :2])
-                if longer < min(limit, ways.get(there, math.inf)):
-                    ways[there] = longer
-                    heapq.heappush(queue, (longer, there))
-        return ways
+            for there in self._neighbours[here]:
+                length = driven + math.dist(poses[here, :2], poses[there, :2])
+                if length < min(limit, path_lengths.get(there, math.inf)):
+                    path_lengths[there] = length
+                    heapq.heappush(queue, (length, there))
+        return path_lengths
 
-    def covering(self, node: int, pose: Pose2, way: float, distance: float, angle: float) -> int | None:
+    def covering_key(self, node: int, pose: Pose2, max_path: float, distance: float, angle: float) -> int | None:
         """Return the nearest key scan that covers the view from a pose, or None.
 
-        It lies within `distance` [m] and `angle` [rad] of the pose, and within `way` [m] of `node` along the edges, so
+        It lies within `distance` [m] and `angle` [rad] of the pose, and within `max_path` [m] of `node` along the edges, so
         that the relative pose of the two is well known.
         """
-        poses, ways = self.poses, self.ways(node, way)
-        nodes = np.array(sorted(ways))
+        poses, path_lengths = self.poses, self.path_lengths(node, max_path)
+        nodes = np.array(sorted(path_lengths))
         away = np.hypot(*(poses[nodes, :2] - (pose.x, pose.y)).T)
         turned = np.abs(wrap_angles(poses[nodes, 2] - pose.theta))
         cost = np.where((away < distance) & (turned < angle), away / distance + turned / angle, math.inf)

@@ -13,11 +13,11 @@ from waychair.slam.edges import EdgeArrays, chi_square
 from waychair.slam.synchronisation import spectral_poses
 from waychair.types import FloatArray, IntArray
 
-HELD = 1e-6
+PRIOR_SIGMA = 1e-6
 """Standard deviation [m], [rad] of the prior that fixes node 0."""
 
 
-class Problem:
+class PoseGraphProblem:
     """The factors of one graph: node 0 fixed, and a Huber kernel of `match_kernel` [sigma] on every edge except loops.
 
     With `match_kernel` None there is no kernel.
@@ -94,7 +94,7 @@ class Problem:
         graph = gtsam.NonlinearFactorGraph()
         if poses is None:
             return graph
-        held = gtsam.noiseModel.Isotropic.Sigma(3, HELD)
+        held = gtsam.noiseModel.Isotropic.Sigma(3, PRIOR_SIGMA)
         graph.add(gtsam.PriorFactorPose2(0, gtsam.Pose2(*poses[0]), held))
         return graph
 
@@ -140,13 +140,13 @@ def least_squares(poses: FloatArray, edges: EdgeArrays, iterations: int = 100) -
         GraphError: as `check_graph`, or the equations cannot be solved.
     """
     check_graph(poses, edges)
-    problem = Problem(edges, None)
-    starts = (poses, placed(spectral_poses(edges, len(poses)), poses[0]))
+    problem = PoseGraphProblem(edges, None)
+    starts = (poses, with_first_pose(spectral_poses(edges, len(poses)), poses[0]))
     solutions = [problem.solve(start, iterations=iterations) for start in starts]
     return min(solutions, key=lambda solution: float(chi_square(solution, edges).sum()))
 
 
-def placed(poses: FloatArray, first: FloatArray) -> FloatArray:
+def with_first_pose(poses: FloatArray, first: FloatArray) -> FloatArray:
     """Return the poses (N, 3) moved rigidly so that node 0 is at `first` (3,)."""
     from waychair.geometry import compose, invert
 
@@ -172,11 +172,11 @@ def check_graph(poses: FloatArray, edges: EdgeArrays) -> None:
     count, ends = len(poses), np.concatenate([edges.i, edges.j])
     if len(ends) and not (ends.min() >= 0 and ends.max() < count):
         stray = ends.min() if ends.min() < 0 else ends.max()
-        raise GraphError(f"an edge names node {stray} of a graph of {count}; add the node or leave the edge out")
+        raise GraphError(f"an edge names node {stray} of a graph of {count}; add the node or remove the edge")
     if not (np.isfinite(edges.i_from_j).all() and np.isfinite(edges.information).all() and np.isfinite(poses).all()):
-        raise GraphError("a pose or an edge of the graph is not finite; leave it out")
+        raise GraphError("a pose or an edge of the graph is not finite; remove it")
     links = csr_matrix((np.ones(len(edges)), (edges.i, edges.j)), shape=(count, count))
     parts, label = connected_components(links, directed=False)
     if parts > 1:
         loose = int(np.flatnonzero(label != label[0])[0])
-        raise GraphError(f"no edges connect node {loose} with node 0; add one, or solve the {parts} parts apart")
+        raise GraphError(f"no edges connect node {loose} with node 0; add one, or solve the {parts} parts separately")

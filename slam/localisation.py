@@ -12,7 +12,7 @@ from typing import TYPE_CHECKING
 from waychair.types import FloatArray, Pose2
 
 if TYPE_CHECKING:
-    from waychair.slam.recovery import Candidate
+    from waychair.slam.recovery import PlaceCandidate
 
 
 class LocalisationState(enum.Enum):
@@ -45,7 +45,7 @@ class Localisation:
     covariance: FloatArray | None = None
     remaining: Pose2 = field(default_factory=Pose2)
     jumped: bool = False
-    candidates: tuple[Candidate, ...] = ()
+    candidates: tuple[PlaceCandidate, ...] = ()
 
     @property
     def lost(self) -> bool:

@@ -17,16 +17,16 @@ from scipy.spatial import cKDTree
 from waychair.config import Settings, setting
 from waychair.geometry import wrap_angle
 from waychair.maps.grid import occupied, points_from_cells
-from waychair.slam.beam_model import ON_OBJECT, HealthSettings, PlaceSettings, beam_classes, beam_map, probability
+from waychair.slam.beam_model import ON_OBJECT, HealthSettings, PlaceSettings, beam_classes, beam_map, pose_probability
 from waychair.slam.localisation import Localisation, LocalisationState
-from waychair.slam.recovery import Recovery, RecoveryParts, RecoverySettings, SavedMap
+from waychair.slam.recovery import KidnapRecovery, KidnapRecoverySettings, RecoveryParts, SavedMap
 from waychair.slam.reference import reference_from_points
 from waychair.slam.relocaliser import RelocaliserSettings, pyramid_from_grid
 from waychair.slam.scan_matching import Match, MatchSettings, Window, match
 from waychair.slam.scan_points import MIN_POINTS, ScanPoints, scan_points
 from waychair.types import FloatArray, OccupancyGrid, Pose2, Scan, Twist
 
-__all__ = ["Localisation", "LocalisationState", "Localiser", "LocaliserSettings", "walls"]
+__all__ = ["Localisation", "LocalisationState", "Localiser", "LocaliserSettings", "wall_points"]
 
 
 @dataclass(frozen=True, slots=True)
@@ -62,7 +62,7 @@ class LocaliserSettings(Settings):
     health: HealthSettings = field(default_factory=HealthSettings)
     places: PlaceSettings = field(default_factory=PlaceSettings)
     search: RelocaliserSettings = field(default_factory=RelocaliserSettings)
-    recovery: RecoverySettings = field(default_factory=RecoverySettings)
+    recovery: KidnapRecoverySettings = field(default_factory=KidnapRecoverySettings)
 
 
 class Localiser:
@@ -72,7 +72,7 @@ class Localiser:
         self, grid: OccupancyGrid, base_from_laser: Pose2, start: Pose2 | None, settings: LocaliserSettings
     ) -> None:
         """`start` is a pose in the map, correct to within the start window, or None: then the whole map is searched."""
-        self._saved = saved_map(grid, settings)
+        self._saved = prepared_map(grid, settings)
         self._base_from_laser, self._settings = base_from_laser, settings
         self._parts = RecoveryParts(settings.recovery, settings.search, settings.places, settings.matching)
         self._sensor = np.array([base_from_laser.x, base_from_laser.y])
@@ -83,25 +83,25 @@ class Localiser:
         """Restart at a pose that the rider gives, or at an unknown pose (None)."""
         self._start = start
         self._state = LocalisationState.LOST if start is None else LocalisationState.DEGRADED
-        self._recovery = Recovery(self._saved, self._sensor, self._parts)
-        self._silent_scans, self._doubtful_way, self._unfit_way = 0, 0.0, Pose2()
-        self._surprises: deque[bool] = deque(maxlen=10)
+        self._recovery = KidnapRecovery(self._saved, self._sensor, self._parts)
+        self._unfit_scans, self._degraded_distance, self._motion_since_fit = 0, 0.0, Pose2()
+        self._large_corrections: deque[bool] = deque(maxlen=10)
         self._last_odometry: Pose2 | None = None
 
-    def redraw(self, saved: SavedMap) -> None:
+    def replace_map(self, saved: SavedMap) -> None:
         """Use a redrawn map of the same building from the next scan on; the pose stays known."""
         self._saved = saved
         if self._state is LocalisationState.LOST:
-            self._recovery = Recovery(saved, self._sensor, self._parts)
+            self._recovery = KidnapRecovery(saved, self._sensor, self._parts)
 
     def process(self, scan: Scan, odom_from_base: Pose2, twist: Twist | None = None) -> Localisation:
         """Return the pose at a scan; `odom_from_base` and `twist` are the odometry at its first beam."""
         points = scan_points(scan, self._base_from_laser, self._settings.matching.range_max, twist)
         if self._state is LocalisationState.LOST:
-            return self._look(points, odom_from_base)
-        return self._follow(points, odom_from_base)
+            return self._search(points, odom_from_base)
+        return self._track(points, odom_from_base)
 
-    def _look(self, scan: ScanPoints, odom_from_base: Pose2) -> Localisation:
+    def _search(self, scan: ScanPoints, odom_from_base: Pose2) -> Localisation:
         """Process one scan while the chair is lost."""
         pose = self._recovery.process(scan, odom_from_base)
         health = self._recovery.probability()
@@ -114,27 +114,27 @@ class Localiser:
         self._estimate = self._published = pose @ odom_from_base.inverse()
         return Localisation(pose, self._published, 1.0, self._state, health, jumped=True, candidates=candidates)
 
-    def _follow(self, scan: ScanPoints, odom_from_base: Pose2) -> Localisation:
+    def _track(self, scan: ScanPoints, odom_from_base: Pose2) -> Localisation:
         """Process one scan while the pose is known."""
         settings, starts = self._settings, self._start is not None
         if self._start is not None:
             self._estimate, self._start = self._start @ odom_from_base.inverse(), None
         guess = self._estimate @ odom_from_base
-        found, health = self._matched(scan, guess, starts)
+        found, health = self._match(scan, guess, starts)
         correction = guess.inverse() @ found.pose
         fits = health >= settings.lost_health
-        self._surprises.append(fits and not starts and self._surprising(correction))
+        self._large_corrections.append(fits and not starts and self._is_large(correction))
         if fits:
             self._estimate = found.pose @ odom_from_base.inverse()
-        self._note(odom_from_base, fits, health, blind=len(scan) < MIN_POINTS)
+        self._update_state(odom_from_base, fits, health, blind=len(scan) < MIN_POINTS)
         if starts:
             self._published = self._estimate
-        here = self._approach(odom_from_base)
+        here = self._step_published(odom_from_base)
         remaining = here.inverse() @ (self._estimate @ odom_from_base)
         covariance = found.covariance if fits else None
         return Localisation(here, self._published, found.inliers, self._state, health, covariance, remaining, starts)
 
-    def _matched(self, scan: ScanPoints, guess: Pose2, starts: bool) -> tuple[Match, float]:
+    def _match(self, scan: ScanPoints, guess: Pose2, starts: bool) -> tuple[Match, float]:
         """Return the best fit near the guess, and the probability that it is right."""
         settings = self._settings
         trust = np.diag([settings.position_noise**-2, settings.position_noise**-2, settings.angle_noise**-2])
@@ -145,44 +145,44 @@ class Localiser:
         if len(scan) < MIN_POINTS:
             return found, 0.0
         if not starts:
-            shares = self._classes(scan, guess)
+            shares = self._beam_shares(scan, guess)
             if shares[0, ON_OBJECT] > settings.hidden_share:  # the scan was matched to people
                 found = replace(found, pose=guess, covariance=np.linalg.inv(trust))
-                return found, float(probability(shares, settings.health)[0])
-        return found, float(probability(self._classes(scan, found.pose), settings.health)[0])
+                return found, float(pose_probability(shares, settings.health)[0])
+        return found, float(pose_probability(self._beam_shares(scan, found.pose), settings.health)[0])
 
-    def _classes(self, scan: ScanPoints, pose: Pose2) -> FloatArray:
+    def _beam_shares(self, scan: ScanPoints, pose: Pose2) -> FloatArray:
         """Return the shares (1, 7) of the scan's beam classes at a pose."""
         sensors = np.ascontiguousarray(np.broadcast_to(self._sensor, scan.points.shape))
         return beam_classes(scan.points, sensors, pose.array(), self._saved.beams)
 
-    def _surprising(self, correction: Pose2) -> bool:
+    def _is_large(self, correction: Pose2) -> bool:
         settings = self._settings
         moved = math.hypot(correction.x, correction.y)
         return moved > settings.surprise_distance or abs(correction.theta) > settings.surprise_angle
 
-    def _note(self, odom_from_base: Pose2, fits: bool, health: float, blind: bool) -> None:
+    def _update_state(self, odom_from_base: Pose2, fits: bool, health: float, blind: bool) -> None:
         """Update the localisation state with this scan."""
         settings = self._settings
         step = Pose2() if self._last_odometry is None else self._last_odometry.inverse() @ odom_from_base
         self._last_odometry = odom_from_base
-        self._unfit_way = Pose2() if fits else self._unfit_way @ step
+        self._motion_since_fit = Pose2() if fits else self._motion_since_fit @ step
         stands = (
-            math.hypot(self._unfit_way.x, self._unfit_way.y) < settings.standing_way
-            and abs(self._unfit_way.theta) < settings.standing_turn
+            math.hypot(self._motion_since_fit.x, self._motion_since_fit.y) < settings.standing_way
+            and abs(self._motion_since_fit.theta) < settings.standing_turn
         )
         if fits:
-            self._silent_scans = 0
+            self._unfit_scans = 0
         elif blind or not stands:  # while the chair stands at a pose that fitted, the surroundings have changed
-            self._silent_scans += 1
-        well = health >= settings.ok_health and not any(self._surprises)
-        self._doubtful_way = 0.0 if well else self._doubtful_way + math.hypot(step.x, step.y)
+            self._unfit_scans += 1
+        well = health >= settings.ok_health and not any(self._large_corrections)
+        self._degraded_distance = 0.0 if well else self._degraded_distance + math.hypot(step.x, step.y)
         self._state = LocalisationState.OK if well else LocalisationState.DEGRADED
-        contradicted = sum(self._surprises) >= settings.surprises
-        if self._silent_scans >= settings.lost_scans or contradicted or self._doubtful_way > settings.degraded_way:
+        contradicted = sum(self._large_corrections) >= settings.surprises
+        if self._unfit_scans >= settings.lost_scans or contradicted or self._degraded_distance > settings.degraded_way:
             self.restart(None)
 
-    def _approach(self, odom_from_base: Pose2) -> Pose2:
+    def _step_published(self, odom_from_base: Pose2) -> Pose2:
         """Move the published pose one step towards the pose by the scans; return the published `map_from_base`."""
         settings = self._settings
         here = self._published @ odom_from_base
@@ -194,14 +194,14 @@ class Localiser:
         return here
 
 
-def saved_map(grid: OccupancyGrid, settings: LocaliserSettings) -> SavedMap:
+def prepared_map(grid: OccupancyGrid, settings: LocaliserSettings) -> SavedMap:
     """Return a map prepared for a localiser with these settings; takes as long as several scans, in any thread."""
     matching = settings.matching
-    reference = reference_from_points(*walls(grid), matching.resolution, matching.sigma)
+    reference = reference_from_points(*wall_points(grid), matching.resolution, matching.sigma)
     return SavedMap(reference, beam_map(grid), pyramid_from_grid(grid, settings.search))
 
 
-def walls(grid: OccupancyGrid) -> tuple[FloatArray, FloatArray]:
+def wall_points(grid: OccupancyGrid) -> tuple[FloatArray, FloatArray]:
     """Return points (N, 2) [m] and normals (N, 2), in the map frame, of occupied cells that border on free cells.
 
     A point is the centre of its cell: lidar hits spread over the cells that they made occupied, so the centre is the

@@ -23,16 +23,16 @@ from scipy.sparse.csgraph import dijkstra
 from waychair.config import Settings, setting
 from waychair.geometry import wrap_angle
 from waychair.slam.edges import Edge, EdgeKind
-from waychair.slam.information import NoiseSettings, of_match, turned
+from waychair.slam.information import NoiseSettings, match_information, rotated_information
 from waychair.slam.key_graph import KeyGraph
-from waychair.slam.partial_overlap import GlimpseSettings, glimpse, known_ground
-from waychair.slam.reference import Reference
+from waychair.slam.partial_overlap import GlimpseSettings, find_partial_overlap, known_ground
+from waychair.slam.reference import ScanReference
 from waychair.slam.relocaliser import RelocaliserSettings
 from waychair.slam.scan_matching import MatchSettings, Window, correlative_search, refine
 from waychair.slam.submap_search import SubmapHypothesis, SubmapPyramids, SubmapSettings, global_candidates
 from waychair.types import FloatArray, IntArray, Pose2
 
-_TORN_WAY = 1e4
+_UNKNOWN_LENGTH = 1e4
 """Length [m] of an edge of unknown motion; longer than any path."""
 
 _QUERY_CELL = 0.1
@@ -69,7 +69,7 @@ class LoopSettings(Settings):
 
 
 @dataclass(frozen=True, slots=True)
-class Candidate:
+class LoopCandidate:
     """A run of earlier key scans: its nearest node, its members, and the half sizes of the search window [m], [rad]."""
 
     nearest: int
@@ -82,25 +82,25 @@ def graph_distances(poses: FloatArray, edges: Sequence[Edge], node: int) -> Floa
     """Return the length (N,) [m] of the shortest path along the edges from a node to every node."""
     i = np.array([edge.i for edge in edges], np.int64)
     j = np.array([edge.j for edge in edges], np.int64)
-    torn = np.array([edge.kind is EdgeKind.TORN for edge in edges], bool)
-    lengths = np.hypot(*(poses[i, :2] - poses[j, :2]).T) + 1e-3 + _TORN_WAY * torn
+    unknown = np.array([edge.kind is EdgeKind.UNKNOWN for edge in edges], bool)
+    lengths = np.hypot(*(poses[i, :2] - poses[j, :2]).T) + 1e-3 + _UNKNOWN_LENGTH * unknown
     graph = csr_matrix((lengths, (i, j)), shape=(len(poses), len(poses)))
     distances: FloatArray = dijkstra(graph, directed=False, indices=node)
     return distances
 
 
-def candidates(poses: FloatArray, ways: FloatArray, settings: LoopSettings) -> tuple[Candidate, ...]:
+def candidates(poses: FloatArray, path_lengths: FloatArray, settings: LoopSettings) -> tuple[LoopCandidate, ...]:
     """Return the chains of nodes to which the last node may have returned, nearest first.
 
-    `ways` (R,) [m] are the path lengths along the edges from the last of `poses` (N, 3) to the first R nodes, R < N.
+    `path_lengths` (R,) [m] are the path lengths along the edges from the last of `poses` (N, 3) to the first R nodes, R < N.
     """
-    recent = len(ways)
+    recent = len(path_lengths)
     if recent < 1:
         return ()
     away = np.hypot(*(poses[:recent, :2] - poses[-1, :2]).T)
-    windows = np.clip(settings.drift * ways, settings.min_window, settings.max_window)
-    reached = settings.drift * ways <= settings.max_window
-    near = np.flatnonzero((away < settings.radius + windows) & (ways > settings.min_way) & reached)
+    windows = np.clip(settings.drift * path_lengths, settings.min_window, settings.max_window)
+    reached = settings.drift * path_lengths <= settings.max_window
+    near = np.flatnonzero((away < settings.radius + windows) & (path_lengths > settings.min_way) & reached)
     if len(near) == 0:
         return ()
     found = []
@@ -109,16 +109,18 @@ def candidates(poses: FloatArray, ways: FloatArray, settings: LoopSettings) -> t
         low = max(0, chain[0] - 5)
         members = np.arange(low, min(recent, chain[-1] + 6))
         reach = np.hypot(*(poses[members, :2] - poses[nearest, :2]).T)
-        angle = min(settings.max_angle, 0.15 + settings.turn_drift * ways[nearest])
-        found.append(Candidate(nearest, members[reach < settings.chain_reach], float(windows[nearest]), float(angle)))
+        angle = min(settings.max_angle, 0.15 + settings.turn_drift * path_lengths[nearest])
+        found.append(
+            LoopCandidate(nearest, members[reach < settings.chain_reach], float(windows[nearest]), float(angle))
+        )
     found.sort(key=lambda candidate: float(away[candidate.nearest]))
     return tuple(found[: settings.chains])
 
 
-def beyond_reach(ways: FloatArray, settings: LoopSettings) -> dict[int, IntArray]:
+def uncertain_submaps(path_lengths: FloatArray, settings: LoopSettings) -> dict[int, IntArray]:
     """Return the finished submaps that are too uncertain for a window: their members by submap number."""
-    size, uncertain = settings.submap_scans, settings.drift * ways > settings.max_window
-    members = {k: np.arange(k * size, (k + 1) * size) for k in range(len(ways) // size)}
+    size, uncertain = settings.submap_scans, settings.drift * path_lengths > settings.max_window
+    members = {k: np.arange(k * size, (k + 1) * size) for k in range(len(path_lengths) // size)}
     return {k: nodes for k, nodes in members.items() if uncertain[nodes].all()}
 
 
@@ -130,16 +132,16 @@ class _Find:
     pose: Pose2
 
 
-class Doubt(enum.Enum):
+class LoopRejection(enum.Enum):
     """Why a loop is not accepted."""
 
-    CONTRADICTED = "it contradicts the way that was driven"
-    UNLIKE = "the scans do not fit there"
+    CONTRADICTED = "it contradicts the driven path"
+    POOR_FIT = "the scans do not fit there"
     AMBIGUOUS = "the scans fit at two places nearly as well"
-    BETTER = "the scans fit better at another place within reach"
-    OFF = "too few points of the scans lie on the surfaces there"
-    ALONE = "the way is too uncertain, and no second find agrees"
-    SHORT = "too little has been seen since the chair was carried"
+    BETTER_ELSEWHERE = "the scans fit better at another place within the drift"
+    FEW_INLIERS = "too few points of the scans lie on the surfaces there"
+    UNCONFIRMED = "the position is too uncertain, and no second find agrees"
+    FEW_KEY_SCANS = "too few key scans since the start or a kidnapping"
 
 
 class LoopCloser:
@@ -158,16 +160,16 @@ class LoopCloser:
         self._settings, self._matching, self._noise, self._reach = settings, matching, noise, reach
         self._pyramids = SubmapPyramids(settings.search, settings.submaps)
         self._base_from_laser = base_from_laser
-        self._since_search = self._since_submaps = self._since_glimpse = self._since_loop = math.inf
-        self._find: _Find | None = None
-        self._glimpsed: list[_Find] = []
-        self._sighted: _Find | None = None
+        self._since_search = self._since_submaps = self._since_overlap = self._since_loop = math.inf
+        self._submap_find: _Find | None = None
+        self._overlap_finds: list[_Find] = []
+        self._recognised: _Find | None = None
 
-    def moved(self, distance: float) -> None:
+    def add_distance(self, distance: float) -> None:
         """Add the distance driven [m] since the last call."""
         self._since_search += distance
         self._since_submaps += distance
-        self._since_glimpse += distance
+        self._since_overlap += distance
         self._since_loop += distance
 
     def loops(self, keys: KeyGraph, recent: Sequence[int]) -> list[Edge]:
@@ -177,22 +179,24 @@ class LoopCloser:
         if self._since_search < settings.spacing or known < 1 or len(recent) < settings.query_scans:
             return []
         self._since_search = 0.0
-        ways = graph_distances(keys.poses, keys.edges, len(keys) - 1)[:known]
-        near = candidates(keys.poses, ways, settings)
-        found = [self._proven(keys, recent, candidate) for candidate in near]
+        path_lengths = graph_distances(keys.poses, keys.edges, len(keys) - 1)[:known]
+        near = candidates(keys.poses, path_lengths, settings)
+        found = [self._verified(keys, recent, candidate) for candidate in near]
         edges = [edge for edge in found if isinstance(edge, Edge)]
-        if not edges and near and self._patience_is_over():
-            edges = self._glimpsed_again(keys, recent, near)
+        if not edges and near and self._is_overlap_search_due():
+            edges = self._partial_overlap_edges(keys, recent, near)
         enough = len(recent) >= settings.submap_query and self._since_submaps >= settings.submap_spacing
         if not edges and enough:
-            edge = self._elsewhere(keys, recent, ways)
+            edge = self._submap_edge(keys, recent, path_lengths)
             edges = [edge] if isinstance(edge, Edge) else []
         self.counts["loops_closed"] += len(edges)
         if edges:
             self._since_loop = 0.0
         return edges
 
-    def sighted(self, keys: KeyGraph, recent: Sequence[int], old: int, map_from_base: Pose2) -> Edge | Doubt:
+    def verify_recognised(
+        self, keys: KeyGraph, recent: Sequence[int], old: int, map_from_base: Pose2
+    ) -> Edge | LoopRejection:
         """Return the edge to an old key scan for a place that another sensor, such as the camera, has recognised.
 
         `map_from_base` is the pose, by that sensor, at the last of the key scans `recent`. It must lie within the drift
@@ -202,32 +206,32 @@ class LoopCloser:
         """
         settings, here = self._settings, recent[-1]
         if len(recent) < settings.query_scans:
-            return Doubt.SHORT
-        way = float(graph_distances(keys.poses, keys.edges, here)[old])
+            return LoopRejection.FEW_KEY_SCANS
+        path_length = float(graph_distances(keys.poses, keys.edges, here)[old])
         gap = keys.pose(here).inverse() @ map_from_base
-        drift, before, find = settings.drift * way, self._sighted, _Find(here, map_from_base)
-        angle = min(settings.max_angle, 0.15 + settings.turn_drift * way)
+        drift, before, find = settings.drift * path_length, self._recognised, _Find(here, map_from_base)
+        angle = min(settings.max_angle, 0.15 + settings.turn_drift * path_length)
         if drift > settings.max_window:
-            self._sighted = find
+            self._recognised = find
             apart = before is not None and math.dist(*(keys.poses[k, :2] for k in (before.node, here)))
             if before is None or apart < settings.spacing or not self._agree(keys, before, find):
-                return Doubt.ALONE
+                return LoopRejection.UNCONFIRMED
         elif math.hypot(gap.x, gap.y) > settings.min_window + drift or abs(gap.theta) > angle:
-            return Doubt.CONTRADICTED
+            return LoopRejection.CONTRADICTED
         latest = set(recent[-settings.submap_query :])
-        near = [node for node in sorted(keys.ways(old, settings.chain_reach)) if node not in latest]
-        candidate = Candidate(old, np.array(near, np.int64), settings.min_window, settings.agree_angle)
+        near = [node for node in sorted(keys.path_lengths(old, settings.chain_reach)) if node not in latest]
+        candidate = LoopCandidate(old, np.array(near, np.int64), settings.min_window, settings.agree_angle)
         rivals = None if drift > settings.max_window else Window(settings.min_window + drift, angle)
-        return self._proven(keys, recent, candidate, map_from_base, rivals)
+        return self._verified(keys, recent, candidate, map_from_base, rivals)
 
-    def _proven(
+    def _verified(
         self,
         keys: KeyGraph,
         recent: Sequence[int],
-        candidate: Candidate,
+        candidate: LoopCandidate,
         guess: Pose2 | None = None,
         rivals: Window | None = None,
-    ) -> Edge | Doubt:
+    ) -> Edge | LoopRejection:
         """Return the edge if the latest key scans together fit the candidate's surfaces at one pose only.
 
         The search is centred on the guess, by default the present pose. With `rivals`, a window round the present pose,
@@ -236,89 +240,93 @@ class LoopCloser:
         self.counts["loops_tried"] += 1
         settings, matching = self._settings, self._matching
         base = keys.pose(recent[-1])
-        query = keys.joined(recent[-settings.query_scans :], base, _QUERY_CELL)
-        reference = self._round(keys, candidate, candidate.window if rivals is None else rivals.distance)
+        query = keys.joined_points(recent[-settings.query_scans :], base, _QUERY_CELL)
+        reference = self._reference_of(keys, candidate, candidate.window if rivals is None else rivals.distance)
         window, guess = Window(candidate.window, candidate.angle), guess or base
         coarse, response = correlative_search(
             query.points, reference, guess, window, matching, floor=settings.min_response
         )
         if response < settings.min_response:
-            return Doubt.UNLIKE
+            return LoopRejection.POOR_FIT
         floor = settings.max_ambiguity * response
-        if correlative_search(query.points, reference, guess, window, matching, floor=floor, taken=coarse)[1] > 0:
+        if correlative_search(query.points, reference, guess, window, matching, floor=floor, excluded=coarse)[1] > 0:
             self.counts["loops_ambiguous"] += 1
-            return Doubt.AMBIGUOUS
+            return LoopRejection.AMBIGUOUS
         if rivals is not None:
             floor = response / settings.max_ambiguity
-            if correlative_search(query.points, reference, base, rivals, matching, floor=floor, taken=coarse)[1] > 0:
-                return Doubt.BETTER
+            if correlative_search(query.points, reference, base, rivals, matching, floor=floor, excluded=coarse)[1] > 0:
+                return LoopRejection.BETTER_ELSEWHERE
         pose, information, inliers, _ = refine(query, reference, coarse, coarse, np.zeros((3, 3)), matching)
         if inliers < settings.min_inliers:
             self.counts["loops_rejected"] += 1
-            return Doubt.OFF
+            return LoopRejection.FEW_INLIERS
         return self._edge(keys, recent[-1], candidate, pose, information)
 
-    def _round(self, keys: KeyGraph, candidate: Candidate, window: float) -> Reference:
+    def _reference_of(self, keys: KeyGraph, candidate: LoopCandidate, window: float) -> ScanReference:
         """Return a candidate's surfaces, as far as they are visible from anywhere in a window [m]."""
         reach = window + self._settings.chain_reach + self._reach
         return keys.reference(candidate.members, keys.poses[candidate.nearest], reach, self._matching)
 
-    def _edge(self, keys: KeyGraph, node: int, candidate: Candidate, pose: Pose2, information: FloatArray) -> Edge:
+    def _edge(self, keys: KeyGraph, node: int, candidate: LoopCandidate, pose: Pose2, information: FloatArray) -> Edge:
         """Return the edge from the candidate to a key scan at `pose`, by a match with this information (3, 3)."""
         nearest_from_node = keys.pose(candidate.nearest).inverse() @ pose
-        known = turned(of_match(information, self._noise), -pose.theta)
+        known = rotated_information(match_information(information, self._noise), -pose.theta)
         return Edge(candidate.nearest, node, nearest_from_node, known, EdgeKind.LOOP)
 
-    def _patience_is_over(self) -> bool:
+    def _is_overlap_search_due(self) -> bool:
         """Return whether the costly search for partial overlap is due: whole views have closed no loop for a while."""
         settings = self._settings.glimpses
-        return self._since_loop >= settings.patience and self._since_glimpse >= settings.spacing
+        return self._since_loop >= settings.patience and self._since_overlap >= settings.spacing
 
-    def _glimpsed_again(self, keys: KeyGraph, recent: Sequence[int], near: tuple[Candidate, ...]) -> list[Edge]:
+    def _partial_overlap_edges(
+        self, keys: KeyGraph, recent: Sequence[int], near: tuple[LoopCandidate, ...]
+    ) -> list[Edge]:
         """Return the edges to candidates found by partial overlap, where two finds agree."""
         settings, matching, node = self._settings.glimpses, self._matching, len(keys) - 1
-        self._since_glimpse, before, self._glimpsed = 0.0, self._glimpsed, []
+        self._since_overlap, before, self._overlap_finds = 0.0, self._overlap_finds, []
         base = keys.pose(node)
-        query = keys.joined(recent[-settings.query_scans :], base, _QUERY_CELL)
+        query = keys.joined_points(recent[-settings.query_scans :], base, _QUERY_CELL)
         edges = []
         for candidate in near:
             self.counts["glimpses_tried"] += 1
             window = Window(min(settings.widening * candidate.window, settings.max_window), candidate.angle)
-            reference = self._round(keys, candidate, window.distance)
+            reference = self._reference_of(keys, candidate, window.distance)
             every = -(-len(candidate.members) // settings.drawn_scans)
             known = known_ground(keys.store, keys.poses, candidate.members[::every], self._base_from_laser, reference)
-            found = glimpse(query, reference, known, base, window, matching, settings)
+            found = find_partial_overlap(query, reference, known, base, window, matching, settings)
             if found is None:
                 continue
             self.counts["glimpses"] += 1
             find = _Find(node, found.pose)
-            self._glimpsed.append(find)
+            self._overlap_finds.append(find)
             if found.inliers >= settings.min_inliers and any(self._agree(keys, earlier, find) for earlier in before):
                 edges.append(self._edge(keys, node, candidate, found.pose, found.information))
         return edges
 
-    def _elsewhere(self, keys: KeyGraph, recent: Sequence[int], ways: FloatArray) -> Edge | Doubt | None:
+    def _submap_edge(
+        self, keys: KeyGraph, recent: Sequence[int], path_lengths: FloatArray
+    ) -> Edge | LoopRejection | None:
         """Return the edge to a submap that is too uncertain for a window, when two finds agree."""
         settings, node = self._settings, len(keys) - 1
-        submaps = beyond_reach(ways, settings)
+        submaps = uncertain_submaps(path_lengths, settings)
         if not submaps:
             return None
         self._since_submaps = 0.0
         self.counts["submap_searches"] += 1
         base = keys.pose(node)
-        query = keys.joined(recent[-settings.submap_query :], base, _QUERY_CELL)
+        query = keys.joined_points(recent[-settings.submap_query :], base, _QUERY_CELL)
         found = global_candidates(keys.store, keys.poses, submaps, query.points, self._pyramids)
-        before, self._find = self._find, None
+        before, self._submap_find = self._submap_find, None
         if not found or self._ambiguous(found):
             return None
         pose = found[0].map_from_base
-        self._find = _Find(node, pose)
-        if before is None or not self._agree(keys, before, self._find):
+        self._submap_find = _Find(node, pose)
+        if before is None or not self._agree(keys, before, self._submap_find):
             return None
         members = submaps[found[0].submap]
         nearest = int(members[np.argmin(np.hypot(*(keys.poses[members, :2] - (pose.x, pose.y)).T))])
-        near = Candidate(nearest, members, settings.min_window, settings.agree_angle)
-        return self._proven(keys, recent, near, pose)
+        near = LoopCandidate(nearest, members, settings.min_window, settings.agree_angle)
+        return self._verified(keys, recent, near, pose)
 
     def _ambiguous(self, found: tuple[SubmapHypothesis, ...]) -> bool:
         """Return whether a second place, in any submap, fits nearly as well as the best."""

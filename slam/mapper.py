@@ -14,13 +14,19 @@ import numpy as np
 
 from waychair.config import Settings, setting
 from waychair.geometry import compose, interpolate
-from waychair.slam.graph import Edge, EdgeKind, GraphSettings, Rejected
-from waychair.slam.hung_frames import HungFrame, HungFrames
-from waychair.slam.information import NoiseSettings, of_match, of_nothing, of_odometry, turned
+from waychair.slam.graph import Edge, EdgeKind, GraphSettings, RejectedLoop
+from waychair.slam.hung_frames import AttachedFrame, AttachedFrames
+from waychair.slam.information import (
+    NoiseSettings,
+    match_information,
+    odometry_information,
+    rotated_information,
+    unknown_information,
+)
 from waychair.slam.key_graph import KeyGraph
-from waychair.slam.loop_closure import Doubt, LoopCloser, LoopSettings
-from waychair.slam.reference import Reference
-from waychair.slam.scan_matching import Match, MatchSettings, Window, match, refine, seen_through
+from waychair.slam.loop_closure import LoopCloser, LoopRejection, LoopSettings
+from waychair.slam.reference import ScanReference
+from waychair.slam.scan_matching import Match, MatchSettings, Window, crossed_share, match, refine
 from waychair.slam.scan_points import MIN_POINTS, ScanPoints, scan_points
 from waychair.types import FloatArray, Odometry, Pose2, SensorFrame, Trajectory, Twist
 
@@ -80,7 +86,7 @@ class MapperResult:
 
     `trajectory` has one pose per frame, in the order of the input. Key scan k has pose `key_poses[k]` (N, 3) and is the
     scan of frame `key_frames[k]`. The grid is drawn from `scan_frames`: the key scans and the latest scans that they
-    cover, in order of time. `counts` and `seconds` (CPU) by stage are for the report. The first `begun` frames are kept
+    cover, in order of time. `counts` and `seconds` (CPU) by stage are for the report. The first `earlier_frames` frames are kept
     from earlier drives.
     """
 
@@ -89,15 +95,17 @@ class MapperResult:
     key_frames: tuple[int, ...]
     scan_frames: tuple[int, ...]
     edges: tuple[Edge, ...]
-    rejected: tuple[Rejected, ...]
+    rejected: tuple[RejectedLoop, ...]
     counts: dict[str, int]
     seconds: dict[str, float]
-    begun: int = 0
+    earlier_frames: int = 0
 
     @property
-    def driven(self) -> Trajectory:
+    def drive_trajectory(self) -> Trajectory:
         """The trajectory of this drive, without frames of earlier drives."""
-        return Trajectory(self.trajectory.stamps_ns[self.begun :], self.trajectory.poses[self.begun :])
+        return Trajectory(
+            self.trajectory.stamps_ns[self.earlier_frames :], self.trajectory.poses[self.earlier_frames :]
+        )
 
 
 class Mapper:
@@ -112,19 +120,19 @@ class Mapper:
         self.settings = settings
         self.base_from_laser = base_from_laser
         self.keys = KeyGraph(settings.graph)
-        self.frames = HungFrames()
+        self.frames = AttachedFrames()
         self.key_frames: list[int] = []
         self.covered_frames: list[list[int]] = []  # of each key scan: the latest frames that it covers
-        self.begun = 0  # frames below this number belong to earlier drives
+        self.earlier_frames = 0  # frames below this number belong to earlier drives
         self.counts: Counter[str] = Counter()
         self.seconds: defaultdict[str, float] = defaultdict(float)
-        self._visited: list[int] = []  # latest key scans visited; new frames are attached to the last one
-        self._reference: Reference | None = None
+        self._recent_keys: list[int] = []  # latest key scans visited; new frames are attached to the last one
+        self._reference: ScanReference | None = None
         self._odometry: Pose2 | None = None
         self._motion = Pose2()
-        self._anchored = Pose2()  # pose relative to `_here` at the last full match
-        self._reckoned = Pose2()  # the same pose continued by odometry alone
-        self._loose = 0  # frames since the last one whose scan matched
+        self._last_match = Pose2()  # pose relative to `_current_key` at the last full match
+        self._by_odometry = Pose2()  # the same pose continued by odometry alone
+        self._unmatched = 0  # frames since the last one whose scan matched
         self._inliers = 1.0
         self._closer = LoopCloser(
             settings.loops, settings.matching, settings.noise, settings.running_reach, base_from_laser
@@ -132,16 +140,16 @@ class Mapper:
 
     def process(self, frame: SensorFrame) -> Pose2:
         """Return `map_from_base` at the stamp of the frame's scan."""
-        last_from_base = self._reckon(frame)  # motion by odometry
+        last_from_base = self._motion_by_odometry(frame)  # motion by odometry
         scan = self._points(frame)
         here_from_base = self._track(scan, last_from_base)  # corrected by the scan
-        if self._is_far(here_from_base):
+        if self._is_match_due(here_from_base):
             edge = self._match(scan, here_from_base)  # full match, every few steps
             if not self._is_covered(frame, edge):
                 self._add(frame, scan, edge)  # a view that no key scan covers
                 self._close_loops()  # may be a revisited place
         else:
-            self._hang(frame, here_from_base)
+            self._attach_frame(frame, here_from_base)
         return self.pose()
 
     def pose(self) -> Pose2:
@@ -160,21 +168,21 @@ class Mapper:
         return self._inliers
 
     @property
-    def is_placed(self) -> bool:
+    def is_matched(self) -> bool:
         """Whether the latest frame's pose comes from its scan, and not from odometry alone."""
-        return self._loose == 0
+        return self._unmatched == 0
 
     @property
-    def is_whole(self) -> bool:
+    def is_connected(self) -> bool:
         """Whether the graph connects the latest frame with the first; not so while a kidnapped chair has closed no loop."""
-        return self.keys.reaches(self._here, 1)
+        return self.keys.reaches(self._current_key, 1)
 
-    def placed(self, stamp_ns: int, gap_s: float) -> tuple[int, Pose2] | None:
+    def pose_at(self, stamp_ns: int, gap_s: float) -> tuple[int, Pose2] | None:
         """Return the key scan of the frame nearest to a stamp, and `map_from_base` interpolated at the stamp.
 
         None without a frame before and after the stamp, or where the two are further apart than `gap_s`.
         """
-        first = self.begun
+        first = self.earlier_frames
         after = bisect_left(self.frames, stamp_ns, lo=first, key=lambda frame: frame.stamp_ns)
         if after == len(self.frames) or (after == first and self.frames[first].stamp_ns != stamp_ns):
             return None
@@ -186,44 +194,44 @@ class Mapper:
         before, after_it = (self.keys.pose(frame.key) @ frame.key_from_base for frame in (low, high))
         return (low if part < 0.5 else high).key, interpolate(before, after_it, part)
 
-    def close(self, old: int, map_from_base: Pose2) -> Edge | Doubt:
+    def close_loop(self, old: int, map_from_base: Pose2) -> Edge | LoopRejection:
         """Close a loop that another sensor has found, if the scans and the rest of the graph agree.
 
-        `map_from_base` is the present pose as measured from the old key scan (see `LoopCloser.sighted`).
+        `map_from_base` is the present pose as measured from the old key scan (see `LoopCloser.verify_recognised`).
         """
         with self._timed("loops"):
-            here = self.keys.pose(self._here)
+            here = self.keys.pose(self._current_key)
             moved = map_from_base @ self.pose().inverse() @ here
-            edge = self._closer.sighted(self.keys, self._visited, old, moved)
+            edge = self._closer.verify_recognised(self.keys, self._recent_keys, old, moved)
         if isinstance(edge, Edge):
             self.counts["loops_sighted"] += 1
-            self._bend([edge])
+            self._add_loops([edge])
         return edge
 
-    def continued(self, renewed: Mapping[int, ScanPoints]) -> Mapper:
+    def for_next_drive(self, renewed: Mapping[int, ScanPoints]) -> Mapper:
         """Return a mapper for another drive through the same building, which may begin anywhere.
 
         Its first frame is unconnected until a loop is closed, unless `begin_at` gives its pose. `renewed` holds newer
         surfaces of some key scans. Only the frames remain whose scans the grid is drawn from.
         """
         other = Mapper(self.settings, self.base_from_laser)
-        other.keys = self.keys.continued(renewed)
+        other.keys = self.keys.for_next_drive(renewed)
         kept = sorted(self.key_frames + [frame for latest in self.covered_frames for frame in latest])
         number = {frame: k for k, frame in enumerate(kept)}
         other.frames = self.frames.take(kept)
         other.key_frames = [number[frame] for frame in self.key_frames]
         other.covered_frames = [[number[frame] for frame in latest] for latest in self.covered_frames]
-        other.begun = len(kept)
+        other.earlier_frames = len(kept)
         return other
 
     def begin_at(self, key: int, key_from_base: Pose2) -> None:
         """Set the start of the drive relative to a key scan of an earlier drive; call it before the first frame."""
-        self._arrive(key, key_from_base)
+        self._set_current_key(key, key_from_base)
 
     def result(self) -> MapperResult:
         """Return the map so far, after a final optimisation of its graph."""
         with self._timed("optimisation"):
-            self.keys.finish()
+            self.keys.optimise_fully()
         frames = self.frames
         return MapperResult(
             Trajectory(frames.stamps_ns, compose(self.keys.poses[frames.keys], frames.poses)),
@@ -234,10 +242,10 @@ class Mapper:
             self.keys.rejected,
             dict(self.counts + self._closer.counts),
             dict(self.seconds),
-            self.begun,
+            self.earlier_frames,
         )
 
-    def _reckon(self, frame: SensorFrame) -> Pose2:
+    def _motion_by_odometry(self, frame: SensorFrame) -> Pose2:
         """Return `last_from_base`: the motion since the last frame by odometry, else the last motion again."""
         self.counts["frames"] += 1
         own = odometry_of(frame)
@@ -253,52 +261,52 @@ class Mapper:
 
     def _track(self, scan: ScanPoints, last_from_base: Pose2) -> Pose2:
         """Return the frame's pose relative to its key scan: odometry, aligned with the surfaces."""
-        if not self._visited:
+        if not self._recent_keys:
             return Pose2()
         with self._timed("tracking"):
-            settings, key = self.settings, self.keys.pose(self._here)
-            last = self._anchored if self._begins else self.frames[-1].key_from_base
-            self._reckoned = self._reckoned @ last_from_base
+            settings, key = self.settings, self.keys.pose(self._current_key)
+            last = self._last_match if self._is_first_frame else self.frames[-1].key_from_base
+            self._by_odometry = self._by_odometry @ last_from_base
             guess = key @ last @ last_from_base
             if self._odometry is not None:
-                prior = turned(of_odometry(last_from_base, settings.noise), guess.theta)
+                prior = rotated_information(odometry_information(last_from_base, settings.noise), guess.theta)
                 few = scan.thinned(settings.track_points)
                 pose, _, inliers, _ = refine(
-                    few, self._running(), guess, guess, prior, settings.matching, reach=settings.track_reach
+                    few, self._local_reference(), guess, guess, prior, settings.matching, reach=settings.track_reach
                 )
             else:
                 window = Window(settings.search_distance, settings.search_angle)
-                found = match(scan, self._running(), guess, np.eye(3), window, settings.matching)
+                found = match(scan, self._local_reference(), guess, np.eye(3), window, settings.matching)
                 pose, inliers = found.pose, found.inliers
-            placed = len(scan) >= MIN_POINTS and inliers >= settings.track_inliers
+            matched = len(scan) >= MIN_POINTS and inliers >= settings.track_inliers
             self._inliers = float(inliers) if len(scan) >= MIN_POINTS else 0.0
-            self._loose = 0 if placed else self._loose + 1
-            here_from_base = key.inverse() @ pose if placed else last @ last_from_base
+            self._unmatched = 0 if matched else self._unmatched + 1
+            here_from_base = key.inverse() @ pose if matched else last @ last_from_base
             self._motion = last.inverse() @ here_from_base
             if self._odometry is None:
-                self._reckoned = here_from_base
+                self._by_odometry = here_from_base
             return here_from_base
 
-    def _is_far(self, here_from_base: Pose2) -> bool:
+    def _is_match_due(self, here_from_base: Pose2) -> bool:
         """Return whether the chair has moved far enough since the last full match."""
-        moved = self._anchored.inverse() @ here_from_base
+        moved = self._last_match.inverse() @ here_from_base
         distance, turn = math.hypot(moved.x, moved.y), abs(moved.theta)
-        return self._begins or distance >= self.settings.key_distance or turn >= self.settings.key_angle
+        return self._is_first_frame or distance >= self.settings.key_distance or turn >= self.settings.key_angle
 
     def _match(self, scan: ScanPoints, here_from_base: Pose2) -> Edge | None:
         """Return the edge from the current key scan to the chair: odometry, improved by a scan match where one is good."""
         if not len(self.keys):
             return None
-        if not self._visited:  # another drive, with an unknown start
-            return Edge(len(self.keys) - 1, len(self.keys), Pose2(), of_nothing(), EdgeKind.TORN)
+        if not self._recent_keys:  # another drive, with an unknown start
+            return Edge(len(self.keys) - 1, len(self.keys), Pose2(), unknown_information(), EdgeKind.UNKNOWN)
         with self._timed("matching"):
-            settings, here, node = self.settings, self._here, len(self.keys)
+            settings, here, node = self.settings, self._current_key, len(self.keys)
             guess = self.keys.pose(here) @ here_from_base
-            by_odometry = of_odometry(self._anchored.inverse() @ self._reckoned, settings.noise)
-            prior = turned(by_odometry, guess.theta)
-            share = 1.0 if self._loose else settings.placed_window
+            by_odometry = odometry_information(self._last_match.inverse() @ self._by_odometry, settings.noise)
+            prior = rotated_information(by_odometry, guess.theta)
+            share = 1.0 if self._unmatched else settings.placed_window
             window = Window(share * settings.search_distance, share * settings.search_angle)
-            reference = self._running()
+            reference = self._local_reference()
             found, slipped = match(scan, reference, guess, prior, window, settings.matching), False
             if found.response < settings.good_response:  # the odometry slipped, or the place is new
                 window = Window(settings.slip_distance, settings.slip_angle)
@@ -308,15 +316,17 @@ class Mapper:
                     self.counts["slips"] += 1
             if len(scan) < MIN_POINTS:
                 return Edge(here, node, here_from_base, by_odometry, EdgeKind.ODOMETRY)
-            if self._elsewhere(scan, found, guess, slipped):
-                return Edge(here, node, here_from_base, of_nothing(), EdgeKind.TORN)
+            if self._is_kidnapped(scan, found, guess, slipped):
+                return Edge(here, node, here_from_base, unknown_information(), EdgeKind.UNKNOWN)
             if found.inliers < settings.min_inliers:
                 return Edge(here, node, here_from_base, by_odometry, EdgeKind.ODOMETRY)
             self.counts["matches"] += 1
-            information = turned(of_match(found.information, settings.noise) + prior, -found.pose.theta)
-            return Edge(here, node, self._from_node(here, found.pose), information, EdgeKind.MATCH)
+            information = rotated_information(
+                match_information(found.information, settings.noise) + prior, -found.pose.theta
+            )
+            return Edge(here, node, self._relative_to(here, found.pose), information, EdgeKind.MATCH)
 
-    def _elsewhere(self, scan: ScanPoints, found: Match, guess: Pose2, slipped: bool) -> bool:
+    def _is_kidnapped(self, scan: ScanPoints, found: Match, guess: Pose2, slipped: bool) -> bool:
         """Return whether the chair was kidnapped: its beams cross surfaces, both at the match and at the odometry's pose.
 
         The worse the match, the fewer crossed surfaces are needed.
@@ -325,88 +335,90 @@ class Mapper:
         doubted = slipped or found.inliers < settings.doubted_inliers
         if not doubted and (found.response >= settings.good_response or found.inliers >= settings.sure_inliers):
             return False
-        through = [seen_through(scan, self.base_from_laser, self._running(), pose) for pose in (guess, found.pose)]
+        through = [
+            crossed_share(scan, self.base_from_laser, self._local_reference(), pose) for pose in (guess, found.pose)
+        ]
         return min(through) > (settings.seen_through if doubted else settings.surely_seen_through)
 
     def _is_covered(self, frame: SensorFrame, edge: Edge | None) -> bool:
         """Attach the frame to an earlier key scan that covers the view from here; return whether there is one."""
         if edge is None or edge.kind is not EdgeKind.MATCH:
             return False
-        settings, here = self.settings, self._here
+        settings, here = self.settings, self._current_key
         pose = self.keys.pose(here) @ edge.i_from_j
-        key = self.keys.covering(here, pose, settings.cover_way, settings.cover_distance, settings.cover_angle)
+        key = self.keys.covering_key(here, pose, settings.cover_way, settings.cover_distance, settings.cover_angle)
         if key is None:
             return False
         self.counts["covered"] += 1
-        self._share_out(edge.i_from_j)
+        self._distribute_correction(edge.i_from_j)
         self.covered_frames[key] = [*self.covered_frames[key], len(self.frames)][-settings.covered_scans :]
-        self._arrive(key, self._from_node(key, pose))
-        self._hang(frame, self._anchored)
+        self._set_current_key(key, self._relative_to(key, pose))
+        self._attach_frame(frame, self._last_match)
         return True
 
     def _add(self, frame: SensorFrame, scan: ScanPoints, edge: Edge | None) -> None:
         node = self.keys.add(scan, edge)
-        if edge is not None and edge.kind is EdgeKind.TORN:
-            self._tear(node, edge.i_from_j)
+        if edge is not None and edge.kind is EdgeKind.UNKNOWN:
+            self._begin_new_part(node, edge.i_from_j)
         elif edge is not None:
-            self._share_out(edge.i_from_j)
+            self._distribute_correction(edge.i_from_j)
         if edge is not None:
-            self._closer.moved(math.hypot(edge.i_from_j.x, edge.i_from_j.y))
+            self._closer.add_distance(math.hypot(edge.i_from_j.x, edge.i_from_j.y))
         self.counts["key_scans"] += 1
         self.key_frames.append(len(self.frames))
         self.covered_frames.append([])
-        self._arrive(node, Pose2())
-        self._hang(frame, Pose2())
+        self._set_current_key(node, Pose2())
+        self._attach_frame(frame, Pose2())
 
-    def _tear(self, node: int, here_from_node: Pose2) -> None:
+    def _begin_new_part(self, node: int, here_from_node: Pose2) -> None:
         """Start an unconnected part of the map at a key scan, and attach the last unmatched frames to it."""
-        self._visited = []
-        for k in range(1 - self._loose, 0):
+        self._recent_keys = []
+        for k in range(1 - self._unmatched, 0):
             frame = self.frames[k]
-            self.frames[k] = HungFrame(frame.stamp_ns, node, here_from_node.inverse() @ frame.key_from_base)
-        self._loose = 0
+            self.frames[k] = AttachedFrame(frame.stamp_ns, node, here_from_node.inverse() @ frame.key_from_base)
+        self._unmatched = 0
 
-    def _arrive(self, key: int, key_from_base: Pose2) -> None:
+    def _set_current_key(self, key: int, key_from_base: Pose2) -> None:
         """Attach the frames from now on to this key scan."""
-        if not self._visited or key != self._here:
-            before = [node for node in self._visited if node != key]
-            self._visited = [*before, key][-self.settings.running_scans :]
+        if not self._recent_keys or key != self._current_key:
+            before = [node for node in self._recent_keys if node != key]
+            self._recent_keys = [*before, key][-self.settings.running_scans :]
             self._reference = None
-        self._anchored = self._reckoned = key_from_base
+        self._last_match = self._by_odometry = key_from_base
 
-    def _hang(self, frame: SensorFrame, here_from_base: Pose2) -> None:
-        self.frames.append(HungFrame(frame.stamp_ns, self._here, here_from_base))
+    def _attach_frame(self, frame: SensorFrame, here_from_base: Pose2) -> None:
+        self.frames.append(AttachedFrame(frame.stamp_ns, self._current_key, here_from_base))
 
-    def _share_out(self, here_from_base: Pose2) -> None:
+    def _distribute_correction(self, here_from_base: Pose2) -> None:
         """Distribute the correction of a match over the frames before it that only odometry has placed."""
-        loose, self._loose = self._loose, 0
-        if loose < 2:
+        unmatched, self._unmatched = self._unmatched, 0
+        if unmatched < 2:
             return
         reached = self.frames[-1].key_from_base @ self._motion
         gap = reached.inverse() @ here_from_base
-        for k in range(1, loose):
-            frame = self.frames[k - loose]
-            moved = frame.key_from_base @ interpolate(Pose2(), gap, k / loose)
-            self.frames[k - loose] = HungFrame(frame.stamp_ns, frame.key, moved)
+        for k in range(1, unmatched):
+            frame = self.frames[k - unmatched]
+            moved = frame.key_from_base @ interpolate(Pose2(), gap, k / unmatched)
+            self.frames[k - unmatched] = AttachedFrame(frame.stamp_ns, frame.key, moved)
 
     @property
-    def _here(self) -> int:
-        return self._visited[-1]
+    def _current_key(self) -> int:
+        return self._recent_keys[-1]
 
     @property
-    def _begins(self) -> bool:
+    def _is_first_frame(self) -> bool:
         """Whether the next frame is the first of the drive."""
-        return len(self.frames) == self.begun
+        return len(self.frames) == self.earlier_frames
 
-    def _running(self) -> Reference:
+    def _local_reference(self) -> ScanReference:
         """Return the surfaces of the latest key scans round the chair, and of key scans near it along the edges.
 
         The latter show what the latest scans had behind them when the chair returns with another heading.
         """
         if self._reference is None:
-            here = self.keys.poses[self._here]
-            certain = self.keys.ways(self._here, self.settings.certain_way)
-            members = np.array(sorted({*self._visited, *certain}))
+            here = self.keys.poses[self._current_key]
+            certain = self.keys.path_lengths(self._current_key, self.settings.certain_way)
+            members = np.array(sorted({*self._recent_keys, *certain}))
             near = np.hypot(*(self.keys.poses[members, :2] - here[:2]).T) < self.settings.running_reach
             self._reference = self.keys.reference(
                 members[near], here, self.settings.running_reach, self.settings.matching
@@ -416,19 +428,19 @@ class Mapper:
     def _close_loops(self) -> None:
         """Search for loops at the last key scan, and optimise the graph with those found."""
         with self._timed("loops"):
-            loops = self._closer.loops(self.keys, self._visited)
+            loops = self._closer.loops(self.keys, self._recent_keys)
         if loops:
-            self._bend(loops)
+            self._add_loops(loops)
 
-    def _bend(self, loops: Sequence[Edge]) -> None:
+    def _add_loops(self, loops: Sequence[Edge]) -> None:
         """Add loop edges to the graph and optimise it."""
         with self._timed("optimisation"):
             for loop in loops:
                 self.keys.link(loop)
-            self.keys.settle()
+            self.keys.optimise()
             self._reference = None
 
-    def _from_node(self, node: int, pose: Pose2) -> Pose2:
+    def _relative_to(self, node: int, pose: Pose2) -> Pose2:
         return self.keys.pose(node).inverse() @ pose
 
     @contextmanager

@@ -26,16 +26,16 @@ from pathlib import Path
 import numpy as np
 
 from waychair.errors import LongTermDamaged, LongTermError
-from waychair.slam.anchors import Anchors
+from waychair.slam.anchors import AnchorPoses
 from waychair.slam.long_term import LongTerm
 from waychair.slam.long_term_file import State
 from waychair.slam.memory_journal import Journal
 from waychair.slam.memory_settings import MemoryCounts, MemorySettings
 from waychair.slam.nodes import LOOPS, Evidence, Kept, Link, LinkKind, Node, WordIds
-from waychair.slam.rehearsal import Verdict, judge
+from waychair.slam.rehearsal import RehearsalResult, rehearse
 from waychair.slam.retrieval import immunised, surroundings, wanted
 from waychair.slam.skeleton import Skeleton
-from waychair.slam.transfer import Awake, is_due, removable, with_intermediate
+from waychair.slam.transfer import NodesInRam, is_due, removable, with_intermediate
 from waychair.types import Bytes, FloatArray, IntArray, Pose2
 
 
@@ -60,7 +60,7 @@ class Added:
     """
 
     id: int
-    verdict: Verdict
+    verdict: RehearsalResult
     change: Change
 
 
@@ -83,7 +83,7 @@ class Memory:
         self._awake: dict[int, Node] = {}
         self._cache: OrderedDict[int, Node] = OrderedDict()
         self._counts: Counter[str] = Counter()
-        self._anchors = Anchors()
+        self._anchors = AnchorPoses()
         self._start_ns: int | None = None
         self._now_ns = 0
         self._localised = 0  # the older node of the latest loop closure
@@ -231,7 +231,7 @@ class Memory:
         pictures = int((weight[np.fromiter(self._wm, np.int64)] >= 0).sum())
         if not is_due(spent_ms, pictures, self.settings):
             return Change()
-        awake = Awake(self._stm, self._wm, self.last_closure, self._immunised)
+        awake = NodesInRam(self._stm, self._wm, self.last_closure, self._immunised)
         picked = removable(self.skeleton, awake, len(self._woken) + 2, self.settings)
         going = with_intermediate(self.skeleton, picked, self._wm)
         slept = tuple(self._put_to_sleep(node) for node in going)
@@ -281,12 +281,12 @@ class Memory:
 
     def hang(self, node: int, anchor: int, anchor_from_node: Pose2) -> None:
         """Attach the node to another anchor."""
-        self.skeleton.hang(node, anchor, anchor_from_node)
+        self.skeleton.attach(node, anchor, anchor_from_node)
         self._journal.states.add(node)
 
     def bend(self, anchors: FloatArray) -> None:
-        """Take over the anchors' poses (A, 3) [m, m, rad] in map, and move all nodes with them; see `Anchors.stand`."""
-        self._journal.moved(self._anchors.stand(anchors))
+        """Take over the anchors' poses (A, 3) [m, m, rad] in map, and move all nodes with them; see `AnchorPoses.stand`."""
+        self._journal.moved(self._anchors.update(anchors))
 
     def evidence(self, nodes: Iterable[int], beams: int = 20_000) -> Iterator[list[tuple[int, Evidence]]]:
         """Yield the scans of nodes, asleep or not, in chunks of at most `beams` beams (one scan at least).
@@ -323,20 +323,20 @@ class Memory:
         self.flush()
         self.store.close()
 
-    def _rehearse(self, new: Node, motion: Pose2 | None, before: int | None) -> tuple[Verdict, int, tuple[Node, ...]]:
+    def _rehearse(self, new: Node, motion: Pose2 | None, before: int | None) -> tuple[RehearsalResult, int, tuple[Node, ...]]:
         """Compare the new node with the last picture; return verdict, remaining id, and the old node if gone."""
         weight = self.skeleton.rows["weight"]
         old = next((node for node in reversed(self._stm[:-1]) if weight[node] >= 0), None)
         if old is None or weight[new.id] < 0:
-            return Verdict.APART, new.id, ()
-        verdict = judge(new, self._awake[old], motion, before == old, self.settings)
-        if verdict is Verdict.APART:
+            return RehearsalResult.DIFFERENT, new.id, ()
+        verdict = rehearse(new, self._awake[old], motion, before == old, self.settings)
+        if verdict is RehearsalResult.DIFFERENT:
             return verdict, new.id, ()
         keeps, loses = (new.id, old) if self.settings.rehearsal_id_updated_to_new_one else (old, new.id)
         weight[keeps] += weight[loses] + 1
-        weight[loses] = 0 if verdict is Verdict.WEIGHTS else -1
+        weight[loses] = 0 if verdict is RehearsalResult.ADD_WEIGHT else -1
         self._journal.states |= {keeps, loses}
-        if verdict is not Verdict.MERGE:
+        if verdict is not RehearsalResult.MERGE:
             return verdict, new.id, ()
         self._counts["merged"] += 1
         gone = self._awake[old]
@@ -351,7 +351,7 @@ class Memory:
         self._unlink(old, new)
         for link in self.skeleton.links(old):
             self._link(replace(link, i=new))
-        self.skeleton.hang(new, int(self.skeleton.rows["anchor"][old]), self.skeleton.anchor_from_node(old))
+        self.skeleton.attach(new, int(self.skeleton.rows["anchor"][old]), self.skeleton.anchor_from_node(old))
         if self.last_closure == old:
             self.last_closure = new
 
@@ -494,7 +494,7 @@ class Memory:
                 if link.kind is LinkKind.GLOBAL:
                     self.last_closure = max(self.last_closure, link.i, link.j)
         self.skeleton.reserve(stored.last + 1)
-        self._anchors = Anchors(stored.anchors)
+        self._anchors = AnchorPoses(stored.anchors)
         self._wake([node for node, state in states.items() if state.awake and self.skeleton.kept(node) is Kept.LTM])
         self.map_id = max((map_id for _, map_id, _ in stored.nodes), default=-1) + 1
         self._counts.clear()

@@ -100,10 +100,10 @@ def mount_warnings(frames: Sequence[SensorFrame], poses: FloatArray, base_from_l
     if check is None:
         return ()
     if check.turn_ratio < -_LEAST_TURN_RATIO:
-        turning = f"the scans turn the other way round than the odometry (by {check.turn_ratio:.2f} of it)"
-        return (f"{turning}: if the laser hangs {UPSIDE_DOWN}, say --base-from-laser X,Y,YAW,{UPSIDE_DOWN}",)
+        turning = f"the scans turn against the odometry (by {check.turn_ratio:.2f} times its turn)"
+        return (f"{turning}: if the laser is mounted {UPSIDE_DOWN}, give --base-from-laser X,Y,YAW,{UPSIDE_DOWN}",)
     if abs(check.scale - 1.0) > _LARGEST_SCALE:
-        return (f"the scans measure {check.scale:.2f} times the way of the odometry: is the wheels' radius right?",)
+        return (f"the scans measure {check.scale:.2f} times the odometry's distance: check the wheel radius",)
     off = abs(check.yaw) > _LARGEST_YAW or check.lever > _LARGEST_LEVER
     if not off or check.deviations < _LEAST_DEVIATIONS:
         return ()

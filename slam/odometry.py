@@ -33,10 +33,10 @@ from waychair.slam.odometry_model import (
     forward,
     initial_covariance,
     motion_since_mark,
-    moved,
+    predict_step,
     turn_by_wheels,
 )
-from waychair.slam.slip import SpeedWatch
+from waychair.slam.slip import SlipDetector
 from waychair.types import FloatArray, ImuSample, Odometry, Pose2, Twist, WheelTicks
 
 COUNTS = 2**32
@@ -45,11 +45,13 @@ COUNTS = 2**32
 REACH_NS = 100_000_000
 """Longest extrapolation of the pose, and longest gap of a gyro that is used."""
 
-_CLOCK_NS = 1_000_000_000  # a stamp older by more means that a clock was set back; by less, that a reading is late
-_KEPT = 200  # outputs kept for `predict`
+_CLOCK_RESET_NS = (
+    1_000_000_000  # a stamp older by more means that a clock was set back; by less, that a reading is late
+)
+_KEPT_OUTPUTS = 200  # outputs kept for `predict`
 _COAST_NS = 500_000_000  # the filter goes on without wheels that are silent for longer
 _SHOWN_NS = 300_000_000  # `slipping` stays true for this long
-_LEAST_GRIP_S = 0.5  # correlation time of a slipping wheel's error
+_SLIP_CORRELATION_S = 0.5  # correlation time of a slipping wheel's error
 _MOTION_GATE = 25.0  # squared sigmas; gate beyond which a measured motion is weighted down
 _FASTEST_TURN = 10.0  # [rad/s]; faster readings are faults
 
@@ -71,16 +73,16 @@ class OdometryFilter:
         self._filter = ExtendedKalmanFilter(SIZE, 1)
         self._filter.x = np.zeros(SIZE)
         self._filter.P = initial_covariance(self.settings)
-        self._watch = SpeedWatch(self.settings.slip_speed)
+        self._slip_detector = SlipDetector(self.settings.slip_speed)
         self._pose, self._twist, self._bias = Pose2(), Twist(), 0.0  # copies of the state, for the outputs
         self._covariance = np.zeros((3, 3))
         self._now_ns: int | None = None  # time of the state
-        self._outputs: deque[Odometry] = deque(maxlen=_KEPT)
+        self._outputs: deque[Odometry] = deque(maxlen=_KEPT_OUTPUTS)
         self._wheels: WheelTicks | Odometry | None = None
         self._imu_ns: int | None = None
         self._rate = self._rate_before = 0.0  # the gyro's last reading, and the one of the step before [rad/s]
         self._turned = 0.0  # turn by the gyro from the state's time to its last reading [rad]
-        self._gyro_whole = True  # whether the gyro had no gap since then
+        self._gyro_complete = True  # whether the gyro had no gap since then
         self._still_s = 0.0
         self._slipped_ns: int | None = None
         self.innovation: float | None = None
@@ -116,26 +118,26 @@ class OdometryFilter:
             CalibrationError: the reading holds encoder counts, and the filter has no chair body.
         """
         if isinstance(reading, WheelTicks) and self._body is None:
-            raise CalibrationError("counts of encoders say nothing without the chair's wheels: give the chair's body")
+            raise CalibrationError("encoder counts need the chair's wheel data: give the chair's body")
         if isinstance(reading, Odometry) and not np.isfinite(reading.odom_from_base.array()).all():
-            return self._last(reading.stamp_ns)
+            return self._last_output(reading.stamp_ns)
         before = self._wheels
         if before is not None and reading.stamp_ns <= before.stamp_ns:
-            if before.stamp_ns - reading.stamp_ns < _CLOCK_NS:
-                return self._last(reading.stamp_ns)
+            if before.stamp_ns - reading.stamp_ns < _CLOCK_RESET_NS:
+                return self._last_output(reading.stamp_ns)
             self._begin(reading.stamp_ns)
             before = None
         if self._now_ns is None or (before is None and self._mark_ns is None):
             self._begin(reading.stamp_ns)  # before the first wheel reading the chair is taken to stand
         self._wheels = reading
-        if before is None or type(before) is not type(reading) or reading.stamp_ns <= self._moment:
+        if before is None or type(before) is not type(reading) or reading.stamp_ns <= self._state_ns:
             return self._output(reading.stamp_ns)
         motion, seconds = self._motion_between(before, reading), (reading.stamp_ns - before.stamp_ns) * 1e-9
         too_far = math.hypot(motion.x, motion.y) > self.settings.fastest * seconds
         if too_far or abs(motion.theta) > _FASTEST_TURN * seconds:
             self._advance(reading.stamp_ns, None)
         else:
-            self._advance(reading.stamp_ns, self._rest_of(motion, before.stamp_ns, reading.stamp_ns))
+            self._advance(reading.stamp_ns, self._motion_after_state(motion, before.stamp_ns, reading.stamp_ns))
         return self._output(reading.stamp_ns)
 
     def update_imu(self, sample: ImuSample) -> Odometry:
@@ -146,23 +148,23 @@ class OdometryFilter:
         """
         rate, accel, stamp_ns = float(sample.gyro[2]), float(sample.accel[0]), sample.stamp_ns
         if not math.isfinite(rate + accel) or abs(rate) > _FASTEST_TURN:
-            return self._last(stamp_ns)
+            return self._last_output(stamp_ns)
         if self._now_ns is None:
             self._begin(stamp_ns)
         if self._imu_ns is not None and stamp_ns <= self._imu_ns:
-            if self._imu_ns - stamp_ns < _CLOCK_NS:
-                return self._last(stamp_ns)
+            if self._imu_ns - stamp_ns < _CLOCK_RESET_NS:
+                return self._last_output(stamp_ns)
             self._begin(stamp_ns)
-        since = self._moment if self._imu_ns is None else max(self._imu_ns, self._moment)
-        if self._wheels is not None and stamp_ns - since > _CLOCK_NS:
-            return self._last(stamp_ns)
+        since = self._state_ns if self._imu_ns is None else max(self._imu_ns, self._state_ns)
+        if self._wheels is not None and stamp_ns - since > _CLOCK_RESET_NS:
+            return self._last_output(stamp_ns)
         fresh_ns = max(stamp_ns - since, 0)
-        fresh = self._imu_ns is None or self._imu_ns <= self._moment
-        self._gyro_whole = (fresh or self._gyro_whole) and fresh_ns <= REACH_NS
+        fresh = self._imu_ns is None or self._imu_ns <= self._state_ns
+        self._gyro_complete = (fresh or self._gyro_complete) and fresh_ns <= REACH_NS
         self._turned += rate * fresh_ns * 1e-9
-        self._watch.feel(accel, fresh_ns * 1e-9)
+        self._slip_detector.add_acceleration(accel, fresh_ns * 1e-9)
         self._imu_ns, self._rate = stamp_ns, rate
-        if stamp_ns - self._moment > _COAST_NS:
+        if stamp_ns - self._state_ns > _COAST_NS:
             self._advance(stamp_ns, None)
         return self._output(stamp_ns)
 
@@ -178,14 +180,14 @@ class OdometryFilter:
         """
         values = np.concatenate([begin_from_end.array(), np.ravel(covariance)])
         if end_ns <= begin_ns or not np.isfinite(values).all():
-            return self._last(end_ns)
+            return self._last_output(end_ns)
         if self._now_ns is None:
             self._begin(begin_ns)
             self._set_mark(begin_ns)
         if self._wheels is None or end_ns - self._wheels.stamp_ns > _COAST_NS:
             self._advance(end_ns, None)
         if begin_ns == self._mark_ns:
-            self._compare(begin_from_end, np.asarray(covariance, float), end_ns)
+            self._update_motion(begin_from_end, np.asarray(covariance, float), end_ns)
         self._set_mark(end_ns)
         return self._output(end_ns)
 
@@ -206,7 +208,7 @@ class OdometryFilter:
         return Odometry(stamp_ns, nearest.odom_from_base @ ahead, nearest.twist, nearest.covariance)
 
     @property
-    def _moment(self) -> int:
+    def _state_ns(self) -> int:
         assert self._now_ns is not None
         return self._now_ns
 
@@ -215,7 +217,7 @@ class OdometryFilter:
         self._now_ns = stamp_ns
         self._outputs.clear()
         self._wheels = self._imu_ns = self._mark_ns = self._slipped_ns = None
-        self._turned, self._gyro_whole, self._still_s = 0.0, True, 0.0
+        self._turned, self._gyro_complete, self._still_s = 0.0, True, 0.0
 
     def _motion_between(self, before: WheelTicks | Odometry, after: WheelTicks | Odometry) -> Pose2:
         """Return the motion of the base between two readings of the same kind."""
@@ -228,30 +230,30 @@ class OdometryFilter:
         left, right = (_difference(now, then) * per_count for now, then in _pairs(after, before))
         return arc((left + right) / 2, (right - left) / self._body.track)
 
-    def _rest_of(self, motion: Pose2, begin_ns: int, end_ns: int) -> Pose2:
+    def _motion_after_state(self, motion: Pose2, begin_ns: int, end_ns: int) -> Pose2:
         """Return the part of a motion after the state's time, to which the state may have advanced without the wheels."""
-        if begin_ns >= self._moment:
+        if begin_ns >= self._state_ns:
             return motion
-        part = (end_ns - self._moment) / (end_ns - begin_ns)
+        part = (end_ns - self._state_ns) / (end_ns - begin_ns)
         return arc(part * forward(motion), part * motion.theta)
 
     def _advance(self, end_ns: int, wheels: Pose2 | None) -> None:
         """Advance the state to `end_ns`: by the wheels' motion if given, and by the gyro if it is alive."""
-        seconds = (end_ns - self._moment) * 1e-9
+        seconds = (end_ns - self._state_ns) * 1e-9
         if seconds <= 0.0:
             return
         gyro, slip, self.innovation = self._gyro_until(end_ns), None, None
         if wheels is not None and gyro is not None:
-            slip = self._watch.compare(forward(wheels) / seconds, seconds)
+            slip = self._slip_detector.slip_speed(forward(wheels) / seconds, seconds)
         way = wheels if slip is None or wheels is None else arc(slip * seconds, wheels.theta)
-        self._move(moved(self._filter.x, seconds, way, gyro, self.settings))
+        self._move(predict_step(self._filter.x, seconds, way, gyro, self.settings))
         if wheels is not None:
-            self._note_rest(wheels, seconds)
-            if slip is not None or (gyro is not None and not self._agrees(wheels, seconds)):
+            self._update_standstill(wheels, seconds)
+            if slip is not None or (gyro is not None and not self._update_turn(wheels, seconds)):
                 self._slipped_ns = end_ns
-                self._doubt(wheels, slip, seconds)
+                self._inflate_for_slip(wheels, slip, seconds)
         self._now_ns, self._rate_before = end_ns, self._rate
-        self._take_out()
+        self._copy_state()
 
     def _gyro_until(self, end_ns: int) -> float | None:
         """Return the integral of the gyro since the state's time [rad], its last reading held up to `end_ns`.
@@ -259,20 +261,20 @@ class OdometryFilter:
         None if the gyro had a gap. The part after `end_ns` is kept for the next step.
         """
         alive = self._imu_ns is not None and end_ns - self._imu_ns <= REACH_NS
-        whole, self._gyro_whole = self._gyro_whole and alive, True
+        complete, self._gyro_complete = self._gyro_complete and alive, True
         if self._imu_ns is None:
             return None
         ahead = (self._imu_ns - end_ns) * 1e-9
-        held = self._rate * (ahead if self._imu_ns > self._moment else (self._moment - end_ns) * 1e-9)
+        held = self._rate * (ahead if self._imu_ns > self._state_ns else (self._state_ns - end_ns) * 1e-9)
         turned, self._turned = self._turned - held, max(held, 0.0) if ahead > 0.0 else 0.0
-        return turned if whole else None
+        return turned if complete else None
 
-    def _note_rest(self, wheels: Pose2, seconds: float) -> None:
+    def _update_standstill(self, wheels: Pose2, seconds: float) -> None:
         limit = self.settings.still_speed * seconds
         still = math.hypot(wheels.x, wheels.y) <= limit and abs(wheels.theta) <= 4.0 * limit
         self._still_s = self._still_s + seconds if still else 0.0
 
-    def _agrees(self, wheels: Pose2, seconds: float) -> bool:
+    def _update_turn(self, wheels: Pose2, seconds: float) -> bool:
         """Update with the wheels' turn unless they slip; return whether they agree with the gyro."""
         s = self.settings
         expected, row, variance = turn_by_wheels(self._filter.x, seconds, wheels, s)
@@ -286,10 +288,10 @@ class OdometryFilter:
         self._filter.update(np.array([wheels.theta]), lambda _: row[None], lambda _: np.array([expected]), variance)
         return True
 
-    def _doubt(self, wheels: Pose2, slip: float | None, seconds: float) -> None:
+    def _inflate_for_slip(self, wheels: Pose2, slip: float | None, seconds: float) -> None:
         """Increase the position's variance for slipping wheels: the errors of a slip are correlated and add up linearly."""
         wrong = abs(forward(wheels)) if slip is None else max(abs(forward(wheels)), abs(slip * seconds))
-        grip_steps = max(2.0 * _LEAST_GRIP_S / seconds, 1.0)
+        grip_steps = max(2.0 * _SLIP_CORRELATION_S / seconds, 1.0)
         self._filter.P[[0, 1], [0, 1]] += (self.settings.slip_way * wrong) ** 2 * grip_steps
 
     def _move(self, step: Step) -> None:
@@ -297,18 +299,18 @@ class OdometryFilter:
         self._filter.predict()
         self._filter.x = step.state
 
-    def _compare(self, measured: Pose2, covariance: FloatArray, end_ns: int) -> None:
+    def _update_motion(self, measured: Pose2, covariance: FloatArray, end_ns: int) -> None:
         """Update with a motion since the mark; an outlier gets a larger covariance."""
         base_to = self._pose.inverse() @ self._pose_at(end_ns)
         expected, jacobian = motion_since_mark(self._filter.x, self._mark_to, base_to)
         off = measured.array() - expected
         off[2] = wrap_angle(off[2])
         spread = jacobian @ self._filter.P @ jacobian.T + covariance
-        surprise = float(off @ np.linalg.solve(spread, off))
-        if surprise > _MOTION_GATE:
-            covariance = covariance + (surprise / _MOTION_GATE - 1.0) * spread
+        squared_innovation = float(off @ np.linalg.solve(spread, off))
+        if squared_innovation > _MOTION_GATE:
+            covariance = covariance + (squared_innovation / _MOTION_GATE - 1.0) * spread
         self._filter.update(off, lambda _: jacobian, lambda _: np.zeros(3), covariance)
-        self._take_out()
+        self._copy_state()
 
     def _set_mark(self, stamp_ns: int) -> None:
         """Clone the present pose, with its covariances, into the state as the mark."""
@@ -319,20 +321,20 @@ class OdometryFilter:
         self._mark_ns, self._mark_to = stamp_ns, self._pose.inverse() @ self._pose_at(stamp_ns)
 
     def _pose_at(self, stamp_ns: int) -> Pose2:
-        if stamp_ns < self._moment and self._outputs:
+        if stamp_ns < self._state_ns and self._outputs:
             return self.predict(stamp_ns).odom_from_base
         return self._pose_after(stamp_ns)
 
     def _pose_after(self, stamp_ns: int) -> Pose2:
         """Return the pose extrapolated from the state: at its speed, and turning by the gyro."""
-        seconds = (stamp_ns - self._moment) * 1e-9
+        seconds = (stamp_ns - self._state_ns) * 1e-9
         turn = self._twist.omega * seconds
-        if self._imu_ns is not None and self._moment < self._imu_ns <= stamp_ns:
-            turn = self._turned - self._bias * (self._imu_ns - self._moment) * 1e-9
+        if self._imu_ns is not None and self._state_ns < self._imu_ns <= stamp_ns:
+            turn = self._turned - self._bias * (self._imu_ns - self._state_ns) * 1e-9
             turn += (self._rate - self._bias) * (stamp_ns - self._imu_ns) * 1e-9
         return self._pose @ arc(self._twist.v * seconds, turn)
 
-    def _take_out(self) -> None:
+    def _copy_state(self) -> None:
         """Copy pose, twist, bias and covariance of the state for the outputs."""
         x, y, theta, v, omega, bias = self._filter.x[:6].tolist()
         self._pose, self._twist, self._bias = Pose2(x, y, wrap_angle(theta)), Twist(v, omega), bias
@@ -340,17 +342,17 @@ class OdometryFilter:
 
     def _output(self, stamp_ns: int) -> Odometry:
         """Return the odometry at the latest known time, which is `stamp_ns` unless a reading came late."""
-        latest_ns = max(stamp_ns, self._moment)
+        latest_ns = max(stamp_ns, self._state_ns)
         if self._outputs:
             latest_ns = max(latest_ns, self._outputs[-1].stamp_ns)
             if latest_ns == self._outputs[-1].stamp_ns:
                 self._outputs.pop()
-        fresh = self._imu_ns is not None and self._imu_ns > self._moment
+        fresh = self._imu_ns is not None and self._imu_ns > self._state_ns
         twist = Twist(self._twist.v, self._rate - self._bias) if fresh else self._twist
         self._outputs.append(Odometry(latest_ns, self._pose_after(latest_ns), twist, self._covariance))
         return self._outputs[-1]
 
-    def _last(self, stamp_ns: int) -> Odometry:
+    def _last_output(self, stamp_ns: int) -> Odometry:
         """Return the last output again, for an ignored reading."""
         return self._outputs[-1] if self._outputs else Odometry(stamp_ns, Pose2(), Twist(), self._covariance)
 

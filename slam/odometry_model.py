@@ -76,7 +76,7 @@ def initial_covariance(settings: OdometrySettings) -> FloatArray:
     return np.diag(sigma**2)
 
 
-def moved(
+def predict_step(
     state: FloatArray, seconds: float, wheels: Pose2 | None, gyro: float | None, settings: OdometrySettings
 ) -> Step:
     """Return the step of `seconds` in which the wheels moved by `wheels` and the gyro's readings add up to `gyro` [rad].
@@ -85,15 +85,15 @@ def moved(
     """
     jacobian, noises = np.eye(SIZE), np.zeros((SIZE, 4))  # four independent noises: along, across, turn, twist
     turn, by_turn = _turn(state, seconds, wheels, gyro, settings, noises)
-    x, y, by_way = _way(state, seconds, wheels, turn, settings, noises)
-    by_way += np.outer((-0.5 * y, 0.5 * x), by_turn)  # an error of the turn rotates the chord by half of it
+    x, y, by_motion = _chord(state, seconds, wheels, turn, settings, noises)
+    by_motion += np.outer((-0.5 * y, 0.5 * x), by_turn)  # an error of the turn rotates the chord by half of it
     noises[:2] += np.outer((-0.5 * y, 0.5 * x), noises[THETA])
     c, s = math.cos(state[THETA]), math.sin(state[THETA])
     rotation = np.array([[c, -s], [s, c]])
     east, north = c * x - s * y, s * x + c * y
     after = state.copy()
     after[:3] = state[X] + east, state[Y] + north, state[THETA] + turn
-    jacobian[:2] += rotation @ by_way
+    jacobian[:2] += rotation @ by_motion
     jacobian[X, THETA], jacobian[Y, THETA] = -north, east
     jacobian[THETA] += by_turn
     noises[:2] = rotation @ noises[:2]
@@ -115,9 +115,9 @@ def turn_by_wheels(
 ) -> tuple[float, FloatArray, float]:
     """Return the wheels' expected turn in a step driven by the gyro [rad], its Jacobian (13,), and the variance of the
     wheels' reading [rad^2]."""
-    way, row = forward(wheels), np.zeros(SIZE)
-    turn = (state[OMEGA] * seconds - state[DRIFT] * way) / (1.0 + state[TRACK])
-    row[[OMEGA, DRIFT, TRACK]] = seconds, -way, -turn
+    distance, row = forward(wheels), np.zeros(SIZE)
+    turn = (state[OMEGA] * seconds - state[DRIFT] * distance) / (1.0 + state[TRACK])
+    row[[OMEGA, DRIFT, TRACK]] = seconds, -distance, -turn
     row /= 1.0 + state[TRACK]
     return float(turn), row, _slip_variance(wheels, settings) + settings.turn_step**2
 
@@ -166,7 +166,7 @@ def _turn(
     return float(turn), row
 
 
-def _way(
+def _chord(
     state: FloatArray, seconds: float, wheels: Pose2 | None, turn: float, s: OdometrySettings, noises: FloatArray
 ) -> tuple[float, float, FloatArray]:
     """Return the chord x, y [m] of a step in its start frame, and its gradient (2, 13) without the part by the turn."""

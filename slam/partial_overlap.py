@@ -17,7 +17,7 @@ import numpy as np
 
 from waychair.config import Settings, setting
 from waychair.geometry import pose_from_array, transform_points
-from waychair.slam.reference import LEVELS, Reference, block_maxima
+from waychair.slam.reference import LEVELS, ScanReference, block_maxima
 from waychair.slam.scan_matching import MatchSettings, Window, correlative_search, refine
 from waychair.slam.scan_points import ScanPoints, ScanStore
 from waychair.types import BoolArray, FloatArray, IntArray, Pose2
@@ -45,7 +45,7 @@ class GlimpseSettings(Settings):
 
 
 @dataclass(frozen=True, slots=True)
-class Glimpse:
+class PartialOverlap:
     """Pose at which the query fits the ground that it shares with the reference.
 
     `information` (3, 3) is as of a match. `points` of the query lie on shared ground, with mean likelihood `response`
@@ -61,7 +61,11 @@ class Glimpse:
 
 
 def known_ground(
-    store: ScanStore, poses: FloatArray, members: Sequence[int] | IntArray, base_from_laser: Pose2, reference: Reference
+    store: ScanStore,
+    poses: FloatArray,
+    members: Sequence[int] | IntArray,
+    base_from_laser: Pose2,
+    reference: ScanReference,
 ) -> BoolArray:
     """Return the cells (H, W) of the reference that beams of the key scans `members` crossed, or that hold a surface.
 
@@ -84,15 +88,15 @@ def known_ground(
     return known
 
 
-def glimpse(
+def find_partial_overlap(
     query: ScanPoints,
-    reference: Reference,
+    reference: ScanReference,
     known: BoolArray,
     guess: Pose2,
     window: Window,
     matching: MatchSettings,
     settings: GlimpseSettings,
-) -> Glimpse | None:
+) -> PartialOverlap | None:
     """Return where the query fits on known ground (H, W), if one place of the window is unambiguous and good enough.
 
     The caller judges whether the points fit the right side of the surfaces (`inliers`): an object seen from behind
@@ -100,7 +104,7 @@ def glimpse(
     """
     middle = reference.origin + 0.5 * reference.resolution * reference.bounds.shape[1]
     reach = float(np.min(middle - reference.origin - np.abs((guess.x, guess.y) - middle))) - 1.5 * window.distance
-    query = _those(query, np.hypot(*query.points.T) < reach)  # further points may leave the grid
+    query = _subset(query, np.hypot(*query.points.T) < reach)  # further points may leave the grid
     if len(query) == 0:
         return None
     level = round(255 * settings.doubt)
@@ -112,23 +116,25 @@ def glimpse(
         return None
     gained = value - doubt
     floor = doubt + settings.max_ambiguity * gained
-    if correlative_search(query.points, evidence, guess, window, free, floor=floor, taken=coarse)[1] > floor:
+    if correlative_search(query.points, evidence, guess, window, free, floor=floor, excluded=coarse)[1] > floor:
         return None
     at = transform_points(coarse, query.points) - reference.origin
     cols, rows = np.floor(at / reference.resolution).T.astype(int)
     shared = known[rows, cols]
     response = float(reference.bounds[0][rows, cols][shared].mean()) / 255.0
-    pose, information, inliers, _ = refine(_those(query, shared), reference, coarse, coarse, np.zeros((3, 3)), matching)
+    pose, information, inliers, _ = refine(
+        _subset(query, shared), reference, coarse, coarse, np.zeros((3, 3)), matching
+    )
     if response < settings.min_response:
         return None
-    return Glimpse(pose, information, gained * len(query), int(shared.sum()), response, inliers)
+    return PartialOverlap(pose, information, gained * len(query), int(shared.sum()), response, inliers)
 
 
-def _evidence(reference: Reference, known: BoolArray, level: int) -> Reference:
+def _evidence(reference: ScanReference, known: BoolArray, level: int) -> ScanReference:
     """Return the reference with unseen ground at `level` in [0, 255], between free and occupied."""
     value = np.where(known, reference.bounds[0], np.uint8(level))
     return replace(reference, bounds=block_maxima(value, LEVELS))
 
 
-def _those(points: ScanPoints, kept: BoolArray) -> ScanPoints:
+def _subset(points: ScanPoints, kept: BoolArray) -> ScanPoints:
     return ScanPoints(np.ascontiguousarray(points.points[kept]), np.ascontiguousarray(points.normals[kept]))

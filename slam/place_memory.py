@@ -77,7 +77,7 @@ class PlaceMemory:
         """Return the recognition of a node's view, with the links of the memory."""
         skeleton = self.memory.skeleton
         awake = {other.id for other in self.memory.awake}
-        beside = {other: skeleton.beside(other) for other in awake}
+        beside = {other: skeleton.cached_neighbours(other) for other in awake}
         neighbours = {other: [way for way in ways if way in awake] for other, (ways, _) in beside.items()}
         twins = {other: [loop for loop in loops if loop in awake] for other, (_, loops) in beside.items()}
         return self.recognition.recognise(node, neighbours, twins)

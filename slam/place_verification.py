@@ -9,11 +9,11 @@ import numpy as np
 
 from waychair.geometry import wrap_angles
 from waychair.slam.features import Features
-from waychair.slam.information import of_match, turned
+from waychair.slam.information import match_information, rotated_information
 from waychair.slam.mapper import Mapper, MapperSettings
 from waychair.slam.memory import Memory
 from waychair.slam.nodes import Kept, Node
-from waychair.slam.reference import Reference
+from waychair.slam.reference import ScanReference
 from waychair.slam.scan_matching import refine
 from waychair.slam.scan_points import MIN_POINTS, ScanPoints
 from waychair.types import FloatArray, Pose2, Pose3
@@ -45,7 +45,7 @@ def motion_of_base(old_from_new: Pose3, base_from_camera: Pose3) -> Pose2:
 def fit_to_keys(mapper: Mapper, key: int, scan: ScanPoints, guess: Pose2) -> Fit:
     """Fit a scan to the surfaces of a key scan and its reliably connected neighbours, from a guessed pose in map."""
     keys, settings = mapper.keys, mapper.settings
-    members = sorted(keys.ways(key, settings.loops.chain_reach))
+    members = sorted(keys.path_lengths(key, settings.loops.chain_reach))
     reference = keys.reference(members, keys.poses[key], settings.running_reach, settings.matching)
     return _fit(reference, scan, guess, settings)
 
@@ -56,7 +56,7 @@ def nearest_place(memory: Memory, anchors: Iterable[int], node: int, near: float
     Only nodes of the given anchors count, within `near` [m] and `turn` [rad] in the map.
     """
     skeleton = memory.skeleton
-    every = np.array([other for anchor in anchors for other in skeleton.on(anchor)[-_LATEST:]], np.int64)
+    every = np.array([other for anchor in anchors for other in skeleton.attached_to(anchor)[-_LATEST:]], np.int64)
     ids = every[np.isin(skeleton.rows["kept"][every], (Kept.WM, Kept.LTM))]
     here = memory.poses([node])[0]
     if not len(ids):
@@ -68,8 +68,8 @@ def nearest_place(memory: Memory, anchors: Iterable[int], node: int, near: float
     return int(ids[best]) if np.isfinite(cost[best]) else None
 
 
-def _fit(reference: Reference, scan: ScanPoints, guess: Pose2, settings: MapperSettings) -> Fit:
+def _fit(reference: ScanReference, scan: ScanPoints, guess: Pose2, settings: MapperSettings) -> Fit:
     if len(scan) < MIN_POINTS:
         return Fit(guess, np.zeros((3, 3)), 0.0)
     pose, information, inliers, _ = refine(scan, reference, guess, guess, np.zeros((3, 3)), settings.matching)
-    return Fit(pose, turned(of_match(information, settings.noise), -pose.theta), inliers)
+    return Fit(pose, rotated_information(match_information(information, settings.noise), -pose.theta), inliers)

@@ -15,8 +15,8 @@ import numpy as np
 
 from waychair.errors import GraphError
 from waychair.slam.edges import Edge, EdgeKind, chi_square, edge_arrays
-from waychair.slam.least_squares import Problem, gtsam_values
-from waychair.slam.robust import GraphSettings, Reason, Rejected, Solution, solve
+from waychair.slam.least_squares import PoseGraphProblem, gtsam_values
+from waychair.slam.robust import GraphSettings, RejectedLoop, RejectionReason, Solution, solve
 from waychair.types import FloatArray
 
 _STEPS = 5
@@ -39,12 +39,12 @@ class PoseGraph:
         self.settings = settings
         self._history: list[tuple[Any, ...]] = []  # every change; replaying it gives the same graph
         self.poses: FloatArray = np.empty((0, 3))
-        self._room = self.poses  # buffer of poses, with spare rows
+        self._buffer = self.poses  # buffer of poses, with spare rows
         self._edges: list[Edge] = []
-        self._rejected: dict[int, Rejected] = {}  # by the edge's index in the list
-        self._removed: list[Rejected] = []
-        self._attached = 1  # nodes below this number have an edge to an earlier node
-        self._closed = False  # whether an edge since the last update closes a cycle
+        self._rejected: dict[int, RejectedLoop] = {}  # by the edge's index in the list
+        self._removed: list[RejectedLoop] = []
+        self._connected = 1  # nodes below this number have an edge to an earlier node
+        self._closes_cycle = False  # whether an edge since the last update closes a cycle
         self._isam: Any = None
         self._known_nodes = 0  # nodes and edges that iSAM2 has
         self._known_edges = 0
@@ -57,7 +57,7 @@ class PoseGraph:
         return tuple(edge for k, edge in enumerate(self._edges) if k not in self._rejected)
 
     @property
-    def rejected(self) -> tuple[Rejected, ...]:
+    def rejected(self) -> tuple[RejectedLoop, ...]:
         """The rejected loops and the removed loops."""
         return (*self._rejected.values(), *self._removed)
 
@@ -72,25 +72,25 @@ class PoseGraph:
             if not (0 <= edge.i < count and 0 <= edge.j < count and edge.i != edge.j):
                 raise GraphError(f"edge {edge.i}-{edge.j} does not join two of the {count} nodes; add the nodes first")
             if not (np.isfinite(edge.i_from_j.array()).all() and np.isfinite(edge.information).all()):
-                raise GraphError(f"edge {edge.i}-{edge.j} holds a value that is not finite; leave it out")
+                raise GraphError(f"edge {edge.i}-{edge.j} has a value that is not finite; remove it")
         if not np.isfinite(poses).all():
-            raise GraphError("a new node's pose is not finite; leave the node out")
+            raise GraphError("a new node's pose is not finite; omit the node")
         self._history.append(("add", poses, tuple(edges)))
         self._append(poses)
         for edge in edges:
             self._edges.append(edge)
-            extends = edge.kind is not EdgeKind.LOOP and max(edge.i, edge.j) == self._attached
-            self._attached += extends
-            self._closed |= not extends
+            extends = edge.kind is not EdgeKind.LOOP and max(edge.i, edge.j) == self._connected
+            self._connected += extends
+            self._closes_cycle |= not extends
 
     def _append(self, poses: FloatArray) -> None:
         """Append rows to the buffer of poses; existing rows stay in place while there are spare rows."""
         known, count = len(self.poses), len(self.poses) + len(poses)
-        if self.poses.base is not self._room or count > len(self._room):
-            self._room = np.empty((max(64, 2 * count), 3))
-            self._room[:known] = self.poses
-        self._room[known:count] = poses
-        self.poses = self._room[:count]
+        if self.poses.base is not self._buffer or count > len(self._buffer):
+            self._buffer = np.empty((max(64, 2 * count), 3))
+            self._buffer[:known] = self.poses
+        self._buffer[known:count] = poses
+        self.poses = self._buffer[:count]
 
     def update(self) -> FloatArray:
         """Return poses (N, 3) that fit all edges so far.
@@ -102,13 +102,13 @@ class PoseGraph:
         Raises:
             GraphError: the graph is not connected, or the equations cannot be solved.
         """
-        if self._closed or self._attached < len(self.poses):
+        if self._closes_cycle or self._connected < len(self.poses):
             self._history.append(("update",))
-            if not self._advance():
+            if not self._update_incrementally():
                 self._solve_accepted()
                 if len(self._rejected) >= self._review_at:  # perhaps an older loop is false
-                    self._review_at = 2 * len(self._solved().rejected) + _REVIEW
-            self._closed = False
+                    self._review_at = 2 * len(self._solve_all().rejected) + _REVIEW
+            self._closes_cycle = False
         return self.poses
 
     def solve(self) -> Solution:
@@ -118,7 +118,7 @@ class PoseGraph:
             GraphError: the graph is not connected, or the equations cannot be solved.
         """
         self._history.append(("solve",))
-        return self._solved()
+        return self._solve_all()
 
     def __getstate__(self) -> dict[str, Any]:
         """Return the settings and every change so far; iSAM2's state cannot be stored, but replaying rebuilds it."""
@@ -129,7 +129,7 @@ class PoseGraph:
         for name, *arguments in state["history"]:
             getattr(self, name)(*arguments)
 
-    def _solved(self) -> Solution:
+    def _solve_all(self) -> Solution:
         solution = solve(self.poses, self._edges, self.settings)
         self.poses = solution.poses
         left_out = np.flatnonzero(~solution.accepted).tolist()
@@ -166,20 +166,21 @@ class PoseGraph:
         against = chi_square(self.poses, loops) if loops else ()
         limit = self.settings.loop_limit
         self._removed += [
-            Rejected(edge, Reason.REMOVED, float(value), limit) for edge, value in zip(loops, against, strict=True)
+            RejectedLoop(edge, RejectionReason.REMOVED, float(value), limit)
+            for edge, value in zip(loops, against, strict=True)
         ]
         kept = [k for k in range(len(self._edges)) if k not in set(gone)]
         self._rejected = {new: self._rejected[old] for new, old in enumerate(kept) if old in self._rejected}
         self._edges = [self._edges[k] for k in kept]
-        self._isam, self._closed = None, True
+        self._isam, self._closes_cycle = None, True
 
-    def _advance(self) -> bool:
+    def _update_incrementally(self) -> bool:
         """Feed iSAM2 the new nodes and edges; return False if it fails, or a loop stays in doubt."""
         if self._isam is None:
             return False
         import gtsam
 
-        problem = Problem(edge_arrays(self._edges[self._known_edges :]), self.settings.match_kernel)
+        problem = PoseGraphProblem(edge_arrays(self._edges[self._known_edges :]), self.settings.match_kernel)
         fresh = np.arange(self._known_nodes, len(self.poses))
         try:
             cost, known = self._cost, self._known_edges
@@ -201,7 +202,7 @@ class PoseGraph:
         parameters.relinearizeSkip = 1
         parameters.setRelinearizeThreshold(self.settings.relinearise)
         self._isam = gtsam.ISAM2(parameters)
-        problem = Problem(edge_arrays(self.edges), self.settings.match_kernel)
+        problem = PoseGraphProblem(edge_arrays(self.edges), self.settings.match_kernel)
         self._feed(problem.factor_graph(self.poses), gtsam_values(self.poses))
 
     def _feed(self, factors: Any, values: Any) -> None:

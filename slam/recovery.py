@@ -18,7 +18,7 @@ import numpy as np
 from waychair.config import Settings, setting
 from waychair.geometry import rotation, transform_points, wrap_angle
 from waychair.slam.beam_model import BeamMap, PlaceSettings, beam_classes, place_log_odds
-from waychair.slam.reference import Reference, reference_from_scans
+from waychair.slam.reference import ScanReference, reference_from_scans
 from waychair.slam.relocaliser import Hypothesis, Pyramid, RelocaliserSettings, global_search
 from waychair.slam.scan_matching import MatchSettings, Window, match
 from waychair.slam.scan_points import MIN_POINTS, ScanPoints, ScanStore
@@ -26,7 +26,7 @@ from waychair.types import FloatArray, Pose2
 
 
 @dataclass(frozen=True, slots=True)
-class RecoverySettings(Settings):
+class KidnapRecoverySettings(Settings):
     """How much evidence a lost chair needs before it accepts a place."""
 
     key_distance: float = setting(0.15, "m", "way between two scans that are kept", low=0.01, high=5.0)
@@ -54,31 +54,31 @@ class RecoverySettings(Settings):
 class SavedMap:
     """A map in the forms for matching, beam tracing and global search."""
 
-    reference: Reference
+    reference: ScanReference
     beams: BeamMap
     pyramid: Pyramid
 
 
 @dataclass(frozen=True, slots=True)
-class Candidate:
+class PlaceCandidate:
     """A place where the chair may be: pose, log-odds by the beams, and whether all directions are well constrained."""
 
     pose: Pose2
     log_odds: float
-    firm: bool
+    is_constrained: bool
 
 
 @dataclass(frozen=True, slots=True)
 class RecoveryParts(Settings):
     """The settings of a recovery and its parts."""
 
-    recovery: RecoverySettings = field(default_factory=RecoverySettings)
+    recovery: KidnapRecoverySettings = field(default_factory=KidnapRecoverySettings)
     search: RelocaliserSettings = field(default_factory=RelocaliserSettings)
     places: PlaceSettings = field(default_factory=PlaceSettings)
     matching: MatchSettings = field(default_factory=MatchSettings)
 
 
-class Recovery:
+class KidnapRecovery:
     """The scans since the chair was lost, and the places where it may be (`candidates`, best first)."""
 
     def __init__(self, saved: SavedMap, sensor: FloatArray, settings: RecoveryParts) -> None:
@@ -89,7 +89,7 @@ class Recovery:
         self._way = self._turn = math.inf  # since the last search
         self._winner: Pose2 | None = None  # map_from_local of the last winner
         self._wins, self._won_way = 0, 0.0
-        self.candidates: tuple[Candidate, ...] = ()
+        self.candidates: tuple[PlaceCandidate, ...] = ()
         self.searches = 0
 
     def process(self, scan: ScanPoints, odom_from_base: Pose2) -> Pose2 | None:
@@ -108,8 +108,8 @@ class Recovery:
             return None
         driven, self._way, self._turn = self._way, 0.0, 0.0
         cloud, sensors = self._cloud()
-        self.candidates = self._judged(cloud, sensors, self._places(cloud))
-        return self._believed(driven if math.isfinite(driven) else 0.0)
+        self.candidates = self._rated(cloud, sensors, self._places(cloud))
+        return self._accepted(driven if math.isfinite(driven) else 0.0)
 
     def probability(self) -> float:
         """Return the probability of the best candidate against all others and against being nowhere on the map."""
@@ -139,7 +139,7 @@ class Recovery:
         pose = found.pose if found.inliers > 0.3 else guess
         self._kept.append((scan, pose))
         self.candidates = tuple(
-            Candidate(candidate.pose @ (last.inverse() @ pose), candidate.log_odds, candidate.firm)
+            PlaceCandidate(candidate.pose @ (last.inverse() @ pose), candidate.log_odds, candidate.is_constrained)
             for candidate in self.candidates
         )
         return last.inverse() @ pose
@@ -162,27 +162,29 @@ class Recovery:
         """Return the places found on the whole map, and the earlier candidates."""
         self.searches += 1
         fresh = global_search(cloud.points, self._saved.pyramid, self._settings.search)
-        carried = tuple(Hypothesis(candidate.pose, 0.0) for candidate in self.candidates)
-        return fresh + carried
+        earlier = tuple(Hypothesis(candidate.pose, 0.0) for candidate in self.candidates)
+        return fresh + earlier
 
-    def _judged(self, cloud: ScanPoints, sensors: FloatArray, places: tuple[Hypothesis, ...]) -> tuple[Candidate, ...]:
+    def _rated(
+        self, cloud: ScanPoints, sensors: FloatArray, places: tuple[Hypothesis, ...]
+    ) -> tuple[PlaceCandidate, ...]:
         """Return the places at their best fit, best log-odds first, without duplicates and hopeless ones."""
         settings, window = (
             self._settings,
             Window(self._settings.recovery.judged_distance, self._settings.recovery.judged_angle),
         )
         thin = cloud.thinned(settings.recovery.judged_points)
-        judged: list[Candidate] = []
+        rated: list[PlaceCandidate] = []
         for place in places:
             found = match(thin, self._saved.reference, place.pose, np.eye(3), window, settings.matching)
             shares = beam_classes(cloud.points, sensors, found.pose.array(), self._saved.beams)
             deviation = math.sqrt(float(np.linalg.eigvalsh(found.covariance[:2, :2])[-1]))
-            firm = not found.degenerate and deviation <= settings.recovery.max_deviation
-            judged.append(Candidate(found.pose, float(place_log_odds(shares, settings.places)[0]), firm))
-        judged.sort(key=lambda candidate: -candidate.log_odds)
-        kept: list[Candidate] = []
-        for candidate in judged:
-            behind = judged[0].log_odds - candidate.log_odds
+            is_constrained = not found.degenerate and deviation <= settings.recovery.max_deviation
+            rated.append(PlaceCandidate(found.pose, float(place_log_odds(shares, settings.places)[0]), is_constrained))
+        rated.sort(key=lambda candidate: -candidate.log_odds)
+        kept: list[PlaceCandidate] = []
+        for candidate in rated:
+            behind = rated[0].log_odds - candidate.log_odds
             if behind <= settings.recovery.carried_odds and all(self._distinct(candidate.pose, k.pose) for k in kept):
                 kept.append(candidate)
         return tuple(kept[: 2 * settings.search.hypotheses])
@@ -192,10 +194,14 @@ class Recovery:
         turned = abs(wrap_angle(a.theta - b.theta))
         return math.hypot(a.x - b.x, a.y - b.y) >= search.apart_distance or turned >= search.apart_angle
 
-    def _believed(self, driven: float) -> Pose2 | None:
+    def _accepted(self, driven: float) -> Pose2 | None:
         """Return the pose of the winner once it has won enough searches in a row over enough distance, else None."""
         settings = self._settings.recovery
-        if not self.candidates or not self.candidates[0].firm or self.probability() < settings.min_probability:
+        if (
+            not self.candidates
+            or not self.candidates[0].is_constrained
+            or self.probability() < settings.min_probability
+        ):
             self._winner, self._wins = None, 0
             return None
         best = self.candidates[0].pose

@@ -26,7 +26,7 @@ LEVELS = 5
 
 
 @dataclass(frozen=True, slots=True)
-class Reference:
+class ScanReference:
     """Surfaces on a grid with corner `origin` [m] in the map frame.
 
     - `slots` (H, W, 2): row in `surfaces` of each side of each cell, 0 for none.
@@ -44,7 +44,7 @@ class Reference:
 def reference_from_scans(
     store: ScanStore, poses: FloatArray, members: Sequence[int] | IntArray, centre: FloatArray, reach: float,
     resolution: float, sigma: float,
-) -> Reference:  # fmt: skip
+) -> ScanReference:  # fmt: skip
     """Return the reference of the key scans `members` at map poses `poses` (N, 3), within `reach` [m] of `centre` (2,)."""
     points, normals, offsets = store.arrays
     members = np.asarray(members, np.int64)
@@ -53,10 +53,10 @@ def reference_from_scans(
     margin = _margin(kernel)
     surfaces, slots, hits = _gather(points, normals, offsets, members, poses[members], origin, size, margin, resolution)
     likelihood = _smear(hits, size, kernel)
-    return Reference(origin, resolution, surfaces, slots, block_maxima(likelihood, LEVELS))
+    return ScanReference(origin, resolution, surfaces, slots, block_maxima(likelihood, LEVELS))
 
 
-def reference_from_points(points: FloatArray, normals: FloatArray, resolution: float, sigma: float) -> Reference:
+def reference_from_points(points: FloatArray, normals: FloatArray, resolution: float, sigma: float) -> ScanReference:
     """Return the reference of points (N, 2) and normals (N, 2) in the map frame."""
     low, high = (points.min(axis=0), points.max(axis=0)) if len(points) else (np.zeros(2), np.zeros(2))
     reach = float(max(high - low)) / 2 + (_margin(_kernel(sigma / resolution)) + 2) * resolution

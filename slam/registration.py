@@ -45,7 +45,7 @@ class RegistrationSettings(Settings):
     noise: NoiseModel = field(default_factory=lambda: NoiseModel(pixel=1.5, inverse_depth=0.01))
 
 
-class Refusal(enum.Enum):
+class RegistrationRefusal(enum.Enum):
     """Why a registration is rejected."""
 
     FEW_FEATURES = "too few features with depth"
@@ -53,8 +53,8 @@ class Refusal(enum.Enum):
     NO_POSE = "no pose agrees with the matches"
     FEW_INLIERS = "too few matches agree with one pose"
     CONTRADICTED = "most matches contradict the pose"
-    HUDDLED = "the matches lie all in one spot of the picture"
-    FAR = "the two would be too far apart"
+    CLUSTERED = "all matches lie in one spot of the image"
+    TOO_FAR = "the two cameras would be too far apart"
 
 
 @dataclass(frozen=True, slots=True)
@@ -68,7 +68,7 @@ class Registration:
     covariance: FloatArray
     matches: int = 0
     inliers: int = 0
-    refusal: Refusal | None = None
+    refusal: RegistrationRefusal | None = None
     points: FloatArray = field(default_factory=lambda: np.empty((0, 3)))
     """Points (N, 3) [m] of the inliers, in the old camera's frame."""
     pixels: FloatArray = field(default_factory=lambda: np.empty((0, 2)))
@@ -76,7 +76,7 @@ class Registration:
     limits: FloatArray = field(default_factory=lambda: np.empty(0))
     """Largest reprojection error (N,) [px] of each inlier."""
 
-    def share(self, old_from_new: Pose3, camera: FloatArray) -> float:
+    def inlier_share(self, old_from_new: Pose3, camera: FloatArray) -> float:
         """Return the share of this pose's inliers that agree with another pose."""
         at = project(self.points, old_from_new.inverse(), camera)[:, :2]
         with np.errstate(invalid="ignore"):
@@ -96,8 +96,8 @@ def register(
     """
     old = old.take(np.isfinite(old.points[:, 2]))
     if min(len(old), len(new)) < settings.min_inliers:
-        return _refused(Refusal.FEW_FEATURES)
-    result = _refused(Refusal.NO_POSE)
+        return _refused(RegistrationRefusal.FEW_FEATURES)
+    result = _refused(RegistrationRefusal.NO_POSE)
     if old_from_new is not None:
         result = _registered(old, new, camera, settings, old_from_new)
     if result.old_from_new is None:
@@ -105,7 +105,7 @@ def register(
     if result.old_from_new is None:
         return result
     again = _registered(old, new, camera, settings, result.old_from_new)
-    return again if again.inliers >= result.inliers or again.refusal is Refusal.CONTRADICTED else result
+    return again if again.inliers >= result.inliers or again.refusal is RegistrationRefusal.CONTRADICTED else result
 
 
 def match_features(old: Features, new: Features, ratio: float, near: BoolArray | None = None) -> IntArray:
@@ -128,11 +128,11 @@ def _registered(
     mask = None if guess is None else _near(old, new, camera, guess, settings.window)
     i, j = match_features(old, new, settings.ratio, mask).T
     if len(i) < settings.min_inliers:
-        return _refused(Refusal.FEW_MATCHES, len(i))
+        return _refused(RegistrationRefusal.FEW_MATCHES, len(i))
     points, pixels = old.points[i].astype(np.float64), new.pixels[j].astype(np.float64)
     start = guess.inverse() if guess is not None else _ransac(points, pixels, camera, settings)
     if start is None:
-        return _refused(Refusal.NO_POSE, len(i))
+        return _refused(RegistrationRefusal.NO_POSE, len(i))
     with np.errstate(divide="ignore", invalid="ignore"):
         inverse = 1.0 / new.points[j, 2].astype(np.float64)
     # a corner found on a coarse pyramid level is only as accurate as that level's pixels
@@ -140,14 +140,14 @@ def _registered(
     fit = fit_pose(points, np.column_stack([pixels, inverse, scale]), camera, start, settings.noise)
     inliers = int(fit.inliers.sum())
     if inliers < settings.min_inliers:
-        return _refused(Refusal.FEW_INLIERS, len(i), inliers)
+        return _refused(RegistrationRefusal.FEW_INLIERS, len(i), inliers)
     if guess is not None and inliers < settings.min_share * len(i):
-        return _refused(Refusal.CONTRADICTED, len(i), inliers)
+        return _refused(RegistrationRefusal.CONTRADICTED, len(i), inliers)
     if _spread(pixels[fit.inliers], camera) < settings.min_spread:
-        return _refused(Refusal.HUDDLED, len(i), inliers)
+        return _refused(RegistrationRefusal.CLUSTERED, len(i), inliers)
     old_from_new = fit.camera_from_map.inverse()
     if float(np.linalg.norm(old_from_new.translation)) > settings.max_distance:
-        return _refused(Refusal.FAR, len(i), inliers)
+        return _refused(RegistrationRefusal.TOO_FAR, len(i), inliers)
     covariance = _covariance(points[fit.inliers], new.points[j][fit.inliers].astype(np.float64), old_from_new)
     limits = settings.noise.pixel * scale * math.sqrt(settings.noise.limit)
     return Registration(
@@ -201,7 +201,7 @@ def _covariance(old: FloatArray, new: FloatArray, old_from_new: Pose3) -> FloatA
     return np.diag([max(angular, _LEAST_ANGULAR)] * 3 + [max(linear, _LEAST_LINEAR)] * 3)
 
 
-def _refused(refusal: Refusal, matches: int = 0, inliers: int = 0) -> Registration:
+def _refused(refusal: RegistrationRefusal, matches: int = 0, inliers: int = 0) -> Registration:
     return Registration(None, np.full((6, 6), np.nan), matches, inliers, refusal)
 
 

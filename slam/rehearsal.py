@@ -15,13 +15,13 @@ from waychair.slam.nodes import Node, WordIds
 from waychair.types import Pose2
 
 
-class Verdict(enum.Enum):
+class RehearsalResult(enum.Enum):
     """How a new node and the one before it are treated."""
 
-    APART = "they do not look alike"
-    WEIGHTS = "the chair moves: only the weight goes over"
-    MERGE = "the chair stands, and nothing is between them: one of the two is enough"
-    INTERMEDIATE = "the chair stands, but others are between them: one of the two keeps its pose only"
+    DIFFERENT = "the views differ"
+    ADD_WEIGHT = "the chair moves: only the weight is transferred"
+    MERGE = "the chair stands, and no node is between them: they are merged"
+    INTERMEDIATE = "the chair stands, but other nodes are between them: one becomes intermediate"
 
 
 def similarity(a: WordIds, b: WordIds) -> float:
@@ -41,7 +41,7 @@ def is_moving(motion: Pose2, settings: MemorySettings) -> bool:
     return abs(motion.x) > linear or abs(motion.y) > linear or abs(motion.theta) > angular
 
 
-def judge(new: Node, old: Node, motion: Pose2 | None, linked: bool, settings: MemorySettings) -> Verdict:
+def rehearse(new: Node, old: Node, motion: Pose2 | None, linked: bool, settings: MemorySettings) -> RehearsalResult:
     """Compare a new node with `old`, the latest earlier node of the STM that is not intermediate.
 
     Args:
@@ -49,7 +49,9 @@ def judge(new: Node, old: Node, motion: Pose2 | None, linked: bool, settings: Me
         linked: whether that neighbour is `old`.
     """
     if new.is_bad or similarity(new.words, old.words) < settings.rehearsal_similarity:
-        return Verdict.APART
+        return RehearsalResult.DIFFERENT
     if motion is None or is_moving(motion, settings):
-        return Verdict.APART if settings.rehearsal_weight_ignored_while_moving else Verdict.WEIGHTS
-    return Verdict.MERGE if linked else Verdict.INTERMEDIATE
+        return (
+            RehearsalResult.DIFFERENT if settings.rehearsal_weight_ignored_while_moving else RehearsalResult.ADD_WEIGHT
+        )
+    return RehearsalResult.MERGE if linked else RehearsalResult.INTERMEDIATE

@@ -9,7 +9,7 @@ from dataclasses import dataclass, field
 
 import numpy as np
 
-from waychair.slam.anchors import Anchors
+from waychair.slam.anchors import AnchorPoses
 from waychair.slam.memory_settings import MemorySettings
 from waychair.slam.nodes import IN_TIME, Kept
 from waychair.slam.skeleton import ANY, Skeleton
@@ -34,7 +34,7 @@ class Surroundings:
 
 def surroundings(
     skeleton: Skeleton,
-    anchors: Anchors,
+    anchors: AnchorPoses,
     here: Pose2,
     newest: int,
     wm: Collection[int],
@@ -126,7 +126,7 @@ def _round_hypothesis(skeleton: Skeleton, hypothesis: int, most: int) -> Iterato
             yield from (node for node in reversed(level) if kept[node] == _ASLEEP)
 
 
-def _nearest(nodes: IntArray, skeleton: Skeleton, anchors: Anchors, here: Pose2, radius: float) -> list[int]:
+def _nearest(nodes: IntArray, skeleton: Skeleton, anchors: AnchorPoses, here: Pose2, radius: float) -> list[int]:
     """Return the nodes (given in ascending order) within the radius [m], nearest first."""
     if not len(nodes) or not len(anchors):
         return []
@@ -137,7 +137,7 @@ def _nearest(nodes: IntArray, skeleton: Skeleton, anchors: Anchors, here: Pose2,
 
 
 def _sleepers(
-    skeleton: Skeleton, anchors: Anchors, here: Pose2, newest: int, wm: Collection[int], settings: MemorySettings
+    skeleton: Skeleton, anchors: AnchorPoses, here: Pose2, newest: int, wm: Collection[int], settings: MemorySettings
 ) -> list[int]:
     """Return a sleeping node for each anchor in reach without an awake node.
 
@@ -149,7 +149,7 @@ def _sleepers(
     for anchor in anchors.near(here, settings.local_radius).tolist():
         if len(found) >= settings.max_local_retrieved:
             break
-        asleep = [] if anchor in taken else [n for n in skeleton.on(anchor)[-_LATEST:] if rows["kept"][n] == _ASLEEP]
+        asleep = [] if anchor in taken else [n for n in skeleton.attached_to(anchor)[-_LATEST:] if rows["kept"][n] == _ASLEEP]
         if asleep:
             found.append(max(asleep, key=lambda node: (int(rows["weight"][node]), node)))
     return found

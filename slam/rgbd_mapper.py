@@ -231,7 +231,7 @@ class RgbdMapper:
         assert found.old_from_new is not None
         settings, keys, camera = self.settings, self.map.key_frames, self.map.camera
         fit = refine_by_depth(keys[old].depth, keys[new].depth, camera / DEPTH_STEP, found.old_from_new, settings.icp)
-        if fit.refusal is None and found.share(fit.old_from_new, camera) >= settings.loop_share:
+        if fit.refusal is None and found.inlier_share(fit.old_from_new, camera) >= settings.loop_share:
             return fit.old_from_new
         self.refused_icp += 1
         return found.old_from_new

@@ -20,7 +20,7 @@ import numpy as np
 from waychair.config import Settings, setting
 from waychair.geometry import pose_from_array
 from waychair.slam.edges import Edge, EdgeKind, chi_square, edge_arrays
-from waychair.slam.least_squares import Problem, check_graph, placed
+from waychair.slam.least_squares import PoseGraphProblem, check_graph, with_first_pose
 from waychair.slam.synchronisation import spectral_poses
 from waychair.types import BoolArray, FloatArray
 
@@ -50,19 +50,19 @@ class GraphSettings(Settings):
     max_second_looks: int = setting(100, "", "loops left out that are looked at again", low=0, high=10_000)
 
 
-class Reason(enum.Enum):
+class RejectionReason(enum.Enum):
     """Why a loop was rejected."""
 
     CONTRADICTED = "the rest of the graph contradicts it"
-    REMOVED = "it was taken out on request"
+    REMOVED = "it was removed on request"
 
 
 @dataclass(frozen=True, slots=True)
-class Rejected:
+class RejectedLoop:
     """A rejected loop: its chi-square (3 dof) against the poses without it, and the limit."""
 
     edge: Edge
-    reason: Reason
+    reason: RejectionReason
     chi_square: float
     limit: float
 
@@ -77,11 +77,11 @@ class Solution:
 
     poses: FloatArray
     accepted: BoolArray
-    rejected: tuple[Rejected, ...]
+    rejected: tuple[RejectedLoop, ...]
 
 
 @dataclass(frozen=True, slots=True)
-class _Candidate:
+class _Trial:
     """A trial solution: weights (E,) of 1 or 0; `score`, `against` and `variance` as `_unlikelihood` returns them."""
 
     poses: FloatArray
@@ -107,7 +107,7 @@ def solve(poses: FloatArray, edges: Sequence[Edge], settings: GraphSettings) -> 
     """
     arrays = edge_arrays(edges)
     check_graph(poses, arrays)
-    problem = Problem(arrays, settings.match_kernel)
+    problem = PoseGraphProblem(arrays, settings.match_kernel)
     if not arrays.loop.any():
         return Solution(problem.solve(poses, iterations=settings.max_iterations), ~arrays.loop, ())
     quick = problem.solve_switchable(poses, settings.loop_scale, settings.max_iterations)
@@ -116,12 +116,12 @@ def solve(poses: FloatArray, edges: Sequence[Edge], settings: GraphSettings) -> 
     best = _settled(problem, quick, settings)
     if not best.weights.all():
         best = min(best, _settled(problem, _trusting(problem, best, poses, settings), settings), key=_score)
-        best = _looked_at_again(problem, best, settings)
+        best = _reconsidered(problem, best, settings)
     left_out = int((best.weights == 0).sum())
     if left_out > settings.few:  # loops accepted earlier may have bent the poses
-        best = min(best, _quick(problem, reckoned(poses, edges), settings), key=_score)
+        best = min(best, _quick(problem, chained_poses(poses, edges), settings), key=_score)
     if left_out > settings.hopeless * arrays.loop.sum():
-        start = placed(spectral_poses(arrays, len(poses)), poses[0])
+        start = with_first_pose(spectral_poses(arrays, len(poses)), poses[0])
         best = min(best, _quick(problem, start, settings), key=_score)
     accepted = best.weights > 0
     against = chi_square(best.poses, arrays)
@@ -129,13 +129,13 @@ def solve(poses: FloatArray, edges: Sequence[Edge], settings: GraphSettings) -> 
         best.poses,
         accepted,
         tuple(
-            Rejected(edges[k], Reason.CONTRADICTED, float(against[k]), settings.loop_limit)
+            RejectedLoop(edges[k], RejectionReason.CONTRADICTED, float(against[k]), settings.loop_limit)
             for k in np.flatnonzero(~accepted).tolist()
         ),
     )
 
 
-def reckoned(poses: FloatArray, edges: Sequence[Edge]) -> FloatArray:
+def chained_poses(poses: FloatArray, edges: Sequence[Edge]) -> FloatArray:
     """Return poses (N, 3) chained from the edges between consecutive nodes; a missing edge takes the step of `poses`."""
     steps = {edge.i: edge.i_from_j for edge in edges if edge.kind is not EdgeKind.LOOP and edge.j == edge.i + 1}
     chain = [pose_from_array(poses[0])]
@@ -146,23 +146,23 @@ def reckoned(poses: FloatArray, edges: Sequence[Edge]) -> FloatArray:
     return np.array([pose.array() for pose in chain])
 
 
-def _quick(problem: Problem, poses: FloatArray, settings: GraphSettings) -> _Candidate:
+def _quick(problem: PoseGraphProblem, poses: FloatArray, settings: GraphSettings) -> _Trial:
     """Return the settled solution next to that of dynamic covariance scaling."""
     return _settled(problem, problem.solve_switchable(poses, settings.loop_scale, settings.max_iterations), settings)
 
 
-def _score(candidate: _Candidate) -> float:
+def _score(candidate: _Trial) -> float:
     return candidate.score
 
 
-def _trusting(problem: Problem, quick: _Candidate, poses: FloatArray, settings: GraphSettings) -> FloatArray:
+def _trusting(problem: PoseGraphProblem, quick: _Trial, poses: FloatArray, settings: GraphSettings) -> FloatArray:
     """Return poses that trust the loops rejected by the quick solution: all at once if they are few, else by annealing."""
     if (quick.weights == 0).sum() > settings.few:
         return _graduated(problem, poses, settings)
     return problem.solve(quick.poses, iterations=settings.max_iterations)
 
 
-def _graduated(problem: Problem, poses: FloatArray, settings: GraphSettings) -> FloatArray:
+def _graduated(problem: PoseGraphProblem, poses: FloatArray, settings: GraphSettings) -> FloatArray:
     """Return poses by graduated non-convexity with truncated least squares on the loops.
 
     Yang, Antonante, Tzoumas, Carlone: Graduated non-convexity for robust spatial perception, RA-L 2020, weights by
@@ -185,7 +185,7 @@ def _graduated(problem: Problem, poses: FloatArray, settings: GraphSettings) -> 
     return poses
 
 
-def _settled(problem: Problem, poses: FloatArray, settings: GraphSettings) -> _Candidate:
+def _settled(problem: PoseGraphProblem, poses: FloatArray, settings: GraphSettings) -> _Trial:
     """Return the solution next to the poses whose accepted loops are exactly those within the limit."""
     weights = _within(problem, poses, settings.loop_limit)
     for _ in range(10):
@@ -194,10 +194,10 @@ def _settled(problem: Problem, poses: FloatArray, settings: GraphSettings) -> _C
         if (now == weights).all():
             break
         weights = now
-    return _Candidate(poses, weights, *_unlikelihood(problem, poses, weights, settings.rejection_cost))
+    return _Trial(poses, weights, *_unlikelihood(problem, poses, weights, settings.rejection_cost))
 
 
-def _within(problem: Problem, poses: FloatArray, limit: float) -> FloatArray:
+def _within(problem: PoseGraphProblem, poses: FloatArray, limit: float) -> FloatArray:
     """Return weights (E,): 0 for loops beyond the limit, 1 for all other edges."""
     against = chi_square(poses, problem.edges)
     return np.where(problem.edges.loop & (against >= limit), 0.0, 1.0)
@@ -209,7 +209,9 @@ def _variance(against: float, loops: float) -> float:
     return (against + prior) / (3 * loops + prior)
 
 
-def _unlikelihood(problem: Problem, poses: FloatArray, weights: FloatArray, cost: float) -> tuple[float, float, float]:
+def _unlikelihood(
+    problem: PoseGraphProblem, poses: FloatArray, weights: FloatArray, cost: float
+) -> tuple[float, float, float]:
     """Return -2 log likelihood of the loops up to a constant, the sum of chi-squares, and the noise level.
 
     Each accepted loop has 3 degrees of freedom with the solution's variance; each rejected loop costs `cost`. A group of
@@ -223,7 +225,7 @@ def _unlikelihood(problem: Problem, poses: FloatArray, weights: FloatArray, cost
     return score, against, variance
 
 
-def _looked_at_again(problem: Problem, best: _Candidate, settings: GraphSettings) -> _Candidate:
+def _reconsidered(problem: PoseGraphProblem, best: _Trial, settings: GraphSettings) -> _Trial:
     """Return the candidate after accepting again the loops that were rejected only because their poses are uncertain.
 
     A true loop that was rejected early may lie hundreds of sigmas from a solution that is uncertain there; its

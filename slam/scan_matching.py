@@ -16,19 +16,19 @@ from numba import njit
 from waychair.angles import wrapped
 from waychair.config import Settings, setting
 from waychair.geometry import pose_from_array, transform_points, wrap_angles
-from waychair.slam.reference import LEVELS, Reference, Slots
+from waychair.slam.reference import LEVELS, ScanReference, Slots
 from waychair.slam.scan_points import ScanPoints
 from waychair.types import Bytes, FloatArray, Pose2
 
 WIDE, NARROW = 0.3, 0.1
 """First and last width [m] of the refinement's kernel."""
 
-THROUGH = 0.3
+CROSSING_DEPTH = 0.3
 """A beam has crossed a surface that lies at least so far [m] before its end."""
 
 _GAP = 0.05  # [rad]; a larger angle between two beams is a gap
 
-NOTHING_KNOWN = 100.0
+UNKNOWN_VARIANCE = 100.0
 """Variance [m^2], [rad^2] of a direction in which a scan gives no information."""
 
 
@@ -82,7 +82,9 @@ class Match:
     inliers: float
     rms: float
     information: FloatArray
-    covariance: FloatArray = field(default_factory=lambda: np.diag([NOTHING_KNOWN, NOTHING_KNOWN, NOTHING_KNOWN]))
+    covariance: FloatArray = field(
+        default_factory=lambda: np.diag([UNKNOWN_VARIANCE, UNKNOWN_VARIANCE, UNKNOWN_VARIANCE])
+    )
     complexity: float = 0.0
     degenerate: bool = True
     runner_up: float = 0.0
@@ -90,7 +92,7 @@ class Match:
 
 def match(
     scan: ScanPoints,
-    reference: Reference,
+    reference: ScanReference,
     guess: Pose2,
     guess_information: FloatArray,
     window: Window,
@@ -109,7 +111,7 @@ def match(
     complexity, strong = weakest_direction(information)
     degenerate = complexity < settings.min_complexity
     if degenerate:
-        pose, information = _kept_along_weak(pose, information, guess, strong)
+        pose, information = _without_weak_direction(pose, information, guess, strong)
     second = 0.0
     if with_runner_up and response > 0.0:
         second = ambiguity(scan.points, reference, guess, window, settings, coarse) / response
@@ -118,10 +120,10 @@ def match(
 
 
 def ambiguity(
-    points: FloatArray, reference: Reference, guess: Pose2, window: Window, settings: MatchSettings, winner: Pose2
+    points: FloatArray, reference: ScanReference, guess: Pose2, window: Window, settings: MatchSettings, winner: Pose2
 ) -> float:
     """Return the response of the best place of the window that is distinct from the winner; 0 if there is none."""
-    return correlative_search(points, reference, guess, window, settings, taken=winner)[1]
+    return correlative_search(points, reference, guess, window, settings, excluded=winner)[1]
 
 
 def weakest_direction(information: FloatArray) -> tuple[float, FloatArray]:
@@ -142,11 +144,11 @@ def calibrated_covariance(information: FloatArray, settings: MatchSettings) -> F
     information is too small by a factor (`settings.optimism`). It was measured by matching disjoint halves of the beams
     against disjoint halves of the key scans: 0.2 on the Intel lab and 1.9 on Freiburg 079.
     """
-    least = np.eye(3) / NOTHING_KNOWN
+    least = np.eye(3) / UNKNOWN_VARIANCE
     return np.asarray(settings.optimism * np.linalg.inv(information + least), np.float64)
 
 
-def _kept_along_weak(
+def _without_weak_direction(
     pose: Pose2, information: FloatArray, guess: Pose2, strong: FloatArray
 ) -> tuple[Pose2, FloatArray]:
     """Return the pose moved from the guess along the strong direction only, and the information without the weak one.
@@ -161,17 +163,17 @@ def _kept_along_weak(
 
 def correlative_search(
     points: FloatArray,
-    reference: Reference,
+    reference: ScanReference,
     guess: Pose2,
     window: Window,
     settings: MatchSettings,
     *,
     floor: float = 0.0,
-    taken: Pose2 | None = None,
+    excluded: Pose2 | None = None,
 ) -> tuple[Pose2, float]:
     """Return the best pose of the window and its response; the guess and 0 when no pose scores above `floor`.
 
-    With `taken`, poses within 0.5 m and 15 degrees of it do not count: the result is the runner-up, whose response tells
+    With `excluded`, poses within 0.5 m and 15 degrees of it do not count: the result is the runner-up, whose response tells
     how ambiguous the winner is.
     """
     radii = np.hypot(points[:, 0], points[:, 1])
@@ -180,17 +182,17 @@ def correlative_search(
     angle_step = math.acos(1 - reference.resolution**2 / (2 * far**2))
     angle_count = max(1, math.ceil(window.angle / angle_step))
     cells = max(1, math.ceil(window.distance / reference.resolution))
-    excluded = np.full(3, np.nan) if taken is None else taken.array()
+    excluded_pose = np.full(3, np.nan) if excluded is None else excluded.array()
     pose, response = _search(
         points, reference.bounds, reference.origin, reference.resolution, guess.array(), cells, angle_count,
-        angle_step, settings.distance_penalty, settings.angle_penalty, floor, excluded,
+        angle_step, settings.distance_penalty, settings.angle_penalty, floor, excluded_pose,
     )  # fmt: skip
     return pose_from_array(pose), response
 
 
 def refine(
     scan: ScanPoints,
-    reference: Reference,
+    reference: ScanReference,
     start: Pose2,
     guess: Pose2,
     guess_information: FloatArray,
@@ -212,10 +214,10 @@ def refine(
     return pose_from_array(pose), information, inliers, rms
 
 
-def seen_through(scan: ScanPoints, base_from_laser: Pose2, reference: Reference, pose: Pose2) -> float:
+def crossed_share(scan: ScanPoints, base_from_laser: Pose2, reference: ScanReference, pose: Pose2) -> float:
     """Return the share in [0, 1] of the reference's surfaces that the scan's beams, from this pose, cross.
 
-    Only surfaces on a beam count: those before its end by more than `THROUGH` (crossed) and those at its end. A new place
+    Only surfaces on a beam count: those before its end by more than `CROSSING_DEPTH` (crossed) and those at its end. A new place
     or people round the chair hide surfaces but cross none; at a wrong pose beams cross many. 0 without such surfaces.
     """
     beams = transform_points(base_from_laser.inverse(), scan.points)
@@ -228,8 +230,8 @@ def seen_through(scan: ScanPoints, base_from_laser: Pose2, reference: Reference,
     close = bearing[above] - bearing[above - 1] < _GAP
     between = close & (towards >= bearing[above - 1]) & (towards <= bearing[above])
     nearer = np.minimum(ranges[above], ranges[above - 1])[between]
-    looked_through = int((away[between] < nearer - THROUGH).sum())
-    looked_at = int((np.abs(away[between] - nearer) <= THROUGH).sum())
+    looked_through = int((away[between] < nearer - CROSSING_DEPTH).sum())
+    looked_at = int((np.abs(away[between] - nearer) <= CROSSING_DEPTH).sum())
     return looked_through / max(1, looked_through + looked_at)
 
 
@@ -258,7 +260,7 @@ def _search(
     distance_penalty: float,
     angle_penalty: float,
     floor: float,
-    taken: FloatArray,
+    excluded: FloatArray,
 ) -> tuple[FloatArray, float]:
     """Search depth-first by branch and bound over (angle, row, col); see `correlative_search`."""
     full = 255.0 * len(points)
@@ -291,7 +293,7 @@ def _search(
             break
         a = entry // (blocks * blocks)
         turn = (a - angle_count) * angle_step
-        near_angle = abs(wrapped(guess[2] + turn - taken[2])) < 0.26
+        near_angle = abs(wrapped(guess[2] + turn - excluded[2])) < 0.26
         loss = angle_penalty * abs(turn)
         depth = 1
         stack[0] = (top, (entry // blocks) % blocks * block - cells, entry % blocks * block - cells)
@@ -311,7 +313,7 @@ def _search(
                         depth += 1
                 continue
             x, y = guess[0] + col * resolution, guess[1] + row * resolution
-            if near_angle and math.hypot(x - taken[0], y - taken[1]) < 0.5:
+            if near_angle and math.hypot(x - excluded[0], y - excluded[1]) < 0.5:
                 continue
             value = raw - loss - distance_penalty * math.hypot(row, col) * resolution
             if value > best:

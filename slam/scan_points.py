@@ -15,7 +15,7 @@ from waychair.types import BoolArray, Float32Array, FloatArray, IntArray, Pose2,
 MIN_POINTS = 20
 """A scan with fewer usable points cannot be matched."""
 
-_STANDING = np.empty((0, 3))  # no motion during a scan
+_NO_MOTION = np.empty((0, 3))  # no motion during a scan
 
 
 @dataclass(frozen=True, slots=True)
@@ -54,7 +54,7 @@ def beam_ends(
 ) -> tuple[FloatArray, BoolArray]:
     """Return the beams' ends (N, 2) [m] in the base frame, and which beams (N,) are valid; see `scan_points`."""
     nearest, farthest = max(scan.range_min, 0.05), min(range_max, scan.range_max if scan.range_max > 0 else range_max)
-    motion = _STANDING if twist is None or scan.time_step == 0.0 else motion_of_beams(scan, twist)
+    motion = _NO_MOTION if twist is None or scan.time_step == 0.0 else motion_of_beams(scan, twist)
     return _ends(scan.ranges, scan.angle_min, scan.angle_step, base_from_laser.array(), nearest, farthest, motion)
 
 
@@ -64,7 +64,7 @@ def motion_of_beams(scan: Scan, twist: Twist) -> FloatArray:
     return arcs(twist.v * seconds, twist.omega * seconds)
 
 
-def swept(scan: Scan, twist: Twist) -> Pose2:
+def sweep_motion(scan: Scan, twist: Twist) -> Pose2:
     """Return the pose of the base at a scan's last beam in the base at its first beam, for a constant twist."""
     seconds = scan.time_step * (len(scan.ranges) - 1)
     return arc(twist.v * seconds, twist.omega * seconds)

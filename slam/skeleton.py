@@ -55,16 +55,16 @@ class Skeleton:
         self._first = array("i", [-1]) * 64
         self._after = array("i")
         self._free: list[int] = []
-        self._beside: dict[int, tuple[tuple[int, ...], tuple[int, ...]]] = {}  # cached neighbours
-        self._on: dict[int, list[int]] = {}  # nodes attached to an anchor
+        self._neighbour_cache: dict[int, tuple[tuple[int, ...], tuple[int, ...]]] = {}  # cached neighbours
+        self._attached: dict[int, list[int]] = {}  # nodes attached to an anchor
 
     def add(self, node: int, stamp_ns: int, map_id: int, anchor: int, anchor_from_node: Pose2) -> None:
         """Add a node to the STM; ids ascend and may have gaps."""
         if node < self.count:
-            raise ValueError(f"node {node} was there already; the next one may be {self.count}")
+            raise ValueError(f"node {node} already exists; the next id must be at least {self.count}")
         self.reserve(node + 1)
         self.rows[node] = (stamp_ns, 0, map_id, 0, anchor, Kept.STM, anchor_from_node.array())
-        self._on.setdefault(anchor, []).append(node)
+        self._attached.setdefault(anchor, []).append(node)
 
     def reserve(self, count: int) -> None:
         """Make the next node's id at least `count`; unused ids have empty rows."""
@@ -77,7 +77,7 @@ class Skeleton:
         """Remove a node and its links."""
         for link in self.links(node):
             self.unlink(link.i, link.j)
-        self._on[int(self.rows["anchor"][node])].remove(node)
+        self._attached[int(self.rows["anchor"][node])].remove(node)
         self.rows["kept"][node] = Kept.GONE
 
     def kept(self, node: int) -> Kept:
@@ -100,7 +100,7 @@ class Skeleton:
             self._kinds.append(0)
             if row == len(self._links):
                 self._links = np.concatenate([self._links, np.zeros_like(self._links)])
-        self._forget(link.i, link.j)
+        self._invalidate(link.i, link.j)
         self._kinds[row] = link.kind
         self._links[row] = (link.i_from_j.array(), link.information)
         for half, node in ((2 * row, link.i), (2 * row + 1, link.j)):
@@ -113,7 +113,7 @@ class Skeleton:
         row = self._row(i, j)
         if row is None:
             return False
-        self._forget(i, j)
+        self._invalidate(i, j)
         for half in (2 * row, 2 * row + 1):
             node = self._ends[half]
             if self._first[node] == half:
@@ -162,16 +162,16 @@ class Skeleton:
             level = sorted(following)
             yield level
 
-    def hang(self, node: int, anchor: int, anchor_from_node: Pose2) -> None:
+    def attach(self, node: int, anchor: int, anchor_from_node: Pose2) -> None:
         """Attach the node to another anchor."""
-        self._on[int(self.rows["anchor"][node])].remove(node)
-        self._on.setdefault(anchor, []).append(node)
+        self._attached[int(self.rows["anchor"][node])].remove(node)
+        self._attached.setdefault(anchor, []).append(node)
         self.rows["anchor"][node] = anchor
         self.rows["anchor_from_node"][node] = anchor_from_node.array()
 
-    def on(self, anchor: int) -> Sequence[int]:
+    def attached_to(self, anchor: int) -> Sequence[int]:
         """Return the nodes attached to an anchor."""
-        return self._on.get(anchor, ())
+        return self._attached.get(anchor, ())
 
     def anchor_from_node(self, node: int) -> Pose2:
         """Return the pose of the node relative to its anchor."""
@@ -194,24 +194,24 @@ class Skeleton:
         off_i, off_j = self.anchor_from_node(link.i), self.anchor_from_node(link.j)
         return Edge(i, j, off_i @ link.i_from_j @ off_j.inverse(), carried(link.information, off_j), kind)
 
-    def beside(self, node: int) -> tuple[tuple[int, ...], tuple[int, ...]]:
+    def cached_neighbours(self, node: int) -> tuple[tuple[int, ...], tuple[int, ...]]:
         """Return a node's neighbours along the drive, and those by appearance loops.
 
         The result is cached until a link changes, so calls for every frame cost nothing at places with many links.
         """
-        known = self._beside.get(node)
+        known = self._neighbour_cache.get(node)
         if known is None:
             known = tuple(self.neighbours(node, IN_TIME)), tuple(self.neighbours(node, (LinkKind.GLOBAL,)))
-            self._beside[node] = known
+            self._neighbour_cache[node] = known
         return known
 
-    def ways_in_time(self, node: int) -> tuple[int, ...]:
+    def neighbours_in_time(self, node: int) -> tuple[int, ...]:
         """Return a node's neighbours along the drive."""
-        return self.beside(node)[0]
+        return self.cached_neighbours(node)[0]
 
-    def _forget(self, *nodes: int) -> None:
+    def _invalidate(self, *nodes: int) -> None:
         for node in nodes:
-            self._beside.pop(node, None)
+            self._neighbour_cache.pop(node, None)
 
     def _halves(self, node: int) -> Iterator[int]:
         half = self._first[node]

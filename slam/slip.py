@@ -9,7 +9,7 @@ _PULL_S = 0.4  # time constant of the pull towards the wheels' speed
 _LEARN_S = 1.0  # time constant of the accelerometer's offset (its bias, and gravity on a slope)
 
 
-class SpeedWatch:
+class SlipDetector:
     """A complementary filter of the speed: integrated from the accelerometer, pulled to the wheels, with an offset.
 
     The speed of spinning or locked wheels jumps away from it, because the chair's mass does not follow. A slope also
@@ -24,12 +24,12 @@ class SpeedWatch:
         self._offset = 0.0
         self._slipped_s = 0.0
 
-    def feel(self, accel: float, seconds: float) -> None:
+    def add_acceleration(self, accel: float, seconds: float) -> None:
         """Add the forward acceleration [m/s^2] over some time."""
         if self._speed is not None:
             self._speed += (accel - self._offset) * seconds
 
-    def compare(self, wheels: float, seconds: float) -> float | None:
+    def slip_speed(self, wheels: float, seconds: float) -> float | None:
         """Return the speed [m/s] by the accelerometer if the wheels slip, else None."""
         if self._speed is None:
             self._speed = wheels

@@ -28,7 +28,7 @@ _SNAPSHOTS: dict[type, str] = {Scan: "scan", RgbdFrame: "rgbd", SonarReadings: "
 _STREAMS: dict[type, str] = {WheelTicks: "wheels", Odometry: "wheels", ImuSample: "imu"}
 """Fields of a frame by topic type: one message per frame of a snapshot, all readings of a stream."""
 
-_RATE_OVER = 21
+_RATE_MESSAGES = 21
 """Number of messages from which a rate is computed."""
 
 _COUNTS = 2**32  # encoder counters wrap here
@@ -81,7 +81,7 @@ class Synchroniser:
         self.settings = settings or SynchroniserSettings()
         self.resets = 0
         self.incomplete = 0
-        _refuse_misfits(topics)
+        _check_topics(topics)
         self._topics = {topic.name: topic for topic in topics}
         self._fields = {topic.name: (_SNAPSHOTS | _STREAMS)[topic.type] for topic in topics}
         self._sets = _sets_for([topic for topic in topics if topic.type in _SNAPSHOTS], self.settings)
@@ -89,7 +89,7 @@ class Synchroniser:
             topic.name: MessageQueue(self.settings.stream_queue) for topic in topics if topic.type in _STREAMS
         }
         self._queues: dict[str, MessageQueue[Any]] = {**self._sets.queues, **self._streams}
-        self._stamps: dict[str, deque[int]] = {topic.name: deque(maxlen=_RATE_OVER) for topic in topics}
+        self._stamps: dict[str, deque[int]] = {topic.name: deque(maxlen=_RATE_MESSAGES) for topic in topics}
         self._pending: deque[tuple[Snapshot, ...]] = deque()
         self._before: dict[str, Reading] = {}  # the last reading of each stream in a frame
 
@@ -101,12 +101,12 @@ class Synchroniser:
         """
         name = topic.name if isinstance(topic, Topic) else topic
         if name not in self._topics:
-            raise ConfigError(f"there is no topic '{name}' to synchronise; announced are {', '.join(self._topics)}")
+            raise ConfigError(f"unknown topic '{name}'; the synchroniser was made for {', '.join(self._topics)}")
         newest = self._queues[name].newest_ns
         before: tuple[SensorFrame, ...] = ()
         if newest is not None and message.stamp_ns < newest - round(self.settings.reset_s * 1e9):
             before = self.flush()
-            self._begin_again()
+            self._restart()
         self._stamps[name].append(message.stamp_ns)
         if name in self._streams:
             self._streams[name].put(cast(Reading, message))
@@ -142,20 +142,20 @@ class Synchroniser:
         parts: dict[str, object] = {
             self._fields[name]: message for name, message in zip(self._sets.queues, snapshots, strict=True)
         }
-        whole = True
+        complete = True
         for name, queue in self._streams.items():
             readings = queue.take_until(stamp)
             before = readings[-1] if readings else self._before.get(name)
-            whole = whole and queue.newest_ns is not None and queue.newest_ns >= stamp
+            complete = complete and queue.newest_ns is not None and queue.newest_ns >= stamp
             if before is not None:
                 self._before[name] = before
                 if self.settings.interpolate and queue.waiting and before.stamp_ns < stamp:
-                    readings += _between(before, queue.waiting[0], stamp)
+                    readings += _interpolated(before, queue.waiting[0], stamp)
             parts[self._fields[name]] = tuple(readings)
-        self.incomplete += not whole
+        self.incomplete += not complete
         return SensorFrame(stamp, **parts)  # type: ignore[arg-type]
 
-    def _begin_again(self) -> None:
+    def _restart(self) -> None:
         self.resets += 1
         self._before.clear()
         for name, queue in self._queues.items():
@@ -186,7 +186,7 @@ def frames_with_delays(frames: Sequence[SensorFrame], delays: SensorDelays) -> t
         for queue, readings in ((wheels, frame.wheels), (imu, frame.imu)):
             for reading in readings:
                 queue.put(without_delay(reading, delays))
-    mended: list[SensorFrame] = []
+    corrected: list[SensorFrame] = []
     last: Reading | None = None
     for frame in frames:
         scan, rgbd, sonar = (without_delay(part, delays) for part in (frame.scan, frame.rgbd, frame.sonar))
@@ -194,12 +194,12 @@ def frames_with_delays(frames: Sequence[SensorFrame], delays: SensorDelays) -> t
         own = wheels.take_until(stamp)
         last = own[-1] if own else last
         if last is not None and last.stamp_ns < stamp and wheels.waiting:
-            own += _between(last, wheels.waiting[0], stamp)
-        mended.append(SensorFrame(stamp, scan, rgbd, sonar, tuple(own), tuple(imu.take_until(stamp))))  # type: ignore[arg-type]
-    return tuple(mended)
+            own += _interpolated(last, wheels.waiting[0], stamp)
+        corrected.append(SensorFrame(stamp, scan, rgbd, sonar, tuple(own), tuple(imu.take_until(stamp))))  # type: ignore[arg-type]
+    return tuple(corrected)
 
 
-def _between(before: Reading, after: Reading, stamp_ns: int) -> list[Reading]:
+def _interpolated(before: Reading, after: Reading, stamp_ns: int) -> list[Reading]:
     """Return a wheel reading interpolated linearly at a stamp between two others; nothing for an IMU."""
     part = (stamp_ns - before.stamp_ns) / (after.stamp_ns - before.stamp_ns)
     if isinstance(before, WheelTicks) and isinstance(after, WheelTicks):
@@ -221,21 +221,19 @@ def _wrapped(count: int) -> int:
     return (count + _COUNTS // 2) % _COUNTS - _COUNTS // 2
 
 
-def _refuse_misfits(topics: Sequence[Topic]) -> None:
+def _check_topics(topics: Sequence[Topic]) -> None:
     taken: dict[str, str] = {}
     for topic in topics:
         field = (_SNAPSHOTS | _STREAMS).get(topic.type)
         if field is None:
             raise ConfigError(
-                f"{topic.name} brings {topic.type.__name__}, which no frame has a place for: leave it out"
+                f"{topic.name} has type {topic.type.__name__}, which frames do not hold: remove this topic"
             )
         if field in taken:
-            raise ConfigError(
-                f"{taken[field]} and {topic.name} both want to be a frame's {field}: leave one of them out"
-            )
+            raise ConfigError(f"{taken[field]} and {topic.name} both give a frame's {field}: remove one of them")
         taken[field] = topic.name
     if not any(topic.type in _SNAPSHOTS for topic in topics):
-        raise ConfigError("no topic brings scans, pictures or sonar readings: frames need one of these")
+        raise ConfigError("no topic has scans, pictures or sonar readings: add one of these")
 
 
 def _sets_for(topics: Sequence[Topic], settings: SynchroniserSettings) -> MessageSets[Snapshot]:
@@ -256,7 +254,7 @@ def _complaint(topic: Topic, rate_hz: float, age_s: float | None, behind_s: floa
     """Return the fault of a topic and its remedy as a sentence; '' for none."""
     name = f"/{topic.name}"
     if age_s is None:
-        return f"nothing has come on {name}: start its node, or check its name"
+        return f"no message on {name}: start its node or check the topic's name"
     limit_ns = topic.max_age_ns()
     if limit_ns is None:
         return ""
@@ -268,5 +266,5 @@ def _complaint(topic: Topic, rate_hz: float, age_s: float | None, behind_s: floa
     if age_s > limit_s:
         return f"{name} has been silent for {age_s:.1f} s: check its cable and its node"
     if 0.0 < rate_hz < _SLOW * topic.rate_hz:
-        return f"{name} comes {rate_hz:.1f} times a second instead of {topic.rate_hz:g}: check its load and its link"
+        return f"{name} has {rate_hz:.1f} Hz instead of {topic.rate_hz:g} Hz: check the load and the link"
     return ""

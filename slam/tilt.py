@@ -77,7 +77,7 @@ class TiltFilter:
             return last
         if last is None or late_ns > 0 or -late_ns > _LONGEST_NS:
             self._speed = twist.v
-            self._tilt = Tilt(sample.stamp_ns, *_lean(ax, ay, az))
+            self._tilt = Tilt(sample.stamp_ns, *_gravity_angles(ax, ay, az))
             return self._tilt
         seconds = -late_ns * 1e-9
         self._tilt = self._stepped(last, sample.stamp_ns, (ax, ay, az), (p, q, r), twist, seconds)
@@ -102,7 +102,7 @@ class TiltFilter:
         # time they average to a change of speed
         ax += twist.omega * twist.omega * body.imu_x - (twist.v - self._speed) / seconds
         ay += twist.omega * twist.omega * body.imu_y - twist.v * twist.omega
-        seen_roll, seen_pitch = _lean(ax, ay, az)
+        seen_roll, seen_pitch = _gravity_angles(ax, ay, az)
         part, learn = seconds / s.settle_s, seconds / (s.settle_s * s.learn_s)
         off_roll, off_pitch = seen_roll - roll, seen_pitch - pitch
         self._bias = (self._bias[0] - learn * off_roll, self._bias[1] - learn * off_pitch)
@@ -145,6 +145,6 @@ def _beams(scan: Scan, body: ChairBody, tilt: Tilt) -> tuple[FloatArray, FloatAr
     return start, ahead
 
 
-def _lean(ax: float, ay: float, az: float) -> tuple[float, float]:
+def _gravity_angles(ax: float, ay: float, az: float) -> tuple[float, float]:
     """Return the roll and pitch [rad] at which gravity alone gives this acceleration."""
     return math.atan2(ay, az), math.atan2(-ax, math.hypot(ay, az))

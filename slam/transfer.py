@@ -14,7 +14,7 @@ _SECOND = 1_000_000_000
 
 
 @dataclass(frozen=True, slots=True)
-class Awake:
+class NodesInRam:
     """Nodes in RAM: the STM in joining order, and the WM; and the newer node of the latest loop closure (0: none)."""
 
     stm: Sequence[int]
@@ -29,7 +29,7 @@ def is_due(spent_ms: float, wm_nodes: int, settings: MemorySettings) -> bool:
     return late or (settings.memory_thr > 0 and wm_nodes > settings.memory_thr)
 
 
-def removable(skeleton: Skeleton, awake: Awake, most: int, settings: MemorySettings) -> list[int]:
+def removable(skeleton: Skeleton, awake: NodesInRam, most: int, settings: MemorySettings) -> list[int]:
     """Return at most `most` nodes for transfer: lowest weight first, then oldest in whole seconds, then lowest id.
 
     Exempt are intermediate nodes (weight -1), immunised nodes, neighbours of the STM and the latest closure. Nodes newer
@@ -62,14 +62,14 @@ def with_intermediate(skeleton: Skeleton, picked: Sequence[int], wm: Collection[
         going[node] = None
         reached = [node]
         while reached:
-            for beside in skeleton.ways_in_time(reached.pop()):
+            for beside in skeleton.neighbours_in_time(reached.pop()):
                 if beside in wm and beside not in going and skeleton.rows["weight"][beside] < 0:
                     going[beside] = None
                     reached.append(beside)
     return list(going)
 
 
-def _candidates(skeleton: Skeleton, awake: Awake) -> list[int]:
+def _candidates(skeleton: Skeleton, awake: NodesInRam) -> list[int]:
     """Return the nodes of the WM that may be transferred, before the exemption of recent nodes."""
     held = {there for node in awake.stm for there in skeleton.neighbours(node)}
     held.update(awake.immunised)

@@ -10,7 +10,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from tests.slam.corridor import SURE, view
-from waychair.slam.anchors import Anchors
+from waychair.slam.anchors import AnchorPoses
 from waychair.slam.edges import Edge, EdgeKind
 from waychair.slam.long_term import LongTerm
 from waychair.slam.memory import Memory
@@ -30,12 +30,12 @@ def near_by_looking(poses: FloatArray, at: Pose2, radius: float) -> IntArray:
 
 @given(st.lists(st.integers(1, 400), min_size=1, max_size=6), st.integers(0, 10**6), st.floats(0.0, 30.0))
 def test_near_ones_are_those_that_looking_at_each_finds(grows: list[int], seed: int, radius: float) -> None:
-    rng, poses, anchors = np.random.default_rng(seed), np.empty((0, 3)), Anchors()
+    rng, poses, anchors = np.random.default_rng(seed), np.empty((0, 3)), AnchorPoses()
     for more in grows:
         poses = np.concatenate([poses, rng.uniform(-40.0, 40.0, (more, 3))])
         if rng.random() < 0.3:
             poses = poses + rng.normal(0.0, 1.0, poses.shape)
-        anchors.stand(poses)
+        anchors.update(poses)
         at = Pose2(*rng.uniform(-40.0, 40.0, 3).tolist())
         np.testing.assert_array_equal(anchors.near(at, radius), near_by_looking(poses, at, radius))
 
@@ -43,22 +43,22 @@ def test_near_ones_are_those_that_looking_at_each_finds(grows: list[int], seed: 
 def test_anchors_without_a_pose_are_nowhere() -> None:
     poses = np.zeros((5, 3))
     poses[[1, 3]] = np.nan
-    assert Anchors(poses).near(Pose2(), 1.0).tolist() == [0, 2, 4]
-    assert Anchors(np.full((2, 3), np.nan)).near(Pose2(), 1.0).tolist() == []
-    assert Anchors().near(Pose2(), 1.0).tolist() == []
+    assert AnchorPoses(poses).near(Pose2(), 1.0).tolist() == [0, 2, 4]
+    assert AnchorPoses(np.full((2, 3), np.nan)).near(Pose2(), 1.0).tolist() == []
+    assert AnchorPoses().near(Pose2(), 1.0).tolist() == []
 
 
 def test_only_new_rows_are_told_while_the_array_goes_on_where_it_ended() -> None:
     room = np.zeros((1000, 3))
     room[:, 0] = np.arange(1000)
-    anchors = Anchors()
-    assert anchors.stand(room[:10]).tolist() == list(range(10))
-    assert anchors.stand(room[:10]).tolist() == []
-    assert anchors.stand(room[:13]).tolist() == [10, 11, 12]
+    anchors = AnchorPoses()
+    assert anchors.update(room[:10]).tolist() == list(range(10))
+    assert anchors.update(room[:10]).tolist() == []
+    assert anchors.update(room[:13]).tolist() == [10, 11, 12]
     bent = room[:14].copy()
     bent[4] += 0.5
     bent[5] += 1e-9
-    assert anchors.stand(bent).tolist() == [4, 13]
+    assert anchors.update(bent).tolist() == [4, 13]
 
 
 def test_a_graph_that_only_grows_keeps_its_poses_where_they_are() -> None:

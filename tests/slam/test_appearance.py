@@ -13,7 +13,7 @@ import pytest
 from tests.slam.flat_pictures import BASE_FROM_CAMERA, picture_at
 from waychair.geometry import compose, invert
 from waychair.slam.appearance import Appearance, AppearanceSettings
-from waychair.slam.loop_closure import Doubt, LoopSettings
+from waychair.slam.loop_closure import LoopRejection, LoopSettings
 from waychair.slam.mapper import Mapper, MapperSettings
 from waychair.slam.memory import Memory
 from waychair.slam.memory_settings import MemorySettings
@@ -187,7 +187,7 @@ def test_a_lookalike_place_is_refused_by_the_way_that_was_driven(route: Drive) -
     half = len(route[0]) // 2
     _, appearance = driven(route, lambda n, pose: _delayed(n, route[1], half))
     assert appearance.refused
-    assert Doubt.CONTRADICTED.value in {refused.reason for refused in appearance.refused}
+    assert LoopRejection.CONTRADICTED.value in {refused.reason for refused in appearance.refused}
     assert false_links(route, appearance) == []
 
 
@@ -197,7 +197,7 @@ def test_a_lookalike_place_is_refused_by_the_lidar(route: Drive) -> None:
     mapping = MapperSettings(loops=LoopSettings(spacing=100.0, drift=0.1))
     mapper, appearance = driven(route, lambda n, pose: _delayed(n, route[1], half), mapping)
     reasons = {refused.reason for refused in appearance.refused}
-    assert reasons & {Doubt.UNLIKE.value, Doubt.OFF.value, Doubt.AMBIGUOUS.value}
+    assert reasons & {LoopRejection.POOR_FIT.value, LoopRejection.FEW_INLIERS.value, LoopRejection.AMBIGUOUS.value}
     assert false_links(route, appearance) == []
     assert worst_error(route, mapper) < 0.1
 
@@ -237,7 +237,7 @@ def test_a_memory_opened_again_knows_the_places_of_the_first_session(route: Driv
         first,
         settings=AppearanceSettings(memory=MemorySettings(reduce_graph=True)),
         memory=Memory.opened(tmp_path / "memory.db", MemorySettings(reduce_graph=True)),
-        mapper=mapper.continued({}),
+        mapper=mapper.for_next_drive({}),
     )
     assert again.keys.reaches(again.frames[-1].key, known), "a loop by appearance has joined the two"
     assert [link for link in later.loops if link.i in nodes and link.j not in nodes]

@@ -24,7 +24,7 @@ from waychair.slam.beam_model import (
     beam_classes,
     beam_map,
     place_log_odds,
-    probability,
+    pose_probability,
 )
 from waychair.types import FloatArray, OccupancyGrid, Pose2
 
@@ -113,7 +113,7 @@ def shares(**of: float) -> FloatArray:
 
 
 def health(**of: float) -> float:
-    return float(probability(shares(**of), HealthSettings())[0])
+    return float(pose_probability(shares(**of), HealthSettings())[0])
 
 
 def test_a_scan_of_nothing_but_people_leaves_even_odds() -> None:

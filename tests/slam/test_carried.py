@@ -8,17 +8,23 @@ import pytest
 from tests.slam.conftest import scan_at
 from waychair.geometry import transform_points
 from waychair.slam.edges import Edge, EdgeKind
-from waychair.slam.information import NoiseSettings, of_match, of_nothing, of_odometry, turned
-from waychair.slam.loop_closure import LoopSettings, beyond_reach, candidates, graph_distances
-from waychair.slam.reference import Reference, reference_from_points
-from waychair.slam.scan_matching import seen_through
+from waychair.slam.information import (
+    NoiseSettings,
+    match_information,
+    odometry_information,
+    rotated_information,
+    unknown_information,
+)
+from waychair.slam.loop_closure import LoopSettings, candidates, graph_distances, uncertain_submaps
+from waychair.slam.reference import ScanReference, reference_from_points
+from waychair.slam.scan_matching import crossed_share
 from waychair.slam.scan_points import scan_points
 from waychair.types import Pose2
 
 HERE = Pose2(1.5, 1.5, 0.4)
 
 
-def seen_from(*poses: Pose2) -> Reference:
+def seen_from(*poses: Pose2) -> ScanReference:
     scans = [(pose, scan_points(scan_at(pose), Pose2(), 20.0)) for pose in poses]
     points = np.concatenate([transform_points(pose, scan.points) for pose, scan in scans])
     normals = np.concatenate([transform_points(Pose2(0, 0, pose.theta), scan.normals) for pose, scan in scans])
@@ -27,35 +33,37 @@ def seen_from(*poses: Pose2) -> Reference:
 
 def test_a_chair_that_stayed_looks_through_nothing() -> None:
     scan = scan_points(scan_at(HERE, noise=0.01), Pose2(), 20.0)
-    assert seen_through(scan, Pose2(), seen_from(HERE, Pose2(1.8, 1.5, 0.4)), HERE) < 0.05
+    assert crossed_share(scan, Pose2(), seen_from(HERE, Pose2(1.8, 1.5, 0.4)), HERE) < 0.05
 
 
 def test_a_chair_elsewhere_looks_through_walls() -> None:
     scan = scan_points(scan_at(Pose2(10.0, 7.0, 2.5)), Pose2(), 20.0)
-    assert seen_through(scan, Pose2(), seen_from(HERE, Pose2(1.8, 1.5, 0.4)), HERE) > 0.4
+    assert crossed_share(scan, Pose2(), seen_from(HERE, Pose2(1.8, 1.5, 0.4)), HERE) > 0.4
 
 
 def test_people_round_the_chair_hide_walls_but_contradict_none() -> None:
     crowded = scan_at(HERE)
     crowded.ranges[20:160] = np.minimum(crowded.ranges[20:160], 0.8)
-    assert seen_through(scan_points(crowded, Pose2(), 20.0), Pose2(), seen_from(HERE), HERE) < 0.05
+    assert crossed_share(scan_points(crowded, Pose2(), 20.0), Pose2(), seen_from(HERE), HERE) < 0.05
 
 
 def test_a_torn_edge_is_too_long_for_a_window_and_sends_the_search_to_whole_submaps() -> None:
     settings = LoopSettings(submap_scans=10)
     poses = np.array([[0.2 * k, 0.0, 0.0] for k in range(41)])
-    kinds = [EdgeKind.TORN if k == 29 else EdgeKind.MATCH for k in range(40)]
-    edges = [Edge(k, k + 1, Pose2(0.2, 0, 0), of_nothing(), kind) for k, kind in enumerate(kinds)]
+    kinds = [EdgeKind.UNKNOWN if k == 29 else EdgeKind.MATCH for k in range(40)]
+    edges = [Edge(k, k + 1, Pose2(0.2, 0, 0), unknown_information(), kind) for k, kind in enumerate(kinds)]
     ways = graph_distances(poses, edges, 40)[:35]
     assert candidates(poses, ways, settings) == ()
-    assert sorted(beyond_reach(ways, settings)) == [0, 1, 2]
+    assert sorted(uncertain_submaps(ways, settings)) == [0, 1, 2]
 
 
 def test_what_is_known_falls_with_the_way_and_turns_with_the_frame() -> None:
     noise = NoiseSettings()
-    near, far = of_odometry(Pose2(0.1, 0, 0), noise), of_odometry(Pose2(2.0, 0, 0.5), noise)
+    near, far = odometry_information(Pose2(0.1, 0, 0), noise), odometry_information(Pose2(2.0, 0, 0.5), noise)
     assert (np.diag(far) < np.diag(near)).all()
-    assert (np.diag(of_nothing()) < np.diag(far)).all()
-    assert np.sqrt(np.linalg.inv(of_match(1e12 * np.eye(3), noise))[0, 0]) == pytest.approx(noise.match_position)
-    quarter = turned(np.diag([1.0, 2.0, 3.0]), np.pi / 2)
+    assert (np.diag(unknown_information()) < np.diag(far)).all()
+    assert np.sqrt(np.linalg.inv(match_information(1e12 * np.eye(3), noise))[0, 0]) == pytest.approx(
+        noise.match_position
+    )
+    quarter = rotated_information(np.diag([1.0, 2.0, 3.0]), np.pi / 2)
     assert quarter == pytest.approx(np.diag([2.0, 1.0, 3.0]), abs=1e-12)

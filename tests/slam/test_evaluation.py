@@ -45,7 +45,7 @@ def raw_odometry(path: Path) -> Trajectory:
 def test_a_perfect_trajectory_has_no_error_and_loops_are_told_from_local_relations() -> None:
     trajectory = wave()
     errors = relation_errors(trajectory, relations_of(trajectory, [(0, 3), (10, 20), (0, 199), (150, 20)]))
-    assert (errors.of, errors.every.count, errors.local.count, errors.loop.count) == (4, 4, 2, 2)
+    assert (errors.total, errors.every.count, errors.local.count, errors.loop.count) == (4, 4, 2, 2)
     assert errors.every.max_m < 1e-9
     assert errors.every.max_deg < 1e-9
 
@@ -76,7 +76,7 @@ def test_stamps_without_a_pose_are_left_out_and_none_at_all_is_refused() -> None
     shifted = true.stamps_ns.copy()
     shifted[1, 0] += SECOND // 2
     errors = relation_errors(trajectory, Relations(shifted, true.poses))
-    assert (errors.of, errors.every.count) == (2, 1)
+    assert (errors.total, errors.every.count) == (2, 1)
     with pytest.raises(RecordingError, match="none of the 2 relations"):
         relation_errors(trajectory, Relations(true.stamps_ns + 10**15, true.poses))
 
@@ -132,7 +132,7 @@ def test_raw_odometry_of_the_real_logs_scores_as_published_and_as_the_tool_says(
     command = [sys.executable, str(tool), "relations", str(tmp_path / "t.tum"), str(data_dir / relations)]
     said = json.loads(subprocess.run(command, capture_output=True, text=True, check=True).stdout)
     every = errors.every
-    assert (every.count, errors.of) == (said["relations"], said["of"])
+    assert (every.count, errors.total) == (said["relations"], said["of"])
     ours = [every.mean_m, every.std_m, every.max_m, every.mean_deg, every.std_deg, every.max_deg]
     names = ["trans_mean_m", "trans_std_m", "trans_max_m", "rot_mean_deg", "rot_std_deg", "rot_max_deg"]
     np.testing.assert_allclose(ours, [said[name] for name in names], rtol=1e-5)

@@ -10,10 +10,10 @@ import pytest
 from waychair.errors import GraphError
 from waychair.geometry import compose
 from waychair.slam.edges import EdgeArrays, chi_square, edge_arrays
-from waychair.slam.graph import Edge, EdgeKind, GraphSettings, Reason, read_g2o, solve
+from waychair.slam.graph import Edge, EdgeKind, GraphSettings, RejectionReason, read_g2o, solve
 from waychair.slam.least_squares import least_squares
 from waychair.slam.pose_graph import PoseGraph
-from waychair.slam.robust import reckoned
+from waychair.slam.robust import chained_poses
 from waychair.slam.synchronisation import isotropic, lower_bound, polished, sesync_objective, spectral_poses
 from waychair.types import FloatArray, Pose2
 
@@ -29,7 +29,7 @@ def intel(data_dir: Path) -> tuple[FloatArray, tuple[Edge, ...], FloatArray]:
     """Odometry's start, edges and the clean optimum of the first 600 nodes of the Intel graph."""
     poses, every = read_g2o(data_dir / "posegraphs" / "intel.g2o.gz")
     edges = tuple(edge for edge in every if max(edge.i, edge.j) < 600)
-    start = reckoned(poses[:600], edges)
+    start = chained_poses(poses[:600], edges)
     return start, edges, least_squares(start, edge_arrays(edges))
 
 
@@ -62,7 +62,9 @@ def test_false_loops_do_not_move_the_optimum_and_are_named(
     solution = solve(start, (*edges, *false), SETTINGS)
     assert rmse(solution.poses, clean) < 0.1
     assert {id(item.edge) for item in solution.rejected} == {id(edge) for edge in false}
-    assert all(item.chi_square >= item.limit and item.reason is Reason.CONTRADICTED for item in solution.rejected)
+    assert all(
+        item.chi_square >= item.limit and item.reason is RejectionReason.CONTRADICTED for item in solution.rejected
+    )
     told = [str(item) for item in solution.rejected]
     assert told[0].startswith(f"loop {false[0].i}-{false[0].j}: the rest of the graph contradicts it (chi-square ")
 
@@ -150,7 +152,7 @@ def test_a_false_loop_is_left_out_while_driving_and_a_removed_one_is_remembered(
     assert rmse(graph.poses, truth) < 0.1
     graph.remove([edges[-1]])
     graph.update()
-    assert {item.reason for item in graph.rejected} == {Reason.CONTRADICTED, Reason.REMOVED}
+    assert {item.reason for item in graph.rejected} == {RejectionReason.CONTRADICTED, RejectionReason.REMOVED}
     assert rmse(graph.poses, truth) < 0.1
     assert edges[-1] not in graph.edges
     with pytest.raises(GraphError, match="not in the graph"):
@@ -160,7 +162,7 @@ def test_a_false_loop_is_left_out_while_driving_and_a_removed_one_is_remembered(
 def test_nothing_is_solved_while_no_loop_closes() -> None:
     truth, edges = laps()
     graph = grown(edges[:30], truth[:31])
-    reckoned_poses = reckoned(truth[:31], edges[:30])
+    reckoned_poses = chained_poses(truth[:31], edges[:30])
     assert graph.poses == pytest.approx(reckoned_poses)
 
 

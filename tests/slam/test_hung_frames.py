@@ -9,25 +9,28 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from waychair.slam.checkpoint import made_again, state_of
-from waychair.slam.hung_frames import HungFrame, HungFrames
+from waychair.slam.checkpoint import object_from_state, state_of
+from waychair.slam.hung_frames import AttachedFrame, AttachedFrames
 from waychair.types import Pose2
 
 NUMBER = st.floats(-1e3, 1e3)
 FRAME = st.builds(
-    HungFrame, st.integers(0, 2**62), st.integers(0, 2**31), st.builds(Pose2, NUMBER, NUMBER, st.floats(-3.14, 3.14))
+    AttachedFrame,
+    st.integers(0, 2**62),
+    st.integers(0, 2**31),
+    st.builds(Pose2, NUMBER, NUMBER, st.floats(-3.14, 3.14)),
 )
 
 
-def filled(frames: list[HungFrame]) -> HungFrames:
-    kept = HungFrames()
+def filled(frames: list[AttachedFrame]) -> AttachedFrames:
+    kept = AttachedFrames()
     for frame in frames:
         kept.append(frame)
     return kept
 
 
 @given(st.lists(FRAME, max_size=150), st.data())
-def test_they_are_what_a_list_of_them_is(frames: list[HungFrame], data: st.DataObject) -> None:
+def test_they_are_what_a_list_of_them_is(frames: list[AttachedFrame], data: st.DataObject) -> None:
     kept = filled(frames)
     assert [kept[k] for k in range(len(kept))] == frames
     assert bool(kept) == bool(frames)
@@ -41,28 +44,30 @@ def test_they_are_what_a_list_of_them_is(frames: list[HungFrame], data: st.DataO
 
 
 @given(st.lists(FRAME, max_size=20), st.data())
-def test_some_of_them_taken_out_are_a_copy_that_grows_by_itself(frames: list[HungFrame], data: st.DataObject) -> None:
+def test_some_of_them_taken_out_are_a_copy_that_grows_by_itself(
+    frames: list[AttachedFrame], data: st.DataObject
+) -> None:
     kept = filled(frames)
     chosen = data.draw(st.lists(st.integers(0, len(frames) - 1), max_size=20)) if frames else []
     taken = kept.take(chosen)
-    taken.append(HungFrame(1, 2, Pose2(3.0, 4.0, 0.5)))
+    taken.append(AttachedFrame(1, 2, Pose2(3.0, 4.0, 0.5)))
     assert [taken[k] for k in range(len(taken) - 1)] == [frames[k] for k in chosen]
-    assert taken[-1] == HungFrame(1, 2, Pose2(3.0, 4.0, 0.5))
+    assert taken[-1] == AttachedFrame(1, 2, Pose2(3.0, 4.0, 0.5))
     assert [kept[k] for k in range(len(kept))] == frames
 
 
 @pytest.mark.parametrize("number", [3, -4, 100])
 def test_a_frame_that_is_not_there_is_refused(number: int) -> None:
-    kept = filled([HungFrame(k, k, Pose2()) for k in range(3)])
+    kept = filled([AttachedFrame(k, k, Pose2()) for k in range(3)])
     with pytest.raises(IndexError, match=f"no frame {number} among 3"):
         kept[number]
 
 
 def test_ten_hours_take_less_than_thirty_megabytes_and_survive_being_written() -> None:
-    kept = HungFrames()
-    frame = HungFrame(1, 2, Pose2(3.0, 4.0, 0.5))
+    kept = AttachedFrames()
+    frame = AttachedFrame(1, 2, Pose2(3.0, 4.0, 0.5))
     for _ in range(100_000):
         kept.append(frame)
     bytes_each = sum(sys.getsizeof(array) for array in (kept._on, kept._poses)) / len(kept)
     assert bytes_each * 360_000 < 30e6
-    assert made_again(state_of(kept), HungFrames)[-1] == frame
+    assert object_from_state(state_of(kept), AttachedFrames)[-1] == frame

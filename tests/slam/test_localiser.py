@@ -12,7 +12,14 @@ import pytest
 from tests.slam.conftest import WALLS, cast, scan_at
 from waychair.maps.grid import cells_from_points
 from waychair.recording import read_recording
-from waychair.slam.localiser import Localisation, LocalisationState, Localiser, LocaliserSettings, saved_map, walls
+from waychair.slam.localiser import (
+    Localisation,
+    LocalisationState,
+    Localiser,
+    LocaliserSettings,
+    prepared_map,
+    wall_points,
+)
 from waychair.types import FloatArray, OccupancyGrid, Odometry, Pose2, Scan
 
 
@@ -95,7 +102,7 @@ def test_what_is_erased_of_the_map_speaks_against_the_chairs_place_no_longer(fla
     settings, way = LocaliserSettings(), straight(Pose2(1.2, 1.5, 0.0), 1.0)
     localiser = Localiser(haunted, Pose2(), way[0], settings)
     before = [found.health for found, _ in drive_on(localiser, way[:10], Pose2())]
-    localiser.redraw(saved_map(flat, settings))
+    localiser.replace_map(prepared_map(flat, settings))
     after = [found.health for found, _ in drive_on(localiser, way[10:], Pose2())]
     assert after[0] > max(before) + 0.05
     assert min(after) > 0.9
@@ -106,7 +113,7 @@ def test_a_chair_that_is_lost_looks_for_itself_on_the_map_as_it_is_now(flat: Occ
     localiser = Localiser(bare, Pose2(), None, settings)
     way = straight(Pose2(1.5, 1.5, 0.0), 3.5)
     assert all(found.lost for found, _ in drive_on(localiser, way[:10], Pose2()))
-    localiser.redraw(saved_map(flat, settings))
+    localiser.replace_map(prepared_map(flat, settings))
     assert drive_on(localiser, way[10:], Pose2())[-1][0].state is LocalisationState.OK
 
 
@@ -195,7 +202,7 @@ def test_walls_are_the_cells_that_border_on_free_ground_and_their_normals_point_
     cells = np.full((20, 20), -1, np.int8)
     cells[:, 10:] = 0
     cells[:, 9] = 100
-    points, normals = walls(OccupancyGrid(cells, 0.1, Pose2(2.0, 3.0, 0.0)))
+    points, normals = wall_points(OccupancyGrid(cells, 0.1, Pose2(2.0, 3.0, 0.0)))
     assert points[:, 0] == pytest.approx(np.full(20, 2.95))
     assert normals == pytest.approx(np.tile([1.0, 0.0], (20, 1)), abs=1e-6)
 
@@ -205,7 +212,7 @@ def test_normals_of_a_slanted_wall_are_not_stairs() -> None:
     for k in range(60):
         cells[k // 2 + 10, k] = 100
         cells[: k // 2 + 10, k] = -1
-    _, normals = walls(OccupancyGrid(cells, 0.05, Pose2()))
+    _, normals = wall_points(OccupancyGrid(cells, 0.05, Pose2()))
     angles = np.degrees(np.arctan2(normals[10:-10, 1], normals[10:-10, 0]))
     assert np.median(angles) == pytest.approx(90 + math.degrees(math.atan(0.5)), abs=6)
 

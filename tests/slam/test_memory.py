@@ -16,7 +16,7 @@ from waychair.slam.edges import EdgeKind
 from waychair.slam.memory import Change, Memory
 from waychair.slam.memory_settings import PRESETS, MemorySettings
 from waychair.slam.nodes import IN_TIME, Kept, Link, LinkKind, carried
-from waychair.slam.rehearsal import Verdict, similarity
+from waychair.slam.rehearsal import RehearsalResult, similarity
 from waychair.types import Pose2
 
 ALIKE = [1, 2, 3, 4, 5]
@@ -96,7 +96,7 @@ def test_standing_still_makes_one_node_that_weighs_more() -> None:
     for second in range(5):
         added = memory.add(view(1, ALIKE, x=0.05, second=second), SURE)
     assert added.id == 1
-    assert added.verdict is Verdict.MERGE
+    assert added.verdict is RehearsalResult.MERGE
     assert memory.stm == (1,)
     assert memory.weight(1) == 4
     assert memory.counts().merged == 4
@@ -128,7 +128,7 @@ def test_the_new_node_may_stand_for_the_old_one_with_its_view_and_its_links() ->
 def test_while_the_chair_moves_only_the_weight_goes_over() -> None:
     memory = Memory()
     memory.add(view(1, ALIKE), SURE)
-    assert memory.add(view(2, ALIKE), SURE).verdict is Verdict.WEIGHTS
+    assert memory.add(view(2, ALIKE), SURE).verdict is RehearsalResult.ADD_WEIGHT
     assert (memory.weight(1), memory.weight(2)) == (1, 0)
     assert memory.stm == (1, 2)
 
@@ -144,7 +144,7 @@ def test_while_the_chair_moves_the_weight_may_go_to_the_new_node() -> None:
 def test_while_the_chair_moves_weights_may_be_left_alone() -> None:
     memory = Memory(MemorySettings(rehearsal_weight_ignored_while_moving=True))
     memory.add(view(1, ALIKE), SURE)
-    assert memory.add(view(2, ALIKE), SURE).verdict is Verdict.APART
+    assert memory.add(view(2, ALIKE), SURE).verdict is RehearsalResult.DIFFERENT
     assert (memory.weight(1), memory.weight(2)) == (0, 0)
 
 
@@ -152,26 +152,26 @@ def test_while_the_chair_moves_weights_may_be_left_alone() -> None:
 def test_each_axis_alone_tells_that_the_chair_moves(motion: Pose2) -> None:
     memory = Memory()
     memory.add(view(1, ALIKE), SURE)
-    assert memory.add(view(2, ALIKE), SURE, motion=motion).verdict is Verdict.WEIGHTS
+    assert memory.add(view(2, ALIKE), SURE, motion=motion).verdict is RehearsalResult.ADD_WEIGHT
 
 
 def test_small_motions_on_all_axes_are_no_motion() -> None:
     memory = Memory()
     memory.add(view(1, ALIKE), SURE)
-    assert memory.add(view(2, ALIKE), SURE, motion=Pose2(0.1, -0.1, 0.1)).verdict is Verdict.MERGE
+    assert memory.add(view(2, ALIKE), SURE, motion=Pose2(0.1, -0.1, 0.1)).verdict is RehearsalResult.MERGE
 
 
 def test_a_standing_view_behind_intermediate_nodes_becomes_one_of_them() -> None:
     memory = Memory()
     memory.add(view(1, ALIKE, x=0.0), SURE)
     memory.add(view(2, [], x=0.02), SURE, intermediate=True)
-    assert memory.add(view(3, ALIKE, x=0.04), SURE).verdict is Verdict.INTERMEDIATE
+    assert memory.add(view(3, ALIKE, x=0.04), SURE).verdict is RehearsalResult.INTERMEDIATE
     assert [memory.weight(node) for node in (1, 2, 3)] == [1, -1, -1]
     assert memory.stm == (1, 2, 3)
 
 
-@pytest.mark.parametrize(("shared", "verdict"), [(6, Verdict.WEIGHTS), (5, Verdict.APART)])
-def test_views_are_alike_from_sixty_percent_on(shared: int, verdict: Verdict) -> None:
+@pytest.mark.parametrize(("shared", "verdict"), [(6, RehearsalResult.ADD_WEIGHT), (5, RehearsalResult.DIFFERENT)])
+def test_views_are_alike_from_sixty_percent_on(shared: int, verdict: RehearsalResult) -> None:
     memory = Memory()
     memory.add(view(1, list(range(1, 11))), SURE)
     assert memory.add(view(2, [*range(1, shared + 1), *range(20, 30 - shared)]), SURE).verdict is verdict
@@ -181,14 +181,14 @@ def test_only_the_latest_picture_is_compared() -> None:
     memory = Memory()
     memory.add(view(1, ALIKE), SURE)
     memory.add(view(2), SURE)
-    assert memory.add(view(3, ALIKE), SURE).verdict is Verdict.APART
+    assert memory.add(view(3, ALIKE), SURE).verdict is RehearsalResult.DIFFERENT
 
 
 def test_a_view_without_words_is_never_rehearsed() -> None:
     memory = Memory()
     memory.add(view(1, [0, -1]), SURE)
     assert memory.node(1).is_bad
-    assert memory.add(view(2, [0, -1], x=1.0), SURE).verdict is Verdict.APART
+    assert memory.add(view(2, [0, -1], x=1.0), SURE).verdict is RehearsalResult.DIFFERENT
 
 
 def test_a_loop_adds_no_weight() -> None:

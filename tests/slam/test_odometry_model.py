@@ -19,7 +19,7 @@ from waychair.slam.odometry_model import (
     forward,
     initial_covariance,
     motion_since_mark,
-    moved,
+    predict_step,
     turn_by_wheels,
 )
 from waychair.types import FloatArray, Pose2
@@ -47,8 +47,8 @@ def differences(function: Callable[[FloatArray], FloatArray], state: FloatArray)
 def test_jacobian_of_a_step_is_that_of_its_motion(wheels: Pose2 | None, gyro: float | None) -> None:
     for seed in range(5):
         state = drawn_state(seed)
-        step = moved(state, 0.2, wheels, gyro, SETTINGS)
-        numeric = differences(lambda x: moved(x, 0.2, wheels, gyro, SETTINGS).state, state)
+        step = predict_step(state, 0.2, wheels, gyro, SETTINGS)
+        numeric = differences(lambda x: predict_step(x, 0.2, wheels, gyro, SETTINGS).state, state)
         assert step.jacobian == pytest.approx(numeric, abs=1e-6)
         assert np.linalg.eigvalsh(step.noise).min() > -1e-12
 
@@ -76,7 +76,7 @@ def test_the_length_of_an_arc_comes_back(way: float, turn: float) -> None:
 
 @given(ways, turns)
 def test_wheels_that_err_in_nothing_are_believed_exactly(way: float, turn: float) -> None:
-    step = moved(np.zeros(SIZE), 0.5, arc(way, turn), None, SETTINGS)
+    step = predict_step(np.zeros(SIZE), 0.5, arc(way, turn), None, SETTINGS)
     expected = arc(way, turn).array()
     assert step.state[:3] == pytest.approx(expected, abs=1e-12)
     assert step.state[[V, OMEGA]] == pytest.approx([2 * way, 2 * turn], abs=1e-12)
@@ -86,7 +86,7 @@ def test_wheels_that_err_in_nothing_are_believed_exactly(way: float, turn: float
 def test_without_any_reading_the_twist_goes_on_and_the_doubt_grows() -> None:
     state = np.zeros(SIZE)
     state[[V, OMEGA]] = 0.5, 0.2
-    step = moved(state, 0.4, None, None, SETTINGS)
+    step = predict_step(state, 0.4, None, None, SETTINGS)
     assert step.state[:3] == pytest.approx(arc(0.2, 0.08).array(), rel=1e-3)  # by its chord
     assert step.state[[V, OMEGA]] == pytest.approx([0.5, 0.2])
     start = initial_covariance(SETTINGS)

@@ -10,8 +10,8 @@ import pytest
 
 from tests.slam.conftest import scan_at
 from waychair.geometry import pose_from_array, transform_points
-from waychair.slam.partial_overlap import Glimpse, GlimpseSettings, glimpse, known_ground
-from waychair.slam.reference import Reference, reference_from_scans
+from waychair.slam.partial_overlap import GlimpseSettings, PartialOverlap, find_partial_overlap, known_ground
+from waychair.slam.reference import ScanReference, reference_from_scans
 from waychair.slam.scan_matching import MatchSettings, Window, correlative_search
 from waychair.slam.scan_points import ScanPoints, ScanStore, scan_points
 from waychair.types import BoolArray, FloatArray, Pose2
@@ -27,7 +27,7 @@ def short_sighted(pose: Pose2, seed: int = 0) -> ScanPoints:
     return scan_points(dataclasses.replace(scan, range_max=4.0), Pose2(), 20.0)
 
 
-def map_of(poses: list[Pose2]) -> tuple[ScanStore, FloatArray, Reference, BoolArray]:
+def map_of(poses: list[Pose2]) -> tuple[ScanStore, FloatArray, ScanReference, BoolArray]:
     store = ScanStore()
     for k, pose in enumerate(poses):
         store.append(short_sighted(pose, k))
@@ -36,9 +36,9 @@ def map_of(poses: list[Pose2]) -> tuple[ScanStore, FloatArray, Reference, BoolAr
     return store, array, reference, known_ground(store, array, range(len(poses)), Pose2(), reference)
 
 
-def found_from(guess: Pose2, query: ScanPoints, settings: GlimpseSettings = SETTINGS) -> Glimpse | None:
+def found_from(guess: Pose2, query: ScanPoints, settings: GlimpseSettings = SETTINGS) -> PartialOverlap | None:
     _, _, reference, known = map_of(EARLIER)
-    return glimpse(query, reference, known, guess, Window(0.8, 0.3), MATCHING, settings)
+    return find_partial_overlap(query, reference, known, guess, Window(0.8, 0.3), MATCHING, settings)
 
 
 @pytest.mark.parametrize("away", [Pose2(), Pose2(0.5, -0.3, 0.2), Pose2(-0.4, 0.6, -0.25)])
@@ -88,7 +88,7 @@ def test_the_place_found_is_the_best_that_a_look_at_every_pose_finds() -> None:
                 here = rows + row, cols + col
                 best = max(best, float(np.where(known[here], likelihood[here] - doubt, 0.0).sum()))
     settings = dataclasses.replace(SETTINGS, min_evidence=1.0, max_ambiguity=1.0, min_response=0.0)
-    found = glimpse(query, reference, known, BACK, Window(0.3, 0.1), MATCHING, settings)
+    found = find_partial_overlap(query, reference, known, BACK, Window(0.3, 0.1), MATCHING, settings)
     assert found is not None
     assert found.evidence == pytest.approx(best, abs=1e-6)
 
@@ -112,9 +112,11 @@ def test_a_bare_wall_that_fits_anywhere_along_itself_is_ambiguous() -> None:
     reference = reference_from_scans(store, poses, [0, 1], poses[0], 10.0, 0.05, 0.06)
     known = known_ground(store, poses, [0, 1], Pose2(), reference)
     query = ScanPoints(wall.points[20:60], wall.normals[20:60])
-    assert glimpse(query, reference, known, Pose2(0.7, 0, 0), Window(0.8, 0.2), MATCHING, SETTINGS) is None
+    assert find_partial_overlap(query, reference, known, Pose2(0.7, 0, 0), Window(0.8, 0.2), MATCHING, SETTINGS) is None
     certain = dataclasses.replace(SETTINGS, max_ambiguity=1.0)
-    assert glimpse(query, reference, known, Pose2(0.7, 0, 0), Window(0.8, 0.2), MATCHING, certain) is not None
+    assert (
+        find_partial_overlap(query, reference, known, Pose2(0.7, 0, 0), Window(0.8, 0.2), MATCHING, certain) is not None
+    )
 
 
 def test_a_query_without_points_is_nowhere() -> None:

@@ -13,7 +13,7 @@ from hypothesis import strategies as st
 from tests.slam.rgbd_scene import CAMERA, pose, render
 from waychair.slam.depth_icp import IcpRefusal, IcpSettings, cloud_kernel, refine_by_depth
 from waychair.slam.features import Features, FeatureSettings, extract
-from waychair.slam.registration import Refusal, RegistrationSettings, angle_between, register
+from waychair.slam.registration import RegistrationRefusal, RegistrationSettings, angle_between, register
 from waychair.slam.reprojection import NoiseModel, fit_pose, project, residual_kernel, unrolled
 from waychair.types import FloatArray, Pose3
 
@@ -46,9 +46,9 @@ def test_the_motion_between_two_pictures_is_recovered(moved: Pose3) -> None:
 def test_matches_agree_with_the_pose_they_gave_and_not_with_one_beside_it() -> None:
     found = register(features_at(pose()), features_at(pose((0, 0.05, 0))), CAMERA, SETTINGS)
     assert found.old_from_new is not None
-    assert found.share(found.old_from_new, CAMERA) > 0.95
-    assert found.share(found.old_from_new @ pose((0, 0.03, 0)), CAMERA) < 0.5
-    assert dataclasses.replace(found, points=np.empty((0, 3))).share(found.old_from_new, CAMERA) == 0.0
+    assert found.inlier_share(found.old_from_new, CAMERA) > 0.95
+    assert found.inlier_share(found.old_from_new @ pose((0, 0.03, 0)), CAMERA) < 0.5
+    assert dataclasses.replace(found, points=np.empty((0, 3))).inlier_share(found.old_from_new, CAMERA) == 0.0
 
 
 def test_a_guess_gives_the_same_pose_and_a_wrong_guess_is_done_without() -> None:
@@ -63,26 +63,34 @@ def test_a_guess_gives_the_same_pose_and_a_wrong_guess_is_done_without() -> None
 def test_pictures_of_different_walls_are_refused_with_a_reason() -> None:
     found = register(features_at(pose()), features_at(pose((0, math.pi, 0))), CAMERA, SETTINGS)
     assert found.old_from_new is None
-    assert found.refusal in (Refusal.FEW_MATCHES, Refusal.NO_POSE, Refusal.FEW_INLIERS, Refusal.CONTRADICTED)
+    assert found.refusal in (
+        RegistrationRefusal.FEW_MATCHES,
+        RegistrationRefusal.NO_POSE,
+        RegistrationRefusal.FEW_INLIERS,
+        RegistrationRefusal.CONTRADICTED,
+    )
 
 
 def test_an_empty_picture_and_one_without_depth_are_refused() -> None:
     old = features_at(pose())
     nothing = old.take(np.zeros(len(old), bool))
     blind = dataclasses.replace(old, points=np.full_like(old.points, np.nan))
-    assert register(old, nothing, CAMERA, SETTINGS).refusal is Refusal.FEW_FEATURES
-    assert register(blind, old, CAMERA, SETTINGS).refusal is Refusal.FEW_FEATURES
+    assert register(old, nothing, CAMERA, SETTINGS).refusal is RegistrationRefusal.FEW_FEATURES
+    assert register(blind, old, CAMERA, SETTINGS).refusal is RegistrationRefusal.FEW_FEATURES
     assert register(old, blind, CAMERA, SETTINGS).old_from_new is not None  # only the first one needs depth
 
 
 def test_pictures_too_far_apart_are_refused() -> None:
     near = dataclasses.replace(SETTINGS, max_distance=0.05)
-    assert register(features_at(pose()), features_at(pose((0, 0, 0), (0.2, 0, 0))), CAMERA, near).refusal is Refusal.FAR
+    assert (
+        register(features_at(pose()), features_at(pose((0, 0, 0), (0.2, 0, 0))), CAMERA, near).refusal
+        is RegistrationRefusal.FAR
+    )
 
 
 def test_matches_in_one_spot_are_refused() -> None:
     strict = dataclasses.replace(SETTINGS, min_spread=0.1)
-    assert register(features_at(pose()), features_at(pose()), CAMERA, strict).refusal is Refusal.HUDDLED
+    assert register(features_at(pose()), features_at(pose()), CAMERA, strict).refusal is RegistrationRefusal.CLUSTERED
 
 
 @settings(max_examples=25)

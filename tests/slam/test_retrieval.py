@@ -7,7 +7,7 @@ import pytest
 
 from tests.slam.corridor import SURE, chain, corridor, loop, stand, view
 from waychair.maps.grid_assembly import GridAssembly
-from waychair.slam.anchors import Anchors
+from waychair.slam.anchors import AnchorPoses
 from waychair.slam.memory import Memory
 from waychair.slam.memory_settings import MemorySettings
 from waychair.slam.nodes import Kept, LinkKind
@@ -74,7 +74,7 @@ def test_near_is_within_the_radius_and_nearest_first() -> None:
     anchors = np.zeros((31, 3))
     anchors[:, 0] = np.arange(31)
     found = surroundings(
-        half_asleep(), Anchors(anchors), Pose2(14.2), 30, range(11, 28), (), MemorySettings(local_radius=2.0)
+        half_asleep(), AnchorPoses(anchors), Pose2(14.2), 30, range(11, 28), (), MemorySettings(local_radius=2.0)
     )
     assert list(found.near) == [14, 15, 13, 16]
 
@@ -83,11 +83,11 @@ def test_a_place_of_which_all_nodes_sleep_is_woken_by_where_it_is() -> None:
     skeleton, anchors = half_asleep(), np.zeros((31, 3))
     anchors[:, 0] = np.arange(31)
     reach = MemorySettings(local_radius=3.0, max_local_retrieved=2)
-    around = surroundings(skeleton, Anchors(anchors), Pose2(5.2), 30, range(11, 28), (), reach)
+    around = surroundings(skeleton, AnchorPoses(anchors), Pose2(5.2), 30, range(11, 28), (), reach)
     assert list(around.sleepers) == [5, 6]
     assert wanted(skeleton, None, around, reach) == [5, 6]
     letter = MemorySettings(local_radius=3.0, wake_by_place=False)
-    assert surroundings(skeleton, Anchors(anchors), Pose2(5.2), 30, range(11, 28), (), letter).sleepers == []
+    assert surroundings(skeleton, AnchorPoses(anchors), Pose2(5.2), 30, range(11, 28), (), letter).sleepers == []
 
 
 @pytest.mark.parametrize(("by_place", "known"), [(True, True), (False, False)])
@@ -116,9 +116,9 @@ def test_of_one_place_the_node_that_weighs_most_is_woken_and_none_where_one_is_a
     skeleton.rows["weight"][2] = 4
     anchors[1:, 0] = 1000.0
     reach = MemorySettings(local_radius=3.0)
-    assert list(surroundings(skeleton, Anchors(anchors), Pose2(), 30, range(11, 28), (), reach).sleepers) == [2]
+    assert list(surroundings(skeleton, AnchorPoses(anchors), Pose2(), 30, range(11, 28), (), reach).sleepers) == [2]
     skeleton.hang(11, 0, Pose2())
-    assert list(surroundings(skeleton, Anchors(anchors), Pose2(), 30, range(11, 28), (), reach).sleepers) == []
+    assert list(surroundings(skeleton, AnchorPoses(anchors), Pose2(), 30, range(11, 28), (), reach).sleepers) == []
 
 
 def test_neighbours_of_the_hypothesis_in_time_are_immunised_beyond_any_budget() -> None:
@@ -216,7 +216,7 @@ def grid_of(memory: Memory, nodes: range, beams: int) -> OccupancyGrid:
         for node, found in chunk:
             first, last = found.node_from_first.array(), found.node_from_last.array()
             assembly.add(node, found.scan, node, first, last)
-    assembly.bend(memory.anchors, np.zeros(2))
+    assembly.move_nodes(memory.anchors, np.zeros(2))
     assembly.settle()
     return assembly.grid()
 

@@ -15,7 +15,7 @@ from tests.slam.conftest import scan_at
 from waychair.geometry import pose_from_array, wrap_angle
 from waychair.recording import read_recording
 from waychair.slam.mapper import Mapper, MapperSettings
-from waychair.slam.reference import LEVELS, Reference, reference_from_points, reference_from_scans
+from waychair.slam.reference import LEVELS, ScanReference, reference_from_points, reference_from_scans
 from waychair.slam.scan_matching import MatchSettings, Window, correlative_search, match, nearest_surface, refine
 from waychair.slam.scan_points import ScanPoints, ScanStore, scan_points
 from waychair.types import FloatArray, Pose2, Scan
@@ -28,7 +28,7 @@ def points_at(pose: Pose2, noise: float = 0.0) -> ScanPoints:
     return scan_points(scan_at(pose, noise=noise), Pose2(), 20.0)
 
 
-def reference(noise: float = 0.0) -> Reference:
+def reference(noise: float = 0.0) -> ScanReference:
     store = ScanStore()
     poses = np.array([[1.5, 1.5, 0.3], [1.7, 1.5, 0.2], [1.9, 1.6, 0.1]])
     for pose in poses:
@@ -36,7 +36,7 @@ def reference(noise: float = 0.0) -> Reference:
     return reference_from_scans(store, poses, [0, 1, 2], poses[0], 12.0, SETTINGS.resolution, SETTINGS.sigma)
 
 
-def exhaustive(points: FloatArray, ref: Reference, guess: Pose2, cells: int, angles: FloatArray) -> float:
+def exhaustive(points: FloatArray, ref: ScanReference, guess: Pose2, cells: int, angles: FloatArray) -> float:
     """Best penalised score of the window, one pose after the other."""
     best = 0.0
     for angle in angles:
@@ -205,7 +205,7 @@ def test_a_repeating_place_has_a_runner_up_as_good_as_the_winner() -> None:
     ref = reference_from_points(comb, np.tile([0.0, 1.0], (len(comb), 1)), 0.05, 0.06)
     part = comb[(comb[:, 0] > 2.5) & (comb[:, 0] < 3.5)] - (3.0, 0.0)
     best, response = correlative_search(part, ref, Pose2(3.0, 0.0, 0.0), Window(1.5, 0.1), SETTINGS)
-    _, runner_up = correlative_search(part, ref, Pose2(3.0, 0.0, 0.0), Window(1.5, 0.1), SETTINGS, taken=best)
+    _, runner_up = correlative_search(part, ref, Pose2(3.0, 0.0, 0.0), Window(1.5, 0.1), SETTINGS, excluded=best)
     assert response > 0.9
     assert runner_up > 0.85 * response
 

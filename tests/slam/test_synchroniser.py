@@ -136,7 +136,7 @@ def test_who_is_late_is_named_with_how_much_and_what_to_do() -> None:
             synchroniser.add(ODOMETRY, Odometry((ms - 800) * MS, Pose2()))
     complaints = {status.name: status.complaint for status in synchroniser.diagnostics(5 * SECOND)}
     assert complaints[ODOMETRY.name] == "/odom is 0.8 s behind /imu/data: check its clock or its node"
-    assert complaints[SONAR.name] == "nothing has come on /sonar: start its node, or check its name"
+    assert complaints[SONAR.name] == "no message on /sonar: start its node or check the topic's name"
     assert complaints[SCAN.name] == complaints[IMU.name] == ""
 
 
@@ -147,7 +147,7 @@ def test_silence_slowness_and_clocks_ahead_are_named() -> None:
         synchroniser.add(IMU, sample(ms))
     slow, _ = synchroniser.diagnostics(3900 * MS)
     assert slow.rate_hz == pytest.approx(5.0)
-    assert slow.complaint == "/scan comes 5.0 times a second instead of 10: check its load and its link"
+    assert slow.complaint == "/scan has 5.0 Hz instead of 10 Hz: check the load and the link"
     assert synchroniser.diagnostics(9 * SECOND)[0].complaint.startswith("/scan has been silent for 5.2 s")
     assert synchroniser.diagnostics(-SECOND)[0].complaint.startswith("/scan is 4.8 s ahead of this computer")
 
@@ -175,9 +175,9 @@ def test_counts_that_wrap_are_interpolated_the_short_way() -> None:
     ("topics", "words"),
     [
         ((WHEELS, IMU), "frames need one"),
-        ((SCAN, MAP), "no frame has a place for"),
-        ((SCAN, WHEELS, ODOMETRY), "both want to be a frame's wheels"),
-        ((SCAN, Topic("scan_rear", Scan, 10.0)), "both want to be a frame's scan"),
+        ((SCAN, MAP), "which frames do not hold"),
+        ((SCAN, WHEELS, ODOMETRY), "both give a frame's wheels"),
+        ((SCAN, Topic("scan_rear", Scan, 10.0)), "both give a frame's scan"),
     ],
 )
 def test_topics_that_make_no_frames_are_refused(topics: tuple[Topic, ...], words: str) -> None:

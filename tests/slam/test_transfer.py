@@ -14,7 +14,7 @@ from waychair.slam.memory import Memory
 from waychair.slam.memory_settings import PRESETS, MemorySettings
 from waychair.slam.nodes import Kept
 from waychair.slam.skeleton import Skeleton
-from waychair.slam.transfer import Awake, is_due, removable, with_intermediate
+from waychair.slam.transfer import NodesInRam, is_due, removable, with_intermediate
 from waychair.types import Pose2
 
 LETTER = MemorySettings(memory_thr=1)
@@ -51,69 +51,69 @@ def test_transfer_is_due_beyond_either_limit(
 def test_the_lowest_weight_goes_first() -> None:
     skeleton, stm, wm = split(10)
     skeleton.rows["weight"][1:7] = [3, 1, 2, 0, 1, 5]
-    assert removable(skeleton, Awake(stm, wm), 3, LETTER) == [4, 2, 5]
+    assert removable(skeleton, NodesInRam(stm, wm), 3, LETTER) == [4, 2, 5]
 
 
 def test_among_equal_weights_the_oldest_goes_first() -> None:
     skeleton, stm, wm = split(8)
     skeleton.rows["entered_ns"][1:5] = np.array([9, 3, 7, 1]) * SECOND
-    assert removable(skeleton, Awake(stm, wm), 4, LETTER) == [4, 2, 3, 1]
+    assert removable(skeleton, NodesInRam(stm, wm), 4, LETTER) == [4, 2, 3, 1]
 
 
 def test_ages_count_in_whole_seconds_and_then_the_lowest_id_goes_first() -> None:
     skeleton, stm, wm = split(8)
     skeleton.rows["entered_ns"][1:5] = np.array([5.9, 5.1, 4.999, 4.0]) * SECOND
-    assert removable(skeleton, Awake(stm, wm), 4, LETTER) == [3, 4, 1, 2]
+    assert removable(skeleton, NodesInRam(stm, wm), 4, LETTER) == [3, 4, 1, 2]
 
 
 def test_the_age_does_not_count_where_nodes_are_sorted_by_weight_and_id() -> None:
     skeleton, stm, wm = split(8)
     skeleton.rows["entered_ns"][1:5] = np.array([9, 3, 7, 1]) * SECOND
-    assert removable(skeleton, Awake(stm, wm), 4, PRESETS["paper"]) == [1, 2, 3, 4]
+    assert removable(skeleton, NodesInRam(stm, wm), 4, PRESETS["paper"]) == [1, 2, 3, 4]
 
 
 def test_intermediate_nodes_are_no_candidates_and_go_with_their_neighbour() -> None:
     skeleton, stm, wm = split(9)
     skeleton.rows["weight"][[2, 3, 5]] = -1
-    picked = removable(skeleton, Awake(stm, wm), 1, LETTER)
+    picked = removable(skeleton, NodesInRam(stm, wm), 1, LETTER)
     assert picked == [1]
     assert with_intermediate(skeleton, picked, wm) == [1, 2, 3]
 
 
 def test_neighbours_of_the_stm_stay() -> None:
     skeleton, stm, wm = split(10)
-    assert removable(skeleton, Awake(stm, wm), 99, LETTER) == [1, 2, 3, 4, 5, 6]  # 7 is linked to 8
+    assert removable(skeleton, NodesInRam(stm, wm), 99, LETTER) == [1, 2, 3, 4, 5, 6]  # 7 is linked to 8
     skeleton.link(loop(2, 10))
-    assert removable(skeleton, Awake(stm, wm), 99, LETTER) == [1, 3, 4, 5, 6]
+    assert removable(skeleton, NodesInRam(stm, wm), 99, LETTER) == [1, 3, 4, 5, 6]
 
 
 def test_the_immunised_stay() -> None:
     skeleton, stm, wm = split(10)
-    assert removable(skeleton, Awake(stm, wm, immunised={1, 4}), 99, LETTER) == [2, 3, 5, 6]
+    assert removable(skeleton, NodesInRam(stm, wm, immunised={1, 4}), 99, LETTER) == [2, 3, 5, 6]
 
 
 def test_the_latest_closure_stays_always() -> None:
     skeleton, stm, wm = split(10)
-    assert 3 not in removable(skeleton, Awake(stm, wm, last_closure=3), 99, LETTER)
+    assert 3 not in removable(skeleton, NodesInRam(stm, wm, last_closure=3), 99, LETTER)
 
 
 def test_nodes_newer_than_the_latest_closure_stay_while_they_are_few() -> None:
     skeleton, stm, wm = split(23)  # 20 in the WM: 4 are a fifth
     skeleton.rows["weight"][1:17] = 1  # the recent ones would go first
-    assert removable(skeleton, Awake(stm, wm, last_closure=17), 2, LETTER) == [1, 2]
+    assert removable(skeleton, NodesInRam(stm, wm, last_closure=17), 2, LETTER) == [1, 2]
 
 
 def test_nodes_newer_than_the_latest_closure_go_until_they_are_few() -> None:
     skeleton, stm, wm = split(23)
     skeleton.rows["weight"][1:14] = 1
     # 15 to 20 are six; two more than a fifth, so that those two and one more may go before fewer than four are left
-    assert removable(skeleton, Awake(stm, wm, last_closure=14), 5, LETTER) == [15, 16, 17, 1, 2]
+    assert removable(skeleton, NodesInRam(stm, wm, last_closure=14), 5, LETTER) == [15, 16, 17, 1, 2]
 
 
 def test_without_a_closure_nothing_is_recent() -> None:
     skeleton, stm, wm = split(23)
     skeleton.rows["weight"][1:17] = 1
-    assert removable(skeleton, Awake(stm, wm), 2, LETTER) == [17, 18]
+    assert removable(skeleton, NodesInRam(stm, wm), 2, LETTER) == [17, 18]
 
 
 @given(st.data())
@@ -128,7 +128,7 @@ def test_who_goes_is_as_a_plain_walk_through_the_sorted_nodes_has_it(data: st.Da
     most, ratio = data.draw(st.integers(1, 8)), data.draw(st.sampled_from([0.0, 0.2, 0.5, 1.0]))
     for far in data.draw(st.sets(st.integers(1, count), max_size=3)):
         skeleton.link(loop(far, stm[-1]))
-    found = removable(skeleton, Awake(stm, wm, last, immune), most, MemorySettings(recent_wm_ratio=ratio))
+    found = removable(skeleton, NodesInRam(stm, wm, last, immune), most, MemorySettings(recent_wm_ratio=ratio))
 
     def key(node: int) -> tuple[int, int, int]:
         row = skeleton.rows[node]
