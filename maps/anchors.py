@@ -32,8 +32,8 @@ class Anchor:
     """A node's number, a point's pose in map when it was saved, and its pose in the node's frame."""
 
     node: int
-    was: Pose2
-    from_node: Pose2
+    map_pose: Pose2
+    node_pose: Pose2
 
 
 @dataclass(frozen=True, slots=True)
@@ -43,21 +43,21 @@ class Anchors:
     The anchors of one thing are in the order of its points.
     """
 
-    held: Mapping[str, Mapping[str, Sequence[Anchor]]] = field(default_factory=dict)
+    by_kind: Mapping[str, Mapping[str, Sequence[Anchor]]] = field(default_factory=dict)
     nodes: FloatArray = field(default_factory=lambda: np.empty((0, 3)))
 
     def follow(self, kind: str, name: str, poses: Sequence[Pose2]) -> list[Pose2]:
         """Return the points of a thing moved with their nodes; a pose edited since it was saved stays as given."""
-        anchors = self.held.get(kind, {}).get(name, ())
+        anchors = self.by_kind.get(kind, {}).get(name, ())
         if len(anchors) != len(poses):
             return list(poses)
         return [self._followed(anchor, pose) for anchor, pose in zip(anchors, poses, strict=True)]
 
     def _followed(self, anchor: Anchor, pose: Pose2) -> Pose2:
-        change = anchor.was.inverse() @ pose
+        change = anchor.map_pose.inverse() @ pose
         if max(abs(change.x), abs(change.y), abs(change.theta)) > _SAME or anchor.node >= len(self.nodes):
             return pose
-        return Pose2(*self.nodes[anchor.node].tolist()) @ anchor.from_node
+        return Pose2(*self.nodes[anchor.node].tolist()) @ anchor.node_pose
 
 
 def load_anchors(folder: Path) -> Anchors:
@@ -80,7 +80,7 @@ def load_anchors(folder: Path) -> Anchors:
     return Anchors(held, load_nodes(folder))
 
 
-def anchored(folder: Path, kind: str, things: Mapping[str, Sequence[Pose2]]) -> str | None:
+def anchors_text(folder: Path, kind: str, things: Mapping[str, Sequence[Pose2]]) -> str | None:
     """Return the text of `anchors.yaml` with all things of a kind anchored, by name, on the map's present nodes.
 
     Return None for a map without nodes. Write the text after the file of the things themselves.
@@ -94,7 +94,7 @@ def anchored(folder: Path, kind: str, things: Mapping[str, Sequence[Pose2]]) -> 
         return None
     values = {
         other: {name: [_values(anchor) for anchor in anchors] for name, anchors in held.items()}
-        for other, held in known.held.items()
+        for other, held in known.by_kind.items()
     }
     values[kind] = {name: [_values(_nearest(nodes, pose)) for pose in poses] for name, poses in things.items()}
     return yaml.safe_dump(values, sort_keys=False, default_flow_style=None, allow_unicode=True, width=10_000)
@@ -107,7 +107,7 @@ def write_anchored(path: Path, text: str, kind: str, things: Mapping[str, Sequen
         MapError: the anchors are damaged, or the graph.
         OutputError: the folder cannot be made or written to.
     """
-    anchors = anchored(path.parent, kind, things)
+    anchors = anchors_text(path.parent, kind, things)
     write_text(path, text)
     if anchors is not None:
         write_text(path.with_name(ANCHORS_YAML), anchors)
@@ -140,12 +140,12 @@ def _nearest(nodes: FloatArray, pose: Pose2) -> Anchor:
 
 
 def _values(anchor: Anchor) -> list[float]:
-    was, there = anchor.was, anchor.from_node
-    return [anchor.node, was.x, was.y, was.theta, there.x, there.y, there.theta]
+    there, here = anchor.map_pose, anchor.node_pose
+    return [anchor.node, there.x, there.y, there.theta, here.x, here.y, here.theta]
 
 
 def _anchor(row: Sequence[float]) -> Anchor:
     node, *values = row
     if len(values) != 6 or not all(map(math.isfinite, values)) or int(node) != node or node < 0:
-        raise ValueError(f"{row} is no anchor")
+        raise ValueError(f"{row} is not an anchor")
     return Anchor(int(node), Pose2(*values[:3]), Pose2(*values[3:]))

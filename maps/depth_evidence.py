@@ -13,7 +13,7 @@ import cv2
 import numpy as np
 
 from waychair.errors import MapError
-from waychair.maps.depth_scan import DROP_OFF, OBSTACLE, DepthScan, cells_of, told_of
+from waychair.maps.depth_scan import DROP_OFF, OBSTACLE, DepthScan, cells_of_kind, stretch_cells
 from waychair.maps.grid import OCCUPIED_FROM
 from waychair.maps.occupancy import EvidenceGrid, OccupancySettings
 from waychair.types import UNKNOWN, BoolArray, Bytes, Cells, FloatArray, OccupancyGrid, Pose2
@@ -32,11 +32,11 @@ class DepthEvidence:
         Raises:
             MapError: a pose is not finite, or a grid would grow beyond its limit.
         """
-        self._draw(first, scans, take_out=False)
+        self._draw(first, scans, remove=False)
 
     def remove(self, first: FloatArray, last: FloatArray, scans: Sequence[DepthScan]) -> None:
         """Remove images that were added at exactly these poses."""
-        self._draw(first, scans, take_out=True)
+        self._draw(first, scans, remove=True)
 
     def beams(self, scan: DepthScan) -> int:
         """Return how many stretches an image has, the cost of adding it."""
@@ -46,23 +46,25 @@ class DepthEvidence:
         """Return an upper bound of the distance [m] from the base to the cells of an image."""
         return float(scan.far.max(initial=0.0) + np.hypot(*scan.origin))
 
-    def _draw(self, poses: FloatArray, scans: Sequence[DepthScan], *, take_out: bool) -> None:
+    def _draw(self, poses: FloatArray, scans: Sequence[DepthScan], *, remove: bool) -> None:
         if not np.isfinite(poses).all():
             raise MapError("the pose of a depth image is not finite; leave that image out")
         for (x, y, theta), scan in zip(poses.tolist(), scans, strict=True):
             lens = Pose2(x, y, theta) @ Pose2(float(scan.origin[0]), float(scan.origin[1]))
-            cells, what = cells_of(
+            cells, kinds = stretch_cells(
                 lens.x, lens.y, lens.theta, scan.bearings, scan.near, scan.far, scan.kinds, self.settings.resolution
             )
-            self.obstacles.put(*told_of(cells, what, OBSTACLE), take_out=take_out)
-            self.drops.put(*told_of(cells, what, DROP_OFF), take_out=take_out)
+            self.obstacles.put(*cells_of_kind(cells, kinds, OBSTACLE), remove=remove)
+            self.drops.put(*cells_of_kind(cells, kinds, DROP_OFF), remove=remove)
 
 
-BEYOND = 0.5
+_BEYOND = 0.5
 """Floor that only the lidar has seen this near [m] to a drop-off counts as drop-off: the stairwell may go on there."""
 
 
-def merged(scanned: OccupancyGrid, obstacles: OccupancyGrid, drops: OccupancyGrid) -> tuple[OccupancyGrid, BoolArray]:
+def merge_sensors(
+    scanned: OccupancyGrid, obstacles: OccupancyGrid, drops: OccupancyGrid
+) -> tuple[OccupancyGrid, BoolArray]:
     """Return the grid of lidar and depth, and which of its cells (H, W) are drop-offs or may be part of one.
 
     A cell takes the highest value that any sensor gives it. A drop-off is occupied, and so are the cells beyond its
@@ -81,7 +83,7 @@ def merged(scanned: OccupancyGrid, obstacles: OccupancyGrid, drops: OccupancyGri
     fallen = _spread(
         parts[2] >= OCCUPIED_FROM,
         (parts[2] == UNKNOWN) & (cells != UNKNOWN) & (cells < OCCUPIED_FROM),
-        round(BEYOND / side),
+        round(_BEYOND / side),
     )
     return OccupancyGrid(np.where(fallen, np.int8(100), cells), side, here), fallen
 

@@ -8,7 +8,7 @@ take a hundredth of its memory.
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass, field
+from dataclasses import dataclass
 from typing import NamedTuple
 
 import numpy as np
@@ -16,7 +16,7 @@ from numba import njit
 
 from waychair.calibration.chair import TALLEST
 from waychair.config import Settings, setting
-from waychair.maps.ground import BELOW, GROUND, MISSING, STANDS, GroundSettings, ground_view
+from waychair.maps.ground import BELOW, GROUND, LARGEST_STEP, MISSING, STANDS, STEEPEST_SLOPE, ground_view
 from waychair.types import BoolArray, Bytes, Float32Array, FloatArray, IntArray, Pose3, RgbdFrame, Scan
 
 FLOOR, OBSTACLE, DROP_OFF = 1, 2, 3
@@ -28,15 +28,24 @@ _ROUGH = 0.01  # [rad] uncertainty of roll and pitch
 
 @dataclass(frozen=True, slots=True)
 class DepthSettings(Settings):
-    """The beams of a depth image that are used, and the checks on the image."""
+    """The beams of a depth image that are used."""
 
-    step: int = setting(4, "pixels", "every so many columns and rows a beam is taken", low=1, high=32)
-    range_max: float = setting(4.5, "m", "over ground; depth farther away is too rough", low=0.5, high=20.0)
-    tallest: float = setting(TALLEST, "m", "what hangs higher does not concern the chair", low=0.2, high=3.0)
-    support: int = setting(3, "beams", "that must meet something on one place for it to be there", low=1, high=100)
-    least_share: float = setting(0.05, "", "with fewer beams that come back the camera is blind", low=0.0, high=1.0)
-    near: float = setting(0.4, "m", "with half of all depths nearer, something covers the camera", low=0.0, high=5.0)
-    ground: GroundSettings = field(default_factory=GroundSettings)
+    step: int = setting(
+        4, "pixels", "only every so many columns and rows of a depth image is used; more is faster and coarser", low=1,
+        high=32,
+    )  # fmt: skip
+    range_max: float = setting(
+        4.5,
+        "m",
+        "farthest depth over ground that is used; more sees farther, with rougher obstacles",
+        low=0.5,
+        high=20.0,
+    )
+
+
+_SUPPORT = 3  # beams that must meet an obstacle on one spot for it to count
+_LEAST_SHARE = 0.05  # least share of pixels with depth; with fewer the camera is blind
+_COVERED = 0.4  # [m] a median depth below this: something covers the camera
 
 
 @dataclass(frozen=True, slots=True)
@@ -57,17 +66,17 @@ class DepthScan:
         return len(self.kinds)
 
 
-def scan_of(told: DepthScan, step: float = 0.01) -> Scan:
+def planar_scan(seen: DepthScan, step: float = 0.01) -> Scan:
     """Return a planar scan of the nearest obstacles of all heights, as seen from the lens, a beam every `step` [rad].
 
     It replaces a lidar on a chair without one. Its frame is the base frame moved to the lens.
     """
-    low, high = float(told.bearings.min(initial=0.0)), float(told.bearings.max(initial=0.0))
+    low, high = float(seen.bearings.min(initial=0.0)), float(seen.bearings.max(initial=0.0))
     ranges = np.full(round((high - low) / step) + 1, np.inf, np.float32)
-    stands = told.kinds == OBSTACLE
-    beams = np.rint((told.bearings[stands] - low) / step).astype(np.int64)
-    np.minimum.at(ranges, beams, told.far[stands])
-    return Scan(told.stamp_ns, ranges, low, step, range_max=100.0)
+    stands = seen.kinds == OBSTACLE
+    beams = np.rint((seen.bearings[stands] - low) / step).astype(np.int64)
+    np.minimum.at(ranges, beams, seen.far[stands])
+    return Scan(seen.stamp_ns, ranges, low, step, range_max=100.0)
 
 
 class Stretches(NamedTuple):
@@ -91,9 +100,9 @@ def frame_problem(frame: RgbdFrame, settings: DepthSettings) -> str | None:
     seen = few[np.isfinite(few) & (few > 0.0)]
     if not len(seen):
         return "pictures hold no depth at all"
-    if len(seen) < settings.least_share * few.size:
+    if len(seen) < _LEAST_SHARE * few.size:
         return "pictures hold hardly any depth"
-    if float(np.median(seen)) < settings.near:
+    if float(np.median(seen)) < _COVERED:
         return "pictures show something right before the camera, as if it were covered"
     return None
 
@@ -116,14 +125,15 @@ def depth_scan(
         settings: the beams that count.
     """
     level_from_camera = levelled_mount(base_from_camera, level_from_base)
-    view = ground_view(frame, level_from_camera, front, settings.ground, settings.step)
+    view = ground_view(frame, level_from_camera, front, settings.step)
     up = level_from_base[:, 2]
     own = -(view.ends[..., 0] * up[0] + view.ends[..., 1] * up[1]) / up[2]  # height of the chair's plane
     bearings = np.arctan2(view.directions[..., 1], view.directions[..., 0]).astype(np.float32)
     away = np.hypot(view.ends[..., 0] - view.lens[0], view.ends[..., 1] - view.lens[1])
-    found = stretches_of(
-        view.kind, away, view.ends[..., 2], own, view.foot, bearings, float(view.lens[2]), 2.0 * view.half_angle,
-        settings.range_max, settings.tallest, settings.support, settings.ground.least, settings.ground.slope,
+    found = find_stretches(
+        view.kind, away, view.ends[..., 2], own, view.foot, bearings, lens_z=float(view.lens[2]),
+        beam=2.0 * view.half_angle, range_max=settings.range_max, tallest=TALLEST, support=_SUPPORT, least=LARGEST_STEP,
+        slope=STEEPEST_SLOPE,
     )  # fmt: skip
     used = slice(found.used)
     return DepthScan(
@@ -137,7 +147,7 @@ def depth_scan(
 
 
 @njit(cache=True, nogil=True)
-def stretches_of(
+def find_stretches(
     kind: Bytes,
     away: FloatArray,
     z: FloatArray,
@@ -264,7 +274,7 @@ def _put_obstacles(
 
 
 @njit(cache=True, nogil=True)
-def cells_of(
+def stretch_cells(
     x: float,
     y: float,
     theta: float,
@@ -303,7 +313,7 @@ def cells_of(
     return cells, what
 
 
-def told_of(cells: IntArray, what: Bytes, kind: int) -> tuple[IntArray, BoolArray]:
+def cells_of_kind(cells: IntArray, what: Bytes, kind: int) -> tuple[IntArray, BoolArray]:
     """Return the cells (K, 2) of a kind or of floor, and which of them are of the kind."""
     tells = (what == kind) | (what == FLOOR)
     return cells[tells], what[tells] == kind

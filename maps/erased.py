@@ -15,10 +15,10 @@ import numpy as np
 import yaml
 
 from waychair.errors import ZoneError
-from waychair.files import is_there, refuse_emptied
+from waychair.files import path_exists, refuse_empty_file
 from waychair.maps.anchors import load_anchors, write_anchored
 from waychair.maps.places import places_path
-from waychair.maps.zones import Rule, Zone, cells_of, checked_polygon
+from waychair.maps.zones import Rule, Zone, checked_polygon, zone_cells
 from waychair.types import FloatArray, OccupancyGrid, Pose2
 from waychair.yaml_files import load_yaml
 
@@ -35,9 +35,9 @@ def load_erased(folder: Path) -> tuple[FloatArray, ...]:
         ZoneError: the file is broken.
     """
     path = places_path(folder).with_name(ERASED_YAML)
-    if not is_there(path, ZoneError):
+    if not path_exists(path, ZoneError):
         return ()
-    refuse_emptied(path, ZoneError, "[]")
+    refuse_empty_file(path, ZoneError, "[]")
     values = load_yaml(path, ZoneError)
     if values is None:
         return ()
@@ -58,8 +58,8 @@ def save_erased(folder: Path, polygons: Sequence[FloatArray]) -> None:
     """
     values = [polygon.tolist() for polygon in polygons]
     text = yaml.safe_dump(values, default_flow_style=None, width=10_000)
-    held = {str(number): erased_points(polygon) for number, polygon in enumerate(polygons)}
-    write_anchored(places_path(folder).with_name(ERASED_YAML), text, "erased", held)
+    points = {str(number): erased_points(polygon) for number, polygon in enumerate(polygons)}
+    write_anchored(places_path(folder).with_name(ERASED_YAML), text, "erased", points)
 
 
 def erased_points(polygon: FloatArray) -> list[Pose2]:
@@ -67,12 +67,12 @@ def erased_points(polygon: FloatArray) -> list[Pose2]:
     return [Pose2(x, y) for x, y in polygon.tolist()]
 
 
-def without(grid: OccupancyGrid, polygons: Sequence[FloatArray]) -> OccupancyGrid:
+def clear_erased(grid: OccupancyGrid, polygons: Sequence[FloatArray]) -> OccupancyGrid:
     """Return a copy of the grid with the polygons' cells free; the grid itself without polygons."""
     if not polygons:
         return grid
     cells = grid.cells.copy()
     for polygon in polygons:
-        part, within = cells_of(Zone("", Rule.KEEP_OUT, np.asarray(polygon)), grid)
+        part, within = zone_cells(Zone("", Rule.KEEP_OUT, np.asarray(polygon)), grid)
         cells[part][within] = 0
     return OccupancyGrid(cells, grid.resolution, grid.map_from_grid)

@@ -24,8 +24,8 @@ def check_size(what: str, height: int, width: int) -> None:
     """
     if height * width > MOST_CELLS:
         raise MapError(
-            f"{what} is of {width} by {height} cells, and {MOST_CELLS} are the most that can be planned on; cut it to "
-            "the part that is driven in, or take coarser cells"
+            f"{what} has {width} by {height} cells, more than the {MOST_CELLS} that can be planned on; cut it to the "
+            "part that the chair drives in, or use coarser cells"
         )
 
 

@@ -9,12 +9,10 @@ from __future__ import annotations
 
 from collections import deque
 from collections.abc import Sequence
-from dataclasses import dataclass
 from typing import Generic, Protocol, TypeVar
 
 import numpy as np
 
-from waychair.config import Settings, setting
 from waychair.geometry import compose
 from waychair.maps.depth_evidence import DepthEvidence
 from waychair.maps.depth_scan import DepthScan
@@ -27,15 +25,14 @@ Drawn_contra = TypeVar("Drawn_contra", contravariant=True)
 _GONE = -1  # node of a row that is free, or whose scan is to be removed
 
 
-@dataclass(frozen=True, slots=True)
-class AssemblySettings(Settings):
-    """When a scan is redrawn, and how much is drawn in one call."""
+TOLERANCE = 0.5
+"""A scan is moved when the end of one of its beams is off by more than this [cells]."""
 
-    tolerance: float = setting(0.5, "cells", "a scan none of whose beams ends farther off stays", low=0.0, high=10.0)
-    beams_per_call: int = setting(20_000, "", "beams drawn or taken out in one call", low=1, high=10**9)
+BEAMS_PER_CALL = 20_000
+"""Beams that one call of `draw` adds or removes, so that no call takes long."""
 
 
-class Evidence(Protocol[Drawn_contra]):
+class EvidenceLayer(Protocol[Drawn_contra]):
     """A grid to which scans are added, and from which they can be removed to the last bit."""
 
     settings: OccupancySettings
@@ -56,8 +53,7 @@ class Evidence(Protocol[Drawn_contra]):
 class Assembly(Generic[T]):
     """Scans by the caller's numbers, and the poses at which they are drawn."""
 
-    def __init__(self, evidence: Evidence[T], settings: AssemblySettings | None = None) -> None:
-        self.settings = settings or AssemblySettings()
+    def __init__(self, evidence: EvidenceLayer[T]) -> None:
         self._evidence = evidence
         self._nodes = np.empty((0, 3))
         self._rows: dict[int, int] = {}
@@ -84,7 +80,7 @@ class Assembly(Generic[T]):
         Args:
             number: a new number, by which the scan can be dropped.
             scan: kept unchanged.
-            node: row of the poses that `bend` is given before the next `draw`.
+            node: row of the poses that `move_nodes` is given before the next `draw`.
             first: (3,) [m, m, rad] pose of the laser at the scan's first beam, in the node's frame.
             last: (3,) the same at its last beam.
         """
@@ -104,14 +100,14 @@ class Assembly(Generic[T]):
         self._node[row] = _GONE
         self._changed.append(row)
 
-    def hung(self, number: int) -> tuple[T, int, FloatArray]:
+    def attached(self, number: int) -> tuple[T, int, FloatArray]:
         """Return a scan, its node, and the sensor's poses (2, 3) in the node's frame at its first and last beam."""
         row = self._rows[number]
         scan = self._scans[row]
         assert scan is not None
         return scan, int(self._node[row]), self._node_from_laser[row].copy()
 
-    def bend(self, nodes: FloatArray, near: FloatArray) -> None:
+    def move_nodes(self, nodes: FloatArray, near: FloatArray) -> None:
         """Take in the nodes' poses (N, 3) [m, m, rad] and the chair's position (2,) [m]; `draw` moves the scans."""
         known = len(self._nodes)
         if np.array_equal(nodes, self._nodes):
@@ -119,13 +115,13 @@ class Assembly(Generic[T]):
         stand = np.array_equal(nodes[:known], self._nodes)
         self._nodes = nodes.copy()
         if not stand:
-            rows = self._off_by_more_than(self.settings.tolerance * self._evidence.settings.resolution)
+            rows = self._off_by_more_than(TOLERANCE * self._evidence.settings.resolution)
             rows = rows[~np.isin(rows, np.array(self._changed, np.int64))]
             away = np.hypot(*(self._places(rows)[:, 0, :2] - near).T)
             self._moved = rows[np.argsort(-away, kind="stable")].tolist()
 
-    def draw(self) -> int:
-        """Do pending work up to a limited number of beams, but one scan at least.
+    def draw(self, most_beams: int = BEAMS_PER_CALL) -> int:
+        """Do pending work up to a number of beams, but one scan at least.
 
         Returns:
             The beams added and removed; a scan that is moved counts twice.
@@ -135,7 +131,7 @@ class Assembly(Generic[T]):
         """
         rows: list[int] = []
         beams = 0
-        while self.pending and beams < self.settings.beams_per_call:
+        while self.pending and beams < most_beams:
             row = self._changed.popleft() if self._changed else self._moved.pop()
             scan = self._scans[row]
             if scan is not None:
@@ -198,10 +194,10 @@ class Assembly(Generic[T]):
 class GridAssembly(Assembly[Scan]):
     """An assembly of lidar scans."""
 
-    def __init__(self, occupancy: OccupancySettings | None = None, settings: AssemblySettings | None = None) -> None:
+    def __init__(self, occupancy: OccupancySettings | None = None) -> None:
         self.cells = EvidenceGrid(occupancy)
         """The evidence drawn so far."""
-        super().__init__(self.cells, settings)
+        super().__init__(self.cells)
 
     def grid(self) -> OccupancyGrid:
         """Return a copy of the present grid; all unknown before anything is drawn."""
@@ -211,7 +207,7 @@ class GridAssembly(Assembly[Scan]):
 class DepthAssembly(Assembly[DepthScan]):
     """An assembly of depth images."""
 
-    def __init__(self, occupancy: OccupancySettings | None = None, settings: AssemblySettings | None = None) -> None:
+    def __init__(self, occupancy: OccupancySettings | None = None) -> None:
         self.cells = DepthEvidence(occupancy)
         """The evidence drawn so far."""
-        super().__init__(self.cells, settings)
+        super().__init__(self.cells)

@@ -2,32 +2,24 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass, field
-
 import numpy as np
 
-from waychair.config import Settings, setting
 from waychair.maps.occupancy import EvidenceGrid, OccupancySettings
 from waychair.types import BoolArray, Pose2, Scan
 
+FINE_CELLS = OccupancySettings(resolution=0.025, range_max=5.0, open_range=5.0)
+"""Small cells for driving close to obstacles; beams without an echo clear as far as obstacles are seen."""
 
-@dataclass(frozen=True, slots=True)
-class GridMemorySettings(Settings):
-    """The cells and ranges of the grid; beams that meet nothing clear up to their range."""
-
-    occupancy: OccupancySettings = field(
-        default_factory=lambda: OccupancySettings(resolution=0.025, range_max=5.0, open_range=5.0)
-    )
-    grow: float = setting(2.0, "m", "added at least, where the beams come to reach beyond the grid", low=0.1, high=50.0)
+_GROW = 2.0
+"""Least growth [m] of the grid, so that it does not grow with every scan."""
 
 
 class GridMemory:
     """A grid in a frame that does not jump, such as odom; a few scans outweigh all earlier ones."""
 
-    def __init__(self, at: Pose2, settings: GridMemorySettings | None = None) -> None:
+    def __init__(self, at: Pose2, settings: OccupancySettings = FINE_CELLS) -> None:
         """Begin the grid round `at`, a pose in that frame."""
-        self._settings = settings or GridMemorySettings()
-        self._evidence = EvidenceGrid(self._settings.occupancy, forgets=True)
+        self._evidence = EvidenceGrid(settings, forgets=True)
         self.include(at)
 
     @property
@@ -47,15 +39,14 @@ class GridMemory:
 
     def include(self, at: Pose2) -> None:
         """Grow until all beams of a laser at this pose end inside."""
-        here, reach = np.array([at.x, at.y]), self._settings.occupancy.range_max
+        here, reach = np.array([at.x, at.y]), self._evidence.settings.range_max
         low, high = self._evidence.area
         left_down, right_up = here - reach, here + reach
         if (low == high).any():
             self._evidence.include(left_down - self.resolution, right_up + self.resolution)
         elif (left_down < low).any() or (right_up > high).any():
-            grow = self._settings.grow
-            left_down = np.where(left_down < low, left_down - grow, left_down)
-            right_up = np.where(right_up > high, right_up + grow, right_up)
+            left_down = np.where(left_down < low, left_down - _GROW, left_down)
+            right_up = np.where(right_up > high, right_up + _GROW, right_up)
             self._evidence.include(left_down, right_up)
 
     def see(self, scan: Scan, at: Pose2, last: Pose2 | None = None) -> None:

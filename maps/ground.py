@@ -14,21 +14,23 @@ import cv2
 import numpy as np
 from numba import njit
 
-from waychair.config import Settings, setting
 from waychair.types import BoolArray, Bytes, Float32Array, FloatArray, Pose3, RgbdFrame
 
 NOTHING, GROUND, STANDS, BELOW, MISSING = range(5)
 """Kinds of beams: no information; the beam met ground, an obstacle, or a point below the ground; ground is missing."""
 
 
-@dataclass(frozen=True, slots=True)
-class GroundSettings(Settings):
-    """The limits of ground, and of ground that is missing."""
+LARGEST_STEP = 0.06
+"""The largest step [m], up or down, that still counts as ground."""
 
-    least: float = setting(0.06, "m", "a step by more, up or down, is no ground", low=0.01, high=0.5)
-    slope: float = setting(0.12, "", "of what is still ground, as the chair stands", low=0.0, high=0.5)
-    reach: float = setting(3.5, "m", "farther from the camera beams are too flat to tell", low=0.5, high=10.0)
-    missing: float = setting(0.3, "m", "so much unseen ground, across and along, is missed", low=0.05, high=5.0)
+STEEPEST_SLOPE = 0.12
+"""The steepest slope [1], relative to the plane under the chair, that still counts as ground (a ramp of 1:12 and noise)."""
+
+FARTHEST_GROUND = 3.5
+"""Farther from the camera [m], beams are too flat to tell ground from a drop-off."""
+
+LEAST_MISSING = 0.3
+"""The least unseen stretch of ground [m], across and along, that counts as missing."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -50,9 +52,7 @@ class GroundView:
     half_angle: float
 
 
-def ground_view(
-    frame: RgbdFrame, base_from_camera: Pose3, front: float, settings: GroundSettings, step: int = 4
-) -> GroundView:
+def ground_view(frame: RgbdFrame, base_from_camera: Pose3, front: float, step: int = 4) -> GroundView:
     """Return the ground in every `step`-th pixel of a depth image, for a chair that reaches `front` [m] ahead.
 
     `base_from_camera` is the mount of the optical frame (z forward, x right, y down). If it is levelled by the chair's
@@ -67,10 +67,10 @@ def ground_view(
     ends, directions, away, falls = _beams(depth, rays, lens)
     begin = max(front - float(lens[0]), 0.0)
     kind, foot, rim = follow_ground(
-        away, ends[..., 2], falls, float(lens[2]), begin, settings.least, settings.slope, settings.reach,
-        settings.missing,
+        away, ends[..., 2], falls, lens_z=float(lens[2]), begin=begin, least=LARGEST_STEP, slope=STEEPEST_SLOPE,
+        reach=FARTHEST_GROUND, missing=LEAST_MISSING,
     )  # fmt: skip
-    _keep_wide(kind, foot, settings.missing, step / float(frame.camera_matrix[0, 0]))
+    _keep_wide(kind, foot, LEAST_MISSING, step / float(frame.camera_matrix[0, 0]))
     half_angle = step / (2 * float(frame.camera_matrix[0, 0]))
     return GroundView(frame.stamp_ns, kind, ends, foot, rim, directions, lens, half_angle)
 
@@ -178,15 +178,17 @@ def follow_ground(
                 last, level, high, low = max(d, last), here, min(upper, here), max(lower, here)
                 last_row, lost = row, False
             if first_missing >= 0:
-                _miss(kind, column, first_missing, row, foot, min(where, reach), missing)
+                _mark_missing(kind, column, first_missing, row, foot, min(where, reach), missing)
                 first_missing = -1
         if first_missing >= 0:
-            _miss(kind, column, first_missing, height, foot, min(hidden, reach), missing)
+            _mark_missing(kind, column, first_missing, height, foot, min(hidden, reach), missing)
     return kind, foot, rim
 
 
 @njit(cache=True, nogil=True)
-def _miss(kind: Bytes, column: int, first: int, after: int, foot: FloatArray, until: float, missing: float) -> None:
+def _mark_missing(
+    kind: Bytes, column: int, first: int, after: int, foot: FloatArray, until: float, missing: float
+) -> None:
     """Mark beams without depth as missing ground if they span at least `missing` [m]."""
     if until - foot[first, column] < missing:
         return

@@ -15,10 +15,10 @@ import numpy as np
 import yaml
 
 from waychair.errors import MapError, PlaceError, ZoneError
-from waychair.files import is_there, read_text, remove, write_text
+from waychair.files import path_exists, read_text, remove, write_text
 from waychair.maps.anchors import ANCHORS_YAML
 from waychair.maps.depth_layer import drop_offs, load_depth_layer
-from waychair.maps.erased import ERASED_YAML, load_erased, save_erased, without
+from waychair.maps.erased import ERASED_YAML, clear_erased, load_erased, save_erased
 from waychair.maps.map_files import load_map
 from waychair.maps.places import PLACES_YAML, checked_place, find, load_places, places_path, save_places
 from waychair.maps.zones import ZONES_YAML, Zone, checked_polygon, checked_zone, load_zones, save_zones
@@ -37,18 +37,18 @@ _NOTHING = ("", "{}", "[]")
 
 
 @dataclass(frozen=True, slots=True)
-class Drawing:
+class MapDrawing:
     """Places by name, zones and erased polygons (N, 2) [m], at their present poses in map."""
 
     places: dict[str, Place]
     zones: tuple[Zone, ...] = ()
     erased: tuple[FloatArray, ...] = ()
 
-    def has_zones_of(self, other: Drawing) -> bool:
+    def has_same_zones(self, other: MapDrawing) -> bool:
         """Return whether both have the same zones at the same poses."""
-        return [_facts(zone) for zone in self.zones] == [_facts(zone) for zone in other.zones]
+        return [_content(zone) for zone in self.zones] == [_content(zone) for zone in other.zones]
 
-    def has_erased_as(self, other: Drawing) -> bool:
+    def has_same_erased(self, other: MapDrawing) -> bool:
         """Return whether both have the same erased polygons."""
         return [polygon.tolist() for polygon in self.erased] == [polygon.tolist() for polygon in other.erased]
 
@@ -70,10 +70,10 @@ def is_drawn_on(folder: Path) -> bool:
         MapError: a file cannot be read.
     """
     paths = [folder / name for name in (PLACES_YAML, ZONES_YAML, ERASED_YAML)]
-    return any(is_there(path, MapError) and read_text(path, MapError).strip() not in _NOTHING for path in paths)
+    return any(path_exists(path, MapError) and read_text(path, MapError).strip() not in _NOTHING for path in paths)
 
 
-class Layout:
+class DrawingEditor:
     """The drawing in one map's folder. Every change reads the files anew, since they may have been edited by hand."""
 
     def __init__(self, map_folder: Path) -> None:
@@ -90,7 +90,7 @@ class Layout:
         """Whether there is a change to undo."""
         return bool(self._history())
 
-    def draw(self, drawing: Drawing) -> None:
+    def draw(self, drawing: MapDrawing) -> None:
         """Replace the whole drawing by another.
 
         Raises:
@@ -107,7 +107,7 @@ class Layout:
         """
         checked_place(place)
 
-        def added(now: Drawing) -> Drawing:
+        def added(now: MapDrawing) -> MapDrawing:
             if not replaces:
                 _refuse_taken(place.name, now)
             return replace(now, places={**now.places, place.name: place})
@@ -123,7 +123,7 @@ class Layout:
             WaychairError: a file is broken or cannot be written.
         """
 
-        def renamed(now: Drawing) -> Drawing:
+        def renamed(now: MapDrawing) -> MapDrawing:
             place = checked_place(replace(find(now.places, name), name=new_name))
             _refuse_taken(new_name, now)
             places = (place if known == name else other for known, other in now.places.items())
@@ -139,7 +139,7 @@ class Layout:
             WaychairError: a file is broken or cannot be written.
         """
 
-        def removed(now: Drawing) -> Drawing:
+        def removed(now: MapDrawing) -> MapDrawing:
             find(now.places, name)
             return replace(now, places={known: place for known, place in now.places.items() if known != name})
 
@@ -154,10 +154,12 @@ class Layout:
         """
         zone = checked_zone(zone)
 
-        def drawn(now: Drawing) -> Drawing:
+        def drawn(now: MapDrawing) -> MapDrawing:
             others = tuple(other for other in now.zones if other.name != zone.name)
             if len(others) < len(now.zones) and not replaces:
-                raise ZoneError(f"there is a zone '{zone.name}' already: choose another name, or remove that one first")
+                raise ZoneError(
+                    f"there is a zone '{zone.name}' already: choose another name, or remove the other zone first"
+                )
             return replace(now, zones=(*others, zone))
 
         self._change(drawn)
@@ -170,10 +172,10 @@ class Layout:
             WaychairError: a file is broken or cannot be written.
         """
 
-        def removed(now: Drawing) -> Drawing:
+        def removed(now: MapDrawing) -> MapDrawing:
             left = tuple(zone for zone in now.zones if zone.name != name)
             if len(left) == len(now.zones):
-                raise ZoneError(f"there is no zone '{name}': it was removed already")
+                raise ZoneError(f"there is no zone '{name}': it was already removed")
             return replace(now, zones=left)
 
         self._change(removed)
@@ -185,11 +187,11 @@ class Layout:
             ZoneError: it is no polygon, or there is a drop-off in it.
             WaychairError: a file is broken or cannot be written.
         """
-        polygon = checked_polygon("what is to be erased", np.asarray(polygon).tolist())
+        polygon = checked_polygon("the part to be erased", np.asarray(polygon).tolist())
         grid = load_map(self._map)
         layer = load_depth_layer(self._map, grid)
-        if layer is not None and (without(layer, [polygon]).cells != layer.cells)[drop_offs(layer)].any():
-            raise ZoneError("the floor ends in there, which is no ghost: draw a part without the drop-off")
+        if layer is not None and (clear_erased(layer, [polygon]).cells != layer.cells)[drop_offs(layer)].any():
+            raise ZoneError("there is a drop-off in this part of the map: erase a part without it")
         self._change(lambda now: replace(now, erased=(*now.erased, polygon)))
 
     def undo(self) -> None:
@@ -207,7 +209,7 @@ class Layout:
         self._keep(history[:-1])
         self.drawing = self._read()
 
-    def _change(self, changed: Callable[[Drawing], Drawing]) -> None:
+    def _change(self, changed: Callable[[MapDrawing], MapDrawing]) -> None:
         before = {name: text for name in _FILES if (text := self._text(name)) is not None}
         drawing = changed(self._read())
         self._keep([*self._history(), before][-MOST_UNDONE:])
@@ -217,9 +219,9 @@ class Layout:
         save_erased(folder, drawing.erased)
         self.drawing = drawing
 
-    def _read(self) -> Drawing:
+    def _read(self) -> MapDrawing:
         folder = self._folder
-        return Drawing(load_places(folder), load_zones(folder), load_erased(folder))
+        return MapDrawing(load_places(folder), load_zones(folder), load_erased(folder))
 
     def _history(self) -> list[dict[str, str]]:
         """Return the files' texts before each change, the latest last; empty if `undo.yaml` is damaged."""
@@ -236,7 +238,7 @@ class Layout:
 
     def _text(self, name: str) -> str | None:
         path = self._folder / name
-        return read_text(path, MapError) if is_there(path, MapError) else None
+        return read_text(path, MapError) if path_exists(path, MapError) else None
 
     def _put(self, name: str, text: str | None) -> None:
         if not text:
@@ -245,10 +247,10 @@ class Layout:
             write_text(self._folder / name, text)
 
 
-def _refuse_taken(name: str, drawing: Drawing) -> None:
+def _refuse_taken(name: str, drawing: MapDrawing) -> None:
     if name in drawing.places:
         raise PlaceError(f"there is a place '{name}' already: choose another name, or replace it")
 
 
-def _facts(zone: Zone) -> tuple[object, ...]:
+def _content(zone: Zone) -> tuple[object, ...]:
     return zone.name, zone.rule, zone.value, zone.polygon.tolist()

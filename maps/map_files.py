@@ -16,12 +16,12 @@ import yaml
 
 from waychair.errors import MapError, MapNotFound
 from waychair.files import is_file, is_folder, write_bytes, write_text
-from waychair.geometry import FARTHEST, MOST_TURNED, is_on_map
-from waychair.maps.erased import load_erased, without
+from waychair.geometry import MAX_COORDINATE, MAX_ANGLE, is_possible_pose
+from waychair.maps.erased import clear_erased, load_erased
 from waychair.maps.grid import OCCUPIED_FROM
 from waychair.maps.map_images import read_image
 from waychair.types import UNKNOWN, BoolArray, Bytes, Cells, FloatArray, OccupancyGrid, Pose2
-from waychair.yaml_files import load_yaml, shown
+from waychair.yaml_files import load_yaml, quoted
 
 MAP_YAML = "map.yaml"
 OCCUPIED_PIXEL, FREE_PIXEL, UNKNOWN_PIXEL = 0, 254, 205
@@ -111,7 +111,7 @@ def load_map(path: Path) -> OccupancyGrid:
     else:
         cells = cells_from_image(image / float(brightest), info)
     grid = OccupancyGrid(np.ascontiguousarray(np.flipud(cells)), info.resolution, info.map_from_grid)
-    return without(grid, load_erased(path))
+    return clear_erased(grid, load_erased(path))
 
 
 def yaml_path(path: Path) -> Path:
@@ -136,7 +136,7 @@ def load_info(path: Path) -> MapInfo:
         raise MapError(f"{path} lacks {', '.join(missing)}; add {'it' if len(missing) == 1 else 'them'}")
     mode = values.get("mode", "trinary")
     if mode not in get_args(Mode):
-        raise MapError(f"{path}: mode is {shown(mode)}; it must be one of {', '.join(get_args(Mode))}")
+        raise MapError(f"{path}: mode is {quoted(mode)}; it must be one of {', '.join(get_args(Mode))}")
     low, high = (_number(path, values, key, 0.0, 1.0) for key in ("free_thresh", "occupied_thresh"))
     if low >= high:
         raise MapError(f"{path}: free_thresh {low} must be less than occupied_thresh {high}")
@@ -157,7 +157,7 @@ def _number(
     try:
         value = float(values[key]) if or_bool else _float(values[key])
     except (TypeError, ValueError) as error:
-        raise MapError(f"{path}: {key} is {shown(values[key])}; it must be a number") from error
+        raise MapError(f"{path}: {key} is {quoted(values[key])}; it must be a number") from error
     if not low <= value <= high:
         raise MapError(f"{path}: {key} is {value}; it must lie in [{low:g}, {high:g}]")
     return value
@@ -174,10 +174,10 @@ def _origin(path: Path, origin: Any) -> Pose2:
     try:
         x, y, theta = (_float(value) for value in origin)
     except (TypeError, ValueError) as error:
-        raise MapError(f"{path}: origin is {shown(origin)}; it must be [x, y, yaw] in metres and radians") from error
-    if not is_on_map(x, y, theta):
+        raise MapError(f"{path}: origin is {quoted(origin)}; it must be [x, y, yaw] in metres and radians") from error
+    if not is_possible_pose(x, y, theta):
         raise MapError(
-            f"{path}: origin is {shown(origin)}; x and y may be up to {FARTHEST:g} m from 0, yaw {MOST_TURNED:g} rad"
+            f"{path}: origin is {quoted(origin)}; x and y may be up to {MAX_COORDINATE:g} m from 0, yaw {MAX_ANGLE:g} rad"
         )
     return Pose2(x, y, theta)
 

@@ -19,7 +19,7 @@ from waychair.errors import MapError, MapNotFound
 from waychair.files import is_file, is_folder, read_bytes
 from waychair.maps.grid import check_size
 from waychair.types import BoolArray
-from waychair.yaml_files import shown
+from waychair.yaml_files import quoted
 
 SUFFIX = ".map"
 _FREE = b".GS"
@@ -72,7 +72,7 @@ def load_free_cells(path: Path) -> BoolArray:
     unknown = np.argwhere(~np.isin(letters, np.frombuffer(_FREE + _SOLID, np.uint8)))
     if len(unknown):
         row, column = unknown[0].tolist()
-        letter = shown(chr(letters[row, column]))
+        letter = quoted(chr(letters[row, column]))
         raise MapError(f"{path} line {row + 5}: {letter} in column {column} is none of {_LETTERS}; copy the map again")
     free: BoolArray = np.isin(letters, np.frombuffer(_FREE, np.uint8))
     return free

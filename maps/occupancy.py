@@ -39,6 +39,18 @@ _ENDLESS = 2**30  # evidence that no cell reaches
 _SPARE = 2000  # cells added on each side where the grid grows (100 m); untouched ones take no memory
 _BATCH = 64  # scans drawn at once, to limit memory
 
+PROB_HIT, PROB_MISS = 0.7, 0.4
+"""Probability that a cell is occupied after one hit, or after one miss."""
+
+PROB_MIN, PROB_MAX = 0.1192, 0.971
+"""Limits of the probability that a cell is read as (log-odds -2.0 and 3.5, as in OctoMap: Hornung et al. 2013)."""
+
+MARGIN = 10
+"""Unknown cells round the known ones of a finished grid."""
+
+MAX_CELLS = 200_000_000
+"""The largest grid [cells]; a larger one comes from a jump of the poses."""
+
 _Kinds = NDArray[np.int8]
 _Evidence = NDArray[np.int32]
 
@@ -47,17 +59,16 @@ _Evidence = NDArray[np.int32]
 class OccupancySettings(Settings):
     """How laser beams change the cells of a grid."""
 
-    resolution: float = setting(0.05, "m", "side of a cell", low=0.005, high=1.0)
-    range_max: float = setting(20.0, "m", "beams are cut here and longer ones only clear", low=0.5, high=200.0)
-    open_range: float = setting(
-        0.0, "m", "beams that saw nothing clear this far (0: they clear nothing)", low=0.0, high=200.0
+    resolution: float = setting(
+        0.05, "m", "side of a grid cell; a larger one takes less memory and shows less detail", low=0.005, high=1.0
     )
-    prob_hit: float = setting(0.7, "", "probability of occupied after one hit", low=0.51, high=0.99)
-    prob_miss: float = setting(0.4, "", "probability of occupied after one miss", low=0.01, high=0.49)
-    prob_min: float = setting(0.1192, "", "a cell is never said to be more surely free", low=0.001, high=0.49)
-    prob_max: float = setting(0.971, "", "a cell is never said to be more surely occupied", low=0.51, high=0.999)
-    margin: int = setting(10, "cells", "unknown border around what was seen", low=0, high=1000)
-    max_cells: int = setting(200_000_000, "cells", "larger grids are refused", low=1, high=2_000_000_000)
+    range_max: float = setting(
+        20.0, "m", "longest lidar range that marks an obstacle; longer beams only clear cells up to here", low=0.5,
+        high=200.0,
+    )  # fmt: skip
+    open_range: float = setting(
+        0.0, "m", "lidar beams without an echo clear cells up to here; 0: they clear nothing", low=0.0, high=200.0
+    )
 
 
 class EvidenceGrid:
@@ -69,9 +80,9 @@ class EvidenceGrid:
     """
 
     def __init__(self, settings: OccupancySettings | None = None, *, forgets: bool = False) -> None:
-        self.settings = s = settings or OccupancySettings()
-        self._hit, self._miss = _weights(s)
-        self._least, self._most = (round(_log_odds(p) * _UNIT) for p in (s.prob_min, s.prob_max))
+        self.settings = settings or OccupancySettings()
+        self._hit, self._miss = _weights()
+        self._least, self._most = (round(_log_odds(p) * _UNIT) for p in (PROB_MIN, PROB_MAX))
         self._percent = _percent(self._least, self._most)
         self._limits = (self._least, self._most) if forgets else (-_ENDLESS, _ENDLESS)
         self._box = np.zeros((2, 2), np.int64)  # first column and row in use, and the ones after the last
@@ -97,7 +108,7 @@ class EvidenceGrid:
             scans: the N scans; nan, -inf and ranges outside the scan's own limits are ignored.
 
         Raises:
-            MapError: poses do not match the scans or are not finite, or the grid would grow beyond `max_cells`;
+            MapError: poses do not match the scans or are not finite, or the grid would grow beyond `MAX_CELLS`;
                 no scan is added then.
         """
         self._cast(first, last, scans, self._hit, self._miss)
@@ -106,18 +117,18 @@ class EvidenceGrid:
         """Remove scans that were added at exactly these poses."""
         self._cast(first, last, scans, -self._hit, -self._miss)
 
-    def put(self, cells: IntArray, hits: BoolArray, *, take_out: bool = False) -> None:
+    def put(self, cells: IntArray, hits: BoolArray, *, remove: bool = False) -> None:
         """Add a hit or miss (N,) to each of cells (N, 2), or remove one; cells are column and row from x = y = 0.
 
         Raises:
-            MapError: the grid would grow beyond `max_cells`.
+            MapError: the grid would grow beyond `MAX_CELLS`.
         """
         if not len(cells):
             return
         self._include_cells(cells.min(axis=0), cells.max(axis=0) + 1)
         cols, rows = (cells - self._low).T
         amounts = np.where(hits, self._hit, self._miss).astype(np.int32)
-        _put(self._evidence, rows, cols, -amounts if take_out else amounts, *self._limits)
+        _put(self._evidence, rows, cols, -amounts if remove else amounts, *self._limits)
 
     def beams(self, scan: Scan) -> int:
         """Return how many beams a scan has, the cost of adding it."""
@@ -132,41 +143,41 @@ class EvidenceGrid:
         """Grow until the area between two points (2,) [m] is inside.
 
         Raises:
-            MapError: the grid would grow beyond `max_cells`.
+            MapError: the grid would grow beyond `MAX_CELLS`.
         """
         s = self.settings
         self._include_cells(np.floor(low / s.resolution), np.floor(high / s.resolution) + 1.0)
 
     def _include_cells(self, low: FloatArray | IntArray, high: FloatArray | IntArray) -> None:
         """Grow until the cells from `low` (2,), column and row, to before `high` are inside."""
-        s, box = self.settings, np.array([low, high], np.float64)
+        box = np.array([low, high], np.float64)
         if self._evidence.size:
             box = np.array([np.minimum(box[0], self._box[0]), np.maximum(box[1], self._box[1])])
         width, height = (box[1] - box[0]).tolist()
-        if not width * height <= s.max_cells:
+        if not width * height <= MAX_CELLS:
             raise MapError(
-                f"a grid of {width:.0f} x {height:.0f} cells of {s.resolution:g} m is too large: check the poses for "
-                "jumps, or choose larger cells"
+                f"a grid of {width:.0f} x {height:.0f} cells of {self.settings.resolution:g} m is too large: check the "
+                "poses for jumps, or choose larger cells"
             )
         self._hold(box.astype(np.int64))
 
     def grid(self) -> OccupancyGrid:
         """Return a copy of the known cells with a margin; it does not depend on where the grid began to grow."""
-        s = self.settings
+        resolution = self.settings.resolution
         used = self._evidence[self._window()]
         rows, cols = _extent(used)
         known = used[rows, cols]
-        cells = np.full((known.shape[0] + 2 * s.margin, known.shape[1] + 2 * s.margin), UNKNOWN, np.int8)
-        inner = slice(s.margin, cells.shape[0] - s.margin), slice(s.margin, cells.shape[1] - s.margin)
+        cells = np.full((known.shape[0] + 2 * MARGIN, known.shape[1] + 2 * MARGIN), UNKNOWN, np.int8)
+        inner = slice(MARGIN, cells.shape[0] - MARGIN), slice(MARGIN, cells.shape[1] - MARGIN)
         _read(cells[inner], known, self._percent, self._least)
-        low = self._box[0] + np.array([cols.start, rows.start]) - s.margin
-        x, y = (low * s.resolution).tolist()
-        return OccupancyGrid(cells, s.resolution, Pose2(x, y, 0.0))
+        low = self._box[0] + np.array([cols.start, rows.start]) - MARGIN
+        x, y = (low * resolution).tolist()
+        return OccupancyGrid(cells, resolution, Pose2(x, y, 0.0))
 
     def overlaid(self, newer: EvidenceGrid, *, limited: bool = True) -> EvidenceGrid:
         """Return a new grid of this evidence plus newer evidence, of cells of the same size.
 
-        In cells that the newer grid knows, older evidence is first limited (`prob_min`, `prob_max`), however many scans
+        In cells that the newer grid knows, older evidence is first limited (`PROB_MIN`, `PROB_MAX`), however many scans
         it comes from: a few new scans outweigh all earlier ones. Other cells keep the older evidence. Without
         `limited`, all evidence counts alike.
         """
@@ -238,7 +249,7 @@ def build_grid(
         its cell borders are multiples of the resolution.
 
     Raises:
-        MapError: no scans, poses that do not match them or are not finite, or a grid beyond `max_cells`.
+        MapError: no scans, poses that do not match them or are not finite, or a grid beyond `MAX_CELLS`.
     """
     if not scans:
         raise MapError("there are no scans to make a map of; give at least one")
@@ -255,9 +266,9 @@ def batches(count: int) -> Iterator[slice]:
     return (slice(start, start + _BATCH) for start in range(0, count, _BATCH))
 
 
-def _weights(settings: OccupancySettings) -> tuple[int, int]:
+def _weights() -> tuple[int, int]:
     """Return the evidence of one hit and of one miss: log-odds in whole steps without a common divisor."""
-    hit, miss = (round(_log_odds(p) * _UNIT) for p in (settings.prob_hit, settings.prob_miss))
+    hit, miss = (round(_log_odds(p) * _UNIT) for p in (PROB_HIT, PROB_MISS))
     while math.gcd(hit, miss) > 1:
         hit += 1
     return hit, miss
@@ -266,7 +277,7 @@ def _weights(settings: OccupancySettings) -> tuple[int, int]:
 def _checked(poses_laser: FloatArray, scans: Sequence[Scan]) -> FloatArray:
     poses = np.asarray(poses_laser, np.float64)
     if poses.shape != (len(scans), 3):
-        raise MapError(f"poses of shape {poses.shape} do not belong to {len(scans)} scans; give one pose per scan")
+        raise MapError(f"poses of shape {poses.shape} do not match {len(scans)} scans; give one pose per scan")
     if not np.isfinite(poses).all():
         raise MapError(f"pose {int(np.argmin(np.isfinite(poses).all(axis=1)))} is not finite; leave that scan out")
     return poses

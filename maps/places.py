@@ -18,8 +18,8 @@ import numpy as np
 import yaml
 
 from waychair.errors import MapError, PlaceError, UnknownPlace
-from waychair.files import is_folder, is_there, refuse_emptied
-from waychair.geometry import FARTHEST, MOST_TURNED, is_on_map, wrap_angle
+from waychair.files import is_folder, path_exists, refuse_empty_file
+from waychair.geometry import MAX_COORDINATE, MAX_ANGLE, is_possible_pose, wrap_angle
 from waychair.maps.anchors import load_anchors, write_anchored
 from waychair.maps.grid import OCCUPIED_FROM, cells_from_points, inside
 from waychair.types import OccupancyGrid, Place, Pose2
@@ -50,9 +50,9 @@ def load_places(folder: Path) -> dict[str, Place]:
         PlaceError: the file is broken; the message names the line and the place.
     """
     path = places_path(folder)
-    if not is_there(path, PlaceError):
+    if not path_exists(path, PlaceError):
         return {}
-    refuse_emptied(path, PlaceError, "{}")
+    refuse_empty_file(path, PlaceError, "{}")
     root = compose_yaml(path, PlaceError)
     if root is None:
         return {}
@@ -78,8 +78,8 @@ def save_places(folder: Path, places: Mapping[str, Place]) -> None:
     """
     values = {place.name: _values(checked_place(place)) for place in places.values()}
     text = yaml.safe_dump(values, sort_keys=False, default_flow_style=None, allow_unicode=True, width=10_000)
-    held = {place.name: [place.pose] for place in places.values()}
-    write_anchored(places_path(folder), text, "places", held)
+    poses = {place.name: [place.pose] for place in places.values()}
+    write_anchored(places_path(folder), text, "places", poses)
 
 
 def add_place(folder: Path, name: str, pose: Pose2, *, replace: bool = False) -> Place:
@@ -136,10 +136,10 @@ def checked_place(place: Place) -> Place:
     if not place.name or place.name != place.name.strip() or not place.name.isprintable():
         raise PlaceError(f"{place.name!r} cannot be the name of a place; use letters, digits and single spaces")
     x, y, yaw = place.pose.x, place.pose.y, place.pose.theta
-    if not is_on_map(x, y, yaw):
+    if not is_possible_pose(x, y, yaw):
         raise PlaceError(
             f"the place '{place.name}' has no pose on a map (x {x:g}, y {y:g}, yaw {yaw:g}); give metres up to "
-            f"{FARTHEST:g} and radians up to {MOST_TURNED:g}"
+            f"{MAX_COORDINATE:g} and radians up to {MAX_ANGLE:g}"
         )
     if not (CLOSEST_M <= place.tolerance_m < math.inf and CLOSEST_RAD <= place.tolerance_rad < math.inf):
         raise PlaceError(
@@ -171,7 +171,7 @@ def _place(path: Path, key: yaml.Node, value: yaml.Node) -> Place:
         raise PlaceError(f"{where}: '{key.value}' must be {_SHAPE}")
     x, y, yaw, *tolerances = numbers
     try:
-        yaw = wrap_angle(yaw) if abs(yaw) <= MOST_TURNED else yaw
+        yaw = wrap_angle(yaw) if abs(yaw) <= MAX_ANGLE else yaw
         return checked_place(Place(key.value, Pose2(x, y, yaw), *tolerances))
     except PlaceError as error:
         raise PlaceError(f"{where}: {error}") from error

@@ -18,7 +18,7 @@ from typing import Any, Generic, TypeVar
 import numpy as np
 
 from waychair.maps.depth_scan import DepthScan
-from waychair.maps.grid_assembly import Assembly, AssemblySettings, DepthAssembly, GridAssembly
+from waychair.maps.grid_assembly import BEAMS_PER_CALL, Assembly, DepthAssembly, GridAssembly
 from waychair.maps.occupancy import OccupancySettings
 from waychair.types import FloatArray, OccupancyGrid, Scan
 
@@ -40,7 +40,7 @@ class Sessions(Generic[T, A]):
         """Begin or continue a session, to which scans are added from now on. Later sessions have greater numbers."""
         if session not in self._layers:
             self._layers[session] = self._make()
-            self._layers[session].bend(self._nodes, self._near)
+            self._layers[session].move_nodes(self._nodes, self._near)
         self.session = session
 
     def __len__(self) -> int:
@@ -60,21 +60,21 @@ class Sessions(Generic[T, A]):
         """Remove a scan of any session."""
         self._layers[self._layer_of.pop(number)].drop(number)
 
-    def hung(self, number: int) -> tuple[int, T, int, FloatArray]:
-        """Return the session of a scan, then the values of `Assembly.hung`."""
+    def attached(self, number: int) -> tuple[int, T, int, FloatArray]:
+        """Return the session of a scan, then the values of `Assembly.attached`."""
         session = self._layer_of[number]
-        return session, *self._layers[session].hung(number)
+        return session, *self._layers[session].attached(number)
 
-    def bend(self, nodes: FloatArray, near: FloatArray) -> None:
-        """Take in new poses of the nodes, as `Assembly.bend`."""
+    def move_nodes(self, nodes: FloatArray, near: FloatArray) -> None:
+        """Take in new poses of the nodes, as `Assembly.move_nodes`."""
         self._nodes, self._near = nodes, near
         for layer in self._layers.values():
-            layer.bend(nodes, near)
+            layer.move_nodes(nodes, near)
 
-    def draw(self) -> int:
+    def draw(self, most_beams: int = BEAMS_PER_CALL) -> int:
         """Do some of the pending work, the newest session's first; return the beams."""
         waiting = [session for session, layer in self._layers.items() if layer.pending]
-        return self._layers[max(waiting)].draw() if waiting else 0
+        return self._layers[max(waiting)].draw(most_beams) if waiting else 0
 
     def settle(self) -> None:
         """Do all pending work, and also move scans that are off by less than the tolerance."""
@@ -89,8 +89,8 @@ class Sessions(Generic[T, A]):
 class SessionGrid(Sessions[Scan, GridAssembly]):
     """The lidar scans of several sessions, and the grid of all of them."""
 
-    def __init__(self, occupancy: OccupancySettings | None = None, settings: AssemblySettings | None = None) -> None:
-        super().__init__(lambda: GridAssembly(occupancy, settings))
+    def __init__(self, occupancy: OccupancySettings | None = None) -> None:
+        super().__init__(lambda: GridAssembly(occupancy))
 
     def grid(self) -> OccupancyGrid:
         """Return a copy of the present grid; all unknown before anything is drawn."""
@@ -103,8 +103,8 @@ class SessionGrid(Sessions[Scan, GridAssembly]):
 class SessionDepth(Sessions[DepthScan, DepthAssembly]):
     """The depth images of several sessions, and their grids of obstacles and of drop-offs."""
 
-    def __init__(self, occupancy: OccupancySettings | None = None, settings: AssemblySettings | None = None) -> None:
-        super().__init__(lambda: DepthAssembly(occupancy, settings))
+    def __init__(self, occupancy: OccupancySettings | None = None) -> None:
+        super().__init__(lambda: DepthAssembly(occupancy))
 
     def grids(self) -> tuple[OccupancyGrid, OccupancyGrid]:
         """Return copies of the present grids of obstacles and of drop-offs."""

@@ -20,12 +20,12 @@ import numpy as np
 import yaml
 
 from waychair.errors import ZoneError
-from waychair.files import is_there, refuse_emptied
-from waychair.geometry import FARTHEST, MOST_TURNED, transform_points, wrap_angle
+from waychair.files import path_exists, refuse_empty_file
+from waychair.geometry import MAX_COORDINATE, MAX_ANGLE, transform_points, wrap_angle
 from waychair.maps.anchors import Anchors, load_anchors, write_anchored
 from waychair.maps.places import places_path
 from waychair.types import BoolArray, FloatArray, OccupancyGrid, Pose2
-from waychair.yaml_files import compose_yaml, node_value, shown
+from waychair.yaml_files import compose_yaml, node_value, quoted
 
 ZONES_YAML = "zones.yaml"
 _SHAPE = "{keep_out: true | slow: SPEED | one_way: HEADING, polygon: [[x, y], [x, y], [x, y], ...]}"
@@ -61,9 +61,9 @@ def load_zones(folder: Path) -> tuple[Zone, ...]:
         ZoneError: the file is broken; the message names the line and the zone.
     """
     path = places_path(folder).with_name(ZONES_YAML)
-    if not is_there(path, ZoneError):
+    if not path_exists(path, ZoneError):
         return ()
-    refuse_emptied(path, ZoneError, "{}")
+    refuse_empty_file(path, ZoneError, "{}")
     root = compose_yaml(path, ZoneError)
     if root is None:
         return ()
@@ -84,11 +84,11 @@ def check_zones(zones: Sequence[Zone], grid: OccupancyGrid) -> None:
         ZoneError: a zone lies wholly outside the map.
     """
     for zone in zones:
-        if not cells_of(zone, grid)[1].any():
+        if not zone_cells(zone, grid)[1].any():
             x, y = zone.polygon.mean(axis=0).tolist()
             raise ZoneError(
-                f"the zone '{zone.name}', round ({x:.1f}, {y:.1f}), lies wholly outside the map: correct its corners in "
-                f"{ZONES_YAML}, or remove it"
+                f"the zone '{zone.name}', round ({x:.1f}, {y:.1f}), lies wholly outside the map: correct its corners "
+                f"in {ZONES_YAML}, or remove it"
             )
 
 
@@ -107,8 +107,8 @@ def save_zones(folder: Path, zones: Sequence[Zone]) -> None:
         for zone in zones
     }
     text = yaml.safe_dump(values, sort_keys=False, default_flow_style=None, allow_unicode=True, width=10_000)
-    held = {zone.name: zone_points(zone) for zone in zones}
-    write_anchored(places_path(folder).with_name(ZONES_YAML), text, "zones", held)
+    points = {zone.name: zone_points(zone) for zone in zones}
+    write_anchored(places_path(folder).with_name(ZONES_YAML), text, "zones", points)
 
 
 def zone_points(zone: Zone) -> list[Pose2]:
@@ -141,7 +141,7 @@ def _followed(zone: Zone, anchors: Anchors) -> Zone:
     return replace(zone, polygon=np.array([[pose.x, pose.y] for pose in now]), value=value)
 
 
-def holds(zone: Zone, points: FloatArray) -> BoolArray:
+def zone_contains(zone: Zone, points: FloatArray) -> BoolArray:
     """Return (N,) whether points (N, 2) [m] in map lie in a zone: an odd number of its edges is to their right."""
     x, y = np.atleast_2d(points).T
     odd = np.zeros(len(x), np.bool_)
@@ -151,7 +151,7 @@ def holds(zone: Zone, points: FloatArray) -> BoolArray:
     return odd
 
 
-def cells_of(zone: Zone, grid: OccupancyGrid) -> tuple[tuple[slice, slice], BoolArray]:
+def zone_cells(zone: Zone, grid: OccupancyGrid) -> tuple[tuple[slice, slice], BoolArray]:
     """Return the part of a grid round a zone, as rows and columns, and which of its cells overlap the zone.
 
     So a zone that is thinner than a cell, or lies between the centres of cells, still has cells.
@@ -161,7 +161,7 @@ def cells_of(zone: Zone, grid: OccupancyGrid) -> tuple[tuple[slice, slice], Bool
     high = np.clip(np.ceil(corners.max(axis=0)), low, grid.cells.shape).astype(int)
     rows, columns = np.mgrid[low[0] : high[0], low[1] : high[1]]
     local = np.stack([columns.ravel() + 0.5, rows.ravel() + 0.5], axis=-1) * grid.resolution
-    within = holds(zone, transform_points(grid.map_from_grid, local)).reshape(rows.shape)
+    within = zone_contains(zone, transform_points(grid.map_from_grid, local)).reshape(rows.shape)
     for begin, end in zip(corners - low, np.roll(corners, -1, axis=0) - low, strict=True):
         _mark_crossed(within, begin, end)
     return (slice(low[0], high[0]), slice(low[1], high[1])), within
@@ -176,9 +176,9 @@ def _mark_crossed(cells: BoolArray, begin: FloatArray, end: FloatArray) -> None:
     first = np.clip(np.floor(least), 0, cells.shape).astype(int)
     beyond = np.clip(np.floor(most) + 1, first, cells.shape).astype(int)
     rows, columns = np.mgrid[first[0] : beyond[0], first[1] : beyond[1]] + 0.5
-    way = end - begin
-    off = np.abs(way[0] * (columns - begin[1]) - way[1] * (rows - begin[0]))
-    cells[first[0] : beyond[0], first[1] : beyond[1]] |= off < (0.5 - _BORDER) * np.abs(way).sum()
+    line = end - begin
+    off = np.abs(line[0] * (columns - begin[1]) - line[1] * (rows - begin[0]))
+    cells[first[0] : beyond[0], first[1] : beyond[1]] |= off < (0.5 - _BORDER) * np.abs(line).sum()
 
 
 _BORDER = 1e-6
@@ -190,17 +190,17 @@ def keep_out_cells(zones: Sequence[Zone], grid: OccupancyGrid) -> BoolArray:
     mask = np.zeros(grid.cells.shape, np.bool_)
     for zone in zones:
         if zone.rule is Rule.KEEP_OUT:
-            part, within = cells_of(zone, grid)
+            part, within = zone_cells(zone, grid)
             mask[part] |= within
     return mask
 
 
-def speed_limit(zones: Sequence[Zone], points: FloatArray) -> float:
+def zone_speed_limit(zones: Sequence[Zone], points: FloatArray) -> float:
     """Return the lowest limit [m/s] of the slow zones that hold any of points (N, 2) [m] in map; inf outside all.
 
     The points cover the chair's footprint, now and where it will be once it has slowed down.
     """
-    limits = [zone.value for zone in zones if zone.rule is Rule.SLOW and holds(zone, points).any()]
+    limits = [zone.value for zone in zones if zone.rule is Rule.SLOW and zone_contains(zone, points).any()]
     return min(limits, default=math.inf)
 
 
@@ -225,10 +225,10 @@ def _value(at: str, rule: Rule, fields: Mapping[str, object]) -> float:
     value = fields[rule.value]
     if rule is Rule.KEEP_OUT:
         if value is not True:
-            raise ZoneError(f"{at}: keep_out is {shown(value)}; write `keep_out: true`, or remove the zone")
+            raise ZoneError(f"{at}: keep_out is {quoted(value)}; write `keep_out: true`, or remove the zone")
         return 0.0
-    if isinstance(value, bool) or not isinstance(value, int | float) or not abs(value) <= MOST_TURNED:
-        raise ZoneError(f"{at}: {rule.value} is {shown(value)}; it must be a number, and no more than {MOST_TURNED:g}")
+    if isinstance(value, bool) or not isinstance(value, int | float) or not abs(value) <= MAX_ANGLE:
+        raise ZoneError(f"{at}: {rule.value} is {quoted(value)}; it must be a number, and no more than {MAX_ANGLE:g}")
     if rule is Rule.SLOW and value < SLOWEST:
         raise ZoneError(f"{at}: slow is {value}; it must be at least {SLOWEST} m/s, or a keep-out zone")
     return wrap_angle(float(value)) if rule is Rule.ONE_WAY else float(value)
@@ -244,9 +244,9 @@ def checked_polygon(at: str, corners: object) -> FloatArray:
         polygon = np.array(corners, np.float64)
     except (TypeError, ValueError, OverflowError):
         polygon = np.empty(0)
-    if polygon.ndim != 2 or polygon.shape[1] != 2 or len(polygon) < 3 or not (np.abs(polygon) <= FARTHEST).all():
+    if polygon.ndim != 2 or polygon.shape[1] != 2 or len(polygon) < 3 or not (np.abs(polygon) <= MAX_COORDINATE).all():
         raise ZoneError(
-            f"{at}: its polygon must be three or more corners [[x, y], ...], all of them numbers up to {FARTHEST:g}"
+            f"{at}: its polygon must be three or more corners [[x, y], ...], all of them numbers up to {MAX_COORDINATE:g}"
         )
     x, y = (polygon - polygon[0]).T
     if abs((x * np.roll(y, -1) - y * np.roll(x, -1)).sum()) < 1e-9:

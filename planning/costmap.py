@@ -18,7 +18,7 @@ from waychair.config import Settings, setting
 from waychair.errors import NoFreeSpace
 from waychair.maps.distance_field import DistanceField, near_distances, update_near
 from waychair.maps.grid import OCCUPIED_FROM, cells_under, cells_where, occupied
-from waychair.maps.zones import Rule, Zone, zone_cells, keep_out_cells
+from waychair.maps.zones import Rule, Zone, keep_out_cells, zone_cells
 from waychair.planning.grid_graph import FREE_PRICE, MAX_PRICE, NO_BARS, Prices, directions_against
 from waychair.types import UNKNOWN, BoolArray, Bytes, Float32Array, FloatArray, IntArray, OccupancyGrid
 

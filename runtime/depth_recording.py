@@ -9,7 +9,7 @@ from dataclasses import replace
 from waychair.calibration.chair import CHAIR_A
 from waychair.errors import NoPictures, RecordingError
 from waychair.maps.depth_layer import DROP_OFF
-from waychair.maps.depth_scan import frame_problem, scan_of
+from waychair.maps.depth_scan import frame_problem, planar_scan
 from waychair.recording import Recording
 from waychair.runtime.depth_mapping import PLAIN, DepthMappingSettings
 from waychair.runtime.live_mapping import LiveMapping, LiveMappingSettings
@@ -87,7 +87,7 @@ def live_from_pictures(
             begin, at = at, _first_after(readings, picture.stamp_ns, at)
             frame = _frame(picture.stamp_ns, readings[begin:at])
             reckoned = live.reckon(frame)
-            live.include(replace(reckoned, scan=scan_of(live.depth.scan(picture))))
+            live.include(replace(reckoned, scan=planar_scan(live.depth.scan(picture))))
         live.see(picture)
         if progress is not None and last_ns > began_ns:
             progress(min(1.0, max(0.0, (picture.stamp_ns - began_ns) / (last_ns - began_ns))))

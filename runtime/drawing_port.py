@@ -5,7 +5,7 @@ from __future__ import annotations
 from abc import ABC, abstractmethod
 from collections.abc import Callable
 
-from waychair.maps.layout import Layout as Drawings
+from waychair.maps.layout import DrawingEditor
 from waychair.maps.places import check_place
 from waychair.maps.zones import Zone
 from waychair.runtime.chair_port import Answer, ChairView
@@ -31,7 +31,7 @@ class DrawingPort(ABC):
         """See `ChairPort`."""
 
     @abstractmethod
-    def _drawn(self, change: Callable[[Drawings], None], done: str) -> Answer:
+    def _drawn(self, change: Callable[[DrawingEditor], None], done: str) -> Answer:
         """Make a change, pass it to the navigator, and answer `done` or why it was refused."""
 
     def place_here(self, name: str, tolerance_m: float, tolerance_rad: float, replaces: bool = False) -> Answer:
@@ -44,7 +44,7 @@ class DrawingPort(ABC):
     def set_place(self, place: Place, replaces: bool = False) -> Answer:
         """See `ChairPort`."""
 
-        def change(drawings: Drawings) -> None:
+        def change(drawings: DrawingEditor) -> None:
             grid = self.grid()
             if grid is not None:
                 check_place(grid, place)
@@ -63,7 +63,7 @@ class DrawingPort(ABC):
     def set_zone(self, zone: Zone, replaces: bool = False) -> Answer:
         """See `ChairPort`."""
 
-        def change(drawings: Drawings) -> None:
+        def change(drawings: DrawingEditor) -> None:
             check_zone(zone, self.view().map_from_base, self.outline)
             drawings.set_zone(zone, replaces)
 

@@ -13,10 +13,10 @@ import yaml
 from waychair import config
 from waychair.config import Settings
 from waychair.errors import ConfigError, MapError, OutputError, RecordingError
-from waychair.files import is_file, is_there, read_bytes, read_text, remove, replacing, write_text
+from waychair.files import is_file, path_exists, read_bytes, read_text, remove, replacing, write_text
 from waychair.maps.anchors import GRAPH
 from waychair.maps.depth_layer import DEPTH
-from waychair.maps.layout import DRAWN_FILES, Layout, forget, is_drawn_on
+from waychair.maps.layout import DRAWN_FILES, DrawingEditor, forget, is_drawn_on
 from waychair.maps.map_files import MAP_YAML, load_info, load_map, yaml_path
 from waychair.recording import read_tum
 from waychair.runtime.appearance_mapping import MEMORY
@@ -63,7 +63,7 @@ def set_aside(folder: Path) -> Path | None:
     if not is_drawn_on(folder):
         return None
     aside = next(
-        path for n in itertools.count(1) if not is_there(path := folder.with_name(f"{folder.name}-{n}"), MapError)
+        path for n in itertools.count(1) if not path_exists(path := folder.with_name(f"{folder.name}-{n}"), MapError)
     )
     try:
         folder.rename(aside)
@@ -87,7 +87,7 @@ def copy_map(map: Path, folder: Path) -> None:
         return
     load_map(known)
     if _has_image_of(folder, known):
-        Layout(folder).draw(Layout(known).drawing)
+        DrawingEditor(folder).draw(DrawingEditor(known).drawing)
         return
     refuse_drawn(folder)
     for name in (*DRAWN_FILES, *_OTHERS):

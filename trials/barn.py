@@ -35,7 +35,6 @@ from waychair.control.recovery import RecoverySettings
 from waychair.errors import ConfigError, WorkerLost, WorldError
 from waychair.files import is_folder
 from waychair.geometry import arc
-from waychair.maps.grid_memory import GridMemorySettings
 from waychair.maps.occupancy import OccupancySettings
 from waychair.planning.costmap import CostmapSettings
 from waychair.planning.motion import DwaSettings
@@ -66,7 +65,7 @@ JACKAL = ChairBody(
 
 OUTCOMES = ("success", "contact", "timeout")
 
-BODIES: Mapping[str, ChairBody] = MappingProxyType({"jackal": JACKAL, "A": CHAIR_A, "B": CHAIR_B})
+ROBOTS: Mapping[str, ChairBody] = MappingProxyType({"jackal": JACKAL, "A": CHAIR_A, "B": CHAIR_B})
 """The robots that the benchmark can run."""
 
 
@@ -110,7 +109,7 @@ class BarnRun:
 
 @dataclass(frozen=True, slots=True)
 class BarnTask(Settings):
-    """The runs to make: which of `BODIES`, its top speed, the scale of the worlds, and the runs per world."""
+    """The runs to make: which of `ROBOTS`, its top speed, the scale of the worlds, and the runs per world."""
 
     body: str = setting("jackal", "", "jackal, A or B")
     speed: float = setting(0.5, "m/s", "greatest speed", low=0.1, high=3.0)
@@ -119,8 +118,8 @@ class BarnTask(Settings):
 
     def __post_init__(self) -> None:
         Settings.__post_init__(self)
-        if self.body not in BODIES:
-            raise ConfigError(f"there is no body '{self.body}': take {', '.join(BODIES)}")
+        if self.body not in ROBOTS:
+            raise ConfigError(f"there is no body '{self.body}': take {', '.join(ROBOTS)}")
 
 
 def worlds_in(folder: Path, count: int | None = None) -> list[Path]:
@@ -195,7 +194,7 @@ def upper_bound(count: int, trials: int) -> float:
     return 1.0 if count >= trials else float(beta.ppf(0.95, count + 1, trials - count))
 
 
-def settings_for(body: ChairBody, speed: float, scale: float) -> MaplessSettings:
+def navigator_settings(body: ChairBody, speed: float, scale: float) -> MaplessSettings:
     """Return the navigator's settings: the benchmark's limits for the Jackal, comfortable limits for a chair."""
     dwa = replace(DwaSettings(), max_speed=speed)
     if body is JACKAL:
@@ -213,7 +212,7 @@ def settings_for(body: ChairBody, speed: float, scale: float) -> MaplessSettings
     reach = 5.0 * max(scale, 1.0)
     occupancy = OccupancySettings(resolution=cell, range_max=reach, open_range=reach)
     return MaplessSettings(
-        memory=GridMemorySettings(occupancy=occupancy),
+        memory=occupancy,
         costmap=replace(CostmapSettings(), inflation_radius=0.6 * scale),
         # no people here, so waiting for the path to clear is useless
         recovery=RecoverySettings(wait=0.5, progress_time=5.0, tries=20, patience=60.0),
@@ -316,8 +315,8 @@ def _workers(jobs: int) -> Iterator[Callable[..., Iterator[list[BarnRun]]]]:
 
 
 def _all_starts(environment: BarnEnvironment, task: BarnTask) -> list[BarnRun]:
-    body = BODIES[task.body]
-    navigator = settings_for(body, task.speed, task.scale)
+    body = ROBOTS[task.body]
+    navigator = navigator_settings(body, task.speed, task.scale)
     return [run_barn(environment, start, body, navigator) for start in range(task.starts)]
 
 

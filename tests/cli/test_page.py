@@ -21,7 +21,7 @@ from hypothesis import strategies as st
 
 from waychair.cli.arguments import BadArgument
 from waychair.cli.page_process import page_address, page_token, port_of_page
-from waychair.maps.layout import Layout
+from waychair.maps.layout import DrawingEditor
 from waychair.maps.places import load_places
 from waychair.ros.stack import Stack, processes
 from waychair.runtime.processes import Process, Supervision, SupervisionSettings
@@ -122,15 +122,15 @@ def test_the_page_is_a_process_that_the_chair_can_do_without_and_announces_each_
 
 def test_what_was_drawn_on_a_worlds_own_plan_is_there_in_the_next_run(tmp_path: Path) -> None:
     processes(Stack(tmp_path, world="small_clinic"))
-    layout = Layout(tmp_path / "map")
+    layout = DrawingEditor(tmp_path / "map")
     layout.set_place(Place("desk", Pose2(2.0, 1.0)))
     layout.erase(np.array([[5.0, 4.2], [5.6, 4.2], [5.6, 4.8], [5.0, 4.8]]))
     processes(Stack(tmp_path, world="small_clinic"))
     assert "desk" in load_places(tmp_path / "map")
     processes(Stack(tmp_path, world="second_floor"))
     assert "desk" not in load_places(tmp_path / "map")
-    assert not Layout(tmp_path / "map").undoable
-    assert Layout(tmp_path / "map").drawing.erased == ()
+    assert not DrawingEditor(tmp_path / "map").undoable
+    assert DrawingEditor(tmp_path / "map").drawing.erased == ()
 
 
 def test_the_others_go_on_without_a_page_that_dies_again_and_again() -> None:

@@ -12,11 +12,12 @@ from tests.maps.depth_rooms import picture, scan_of_picture
 
 from waychair.errors import MapError
 from waychair.geometry import compose
-from waychair.maps.depth_evidence import DepthEvidence, merged
+from waychair.maps import occupancy
+from waychair.maps.depth_evidence import DepthEvidence, merge_sensors
 from waychair.maps.depth_scan import DepthScan
 from waychair.maps.grid import cells_from_points, inside, occupied
-from waychair.maps.grid_assembly import AssemblySettings, DepthAssembly
-from waychair.maps.occupancy import EvidenceGrid, OccupancySettings
+from waychair.maps.grid_assembly import DepthAssembly
+from waychair.maps.occupancy import EvidenceGrid
 from waychair.types import FloatArray, OccupancyGrid, Pose2, Scan
 
 HERE = np.zeros((1, 3))
@@ -69,13 +70,13 @@ def test_images_are_taken_out_again_to_the_last_bit_in_any_order(
 def test_a_lidar_that_looks_under_or_over_a_thing_a_hundred_times_does_not_erase_it(scan: DepthScan, x: float) -> None:
     lidar = lidar_that_sees_nothing_near(100).grid()
     assert value(lidar, x, 0.2) < 20
-    grid, drops = merged(lidar, *grids(drawn(scan)))
+    grid, drops = merge_sensors(lidar, *grids(drawn(scan)))
     assert value(grid, x, 0.2) >= 65
     assert not drops.any()
 
 
 def test_a_stairwell_is_occupied_and_a_drop_off_although_the_lidar_sees_across_it() -> None:
-    grid, drops = merged(lidar_that_sees_nothing_near(100).grid(), *grids(drawn(STAIRS)))
+    grid, drops = merge_sensors(lidar_that_sees_nothing_near(100).grid(), *grids(drawn(STAIRS)))
     well = cells_from_points(grid, np.array([[x, y] for x in (2.7, 3.0, 3.3) for y in (-0.3, 0.2, 0.7)]))
     assert drops[tuple(well.T)].all()
     assert occupied(grid)[tuple(well.T)].all()
@@ -83,7 +84,7 @@ def test_a_stairwell_is_occupied_and_a_drop_off_although_the_lidar_sees_across_i
 
 
 def test_beyond_a_drop_off_floor_that_no_camera_has_seen_is_not_believed_in() -> None:
-    grid, drops = merged(lidar_that_sees_nothing_near(3).grid(), *grids(drawn(STAIRS)))
+    grid, drops = merge_sensors(lidar_that_sees_nothing_near(3).grid(), *grids(drawn(STAIRS)))
     seen = np.isin(grids(drawn(STAIRS))[1].cells, [100]).sum()
     assert drops.sum() > seen
     assert value(grid, 2.0, -1.6) < 50, "what is far from it stays as the lidar says"
@@ -91,18 +92,18 @@ def test_beyond_a_drop_off_floor_that_no_camera_has_seen_is_not_believed_in() ->
 
 def test_floor_that_is_seen_clears_what_has_gone() -> None:
     floor = scan_of_picture(picture())
-    grid, _ = merged(EvidenceGrid().grid(), *grids(drawn(LOW, floor, floor, floor)))
+    grid, _ = merge_sensors(EvidenceGrid().grid(), *grids(drawn(LOW, floor, floor, floor)))
     assert value(grid, 2.24, 0.2) < 50
 
 
 def test_what_was_drawn_follows_its_nodes_and_is_then_what_drawing_anew_gives() -> None:
-    assembly = DepthAssembly(settings=AssemblySettings(beams_per_call=1, tolerance=0.0))
+    assembly = DepthAssembly()
     nodes = np.array([[0.0, 0.0, 0.0], [1.0, 0.3, 0.4]])
     off = np.array([0.1, 0.0, 0.05])
     for number, (scan, node) in enumerate([(STAIRS, 0), (SHELF, 1), (LOW, 1)]):
         assembly.add(number, scan, node, off, off)
     for bent in (nodes, nodes + np.array([[0.0, 0.0, 0.0], [0.4, -0.2, 0.1]])):
-        assembly.bend(bent, np.zeros(2))
+        assembly.move_nodes(bent, np.zeros(2))
         assembly.settle()
     assembly.drop(2)
     assembly.settle()
@@ -128,10 +129,11 @@ def test_cells_that_are_put_add_up(told: list[tuple[int, int, bool]]) -> None:
         assert abs(value(grid, 0.05 * (col + 0.5), 0.05 * (row + 0.5)) - percent) <= 1
 
 
-def test_a_pose_that_is_no_number_and_a_jump_are_refused() -> None:
+def test_a_pose_that_is_no_number_and_a_jump_are_refused(monkeypatch: pytest.MonkeyPatch) -> None:
     with pytest.raises(MapError, match="not finite"):
         DepthEvidence().add(np.array([[math.nan, 0.0, 0.0]]), HERE, [LOW])
-    small = DepthEvidence(OccupancySettings(max_cells=100_000))
+    monkeypatch.setattr(occupancy, "MAX_CELLS", 100_000)
+    small = DepthEvidence()
     small.add(HERE, HERE, [LOW])
     with pytest.raises(MapError, match="jumps"):
         small.add(np.array([[1e4, 0.0, 0.0]]), HERE, [LOW])
@@ -140,7 +142,7 @@ def test_a_pose_that_is_no_number_and_a_jump_are_refused() -> None:
 def test_the_merged_grid_holds_all_of_its_parts() -> None:
     lidar = OccupancyGrid(np.array([[0, 100], [-1, 30]], np.int8), 0.05, Pose2(1.0, 1.0))
     none = OccupancyGrid(np.full((1, 1), -1, np.int8), 0.05, Pose2(-0.5, 0.0))
-    grid, drops = merged(lidar, none, none)
+    grid, drops = merge_sensors(lidar, none, none)
     assert [value(grid, 1.0 + x, 1.0 + y) for x, y in ((0.02, 0.02), (0.07, 0.02), (0.02, 0.07), (0.07, 0.07))] == [
         0, 100, -1, 30,
     ]  # fmt: skip

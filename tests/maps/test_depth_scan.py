@@ -16,10 +16,10 @@ from waychair.maps.depth_scan import (
     FLOOR,
     OBSTACLE,
     DepthScan,
-    cells_of,
+    find_stretches,
     frame_problem,
-    scan_of,
-    stretches_of,
+    planar_scan,
+    stretch_cells,
 )
 from waychair.maps.ground import BELOW, GROUND, MISSING, STANDS
 from waychair.slam.tilt import Tilt
@@ -32,7 +32,7 @@ leans = st.builds(Tilt, st.just(1), st.floats(-0.06, 0.06), st.floats(-0.06, 0.0
 def told(scan: DepthScan, x: float, y: float) -> int:
     """What is told of the cell at a point of the base frame; 0 is nothing."""
     lens = Pose2(float(scan.origin[0]), float(scan.origin[1]))
-    cells, what = cells_of(lens.x, lens.y, 0.0, scan.bearings, scan.near, scan.far, scan.kinds, SIDE)
+    cells, what = stretch_cells(lens.x, lens.y, 0.0, scan.bearings, scan.near, scan.far, scan.kinds, SIDE)
     here = np.all(cells == np.floor(np.array([x, y]) / SIDE).astype(int), axis=1)
     return int(what[here][0]) if here.any() else 0
 
@@ -90,7 +90,7 @@ def test_the_floor_behind_a_thing_at_the_pictures_edge_is_no_drop_off() -> None:
 
 
 def test_the_stand_in_for_a_lidar_meets_the_nearest_things() -> None:
-    scan = scan_of(scan_of_picture(picture([(3.0, 3.2, -5.0, 5.0, 0.0, 2.0)])))
+    scan = planar_scan(scan_of_picture(picture([(3.0, 3.2, -5.0, 5.0, 0.0, 2.0)])))
     straight = scan.ranges[round(-scan.angle_min / scan.angle_step)]
     assert straight == pytest.approx(2.6, abs=0.03)
 
@@ -159,7 +159,7 @@ def test_the_kernel_finds_the_stretches_that_plain_python_finds(seed: int) -> No
         return values[:, None]
 
     bearings = np.zeros((count, 1), np.float32)
-    found = stretches_of(
+    found = find_stretches(
         kind[:, None], column(away), column(z), np.zeros((count, 1)), column(foot), bearings, row["lens_z"],
         row["beam"], row["range_max"], row["tallest"], 1, row["least"], row["slope"],
     )  # fmt: skip
@@ -189,7 +189,7 @@ def test_the_kernel_touches_the_cells_that_plain_python_touches(seed: int) -> No
             d = begin + float(np.float32(end) - np.float32(begin)) * (k / steps if steps else 0.0)
             cell = math.floor((x + d * c) / SIDE), math.floor((y + d * s) / SIDE)
             expected[cell] = max(expected.get(cell, 0), what)
-    cells, what_told = cells_of(x, y, theta, bearings, near, far, kinds, SIDE)
+    cells, what_told = stretch_cells(x, y, theta, bearings, near, far, kinds, SIDE)
     found = {(int(col), int(row)): int(what) for (col, row), what in zip(cells, what_told, strict=True)}
     different = {cell for cell in found.keys() | expected.keys() if found.get(cell) != expected.get(cell)}
     assert len(different) <= 2, "but for points that lie on a line of the grid by rounding"
@@ -202,7 +202,7 @@ def test_the_kernel_finds_the_obstacles_that_plain_python_finds(seed: int, suppo
     away, nothing = rng.uniform(0.5, 1.2, shape), np.full(shape, np.nan)
     bearings = rng.uniform(-0.5, 0.5, shape).astype(np.float32)
     kind = np.where(rng.random(shape) < 0.4, STANDS, 0).astype(np.uint8)
-    found = stretches_of(
+    found = find_stretches(
         kind, away, np.full(shape, 0.5), np.zeros(shape), nothing, bearings, 0.95, 0.02, 1.1, 1.4, support, 0.06, 0.12
     )
     bins: dict[tuple[int, int], list[float]] = {}

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import math
-from dataclasses import replace
 
 import numpy as np
 import pytest
@@ -12,8 +11,9 @@ from hypothesis import strategies as st
 
 from waychair.errors import MapError
 from waychair.geometry import compose
+from waychair.maps import occupancy
 from waychair.maps.grid import cells_from_points
-from waychair.maps.grid_assembly import AssemblySettings, GridAssembly
+from waychair.maps.grid_assembly import GridAssembly
 from waychair.maps.occupancy import OccupancySettings, build_grid
 from waychair.types import FloatArray, OccupancyGrid, Pose2, Scan
 
@@ -54,12 +54,12 @@ def assert_same(found: OccupancyGrid, expected: OccupancyGrid) -> None:
     assert found.map_from_grid == expected.map_from_grid
 
 
-def assembled(poses: FloatArray, scans: list[Scan], chosen: AssemblySettings | None = None) -> GridAssembly:
+def assembled(poses: FloatArray, scans: list[Scan]) -> GridAssembly:
     """One scan on each node, all drawn."""
-    assembly = GridAssembly(CELLS, chosen)
+    assembly = GridAssembly(CELLS)
     for k, scan in enumerate(scans):
         assembly.add(k, scan, k, HERE, HERE)
-    assembly.bend(poses, poses[-1, :2])
+    assembly.move_nodes(poses, poses[-1, :2])
     while assembly.pending:
         assembly.draw()
     return assembly
@@ -81,9 +81,9 @@ steps = st.one_of(
 @settings(max_examples=60)
 @given(st.lists(steps, min_size=1, max_size=40))
 def test_whatever_came_went_and_moved_the_grid_is_that_of_drawing_anew(script: list[tuple]) -> None:  # type: ignore[type-arg]
-    assembly = GridAssembly(CELLS, AssemblySettings(beams_per_call=3 * BEAMS))
+    assembly = GridAssembly(CELLS)
     nodes, hung, number = POSES.copy(), dict[int, tuple[Scan, int, FloatArray, FloatArray]](), 0
-    assembly.bend(nodes, nodes[0, :2])
+    assembly.move_nodes(nodes, nodes[0, :2])
     for kind, *what in (*script, ("settle",)):
         if kind == "add":
             hung[number] = ROOM[what[0]], what[0], np.array(what[1]), np.array(what[2])
@@ -96,9 +96,9 @@ def test_whatever_came_went_and_moved_the_grid_is_that_of_drawing_anew(script: l
         elif kind == "bend":
             rng = np.random.default_rng(what[0])
             nodes = compose(nodes, rng.normal(0.0, 10.0 ** rng.uniform(-4, 0), (len(nodes), 3)))
-            assembly.bend(nodes, nodes[0, :2])
+            assembly.move_nodes(nodes, nodes[0, :2])
         elif kind == "draw":
-            assert assembly.draw() <= 3 * BEAMS + 2 * BEAMS
+            assert assembly.draw(3 * BEAMS) <= 3 * BEAMS + 2 * BEAMS
         elif kind == "settle":
             assembly.settle()
             assert (assembly.pending, len(assembly)) == (0, len(hung))
@@ -109,33 +109,33 @@ def test_whatever_came_went_and_moved_the_grid_is_that_of_drawing_anew(script: l
 
 
 def test_a_call_draws_so_many_beams_and_no_more_however_much_has_moved() -> None:
-    assembly = assembled(POSES, ROOM, AssemblySettings(beams_per_call=10 * BEAMS))
-    assembly.bend(compose(POSES, np.array([0.5, 0.5, 0.2])), np.zeros(2))
+    assembly = assembled(POSES, ROOM)
+    assembly.move_nodes(compose(POSES, np.array([0.5, 0.5, 0.2])), np.zeros(2))
     assert assembly.pending == len(POSES)
     drawn = []
     while assembly.pending:
-        drawn.append(assembly.draw())
+        drawn.append(assembly.draw(10 * BEAMS))
     assert max(drawn) == 10 * BEAMS
     assert sum(drawn) == 2 * BEAMS * len(POSES)
-    assert assembly.draw() == 0
+    assert assembly.draw(10 * BEAMS) == 0
 
 
 def test_one_scan_is_drawn_even_where_it_has_more_beams_than_a_call_may_draw() -> None:
-    assembly = GridAssembly(CELLS, AssemblySettings(beams_per_call=1))
+    assembly = GridAssembly(CELLS)
     for k in range(2):
         assembly.add(k, ROOM[k], k, HERE, HERE)
-    assembly.bend(POSES, np.zeros(2))
-    assert [assembly.draw() for _ in range(3)] == [BEAMS, BEAMS, 0]
+    assembly.move_nodes(POSES, np.zeros(2))
+    assert [assembly.draw(1) for _ in range(3)] == [BEAMS, BEAMS, 0]
 
 
 def test_what_is_new_goes_first_and_then_what_is_near_the_chair() -> None:
-    assembly = assembled(POSES, ROOM, AssemblySettings(beams_per_call=2 * BEAMS))
+    assembly = assembled(POSES, ROOM)
     moved = compose(POSES, np.array([0.0, 0.0, 0.5]))
     moved = np.concatenate([moved, POSES[:1]])
     assembly.add(30, ROOM[0], 30, HERE, HERE)
-    assembly.bend(moved, moved[17, :2] - (0.05, 0.0))
+    assembly.move_nodes(moved, moved[17, :2] - (0.05, 0.0))
     for places in ([30], [17], [17, 16], [17, 16, 18]):
-        assembly.draw()
+        assembly.draw(2 * BEAMS)
         now = POSES.copy()
         turned = [k for k in places if k < 30]
         now[turned] = moved[turned]
@@ -148,7 +148,7 @@ def test_a_bend_within_the_tolerance_moves_nothing_until_the_grid_is_settled() -
     for shift, stays in ((0.9 * half, True), (1.1 * half, False)):
         assembly = assembled(POSES, ROOM)
         before, moved = assembly.grid(), POSES + np.array([shift, 0.0, 0.0])
-        assembly.bend(moved, np.zeros(2))
+        assembly.move_nodes(moved, np.zeros(2))
         assert (assembly.pending == 0) == stays
         assembly.draw()
         if stays:
@@ -161,7 +161,7 @@ def test_a_turn_is_measured_at_the_end_of_the_longest_beam() -> None:
     scan = Scan(0, np.full(BEAMS, 5.0, np.float32), 0.0, math.tau / BEAMS, range_max=30.0)
     for turn, stays in ((0.009, True), (0.011, False)):
         assembly = assembled(np.zeros((1, 3)), [scan])
-        assembly.bend(np.array([[0.0, 0.0, turn]]), np.zeros(2))
+        assembly.move_nodes(np.array([[0.0, 0.0, turn]]), np.zeros(2))
         assert (assembly.pending == 0) == stays
 
 
@@ -170,7 +170,7 @@ def test_a_closure_leaves_no_double_walls() -> None:
     drifted = np.concatenate([POSES, POSES + np.array([0.0, 0.5, 0.0])])
     assembly = assembled(drifted, ROOM * 2)
     assert value_at(assembly.grid(), 5.0, 6.55) >= 65
-    assembly.bend(np.concatenate([POSES, POSES]), np.zeros(2))
+    assembly.move_nodes(np.concatenate([POSES, POSES]), np.zeros(2))
     assembly.settle()
     assert_same(assembly.grid(), build_grid(np.concatenate([POSES, POSES]), ROOM * 2, CELLS))
     assert value_at(assembly.grid(), 5.0, 6.55) == -1
@@ -235,16 +235,16 @@ def test_scans_that_come_and_go_for_ever_take_no_more_room() -> None:
     assert_same(assembly.grid(), build_grid(POSES, ROOM, CELLS))
 
 
-def test_a_scan_thrown_far_off_is_refused_and_is_drawn_when_it_is_back() -> None:
-    cells = replace(CELLS, max_cells=100_000)
-    assembly = GridAssembly(cells)
+def test_a_scan_thrown_far_off_is_refused_and_is_drawn_when_it_is_back(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(occupancy, "MAX_CELLS", 100_000)
+    assembly = GridAssembly(CELLS)
     for k, scan in enumerate(ROOM):
         assembly.add(k, scan, k, HERE, HERE)
     thrown = POSES.copy()
     thrown[3, 0] = 1e6
-    assembly.bend(thrown, np.zeros(2))
+    assembly.move_nodes(thrown, np.zeros(2))
     with pytest.raises(MapError, match="too large"):
         assembly.settle()
-    assembly.bend(POSES, np.zeros(2))
+    assembly.move_nodes(POSES, np.zeros(2))
     assembly.settle()
-    assert_same(assembly.grid(), build_grid(POSES, ROOM, cells))
+    assert_same(assembly.grid(), build_grid(POSES, ROOM, CELLS))

@@ -8,11 +8,11 @@ import numpy as np
 import pytest
 
 from waychair.maps.grid import occupied
-from waychair.maps.grid_memory import GridMemory, GridMemorySettings
+from waychair.maps.grid_memory import GridMemory
 from waychair.maps.occupancy import OccupancySettings, build_grid
 from waychair.types import FloatArray, Pose2, Scan
 
-SETTINGS = GridMemorySettings(occupancy=OccupancySettings(resolution=0.05, range_max=4.0, open_range=4.0))
+SETTINGS = OccupancySettings(resolution=0.05, range_max=4.0, open_range=4.0)
 
 
 def scan_of(at: Pose2, posts: FloatArray) -> Scan:
@@ -36,7 +36,7 @@ def test_what_stands_still_is_remembered_as_a_map_has_it() -> None:
     scans = [scan_of(pose, POSTS) for pose in POSES]
     for pose, scan in zip(POSES, scans, strict=True):
         memory.see(scan, pose)
-    grid = build_grid(np.array([pose.array() for pose in POSES]), scans, SETTINGS.occupancy)
+    grid = build_grid(np.array([pose.array() for pose in POSES]), scans, SETTINGS)
     row, col = (round(getattr(grid.map_from_grid, a) / 0.05) - round(getattr(memory.corner, a) / 0.05) for a in "yx")
     expected, found = np.argwhere(occupied(grid)) + np.array([row, col]), np.argwhere(memory.occupied())
     assert len(expected) > 20

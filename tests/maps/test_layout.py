@@ -14,7 +14,7 @@ from waychair.errors import MapError, PlaceError, UnknownPlace, WaychairError, Z
 from waychair.maps.anchors import ANCHORS_YAML, GRAPH, load_anchors, load_nodes
 from waychair.maps.depth_layer import DROP_OFF, save_depth_layer
 from waychair.maps.erased import ERASED_YAML, load_erased
-from waychair.maps.layout import MOST_UNDONE, Layout
+from waychair.maps.layout import MOST_UNDONE, DrawingEditor
 from waychair.maps.map_files import load_map, save_map
 from waychair.maps.places import load_places, save_places
 from waychair.maps.zones import Rule, Zone, load_zones
@@ -40,11 +40,11 @@ def folder(tmp_path: Path) -> Path:
 
 
 def test_places_and_zones_are_read_again_as_they_were_drawn(folder: Path) -> None:
-    layout = Layout(folder)
+    layout = DrawingEditor(folder)
     layout.set_place(Place("bed", Pose2(1.0, 2.0, 0.5), 0.05, math.radians(2.0)))
     layout.set_zone(Zone("ward", Rule.SLOW, SQUARE, 0.3))
     layout.set_zone(Zone("ramp", Rule.ONE_WAY, SQUARE + 2.0, 1.5))
-    again = Layout(folder).drawing
+    again = DrawingEditor(folder).drawing
     assert again.places == layout.drawing.places == load_places(folder)
     assert [(zone.name, zone.rule, zone.value) for zone in again.zones] == [
         ("ward", Rule.SLOW, 0.3),
@@ -55,7 +55,7 @@ def test_places_and_zones_are_read_again_as_they_were_drawn(folder: Path) -> Non
 
 def test_what_is_erased_is_free_floor_for_whoever_reads_the_map(folder: Path) -> None:
     before = load_map(folder)
-    Layout(folder).erase(SQUARE)
+    DrawingEditor(folder).erase(SQUARE)
     after = load_map(folder / "map.yaml")
     assert before.cells[31, 31] == 100
     assert not after.cells.any()
@@ -66,8 +66,8 @@ def test_a_drop_off_is_no_ghost(folder: Path) -> None:
     cells = np.zeros((120, 120), np.int8)
     cells[32, 32] = DROP_OFF
     save_depth_layer(folder, OccupancyGrid(cells, 0.05))
-    layout = Layout(folder)
-    with pytest.raises(ZoneError, match="the floor ends"):
+    layout = DrawingEditor(folder)
+    with pytest.raises(ZoneError, match="drop-off in this part"):
         layout.erase(SQUARE)
     assert load_erased(folder) == ()
     layout.erase(SQUARE + 1.0)
@@ -77,13 +77,13 @@ def test_a_drop_off_is_no_ghost(folder: Path) -> None:
 def test_parts_are_erased_of_a_map_by_the_name_of_its_yaml(folder: Path) -> None:
     save_map(folder, load_map(folder), name="lab")
     (folder / "map.yaml").unlink()
-    Layout(folder / "lab.yaml").erase(SQUARE)
+    DrawingEditor(folder / "lab.yaml").erase(SQUARE)
     assert not load_map(folder / "lab.yaml").cells.any()
 
 
 def test_every_change_is_taken_back_in_its_turn(folder: Path) -> None:
     save_places(folder, {"door": Place("door", Pose2(3.0, 3.0))})
-    layout = Layout(folder)
+    layout = DrawingEditor(folder)
     texts = []
     for change in (
         lambda: layout.set_place(Place("bed", Pose2(1.0, 2.0))),
@@ -96,7 +96,7 @@ def test_every_change_is_taken_back_in_its_turn(folder: Path) -> None:
         change()
     assert layout.undoable
     for before in reversed(texts):
-        layout = Layout(folder)  # also after a new start
+        layout = DrawingEditor(folder)  # also after a new start
         layout.undo()
         now = {path.name: path.read_text() for path in folder.glob("*.yaml") if path.name != "undo.yaml"}
         assert now == before
@@ -106,7 +106,7 @@ def test_every_change_is_taken_back_in_its_turn(folder: Path) -> None:
 
 
 def test_no_place_or_zone_is_said_with_an_empty_list_and_a_file_of_no_byte_is_damaged(folder: Path) -> None:
-    layout = Layout(folder)
+    layout = DrawingEditor(folder)
     layout.set_zone(Zone("stairs", Rule.KEEP_OUT, SQUARE))
     layout.remove_zone("stairs")
     for name, text, load in (
@@ -124,15 +124,15 @@ def test_no_place_or_zone_is_said_with_an_empty_list_and_a_file_of_no_byte_is_da
 
 
 def test_a_change_from_before_empty_lists_were_written_is_taken_back(folder: Path) -> None:
-    layout = Layout(folder)
+    layout = DrawingEditor(folder)
     layout.set_place(Place("lift", Pose2(1.0, 1.0, 0.0)))
     (folder / "undo.yaml").write_text("- {places.yaml: '', zones.yaml: ''}\n")
     layout.undo()
-    assert Layout(folder).drawing.places == {}
+    assert DrawingEditor(folder).drawing.places == {}
 
 
 def test_only_so_many_changes_are_kept(folder: Path) -> None:
-    layout = Layout(folder)
+    layout = DrawingEditor(folder)
     for k in range(MOST_UNDONE + 5):
         layout.set_place(Place(f"p{k}", Pose2(1.0, 1.0)))
     for _ in range(MOST_UNDONE):
@@ -156,7 +156,7 @@ def test_only_so_many_changes_are_kept(folder: Path) -> None:
     ],
 )
 def test_what_is_refused_changes_nothing(folder: Path, change: object, error: type[WaychairError]) -> None:
-    layout = Layout(folder)
+    layout = DrawingEditor(folder)
     layout.set_place(Place("bed", Pose2(1.0, 2.0)))
     before = {path.name: path.read_bytes() for path in folder.iterdir()}
     with pytest.raises(error):
@@ -165,7 +165,7 @@ def test_what_is_refused_changes_nothing(folder: Path, change: object, error: ty
 
 
 def test_what_was_drawn_follows_the_nodes_of_a_map_that_was_bent(folder: Path) -> None:
-    layout = Layout(folder)
+    layout = DrawingEditor(folder)
     layout.set_place(Place("bed", Pose2(5.2, 4.8, 0.5)))
     layout.set_place(Place("door", Pose2(0.3, 0.1, 0.0)))
     layout.set_zone(Zone("ramp", Rule.ONE_WAY, SQUARE + 3.0, 0.2))
@@ -179,20 +179,20 @@ def test_what_was_drawn_follows_the_nodes_of_a_map_that_was_bent(folder: Path) -
     assert ramp.value == pytest.approx(0.3)
     assert ramp.polygon == pytest.approx(_moved(bent, SQUARE + 3.0))
     assert erased == pytest.approx(_moved(bent, SQUARE + ASIDE))
-    assert Layout(folder).drawing.places == places
+    assert DrawingEditor(folder).drawing.places == places
 
 
 def test_a_change_after_a_bend_writes_where_everything_is_by_then(folder: Path) -> None:
-    layout = Layout(folder)
+    layout = DrawingEditor(folder)
     layout.set_place(Place("bed", Pose2(5.2, 4.8, 0.5)))
     write_graph(folder, NODES + ALONG)
-    Layout(folder).set_place(Place("door", Pose2(1.0, 1.0)))
+    DrawingEditor(folder).set_place(Place("door", Pose2(1.0, 1.0)))
     (folder / ANCHORS_YAML).unlink()
     assert load_places(folder)["bed"].pose.array() == pytest.approx([6.2, 4.8, 0.5], abs=1e-9)
 
 
 def test_a_place_that_somebody_has_edited_is_where_he_says(folder: Path) -> None:
-    Layout(folder).set_place(Place("bed", Pose2(5.2, 4.8, 0.5)))
+    DrawingEditor(folder).set_place(Place("bed", Pose2(5.2, 4.8, 0.5)))
     text = (folder / "places.yaml").read_text()
     (folder / "places.yaml").write_text(text.replace("5.2", "5.3"))
     write_graph(folder, NODES + ALONG)
@@ -200,7 +200,7 @@ def test_a_place_that_somebody_has_edited_is_where_he_says(folder: Path) -> None
 
 
 def test_a_map_without_nodes_or_with_fewer_keeps_what_was_drawn_where_it_was(folder: Path) -> None:
-    layout = Layout(folder)
+    layout = DrawingEditor(folder)
     layout.set_place(Place("bed", Pose2(5.2, 4.8, 0.5)))
     for nodes in (NODES[:1] + 1.0, NODES[:0]):
         write_graph(folder, nodes)
@@ -233,7 +233,7 @@ def test_a_broken_file_of_erased_parts_is_refused_with_its_name(folder: Path, te
 
 @pytest.mark.parametrize("replaces", [False, True])
 def test_a_known_name_is_replaced_only_where_that_is_said(folder: Path, replaces: bool) -> None:
-    layout = Layout(folder)
+    layout = DrawingEditor(folder)
     layout.set_place(Place("bed", Pose2(1.0, 2.0)))
     layout.set_zone(Zone("ward", Rule.KEEP_OUT, SQUARE))
     if replaces:
@@ -250,7 +250,7 @@ def test_a_known_name_is_replaced_only_where_that_is_said(folder: Path, replaces
 
 def test_a_history_that_is_no_text_is_no_history(folder: Path) -> None:
     (folder / "undo.yaml").write_bytes(b"\xff\xfe")
-    layout = Layout(folder)
+    layout = DrawingEditor(folder)
     assert not layout.undoable
     layout.set_place(Place("bed", Pose2(1.0, 2.0)))
     assert layout.undoable
@@ -262,7 +262,7 @@ def test_a_damaged_history_is_no_history(text: str) -> None:
 
     with tempfile.TemporaryDirectory() as name:
         (Path(name) / "undo.yaml").write_text(text, encoding="utf-8", errors="replace")
-        layout = Layout(Path(name))
+        layout = DrawingEditor(Path(name))
         if not layout.undoable:
             layout.set_place(Place("bed", Pose2(1.0, 2.0)))
             assert layout.undoable

@@ -14,6 +14,7 @@ from hypothesis import assume, given, settings
 from hypothesis import strategies as st
 
 from waychair.errors import MapError
+from waychair.maps import occupancy
 from waychair.maps.grid import cells_from_points
 from waychair.maps.occupancy import EvidenceGrid, OccupancySettings, build_grid
 from waychair.recording import read_recording
@@ -56,7 +57,7 @@ def reference(poses: FloatArray, scans: list[Scan], s: OccupancySettings, *, for
         return math.log(p / (1 - p))
 
     def limited(value: float) -> float:
-        return min(logit(s.prob_max), max(logit(s.prob_min), value))
+        return min(logit(occupancy.PROB_MAX), max(logit(occupancy.PROB_MIN), value))
 
     log_odds: dict[Cell, float] = {}
     for (px, py, theta), scan in zip(poses.tolist(), scans, strict=True):
@@ -82,7 +83,7 @@ def reference(poses: FloatArray, scans: list[Scan], s: OccupancySettings, *, for
                     break
                 missed.add(passed)
         for cell in hits | missed:
-            value = log_odds.get(cell, 0.0) + logit(s.prob_hit if cell in hits else s.prob_miss)
+            value = log_odds.get(cell, 0.0) + logit(occupancy.PROB_HIT if cell in hits else occupancy.PROB_MISS)
             log_odds[cell] = limited(value) if forgets else value
     return {cell: round(100 / (1 + math.exp(-limited(value)))) for cell, value in log_odds.items()}
 
@@ -159,14 +160,17 @@ def assert_same(found: OccupancyGrid, expected: OccupancyGrid) -> None:
 
 
 @pytest.mark.parametrize(("hit", "miss"), [(0.7, 0.4), (0.6, 0.4), (0.51, 0.49), (0.99, 0.01), (0.8, 0.2)])
-def test_what_was_seen_is_never_unknown_again(hit: float, miss: float) -> None:
+def test_what_was_seen_is_never_unknown_again(hit: float, miss: float, monkeypatch: pytest.MonkeyPatch) -> None:
     """Hits and misses that weigh alike leave an even chance, which is not nothing."""
-    chosen, pose = replace(SETTINGS, prob_hit=hit, prob_miss=miss), np.array([[0.05, 0.05, 0.0]])
+    monkeypatch.setattr(occupancy, "PROB_HIT", hit)
+    monkeypatch.setattr(occupancy, "PROB_MISS", miss)
+    pose = np.array([[0.05, 0.05, 0.0]])
     for hits, misses in product(range(1, 12), range(1, 12)):
         scans = [scan_of([1.0])] * hits + [scan_of([2.0])] * misses
-        grid = build_grid(np.repeat(pose, hits + misses, axis=0), scans, chosen)
+        grid = build_grid(np.repeat(pose, hits + misses, axis=0), scans, SETTINGS)
         assert value_at(grid, 1.05, 0.05) >= 0
-    assert value_at(build_grid(np.repeat(pose, 2, axis=0), [scan_of([1.0]), scan_of([2.0])], chosen), 1.05, 0.05) in (
+    both = build_grid(np.repeat(pose, 2, axis=0), [scan_of([1.0]), scan_of([2.0])], SETTINGS)
+    assert value_at(both, 1.05, 0.05) in (
         round(100 / (1 + (1 - hit) / hit * (1 - miss) / miss)) + d for d in (-1, 0, 1)
     )
 
@@ -195,8 +199,8 @@ def test_the_margin_surrounds_all_that_was_seen() -> None:
     grid = build_grid(np.array([[0.05, 0.05, 0.0]]), [scan_of([1.0])], SETTINGS)
     assert grid.cells.shape == (21, 31)
     assert grid.map_from_grid == Pose2(-1.0, -1.0, 0.0)
-    tight = build_grid(np.array([[0.05, 0.05, 0.0]]), [scan_of([1.0])], replace(SETTINGS, margin=0))
-    assert tight.cells.tolist() == [[40] * 10 + [70]]
+    inner = grid.cells[occupancy.MARGIN : -occupancy.MARGIN, occupancy.MARGIN : -occupancy.MARGIN]
+    assert inner.tolist() == [[40] * 10 + [70]]
 
 
 def test_a_scan_counts_a_cell_once_and_a_hit_beats_a_miss() -> None:
@@ -244,7 +248,7 @@ def test_impossible_input_is_refused_with_advice() -> None:
     good = scan_of([1.0])
     with pytest.raises(MapError, match="no scans"):
         build_grid(np.zeros((0, 3)), [])
-    with pytest.raises(MapError, match="do not belong to 2 scans"):
+    with pytest.raises(MapError, match="do not match 2 scans"):
         build_grid(np.zeros((1, 3)), [good, good])
     with pytest.raises(MapError, match="pose 1 is not finite"):
         build_grid(np.array([[0.0, 0.0, 0.0], [math.nan, 0.0, 0.0]]), [good, good])

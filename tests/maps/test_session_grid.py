@@ -26,7 +26,7 @@ def lived(*drives: list[Scan]) -> SessionGrid:
         for k, scan in enumerate(scans):
             grid.add(number, scan, k, HERE, HERE)
             number += 1
-    grid.bend(POSES, POSES[-1, :2])
+    grid.move_nodes(POSES, POSES[-1, :2])
     grid.settle()
     return grid
 
@@ -50,7 +50,7 @@ def test_a_piece_that_was_moved_away_is_gone_however_often_it_was_seen(often: in
     before = SessionGrid(CELLS)
     for number in range(often * len(POSES)):
         before.add(number, FURNISHED[number % len(POSES)], number % len(POSES), HERE, HERE)
-    before.bend(POSES, POSES[-1, :2])
+    before.move_nodes(POSES, POSES[-1, :2])
     before.settle()
     assert at_piece(before) > 0
     before.begin(1)
@@ -74,7 +74,7 @@ def test_what_a_later_drive_has_not_seen_stays_as_it_was() -> None:
 
 def test_scans_of_any_session_are_told_and_dropped() -> None:
     grid = lived(FURNISHED, EMPTY)
-    session, scan, node, places = grid.hung(3)
+    session, scan, node, places = grid.attached(3)
     assert (session, node) == (0, 3)
     assert scan is FURNISHED[3]
     assert places.shape == (2, 3)
@@ -87,7 +87,7 @@ def test_scans_of_any_session_are_told_and_dropped() -> None:
 
 def test_all_sessions_move_with_the_graph() -> None:
     grid, moved = lived(FURNISHED, EMPTY), POSES + np.array([1.0, 0.0, 0.0])
-    grid.bend(moved, moved[0, :2])
+    grid.move_nodes(moved, moved[0, :2])
     assert grid.pending > 0
     while grid.pending:
         assert grid.draw() > 0
@@ -137,7 +137,7 @@ def seen_by_depth(often: int) -> tuple[BoolArray, BoolArray]:
     grid.begin(1)
     for number in range(9):
         grid.add(often + number, floor, 0, here, here)
-    grid.bend(np.zeros((1, 3)), np.zeros(2))
+    grid.move_nodes(np.zeros((1, 3)), np.zeros(2))
     grid.settle()
     obstacles, drops = grid.grids()
     return occupied(obstacles), occupied(drops)
@@ -155,6 +155,6 @@ def test_within_a_session_depth_is_one_sum() -> None:
     box = scan_of_picture(picture(boxes=[(2.4, 2.8, -0.3, 0.1, 0.0, 0.3)]))
     for number, scan in enumerate([*[box] * 8, *[scan_of_picture(picture())] * 3]):
         grid.add(number, scan, 0, here, here)
-    grid.bend(np.zeros((1, 3)), np.zeros(2))
+    grid.move_nodes(np.zeros((1, 3)), np.zeros(2))
     grid.settle()
     assert occupied(grid.grids()[0]).any()

@@ -15,13 +15,13 @@ from waychair.maps.grid import cells_from_points, inside, points_from_cells
 from waychair.maps.zones import (
     Rule,
     Zone,
-    cells_of,
     check_zones,
-    holds,
     keep_out_cells,
     load_zones,
     save_zones,
-    speed_limit,
+    zone_cells,
+    zone_contains,
+    zone_speed_limit,
 )
 from waychair.types import OccupancyGrid, Pose2
 
@@ -101,13 +101,18 @@ def test_points_in_a_triangle_are_those_left_of_its_three_edges(seed: int) -> No
         for a, b in zip(corners, np.roll(corners, -1, axis=0), strict=True)
     ]
     inside = (np.array(sides) > 0).all(axis=0) | (np.array(sides) < 0).all(axis=0)
-    np.testing.assert_array_equal(holds(Zone("z", Rule.KEEP_OUT, corners), points), inside)
+    np.testing.assert_array_equal(zone_contains(Zone("z", Rule.KEEP_OUT, corners), points), inside)
 
 
 def test_a_notched_polygon_does_not_hold_its_notch() -> None:
     notched = np.array([[0.0, 0.0], [4.0, 0.0], [4.0, 4.0], [2.0, 1.0], [0.0, 4.0]])
     zone = Zone("z", Rule.KEEP_OUT, notched)
-    assert holds(zone, np.array([[2.0, 0.5], [0.5, 2.0], [3.5, 2.0], [2.0, 3.0]])).tolist() == [True, True, True, False]
+    assert zone_contains(zone, np.array([[2.0, 0.5], [0.5, 2.0], [3.5, 2.0], [2.0, 3.0]])).tolist() == [
+        True,
+        True,
+        True,
+        False,
+    ]
 
 
 @pytest.mark.parametrize("origin", [Pose2(), Pose2(0.5, -1.5, 0.5)])
@@ -123,11 +128,11 @@ def test_cells_of_a_zone_are_those_it_has_any_part_of_also_on_a_turned_grid(orig
     local = (np.stack([columns, rows], axis=-1)[:, None] + parts) * grid.resolution
     c, s = math.cos(origin.theta), math.sin(origin.theta)
     points = local.reshape(-1, 2) @ np.array([[c, s], [-s, c]]) + (origin.x, origin.y)
-    seen = holds(zone, points).reshape(len(rows), -1).any(axis=1).reshape(mask.shape)
+    seen = zone_contains(zone, points).reshape(len(rows), -1).any(axis=1).reshape(mask.shape)
     assert not (seen & ~mask).any()
     assert (mask & ~seen).sum() <= (0 if origin == Pose2() else 0.01 * mask.sum())  # slivers between the parts
     assert mask.sum() > 500
-    assert cells_of(Zone("far", Rule.KEEP_OUT, SQUARE + 100), grid)[1].size == 0
+    assert zone_cells(Zone("far", Rule.KEEP_OUT, SQUARE + 100), grid)[1].size == 0
 
 
 @given(st.integers(0, 2**32 - 1))
@@ -158,9 +163,9 @@ def test_the_speed_limit_is_the_lowest_of_the_slow_zones_that_any_point_touches(
         Zone("b", Rule.SLOW, SQUARE + 1, 0.2),
         Zone("c", Rule.KEEP_OUT, SQUARE + 9),
     )
-    assert speed_limit(zones, np.array([[1.5, 1.5], [0.0, 0.0]])) == 0.4
-    assert speed_limit(zones, np.array([[1.5, 1.5], [3.5, 3.5]])) == 0.2
-    assert speed_limit(zones, np.array([[10.0, 10.0]])) == math.inf
+    assert zone_speed_limit(zones, np.array([[1.5, 1.5], [0.0, 0.0]])) == 0.4
+    assert zone_speed_limit(zones, np.array([[1.5, 1.5], [3.5, 3.5]])) == 0.2
+    assert zone_speed_limit(zones, np.array([[10.0, 10.0]])) == math.inf
 
 
 @pytest.mark.parametrize("rule", list(Rule))

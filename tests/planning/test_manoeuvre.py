@@ -12,7 +12,7 @@ from waychair.calibration.chair import CHAIR_A, CHAIR_A_FRONT, CHAIR_A_MID, CHAI
 from waychair.errors import NoPath
 from waychair.geometry import rectangle, transform_points
 from waychair.maps.grid import cells_from_points, inside, occupied
-from waychair.maps.zones import Rule, Zone, holds
+from waychair.maps.zones import Rule, Zone, zone_contains
 from waychair.planning.costmap import costmap_from_grid
 from waychair.planning.fine_field import FINEST, fine_field
 from waychair.planning.footprint import fits
@@ -186,6 +186,6 @@ def test_a_turn_in_a_one_way_zone_never_leads_back_against_it() -> None:
         planner.replan(costmap_from_grid(grid, CHAIR_A_FRONT, zones=zones), start)
         poses = np.concatenate([leg.path.poses for leg in planner.legs])
         steps = np.diff(poses[:, :2], axis=0)
-        ways.append(steps[(steps[:, 0] > 1e-6) & holds(ramp, poses[:-1, :2]), 0].sum())
+        ways.append(steps[(steps[:, 0] > 1e-6) & zone_contains(ramp, poses[:-1, :2]), 0].sum())
     assert ways[0] > 0.2
     assert ways[1] == 0.0

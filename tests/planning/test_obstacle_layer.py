@@ -10,7 +10,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from waychair.calibration.chair import CHAIR_A, BodyLayer, ChairBody
-from waychair.maps.ground import GROUND, GroundSettings, GroundView, ground_view
+from waychair.maps.ground import GROUND, GroundView, ground_view
 from waychair.planning.obstacle_layer import (
     EMPTY,
     ObstacleLayer,
@@ -230,7 +230,7 @@ def table_top(stamp_ns: int, depth_of_table: float) -> RgbdFrame:
 
 
 def viewed(frame: RgbdFrame) -> GroundView:
-    return ground_view(frame, LEVEL_CAMERA, CHAIR_A.front, GroundSettings(), step=2)
+    return ground_view(frame, LEVEL_CAMERA, CHAIR_A.front, step=2)
 
 
 def test_a_table_top_stands_at_the_height_of_the_arm_rests_only_and_the_floor_nowhere() -> None:

@@ -15,7 +15,7 @@ import pytest
 
 from tests.ros.realtime import ALONE
 from waychair.geometry import in_space
-from waychair.maps.layout import Layout
+from waychair.maps.layout import DrawingEditor
 from waychair.maps.map_files import load_map, save_map
 from waychair.maps.places import add_place, load_places
 from waychair.recording import read_recording, read_tum
@@ -266,7 +266,7 @@ def test_a_map_that_is_saved_again_keeps_what_was_drawn_on_it(room: Room, tmp_pa
 def test_what_is_drawn_on_another_map_is_neither_on_the_new_one_nor_lost(room: Room, tmp_path: Path) -> None:
     folder, told = tmp_path / "made_map", list[str]()
     save_map(folder, OccupancyGrid(np.full((40, 40), 100, np.int8), 0.05, Pose2()))
-    layout = Layout(folder)
+    layout = DrawingEditor(folder)
     layout.erase(np.array([[0.5, 0.5], [1.0, 0.5], [1.0, 1.0]]))
     for k in range(10):
         room.drive(k, Pose2(0.04 * k, 0.0, 0.0))
@@ -276,7 +276,7 @@ def test_what_is_drawn_on_another_map_is_neither_on_the_new_one_nor_lost(room: R
     assert not (folder / "erased.yaml").exists()
     assert len(load_map(folder).cells) > 40
     assert load_map(tmp_path / "made_map-1").cells.shape == (40, 40)
-    assert Layout(tmp_path / "made_map-1").undoable
+    assert DrawingEditor(tmp_path / "made_map-1").undoable
 
 
 def test_before_the_first_scan_there_is_no_map_to_save(room: Room, tmp_path: Path) -> None:

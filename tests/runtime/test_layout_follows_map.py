@@ -9,7 +9,7 @@ import pytest
 
 from tests.runtime.test_sessions import Drive, joined, mapped, part
 from waychair.maps.anchors import load_nodes
-from waychair.maps.layout import Layout
+from waychair.maps.layout import DrawingEditor
 from waychair.maps.places import load_places, save_places
 from waychair.maps.zones import Rule, Zone, load_zones
 from waychair.types import Place, Pose2
@@ -22,7 +22,7 @@ def test_places_and_zones_follow_the_nodes_when_a_drive_of_another_day_is_joined
     far = Pose2(*before[-1].tolist()) @ Pose2(0.4, 0.2, 1.0)
     corners = np.array([[far.x, far.y], [far.x + 1.0, far.y], [far.x, far.y + 1.0]])
     save_places(folder, {"far": Place("far", far)})
-    Layout(folder).set_zone(Zone("wet", Rule.KEEP_OUT, corners))
+    DrawingEditor(folder).set_zone(Zone("wet", Rule.KEEP_OUT, corners))
     joined(part(drive, lap // 2, 2 * lap, 1)[0], folder)
     after = load_nodes(folder)[: len(before)]
     assert not np.allclose(after, before, atol=1e-4)  # the loop that the second day closes bends the first day's

@@ -12,7 +12,7 @@ from waychair import config
 from waychair.errors import OutputError
 from waychair.maps.anchors import GRAPH
 from waychair.maps.depth_layer import DROP_OFF, drop_offs, load_depth_layer, save_depth_layer
-from waychair.maps.layout import Layout
+from waychair.maps.layout import DrawingEditor
 from waychair.maps.map_files import load_map, save_map
 from waychair.maps.places import load_places
 from waychair.maps.zones import Rule, Zone, load_zones
@@ -40,7 +40,7 @@ def known(tmp_path: Path) -> Path:
     save_depth_layer(folder, OccupancyGrid(layer, 0.05))
     (folder / GRAPH).write_text("VERTEX_SE2 0 0 0 0\nVERTEX_SE2 1 3 0 0\n")
     (folder / "session.npz").write_bytes(b"session")
-    layout = Layout(folder)
+    layout = DrawingEditor(folder)
     layout.set_place(Place("lift", Pose2(3.0, 3.0, 0.5)))
     layout.set_zone(Zone("stairs", Rule.KEEP_OUT, SQUARE + 1.5))
     layout.erase(SQUARE)
@@ -61,7 +61,7 @@ def test_a_copy_has_all_that_belongs_to_the_map(known: Path, tmp_path: Path) -> 
     assert drop_offs(layer).sum() == 50
     assert load_places(copy) == load_places(known)
     assert [zone.name for zone in load_zones(copy)] == ["stairs"]
-    Layout(copy).undo()
+    DrawingEditor(copy).undo()
     assert load_map(copy).cells.any(), "a change before the copy is taken back in it"
 
 
@@ -79,7 +79,7 @@ def test_nothing_of_an_earlier_map_stays_beside_a_copy(known: Path, tmp_path: Pa
 def test_a_map_does_not_go_where_another_one_is_drawn_on(known: Path, tmp_path: Path) -> None:
     folder = tmp_path / "other"
     save_map(folder, grid(2))
-    Layout(folder).erase(SQUARE)
+    DrawingEditor(folder).erase(SQUARE)
     before = {path.name: path.read_bytes() for path in folder.iterdir()}
     with pytest.raises(OutputError, match="those of another map: choose another folder"):
         copy_map(known, folder)
@@ -89,10 +89,10 @@ def test_a_map_does_not_go_where_another_one_is_drawn_on(known: Path, tmp_path: 
 def test_a_copy_that_is_there_gets_what_was_drawn_since_and_it_can_be_taken_back(known: Path, tmp_path: Path) -> None:
     copy = tmp_path / "copy"
     copy_map(known, copy)
-    Layout(known).set_place(Place("desk", Pose2(1.0, 3.0, 0.0)))
+    DrawingEditor(known).set_place(Place("desk", Pose2(1.0, 3.0, 0.0)))
     copy_map(known, copy)
     assert set(load_places(copy)) == {"lift", "desk"}
-    Layout(copy).undo()
+    DrawingEditor(copy).undo()
     assert set(load_places(copy)) == {"lift"}
 
 
@@ -115,7 +115,7 @@ def test_a_folder_that_is_none_is_named(known: Path) -> None:
 
 
 def test_a_folder_with_empty_lists_is_free_and_one_with_a_zone_is_not(known: Path, tmp_path: Path) -> None:
-    layout = Layout(known)
+    layout = DrawingEditor(known)
     layout.remove_place("lift")
     layout.undo()
     with pytest.raises(OutputError, match="places, zones or erased parts"):
