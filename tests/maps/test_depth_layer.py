@@ -19,7 +19,7 @@ from waychair.maps.depth_layer import (
     scanned_part,
 )
 from waychair.maps.map_files import load_map, save_map
-from waychair.planning.costmap import CostmapSettings, costmap_from_grid
+from waychair.planning.costmap import costmap_from_grid
 from waychair.types import OccupancyGrid, Pose2
 
 
@@ -60,7 +60,7 @@ def test_no_path_may_lead_over_a_drop_off(
 ) -> None:
     _, grid, drops = parts
     save_map(tmp_path, grid)
-    costmap = costmap_from_grid(load_map(tmp_path), CHAIR_A, CostmapSettings())
+    costmap = costmap_from_grid(load_map(tmp_path), CHAIR_A)
     assert (costmap.prices[drops] == 0).all()
 
 

@@ -321,7 +321,7 @@ def test_an_image_with_more_cells_than_can_be_planned_on_is_refused_before_it_is
 ) -> None:
     folder = write_map(tmp_path, np.zeros((1, 1), np.uint8))
     (folder / "map.pgm").write_bytes(image)
-    with pytest.raises(MapError, match="take coarser cells"):
+    with pytest.raises(MapError, match="use coarser cells"):
         load_map(folder)
 
 

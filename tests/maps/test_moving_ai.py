@@ -35,7 +35,7 @@ def test_the_top_line_is_row_0_and_dots_g_and_s_are_free(tmp_path: Path, text: s
         (MAP.removesuffix("TWS\n"), "line 6: 0 cells where 3"),
         (MAP.replace("height 2", "height 9"), "where 3 cells were announced"),
         (MAP.replace("height 2", "height " + "9" * 6000), "line 2: it must read `height N`"),
-        (MAP.replace("height 2", "height 12000").replace("width 3", "width 12000"), "take coarser cells"),
+        (MAP.replace("height 2", "height 12000").replace("width 3", "width 12000"), "use coarser cells"),
         (MAP.replace("height 2", "height 1"), "line 6: more rows than the 1 that were announced"),
         (MAP + "\n\n...\n", "line 9: more rows"),
         (MAP.replace("TWS", "TwS"), "line 6: 'w' in column 1 is none of"),
