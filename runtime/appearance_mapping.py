@@ -24,7 +24,7 @@ MEMORY = "memory.db"
 """Name of the memory's file in a map folder."""
 
 
-class MemoryMaking:
+class MemoryBuilder:
     """Builds a memory of places from the pictures between a recording's scans; `seconds`: CPU time with decoding."""
 
     def __init__(self, appearance: Appearance, pictures: Iterator[RgbdFrame]) -> None:
@@ -67,7 +67,7 @@ class MemoryMaking:
 
 def begin_memory(
     recording: Recording, settings: AppearanceSettings, base_from_camera: Pose3, folder: Path | None
-) -> MemoryMaking | None:
+) -> MemoryBuilder | None:
     """Begin a new memory, in a folder or in RAM; None for a recording without pictures.
 
     A memory that is already in the folder belongs to another map and is removed.
@@ -78,9 +78,9 @@ def begin_memory(
     if not _has_pictures(recording):
         return None
     if folder is None:
-        return MemoryMaking(Appearance(settings, base_from_camera), recording.pictures())
+        return MemoryBuilder(Appearance(settings, base_from_camera), recording.pictures())
     memory = new_memory(folder, settings.memory)
-    return MemoryMaking(Appearance(settings, base_from_camera, memory), recording.pictures())
+    return MemoryBuilder(Appearance(settings, base_from_camera, memory), recording.pictures())
 
 
 def new_memory(folder: Path, settings: MemorySettings) -> Memory:
@@ -106,9 +106,9 @@ def remove_memory(folder: Path) -> None:
         raise OutputError(f"cannot write to {folder}: {error.strerror}; choose another folder") from error
 
 
-def go_on_with_memory(
+def continue_memory(
     recording: Recording, settings: AppearanceSettings, base_from_camera: Pose3, folder: Path, known: int
-) -> MemoryMaking | None:
+) -> MemoryBuilder | None:
     """Continue the memory of a map with `known` key scans; None for a recording without pictures.
 
     A damaged memory is moved aside and a new one begun, with a warning at the end.
@@ -126,10 +126,10 @@ def go_on_with_memory(
             f"{MEMORY} hangs on {anchors} key scans and the map has {known}, so it is that of another map: remove it, or "
             "map the recordings again"
         )
-    return MemoryMaking(Appearance(settings, base_from_camera, memory), recording.pictures())
+    return MemoryBuilder(Appearance(settings, base_from_camera, memory), recording.pictures())
 
 
-def bend_memory(folder: Path, mapper: Mapper) -> None:
+def move_memory(folder: Path, mapper: Mapper) -> None:
     """Move the memory of a folder, if there is one, with the graph of a drive without pictures."""
     if (folder / MEMORY).exists():
         memory = Memory.opened(folder / MEMORY)

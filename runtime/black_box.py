@@ -1,6 +1,6 @@
 """The black box of a chair: a log of the last minutes in a ring of files, and permanent parts around each stop.
 
-`note` costs the control tick a few microseconds: it puts references into a queue, and a thread does the rest. The disk
+`note_tick` costs the control tick a few microseconds: it puts references into a queue, and a thread does the rest. The disk
 never delays the tick: ticks that do not fit into the queue are dropped and counted, and a full or broken disk ends the
 log with one diagnostic while the chair drives on (F27).
 
@@ -30,31 +30,31 @@ from waychair.config import Settings, dump, setting
 from waychair.control.supervisor import DRIVEN
 from waychair.errors import BoxError, WaychairError
 from waychair.firmware_bridge.protocol import HelloReply
-from waychair.runtime.black_box_events import Event, Watch
+from waychair.runtime.black_box_events import BlackBoxEvent, EventDetector
 from waychair.runtime.black_box_file import (
     BoardIdentity,
-    End,
-    Head,
-    Lost,
+    LogEnd,
+    LogHeader,
+    LostTicks,
     Moment,
-    Told,
+    RiderRequest,
     encoded,
     tick_from_state,
 )
 from waychair.runtime.black_box_store import (
-    Bounds,
-    Locked,
+    BoxLimits,
+    BoxLock,
     Part,
-    Parts,
+    PartStore,
     Ring,
     Segment,
-    cut_off,
-    finish,
+    append_end,
     segments_needed,
+    unfinished_log,
     with_event,
 )
 from waychair.runtime.chair import ChairState
-from waychair.runtime.drive_base import Message
+from waychair.runtime.drive_base import ChairMessage
 from waychair.types import Goal, Place, RgbdFrame
 
 _LOGGER = logging.getLogger(__name__)
@@ -82,7 +82,7 @@ class BlackBoxSettings(Settings):
 
 
 @dataclass(frozen=True, slots=True)
-class About:
+class LoggedChair:
     """The data in the log's header: configuration in force, the chair's calibration and the places of its map."""
 
     configuration: Settings
@@ -91,11 +91,11 @@ class About:
 
 
 @dataclass(frozen=True, slots=True)
-class _Noted:
+class _QueuedTick:
     """A tick in the thread's queue."""
 
     state: ChairState
-    heard: tuple[Message, ...]
+    heard: tuple[ChairMessage, ...]
     board: HelloReply | None
     wall_ns: int
 
@@ -107,13 +107,13 @@ class BlackBox:
     since the disk was too slow.
     """
 
-    def __init__(self, folder: Path, about: About, settings: BlackBoxSettings | None = None) -> None:
+    def __init__(self, folder: Path, about: LoggedChair, settings: BlackBoxSettings | None = None) -> None:
         """`folder` is created if it is missing; the log of an earlier run in it is continued."""
         self.folder, self.settings = folder, settings or BlackBoxSettings()
         self.problem = ""
         self.lost = 0
         places = {name: place.pose for name, place in about.places.items()}
-        self._head = Head(
+        self._head = LogHeader(
             secrets.token_hex(8),
             0,
             __version__,
@@ -122,7 +122,7 @@ class BlackBox:
             content_hash(about.calibration),
             places,
         )
-        self._queue: queue.Queue[_Noted | Told | None] = queue.Queue(self.settings.queue_ticks)
+        self._queue: queue.Queue[_QueuedTick | RiderRequest | None] = queue.Queue(self.settings.queue_ticks)
         self._pictured_ns: int | None = None
 
     def __enter__(self) -> Self:
@@ -131,7 +131,7 @@ class BlackBox:
             BoxError: another program writes to the folder, or it cannot be written to.
         """
         with contextlib.ExitStack() as undone:
-            self._lock = undone.enter_context(Locked(self.folder))
+            self._lock = undone.enter_context(BoxLock(self.folder))
             try:
                 self._writer = _Writer(self.folder, self._head, self.settings)
             except (OSError, WaychairError) as error:
@@ -151,16 +151,16 @@ class BlackBox:
             self.problem = self.problem or "the disk did not take the end of the log"
         self._lock.__exit__()
 
-    def told(self, what: str, goals: tuple[Goal, ...] = ()) -> None:
+    def note_request(self, what: str, goals: tuple[Goal, ...] = ()) -> None:
         """See `ChairWatcher`."""
-        self._put(Told(what, goals))
+        self._put(RiderRequest(what, goals))
 
-    def note(self, heard: tuple[Message, ...], state: ChairState, board: HelloReply | None) -> None:
+    def note_tick(self, heard: tuple[ChairMessage, ...], state: ChairState, board: HelloReply | None) -> None:
         """See `ChairWatcher`."""
         if self.problem:
             return
         kept = tuple(message for message in heard if not isinstance(message, RgbdFrame) or self._wanted(message))
-        self._put(_Noted(state, kept, board, time.time_ns()))
+        self._put(_QueuedTick(state, kept, board, time.time_ns()))
 
     def _wanted(self, frame: RgbdFrame) -> bool:
         """Whether a picture is due by `pictures_hz`."""
@@ -172,13 +172,13 @@ class BlackBox:
         self._pictured_ns = frame.stamp_ns
         return True
 
-    def _put(self, noted: _Noted | Told) -> None:
+    def _put(self, noted: _QueuedTick | RiderRequest) -> None:
         if self.problem:
             return
         try:
             self._queue.put_nowait(noted)
         except queue.Full:
-            self.lost += isinstance(noted, _Noted)
+            self.lost += isinstance(noted, _QueuedTick)
 
     def _work(self) -> None:
         """Run the thread; any error in it ends the log and nothing else."""
@@ -209,15 +209,15 @@ class BlackBox:
 class _Writer:
     """The thread's data: the ring, the event detector, and the parts that are still open."""
 
-    def __init__(self, folder: Path, head: Head, settings: BlackBoxSettings) -> None:
+    def __init__(self, folder: Path, head: LogHeader, settings: BlackBoxSettings) -> None:
         s = self._settings = settings
         needed = segments_needed(max(60.0 * s.minutes, s.before_s + s.after_s), s.segment_s)
-        bounds = Bounds(needed, s.most_mb * 1_000_000, s.parts)
-        self._parts = Parts(folder, bounds)
+        bounds = BoxLimits(needed, s.most_mb * 1_000_000, s.parts)
+        self._parts = PartStore(folder, bounds)
         self._keep_loose_end(folder)
         self._ring = Ring(folder, bounds)
         self._head = head
-        self._watch = Watch(s.jolt, s.jump)
+        self._detector = EventDetector(s.jolt, s.jump)
         self._open: list[Part] = []
         self._drove, self._driven_ticks = False, _ON_TICKS  # since the last event
         self._lost = 0
@@ -226,20 +226,20 @@ class _Writer:
 
     def _keep_loose_end(self, folder: Path) -> None:
         """Keep the end of a log that a killed run has left, as an event of its own."""
-        left = cut_off(folder, self._settings.before_s)
+        left = unfinished_log(folder, self._settings.before_s)
         if left is None:
             return
         event, log, segments = left
         span_ns = event.stamp_ns - round(self._settings.before_s * 1e9), event.stamp_ns
         self._parts.close(self._parts.open(event, log.head, segments, span_ns))
-        finish(folder, event.text)
+        append_end(folder, event.text)
 
-    def take(self, noted: _Noted | Told, lost: int) -> None:
+    def take(self, noted: _QueuedTick | RiderRequest, lost: int) -> None:
         """Log a tick or a request, and keep a part for each event in it."""
         if lost > self._lost:
-            self._ring.append(encoded(Lost(lost - self._lost)))
+            self._ring.append(encoded(LostTicks(lost - self._lost)))
             self._lost = lost
-        if isinstance(noted, Told):
+        if isinstance(noted, RiderRequest):
             self._ring.append(encoded(noted))
             return
         moment = Moment(tick_from_state(noted.state, noted.wall_ns), noted.heard)
@@ -252,7 +252,7 @@ class _Writer:
         if tick.mode in DRIVEN and not self._drove:  # a drive never resumes by itself, so this one is new
             self._driven_ticks = _ON_TICKS
         self._drove = tick.mode in DRIVEN
-        for event in self._watch.update(moment):
+        for event in self._detector.update(moment):
             self._keep(event)
         drives = tick.mode in DRIVEN and tick.sent.active
         self._driven_ticks += drives and tick.command is not None and abs(tick.command.v) > _MOVES
@@ -270,7 +270,7 @@ class _Writer:
 
     def end(self) -> None:
         """Close the log in order."""
-        self._ring.append(encoded(End()))
+        self._ring.append(encoded(LogEnd()))
         self._close_parts(None)
         self._ring.close()
 
@@ -298,7 +298,7 @@ class _Writer:
         self._keep_up(self._open)  # before the ring may drop their segments
         self._ring.begin(replace(self._head, wall_ns=time.time_ns()))
 
-    def _keep(self, event: Event) -> None:
+    def _keep(self, event: BlackBoxEvent) -> None:
         """Open a part for an event, or add it to the open part if the chair has not driven on since the last event."""
         s, after_ns = self._settings, round(self._settings.after_s * 1e9)
         if self._open and self._driven_ticks < _ON_TICKS:

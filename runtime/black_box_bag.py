@@ -10,7 +10,7 @@ from waychair.calibration.chair import ChairBody
 from waychair.errors import BoxError
 from waychair.recording import RecordingWriter
 from waychair.runtime.black_box_file import Log
-from waychair.runtime.why_evidence import Scene
+from waychair.runtime.why_evidence import LogCursor
 from waychair.slam.odometry import OdometryFilter
 from waychair.types import ChairStatus, ImuSample, Odometry, Pose3, RgbdFrame, Scan, SonarReadings, WheelTicks
 
@@ -26,7 +26,7 @@ def write_bag(path: Path, log: Log, mounts: Callable[[ChairBody], Mapping[str, P
     """
     if not any(True for _ in log.messages()):
         raise BoxError(f"no sensor has said anything in this log: {path} would be empty")
-    body = Scene(log, 0).calibration().body
+    body = LogCursor(log, 0).calibration().body
     began = log.moments[0].tick
     later_ns, odometry = began.wall_ns - began.stamp_ns, OdometryFilter(body)
     with RecordingWriter(path, mounts(body), ticks_per_turn=body.ticks_per_turn) as writer:

@@ -11,7 +11,7 @@ from types import MappingProxyType
 from waychair.control.navigator import Stage
 from waychair.control.stops import STOPS, Severity
 from waychair.control.supervisor import DRIVEN
-from waychair.runtime.black_box_file import Halted, Located, Moment, Tick
+from waychair.runtime.black_box_file import LoggedHalt, LoggedLocalisation, Moment, Tick
 from waychair.types import DriveMode, ImuSample
 
 
@@ -24,8 +24,8 @@ class Gravity(enum.Enum):
 
 
 @dataclass(frozen=True, slots=True)
-class Event:
-    """An event at a tick: `id` of a row of `stops.STOPS` or of `OTHERS`, with a plain sentence."""
+class BlackBoxEvent:
+    """An event at a tick: `id` of a row of `stops.STOPS` or of `OTHER_EVENTS`, with a plain sentence."""
 
     id: str
     text: str
@@ -34,7 +34,7 @@ class Event:
     wall_ns: int
 
 
-OTHERS: Mapping[str, tuple[str, str]] = MappingProxyType(
+OTHER_EVENTS: Mapping[str, tuple[str, str]] = MappingProxyType(
     {
         "drive_failed": ("the drive was given up", "clear the way or choose another goal"),
         "pose_corrected": (
@@ -60,7 +60,7 @@ _SAME_END_NS = 500_000_000
 _FAILED, _ENDED = Stage.FAILED.value, (Stage.FAILED.value, Stage.ARRIVED.value, Stage.IDLE.value)
 
 
-class Watch:
+class EventDetector:
     """Finds events by comparing each tick with the one before."""
 
     def __init__(self, jolt: float, jump: float) -> None:
@@ -70,11 +70,11 @@ class Watch:
         self._stage = Stage.IDLE.value
         self._latched: frozenset[str] | None = None  # None until the first tick without a latched fault
         self._paused_ns: dict[str, int] = {}
-        self._located: Located | None = None
+        self._located: LoggedLocalisation | None = None
         self._jolted_ns: int | None = None
         self._ended_ns: int | None = None
 
-    def update(self, moment: Moment) -> tuple[Event, ...]:
+    def update(self, moment: Moment) -> tuple[BlackBoxEvent, ...]:
         """Return the events of this tick, each id once."""
         tick = moment.tick
         found = [*self._end_once(tick), *self._faults(tick), *self._jumped(tick), *self._jolts(moment)]
@@ -84,7 +84,7 @@ class Watch:
         named = {event.id: event for event in reversed(found)}
         return tuple(event for event in found if named[event.id] is event)
 
-    def _end_once(self, tick: Tick) -> list[Event]:
+    def _end_once(self, tick: Tick) -> list[BlackBoxEvent]:
         """Return the end of a drive, unless it was reported just before."""
         events = self._end_of_drive(tick)
         before_ns = self._ended_ns
@@ -93,7 +93,7 @@ class Watch:
         same = before_ns is not None and 0 <= tick.stamp_ns - before_ns < _SAME_END_NS and not self._drove
         return [] if same else events
 
-    def _end_of_drive(self, tick: Tick) -> list[Event]:
+    def _end_of_drive(self, tick: Tick) -> list[BlackBoxEvent]:
         """Return the event of a drive that ended before its goal, or was confirmed and did not begin."""
         drives = tick.mode in DRIVEN
         failed = tick.stage == _FAILED and (drives or self._stage not in _ENDED)
@@ -102,12 +102,12 @@ class Watch:
             waits = tick.halt.id == "unconfirmed"  # another goal was asked for, or no yes came
             return [] if waits else [_event(tick, tick.halt)]
         if failed and (drives or self._drove):
-            return [Event("drive_failed", tick.stage_reason, Gravity.END, tick.stamp_ns, tick.wall_ns)]
+            return [BlackBoxEvent("drive_failed", tick.stage_reason, Gravity.END, tick.stamp_ns, tick.wall_ns)]
         if over and tick.mode is DriveMode.STOPPED:
-            return [_event(tick, Halted("stop_pressed", tick.reason))]
+            return [_event(tick, LoggedHalt("stop_pressed", tick.reason))]
         return []
 
-    def _faults(self, tick: Tick) -> list[Event]:
+    def _faults(self, tick: Tick) -> list[BlackBoxEvent]:
         """Return new faults that need a reset."""
         now = {halted.id: halted for halted in tick.halts if _severity(halted) is Severity.LATCHES}
         before, fresh = self._latched, [] if self._latched is None else [n for n in now if n not in self._latched]
@@ -115,7 +115,7 @@ class Watch:
             self._latched = frozenset(now)
         return [_event(tick, now[name]) for name in fresh]
 
-    def _pauses(self, tick: Tick) -> list[Event]:
+    def _pauses(self, tick: Tick) -> list[BlackBoxEvent]:
         """Return new reasons to pause."""
         events = []
         for halted in tick.halts:
@@ -126,7 +126,7 @@ class Watch:
                     events.append(_event(tick, halted))
         return events
 
-    def _jumped(self, tick: Tick) -> list[Event]:
+    def _jumped(self, tick: Tick) -> list[BlackBoxEvent]:
         """Return an event if the localiser corrected the pose by more than the limit at once."""
         before, now = self._located, tick.located
         if before is None or now is None or before == now:
@@ -136,10 +136,10 @@ class Watch:
         moved = math.hypot(was.x - tick.map_from_base.x, was.y - tick.map_from_base.y)
         if moved <= self._jump:
             return []
-        text = f"{OTHERS['pose_corrected'][0]} ({moved:.1f} m away): {OTHERS['pose_corrected'][1]}"
-        return [Event("pose_corrected", text, Gravity.FAULT, tick.stamp_ns, tick.wall_ns)]
+        text = f"{OTHER_EVENTS['pose_corrected'][0]} ({moved:.1f} m away): {OTHER_EVENTS['pose_corrected'][1]}"
+        return [BlackBoxEvent("pose_corrected", text, Gravity.FAULT, tick.stamp_ns, tick.wall_ns)]
 
-    def _jolts(self, moment: Moment) -> list[Event]:
+    def _jolts(self, moment: Moment) -> list[BlackBoxEvent]:
         """Return an event if the IMU felt a knock; braking, and a tilt of 8 degrees, stay below the limit."""
         tick = moment.tick
         felt = [math.hypot(*message.accel[:2]) for message in moment.heard if isinstance(message, ImuSample)]
@@ -149,17 +149,17 @@ class Watch:
         before_ns, self._jolted_ns = self._jolted_ns, tick.stamp_ns
         if before_ns is not None and 0 <= tick.stamp_ns - before_ns < _SAME_JOLT_NS:
             return []
-        text = f"{OTHERS['jolt'][0]} ({hardest:.0f} m/s2): {OTHERS['jolt'][1]}"
-        return [Event("jolt", text, Gravity.FAULT, tick.stamp_ns, tick.wall_ns)]
+        text = f"{OTHER_EVENTS['jolt'][0]} ({hardest:.0f} m/s2): {OTHER_EVENTS['jolt'][1]}"
+        return [BlackBoxEvent("jolt", text, Gravity.FAULT, tick.stamp_ns, tick.wall_ns)]
 
 
-def _severity(halted: Halted) -> Severity | None:
+def _severity(halted: LoggedHalt) -> Severity | None:
     stop = STOPS.get(halted.id)
     return None if stop is None else stop.severity
 
 
-def _event(tick: Tick, halted: Halted) -> Event:
+def _event(tick: Tick, halted: LoggedHalt) -> BlackBoxEvent:
     by_severity = {Severity.PAUSES: Gravity.PAUSE, Severity.LATCHES: Gravity.FAULT}
     severity = _severity(halted)
     gravity = Gravity.END if severity is None else by_severity.get(severity, Gravity.END)
-    return Event(halted.id, halted.text, gravity, tick.stamp_ns, tick.wall_ns)
+    return BlackBoxEvent(halted.id, halted.text, gravity, tick.stamp_ns, tick.wall_ns)

@@ -2,7 +2,7 @@
 
 A file is a row of records, each `mark kind length crc payload`: after damage a reader looks for the mark `ab 57 42 01`,
 the CRC-32 covers kind and payload, and the payload is MessagePack. A record with a missing end or a wrong byte is left
-out and counted, and reading goes on at the next mark. The first record is a `Head`, so that every file by itself names
+out and counted, and reading goes on at the next mark. The first record is a `LogHeader`, so that every file by itself names
 its chair, configuration, calibration, board and software.
 
 A ROS bag needs an index or whole chunks; this log must be readable after a power cut, and holds data for which ROS has
@@ -24,7 +24,7 @@ import numpy as np
 
 from waychair.errors import BoxError
 from waychair.runtime.chair import ChairState
-from waychair.runtime.drive_base import Message
+from waychair.runtime.drive_base import ChairMessage
 from waychair.types import (
     ChairStatus,
     DriveMode,
@@ -34,7 +34,7 @@ from waychair.types import (
     Pose2,
     RgbdFrame,
     Scan,
-    Sent,
+    SentCommand,
     SonarReadings,
     Telemetry,
     Twist,
@@ -60,7 +60,7 @@ class BoardIdentity:
 
 
 @dataclass(frozen=True, slots=True)
-class Head:
+class LogHeader:
     """The header of a log file. `session` names one run of the program, `configuration` is YAML with all values."""
 
     session: str
@@ -75,7 +75,7 @@ class Head:
 
 
 @dataclass(frozen=True, slots=True)
-class Halted:
+class LoggedHalt:
     """A halt: the id of its row in the table of stops, and its sentence with figures."""
 
     id: str
@@ -83,7 +83,7 @@ class Halted:
 
 
 @dataclass(frozen=True, slots=True)
-class Located:
+class LoggedLocalisation:
     """The localiser's result at its last scan; see `Localisation`."""
 
     state: str
@@ -105,13 +105,13 @@ class Tick:
     wall_ns: int
     map_from_base: Pose2
     twist: Twist
-    located: Located | None
+    located: LoggedLocalisation | None
     mode: DriveMode
     reason: str
     share: float
     drops_goal: bool
-    halt: Halted | None
-    halts: tuple[Halted, ...]
+    halt: LoggedHalt | None
+    halts: tuple[LoggedHalt, ...]
     stage: str
     stage_reason: str
     asked: Twist
@@ -119,12 +119,12 @@ class Tick:
     goals: int
     goal: Pose2 | None
     command: Twist | None
-    sent: Sent
+    sent: SentCommand
     telemetry: Telemetry | None
 
 
 @dataclass(frozen=True, slots=True)
-class Told:
+class RiderRequest:
     """A request to the chair since the last tick: go (with its goals), confirm, cancel, stop or reset."""
 
     what: str
@@ -132,14 +132,14 @@ class Told:
 
 
 @dataclass(frozen=True, slots=True)
-class Lost:
+class LostTicks:
     """A number of ticks that were not logged here, since the disk was too slow."""
 
     ticks: int
 
 
 @dataclass(frozen=True, slots=True)
-class End:
+class LogEnd:
     """The end of a log that was closed in order; `problem` is the reason if it was closed early."""
 
     problem: str = ""
@@ -161,12 +161,12 @@ class Moment:
     """A tick, and the sensor messages since the one before."""
 
     tick: Tick
-    heard: tuple[Message, ...] = ()
+    heard: tuple[ChairMessage, ...] = ()
 
 
-Record: TypeAlias = Head | Moment | Told | Lost | End
+Record: TypeAlias = LogHeader | Moment | RiderRequest | LostTicks | LogEnd
 
-_KINDS: dict[bytes, type[Any]] = {b"H": Head, b"T": Moment, b"A": Told, b"L": Lost, b"E": End}
+_KINDS: dict[bytes, type[Any]] = {b"H": LogHeader, b"T": Moment, b"A": RiderRequest, b"L": LostTicks, b"E": LogEnd}
 _LETTERS = {kind: letter for letter, kind in _KINDS.items()}
 _HEARD = (WheelTicks, Scan, ImuSample, SonarReadings, ChairStatus, StoredPicture)
 
@@ -192,15 +192,15 @@ def tick_from_state(state: ChairState, wall_ns: int) -> Tick:
         twist=state.twist,
         located=None
         if found is None
-        else Located(
+        else LoggedLocalisation(
             found.state.value, found.health, found.inliers, found.map_from_odom, found.remaining, found.jumped
         ),
         mode=verdict.mode,
         reason=verdict.reason,
         share=verdict.share,
         drops_goal=verdict.drops_goal,
-        halt=None if verdict.halt is None else Halted(verdict.halt.stop.id, verdict.halt.text),
-        halts=tuple(Halted(halted.stop.id, halted.text) for halted in state.halts),
+        halt=None if verdict.halt is None else LoggedHalt(verdict.halt.stop.id, verdict.halt.text),
+        halts=tuple(LoggedHalt(halted.stop.id, halted.text) for halted in state.halts),
         stage=navigation.stage.value,
         stage_reason=navigation.reason,
         asked=navigation.twist,
@@ -220,19 +220,19 @@ class Log:
     `lost` ticks were not logged, `damaged` bytes are not readable; `end` None: the log was cut off.
     """
 
-    head: Head
+    head: LogHeader
     moments: tuple[Moment, ...]
-    told: tuple[tuple[int, Told], ...]
+    requests: tuple[tuple[int, RiderRequest], ...]
     lost: int
     damaged: int
-    end: End | None
+    end: LogEnd | None
 
     @property
     def ticks(self) -> tuple[Tick, ...]:
         """The ticks without their messages."""
         return tuple(moment.tick for moment in self.moments)
 
-    def messages(self) -> Iterator[Message]:
+    def messages(self) -> Iterator[ChairMessage]:
         """Yield the sensor messages in order."""
         for moment in self.moments:
             yield from moment.heard
@@ -241,10 +241,10 @@ class Log:
         """Return the part of the log in a span of the chair's clock."""
         kept = [k for k, moment in enumerate(self.moments) if begin_ns <= moment.tick.stamp_ns <= end_ns]
         if not kept:
-            return replace(self, moments=(), told=())
+            return replace(self, moments=(), requests=())
         first, last = kept[0], kept[-1]
-        told = tuple((k - first, each) for k, each in self.told if first <= k <= last + 1)
-        return replace(self, moments=self.moments[first : last + 1], told=told)
+        requests = tuple((k - first, each) for k, each in self.requests if first <= k <= last + 1)
+        return replace(self, moments=self.moments[first : last + 1], requests=requests)
 
 
 def read_log(files: Sequence[Path]) -> Log:
@@ -253,42 +253,42 @@ def read_log(files: Sequence[Path]) -> Log:
     Raises:
         BoxError: they hold no readable header, or are of another version of the format.
     """
-    heads, moments, told, lost, damaged = list[Head](), list[Moment](), list[tuple[int, Told]](), 0, 0
-    end: End | None = None
+    heads, moments, requests, lost, damaged = list[LogHeader](), list[Moment](), list[tuple[int, RiderRequest]](), 0, 0
+    end: LogEnd | None = None
     for file in files:
         for record in _records(file):
             end = None
             if isinstance(record, Moment):
                 moments.append(record)
-            elif isinstance(record, Head):
+            elif isinstance(record, LogHeader):
                 heads.append(record)
-            elif isinstance(record, Told):
-                told.append((len(moments), record))
-            elif isinstance(record, Lost):
+            elif isinstance(record, RiderRequest):
+                requests.append((len(moments), record))
+            elif isinstance(record, LostTicks):
                 lost += record.ticks
-            elif isinstance(record, End):
+            elif isinstance(record, LogEnd):
                 end = record
             else:
                 damaged += record
     if not heads:
         names = ", ".join(str(file) for file in files) or "no file"
         raise BoxError(f"nothing of a black box can be read in {names}: it is no such log, or is damaged throughout")
-    return Log(heads[-1], tuple(moments), tuple(told), lost, damaged, end)
+    return Log(heads[-1], tuple(moments), tuple(requests), lost, damaged, end)
 
 
-def read_head(file: Path) -> Head | None:
+def read_head(file: Path) -> LogHeader | None:
     """Return the header of a file; None if it is not readable.
 
     Raises:
         BoxError: the file is of another version of the format.
     """
-    return next((record for record in _records(file, 1 << 20) if isinstance(record, Head)), None)
+    return next((record for record in _records(file, 1 << 20) if isinstance(record, LogHeader)), None)
 
 
-def read_end(file: Path) -> End | None:
+def read_end(file: Path) -> LogEnd | None:
     """Return the end record of a file; None if it was cut off."""
     last = deque(_records(file), maxlen=1)
-    return last[0] if last and isinstance(last[0], End) else None
+    return last[0] if last and isinstance(last[0], LogEnd) else None
 
 
 def _records(file: Path, most: int = -1) -> Iterator[Record | int]:
@@ -353,7 +353,7 @@ def _decoded(letter: bytes, payload: memoryview) -> Record:
     return Moment(tick, tuple(_restored(message) for message in decoded))
 
 
-def _stored(message: Message | StoredPicture) -> Message | StoredPicture:
+def _stored(message: ChairMessage | StoredPicture) -> ChairMessage | StoredPicture:
     if not isinstance(message, RgbdFrame):
         return message
     import cv2
@@ -366,9 +366,9 @@ def _stored(message: Message | StoredPicture) -> Message | StoredPicture:
     return StoredPicture(message.stamp_ns, image.tobytes(), depth.tobytes(), matrix, message.row_step)
 
 
-def _restored(message: Any) -> Message:
+def _restored(message: Any) -> ChairMessage:
     if not isinstance(message, StoredPicture):
-        heard: Message = message
+        heard: ChairMessage = message
         return heard
     import cv2
 
@@ -396,12 +396,12 @@ def _array(_: type, value: Any) -> Any:
 
 
 @dataclass(frozen=True, slots=True)
-class _AnyHead:
+class _AnyHeader:
     format: int = 0
 
 
 _ENCODER = msgspec.msgpack.Encoder(enc_hook=_plain)
 _DECODERS = {letter: msgspec.msgpack.Decoder(kind) for letter, kind in _KINDS.items() if kind is not Moment}
-_FORMAT = msgspec.msgpack.Decoder(_AnyHead)
+_FORMAT = msgspec.msgpack.Decoder(_AnyHeader)
 _HEARD_DECODERS = {kind.__name__: msgspec.msgpack.Decoder(kind, dec_hook=_array) for kind in _HEARD}
 _MOMENTS = msgspec.msgpack.Decoder(tuple[Tick, list[tuple[str, msgspec.Raw]]])

@@ -28,8 +28,8 @@ import msgspec
 from waychair.calibration.calibration_file import SCHEMA
 from waychair.errors import BoxError
 from waychair.files import sync_folder, write_json, write_text
-from waychair.runtime.black_box_events import OTHERS, Event, Gravity
-from waychair.runtime.black_box_file import End, Head, Log, Tick, encoded, read_end, read_head, read_log
+from waychair.runtime.black_box_events import OTHER_EVENTS, BlackBoxEvent, Gravity
+from waychair.runtime.black_box_file import Log, LogEnd, LogHeader, Tick, encoded, read_end, read_head, read_log
 
 RING, PARTS, LOCK = "ring", "parts", "lock"
 _ABOUT, _READ = "part.json", "read"
@@ -38,7 +38,7 @@ LEAST_FREE = 64 << 20
 
 
 @dataclass(frozen=True, slots=True)
-class Bounds:
+class BoxLimits:
     """Limits of a box: segments in the ring, their bytes in total, and parts."""
 
     segments: int
@@ -68,7 +68,7 @@ class Segment:
 class Ring:
     """The segments of a box, written by one run of the program. Every method raises OSError when the disk fails."""
 
-    def __init__(self, folder: Path, bounds: Bounds) -> None:
+    def __init__(self, folder: Path, bounds: BoxLimits) -> None:
         """`folder` is the folder of the box."""
         self._folder, self._bounds = folder / RING, bounds
         self._folder.mkdir(parents=True, exist_ok=True)
@@ -88,7 +88,7 @@ class Ring:
         share = max(self._bounds.ring_bytes // self._bounds.segments, 1 << 16)
         return bool(self.segments) and self.segments[-1].size + len(self._waiting) >= share
 
-    def begin(self, head: Head) -> None:
+    def begin(self, head: LogHeader) -> None:
         """Begin a new segment, and drop the oldest ones beyond the bounds.
 
         Raises:
@@ -145,7 +145,7 @@ class Ring:
             every = [*self._old, *self.segments[:-1]]
             if every:
                 every[0].path.unlink()
-            self._waiting += encoded(End(problem))  # after the half-written record
+            self._waiting += encoded(LogEnd(problem))  # after the half-written record
             self.sync()
         with contextlib.suppress(OSError):
             os.close(self._file)
@@ -171,7 +171,7 @@ class Part:
 
     folder: Path
     session: str
-    events: tuple[Event, ...]
+    events: tuple[BlackBoxEvent, ...]
     begin_ns: int
     end_ns: int
     software: str = ""
@@ -208,15 +208,17 @@ class Part:
         return read_log(sorted(self.folder.glob("*.log"))).between(self.begin_ns, self.end_ns)
 
 
-class Parts:
+class PartStore:
     """The kept parts of a box, written by one run of the program. Every method raises OSError when the disk fails."""
 
-    def __init__(self, folder: Path, bounds: Bounds) -> None:
+    def __init__(self, folder: Path, bounds: BoxLimits) -> None:
         self._box, self._folder, self._bounds = folder, folder / PARTS, bounds
         self._folder.mkdir(parents=True, exist_ok=True)
         self._written: set[Path] = set()  # folders of this run's open parts
 
-    def open(self, event: Event, head: Head, segments: Sequence[Segment], span_ns: tuple[int, int]) -> Part:
+    def open(
+        self, event: BlackBoxEvent, head: LogHeader, segments: Sequence[Segment], span_ns: tuple[int, int]
+    ) -> Part:
         """Open a part with the segments of a span around an event, and drop parts beyond the bounds."""
         part = Part(
             self._folder / f"{self._next_number():04d}-{event.id}",
@@ -281,7 +283,7 @@ class Parts:
                 shutil.rmtree(part.folder, ignore_errors=True)
 
 
-class Locked:
+class BoxLock:
     """The exclusive lock of a box, held until the block or the program ends."""
 
     def __init__(self, folder: Path) -> None:
@@ -341,7 +343,7 @@ def parts_of(folder: Path) -> list[Part]:
     return sorted((part for part in found if part.events), key=lambda part: part.number)
 
 
-def cut_off(folder: Path, before_s: float) -> tuple[Event, Log, list[Segment]] | None:
+def unfinished_log(folder: Path, before_s: float) -> tuple[BlackBoxEvent, Log, list[Segment]] | None:
     """Return the end of a killed run as an event, its last log and segments; None if the last run ended in order."""
     files = [file for file in segment_files(folder) if _is_readable(file)]
     if not files or read_end(files[-1]) is not None:
@@ -361,8 +363,8 @@ def cut_off(folder: Path, before_s: float) -> tuple[Event, Log, list[Segment]] |
                 break
     if ended is None:
         return None
-    sentence, remedy = OTHERS["program_ended"]
-    event = Event("program_ended", f"{sentence}: {remedy}", Gravity.FAULT, ended.stamp_ns, ended.wall_ns)
+    sentence, remedy = OTHER_EVENTS["program_ended"]
+    event = BlackBoxEvent("program_ended", f"{sentence}: {remedy}", Gravity.FAULT, ended.stamp_ns, ended.wall_ns)
     return event, read_log([segment.path for segment in segments]), segments
 
 
@@ -373,13 +375,13 @@ def _is_readable(file: Path) -> bool:
         return False
 
 
-def finish(folder: Path, problem: str) -> None:
+def append_end(folder: Path, problem: str) -> None:
     """Append an end record to the ring, since its last run has been kept as a part."""
     with segment_files(folder)[-1].open("ab") as file:
-        file.write(encoded(End(problem)))
+        file.write(encoded(LogEnd(problem)))
 
 
-def with_event(part: Part, event: Event, after_ns: int) -> Part:
+def with_event(part: Part, event: BlackBoxEvent, after_ns: int) -> Part:
     """Return the part with a further event, its span extended to `after_ns` after it."""
     return replace(part, events=(*part.events, event), end_ns=max(part.end_ns, event.stamp_ns + after_ns))
 

@@ -24,7 +24,7 @@ from waychair.firmware_bridge.protocol import HelloReply
 from waychair.firmware_bridge.transports import Reconnecting
 from waychair.maps.zones import Zone
 from waychair.planning.drawn_map import DrawnMap
-from waychair.runtime.drive_base import DriveBase, Message
+from waychair.runtime.drive_base import ChairMessage, DriveBase
 from waychair.runtime.monitor_process import MonitorPort
 from waychair.runtime.pilot import Pilot, PilotSettings
 from waychair.slam.localiser import Localisation, LocalisationState, Localiser, LocaliserSettings, prepared_map
@@ -36,7 +36,7 @@ from waychair.types import (
     Pose2,
     RgbdFrame,
     Scan,
-    Sent,
+    SentCommand,
     SonarReadings,
     Telemetry,
     Twist,
@@ -66,17 +66,17 @@ class ChairState:
     halts: tuple[Halt, ...]
     navigation: Navigation
     command: Twist | None
-    sent: Sent
+    sent: SentCommand
     telemetry: Telemetry | None
 
 
 class ChairWatcher(Protocol):
     """An observer of a chair's ticks, such as a black box. It must neither wait nor raise."""
 
-    def told(self, what: str, goals: tuple[Goal, ...] = ()) -> None:
+    def note_request(self, what: str, goals: tuple[Goal, ...] = ()) -> None:
         """Note a request to the chair: go (to these goals), confirm, cancel, stop or reset; no other is passed on."""
 
-    def note(self, heard: tuple[Message, ...], state: ChairState, board: HelloReply | None) -> None:
+    def note_tick(self, heard: tuple[ChairMessage, ...], state: ChairState, board: HelloReply | None) -> None:
         """Note a tick that is over: the messages of it, the chair's state after it, and the board's greeting."""
 
 
@@ -100,7 +100,7 @@ class Chair:
         """See `DriveBase` and `Pilot`; `start` None: the localiser searches the whole map.
 
         `scanned` is the map without the depth camera's cells, for the localiser; default: `grid`. `watcher` gets every
-        request (see `ChairWatcher.told`) and every tick; steering shows in the state's verdict.
+        request (see `ChairWatcher.note_request`) and every tick; steering shows in the state's verdict.
 
         Raises:
             BridgeError: the chair's name is too long for a board.
@@ -218,24 +218,24 @@ class Chair:
         """Send the board a heartbeat between two ticks."""
         self._base.beat(now_ns)
 
-    def step(self, now_ns: int, messages: Iterable[Message], further: Iterable[Halt] = ()) -> ChairState:
+    def step(self, now_ns: int, messages: Iterable[ChairMessage], other_halts: Iterable[Halt] = ()) -> ChairState:
         """Run one tick: take in the messages, decide who drives, and send the command.
 
-        `further` are halts that only the caller knows of, such as that of a page that is gone.
+        `other_halts` are halts that only the caller knows of, such as that of a page that is gone.
         """
         heard = tuple(messages)
         for message in heard:
-            self._take_in(self._base.on_time(message))
+            self._take_in(self._base.with_true_stamp(message))
         pose = self._base.map_from_base(now_ns)
         self._pilot.expire(now_ns)
-        verdict, telemetry = self._base.supervise(now_ns, self._pilot.navigator.active, further)
-        if self._base.stands_again and self._is_in_doubt:
+        verdict, telemetry = self._base.supervise(now_ns, self._pilot.navigator.active, other_halts)
+        if self._base.stopped_after_push and self._is_degraded:
             self._localiser.restart(pose)  # after a push the scans match the pose only in part
         self._pilot.obey(verdict)
         map_from_odom = None if self._localisation is None else self._localisation.map_from_odom
         navigation = self._pilot.step(now_ns, pose, map_from_odom)
         driven = self._base.drive(now_ns, verdict, navigation.twist if navigation.driving else None)
-        self._pilot.learn(driven.command if driven.sent.active else None, driven.ended)
+        self._pilot.note_sent(driven.command if driven.sent.active else None, driven.ended)
         state = ChairState(
             now_ns,
             pose,
@@ -249,29 +249,29 @@ class Chair:
             telemetry,
         )
         if self._watcher is not None:
-            self._watcher.note(heard, state, self.bridge.greeting)
+            self._watcher.note_tick(heard, state, self.bridge.greeting)
         return state
 
     @property
-    def _is_in_doubt(self) -> bool:
+    def _is_degraded(self) -> bool:
         """Whether the pose is uncertain; a localiser that is lost searches by itself."""
         return self._localisation is not None and self._localisation.state is LocalisationState.DEGRADED
 
     def _tell(self, what: str, goals: tuple[Goal, ...] = ()) -> None:
         if self._watcher is not None:
-            self._watcher.told(what, goals)
+            self._watcher.note_request(what, goals)
 
-    def _take_in(self, message: Message) -> None:
+    def _take_in(self, message: ChairMessage) -> None:
         """Pass a message to the base, and scans, sonars and pictures to localiser and pilot as well."""
         base = self._base
         base.hear(message)
         if isinstance(message, Scan) and base.odometry is not None:
-            scan = self._calibration.seen(message)
+            scan = self._calibration.masked(message)
             odom_from_base = base.odom_from_base(scan.stamp_ns)
             self._localisation = self._localiser.process(scan, odom_from_base, base.twist)
             base.locate(self._localisation, scan.stamp_ns)
             self._pilot.see(scan, self._localisation, base.twist)
-            base.furnish(self._pilot.furniture, scan.stamp_ns)
+            base.note_mapped_legs(self._pilot.mapped_legs, scan.stamp_ns)
         elif isinstance(message, SonarReadings) and self._localisation is not None:
             self._pilot.hear(message, base.map_from_base(message.stamp_ns))
         elif isinstance(message, RgbdFrame) and self._localisation is not None:

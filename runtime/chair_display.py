@@ -11,7 +11,7 @@ from waychair.control.navigator import Stage
 from waychair.geometry import transform_points
 from waychair.runtime.chair import Chair, ChairState
 from waychair.runtime.chair_port import ChairView
-from waychair.runtime.chair_story import Scene, next_action, obstacles_of, shown_points
+from waychair.runtime.chair_story import DriveFacts, next_action, obstacles_of, shown_points
 from waychair.runtime.sentences import sentence
 from waychair.slam.localisation import LocalisationState
 from waychair.types import FloatArray, Pose2, Scan
@@ -45,7 +45,7 @@ class ChairDisplay:
         goal = self.label if self._had_goal else ""
         countdown_s = chair.countdown_s(state.stamp_ns)
         obstacles = obstacles_of(state.halts)
-        scene = Scene(
+        facts = DriveFacts(
             state.verdict.mode, state.verdict.steered, goal, chair.waits, countdown_s,
             chair.navigator.stage, chair.navigator.reason, pose if knows else None, way, obstacles,
             state.sent.active,
@@ -63,7 +63,7 @@ class ChairDisplay:
             goal=goal,
             waits=chair.waits,
             countdown_s=countdown_s,
-            next_action=next_action(scene),
+            next_action=next_action(facts),
             last_stop=self._last_stop,
             obstacles=obstacles,
             scan=self._points,

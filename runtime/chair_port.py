@@ -82,7 +82,7 @@ class ChairView:
 
 
 @dataclass(frozen=True, slots=True)
-class Layout:
+class LayoutView:
     """The drawn part of a map: places by name, zones, and whether there is a change to undo."""
 
     places: Mapping[str, Place] = field(default_factory=dict)
@@ -103,7 +103,7 @@ class ChairPort(Protocol):
     def grid(self) -> OccupancyGrid | None:
         """Return the map of `view().map_revision`; None while there is none."""
 
-    def layout(self) -> Layout:
+    def layout(self) -> LayoutView:
         """Return places and zones of `view().layout_revision`."""
 
     def picture(self) -> bytes | None:

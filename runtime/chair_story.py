@@ -13,7 +13,7 @@ from waychair.control.stops import STOPS, Halt
 from waychair.control.supervisor import DRIVEN
 from waychair.errors import ZoneError
 from waychair.geometry import transform_points
-from waychair.maps.zones import Rule, Zone, holds
+from waychair.maps.zones import Rule, Zone, zone_contains
 from waychair.runtime.chair_port import Obstacle
 from waychair.runtime.sentences import driving_sentence, sentence
 from waychair.slam.scan_points import scan_points
@@ -24,7 +24,7 @@ _POINTS = 360
 
 
 @dataclass(frozen=True, slots=True)
-class Scene:
+class DriveFacts:
     """The facts of a drive that the sentences are made of.
 
     `way` is the planned path (N, 2) [m] in map; `reason` is the navigator's. `holds_lines`: the computer holds the
@@ -44,43 +44,43 @@ class Scene:
     holds_lines: bool = True
 
 
-def next_action(scene: Scene) -> str:
+def next_action(facts: DriveFacts) -> str:
     """Return one or two sentences about the chair's next action."""
-    if scene.steered:
-        return _steered(scene)
-    if scene.mode in DRIVEN and scene.goal:
-        return _driving(scene)
-    stands = "Stopped." if scene.mode is DriveMode.STOPPED else "The joystick is yours."
-    if scene.obstacles:
-        first = scene.obstacles[0]
+    if facts.steered:
+        return _steered(facts)
+    if facts.mode in DRIVEN and facts.goal:
+        return _driving(facts)
+    stands = "Stopped." if facts.mode is DriveMode.STOPPED else "The joystick is yours."
+    if facts.obstacles:
+        first = facts.obstacles[0]
         return f"{stands} {sentence(f'{first.sentence}: {first.remedy}')}"
-    if scene.waits:
-        return f"Waits for your yes to drive to {scene.goal}."
+    if facts.waits:
+        return f"Waits for your yes to drive to {facts.goal}."
     return f"{stands} Choose a place to drive to."
 
 
-def _steered(scene: Scene) -> str:
-    if not scene.holds_lines:
+def _steered(facts: DriveFacts) -> str:
+    if not facts.holds_lines:
         return "A page steers; the chair answers once it has stood for two seconds."
-    pauses = [each for each in scene.obstacles if each.stop_id == "obstacle"]
+    pauses = [each for each in facts.obstacles if each.stop_id == "obstacle"]
     if pauses:
         return f"A page steers. {sentence(pauses[0].sentence)}"
     return "A page steers; it stops when that is let go."
 
 
-def _driving(scene: Scene) -> str:
-    if scene.countdown_s is not None:
-        return f"Sets off to {scene.goal} in a moment."
-    if scene.stage is Stage.PAUSED:
-        return f"Paused on the way to {scene.goal}. Press Go on, or end the drive."
-    pauses = next((each for each in scene.obstacles if each.stop_id == "obstacle"), None)
+def _driving(facts: DriveFacts) -> str:
+    if facts.countdown_s is not None:
+        return f"Sets off to {facts.goal} in a moment."
+    if facts.stage is Stage.PAUSED:
+        return f"Paused on the way to {facts.goal}. Press Go on, or end the drive."
+    pauses = next((each for each in facts.obstacles if each.stop_id == "obstacle"), None)
     if pauses is not None:
         return f"Stands: {pauses.sentence}. It goes on by itself once the way is free."
-    if scene.stage is Stage.WAITING:
-        return f"Stands: {sentence(scene.reason)} It goes on by itself once there is a way."
-    if scene.pose is None or not len(scene.way):
-        return f"Looks for a way to {scene.goal}."
-    return driving_sentence(scene.goal, scene.way, scene.pose)
+    if facts.stage is Stage.WAITING:
+        return f"Stands: {sentence(facts.reason)} It goes on by itself once there is a way."
+    if facts.pose is None or not len(facts.way):
+        return f"Looks for a way to {facts.goal}."
+    return driving_sentence(facts.goal, facts.way, facts.pose)
 
 
 def shown_points(scan: Scan, mount: Pose2, pose: Pose2, twist: Twist) -> FloatArray:
@@ -97,7 +97,7 @@ def check_zone(zone: Zone, pose: Pose2 | None, outline: FloatArray) -> None:
     """
     if zone.rule is not Rule.KEEP_OUT or pose is None:
         return
-    if holds(zone, transform_points(pose, np.vstack([outline, [[0.0, 0.0]]]))).any():
+    if zone_contains(zone, transform_points(pose, np.vstack([outline, [[0.0, 0.0]]]))).any():
         raise ZoneError("the chair stands in there: drive it out first, or draw the zone beside it")
 
 

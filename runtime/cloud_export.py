@@ -45,7 +45,7 @@ class CloudSettings(Settings):
 
 
 @dataclass(frozen=True, slots=True)
-class Posed:
+class PosedImage:
     """An image and the pose of its optical frame in map."""
 
     picture: RgbdFrame
@@ -53,7 +53,7 @@ class Posed:
 
 
 @dataclass(frozen=True, slots=True)
-class Exported:
+class ExportCounts:
     """Numbers of a cloud: key frames in it, images read, and points."""
 
     key_frames: int
@@ -61,7 +61,7 @@ class Exported:
     points: int
 
 
-def export_cloud(source: Path, ply: Path, settings: CloudSettings | None = None) -> Exported:
+def export_cloud(source: Path, ply: Path, settings: CloudSettings | None = None) -> ExportCounts:
     """Write the cloud of a recording, which is mapped first, or of a map folder, whose recording must still exist.
 
     Raises:
@@ -87,10 +87,10 @@ def export_cloud(source: Path, ply: Path, settings: CloudSettings | None = None)
     with replacing(ply.with_suffix(".ply")) as aside:
         if not clouds.io.write_point_cloud(str(aside), sum_):
             raise OSError(f"Open3D cannot write {aside.name}")
-    return Exported(keys, pictures, len(sum_.points))
+    return ExportCounts(keys, pictures, len(sum_.points))
 
 
-def coloured_points(posed: Posed, settings: CloudSettings) -> tuple[FloatArray, FloatArray]:
+def coloured_points(posed: PosedImage, settings: CloudSettings) -> tuple[FloatArray, FloatArray]:
     """Return points (N, 3) [m] in map of an image's depths, and their colours (N, 3) in [0, 1]."""
     s, picture = settings, posed.picture
     depth = picture.depth[:: s.step, :: s.step].astype(np.float64)
@@ -122,7 +122,7 @@ def _is_key(last: Pose3 | None, here: Pose3, settings: CloudSettings) -> bool:
     return away >= settings.key_distance or angle_between(last, here) >= settings.key_angle
 
 
-def _posed(source: Path, settings: CloudSettings) -> Iterator[Posed]:
+def _posed(source: Path, settings: CloudSettings) -> Iterator[PosedImage]:
     """Yield the images of a recording, or of a map's recording, that have a pose, in order."""
     report = yaml_path(source).with_name("report.json")
     folder = report.parent if (report.parent / "trajectory.tum").is_file() and report.is_file() else None
@@ -168,21 +168,21 @@ def _recording_of(report: Path) -> Path:
         raise MapError(f"{report} does not say which recording the map was made of: make the map again") from error
 
 
-def _in_space(recording: Recording, way: Trajectory3) -> Iterator[Posed]:
+def _in_space(recording: Recording, way: Trajectory3) -> Iterator[PosedImage]:
     """Yield images of a folder, whose trajectory has the images' own stamps."""
     at = {stamp // 1000: k for k, stamp in enumerate(way.stamps_ns.tolist())}
     for picture in recording.pictures():
         k = at.get(picture.stamp_ns // 1000)
         if k is not None:
-            yield Posed(picture, Pose3(way.rotations[k], way.positions[k]))
+            yield PosedImage(picture, Pose3(way.rotations[k], way.positions[k]))
 
 
-def _on_floor(recording: Recording, mount: Pose3, way: Trajectory, settings: CloudSettings) -> Iterator[Posed]:
+def _on_floor(recording: Recording, mount: Pose3, way: Trajectory, settings: CloudSettings) -> Iterator[PosedImage]:
     """Yield images of a bag, with poses between those of its scans and the tilt from its IMU."""
     leaning, reckoning = DepthMapping(MappingSettings().depth, mount, CHAIR_A.front), DeadReckoning(CHAIR_A)
     for frame in recording.frames:
         reckoning.update(replace(frame, scan=None))
-        leaning.lean(reckoning.tilt)
+        leaning.note_tilt(reckoning.tilt)
     order = np.argsort(way.stamps_ns, kind="stable")
     stamps, poses = way.stamps_ns[order], way.poses[order]
     for picture in recording.pictures():
@@ -192,4 +192,4 @@ def _on_floor(recording: Recording, mount: Pose3, way: Trajectory, settings: Clo
         part = (picture.stamp_ns - int(stamps[after - 1])) / max(1, int(stamps[after] - stamps[after - 1]))
         pose = interpolate(pose_from_array(poses[after - 1]), pose_from_array(poses[after]), part)
         lean = Pose3(leaning.tilt_at(picture.stamp_ns).level_from_base(), np.zeros(3))
-        yield Posed(picture, in_space(pose) @ lean @ mount)
+        yield PosedImage(picture, in_space(pose) @ lean @ mount)

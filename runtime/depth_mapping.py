@@ -11,7 +11,6 @@ from waychair.config import Settings, setting
 from waychair.errors import ConfigError
 from waychair.geometry import wrap_angle
 from waychair.maps.depth_scan import DepthScan, DepthSettings, depth_scan, frame_problem
-from waychair.maps.grid_assembly import AssemblySettings
 from waychair.maps.occupancy import OccupancySettings
 from waychair.maps.session_grid import SessionDepth
 from waychair.slam.mapper import Mapper
@@ -62,13 +61,12 @@ class DepthMapping:
         base_from_camera: Pose3,
         front: float,
         occupancy: OccupancySettings | None = None,
-        assembly: AssemblySettings | None = None,
     ) -> None:
         """`front` is the distance from the axle to the chair's front [m]."""
         self.settings = settings
         self.counts: Counter[str] = Counter()
         self._mount, self._front = base_from_camera, front
-        self.assembly = SessionDepth(occupancy, assembly)
+        self.assembly = SessionDepth(occupancy)
         self._tilts: list[Tilt] = []
         self._waiting: deque[RgbdFrame] = deque()
         self._latest_ns: int | None = None
@@ -76,7 +74,7 @@ class DepthMapping:
         self._on_node: dict[int, list[int]] = {}
         self._number = 0
 
-    def lean(self, tilt: Tilt | None) -> None:
+    def note_tilt(self, tilt: Tilt | None) -> None:
         """Take in the chair's tilt, in order of time; None if it is unknown."""
         if tilt is not None and (not self._tilts or tilt.stamp_ns > self._tilts[-1].stamp_ns):
             self._tilts.append(tilt)
@@ -141,14 +139,14 @@ class DepthMapping:
         """Anchor an image to a node, in place of the oldest if the node has enough."""
         self.counts["kept"] += 1
         self._kept = picture.stamp_ns, pose
-        self.hang(self.scan(picture), node, (mapper.keys.pose(node).inverse() @ pose).array())
+        self.anchor(self.scan(picture), node, (mapper.keys.pose(node).inverse() @ pose).array())
 
-    def hung(self) -> list[tuple[int, DepthScan, int, FloatArray]]:
+    def kept_images(self) -> list[tuple[int, DepthScan, int, FloatArray]]:
         """Return the kept images, oldest first on each key scan: session, depth scan, key scan, and pose from there."""
-        told = (self.assembly.hung(number) for numbers in self._on_node.values() for number in numbers)
+        told = (self.assembly.attached(number) for numbers in self._on_node.values() for number in numbers)
         return [(session, scan, node, places[0]) for session, scan, node, places in told]
 
-    def hang(self, scan: DepthScan, node: int, place: FloatArray) -> None:
+    def anchor(self, scan: DepthScan, node: int, place: FloatArray) -> None:
         """Anchor a depth scan to a key scan, at a pose (3,) [m, m, rad] from there; drop the oldest one if too many."""
         self.assembly.add(self._number, scan, node, place, place)
         on_node = self._on_node.setdefault(node, [])

@@ -32,7 +32,7 @@ from waychair.control.unseen import Sector, UnseenSettings, sectors_of_scan, sig
 from waychair.firmware_bridge.bridge import Bridge, BridgeSettings
 from waychair.firmware_bridge.transports import Reconnecting
 from waychair.geometry import arc, transform_points
-from waychair.maps.zones import Zone, speed_limit
+from waychair.maps.zones import Zone, zone_speed_limit
 from waychair.runtime.monitor_process import MonitorInStep, MonitorPort, Watched
 from waychair.slam.localisation import Localisation
 from waychair.slam.odometry import OdometryFilter
@@ -46,14 +46,14 @@ from waychair.types import (
     Pose2,
     RgbdFrame,
     Scan,
-    Sent,
+    SentCommand,
     SonarReadings,
     Telemetry,
     Twist,
     WheelTicks,
 )
 
-Message: TypeAlias = WheelTicks | Scan | ImuSample | SonarReadings | RgbdFrame | ChairStatus
+ChairMessage: TypeAlias = WheelTicks | Scan | ImuSample | SonarReadings | RgbdFrame | ChairStatus
 """A message of a chair's sensors or contacts. Wheels and lidar are required; every other one that comes is supervised.
 
 The rider's joystick is no message: the board reads it and reports it in its telemetry.
@@ -76,14 +76,14 @@ class BaseSettings(Settings):
 
 
 @dataclass(frozen=True, slots=True)
-class Driven:
+class DriveResult:
     """The command of a tick within the limits, None when the computer does not drive, and the bridge's record of it.
 
     `ended`: the reason for which bridge or board ended a drive that the supervisor would have continued, else empty.
     """
 
     command: Twist | None
-    sent: Sent
+    sent: SentCommand
     ended: str = ""
 
 
@@ -124,8 +124,8 @@ class DriveBase:
         self._fitness = Fitness(body, s.fitness)
         self._override = Override(s.supervisor)
         self._steering, self._pushing = Steering(s.steering), Pushing(s.pushing, s.supervisor.at_rest)
-        self._begins_ns: int | None = None  # the confirmed drive may move from this stamp on
-        self.stands_again = False
+        self._motion_from_ns: int | None = None  # the confirmed drive may move from this stamp on
+        self.stopped_after_push = False
         """Whether the chair came to rest in this tick after a push by hand; its pose may be wrong."""
         self._start = start
         self.zones = tuple(zones)
@@ -134,11 +134,11 @@ class DriveBase:
         self._requested = self._confirmed = self._stop_pressed = False
         self._latched: Halt | None = None
         self.halts: tuple[Halt, ...] = (halt("lidar_stale"),)
-        self._sent: Sent | None = None
+        self._sent: SentCommand | None = None
         self._wheels: Odometry | None = None
         self._twists: list[Twist] = []  # since the last tick
         self._measured = Twist()  # mean of _twists
-        self._looked_ns, self._looks_since_ns = 0, 0  # stamps of the last tick and of the first one since a gap
+        self._ticked_ns, self._on_time_since_ns = 0, 0  # stamps of the last tick and of the first one since a gap
         self._sectors: list[Sector] = []  # directions in which the latest scan measured something
         self._localisation: Localisation | None = None
 
@@ -196,9 +196,9 @@ class DriveBase:
 
     def countdown_s(self, now_ns: int) -> float | None:
         """Return the time until a drive that has begun may move [s]; None outside the countdown."""
-        if self._begins_ns is None or now_ns >= self._begins_ns:
+        if self._motion_from_ns is None or now_ns >= self._motion_from_ns:
             return None
-        return (self._begins_ns - now_ns) * 1e-9
+        return (self._motion_from_ns - now_ns) * 1e-9
 
     def stop(self) -> None:
         """Obey the rider's Stop: nothing moves by itself until a new goal is asked for or a page steers."""
@@ -227,12 +227,12 @@ class DriveBase:
         """Send the board a heartbeat between two ticks."""
         self.bridge.beat(now_ns)
 
-    def on_time(self, late: Message) -> Message:
+    def with_true_stamp(self, late: ChairMessage) -> ChairMessage:
         """Return a message with its stamp corrected by the measured latency of its sensor."""
-        return self._calibration.on_time(late)
+        return self._calibration.with_true_stamp(late)
 
-    def hear(self, message: Message) -> None:
-        """Take in a sensor message after `on_time`; scans before the first wheel reading are ignored."""
+    def hear(self, message: ChairMessage) -> None:
+        """Take in a sensor message after `with_true_stamp`; scans before the first wheel reading are ignored."""
         if isinstance(message, WheelTicks):
             self._wheels = self._odometry.update_wheels(message)
             self._twists.append(self._wheels.twist)
@@ -241,7 +241,7 @@ class DriveBase:
             self._tilt.update(message, self.twist)
         elif isinstance(message, Scan) and self._wheels is not None:
             self._monitor.see(message)
-            self._sectors = sectors_of_scan(self._calibration.seen(message), self.body.base_from_laser)
+            self._sectors = sectors_of_scan(self._calibration.masked(message), self.body.base_from_laser)
         if not isinstance(message, SonarReadings):
             self._fitness.hear(message, self.twist)
 
@@ -250,17 +250,19 @@ class DriveBase:
         self._localisation = localisation
         self._fitness.locate(localisation, self.odom_from_base(stamp_ns))
 
-    def supervise(self, now_ns: int, active: bool, further: Iterable[Halt] = ()) -> tuple[SupervisorVerdict, Telemetry | None]:
+    def supervise(
+        self, now_ns: int, active: bool, other_halts: Iterable[Halt] = ()
+    ) -> tuple[SupervisorVerdict, Telemetry | None]:
         """Decide who drives in this tick; return the verdict and the board's last report.
 
-        `active`: whether there is a goal. `further` are halts that only the caller knows of. The report is None while
+        `active`: whether there is a goal. `other_halts` are halts that only the caller knows of. The report is None while
         no usable board is connected.
         """
         telemetry = self.bridge.listen(now_ns)
         stick = None if telemetry is None else telemetry.joystick
         released = self._sent is not None and not self._sent.active and self._mode not in DRIVEN
-        self.stands_again = self._pushing.update(now_ns, released, stick, self._wheels)
-        self.halts = self._look_for_halts(now_ns, further)
+        self.stopped_after_push = self._pushing.update(now_ns, released, stick, self._wheels)
+        self.halts = self._collect_halts(now_ns, other_halts)
         taken_over = self._override.update(stick) or self.bridge.taken_over
         steered, confirmed = self._steering.counts(now_ns), self._confirmed
         situation = Situation(
@@ -272,17 +274,17 @@ class DriveBase:
         if steered and not verdict.steered:
             self._steering.end()
         if not verdict.computer_drives or verdict.steered:
-            self._begins_ns = None
+            self._motion_from_ns = None
         elif confirmed:
-            self._begins_ns = now_ns + round(self.settings.supervisor.countdown_s * 1e9)
+            self._motion_from_ns = now_ns + round(self.settings.supervisor.countdown_s * 1e9)
         return verdict, telemetry
 
-    def drive(self, now_ns: int, verdict: SupervisorVerdict, asked: Twist | None) -> Driven:
+    def drive(self, now_ns: int, verdict: SupervisorVerdict, asked: Twist | None) -> DriveResult:
         """Send a requested twist within all limits; with None the chair comes to rest.
 
         While a page steers, the twist of its joystick replaces the request.
         """
-        self._measure()
+        self._average_twists()
         asked = self._steering.twist(now_ns) if verdict.steered else asked
         command = self._limited(now_ns, verdict, asked)
         trimmed = self._loop.step(command if self.bridge.armed else None, self._measured, now_ns, self._sent)
@@ -290,38 +292,38 @@ class DriveBase:
         speeds = None if command is None else saturate(wheel_speeds_from_twist(trimmed, track), fastest)
         before, self._sent = self._sent, self.bridge.send(speeds, now_ns, now_ns)
         if self._sent.active and command is not None:
-            return Driven(command, self._sent)
+            return DriveResult(command, self._sent)
         self._limiter.rest()
         was_driving = command is not None and before is not None and before.active
         ended = self._sent.reason if was_driving else ""
         if ended and verdict.steered:
             self._steering.end()  # otherwise the lines would be requested again for as long as the page pushes
-        return Driven(command, self._sent, ended)
+        return DriveResult(command, self._sent, ended)
 
-    def furnish(self, mapped: FloatArray, scan_ns: int) -> None:
+    def note_mapped_legs(self, mapped: FloatArray, scan_ns: int) -> None:
         """Take a scan's points that look like legs but are on the map, (N, 2) [m] in the base frame of `scan_ns`."""
-        self._monitor.furnish(mapped, scan_ns)
+        self._monitor.note_mapped_legs(mapped, scan_ns)
 
-    def _measure(self) -> None:
+    def _average_twists(self) -> None:
         """Average the twists of a tick, since one encoder sample is coarse."""
         twists, self._twists = self._twists, []
         if twists:
             v, omega = sum(twist.v for twist in twists), sum(twist.omega for twist in twists)
             self._measured = Twist(v / len(twists), omega / len(twists))
 
-    def _look_for_halts(self, now_ns: int, further: Iterable[Halt]) -> tuple[Halt, ...]:
+    def _collect_halts(self, now_ns: int, other_halts: Iterable[Halt]) -> tuple[Halt, ...]:
         """Return all present halts, and the latched one of the last drive until it is reset."""
         s, verdict = self.settings.monitor, self._monitor.verdict
-        self._look_again(now_ns)
+        self._note_tick_gap(now_ns)
         if self._mode not in DRIVEN:
             self._fitness.settle()
-        halts = [*map(board_halt, self.bridge.trouble), *self._fitness.halts(now_ns), *further]
+        halts = [*map(board_halt, self.bridge.trouble), *self._fitness.halts(now_ns), *other_halts]
         if self._pushing.pushed:
             halts.append(halt("pushed"))
         if self._loop.fault:
             halts.append(halt_as_told("disobeys", self._loop.fault))
-        heard_out = verdict is None or now_ns - self._looks_since_ns > s.silent_ms * 1_000_000
-        if heard_out and is_silent(verdict, now_ns, s):
+        can_judge = verdict is None or now_ns - self._on_time_since_ns > s.silent_ms * 1_000_000
+        if can_judge and is_silent(verdict, now_ns, s):
             halts.append(halt("monitor_silent"))
         elif verdict is not None and verdict.stop:
             halts.append(halt(verdict.stop))
@@ -332,14 +334,14 @@ class DriveBase:
             halts.append(self._latched)
         return tuple(halts)
 
-    def _look_again(self, now_ns: int) -> None:
+    def _note_tick_gap(self, now_ns: int) -> None:
         """Note a gap between ticks (F17): a loop that was held up cannot tell whether the monitor was silent meanwhile.
 
         The command from before the gap is stale: by its age the bridge sends zero, then lets go.
         """
-        if now_ns - self._looked_ns > self.settings.bridge.late_ms * 1_000_000:
-            self._looks_since_ns = now_ns
-        self._looked_ns = now_ns
+        if now_ns - self._ticked_ns > self.settings.bridge.late_ms * 1_000_000:
+            self._on_time_since_ns = now_ns
+        self._ticked_ns = now_ns
 
     def _limited(self, now_ns: int, verdict: SupervisorVerdict, twist: Twist | None) -> Twist | None:
         """Return the command: the twist within all limits, or a step towards rest; None to let go of the lines."""
@@ -383,7 +385,7 @@ class DriveBase:
             self._loop.speed_limit,
             self._fitness.speed_limit(now_ns),
             permitted_speed(self._calibration.stops),
-            speed_limit(self.zones, outline),
+            zone_speed_limit(self.zones, outline),
         )
 
     def _gate(self, now_ns: int) -> str:

@@ -25,14 +25,14 @@ class EchoSettings(Settings):
     within_s: float = setting(0.25, "s", "and come within this time", low=0.02, high=2.0)
 
 
-class Echoes:
+class EchoFilter:
     """Keeps the latest readings of each sonar."""
 
     def __init__(self, settings: EchoSettings) -> None:
         self._settings = settings
         self._before: deque[SonarReadings] = deque()
 
-    def borne_out(self, readings: SonarReadings) -> SonarReadings:
+    def confirmed(self, readings: SonarReadings) -> SonarReadings:
         """Return the readings with nan (no information) for echoes that no earlier reading of the sonar confirms.
 
         No echo (+inf) and an echo below the least range (-inf) need no confirmation.

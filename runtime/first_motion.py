@@ -19,7 +19,7 @@ def rests(frame: SensorFrame) -> bool:
     return bool(frame.imu) and _stands(frame)
 
 
-def begins_at(frames: Sequence[SensorFrame]) -> int:
+def start_index(frames: Sequence[SensorFrame]) -> int:
     """Return the index of the last frame with a scan before the chair first moves.
 
     0 where it never moves, moves from the start, or has no IMU. A recorder finds topics one after the other: until the

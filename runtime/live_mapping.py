@@ -13,9 +13,8 @@ import numpy as np
 from waychair.calibration.chair import CHAIR_A, ChairBody
 from waychair.config import Settings, setting
 from waychair.errors import NoScans
-from waychair.maps.depth_evidence import merged
+from waychair.maps.depth_evidence import merge_sensors
 from waychair.maps.depth_layer import depth_layer
-from waychair.maps.grid_assembly import AssemblySettings
 from waychair.maps.occupancy import EvidenceGrid, OccupancySettings
 from waychair.maps.session_grid import SessionGrid
 from waychair.runtime.depth_mapping import DepthMapping, DepthMappingSettings
@@ -36,7 +35,6 @@ class LiveMappingSettings(Settings):
     odometry: OdometrySettings = field(default_factory=OdometrySettings)
     mapper: MapperSettings = field(default_factory=MapperSettings)
     grid: OccupancySettings = field(default_factory=OccupancySettings)
-    assembly: AssemblySettings = field(default_factory=AssemblySettings)
     depth: DepthMappingSettings = field(default_factory=DepthMappingSettings)
 
 
@@ -61,16 +59,16 @@ class LiveMapping:
         self.settings = settings
         self.base_from_laser = base_from_laser
         self.mapper = Mapper(settings.mapper, base_from_laser)
-        self.told: list[SensorFrame] = []  # odometry at each frame
+        self.odometry: list[SensorFrame] = []  # odometry at each frame
         self.key_seconds: list[float] = []  # CPU time of each full scan match
         self.seconds: defaultdict[str, float] = defaultdict(float)  # CPU time by stage, without the mapper's own stages
         mount, height = base_from_laser, settings.laser_height
         body = replace(body, laser_x=mount.x, laser_y=mount.y, laser_theta=mount.theta, laser_z=height)
         self._reckoning = DeadReckoning(body, settings.odometry)
-        self.scans = SessionGrid(settings.grid, settings.assembly)
+        self.scans = SessionGrid(settings.grid)
         """The scans that the grid is drawn from, by the numbers of their frames."""
         camera = base_from_camera or body.base_from_camera
-        self.depth = DepthMapping(settings.depth, camera, body.front, settings.grid, settings.assembly)
+        self.depth = DepthMapping(settings.depth, camera, body.front, settings.grid)
         self._covered: list[list[int]] = []  # of each key scan: numbers of its covered frames in the grid
 
     def process(self, frame: SensorFrame) -> Pose2:
@@ -85,7 +83,7 @@ class LiveMapping:
         """Return a frame with odometry from wheels and IMU, and its scan levelled; call it for every frame in order."""
         with self._timed("odometry"):
             reckoned = self._reckoning.update(frame)
-            self.depth.lean(self._reckoning.tilt)
+            self.depth.note_tilt(self._reckoning.tilt)
             return reckoned
 
     def see(self, picture: RgbdFrame) -> None:
@@ -103,7 +101,7 @@ class LiveMapping:
         pose = self.mapper.process(frame)
         if self.mapper.counts["matches"] > matches:
             self.key_seconds.append(time.process_time() - started)
-        self._tell(frame)
+        self._keep_odometry(frame)
         with self._timed("grid"):
             self._follow(frame)
         with self._timed("depth"):
@@ -136,7 +134,7 @@ class LiveMapping:
             return self.scans.grid(), None
         # without a lidar the scans themselves are made of depth images
         scanned = (EvidenceGrid(self.settings.grid) if self.settings.depth.use == "only" else self.scans).grid()
-        grid, drops = merged(scanned, *self.depth.grids())
+        grid, drops = merge_sensors(scanned, *self.depth.grids())
         return grid, depth_layer(scanned, grid, drops)
 
     def settle(self) -> MapperResult:
@@ -159,17 +157,17 @@ class LiveMapping:
         """Continue a checkpointed mapper that has seen these reckoned frames; call it before the first frame."""
         self.mapper = mapper
         for frame in frames:
-            self._tell(frame)
+            self._keep_odometry(frame)
         self._covered = [list(latest) for latest in mapper.covered_frames]
         for key_frame, latest in zip(mapper.key_frames, self._covered, strict=True):
             for number in (key_frame, *latest):
-                self._hang(number, frames[number])
+                self._add_scan(number, frames[number])
         self._bend()
 
-    def go_on(self, mapper: Mapper, sessions: int) -> None:
+    def continue_map(self, mapper: Mapper, sessions: int) -> None:
         """Continue the map of a number of earlier drives; call it before the first frame.
 
-        The caller then passes their scans to `scans.add` and their depth images to `depth.hang`.
+        The caller then passes their scans to `scans.add` and their depth images to `depth.anchor`.
         """
         self.mapper = mapper
         self._covered = [list(latest) for latest in mapper.covered_frames]
@@ -181,17 +179,17 @@ class LiveMapping:
         number = len(self.mapper.frames) - 1
         if len(self.mapper.key_frames) > len(self._covered):
             self._covered.append([])
-            self._hang(number, frame)
+            self._add_scan(number, frame)
             return
         key = self.mapper.frames[-1].key
         latest, before = self.mapper.covered_frames[key], self._covered[key]
         if latest and latest[-1] == number:
-            self._hang(number, frame)
+            self._add_scan(number, frame)
             for old in set(before) - set(latest):
                 self.scans.drop(old)
             self._covered[key] = list(latest)
 
-    def _hang(self, number: int, frame: SensorFrame) -> None:
+    def _add_scan(self, number: int, frame: SensorFrame) -> None:
         """Add a frame's scan to the grid, anchored to the frame's key scan."""
         assert frame.scan is not None
         hung, twist = self.mapper.frames[number], twist_of(frame) or Twist()
@@ -202,11 +200,11 @@ class LiveMapping:
     def _bend(self) -> None:
         here = self.pose()
         for assembly in (self.scans, self.depth.assembly):
-            assembly.bend(self.mapper.keys.poses, np.array([here.x, here.y]))
+            assembly.move_nodes(self.mapper.keys.poses, np.array([here.x, here.y]))
 
-    def _tell(self, frame: SensorFrame) -> None:
+    def _keep_odometry(self, frame: SensorFrame) -> None:
         own = odometry_of(frame)
-        self.told.append(SensorFrame(frame.stamp_ns, wheels=() if own is None else (own,)))
+        self.odometry.append(SensorFrame(frame.stamp_ns, wheels=() if own is None else (own,)))
 
     @contextmanager
     def _timed(self, stage: str) -> Iterator[None]:

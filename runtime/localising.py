@@ -28,7 +28,7 @@ class LocalisingSettings(Settings):
 
 
 @dataclass(frozen=True, slots=True)
-class Localised:
+class LocalisedRecording:
     """A recording on a map: a pose for each frame with a scan, and the report as it is written to report.json."""
 
     trajectory: Trajectory
@@ -41,7 +41,7 @@ def localise_recording(
     settings: LocalisingSettings,
     start: Pose2 | None = None,
     progress: Callable[[float], None] | None = None,
-) -> Localised:
+) -> LocalisedRecording:
     """Follows the chair from its pose in the map at the first scan, or finds out where it is when that is not given.
 
     The trajectory has the poses at which the scans put the chair, without those at which it is lost. `progress` is
@@ -65,10 +65,10 @@ def localise_recording(
     known = [(frame.stamp_ns, _pose(where)) for frame, where in zip(frames, found, strict=True) if not where.lost]
     stamps = np.array([stamp for stamp, _ in known], np.int64)
     trajectory = Trajectory(stamps, np.array([pose.array() for _, pose in known]).reshape(-1, 3))
-    return Localised(trajectory, _report(recording, trajectory, found, time.process_time() - cpu))
+    return LocalisedRecording(trajectory, _report(recording, trajectory, found, time.process_time() - cpu))
 
 
-def save_localised(folder: Path, localised: Localised, settings: LocalisingSettings) -> None:
+def save_localised(folder: Path, localised: LocalisedRecording, settings: LocalisingSettings) -> None:
     """Writes trajectory.tum, config.yaml and report.json, each whole or not at all.
 
     Raises:

@@ -22,10 +22,10 @@ from waychair.maps.map_files import save_map
 from waychair.recording import InputSettings, Recording, write_tum
 from waychair.runtime.appearance_mapping import (
     MEMORY,
-    MemoryMaking,
+    MemoryBuilder,
     begin_memory,
-    bend_memory,
-    go_on_with_memory,
+    continue_memory,
+    move_memory,
     remove_memory,
 )
 from waychair.runtime.depth_recording import (
@@ -35,17 +35,17 @@ from waychair.runtime.depth_recording import (
     see_pictures,
     warnings_of,
 )
-from waychair.runtime.first_motion import begins_at
+from waychair.runtime.first_motion import start_index
 from waychair.runtime.live_mapping import LiveMapping, LiveMappingSettings
 from waychair.runtime.mapping_report import Cost, mapping_report, torn_warnings, write_mapping_page
 from waychair.runtime.resuming import Checkpoints, remove_checkpoint
 from waychair.runtime.sessions import (
     SESSION,
+    DriveJoiner,
     MapState,
-    Meeting,
     beginning,
     check_sensors,
-    go_on,
+    continue_map,
     load_state,
     save_state,
     state_of_map,
@@ -113,30 +113,30 @@ def map_recording(
     if settings.depth.use == "only":
         live = live_from_pictures(recording, settings, camera, progress)
         return _finished(live, recording, (started, cpu, reading_s), amiss, 0)
-    recording = replace(recording, frames=recording.frames[begins_at(recording.frames) :])
+    recording = replace(recording, frames=recording.frames[start_index(recording.frames) :])
     live = LiveMapping(settings, recording.base_from_laser, base_from_camera=camera)
     frames = [frame for frame in map(live.reckon, recording.frames) if frame.scan is not None]
     if not frames:
         raise NoScans(f"{recording.path} holds no laser scan, so no map can be made of it")
     lens = _lens(recording, settings, camera)
-    seeing = None if lens is None else begin_memory(recording, settings.appearance, lens, keep_in)
+    builder = None if lens is None else begin_memory(recording, settings.appearance, lens, keep_in)
     kept = None
-    if keep_in is not None and seeing is None:
+    if keep_in is not None and builder is None:
         kept = Checkpoints(keep_in, recording, settings, settings.checkpoint_interval)
     mapper, first = (None if kept is None else kept.restored()) or (live.mapper, 0)
     live.resume(mapper, frames[:first])
     with nullcontext() if kept is None else kept.noted():
         for index in range(first, len(frames)):
             live.include(frames[index])
-            if seeing is not None:
-                seeing.follow(live.mapper, frames[index])
+            if builder is not None:
+                builder.follow(live.mapper, frames[index])
             if kept is not None:
                 kept.offer(live.mapper, index + 1)
             if progress is not None:
                 progress((index + 1) / len(frames))
     if camera is not None:
         amiss += see_pictures(live, recording)
-    mapping = _finished(live, recording, (started, cpu, reading_s), amiss, first, seeing)
+    mapping = _finished(live, recording, (started, cpu, reading_s), amiss, first, builder)
     return replace(mapping, state=state_of_map(live, lens, _features(settings)))
 
 
@@ -170,29 +170,29 @@ def join_recording(
     settings = replace(settings, appearance=lean)
     start = _beginning(recording, settings, state, folder, lens)
     live = LiveMapping(settings, recording.base_from_laser, base_from_camera=camera)
-    grid = go_on(live, load_state(folder))
+    grid = continue_map(live, load_state(folder))
     mapper, known = live.mapper, len(live.mapper.keys)
-    meeting = Meeting(grid, mapper)
+    joiner = DriveJoiner(grid, mapper)
     if start is not None:
         mapper.begin_at(*start)
-    seeing = None if lens is None else go_on_with_memory(recording, lean, lens, keep_in, known)
+    builder = None if lens is None else continue_memory(recording, lean, lens, keep_in, known)
     count = len(recording.frames)
     for number, frame in enumerate(map(live.reckon, recording.frames)):
         if frame.scan is not None:
             live.include(frame)
-            if seeing is not None:
-                seeing.follow(mapper, frame)
+            if builder is not None:
+                builder.follow(mapper, frame)
             if start is None:
-                meeting.follow(mapper, frame)
+                joiner.follow(mapper, frame)
         if progress is not None:
             progress((number + 1) / count)
     if not mapper.keys.reaches(mapper.frames[-1].key, known):
         raise SessionError("the drive lost the map again and ends apart from it: record one that ends where it knows")
     if camera is not None:
         amiss += see_pictures(live, recording)
-    mapping = _finished(live, recording, (started, cpu, reading_s), amiss, 0, seeing)
-    if seeing is None:
-        bend_memory(keep_in, mapper)
+    mapping = _finished(live, recording, (started, cpu, reading_s), amiss, 0, builder)
+    if builder is None:
+        move_memory(keep_in, mapper)
     mapping.report["session"] = {
         "number": live.scans.session + 1,
         "began_on_known_ground": start is not None,
@@ -207,23 +207,23 @@ def _beginning(
 ) -> tuple[int, Pose2] | None:
     """Return where the drive begins on the map, found by mapping it up to the first accepted loop closure."""
     scratch = LiveMapping(settings, recording.base_from_laser)
-    grid, mapper = go_on(scratch, state), state.mapper
+    grid, mapper = continue_map(scratch, state), state.mapper
     frames = [frame for frame in map(scratch.reckon, recording.frames) if frame.scan is not None]
     if not frames:
         raise NoScans(f"{recording.path} holds no laser scan, so it cannot be joined to a map")
     with tempfile.TemporaryDirectory() as work:
         if (folder / MEMORY).exists():
             shutil.copy(folder / MEMORY, work)
-        seeing = None
+        builder = None
         if lens is not None:
-            seeing = go_on_with_memory(recording, settings.appearance, lens, Path(work), len(mapper.keys))
+            builder = continue_memory(recording, settings.appearance, lens, Path(work), len(mapper.keys))
         try:
             return beginning(
-                mapper, grid, frames, lambda mapper, frame: seeing.follow(mapper, frame) if seeing else None
+                mapper, grid, frames, lambda mapper, frame: builder.follow(mapper, frame) if builder else None
             )
         finally:
-            if seeing is not None:
-                seeing.appearance.memory.close()
+            if builder is not None:
+                builder.appearance.memory.close()
 
 
 def _lens(recording: Recording, settings: MappingSettings, camera: Pose3 | None) -> Pose3 | None:
@@ -245,16 +245,16 @@ def _finished(
     began: tuple[float, float, float],
     amiss: list[str],
     first: int,
-    seeing: MemoryMaking | None = None,
+    builder: MemoryBuilder | None = None,
 ) -> Mapping:
     """Return the settled map; `began`: wall clock and CPU time at the beginning, and the CPU time of reading [s]."""
     started, cpu, reading_s = began
     result = live.settle()
     memory = None
-    if seeing is not None:
-        memory = seeing.finish(live.mapper)
-        live.seconds["vision"] = seeing.seconds
-        amiss = [*amiss, *seeing.warnings]
+    if builder is not None:
+        memory = builder.finish(live.mapper)
+        live.seconds["vision"] = builder.seconds
+        amiss = [*amiss, *builder.warnings]
     stages = {"reading": reading_s, **live.seconds, **result.seconds}
     stages["total"] = time.process_time() - cpu + reading_s
     cost = Cost(stages, live.key_seconds, time.perf_counter() - started, peak_memory_mb())
@@ -283,7 +283,7 @@ def live_result(live: LiveMapping, name: Path, source: str) -> Mapping:
 def _reported(live: LiveMapping, result: MapperResult, source: Recording, cost: Cost, resumed_at: int) -> Mapping:
     grid, depth = live.layered_grid()
     # a wrong mount also tears the map; its warning names the cause
-    amiss = mount_warnings(live.told, result.drive_trajectory.poses, live.base_from_laser) or torn_warnings(result)
+    amiss = mount_warnings(live.odometry, result.drive_trajectory.poses, live.base_from_laser) or torn_warnings(result)
     left_out = warnings_of(live.depth.counts, source.unread)
     report = mapping_report(source, [*source.warnings, *amiss, *left_out], result, grid, cost, resumed_at)
     report["depth"] = depth_report(live.depth.counts, depth)

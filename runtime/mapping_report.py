@@ -14,7 +14,7 @@ from scipy.sparse.csgraph import connected_components
 
 from waychair import __version__
 from waychair.recording import Recording
-from waychair.runtime.report import COLOURS, Bars, Drawing, Table, write_page
+from waychair.runtime.report import COLOURS, Bars, SvgFigure, Table, write_page
 from waychair.slam.graph import EdgeKind
 from waychair.slam.mapper import MapperResult
 from waychair.types import UNKNOWN, FloatArray, Json, OccupancyGrid
@@ -130,7 +130,7 @@ def write_mapping_page(path: Path, report: Json, grid: OccupancyGrid, result: Ma
         f"Processor time, {total:.1f} s", tuple((name, value, f"{value:.2f} s") for name, value in stages.items())
     )
     counts = Table("Counts", ("", ""), tuple((name.replace("_", " "), str(n)) for name, n in report["counts"].items()))
-    drawing = Drawing("The map", _caption(report), draw_mapping(grid, result))
+    drawing = SvgFigure("The map", _caption(report), draw_mapping(grid, result))
     write_page(path, f"waychair map: {Path(report['input']).name}", lead, (facts, bars, counts, _loop_table(report)), (drawing,), report["warnings"])  # fmt: skip
 
 

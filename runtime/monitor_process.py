@@ -66,7 +66,7 @@ class MonitorPort(Protocol):
     def see(self, scan: Scan) -> None:
         """Pass on a raw scan."""
 
-    def furnish(self, mapped: FloatArray, stamp_ns: int) -> None:
+    def note_mapped_legs(self, mapped: FloatArray, stamp_ns: int) -> None:
         """Pass on points that look like legs but are on the map, (N, 2) [m] in the base frame of `stamp_ns`."""
 
     def judge(self, command: Twist, measured: Twist, now_ns: int) -> None:
@@ -93,9 +93,9 @@ class MonitorInStep:
         """See `MonitorPort`."""
         self._monitor.see(scan)
 
-    def furnish(self, mapped: FloatArray, stamp_ns: int) -> None:
+    def note_mapped_legs(self, mapped: FloatArray, stamp_ns: int) -> None:
         """See `MonitorPort`."""
-        self._monitor.furnish(mapped, stamp_ns)
+        self._monitor.note_mapped_legs(mapped, stamp_ns)
 
     def judge(self, command: Twist, measured: Twist, now_ns: int) -> None:
         """See `MonitorPort`."""
@@ -142,7 +142,7 @@ class MonitorProcess:
         with self._lock:
             _send(self._socket, _scan_message(scan))
 
-    def furnish(self, mapped: FloatArray, stamp_ns: int) -> None:
+    def note_mapped_legs(self, mapped: FloatArray, stamp_ns: int) -> None:
         """See `MonitorPort`; the stamp is of CLOCK_MONOTONIC."""
         with self._lock:
             _send(self._socket, _FURNITURE.pack(b"f", stamp_ns) + np.ascontiguousarray(mapped, "<f4").tobytes())
@@ -188,7 +188,7 @@ def watch(channel: socket.socket, monitor: Monitor) -> None:
             elif message[:1] == b"f":
                 _, stamp_ns = _FURNITURE.unpack_from(message)
                 mapped = np.frombuffer(message, "<f4", offset=_FURNITURE.size).astype(np.float64)
-                monitor.furnish(mapped.reshape(-1, 2), stamp_ns)
+                monitor.note_mapped_legs(mapped.reshape(-1, 2), stamp_ns)
             else:
                 _, v, omega, v_now, omega_now = _COMMAND.unpack(message)
                 command, measured = Twist(v, omega), Twist(v_now, omega_now)

@@ -22,7 +22,7 @@ from waychair.maps.zones import Zone
 from waychair.planning.drawn_map import DrawnMap
 from waychair.planning.motion import measured
 from waychair.runtime.drive_base import BaseSettings
-from waychair.runtime.echoes import Echoes, EchoSettings
+from waychair.runtime.echoes import EchoFilter, EchoSettings
 from waychair.slam.localisation import Localisation, LocalisationState
 from waychair.slam.scan_points import beam_ends
 from waychair.slam.tilt import Tilt
@@ -42,7 +42,7 @@ _NOTHING: FloatArray = np.empty((0, 2))
 
 
 @dataclass(frozen=True, slots=True)
-class _Sight:
+class _ScanView:
     """Points of a scan, (N, 2) [m] in map, ends of its free beams, (M, 2), and its stamp; None without a scan."""
 
     points: FloatArray | None = None
@@ -69,9 +69,9 @@ class Pilot:
         self._goals: tuple[Goal, ...] = ()  # waiting for the rider's yes
         self._goals_since_ns: int | None = None
         self._paused_since_ns: int | None = None
-        self._sight = _Sight()  # since the last tick
-        self._echoes = Echoes(self.settings.echoes)
-        self.furniture = _NOTHING
+        self._sight = _ScanView()  # since the last tick
+        self._echo_filter = EchoFilter(self.settings.echoes)
+        self.mapped_legs = _NOTHING
         """Points of the latest scan that look like legs but are on the map, (N, 2) [m] in base; none if unlocalised."""
 
     def go(self, goal: Goal, *further: Goal) -> None:
@@ -109,7 +109,7 @@ class Pilot:
 
     def drawn(self, grid: OccupancyGrid, zones: Sequence[Zone]) -> DrawnMap:
         """Prepare a map for `redraw`; takes a while, and may be called from any thread."""
-        return DrawnMap(grid, self.body, self.navigator.settings.costmap, zones)
+        return DrawnMap(grid, self.body, zones, self.navigator.settings.clearance.comfortable)
 
     def redraw(self, drawn: DrawnMap, places: Mapping[str, Place]) -> None:
         """Replace the map and the places; a drive under way is replanned, one that has ended stays ended."""
@@ -124,11 +124,11 @@ class Pilot:
         within = replace(scan, ranges=np.where(clear, np.float32(0.999 * reach), scan.ranges))
         ends, valid = beam_ends(within, mount, reach, twist)
         pose = localisation.map_from_base
-        self.furniture = (
+        self.mapped_legs = (
             self._mapped_legs(scan, pose, twist) if localisation.state is LocalisationState.OK else _NOTHING
         )
         halfway_ns = round(scan.time_step * len(scan.ranges) / 2 * 1e9)
-        self._sight = _Sight(
+        self._sight = _ScanView(
             transform_points(pose, ends[valid & ~clear]),
             transform_points(pose, ends[valid & clear]),
             scan.stamp_ns + halfway_ns,
@@ -138,12 +138,12 @@ class Pilot:
         s = self.settings.monitor
         slim = slim_beams(scan, np.zeros(len(scan.ranges), np.bool_), s)
         points = points_now(scan, slim, self.body, twist, scan.stamp_ns)
-        mapped: FloatArray = points[self.navigator.knows(transform_points(pose, points), s.furniture)]
+        mapped: FloatArray = points[self.navigator.is_mapped(transform_points(pose, points), s.furniture)]
         return mapped
 
     def hear(self, readings: SonarReadings, map_from_base: Pose2) -> None:
         """Take in sonar readings; an echo counts only once a second reading confirms it."""
-        self.navigator.hear(self._echoes.borne_out(readings), map_from_base)
+        self.navigator.hear(self._echo_filter.confirmed(readings), map_from_base)
 
     def look(self, frame: RgbdFrame, map_from_base: Pose2, tilt: Tilt | None) -> None:
         """Take in a picture of the depth camera, and the chair's tilt if it is known."""
@@ -173,10 +173,10 @@ class Pilot:
 
     def step(self, now_ns: int, map_from_base: Pose2, map_from_odom: Pose2 | None) -> Navigation:
         """Return the next twist to ask for."""
-        sight, self._sight = self._sight, _Sight()
+        sight, self._sight = self._sight, _ScanView()
         return self.navigator.step(now_ns, map_from_base, sight.points, map_from_odom, sight.beyond, sight.seen_ns)
 
-    def learn(self, command: Twist | None, ended: str = "") -> None:
+    def note_sent(self, command: Twist | None, ended: str = "") -> None:
         """Pass the sent command to the navigator, None when the lines were let go, and why a drive has `ended`."""
         if command is None:
             self.navigator.at_rest()

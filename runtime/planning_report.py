@@ -10,7 +10,7 @@ import numpy as np
 from waychair.geometry import transform_points
 from waychair.planning.harmonic import LogField, streamline
 from waychair.planning.rubber_band import resampled, turning_angles
-from waychair.runtime.report import COLOURS, Picture, draw_map, draw_places, new_figure, png_from_figure
+from waychair.runtime.report import COLOURS, PngFigure, draw_map, draw_places, new_figure, png_from_figure
 from waychair.types import FloatArray, IntArray, OccupancyGrid, Path, Place
 
 EVERY_M = 0.10
@@ -42,7 +42,7 @@ def potential_picture(
     places: Sequence[Place],
     every: float = EVERY_M,
     unit: str = "m",
-) -> Picture:
+) -> PngFigure:
     """Return a picture of log v in colour on the map, streamlines to the goal, paths by name, and their turns.
 
     `every` is the distance between measured turns, in the `unit` of the paths.
@@ -72,4 +72,4 @@ def potential_picture(
     below.set(xlabel=f"turn at every {every:.2f} {unit} [deg]", ylabel="count", yscale="symlog")
     below.legend()
     lengths = ", ".join(f"{name} {path.length():.1f} {unit}" for name, path in paths.items())
-    return Picture("Potential and paths", lengths, png_from_figure(figure))
+    return PngFigure("Potential and paths", lengths, png_from_figure(figure))

@@ -29,7 +29,7 @@ BEAT_HZ = 5.0
 _BEAT_TO = "WAYCHAIR_BEAT_TO"
 """Environment variable with the file descriptor for a process's heartbeats."""
 
-_WATCHED_S = 1.0
+_HELD_UP_S = 1.0
 """A supervisor that was held up for longer cannot tell how long the processes were silent."""
 
 
@@ -83,13 +83,13 @@ class Supervision:
         self,
         table: Sequence[Process],
         environment: Mapping[str, str],
-        told: Callable[[str], None] = lambda sentence: None,
+        report: Callable[[str], None] = lambda sentence: None,
         settings: SupervisionSettings | None = None,
     ) -> None:
-        """`told` receives a sentence whenever a process dies or begins."""
+        """`report` receives a sentence whenever a process dies or begins."""
         self._table = table
         self._environment = dict(environment)
-        self._told = told
+        self._report = report
         self._settings = settings or SupervisionSettings()
         self._running: list[_Running] = []
         self._watched_s = time.monotonic()
@@ -100,7 +100,7 @@ class Supervision:
             begun.push(self)
             for row in self._table:
                 self._running.append(_Running(row, *self._start(row)))
-                self._told(self._running[-1].sentence)
+                self._report(self._running[-1].sentence)
             begun.pop_all()
         return self
 
@@ -128,7 +128,7 @@ class Supervision:
     def watch(self) -> str:
         """Restart dead and hung processes; return why all must end, or an empty sentence. Call it at about 5 Hz."""
         now, s = time.monotonic(), self._settings
-        self._kill_what_hangs(now)
+        self._kill_hung(now)
         for each in list(self._running):
             status = each.process.poll()
             if status is None:
@@ -141,22 +141,22 @@ class Supervision:
                 over = f"the process '{each.row.name}' ended {how}, {len(each.deaths)} times in {s.within_s:g} s"
                 if each.row.vital:
                     return over
-                self._told(f"{over}: the others go on without it")
+                self._report(f"{over}: the others go on without it")
                 os.close(each.beats)
                 self._running.remove(each)
                 continue
-            self._told(f"'{each.row.name}' ended {how}: it is started again, and no drive goes on by itself")
+            self._report(f"'{each.row.name}' ended {how}: it is started again, and no drive goes on by itself")
             time.sleep(s.pause_s)
             beats_of_dead = each.beats
             each.process, each.beats = self._start(each.row)
             each.beaten_s = None
             os.close(beats_of_dead)
-            self._told(each.sentence)
+            self._report(each.sentence)
         return ""
 
-    def _kill_what_hangs(self, now: float) -> None:
+    def _kill_hung(self, now: float) -> None:
         """Kill processes whose heartbeat has ceased, after a short time if idle, after a longer one if computing."""
-        s, unwatched = self._settings, now - self._watched_s > _WATCHED_S
+        s, unwatched = self._settings, now - self._watched_s > _HELD_UP_S
         self._watched_s = now
         for each in self._running:
             if _has_beaten(each.beats) or (unwatched and each.beaten_s is not None):
@@ -168,7 +168,7 @@ class Supervision:
                 continue
             idle = _cpu_s(each.process.pid) - each.used_s < s.idle_share * silent_s
             if idle or silent_s > s.busy_s:
-                self._told(f"'{each.row.name}' has hung for {silent_s:.1f} s: it is killed")
+                self._report(f"'{each.row.name}' has hung for {silent_s:.1f} s: it is killed")
                 each.process.kill()
                 each.process.wait()
 
@@ -182,7 +182,7 @@ class Supervision:
                 env={**self._environment, _BEAT_TO: str(beat_to)},
                 pass_fds=[beat_to],
                 start_new_session=True,
-                preexec_fn=partial(_begin, os.getpid(), row.priority),  # noqa: PLW1509 - this process has no other threads
+                preexec_fn=partial(_prepare_child, os.getpid(), row.priority),  # noqa: PLW1509 - this process has no other threads
             )
         except OSError:
             os.close(beats)
@@ -232,7 +232,7 @@ def _cpu_s(pid: int) -> float:
     return (int(fields[11]) + int(fields[12])) / os.sysconf("SC_CLK_TCK")
 
 
-def _begin(parent: int, priority: int) -> None:
+def _prepare_child(parent: int, priority: int) -> None:
     """Ask Linux for SIGTERM at the parent's death (prctl(2), PR_SET_PDEATHSIG), and for the priority; in the child."""
     ctypes.CDLL(None).prctl(1, signal.SIGTERM)
     if priority > 0:

@@ -54,7 +54,7 @@ class Bars:
 
 
 @dataclass(frozen=True, slots=True)
-class Drawing:
+class SvgFigure:
     """An SVG element with title and caption."""
 
     title: str
@@ -63,7 +63,7 @@ class Drawing:
 
 
 @dataclass(frozen=True, slots=True)
-class Picture:
+class PngFigure:
     """A PNG with title and caption."""
 
     title: str
@@ -128,13 +128,13 @@ def draw_outline(axes: Axes, outline: FloatArray, pose: Pose2, colour: str) -> N
     axes.plot(corners[:, 0], corners[:, 1], color=colour, linewidth=1.0)
 
 
-def path_picture(grid: OccupancyGrid, path: Path, places: Sequence[Place]) -> Picture:
+def path_picture(grid: OccupancyGrid, path: Path, places: Sequence[Place]) -> PngFigure:
     """Return a picture of a planned path on its map."""
     figure, axes = new_figure(8, 8)
     draw_map(axes, grid)
     axes.plot(*path.poses[:, :2].T, color=COLOURS[1], linewidth=1.6)
     draw_places(axes, places)
-    return Picture("The path", f"{path.length():.1f} m", png_from_figure(figure))
+    return PngFigure("The path", f"{path.length():.1f} m", png_from_figure(figure))
 
 
 def write_page(
@@ -142,7 +142,7 @@ def write_page(
     title: str,
     lead: str,
     tables: Sequence[Table | Bars],
-    pictures: Sequence[Picture | Drawing],
+    pictures: Sequence[PngFigure | SvgFigure],
     warnings: Sequence[str] = (),
 ) -> None:
     """Write one HTML page with everything inside it: drawings first, then tables, then pictures."""
@@ -150,9 +150,9 @@ def write_page(
     if warnings:
         items = "".join(f"<li>{html.escape(warning)}</li>" for warning in warnings)
         parts.append(f'<section class="warnings"><h2>Warnings</h2><ul>{items}</ul></section>')
-    parts += [_drawing(drawing) for drawing in pictures if isinstance(drawing, Drawing)]
+    parts += [_drawing(drawing) for drawing in pictures if isinstance(drawing, SvgFigure)]
     parts += [_table(table) if isinstance(table, Table) else _bars(table) for table in tables]
-    parts += [_picture(picture) for picture in pictures if isinstance(picture, Picture)]
+    parts += [_picture(picture) for picture in pictures if isinstance(picture, PngFigure)]
     head = (
         f'<meta charset="utf-8"><meta name="viewport" content="width=device-width"><title>{html.escape(title)}</title>'
     )
@@ -163,13 +163,13 @@ def write_page(
     )
 
 
-def _picture(picture: Picture) -> str:
+def _picture(picture: PngFigure) -> str:
     data = base64.b64encode(picture.png).decode()
     alternative = html.escape(f"{picture.title}: {picture.caption}")
     return _figure(picture.title, picture.caption, f'<img src="data:image/png;base64,{data}" alt="{alternative}">')
 
 
-def _drawing(drawing: Drawing) -> str:
+def _drawing(drawing: SvgFigure) -> str:
     return _figure(drawing.title, drawing.caption, drawing.svg)
 
 
@@ -187,7 +187,7 @@ def _bars(bars: Bars) -> str:
     return f"<h2>{html.escape(bars.title)}</h2><table>{rows}</table>"
 
 
-def write_png(path: FilePath, picture: Picture) -> None:
+def write_png(path: FilePath, picture: PngFigure) -> None:
     """Write the picture alone, atomically."""
     with replacing(path) as aside:
         aside.write_bytes(picture.png)

@@ -16,10 +16,10 @@ _TURN = math.radians(40.0)
 _WITHIN = 1.0
 """A change of heading by more than _TURN within _WITHIN [m] of path is a turn."""
 
-_SOON = 8.0
+_MENTIONED_M = 8.0
 """Turns farther ahead [m] are not mentioned yet."""
 
-_HERE = 0.6
+_NOW_M = 0.6
 """A turn nearer than this [m] is happening now."""
 
 
@@ -29,14 +29,14 @@ def sentence(text: str) -> str:
     return "" if not text else text[0].upper() + text[1:] + ("" if text[-1] in ".!?" else ".")
 
 
-def way_ahead(way: FloatArray, pose: Pose2) -> FloatArray:
+def path_ahead(way: FloatArray, pose: Pose2) -> FloatArray:
     """Return the rest of a path (N, 2) [m], from its point nearest to a pose."""
     if len(way) < 2:
         return way
     return way[int(np.argmin(np.hypot(*(way - (pose.x, pose.y)).T))) :]
 
 
-def length_of(way: FloatArray) -> float:
+def path_length(way: FloatArray) -> float:
     """Return the length of a path (N, 2) [m]."""
     return float(np.hypot(*np.diff(way, axis=0).T).sum()) if len(way) > 1 else 0.0
 
@@ -48,7 +48,7 @@ def next_turn(way: FloatArray) -> tuple[float, str] | None:
     steps, lengths = steps[lengths > 1e-6], lengths[lengths > 1e-6]
     headings, at = np.arctan2(steps[:, 1], steps[:, 0]), np.concatenate([[0.0], np.cumsum(lengths)[:-1]])
     for k in range(len(headings)):
-        if at[k] > _SOON:
+        if at[k] > _MENTIONED_M:
             return None
         near = np.flatnonzero((at > at[k]) & (at <= at[k] + _WITHIN))
         turns = np.array([wrap_angle(headings[j] - headings[k]) for j in near])
@@ -59,15 +59,15 @@ def next_turn(way: FloatArray) -> tuple[float, str] | None:
 
 def driving_sentence(goal: str, way: FloatArray, pose: Pose2) -> str:
     """Return a sentence about the next turn and the distance left on the path (N, 2) [m] to a goal."""
-    ahead = way_ahead(way, pose)
-    left = length_of(ahead)
+    ahead = path_ahead(way, pose)
+    left = path_length(ahead)
     if len(ahead) < 2:
         return f"Drives to {goal}."
     turn = next_turn(ahead)
     if turn is None:
         return f"Goes straight on; {_metres(left)} to {goal}."
     away, side = turn
-    if away < _HERE:
+    if away < _NOW_M:
         return f"Turns {side}; {_metres(left)} to {goal}."
     return f"Goes on, and in {_metres(away)} turns {side}; {_metres(left)} to {goal}."
 

@@ -79,9 +79,9 @@ def state_of_map(live: LiveMapping, base_from_camera: Pose3 | None, features: st
     """Return the state of a settled mapping; `features` names the pictures' feature detector."""
     mapper = live.mapper
     numbers = sorted(mapper.key_frames + [frame for latest in mapper.covered_frames for frame in latest])
-    scans = [KeptScan(*live.scans.hung(number)) for number in numbers]
+    scans = [KeptScan(*live.scans.attached(number)) for number in numbers]
     of_frame = dict(zip(numbers, scans, strict=True))
-    pictures = tuple(KeptPicture(*hung) for hung in live.depth.hung())
+    pictures = tuple(KeptPicture(*hung) for hung in live.depth.kept_images())
     camera = None if base_from_camera is None else (base_from_camera.rotation, base_from_camera.translation)
     return MapState(
         mapper.for_next_drive(_renewed(mapper, of_frame)),
@@ -170,9 +170,9 @@ def check_sensors(
         )
 
 
-def go_on(live: LiveMapping, state: MapState) -> OccupancyGrid:
+def continue_map(live: LiveMapping, state: MapState) -> OccupancyGrid:
     """Let a new mapping continue an earlier map; return the grid of its scans. The mapping takes over the state."""
-    live.go_on(state.mapper, state.sessions)
+    live.continue_map(state.mapper, state.sessions)
     for number, kept in enumerate(state.scans):
         live.scans.begin(kept.session)
         first, last = kept.key_from_laser
@@ -180,14 +180,14 @@ def go_on(live: LiveMapping, state: MapState) -> OccupancyGrid:
     live.scans.begin(state.sessions)
     for picture in state.pictures:
         live.depth.assembly.begin(picture.session)
-        live.depth.hang(picture.told, picture.key, picture.key_from_base)
+        live.depth.anchor(picture.told, picture.key, picture.key_from_base)
     live.depth.assembly.begin(state.sessions)
-    live.scans.bend(live.mapper.keys.poses, np.zeros(2))
+    live.scans.move_nodes(live.mapper.keys.poses, np.zeros(2))
     live.scans.settle()
     return live.scans.grid()
 
 
-class Meeting:
+class DriveJoiner:
     """Joins a drive to the map of earlier ones by scans alone, and notes whether the two graphs are connected.
 
     The localiser searches for the chair on the saved grid (`slam.localiser`), as after switching on. Its poses become
@@ -238,12 +238,12 @@ def beginning(
     Raises:
         SessionError: the drive is nowhere recognised on the map.
     """
-    known, meeting = len(mapper.keys), Meeting(grid, mapper)
+    known, joiner = len(mapper.keys), DriveJoiner(grid, mapper)
     for frame in frames:
         mapper.process(frame)
         follow(mapper, frame)
-        meeting.follow(mapper, frame)
-        if meeting.joined:
+        joiner.follow(mapper, frame)
+        if joiner.joined:
             break
     else:
         raise SessionError(
@@ -259,7 +259,7 @@ def beginning(
 
 
 @contextmanager
-def written_aside(folder: Path, like: Path) -> Iterator[Path]:
+def replaced_folder(folder: Path, like: Path) -> Iterator[Path]:
     """Yield a copy of `like` that replaces `folder` when the block ends without an error, and is removed otherwise.
 
     So a failed join leaves the existing map as it was.

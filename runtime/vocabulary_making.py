@@ -22,7 +22,7 @@ SUFFIXES = frozenset({".jpg", ".jpeg", ".png", ".bmp", ".tif", ".tiff", ".webp"}
 
 
 @dataclass(frozen=True, slots=True)
-class VocabularyMaking(Settings):
+class VocabularyMakingSettings(Settings):
     """Settings of the training: features, clustering, and the recording's input."""
 
     features: FeatureSettings = field(default_factory=lambda: FeatureSettings(detector="orb"))
@@ -31,7 +31,7 @@ class VocabularyMaking(Settings):
 
 
 @dataclass(frozen=True, slots=True)
-class MadeVocabulary:
+class TrainingCounts:
     """Counts of a training: pictures read, pictures without features, unreadable files, descriptors and words."""
 
     pictures: int
@@ -43,8 +43,8 @@ class MadeVocabulary:
 
 
 def make_vocabulary(
-    source: Path, out: Path, settings: VocabularyMaking, progress: Callable[[str], Callable[[float], None]]
-) -> MadeVocabulary:
+    source: Path, out: Path, settings: VocabularyMakingSettings, progress: Callable[[str], Callable[[float], None]]
+) -> TrainingCounts:
     """Read the pictures of `source`, cluster their descriptors, and write the vocabulary to `out`.
 
     Raises:
@@ -76,7 +76,7 @@ def make_vocabulary(
     together = np.concatenate(found)
     words = train(together, settings.training, progress("clusters"))
     save(out, words, settings.features)
-    return MadeVocabulary(read, blank, unreadable, len(together), len(words), warnings)
+    return TrainingCounts(read, blank, unreadable, len(together), len(words), warnings)
 
 
 def picture_files(folder: Path) -> list[Path]:

@@ -11,10 +11,10 @@ from pathlib import Path
 from waychair.control.stops import STOPS, Severity
 from waychair.control.supervisor import DRIVEN
 from waychair.errors import BoxError
-from waychair.runtime.black_box_events import Event, Gravity
-from waychair.runtime.black_box_file import BoardIdentity, Halted, Log, Tick
-from waychair.runtime.black_box_store import PARTS, RING, Part, cut_off, is_written, parts_of, segment_files
-from waychair.runtime.why_evidence import Scene, evidence, look_at, remedy_of
+from waychair.runtime.black_box_events import BlackBoxEvent, Gravity
+from waychair.runtime.black_box_file import BoardIdentity, Log, LoggedHalt, Tick
+from waychair.runtime.black_box_store import PARTS, RING, Part, is_written, parts_of, segment_files, unfinished_log
+from waychair.runtime.why_evidence import LogCursor, evidence, look_at, remedy_of
 from waychair.types import DriveMode, Pose2
 
 _STANDS, _TURNS = 0.03, 0.06
@@ -43,16 +43,16 @@ class Explanation:
 
 
 @dataclass(frozen=True, slots=True)
-class Stop:
+class LoggedStop:
     """The events and the log of one stop; `part` None for a killed run that no later run has kept yet."""
 
-    events: tuple[Event, ...]
+    events: tuple[BlackBoxEvent, ...]
     log: Log
     folder: Path
     part: Part | None = None
 
 
-def last_stops(box: Path, count: int = 1) -> list[Stop]:
+def last_stops(box: Path, count: int = 1) -> list[LoggedStop]:
     """Return the latest stops in a box, the latest first.
 
     Raises:
@@ -67,7 +67,7 @@ def last_stops(box: Path, count: int = 1) -> list[Stop]:
         if len(stops) >= count:
             break
         try:
-            stops.append(Stop(part.events, _not_empty(part.log(), part.folder), part.folder, part))
+            stops.append(LoggedStop(part.events, _not_empty(part.log(), part.folder), part.folder, part))
         except BoxError as error:
             problems.append(str(error))
     if stops:
@@ -79,15 +79,15 @@ def last_stops(box: Path, count: int = 1) -> list[Stop]:
     raise BoxError(f"nothing has stopped the chair so far by the black box {box}")
 
 
-def _loose_end(box: Path) -> list[Stop]:
+def _loose_end(box: Path) -> list[LoggedStop]:
     """Return the end of a killed run that no later run has kept yet."""
     if is_written(box):
         return []
-    left = cut_off(box, _BACK_S)
+    left = unfinished_log(box, _BACK_S)
     if left is None:
         return []
     event, log = left[0], left[1]
-    return [Stop((event,), log.between(event.stamp_ns - round(_BACK_S * 1e9), event.stamp_ns), box / RING)]
+    return [LoggedStop((event,), log.between(event.stamp_ns - round(_BACK_S * 1e9), event.stamp_ns), box / RING)]
 
 
 def _not_empty(log: Log, folder: Path) -> Log:
@@ -96,7 +96,7 @@ def _not_empty(log: Log, folder: Path) -> Log:
     return log
 
 
-def explain(stop: Stop) -> Explanation:
+def explain(stop: LoggedStop) -> Explanation:
     """Return the explanation of a stop, in the order of events."""
     log, worst = stop.log, _worst(stop.events)
     at = _index(log, stop.events[0])
@@ -104,7 +104,7 @@ def explain(stop: Stop) -> Explanation:
     first = _first(stop.events[0], log, at, begun)
     reasons = dict.fromkeys([first.id, *(event.id for event in stop.events)])
     shown = dict.fromkeys(
-        sentence for name in reasons for sentence in evidence(_scene(log, stop.events, name, at), name)
+        sentence for name in reasons for sentence in evidence(_cursor_at(log, stop.events, name, at), name)
     )
     tick = log.moments[at].tick
     return Explanation(
@@ -141,21 +141,21 @@ def sentences(explanation: Explanation) -> list[str]:
     return lines
 
 
-def _worst(events: tuple[Event, ...]) -> Event:
+def _worst(events: tuple[BlackBoxEvent, ...]) -> BlackBoxEvent:
     """Return the first of the gravest events."""
     return max(events, key=lambda event: list(Gravity).index(event.gravity))
 
 
-def _index(log: Log, event: Event) -> int:
+def _index(log: Log, event: BlackBoxEvent) -> int:
     """Return the index of an event's tick."""
     gaps = [abs(tick.stamp_ns - event.stamp_ns) for tick in log.ticks]
     return gaps.index(min(gaps))
 
 
-def _scene(log: Log, events: tuple[Event, ...], name: str, at: int) -> Scene:
+def _cursor_at(log: Log, events: tuple[BlackBoxEvent, ...], name: str, at: int) -> LogCursor:
     """Return the log at the tick of a reason's event."""
     event = next((event for event in events if event.id == name), None)
-    return Scene(log, at if event is None else _index(log, event))
+    return LogCursor(log, at if event is None else _index(log, event))
 
 
 def _onset(log: Log, at: int) -> int:
@@ -170,18 +170,18 @@ def _held_up(tick: Tick) -> bool:
     return tick.mode in DRIVEN and any(_counts(halted) for halted in tick.halts)
 
 
-def _counts(halted: Halted) -> bool:
+def _counts(halted: LoggedHalt) -> bool:
     stop = STOPS.get(halted.id)
     return stop is not None and stop.severity >= Severity.PAUSES
 
 
-def _first(event: Event, log: Log, at: int, begun: int) -> Halted:
+def _first(event: BlackBoxEvent, log: Log, at: int, begun: int) -> LoggedHalt:
     """Return the first cause: the halt that had held the drive up before the event, or the event itself."""
     halts = [halted for halted in log.moments[begun].tick.halts if _counts(halted)] if begun < at else []
-    return halts[0] if halts else Halted(event.id, event.text)
+    return halts[0] if halts else LoggedHalt(event.id, event.text)
 
 
-def _told_first(first: Halted, log: Log, begun: int, worst: Event) -> str:
+def _told_first(first: LoggedHalt, log: Log, begun: int, worst: BlackBoxEvent) -> str:
     before_s = (worst.stamp_ns - log.moments[begun].tick.stamp_ns) * 1e-9
     earlier = f", {before_s:.1f} s earlier" if before_s >= 0.1 else ""
     sentence = STOPS[first.id].sentence if first.id in STOPS else first.text.partition(": ")[0]
@@ -199,7 +199,7 @@ def _doing(log: Log, index: int, at: int) -> str:
         moves = "turning on the spot" if abs(tick.twist.omega) > _TURNS else "standing"
     if tick.mode not in DRIVEN:
         who = "Stop had been pressed" if tick.mode is DriveMode.STOPPED else "the computer did not drive"
-        asked = max((k for k, told in log.told if told.what == "go" and k <= at), default=None)
+        asked = max((k for k, told in log.requests if told.what == "go" and k <= at), default=None)
         if asked is not None and not any(moment.tick.mode in DRIVEN for moment in log.moments[asked:at]):
             who = f"it was to set off to {_goal(log, at)}"
         return f"{who}; the chair was {moves} {where}"
@@ -210,7 +210,7 @@ def _doing(log: Log, index: int, at: int) -> str:
 def _goal(log: Log, index: int) -> str:
     """Return the goal's name or pose, with its straight-line distance."""
     tick = log.moments[index].tick
-    asked = [told.goals for k, told in log.told if told.what == "go" and k <= index]
+    asked = [told.goals for k, told in log.requests if told.what == "go" and k <= index]
     goals = asked[-1] if asked else ()
     left = tick.goals or len(goals)  # 0 after a drive that has just failed
     target = goals[len(goals) - left].target if 0 < left <= len(goals) else tick.goal
@@ -232,7 +232,7 @@ def _place_at(log: Log, pose: Pose2) -> str:
     return min(names, key=names.__getitem__, default=f"{pose.x:.2f}, {pose.y:.2f}")
 
 
-def _followed(stop: Stop, at: int, first: Halted) -> list[str]:
+def _followed(stop: LoggedStop, at: int, first: LoggedHalt) -> list[str]:
     """Return the events after the first one until the next drive, each with its delay [s]."""
     log, began_ns = stop.log, stop.log.moments[at].tick.stamp_ns
     ticks = _until_next_drive(log.ticks[max(at - 1, 0) :])
@@ -240,7 +240,7 @@ def _followed(stop: Stop, at: int, first: Halted) -> list[str]:
     told = [(event.stamp_ns, event.text) for event in stop.events if event.id != first.id]
     told += [
         (after[k - at].stamp_ns, f"somebody asked for: {each.what}")
-        for k, each in log.told
+        for k, each in log.requests
         if at < k < at + len(after) and each.what != "confirm"
     ]
     told += [*_released(after), *_came_to_rest(after), *_over(ticks)]

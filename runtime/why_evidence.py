@@ -26,7 +26,7 @@ _A_MOMENT_NS = 500_000_000
 
 
 @dataclass(frozen=True, slots=True)
-class Scene:
+class LogCursor:
     """A log with the index of one of its ticks."""
 
     log: Log
@@ -68,19 +68,19 @@ class Scene:
             return default
 
 
-def evidence(scene: Scene, stop_id: str) -> tuple[str, ...]:
+def evidence(cursor: LogCursor, stop_id: str) -> tuple[str, ...]:
     """Return the sentences of evidence for a reason."""
     name = "board" if stop_id.startswith("board_") else stop_id
-    return tuple(sentence for sentence in _SHOWN.get(name, _nothing)(scene) if sentence)
+    return tuple(sentence for sentence in _SHOWN.get(name, _nothing)(cursor) if sentence)
 
 
-def nearest_obstacle(scene: Scene) -> str:
+def nearest_obstacle(cursor: LogCursor) -> str:
     """Return a sentence about the nearest point of the last scan in the driving direction, or else anywhere."""
-    scan, tick = scene.latest(Scan), scene.tick
+    scan, tick = cursor.latest(Scan), cursor.tick
     if scan is None:
         return ""
-    calibration = scene.calibration()
-    body, seen = calibration.body, calibration.seen(scan)
+    calibration = cursor.calibration()
+    body, seen = calibration.body, calibration.masked(scan)
     told = valid_beams(seen, np.zeros(len(seen.ranges), np.bool_))
     points = points_now(seen, told, body, tick.twist, tick.stamp_ns)
     if not len(points):
@@ -107,30 +107,30 @@ def _on_the_way(points: FloatArray, tick: Tick, width: float) -> np.ndarray[Any,
 
 
 def _age(kind: type[Scan | WheelTicks | ImuSample | RgbdFrame | ChairStatus], what: str) -> _Shown:
-    def shown(scene: Scene) -> tuple[str, ...]:
-        message = scene.latest(kind)
+    def shown(cursor: LogCursor) -> tuple[str, ...]:
+        message = cursor.latest(kind)
         if message is None:
             return (f"no {what} is in the log",)
-        return (f"the last {what} was {(scene.tick.stamp_ns - message.stamp_ns) * 1e-9:.2f} s old",)
+        return (f"the last {what} was {(cursor.tick.stamp_ns - message.stamp_ns) * 1e-9:.2f} s old",)
 
     return shown
 
 
-def _nothing(scene: Scene) -> tuple[str, ...]:
+def _nothing(cursor: LogCursor) -> tuple[str, ...]:
     return ()
 
 
-def _coverage(scene: Scene) -> tuple[str, ...]:
-    scan = scene.latest(Scan)
+def _coverage(cursor: LogCursor) -> tuple[str, ...]:
+    scan = cursor.latest(Scan)
     if scan is None or not len(scan.ranges):
         return ("no scan is in the log",)
     return (f"{100 * np.isfinite(scan.ranges).mean():.0f} % of the last scan's beams measured something",)
 
 
-def _repeated(scene: Scene) -> tuple[str, ...]:
+def _repeated(cursor: LogCursor) -> tuple[str, ...]:
     scans = [
         message
-        for moment in scene.log.moments[: scene.index + 1]
+        for moment in cursor.log.moments[: cursor.index + 1]
         for message in moment.heard
         if isinstance(message, Scan)
     ]
@@ -142,13 +142,13 @@ def _repeated(scene: Scene) -> tuple[str, ...]:
     return (f"the last {same + 1} scans were the same to the last bit",)
 
 
-def _obstacle(scene: Scene) -> tuple[str, ...]:
-    tick = scene.tick
-    return nearest_obstacle(scene), f"it was to drive at {tick.asked.v:.2f} m/s and did {tick.twist.v:.2f} m/s"
+def _obstacle(cursor: LogCursor) -> tuple[str, ...]:
+    tick = cursor.tick
+    return nearest_obstacle(cursor), f"it was to drive at {tick.asked.v:.2f} m/s and did {tick.twist.v:.2f} m/s"
 
 
-def _place(scene: Scene) -> tuple[str, ...]:
-    located = scene.tick.located
+def _place(cursor: LogCursor) -> tuple[str, ...]:
+    located = cursor.tick.located
     if located is None:
         return ("the localiser had said nothing yet",)
     away = math.hypot(located.remaining.x, located.remaining.y)
@@ -159,44 +159,44 @@ def _place(scene: Scene) -> tuple[str, ...]:
     )
 
 
-def _stick(scene: Scene) -> tuple[str, ...]:
-    sticks = [tick.telemetry.joystick for tick in scene.recent() if tick.telemetry is not None]
+def _stick(cursor: LogCursor) -> tuple[str, ...]:
+    sticks = [tick.telemetry.joystick for tick in cursor.recent() if tick.telemetry is not None]
     if not sticks:
         return ("the board did not report the joystick",)
     most = max(sticks, key=lambda stick: max(abs(stick.forward), abs(stick.turn)))
-    limit = scene.setting("supervisor", "override", default=SupervisorSettings().override)
+    limit = cursor.setting("supervisor", "override", default=SupervisorSettings().override)
     way = "forward" if most.forward >= 0 else "back"
     side = "to the left" if most.turn >= 0 else "to the right"
     pushed = f"{abs(most.forward):.2f} {way} and {abs(most.turn):.2f} {side}"
     return (f"the joystick was pushed {pushed} of its whole way; {limit:.2f} takes over",)
 
 
-def _asked_for(scene: Scene) -> tuple[str, ...]:
-    for index, told in reversed(scene.log.told):
-        if told.what == "stop" and index <= scene.index:
-            return (f"Stop came in the tick at {_clock(scene, index)}",)
+def _asked_for(cursor: LogCursor) -> tuple[str, ...]:
+    for index, told in reversed(cursor.log.requests):
+        if told.what == "stop" and index <= cursor.index:
+            return (f"Stop came in the tick at {_clock(cursor, index)}",)
     return ()
 
 
-def _clock(scene: Scene, index: int) -> str:
-    seconds = (scene.log.moments[index].tick.stamp_ns - scene.tick.stamp_ns) * 1e-9
+def _clock(cursor: LogCursor, index: int) -> str:
+    seconds = (cursor.log.moments[index].tick.stamp_ns - cursor.tick.stamp_ns) * 1e-9
     return "that moment" if abs(seconds) < 0.06 else f"{seconds:+.2f} s"
 
 
-def _disobeys(scene: Scene) -> tuple[str, ...]:
-    tick = scene.tick
+def _disobeys(cursor: LogCursor) -> tuple[str, ...]:
+    tick = cursor.tick
     told, moved = (f"{each.v:.2f} m/s and {each.omega:.2f} rad/s" for each in (tick.command or tick.asked, tick.twist))
     return (f"it was told {told}, and moved by {moved}",)
 
 
-def _board(scene: Scene) -> tuple[str, ...]:
+def _board(cursor: LogCursor) -> tuple[str, ...]:
     """Return the board's last report, and the line voltages beside those that were sent."""
-    ticks = scene.log.ticks[: scene.index + 1]
+    ticks = cursor.log.ticks[: cursor.index + 1]
     reported = next((tick for tick in reversed(ticks) if tick.telemetry is not None), None)
     if reported is None or reported.telemetry is None:
         return ("the board has reported nothing in this log",)
     telemetry, sent = reported.telemetry, reported.sent
-    age_s = (scene.tick.stamp_ns - telemetry.stamp_ns) * 1e-9
+    age_s = (cursor.tick.stamp_ns - telemetry.stamp_ns) * 1e-9
     faults = f", with {', '.join(telemetry.faults)}" if telemetry.faults else ""
     read, told = (f"{each.forward_volts:.2f} V and {each.turn_volts:.2f} V" for each in (telemetry, sent))
     return (
@@ -205,10 +205,10 @@ def _board(scene: Scene) -> tuple[str, ...]:
     )
 
 
-def _lean(scene: Scene) -> tuple[str, ...]:
+def _lean(cursor: LogCursor) -> tuple[str, ...]:
     samples = [
         message.accel
-        for moment in scene.log.moments[max(0, scene.index - 9) : scene.index + 1]
+        for moment in cursor.log.moments[max(0, cursor.index - 9) : cursor.index + 1]
         for message in moment.heard
         if isinstance(message, ImuSample)
     ]
@@ -218,8 +218,8 @@ def _lean(scene: Scene) -> tuple[str, ...]:
     return (f"the IMU's mean over half a second leans by {math.degrees(math.atan2(math.hypot(x, y), z)):.0f} degrees",)
 
 
-def _contacts(scene: Scene) -> tuple[str, ...]:
-    moments = scene.log.moments[: scene.index + 1]
+def _contacts(cursor: LogCursor) -> tuple[str, ...]:
+    moments = cursor.log.moments[: cursor.index + 1]
     said = [message for moment in moments for message in moment.heard if isinstance(message, ChairStatus)]
     if not said:
         return ("the chair's contacts have said nothing in this log",)
@@ -232,38 +232,38 @@ def _contacts(scene: Scene) -> tuple[str, ...]:
     return (f"somebody seated: {words[seated]}; charger connected: {words[charging]}; battery: {charge}",)
 
 
-def _given_up(scene: Scene) -> tuple[str, ...]:
+def _given_up(cursor: LogCursor) -> tuple[str, ...]:
     """Return the waiting time, the number of plans, and the nearest obstacle."""
     waits = {Stage.WAITING.value, Stage.FAILED.value}
-    since = scene.index
-    while since > 0 and scene.log.moments[since - 1].tick.stage in waits:
+    since = cursor.index
+    while since > 0 and cursor.log.moments[since - 1].tick.stage in waits:
         since -= 1
-    waited_s = (scene.tick.stamp_ns - scene.log.moments[since].tick.stamp_ns) * 1e-9
-    plans = scene.tick.plans
+    waited_s = (cursor.tick.stamp_ns - cursor.log.moments[since].tick.stamp_ns) * 1e-9
+    plans = cursor.tick.plans
     return (
         f"it had waited for {waited_s:.1f} s" if waited_s > 0.1 else "",
         f"it had made {plans} plan{'s' if plans != 1 else ''} of a way",
-        nearest_obstacle(scene),
+        nearest_obstacle(cursor),
     )
 
 
-def _silent_monitor(scene: Scene) -> tuple[str, ...]:
-    since = scene.index
-    while since > 0 and any(h.id == "monitor_silent" for h in scene.log.moments[since - 1].tick.halts):
+def _silent_monitor(cursor: LogCursor) -> tuple[str, ...]:
+    since = cursor.index
+    while since > 0 and any(h.id == "monitor_silent" for h in cursor.log.moments[since - 1].tick.halts):
         since -= 1
-    seconds = (scene.tick.stamp_ns - scene.log.moments[since].tick.stamp_ns) * 1e-9
+    seconds = (cursor.tick.stamp_ns - cursor.log.moments[since].tick.stamp_ns) * 1e-9
     return (f"it had been missed for {seconds:.1f} s more than it may be",)
 
 
-def _last_tick(scene: Scene) -> tuple[str, ...]:
-    tick = scene.tick
+def _last_tick(cursor: LogCursor) -> tuple[str, ...]:
+    tick = cursor.tick
     moves = abs(tick.twist.v) > 0.02 or abs(tick.twist.omega) > 0.05
     drives = tick.mode in DRIVEN and tick.sent.active
     motion, holder = "moved" if moves else "stood", "computer" if drives else "rider"
     return (f"in the last tick of the log the chair {motion}, and the {holder} had the lines",)
 
 
-_Shown = Callable[[Scene], tuple[str, ...]]
+_Shown = Callable[[LogCursor], tuple[str, ...]]
 
 _SHOWN: Mapping[str, _Shown] = MappingProxyType(
     {

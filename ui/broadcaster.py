@@ -191,7 +191,7 @@ class Broadcaster:
         await asyncio.get_running_loop().run_in_executor(self._watches, self.port.watched, self.there())
 
 
-class Desk:
+class CommandRunner:
     """Runs one page's commands in order; Stop runs at once, and of joystick positions only the newest counts."""
 
     def __init__(self, broadcaster: Broadcaster, page: OpenPage) -> None:

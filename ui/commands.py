@@ -37,36 +37,36 @@ Tolerance = Annotated[float, msgspec.Meta(gt=0.0, le=5.0)]
 Speed = Annotated[float, msgspec.Meta(ge=SLOWEST, le=5.0)]
 
 
-class _Asked(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
+class _Arguments(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
     """Base of the arguments of commands."""
 
 
-class _Nothing(_Asked, frozen=True):
+class _NoArguments(_Arguments, frozen=True):
     pass
 
 
-class _Going(_Asked, frozen=True):
+class _GoArguments(_Arguments, frozen=True):
     place: str = ""
     pose: tuple[Metres, Metres, Angle] | None = None
 
 
-class _Confirmed(_Asked, frozen=True):
+class _ConfirmArguments(_Arguments, frozen=True):
     goal: str = ""
 
 
-class _Stick(_Asked, frozen=True):
+class _SteerArguments(_Arguments, frozen=True):
     forward: Axis
     turn: Axis
 
 
-class _Here(_Asked, frozen=True):
+class _PlaceHereArguments(_Arguments, frozen=True):
     name: NewName
     tolerance_m: Tolerance
     tolerance_rad: Tolerance
     replaces: bool = False
 
 
-class _Placed(_Asked, frozen=True):
+class _PlaceArguments(_Arguments, frozen=True):
     name: NewName
     pose: tuple[Metres, Metres, Angle]
     tolerance_m: Tolerance
@@ -74,15 +74,15 @@ class _Placed(_Asked, frozen=True):
     replaces: bool = False
 
 
-class _Named(_Asked, frozen=True):
+class _NameArguments(_Arguments, frozen=True):
     name: str
 
 
-class _Renamed(_Named, frozen=True):
+class _RenameArguments(_NameArguments, frozen=True):
     new_name: NewName
 
 
-class _Drawn(_Asked, frozen=True):
+class _ZoneArguments(_Arguments, frozen=True):
     name: NewName
     rule: Rule
     polygon: Corners
@@ -91,11 +91,11 @@ class _Drawn(_Asked, frozen=True):
     replaces: bool = False
 
 
-class _Erased(_Asked, frozen=True):
+class _EraseArguments(_Arguments, frozen=True):
     polygon: Corners
 
 
-class _Found(_Asked, frozen=True):
+class _RelocaliseArguments(_Arguments, frozen=True):
     pose: tuple[Metres, Metres, Angle] | None = None
 
 
@@ -104,18 +104,18 @@ def _pose(values: tuple[float, float, float]) -> Pose2:
     return Pose2(x, y, wrap_angle(theta))
 
 
-def _go(port: ChairPort, asked: _Going) -> Answer:
+def _go(port: ChairPort, asked: _GoArguments) -> Answer:
     if bool(asked.place) == (asked.pose is not None):
         return Answer(False, "a drive leads to a place or to a point: choose one")
     return port.go(asked.place if asked.pose is None else _pose(asked.pose))
 
 
-def _set_place(port: ChairPort, asked: _Placed) -> Answer:
+def _set_place(port: ChairPort, asked: _PlaceArguments) -> Answer:
     place = Place(asked.name, _pose(asked.pose), asked.tolerance_m, asked.tolerance_rad)
     return port.set_place(place, asked.replaces)
 
 
-def _set_zone(port: ChairPort, asked: _Drawn) -> Answer:
+def _set_zone(port: ChairPort, asked: _ZoneArguments) -> Answer:
     value = {Rule.KEEP_OUT: 0.0, Rule.SLOW: asked.speed, Rule.ONE_WAY: wrap_angle(asked.heading)}[asked.rule]
     polygon = np.array(asked.polygon, np.float64)
     x, y = (polygon - polygon[0]).T
@@ -126,31 +126,33 @@ def _set_zone(port: ChairPort, asked: _Drawn) -> Answer:
 
 @dataclass(frozen=True, slots=True)
 class _Command:
-    asked: type[_Asked]
+    asked: type[_Arguments]
     call: Callable[[ChairPort, Any], Answer]
 
 
 COMMANDS: Mapping[str, _Command] = {
-    STOP: _Command(_Nothing, lambda port, _: port.stop()),
-    "steer": _Command(_Stick, lambda port, asked: port.steer(asked.forward, asked.turn)),
-    RELEASE: _Command(_Nothing, lambda port, _: port.release()),
-    "go": _Command(_Going, _go),
-    "confirm": _Command(_Confirmed, lambda port, asked: port.confirm(asked.goal)),
-    "pause": _Command(_Nothing, lambda port, _: port.pause()),
-    "go_on": _Command(_Nothing, lambda port, _: port.go_on()),
-    "cancel": _Command(_Nothing, lambda port, _: port.cancel()),
-    "reset": _Command(_Nothing, lambda port, _: port.reset()),
+    STOP: _Command(_NoArguments, lambda port, _: port.stop()),
+    "steer": _Command(_SteerArguments, lambda port, asked: port.steer(asked.forward, asked.turn)),
+    RELEASE: _Command(_NoArguments, lambda port, _: port.release()),
+    "go": _Command(_GoArguments, _go),
+    "confirm": _Command(_ConfirmArguments, lambda port, asked: port.confirm(asked.goal)),
+    "pause": _Command(_NoArguments, lambda port, _: port.pause()),
+    "go_on": _Command(_NoArguments, lambda port, _: port.go_on()),
+    "cancel": _Command(_NoArguments, lambda port, _: port.cancel()),
+    "reset": _Command(_NoArguments, lambda port, _: port.reset()),
     "place_here": _Command(
-        _Here, lambda port, at: port.place_here(at.name, at.tolerance_m, at.tolerance_rad, at.replaces)
+        _PlaceHereArguments, lambda port, at: port.place_here(at.name, at.tolerance_m, at.tolerance_rad, at.replaces)
     ),
-    "set_place": _Command(_Placed, _set_place),
-    "rename_place": _Command(_Renamed, lambda port, asked: port.rename_place(asked.name, asked.new_name)),
-    "remove_place": _Command(_Named, lambda port, asked: port.remove_place(asked.name)),
-    "set_zone": _Command(_Drawn, _set_zone),
-    "remove_zone": _Command(_Named, lambda port, asked: port.remove_zone(asked.name)),
-    "erase": _Command(_Erased, lambda port, asked: port.erase(np.array(asked.polygon, np.float64))),
-    "undo": _Command(_Nothing, lambda port, _: port.undo()),
-    "relocalise": _Command(_Found, lambda port, at: port.relocalise(None if at.pose is None else _pose(at.pose))),
+    "set_place": _Command(_PlaceArguments, _set_place),
+    "rename_place": _Command(_RenameArguments, lambda port, asked: port.rename_place(asked.name, asked.new_name)),
+    "remove_place": _Command(_NameArguments, lambda port, asked: port.remove_place(asked.name)),
+    "set_zone": _Command(_ZoneArguments, _set_zone),
+    "remove_zone": _Command(_NameArguments, lambda port, asked: port.remove_zone(asked.name)),
+    "erase": _Command(_EraseArguments, lambda port, asked: port.erase(np.array(asked.polygon, np.float64))),
+    "undo": _Command(_NoArguments, lambda port, _: port.undo()),
+    "relocalise": _Command(
+        _RelocaliseArguments, lambda port, at: port.relocalise(None if at.pose is None else _pose(at.pose))
+    ),
 }
 """Every command by its name on the wire."""
 

@@ -13,10 +13,10 @@ from collections.abc import Awaitable, Callable, MutableMapping, Sequence
 from typing import Any
 from urllib.parse import urlsplit
 
-Message = MutableMapping[str, Any]
-Receive = Callable[[], Awaitable[Message]]
-Send = Callable[[Message], Awaitable[None]]
-AsgiApp = Callable[[Message, Receive, Send], Awaitable[None]]
+AsgiMessage = MutableMapping[str, Any]
+Receive = Callable[[], Awaitable[AsgiMessage]]
+Send = Callable[[AsgiMessage], Awaitable[None]]
+AsgiApp = Callable[[AsgiMessage, Receive, Send], Awaitable[None]]
 
 API = "/api/"
 LIVE = "/api/live"
@@ -55,7 +55,7 @@ def is_host(host: str, names: Sequence[str]) -> bool:
     return True
 
 
-class Guard:
+class RequestGuard:
     """Middleware that refuses foreign requests and adds the security headers to every answer.
 
     `names`: host names of this server besides localhost and its addresses. `local`: only loopback addresses are hosts.
@@ -67,13 +67,13 @@ class Guard:
         self._names = names
         self._local = local
 
-    async def __call__(self, scope: Message, receive: Receive, send: Send) -> None:
+    async def __call__(self, scope: AsgiMessage, receive: Receive, send: Send) -> None:
         """Handle one request or one socket."""
         if scope["type"] not in ("http", "websocket"):
             await self._app(scope, receive, send)
             return
 
-        async def send_guarded(message: Message) -> None:
+        async def send_guarded(message: AsgiMessage) -> None:
             if message["type"] == "http.response.start":
                 headers = [*message.get("headers", ()), *_HEADERS]
                 if all(name != b"cache-control" for name, _ in headers):
@@ -92,7 +92,7 @@ class Guard:
             await send_guarded({"type": "http.response.start", "status": status, "headers": kind})
             await send({"type": "http.response.body", "body": reason.encode()})
 
-    def _refusal(self, scope: Message, headers: dict[str, str]) -> tuple[int, str]:
+    def _refusal(self, scope: AsgiMessage, headers: dict[str, str]) -> tuple[int, str]:
         """Return the status and the sentence of a refusal; status 0 for none."""
         host = headers.get("host", "")
         if not is_host(host, self._names) or (self._local and not _is_loopback(host)):

@@ -25,9 +25,9 @@ import msgspec
 
 from waychair.errors import ConfigError, MissingExtra, OutputError
 from waychair.runtime.chair_port import ChairPort
-from waychair.ui.broadcaster import Broadcaster, Desk, OpenPage
+from waychair.ui.broadcaster import Broadcaster, CommandRunner, OpenPage
 from waychair.ui.commands import COMMANDS, STICK
-from waychair.ui.guard import API, LIVE, Guard, is_token
+from waychair.ui.guard import API, LIVE, RequestGuard, is_token
 from waychair.ui.wire import THEMES
 
 if TYPE_CHECKING:
@@ -90,15 +90,15 @@ def app(port: ChairPort, token: str = "", *, names: Sequence[str] = (), local: b
 
     routes = [
         Route("/", index),
-        Route(API + "grid.png", _Grid(broadcaster).answer),
-        Route(API + "picture.jpg", _Camera(broadcaster).answer),
-        Route(API + "do/{name}", _Commands(broadcaster).answer, methods=["POST"]),
+        Route(API + "grid.png", _GridEndpoint(broadcaster).answer),
+        Route(API + "picture.jpg", _CameraEndpoint(broadcaster).answer),
+        Route(API + "do/{name}", _CommandEndpoint(broadcaster).answer, methods=["POST"]),
         WebSocketRoute(LIVE, live),
         Mount("/static", StaticFiles(directory=STATIC)),
         Mount("/leaflet", StaticFiles(directory=leaflet.BASE_DIR)),
     ]
     pages = FastAPI(routes=routes, docs_url=None, redoc_url=None, openapi_url=None, lifespan=lifespan)
-    pages.add_middleware(Guard, token=token, names=names, local=local)
+    pages.add_middleware(RequestGuard, token=token, names=names, local=local)
     return pages
 
 
@@ -184,7 +184,7 @@ async def _live(page: WebSocket, broadcaster: Broadcaster, token: str) -> None:
             await page.close(UNAUTHORISED, "nobody said who is there")
         return
     opened = OpenPage(page_id)
-    desk = Desk(broadcaster, opened)
+    desk = CommandRunner(broadcaster, opened)
     broadcaster.join(opened)
     tasks = [
         asyncio.create_task(work) for work in (_hear(page, broadcaster, opened, desk), _tell(page, opened), desk.run())
@@ -202,7 +202,7 @@ async def _live(page: WebSocket, broadcaster: Broadcaster, token: str) -> None:
                 logging.getLogger(__name__).error("a page was dropped", exc_info=task.exception())
 
 
-async def _hear(page: WebSocket, broadcaster: Broadcaster, opened: OpenPage, desk: Desk) -> None:
+async def _hear(page: WebSocket, broadcaster: Broadcaster, opened: OpenPage, desk: CommandRunner) -> None:
     """Take a page's messages until its socket closes or an invalid message comes."""
     while True:
         said = msgspec.json.decode(await page.receive_text(), type=dict[str, object])
@@ -219,7 +219,7 @@ async def _tell(page: WebSocket, opened: OpenPage) -> None:
             await page.send_text(text)
 
 
-class _Grid:
+class _GridEndpoint:
     """The map's picture, with an ETag so that a browser loads it only once."""
 
     def __init__(self, broadcaster: Broadcaster) -> None:
@@ -239,7 +239,7 @@ class _Grid:
         return Response(picture, media_type="image/png", headers=headers)
 
 
-class _Camera:
+class _CameraEndpoint:
     """The camera's latest picture, as JPEG."""
 
     def __init__(self, broadcaster: Broadcaster) -> None:
@@ -255,7 +255,7 @@ class _Camera:
         return Response(picture, media_type="image/jpeg", headers=headers)
 
 
-class _Commands:
+class _CommandEndpoint:
     """A command by POST."""
 
     def __init__(self, broadcaster: Broadcaster) -> None:

@@ -9,7 +9,7 @@ import numpy as np
 
 from waychair.control.stops import STOPS, Severity
 from waychair.maps.zones import Zone
-from waychair.runtime.chair_port import ChairView, Layout
+from waychair.runtime.chair_port import ChairView, LayoutView
 from waychair.types import Bytes, FloatArray, Json, OccupancyGrid, Place, Pose2
 
 MOST_POINTS = 400
@@ -61,7 +61,7 @@ def view_message(view: ChairView, count: int) -> str:
     )
 
 
-def layout_message(layout: Layout) -> str:
+def layout_message(layout: LayoutView) -> str:
     """Return places, zones and whether there is a change to undo, as JSON text."""
     return encoded(
         {

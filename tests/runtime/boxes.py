@@ -11,13 +11,15 @@ from tests.runtime.riding import FAR, Ride
 from waychair.calibration.calibration_file import ChairCalibration
 from waychair.calibration.chair import CHAIR_A
 from waychair.firmware_bridge.protocol import HelloReply
-from waychair.runtime.black_box import About, BlackBox, BlackBoxSettings
+from waychair.runtime.black_box import BlackBox, BlackBoxSettings, LoggedChair
 from waychair.runtime.chair import ChairSettings, ChairState
-from waychair.runtime.drive_base import Message
-from waychair.trials.drive import chair_in
+from waychair.runtime.drive_base import ChairMessage
+from waychair.trials.drive import simulated_chair
 from waychair.types import Goal, Place, Pose2
 
-ABOUT = About(ChairSettings(), ChairCalibration("A", "", CHAIR_A), {"lift": Place("lift", Pose2(10.0, 2.5, 0.0))})
+LOGGED_CHAIR = LoggedChair(
+    ChairSettings(), ChairCalibration("A", "", CHAIR_A), {"lift": Place("lift", Pose2(10.0, 2.5, 0.0))}
+)
 
 
 @dataclass(slots=True)
@@ -25,12 +27,12 @@ class Drive:
     """A `ChairWatcher` that keeps what it is told."""
 
     told_before: dict[int, list[tuple[str, tuple[Goal, ...]]]] = field(default_factory=dict)
-    notes: list[tuple[tuple[Message, ...], ChairState, HelloReply | None]] = field(default_factory=list)
+    notes: list[tuple[tuple[ChairMessage, ...], ChairState, HelloReply | None]] = field(default_factory=list)
 
-    def told(self, what: str, goals: tuple[Goal, ...] = ()) -> None:
+    def note_request(self, what: str, goals: tuple[Goal, ...] = ()) -> None:
         self.told_before.setdefault(len(self.notes), []).append((what, goals))
 
-    def note(self, heard: tuple[Message, ...], state: ChairState, board: HelloReply | None) -> None:
+    def note_tick(self, heard: tuple[ChairMessage, ...], state: ChairState, board: HelloReply | None) -> None:
         self.notes.append((heard, state, board))
 
     def without_first(self, count: int) -> Drive:
@@ -42,9 +44,9 @@ class Drive:
         """All of it to a black box, no faster than it can take it."""
         for index, (heard, state, board) in enumerate(self.notes):
             for what, goals in self.told_before.get(index, ()):
-                box.told(what, goals)
+                box.note_request(what, goals)
             wait_for(box)
-            box.note(heard, replace(state, stamp_ns=state.stamp_ns + later_ns), board)
+            box.note_tick(heard, replace(state, stamp_ns=state.stamp_ns + later_ns), board)
 
 
 def wait_for(box: BlackBox, most: int = 50) -> None:
@@ -56,14 +58,14 @@ def wait_for(box: BlackBox, most: int = 50) -> None:
 def driven(script: Callable[[Ride], None], ride: Ride | None = None) -> Drive:
     """The drive that a script makes in the hall; FAR is the place 'lift'."""
     ride, drive = ride or Ride(), Drive()
-    with chair_in(ride.setting, ride.simulator, drive) as ride.chair:
+    with simulated_chair(ride.setting, ride.simulator, drive) as ride.chair:
         script(ride)
     return drive
 
 
 def logged(folder: Path, drives: Iterable[Drive], settings: BlackBoxSettings | None = None) -> BlackBox:
     """A box that was told of drives, one after the other, and closed."""
-    with BlackBox(folder, ABOUT, settings) as box:
+    with BlackBox(folder, LOGGED_CHAIR, settings) as box:
         later_ns = 0
         for drive in drives:
             drive.tell(box, later_ns)
@@ -71,4 +73,4 @@ def logged(folder: Path, drives: Iterable[Drive], settings: BlackBoxSettings | N
     return box
 
 
-__all__ = ["ABOUT", "FAR", "Drive", "driven", "logged", "wait_for"]
+__all__ = ["FAR", "LOGGED_CHAIR", "Drive", "driven", "logged", "wait_for"]

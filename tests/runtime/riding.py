@@ -3,31 +3,35 @@
 from __future__ import annotations
 
 from collections.abc import Callable
-from contextlib import ExitStack
+from contextlib import AbstractContextManager, ExitStack
 from dataclasses import replace
 from types import TracebackType
 from typing import Self
+from unittest.mock import patch
 
 import numpy as np
 
 from waychair.calibration.chair import CHAIR_A
 from waychair.calibration.dac import DEFAULT
-from waychair.control.navigator import NavigatorSettings
 from waychair.maps.zones import Zone
-from waychair.planning.motion import DwaSettings
+from waychair.planning import dwa
 from waychair.runtime.chair import Chair, ChairSettings, ChairState
-from waychair.runtime.drive_base import Message
+from waychair.runtime.drive_base import ChairMessage
 from waychair.simulation.lidar import LidarSettings
 from waychair.simulation.scene import Block, PersonPlan, Pit
 from waychair.simulation.simulator import Simulator, SimulatorSettings
 from waychair.simulation.world import World, world_from_grid
-from waychair.trials.drive import Setting, advance_tick, begin, chair_in
+from waychair.trials.drive import DriveSetup, advance_tick, simulated_chair, start_drive
 from waychair.types import DriveMode, Goal, OccupancyGrid, Pose2
 
 START = Pose2(2.0, 2.5, 0.0)
 FAR = Goal(Pose2(10.0, 2.5, 0.0), 0.3, 0.3)
 LIDAR = LidarSettings(beams=240)
-COARSE = NavigatorSettings(dwa=DwaSettings(v_samples=9, omega_samples=11))
+
+
+def coarse_arcs() -> AbstractContextManager[object]:
+    """Try only 99 arcs per tick while this is entered: the drives of these tests need no better ones."""
+    return patch.multiple(dwa, V_SAMPLES=9, OMEGA_SAMPLES=11)
 
 
 def hall(people: tuple[PersonPlan, ...] = (), width: float = 5.0) -> World:
@@ -59,13 +63,14 @@ class Ride:
         simulation = replace(simulation, lidar=LIDAR, plant=replace(simulation.plant, step_ms=10))
         self.simulator = Simulator(world, CHAIR_A, simulation, 0)
         chair = replace(settings or ChairSettings(), navigator=COARSE)
-        self.setting = Setting(world.grid, {}, CHAIR_A, DEFAULT, chair=chair, zones=zones)
-        self.change: Callable[[tuple[Message, ...]], tuple[Message, ...]] = lambda messages: messages
+        self.setup = DriveSetup(world.grid, {}, CHAIR_A, DEFAULT, chair=chair, zones=zones)
+        self.change: Callable[[tuple[ChairMessage, ...]], tuple[ChairMessage, ...]] = lambda messages: messages
         self.states: list[ChairState] = []
         self._stack = ExitStack()
 
     def __enter__(self) -> Self:
-        self.chair: Chair = self._stack.enter_context(chair_in(self.setting, self.simulator))
+        self._stack.enter_context(coarse_arcs())
+        self.chair: Chair = self._stack.enter_context(simulated_chair(self.setup, self.simulator))
         return self
 
     def __exit__(
@@ -82,7 +87,7 @@ class Ride:
 
     def drive(self, ticks: int = 80) -> ChairState:
         """Asked for and confirmed, through the two seconds of rest, and on."""
-        begin(self.simulator, self.chair, FAR)
+        start_drive(self.simulator, self.chair, FAR)
         state = self.tick(ticks)
         assert (state.verdict.mode, state.sent.active) == (DriveMode.AUTONOMOUS, True), state.verdict.reason
         return state

@@ -16,7 +16,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from tests.runtime.boxes import ABOUT, Drive, driven, logged, wait_for
+from tests.runtime.boxes import LOGGED_CHAIR, Drive, driven, logged, wait_for
 from tests.runtime.riding import Ride
 from tests.runtime.test_chair_faults import only
 from waychair.calibration.calibration_file import content_hash, load_calibration
@@ -26,7 +26,7 @@ from waychair.errors import BoxError
 from waychair.firmware_bridge.protocol import FIRMWARE_VERSION, LAYOUT_HASH
 from waychair.runtime import black_box_store
 from waychair.runtime.black_box import BlackBox, BlackBoxSettings
-from waychair.runtime.black_box_events import Watch
+from waychair.runtime.black_box_events import EventDetector
 from waychair.runtime.black_box_file import Moment, read_log, tick_from_state
 from waychair.runtime.black_box_store import is_written, parts_of, segment_files
 from waychair.runtime.chair import ChairSettings
@@ -64,16 +64,16 @@ def test_all_that_was_heard_told_and_done_is_logged_in_order(stopped: Drive, tmp
         assert (tick.map_from_base, tick.command, tick.sent) == (state.map_from_base, state.command, state.sent)
         assert [halted.id for halted in tick.halts] == [halted.stop.id for halted in state.halts]
         assert tick.stage == state.navigation.stage.value
-    assert [told.what for _, told in log.told] == ["go", "confirm"]
+    assert [told.what for _, told in log.requests] == ["go", "confirm"]
     assert log.end is not None
 
 
 def test_a_log_says_whose_it_is(stopped: Drive, tmp_path: Path) -> None:
     logged(tmp_path, [stopped])
     part = parts_of(tmp_path)[-1]
-    assert load(ChairSettings, part.folder / "configuration.yaml") == ABOUT.configuration
-    assert load_calibration(part.folder / "calibration.json") == ABOUT.calibration
-    assert part.calibration_hash == content_hash(ABOUT.calibration)
+    assert load(ChairSettings, part.folder / "configuration.yaml") == LOGGED_CHAIR.configuration
+    assert load_calibration(part.folder / "calibration.json") == LOGGED_CHAIR.calibration
+    assert part.calibration_hash == content_hash(LOGGED_CHAIR.calibration)
     assert part.board["firmware_version"] == FIRMWARE_VERSION
     assert part.board["layout_hash"] == LAYOUT_HASH
     assert part.software
@@ -168,7 +168,7 @@ def test_whoever_hears_of_a_drives_end_later_makes_no_second_end(stopped: Drive)
     lagging = replace(at, navigation=before.navigation)
     late = replace(at, stamp_ns=at.stamp_ns + 30_000_000, verdict=replace(at.verdict, drops_goal=False))
     much_later = replace(late, stamp_ns=at.stamp_ns + 900_000_000)
-    watch = Watch(8.0, 0.5)
+    watch = EventDetector(8.0, 0.5)
     told = [
         [event.id for event in watch.update(Moment(tick_from_state(state, 0)))] for state in (before, lagging, late)
     ]
@@ -213,15 +213,15 @@ def test_a_disk_that_hangs_never_holds_the_chair_up(
 
     monkeypatch.setattr(black_box_store.os, "write", hanging)
     heard, state, board = quiet.notes[0]
-    with BlackBox(tmp_path, ABOUT, BlackBoxSettings(queue_ticks=10)) as box:
+    with BlackBox(tmp_path, LOGGED_CHAIR, BlackBoxSettings(queue_ticks=10)) as box:
         hangs.set()
         for k in range(100):
-            box.note(heard, replace(state, stamp_ns=k * 50_000_000), board)
+            box.note_tick(heard, replace(state, stamp_ns=k * 50_000_000), board)
             time.sleep(0.005)  # so that the thread comes to write
         assert box.lost >= 50
         goes_on.set()
         wait_for(box, 0)
-        box.note(heard, replace(state, stamp_ns=101 * 50_000_000), board)
+        box.note_tick(heard, replace(state, stamp_ns=101 * 50_000_000), board)
     log = read_log(segment_files(tmp_path))
     assert log.lost == box.lost
     assert len(log.ticks) == 101 - box.lost
@@ -242,10 +242,10 @@ def test_a_full_or_broken_disk_ends_the_log_with_one_diagnostic(
 
     written = os.write
     monkeypatch.setattr(black_box_store.os, "write", filling)
-    with caplog.at_level(logging.WARNING), BlackBox(tmp_path, ABOUT) as box:
+    with caplog.at_level(logging.WARNING), BlackBox(tmp_path, LOGGED_CHAIR) as box:
         for _ in range(4):
             quiet.tell(box)
-        box.told("stop")
+        box.note_request("stop")
     assert os.strerror(code) in box.problem
     assert [record.getMessage() for record in caplog.records] == [box.problem]
     log = read_log(segment_files(tmp_path))
@@ -256,10 +256,10 @@ def test_what_was_logged_before_the_disk_was_full_says_why_it_ends(
     quiet: Drive, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     monkeypatch.setattr(black_box_store, "LEAST_FREE", 1 << 62)
-    with pytest.raises(BoxError, match="No space left"), BlackBox(tmp_path, ABOUT):
+    with pytest.raises(BoxError, match="No space left"), BlackBox(tmp_path, LOGGED_CHAIR):
         pass
     monkeypatch.undo()
-    with BlackBox(tmp_path, ABOUT, SHORT) as box:
+    with BlackBox(tmp_path, LOGGED_CHAIR, SHORT) as box:
         quiet.tell(box)
         wait_for(box, 0)
         monkeypatch.setattr(black_box_store, "LEAST_FREE", 1 << 62)
@@ -276,9 +276,9 @@ def test_what_was_logged_before_the_disk_was_full_says_why_it_ends(
 
 
 def test_a_second_program_is_refused_and_a_dead_one_is_not(quiet: Drive, tmp_path: Path) -> None:
-    with BlackBox(tmp_path, ABOUT):
+    with BlackBox(tmp_path, LOGGED_CHAIR):
         assert is_written(tmp_path)
-        with pytest.raises(BoxError, match="another program"), BlackBox(tmp_path, ABOUT):
+        with pytest.raises(BoxError, match="another program"), BlackBox(tmp_path, LOGGED_CHAIR):
             pass
     assert not is_written(tmp_path)
     logged(tmp_path, [quiet])
@@ -286,7 +286,7 @@ def test_a_second_program_is_refused_and_a_dead_one_is_not(quiet: Drive, tmp_pat
 
 def test_a_folder_that_cannot_be_made_is_refused(tmp_path: Path) -> None:
     (tmp_path / "file").write_text("")
-    with pytest.raises(BoxError, match="choose another folder"), BlackBox(tmp_path / "file" / "box", ABOUT):
+    with pytest.raises(BoxError, match="choose another folder"), BlackBox(tmp_path / "file" / "box", LOGGED_CHAIR):
         pass
 
 
@@ -294,14 +294,14 @@ VICTIM = """
 import pickle, sys, time
 from dataclasses import replace
 from pathlib import Path
-from tests.runtime.boxes import ABOUT
+from tests.runtime.boxes import LOGGED_CHAIR
 from waychair.runtime.black_box import BlackBox
 notes = pickle.loads(Path(sys.argv[2]).read_bytes())
-with BlackBox(Path(sys.argv[1]), ABOUT) as box:
+with BlackBox(Path(sys.argv[1]), LOGGED_CHAIR) as box:
     began = time.monotonic()
     for k in range(10**6):
         heard, state, board = notes[k % len(notes)]
-        box.note(heard, replace(state, stamp_ns=k * 50_000_000), board)
+        box.note_tick(heard, replace(state, stamp_ns=k * 50_000_000), board)
         print(k, flush=True)
         time.sleep(0.05)
 """
@@ -341,7 +341,7 @@ def test_after_kill_9_less_than_a_second_is_missing_and_the_next_run_keeps_the_e
 @pytest.fixture
 def loose_end(quiet: Drive, tmp_path: Path) -> Path:
     """A box as a power cut leaves it."""
-    with BlackBox(tmp_path / "whole", ABOUT) as box:
+    with BlackBox(tmp_path / "whole", LOGGED_CHAIR) as box:
         quiet.tell(box)
         wait_for(box, 0)
         ends = time.monotonic() + 20.0
@@ -365,7 +365,7 @@ def test_a_disk_that_is_full_while_a_loose_end_is_kept_is_told_and_the_box_let_g
         raise OSError(errno.ENOSPC, os.strerror(errno.ENOSPC))
 
     monkeypatch.setattr(Path, "write_text", full)
-    with pytest.raises(BoxError, match="No space left"), BlackBox(loose_end, ABOUT):
+    with pytest.raises(BoxError, match="No space left"), BlackBox(loose_end, LOGGED_CHAIR):
         pass
     assert not is_written(loose_end)
     monkeypatch.undo()

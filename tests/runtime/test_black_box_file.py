@@ -14,21 +14,21 @@ from hypothesis import strategies as st
 from waychair.errors import BoxError
 from waychair.runtime.black_box_file import (
     BoardIdentity,
-    End,
-    Halted,
-    Head,
-    Located,
-    Lost,
+    LogEnd,
+    LoggedHalt,
+    LoggedLocalisation,
+    LogHeader,
+    LostTicks,
     Moment,
     Record,
+    RiderRequest,
     Tick,
-    Told,
     encoded,
     read_end,
     read_log,
     records,
 )
-from waychair.runtime.drive_base import Message
+from waychair.runtime.drive_base import ChairMessage
 from waychair.types import (
     ChairStatus,
     DriveMode,
@@ -38,7 +38,7 @@ from waychair.types import (
     Pose2,
     RgbdFrame,
     Scan,
-    Sent,
+    SentCommand,
     SonarReadings,
     Telemetry,
     Twist,
@@ -46,15 +46,15 @@ from waychair.types import (
     WheelTicks,
 )
 
-HEAD = Head(
+HEAD = LogHeader(
     "s1", 7, "0.1.0", "a: 1\n", {"chair_id": "A"}, "cafe", {"lift": Pose2(1.0, 2.0)}, BoardIdentity(256, 9, 1, "A")
 )
 
 
 def tick_at(stamp_ns: int) -> Tick:
-    sent = Sent(stamp_ns, WheelSpeeds(0.1, 0.2), 100, 120, 1.2, 1.3, True, "")
+    sent = SentCommand(stamp_ns, WheelSpeeds(0.1, 0.2), 100, 120, 1.2, 1.3, True, "")
     telemetry = Telemetry(stamp_ns, 1.2, 1.3, JoystickInput(stamp_ns, 0.1, -0.1), ("ESTOP",), "DRIVE", "BOARD", 5)
-    located = Located("ok", 0.9, 0.8, Pose2(1.0, 0.0, 0.1), Pose2(), jumped=False)
+    located = LoggedLocalisation("ok", 0.9, 0.8, Pose2(1.0, 0.0, 0.1), Pose2(), jumped=False)
     return Tick(
         stamp_ns,
         10**18 + stamp_ns,
@@ -65,8 +65,8 @@ def tick_at(stamp_ns: int) -> Tick:
         "",
         1.0,
         False,
-        Halted("obstacle", "something"),
-        (Halted("obstacle", "something"),),
+        LoggedHalt("obstacle", "something"),
+        (LoggedHalt("obstacle", "something"),),
         "driving",
         "",
         Twist(0.6),
@@ -85,7 +85,7 @@ def moment_at(k: int) -> Moment:
     return Moment(tick_at(stamp_ns), (WheelTicks(stamp_ns, k, -k), scan))
 
 
-MESSAGES: tuple[Message, ...] = (
+MESSAGES: tuple[ChairMessage, ...] = (
     WheelTicks(1, -5, 2**31 - 1),
     Scan(2, np.array([1.0, math.inf, -math.inf, math.nan], np.float32), -1.0, 0.5, 0.001, 0.1, 30.0),
     ImuSample(3, np.array([0.1, -0.2, 9.8]), np.array([0.0, 0.0, 0.3])),
@@ -106,8 +106,8 @@ def test_every_message_is_read_back_as_it_was() -> None:
 
 
 def test_the_other_records_are_read_back_as_they_were() -> None:
-    told = Told("go", (Goal("lift"), Goal(Pose2(1.0, 2.0, 0.5), 0.3, 0.2)))
-    others: list[Record] = [HEAD, told, Lost(7), End("the disk is full")]
+    told = RiderRequest("go", (Goal("lift"), Goal(Pose2(1.0, 2.0, 0.5), 0.3, 0.2)))
+    others: list[Record] = [HEAD, told, LostTicks(7), LogEnd("the disk is full")]
     assert list(records(b"".join(map(encoded, others)))) == others
 
 
@@ -151,7 +151,9 @@ def test_a_wrong_byte_costs_one_record_and_no_other(place: int, flip: int) -> No
 
 def test_damage_is_counted(tmp_path: Path) -> None:
     path = tmp_path / "1.log"
-    path.write_bytes(encoded(HEAD) + b"rubbish" + encoded(moment_at(1)) + encoded(Lost(3)) + encoded(moment_at(2))[:-1])
+    path.write_bytes(
+        encoded(HEAD) + b"rubbish" + encoded(moment_at(1)) + encoded(LostTicks(3)) + encoded(moment_at(2))[:-1]
+    )
     log = read_log([path])
     assert len(log.ticks) == 1
     assert log.lost == 3
@@ -161,18 +163,18 @@ def test_damage_is_counted(tmp_path: Path) -> None:
 
 def test_a_log_over_several_files_is_one_and_knows_how_it_ended(tmp_path: Path) -> None:
     first, second = tmp_path / "1.log", tmp_path / "2.log"
-    first.write_bytes(encoded(HEAD) + encoded(moment_at(1)) + encoded(Told("stop")))
-    second.write_bytes(encoded(replace(HEAD, wall_ns=8)) + encoded(moment_at(2)) + encoded(End()))
+    first.write_bytes(encoded(HEAD) + encoded(moment_at(1)) + encoded(RiderRequest("stop")))
+    second.write_bytes(encoded(replace(HEAD, wall_ns=8)) + encoded(moment_at(2)) + encoded(LogEnd()))
     log = read_log([first, second])
     assert [tick.stamp_ns for tick in log.ticks] == [50_000_000, 100_000_000]
-    assert log.told == ((1, Told("stop")),)
+    assert log.requests == ((1, RiderRequest("stop")),)
     assert log.head.wall_ns == 8
-    assert log.end == End()
+    assert log.end == LogEnd()
     assert read_end(first) is None
-    assert read_end(second) == End()
+    assert read_end(second) == LogEnd()
     later = log.between(60_000_000, 200_000_000)
     assert [tick.stamp_ns for tick in later.ticks] == [100_000_000]
-    assert later.told == ((0, Told("stop")),)
+    assert later.requests == ((0, RiderRequest("stop")),)
 
 
 @pytest.mark.parametrize("content", [b"", b"plain text", bytes(5000)])
@@ -191,10 +193,10 @@ def test_a_log_of_another_format_is_refused_with_advice(tmp_path: Path) -> None:
 
 
 def test_a_kind_of_record_that_is_not_known_yet_is_passed_over() -> None:
-    later = bytearray(encoded(End()))
+    later = bytearray(encoded(LogEnd()))
     later[4:5] = b"Z"
     import zlib
 
     payload = bytes(later[13:])
     later[9:13] = zlib.crc32(payload, zlib.crc32(b"Z")).to_bytes(4, "little")
-    assert list(records(encoded(HEAD) + bytes(later) + encoded(Lost(1)))) == [HEAD, Lost(1)]
+    assert list(records(encoded(HEAD) + bytes(later) + encoded(LostTicks(1)))) == [HEAD, LostTicks(1)]

@@ -1,20 +1,20 @@
-"""Parts on the disk: numbered whatever is left there, bounded, and never dropped while they are written."""
+"""PartStore on the disk: numbered whatever is left there, bounded, and never dropped while they are written."""
 
 from __future__ import annotations
 
 from pathlib import Path
 
-from waychair.runtime.black_box_events import Event, Gravity
-from waychair.runtime.black_box_file import Head
-from waychair.runtime.black_box_store import Bounds, Part, Parts, Segment, parts_of
+from waychair.runtime.black_box_events import BlackBoxEvent, Gravity
+from waychair.runtime.black_box_file import LogHeader
+from waychair.runtime.black_box_store import BoxLimits, Part, PartStore, Segment, parts_of
 
-HEAD = Head("0123456789abcdef", 0, "0.1", "", {}, "", {})
+HEAD = LogHeader("0123456789abcdef", 0, "0.1", "", {}, "", {})
 SECOND_NS = 1_000_000_000
 
 
-def opened(parts: Parts, name: str, gravity: Gravity, segment: Segment) -> Part:
+def opened(parts: PartStore, name: str, gravity: Gravity, segment: Segment) -> Part:
     """A part of one event, two seconds into the log."""
-    event = Event(name, f"{name}: do something", gravity, 2 * SECOND_NS, 0)
+    event = BlackBoxEvent(name, f"{name}: do something", gravity, 2 * SECOND_NS, 0)
     return parts.open(event, HEAD, [segment], (0, 30 * SECOND_NS))
 
 
@@ -29,7 +29,7 @@ def names(folder: Path) -> list[str]:
 
 
 def test_a_part_that_is_still_written_is_dropped_when_it_is_closed_and_no_sooner(tmp_path: Path) -> None:
-    segment, parts = segment_in(tmp_path), Parts(tmp_path, Bounds(10, 1_000_000, 2))
+    segment, parts = segment_in(tmp_path), PartStore(tmp_path, BoxLimits(10, 1_000_000, 2))
     parts.close(opened(parts, "first", Gravity.END, segment))
     pause = opened(parts, "pause", Gravity.PAUSE, segment)
     end = opened(parts, "end", Gravity.END, segment)
@@ -44,15 +44,15 @@ def test_a_part_that_is_still_written_is_dropped_when_it_is_closed_and_no_sooner
 
 
 def test_what_an_earlier_run_left_open_is_dropped_like_the_others(tmp_path: Path) -> None:
-    segment, bounds = segment_in(tmp_path), Bounds(10, 1_000_000, 1)
-    opened(Parts(tmp_path, bounds), "left", Gravity.END, segment)
-    parts = Parts(tmp_path, bounds)
+    segment, bounds = segment_in(tmp_path), BoxLimits(10, 1_000_000, 1)
+    opened(PartStore(tmp_path, bounds), "left", Gravity.END, segment)
+    parts = PartStore(tmp_path, bounds)
     parts.close(opened(parts, "new", Gravity.END, segment))
     assert names(tmp_path) == ["0002-new"]
 
 
 def test_folders_that_cannot_be_read_are_counted_and_no_number_is_taken_twice(tmp_path: Path) -> None:
-    segment, parts = segment_in(tmp_path), Parts(tmp_path, Bounds(10, 1_000_000, 5))
+    segment, parts = segment_in(tmp_path), PartStore(tmp_path, BoxLimits(10, 1_000_000, 5))
     for left in ("0001-end", "0002-end", "notes"):
         (tmp_path / "parts" / left).mkdir()
     parts.close(opened(parts, "end", Gravity.END, segment))

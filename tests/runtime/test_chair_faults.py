@@ -17,7 +17,7 @@ from waychair.control.supervisor import SupervisorSettings
 from waychair.firmware_bridge.bridge import BridgeSettings
 from waychair.firmware_bridge.transports import Reconnecting
 from waychair.runtime.chair import Chair, ChairSettings
-from waychair.runtime.drive_base import Message
+from waychair.runtime.drive_base import ChairMessage
 from waychair.simulation.imu import ImuSettings
 from waychair.simulation.scene import Behaviour, PersonPlan
 from waychair.simulation.simulator import SimulatorSettings
@@ -34,7 +34,7 @@ def ride() -> Iterator[Ride]:
         yield ride
 
 
-def only(*kinds: type) -> Callable[[tuple[Message, ...]], tuple[Message, ...]]:
+def only(*kinds: type) -> Callable[[tuple[ChairMessage, ...]], tuple[ChairMessage, ...]]:
     """Messages of these kinds pass, the others are lost."""
     return lambda messages: tuple(message for message in messages if isinstance(message, kinds))
 
@@ -101,10 +101,10 @@ def test_f11_a_scan_that_comes_back_within_half_a_second_lets_the_drive_go_on(ri
     assert ride.speed > 0.2
 
 
-def told(value: float, half_angle: float = math.pi) -> Callable[[tuple[Message, ...]], tuple[Message, ...]]:
+def told(value: float, half_angle: float = math.pi) -> Callable[[tuple[ChairMessage, ...]], tuple[ChairMessage, ...]]:
     """Beams no farther than so much [rad] from straight ahead all read one value."""
 
-    def change(message: Message) -> Message:
+    def change(message: ChairMessage) -> ChairMessage:
         if not isinstance(message, Scan):
             return message
         ahead = np.abs(message.angles()) <= half_angle
@@ -170,9 +170,9 @@ def test_f12_a_lidar_that_repeats_one_scan_ends_the_drive(ride: Ride) -> None:
     ride.drive()
     frozen = None
 
-    def repeated(messages: tuple[Message, ...]) -> tuple[Message, ...]:
+    def repeated(messages: tuple[ChairMessage, ...]) -> tuple[ChairMessage, ...]:
         nonlocal frozen
-        changed: list[Message] = []
+        changed: list[ChairMessage] = []
         for message in messages:
             if isinstance(message, Scan):
                 frozen = frozen if frozen is not None else message.ranges
@@ -286,10 +286,10 @@ def test_f20_a_chair_that_is_held_up_is_stopped_until_somebody_resets_it(
 def test_f23_a_slope_beyond_the_limit_ends_the_drive_and_a_steep_ramp_slows_it() -> None:
     lean, felt = 0.0, 0.0
 
-    def tilted(messages: tuple[Message, ...]) -> tuple[Message, ...]:
+    def tilted(messages: tuple[ChairMessage, ...]) -> tuple[ChairMessage, ...]:
         """What the IMU feels besides, leaning back by so much; the lean of a tick comes with its first sample."""
         nonlocal felt
-        changed: list[Message] = []
+        changed: list[ChairMessage] = []
         for message in messages:
             if isinstance(message, ImuSample):
                 rate, felt = (felt - lean) * IMU_HZ, lean

@@ -10,10 +10,10 @@ import pytest
 from tests.runtime.riding import FAR, START, Ride
 from waychair.control.supervisor import SupervisorSettings
 from waychair.firmware_bridge.protocol import Holder
-from waychair.maps.zones import Rule, Zone, holds
+from waychair.maps.zones import Rule, Zone, zone_contains
 from waychair.runtime.chair import ChairSettings
 from waychair.runtime.chair_story import obstacles_of
-from waychair.runtime.drive_base import Message
+from waychair.runtime.drive_base import ChairMessage
 from waychair.runtime.page_watch import GONE_NS, PageWatch
 from waychair.simulation.simulator import SimulatorSettings
 from waychair.trials.drive import BEAT_NS
@@ -82,7 +82,7 @@ def test_steering_that_the_board_was_let_go_of_counts_again_once_the_page_let_go
         ride.tick(10)
         steered(ride, ARMING + 40)
         assert ride.states[-1].sent.active
-        messages: tuple[Message, ...] = ()
+        messages: tuple[ChairMessage, ...] = ()
         for _ in range(25):
             ride.chair.beat(ride.simulator.now_ns)
             messages += ride.simulator.advance(BEAT_NS)
@@ -176,7 +176,7 @@ def test_a_zone_that_is_drawn_during_a_drive_is_driven_round_at_once() -> None:
             if not ride.chair.navigator.active:
                 break
         assert ride.chair.navigator.reason == "arrived"
-        assert not holds(zone, np.array(outline)).any()
+        assert not zone_contains(zone, np.array(outline)).any()
 
 
 def test_a_zone_over_the_goal_ends_the_drive_and_taking_it_back_does_not_resume_it() -> None:
@@ -262,4 +262,4 @@ def test_what_else_stands_against_a_drive_brings_it_to_rest_by_comfort() -> None
             ride.states.append(ride.chair.step(ride.simulator.now_ns, messages, watch.halts(GONE_NS + 1)))
         assert began > 0.3
         assert ride.stands
-        assert ride.chair.navigator.reason.startswith("no page answers any more")
+        assert ride.chair.navigator.reason.startswith("no page with a Stop button answers any more")

@@ -11,14 +11,14 @@ from tests.runtime.riding import FAR, Ride
 from waychair.calibration.chair import CHAIR_A
 from waychair.control.navigator import Stage
 from waychair.geometry import transform_points
-from waychair.maps.zones import Rule, Zone, holds
+from waychair.maps.zones import Rule, Zone, zone_contains
 from waychair.simulation.camera import CameraSettings
 from waychair.simulation.plant import PlantSettings
 from waychair.simulation.renderer import renderer_problem
 from waychair.simulation.scene import Block, Pit
 from waychair.simulation.simulator import SimulatorSettings
 from waychair.simulation.sonar import SonarSettings
-from waychair.trials.drive import begin
+from waychair.trials.drive import start_drive
 from waychair.types import Goal, Pose2
 
 ACROSS = 4.98
@@ -27,7 +27,7 @@ ACROSS = 4.98
 
 def to_the_end(ride: Ride, goal: Goal, seconds: float) -> Stage:
     """Ticks until the drive ends, or the time is up; the stage then."""
-    begin(ride.simulator, ride.chair, goal)
+    start_drive(ride.simulator, ride.chair, goal)
     for _ in range(round(20 * seconds)):
         if ride.tick().navigation.stage in (Stage.ARRIVED, Stage.FAILED):
             break
@@ -38,13 +38,13 @@ def test_a_slow_zone_is_driven_slowly_and_no_corner_enters_a_keep_out_zone() -> 
     slow = Zone("ward", Rule.SLOW, np.array([[4.0, 0.0], [5.5, 0.0], [5.5, 5.0], [4.0, 5.0]]), 0.3)
     closed = Zone("stairs", Rule.KEEP_OUT, np.array([[6.8, 1.6], [7.8, 1.6], [7.8, 3.2], [6.8, 3.2]]))
     with Ride(zones=(slow, closed)) as ride:
-        begin(ride.simulator, ride.chair, FAR)
+        start_drive(ride.simulator, ride.chair, FAR)
         fastest = elsewhere = 0.0
         for _ in range(20 * 45):
             stage = ride.tick().navigation.stage
             outline = transform_points(ride.simulator.truth(), CHAIR_A.outline())
-            assert not holds(closed, outline).any()
-            if holds(slow, outline).any():
+            assert not zone_contains(closed, outline).any()
+            if zone_contains(slow, outline).any():
                 fastest = max(fastest, ride.speed)
             else:
                 elsewhere = max(elsewhere, ride.speed)

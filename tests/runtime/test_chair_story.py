@@ -14,14 +14,14 @@ from waychair.control.stops import STOPS, halt, halt_as_told
 from waychair.errors import ZoneError
 from waychair.maps.zones import Rule, Zone
 from waychair.runtime.chair_port import Obstacle
-from waychair.runtime.chair_story import Scene, check_zone, next_action, obstacle_of, obstacles_of
-from waychair.runtime.sentences import driving_sentence, next_turn, sentence, way_ahead
+from waychair.runtime.chair_story import DriveFacts, check_zone, next_action, obstacle_of, obstacles_of
+from waychair.runtime.sentences import driving_sentence, next_turn, path_ahead, sentence
 from waychair.types import DriveMode, Pose2
 
 STRAIGHT = np.stack([np.arange(0.0, 10.0, 0.1), np.zeros(100)], axis=1)
 LEFT = np.concatenate([STRAIGHT[:31], np.stack([np.full(50, 3.0), np.arange(0.1, 5.05, 0.1)], axis=1)])
 HERE = Pose2()
-SCENE = Scene(DriveMode.AUTONOMOUS, False, "lift", False, None, Stage.DRIVING, "", HERE, LEFT)
+FACTS = DriveFacts(DriveMode.AUTONOMOUS, False, "lift", False, None, Stage.DRIVING, "", HERE, LEFT)
 
 
 @pytest.mark.parametrize(
@@ -53,41 +53,41 @@ def test_a_way_that_is_turned_as_a_whole_has_the_same_turns(first: int, angle: f
 def test_points_that_lie_on_each_other_are_no_turn() -> None:
     assert next_turn(np.repeat(STRAIGHT, 3, axis=0)) is None
     assert next_turn(np.zeros((5, 2))) is None
-    assert len(way_ahead(np.empty((0, 2)), HERE)) == 0
+    assert len(path_ahead(np.empty((0, 2)), HERE)) == 0
 
 
 @pytest.mark.parametrize(
-    ("scene", "said"),
+    ("facts", "said"),
     [
-        (replace(SCENE, countdown_s=2.0), "Sets off to lift in a moment."),
-        (replace(SCENE, way=np.empty((0, 2))), "Looks for a way to lift."),
+        (replace(FACTS, countdown_s=2.0), "Sets off to lift in a moment."),
+        (replace(FACTS, way=np.empty((0, 2))), "Looks for a way to lift."),
         (
-            replace(SCENE, stage=Stage.WAITING, reason="something is in the way; waiting"),
+            replace(FACTS, stage=Stage.WAITING, reason="something is in the way; waiting"),
             "Stands: Something is in the way; waiting. It goes on by itself once there is a way.",
         ),
         (
-            replace(SCENE, obstacles=obstacles_of([halt("obstacle")])),
+            replace(FACTS, obstacles=obstacles_of([halt("obstacle")])),
             "Stands: something is close ahead. It goes on by itself once the way is free.",
         ),
-        (replace(SCENE, mode=DriveMode.MANUAL, waits=True), "Waits for your yes to drive to lift."),
-        (replace(SCENE, mode=DriveMode.STOPPED, goal=""), "Stopped. Choose a place to drive to."),
-        (replace(SCENE, mode=DriveMode.MANUAL, goal=""), "The joystick is yours. Choose a place to drive to."),
+        (replace(FACTS, mode=DriveMode.MANUAL, waits=True), "Waits for your yes to drive to lift."),
+        (replace(FACTS, mode=DriveMode.STOPPED, goal=""), "Stopped. Choose a place to drive to."),
+        (replace(FACTS, mode=DriveMode.MANUAL, goal=""), "The joystick is yours. Choose a place to drive to."),
         (
-            replace(SCENE, mode=DriveMode.MANUAL, goal="", obstacles=obstacles_of([halt("lidar_stale")])),
+            replace(FACTS, mode=DriveMode.MANUAL, goal="", obstacles=obstacles_of([halt("lidar_stale")])),
             "The joystick is yours. The lidar is silent: check its cable and power.",
         ),
         (
-            replace(SCENE, mode=DriveMode.ASSISTED, steered=True, goal=""),
+            replace(FACTS, mode=DriveMode.ASSISTED, steered=True, goal=""),
             "A page steers; it stops when that is let go.",
         ),
         (
-            replace(SCENE, mode=DriveMode.ASSISTED, steered=True, goal="", holds_lines=False),
+            replace(FACTS, mode=DriveMode.ASSISTED, steered=True, goal="", holds_lines=False),
             "A page steers; the chair answers once it has stood for two seconds.",
         ),
     ],
 )
-def test_what_the_chair_will_do_next_is_one_plain_sentence(scene: Scene, said: str) -> None:
-    assert next_action(scene) == said
+def test_what_the_chair_will_do_next_is_one_plain_sentence(facts: DriveFacts, said: str) -> None:
+    assert next_action(facts) == said
 
 
 @pytest.mark.parametrize("stop_id", sorted(STOPS))

@@ -210,6 +210,6 @@ def test_the_lean_at_a_picture_is_between_those_of_the_imu_before_and_after_it()
     mapping = DepthMapping(DepthMappingSettings(), CHAIR_A.base_from_camera, CHAIR_A.front)
     assert mapping.tilt_at(5) == Tilt(5)
     for tilt in (Tilt(10, 0.0, 0.02), None, Tilt(20, 0.04, 0.0), Tilt(15, 9.0, 9.0)):
-        mapping.lean(tilt)
+        mapping.note_tilt(tilt)
     assert mapping.tilt_at(15) == Tilt(15, pytest.approx(0.02), pytest.approx(0.01))
     assert (mapping.tilt_at(1).pitch, mapping.tilt_at(99).roll) == (0.02, 0.04)

@@ -11,10 +11,10 @@ from hypothesis import strategies as st
 
 from tests.runtime.riding import FAR, Ride
 from waychair.control.navigator import Stage
-from waychair.runtime.echoes import Echoes, EchoSettings
+from waychair.runtime.echoes import EchoFilter, EchoSettings
 from waychair.simulation.simulator import SimulatorSettings
 from waychair.simulation.sonar import SonarSettings
-from waychair.trials.drive import begin
+from waychair.trials.drive import start_drive
 from waychair.types import SonarReadings
 
 PERIOD_MS = 50
@@ -22,11 +22,11 @@ PERIOD_MS = 50
 
 def told(*ranges: float, period_ms: int = PERIOD_MS) -> list[float]:
     """What of one sonar's readings, one a period, counts; nan for what says nothing."""
-    echoes = Echoes(EchoSettings())
+    echoes = EchoFilter(EchoSettings())
     readings = (
         SonarReadings(k * period_ms * 1_000_000, np.array([r], np.float32)) for k, r in enumerate(ranges, start=1)
     )
-    return [round(float(echoes.borne_out(each).ranges[0]), 3) for each in readings]
+    return [round(float(echoes.confirmed(each).ranges[0]), 3) for each in readings]
 
 
 def test_an_echo_counts_from_the_second_time_on() -> None:
@@ -56,24 +56,24 @@ def test_echoes_bear_each_other_out_for_a_moment_only(period_ms: int, counts: bo
 
 
 def test_readings_of_another_clock_bear_nothing_out() -> None:
-    echoes = Echoes(EchoSettings())
+    echoes = EchoFilter(EchoSettings())
     for stamp_ns in (10**12, 50_000_000):  # set back
-        assert np.isnan(echoes.borne_out(SonarReadings(stamp_ns, np.ones(1, np.float32))).ranges).all()
+        assert np.isnan(echoes.confirmed(SonarReadings(stamp_ns, np.ones(1, np.float32))).ranges).all()
 
 
 @given(st.lists(st.floats(0.0625, 4.0, width=32), min_size=8, max_size=8))
 def test_each_sonar_is_borne_out_by_itself_alone(ranges: list[float]) -> None:
-    echoes, moved = Echoes(EchoSettings()), np.array(ranges, np.float32)
+    echoes, moved = EchoFilter(EchoSettings()), np.array(ranges, np.float32)
     moved[3] += 0.2
-    echoes.borne_out(SonarReadings(0, np.array(ranges, np.float32)))
-    found = echoes.borne_out(SonarReadings(PERIOD_MS * 1_000_000, moved)).ranges
+    echoes.confirmed(SonarReadings(0, np.array(ranges, np.float32)))
+    found = echoes.confirmed(SonarReadings(PERIOD_MS * 1_000_000, moved)).ranges
     assert np.flatnonzero(np.isnan(found)).tolist() == [3]
 
 
 def test_sonars_that_hear_each_other_by_chance_hold_no_drive_up() -> None:
     noisy = SonarSettings(rate_hz=20.0, cross_talk=0.02)
     with Ride(simulator=SimulatorSettings(sonar=noisy)) as ride:
-        begin(ride.simulator, ride.chair, FAR)
+        start_drive(ride.simulator, ride.chair, FAR)
         stages = [ride.tick().navigation.stage for _ in range(20 * 20)]
         plans = ride.states[-1].navigation.plans
     assert stages[-1] is Stage.ARRIVED

@@ -6,7 +6,7 @@ import numpy as np
 from hypothesis import given
 from hypothesis import strategies as st
 
-from waychair.runtime.first_motion import begins_at, rests
+from waychair.runtime.first_motion import rests, start_index
 from waychair.types import ImuSample, Odometry, Pose2, Scan, SensorFrame, Twist, WheelTicks
 
 IMU = (ImuSample(0, np.array([0.0, 0.0, 9.81]), np.zeros(3)),)
@@ -22,7 +22,7 @@ def frame(v: float = 0.0, omega: float = 0.0, imu: bool = True, scan: bool = Tru
 @given(st.integers(1, 40), st.integers(1, 5))
 def test_whoever_looks_on_from_earlier_on_begins_with_the_same_scan(resting: int, moving: int) -> None:
     frames = [frame() for _ in range(resting)] + [frame(0.3) for _ in range(moving)]
-    assert begins_at(frames) == resting - 1
+    assert start_index(frames) == resting - 1
 
 
 @given(st.integers(0, 4), st.integers(1, 9))
@@ -30,16 +30,16 @@ def test_whoever_finds_the_imu_a_little_later_than_the_wheels_begins_with_the_sa
     deaf: int, resting: int
 ) -> None:
     frames = [frame(imu=False)] * deaf + [frame()] * resting + [frame(0.3)]
-    assert begins_at(frames) == deaf + resting - 1
-    assert begins_at([SensorFrame(0, scan=SCAN), *frames]) == deaf + resting
+    assert start_index(frames) == deaf + resting - 1
+    assert start_index([SensorFrame(0, scan=SCAN), *frames]) == deaf + resting
 
 
 def test_who_moves_before_the_imu_is_found_began_before() -> None:
-    assert begins_at([frame(imu=False), frame(0.3, imu=False), frame(), frame(), frame(0.3)]) == 0
+    assert start_index([frame(imu=False), frame(0.3, imu=False), frame(), frame(), frame(0.3)]) == 0
 
 
 def test_a_frame_without_a_scan_begins_nothing() -> None:
-    assert begins_at([frame(), frame(), frame(scan=False), frame(0.3)]) == 1
+    assert start_index([frame(), frame(), frame(scan=False), frame(0.3)]) == 1
 
 
 def test_noise_is_no_motion_and_a_turn_on_the_spot_is_one() -> None:
@@ -50,12 +50,12 @@ def test_noise_is_no_motion_and_a_turn_on_the_spot_is_one() -> None:
 
 
 def test_a_chair_that_never_moves_or_has_no_imu_or_counts_only_loses_nothing() -> None:
-    assert begins_at([frame()] * 9) == 0
-    assert begins_at([frame(imu=False)] * 9 + [frame(0.3, imu=False)]) == 0
+    assert start_index([frame()] * 9) == 0
+    assert start_index([frame(imu=False)] * 9 + [frame(0.3, imu=False)]) == 0
     counts = SensorFrame(0, scan=SCAN, wheels=(WheelTicks(0, 0, 0),), imu=IMU)
-    assert begins_at([counts] * 9 + [frame(0.3)]) == 0
+    assert start_index([counts] * 9 + [frame(0.3)]) == 0
 
 
 def test_readings_that_are_late_at_rest_begin_nothing_either() -> None:
     late = SensorFrame(0, scan=SCAN, imu=IMU)
-    assert begins_at([frame(), late, frame(), frame(0.3)]) == 2
+    assert start_index([frame(), late, frame(), frame(0.3)]) == 2

@@ -12,8 +12,8 @@ import pytest
 from waychair.calibration.chair import ChairBody
 from waychair.errors import NoScans
 from waychair.geometry import compose
+from waychair.maps import grid_assembly
 from waychair.maps.grid import cells_from_points
-from waychair.maps.grid_assembly import AssemblySettings
 from waychair.maps.map_files import load_map
 from waychair.maps.occupancy import build_grid
 from waychair.recording import Recording, read_recording
@@ -59,11 +59,13 @@ def test_the_grid_keeps_up_with_the_chair_and_after_the_closures_is_that_of_draw
     assert_same(live.grid(), anew(live, frames))
 
 
-def test_without_tolerance_the_grid_is_up_to_date_whenever_nothing_is_pending(drive: Drive) -> None:
+def test_without_tolerance_the_grid_is_up_to_date_whenever_nothing_is_pending(
+    drive: Drive, monkeypatch: pytest.MonkeyPatch
+) -> None:
     """Also while the mapper forgets the oldest of the scans that a key scan stood for."""
     frames = drive[0]
-    exact = MappingSettings(assembly=AssemblySettings(tolerance=0.0))
-    live, bends, compared, dropped, before = LiveMapping(exact, Pose2()), 0, 0, 0, np.empty((0, 3))
+    monkeypatch.setattr(grid_assembly, "TOLERANCE", 0.0)
+    live, bends, compared, dropped, before = LiveMapping(MappingSettings(), Pose2()), 0, 0, 0, np.empty((0, 3))
     for k, frame in enumerate([*frames, *frames[::-1]]):
         kept = sum(map(len, live.mapper.covered_frames))
         covered = live.mapper.counts["covered"]
@@ -216,4 +218,4 @@ def test_a_real_log_mapped_live_gives_the_map_that_mapping_it_gives(data_dir: Pa
     assert_same(live.grid(), anew(live, list(part.frames)))
     assert most > 50, "the closures have moved the map"
     beams = len(scan.ranges) if (scan := part.frames[0].scan) else 0
-    assert max(drawn) <= live.settings.assembly.beams_per_call + 2 * beams
+    assert max(drawn) <= grid_assembly.BEAMS_PER_CALL + 2 * beams

@@ -17,7 +17,7 @@ from tests.firmware_bridge.bridged import Bridged
 from waychair.calibration.chair import CHAIR_B
 from waychair.calibration.self_mask import SelfMask
 from waychair.calibration.stopping import StopTable
-from waychair.control.collision_monitor import MonitorSettings, MonitorVerdict, refusal
+from waychair.control.collision_monitor import MonitorSettings, MonitorVerdict, stale_stop
 from waychair.firmware_bridge.board import board_program
 from waychair.firmware_bridge.protocol import Holder
 from waychair.runtime.monitor_process import (
@@ -63,13 +63,13 @@ def open_after_a_scan(process: MonitorProcess, away: float = 3.0) -> bool:
     process.see(room(time.monotonic_ns(), away))
     process.judge(AHEAD, Twist(), 0)
     verdict = process.verdict
-    return verdict is not None and verdict.twist == AHEAD and refusal(verdict, time.monotonic_ns(), S) == ""
+    return verdict is not None and verdict.twist == AHEAD and stale_stop(verdict, time.monotonic_ns(), S) == ""
 
 
 def is_silent(process: MonitorProcess) -> bool:
     """Whether the gate is shut for want of a verdict."""
     process.see(room(time.monotonic_ns()))
-    return refusal(process.verdict, time.monotonic_ns(), S) == "monitor_silent"
+    return stale_stop(process.verdict, time.monotonic_ns(), S) == "monitor_silent"
 
 
 def test_messages_say_the_same_on_the_other_side() -> None:
@@ -142,7 +142,7 @@ def test_f25_a_killed_or_stopped_monitor_takes_the_speed_from_the_lines(
 
         def gate(now_ns: int) -> str:
             process.see(room(time.monotonic_ns()))
-            return refusal(process.verdict, time.monotonic_ns(), S)
+            return stale_stop(process.verdict, time.monotonic_ns(), S)
 
         bridged.bridge._gate = gate
         assert eventually(lambda: open_after_a_scan(process))

@@ -18,12 +18,12 @@ from waychair.control.stops import STOPS
 from waychair.errors import BoxError
 from waychair.recording import read_recording
 from waychair.runtime.black_box_bag import write_bag
-from waychair.runtime.black_box_events import OTHERS
-from waychair.runtime.black_box_file import End, Log, Moment, encoded, read_log
+from waychair.runtime.black_box_events import OTHER_EVENTS
+from waychair.runtime.black_box_file import Log, LogEnd, Moment, encoded, read_log
 from waychair.runtime.black_box_store import segment_files
 from waychair.runtime.why import Explanation, explain, last_stops, sentences
-from waychair.runtime.why_evidence import LOOK_AT, Scene, evidence, look_at, remedy_of
-from waychair.simulation.scene import Block
+from waychair.runtime.why_evidence import LOOK_AT, LogCursor, evidence, look_at, remedy_of
+from waychair.simulation.cursor import Block
 from waychair.trials.record import mounts_of
 from waychair.types import Goal, JoystickInput, Pose2, Scan, WheelTicks
 
@@ -133,7 +133,7 @@ def test_several_stops_are_told_the_latest_first(blind: Drive, tmp_path: Path) -
 def test_a_program_that_died_is_the_last_stop_even_before_it_is_started_again(blind: Drive, tmp_path: Path) -> None:
     logged(tmp_path, [blind])
     last = segment_files(tmp_path)[-1]
-    last.write_bytes(last.read_bytes().removesuffix(encoded(End())))
+    last.write_bytes(last.read_bytes().removesuffix(encoded(LogEnd())))
     why = explain(last_stops(tmp_path)[0])
     assert why.id == "program_ended"
     assert any("had the lines" in sentence for sentence in why.evidence)
@@ -142,19 +142,19 @@ def test_a_program_that_died_is_the_last_stop_even_before_it_is_started_again(bl
 
 
 def test_every_hint_is_about_a_reason_that_there_is() -> None:
-    assert set(LOOK_AT) <= {name.split("_")[0] for name in (*STOPS, *OTHERS)}
+    assert set(LOOK_AT) <= {name.split("_")[0] for name in (*STOPS, *OTHER_EVENTS)}
     assert look_at("lidar_stale")[0] == "the lidar's cable, power and window"
 
 
-@pytest.mark.parametrize("name", sorted([*STOPS, *OTHERS]))
+@pytest.mark.parametrize("name", sorted([*STOPS, *OTHER_EVENTS]))
 def test_every_reason_has_a_remedy_and_evidence_that_a_poor_log_cannot_break(name: str) -> None:
-    text = STOPS[name].sentence + ": do so" if name in STOPS else ": ".join(OTHERS[name])
+    text = STOPS[name].sentence + ": do so" if name in STOPS else ": ".join(OTHER_EVENTS[name])
     assert remedy_of(name, text)
     poor = replace(moment_at(1).tick, telemetry=None, located=None, command=None, goal=None)
     nothing_seen = Scan(1, moment_at(1).heard[1].ranges * math.inf, 0.0, 0.1)  # type: ignore[union-attr]
     for moments in ((Moment(poor),), (moment_at(1), moment_at(2)), (Moment(poor, (nothing_seen,)),)):
-        scene = Scene(Log(HEAD, moments, (), 0, 0, None), len(moments) - 1)
-        for sentence in evidence(scene, name):
+        cursor = LogCursor(Log(HEAD, moments, (), 0, 0, None), len(moments) - 1)
+        for sentence in evidence(cursor, name):
             assert sentence
             assert "nan" not in sentence
 

@@ -11,7 +11,7 @@ from typing import Any
 import numpy as np
 import pytest
 
-from waychair.runtime.chair_port import ChairView, Layout
+from waychair.runtime.chair_port import ChairView, LayoutView
 from waychair.runtime.page_watch import PageWatch
 from waychair.slam.localisation import LocalisationState
 from waychair.types import DriveMode, FloatArray, OccupancyGrid, Twist
@@ -43,9 +43,9 @@ class Port:
         self._work("grid")
         return OccupancyGrid(np.zeros((2, 2), np.int8), 0.05)
 
-    def layout(self) -> Layout:
+    def layout(self) -> LayoutView:
         self._work("layout")
-        return Layout()
+        return LayoutView()
 
     def watched(self, pages: Sequence[str]) -> None:
         self._work("watched")
