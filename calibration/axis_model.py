@@ -4,9 +4,9 @@ On either side of neutral there is a dead band up to an edge, then a monotone qu
 
     |speed| = min(gain s + curve s^2, limit),   s = |volts - neutral| - dead band > 0
 
-Plain polynomials and lines through neutral miss a chair's dead band by far more than its noise. Speeds show the edges but
-not the neutral of the chair's electronics, so the neutral is measured on the original stick at rest, and the edges are
-kept relative to it.
+Plain polynomials and lines through neutral miss a chair's dead band by far more than its noise. Speeds show the edges
+but not the neutral of the chair's electronics, so the neutral is measured on the original stick at rest, and the edges
+are kept relative to it.
 """
 
 from __future__ import annotations
@@ -34,8 +34,8 @@ class AxisSide(Settings):
         Settings.__post_init__(self)
         if self.gain * self.gain + 4.0 * self.curve * self.limit <= 0.0:
             raise NotMonotone(
-                f"gain = {self.gain:g} and curve = {self.curve:g} turn back before the speed of {self.limit:g} is "
-                "reached, so it has no volts: sweep this side of the axis again"
+                f"the speed curve with gain = {self.gain:g} and curve = {self.curve:g} turns back before it reaches "
+                f"limit = {self.limit:g}: sweep this side of the axis again"
             )
 
     def speed(self, beyond_neutral: float) -> float:

@@ -63,11 +63,11 @@ class ChairCalibration:
     sensor_delays: SensorDelays | None = None
     self_mask: SelfMask | None = None
 
-    def on_time(self, message: T) -> T:
+    def with_true_stamp(self, message: T) -> T:
         """Return a sensor's message with its stamp corrected by the measured delay."""
         return message if self.sensor_delays is None else without_delay(message, self.sensor_delays)
 
-    def seen(self, scan: Scan) -> Scan:
+    def masked(self, scan: Scan) -> Scan:
         """Return a scan without the beams that see the chair itself."""
         return scan if self.self_mask is None else self.self_mask.applied(scan)
 
@@ -93,7 +93,7 @@ def save_calibration(path: Path, calibration: ChairCalibration) -> None:
         CalibrationError: the chair has no name.
     """
     if not calibration.chair_id.strip():
-        raise CalibrationError("a calibration needs a chair's name: give the number on its type plate, say")
+        raise CalibrationError("a calibration needs the chair's name: give the number on its type plate, for example")
     content = _content(calibration)
     write_json(path, {**content, "hash": _hash(content)})
 
@@ -120,7 +120,7 @@ def load_calibration(path: Path, chair_id: str | None = None) -> ChairCalibratio
     try:
         calibration = msgspec.convert(values, ChairCalibration)
     except (msgspec.ValidationError, ConfigError, CalibrationError) as error:
-        raise CalibrationDamaged(f"{path} holds what cannot be ({error}): calibrate the chair again") from error
+        raise CalibrationDamaged(f"{path} holds an impossible value ({error}): calibrate the chair again") from error
     unknown = _unknown_entry(values, msgspec.to_builtins(calibration))
     if unknown is not None:
         raise CalibrationDamaged(

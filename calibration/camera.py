@@ -2,8 +2,9 @@
 
 The end of every beam must lie on the plane that the camera has measured. This is the constraint of Zhang and Pless,
 Extrinsic calibration of a camera and laser range finder (IROS 2004). It is linear in the columns of the transform that
-act on the laser's plane, so a first solution needs no guess; a nonlinear refinement then forbids its shear. Upright walls
-alone leave the camera's height open: show a leaning board, or add the floor, above which the laser's height is known.
+act on the laser's plane, so a first solution needs no guess; a nonlinear refinement then forbids its shear. Upright
+walls alone leave the camera's height open: show a leaning board, or add the floor, above which the laser's height is
+known.
 """
 
 from __future__ import annotations
@@ -22,7 +23,7 @@ LEAST_VIEWS = 5
 """Fewest views of planes: each gives two equations, for nine unknowns."""
 
 _MOST_CONDITION = 1000.0
-_ALIKE = "the planes are too much alike: show some that are turned aside, and some that lean or the floor"
+_ALIKE = "the planes are too much alike: show planes at other angles, and leaning planes or the floor"
 _LEAST_OUTLIER = 0.01  # [m]: a point nearer to its plane than this is on it
 _MOST_RMS = 0.1  # [m]
 
@@ -106,7 +107,7 @@ def _off(pose: Pose3, normals: FloatArray, distances: FloatArray, points: FloatA
 def _linear(normals: FloatArray, distances: FloatArray, points: FloatArray, weights: FloatArray) -> Pose3:
     """Return the rigid transform nearest to the solution of n . (x r1 + y r2 + t) = d, linear in r1, r2 and t."""
     if np.abs(points[:, 2]).max() > 1e-9:
-        raise ThinData("points beside the laser's plane need a guess of the camera's place: measure it with a tape")
+        raise ThinData("points off the laser's plane need a guess of the camera's pose: measure it with a tape")
     equations = weights[:, None] * np.hstack([points[:, :1] * normals, points[:, 1:2] * normals, normals])
     scales = np.linalg.norm(equations, axis=0)
     if scales.min() < 1e-9 or np.linalg.cond(equations / scales) > _MOST_CONDITION:

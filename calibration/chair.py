@@ -1,8 +1,8 @@
 """The chair's body, drive and sensor mounts as data, shared by simulation, footprint and calibration.
 
 Lengths are in metres in the base frame (origin on the floor under the middle of the drive axle). A is the default, B a
-larger chair. A_mid and A_front are A with mid or front drive wheels and its sensors at the same places of the seat. robot
-is the small disc of benchmarks among moving people, as its bounding square.
+larger chair. A_mid and A_front are A with mid or front drive wheels and its sensors at the same places of the seat.
+robot is the small disc of benchmarks among moving people, as its bounding square.
 """
 
 from __future__ import annotations

@@ -9,7 +9,8 @@ Written in v = (V_left + V_right) / 2 and d = V_right - V_left they are
 
     Dac_left = 58.385 v + 0.981 d        Dac_right = -1.652 v - 57.846 d
 
-- So they are the *forward* and the *turn* axis of a joystick, not a left and a right wheel; turn is positive to the right
+- So they are the *forward* and the *turn* axis of a joystick, not a left and a right wheel; turn is positive to the
+right
   (clockwise). The cross terms are 1.7 % and 2.9 %: the motors or the stick's axes differ a little.
 - They have no neutral: rest is 0 counts. With counts of 0..255 the equations as printed allow no reverse, no left turn
   and no exactly straight line (they need V_left >= 1.029 V_right). Here they are offsets from a neutral, by default the

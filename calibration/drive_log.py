@@ -20,7 +20,7 @@ _FASTEST = (5.0, 10.0)  # m/s, rad/s; no wheelchair is faster, so a larger value
 
 
 @dataclass(frozen=True, slots=True)
-class DriveLog:
+class SweepLog:
     """A drive logged with one converter: stamps_ns (N,) rising, counts (N, 2) forward and turn, twists (N, 2).
 
     A twist [m/s, rad/s] is of its stamp's time, and the counts are those on the lines at that time.
@@ -60,7 +60,7 @@ class Holds:
         return len(self.first)
 
 
-def read_drive_log(path: Path, bits: int, volts_max: float, volts_min: float = 0.0) -> DriveLog:
+def read_sweep_log(path: Path, bits: int, volts_max: float, volts_min: float = 0.0) -> SweepLog:
     """Read a log from a CSV file whose first line names `COLUMNS`, in any order; other columns are ignored.
 
     Raises:
@@ -81,11 +81,11 @@ def read_drive_log(path: Path, bits: int, volts_max: float, volts_min: float = 0
     if (back := np.flatnonzero(np.diff(stamps) <= 0)).size:
         raise CalibrationError(f"{path}, sample {back[0] + 2}: the stamp does not rise; sort the lines by time")
     counts = np.array([row[1:3] for row in rows], np.int64)
-    return DriveLog(stamps, counts, np.array([row[3:] for row in rows], float), bits, volts_max, volts_min)
+    return SweepLog(stamps, counts, np.array([row[3:] for row in rows], float), bits, volts_max, volts_min)
 
 
-def write_drive_log(path: Path, log: DriveLog) -> None:
-    """Write a log atomically as a CSV file that `read_drive_log` reads.
+def write_sweep_log(path: Path, log: SweepLog) -> None:
+    """Write a log atomically as a CSV file that `read_sweep_log` reads.
 
     Raises:
         OutputError: it cannot be written.
@@ -103,18 +103,18 @@ def _row(path: Path, line: int, row: dict[str, str | None], counts_max: int) -> 
         v, omega = (float(row[name] or "") for name in COLUMNS[3:])
     except ValueError:
         raise CalibrationError(
-            f"{path}, line {line}: cannot be read as numbers of {COLUMNS}; mend or drop it"
+            f"{path}, line {line}: cannot be read as numbers of {COLUMNS}; correct or delete the line"
         ) from None
     for count in (forward, turn):
         if not 0 <= count <= counts_max:
             raise CalibrationError(f"{path}, line {line}: {count} counts lie outside 0..{counts_max}; check the bits")
     for name, speed, fastest in zip(COLUMNS[3:], (v, omega), _FASTEST, strict=True):
         if not (math.isfinite(speed) and abs(speed) <= fastest):
-            raise CalibrationError(f"{path}, line {line}: {name} = {speed:g} is no speed of a chair; drop the line")
+            raise CalibrationError(f"{path}, line {line}: {name} = {speed:g} is no speed of a chair; delete the line")
     return stamp, forward, turn, v, omega
 
 
-def steady_holds(log: DriveLog, measure_s: float, steady: tuple[float, float]) -> Holds:
+def steady_holds(log: SweepLog, measure_s: float, steady: tuple[float, float]) -> Holds:
     """Return the holds of a log, each with the mean of its last `measure_s` seconds.
 
     A stretch is left out if it is shorter than twice that, or if the halves of the measured part differ by more than

@@ -14,10 +14,10 @@ import numpy as np
 from scipy.optimize import least_squares
 
 from waychair.calibration.axis_model import AxisModel, AxisSide
-from waychair.calibration.drive_log import DriveLog, Holds, steady_holds
+from waychair.calibration.drive_log import Holds, SweepLog, steady_holds
 from waychair.calibration.fit_steps import AXES, StepResponse, fit_steps
 from waychair.calibration.fitted_dac import LEAST_LEFT, FittedDac
-from waychair.calibration.levels import MOVING, Level, SideLevels, levels_of, refuse_creeping, sides_of
+from waychair.calibration.levels import MOVING, SideLevels, SweepLevel, refuse_creeping, sides_of, sweep_levels
 from waychair.calibration.sweep import NEAR_NEUTRAL
 from waychair.config import Settings, setting
 from waychair.errors import NotRepeatable, ThinData
@@ -60,8 +60,8 @@ class LevelResidual:
 class DacFit:
     """The fitted model and its quality: each level's residual, rms of all holds (m/s, rad/s), number of holds.
 
-    `unsettled` counts holds left out because the chair was still speeding up when they ended. `outliers` counts holds off
-    by more than five times the noise; `rms` leaves them out.
+    `unsettled` counts holds left out because the chair was still speeding up when they ended. `outliers` counts holds
+    off by more than five times the noise; `rms` leaves them out.
     """
 
     model: FittedDac
@@ -78,7 +78,7 @@ class DacFit:
         return self.model.forward.margin, self.model.turn.margin
 
 
-def fit_dac(log: DriveLog, neutral: tuple[float, float], track: float, settings: FitSettings | None = None) -> DacFit:
+def fit_dac(log: SweepLog, neutral: tuple[float, float], track: float, settings: FitSettings | None = None) -> DacFit:
     """Fit the model of a chair on the floor whose neutral (forward, turn) [V] was measured on the original stick.
 
     Raises:
@@ -90,7 +90,7 @@ def fit_dac(log: DriveLog, neutral: tuple[float, float], track: float, settings:
     settings = settings or FitSettings()
     refuse_creeping(log, neutral, NEAR_NEUTRAL)
     holds = steady_holds(log, settings.measure_s, (settings.steady_v, settings.steady_omega))
-    levels = tuple(levels_of(holds, axis, neutral, NEAR_NEUTRAL) for axis in (0, 1))
+    levels = tuple(sweep_levels(holds, axis, neutral, NEAR_NEUTRAL) for axis in (0, 1))
     for axis, found in enumerate(levels):
         _refuse_thin(axis, found, holds, settings)
     sides = [side for axis in (0, 1) for side in sides_of(levels[axis], axis, neutral[axis])]
@@ -129,14 +129,14 @@ def _drift(first: float, last: float) -> str:
     gained = last / first - 1.0
     if gained < -0.5 * _MOST_DRIFT:
         return (
-            f"was {-100 * gained:.0f} % slower at the end of the sweep than at its beginning, as motors that grow hot "
-            "or a battery that sinks are, so that no one model holds: charge the battery, let the motors cool, and sweep "
-            "again with longer rests or less swing"
+            f"was {-100 * gained:.0f} % slower at the end of the sweep than at its beginning, because of hot motors or "
+            "a sinking battery, so that no single model fits: charge the battery, let the motors cool, and sweep again "
+            "with longer rests or less swing"
         )
     if gained > 0.5 * _MOST_DRIFT:
         return (
             f"was {100 * gained:.0f} % faster at the end of the sweep than at its beginning, as if its speed dial or "
-            "drive profile had been changed meanwhile: set them to where they will stay, and sweep again"
+            "drive profile had changed meanwhile: set them as they will stay, and sweep again"
         )
     return (
         f"was {100 * abs(first - 1.0):.0f} % {'faster' if first > 1.0 else 'slower'} at both ends of the sweep than in "
@@ -144,7 +144,7 @@ def _drift(first: float, last: float) -> str:
     )
 
 
-def _refuse_thin(axis: int, levels: tuple[Level, ...], holds: Holds, settings: FitSettings) -> None:
+def _refuse_thin(axis: int, levels: tuple[SweepLevel, ...], holds: Holds, settings: FitSettings) -> None:
     if len(levels) < settings.min_levels:
         raise ThinData(
             f"{len(levels)} levels on the {AXES[axis]} axis alone are too few ({holds.unsettled} holds had not "
@@ -199,7 +199,7 @@ def _curve(near: float, far: float, side: SideLevels, edge: float) -> float:
 def _model(
     p: FloatArray,
     sides: list[SideLevels],
-    log: DriveLog,
+    log: SweepLog,
     neutral: tuple[float, float],
     track: float,
     steps: tuple[StepResponse, StepResponse],
@@ -240,7 +240,7 @@ def _model(
 
 def _report(
     model: FittedDac,
-    levels: tuple[tuple[Level, ...], ...],
+    levels: tuple[tuple[SweepLevel, ...], ...],
     holds: Holds,
     neutral: tuple[float, float],
     noise: FloatArray,

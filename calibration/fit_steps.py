@@ -11,7 +11,7 @@ from dataclasses import dataclass
 import numpy as np
 from scipy.optimize import least_squares
 
-from waychair.calibration.drive_log import DriveLog
+from waychair.calibration.drive_log import SweepLog
 from waychair.errors import ThinData
 from waychair.types import FloatArray
 
@@ -49,7 +49,7 @@ def step_response(seconds: FloatArray, final: FloatArray, delay_s: float, lag_s:
     return np.where(since < end, reached, final - missing)
 
 
-def fit_steps(log: DriveLog, axis: int, neutral: tuple[float, float], near: float) -> StepResponse:
+def fit_steps(log: SweepLog, axis: int, neutral: tuple[float, float], near: float) -> StepResponse:
     """Fit the response of one axis (0 forward, 1 turn) to all steps out of rest on it alone.
 
     An axis within `near` [V] of its neutral is at rest.
@@ -75,7 +75,7 @@ def fit_steps(log: DriveLog, axis: int, neutral: tuple[float, float], near: floa
 
 
 def _steps(
-    log: DriveLog, axis: int, neutral: tuple[float, float], near: float
+    log: SweepLog, axis: int, neutral: tuple[float, float], near: float
 ) -> tuple[FloatArray, FloatArray, FloatArray]:
     """Return seconds since the step, speeds and final speeds (N,), positive, of all samples of all steps."""
     beyond = np.abs(log.volts - np.asarray(neutral)) > near

@@ -6,10 +6,10 @@ With v_f and w_t the speeds of the two axes alone (`AxisModel`),
     w = w_t (1 - turn_fade |v_f|)         and turns less at speed
     [v, omega] = [v + v_per_turn w, w + turn_per_v v]       unlike motors: a curve when driving straight
 
-Both steps are inverted exactly: the 2x2 system first, then the two cuts. With a = |v_f| and b = |w_t|, putting
-b = |w| / (1 - turn_fade a) into the first line gives a quadratic in a; its smaller root is a = |v| without cuts. The
-inverse is unique as long as 1 - speed_cut b - turn_fade a, the determinant of the two lines' derivatives, stays positive
-up to both limits (Gale and Nikaido, 1965). A model must fulfil this.
+Both steps are inverted exactly: the 2x2 system first, then the two cuts. With a = |v_f| and b = |w_t|, putting b = |w|
+/ (1 - turn_fade a) into the first line gives a quadratic in a; its smaller root is a = |v| without cuts. The inverse is
+unique as long as 1 - speed_cut b - turn_fade a, the determinant of the two lines' derivatives, stays positive up to
+both limits (Gale and Nikaido, 1965). A model must fulfil this.
 """
 
 from __future__ import annotations
@@ -57,7 +57,7 @@ class FittedDac(Settings):
         if self.volts_min >= self.volts_max:
             raise ConfigError(f"volts_min = {self.volts_min:g} V must lie below volts_max = {self.volts_max:g} V")
         if abs(1.0 - self.v_per_turn * self.turn_per_v) < LEAST_LEFT:
-            raise NotMonotone("the axes' effects on each other cannot be told apart: sweep both axes again")
+            raise NotMonotone("the axes' effects on each other cannot be separated: sweep both axes again")
         fastest = max(self.forward.above.limit, self.forward.below.limit)
         sharpest = max(self.turn.above.limit, self.turn.below.limit)
         turn_lost, speed_lost = self.turn_fade * fastest, self.speed_cut * sharpest
@@ -123,9 +123,9 @@ class FittedDac(Settings):
     def counts_from_axis_speeds(self, v: float, omega: float, sides: Sides | None = None) -> tuple[int, int]:
         """Return the counts for the axes' speeds, each on a given side of its dead band.
 
-        An axis without a side (0) rests at neutral. An axis with a side (1 or -1, by the sign of its speed) but no speed
-        towards it waits at the last count that does not move it. By default the speed's sign gives the side, and a speed
-        of less than half a count gives none.
+        An axis without a side (0) rests at neutral. An axis with a side (1 or -1, by the sign of its speed) but no
+        speed towards it waits at the last count that does not move it. By default the speed's sign gives the side, and
+        a speed of less than half a count gives none.
         """
         taken = (self._side(self.forward, v), self._side(self.turn, omega)) if sides is None else sides
         return self._counts(self.forward, v, taken[0]), self._counts(self.turn, omega, taken[1])
@@ -189,9 +189,9 @@ class DeadBandSettings(Settings):
 class DeadBand:
     """A `DacModel` with hysteresis at each axis' dead band.
 
-    At a crawl a heading loop asks for small turns left and right in alternation. Each change of side would take the stick
-    through the whole dead band, a delay without any turning. So an axis waits at the present side's edge, where it does
-    nothing, until a larger speed to the other side is asked for. Rest on both axes is neutral at once.
+    At a crawl a heading loop asks for small turns left and right in alternation. Each change of side would take the
+    stick through the whole dead band, a delay without any turning. So an axis waits at the present side's edge, where
+    it does nothing, until a larger speed to the other side is asked for. Rest on both axes is neutral at once.
     """
 
     def __init__(self, model: FittedDac, settings: DeadBandSettings | None = None) -> None:

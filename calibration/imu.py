@@ -52,17 +52,17 @@ def imu_at_rest(samples: Sequence[ImuSample]) -> ImuCalibration:
     period = float(stamps[-1] - stamps[0]) * 1e-9 / (len(stamps) - 1) if len(stamps) > 1 else 0.0
     seconds = period * len(stamps)
     if seconds < LEAST_S - 1e-6:
-        raise ThinData(f"{seconds:.2f} s at rest are too short for an inertial unit: record {LEAST_S:g} s or more")
+        raise ThinData(f"a recording of {seconds:.2f} s is too short for an IMU: record {LEAST_S:g} s or more at rest")
     gyro = np.array([sample.gyro for sample in samples], float)
     accel = np.array([sample.accel for sample in samples], float)
     for name, values, most in (("gyro", gyro, _MOST_GYRO), ("accel", accel, _MOST_ACCEL)):
         parts = np.array([part.mean(axis=0) for part in np.array_split(values, 10)])
         if (wandered := float(np.ptp(parts, axis=0).max())) > most:
-            raise CalibrationError(f"the {name} wandered by {wandered:.3f} meanwhile: record with the chair at rest")
+            raise CalibrationError(f"the {name} drifted by {wandered:.3f} meanwhile: record with the chair at rest")
     up = accel.mean(axis=0)
     if up[2] < 0.9 * GRAVITY:
         raise CalibrationError(
-            f"the z axis reads {up[2]:.2f} m/s^2 at rest, not +g: turn the unit's axes to the base's"
+            f"the z axis reads {up[2]:.2f} m/s^2 at rest, not +g: align the IMU's axes with the base's"
         )
     gyro_noise, gyro_instability = _noise(gyro, period)
     accel_noise, accel_instability = _noise(accel, period)

@@ -6,7 +6,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from waychair.calibration.drive_log import DriveLog, Holds, steady_holds
+from waychair.calibration.drive_log import Holds, SweepLog, steady_holds
 from waychair.calibration.fit_steps import AXES
 from waychair.config import Settings, setting
 from waychair.errors import CalibrationError, NotMonotone, ThinData
@@ -19,7 +19,7 @@ _FALLS = (0.05, 0.10)  # m/s, rad/s; a larger drop below the speed of a smaller 
 
 
 @dataclass(frozen=True, slots=True)
-class Level:
+class SweepLevel:
     """One level of an axis alone: volts, number of holds, and median speed [m/s] or [rad/s]."""
 
     volts: float
@@ -46,7 +46,7 @@ class SideLevels:
     limit: float
 
 
-def refuse_creeping(log: DriveLog, neutral: tuple[float, float], near: float) -> None:
+def refuse_creeping(log: SweepLog, neutral: tuple[float, float], near: float) -> None:
     """Raise `CalibrationError` if the chair moves at its neutral, or is never at neutral between its levels."""
     there = (np.abs(log.volts - np.asarray(neutral)) <= near).all(axis=1)
     leaving = np.flatnonzero(there[:-1] & ~there[1:])
@@ -62,19 +62,20 @@ def refuse_creeping(log: DriveLog, neutral: tuple[float, float], near: float) ->
             )
 
 
-def levels_of(holds: Holds, axis: int, neutral: tuple[float, float], near: float) -> tuple[Level, ...]:
-    """Return the levels of an axis (0 forward, 1 turn) by rising volts, from holds with the other axis `near` neutral."""
+def sweep_levels(holds: Holds, axis: int, neutral: tuple[float, float], near: float) -> tuple[SweepLevel, ...]:
+    """Return the levels of an axis (0 forward, 1 turn) by rising volts, from holds with the other axis `near`
+    neutral."""
     other = 1 - axis
     alone = np.abs(holds.volts[:, other] - neutral[other]) <= near
     volts, speeds = holds.volts[alone, axis], holds.twists[alone, axis]
     levels = []
     for value in np.unique(volts):
         held = speeds[volts == value]
-        levels.append(Level(float(value), len(held), float(np.median(held))))
+        levels.append(SweepLevel(float(value), len(held), float(np.median(held))))
     return tuple(levels)
 
 
-def sides_of(levels: tuple[Level, ...], axis: int, neutral: float) -> tuple[SideLevels, SideLevels]:
+def sides_of(levels: tuple[SweepLevel, ...], axis: int, neutral: float) -> tuple[SideLevels, SideLevels]:
     """Return the sides of an axis above and below neutral.
 
     Raises:
@@ -91,7 +92,7 @@ def sides_of(levels: tuple[Level, ...], axis: int, neutral: float) -> tuple[Side
     return above, below
 
 
-def _side(levels: tuple[Level, ...], axis: int, neutral: float, direction: int) -> SideLevels:
+def _side(levels: tuple[SweepLevel, ...], axis: int, neutral: float, direction: int) -> SideLevels:
     where = f"{AXES[axis]} axis {'above' if direction > 0 else 'below'} neutral"
     here = sorted((direction * (level.volts - neutral), level.speed) for level in levels)
     beyond = np.array([row[0] for row in here])
@@ -152,7 +153,7 @@ class OnBlocks:
 
 
 def on_blocks(
-    log: DriveLog, neutral: tuple[float, float], near: float, settings: BlocksSettings | None = None
+    log: SweepLog, neutral: tuple[float, float], near: float, settings: BlocksSettings | None = None
 ) -> tuple[OnBlocks, OnBlocks]:
     """Return neutral, direction and dead bands of both axes from a sweep with raised wheels.
 
@@ -166,7 +167,7 @@ def on_blocks(
     holds = steady_holds(log, settings.measure_s, (0.3, 1.0))
     found = []
     for axis in (0, 1):
-        levels = levels_of(holds, axis, neutral, near)
+        levels = sweep_levels(holds, axis, neutral, near)
         if len(levels) < settings.min_levels:
             raise ThinData(f"{len(levels)} levels on the {AXES[axis]} axis are too few: drive {settings.min_levels}")
         above, below = sides_of(levels, axis, neutral[axis])

@@ -38,7 +38,8 @@ def points_from_depth(depth: Float32Array, camera_matrix: FloatArray) -> FloatAr
 def planes_from_depth(
     depth: Float32Array, camera_matrix: FloatArray, rng: np.random.Generator, most: int = 4
 ) -> tuple[Plane, ...]:
-    """Return up to `most` planes, largest first, each with 8 % of the points or more (Fischler and Bolles, RANSAC, 1981)."""
+    """Return up to `most` planes, largest first, each with 8 % of the points or more (Fischler and Bolles, RANSAC,
+    1981)."""
     points = points_from_depth(depth, camera_matrix)
     points = points[points[:, 2] < _FARTHEST]
     if len(points) > _MOST_POINTS:

@@ -22,9 +22,9 @@ from waychair.types import BoolArray, FloatArray, Scan
 class SelfMask(Settings):
     """Sectors of the lidar's view that see the chair itself, by angle, so that they hold for any number of beams.
 
-    Sector k is from `begins[k]` to `ends[k]` [rad, laser frame] and sees the chair within `reaches[k]` [m]. All its beams
-    are hidden. In the `margin` beside it, beams that end within the reach are hidden, too, because they may see loose
-    clothes or a moved knee; the others pass.
+    Sector k is from `begins[k]` to `ends[k]` [rad, laser frame] and sees the chair within `reaches[k]` [m]. All its
+    beams are hidden. In the `margin` beside it, beams that end within the reach are hidden, too, because they may see
+    loose clothes or a moved knee; the others pass.
     """
 
     begins: tuple[float, ...] = setting((), "rad", "where each sector begins, ascending")
@@ -148,7 +148,7 @@ def _refuse_standstill(ranges: FloatArray, own: BoolArray, s: SelfMaskSettings) 
     swing = np.nanquantile(told, 0.9, axis=0) - np.nanquantile(told, 0.1, axis=0)
     if (part := float((swing > s.moved).mean())) < 0.5:
         raise ThinData(
-            f"only {part:.0%} of what the lidar sees went by: turn the chair a full circle while it is recorded"
+            f"the ranges of only {part:.0%} of the lidar's beams changed: turn the chair a full circle while recording"
         )
 
 

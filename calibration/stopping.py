@@ -39,7 +39,7 @@ class StopSettings(Settings):
 
 
 @dataclass(frozen=True, slots=True)
-class Stop:
+class MeasuredStop:
     """One stop: twist before it [m/s, rad/s], delay [s] to the first effect, distance [m] and turn [rad] to rest."""
 
     v: float
@@ -106,7 +106,7 @@ def _strictly_rising(distances: tuple[float, ...], speeds: tuple[float, ...]) ->
     return [row[0] for row in kept], [row[1] for row in kept]
 
 
-def stop_from_motion(seconds: FloatArray, twists: FloatArray) -> Stop:
+def stop_from_motion(seconds: FloatArray, twists: FloatArray) -> MeasuredStop:
     """Return one stop from twists (N, 2) [m/s, rad/s] at rising `seconds` (N,), of which 0 is the moment of Stop.
 
     The delay ends when the speed (for a spin the turn rate) has lost 5 % of its mean over the last half second before.
@@ -136,11 +136,12 @@ def stop_from_motion(seconds: FloatArray, twists: FloatArray) -> Stop:
     delay = float(seconds[after][fallen[0]]) if len(fallen) else 0.0
     going, steps = twists[after], np.diff(seconds[after])
     way = np.abs(0.5 * ((going[1:] + going[:-1]) * steps[:, None]).sum(axis=0) + going[0] * seconds[after][0])
-    return Stop(v, omega, max(delay, 0.0), float(way[0]), float(way[1]))
+    return MeasuredStop(v, omega, max(delay, 0.0), float(way[0]), float(way[1]))
 
 
-def stop_table(stops: Iterable[Stop], corner_m: float, settings: StopSettings | None = None) -> StopTable:
-    """Return the worst measured stops plus the margin, for a chair with its farthest corner `corner_m` [m] off its axle.
+def stop_table(stops: Iterable[MeasuredStop], corner_m: float, settings: StopSettings | None = None) -> StopTable:
+    """Return the worst measured stops plus the margin, for a chair with its farthest corner `corner_m` [m] off its
+    axle.
 
     Every part of the chair must stop, so the turn of a stop counts as the corner's distance. Speeds within 5 % share a
     row, at the slowest of them.
@@ -161,7 +162,7 @@ def stop_table(stops: Iterable[Stop], corner_m: float, settings: StopSettings | 
         distances[-1] = max(distances[-1], distance)
     if len(speeds) < 2 or not spins:
         raise ThinData(
-            f"stops from {len(speeds)} speeds and {len(spins)} spins are too few: measure at least two speeds and a spin"
+            f"stops from {len(speeds)} speeds and {len(spins)} spins are too few: measure two speeds and a spin or more"
         )
     more = 1.0 + settings.margin
     return StopTable(

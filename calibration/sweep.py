@@ -1,7 +1,7 @@
 """The sweep that a calibration is fitted to: levels of the stick, each held until the chair has settled.
 
-Every level is followed by its opposite, so that the chair returns to about its start. A sweep needs the distance that its
-fastest level takes to settle and be measured.
+Every level is followed by its opposite, so that the chair returns to about its start. A sweep needs the distance that
+its fastest level takes to settle and be measured.
 """
 
 from __future__ import annotations
@@ -14,7 +14,7 @@ from typing import NamedTuple, Protocol
 import numpy as np
 
 from waychair.calibration.dac import nearest
-from waychair.calibration.drive_log import DriveLog
+from waychair.calibration.drive_log import SweepLog
 from waychair.calibration.fit_steps import StepResponse, fit_steps
 from waychair.calibration.levels import refuse_creeping
 from waychair.config import Settings, setting
@@ -32,7 +32,7 @@ class Sample(NamedTuple):
     omega: float
 
 
-class Drive(Protocol):
+class LineDrive(Protocol):
     """The interface to a chair, real or simulated, whose joystick lines can be held."""
 
     @property
@@ -62,11 +62,11 @@ class SweepSettings(Settings):
 
 
 def sweep(
-    drive: Drive,
+    drive: LineDrive,
     neutral: tuple[float, float],
     settings: SweepSettings | None = None,
     progress: Callable[[float], None] = lambda share: None,
-) -> DriveLog:
+) -> SweepLog:
     """Drive the whole sweep about the measured neutral [V]; first steps show how long each level takes to settle.
 
     Raises:
@@ -129,12 +129,13 @@ def _settling_s(responses: list[StepResponse], fastest: list[float], forward: fl
 
 
 class Recorder:
-    """A `Drive` that records the volts on another drive's lines and its samples, so that an aborted sweep has a log.
+    """A `LineDrive` that records the volts on another drive's lines and its samples, so that an aborted sweep has a
+    log.
 
     Volts are kept as counts of a converter.
     """
 
-    def __init__(self, drive: Drive, bits: int, volts_max: float, volts_min: float = 0.0) -> None:
+    def __init__(self, drive: LineDrive, bits: int, volts_max: float, volts_min: float = 0.0) -> None:
         self._drive = drive
         self._bits = bits
         self._range = (volts_min, volts_max)
@@ -147,18 +148,18 @@ class Recorder:
         return self._drive.now_ns
 
     def hold(self, forward_volts: float, turn_volts: float, seconds: float) -> list[Sample]:
-        """Hold the lines at these volts; see `Drive`."""
+        """Hold the lines at these volts; see `LineDrive`."""
         self._began.append((self.now_ns, self._count(forward_volts), self._count(turn_volts)))
         samples = self._drive.hold(forward_volts, turn_volts, seconds)
         self._samples += samples
         return samples
 
-    def log(self) -> DriveLog:
+    def log(self) -> SweepLog:
         """Return the log so far, each sample with the counts of its own time."""
         began = np.array(self._began, np.int64).reshape(-1, 3)
         stamps = np.array([sample.stamp_ns for sample in self._samples], np.int64)
         held = np.maximum(np.searchsorted(began[:, 0], stamps, side="right") - 1, 0)
-        return DriveLog(
+        return SweepLog(
             stamps_ns=stamps,
             counts=began[held, 1:],
             twists=np.array([(sample.v, sample.omega) for sample in self._samples], float).reshape(-1, 2),
@@ -176,7 +177,7 @@ class Recorder:
 class _Runner:
     """Drives levels given as shares of the swing, at counts of the converter."""
 
-    def __init__(self, drive: Drive, neutral: tuple[float, float], reach: float, settings: SweepSettings) -> None:
+    def __init__(self, drive: LineDrive, neutral: tuple[float, float], reach: float, settings: SweepSettings) -> None:
         self.recorder = Recorder(drive, settings.bits, settings.volts_max, settings.volts_min)
         self._neutral = neutral
         self._reach = reach

@@ -125,7 +125,8 @@ def time_offset(heading: Heading, gyro: Heading, sensor: str, settings: TimeOffs
         )
     if (change := turns.change()) < s.least_rate:
         raise ThinData(
-            f"the yaw rate changed by {change:.2f} rad/s only, {s.least_rate:g} are needed: turn left and right by turns"
+            f"the yaw rate changed by {change:.2f} rad/s only, {s.least_rate:g} are needed: "
+            "turn left and right repeatedly"
         )
     residuals = turns.residuals(_best(turns, s))
     spread = max(1.4826 * float(np.median(np.abs(residuals))), 1e-9)
@@ -140,7 +141,7 @@ def time_offset(heading: Heading, gyro: Heading, sensor: str, settings: TimeOffs
         )
     if not s.earliest_s + s.step_s < delay < s.latest_s - s.step_s:
         raise CalibrationError(
-            f"the stamps of the {sensor} are off by {1e3 * delay:.0f} ms or more, beyond what is looked for "
+            f"the stamps of the {sensor} are off by {1e3 * delay:.0f} ms or more, beyond the search range "
             f"({1e3 * s.earliest_s:.0f} to {1e3 * s.latest_s:.0f} ms): set its clock first"
         )
     rms = math.sqrt(float(np.mean(residuals**2)))
@@ -223,8 +224,8 @@ def _best(turns: _Turns, s: TimeOffsetSettings) -> float:
 def _sigma(turns: _Turns, delay: float, rms: float, s: TimeOffsetSettings) -> float:
     """Return the standard deviation [s] from the misfit's curvature, at most the width of the search.
 
-    Overlapping stretches count as one, as if their residuals were equal. That is right if a sensor's heading drifts, and
-    too large if it is merely noisy.
+    Overlapping stretches count as one, as if their residuals were equal. That is right if a sensor's heading drifts,
+    and too large if it is merely noisy.
     """
     step = 0.5 * s.step_s
     curvature = (turns.misfit(delay + step) - 2.0 * turns.misfit(delay) + turns.misfit(delay - step)) / step**2

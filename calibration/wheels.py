@@ -1,7 +1,7 @@
 """Radius of each drive wheel and the effective track, from a driven path with known poses.
 
-These are two linear least-squares problems in turn (Antonelli, Chiaverini and Fusco, A calibration method for odometry of
-mobile robots based on the least-squares technique, IEEE T-RO 2005). The turn over a stretch is linear in radius over
+These are two linear least-squares problems in turn (Antonelli, Chiaverini and Fusco, A calibration method for odometry
+of mobile robots based on the least-squares technique, IEEE T-RO 2005). The turn over a stretch is linear in radius over
 track of either wheel; with these two known, the distance is linear in the track. As in UMBmark (Borenstein and Feng,
 Measurement and correction of systematic odometry errors in mobile robots, IEEE T-RA 1996), a square must be driven both
 ways round, because one way alone cannot tell unequal wheels from a wrong track.
@@ -81,7 +81,7 @@ def wheels_from_drive(ticks: IntArray, poses: FloatArray, ticks_per_turn: int) -
 def _refuse_thin(way: float, turns: FloatArray) -> None:
     left, right = float(turns[turns > 0.0].sum()), float(-turns[turns < 0.0].sum())
     if way < _LEAST_WAY:
-        raise ThinData(f"a way of {way:.1f} m is too short for the wheels' radii: drive at least {_LEAST_WAY:g} m")
+        raise ThinData(f"{way:.1f} m are too short for the wheels' radii: drive at least {_LEAST_WAY:g} m")
     if min(left, right) < _LEAST_TURN:
         raise ThinData(
             f"turns of {left:.1f} rad to the left and {right:.1f} to the right are too few: drive a square both ways "

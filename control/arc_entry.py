@@ -18,9 +18,9 @@ def entry_times(
     """Return the times (N,) [s] at which points enter their rectangles while the chair drives an arc; +inf if never.
 
     x, y (N,) [m] are points in base, outside their rectangles. Each point has its own rectangle, which reaches front,
-    rear and half (N,) [m] from the axle's middle ahead, back and to either side. In the chair's frame a fixed point turns
-    by -omega about the centre of the arc (0, v / omega), or moves straight back. It enters at its first crossing of a
-    side's line between the two neighbouring sides.
+    rear and half (N,) [m] from the axle's middle ahead, back and to either side. In the chair's frame a fixed point
+    turns by -omega about the centre of the arc (0, v / omega), or moves straight back. It enters at its first crossing
+    of a side's line between the two neighbouring sides.
     """
     v, omega = command.v, command.omega
     times = np.full(len(x), math.inf)

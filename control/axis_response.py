@@ -14,7 +14,7 @@ from waychair.calibration.axis_model import AxisModel
 from waychair.config import Settings, setting
 
 _SUBSTEP_S = 0.005
-LONGEST_S = 0.2
+LONGEST_STEP_S = 0.2
 """s; the model advances by at most this after a pause, because the chair's motion during the pause is unknown."""
 
 
@@ -71,7 +71,7 @@ class ExpectedSpeed:
     def advance(self, now_ns: int) -> float:
         """Advance to a time and return the mean speed since the last call, as encoders measure it over a tick."""
         last_ns, self._now_ns = self._now_ns, now_ns
-        seconds = 0.0 if last_ns is None else min(max((now_ns - last_ns) * 1e-9, 0.0), LONGEST_S)
+        seconds = 0.0 if last_ns is None else min(max((now_ns - last_ns) * 1e-9, 0.0), LONGEST_STEP_S)
         steps = math.ceil(seconds / _SUBSTEP_S - 1e-9)
         if steps == 0:
             return self._speed

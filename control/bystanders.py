@@ -74,29 +74,29 @@ class Bystanders:
         The surroundings are given the people's personal space, a smaller one once the chair has stood for `stood_s` [s]
         to let them pass.
         """
-        strangers = transform_points(odom_from_map, surroundings.strangers(obstacles))
+        strangers = transform_points(odom_from_map, surroundings.unmapped(obstacles))
         tracks = self._tracker.update(seen_ns, strangers)
         self.tracks = moved_on((track for track in tracks if track.walked), now_ns)
-        self._note_who_is_near(now_ns, odom_from_map @ pose)
+        self._note_stays(now_ns, odom_from_map @ pose)
         s = self._settings
         self._room = s.room_after if stood_s > s.room_after_s else s.room
         room = room_round(self.tracks, self._room, odom_from_map @ pose, self._body, self._margin + _ROOM_TO_LEAVE)
         may_go = (*(track for track in self.tracks if not self._has_settled(track)), *self._tracker.lost)
         places = np.array([track.position for track in may_go]).reshape(-1, 2)
         map_from_odom = odom_from_map.inverse()
-        surroundings.keep_clear_of(transform_points(map_from_odom, room), transform_points(map_from_odom, places))
+        surroundings.set_personal_space(transform_points(map_from_odom, room), transform_points(map_from_odom, places))
 
-    def under_way(self, map_from_odom: Pose2) -> People:
+    def expected_people(self, map_from_odom: Pose2) -> People:
         """Return the people that walk, or may soon walk, in map, as a planner expects them."""
         expected = (self._expected(track) for track in self.tracks if not self._has_settled(track))
         return People(seen_from(map_from_odom, expected), self._body.width / 2 + self._room)
 
-    def linger_near(self, points: FloatArray, gap: float) -> bool:
+    def someone_lingers_near(self, points: FloatArray, gap: float) -> bool:
         """Return whether a lingering person is nearer than `gap` [m] to one of points (N, 2) [m] in odom."""
         lingering = (self._expected(track) for track in self.tracks if self._lingers(track))
         return any(np.hypot(*(points - track.position).T).min(initial=math.inf) < gap for track in lingering)
 
-    def foreseen(self, now_ns: int, odom_from_base: Pose2) -> tuple[Track, ...]:
+    def predicted(self, now_ns: int, odom_from_base: Pose2) -> tuple[Track, ...]:
         """Return the tracks to predict from their positions now; a standing person is predicted to stand.
 
         A person too near for a forecast is left out: the scan's points are then the obstacle.
@@ -107,16 +107,16 @@ class Bystanders:
             if self._gap(track, odom_from_base) > track.radius
         )
 
-    def about(self, odom_from_base: Pose2) -> bool:
+    def someone_walks_near(self, odom_from_base: Pose2) -> bool:
         """Return whether somebody near the chair walks."""
         return any(track.walks(self._settings) for track in self._near(odom_from_base))
 
-    def passing(self, odom_from_base: Pose2) -> bool:
+    def someone_passes_near(self, odom_from_base: Pose2) -> bool:
         """Return whether somebody near walks and does not linger; a lingering person waits for the chair."""
         near = self._near(odom_from_base)
         return any(track.walks(self._settings) and not self._lingers(track) for track in near)
 
-    def behind(self, now_ns: int, odom_from_base: Pose2) -> bool:
+    def someone_behind(self, now_ns: int, odom_from_base: Pose2) -> bool:
         """Return whether people may be in the area that backing out would use."""
         everybody = (*self.tracks, *self._tracker.lost)
         return may_be_behind(everybody, now_ns, odom_from_base, self._body, self._recovery.way)
@@ -148,7 +148,7 @@ class Bystanders:
         middle = track.position if stay is None else stay.middle
         return _standing_at(middle, track)
 
-    def _note_who_is_near(self, now_ns: int, odom_from_base: Pose2) -> None:
+    def _note_stays(self, now_ns: int, odom_from_base: Pose2) -> None:
         if math.dist((self._stands_at.x, self._stands_at.y), (odom_from_base.x, odom_from_base.y)) > _NOWHERE:
             self._stands_at, self._stays_near = odom_from_base, {}
         before, self._stays_near = self._stays_near, {}

@@ -16,7 +16,7 @@ from waychair.control.following import FollowingSettings, FollowingWatch
 from waychair.control.gain_watch import GainWatch, GainWatchSettings
 from waychair.control.kinematics import twist_from_wheel_speeds
 from waychair.control.speed_loop import SpeedLoop, SpeedLoopSettings, tuned
-from waychair.types import Sent, Twist
+from waychair.types import SentCommand, Twist
 
 
 @dataclass(frozen=True, slots=True)
@@ -69,14 +69,14 @@ class ClosedLoop:
         self._gain_watch = GainWatch(s.speed_loop.forward, s.speed_loop.turn, s.gain_watch)
         self._following = FollowingWatch(s.speed_loop.forward, s.speed_loop.turn, self._track, s.following)
 
-    def step(self, command: Twist | None, measured: Twist, now_ns: int, sent: Sent | None = None) -> Twist:
+    def step(self, command: Twist | None, measured: Twist, now_ns: int, sent: SentCommand | None = None) -> Twist:
         """Return the twist to send in this tick, exactly 0 while there is a `fault`.
 
         `command` None means that the computer does not drive. `measured` is the mean twist since the last call, and
         `sent` is the result of the twist that was returned then.
         """
         held = sent is not None and sent.active
-        told = twist_from_wheel_speeds(sent.wheel_speeds, self._track) if sent is not None and held else Twist()
+        sent_twist = twist_from_wheel_speeds(sent.wheel_speeds, self._track) if sent is not None and held else Twist()
         if self.fault:
             command = None
         if command is not None:
@@ -84,14 +84,14 @@ class ClosedLoop:
         twist = self._loop.step(command, measured, now_ns, sent if held else None)
         steady = held and not self._loop.waiting and not self._loop.casters_swing
         # a chair that stands although it is commanded to drive is stuck, not slow
-        self._gain_watch.step(told, measured, now_ns, judged=steady and self._loop.moves(measured))
+        self._gain_watch.step(sent_twist, measured, now_ns, judged=steady and self._loop.moves(measured))
         if not held:
             self._following.released()
-        elif told == Twist():
+        elif sent_twist == Twist():
             self._following.at_neutral(measured, now_ns)
         else:
             expected = None if self._loop.waiting else self._loop.expected
-            self._following.driving(told, expected, measured, now_ns)
+            self._following.driving(sent_twist, expected, measured, now_ns)
         return Twist() if self.fault else twist
 
 

@@ -6,22 +6,22 @@ than an emergency stop, the chair must stop. If it is shorter than a comfortable
 zones scale with the speed and bend with the turn.
 
 The clearance round the footprint grows with the speed. At a crawl it is as narrow as a doorway needs. A point within
-the clearance of a faster drive does not stop the chair but slows it down until the clearance is free. Ahead of the chair
-the clearance is longer.
+the clearance of a faster drive does not stop the chair but slows it down until the clearance is free. Ahead of the
+chair the clearance is longer.
 
 A lidar at the height of shins sees legs, and a person's body reaches beyond them. So a slim object that stands free is
 taken for legs and gets a longer and wider clearance, at any speed. Where the space is too narrow for that, as in many
 corridors, the chair stops and gives way; a person still there after a while is passed at the smaller clearance, at a
 crawl.
 
-The monitor uses no planner, no map and no pose. It knows one thing from the map: another process that is sure of the
-chair's pose may tell it the places of mapped slim objects, such as table legs, in base (`furnish`). Slim points at those
-places lose the legs' extra clearance. They are still obstacles, with the same clearance as anything else.
+The monitor uses no planner, no map and no pose. It knows one thing from the map: a caller that is sure of the chair's
+pose may tell it the places of mapped slim objects, such as table legs, in base (`note_mapped_legs`). Slim points at
+those places lose the legs' extra clearance. They are still obstacles, with the same clearance as anything else.
 
-The monitor also checks the lidar: a lidar that is silent, sees too little or repeats one scan stops the chair. A verdict
-carries its own stamp and its scan's. The caller asks for a fresh verdict before it lets speed through (`refusal`), so
-that a dead monitor stops the chair, too. `Monitor` is a pure function of its inputs. A process of its own calls it by a
-timer (`runtime.monitor_process`), and the simulator calls it in lockstep.
+The monitor also checks the lidar: a lidar that is silent, sees too little or repeats one scan stops the chair. A
+verdict carries its own stamp and its scan's. The caller asks for a fresh verdict before it lets speed through
+(`stale_stop`), so that a dead monitor stops the chair, too. `Monitor` is a pure function of its inputs. A process of
+its own calls it by a timer (`runtime.monitor_process`), and the simulator calls it in lockstep.
 """
 
 from __future__ import annotations
@@ -38,7 +38,7 @@ from waychair.config import Settings, setting
 from waychair.control.arc_entry import entry_times
 from waychair.errors import ConfigError
 from waychair.geometry import arcs, transform_points
-from waychair.scans import without_codes
+from waychair.scans import without_overflow_codes
 from waychair.types import BoolArray, FloatArray, IntArray, Pose2, Scan, Twist
 
 
@@ -123,7 +123,8 @@ class MonitorVerdict:
 
 
 class Monitor:
-    """The monitor with its memory: the latest scan, each beam's last valid range, and how long scans have been the same.
+    """The monitor with its memory: the latest scan, each beam's last valid range, and how long scans have been the
+    same.
 
     A beam without a range is not blind at once. In real buildings one beam in three may see nothing for a moment, past
     glass or down a hall (recordings of Intel, Freiburg 079 and Malaga), but the beams change as the chair moves.
@@ -148,19 +149,19 @@ class Monitor:
         self._gives_way_since_ns: int | None = None
         self._gave_way_ns: int | None = None  # the latest tick in which the chair gave way
         self._passes_until_ns: int | None = None
-        self._furniture: FloatArray = np.empty((0, 2))
-        self._furnished_ns: int | None = None
+        self._mapped_legs: FloatArray = np.empty((0, 2))
+        self._mapped_legs_ns: int | None = None
 
-    def furnish(self, mapped: FloatArray, stamp_ns: int) -> None:
+    def note_mapped_legs(self, mapped: FloatArray, stamp_ns: int) -> None:
         """Take in mapped slim objects (N, 2) [m] in base at `stamp_ns`, from a caller that is sure of the chair's pose.
 
-        Slim points near them are furniture, not legs, for as long as this news is fresh.
+        Slim points near them do not count as a person's legs for as long as this information is fresh.
         """
-        self._furniture, self._furnished_ns = mapped, stamp_ns
+        self._mapped_legs, self._mapped_legs_ns = mapped, stamp_ns
 
     def see(self, scan: Scan) -> None:
         """Take in a scan, as the lidar gave it."""
-        scan = without_near_field(without_codes(scan), self._body)
+        scan = without_near_field(without_overflow_codes(scan), self._body)
         before, self._scan = self._scan, scan
         count, longest_ns = len(scan.ranges), round(self._settings.blind_s * 1e9)
         self._hidden = np.zeros(count, np.bool_) if self._mask is None else self._mask.hides(scan)
@@ -189,10 +190,10 @@ class Monitor:
             return MonitorVerdict(now_ns, scan_ns, command, 0.0, stop="lidar_late")
         if not all(map(math.isfinite, (command.v, command.omega, measured.v, measured.omega))):
             return MonitorVerdict(now_ns, scan_ns, command, 0.0, stop="obstacle")
-        told = measuring(scan, self._hidden)
-        points = points_now(scan, told, self._body, measured, now_ns)
-        slim = self._slim[told]
-        slim[slim] = ~self._is_furniture(points[slim], measured, now_ns)
+        valid = valid_beams(scan, self._hidden)
+        points = points_now(scan, valid, self._body, measured, now_ns)
+        slim = self._slim[valid]
+        slim[slim] = ~self._is_mapped(points[slim], measured, now_ns)
         share, contact_s = self._permitted(points, slim, command)
         if share == 0.0 and slim.any():
             passing, passing_contact_s = self._permitted(points, slim, command, gave_way=True)
@@ -202,14 +203,14 @@ class Monitor:
             self._gives_way_since_ns = None
         return MonitorVerdict(now_ns, scan_ns, command, share, contact_s, "" if share > 0.0 else "obstacle")
 
-    def _is_furniture(self, points: FloatArray, measured: Twist, now_ns: int) -> BoolArray:
+    def _is_mapped(self, points: FloatArray, measured: Twist, now_ns: int) -> BoolArray:
         """Return a mask (N,) of points (N, 2) [m] in base that lie at mapped slim objects."""
-        stamp_ns, s = self._furnished_ns, self._settings
-        if stamp_ns is None or not len(self._furniture) or not _is_fresh(stamp_ns, s.furniture_ms, now_ns):
+        stamp_ns, s = self._mapped_legs_ns, self._settings
+        if stamp_ns is None or not len(self._mapped_legs) or not _is_fresh(stamp_ns, s.furniture_ms, now_ns):
             return np.zeros(len(points), np.bool_)
         seconds = (now_ns - stamp_ns) * 1e-9
         (moved,) = arcs(np.array([measured.v * seconds]), np.array([measured.omega * seconds]))
-        known = transform_points(Pose2(*moved).inverse(), self._furniture)
+        known = transform_points(Pose2(*moved).inverse(), self._mapped_legs)
         gaps = np.hypot(*(points[:, None] - known[None]).transpose(2, 0, 1))
         near: BoolArray = gaps.min(axis=1) <= s.furniture
         return near
@@ -217,9 +218,10 @@ class Monitor:
     def _permitted(
         self, points: FloatArray, slim: BoolArray, command: Twist, gave_way: bool = False
     ) -> tuple[float, float]:
-        """Return the permitted share of a command, 0 to stop, and its contact time; at most a crawl if it `gave_way`."""
+        """Return the permitted share of a command, 0 to stop, and its contact time; at most a crawl if it
+        `gave_way`."""
         s, share, contact_s = self._settings, 0.0, math.inf
-        considered = paces(command, self._body, s)
+        considered = judged_shares(command, self._body, s)
         for pace in considered[-1:] if gave_way else considered:
             contact_s = self._contact_s(points, slim, command, float(pace), gave_way)
             share = max(share, min(float(pace), slow_share(contact_s, command, s)))
@@ -270,7 +272,7 @@ def _stands(twist: Twist) -> bool:
     return abs(twist.v) < 0.03 and abs(twist.omega) < 0.06
 
 
-def refusal(verdict: MonitorVerdict | None, now_ns: int, settings: MonitorSettings) -> str:
+def stale_stop(verdict: MonitorVerdict | None, now_ns: int, settings: MonitorSettings) -> str:
     """Return the id of the stop that forbids any speed now, or "" if verdict and scan are fresh."""
     if not _is_fresh(None if verdict is None else verdict.stamp_ns, settings.verdict_ms, now_ns):
         return "monitor_silent"
@@ -318,17 +320,17 @@ _OUTSIDE = 0.005
 """m; an object too close to be measured is placed so far outside the footprint."""
 
 
-def measuring(scan: Scan, hidden: BoolArray) -> BoolArray:
+def valid_beams(scan: Scan, hidden: BoolArray) -> BoolArray:
     """Return a mask (N,) of beams with a valid range that is not the chair itself."""
-    told: BoolArray = np.isfinite(scan.ranges) & ~hidden
-    told[told] &= (scan.ranges[told] >= max(scan.range_min, 0.0)) & (scan.ranges[told] <= scan.range_max)
-    return told
+    valid: BoolArray = np.isfinite(scan.ranges) & ~hidden
+    valid[valid] &= (scan.ranges[valid] >= max(scan.range_min, 0.0)) & (scan.ranges[valid] <= scan.range_max)
+    return valid
 
 
 def slim_beams(scan: Scan, hidden: BoolArray, settings: MonitorSettings) -> BoolArray:
     """Return a mask (N,) of beams that end on a slim object standing free: nothing beside it in the view is as near."""
     slim = np.zeros(len(scan.ranges), np.bool_)
-    beams = np.flatnonzero(measuring(scan, hidden))
+    beams = np.flatnonzero(valid_beams(scan, hidden))
     if len(beams) < 2:
         return slim
     r, angles = scan.ranges[beams].astype(np.float64), scan.angles()[beams]
@@ -352,22 +354,22 @@ _APART = 0.12
 """m; neighbouring beams that end farther apart end on different objects."""
 
 
-def points_now(scan: Scan, told: BoolArray, body: ChairBody, measured: Twist, now_ns: int) -> FloatArray:
-    """Return the points (N, 2) [m] of a scan's beams `told` in base now.
+def points_now(scan: Scan, valid: BoolArray, body: ChairBody, measured: Twist, now_ns: int) -> FloatArray:
+    """Return the points (N, 2) [m] of a scan's beams `valid` in base now.
 
     Each beam is moved on by the chair's `measured` twist [m/s, rad/s] since its own time.
     """
     ranges = scan.ranges.astype(np.float64)
-    r, angles = ranges[told], scan.angles()[told]
+    r, angles = ranges[valid], scan.angles()[valid]
     points = transform_points(body.base_from_laser, np.column_stack([r * np.cos(angles), r * np.sin(angles)]))
-    seconds: FloatArray = (now_ns - scan.stamp_ns) * 1e-9 - scan.time_step * np.flatnonzero(told).astype(np.float64)
+    seconds: FloatArray = (now_ns - scan.stamp_ns) * 1e-9 - scan.time_step * np.flatnonzero(valid).astype(np.float64)
     x, y, theta = arcs(measured.v * seconds, measured.omega * seconds).T
     c, s = np.cos(theta), np.sin(theta)
     dx, dy = points[:, 0] - x, points[:, 1] - y
     return np.column_stack([c * dx + s * dy, c * dy - s * dx])
 
 
-def paces(command: Twist, body: ChairBody, settings: MonitorSettings) -> FloatArray:
+def judged_shares(command: Twist, body: ChairBody, settings: MonitorSettings) -> FloatArray:
     """Return the shares of a command to judge it at, from the whole command down to a crawl, evenly spaced."""
     slowest = min(1.0, settings.crawl / max(_fastest(command, body), 1e-9))
     return np.linspace(1.0, slowest, _PACES) if slowest < 1.0 else np.ones(1)
@@ -401,10 +403,10 @@ def contact_times(
     """Return the driving times (N,) [s] until contact of a command's arc with points (N, 2) [m] in base; +inf if never.
 
     The footprint is grown by the `margins` of a share `pace` of the command's speed, and by more for points of `legs`
-    (N,), less once the chair `gave_way`; the time is that of the whole command.
-    A point already within the grown footprint is in contact now if it comes nearer by more than a centimetre in the next
-    second; driving along it or away from it is free. A point well within the footprint itself is in contact at once for
-    any command that moves the chair.
+    (N,), less once the chair `gave_way`; the time is that of the whole command. A point already within the grown
+    footprint is in contact now if it comes nearer by more than a centimetre in the next second; driving along it or
+    away from it is free. A point well within the footprint itself is in contact at once for any command that moves the
+    chair.
     """
     s, x, y = settings, points[:, 0], points[:, 1]
     beside, besides_ahead = margins(command, body, s, pace)

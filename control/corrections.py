@@ -29,7 +29,8 @@ class Corrections:
         self._lately: deque[tuple[int, Pose2]] = deque()
 
     def jumping(self, now_ns: int, pose: Pose2, odom_from_map: Pose2) -> bool:
-        """Return whether recent corrections moved a chair that is now at map_from_base by more than the settings allow."""
+        """Return whether recent corrections moved a chair that is now at map_from_base by more than the settings
+        allow."""
         s = self._settings
         self._lately.append((now_ns, odom_from_map))
         while now_ns - self._lately[0][0] > s.time * 1e9:

@@ -22,7 +22,7 @@ from waychair.geometry import compose
 from waychair.maps.distance_field import DistanceField
 from waychair.planning.dwa import DwaResult, rotate_to_heading
 from waychair.planning.legs import Leg
-from waychair.planning.motion import DwaSettings, Motion, braking
+from waychair.planning.motion import PERIOD, DwaSettings, Motion, braking
 from waychair.types import FloatArray, Pose2, Twist
 
 _BEHIND = 0.04
@@ -78,7 +78,8 @@ class DoorDrive:
         self._poses: deque[Pose2] = deque()  # in odom, the last ones
         self.tries = 0
         self.refused = False
-        """Whether the chair stands at the last gate and gave up: it found no door there, or was never aligned with it."""
+        """Whether the chair stands at the last gate and gave up: it found no door there, or was never aligned with
+        it."""
 
     @property
     def entered(self) -> bool:
@@ -102,7 +103,7 @@ class DoorDrive:
         Pose and distances are in odom; `motion` as in `tracking.track`.
         """
         door_from_odom = self.watch.odom_from_door.inverse()
-        at, soon = door_from_odom @ pose, door_from_odom @ self._soon(pose, limits.period)
+        at, soon = door_from_odom @ pose, door_from_odom @ self._soon(pose, PERIOD)
         front = at.x + self._body.front
         if not self._entered and not self._lined_up:
             if front > 0.0:  # the chair stands in the door, so lining up is over
@@ -145,9 +146,9 @@ class DoorDrive:
         """Turn on the spot to the door's direction; None once that is done."""
         limits = replace(
             limits,
-            heading_tolerance=self._settings.lined_up,
+            tolerances=replace(limits.tolerances, heading=self._settings.lined_up),
             max_omega=min(limits.max_omega, self._settings.tracking.max_omega),
-            margin=0.0,
+            clearance=0.0,
         )
         heading = self.watch.odom_from_door.theta
         turned = rotate_to_heading(pose, command, heading, distances, self._body, limits, motion)

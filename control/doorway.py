@@ -50,9 +50,9 @@ def find_doorway(
 ) -> Doorway | None:
     """Return the door's middle and direction from one scan's points (N, 2) [m], near its expected pose `door`.
 
-    Points and `door` (x leads through it) are in one frame; `width` [m] is the map's clear width. The chair sees the near
-    face only, so the middle keeps the expected place along the door's x. None if the jambs are not both in view, or the
-    opening's width is far from the map's.
+    Points and `door` (x leads through it) are in one frame; `width` [m] is the map's clear width. The chair sees the
+    near face only, so the middle keeps the expected place along the door's x. None if the jambs are not both in view,
+    or the opening's width is far from the map's.
     """
     local = transform_points(door.inverse(), points)
     half = width / 2

@@ -53,7 +53,7 @@ class FitnessSettings(Settings):
                 raise ConfigError(f"{name} = '{getattr(self, name)}' is unknown: take {' or '.join(REACTIONS)}")
 
 
-def tells(message: Sensed) -> bool:
+def has_valid_reading(message: Sensed) -> bool:
     """Return whether a message holds any valid reading; of a depth image every sixteenth pixel is checked."""
     if isinstance(message, ImuSample):
         return all(map(math.isfinite, (*message.accel.tolist(), *message.gyro.tolist())))
@@ -68,7 +68,7 @@ class Fitness:
         self._tilt = TiltFilter(body, self._settings.tilt)
         self._heard_ns: dict[type, int] = {}
         self._status = ChairStatus(0)  # each contact's last value
-        self._told_ns: dict[str, int] = {}
+        self._contact_ns: dict[str, int] = {}
         self._tilted_since_ns: int | None = None
         self._lean = 0.0
         self._localisation: Localisation | None = None
@@ -79,13 +79,13 @@ class Fitness:
 
         A message without a valid reading counts as silence.
         """
-        if not tells(message):
+        if not has_valid_reading(message):
             return
         self._heard_ns[type(message)] = message.stamp_ns
         if isinstance(message, ChairStatus):
-            told = {name: value for name in _CONTACTS if (value := getattr(message, name)) is not None}
-            self._status = replace(self._status, **told)
-            self._told_ns |= dict.fromkeys(told, message.stamp_ns)
+            known = {name: value for name in _CONTACTS if (value := getattr(message, name)) is not None}
+            self._status = replace(self._status, **known)
+            self._contact_ns |= dict.fromkeys(known, message.stamp_ns)
         elif isinstance(message, ImuSample):
             tilt = self._tilt.update(message, twist)
             lean = math.acos(min(1.0, max(-1.0, math.cos(tilt.roll) * math.cos(tilt.pitch))))
@@ -140,10 +140,11 @@ class Fitness:
         return tuple(halts)
 
     def _contacts(self, now_ns: int) -> tuple[Halt, ...]:
-        """Return the halts of F24 and the seat switch; a contact's last value counts even if it is not set as fitted."""
+        """Return the halts of F24 and the seat switch; a contact's last value counts even if it is not set as
+        fitted."""
         s, status, halts = self._settings, self._status, []
         fitted = (("seated", s.seat_switch), ("charging", s.power_monitor))
-        if any(is_fitted and STATUS.is_stale(self._told_ns.get(name), now_ns) for name, is_fitted in fitted):
+        if any(is_fitted and STATUS.is_stale(self._contact_ns.get(name), now_ns) for name, is_fitted in fitted):
             halts.append(halt("status_stale"))
         if status.charging:
             halts.append(halt("charging"))

@@ -59,11 +59,11 @@ class FollowingWatch:
         self._coasting_s = 0.0
         self.fault = ""
 
-    def driving(self, told: Twist, expected: Twist | None, measured: Twist, now_ns: int) -> str:
+    def driving(self, sent: Twist, expected: Twist | None, measured: Twist, now_ns: int) -> str:
         """Check F20 in one tick of driving; return the fault with its remedy, or "".
 
-        `told` is the twist that was sent. `expected` is the mean twist that the chair should have had since the tick
-        before, None while its brake may still be opening.
+        `expected` is the mean twist that the chair should have had since the tick before, None while its brake may
+        still be opening.
         """
         self._rest()
         s = self._settings
@@ -75,11 +75,11 @@ class FollowingWatch:
                 f"the chair does not follow (F20): {measured.v:.2f} m/s, {measured.omega:.2f} rad/s instead of "
                 f"{_text(expected)}; check free-wheel levers, slope and speed dial"
             )
-        stuck = self._at_wheel(told) > s.stuck_told and self._at_wheel(measured) < s.stuck_v
+        stuck = self._at_wheel(sent) > s.stuck_told and self._at_wheel(measured) < s.stuck_v
         if self._stuck.seconds(stuck, now_ns) >= s.stuck_s:
             self._found(
-                f"the chair does not move (F20) though told to drive at {told.v:.2f} m/s, {told.omega:.2f} rad/s; "
-                "check free-wheel levers, brakes and what stands in its way"
+                f"the chair does not move (F20) at a command of {sent.v:.2f} m/s, {sent.omega:.2f} rad/s; "
+                "check free-wheel levers, brakes and obstacles"
             )
         return self.fault
 

@@ -1,8 +1,8 @@
 """Estimation of each axis' gain while driving, to notice that the chair no longer matches its calibration.
 
 When somebody turns the speed dial or switches the drive profile, the same volts give another speed. The volts that were
-really sent give an expected speed by the calibration and the axis' delay, ramp and lag; it is compared with the measured
-speed. Only steady motion is informative, so an axis that is hardly used is not judged.
+really sent give an expected speed by the calibration and the axis' delay, ramp and lag; it is compared with the
+measured speed. Only steady motion is informative, so an axis that is hardly used is not judged.
 """
 
 from __future__ import annotations
@@ -13,7 +13,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from waychair.config import Settings, setting
-from waychair.control.axis_response import LONGEST_S, AxisResponse, ExpectedSpeed
+from waychair.control.axis_response import LONGEST_STEP_S, AxisResponse, ExpectedSpeed
 from waychair.types import FloatArray, Twist
 
 _SETTLED = 0.15  # a settled axis is within this share of the speed asked of it
@@ -42,9 +42,9 @@ class GainWatchSettings(Settings):
 class AxisGain:
     """Gain of one axis and effect of the other axis on it, by recursive least squares.
 
-    measured = gain own + cross other, `own` and `other` being expected speeds. Both coefficients drift slowly, so this is
-    the Kalman filter of a random walk (Ljung, System Identification, section 11.2) and old data count less. Without the
-    second term, a chair with unequal motors would look like a chair that turns too much.
+    measured = gain own + cross other, `own` and `other` being expected speeds. Both coefficients drift slowly, so this
+    is the Kalman filter of a random walk (Ljung, System Identification, section 11.2) and old data count less. Without
+    the second term, a chair with unequal motors would look like a chair that turns too much.
     """
 
     def __init__(self, settings: GainWatchSettings, noise: float) -> None:
@@ -94,20 +94,20 @@ class GainWatch:
         """Highest speed [m/s] that the gains allow; +inf as calibrated."""
         return self._settings.slow_v if self._slow else math.inf
 
-    def step(self, told: Twist, measured: Twist, now_ns: int, *, judged: bool = True) -> str:
+    def step(self, sent: Twist, measured: Twist, now_ns: int, *, judged: bool = True) -> str:
         """Take in one tick; return the fault with its remedy, or "". A fault stays until a new watch is made.
 
-        `told` is the twist that the calibration expects of the counts sent at the tick before, `measured` the mean twist
-        since. Ticks not to be `judged` (brake, casters, joystick) only keep the expected speeds up to date.
+        `sent` is the twist that the calibration expects of the counts sent at the tick before, `measured` the mean
+        twist since. Ticks not to be `judged` (brake, casters, joystick) only keep the expected speeds up to date.
         """
         last_ns, self._last_ns = self._last_ns, now_ns
         if last_ns is None or now_ns <= last_ns:
             return self.fault
-        for axis, value in zip(self._expected, (told.v, told.omega), strict=True):
+        for axis, value in zip(self._expected, (sent.v, sent.omega), strict=True):
             axis.command(value, last_ns)
         v, omega = (axis.advance(now_ns) for axis in self._expected)
         if judged and math.isfinite(measured.v) and math.isfinite(measured.omega):
-            seconds = min((now_ns - last_ns) * 1e-9, LONGEST_S)
+            seconds = min((now_ns - last_ns) * 1e-9, LONGEST_STEP_S)
             forward, turn = self._gains
             if abs(v) > self._settings.least_v and self._settled(0, v):
                 forward.update(v, math.copysign(abs(omega), v), measured.v, seconds)
@@ -127,6 +127,6 @@ class GainWatch:
         self._slow = off > (s.back_within if self._slow else s.slow_outside)
         if off > s.stop_outside and not self.fault:
             self.fault = (
-                f"speed dial or drive profile changed: the chair does {100.0 * farthest:.0f} % of what it was "
-                "calibrated to; turn the dial and profile back, or calibrate again"
+                f"speed dial or drive profile changed: the chair moves at {100.0 * farthest:.0f} % of its calibrated "
+                "speed; set dial and profile back, or calibrate again"
             )

@@ -7,9 +7,9 @@ from collections.abc import Mapping
 from dataclasses import replace
 
 from waychair.errors import GoalOutsideMap, GoalTooExact
-from waychair.geometry import is_on_map, wrap_angle
+from waychair.geometry import is_possible_pose, wrap_angle
 from waychair.maps.places import CLOSEST_M, CLOSEST_RAD, find
-from waychair.planning.motion import DwaSettings
+from waychair.planning.motion import DwaSettings, GoalTolerances
 from waychair.types import Goal, Place, Pose2
 
 
@@ -26,9 +26,9 @@ def posed(goal: Goal, places: Mapping[str, Place]) -> Goal:
         goal = Goal(place.pose, place.tolerance_m, place.tolerance_rad)
     pose = goal.target
     assert isinstance(pose, Pose2)
-    if not is_on_map(pose.x, pose.y, pose.theta):
+    if not is_possible_pose(pose.x, pose.y, pose.theta):
         raise GoalOutsideMap(
-            f"the goal ({pose.x:g}, {pose.y:g}, {pose.theta:g}) is on no map: give metres and radians within it"
+            f"the goal ({pose.x:g}, {pose.y:g}, {pose.theta:g}) is on no map: give metres and radians on the map"
         )
     if not (goal.tolerance_m >= CLOSEST_M and goal.tolerance_rad >= CLOSEST_RAD):
         raise GoalTooExact(
@@ -42,9 +42,11 @@ def limits_to(goal: Goal, limits: DwaSettings) -> DwaSettings:
     """Return the motion's limits to a goal; the rest of its tolerances is left to the localisation's error."""
     return replace(
         limits,
-        goal_tolerance=min(limits.goal_tolerance, 0.6 * goal.tolerance_m),
-        goal_release=min(limits.goal_release, 0.9 * goal.tolerance_m),
-        heading_tolerance=min(limits.heading_tolerance, goal.tolerance_rad / 2),
+        tolerances=GoalTolerances(
+            position=min(limits.tolerances.position, 0.6 * goal.tolerance_m),
+            release=min(limits.tolerances.release, 0.9 * goal.tolerance_m),
+            heading=min(limits.tolerances.heading, goal.tolerance_rad / 2),
+        ),
     )
 
 

@@ -55,8 +55,8 @@ class View:
     """The input of a leg's drive in one tick, in odom: pose, last command, and obstacles.
 
     `seen` (N, 2) [m] are the points of this tick's scan, None without one. `unscanned` (M, 2) [m] are points that other
-    sensors have seen; `layered` are those at the heights of one layer of the body. `local` makes the window of distances
-    on request. `motion` is that of the commands so far, `tracks` are the people to predict. `hears`: there are sonars.
+    sensors have seen; `layered` are those at the heights of one layer of the body. `local` makes the window of
+    distances on request. `motion` is that of the commands so far, `tracks` are the people to predict.
     """
 
     pose: Pose2
@@ -67,7 +67,7 @@ class View:
     unscanned: FloatArray = field(default_factory=lambda: np.empty((0, 2)))
     motion: Motion | None = None
     tracks: tuple[Track, ...] = ()
-    hears: bool = False
+    has_sonars: bool = False
     layered: tuple[tuple[BodyLayer, FloatArray], ...] = ()
 
 
@@ -105,7 +105,7 @@ class LegDrive:
         if self.in_position or len(self.leg.path.poses) < 2 or (self._door is not None and self._door.tries):
             return None  # a door counts its own tries
         at = on_line(self.leg.path.poses, pose, self.leg.backwards)
-        return max(0.0, at.left) + _TURN_AS_WAY * abs(at.heading)
+        return max(0.0, at.remaining) + _TURN_AS_WAY * abs(at.heading)
 
     def step(self, view: View, limits: DwaSettings) -> DwaResult:
         """Return the next command; `arrived` when the leg is done and the chair stands."""
@@ -148,14 +148,14 @@ class LegDrive:
 
     def _fastest(self, view: View, limits: DwaSettings) -> float:
         """Return the speed limit [m/s] that falls in time to those of a following exact leg and of openings ahead."""
-        if not self._into_exact and not view.hears:
+        if not self._into_exact and not view.has_sonars:
             return math.inf
-        left = on_line(self.leg.path.poses, view.odom_from_map.inverse() @ view.pose).left
+        left = on_line(self.leg.path.poses, view.odom_from_map.inverse() @ view.pose).remaining
         left -= abs(view.command.v) * limits.reaction_time
         fastest = [math.inf]
         if self._into_exact:
             fastest.append(slowing_speed(left - _HAND_OVER, self._settings.tracking.max_speed, limits))
-        if view.hears:
+        if view.has_sonars:
             fastest += [
                 slowing_speed(way, self._settings.opening_speed, limits) for way in self._ways_to_openings(left)
             ]

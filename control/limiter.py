@@ -1,16 +1,16 @@
 """The comfort limiter between the navigator and the closed loop: acceleration, braking, curves and jerk.
 
-The command keeps to the arc that was asked for and is only slowed down along it, so that the path checked by the planner
-is the path driven. Speeding up is limited in acceleration and jerk, and turning faster is limited by alpha. Braking that
-the planner asks for passes unchanged, up to emergency braking: the planner chose the arc on the promise of that braking,
-and its own window limits it. Speed caps from outside (a zone, a doubtful gain, an unmeasured chair) and comfortable stops
-are approached with limited jerk. An emergency is exempt from all of it.
+The command keeps to the arc that was asked for and is only slowed down along it, so that the path checked by the
+planner is the path driven. Speeding up is limited in acceleration and jerk, and turning faster is limited by alpha.
+Braking that the planner asks for passes unchanged, up to emergency braking: the planner chose the arc on the promise of
+that braking, and its own window limits it. Speed caps from outside (a zone, a doubtful gain, an unmeasured chair) and
+comfortable stops are approached with limited jerk. An emergency is exempt from all of it.
 
 Sources of the figures. No accessible standard limits a wheelchair's accelerations in numbers, so they are engineering
 choices. ISO 2631-1 (1997), annex C, calls a weighted acceleration of less than 0.315 m/s^2 r.m.s. not uncomfortable and
-0.5 to 1 m/s^2 fairly uncomfortable; Solea and Nunes (ICINCO 2008) judge a robotic wheelchair by it and smooth its speeds
-by limited jerk. So acceleration and lateral acceleration stay at 0.5 m/s^2, where a drive's r.m.s. is below 0.315. An
-emergency brakes at 1.5 m/s^2, beyond which riders without a belt slide.
+0.5 to 1 m/s^2 fairly uncomfortable; Solea and Nunes (ICINCO 2008) judge a robotic wheelchair by it and smooth its
+speeds by limited jerk. So acceleration and lateral acceleration stay at 0.5 m/s^2, where a drive's r.m.s. is below
+0.315. An emergency brakes at 1.5 m/s^2, beyond which riders without a belt slide.
 """
 
 from __future__ import annotations
@@ -94,9 +94,9 @@ class Limiter:
     ) -> Twist:
         """Return the command of this tick.
 
-        `cap` [m/s] limits the speed smoothly. `share` in [0, 1], the collision monitor's, scales the asked twist at once.
-        With `braking` the chair comes to rest in that way, whatever is asked. An asked twist that is not finite or not
-        possible is an emergency (F5).
+        `cap` [m/s] limits the speed smoothly. `share` in [0, 1], the collision monitor's, scales the asked twist at
+        once. With `braking` the chair comes to rest in that way, whatever is asked. An asked twist that is not finite
+        or not possible is an emergency (F5).
         """
         s, before = self._settings, self._command
         passed = 0.05 if self._last_ns is None else (now_ns - self._last_ns) * 1e-9

@@ -1,8 +1,8 @@
 """Phase margin and stability of the speed loop from its exact sampled transfer function.
 
-The chair answers with gain K, a delay that need not be a whole number of ticks, and a lag. Its mean speed over a tick is
-measured at the tick's end, and the command holds for a tick (Astrom and Wittenmark, Computer-Controlled Systems, section
-3.2). Ramps and dead bands are not linear, so simulations test them.
+The chair answers with gain K, a delay that need not be a whole number of ticks, and a lag. Its mean speed over a tick
+is measured at the tick's end, and the command holds for a tick (Astrom and Wittenmark, Computer-Controlled Systems,
+section 3.2). Ramps and dead bands are not linear, so simulations test them.
 """
 
 from __future__ import annotations
@@ -28,7 +28,8 @@ class TrueAxis:
 
 
 def loop_polynomials(gains: Gains, axis: TrueAxis, period_s: float, *, held: bool) -> tuple[FloatArray, FloatArray]:
-    """Return numerator and denominator of the open loop, highest power of z first; `held`: with heading and line hold."""
+    """Return numerator and denominator of the open loop, highest power of z first; `held`: with heading and line
+    hold."""
     t = period_s
     ticks, part = divmod(axis.delay_s, t)
     begin, end = _held(axis.lag_s, part), _held(axis.lag_s, t - part)

@@ -1,8 +1,8 @@
 """Driving to a goal without a map: obstacles seen by the lidar are remembered, unseen cells count as free.
 
-The source paper's loop (its Fig. 4) is plan, follow, replan on change, reached. Here it runs on a grid that fills as the
-chair drives: D* Lite repairs its plan as cells change, and the dynamic window follows it. Everything is in odom, because
-no map could correct it. A tick never raises: every failure becomes a stop with a reason.
+The source paper's loop (its Fig. 4) is plan, follow, replan on change, reached. Here it runs on a grid that fills as
+the chair drives: D* Lite repairs its plan as cells change, and the dynamic window follows it. Everything is in odom,
+because no map could correct it. A tick never raises: every failure becomes a stop with a reason.
 """
 
 from __future__ import annotations
@@ -18,8 +18,10 @@ from waychair.control.navigator import Navigation, Stage
 from waychair.control.recovery import Recovery, RecoverySettings
 from waychair.errors import PlanningError
 from waychair.maps.distance_field import DistanceField, window_distances
-from waychair.maps.grid_memory import GridMemory, GridMemorySettings
-from waychair.planning.costmap import Costmap, CostmapSettings, costmap_from_grid
+from waychair.maps.grid_memory import FINE_CELLS, GridMemory
+from waychair.maps.occupancy import OccupancySettings
+from waychair.planning.clearance import ClearanceSettings
+from waychair.planning.costmap import Costmap, costmap_from_grid
 from waychair.planning.dwa import DwaResult, choose
 from waychair.planning.global_planner import GlobalPlanner, PlannerSettings
 from waychair.planning.motion import DwaSettings, braking
@@ -33,9 +35,9 @@ class MaplessSettings(Settings):
     replan_period: float = setting(0.2, "s", "between two plans", low=0.05, high=60.0)
     local_reach: float = setting(3.0, "m", "half side of the window in which arcs are tried", low=1.0, high=20.0)
     coarser: int = setting(2, "", "cells of the memory to a cell of the plan, in each direction", low=1, high=10)
-    memory: GridMemorySettings = field(default_factory=GridMemorySettings)
+    memory: OccupancySettings = FINE_CELLS
     recovery: RecoverySettings = field(default_factory=RecoverySettings)
-    costmap: CostmapSettings = field(default_factory=CostmapSettings)
+    clearance: ClearanceSettings = field(default_factory=ClearanceSettings)
     # without a map's walls there are no doors to line up with
     planner: PlannerSettings = field(default_factory=lambda: PlannerSettings(narrow=0.0))
     dwa: DwaSettings = field(default_factory=DwaSettings)
@@ -56,7 +58,7 @@ class MaplessNavigator:
         self._command = Twist()
         self._local: DistanceField | None = None
         self._path: Path | None = None
-        self._no_way = ""
+        self._no_path_reason = ""
         self._planned_ns: int | None = None
         self._plans = 0
         self._in_position = False
@@ -70,11 +72,11 @@ class MaplessNavigator:
         if self._stage in (Stage.ARRIVED, Stage.FAILED):
             return self._navigation(Twist())
         if self._local is None:
-            return self._halt(now_ns, "nothing was seen yet")
+            return self._halt(now_ns, "no scan has arrived yet")
         if self._planned_ns is None or now_ns - self._planned_ns >= self._settings.replan_period * 1e9:
             self._plan(now_ns, pose)
         if self._path is None:
-            return self._halt(now_ns, self._no_way)
+            return self._halt(now_ns, self._no_path_reason)
         choice = self._choose(now_ns, pose, self._path, self._local)
         if self._recovery.exhausted:
             self._stage, self._reason = Stage.FAILED, "no way through: clear the way or choose another goal"
@@ -84,7 +86,7 @@ class MaplessNavigator:
             return self._navigation(Twist(), choice)
         if choice.blocked:
             return self._halt(now_ns, "something is in the way", choice)
-        self._recovery.moves()
+        self._recovery.note_motion()
         self._stage, self._reason = Stage.DRIVING, ""
         return self._navigation(choice.twist, choice)
 
@@ -104,7 +106,7 @@ class MaplessNavigator:
             self._path = self._planner.replan(self._costmap(), pose)
             self._plans += 1
         except PlanningError as error:
-            self._no_way = str(error)
+            self._no_path_reason = str(error)
 
     def _costmap(self) -> Costmap:
         """Return the costmap of the memory in coarser cells; a cell is occupied if any of its parts is."""
@@ -116,7 +118,7 @@ class MaplessNavigator:
             solid |= fine[i::n, j::n]
         cells = np.where(solid, np.int8(100), np.int8(0))
         grid = OccupancyGrid(cells, n * self._memory.resolution, self._memory.corner)
-        return costmap_from_grid(grid, self._body, self._settings.costmap)
+        return costmap_from_grid(grid, self._body, comfortable=self._settings.clearance.comfortable)
 
     def _choose(self, now_ns: int, pose: Pose2, path: Path, local: DistanceField) -> DwaResult:
         """Follow the path; if that has been impossible for a while, first back out along the chair's trail."""
@@ -130,7 +132,7 @@ class MaplessNavigator:
 
     def _halt(self, now_ns: int, why: str, choice: DwaResult | None = None) -> Navigation:
         """Brake and wait; give up after the patience."""
-        waited = self._recovery.stands(now_ns)
+        waited = self._recovery.note_standstill(now_ns)
         self._stage, self._reason = Stage.WAITING, f"{why}; waiting"
         if waited > self._settings.recovery.patience:
             self._stage = Stage.FAILED

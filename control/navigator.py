@@ -21,7 +21,7 @@ from waychair.control.leg_drive import LegDrive, View
 from waychair.control.navigation import ACTIVE, Navigation, Stage
 from waychair.control.navigator_settings import NavigatorSettings
 from waychair.control.recovery import Recovery
-from waychair.control.surroundings import Surroundings, much_is_gone, without_veils
+from waychair.control.surroundings import Surroundings, have_mostly_moved, without_mixed_pixels
 from waychair.errors import GoalOccupied, NotConverged, WaychairError
 from waychair.geometry import transform_points
 from waychair.maps.distance_field import DistanceField
@@ -55,7 +55,7 @@ __all__ = ["Navigation", "Navigator", "NavigatorSettings", "Stage"]
 _RESTED_TICKS, _AT_REST = 8, 1e-3
 """A chair commanded less than this [m/s, rad/s] for so many ticks stands."""
 
-_NOWHERE = "it is not known where the chair is; drive it by hand to where it knows its place"
+_UNKNOWN_POSE = "the chair does not know where it is; drive it by joystick to a place that it knows"
 
 _SLICES_STANDING = 3
 """Slices of planning done in one tick while the chair stands because it has no path."""
@@ -74,13 +74,13 @@ class Navigator:
     ) -> None:
         warm_up()
         self.settings = settings or NavigatorSettings()
-        self._drawn = DrawnMap(grid, body, self.settings.costmap, zones)
+        self._drawn = DrawnMap(grid, body, zones, self.settings.clearance.comfortable)
         self._places = places
         self._body = body
         self._surroundings = Surroundings(self._drawn, body, self.settings.surroundings)
         self.recovery = Recovery(self.settings.recovery)
-        self._people = Bystanders(body, self.settings.tracks, self.settings.recovery, self.settings.dwa.margin)
-        self._among_people = self._planned_among = False
+        self._people = Bystanders(body, self.settings.tracks, self.settings.recovery, self.settings.dwa.clearance)
+        self._among_people = self._planned_among_people = False
         self._motion, self._before = Motion(), Twist()
         self._local: DistanceField | None = None
         self._command = Twist()
@@ -91,7 +91,7 @@ class Navigator:
         self._path: Path | None = None
         self._legs: list[Leg] = []
         self._leg: LegDrive | None = None
-        self._no_way = ""
+        self._no_path_reason = ""
         self._planned_ns: int | None = None
         self._planning: Slices[None] | None = None
         self._planned_round: FloatArray = np.empty((0, 2))
@@ -138,7 +138,7 @@ class Navigator:
         if self._planner is not None and self.active:
             self._plan_to(self._planner.goal)
 
-    def knows(self, points: FloatArray, within: float) -> BoolArray:
+    def is_mapped(self, points: FloatArray, within: float) -> BoolArray:
         """Return a mask (N,) of points (N, 2) [m] in map that lie within `within` [m] of an obstacle of the map."""
         return self._drawn.shows(points, within)
 
@@ -148,7 +148,7 @@ class Navigator:
         return self._people.positions
 
     @property
-    def near(self) -> DistanceField:
+    def local_distances(self) -> DistanceField:
         """The distances to obstacles round the chair, in map, computed at the first request after a scan."""
         self._local = near = self._local or self._surroundings.window(self._here)
         return near
@@ -196,12 +196,12 @@ class Navigator:
     ) -> Navigation:
         """Do one tick from map_from_base and, if there was a scan, its obstacle points (N, 2) [m] in map.
 
-        `beyond` (M, 2) [m] in map are the ends of free space on the scan's other beams. `seen_ns` is the scan's stamp, by
-        default `now_ns`. `map_from_odom` is the localisation's correction of the odometry, by default identity.
+        `beyond` (M, 2) [m] in map are the ends of free space on the scan's other beams. `seen_ns` is the scan's stamp,
+        by default `now_ns`. `map_from_odom` is the localisation's correction of the odometry, by default identity.
         """
         odom_from_map = Pose2() if map_from_odom is None else map_from_odom.inverse()
         if not (np.isfinite(pose.array()).all() and np.isfinite(odom_from_map.array()).all()):
-            return self._halt(now_ns, _NOWHERE)
+            return self._halt(now_ns, _UNKNOWN_POSE)
         self._here, self._map_from_odom = pose, odom_from_map.inverse()
         since_ns, self._stepped_ns = now_ns - (self._stepped_ns or now_ns), now_ns
         self._rested = self._rested + 1 if max(abs(self._command.v), abs(self._command.omega)) < _AT_REST else 0
@@ -209,11 +209,11 @@ class Navigator:
         self._before = self._command
         if obstacles is not None:
             laser, self._local = pose @ self._body.base_from_laser, None
-            obstacles = without_veils(obstacles, laser, self.settings.veil)
+            obstacles = without_mixed_pixels(obstacles, laser, self.settings.veil)
             self._surroundings.see(now_ns, pose, obstacles, beyond)
-            stood_s, seen_ns = self.recovery.standing(now_ns), now_ns if seen_ns is None else seen_ns
+            stood_s, seen_ns = self.recovery.standing_s(now_ns), now_ns if seen_ns is None else seen_ns
             self._people.see(now_ns, pose, obstacles, odom_from_map, self._surroundings, stood_s, seen_ns)
-            self._among_people = self._people.about(odom_from_map @ pose)
+            self._among_people = self._people.someone_walks_near(odom_from_map @ pose)
         if self._planner is None or not self.active:
             return self._navigation(Twist())
         if self._stage is Stage.PAUSED:
@@ -221,10 +221,10 @@ class Navigator:
         # after a jump of the pose: slow down, and plan anew from the true pose
         self._note_correction(now_ns, pose, odom_from_map)
         if (self._planning is not None or self._needs_plan(now_ns)) and not self._plan(now_ns):
-            self.recovery.stands_to_plan(since_ns)
+            self.recovery.leave_out_planning(since_ns)
             return self._navigation(braking(self._command, self._dwa))
         if self._path is None or not self.active:
-            return self._halt(now_ns, self._no_way)
+            return self._halt(now_ns, self._no_path_reason)
         choice = self._choose(now_ns, pose, self._view(now_ns, pose, obstacles, odom_from_map))
         return self._outcome(now_ns, choice)
 
@@ -247,20 +247,22 @@ class Navigator:
         return View(
             odom_from_map @ pose,
             self._command,
-            lambda: self.near.seen_from(odom_from_map),  # computed only if the leg needs it
+            lambda: self.local_distances.seen_from(odom_from_map),  # computed only if the leg needs it
             odom_from_map,
             None if obstacles is None else transform_points(odom_from_map, obstacles),
             transform_points(odom_from_map, self._surroundings.unscanned()),
             None if self._jumping else self._motion,  # after a jump, braking is not limited for comfort
-            self._people.foreseen(now_ns, odom_from_map @ pose),
-            self._surroundings.hears,
-            tuple((layer, transform_points(odom_from_map, seen)) for layer, seen in self._surroundings.narrower()),
+            self._people.predicted(now_ns, odom_from_map @ pose),
+            self._surroundings.has_sonars,
+            tuple(
+                (layer, transform_points(odom_from_map, seen)) for layer, seen in self._surroundings.in_narrow_layers()
+            ),
         )
 
     def _choose(self, now_ns: int, pose: Pose2, view: View) -> DwaResult:
         """Follow the path; if that has been impossible for a while, first back out along the chair's trail."""
         tries, backed = self.recovery.tries, self.recovery.backing
-        behind = self._people.behind(now_ns, view.pose)
+        behind = self._people.someone_behind(now_ns, view.pose)
         backing = self.recovery.step(
             now_ns,
             view.pose,
@@ -269,12 +271,12 @@ class Navigator:
             view.local,
             self._body,
             self._dwa,
-            behind or self._people.passing(view.pose),
+            behind or self._people.someone_passes_near(view.pose),
         )
         if backing is not None:
             return backing
         if backed:  # the old path does not start here
-            self._path, self._leg, self._planned_ns, self._no_way = None, None, None, "backed out"
+            self._path, self._leg, self._planned_ns, self._no_path_reason = None, None, None, "backed out"
             stop = braking(self._command, self._dwa)
             return DwaResult(stop, np.zeros((0, 2)), np.zeros(0), view.pose.array()[None])
         if self.recovery.tries > tries:  # backing out was impossible, too
@@ -293,7 +295,8 @@ class Navigator:
         if behind:
             limits = replace(limits, max_reverse=0.0)
         if len(self._legs) > 1:
-            limits = replace(limits, goal_tolerance=self.settings.corner_tolerance)
+            corner = replace(limits.tolerances, position=self.settings.corner_tolerance)
+            limits = replace(limits, tolerances=corner)
         return self._leg.step(view, limits)
 
     def _remaining(self, pose: Pose2) -> float | None:
@@ -304,7 +307,7 @@ class Navigator:
 
     def _why_given_up(self) -> str:
         body, here = self._body, self._here
-        field = fine_field(self._drawn.grid, here, body.circumscribed_radius + 0.3, self._surroundings.lasting()[0])
+        field = fine_field(self._drawn.grid, here, body.circumscribed_radius + 0.3, self._surroundings.stationary()[0])
         if (why := why_cramped(field, body, here)) is not None:
             return f"{why}: {BY_HAND}"
         tries = self.settings.recovery.tries
@@ -334,7 +337,7 @@ class Navigator:
                 self._planner.distrust(self._leg.refused_door)
                 self._planned_ns = None
             return self._halt(now_ns, "something is in the way", choice)
-        self.recovery.moves()
+        self.recovery.note_motion()
         self._stage, self._reason = Stage.DRIVING, ""
         return self._navigation(choice.twist, choice)
 
@@ -346,7 +349,7 @@ class Navigator:
     def _halt(self, now_ns: int, why: str, choice: DwaResult | None = None) -> Navigation:
         """Brake and wait; give up when the patience is over."""
         if self.active:
-            waited = self.recovery.stands(now_ns)
+            waited = self.recovery.note_standstill(now_ns)
             self._stage, self._reason = Stage.WAITING, f"{why}; waiting"
             s = self.settings.recovery
             if waited > (s.patience_with_people if self._among_people else s.patience):
@@ -373,7 +376,7 @@ class Navigator:
             return False
         if self._path is None or self._stage is Stage.WAITING:
             return True
-        if not self._planned_among and self._people.under_way(self._map_from_odom).tracks:
+        if not self._planned_among_people and self._people.expected_people(self._map_from_odom).tracks:
             return True
         rest = self._rest()
         if rest is None:
@@ -381,7 +384,7 @@ class Navigator:
         ahead = rest[: math.ceil(self.settings.look_ahead / self.settings.planner.spacing)]
         in_odom, half = transform_points(self._map_from_odom.inverse(), ahead), self._body.width / 2
         radius = self.settings.tracks.radius
-        return self._surroundings.stands_near(ahead, half) or self._people.linger_near(in_odom, half + radius)
+        return self._surroundings.stands_near(ahead, half) or self._people.someone_lingers_near(in_odom, half + radius)
 
     def _plan(self, now_ns: int) -> bool:
         """Plan, or go on planning; return whether to drive on. A plan that takes longer than a tick needs standstill.
@@ -393,10 +396,12 @@ class Navigator:
                 return False
             self._planning, self._stops_to_plan, self._stands_to_plan = None, False, True
         lasts_s = 0.0 if self._planning is None else (now_ns - (self._planned_ns or now_ns)) * 1e-9
-        if lasts_s > self.settings.longest_plan and much_is_gone(self._planned_round, self._surroundings.lasting()[0]):
+        if lasts_s > self.settings.longest_plan and have_mostly_moved(
+            self._planned_round, self._surroundings.stationary()[0]
+        ):
             self._planning = None  # the obstacles that it avoids are gone, so it is worthless
         if self._planning is None:
-            may_stay = self._planned_ns is not None and self._planned_among
+            may_stay = self._planned_ns is not None and self._planned_among_people
             self._planned_ns, self._planning = now_ns, self._planned(now_ns, may_stay)
         drives = self._path is not None and not self._stands_to_plan
         for done, _ in enumerate(self._planning, 1):
@@ -415,10 +420,10 @@ class Navigator:
         `may_stay`, unless another one arrives much sooner: a chair that keeps changing its path is in everybody's way.
         """
         assert self._planner is not None
-        upright, layered = self._surroundings.lasting()
+        upright, layered = self._surroundings.stationary()
         self._planned_round = upright
-        foreseen = self._people.under_way(self._map_from_odom).tracks
-        self._planned_among = len(foreseen) > 0
+        foreseen = self._people.expected_people(self._map_from_odom).tracks
+        self._planned_among_people = len(foreseen) > 0
         news = len(upright) or any(len(points) for _, points in layered) or foreseen
         path = None
         try:
@@ -431,17 +436,17 @@ class Navigator:
             return
         try:
             if news or path is None:
-                path = yield from self._path_among(now_ns, upright, layered)
+                path = yield from self._path_round_obstacles(now_ns, upright, layered)
         except NotConverged as error:
-            self._no_way = str(error)
+            self._no_path_reason = str(error)
             return
         except WaychairError as error:
-            self._path, self._leg, self._no_way = None, None, str(error)
+            self._path, self._leg, self._no_path_reason = None, None, str(error)
             return
         if may_stay and foreseen and self._is_as_good(path):
             return
         if self._path is None:  # the wait for a path must not count towards backing out
-            self.recovery.moves()
+            self.recovery.note_motion()
         legs = list(self._planner.legs)
         leg = LegDrive(legs, self._drawn.grid, self._body, self.settings.legs)
         if self._leg is not None and len(legs) == len(self._legs) == 1 and legs[0].manner is Manner.FREE:
@@ -454,7 +459,7 @@ class Navigator:
         rest = self._rest()
         if rest is None or not self._planner.is_free(rest):
             return False
-        people, cruise = self._people.under_way(self._map_from_odom), self.settings.dwa.max_speed
+        people, cruise = self._people.expected_people(self._map_from_odom), self.settings.dwa.max_speed
         forecast = self.settings.planner.forecast
         now, then = (arrival(people, points, cruise, forecast)[0] for points in (rest, path.poses[:, :2]))
         return now < then + self.settings.loyalty
@@ -468,7 +473,7 @@ class Navigator:
         nearest = int(np.argmin(away))
         return points[nearest:] if away[nearest] < self.settings.off_path else None
 
-    def _path_among(
+    def _path_round_obstacles(
         self, now_ns: int, upright: FloatArray, layered: Sequence[tuple[BodyLayer, FloatArray]]
     ) -> Slices[Path]:
         """Plan a path round the present obstacles; obstacles at a goal that is still far may be gone by then."""
@@ -479,7 +484,7 @@ class Navigator:
         except GoalOccupied:
             if math.hypot(goal.x - self._here.x, goal.y - self._here.y) < self.settings.waits_from:
                 raise
-        room = self._body.circumscribed_radius + self.settings.costmap.inflation_radius
+        room = self._body.circumscribed_radius + self.settings.clearance.comfortable
         layered = [(layer, points[np.hypot(*(points - (goal.x, goal.y)).T) > room]) for layer, points in layered]
         upright = upright[np.hypot(*(upright - (goal.x, goal.y)).T) > room]
         return (yield from self._path_over(now_ns, self._drawn.costmap(upright, layered)))
@@ -487,7 +492,7 @@ class Navigator:
     def _path_over(self, now_ns: int, costmap: Costmap) -> Slices[Path]:
         """Plan a path over a costmap among walking people."""
         assert self._planner is not None
-        people, cruise = self._people.under_way(self._map_from_odom), self.settings.dwa.max_speed
+        people, cruise = self._people.expected_people(self._map_from_odom), self.settings.dwa.max_speed
         return self._planner.replan_among(costmap, self._pose, people, cruise, self._among_people, self._until(now_ns))
 
     def _pose(self) -> Pose2:

@@ -9,7 +9,7 @@ from waychair.control.corrections import CorrectionSettings
 from waychair.control.leg_drive import LegDriveSettings
 from waychair.control.recovery import RecoverySettings
 from waychair.control.surroundings import SurroundingsSettings
-from waychair.planning.costmap import CostmapSettings
+from waychair.planning.clearance import ClearanceSettings
 from waychair.planning.global_planner import PlannerSettings
 from waychair.planning.motion import DwaSettings
 from waychair.planning.tracks import TrackSettings
@@ -51,7 +51,7 @@ class NavigatorSettings(Settings):
     tracks: TrackSettings = field(default_factory=TrackSettings)
     surroundings: SurroundingsSettings = field(default_factory=SurroundingsSettings)
     recovery: RecoverySettings = field(default_factory=RecoverySettings)
-    costmap: CostmapSettings = field(default_factory=CostmapSettings)
+    clearance: ClearanceSettings = field(default_factory=ClearanceSettings)
     planner: PlannerSettings = field(default_factory=PlannerSettings)
     dwa: DwaSettings = field(default_factory=DwaSettings)
     legs: LegDriveSettings = field(default_factory=LegDriveSettings)

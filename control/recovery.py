@@ -72,8 +72,8 @@ class Recovery:
         self._nearest: tuple[int, float] | None = None  # time of the last progress, and distance to the goal [m]
         self._turned: tuple[int, Pose2] | None = None  # time and pose of the last progress in turning
         self._backing: tuple[int, Pose2] | None = None  # start time and start pose
-        self._keeps = Pose2(), -math.inf  # pose of the last backing, and its clearance there [m]
-        self._held_up_since: int | None = None
+        self._kept_clearance = Pose2(), -math.inf  # pose of the last backing, and its clearance there [m]
+        self._blocked_since: int | None = None
         self._tried_at: float | None = None  # smallest distance to the goal of all tries [m]
 
     @property
@@ -91,20 +91,20 @@ class Recovery:
         self.tries, self._tried_at, self._standing_since = 0, None, None
         self._nearest, self._turned, self._backing = None, None, None
 
-    def stands(self, now_ns: int) -> float:
+    def note_standstill(self, now_ns: int) -> float:
         """Note that no motion is possible in this tick; return for how long [s] that has been so."""
         self._standing_since = now_ns if self._standing_since is None else self._standing_since
-        return self.standing(now_ns)
+        return self.standing_s(now_ns)
 
-    def standing(self, now_ns: int) -> float:
+    def standing_s(self, now_ns: int) -> float:
         """Return for how long [s] no motion has been possible."""
         return 0.0 if self._standing_since is None else (now_ns - self._standing_since) * 1e-9
 
-    def moves(self) -> None:
+    def note_motion(self) -> None:
         """Note that motion is possible in this tick."""
         self._standing_since = None
 
-    def stands_to_plan(self, duration_ns: int) -> None:
+    def leave_out_planning(self, duration_ns: int) -> None:
         """Leave out the time for which the chair stood to plan, because it was not stuck then."""
         if self._standing_since is not None:
             self._standing_since += duration_ns
@@ -127,8 +127,8 @@ class Recovery:
         """Return a command for backing out, or None while the path is to be followed.
 
         `remaining` [m] is the distance to the goal, None while turning there or retrying a door. `local` computes the
-        distances round the chair in the pose's frame, which must not jump. A chair that `waits` for people does not start
-        to back out, and stops doing so.
+        distances round the chair in the pose's frame, which must not jump. A chair that `waits` for people does not
+        start to back out, and stops doing so.
         """
         if waits:
             self._backing, self._nearest, self._turned = None, None, None
@@ -138,7 +138,7 @@ class Recovery:
             self._remember(pose)
             if waits or not self._stuck(now_ns, pose, remaining):
                 return None
-            self._backing, self._held_up_since, self.tries = (now_ns, pose), None, self.tries + 1
+            self._backing, self._blocked_since, self.tries = (now_ns, pose), None, self.tries + 1
             self.begun += 1
             if remaining is not None:
                 self._tried_at = min(remaining, math.inf if self._tried_at is None else self._tried_at)
@@ -146,15 +146,15 @@ class Recovery:
         since, origin = self._backing
         trail = np.array([passed.array() for passed in self._trail])
         near = local()
-        shape = self._shape(pose, near, body, settings.margin)
+        shape = self._shape(pose, near, body, settings.clearance)
         s = self._settings
         times = min(self.tries, _FARTHEST)
         way, longest_s = times * s.way, times * s.progress_time
         choice = back_up(pose, command, trail, near, shape, settings, way + 0.1)
         backed = math.hypot(pose.x - origin.x, pose.y - origin.y)
         lasted = (now_ns - since) * 1e-9
-        self._held_up_since = (self._held_up_since or now_ns) if choice.blocked else None
-        held_up = 0.0 if self._held_up_since is None else (now_ns - self._held_up_since) * 1e-9
+        self._blocked_since = (self._blocked_since or now_ns) if choice.blocked else None
+        held_up = 0.0 if self._blocked_since is None else (now_ns - self._blocked_since) * 1e-9
         if backed < way and lasted < longest_s and held_up < s.held_up:
             return choice
         self._backing, self._nearest, self._turned = None, None, None
@@ -162,11 +162,11 @@ class Recovery:
 
     def _shape(self, pose: Pose2, near: DistanceField, body: ChairBody, margin: float) -> Footprint:
         """Return the footprint grown by the clearance that this backing, or the last one here, has kept so far."""
-        before, keeps = self._keeps
+        before, kept = self._kept_clearance
         if math.hypot(before.x - pose.x, before.y - pose.y) > _SAME_PLACE:
-            keeps = -math.inf
-        shape, left = kept_footprint(pose, near, body, margin, keeps)
-        self._keeps = pose, keeps if left is None else max(keeps, min(left, _ENOUGH) - _UNSURE)
+            kept = -math.inf
+        shape, left = kept_footprint(pose, near, body, margin, kept)
+        self._kept_clearance = pose, kept if left is None else max(kept, min(left, _ENOUGH) - _UNSURE)
         return shape
 
     def _stuck(self, now_ns: int, pose: Pose2, remaining: float | None) -> bool:

@@ -1,8 +1,9 @@
 """The speed loop: feed-forward, PI and heading hold over an undocumented chair controller.
 
-The inverse of the calibration, applied later, is the feed-forward: a command goes out as it is, plus a trim. The trim is
-a PI of the speed expected by now (`ExpectedSpeed`) less the measured speed, so a step that the chair follows as expected
-causes no trim. On a straight command the turn axis also corrects the heading error and the lateral offset from the line.
+The inverse of the calibration, applied later, is the feed-forward: a command goes out as it is, plus a trim. The trim
+is a PI of the speed expected by now (`ExpectedSpeed`) less the measured speed, so a step that the chair follows as
+expected causes no trim. On a straight command the turn axis also corrects the heading error and the lateral offset from
+the line.
 """
 
 from __future__ import annotations
@@ -15,9 +16,9 @@ from waychair.calibration.dac import DacModel
 from waychair.calibration.fitted_dac import DeadBand, FittedDac
 from waychair.calibration.stopping import StopTable
 from waychair.config import Settings, setting
-from waychair.control.axis_response import LONGEST_S, AxisResponse, ExpectedSpeed, response_from_axis
+from waychair.control.axis_response import LONGEST_STEP_S, AxisResponse, ExpectedSpeed, response_from_axis
 from waychair.control.kinematics import twist_from_wheel_speeds
-from waychair.types import Sent, Twist
+from waychair.types import SentCommand, Twist
 
 HOLD_SHARE = 0.25
 """Heading hold's gain as a share of the crossover: its loop round the speed loop is four times slower."""
@@ -31,7 +32,8 @@ _LEAST_V = 0.3  # m/s: at lower speeds the return to the line is no sharper
 
 @dataclass(frozen=True, slots=True)
 class Gains:
-    """Gains of one axis: trim = proportional e + integral (integral of e); heading and line hold [1/s] of the turn axis."""
+    """Gains of one axis: trim = proportional e + integral (integral of e); heading and line hold [1/s] of the turn
+    axis."""
 
     proportional: float
     integral: float
@@ -42,19 +44,19 @@ class Gains:
 def gains(delay_s: float, lag_s: float, margin: float, fastest: float = math.inf) -> Gains:
     """Return gains for an axis with a whole delay [s] and a lag [s] that keep a phase margin [rad].
 
-    The PI's zero cancels the lag: C = w (lag s + 1) / s makes the loop L = w exp(-delay s) / s. Its magnitude is 1 at w,
-    where its phase is -pi/2 - w delay. The phase margin pi/2 - w delay is the wanted one at
+    The PI's zero cancels the lag: C = w (lag s + 1) / s makes the loop L = w exp(-delay s) / s. Its magnitude is 1 at
+    w, where its phase is -pi/2 - w delay. The phase margin pi/2 - w delay is the wanted one at
 
         w = (pi/2 - margin) / delay        proportional = w lag, integral = w        (at most `fastest` [rad/s])
 
-    A chair with K times the identified gain crosses at K w, with a margin of pi/2 - K (pi/2 - margin): 67.5 degrees leave
-    45 at twice the gain. (Internal model control with a first-order Pade gives the same controller, Rivera, Morari,
-    Skogestad 1986; the zero on the lag and the delay as the only limit are Skogestad's rules, 2003.) The heading hold
-    multiplies L by 1 + k/s, which costs atan(k/w) of the margin, 14 degrees at k = w/4.
+    A chair with K times the identified gain crosses at K w, with a margin of pi/2 - K (pi/2 - margin): 67.5 degrees
+    leave 45 at twice the gain. (Internal model control with a first-order Pade gives the same controller, Rivera,
+    Morari, Skogestad 1986; the zero on the lag and the delay as the only limit are Skogestad's rules, 2003.) The
+    heading hold multiplies L by 1 + k/s, which costs atan(k/w) of the margin, 14 degrees at k = w/4.
 
     A Smith predictor that removes an asymmetry as fast keeps 4 degrees more at the identified gain and 8 more at twice
-    the gain (`closed_loop_margins` of the acceptance). But it would put a model of dead band and ramps into the feedback,
-    and this loop has that model in the reference only.
+    the gain (`closed_loop_margins` of the acceptance). But it would put a model of dead band and ramps into the
+    feedback, and this loop has that model in the reference only.
     """
     crossover = min((0.5 * math.pi - margin) / max(delay_s, 1e-3), fastest)
     return Gains(crossover * lag_s, crossover, HOLD_SHARE * crossover, HOLD_SHARE * LINE_SHARE * crossover)
@@ -87,8 +89,8 @@ class SpeedLoopSettings(Settings):
 def tuned(settings: SpeedLoopSettings, model: DacModel, stops: StopTable | None = None) -> SpeedLoopSettings:
     """Return the settings with the calibration's delays, lags, ramps and top speeds, as far as it has them.
 
-    A calibration's steps begin at rest, so that a parking brake's opening looks like delay. Stops involve no brake: their
-    delay is an upper bound for a moving chair (it ends when 5 % of the speed is lost, later than the true delay).
+    A calibration's steps begin at rest, so that a parking brake's opening looks like delay. Stops involve no brake:
+    their delay is an upper bound for a moving chair (it ends when 5 % of the speed is lost, later than the true delay).
     """
     if isinstance(model, DeadBand):
         model = model.model
@@ -126,8 +128,8 @@ class _Axis:
     def advance(self, now_ns: int, sent: float | None) -> None:
         """Advance the expected mean speed over the last tick, given the speed that was `sent` then.
 
-        A difference between asked and sent speed beyond rounding (saturation, a slew limit) goes into the model as well.
-        So the chair is not expected to do what was never sent, and nothing winds up.
+        A difference between asked and sent speed beyond rounding (saturation, a slew limit) goes into the model as
+        well. So the chair is not expected to do what was never sent, and nothing winds up.
         """
         reference, asked, asked_ns = self._asked
         shortfall = 0.0 if sent is None else sent - asked
@@ -184,31 +186,31 @@ class SpeedLoop:
         """Whether the casters may still be swinging round after a reversal."""
         return self._caster_way > 0.0
 
-    def step(self, command: Twist | None, measured: Twist, now_ns: int, sent: Sent | None = None) -> Twist:
+    def step(self, command: Twist | None, measured: Twist, now_ns: int, sent: SentCommand | None = None) -> Twist:
         """Return the command plus its trims; a command of None means that nobody drives, and resets the loop.
 
         `measured` is the mean twist since the last call. `sent` is the result of the twist that was returned then: its
         wheel speeds show saturation and dead band, which are unseen without it. A command of 0 gives exactly 0. A
-        measurement that is not finite changes no trim. A command that is not finite is returned as it is, and the bridge
-        refuses it.
+        measurement that is not finite changes no trim. A command that is not finite is returned as it is, and the
+        bridge refuses it.
         """
-        seconds = 0.0 if self._last_ns is None else min(max((now_ns - self._last_ns) * 1e-9, 0.0), LONGEST_S)
+        seconds = 0.0 if self._last_ns is None else min(max((now_ns - self._last_ns) * 1e-9, 0.0), LONGEST_STEP_S)
         self._last_ns = now_ns
         known = measured if _is_finite(measured) else None
         if command is None or not _is_finite(command):
             self._forget(known or self.expected, now_ns)
             return command or Twist()
         command = self._within_reach(command)
-        told = None if sent is None else twist_from_wheel_speeds(sent.wheel_speeds, self._track)
-        self._forward.advance(now_ns, None if told is None else told.v)
-        self._turn.advance(now_ns, None if told is None else told.omega)
+        sent_twist = None if sent is None else twist_from_wheel_speeds(sent.wheel_speeds, self._track)
+        self._forward.advance(now_ns, None if sent_twist is None else sent_twist.v)
+        self._turn.advance(now_ns, None if sent_twist is None else sent_twist.omega)
         if known is not None:
             self._note_motion(known, command, seconds, now_ns)
         if command == Twist():
             return self._stand(seconds, now_ns)
         trim = Twist(self._forward.integral, self._turn.integral)
         if known is not None and not self.waiting:
-            trim = self._trim(command, known, seconds, frozen=told == Twist() and self.moves(known))
+            trim = self._trim(command, known, seconds, frozen=sent_twist == Twist() and self.moves(known))
         # a trim learnt at speed must not reverse the motion of a chair that crawls or backs away from somebody
         along = trim.v if (command.v + trim.v) * command.v >= 0.0 else -command.v
         return Twist(self._forward.ask(command.v, along, now_ns), self._turn.ask(command.omega, trim.omega, now_ns))
@@ -224,8 +226,9 @@ class SpeedLoop:
         """Return the trims of both axes: PI of the errors, and the line hold.
 
         The integrals are frozen while a moving chair coasts with both axes in their dead bands. A standing chair is
-        pushed out of them once its brake has had its time. While it drives, the turn axis must be able to leave its dead
-        band. Swinging casters push the chair, which is no asymmetry, so the turn integral waits until they have swung.
+        pushed out of them once its brake has had its time. While it drives, the turn axis must be able to leave its
+        dead band. Swinging casters push the chair, which is no asymmetry, so the turn integral waits until they have
+        swung.
         """
         error = Twist(self._forward.mean - measured.v, self._turn.mean - measured.omega)
         swinging = self.casters_swing and self.moves(measured)
@@ -250,7 +253,8 @@ class SpeedLoop:
             axis.restart(speed, 0.0, now_ns)
 
     def _note_motion(self, measured: Twist, command: Twist, seconds: float, now_ns: int) -> None:
-        """Note whether the chair rests, waits for its brake to open or moves, and in which direction its casters trail."""
+        """Note whether the chair rests, waits for its brake to open or moves, and in which direction its casters
+        trail."""
         s = self._settings
         if self.moves(measured):
             if self.waiting:  # the chair starts only now, and its delay is over

@@ -36,12 +36,13 @@ class Steering:
     def __init__(self, settings: SteeringSettings | None = None) -> None:
         self._settings = settings or SteeringSettings()
         self._asked = Twist()
-        self._told_ns: int | None = None  # while it is held
+        self._heard_ns: int | None = None  # while it is held
         self._holds_until_ns: int | None = None  # it holds the lines until then, even at rest
         self._blocked = False
 
     def push(self, forward: float, turn: float, now_ns: int) -> bool:
-        """Take in the joystick's position, each axis in [-1, 1], left positive; a value that is not finite is a release.
+        """Take in the joystick's position, each axis in [-1, 1], left positive; a value that is not finite is a
+        release.
 
         Return whether this starts a new push that counts.
         """
@@ -49,9 +50,9 @@ class Steering:
             self.let_go(now_ns)
             return False
         s, was_held = self._settings, self.is_held(now_ns)
-        silent = self._told_ns is None or now_ns - self._told_ns > _FORGOTTEN_NS
+        silent = self._heard_ns is None or now_ns - self._heard_ns > _FORGOTTEN_NS
         self._blocked = self._blocked and not silent
-        self._told_ns = now_ns
+        self._heard_ns = now_ns
         ahead = s.speed if forward > 0.0 else s.reverse
         self._asked = Twist(ahead * min(1.0, max(-1.0, forward)), s.turn * min(1.0, max(-1.0, turn)))
         if not self._blocked:
@@ -62,7 +63,7 @@ class Steering:
         """Release the joystick: the chair comes to rest, and is held there for a while."""
         if self.is_held(now_ns) and not self._blocked:
             self._holds_until_ns = now_ns + round(self._settings.stays_s * 1e9)
-        self._told_ns, self._blocked = None, False
+        self._heard_ns, self._blocked = None, False
 
     def end(self) -> None:
         """End the push for another source of commands; it counts again only after a release."""
@@ -70,7 +71,7 @@ class Steering:
 
     def is_held(self, now_ns: int) -> bool:
         """Return whether somebody holds the joystick, by its latest news."""
-        return self._told_ns is not None and now_ns - self._told_ns <= self._settings.told_s * 1e9
+        return self._heard_ns is not None and now_ns - self._heard_ns <= self._settings.told_s * 1e9
 
     def counts(self, now_ns: int) -> bool:
         """Return whether the page has the lines, to move the chair or to hold it at rest."""

@@ -1,7 +1,7 @@
 """The table of all reasons for which the computer does not drive: cause, remedy, severity and braking.
 
-A stop that is happening is a `Halt`: its row of the table and a sentence for the rider. The board's faults have rows made
-from the board's own advice, so that no sentence is written twice.
+A stop that is happening is a `Halt`: its row of the table and a sentence for the rider. The board's faults have rows
+made from the board's own advice, so that no sentence is written twice.
 """
 
 from __future__ import annotations
@@ -30,8 +30,8 @@ class Severity(enum.IntEnum):
 class Braking(enum.Enum):
     """The way in which a moving chair is brought to rest.
 
-    COMFORT: within the comfort limits; EMERGENCY: as hard as the rider can bear; RELEASE: the lines are released at once,
-    so that the chair's own controller brakes and the joystick is live.
+    COMFORT: within the comfort limits; EMERGENCY: as hard as the rider can bear; RELEASE: the lines are released at
+    once, so that the chair's own controller brakes and the joystick is live.
     """
 
     COMFORT = "comfort"
@@ -40,7 +40,7 @@ class Braking(enum.Enum):
 
 
 @dataclass(frozen=True, slots=True)
-class Stop:
+class StopReason:
     """One row: `id` for logs and displays, the cause and the remedy in plain words, severity and braking."""
 
     id: str
@@ -54,7 +54,7 @@ class Stop:
 class Halt:
     """A stop that is happening; `text` is its sentence with figures and remedy."""
 
-    stop: Stop
+    stop: StopReason
     text: str
 
 
@@ -62,113 +62,117 @@ _REFUSES, _PAUSES, _ENDS, _LATCHES = Severity
 _COMFORT, _EMERGENCY, _RELEASE = Braking
 
 
-def _board_stops() -> Iterable[Stop]:
+def _board_stops() -> Iterable[StopReason]:
     """Yield the stops of the board's own faults; the board has released the lines before it reports one."""
     for fault, advice in FAULT_ADVICE.items():
         sentence, _, remedy = advice.partition(": ")
         severity = _ENDS if fault in HOST_FAULTS else _LATCHES
-        yield Stop(f"board_{str(fault.name).lower()}", sentence, remedy, severity, _RELEASE)
+        yield StopReason(f"board_{str(fault.name).lower()}", sentence, remedy, severity, _RELEASE)
 
 
-_ROWS: tuple[Stop, ...] = (
-    Stop("stop_pressed", "Stop was pressed", "ask for a goal again to drive on", _ENDS, _RELEASE),
-    Stop("taken_over", "the rider drives by joystick", "ask for a goal again to drive on", _ENDS, _RELEASE),
-    Stop("unconfirmed", "nobody has confirmed the drive", "press Drive to begin it", _REFUSES, _COMFORT),
-    Stop("seat_empty", "nobody sits in the chair", "sit down, then ask for the goal again", _ENDS, _COMFORT),
-    Stop("charging", "the charger is connected", "unplug it, then ask for the goal again", _ENDS, _RELEASE),
-    Stop("battery_low", "the battery is low", "drive to the charger by joystick", _REFUSES, _COMFORT),
-    Stop(
+_ROWS: tuple[StopReason, ...] = (
+    StopReason("stop_pressed", "Stop was pressed", "ask for a goal again to drive on", _ENDS, _RELEASE),
+    StopReason("taken_over", "the rider drives by joystick", "ask for a goal again to drive on", _ENDS, _RELEASE),
+    StopReason("unconfirmed", "nobody has confirmed the drive", "press Drive to begin it", _REFUSES, _COMFORT),
+    StopReason("seat_empty", "nobody sits in the chair", "sit down, then ask for the goal again", _ENDS, _COMFORT),
+    StopReason("charging", "the charger is connected", "unplug it, then ask for the goal again", _ENDS, _RELEASE),
+    StopReason("battery_low", "the battery is low", "drive to the charger by joystick", _REFUSES, _COMFORT),
+    StopReason(
         "status_stale",
         "seat switch, battery and charger are silent",
         "check the cable of the chair's contacts",
         _ENDS,
         _COMFORT,
     ),
-    Stop("lidar_stale", "the lidar is silent", "check its cable and power", _ENDS, _EMERGENCY),
-    Stop(
+    StopReason("lidar_stale", "the lidar is silent", "check its cable and power", _ENDS, _EMERGENCY),
+    StopReason(
         "lidar_late", "the last scan is too old to drive by", "wait; if it lasts, check the lidar", _PAUSES, _EMERGENCY
     ),
-    Stop("lidar_blind", "the lidar sees too little", "clean its window and take off what covers it", _ENDS, _EMERGENCY),
-    Stop("lidar_frozen", "the lidar repeats one scan", "switch it off and on", _ENDS, _EMERGENCY),
-    Stop("wheels_stale", "the wheel encoders are silent", "check their cable", _ENDS, _RELEASE),
-    Stop("imu_stale", "the IMU is silent", "check its cable", _ENDS, _COMFORT),
-    Stop("depth_stale", "the depth camera is silent", "check its cable", _ENDS, _COMFORT),
-    Stop("obstacle", "something is close ahead", "wait, or have the way cleared", _PAUSES, _EMERGENCY),
-    Stop(
+    StopReason(
+        "lidar_blind", "the lidar sees too little", "clean its window and take off what covers it", _ENDS, _EMERGENCY
+    ),
+    StopReason("lidar_frozen", "the lidar repeats one scan", "switch it off and on", _ENDS, _EMERGENCY),
+    StopReason("wheels_stale", "the wheel encoders are silent", "check their cable", _ENDS, _RELEASE),
+    StopReason("imu_stale", "the IMU is silent", "check its cable", _ENDS, _COMFORT),
+    StopReason("depth_stale", "the depth camera is silent", "check its cable", _ENDS, _COMFORT),
+    StopReason("obstacle", "something is close ahead", "wait, or have the way cleared", _PAUSES, _EMERGENCY),
+    StopReason(
         "monitor_silent",
         "the collision monitor does not answer",
         "press Reset, which starts it again, then ask for the goal again",
         _LATCHES,
         _EMERGENCY,
     ),
-    Stop(
+    StopReason(
         "lost",
         "the chair no longer knows where it is",
         "drive it to a known place and set its pose",
         _ENDS,
         _COMFORT,
     ),
-    Stop(
+    StopReason(
         "pose_jump",
         "the chair found itself elsewhere on the map",
         "see whether the map shows it right, then ask for the goal again",
         _ENDS,
         _COMFORT,
     ),
-    Stop(
+    StopReason(
         "pushed",
         "the chair is being pushed by hand",
         "once it stands, see whether the map shows it right, then ask for the goal again",
         _ENDS,
         _RELEASE,
     ),
-    Stop(
+    StopReason(
         "page_gone",
-        "no page answers any more on which Stop could be pressed",
+        "no page with a Stop button answers any more",
         "open the page again, then ask for the goal again",
         _ENDS,
         _COMFORT,
     ),
-    Stop("tilt", "the floor is too steep", "drive to level ground by joystick", _ENDS, _COMFORT),
-    Stop("disobeys", "the chair does not do as it is told", "press Reset once it was seen to", _LATCHES, _RELEASE),
-    Stop(
+    StopReason("tilt", "the floor is too steep", "drive to level ground by joystick", _ENDS, _COMFORT),
+    StopReason(
+        "disobeys", "the chair does not follow its commands", "have it checked, then press Reset", _LATCHES, _RELEASE
+    ),
+    StopReason(
         "navigator_silent",
         "the navigator does not answer",
         "wait until it is back, then ask for the goal again",
         _ENDS,
         _RELEASE,
     ),
-    Stop(
+    StopReason(
         "localiser_silent",
-        "nobody says where the chair is",
+        "the localisation does not answer",
         "wait until the map and the pose are back, then ask for the goal again",
         _ENDS,
         _RELEASE,
     ),
-    Stop(
+    StopReason(
         "two_commanders",
-        "somebody else commands the chair, too",
-        "end what else publishes its speeds, then ask for the goal again",
+        "another program commands the chair, too",
+        "stop the other publisher of speeds, then ask for the goal again",
         _ENDS,
         _RELEASE,
     ),
-    Stop(
+    StopReason(
         "open_network",
         "anybody on the network could command the chair",
         "set up security keys (SROS 2), or start it without --lan",
         _ENDS,
         _RELEASE,
     ),
-    Stop("board_unusable", "the board cannot be driven through", "check its cable and power", _ENDS, _RELEASE),
+    StopReason("board_unusable", "the board cannot be driven through", "check its cable and power", _ENDS, _RELEASE),
 )
 
-STOPS: Mapping[str, Stop] = MappingProxyType({stop.id: stop for stop in (*_ROWS, *_board_stops())})
+STOPS: Mapping[str, StopReason] = MappingProxyType({stop.id: stop for stop in (*_ROWS, *_board_stops())})
 """All stops by id."""
 
 BY_MAP_ONLY = frozenset({"lost", "pose_jump", "pushed", "navigator_silent", "localiser_silent", "page_gone"})
 """Ids of stops that concern drives to a goal on a map only; they do not stop a person that steers by a joystick."""
 
-_BY_ADVICE: Mapping[str, Stop] = MappingProxyType(
+_BY_ADVICE: Mapping[str, StopReason] = MappingProxyType(
     {advice: STOPS[f"board_{str(fault.name).lower()}"] for fault, advice in FAULT_ADVICE.items()}
 )
 

@@ -1,8 +1,8 @@
 """The supervisor, which decides whether rider or computer drives: a table from mode and event to the next mode.
 
 The computer drives only while a goal is active that was confirmed when nothing was wrong, nothing is wrong now, and the
-rider does nothing. A push of the joystick ends the drive at once and for good, and so does a fault: the goal is dropped,
-so that nothing starts or resumes by itself when the fault clears. A fault leaves the rider's joystick live.
+rider does nothing. A push of the joystick ends the drive at once and for good, and so does a fault: the goal is
+dropped, so that nothing starts or resumes by itself when the fault clears. A fault leaves the rider's joystick live.
 
 A page's joystick is a drive of its own: it moves the chair through the computer, at walking speed and monitored, and
 ends any drive to a goal.
@@ -28,7 +28,8 @@ from waychair.types import DriveMode, JoystickInput
 
 @dataclass(frozen=True, slots=True)
 class SupervisorSettings(Settings):
-    """Thresholds of the rider's joystick (the board's defaults, `BoardSettings.override_*`), and times of confirmation."""
+    """Thresholds of the rider's joystick (the board's defaults, `BoardSettings.override_*`), and times of
+    confirmation."""
 
     override: float = setting(0.2, "", "deflection beyond which the rider takes over", low=0.021, high=0.8)
     override_ms: int = setting(10, "ms", "for at least this long", low=0, high=500)
@@ -47,7 +48,7 @@ class SupervisorSettings(Settings):
             )
 
 
-class Event(enum.Enum):
+class SupervisorEvent(enum.Enum):
     """Events of a tick in order of precedence: the first one that applies counts."""
 
     STOP = "the rider pressed Stop"
@@ -72,11 +73,11 @@ _NEXT: Mapping[DriveMode, tuple[DriveMode, ...]] = {
     _ASSISTED:   (_STOPPED, _MANUAL,  _MANUAL,  _ASSISTED, _MANUAL,  _MANUAL,  _ASSISTED,   _MANUAL,  _ASSISTED, _AUTONOMOUS),
 }  # fmt: skip
 
-TABLE: Mapping[tuple[DriveMode, Event], DriveMode] = MappingProxyType(
-    {(mode, event): after for mode, row in _NEXT.items() for event, after in zip(Event, row, strict=True)}
+TABLE: Mapping[tuple[DriveMode, SupervisorEvent], DriveMode] = MappingProxyType(
+    {(mode, event): after for mode, row in _NEXT.items() for event, after in zip(SupervisorEvent, row, strict=True)}
 )
-"""The next mode after a mode and an event. Only CONFIRM and STEER, both a person's own act, lead from a mode in which the
-computer rests to one in which it drives."""
+"""The next mode after a mode and an event. Only CONFIRM and STEER, both a person's own act, lead from a mode in which
+the computer rests to one in which it drives."""
 
 DRIVEN = (DriveMode.AUTONOMOUS, DriveMode.ASSISTED)
 """The modes in which the computer drives: alone, with the rider's hand on the stick, or by a page's joystick."""
@@ -86,9 +87,9 @@ DRIVEN = (DriveMode.AUTONOMOUS, DriveMode.ASSISTED)
 class Situation:
     """The supervisor's input in a tick.
 
-    `joystick` None: unknown. `taken_over`: the rider pushes the stick, or the board released the lines because of a push.
-    `requested`, `confirmed`: another goal was requested since the last tick, and a person confirmed it. `steered`: a
-    page's joystick is held, or the chair is held at rest for it.
+    `joystick` None: unknown. `taken_over`: the rider pushes the stick, or the board released the lines because of a
+    push. `requested`, `confirmed`: another goal was requested since the last tick, and a person confirmed it.
+    `steered`: a page's joystick is held, or the chair is held at rest for it.
     """
 
     joystick: JoystickInput | None
@@ -102,7 +103,7 @@ class Situation:
 
 
 @dataclass(frozen=True, slots=True)
-class Verdict:
+class SupervisorVerdict:
     """The mode of this tick and, unless the computer drives, the reason and the braking of a moving chair.
 
     `share`: the share of its speed that the rider's hand leaves the computer. `drops_goal`: the goal is given up.
@@ -144,53 +145,56 @@ class Override:
         return math.isnan(deflection) or held_ns >= self._settings.override_ms * 1_000_000
 
 
-def supervise(mode: DriveMode, situation: Situation, settings: SupervisorSettings) -> Verdict:
+def supervise(mode: DriveMode, situation: Situation, settings: SupervisorSettings) -> SupervisorVerdict:
     """Return the verdict on a situation, with the mode that follows `mode`."""
     event = event_in(situation, settings)
     after = TABLE[mode, event]
-    if event is Event.STEER:
-        return Verdict(after, Event.STEER.value, drops_goal=situation.goal_active, steered=True)
+    if event is SupervisorEvent.STEER:
+        return SupervisorVerdict(after, SupervisorEvent.STEER.value, drops_goal=situation.goal_active, steered=True)
     if after in DRIVEN:
         share = _share(situation.joystick, settings) if settings.assist else 1.0
-        return Verdict(after, "the rider's hand on the joystick slows the drive" if share < 1.0 else "", share)
-    if event is Event.NO_GOAL:
-        return Verdict(
+        return SupervisorVerdict(
+            after, "the rider's hand on the joystick slows the drive" if share < 1.0 else "", share
+        )
+    if event is SupervisorEvent.NO_GOAL:
+        return SupervisorVerdict(
             after, "Stop was pressed; ask for a goal to drive on" if after is DriveMode.STOPPED else "no goal"
         )
     why = _why(event, situation)
-    waits = event in (Event.REQUEST, Event.HAND, Event.QUIET)
-    return Verdict(after, why.text, 1.0, why, why.stop.braking, drops_goal=not waits)
+    waits = event in (SupervisorEvent.REQUEST, SupervisorEvent.HAND, SupervisorEvent.QUIET)
+    return SupervisorVerdict(after, why.text, 1.0, why, why.stop.braking, drops_goal=not waits)
 
 
-def event_in(situation: Situation, settings: SupervisorSettings) -> Event:
+def event_in(situation: Situation, settings: SupervisorSettings) -> SupervisorEvent:
     """Return the event of the highest precedence in a situation."""
     worst = _worst(situation)
     hand = settings.assist and _share(situation.joystick, settings) < 1.0
     happens = {
-        Event.STOP: situation.stop_pressed,
-        Event.TAKE_OVER: situation.taken_over,
-        Event.FAULT: worst is not None and worst.stop.severity >= Severity.ENDS,
-        Event.STEER: situation.steered,
-        Event.NO_GOAL: not situation.goal_active,
-        Event.REFUSAL: situation.confirmed and any(h.stop.severity is Severity.REFUSES for h in situation.halts),
-        Event.CONFIRM: situation.confirmed,
-        Event.REQUEST: situation.requested,
-        Event.HAND: hand,
-        Event.QUIET: True,
+        SupervisorEvent.STOP: situation.stop_pressed,
+        SupervisorEvent.TAKE_OVER: situation.taken_over,
+        SupervisorEvent.FAULT: worst is not None and worst.stop.severity >= Severity.ENDS,
+        SupervisorEvent.STEER: situation.steered,
+        SupervisorEvent.NO_GOAL: not situation.goal_active,
+        SupervisorEvent.REFUSAL: situation.confirmed
+        and any(h.stop.severity is Severity.REFUSES for h in situation.halts),
+        SupervisorEvent.CONFIRM: situation.confirmed,
+        SupervisorEvent.REQUEST: situation.requested,
+        SupervisorEvent.HAND: hand,
+        SupervisorEvent.QUIET: True,
     }
     return next(event for event, so in happens.items() if so)
 
 
-def _why(event: Event, situation: Situation) -> Halt:
+def _why(event: SupervisorEvent, situation: Situation) -> Halt:
     """Return the halt for which the computer rests."""
-    if event is Event.STOP:
+    if event is SupervisorEvent.STOP:
         return halt("stop_pressed")
-    if event is Event.TAKE_OVER:
+    if event is SupervisorEvent.TAKE_OVER:
         return halt("taken_over")
-    if event is Event.REFUSAL:
+    if event is SupervisorEvent.REFUSAL:
         return next(h for h in situation.halts if h.stop.severity is Severity.REFUSES)
     worst = _worst(situation)
-    return worst if event is Event.FAULT and worst is not None else halt("unconfirmed")
+    return worst if event is SupervisorEvent.FAULT and worst is not None else halt("unconfirmed")
 
 
 def _worst(situation: Situation) -> Halt | None:

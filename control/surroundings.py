@@ -13,7 +13,7 @@ from waychair.config import Settings, setting
 from waychair.maps.depth_scan import levelled_mount
 from waychair.maps.distance_field import DistanceField, window_distances
 from waychair.maps.grid import cells_from_points, cells_under, occupied
-from waychair.maps.ground import GroundSettings, ground_view
+from waychair.maps.ground import ground_view
 from waychair.planning.drawn_map import DrawnMap
 from waychair.planning.obstacle_layer import (
     EMPTY,
@@ -65,7 +65,6 @@ class SurroundingsSettings(Settings):
     sonar_half_cone: float = setting(math.radians(15.0), "rad", "from a sonar's axis to its edge", low=0.01, high=1.5)
     walker: float = setting(0.5, "m", "a point this near to the middle of who walks is of them", low=0.0, high=2.0)
     obstacles: ObstacleSettings = field(default_factory=ObstacleSettings)
-    ground: GroundSettings = field(default_factory=GroundSettings)
     drop_margin: float = setting(0.15, "m", "kept free round where the floor ends", low=0.0, high=0.5)
     remembered_drops: ObstacleSettings = field(default_factory=lambda: ObstacleSettings(cell=0.05, fade=600.0))
     missing_ground: ObstacleSettings = field(default_factory=lambda: ObstacleSettings(cell=0.05))
@@ -77,10 +76,10 @@ class Surroundings:
     def __init__(self, drawn: DrawnMap, body: ChairBody, settings: SurroundingsSettings) -> None:
         self._body, self._settings = body, settings
         self.redraw(drawn)
-        self._scanned = self._room = self._walkers = self._edges = np.empty((0, 2))
-        self._lidar = self._sonar = self._drops = self._missing = EMPTY
+        self._scanned = self._personal_space = self._walkers = self._drop_off_zone = np.empty((0, 2))
+        self._lidar = self._sonar = self._drop_offs = self._missing = EMPTY
         self._depth: dict[BodyLayer, ObstacleLayer] = dict.fromkeys(body.height_layers(), EMPTY)
-        self.hears = False
+        self.has_sonars = False
         """Whether the chair has sonars."""
 
     def redraw(self, drawn: DrawnMap) -> None:
@@ -98,7 +97,9 @@ class Surroundings:
         ends = points if beyond is None else np.concatenate([points, beyond])
         hits = np.arange(len(ends)) < len(points)
         sight = sight_from_points(now_ns, np.array([laser.x, laser.y]), ends, hits, self._settings.beam)
-        self._lidar = self._news(updated(self._lidar, sight, self._settings.obstacles), self._settings.known_within)
+        self._lidar = self._without_walls(
+            updated(self._lidar, sight, self._settings.obstacles), self._settings.known_within
+        )
 
     def hear(self, readings: SonarReadings, pose: Pose2) -> None:
         """Take in the sonars' readings from map_from_base; they detect glass, which the lidar does not see.
@@ -106,14 +107,15 @@ class Surroundings:
         An echo comes from somewhere on its arc. If the map or the latest scan has an obstacle on that arc, the echo is
         attributed to it; otherwise the whole arc counts as an obstacle.
         """
-        s, self.hears = self._settings, True
+        s, self.has_sonars = self._settings, True
         for sight in sights_from_sonar(readings, pose, sonar_mounts(self._body), s.sonar_range, s.sonar_half_cone):
-            if sight.hits.any() and self._explained(sight):
+            if sight.hits.any() and self._is_explained(sight):
                 sight = replace(sight, hits=np.zeros(len(sight.hits), np.bool_))
-            self._sonar = self._told(updated(self._sonar, sight, s.obstacles), sight.origin)
+            self._sonar = self._without_near_walls(updated(self._sonar, sight, s.obstacles), sight.origin)
 
     def look(self, frame: RgbdFrame, pose: Pose2, level_from_base: FloatArray | None = None) -> None:
-        """Take in a depth image from map_from_base: obstacles off the lidar's height, such as table tops, and drop-offs.
+        """Take in a depth image from map_from_base: obstacles off the lidar's height, such as table tops, and
+        drop-offs.
 
         The image is levelled by the chair's lean (3, 3), if that is known. A drop-off is remembered when it is so near
         that the camera looks over it.
@@ -122,21 +124,23 @@ class Surroundings:
         mount = (
             body.base_from_camera if level_from_base is None else levelled_mount(body.base_from_camera, level_from_base)
         )
-        view = ground_view(frame, mount, body.front, s.ground)
+        view = ground_view(frame, mount, body.front)
         for layer, seen in self._depth.items():
             sight = sight_from_depth(view, pose, layer, s.floor)
-            self._depth[layer] = self._told(updated(seen, sight, s.obstacles), sight.origin)
-        self._drops = updated(self._drops, sight_of_drops(view, pose), s.remembered_drops)
-        self._edges = widened(self._drops.points, s.drop_margin)
+            self._depth[layer] = self._without_near_walls(updated(seen, sight, s.obstacles), sight.origin)
+        self._drop_offs = updated(self._drop_offs, sight_of_drops(view, pose), s.remembered_drops)
+        self._drop_off_zone = widened(self._drop_offs.points, s.drop_margin)
         missing = updated(self._missing, sight_of_missing_ground(view, pose), s.missing_ground)
-        self._missing = self._news(missing, s.known_within)  # depth of the floor at the foot of a wall is often wrong
+        self._missing = self._without_walls(
+            missing, s.known_within
+        )  # depth of the floor at the foot of a wall is often wrong
 
-    def keep_clear_of(self, points: FloatArray, walkers: FloatArray | None = None) -> None:
+    def set_personal_space(self, points: FloatArray, walkers: FloatArray | None = None) -> None:
         """Take points (N, 2) [m] in map of people's personal space, which are obstacles until the next call.
 
-        `walkers` (K, 2) [m] in map are the people that walk: see `lasting`.
+        `walkers` (K, 2) [m] in map are the people that walk: see `stationary`.
         """
-        self._room = points
+        self._personal_space = points
         self._walkers = np.empty((0, 2)) if walkers is None else walkers
 
     def window(self, pose: Pose2) -> DistanceField:
@@ -157,32 +161,33 @@ class Surroundings:
         solid = solid.repeat(finer, axis=0).repeat(finer, axis=1)
         corner = grid.map_from_grid @ Pose2(col * grid.resolution, row * grid.resolution, 0.0)
         local = OccupancyGrid(np.zeros(solid.shape, np.int8), grid.resolution * coarser / finer, corner)
-        whole = np.concatenate([self._scanned, self.upright(), *self._widest()])
+        whole = np.concatenate([self._scanned, self.full_height(), *self._in_full_layers()])
 
         def distances_to(solid: BoolArray, points: FloatArray) -> Float32Array:
             solid[tuple(cells_under(local, points).T)] = True
             return window_distances(solid, local.resolution)
 
-        layers = tuple((layer, distances_to(np.zeros_like(solid), seen)) for layer, seen in self.narrower())
+        layers = tuple((layer, distances_to(np.zeros_like(solid), seen)) for layer, seen in self.in_narrow_layers())
         return DistanceField(distances_to(solid, whole), local.resolution, corner, layers)
 
-    def upright(self) -> FloatArray:
+    def full_height(self) -> FloatArray:
         """Return unmapped obstacles (N, 2) [m] in map of unknown height, which the whole footprint must avoid."""
-        return np.concatenate([self._lidar.points, self._sonar.points, self._no_ground(), self._room])
+        return np.concatenate([self._lidar.points, self._sonar.points, self._missing_floor(), self._personal_space])
 
-    def lasting(self) -> tuple[FloatArray, tuple[tuple[BodyLayer, FloatArray], ...]]:
-        """Return `upright` and `layered` without walking people, who will be elsewhere when the chair gets there."""
-        upright = np.concatenate([self._lidar.points, self._sonar.points, self._room])
-        layered = ((layer, self._but_walkers(points)) for layer, points in self.layered())
-        return np.concatenate([self._but_walkers(upright), self._no_ground()]), tuple(layered)
+    def stationary(self) -> tuple[FloatArray, tuple[tuple[BodyLayer, FloatArray], ...]]:
+        """Return `full_height` and `layered` without walking people, who will be elsewhere when the chair gets
+        there."""
+        upright = np.concatenate([self._lidar.points, self._sonar.points, self._personal_space])
+        layered = ((layer, self._without_walkers(points)) for layer, points in self.layered())
+        return np.concatenate([self._without_walkers(upright), self._missing_floor()]), tuple(layered)
 
     def stands_near(self, points: FloatArray, gap: float) -> bool:
-        """Return whether a `lasting` obstacle is nearer than `gap` [m] to one of points (N, 2) [m] in map."""
-        upright, layered = self.lasting()
+        """Return whether a `stationary` obstacle is nearer than `gap` [m] to one of points (N, 2) [m] in map."""
+        upright, layered = self.stationary()
         news = np.concatenate([upright, *(seen for _, seen in layered)])
         return any_nearer(np.ascontiguousarray(points), news, gap)
 
-    def _but_walkers(self, points: FloatArray) -> FloatArray:
+    def _without_walkers(self, points: FloatArray) -> FloatArray:
         """Return the points (N, 2) [m] that do not belong to a walking person."""
         gaps = np.hypot(*(points[:, None] - self._walkers[None]).transpose(2, 0, 1))
         others: FloatArray = points[gaps.min(axis=1, initial=math.inf) > self._settings.walker]
@@ -193,13 +198,15 @@ class Surroundings:
 
         They come from other sensors and from people's personal space.
         """
-        return np.concatenate([self._room, self._no_ground(), self._sonar.points, *self._widest()])
+        return np.concatenate(
+            [self._personal_space, self._missing_floor(), self._sonar.points, *self._in_full_layers()]
+        )
 
-    def _no_ground(self) -> FloatArray:
+    def _missing_floor(self) -> FloatArray:
         """Return drop-offs with their margin, and places of missing floor, (N, 2) [m] in map."""
-        return np.concatenate([self._edges, self._missing.points])
+        return np.concatenate([self._drop_off_zone, self._missing.points])
 
-    def strangers(self, points: FloatArray) -> FloatArray:
+    def unmapped(self, points: FloatArray) -> FloatArray:
         """Return the points (N, 2) [m] in map that the map does not explain."""
         return points[~self._drawn.explains(points, self._settings.known_within)]
 
@@ -207,39 +214,41 @@ class Surroundings:
         """Return unmapped obstacles (N, 2) [m] in map at the heights of each layer of the body."""
         return tuple((layer, seen.points) for layer, seen in self._depth.items())
 
-    def narrower(self) -> tuple[tuple[BodyLayer, FloatArray], ...]:
+    def in_narrow_layers(self) -> tuple[tuple[BodyLayer, FloatArray], ...]:
         """Return the non-empty part of `layered` for layers narrower than the whole footprint."""
-        return tuple((layer, seen) for layer, seen in self.layered() if len(seen) and not self._is_widest(layer))
+        return tuple((layer, seen) for layer, seen in self.layered() if len(seen) and not self._is_full_outline(layer))
 
-    def _widest(self) -> list[FloatArray]:
+    def _in_full_layers(self) -> list[FloatArray]:
         """Return the points of `layered` for layers as wide as the whole footprint."""
-        return [seen for layer, seen in self.layered() if self._is_widest(layer)]
+        return [seen for layer, seen in self.layered() if self._is_full_outline(layer)]
 
-    def _is_widest(self, layer: BodyLayer) -> bool:
+    def _is_full_outline(self, layer: BodyLayer) -> bool:
         """Return whether a layer's outline is the whole footprint."""
         body = self._body
         return (layer.front, layer.rear, layer.half_width) == (body.front, body.rear, body.width / 2)
 
-    def _news(self, seen: ObstacleLayer, within: float | FloatArray) -> ObstacleLayer:
+    def _without_walls(self, seen: ObstacleLayer, within: float | FloatArray) -> ObstacleLayer:
         """Return the layer without points within `within` [m] of a mapped wall, which belong to that wall."""
         return without(seen, self._drawn.explains(seen.points, within)) if len(seen.points) else seen
 
-    def _told(self, seen: ObstacleLayer, sensor: FloatArray) -> ObstacleLayer:
-        """Return `_news` for a sensor at (2,) [m] in map whose obstacles no other sensor sees: a shelf, a low step."""
-        return self._news(seen, self._doubt(np.hypot(*(seen.points - sensor).T)))
+    def _without_near_walls(self, seen: ObstacleLayer, sensor: FloatArray) -> ObstacleLayer:
+        """Return `_without_walls` for a sensor at (2,) [m] in map whose obstacles no other sensor sees: a shelf, a low
+        step."""
+        return self._without_walls(seen, self._wall_tolerance(np.hypot(*(seen.points - sensor).T)))
 
-    def _doubt(self, away: FloatArray) -> FloatArray:
-        """Return the distances (N,) [m] from a wall within which points `away` (N,) [m] from the sensor are that wall."""
+    def _wall_tolerance(self, away: FloatArray) -> FloatArray:
+        """Return the distances (N,) [m] from a wall within which points `away` (N,) [m] from the sensor are that
+        wall."""
         s = self._settings
         return np.clip(s.told_share * away, s.told_within, max(s.told_within, s.known_within))
 
-    def _explained(self, sight: Sight) -> bool:
+    def _is_explained(self, sight: Sight) -> bool:
         """Return whether the map or the latest scan has an obstacle on the arc of an echo."""
-        arc, doubt = sight.points(), self._doubt(sight.far[sight.hits])
+        arc, doubt = sight.points(), self._wall_tolerance(sight.far[sight.hits])
         return bool(self._drawn.explains(arc, doubt).any()) or any_nearer(arc, self._scanned, float(doubt.max()))
 
 
-def much_is_gone(before: FloatArray, now: FloatArray) -> bool:
+def have_mostly_moved(before: FloatArray, now: FloatArray) -> bool:
     """Return whether a large share of the earlier obstacles (N, 2) [m] is gone."""
     if not len(before) or not len(now):
         return bool(len(before))
@@ -247,7 +256,7 @@ def much_is_gone(before: FloatArray, now: FloatArray) -> bool:
     return bool(np.isinf(away).mean() > _MUCH)
 
 
-def without_veils(points: FloatArray, laser: Pose2, gap: float) -> FloatArray:
+def without_mixed_pixels(points: FloatArray, laser: Pose2, gap: float) -> FloatArray:
     """Return a scan's points (N, 2) [m], in the order of its beams, without mixed pixels.
 
     A beam that falls half on an edge reads a range between the two surfaces, where nothing is. Such a point is farther

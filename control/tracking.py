@@ -1,9 +1,10 @@
 """Tracking of a planned line to the centimetre, forwards or backwards, through doors and in multi-point turns.
 
 Where there is space, the dynamic window weighs arcs; here only the line itself is known to be free. Straight lines and
-arcs are followed by feedback in C. Samson's path coordinates (IEEE Trans. Automatic Control 40(1), 1995). Its errors decay
-over the distance driven, not over time, so it acts the same at every speed and backwards. Near the line the heading is
-held stiffly, so that a small error does not swing the ends out; farther off, the return to the line is fastest.
+arcs are followed by feedback in C. Samson's path coordinates (IEEE Trans. Automatic Control 40(1), 1995). Its errors
+decay over the distance driven, not over time, so it acts the same at every speed and backwards. Near the line the
+heading is held stiffly, so that a small error does not swing the ends out; farther off, the return to the line is
+fastest.
 """
 
 from __future__ import annotations
@@ -19,7 +20,7 @@ from waychair.geometry import wrap_angle
 from waychair.maps.distance_field import DistanceField
 from waychair.planning.dwa import DwaResult, rotate_to_heading
 from waychair.planning.footprint import along_arc, footprint, free_time, in_cells
-from waychair.planning.motion import DwaSettings, Motion, braking, slowing_speed, stop_time, towards
+from waychair.planning.motion import MIN_SPEED, PERIOD, DwaSettings, Motion, braking, slowing_speed, stop_time, towards
 from waychair.types import FloatArray, Pose2, Twist
 
 _MARGINS = (0.01, 0.0)
@@ -55,20 +56,21 @@ class TrackingSettings(Settings):
 class OnLine:
     """A pose relative to a line of poses: left of it by `lateral` [m], turned off it by `heading` [rad].
 
-    `curvature` [1/m] is the body's turn per metre, positive to the left when driven forwards. `left` [m] is the distance
-    along the line to its end, negative beyond it. `bends` (N, 2) are the distances [m] to the starts of changes of the
-    curvature, 0 for one already begun, and the rates of these changes [1/m^2].
+    `curvature` [1/m] is the body's turn per metre, positive to the left when driven forwards. `remaining` [m] is the
+    distance along the line to its end, negative beyond it. `bends` (N, 2) are the distances [m] to the starts of
+    changes of the curvature, 0 for one already begun, and the rates of these changes [1/m^2].
     """
 
     lateral: float
     heading: float
     curvature: float
-    left: float
+    remaining: float
     bends: FloatArray = field(default_factory=lambda: np.zeros((0, 2)))
 
 
 def on_line(poses: FloatArray, pose: Pose2, backwards: bool = False) -> OnLine:
-    """Return a pose relative to the nearest step of a line; poses (N, 3) with the body's headings, N >= 2, same frame."""
+    """Return a pose relative to the nearest step of a line; poses (N, 3) with the body's headings, N >= 2, same
+    frame."""
     points = poses[:, :2]
     steps = np.diff(points, axis=0)
     lengths = np.maximum(np.hypot(steps[:, 0], steps[:, 1]), 1e-9)
@@ -119,20 +121,20 @@ def track(
 
     As in `dwa.choose`, the result is `in_position` at the line's end, and `arrived` when turned to its last heading and
     standing. It is `blocked` if the body could not stop before contact, or if the line goes backwards and reversing is
-    forbidden. With a `motion` the jerk along the line is limited. Off the line the wide margin is kept; on it, the narrow
-    margin if the wide one blocks.
+    forbidden. With a `motion` the jerk along the line is limited. Off the line the wide margin is kept; on it, the
+    narrow margin if the wide one blocks.
     """
     limits = replace(
         limits,
         max_omega=min(limits.max_omega, settings.max_omega),
-        heading_tolerance=settings.heading_tolerance,
+        tolerances=replace(limits.tolerances, heading=settings.heading_tolerance),
     )
     ahead = Pose2(*along_arc(pose.x, pose.y, pose.theta, command.v, command.omega, limits.reaction_time))
     at = on_line(poses, ahead, backwards) if len(poses) > 1 else OnLine(0.0, 0.0, 0.0, 0.0)
 
     def with_margin(margin: float, turn_from: float) -> DwaResult:
-        kept = replace(limits, margin=margin)
-        if in_position or at.left <= settings.end_tolerance:
+        kept = replace(limits, clearance=margin)
+        if in_position or at.remaining <= settings.end_tolerance:
             turned = rotate_to_heading(pose, command, float(poses[-1, 2]), distances, body, kept, motion)
             return replace(turned, in_position=True)
         if abs(at.heading) > turn_from:
@@ -171,13 +173,13 @@ def _feedback(at: OnLine, backwards: bool, way: float, limits: DwaSettings, sett
     `way` [m] is the distance driven before the chair can begin to slow down.
     """
     fastest = min(settings.max_speed, limits.max_reverse if backwards else limits.max_speed)
-    speed = min(fastest, slowing_speed(at.left - way, 0.0, limits), _steering_speed(at, way, limits))
-    v = math.copysign(max(speed, limits.min_speed), -1.0 if backwards else 1.0)
+    speed = min(fastest, slowing_speed(at.remaining - way, 0.0, limits), _steering_speed(at, way, limits))
+    v = math.copysign(max(speed, MIN_SPEED), -1.0 if backwards else 1.0)
     gain = 1.0 / settings.return_length
     damping = np.interp(abs(at.lateral), (_BESIDE, 2 * _BESIDE), (settings.damping, settings.damping_off))
     omega = v * at.curvature - v * gain**2 * at.lateral - 2.0 * float(damping) * abs(v) * gain * at.heading
     share = min(1.0, limits.max_omega / max(abs(omega), 1e-9))
-    return Twist(v * max(share, min(1.0, limits.min_speed / max(abs(v), 1e-9))), omega * share)
+    return Twist(v * max(share, min(1.0, MIN_SPEED / max(abs(v), 1e-9))), omega * share)
 
 
 def _steering_speed(at: OnLine, way: float, limits: DwaSettings) -> float:
@@ -202,13 +204,13 @@ def _admitted(
 
     A step with limited jerk from which it could not stop is tried again without that limit.
     """
-    shape, start = footprint(body, limits.margin, distances), in_cells(distances, ahead)
+    shape, start = footprint(body, limits.clearance, distances), in_cells(distances, ahead)
     candidates = np.array([[wanted.v, wanted.omega], [wanted.v / 2, wanted.omega / 2]])
     steps = [(k, eased) for eased in ((None,) if motion is None else (motion, None)) for k in range(2)]
     for k, eased in steps:
         v, omega = candidates[k].tolist()
         twist = _step(command, Twist(v, omega), limits, eased)
-        needed = limits.period + stop_time(twist, limits) / 2
+        needed = PERIOD + stop_time(twist, limits) / 2
         if free_time(shape, start, twist.v / shape.cell, twist.omega, needed, needed) >= needed:
             scores = np.where(np.arange(2) == k, 0.0, -np.inf)
             arc = np.array([along_arc(ahead.x, ahead.y, ahead.theta, v, omega, t) for t in np.linspace(0.0, 2.0, 11)])

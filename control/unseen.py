@@ -1,8 +1,8 @@
 """The speed limit from the sensors' view: the chair must be able to stop within it, and moves slowly where it is blind.
 
-Every sensor is a sector. In driving, the strip that the chair will cover must lie in sectors up to the stopping distance.
-In turning and reversing, the corners that move outwards must lie in sectors. Sonar cones are too narrow to count: two of
-them leave most of the ground behind a chair uncovered.
+Every sensor is a sector. In driving, the strip that the chair will cover must lie in sectors up to the stopping
+distance. In turning and reversing, the corners that move outwards must lie in sectors. Sonar cones are too narrow to
+count: two of them leave most of the ground behind a chair uncovered.
 """
 
 from __future__ import annotations
@@ -42,7 +42,8 @@ class Sector:
 def sight_share(
     twist: Twist, body: ChairBody, sectors: Sequence[Sector], settings: UnseenSettings = UnseenSettings()
 ) -> float:
-    """Return the share of a twist at which the chair can stop within its view and no unseen corner moves out too fast."""
+    """Return the share of a twist at which the chair can stop within its view and no unseen corner moves out too
+    fast."""
     if not (math.isfinite(twist.v) and math.isfinite(twist.omega)):
         return 0.0
     corners = body.outline()
@@ -58,7 +59,8 @@ def sight_share(
 
 
 def sight_along(twist: Twist, body: ChairBody, sectors: Sequence[Sector], settings: UnseenSettings) -> float:
-    """Return the distance [m], up to `look`, over which the leading edge's strip on a twist's arc is seen without a gap."""
+    """Return the distance [m], up to `look`, over which the leading edge's strip on a twist's arc is seen without a
+    gap."""
     ways = np.arange(_STEP, settings.look + _STEP / 2, _STEP)
     across = np.linspace(-body.width / 2, body.width / 2, _ACROSS)
     edge = np.full(_ACROSS, body.front if twist.v > 0.0 else -body.rear)

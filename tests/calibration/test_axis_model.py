@@ -65,7 +65,7 @@ def test_the_margin_is_the_nearer_edge() -> None:
 
 def test_a_curve_that_turns_back_before_its_limit_is_refused() -> None:
     AxisSide(gain=1.0, curve=-0.24, limit=1.0)
-    with pytest.raises(NotMonotone, match="turn back"):
+    with pytest.raises(NotMonotone, match="turns back"):
         AxisSide(gain=1.0, curve=-0.26, limit=1.0)
 
 

@@ -134,7 +134,7 @@ def test_a_curve_that_turns_back_is_refused_even_with_the_right_hash(path: Path)
     dac = json.loads(path.read_text())["dac"]
     dac["turn"]["below"]["curve"] = -5.0
     _signed(path, dac=dac)
-    with pytest.raises(CalibrationDamaged, match="turn back"):
+    with pytest.raises(CalibrationDamaged, match="turns back"):
         load_calibration(path)
 
 

@@ -10,7 +10,7 @@ import pytest
 
 from tests.calibration.synthetic import NEUTRAL, TRUE, SyntheticChair
 from waychair.calibration.dac_plot import plot_fit
-from waychair.calibration.drive_log import DriveLog
+from waychair.calibration.drive_log import SweepLog
 from waychair.calibration.fit_dac import DacFit, FitSettings, fit_dac
 from waychair.calibration.fit_steps import fit_steps
 from waychair.calibration.fitted_dac import FittedDac
@@ -24,13 +24,13 @@ ENOUGH = FitSettings(min_repetitions=1)
 
 
 @pytest.fixture(scope="module")
-def log() -> DriveLog:
+def log() -> SweepLog:
     """A sweep of the known chair."""
     return sweep(SyntheticChair(), NEUTRAL, PLAN)
 
 
 @pytest.fixture(scope="module")
-def fit(log: DriveLog) -> DacFit:
+def fit(log: SweepLog) -> DacFit:
     """The model that was found of it."""
     return fit_dac(log, NEUTRAL, TRUE.track, ENOUGH)
 
@@ -80,7 +80,7 @@ def test_the_report_names_every_level_and_what_the_model_misses_of_it(fit: DacFi
     assert fit.rms[1] < 0.008
 
 
-def test_one_hold_in_ten_that_is_wrong_does_not_spoil_the_fit(log: DriveLog) -> None:
+def test_one_hold_in_ten_that_is_wrong_does_not_spoil_the_fit(log: SweepLog) -> None:
     twists = log.twists.copy()
     changed = np.flatnonzero((np.diff(log.counts, axis=0) != 0).any(axis=1)) + 1
     rng = np.random.default_rng(1)
@@ -126,7 +126,7 @@ def test_a_chair_that_slows_down_into_turns_and_turns_less_at_speed_is_found() -
         ((1.0, 1.28), "faster at the end of the sweep than at its beginning, as if its speed dial"),
     ],
 )
-def test_a_drift_is_named_by_its_direction(log: DriveLog, factors: tuple[float, float], says: str) -> None:
+def test_a_drift_is_named_by_its_direction(log: SweepLog, factors: tuple[float, float], says: str) -> None:
     """Quickly at first, as motors grow hot, so that most levels agree with each other."""
     cold, hot = factors
     factor = hot + (cold - hot) * np.exp(-np.linspace(0.0, 10.0, len(log.twists)))
@@ -134,24 +134,24 @@ def test_a_drift_is_named_by_its_direction(log: DriveLog, factors: tuple[float, 
         fit_dac(replace(log, twists=log.twists * factor[:, None]), NEUTRAL, TRUE.track, ENOUGH)
 
 
-def test_too_few_levels_are_refused(log: DriveLog) -> None:
+def test_too_few_levels_are_refused(log: SweepLog) -> None:
     with pytest.raises(ThinData, match=r"forward axis alone are too few .*at least 60"):
         fit_dac(log, NEUTRAL, TRUE.track, FitSettings(min_levels=60, min_repetitions=1))
 
 
-def test_too_few_repetitions_are_refused(log: DriveLog) -> None:
+def test_too_few_repetitions_are_refused(log: SweepLog) -> None:
     with pytest.raises(ThinData, match="at least 3 times"):
         fit_dac(log, NEUTRAL, TRUE.track)
 
 
-def test_a_log_without_rests_has_no_steps_to_find_the_lag_from(log: DriveLog) -> None:
+def test_a_log_without_rests_has_no_steps_to_find_the_lag_from(log: SweepLog) -> None:
     driven = (np.abs(log.volts - NEUTRAL) > NEAR_NEUTRAL).any(axis=1)
-    restless = DriveLog(log.stamps_ns[driven], log.counts[driven], log.twists[driven], log.bits, log.volts_max)
+    restless = SweepLog(log.stamps_ns[driven], log.counts[driven], log.twists[driven], log.bits, log.volts_max)
     with pytest.raises(ThinData, match="no step from rest"):
         fit_steps(restless, 0, NEUTRAL, NEAR_NEUTRAL)
 
 
-def test_more_stick_with_less_speed_is_refused(log: DriveLog) -> None:
+def test_more_stick_with_less_speed_is_refused(log: SweepLog) -> None:
     twists = log.twists.copy()
     twists[log.volts[:, 0] > NEUTRAL[0] + 0.9, 0] *= 0.6
     with pytest.raises(NotMonotone, match="forward axis above neutral"):
@@ -162,7 +162,7 @@ def test_more_stick_with_less_speed_is_refused(log: DriveLog) -> None:
 @pytest.mark.parametrize(("begin", "end"), [(0.0, 0.12), (0.65, 1.0)])
 @pytest.mark.parametrize(("axis", "name"), [(0, "forward"), (1, "turn")])
 def test_motors_that_fade_or_a_profile_that_changes_meanwhile_are_refused(
-    log: DriveLog, change: float, begin: float, end: float, axis: int, name: str
+    log: SweepLog, change: float, begin: float, end: float, axis: int, name: str
 ) -> None:
     part = np.arange(len(log.twists)) / len(log.twists)
     twists = log.twists.copy()
@@ -171,7 +171,7 @@ def test_motors_that_fade_or_a_profile_that_changes_meanwhile_are_refused(
         fit_dac(replace(log, twists=twists), NEUTRAL, TRUE.track, ENOUGH)
 
 
-def test_a_neutral_that_the_chair_was_never_at_is_refused(log: DriveLog) -> None:
+def test_a_neutral_that_the_chair_was_never_at_is_refused(log: SweepLog) -> None:
     with pytest.raises(CalibrationError, match=r"never at its neutral of 3\.640"):
         fit_dac(log, (NEUTRAL[0] + 2.0, NEUTRAL[1]), TRUE.track, ENOUGH)
 
@@ -188,17 +188,17 @@ def test_a_neutral_beyond_the_dead_bands_edge_makes_the_chair_creep_and_is_refus
         assert fit_dac(log, neutral, TRUE.track, ENOUGH).margins[0] == pytest.approx(0.09 - off, abs=0.008)
 
 
-def test_speeds_without_their_signs_are_refused(log: DriveLog) -> None:
+def test_speeds_without_their_signs_are_refused(log: SweepLog) -> None:
     with pytest.raises(CalibrationError, match="same way on both sides"):
         fit_dac(replace(log, twists=np.abs(log.twists)), NEUTRAL, TRUE.track, ENOUGH)
 
 
-def test_an_axis_that_does_not_move_is_refused(log: DriveLog) -> None:
+def test_an_axis_that_does_not_move_is_refused(log: SweepLog) -> None:
     with pytest.raises(ThinData, match="turn axis"):
         fit_dac(replace(log, twists=log.twists * (1.0, 0.0)), NEUTRAL, TRUE.track, ENOUGH)
 
 
-def test_on_blocks_only_directions_and_dead_bands_are_found(log: DriveLog) -> None:
+def test_on_blocks_only_directions_and_dead_bands_are_found(log: SweepLog) -> None:
     """Wheels in the air turn faster than on the floor: that must not matter."""
     forward, turn = on_blocks(replace(log, twists=1.3 * log.twists), NEUTRAL, NEAR_NEUTRAL)
     assert (forward.sign, turn.sign) == (TRUE.forward.sign, TRUE.turn.sign)

@@ -96,7 +96,7 @@ def test_a_model_that_leaves_no_turn_at_speed_is_refused() -> None:
 
 
 def test_coupling_without_an_inverse_is_refused() -> None:
-    with pytest.raises(NotMonotone, match="told apart"):
+    with pytest.raises(NotMonotone, match="separated"):
         replace(TRUE, v_per_turn=0.5, turn_per_v=2.0)
 
 

@@ -12,7 +12,7 @@ from hypothesis import strategies as st
 
 from waychair.calibration.stopping import (
     UNMEASURED_SPEED,
-    Stop,
+    MeasuredStop,
     StopSettings,
     StopTable,
     permitted_speed,
@@ -65,11 +65,11 @@ def test_a_stop_needs_what_was_before_it() -> None:
 
 def test_the_table_is_the_worst_of_all_directions_plus_the_margin() -> None:
     stops = [
-        Stop(0.30, 0.0, 0.10, 0.10, 0.0),
-        Stop(-0.31, 0.0, 0.15, 0.14, 0.0),
-        Stop(0.60, 0.0, 0.12, 0.40, 0.0),
-        Stop(0.61, 0.5, 0.20, 0.40, 0.2),
-        Stop(0.0, 0.6, 0.10, 0.0, 0.3),
+        MeasuredStop(0.30, 0.0, 0.10, 0.10, 0.0),
+        MeasuredStop(-0.31, 0.0, 0.15, 0.14, 0.0),
+        MeasuredStop(0.60, 0.0, 0.12, 0.40, 0.0),
+        MeasuredStop(0.61, 0.5, 0.20, 0.40, 0.2),
+        MeasuredStop(0.0, 0.6, 0.10, 0.0, 0.3),
     ]
     table = stop_table(stops, 0.8, StopSettings(margin=0.5, margin_m=0.04))
     assert table.speeds == (0.30, 0.60)
@@ -79,7 +79,11 @@ def test_the_table_is_the_worst_of_all_directions_plus_the_margin() -> None:
 
 
 def test_stops_from_one_speed_or_without_a_spin_are_too_few() -> None:
-    fast, slow, spin = Stop(0.6, 0.0, 0.1, 0.4, 0.0), Stop(0.2, 0.0, 0.1, 0.1, 0.0), Stop(0.0, 0.6, 0.1, 0.0, 0.3)
+    fast, slow, spin = (
+        MeasuredStop(0.6, 0.0, 0.1, 0.4, 0.0),
+        MeasuredStop(0.2, 0.0, 0.1, 0.1, 0.0),
+        MeasuredStop(0.0, 0.6, 0.1, 0.0, 0.3),
+    )
     stop_table([fast, slow, spin], 0.8)
     for stops in ([fast, spin], [fast, slow], []):
         with pytest.raises(ThinData, match="too few"):

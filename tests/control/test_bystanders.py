@@ -13,7 +13,6 @@ from waychair.calibration.chair import CHAIR_A
 from waychair.control.bystanders import Bystanders
 from waychair.control.recovery import RecoverySettings
 from waychair.control.surroundings import Surroundings, SurroundingsSettings
-from waychair.planning.costmap import CostmapSettings
 from waychair.planning.drawn_map import DrawnMap
 from waychair.planning.tracks import TrackSettings
 from waychair.types import FloatArray, OccupancyGrid, Pose2
@@ -21,7 +20,7 @@ from waychair.types import FloatArray, OccupancyGrid, Pose2
 SCAN_NS = 100_000_000
 HERE = Pose2(3.0, 4.0)
 SETTINGS = TrackSettings()
-HALL = DrawnMap(OccupancyGrid(np.zeros((160, 240), np.int8), 0.05), CHAIR_A, CostmapSettings())
+HALL = DrawnMap(OccupancyGrid(np.zeros((160, 240), np.int8), 0.05), CHAIR_A)
 
 Way = Callable[[float], tuple[float, float]]
 """Where somebody is [m], after so many seconds."""
@@ -55,13 +54,13 @@ class Watch:
     @property
     def expected(self) -> tuple[FloatArray, FloatArray]:
         """Where the planner expects the one person (2,) [m], and how fast (2,) [m/s]."""
-        (track,) = self.people.under_way(Pose2()).tracks
+        (track,) = self.people.expected_people(Pose2()).tracks
         return track.position, track.velocity
 
     @property
     def is_an_obstacle(self) -> bool:
         """Whether the person stands in the planner's way as a thing does."""
-        return len(self.surroundings.lasting()[0]) > 0
+        return len(self.surroundings.stationary()[0]) > 0
 
 
 def walks_by(seconds: float) -> tuple[float, float]:
@@ -85,7 +84,7 @@ def test_who_walks_by_is_foreseen_on_their_way_and_is_no_obstacle() -> None:
     np.testing.assert_allclose(velocity, [0.8, 0.0], atol=0.15)
     np.testing.assert_allclose(position, walks_by(3.9), atol=0.1)
     assert not watch.is_an_obstacle
-    assert not watch.people.linger_near(np.array([walks_by(3.9)]), 0.5)
+    assert not watch.people.someone_lingers_near(np.array([walks_by(3.9)]), 0.5)
 
 
 def test_who_stands_is_expected_there_for_a_while_and_is_then_as_good_as_furniture() -> None:
@@ -97,18 +96,18 @@ def test_who_stands_is_expected_there_for_a_while_and_is_then_as_good_as_furnitu
     assert not watch.is_an_obstacle
     watch.see(comes_and_stands, SETTINGS.settles)
     assert watch.is_an_obstacle
-    assert not watch.people.under_way(Pose2()).tracks
-    assert not watch.people.linger_near(np.array([[5.0, 4.0]]), 0.5)
+    assert not watch.people.expected_people(Pose2()).tracks
+    assert not watch.people.someone_lingers_near(np.array([[5.0, 4.0]]), 0.5)
 
 
 def test_who_has_come_to_a_stand_is_foreseen_to_stand_and_who_walks_to_walk_on() -> None:
     watch = Watch()
     watch.see(comes_and_stands, 3.0)
-    (walking,) = watch.people.foreseen(watch.now_ns, HERE)
+    (walking,) = watch.people.predicted(watch.now_ns, HERE)
     assert walking.velocity[1] == pytest.approx(0.8, abs=0.15)
     assert walking.speed_sigma > 0.0
     watch.see(comes_and_stands, 0.75 + SETTINGS.pause + 1.0)
-    (standing,) = watch.people.foreseen(watch.now_ns, HERE)
+    (standing,) = watch.people.predicted(watch.now_ns, HERE)
     np.testing.assert_allclose(standing.position, [5.0, 4.0], atol=0.1)
     assert not standing.velocity.any()
     assert standing.speed_sigma == 0.0
@@ -120,7 +119,7 @@ def test_who_walks_is_foreseen_from_where_they_are_now_however_old_the_scan_is(l
     watch = Watch(late_ms * 1_000_000)
     watch.see(walks_by, 2.0)
     for tick_ms in (0, 50):
-        (track,) = watch.people.foreseen(watch.now_ns + tick_ms * 1_000_000, HERE)
+        (track,) = watch.people.predicted(watch.now_ns + tick_ms * 1_000_000, HERE)
         np.testing.assert_allclose(track.position, walks_by(1.9 + (late_ms + tick_ms) / 1000), atol=0.03)
     np.testing.assert_allclose(watch.expected[0], walks_by(1.9 + late_ms / 1000), atol=0.03)
 
@@ -134,9 +133,9 @@ def test_who_goes_to_and_fro_before_a_chair_that_stands_is_expected_in_the_middl
         np.testing.assert_allclose(position, [4.6, 4.2], atol=0.25)
         assert abs(position[1] - 4.2) < 0.2  # while they themselves are as far off as 0.3 m
         assert not velocity.any()
-    assert watch.people.linger_near(np.array([[4.6, 4.2], [9.0, 9.0]]), 0.3)
-    assert not watch.people.linger_near(np.array([[4.6, 5.0]]), 0.3)
-    assert not watch.people.linger_near(np.empty((0, 2)), 0.3)
+    assert watch.people.someone_lingers_near(np.array([[4.6, 4.2], [9.0, 9.0]]), 0.3)
+    assert not watch.people.someone_lingers_near(np.array([[4.6, 5.0]]), 0.3)
+    assert not watch.people.someone_lingers_near(np.empty((0, 2)), 0.3)
 
 
 def test_from_a_chair_that_gets_on_nobody_is_thought_to_linger() -> None:
@@ -146,7 +145,7 @@ def test_from_a_chair_that_gets_on_nobody_is_thought_to_linger() -> None:
         return Pose2(0.3 * seconds, 4.0)
 
     watch.see(lambda s: (1.6 + 0.3 * s, 4.2 + 0.3 * math.sin(math.tau / 3.0 * s)), 9.0, chair)
-    assert watch.people.passing(chair(8.9))
+    assert watch.people.someone_passes_near(chair(8.9))
     assert np.hypot(*watch.expected[1]) > 0.2
 
 
@@ -156,23 +155,23 @@ def test_for_who_comes_the_chair_stays_put_and_for_who_then_lingers_not(
 ) -> None:
     watch = Watch()
     watch.see(way, seconds)
-    assert watch.people.about(HERE)
-    assert watch.people.passing(HERE) is passing
+    assert watch.people.someone_walks_near(HERE)
+    assert watch.people.someone_passes_near(HERE) is passing
 
 
 def test_who_is_far_away_neither_passes_nor_lingers_by_the_chair() -> None:
     watch = Watch()
     watch.see(lambda s: (9.0, 4.0 + 0.3 * math.sin(math.tau / 3.0 * s)), 8.0)
-    assert not watch.people.about(HERE)
-    assert not watch.people.passing(HERE)
+    assert not watch.people.someone_walks_near(HERE)
+    assert not watch.people.someone_passes_near(HERE)
     assert np.hypot(*watch.expected[1]) > 0.0
 
 
 def test_once_the_chair_has_stood_for_people_it_needs_less_room_beside_them() -> None:
     watch = Watch()
     watch.see(walks_by, 2.0)
-    assert watch.people.under_way(Pose2()).radius == pytest.approx(CHAIR_A.width / 2 + SETTINGS.room)
+    assert watch.people.expected_people(Pose2()).radius == pytest.approx(CHAIR_A.width / 2 + SETTINGS.room)
     points = body(*walks_by(2.0))
     now_ns, stood_s = watch.scans * SCAN_NS, SETTINGS.room_after_s + 0.1
     watch.people.see(now_ns, HERE, points, Pose2(), watch.surroundings, stood_s, now_ns)
-    assert watch.people.under_way(Pose2()).radius == pytest.approx(CHAIR_A.width / 2 + SETTINGS.room_after)
+    assert watch.people.expected_people(Pose2()).radius == pytest.approx(CHAIR_A.width / 2 + SETTINGS.room_after)

@@ -9,20 +9,20 @@ import pytest
 from waychair.calibration.dac import DEFAULT
 from waychair.control.closed_loop import ClosedLoop
 from waychair.control.kinematics import wheel_speeds_from_twist
-from waychair.types import Sent, Twist
+from waychair.types import SentCommand, Twist
 
 TICK = 50_000_000
 TRACK = 0.54
 
 
-def sent(twist: Twist, active: bool = True) -> Sent:
+def sent(twist: Twist, active: bool = True) -> SentCommand:
     """What went out, by the calibration."""
-    return Sent(0, wheel_speeds_from_twist(twist, TRACK), 0, 0, 0.0, 0.0, active)
+    return SentCommand(0, wheel_speeds_from_twist(twist, TRACK), 0, 0, 0.0, 0.0, active)
 
 
 def driven(loop: ClosedLoop, commands: list[Twist], gain: float) -> Twist:
     """The last twist asked for, of a chair that does `gain` times what it is told, at once."""
-    told: Sent | None = None
+    told: SentCommand | None = None
     measured = asked = Twist()
     for k, command in enumerate(commands):
         asked = loop.step(command, measured, k * TICK, told)

@@ -20,13 +20,13 @@ from waychair.control.collision_monitor import (
     contact_times,
     is_silent,
     margins,
-    measuring,
     permitted_share,
     points_now,
-    refusal,
     slim_beams,
     slow_share,
+    stale_stop,
     stop_seconds,
+    valid_beams,
 )
 from waychair.control.stops import STOPS
 from waychair.errors import ConfigError
@@ -273,7 +273,7 @@ def test_a_chair_turns_beside_furniture_as_beside_a_wall() -> None:
     monitor.see(scan_of(BESIDE_CORNER))
     near = Twist(0.0, 0.1)
     assert monitor.judge(near, Twist(), 50 * MS).stop == "obstacle"
-    monitor.furnish(BESIDE_CORNER, 0)
+    monitor.note_mapped_legs(BESIDE_CORNER, 0)
     assert monitor.judge(near, Twist(), 50 * MS).share == 1.0
 
 
@@ -315,7 +315,7 @@ def furnished(slim: FloatArray) -> MonitorVerdict:
     """The verdict on a crawl towards legs 0.25 m ahead and a little beside, told at 0 where slim things stand."""
     monitor = Monitor(CHAIR_A)
     monitor.see(scan_of(np.array([LEG])))
-    monitor.furnish(slim, 0)
+    monitor.note_mapped_legs(slim, 0)
     return monitor.judge(Twist(0.1, 0.0), Twist(), 50 * MS)
 
 
@@ -338,7 +338,7 @@ def test_legs_beside_the_place_of_furniture_are_a_persons(off: float, is_furnitu
 def test_what_was_told_of_furniture_long_ago_is_forgotten(age_ms: int, is_furniture: bool) -> None:
     monitor = Monitor(CHAIR_A)
     monitor.see(scan_of(np.array([LEG]), stamp_ns=age_ms * MS))
-    monitor.furnish(np.array([LEG]), 0)
+    monitor.note_mapped_legs(np.array([LEG]), 0)
     assert (monitor.judge(Twist(0.1, 0.0), Twist(), age_ms * MS).stop == "") == is_furniture
 
 
@@ -346,9 +346,9 @@ def test_furniture_is_carried_on_by_the_motion_since() -> None:
     monitor, turning = Monitor(CHAIR_A), Twist(0.0, 1.0)
     there = transform_points(arc(0.0, 0.25).inverse(), np.array([LEG]))
     monitor.see(scan_of(there, stamp_ns=250 * MS))
-    monitor.furnish(np.array([LEG]), 0)
+    monitor.note_mapped_legs(np.array([LEG]), 0)
     seen_turned = monitor.judge(Twist(0.1, 0.0), turning, 250 * MS)
-    monitor.furnish(NOTHING, 0)
+    monitor.note_mapped_legs(NOTHING, 0)
     assert seen_turned.share > monitor.judge(Twist(0.1, 0.0), turning, 250 * MS).share
 
 
@@ -356,7 +356,7 @@ def test_the_chair_stops_before_furniture_as_before_anything() -> None:
     ahead = np.array([[CHAIR_A.front + 0.02, 0.0]])
     monitor = Monitor(CHAIR_A)
     monitor.see(scan_of(ahead + np.array([0.05, 0.0])))  # its near side is where the middle is said to be
-    monitor.furnish(ahead, 0)
+    monitor.note_mapped_legs(ahead, 0)
     assert monitor.judge(Twist(0.3, 0.0), Twist(), 50 * MS).stop == "obstacle"
 
 
@@ -366,7 +366,7 @@ def test_a_scan_is_carried_on_by_the_motion_since_each_of_its_beams() -> None:
     for twist in (Twist(0.8, 0.0), Twist(0.4, 0.6), Twist(0.0, -0.5)):
         for time_step in (0.0, 1e-4):
             scan = replace(still, time_step=time_step)
-            told = measuring(scan, np.zeros(BEAMS, np.bool_))
+            told = valid_beams(scan, np.zeros(BEAMS, np.bool_))
             points = points_now(scan, told, body, twist, 200 * MS)
             at_scan = points_now(scan, told, body, Twist(), 200 * MS)
             for i in (0, 360, 720):
@@ -416,8 +416,8 @@ def test_speed_passes_only_by_a_fresh_verdict_of_a_fresh_scan(
 ) -> None:
     now = 10**10
     verdict = MonitorVerdict(now - verdict_age * MS, None if scan_age is None else now - scan_age * MS, Twist(), 1.0)
-    assert refusal(verdict, now, S) == stop_id
-    assert refusal(None, now, S) == "monitor_silent"
+    assert stale_stop(verdict, now, S) == stop_id
+    assert stale_stop(None, now, S) == "monitor_silent"
     assert stop_id == "" or stop_id in STOPS
 
 

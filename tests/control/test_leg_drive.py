@@ -25,7 +25,7 @@ def gapped() -> OccupancyGrid:
     return OccupancyGrid(cells, CELL)
 
 
-def driven(x: float, hears: bool, speed: float = 0.8) -> float:
+def driven(x: float, has_sonars: bool, speed: float = 0.8) -> float:
     """Speed [m/s] 1 s after a speed at x [m] on the way through the gap."""
     grid = gapped()
     way = np.column_stack([np.arange(1.0, 11.0, CELL), np.full(200, MIDDLE), np.zeros(200)])
@@ -37,21 +37,21 @@ def driven(x: float, hears: bool, speed: float = 0.8) -> float:
 
     pose, command = Pose2(x, MIDDLE, 0.0), Twist(speed, 0.0)
     for _ in range(20):
-        command = leg.step(View(pose, command, local, Pose2(), None, hears=hears), DwaSettings()).twist
+        command = leg.step(View(pose, command, local, Pose2(), None, has_sonars=has_sonars), DwaSettings()).twist
         pose = pose @ Pose2(command.v * 0.05, 0.0, command.omega * 0.05)
     return command.v
 
 
 def test_with_sonars_a_chair_is_slow_before_a_gap_until_its_front_is_through() -> None:
-    assert driven(THERE - 0.8, hears=True, speed=0.4) < 0.42
-    assert driven(THERE - 0.4, hears=True, speed=0.4) < 0.42
-    assert driven(THERE + 0.4, hears=True, speed=0.4) > 0.5
+    assert driven(THERE - 0.8, has_sonars=True, speed=0.4) < 0.42
+    assert driven(THERE - 0.4, has_sonars=True, speed=0.4) < 0.42
+    assert driven(THERE + 0.4, has_sonars=True, speed=0.4) > 0.5
 
 
 def test_it_slows_down_in_time_and_no_sooner() -> None:
-    assert driven(THERE - 1.2, hears=True) < 0.6
-    assert driven(2.0, hears=True) > 0.75
+    assert driven(THERE - 1.2, has_sonars=True) < 0.6
+    assert driven(2.0, has_sonars=True) > 0.75
 
 
 def test_without_sonars_it_goes_on() -> None:
-    assert driven(THERE - 0.8, hears=False) > 0.75
+    assert driven(THERE - 0.8, has_sonars=False) > 0.75

@@ -228,7 +228,7 @@ def test_a_place_that_is_no_number_stops_the_chair_and_does_not_raise(nowhere: P
     for k in range(80):
         state = pilot.step((80 + k) * TICK_NS, pose, NOTHING, map_from_odom)
     assert (state.stage, state.twist) == (Stage.WAITING, Twist())
-    assert "where the chair is" in state.reason
+    assert "where it is" in state.reason
     states, _ = drive(pilot, poses[-1], 60, start_ns=160 * TICK_NS)
     assert states[-1].stage is Stage.ARRIVED
 

@@ -11,7 +11,7 @@ from waychair.control.recovery import Recovery, RecoverySettings
 from waychair.maps.distance_field import DistanceField, distance_field, distances
 from waychair.planning.footprint import along_arc, fits
 from waychair.planning.motion import DwaSettings
-from waychair.trials.scenes import corner_scene, drives
+from waychair.trials.scenes import corner_scene, drive_variants
 from waychair.types import Pose2, Twist
 
 S = RecoverySettings()
@@ -54,7 +54,7 @@ def test_who_stood_to_plan_or_waited_for_people_has_not_turned_in_vain() -> None
     recovery, half = Recovery(S), round(S.turning_time * 5e8)
     args = (Pose2(), None, Twist(), hall, CHAIR_A, DwaSettings())
     assert recovery.step(0, *args) is None
-    recovery.stands_to_plan(half)
+    recovery.leave_out_planning(half)
     assert recovery.step(3 * half - 1, *args) is None
     assert recovery.step(3 * half, *args) is not None
     recovery = Recovery(S)
@@ -133,7 +133,7 @@ def test_somebody_who_is_too_near_for_a_moment_does_not_end_the_backing_out() ->
 
 def test_a_chair_that_turns_less_than_it_is_told_comes_no_nearer_to_walls_as_it_backs_out() -> None:
     """In the corner of a narrow corridor, by a drive at the front; its place is noisy, and it does 0.6 of the turning."""
-    body = drives(CHAIR_A)["front"]
+    body = drive_variants(CHAIR_A)["front"]
     world = corner_scene(body, 0).world
     field = distance_field(world.grid)
     rng, recovery, limits = np.random.default_rng(0), Recovery(S), DwaSettings()
@@ -151,7 +151,7 @@ def test_a_chair_that_turns_less_than_it_is_told_comes_no_nearer_to_walls_as_it_
     for tick in range(300):
         gaps.append(gap(pose, field, body))
         seen = Pose2(*(pose.array() + rng.normal(0.0, (0.003, 0.003, 0.001))))
-        recovery.stands(tick * TICK_NS)
+        recovery.note_standstill(tick * TICK_NS)
         choice = recovery.step(tick * TICK_NS, seen, 0.0, command, lambda: field, body, limits)
         command = Twist() if choice is None else choice.twist
         pose = Pose2(*along_arc(pose.x, pose.y, pose.theta, command.v, 0.6 * command.omega, 0.05))

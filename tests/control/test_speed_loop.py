@@ -16,7 +16,7 @@ from waychair.calibration.stopping import StopTable
 from waychair.control.axis_response import AxisResponse
 from waychair.control.kinematics import wheel_speeds_from_twist
 from waychair.control.speed_loop import SpeedLoop, SpeedLoopSettings, tuned
-from waychair.types import Sent, Twist
+from waychair.types import SentCommand, Twist
 
 TICK = 50_000_000
 TRACK = 0.54
@@ -24,9 +24,9 @@ RESPONSE = AxisResponse(0.0, 0.2, doubt_s=0.0)
 SETTINGS = SpeedLoopSettings(forward=RESPONSE, turn=RESPONSE, brake_s=0.0)
 
 
-def sent(twist: Twist, active: bool = True) -> Sent:
+def sent(twist: Twist, active: bool = True) -> SentCommand:
     """What went out, by the calibration."""
-    return Sent(0, wheel_speeds_from_twist(twist, TRACK), 0, 0, 0.0, 0.0, active)
+    return SentCommand(0, wheel_speeds_from_twist(twist, TRACK), 0, 0, 0.0, 0.0, active)
 
 
 class Plant:
@@ -38,7 +38,7 @@ class Plant:
         self.driven, self.mean = Twist(), Twist()
         self.y = self.theta = 0.0
 
-    def sent(self, asked: Twist) -> Sent:
+    def sent(self, asked: Twist) -> SentCommand:
         """What is left of a twist at the axis' end."""
         return sent(Twist(max(-self.limit, min(self.limit, asked.v)), asked.omega))
 

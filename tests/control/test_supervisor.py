@@ -13,11 +13,11 @@ from waychair.control.stops import BY_MAP_ONLY, STOPS, Braking, Halt, Severity, 
 from waychair.control.supervisor import (
     DRIVEN,
     TABLE,
-    Event,
     Override,
     Situation,
+    SupervisorEvent,
     SupervisorSettings,
-    Verdict,
+    SupervisorVerdict,
     event_in,
     supervise,
 )
@@ -59,10 +59,17 @@ def situation(
 
 
 def test_the_table_is_whole_and_only_somebodys_own_act_leads_from_rest_to_motion() -> None:
-    assert set(TABLE) == {(mode, event) for mode in DriveMode for event in Event}
+    assert set(TABLE) == {(mode, event) for mode in DriveMode for event in SupervisorEvent}
     begins = {event for (mode, event), after in TABLE.items() if mode not in DRIVEN and after in DRIVEN}
-    assert begins == {Event.CONFIRM, Event.STEER}
-    ends = {Event.STOP, Event.TAKE_OVER, Event.FAULT, Event.NO_GOAL, Event.REFUSAL, Event.REQUEST}
+    assert begins == {SupervisorEvent.CONFIRM, SupervisorEvent.STEER}
+    ends = {
+        SupervisorEvent.STOP,
+        SupervisorEvent.TAKE_OVER,
+        SupervisorEvent.FAULT,
+        SupervisorEvent.NO_GOAL,
+        SupervisorEvent.REFUSAL,
+        SupervisorEvent.REQUEST,
+    }
     assert not any(TABLE[mode, event] in DRIVEN for mode in DriveMode for event in ends)
 
 
@@ -113,7 +120,7 @@ def test_a_low_battery_lets_a_drive_go_on_and_none_begin() -> None:
 
 def test_an_obstacle_pauses_and_ends_nothing() -> None:
     near = situation(halts=(halt("obstacle"),))
-    assert supervise(DriveMode.AUTONOMOUS, near, SETTINGS) == Verdict(DriveMode.AUTONOMOUS)
+    assert supervise(DriveMode.AUTONOMOUS, near, SETTINGS) == SupervisorVerdict(DriveMode.AUTONOMOUS)
 
 
 def test_the_gravest_of_several_halts_is_named_and_says_how_to_brake() -> None:
@@ -131,7 +138,7 @@ def test_another_goal_has_to_be_confirmed_too() -> None:
 
 def test_of_all_that_happens_the_gravest_counts() -> None:
     everything = situation(0.5, taken_over=True, stop=True, goal=False, requested=True, confirmed=True, halts=(LIDAR,))
-    assert event_in(everything, ASSISTING) is Event.STOP
+    assert event_in(everything, ASSISTING) is SupervisorEvent.STOP
 
 
 def test_a_confirmed_goal_and_a_quiet_rider_let_the_computer_drive() -> None:
@@ -246,7 +253,7 @@ def test_steering_moves_the_chair_in_every_mode_unless_stop_the_rider_or_a_fault
     mode: DriveMode, now: Situation
 ) -> None:
     verdict = supervise(mode, replace(now, steered=True), SETTINGS)
-    assert verdict.steered == (event_in(replace(now, steered=True), SETTINGS) is Event.STEER)
+    assert verdict.steered == (event_in(replace(now, steered=True), SETTINGS) is SupervisorEvent.STEER)
     assert not (verdict.steered and (now.stop_pressed or now.taken_over))
     assert not verdict.steered or (verdict.mode is DriveMode.ASSISTED and verdict.drops_goal == now.goal_active)
 

@@ -10,10 +10,9 @@ import pytest
 
 from tests.maps.depth_rooms import picture
 from waychair.calibration.chair import CHAIR_A, BodyLayer, sonar_mounts
-from waychair.control.surroundings import Surroundings, SurroundingsSettings, without_veils
+from waychair.control.surroundings import Surroundings, SurroundingsSettings, without_mixed_pixels
 from waychair.maps.distance_field import DistanceField
 from waychair.maps.zones import Rule, Zone
-from waychair.planning.costmap import CostmapSettings
 from waychair.planning.drawn_map import DrawnMap
 from waychair.planning.footprint import fits
 from waychair.slam.tilt import Tilt
@@ -31,7 +30,7 @@ def hall() -> OccupancyGrid:
 
 
 def around(*zones: Zone) -> Surroundings:
-    return Surroundings(DrawnMap(hall(), CHAIR_A, CostmapSettings(), zones), CHAIR_A, SurroundingsSettings())
+    return Surroundings(DrawnMap(hall(), CHAIR_A, zones), CHAIR_A, SurroundingsSettings())
 
 
 def wall_behind(extent: float = 0.6) -> FloatArray:
@@ -55,7 +54,7 @@ def at(field: DistanceField, x: float, y: float) -> float:
 
 def news(seen: Surroundings) -> FloatArray:
     """All that was seen and the map does not explain."""
-    return np.concatenate([seen.upright(), *(points for _, points in seen.layered())])
+    return np.concatenate([seen.full_height(), *(points for _, points in seen.layered())])
 
 
 def test_the_window_holds_walls_keep_out_zones_and_what_was_seen() -> None:
@@ -110,16 +109,16 @@ def test_glass_that_a_sonar_hears_is_not_cleared_by_the_lidar_that_looks_through
         seen.see(k, HERE, wall_behind())
     ahead = HERE @ sonar_mounts(CHAIR_A)[0] @ Pose2(1.0, 0.0, 0.0)
     assert at(seen.window(HERE), ahead.x, ahead.y) < 0.05
-    assert len(seen.upright()) > 5
-    np.testing.assert_array_equal(seen.unscanned(), seen.upright())
+    assert len(seen.full_height()) > 5
+    np.testing.assert_array_equal(seen.unscanned(), seen.full_height())
     seen.hear(echoes(9, np.inf), HERE)
-    assert len(seen.upright()) == 0
+    assert len(seen.full_height()) == 0
 
 
 def test_an_echo_from_a_wall_of_the_map_or_from_what_the_lidar_sees_is_no_news() -> None:
     seen, near_wall = around(), Pose2(6.6, 3.0, 0.0)
     seen.hear(echoes(0, 7.95 - 6.6 - CHAIR_A.front), near_wall)
-    assert len(seen.upright()) == 0
+    assert len(seen.full_height()) == 0
     seen.see(0, HERE, someone(6.0))
     seen.hear(echoes(1, 6.0 - HERE.x - CHAIR_A.front), HERE)
     assert len(seen.unscanned()) == 0
@@ -130,7 +129,7 @@ def test_a_shelf_on_a_wall_of_the_map_that_only_the_camera_sees_is_kept_clear_of
     """The chair passes so near to the wall that it would brush the shelf."""
     shelf, wall = (1.3, 1.8), hall()
     wall.cells[:20] = 100  # its face at y = 1.0
-    seen = Surroundings(DrawnMap(wall, CHAIR_A, CostmapSettings()), CHAIR_A, SurroundingsSettings())
+    seen = Surroundings(DrawnMap(wall, CHAIR_A), CHAIR_A, SurroundingsSettings())
     pose = Pose2(3.0, 1.0 + CHAIR_A.width / 2 + 0.06, 0.0)
     face = 1.0 - pose.y
     boxes = [(*shelf, face, face + stands_out, 0.65, 0.72), (-1.0, 5.0, face - 0.1, face, 0.0, 2.0)]
@@ -145,17 +144,17 @@ def test_a_shelf_on_a_wall_of_the_map_that_only_the_camera_sees_is_kept_clear_of
 def test_who_comes_out_of_a_keep_out_zone_is_as_much_a_stranger_as_anybody() -> None:
     square = np.array([[5.0, 2.0], [7.0, 2.0], [7.0, 4.0], [5.0, 4.0]])
     seen = around(Zone("stairs", Rule.KEEP_OUT, square))
-    assert len(seen.strangers(someone(6.0))) == 9
-    assert len(seen.strangers(wall_behind())) == 0
+    assert len(seen.unmapped(someone(6.0))) == 9
+    assert len(seen.unmapped(wall_behind())) == 0
 
 
 def test_what_shows_of_the_glass_that_a_zone_is_drawn_round_is_nobody() -> None:
     pane = np.array([[5.9, 1.0], [6.2, 1.0], [6.2, 5.0], [5.9, 5.0]])
     seen = around(Zone("glass", Rule.KEEP_OUT, pane))
-    assert len(seen.strangers(someone(6.05))) == 0
-    assert len(seen.strangers(someone(5.5))) == 9
+    assert len(seen.unmapped(someone(6.05))) == 0
+    assert len(seen.unmapped(someone(5.5))) == 9
     assert (
-        not DrawnMap(hall(), CHAIR_A, CostmapSettings(), [Zone("glass", Rule.KEEP_OUT, pane)])
+        not DrawnMap(hall(), CHAIR_A, [Zone("glass", Rule.KEEP_OUT, pane)])
         .shows(someone(6.05), 0.1)
         .any()
     )
@@ -236,7 +235,7 @@ def test_by_a_chair_that_leans_more_than_any_ramp_a_level_floor_is_seen_as_one_i
 def test_a_board_at_the_height_of_the_arm_rests_counts_for_that_layer_alone() -> None:
     layers = (BodyLayer(0.0, 0.5, 0.75, 0.25, 0.25), BodyLayer(0.5, 1.4, 0.7, 0.25, 0.3))
     body = dataclasses.replace(CHAIR_A, camera_y=0.0, camera_pitch=0.0, layers=layers)
-    seen = Surroundings(DrawnMap(hall(), body, CostmapSettings()), body, SurroundingsSettings())
+    seen = Surroundings(DrawnMap(hall(), body), body, SurroundingsSettings())
     depth = np.full((120, 160), np.nan, np.float32)
     depth[70:75] = 1.5  # 0.95 m - 1.5 m * (10 ... 15) / 200: 0.84 to 0.88 m high
     camera = np.array([[200.0, 0.0, 80.0], [0.0, 200.0, 60.0], [0.0, 0.0, 1.0]])
@@ -251,20 +250,20 @@ def test_a_board_at_the_height_of_the_arm_rests_counts_for_that_layer_alone() ->
     assert at(dataclasses.replace(window, metres=metres), there, 3.0) < 0.05
     assert at(window, there, 3.0) > 1.0
     assert at(dataclasses.replace(window, metres=window.to_anything()), there, 3.0) < 0.05
-    assert len(seen.upright()) == len(seen.unscanned()) == 0
-    assert [layer for layer, _ in seen.narrower()] == [layers[1]]
+    assert len(seen.full_height()) == len(seen.unscanned()) == 0
+    assert [layer for layer, _ in seen.in_narrow_layers()] == [layers[1]]
 
 
 def test_who_walks_is_seen_by_the_local_planner_and_not_planned_round() -> None:
     seen = around()
     seen.see(0, HERE, np.concatenate([someone(6.0), someone(5.0)]))
-    seen.keep_clear_of(np.array([[6.0, 3.4], [5.0, 3.4]]), np.array([[6.0, 3.0]]))
-    upright, _ = seen.lasting()
-    assert len(upright) < len(seen.upright())
+    seen.set_personal_space(np.array([[6.0, 3.4], [5.0, 3.4]]), np.array([[6.0, 3.0]]))
+    upright, _ = seen.stationary()
+    assert len(upright) < len(seen.full_height())
     assert set(np.round(upright[:, 0])) == {5.0}
     assert at(seen.window(HERE), 6.0, 3.0) == at(seen.window(HERE), 6.0, 3.4) == 0.0
-    seen.keep_clear_of(np.empty((0, 2)))
-    assert len(seen.lasting()[0]) == len(seen.upright())
+    seen.set_personal_space(np.empty((0, 2)))
+    assert len(seen.stationary()[0]) == len(seen.full_height())
 
 
 def beams(*ranges: float, step: float = math.radians(1.0)) -> FloatArray:
@@ -276,9 +275,9 @@ def beams(*ranges: float, step: float = math.radians(1.0)) -> FloatArray:
 def test_a_beam_split_by_an_edge_is_a_veil_and_a_slim_post_is_none() -> None:
     laser = Pose2()
     veil = beams(2.0, 2.0, 3.1, 4.0, 4.0)
-    np.testing.assert_array_equal(without_veils(veil, laser, 0.1), veil[[0, 1, 3, 4]])
+    np.testing.assert_array_equal(without_mixed_pixels(veil, laser, 0.1), veil[[0, 1, 3, 4]])
     post = beams(4.0, 4.0, 2.0, 4.0, 4.0)
-    np.testing.assert_array_equal(without_veils(post, laser, 0.1), post)
+    np.testing.assert_array_equal(without_mixed_pixels(post, laser, 0.1), post)
     post_with_veil = beams(4.0, 4.0, 2.0, 3.0, 4.0, 4.0)
-    np.testing.assert_array_equal(without_veils(post_with_veil, laser, 0.1), post_with_veil[[0, 1, 2, 4, 5]])
-    np.testing.assert_array_equal(without_veils(post + 1.0, Pose2(1.0, 1.0), 0.1), post + 1.0)
+    np.testing.assert_array_equal(without_mixed_pixels(post_with_veil, laser, 0.1), post_with_veil[[0, 1, 2, 4, 5]])
+    np.testing.assert_array_equal(without_mixed_pixels(post + 1.0, Pose2(1.0, 1.0), 0.1), post + 1.0)

@@ -12,10 +12,11 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from waychair.calibration.chair import CHAIR_A
+from waychair.control import tracking
 from waychair.control.tracking import on_line, track
 from waychair.maps.distance_field import DistanceField
 from waychair.planning.footprint import along_arc
-from waychair.planning.motion import DwaSettings, Motion, motion_after
+from waychair.planning.motion import PERIOD, DwaSettings, Motion, motion_after
 from waychair.types import FloatArray, Pose2, Twist
 
 OPEN = DistanceField(np.full((600, 600), 5.0, np.float32), 0.02, Pose2(-6.0, -6.0, 0.0))
@@ -100,11 +101,11 @@ def test_with_a_motion_the_jerk_along_a_line_is_limited_from_its_entry_at_speed_
         in_position = choice.in_position
         motion, command = motion_after(motion, command, choice.twist, limits), choice.twist
         speeds.append(command.v)
-        pose = Pose2(*along_arc(pose.x, pose.y, pose.theta, command.v, command.omega, limits.period))
+        pose = Pose2(*along_arc(pose.x, pose.y, pose.theta, command.v, command.omega, PERIOD))
         if choice.arrived:
             break
     assert choice.arrived
-    assert np.abs(np.diff(speeds, 2)).max() <= 1.05 * limits.jerk * limits.period**2
+    assert np.abs(np.diff(speeds, 2)).max() <= 1.05 * limits.jerk * PERIOD**2
     assert abs(pose.x) == pytest.approx(2.0, abs=0.03)
     assert abs(pose.y) < 0.005
 
@@ -189,11 +190,12 @@ def test_who_may_not_drive_backwards_now_does_not_on_a_line_either() -> None:
     assert track(Pose2(), Twist(), line, True, OPEN, CHAIR_A, DwaSettings(max_reverse=0.0)).twist == Twist()
 
 
-def test_without_a_dead_band_a_line_is_driven_to_its_end() -> None:
+def test_without_a_dead_band_a_line_is_driven_to_its_end(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(tracking, "MIN_SPEED", 0.0)
     line = np.column_stack([np.linspace(0.0, 1.0, 21), np.zeros((21, 2))])
     command, pose = Twist(), Pose2()
     for _ in range(400):
-        choice = track(pose, command, line, False, OPEN, CHAIR_A, DwaSettings(min_speed=0.0))
+        choice = track(pose, command, line, False, OPEN, CHAIR_A, DwaSettings())
         command = choice.twist
         pose = Pose2(*along_arc(pose.x, pose.y, pose.theta, command.v, command.omega, 0.05))
     assert choice.arrived
