@@ -62,7 +62,7 @@ class MemoryBuilder:
         try:
             yield from pictures
         except RecordingError as error:
-            self.warnings += (f"no place is told by the pictures from here on: {error}",)
+            self.warnings += (f"no place is recognised by pictures from here on: {error}",)
 
 
 def begin_memory(
@@ -123,7 +123,7 @@ def continue_memory(
         anchors = len(memory.anchors)
         memory.close()
         raise SessionError(
-            f"{MEMORY} hangs on {anchors} key scans and the map has {known}, so it is that of another map: remove it, or "
+            f"{MEMORY} refers to {anchors} key scans and the map has {known}, so it belongs to another map: remove it, or "
             "map the recordings again"
         )
     return MemoryBuilder(Appearance(settings, base_from_camera, memory), recording.pictures())

@@ -148,7 +148,7 @@ class BlackBox:
             self._queue.put(None, timeout=_CLOSE_S)
             self._thread.join(_CLOSE_S)
         except queue.Full:
-            self.problem = self.problem or "the disk did not take the end of the log"
+            self.problem = self.problem or "the disk was too slow to take the end of the log"
         self._lock.__exit__()
 
     def note_request(self, what: str, goals: tuple[Goal, ...] = ()) -> None:
@@ -199,9 +199,7 @@ class BlackBox:
 
     def _give_up(self, error: Exception) -> None:
         """End the log with one warning; the ticks logged so far stay."""
-        self.problem = (
-            f"the black box {self.folder} logs no more: {_why(error)}; make room or mend it, then start again"
-        )
+        self.problem = f"the black box {self.folder} has stopped logging: {_why(error)}; free disk space or repair the disk, then restart"
         self._writer.give_up(self.problem)
         _LOGGER.warning("%s", self.problem)
 

@@ -25,7 +25,7 @@ def write_bag(path: Path, log: Log, mounts: Callable[[ChairBody], Mapping[str, P
         OutputError: the path exists already, cannot be written to, or its disk is full.
     """
     if not any(True for _ in log.messages()):
-        raise BoxError(f"no sensor has said anything in this log: {path} would be empty")
+        raise BoxError(f"this log holds no sensor message: {path} would be empty")
     body = LogCursor(log, 0).calibration().body
     began = log.moments[0].tick
     later_ns, odometry = began.wall_ns - began.stamp_ns, OdometryFilter(body)

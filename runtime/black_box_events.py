@@ -43,8 +43,8 @@ OTHER_EVENTS: Mapping[str, tuple[str, str]] = MappingProxyType(
         ),
         "jolt": ("the chair was jolted, as by a knock", "look for what it touched, and for damage"),
         "program_ended": (
-            "the program ended without a word: it was killed, it crashed, or the power was cut",
-            "see the system's own log of that minute, then start it again and ask for the goal again",
+            "the program ended unexpectedly: it was killed, it crashed, or the power was cut",
+            "see the system log of that minute, then restart it and ask for the goal again",
         ),
     }
 )

@@ -272,7 +272,7 @@ def read_log(files: Sequence[Path]) -> Log:
                 damaged += record
     if not heads:
         names = ", ".join(str(file) for file in files) or "no file"
-        raise BoxError(f"nothing of a black box can be read in {names}: it is no such log, or is damaged throughout")
+        raise BoxError(f"{names} holds no readable record of a black box: it is not such a log, or it is damaged")
     return Log(heads[-1], tuple(moments), tuple(requests), lost, damaged, end)
 
 
@@ -334,7 +334,7 @@ def _record_at(data: bytes, at: int) -> tuple[Record | None, int]:
         return None, end
     if letter == b"H" and _FORMAT.decode(payload).format != FORMAT:
         raise BoxError(
-            f"the log is of format {_FORMAT.decode(payload).format}, and {FORMAT} is known: "
+            f"the log has format {_FORMAT.decode(payload).format}, and this version reads format {FORMAT}: "
             "read it with the version of waychair that wrote it"
         )
     try:

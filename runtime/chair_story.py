@@ -55,31 +55,31 @@ def next_action(facts: DriveFacts) -> str:
         first = facts.obstacles[0]
         return f"{stands} {sentence(f'{first.sentence}: {first.remedy}')}"
     if facts.waits:
-        return f"Waits for your yes to drive to {facts.goal}."
+        return f"Waiting for your yes to drive to {facts.goal}."
     return f"{stands} Choose a place to drive to."
 
 
 def _steered(facts: DriveFacts) -> str:
     if not facts.holds_lines:
-        return "A page steers; the chair answers once it has stood for two seconds."
+        return "A page steers. The chair responds once it has stood for two seconds."
     pauses = [each for each in facts.obstacles if each.stop_id == "obstacle"]
     if pauses:
         return f"A page steers. {sentence(pauses[0].sentence)}"
-    return "A page steers; it stops when that is let go."
+    return "A page steers. The chair stops when its joystick is let go."
 
 
 def _driving(facts: DriveFacts) -> str:
     if facts.countdown_s is not None:
-        return f"Sets off to {facts.goal} in a moment."
+        return f"About to drive to {facts.goal}."
     if facts.stage is Stage.PAUSED:
         return f"Paused on the way to {facts.goal}. Press Go on, or end the drive."
     pauses = next((each for each in facts.obstacles if each.stop_id == "obstacle"), None)
     if pauses is not None:
-        return f"Stands: {pauses.sentence}. It goes on by itself once the way is free."
+        return f"Waiting: {pauses.sentence}. The chair goes on by itself once the way is free."
     if facts.stage is Stage.WAITING:
-        return f"Stands: {sentence(facts.reason)} It goes on by itself once there is a way."
+        return f"Waiting: {facts.reason.removesuffix('; waiting')}. The chair goes on by itself once there is a path."
     if facts.pose is None or not len(facts.way):
-        return f"Looks for a way to {facts.goal}."
+        return f"Looking for a path to {facts.goal}."
     return driving_sentence(facts.goal, facts.way, facts.pose)
 
 
@@ -98,7 +98,7 @@ def check_zone(zone: Zone, pose: Pose2 | None, outline: FloatArray) -> None:
     if zone.rule is not Rule.KEEP_OUT or pose is None:
         return
     if zone_contains(zone, transform_points(pose, np.vstack([outline, [[0.0, 0.0]]]))).any():
-        raise ZoneError("the chair stands in there: drive it out first, or draw the zone beside it")
+        raise ZoneError("the chair stands in this zone: drive it out first, or draw the zone beside it")
 
 
 def obstacles_of(halts: Iterable[Halt]) -> tuple[Obstacle, ...]:
@@ -112,4 +112,4 @@ def obstacle_of(stop_id: str, text: str) -> Obstacle:
     happened = text.removesuffix(remedy).rstrip(": ") if remedy else text
     if happened == text:  # the text is not the table's
         happened, _, remedy = text.rpartition("; ") if "; " in text else text.partition(": ")
-    return Obstacle(stop_id, happened or f"the chair does not drive, and says '{stop_id}'", remedy)
+    return Obstacle(stop_id, happened or f"the chair does not drive, for the reason '{stop_id}'", remedy)

@@ -40,10 +40,10 @@ def mount_of_camera(recording: Recording, settings: DepthMappingSettings) -> tup
     if mount is not None:
         return mount, []
     if settings.use == "only":
-        raise NoPictures(f"{recording.path} has no pictures whose camera's place on the chair is known: {_ADVICE}")
+        raise NoPictures(f"{recording.path} has no depth images with a known camera mount: {_ADVICE}")
     if not pictured:
         return None, []
-    return None, [f"the pictures are not used, since nothing says where the camera is: {_ADVICE}"]
+    return None, [f"the pictures are not used, since the camera's mount is unknown: {_ADVICE}"]
 
 
 _ADVICE = "record /tf_static with it, or set depth: mount: [X, Y, Z, YAW, PITCH] in --config"

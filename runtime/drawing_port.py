@@ -38,7 +38,7 @@ class DrawingPort(ABC):
         """See `ChairPort`."""
         view = self.view()
         if view.map_from_base is None or view.localisation is LocalisationState.LOST:
-            return Answer(False, "the chair does not know where it is: drive it to where it does")
+            return Answer(False, "the chair does not know where it is: drive it to a known place first")
         return self.set_place(Place(name.strip(), view.map_from_base, tolerance_m, tolerance_rad), replaces)
 
     def set_place(self, place: Place, replaces: bool = False) -> Answer:
@@ -54,7 +54,7 @@ class DrawingPort(ABC):
 
     def rename_place(self, name: str, new_name: str) -> Answer:
         """See `ChairPort`."""
-        return self._drawn(lambda drawings: drawings.rename_place(name, new_name), f"{name} is {new_name} from now on")
+        return self._drawn(lambda drawings: drawings.rename_place(name, new_name), f"renamed {name} to {new_name}")
 
     def remove_place(self, name: str) -> Answer:
         """See `ChairPort`."""

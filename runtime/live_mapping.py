@@ -144,7 +144,7 @@ class LiveMapping:
             NoScans: no frame with a scan has come yet.
         """
         if not self.mapper.frames:
-            raise NoScans("there is no map yet, for no laser scan has come: is the lidar on, and its topic right?")
+            raise NoScans("there is no map yet, since no laser scan has come: check the lidar's power and topic")
         result = self.mapper.result()
         self.depth.follow(self.mapper, ended=True)
         with self._timed("grid"):

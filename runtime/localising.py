@@ -1,4 +1,4 @@
-"""A recording followed on a saved map: the trajectory, and how well the scans fitted."""
+"""Localisation of a recording on a saved map: its trajectory, and a report with the fit of its scans."""
 
 from __future__ import annotations
 
@@ -21,7 +21,7 @@ from waychair.types import Json, OccupancyGrid, Odometry, Pose2, SensorFrame, Tr
 
 @dataclass(frozen=True, slots=True)
 class LocalisingSettings(Settings):
-    """Everything `waychair localize` can be told in its configuration file."""
+    """All settings of `waychair localize`."""
 
     input: InputSettings = field(default_factory=InputSettings)
     localiser: LocaliserSettings = field(default_factory=LocaliserSettings)
@@ -29,7 +29,7 @@ class LocalisingSettings(Settings):
 
 @dataclass(frozen=True, slots=True)
 class LocalisedRecording:
-    """A recording on a map: a pose for each frame with a scan, and the report as it is written to report.json."""
+    """A localised recording: a pose for each frame with a scan, and the content of report.json."""
 
     trajectory: Trajectory
     report: Json
@@ -42,17 +42,17 @@ def localise_recording(
     start: Pose2 | None = None,
     progress: Callable[[float], None] | None = None,
 ) -> LocalisedRecording:
-    """Follows the chair from its pose in the map at the first scan, or finds out where it is when that is not given.
+    """Localise a recording from its start pose in map or, without one, by a search over the whole map.
 
-    The trajectory has the poses at which the scans put the chair, without those at which it is lost. `progress` is
-    called with the share of frames done.
+    The trajectory holds the poses by scan matching, without the frames at which the chair is lost. `progress` is called
+    with the share of frames done.
 
     Raises:
         NoScans: the recording has no frame with a scan.
     """
     frames = [frame for frame in recording.frames if frame.scan is not None]
     if not frames:
-        raise NoScans(f"{recording.path} holds no laser scan, so nothing can be followed on the map")
+        raise NoScans(f"{recording.path} holds no laser scan, so the drive cannot be localised")
     cpu = time.process_time()
     localiser = Localiser(grid, recording.base_from_laser, start, settings.localiser)
     found: list[Localisation] = []
@@ -69,7 +69,7 @@ def localise_recording(
 
 
 def save_localised(folder: Path, localised: LocalisedRecording, settings: LocalisingSettings) -> None:
-    """Writes trajectory.tum, config.yaml and report.json, each whole or not at all.
+    """Write trajectory.tum, config.yaml and report.json, each atomically.
 
     Raises:
         OutputError: the folder cannot be written to.
@@ -80,7 +80,7 @@ def save_localised(folder: Path, localised: LocalisedRecording, settings: Locali
 
 
 def _reckoned(frame: SensorFrame, found: list[Localisation]) -> tuple[Pose2, Twist | None]:
-    """`odom_from_base` and twist by the frame's odometry; without any, the chair is taken to go on as it last did."""
+    """Return `odom_from_base` and twist of a frame; without odometry, assume the motion between the last two scans."""
     own = [reading for reading in frame.wheels if isinstance(reading, Odometry)]
     if own:
         return own[-1].odom_from_base, own[-1].twist
@@ -88,13 +88,13 @@ def _reckoned(frame: SensorFrame, found: list[Localisation]) -> tuple[Pose2, Twi
         return Pose2(), None
     last = found[-1]
     before = last if last.jumped or len(found) == 1 else found[-2]
-    # There is no odometry that must not jump: it goes on from where the scans put the chair.
+    # without odometry the frame odom may jump, so it is extrapolated from the pose by scan matching
     reckoned = last.map_from_odom.inverse() @ _pose(last)
     return reckoned @ (_pose(before).inverse() @ _pose(last)), None
 
 
 def _pose(found: Localisation) -> Pose2:
-    """Where the scans put the chair; the pose that it is driven by follows in small steps."""
+    """Return the pose by scan matching; the published pose follows it in small steps."""
     return found.map_from_base @ found.remaining
 
 

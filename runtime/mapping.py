@@ -187,7 +187,7 @@ def join_recording(
         if progress is not None:
             progress((number + 1) / count)
     if not mapper.keys.reaches(mapper.frames[-1].key, known):
-        raise SessionError("the drive lost the map again and ends apart from it: record one that ends where it knows")
+        raise SessionError("the drive ends without a connection to the map: record one that ends on mapped ground")
     if camera is not None:
         amiss += see_pictures(live, recording)
     mapping = _finished(live, recording, (started, cpu, reading_s), amiss, 0, builder)

@@ -85,10 +85,10 @@ def torn_warnings(result: MapperResult) -> list[str]:
     warnings = []
     for edge in torn:
         seconds = (int(result.trajectory.stamps_ns[result.key_frames[edge.j]]) - start) * 1e-9
-        mended = "; the place was found again" if piece[edge.i] == piece[edge.j] else (
-            ", and the part after it could not be joined to the rest: record a way that leads back"
+        mended = "; a loop closure has joined the map again" if piece[edge.i] == piece[edge.j] else (
+            ", and the part after it is not joined to the rest: record a drive that returns to known ground"
         )  # fmt: skip
-        warnings.append(f"at {seconds:.1f} s the scans have nothing to do with those before{mended}")
+        warnings.append(f"at {seconds:.1f} s the scans do not match those before{mended}")
     return warnings
 
 
@@ -122,7 +122,7 @@ def write_mapping_page(path: Path, report: Json, grid: OccupancyGrid, result: Ma
         ("time", f"{wall:.1f} s, {report['duration_s'] / max(wall, 1e-3):.0f} times as fast as it was recorded"),
     ]
     if report["resumed_at_frame"]:
-        rows.append(("gone on", f"at scan {report['resumed_at_frame']}, where an earlier run was stopped"))
+        rows.append(("resumed", f"at scan {report['resumed_at_frame']}, from the checkpoint of a stopped run"))
     facts = Table("The recording", ("", ""), tuple(rows), plain=True)
     stages = {name: value for name, value in report["cpu_seconds"].items() if name != "total"}
     stages["rest"] = max(0.0, total - sum(stages.values()))
@@ -159,7 +159,7 @@ def draw_mapping(grid: OccupancyGrid, result: MapperResult) -> str:
     bottom, left = corner[1] + 0.5 * _MARGIN, corner[0] + 0.5 * _MARGIN
     return (
         f'<svg xmlns="http://www.w3.org/2000/svg" viewBox="{corner[0]:.2f} {-corner[1] - size[1]:.2f} {size[0]:.2f} {size[1]:.2f}" '
-        f'role="img" aria-label="map with the way driven"><g transform="scale(1,-1)">'
+        f'role="img" aria-label="map with the trajectory"><g transform="scale(1,-1)">'
         f'<rect x="{corner[0]:.2f}" y="{corner[1]:.2f}" width="{size[0]:.2f}" height="{size[1]:.2f}" fill="#d1d1d1"/>'
         f'<g transform="translate({x:.3f},{y:.3f}) scale(1,-1)"><image href="{_png(cells)}" x="0" y="{-height:.3f}" '
         f'width="{width:.3f}" height="{height:.3f}" style="image-rendering:pixelated"/></g>'
@@ -176,8 +176,8 @@ def draw_mapping(grid: OccupancyGrid, result: MapperResult) -> str:
 
 def _caption(report: Json) -> str:
     return (
-        "White is free, black occupied, grey unknown. Blue is the way driven, from the green dot to the pink one; "
-        f"the {report['edges']['loop']} orange lines join places that were recognised."
+        "White is free, black occupied, grey unknown. Blue is the trajectory, from the green dot to the pink one; "
+        f"the {report['edges']['loop']} orange lines are loop closures."
     )
 
 

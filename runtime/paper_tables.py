@@ -68,18 +68,18 @@ def _counts(number: int, name: str, report: Json, paper: dict[str, Any]) -> Pape
     memory = told["memory"]
     closed = f"{told['links']['by appearance']} links by appearance, {told['links']['on known ground']} on known ground"
     rows = (
-        ("mapping distance, m", f"{report['distance_m']:.3f}", "", f"{paper['distance']}", "the way that was driven"),
+        ("mapping distance, m", f"{report['distance_m']:.3f}", "", f"{paper['distance']}", "distance driven"),
         (
             "words in the vocabulary", str(memory["words"]), str(told["words_made"]), str(paper["words"]),
-            "in the dictionary; ever made",
+            "in the vocabulary; ever made",
         ),
         ("words seen", str(told["references"]), "", "", "features with a word, of all frames"),
         ("frames", str(memory["frames"]), str(told["pictures"]), str(paper["frames"]), "nodes ever made; pictures"),
-        ("STM nodes", str(memory["stm"]), "", str(paper["stm"]), "there"),
-        ("WM nodes", str(memory["wm"]), str(memory["entered_wm"]), str(paper["wm"]), "there; times that one entered"),
-        ("LTM nodes", str(memory["ltm"]), str(memory["transferred"]), str(paper["ltm"]), "there; times that one went"),
-        ("retrieved", "", str(memory["retrieved"]), "", "times that a node came back from the LTM"),
-        ("loop closures", str(told["revisits"]), closed, str(paper["closures"]), "times that the chair came back; links"),
+        ("STM nodes", str(memory["stm"]), "", str(paper["stm"]), "present"),
+        ("WM nodes", str(memory["wm"]), str(memory["entered_wm"]), str(paper["wm"]), "present; entries"),
+        ("LTM nodes", str(memory["ltm"]), str(memory["transferred"]), str(paper["ltm"]), "present; transfers"),
+        ("retrieved", "", str(memory["retrieved"]), "", "returns of nodes from the LTM"),
+        ("loop closures", str(told["revisits"]), closed, str(paper["closures"]), "returns of the chair; links"),
     )  # fmt: skip
     heads = ("", "at the end", "since the beginning", "paper", "what is counted")
     return PaperTable(f"Table {number}: {name}", heads, rows)

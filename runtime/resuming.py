@@ -50,7 +50,7 @@ class Checkpoints:
             yield
         except KeyboardInterrupt as stop:
             if self.path.exists():
-                stop.add_note("the same command goes on near where it was")
+                stop.add_note("run the same command again to resume from its checkpoint")
             raise
 
     def offer(self, mapper: Mapper, frames: int) -> None:

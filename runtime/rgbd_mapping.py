@@ -68,7 +68,7 @@ def map_pictures(
         if keep_in is not None:
             remove_memory(keep_in)
         why = "; ".join(f"{count} {reason}" for reason, count in {**recording.unread, **result.states}.items())
-        raise NoPictures(f"no place can be told from the pictures of {recording.path} ({why or 'there are none'})")
+        raise NoPictures(f"no pose can be estimated from the pictures of {recording.path} ({why or 'there are none'})")
     report = _report(recording, result, spent, time.process_time() - cpu, time.perf_counter() - started)
     report["warnings"] += [*memory.store.notes, *([] if memory.store.fault is None else [str(memory.store.fault)])]
     return RgbdMapping(result, {**report, "memory": told})
@@ -101,9 +101,7 @@ def _report(recording: Recording, result: RgbdMap, spent: list[float], cpu_s: fl
     pieces = len(set(result.pieces))
     warnings = [f"{count} pictures left out: {reason}" for reason, count in recording.unread.items()]
     if pieces > 1:
-        warnings.append(
-            f"the map is in {pieces} pieces between which nothing has seen the motion: record a way that leads back"
-        )
+        warnings.append(f"the map is in {pieces} unconnected pieces: record a drive that returns to known places")
     milliseconds = 1e3 * np.array(spent[1:] or spent)  # the first also compiles the kernels
     steps = np.linalg.norm(np.diff(positions, axis=0), axis=1)
     return {

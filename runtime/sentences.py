@@ -10,7 +10,7 @@ from waychair.geometry import wrap_angle
 from waychair.types import FloatArray, Pose2
 
 PAUSED, NOTHING_TO_PAUSE = "paused: the goal is kept", "there is no drive to pause"
-GOES_ON, NOTHING_PAUSED = "goes on", "no drive is paused: ask for a goal"
+GOES_ON, NOTHING_PAUSED = "the drive goes on", "no drive is paused: ask for a goal"
 
 _TURN = math.radians(40.0)
 _WITHIN = 1.0
@@ -62,14 +62,14 @@ def driving_sentence(goal: str, way: FloatArray, pose: Pose2) -> str:
     ahead = path_ahead(way, pose)
     left = path_length(ahead)
     if len(ahead) < 2:
-        return f"Drives to {goal}."
+        return f"Driving to {goal}."
     turn = next_turn(ahead)
     if turn is None:
-        return f"Goes straight on; {_metres(left)} to {goal}."
+        return f"Driving straight on, {_metres(left)} to {goal}."
     away, side = turn
     if away < _NOW_M:
-        return f"Turns {side}; {_metres(left)} to {goal}."
-    return f"Goes on, and in {_metres(away)} turns {side}; {_metres(left)} to {goal}."
+        return f"Turning {side}, {_metres(left)} to {goal}."
+    return f"Turning {side} in {_metres(away)}, {_metres(left)} to {goal}."
 
 
 def _metres(length: float) -> str:

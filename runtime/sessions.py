@@ -166,7 +166,7 @@ def check_sensors(
         )
     if state.features != features:
         raise SessionError(
-            f"the map knows its places by {state.features}, this drive would by {features}: set that in --config"
+            f"the map was made with {state.features} features, this drive with {features}: set the detector in --config"
         )
 
 
@@ -247,8 +247,7 @@ def beginning(
             break
     else:
         raise SessionError(
-            "the drive meets the map nowhere that both recognise: record one that passes through a place that the map "
-            "knows, or map it by itself"
+            "the drive was recognised nowhere on the map: record one that passes over mapped ground, or map it by itself"
         )
     first = mapper.frames[mapper.earlier_frames]
     pose = mapper.keys.pose(first.key) @ first.key_from_base

@@ -72,7 +72,7 @@ def make_vocabulary(
     if read == 0:
         raise VocabularyError(f"{source} holds no picture that can be read: give a folder of .jpg or .png files")
     if blank == read:
-        raise VocabularyError(f"the {read} pictures of {source} are blank: a dictionary needs something to see")
+        raise VocabularyError(f"the {read} pictures of {source} have no features: a vocabulary needs textured pictures")
     together = np.concatenate(found)
     words = train(together, settings.training, progress("clusters"))
     save(out, words, settings.features)

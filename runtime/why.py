@@ -75,8 +75,8 @@ def last_stops(box: Path, count: int = 1) -> list[LoggedStop]:
     if problems:
         raise BoxError(problems[0])
     if list((box / PARTS).glob("*")) or not segment_files(box):
-        raise BoxError(f"there is nothing to be read in the black box {box}: it is empty or damaged throughout")
-    raise BoxError(f"nothing has stopped the chair so far by the black box {box}")
+        raise BoxError(f"the black box {box} holds no readable log: it is empty or damaged")
+    raise BoxError(f"the black box {box} holds no stop: nothing has stopped the chair so far")
 
 
 def _loose_end(box: Path) -> list[LoggedStop]:
@@ -92,7 +92,7 @@ def _loose_end(box: Path) -> list[LoggedStop]:
 
 def _not_empty(log: Log, folder: Path) -> Log:
     if not log.moments:
-        raise BoxError(f"{folder} holds no tick that can be read: it is damaged")
+        raise BoxError(f"{folder} holds no readable tick: it is damaged")
     return log
 
 
@@ -132,12 +132,12 @@ def sentences(explanation: Explanation) -> list[str]:
     lines += [f"    - {sentence}" for sentence in e.evidence]
     lines += ["  What followed:", *(f"    - {sentence}" for sentence in e.followed)] if e.followed else []
     lines.append(f"  What to do: {e.remedy}.")
-    lines += ["  Worth a look:", *(f"    - {hint}" for hint in e.look_at)] if e.look_at else []
+    lines += ["  Check also:", *(f"    - {hint}" for hint in e.look_at)] if e.look_at else []
     board = (
         "no board" if e.board is None else f"firmware {e.board.firmware_version >> 8}.{e.board.firmware_version & 255}"
     )
     wire = "" if e.board is None else f" (wire {e.board.layout_hash:08x})"
-    lines.append(f"  By: {e.folder}, waychair {e.software}, calibration {e.calibration_hash[:12]}, {board}{wire}")
+    lines.append(f"  Source: {e.folder}, waychair {e.software}, calibration {e.calibration_hash[:12]}, {board}{wire}")
     return lines
 
 
@@ -201,7 +201,7 @@ def _doing(log: Log, index: int, at: int) -> str:
         who = "Stop had been pressed" if tick.mode is DriveMode.STOPPED else "the computer did not drive"
         asked = max((k for k, told in log.requests if told.what == "go" and k <= at), default=None)
         if asked is not None and not any(moment.tick.mode in DRIVEN for moment in log.moments[asked:at]):
-            who = f"it was to set off to {_goal(log, at)}"
+            who = f"it was about to drive to {_goal(log, at)}"
         return f"{who}; the chair was {moves} {where}"
     hand = ", with the rider's hand on the joystick" if tick.mode is DriveMode.ASSISTED else ""
     return f"driving by itself{hand} to {_goal(log, index)}, {moves}, {where}"
@@ -217,7 +217,7 @@ def _goal(log: Log, index: int) -> str:
     pose = log.head.places.get(target) if isinstance(target, str) else target
     pose = pose or tick.goal
     if pose is None:
-        return target if isinstance(target, str) else "a goal to which it knew no way"
+        return target if isinstance(target, str) else "a goal without a known path"
     name = target if isinstance(target, str) else _place_at(log, pose)
     here = tick.map_from_base
     return f"{name} ({math.hypot(pose.x - here.x, pose.y - here.y):.1f} m away)"
@@ -239,7 +239,7 @@ def _followed(stop: LoggedStop, at: int, first: LoggedHalt) -> list[str]:
     after = ticks[1 if at else 0 :]
     told = [(event.stamp_ns, event.text) for event in stop.events if event.id != first.id]
     told += [
-        (after[k - at].stamp_ns, f"somebody asked for: {each.what}")
+        (after[k - at].stamp_ns, f"request: {each.what}")
         for k, each in log.requests
         if at < k < at + len(after) and each.what != "confirm"
     ]
@@ -272,8 +272,8 @@ def _came_to_rest(after: tuple[Tick, ...]) -> list[tuple[int, str]]:
     for before, tick in pairwise(after):
         way += abs(before.twist.v) * (tick.stamp_ns - before.stamp_ns) * 1e-9
         if abs(tick.twist.v) < _STANDS and abs(tick.twist.omega) < _TURNS:
-            return [(tick.stamp_ns, f"the chair stood, {way:.2f} m on")]
-    return [] if not after else [(after[-1].stamp_ns, "the chair still moved where the log ends")]
+            return [(tick.stamp_ns, f"the chair stood after {way:.2f} m")]
+    return [] if not after else [(after[-1].stamp_ns, "the chair was still moving at the end of the log")]
 
 
 def _over(ticks: tuple[Tick, ...]) -> list[tuple[int, str]]:

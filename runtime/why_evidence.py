@@ -95,7 +95,7 @@ def nearest_obstacle(cursor: LogCursor) -> str:
     bearing = math.degrees(math.atan2(y, x - body.laser_x))
     where = "ahead" if abs(bearing) < 60 else "behind" if abs(bearing) > 120 else "beside it"
     side = "" if abs(y) < 0.1 else f", {abs(y):.2f} m to the {'left' if y > 0 else 'right'} of its middle"
-    return f"the nearest thing that the lidar saw was {gaps[index]:.2f} m from the chair, {where}{side}"
+    return f"the nearest object that the lidar saw was {gaps[index]:.2f} m from the chair, {where}{side}"
 
 
 def _on_the_way(points: FloatArray, tick: Tick, width: float) -> np.ndarray[Any, np.dtype[np.bool_]]:
@@ -139,23 +139,25 @@ def _repeated(cursor: LogCursor) -> tuple[str, ...]:
         if not np.array_equal(before.ranges, after.ranges, equal_nan=True):
             break
         same += 1
-    return (f"the last {same + 1} scans were the same to the last bit",)
+    return (f"the last {same + 1} scans were identical",)
 
 
 def _obstacle(cursor: LogCursor) -> tuple[str, ...]:
     tick = cursor.tick
-    return nearest_obstacle(cursor), f"it was to drive at {tick.asked.v:.2f} m/s and did {tick.twist.v:.2f} m/s"
+    return nearest_obstacle(
+        cursor
+    ), f"the requested speed was {tick.asked.v:.2f} m/s, the measured one {tick.twist.v:.2f} m/s"
 
 
 def _place(cursor: LogCursor) -> tuple[str, ...]:
     located = cursor.tick.located
     if located is None:
-        return ("the localiser had said nothing yet",)
+        return ("the localiser had not reported a pose yet",)
     away = math.hypot(located.remaining.x, located.remaining.y)
     fits = f"the pose was right with a probability of {100 * located.health:.0f} %"
     return (
         f"{fits}, and {100 * located.inliers:.0f} % of the scan lay on the map's walls",
-        f"the scans say that the chair is {away:.2f} m from where it was held to be" if away > 0.05 else "",
+        f"by the scans the chair was {away:.2f} m from its assumed pose" if away > 0.05 else "",
     )
 
 
@@ -168,25 +170,25 @@ def _stick(cursor: LogCursor) -> tuple[str, ...]:
     way = "forward" if most.forward >= 0 else "back"
     side = "to the left" if most.turn >= 0 else "to the right"
     pushed = f"{abs(most.forward):.2f} {way} and {abs(most.turn):.2f} {side}"
-    return (f"the joystick was pushed {pushed} of its whole way; {limit:.2f} takes over",)
+    return (f"the joystick was pushed {pushed} (full deflection is 1); {limit:.2f} takes over",)
 
 
 def _asked_for(cursor: LogCursor) -> tuple[str, ...]:
     for index, told in reversed(cursor.log.requests):
         if told.what == "stop" and index <= cursor.index:
-            return (f"Stop came in the tick at {_clock(cursor, index)}",)
+            return (f"Stop came {_clock(cursor, index)}",)
     return ()
 
 
 def _clock(cursor: LogCursor, index: int) -> str:
     seconds = (cursor.log.moments[index].tick.stamp_ns - cursor.tick.stamp_ns) * 1e-9
-    return "that moment" if abs(seconds) < 0.06 else f"{seconds:+.2f} s"
+    return "in that tick" if abs(seconds) < 0.06 else f"{seconds:+.2f} s from that tick"
 
 
 def _disobeys(cursor: LogCursor) -> tuple[str, ...]:
     tick = cursor.tick
     told, moved = (f"{each.v:.2f} m/s and {each.omega:.2f} rad/s" for each in (tick.command or tick.asked, tick.twist))
-    return (f"it was told {told}, and moved by {moved}",)
+    return (f"the command was {told}, the measured motion {moved}",)
 
 
 def _board(cursor: LogCursor) -> tuple[str, ...]:
@@ -194,14 +196,14 @@ def _board(cursor: LogCursor) -> tuple[str, ...]:
     ticks = cursor.log.ticks[: cursor.index + 1]
     reported = next((tick for tick in reversed(ticks) if tick.telemetry is not None), None)
     if reported is None or reported.telemetry is None:
-        return ("the board has reported nothing in this log",)
+        return ("the log holds no report of the board",)
     telemetry, sent = reported.telemetry, reported.sent
     age_s = (cursor.tick.stamp_ns - telemetry.stamp_ns) * 1e-9
     faults = f", with {', '.join(telemetry.faults)}" if telemetry.faults else ""
     read, told = (f"{each.forward_volts:.2f} V and {each.turn_volts:.2f} V" for each in (telemetry, sent))
     return (
         f"the board's last report was {age_s:.2f} s old: {telemetry.state}{faults}, lines held by {telemetry.holder}",
-        f"the lines read {read}, and {told} were sent",
+        f"the lines read {read}; {told} were sent",
     )
 
 
@@ -213,16 +215,18 @@ def _lean(cursor: LogCursor) -> tuple[str, ...]:
         if isinstance(message, ImuSample)
     ]
     if not samples:
-        return ("the log holds no word of the IMU",)
+        return ("the log holds no IMU sample",)
     x, y, z = np.mean(samples, axis=0)
-    return (f"the IMU's mean over half a second leans by {math.degrees(math.atan2(math.hypot(x, y), z)):.0f} degrees",)
+    return (
+        f"by the IMU's mean over half a second the chair was tilted by {math.degrees(math.atan2(math.hypot(x, y), z)):.0f} degrees",
+    )
 
 
 def _contacts(cursor: LogCursor) -> tuple[str, ...]:
     moments = cursor.log.moments[: cursor.index + 1]
     said = [message for moment in moments for message in moment.heard if isinstance(message, ChairStatus)]
     if not said:
-        return ("the chair's contacts have said nothing in this log",)
+        return ("the log holds no report of the chair's contacts",)
     words = {None: "not known", True: "yes", False: "no"}
     seated, charging, battery = (
         next((value for status in reversed(said) if (value := getattr(status, name)) is not None), None)
@@ -241,8 +245,8 @@ def _given_up(cursor: LogCursor) -> tuple[str, ...]:
     waited_s = (cursor.tick.stamp_ns - cursor.log.moments[since].tick.stamp_ns) * 1e-9
     plans = cursor.tick.plans
     return (
-        f"it had waited for {waited_s:.1f} s" if waited_s > 0.1 else "",
-        f"it had made {plans} plan{'s' if plans != 1 else ''} of a way",
+        f"the drive had waited for {waited_s:.1f} s" if waited_s > 0.1 else "",
+        f"the navigator had planned {plans} path{'s' if plans != 1 else ''}",
         nearest_obstacle(cursor),
     )
 
@@ -252,7 +256,7 @@ def _silent_monitor(cursor: LogCursor) -> tuple[str, ...]:
     while since > 0 and any(h.id == "monitor_silent" for h in cursor.log.moments[since - 1].tick.halts):
         since -= 1
     seconds = (cursor.tick.stamp_ns - cursor.log.moments[since].tick.stamp_ns) * 1e-9
-    return (f"it had been missed for {seconds:.1f} s more than it may be",)
+    return (f"it had been silent for {seconds:.1f} s beyond its limit",)
 
 
 def _last_tick(cursor: LogCursor) -> tuple[str, ...]:
@@ -272,13 +276,13 @@ _SHOWN: Mapping[str, _Shown] = MappingProxyType(
         "seat_empty": _contacts,
         "charging": _contacts,
         "battery_low": _contacts,
-        "status_stale": _age(ChairStatus, "word of the contacts"),
+        "status_stale": _age(ChairStatus, "contact report"),
         "lidar_stale": _age(Scan, "scan"),
         "lidar_late": _age(Scan, "scan"),
         "lidar_blind": _coverage,
         "lidar_frozen": _repeated,
-        "wheels_stale": _age(WheelTicks, "reading of the wheels"),
-        "imu_stale": _age(ImuSample, "sample of the IMU"),
+        "wheels_stale": _age(WheelTicks, "wheel reading"),
+        "imu_stale": _age(ImuSample, "IMU sample"),
         "depth_stale": _age(RgbdFrame, "picture"),
         "obstacle": _obstacle,
         "monitor_silent": _silent_monitor,
@@ -302,7 +306,7 @@ LOOK_AT: Mapping[str, tuple[str, ...]] = MappingProxyType(
         "imu": ("the IMU's cable",),
         "depth": ("the camera's cable",),
         "status": ("the cable of the contacts",),
-        "obstacle": ("the last scan, for what stood there: legs, a trolley, glass, the rider's own feet",),
+        "obstacle": ("the last scan, for the obstacle: legs, a trolley, glass, the rider's own feet",),
         "monitor": ("the processor load of that minute, and whether the monitor's process was killed",),
         "lost": (
             "the map beside the scans: has much been moved?",
@@ -313,16 +317,16 @@ LOOK_AT: Mapping[str, tuple[str, ...]] = MappingProxyType(
         "localiser": ("whether the localiser's process was killed, and the processor load of that minute",),
         "two": ("which programs publish speeds for this chair",),
         "tilt": ("the floor there, and how the IMU is mounted",),
-        "disobeys": ("the chair's speed dial, its brakes' levers, and what may hold it up",),
+        "disobeys": ("the chair's speed dial, its brake levers, and anything that may block it",),
         "board": ("the board's cable and power, and the wiring of the joystick lines",),
-        "taken": ("nothing, if the rider meant it; else what leans on the joystick",),
-        "stop": ("nothing, if somebody meant it",),
+        "taken": ("nothing, if the rider meant it; otherwise things that press on the joystick",),
+        "stop": ("nothing, if it was intended",),
         "seat": ("the seat switch",),
         "charging": ("the charger's plug",),
         "battery": ("the battery",),
-        "drive": ("what stands in the way, and whether the map still shows it right",),
-        "jolt": ("what the chair touched",),
-        "program": ("the system's log of that minute, for lack of memory or power",),
+        "drive": ("the obstacle, and whether the map is still right there",),
+        "jolt": ("the thing that the chair touched",),
+        "program": ("the system log of that minute, for lack of memory or power",),
     }
 )
 """Hints for the search for the cause, by the first word of a reason's id."""

@@ -161,7 +161,9 @@ class Broadcaster:
             yield
         except Exception:
             if what not in self._failing:
-                logging.getLogger(__name__).exception("pages are told less: '%s' failed", what)
+                logging.getLogger(__name__).exception(
+                    "'%s' failed: pages get no such messages until it works again", what
+                )
             self._failing.add(what)
         else:
             self._failing.discard(what)
@@ -226,7 +228,7 @@ class CommandRunner:
             self._wishes.append((name, asked, number))
             self._wished.set()
         elif self._others.full():
-            self._say(number, Answer(False, "the chair is still busy with what it was asked: wait a moment"))
+            self._say(number, Answer(False, "the chair is still busy with earlier commands: wait a moment"))
         else:
             self._others.put_nowait((name, asked, number))
 

@@ -120,7 +120,7 @@ def _set_zone(port: ChairPort, asked: _ZoneArguments) -> Answer:
     polygon = np.array(asked.polygon, np.float64)
     x, y = (polygon - polygon[0]).T
     if not math.fabs((x * np.roll(y, -1) - y * np.roll(x, -1)).sum()) > 1e-6:
-        return Answer(False, "the corners of this zone enclose nothing: set them in order round it")
+        return Answer(False, "the corners of this zone enclose no area: set them in order around it")
     return port.set_zone(Zone(asked.name, asked.rule, polygon, value), asked.replaces)
 
 
@@ -161,13 +161,13 @@ def obey(port: ChairPort, name: str, asked: object) -> Answer:
     """Run a page's command with its JSON arguments `asked`, and return the answer. Never raises."""
     command = COMMANDS.get(name)
     if command is None:
-        return Answer(False, f"the chair knows no '{name[:40]}': reload this page")
+        return Answer(False, f"unknown command '{name[:40]}': reload this page")
     try:
         return command.call(port, msgspec.convert(asked, command.asked))
     except msgspec.ValidationError as error:
-        return Answer(False, f"that cannot be done: {error}")
+        return Answer(False, f"the command is invalid: {error}")
     except WaychairError as error:
         return Answer(False, str(error))
     except Exception:  # every press of a button gets an answer
         logging.getLogger(__name__).exception("'%s' failed", name)
-        return Answer(False, "something is broken in the chair's program: see its messages, and start it again")
+        return Answer(False, "the chair's program failed at this command: see its log, then restart it")

@@ -105,7 +105,7 @@ class RequestGuard:
         if scope["type"] == "http" and scope["path"].startswith(API):
             scheme, _, told = headers.get("authorization", "").partition(" ")
             if not is_token(told if scheme.lower() == "bearer" else "", self._token):
-                return 401, "The token is missing or wrong: it was printed when waychair started."
+                return 401, "The token is missing or wrong: enter the one that waychair printed when it started."
         return 0, ""
 
 

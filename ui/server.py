@@ -152,7 +152,7 @@ def _prepared(
         listener = socket.create_server((host, http_port), family=socket.AF_INET6 if ":" in host else socket.AF_INET)
     except OSError as error:
         raise OutputError(
-            f"the page cannot be served on {host}:{http_port}: {error.strerror}; choose another"
+            f"the page cannot be served on {host}:{http_port}: {error.strerror}; choose another port"
         ) from error
     number = listener.getsockname()[1]
     name = f"[{host}]" if ":" in host else host
@@ -181,7 +181,7 @@ async def _live(page: WebSocket, broadcaster: Broadcaster, token: str) -> None:
             return
     except (TimeoutError, *_NO_JSON, KeyError, WebSocketDisconnect):
         with contextlib.suppress(RuntimeError):
-            await page.close(UNAUTHORISED, "nobody said who is there")
+            await page.close(UNAUTHORISED, "the first message has no page and token")
         return
     opened = OpenPage(page_id)
     desk = CommandRunner(broadcaster, opened)
@@ -199,7 +199,7 @@ async def _live(page: WebSocket, broadcaster: Broadcaster, token: str) -> None:
         no_news = (WebSocketDisconnect, *_NO_JSON, KeyError, type(None))  # it went away, or sent an invalid message
         for task in tasks:
             if not task.cancelled() and not isinstance(task.exception(), no_news):
-                logging.getLogger(__name__).error("a page was dropped", exc_info=task.exception())
+                logging.getLogger(__name__).error("the connection to a page failed", exc_info=task.exception())
 
 
 async def _hear(page: WebSocket, broadcaster: Broadcaster, opened: OpenPage, desk: CommandRunner) -> None:
@@ -266,16 +266,16 @@ class _CommandEndpoint:
 
         name = request.path_params["name"]
         if name not in COMMANDS or name in STICK:  # the joystick needs a socket: the end of the socket lets it go
-            return JSONResponse({"done": False, "sentence": "the chair knows no such command"}, 404)
+            return JSONResponse({"done": False, "sentence": "unknown command: reload this page"}, 404)
         body = b""
         async for part in request.stream():
             body += part
             if len(body) > _LARGEST:
-                return JSONResponse({"done": False, "sentence": "that is too much at once"}, 413)
+                return JSONResponse({"done": False, "sentence": f"the command has more than {_LARGEST} bytes"}, 413)
         try:
             asked = msgspec.json.decode(body or b"{}", type=dict[str, object])
         except _NO_JSON:
-            return JSONResponse({"done": False, "sentence": "that is no JSON object"}, 400)
+            return JSONResponse({"done": False, "sentence": "the arguments are no JSON object"}, 400)
         answer = await self._broadcaster.obey(name, asked)
         return JSONResponse({"done": answer.done, "sentence": answer.sentence})
 
@@ -283,4 +283,4 @@ class _CommandEndpoint:
 def _say_why(task: asyncio.Task[None]) -> None:
     """Log a failed broadcaster. Its pages notice the silence themselves, and the chair the missing pages."""
     if not task.cancelled() and (error := task.exception()) is not None:
-        logging.getLogger(__name__).error("the page is told nothing any more", exc_info=error)
+        logging.getLogger(__name__).error("the page gets no more messages", exc_info=error)

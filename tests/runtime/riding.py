@@ -62,7 +62,7 @@ class Ride:
         simulation = simulator or SimulatorSettings()
         simulation = replace(simulation, lidar=LIDAR, plant=replace(simulation.plant, step_ms=10))
         self.simulator = Simulator(world, CHAIR_A, simulation, 0)
-        chair = replace(settings or ChairSettings(), navigator=COARSE)
+        chair = settings or ChairSettings()
         self.setup = DriveSetup(world.grid, {}, CHAIR_A, DEFAULT, chair=chair, zones=zones)
         self.change: Callable[[tuple[ChairMessage, ...]], tuple[ChairMessage, ...]] = lambda messages: messages
         self.states: list[ChairState] = []

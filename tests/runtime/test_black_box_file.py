@@ -181,7 +181,7 @@ def test_a_log_over_several_files_is_one_and_knows_how_it_ended(tmp_path: Path) 
 def test_what_is_no_log_is_said_to_be_none(content: bytes, tmp_path: Path) -> None:
     path = tmp_path / "1.log"
     path.write_bytes(content)
-    with pytest.raises(BoxError, match="no such log"):
+    with pytest.raises(BoxError, match="not such a log"):
         read_log([path])
 
 

@@ -27,11 +27,11 @@ FACTS = DriveFacts(DriveMode.AUTONOMOUS, False, "lift", False, None, Stage.DRIVI
 @pytest.mark.parametrize(
     ("way", "pose", "said"),
     [
-        (STRAIGHT, HERE, "Goes straight on; 10 m to lift."),
-        (LEFT, HERE, "Goes on, and in 2 m turns left; 8 m to lift."),
-        (LEFT * [1, -1], Pose2(2.8, 0.0), "Turns right; 5 m to lift."),
-        (LEFT, Pose2(3.0, 4.5), "Goes straight on; less than 1 m to lift."),
-        (LEFT[:1], HERE, "Drives to lift."),
+        (STRAIGHT, HERE, "Driving straight on, 10 m to lift."),
+        (LEFT, HERE, "Turning left in 2 m, 8 m to lift."),
+        (LEFT * [1, -1], Pose2(2.8, 0.0), "Turning right, 5 m to lift."),
+        (LEFT, Pose2(3.0, 4.5), "Driving straight on, less than 1 m to lift."),
+        (LEFT[:1], HERE, "Driving to lift."),
     ],
 )
 def test_the_next_move_is_said_with_its_distance(way: np.ndarray, pose: Pose2, said: str) -> None:
@@ -59,17 +59,17 @@ def test_points_that_lie_on_each_other_are_no_turn() -> None:
 @pytest.mark.parametrize(
     ("facts", "said"),
     [
-        (replace(FACTS, countdown_s=2.0), "Sets off to lift in a moment."),
-        (replace(FACTS, way=np.empty((0, 2))), "Looks for a way to lift."),
+        (replace(FACTS, countdown_s=2.0), "About to drive to lift."),
+        (replace(FACTS, way=np.empty((0, 2))), "Looking for a path to lift."),
         (
             replace(FACTS, stage=Stage.WAITING, reason="something is in the way; waiting"),
-            "Stands: Something is in the way; waiting. It goes on by itself once there is a way.",
+            "Waiting: something is in the way. The chair goes on by itself once there is a path.",
         ),
         (
             replace(FACTS, obstacles=obstacles_of([halt("obstacle")])),
-            "Stands: something is close ahead. It goes on by itself once the way is free.",
+            "Waiting: something is close ahead. The chair goes on by itself once the way is free.",
         ),
-        (replace(FACTS, mode=DriveMode.MANUAL, waits=True), "Waits for your yes to drive to lift."),
+        (replace(FACTS, mode=DriveMode.MANUAL, waits=True), "Waiting for your yes to drive to lift."),
         (replace(FACTS, mode=DriveMode.STOPPED, goal=""), "Stopped. Choose a place to drive to."),
         (replace(FACTS, mode=DriveMode.MANUAL, goal=""), "The joystick is yours. Choose a place to drive to."),
         (
@@ -78,11 +78,11 @@ def test_points_that_lie_on_each_other_are_no_turn() -> None:
         ),
         (
             replace(FACTS, mode=DriveMode.ASSISTED, steered=True, goal=""),
-            "A page steers; it stops when that is let go.",
+            "A page steers. The chair stops when its joystick is let go.",
         ),
         (
             replace(FACTS, mode=DriveMode.ASSISTED, steered=True, goal="", holds_lines=False),
-            "A page steers; the chair answers once it has stood for two seconds.",
+            "A page steers. The chair responds once it has stood for two seconds.",
         ),
     ],
 )
@@ -114,7 +114,7 @@ def test_sentences_begin_large_and_end_in_a_stop() -> None:
 def test_nobody_closes_the_ground_under_the_chair() -> None:
     outline = np.array([[0.75, 0.3], [-0.25, 0.3], [-0.25, -0.3], [0.75, -0.3]])
     here = Zone("here", Rule.KEEP_OUT, np.array([[0.5, -1.0], [2.0, -1.0], [2.0, 1.0], [0.5, 1.0]]))
-    with pytest.raises(ZoneError, match="stands in there"):
+    with pytest.raises(ZoneError, match="stands in this zone"):
         check_zone(here, HERE, outline)
     check_zone(here, Pose2(-1.0), outline)
     check_zone(here, None, outline)

@@ -179,7 +179,7 @@ def test_bad_pictures_are_counted_and_said_and_leave_the_lidars_map_whole(change
 def test_pictures_of_a_camera_that_is_nowhere_are_not_used_and_depth_alone_is_refused() -> None:
     taken = drive("stairs", 6.0)
     mapping = mapped(recording(taken, mounted=False))
-    assert any("nothing says where the camera is" in warning for warning in mapping.report["warnings"])
+    assert any("the camera's mount is unknown" in warning for warning in mapping.report["warnings"])
     with pytest.raises(NoPictures, match="mount"):
         mapped(recording(taken, mounted=False), "only")
     with pytest.raises(NoPictures, match="no depth at all"):

@@ -213,7 +213,7 @@ def elsewhere() -> Recording:
 def refusals(drive: Drive) -> dict[str, tuple[Recording, MappingSettings, str]]:
     recording, _ = part(drive, 100, 200, 1)
     return {
-        "another building": (elsewhere(), SETTINGS, "nowhere that both recognise"),
+        "another building": (elsewhere(), SETTINGS, "recognised nowhere on the map"),
         "another laser": (replace(recording, base_from_laser=Pose2(0.3)), SETTINGS, "map it by itself"),
         "another height": (recording, replace(SETTINGS, laser_height=0.6), "0.60 m"),
         "pictures alone": (recording, replace(SETTINGS, depth=replace(SETTINGS.depth, use="only")), "--depth only"),

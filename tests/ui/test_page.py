@@ -137,7 +137,7 @@ def test_stop_comes_through_where_only_one_way_is_left(browser: Browser, port: N
 
 
 def test_a_stop_that_no_way_has_brought_to_the_chair_is_said(browser: Browser, port: Noted, address: str) -> None:
-    unanswered = ".note.bad:text-is('Stop was not answered: see whether the chair stands.')"
+    unanswered = ".note.bad:text-is('No answer to Stop: check that the chair stands.')"
     with ready_page(browser, address) as page:
         page.keyboard.press("Escape")
         until(lambda: len(port.named("stop")) == 2, "Stop is not heard")

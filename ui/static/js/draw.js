@@ -75,7 +75,7 @@ function show() {
   if (cross) mark.setLatLng(toScreen(cross));
   $("draw-done").disabled = corners.length < 2;
   $("draw-back").disabled = corners.length < 1;
-  setText($("draw-said"), tool ? `${corners.length} corners set.${corners.length < 2 ? " It takes two or more." : ""}` : "");
+  setText($("draw-said"), tool ? `${corners.length} corners set.${corners.length < 2 ? " Set at least two." : ""}` : "");
 }
 
 function setCorner(at) {

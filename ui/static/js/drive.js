@@ -9,7 +9,7 @@ import { onStop } from "./stop.js";
 import { showTab } from "./tabs.js";
 
 const SPOKEN_MS = 2000;
-const LOCALISATION = { ok: "Knows its place", degraded: "Unsure of its place", lost: "Does not know its place" };
+const LOCALISATION = { ok: "Knows where it is", degraded: "Unsure where it is", lost: "Does not know where it is" };
 const MODES = { manual: "mode-manual", stopped: "mode-manual", assisted: "mode-assisted", autonomous: "mode-autonomous" };
 
 let asked = false; // the drive was asked for on this page: only here the focus moves to the question
@@ -150,7 +150,7 @@ $("cancel").addEventListener("click", () => say(ask("cancel")));
 $("reset").addEventListener("click", () => say(ask("reset")));
 $("mode-manual").addEventListener("click", () => {
   if (now.view?.goal || moves(now.view)) say(ask("cancel"));
-  else note("The joystick is yours already.");
+  else note("You already have the joystick.");
 });
 $("mode-assisted").addEventListener("click", () => showTab("steer", "stick"));
 $("mode-autonomous").addEventListener("click", () => showTab("places", "search"));

@@ -85,7 +85,7 @@ const zoneLine = ({ name, rule }) =>
 on("layout", ({ places, zones, undoable }) => {
   const lines = [...places.map(placeLine), ...zones.map(zoneLine)];
   for (const [index, item] of lines.entries()) {
-    item.dataset.scanGroup = `What there is ${Math.floor(index / IN_GROUP) + 1}`;
+    item.dataset.scanGroup = `Places and zones ${Math.floor(index / IN_GROUP) + 1}`;
   }
   $("drawn").replaceChildren(...lines);
   $("undo").disabled = !undoable;

@@ -18,13 +18,13 @@ const STATES = {
   open: ["Connected", ""],
   lost: [
     "Not connected",
-    "Connection lost. A drive that was begun here stops within a second. Use the chair's own joystick; this page tries again.",
+    "Connection lost. A drive that was begun here stops within a second. Use the chair's own joystick; this page reconnects by itself.",
   ],
   mute: [
-    "The chair is silent",
-    "The chair's program says nothing new. Use the chair's own joystick, and press its emergency stop if it moves.",
+    "The chair does not respond",
+    "The chair's program does not respond. Use the chair's own joystick, and press its emergency stop if it moves.",
   ],
-  refused: ["Not allowed in", "This page needs the token that waychair printed when it started."],
+  refused: ["Token needed", "This page needs the token that waychair printed when it started."],
 };
 
 on("state", (state) => {

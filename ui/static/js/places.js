@@ -41,7 +41,7 @@ export function listPlaces() {
   if (focused) [...$("place-list").querySelectorAll("button")].find(({ dataset }) => dataset.place === focused)?.focus();
   $("no-place").hidden = shown.length > 0;
   $("no-place").textContent = wish
-    ? "No place has that in its name."
+    ? "No place has this in its name."
     : "This map has no places yet. Drive to one by joystick, then save it under Edit.";
 }
 

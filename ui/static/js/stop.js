@@ -33,7 +33,7 @@ export function stop() {
 async function heed(ways) {
   const done = ways.map(async (way) => (await way).done || Promise.reject());
   const late = new Promise((_, reject) => setTimeout(reject, UNANSWERED_MS));
-  const unanswered = () => note("Stop was not answered: see whether the chair stands", false);
+  const unanswered = () => note("No answer to Stop: check that the chair stands", false);
   await Promise.race([Promise.any(done), late]).catch(unanswered);
 }
 
