@@ -5,25 +5,25 @@ from __future__ import annotations
 from collections.abc import Mapping
 from types import MappingProxyType
 
-from waychair.firmware_bridge.protocol import FIRMWARE_VERSION, BoardFault, Hello, HelloReply, Refusal
+from waychair.firmware_bridge.protocol import FIRMWARE_VERSION, BoardFault, HandshakeRefusal, Hello, HelloReply
 
 HOST_FAULTS = BoardFault.HOST_SILENT | BoardFault.BAD_FRAMES | BoardFault.RANGE | BoardFault.NEW_HOST | BoardFault.CLOCK
 """Faults of the computer or its cable; lines and board are in order, so a new goal may clear them."""
 
 FAULT_ADVICE: Mapping[BoardFault, str] = MappingProxyType(
     {
-        BoardFault.ESTOP: "the emergency stop is pressed, or its wire is off: release it, then press Reset",
-        BoardFault.IMPOSSIBLE: "a joystick line is off or shorted: have the wiring to the chair checked, then press Reset",
-        BoardFault.MISMATCH: "a joystick line is not where the board puts it: have board and wiring checked, "
+        BoardFault.ESTOP: "the emergency stop is pressed, or its wire is broken: release it, then press Reset",
+        BoardFault.IMPOSSIBLE: "a joystick line is broken or shorted: have the wiring to the chair checked, then press Reset",
+        BoardFault.MISMATCH: "a joystick line does not have the board's voltage: have board and wiring checked, "
         "then press Reset",
         BoardFault.CREEP: "a joystick line is off its neutral at rest: have the board's converter checked, "
         "then press Reset",
         BoardFault.REFERENCE: "the joystick's reference voltage has drifted: have the chair's supply checked, "
         "then press Reset",
-        BoardFault.STICK: "the joystick has lost a wire and could not take over: have it checked, then press Reset",
+        BoardFault.STICK: "a wire of the joystick is broken, so that it could not take over: have it checked, then press Reset",
         BoardFault.BOARD: "the board's converter does not answer or has lost its neutral: switch the board off and on",
         BoardFault.CLOCK: "the board's clock has jumped: let go of the joystick and ask for the goal again",
-        BoardFault.NEW_HOST: "another computer greeted the board during the drive: ask for the goal again",
+        BoardFault.NEW_HOST: "another computer connected to the board during the drive: ask for the goal again",
         BoardFault.RANGE: "the board was sent a command beyond the joystick's swing: ask for the goal again",
         BoardFault.BAD_FRAMES: "the cable to the board is noisy: check its plug, then ask for the goal again",
         BoardFault.HOST_SILENT: "the board heard nothing from the computer for too long: ask for the goal again",
@@ -63,15 +63,15 @@ def _unknown(faults: int) -> int:
     return int(faults) & ~sum(BoardFault)
 
 
-def refusal(reply: HelloReply, ours: Hello) -> str:
+def handshake_problem(reply: HelloReply, ours: Hello) -> str:
     """Return why the board of this handshake reply must not be used; empty if it may be (F22).
 
     Refusals by the board and mismatches found by this computer count alike.
     """
-    refused = Refusal(reply.refused)
-    if Refusal.VERSION in refused or reply.version != ours.version:
+    refused = HandshakeRefusal(reply.refused)
+    if HandshakeRefusal.VERSION in refused or reply.version != ours.version:
         return f"the board speaks protocol {reply.version} and this computer {ours.version}: flash its firmware again"
-    if Refusal.LAYOUT in refused or reply.layout_hash != ours.layout_hash:
+    if HandshakeRefusal.LAYOUT in refused or reply.layout_hash != ours.layout_hash:
         return (
             f"the board's messages have the layout {reply.layout_hash:08x} and this computer's {ours.layout_hash:08x}: "
             "flash the firmware that belongs to this version"
@@ -81,12 +81,12 @@ def refusal(reply: HelloReply, ours: Hello) -> str:
             f"the board runs firmware {_version(reply.firmware_version)}, and {_version(FIRMWARE_VERSION)} is needed: "
             "flash the firmware that belongs to this version"
         )
-    if Refusal.CHAIR in refused or reply.chair_id != ours.chair_id:
+    if HandshakeRefusal.CHAIR in refused or reply.chair_id != ours.chair_id:
         return (
             f"the board is built into chair '{_name(reply.chair_id)}' and this calibration is of chair "
             f"'{_name(ours.chair_id)}': load the calibration of this chair"
         )
-    if Refusal.FAMILY in refused or reply.family != ours.family:
+    if HandshakeRefusal.FAMILY in refused or reply.family != ours.family:
         return (
             f"the board is made for joystick family {reply.family} and the computer is set to {ours.family}: "
             "set the family of this chair's joystick"

@@ -32,7 +32,7 @@ FIRMWARE = Path(__file__).resolve().parent / "firmware"
 
 C_FLAGS = ("-std=c99", "-D_POSIX_C_SOURCE=200809L", "-O2", "-Wall", "-Wextra", "-Werror", "-pedantic")
 
-PATIENCE_S = 2.0
+TIMEOUT_S = 2.0
 """Timeout in real time for the program's answer to a step."""
 
 _REQUEST = struct.Struct("<IIHHHBBBxh")
@@ -181,7 +181,7 @@ class LockstepTransport(DescriptorTransport):
         """Return all bytes that the board sent up to its last step."""
         data = b""
         while (missing := (self.expected - self._received) & 0xFFFFFFFF) and not self.closed:
-            ready, _, _ = select.select([self], [], [], PATIENCE_S)
+            ready, _, _ = select.select([self], [], [], TIMEOUT_S)
             part = super().read() if ready else b""
             if not part or missing > 0x7FFFFFFF:
                 break
@@ -290,9 +290,9 @@ class HostBoard:
         try:
             os.write(self._requests[1], request)
             while len(answer) < _ANSWER.size:
-                ready, _, _ = select.select([self._answers[0]], [], [], PATIENCE_S)
+                ready, _, _ = select.select([self._answers[0]], [], [], TIMEOUT_S)
                 if not ready:
-                    raise BridgeError(f"the board's program did not answer within {PATIENCE_S:g} s: start it again")
+                    raise BridgeError(f"the board's program did not answer within {TIMEOUT_S:g} s: start it again")
                 part = os.read(self._answers[0], _ANSWER.size - len(answer))
                 if not part:
                     return None

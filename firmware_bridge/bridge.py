@@ -35,7 +35,7 @@ from waychair.firmware_bridge.protocol import (
 )
 from waychair.firmware_bridge.session import SILENT, BoardSession
 from waychair.firmware_bridge.transports import Reconnecting
-from waychair.types import Sent, Telemetry, WheelSpeeds
+from waychair.types import SentCommand, Telemetry, WheelSpeeds
 
 CREEP = 0.05
 """Greatest speed [m/s] at the board's neutral by the calibration; the limit of F21."""
@@ -117,7 +117,7 @@ class Bridge:
         self._gate = gate
         self._settings = settings or BridgeSettings()
         self._calibration = calibration
-        self._session = BoardSession(cable, chair_id, self._settings.family, self._misfit)
+        self._session = BoardSession(cable, chair_id, self._settings.family, self._neutral_problem)
         self._lock = threading.Lock()
         self._rest = neutral_counts(calibration)
         self._volts_low, high = volts_from_counts(calibration, 0, calibration.counts_max)
@@ -126,9 +126,9 @@ class Bridge:
         self._now_ns = 0
         self._called_ns: int | None = None  # last time of `send`; apart from `beat`'s, because a tick that began
         self._beaten_ns: int | None = None  # before a beat is not a clock that goes back
-        self._told_ns: int | None = None
+        self._sent_ns: int | None = None
         self._volts: tuple[float, float] | None = None  # last volts commanded on the lines; None while released
-        self._letting_go = False  # until the board reports that it has released the lines
+        self._releasing = False  # until the board reports that it has released the lines
         self._drives = False
         self._ended = ""
         self._failure = ""  # of the heartbeat, until the next beat
@@ -149,7 +149,7 @@ class Bridge:
     def armed(self) -> bool:
         """Whether the board acts on set-points; before that only zero is sent."""
         board = self._session.board
-        return board is not None and board.state in (BoardState.ARMED, BoardState.DRIVE) and not self._letting_go
+        return board is not None and board.state in (BoardState.ARMED, BoardState.DRIVE) and not self._releasing
 
     @property
     def taken_over(self) -> bool:
@@ -159,7 +159,7 @@ class Bridge:
     @property
     def trouble(self) -> tuple[str, ...]:
         """Why the board cannot drive now, as sentences with a remedy; faults being reset are left out."""
-        problem = self._problem(self._now_ns)
+        problem = self._drive_problem(self._now_ns)
         if problem:
             return (problem,)
         return () if self._resetting else fault_advice(self._faults)
@@ -176,37 +176,37 @@ class Bridge:
     def listen(self, now_ns: int) -> Telemetry | None:
         """Read the board's messages; return its last report."""
         with self._lock:
-            self._listen(max(now_ns, self._now_ns))
+            self._read_board(max(now_ns, self._now_ns))
             return self.telemetry
 
-    def send(self, speeds: WheelSpeeds | None, stamp_ns: int, now_ns: int) -> Sent:
+    def send(self, speeds: WheelSpeeds | None, stamp_ns: int, now_ns: int) -> SentCommand:
         """Send wheel speeds [m/s] decided at `stamp_ns`, or release the lines; return what was really sent.
 
         None means that the computer does not want to drive. `stamp_ns` and `now_ns` are from one monotonic clock. While
-        the board is not armed, zero is sent and `Sent` says so.
+        the board is not armed, zero is sent and `SentCommand` says so.
         """
         with self._lock:
             back_ns, self._called_ns = self._step_back(now_ns, self._called_ns), now_ns
             now_ns = max(now_ns, self._now_ns)
             self._order = self._order_from(speeds, stamp_ns, now_ns, back_ns)
             if speeds is None:
-                self._letting_go = self._letting_go or self.armed
+                self._releasing = self._releasing or self.armed
                 self._drives, self._ended = False, ""
-            self._listen(now_ns)
-            return self._tell(now_ns)
+            self._read_board(now_ns)
+            return self._send_order(now_ns)
 
-    def beat(self, now_ns: int) -> Sent:
+    def beat(self, now_ns: int) -> SentCommand:
         """Read the board's messages and, when it is due, repeat the last command while it is fresh."""
         with self._lock:
             back_ns, self._beaten_ns = self._step_back(now_ns, self._beaten_ns), now_ns
             now_ns = max(now_ns, self._now_ns)
             if back_ns:
                 self._order = replace(self._order, counts=None, reason=_went_back(back_ns))
-            self._listen(now_ns)
+            self._read_board(now_ns)
             self._failure = ""
             period_ns = self._settings.period_ms * 1_000_000
-            if back_ns or self._told_ns is None or now_ns - self._told_ns >= period_ns:
-                return self._tell(now_ns)
+            if back_ns or self._sent_ns is None or now_ns - self._sent_ns >= period_ns:
+                return self._send_order(now_ns)
             return self._sent
 
     def fail(self, reason: str) -> None:
@@ -232,7 +232,7 @@ class Bridge:
         except CalibrationError as error:
             return _Order(None, str(error), stamp_ns, now_ns)
         if not all(isinstance(count, int) and 0 <= count <= self._calibration.counts_max for count in counts):
-            return _Order(None, f"the calibration gave {counts}, which are no counts", stamp_ns, now_ns)
+            return _Order(None, f"the calibration gave {counts}, which are not counts", stamp_ns, now_ns)
         late_ns = 0 if self._order.counts is None else now_ns - self._order.given_ns
         if (
             late_ns > self._settings.late_ms * 1_000_000
@@ -257,49 +257,49 @@ class Bridge:
             return f"wheel speeds {speeds.left:g}, {speeds.right:g} m/s are beyond {s.max_wheel_speed:g}"
         return ""
 
-    def _listen(self, now_ns: int) -> None:
+    def _read_board(self, now_ns: int) -> None:
         """Read the board's messages, and detect that the board has ended a drive by itself."""
         self._now_ns = now_ns
         self._session.listen(now_ns)
         board = self._session.board
         if board is None or board.state not in (BoardState.ARMED, BoardState.DRIVE):
-            self._letting_go = False
+            self._releasing = False
         if self._reset is not None and (self._reset.is_over(now_ns) or (board is not None and board.faults == 0)):
             self._reset = None
         if board is not None and board.state == BoardState.DRIVE:
-            self._drives = self._drives or not self._letting_go
+            self._drives = self._drives or not self._releasing
         elif self._drives:
             self._drives = False
-            self._ended = self._problem(now_ns) or next(iter(fault_advice(self._faults)), self._silence())
+            self._ended = self._drive_problem(now_ns) or next(iter(fault_advice(self._faults)), self._end_reason())
 
-    def _problem(self, now_ns: int) -> str:
+    def _drive_problem(self, now_ns: int) -> str:
         """Return why this bridge cannot drive, apart from the board's faults; empty if it can."""
         return self._session.problem(now_ns) or self._failure
 
-    def _silence(self) -> str:
+    def _end_reason(self) -> str:
         """Return why a board without faults ended a drive."""
         return TAKEN_OVER if self._session.echoes else "the board was reset during the drive: ask for the goal again"
 
-    def _tell(self, now_ns: int) -> Sent:
+    def _send_order(self, now_ns: int) -> SentCommand:
         """Send one command to the board, by the last order and the board's state."""
-        elapsed_ns = self._settings.period_ms * 1_000_000 if self._told_ns is None else now_ns - self._told_ns
-        self._told_ns = now_ns
-        reason = self._reason(now_ns)
+        elapsed_ns = self._settings.period_ms * 1_000_000 if self._sent_ns is None else now_ns - self._sent_ns
+        self._sent_ns = now_ns
+        reason = self._release_reason(now_ns)
         reply = self._session.reply
         if reason or reply is None:
             self._ended = reason if self._drives else self._ended
-            self._letting_go = self._letting_go or self.armed
+            self._releasing = self._releasing or self.armed
             self._drives, self._volts = False, None
             if reply is not None:
                 self._session.command(0, 0, self._reset_flags(), now_ns)
             self._sent = self._released(now_ns, reason)
         else:
-            self._sent = self._driven(reply, now_ns, elapsed_ns)
+            self._sent = self._send_driving(reply, now_ns, elapsed_ns)
         return self._sent
 
-    def _reason(self, now_ns: int) -> str:
+    def _release_reason(self, now_ns: int) -> str:
         """Return why the lines are released now; empty if the order may be executed."""
-        order, problem = self._order, self._problem(now_ns)
+        order, problem = self._order, self._drive_problem(now_ns)
         if order.counts is None:
             return order.reason
         if problem:
@@ -308,9 +308,9 @@ class Bridge:
             return "the board is being reset" if self._resetting else fault_advice(self._faults)[0]
         if now_ns - order.stamp_ns > self._settings.max_age_ms * 1_000_000:
             return f"the command is {(now_ns - order.stamp_ns) / 1e6:g} ms old"
-        return self._ended or ("the board lets go of the lines" if self._letting_go else "")
+        return self._ended or ("the board is releasing the lines" if self._releasing else "")
 
-    def _driven(self, reply: HelloReply, now_ns: int, elapsed_ns: int) -> Sent:
+    def _send_driving(self, reply: HelloReply, now_ns: int, elapsed_ns: int) -> SentCommand:
         """Send the order to the board, enabled and within the slew limit; if the cable is full, the last one stays."""
         order, why = self._order, self._order.reason
         late_ns = now_ns - order.given_ns
@@ -324,7 +324,7 @@ class Bridge:
         neutral = reply.reference_mv / 1000.0
         wanted = self._line_volts(order, neutral)
         limit = self._settings.slew * min(max(elapsed_ns * 1e-9, 0.0), 0.001 * self._settings.late_ms)
-        line_volts = _towards(self._volts or (neutral, neutral), wanted, limit)
+        line_volts = _limited_step(self._volts or (neutral, neutral), wanted, limit)
         forward, turn = (setpoint_from_millivolts(reply, 1000.0 * volts) for volts in line_volts)
         if not self._session.command(forward, turn, CommandFlag.ENABLE, now_ns):
             why = "the cable to the board is full: the command was not taken"
@@ -333,14 +333,14 @@ class Bridge:
         lines = line_millivolts(reply, forward) / 1000.0, line_millivolts(reply, turn) / 1000.0
         counts = self._counts(lines[0]), self._counts(lines[1])
         speeds = wheel_speeds_from_counts(self._calibration, *counts) if (forward, turn) != (0, 0) else WheelSpeeds()
-        return Sent(now_ns, speeds, *counts, *lines, active=self.armed, reason=why)
+        return SentCommand(now_ns, speeds, *counts, *lines, active=self.armed, reason=why)
 
     def _arming(self) -> str:
         """Return why the board is not armed yet."""
         telemetry = self._session.telemetry
         if telemetry is not None and max(abs(telemetry.joystick.forward), abs(telemetry.joystick.turn)) > AT_REST:
-            return "the board waits for the joystick to rest: let go of it"
-        return "the board arms: two seconds at rest come first"
+            return "the board waits until the joystick is at rest: let go of it"
+        return "the board arms after two seconds at rest: wait for it"
 
     def _line_volts(self, order: _Order, neutral: float) -> tuple[float, float]:
         """Return the volts of an order; an axis at rest is at the board's neutral, which follows the reference line."""
@@ -371,7 +371,7 @@ class Bridge:
         flags = CommandFlag.RESET if self._reset.rises else CommandFlag(0)
         return flags | CommandFlag.ESTOP_ACK if self._reset.by_rider else flags
 
-    def _misfit(self, reply: HelloReply) -> str:
+    def _neutral_problem(self, reply: HelloReply) -> str:
         """Return why a board's neutral does not fit the calibration, by which the chair would then move (F22)."""
         volts = reply.reference_mv / 1000.0
         counts = self._counts(volts)
@@ -384,12 +384,12 @@ class Bridge:
             "load the calibration of this chair and its joystick family"
         )
 
-    def _released(self, now_ns: int, reason: str) -> Sent:
+    def _released(self, now_ns: int, reason: str) -> SentCommand:
         volts = volts_from_counts(self._calibration, *self._rest)
-        return Sent(now_ns, WheelSpeeds(), *self._rest, *volts, active=False, reason=reason)
+        return SentCommand(now_ns, WheelSpeeds(), *self._rest, *volts, active=False, reason=reason)
 
 
-def _towards(volts: tuple[float, float], wanted: tuple[float, float], limit: float) -> tuple[float, float]:
+def _limited_step(volts: tuple[float, float], wanted: tuple[float, float], limit: float) -> tuple[float, float]:
     """Return volts on the straight line to `wanted`, with neither axis changed by more than `limit` [V]."""
     forward, turn = wanted[0] - volts[0], wanted[1] - volts[1]
     fraction = min(1.0, limit / max(abs(forward), abs(turn), 1e-12))

@@ -30,10 +30,10 @@ WATCHED_MS = 500
 
 
 @dataclass(frozen=True, slots=True)
-class Death:
+class KillTrial:
     """One trial: the side killed at `moment_ms` of simulated time, and the time until the joystick was live for good."""
 
-    what: str
+    killed: str
     moment_ms: int
     commanded: tuple[int, int]
     released_ms: int | None
@@ -45,31 +45,31 @@ class Death:
 
 
 @dataclass(frozen=True, slots=True)
-class DeathReport:
+class KillReport:
     """All trials of a run."""
 
-    deaths: tuple[Death, ...]
+    trials: tuple[KillTrial, ...]
 
     @property
-    def failures(self) -> tuple[Death, ...]:
+    def failures(self) -> tuple[KillTrial, ...]:
         """The trials in which the joystick was not live in time."""
-        return tuple(death for death in self.deaths if not death.safe)
+        return tuple(trial for trial in self.trials if not trial.safe)
 
     @property
     def longest_ms(self) -> int:
         """The longest time to a live joystick among the trials that reached one."""
-        return max((death.released_ms for death in self.deaths if death.released_ms is not None), default=0)
+        return max((trial.released_ms for trial in self.trials if trial.released_ms is not None), default=0)
 
     @property
     def failure_bound(self) -> float:
         """Upper end of the one-sided 95 % interval of the failure rate (Clopper and Pearson 1934)."""
         from scipy.stats import beta
 
-        count, failed = len(self.deaths), len(self.failures)
+        count, failed = len(self.trials), len(self.failures)
         return 1.0 if failed == count else float(beta.ppf(0.95, failed + 1, count - failed))
 
 
-def kill_host(program: Path, moments: int, seed: int = 0) -> DeathReport:
+def kill_host(program: Path, moments: int, seed: int = 0) -> KillReport:
     """Kill the computer's process at `moments` random moments of a drive, some of them in the middle of a frame.
 
     `program` is the board's, from `build_board`.
@@ -78,10 +78,10 @@ def kill_host(program: Path, moments: int, seed: int = 0) -> DeathReport:
         BridgeError: the board did not drive before the death, so that the trial proves nothing.
     """
     chance = random.Random(seed)
-    return DeathReport(tuple(_kill_one_host(program, chance) for _ in range(moments)))
+    return KillReport(tuple(_kill_one_host(program, chance) for _ in range(moments)))
 
 
-def kill_board(program: Path, moments: int, seed: int = 0) -> DeathReport:
+def kill_board(program: Path, moments: int, seed: int = 0) -> KillReport:
     """Freeze the board, cut its power or kill its program, in turn, at `moments` random moments of a drive.
 
     Raises:
@@ -89,17 +89,17 @@ def kill_board(program: Path, moments: int, seed: int = 0) -> DeathReport:
     """
     chance = random.Random(seed)
     ways = ("frozen", "brown-out", "killed")
-    return DeathReport(tuple(_kill_one_board(program, ways[i % 3], chance) for i in range(moments)))
+    return KillReport(tuple(_kill_one_board(program, ways[i % 3], chance) for i in range(moments)))
 
 
-def _draw(chance: random.Random) -> tuple[int, tuple[int, int]]:
+def _random_moment(chance: random.Random) -> tuple[int, tuple[int, int]]:
     """Return a random moment of the drive [ms] and a random command."""
     moment = DRIVE_FROM_MS + PERIOD_MS + chance.randrange(LONGEST_DRIVE_MS)
     return moment, (chance.choice((-1, 1)) * chance.randint(500, 10_000), chance.randint(-10_000, 10_000))
 
 
-def _kill_one_host(program: Path, chance: random.Random) -> Death:
-    moment, commanded = _draw(chance)
+def _kill_one_host(program: Path, chance: random.Random) -> KillTrial:
+    moment, commanded = _random_moment(chance)
     with HostBoard(program) as board:
         words = [sys.executable, "-m", "waychair.firmware_bridge.steady_computer", board.path, *map(str, commanded)]
         computer = subprocess.Popen(words, stdin=subprocess.PIPE, stdout=subprocess.PIPE, bufsize=0)
@@ -116,11 +116,11 @@ def _kill_one_host(program: Path, chance: random.Random) -> Death:
             computer.stdin.close()
             computer.stdout.close()
         _require_drive(lines)
-        return Death("host", moment, commanded, _released_ms(board, moment, at_rest(), lambda _now_ms: None))
+        return KillTrial("host", moment, commanded, _released_ms(board, moment, at_rest(), lambda _now_ms: None))
 
 
-def _kill_one_board(program: Path, way: str, chance: random.Random) -> Death:
-    moment, commanded = _draw(chance)
+def _kill_one_board(program: Path, way: str, chance: random.Random) -> KillTrial:
+    moment, commanded = _random_moment(chance)
     with HostBoard(program) as board:
         board.transport.write(encode(hello(board.settings.chair_id, Family.HALL_5V), 0))
 
@@ -137,7 +137,7 @@ def _kill_one_board(program: Path, way: str, chance: random.Random) -> Death:
             board.kill()
         else:
             inputs = replace(inputs, defect=Defect.FROZEN if way == "frozen" else Defect.BROWN_OUT)
-        return Death(way, moment, commanded, _released_ms(board, moment, inputs, send))
+        return KillTrial(way, moment, commanded, _released_ms(board, moment, inputs, send))
 
 
 def _ticks(moment: int) -> list[int]:
@@ -162,4 +162,6 @@ def _released_ms(board: HostBoard, moment: int, inputs: BoardInputs, send: Calla
 
 def _require_drive(lines: LineState) -> None:
     if lines.state is not BoardState.DRIVE or lines.holder is not Holder.BOARD:
-        raise BridgeError(f"the board did not drive before the death ({lines}): the trial says nothing; see its faults")
+        raise BridgeError(
+            f"the board did not drive before the death ({lines}): the trial proves nothing; see its faults"
+        )

@@ -74,9 +74,7 @@ class Heartbeat:
 
     def _fail(self, error: Exception) -> None:
         """Report an error to the bridge, and log it unless it is the same as the last one."""
-        reason = (
-            f"the heartbeat failed ({str(error) or type(error).__name__}): start the program again if that stays so"
-        )
+        reason = f"the heartbeat failed ({str(error) or type(error).__name__}): restart the program if this continues"
         self._bridge.fail(reason)
         if reason != self._failure:
             self._failure = reason

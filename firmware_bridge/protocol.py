@@ -53,7 +53,7 @@ class CommandFlag(enum.IntFlag):
     ESTOP_ACK = 4
 
 
-class Refusal(enum.IntFlag):
+class HandshakeRefusal(enum.IntFlag):
     """Reasons for which a board refuses a handshake."""
 
     VERSION = 1
@@ -112,7 +112,7 @@ class Hello:
 
 @dataclass(frozen=True, slots=True)
 class HelloReply:
-    """Board to computer: its identity, `refused` (a `Refusal`), and its converter; `dac_low_mv` and `dac_high_mv` are
+    """Board to computer: its identity, `refused` (a `HandshakeRefusal`), and its converter; `dac_low_mv` and `dac_high_mv` are
     the line voltages at the converter's lowest and highest count."""
 
     TYPE: ClassVar[int] = 2

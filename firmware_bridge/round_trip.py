@@ -22,7 +22,7 @@ from waychair.firmware_bridge.transports import Reconnecting, SerialTransport, o
 from waychair.types import FloatArray, Telemetry, WheelSpeeds
 
 PERIOD_S = 0.02
-PATIENCE_S = 5.0
+TIMEOUT_S = 5.0
 CHAIR = "A"
 
 
@@ -62,11 +62,11 @@ def _measure(path: str, count: int) -> FloatArray:
     times = np.empty(count)
     cable = Reconnecting(lambda: SerialTransport(path))
     bridge = Bridge(cable, DEFAULT, CHAIR)
-    _live_until(bridge, cable, lambda report: True)
+    _beat_until(bridge, cable, lambda report: True)
     for index in range(count):
         began_ns = time.monotonic_ns()
         bridge.send(WheelSpeeds(), began_ns, began_ns)
-        _live_until(bridge, cable, partial(_echoes_since, began_ns))
+        _beat_until(bridge, cable, partial(_echoes_since, began_ns))
         times[index] = (time.monotonic_ns() - began_ns) / 1e6
         while (left_s := PERIOD_S - (time.monotonic_ns() - began_ns) * 1e-9) > 0.0:
             cable.wait(left_s)
@@ -80,13 +80,13 @@ def _echoes_since(since_ns: int, report: Telemetry) -> bool:
     return report.round_trip_ns is not None and report.stamp_ns - report.round_trip_ns >= since_ns
 
 
-def _live_until(bridge: Bridge, cable: Reconnecting, done: Callable[[Telemetry], bool]) -> None:
+def _beat_until(bridge: Bridge, cable: Reconnecting, done: Callable[[Telemetry], bool]) -> None:
     """Beat and wait for bytes until a report fulfils `done`."""
-    deadline_s = time.monotonic() + PATIENCE_S
+    deadline_s = time.monotonic() + TIMEOUT_S
     while time.monotonic() < deadline_s:
         bridge.beat(time.monotonic_ns())
         report = bridge.telemetry
         if report is not None and done(report):
             return
         cable.wait(PERIOD_S / 2)
-    raise BridgeError(f"the board did not answer within {PATIENCE_S:g} s: is its program still running?")
+    raise BridgeError(f"the board did not answer within {TIMEOUT_S:g} s: is its program still running?")

@@ -8,7 +8,7 @@ from __future__ import annotations
 
 from collections.abc import Callable
 
-from waychair.firmware_bridge.advice import fault_names, refusal
+from waychair.firmware_bridge.advice import fault_names, handshake_problem
 from waychair.firmware_bridge.protocol import (
     BoardState,
     BoardTelemetry,
@@ -78,7 +78,7 @@ class BoardSession:
             self._decoder, self._refusal, self._greeted_ns = Decoder(), "", None
             self._end()
         for received in self._decoder.feed(self._cable.read()):
-            self._take_in(received.message, now_ns)
+            self._handle(received.message, now_ns)
         greeted = self._greeted_ns is not None and 0 <= now_ns - self._greeted_ns < GREETING_NS
         if self.problem(now_ns) and not greeted:
             self._end()
@@ -116,18 +116,18 @@ class BoardSession:
         self.reply = self.board = self.telemetry = self._heard_ns = self._round_trip_ns = None
         self._sent_ns.clear()
 
-    def _take_in(self, message: Message, now_ns: int) -> None:
+    def _handle(self, message: Message, now_ns: int) -> None:
         if isinstance(message, HelloReply):
-            self._refusal = refusal(message, self._hello) or self._judge(message)
+            self._refusal = handshake_problem(message, self._hello) or self._judge(message)
             self.reply = None if self._refusal else message
             self._heard_ns = self._echoed_ns = now_ns
         elif isinstance(message, BoardTelemetry) and self.reply is not None and _is_sane(message):
             self._heard_ns = now_ns
-            self._hear_echo(message, now_ns)
+            self._note_echo(message, now_ns)
             self.board = message
             self.telemetry = _telemetry(message, self.reply, self._round_trip_ns, now_ns)
 
-    def _hear_echo(self, message: BoardTelemetry, now_ns: int) -> None:
+    def _note_echo(self, message: BoardTelemetry, now_ns: int) -> None:
         sent_ns = self._sent_ns.get(message.echo_sequence)
         self.echoes = sent_ns is not None and _stamp_us(sent_ns) == message.echo_stamp_us
         fresh = self.board is None or self.board.echo_sequence != message.echo_sequence

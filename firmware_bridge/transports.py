@@ -220,7 +220,7 @@ def transport_from_text(text: str, what: str = "a port") -> Transport:
     if not path.startswith("/"):
         raise TransportError(f"{what} must be /dev/..., pty:/dev/pts/N or tcp:HOST:PORT, not '{text}'")
     if kind == "pty" and _is_older_than_its_terminal(Path(path)):
-        raise TransportError(f"{path} leads to another program's terminal: start the program that made it again")
+        raise TransportError(f"{path} leads to another program's terminal: restart the program that made it")
     return SerialTransport(path)
 
 
@@ -271,7 +271,7 @@ class Reconnecting:
             if self._tried_ns is not None and 0 <= now_ns - self._tried_ns < self._pause_ns:
                 return False
             self._tried_ns = now_ns
-            self._opening = self._begun()
+            self._opening = self._start_opening()
         if not self._opening.done():
             self.reason = "the cable to the board is being opened: wait for it"
             return False
@@ -285,7 +285,7 @@ class Reconnecting:
         self.reason = "the cable to the board was lost: plug it in again"
         return True
 
-    def _begun(self) -> Future[Transport]:
+    def _start_opening(self) -> Future[Transport]:
         """Start an attempt and wait for it up to `patience_s`."""
         opening: Future[Transport] = Future()
         if self._patience_s is None:

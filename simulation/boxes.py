@@ -37,7 +37,7 @@ class Bins(NamedTuple):
     items: IntArray
 
 
-def bins_of(boxes: FloatArray) -> Bins:
+def bins_from_boxes(boxes: FloatArray) -> Bins:
     """Return the bins of boxes (N, 6), about four bins for every box."""
     if not len(boxes):
         return Bins(0.0, 0.0, 1.0, 1, 1, np.zeros(2, np.int64), np.zeros(0, np.int64))
@@ -52,7 +52,7 @@ def bins_of(boxes: FloatArray) -> Bins:
     return empty._replace(starts=starts, items=items)
 
 
-def boxes_of_segments(segments: FloatArray) -> FloatArray:
+def boxes_from_segments(segments: FloatArray) -> FloatArray:
     """Return boxes (N, 6) of no width along segments (N, 4), x0 y0 x1 y1 [m, map]."""
     ends = np.asarray(segments, np.float64).reshape(-1, 4)
     along = ends[:, 2:] - ends[:, :2]
@@ -133,8 +133,8 @@ def _bins_reached(box: FloatArray, bins: Bins) -> list[tuple[int, int]]:
     """Return row and column of the bins within REACH_OVER of the box."""
     reach_x = box[4] * abs(box[2]) + box[5] * abs(box[3]) + REACH_OVER
     reach_y = box[4] * abs(box[3]) + box[5] * abs(box[2]) + REACH_OVER
-    first_col, last_col = span(box[0] - bins.x, reach_x, bins.side, bins.cols)
-    first_row, last_row = span(box[1] - bins.y, reach_y, bins.side, bins.rows)
+    first_col, last_col = bin_range(box[0] - bins.x, reach_x, bins.side, bins.cols)
+    first_row, last_row = bin_range(box[1] - bins.y, reach_y, bins.side, bins.rows)
     half = bins.side / 2 + REACH_OVER
     reached = [(0, 0) for _ in range(0)]
     for row in range(first_row, last_row + 1):
@@ -148,6 +148,6 @@ def _bins_reached(box: FloatArray, bins: Bins) -> list[tuple[int, int]]:
 
 
 @njit(cache=True)
-def span(middle: float, reach: float, side: float, count: int) -> tuple[int, int]:
+def bin_range(middle: float, reach: float, side: float, count: int) -> tuple[int, int]:
     """Return the first and last of `count` bins that overlap [middle - reach, middle + reach]; last < first if none."""
     return max(0, math.floor((middle - reach) / side)), min(count - 1, math.floor((middle + reach) / side))

@@ -18,7 +18,7 @@ from numpy.typing import NDArray
 
 from waychair.config import Settings, setting
 from waychair.errors import ConfigError
-from waychair.simulation.renderer import Picture, Renderer
+from waychair.simulation.renderer import RenderedImage, Renderer
 from waychair.simulation.scene import PersonState
 from waychair.types import Bytes, Float32Array, IntArray, Pose3, RgbdFrame, Twist
 
@@ -65,7 +65,7 @@ class CameraSettings(Settings):
                 raise ConfigError(f"{low} = {getattr(self, low):g} is impossible: it must be less than {high}")
 
 
-class Camera:
+class RgbdCamera:
     """The camera with its exposure and its own random stream; every frame uses equally many random numbers."""
 
     def __init__(
@@ -99,7 +99,7 @@ class Camera:
         jitter = self._rng.standard_normal(3) * s.vibration * abs(twist.v)
         rows = self._rng.integers(0, len(self._normal) - 3 * s.width, (3, s.height))
         map_from_camera = map_from_base @ self._base_from_camera @ _tilted(jitter[0], jitter[1])
-        picture = self._picture(map_from_camera, people)
+        picture = self._settled_image(map_from_camera, people)
         rates = twist.omega, math.tau * s.vibration_hz * jitter[2]
         colour = blurred(picture.colour, *(self._pixels_swept(rate) for rate in rates))
         sigma = noise_by_level(s, self.gain)
@@ -112,28 +112,28 @@ class Camera:
         self._adapt(picture, stamp_ns)
         return RgbdFrame(stamp_ns, image, depth, self._renderer.camera_matrix)
 
-    def _picture(self, map_from_camera: Pose3, people: Sequence[PersonState]) -> Picture:
+    def _settled_image(self, map_from_camera: Pose3, people: Sequence[PersonState]) -> RenderedImage:
         """Return the exposed image; the first frame is rendered again until the exposure has settled."""
         picture = self._renderer.render(map_from_camera, people, SENSITIVITY * self.exposure * self.gain)
         for _ in range(8 if self._stamp_ns is None else 0):
-            if abs(self._wanted(picture) - 1.0) < SETTLED:
+            if abs(self._exposure_factor(picture) - 1.0) < SETTLED:
                 break
-            self._expose(self._wanted(picture))
+            self._scale_light(self._exposure_factor(picture))
             picture = self._renderer.render(map_from_camera, people, SENSITIVITY * self.exposure * self.gain)
         return picture
 
-    def _adapt(self, picture: Picture, stamp_ns: int) -> None:
+    def _adapt(self, picture: RenderedImage, stamp_ns: int) -> None:
         """Move the exposure towards the wanted one with a first-order lag over the time since the last frame."""
         elapsed = 0.0 if self._stamp_ns is None else (stamp_ns - self._stamp_ns) * 1e-9
         self._stamp_ns = stamp_ns
-        self._expose(self._wanted(picture) ** (1.0 - math.exp(-elapsed / self._settings.adaptation)))
+        self._scale_light(self._exposure_factor(picture) ** (1.0 - math.exp(-elapsed / self._settings.adaptation)))
 
-    def _wanted(self, picture: Picture) -> float:
+    def _exposure_factor(self, picture: RenderedImage) -> float:
         """Return the factor by which the exposure should change, from every eighth pixel."""
         light = np.square(picture.colour[4::8, 4::8, :3] * np.float32(1.0 / 255.0)).mean()
         return float(self._settings.target_grey / max(light, 1e-3))
 
-    def _expose(self, factor: float) -> None:
+    def _scale_light(self, factor: float) -> None:
         s = self._settings
         self._light = min(max(self._light * factor, s.exposure_min), s.exposure_max * s.gain_max)
 

@@ -107,7 +107,7 @@ def save_chair(chair: SimulatedChair, path: Path) -> None:
         OutputError: the file cannot be written.
     """
     if path.suffix not in (".yaml", ".yml"):
-        raise ConfigError(f"'{path}' is no name for a chair's file: let it end in .yaml")
+        raise ConfigError(f"'{path}' is not a name for a chair's file: use a name that ends in .yaml")
     save(chair, path)
 
 

@@ -16,7 +16,7 @@ import numpy as np
 from numba import njit
 
 from waychair.calibration.chair import ChairBody
-from waychair.simulation.boxes import Bins, bins_of, nearest_points, span, touch
+from waychair.simulation.boxes import Bins, bin_range, bins_from_boxes, nearest_points, touch
 from waychair.simulation.scene import Block, PersonState, Pit
 from waychair.types import FloatArray, Pose2
 
@@ -43,14 +43,14 @@ class Contact:
     speed: float
 
 
-class Solid(NamedTuple):
+class SolidBoxes(NamedTuple):
     """The obstacles of a level as boxes (N, 6) (see `boxes.py`) and their bins."""
 
     boxes: FloatArray
     bins: Bins
 
 
-def solid_from_blocks(blocks: Iterable[Block], pits: Iterable[Pit] = ()) -> Solid:
+def solid_from_blocks(blocks: Iterable[Block], pits: Iterable[Pit] = ()) -> SolidBoxes:
     """Return the blocks that a chair can hit, and the pits as if a wall stood round them."""
     solid: list[Block | Pit] = [block for block in blocks if block.low < HIGHEST and block.high > LOWEST]
     boxes = np.array(
@@ -60,22 +60,22 @@ def solid_from_blocks(blocks: Iterable[Block], pits: Iterable[Pit] = ()) -> Soli
         ],
         np.float64,
     ).reshape(-1, 6)
-    return Solid(boxes, bins_of(boxes))
+    return SolidBoxes(boxes, bins_from_boxes(boxes))
 
 
-def in_contact(solid: Solid, body: ChairBody, map_from_base: Pose2) -> bool:
+def in_contact(solid: SolidBoxes, body: ChairBody, map_from_base: Pose2) -> bool:
     """Return whether the chair's rectangle and a box share a point."""
     return bool(_touches(solid, *_outline(body, map_from_base)))
 
 
-def clearance(solid: Solid, body: ChairBody, map_from_base: Pose2) -> float:
+def clearance(solid: SolidBoxes, body: ChairBody, map_from_base: Pose2) -> float:
     """Return the smallest distance [m] from the chair's rectangle to a box: 0 in contact, +inf without boxes."""
     if in_contact(solid, body, map_from_base):
         return 0.0
     return float(_nearest(solid, *_outline(body, map_from_base))[0])
 
 
-def nearest_point(solid: Solid, body: ChairBody, map_from_base: Pose2) -> tuple[float, float]:
+def nearest_point(solid: SolidBoxes, body: ChairBody, map_from_base: Pose2) -> tuple[float, float]:
     """Return the point [m, map] of the obstacles that is nearest to the chair's rectangle.
 
     In contact it is a corner of either rectangle near the other; (nan, nan) without obstacles.
@@ -121,12 +121,12 @@ def _outline(body: ChairBody, map_from_base: Pose2) -> tuple[float, float, float
 
 
 @njit(cache=True, nogil=True)
-def _touches(solid: Solid, x: float, y: float, c: float, s: float, half_length: float, half_width: float) -> bool:
+def _touches(solid: SolidBoxes, x: float, y: float, c: float, s: float, half_length: float, half_width: float) -> bool:
     bins, box = solid.bins, np.array([x, y, c, s, half_length, half_width])
     reach_x = half_length * abs(c) + half_width * abs(s)
     reach_y = half_length * abs(s) + half_width * abs(c)
-    first_col, last_col = span(x - bins.x, reach_x, bins.side, bins.cols)
-    first_row, last_row = span(y - bins.y, reach_y, bins.side, bins.rows)
+    first_col, last_col = bin_range(x - bins.x, reach_x, bins.side, bins.cols)
+    first_row, last_row = bin_range(y - bins.y, reach_y, bins.side, bins.rows)
     for row in range(first_row, last_row + 1):
         for number in range(row * bins.cols + first_col, row * bins.cols + last_col + 1):
             for k in range(bins.starts[number], bins.starts[number + 1]):
@@ -137,7 +137,7 @@ def _touches(solid: Solid, x: float, y: float, c: float, s: float, half_length: 
 
 @njit(cache=True, nogil=True)
 def _nearest(
-    solid: Solid, x: float, y: float, c: float, s: float, half_length: float, half_width: float
+    solid: SolidBoxes, x: float, y: float, c: float, s: float, half_length: float, half_width: float
 ) -> tuple[float, float, float]:
     """Return distance [m] and point of the nearest box, by doubling the search radius; +inf and nan without boxes."""
     bins, box = solid.bins, np.array([x, y, c, s, half_length, half_width])
@@ -147,8 +147,8 @@ def _nearest(
     look = bins.side
     while True:
         reach = radius + look
-        first_col, last_col = span(left, reach, bins.side, bins.cols)
-        first_row, last_row = span(low, reach, bins.side, bins.rows)
+        first_col, last_col = bin_range(left, reach, bins.side, bins.cols)
+        first_row, last_row = bin_range(low, reach, bins.side, bins.rows)
         for row in range(first_row, last_row + 1):
             for number in range(row * bins.cols + first_col, row * bins.cols + last_col + 1):
                 for k in range(bins.starts[number], bins.starts[number + 1]):

@@ -13,7 +13,7 @@ from typing import TypeAlias
 import numpy as np
 
 from waychair.simulation.scene import Behaviour, PersonState
-from waychair.simulation.seeds import seed_of
+from waychair.simulation.seeds import seed_from_names
 from waychair.simulation.silhouettes import (
     CHAIR_LEG_RADIUS,
     CHAIR_LEGS,
@@ -59,7 +59,7 @@ class _Limb:
 
 
 @dataclass(frozen=True, slots=True)
-class Figures:
+class BodyMeshes:
     """Triangles (T, 3) of V vertices: positions (V, 3) [m, map], coordinates on the surface (V, 2) [m], the normal's
     upward component (V,) from -1 to 1, look numbers (V,), seeds (V,), and the index of the person (V,)."""
 
@@ -72,7 +72,7 @@ class Figures:
     triangles: IntArray
 
 
-def figures(people: Sequence[PersonState], looks: Sequence[str]) -> Figures:
+def body_meshes(people: Sequence[PersonState], looks: Sequence[str]) -> BodyMeshes:
     """Return the bodies of all people; a look's number is its index in `looks`."""
     limbs = [(owner, number, limb) for owner, person in enumerate(people) for number, limb in enumerate(_limbs(person))]
     begins = _placed(people, [(owner, limb.begin) for owner, _, limb in limbs])
@@ -95,7 +95,7 @@ def figures(people: Sequence[PersonState], looks: Sequence[str]) -> Figures:
     ends_up = (np.sign(RINGS[:, 1]) * (1.0 - RINGS[:, 2]))[:, None] * along[:, None, None, 2]
     upward = RINGS[:, 2, None] * outward[:, None, :, 2] + ends_up
     each = len(RINGS) * len(angles)
-    return Figures(
+    return BodyMeshes(
         positions.reshape(-1, 3),
         on_surface.reshape(-1, 2),
         upward.reshape(-1),
@@ -145,7 +145,7 @@ def _placed(people: Sequence[PersonState], points: Sequence[tuple[int, _Point]])
 
 def _seed(person: PersonState, number: int, part: str) -> int:
     """Return a limb's seed; those of one part differ in the last bits only: same colour, different pattern."""
-    return (seed_of(part, person.seed) << 4 & 0xFFFFFFF0) | number
+    return (seed_from_names(part, person.seed) << 4 & 0xFFFFFFF0) | number
 
 
 def _triangles() -> IntArray:

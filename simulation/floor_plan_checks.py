@@ -58,10 +58,10 @@ def building_problems(levels: Sequence[FloorPlan]) -> _Problems:
                 other for level in levels if level is not plan for other in level.lifts if other.name == lift.name
             ]
             if not others:
-                yield (*keys, "name"), f"the lift '{lift.name}' stops on this level only; give it to another level too"
+                yield (*keys, "name"), f"the lift '{lift.name}' stops on one level only; add it to another level"
             for other in others:
                 if math.dist(lift.middle, other.middle) > _SLACK or math.dist(lift.size, other.size) > _SLACK:
-                    yield (*keys, "middle"), f"the lift '{lift.name}' is elsewhere or of another size on another level; give it one middle and one size"  # fmt: skip
+                    yield (*keys, "middle"), f"the lift '{lift.name}' has another middle or size on another level; make them equal"  # fmt: skip
 
 
 def _wall_problems(wall: PlanWall, plan: FloorPlan) -> _Problems:
@@ -73,7 +73,7 @@ def _wall_problems(wall: PlanWall, plan: FloorPlan) -> _Problems:
         if door.width > wall.length + _SLACK:
             yield ("doors", k, "width"), f"a door of {door.width:g} m is wider than its wall of {wall.length:g} m; make it narrower"  # fmt: skip
         if not _on_wall(door.at, door.width, wall):
-            yield ("doors", k, "at"), f"a door of {door.width:g} m at {door.at:g} m lies outside its wall of {wall.length:g} m; move it in"  # fmt: skip
+            yield ("doors", k, "at"), f"a door of {door.width:g} m at {door.at:g} m lies outside its wall of {wall.length:g} m; move it inside"  # fmt: skip
         for other in wall.doors[:k]:
             if _overlap(door.at, door.width, other):
                 yield ("doors", k, "at"), f"the doors at {other.at:g} and {door.at:g} m overlap; move one"
@@ -84,12 +84,15 @@ def _wall_problems(wall: PlanWall, plan: FloorPlan) -> _Problems:
 def _poster_problems(poster: PlanPoster, wall: PlanWall, plan: FloorPlan) -> Iterator[tuple[str, str]]:
     width, high = poster.size
     if not _on_wall(poster.at, width, wall):
-        yield "at", f"a poster of {width:g} m at {poster.at:g} m lies off its wall of {wall.length:g} m; move it in"
+        yield (
+            "at",
+            f"a poster of {width:g} m at {poster.at:g} m lies outside its wall of {wall.length:g} m; move it inside",
+        )
     for door in wall.doors:
         if _overlap(poster.at, width, door):
             yield "at", f"the poster at {poster.at:g} m hangs in the door at {door.at:g} m; move it"
     if not high / 2 - _SLACK <= poster.height <= plan.finish.height - high / 2 + _SLACK:
-        yield "height", f"a poster {high:g} m high at {poster.height:g} m reaches beyond its wall, which is {plan.finish.height:g} m high; hang it elsewhere"  # fmt: skip
+        yield "height", f"a poster {high:g} m high at {poster.height:g} m reaches beyond its wall of height {plan.finish.height:g} m; hang it elsewhere"  # fmt: skip
 
 
 def _on_wall(at: float, width: float, wall: PlanWall) -> bool:
@@ -146,7 +149,7 @@ def _furniture(plan: FloorPlan) -> _Problems:
         if table.height > room + _SLACK:
             yield ("tables", i, "height"), f"{table.height:g} m is above the ceiling at {room:g} m; make it lower"
         if table.top >= table.height:
-            yield ("tables", i, "top"), f"a top of {table.top:g} m leaves no legs to a table {table.height:g} m high; make the top thinner"  # fmt: skip
+            yield ("tables", i, "top"), f"a top of {table.top:g} m leaves no space for the legs of a table {table.height:g} m high; make the top thinner"  # fmt: skip
         if 2 * table.legs > min(table.size):
             yield ("tables", i, "legs"), f"legs of {table.legs:g} m do not fit under {table.size[0]:g} x {table.size[1]:g} m; make them thinner"  # fmt: skip
     for i, lamp in enumerate(plan.lamps):
@@ -182,12 +185,12 @@ def _person_problems(person: PlanPerson) -> _Problems:
     behaviour = Behaviour(person.behaviour)
     needed = {Behaviour.SEATED: 1, Behaviour.BOUNCE: 0}.get(behaviour, 2)
     if len(person.path) < needed:
-        yield ("path",), f"a person of behaviour {behaviour.value} needs at least {needed} point{'s' * (needed > 1)}, not {len(person.path)}; give them"  # fmt: skip
+        yield ("path",), f"a person of behaviour {behaviour.value} needs at least {needed} point{'s' * (needed > 1)}, not {len(person.path)}; add points"  # fmt: skip
     for begin, end in pairwise(person.path):
         if math.dist(begin, end) < 0.05:
             yield ("path",), f"({begin[0]:g}, {begin[1]:g}) comes twice; give points at least 5 cm apart"
     if person.count > 1 and (behaviour is not Behaviour.BOUNCE or person.path):
-        yield ("count",), f"{person.count} persons in one place; only movers that bounce and have no path can be counted, so give each its own entry"  # fmt: skip
+        yield ("count",), f"{person.count} people at one place; only movers that bounce and have no path may have a count, so give each person its own entry"  # fmt: skip
 
 
 def _nearest(name: str, known: Iterable[str]) -> str:

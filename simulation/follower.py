@@ -24,7 +24,7 @@ from waychair.simulation.scene import PersonState
 from waychair.simulation.simulator import SensorMessage, Simulator
 from waychair.types import FloatArray, JoystickInput, Pose2, Twist
 
-PATIENCE_NS = 60_000_000_000
+STALL_NS = 60_000_000_000
 """A drive that moves less than 10 cm in this time has failed."""
 
 _Point: TypeAlias = tuple[float, float]
@@ -117,7 +117,7 @@ def _along(begin: _Point, end: _Point, beyond: float) -> _Point:
     return end[0] + part * x, end[1] + part * y
 
 
-class Progress:
+class StallCheck:
     """Watches that a rider's drive makes progress."""
 
     def __init__(self, simulator: Simulator) -> None:
@@ -135,8 +135,8 @@ class Progress:
             raise WorldError(f"the chair touched something at {at}: move the route away from it")
         if math.hypot(pose.x - self._seen.x, pose.y - self._seen.y) > 0.1:
             self._since_ns, self._seen = simulator.now_ns, pose
-        elif simulator.now_ns - self._since_ns > PATIENCE_NS:
-            raise WorldError(f"the chair made no way for a minute at {at}: mend the route there")
+        elif simulator.now_ns - self._since_ns > STALL_NS:
+            raise WorldError(f"the chair did not move for a minute at {at}: correct the route there")
 
 
 def follow(simulator: Simulator, follower: Follower, tick_ns: int = 50_000_000) -> Iterator[SensorMessage]:
@@ -148,7 +148,7 @@ def follow(simulator: Simulator, follower: Follower, tick_ns: int = 50_000_000) 
         WorldError: the chair touched something on the route, or moved less than 10 cm in a minute.
     """
     simulator.release()
-    progress = Progress(simulator)
+    progress = StallCheck(simulator)
     try:
         while not follower.done:
             forward, turn = follower.stick(simulator.truth(), simulator.body, simulator.people)

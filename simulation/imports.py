@@ -11,7 +11,7 @@ import numpy as np
 
 from waychair.errors import WorldError
 from waychair.files import read_text
-from waychair.geometry import FARTHEST
+from waychair.geometry import MAX_COORDINATE
 from waychair.maps.map_files import load_map, yaml_path
 from waychair.maps.places import load_places
 from waychair.simulation.world import World, world_from_grid
@@ -71,7 +71,7 @@ def read_barn(path: Path, scale: float = 1.0) -> BarnEnvironment:
     origin = np.array([*_numbers(path, header, "origin_x", 1), *_numbers(path, header, "origin_y", 1)])
     if min(cell, radius, length) <= 0.0:
         raise WorldError(
-            f"{path}: cell {cell:g}, radius {radius:g} and path_length {length:g} must be greater than 0; mend the header"
+            f"{path}: cell {cell:g}, radius {radius:g} and path_length {length:g} must be greater than 0; correct the header"
         )
     rows, cols = np.nonzero(_lattice(path, header, lines, begin))
     centres = origin + cell * np.column_stack([cols, rows])
@@ -105,9 +105,9 @@ def _numbers(path: Path, header: Mapping[str, list[str]], key: str, count: int) 
         values = [float(text) for text in header.get(key, [])]
     except ValueError:
         values = []
-    if len(values) != count or not all(abs(value) <= FARTHEST for value in values):
+    if len(values) != count or not all(abs(value) <= MAX_COORDINATE for value in values):
         given = " ".join(header.get(key, [])) or "missing"
-        raise WorldError(f"{path}: `{key}` is {given}: give {count} number{'s' * (count > 1)} up to {FARTHEST:g}")
+        raise WorldError(f"{path}: `{key}` is {given}: give {count} number{'s' * (count > 1)} up to {MAX_COORDINATE:g}")
     return values
 
 
@@ -116,12 +116,14 @@ def _lattice(path: Path, header: Mapping[str, list[str]], lines: list[str], begi
     rows, cols = (_numbers(path, header, key, 1)[0] for key in ("rows", "cols"))
     drawn = [line for line in lines[begin + 1 :] if line.strip()]
     if not drawn:
-        raise WorldError(f"{path}: the grid has no lines; give all of it")
+        raise WorldError(f"{path}: the grid has no lines; give the whole grid")
     if len(drawn) != rows:
-        raise WorldError(f"{path}: the grid has {len(drawn)} lines instead of {rows:g}; give all of it")
+        raise WorldError(f"{path}: the grid has {len(drawn)} lines instead of {rows:g}; give the whole grid")
     for i, line in enumerate(drawn):
         if len(line) != cols or set(line) - {"#", "."}:
-            raise WorldError(f"{path}, line {begin + 2 + i}: '{line}' is no row; give {cols:g} characters of # and .")
+            raise WorldError(
+                f"{path}, line {begin + 2 + i}: '{line}' is not a row of the grid; give {cols:g} characters of # and ."
+            )
     return np.array([[char == "#" for char in line] for line in reversed(drawn)])
 
 

@@ -11,7 +11,7 @@ from numba import njit
 from waychair.config import Settings, setting
 from waychair.types import FloatArray, ImuSample
 
-_BANK = 1024
+_DRAWN_SAMPLES = 1024
 """Number of samples for which errors are drawn in one call."""
 
 
@@ -72,7 +72,7 @@ class Imu:
 
     def _draw(self) -> None:
         """Draw the errors of the next samples: white noise, and biases that are first-order Gauss-Markov sequences."""
-        white, fresh = self._rng.standard_normal((2, _BANK, 6))
+        white, fresh = self._rng.standard_normal((2, _DRAWN_SAMPLES, 6))
         wandered = gauss_markov(self._wandering, fresh, self._keep)
         self._wandering = wandered[-1]
         self._errors = self._white * white + self._drift * wandered + self._start_bias

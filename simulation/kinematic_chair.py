@@ -79,16 +79,16 @@ class KinematicChair:
         )
         pose = moved(self.pose, twist, self._dt)
         if not is_free(pose):
-            self._feel(Twist())
+            self._set_twist(Twist())
             self._controller.stall()
             return False
         self.pose = pose
-        self._feel(twist)
+        self._set_twist(twist)
         turned = self._dt / self._body.wheel_radius
         self._angles = (self._angles[0] + left * turned, self._angles[1] + right * turned)
         return True
 
-    def _feel(self, twist: Twist) -> None:
+    def _set_twist(self, twist: Twist) -> None:
         """Set the twist; the IMU senses its change, the centripetal acceleration and its lever arm from the axle."""
         x, y = self._body.imu_x, self._body.imu_y
         acceleration = (twist.v - self.twist.v) / self._dt

@@ -19,10 +19,10 @@ from waychair.calibration.chair import ChairBody
 from waychair.config import Settings, setting
 from waychair.errors import ConfigError
 from waychair.geometry import in_space
-from waychair.simulation.rays import NOBODY, Scenery, cosine_of_incidence, nearest_circle, nearest_segment
+from waychair.simulation.rays import NO_CIRCLES, Scenery, cosine_of_incidence, nearest_circle, nearest_segment
 from waychair.simulation.scene import PersonState, Reflection
 from waychair.simulation.silhouettes import legs, rider_legs
-from waychair.simulation.tilted_rays import Leaning, Terrain, cast_tilted, row_of
+from waychair.simulation.tilted_rays import Terrain, TiltedPose, cast_tilted, row_from_pose
 from waychair.topics import SCAN
 from waychair.types import FloatArray, IntArray, Pose2, Scan
 
@@ -64,7 +64,7 @@ class LidarSettings(Settings):
             )
 
 
-class Optics(NamedTuple):
+class LidarOptics(NamedTuple):
     """Largest ranges [m] of any and of a dark surface, and the least cosine of incidence at which glass is seen."""
 
     reach: float
@@ -84,13 +84,13 @@ class Lidar:
         half = settings.field_of_view / 2
         self._angles = np.linspace(-half, half, settings.beams)
         self._delays = np.linspace(0.0, settings.sweep_s, settings.beams)
-        self._legs = _ranges_of_own(body, self._angles) if settings.legs else np.full(settings.beams, math.inf)
-        self._optics = Optics(settings.range_max, settings.dark_range, math.cos(settings.glass_angle))
+        self._legs = _ranges_to_rider(body, self._angles) if settings.legs else np.full(settings.beams, math.inf)
+        self._optics = LidarOptics(settings.range_max, settings.dark_range, math.cos(settings.glass_angle))
         self._times_ns: list[int] = []
         self._poses: list[tuple[float, float, float]] = []
-        self._leaning: list[Leaning] = []
-        self._mount_in_space = row_of(in_space(body.base_from_laser, body.laser_z))
-        self._people = NOBODY
+        self._leaning: list[TiltedPose] = []
+        self._mount_in_space = row_from_pose(in_space(body.base_from_laser, body.laser_z))
+        self._people = NO_CIRCLES
 
     def step(
         self,
@@ -98,7 +98,7 @@ class Lidar:
         map_from_base: Pose2,
         people: Sequence[PersonState],
         now_ns: int,
-        leaning: Leaning | None = None,
+        leaning: TiltedPose | None = None,
     ) -> Scan | None:
         """Return the scan whose last beam left in this step, if any; to be called at every step of the chair.
 
@@ -106,11 +106,11 @@ class Lidar:
         """
         scan = None
         if self._times_ns:
-            self._note(map_from_base, leaning, now_ns)
+            self._record_pose(map_from_base, leaning, now_ns)
             scan = self._finished(scenery, people, now_ns)
         if now_ns % self._period_ns == 0:
             self._people = legs(people)
-            self._note(map_from_base, leaning, now_ns)
+            self._record_pose(map_from_base, leaning, now_ns)
             # A sweep of no duration ends as it begins.
             scan = self._finished(scenery, people, now_ns) or scan
         return scan
@@ -121,8 +121,8 @@ class Lidar:
         times_ns: IntArray,
         poses: FloatArray,
         stamp_ns: int,
-        circles_begin: FloatArray = NOBODY,
-        circles_end: FloatArray = NOBODY,
+        circles_begin: FloatArray = NO_CIRCLES,
+        circles_end: FloatArray = NO_CIRCLES,
     ) -> Scan:
         """Return the scan whose first beam leaves at `stamp_ns`, from a chair with poses (M, 3) in map at times_ns (M,).
 
@@ -149,10 +149,10 @@ class Lidar:
         times_ns: IntArray,
         poses: FloatArray,
         stamp_ns: int,
-        circles_begin: FloatArray = NOBODY,
-        circles_end: FloatArray = NOBODY,
+        circles_begin: FloatArray = NO_CIRCLES,
+        circles_end: FloatArray = NO_CIRCLES,
     ) -> Scan:
-        """Return `scan` for a tilting chair: poses (M, 12) are rows of `row_of` at times_ns (M,)."""
+        """Return `scan` for a tilting chair: poses (M, 12) are rows of `row_from_pose` at times_ns (M,)."""
         ranges = cast_tilted(
             terrain,
             np.ascontiguousarray(circles_begin, np.float64),
@@ -173,7 +173,7 @@ class Lidar:
         np.minimum(ranges, self._legs, out=ranges)
         return Scan(
             stamp_ns=stamp_ns,
-            ranges=self._faulty(ranges).astype(np.float32),
+            ranges=self._with_faults(ranges).astype(np.float32),
             angle_min=-s.field_of_view / 2,
             angle_step=s.field_of_view / (s.beams - 1),
             time_step=s.sweep_s / (s.beams - 1),
@@ -181,11 +181,13 @@ class Lidar:
             range_max=s.range_max,
         )
 
-    def scan_at_rest(self, scenery: Scenery, map_from_base: Pose2, stamp_ns: int, circles: FloatArray = NOBODY) -> Scan:
+    def scan_at_rest(
+        self, scenery: Scenery, map_from_base: Pose2, stamp_ns: int, circles: FloatArray = NO_CIRCLES
+    ) -> Scan:
         """Return the scan of a chair at rest among circles (K, 3) at rest."""
         return self.scan(scenery, np.array([stamp_ns]), map_from_base.array()[None], stamp_ns, circles, circles)
 
-    def _note(self, pose: Pose2, leaning: Leaning | None, now_ns: int) -> None:
+    def _record_pose(self, pose: Pose2, leaning: TiltedPose | None, now_ns: int) -> None:
         self._times_ns.append(now_ns)
         self._poses.append((pose.x, pose.y, pose.theta))
         if leaning is not None:
@@ -197,7 +199,7 @@ class Lidar:
             return None
         times_ns, people_then, people_now = np.array(self._times_ns), self._people, legs(people)
         if len(self._leaning) == len(times_ns):
-            poses = np.array([row_of(leaning.map_from_base) for leaning in self._leaning])
+            poses = np.array([row_from_pose(leaning.map_from_base) for leaning in self._leaning])
             terrain = self._leaning[-1].terrain
             scan = self.scan_in_space(terrain, times_ns, poses, begun_ns, people_then, people_now)
         else:
@@ -205,7 +207,7 @@ class Lidar:
         self._times_ns, self._poses, self._leaning = [], [], []
         return scan
 
-    def _faulty(self, ranges: FloatArray) -> FloatArray:
+    def _with_faults(self, ranges: FloatArray) -> FloatArray:
         """Return true ranges (N,) with noise, mixed pixels, range limits and drop-outs."""
         s = self._settings
         normal = self._rng.standard_normal(s.beams)
@@ -223,7 +225,7 @@ class Lidar:
         return read
 
 
-def _ranges_of_own(body: ChairBody, angles: FloatArray) -> FloatArray:
+def _ranges_to_rider(body: ChairBody, angles: FloatArray) -> FloatArray:
     """Return ranges (N,) [m] of the beams to the rider's legs and the leg rests; +inf for beams that miss them."""
     circles, mount = rider_legs(body), body.base_from_laser
     ranges = [
@@ -245,7 +247,7 @@ def cast_sweep(
     mount: FloatArray,
     angles: FloatArray,
     delays: FloatArray,
-    optics: Optics,
+    optics: LidarOptics,
 ) -> FloatArray:
     """Return true ranges (N,) [m] of beams at `angles` [rad], each leaving `delays` [s] after the scan's stamp.
 
@@ -283,7 +285,7 @@ def _trace(
     y: float,
     dx: float,
     dy: float,
-    optics: Optics,
+    optics: LidarOptics,
 ) -> float:
     """Return the length of a beam, through glass and over mirrors, up to the surface that returns it; +inf if none does.
 

@@ -155,7 +155,7 @@ def light_face(
                 _add_light(window[row, column], point, normal, lamps, boxes, starts, near)
     left = buried.sum()
     while 0 < left < rows * columns:
-        left = _spread(window, buried)
+        left = _fill_from_neighbours(window, buried)
 
 
 @njit(cache=True, nogil=True)
@@ -225,7 +225,7 @@ def _is_inside(point: FloatArray, boxes: FloatArray) -> bool:
 
 
 @njit(cache=True, nogil=True)
-def _spread(window: FloatArray, buried: BoolArray) -> int:
+def _fill_from_neighbours(window: FloatArray, buried: BoolArray) -> int:
     """Give buried points the mean light of their free neighbours and mark them free; return how many stay buried."""
     rows, columns = buried.shape
     before = buried.copy()

@@ -8,7 +8,7 @@ from collections import deque
 import numpy as np
 
 from waychair.simulation.plant import PlantSettings
-from waychair.simulation.plant_families import Heat, ParkingBrake, cut_by_each_other, stick_response, voltage
+from waychair.simulation.plant_families import Heat, ParkingBrake, cut_speed_and_turn, stick_response, voltage
 from waychair.types import WheelSpeeds
 
 
@@ -24,7 +24,7 @@ class MotorController:
         self._settings = settings
         self._dt = settings.step_ms / 1000.0
         neutral = (settings.neutral_volts, settings.neutral_volts)
-        self._on_the_way = deque([neutral] * round(settings.delay_s / self._dt))
+        self._delayed_volts = deque([neutral] * round(settings.delay_s / self._dt))
         self._axes = (0.0, 0.0)  # speed [m/s] and wheel speed difference [m/s] after the ramps
         self._wheels = WheelSpeeds()
         self._brake = ParkingBrake(settings.family, self._dt)
@@ -37,8 +37,8 @@ class MotorController:
 
         `load` in [0, 1] is the motors' torque in the last step, relative to their greatest torque.
         """
-        self._on_the_way.append((forward_volts, turn_volts))
-        speed, difference = self._targets(*self._on_the_way.popleft())
+        self._delayed_volts.append((forward_volts, turn_volts))
+        speed, difference = self._targets(*self._delayed_volts.popleft())
         self.power = voltage(load, self._settings.family) * self._heat.step(load)
         self.braked = self._brake.step(
             speed != 0.0 or difference != 0.0, max(abs(self._wheels.left), abs(self._wheels.right))
@@ -59,10 +59,10 @@ class MotorController:
         """Return speed [m/s] and wheel speed difference [m/s] that the stick commands with a full battery."""
         s, family = self._settings, self._settings.family
         forward_span, turn_span = s.swing_volts - s.forward_dead_band, s.swing_volts - s.turn_dead_band
-        forward = _axis(forward_volts - s.neutral_volts, s.forward_dead_band, s.swing_volts) / forward_span
-        turn = -_axis(turn_volts - s.neutral_volts, s.turn_dead_band, s.swing_volts) / turn_span
+        forward = _beyond_dead_band(forward_volts - s.neutral_volts, s.forward_dead_band, s.swing_volts) / forward_span
+        turn = -_beyond_dead_band(turn_volts - s.neutral_volts, s.turn_dead_band, s.swing_volts) / turn_span
         forward, turn = stick_response(forward, family.stick_curve), stick_response(turn, family.stick_curve)
-        forward, turn = cut_by_each_other(forward, turn, family)
+        forward, turn = cut_speed_and_turn(forward, turn, family)
         return s.forward_gain * forward_span * forward * family.speed, s.turn_gain * turn_span * turn * family.speed
 
     def _ramp(self, speed: float, difference: float) -> None:
@@ -106,7 +106,7 @@ class WheelNoise:
         return self._values
 
 
-def _axis(volts: float, dead_band: float, swing: float) -> float:
+def _beyond_dead_band(volts: float, dead_band: float, swing: float) -> float:
     """Return the volts beyond the dead band, saturated at the swing."""
     return math.copysign(max(min(abs(volts), swing) - dead_band, 0.0), volts)
 

@@ -114,10 +114,10 @@ class MujocoChair:
                 "or settings nearer to the defaults"
             )
         self._felt = felt / self._substeps
-        self._look()
+        self._update_pose()
         return self._outline not in data.contact.geom.ravel().tolist()
 
-    def _look(self) -> None:
+    def _update_pose(self) -> None:
         """Update pose and twist from the state; MuJoCo's derived arrays such as `xmat` are one step old."""
         x, y, _, qw, qx, qy, qz = self._qpos[:7].tolist()
         vx, vy, vz, _, _, omega = self._qvel[:6].tolist()
@@ -152,7 +152,7 @@ class MujocoChair:
         """Let the chair settle on its wheels, then move chair and encoders back to their start."""
         data = self._data
         self._mujoco.mj_step(self._model, data, nstep=steps)
-        self._look()
+        self._update_pose()
         # Only the heading is set back: the chair keeps the pitch at which it came to rest.
         back = 0.5 * (pose.theta - self.pose.theta)
         c, s = math.cos(back), math.sin(back)
@@ -160,10 +160,10 @@ class MujocoChair:
         data.qpos[3:7] = c * qw - s * qz, c * qx - s * qy, c * qy + s * qx, c * qz + s * qw
         data.qpos[self._joints] = 0.0
         data.qvel[:] = 0.0
-        self._look()
+        self._update_pose()
         data.qpos[:2] += pose.x - self.pose.x, pose.y - self.pose.y
         self._mujoco.mj_forward(self._model, data)
-        self._look()
+        self._update_pose()
 
 
 def substeps(plant: PlantSettings, settings: MujocoSettings) -> int:

@@ -84,7 +84,7 @@ class Pacer:
             return
         self._now_ns = now_ns
         if self.mode is PaceMode.REALTIME:
-            self._hold_to_the_wall()
+            self._wait_for_real_time()
         elif self.mode is PaceMode.LOCKSTEP and self._driver is not None:
             patience = self._settings.patience
             if not self._driver.wait(patience):
@@ -106,7 +106,7 @@ class Pacer:
         """Seconds by which a real-time simulation fell behind for good; 0 if it kept up."""
         return self._lost_ns * 1e-9
 
-    def _hold_to_the_wall(self) -> None:
+    def _wait_for_real_time(self) -> None:
         assert self._began is not None
         wall_ns, simulated_ns = self._began
         due_ns = wall_ns + self._lost_ns + self._now_ns - simulated_ns

@@ -21,8 +21,8 @@ from waychair.geometry import wrap_angle
 from waychair.maps.grid import cells_from_points, inside
 from waychair.simulation.rails import rail_from_path
 from waychair.simulation.scene import Behaviour, PersonPlan, PersonState
-from waychair.simulation.surroundings import Walls, nearest_wall, outline_of, walls_of
-from waychair.simulation.walking import BOUNCE, PERSON, TOP_SPEED, Stage, live
+from waychair.simulation.surroundings import Walls, chair_rectangle, nearest_wall, walls_from_grid
+from waychair.simulation.walking import BOUNCE, PERSON, TOP_SPEED, WalkingSpace, move_people
 from waychair.types import OccupancyGrid, Pose2, Twist
 
 LONGEST_STEP_NS = 50_000_000
@@ -41,7 +41,7 @@ VEER = (math.radians(6.0), math.radians(2.0))
 """Mean and deviation [rad] of the angle by which social walkers keep to the right (`social_force.veered`)."""
 
 
-class People:
+class SimulatedPeople:
     """The people of one level round one chair; at time 0 each stands at the start of its path, facing along it."""
 
     def __init__(
@@ -56,19 +56,19 @@ class People:
         self._body = body
         self._rng = rng
         self._now_ns = 0
-        self._walls = walls_of(grid)
+        self._walls = walls_from_grid(grid)
         rails = [rail_from_path(plan.path, plan.speed) for plan in self._plans]
         self._rails = np.concatenate([np.zeros((0, 5)), *rails])
         self._people = np.zeros(len(rails), PERSON)
         self._people["last"] = np.cumsum([len(rail) for rail in rails])
         self._people["first"] = self._people["last"] - [len(rail) for rail in rails]
         for number, (plan, rail) in enumerate(zip(self._plans, rails, strict=True)):
-            _refuse_impossible(number, plan, grid, self._walls)
+            _check_plan(number, plan, grid, self._walls)
             person = self._people[number]
             person["behaviour"] = tuple(Behaviour).index(plan.behaviour)
             for name in ("yields", "radius", "speed", "trigger"):
                 person[name] = getattr(plan, name)
-            person["way"], person["x"], person["y"], person["heading"] = 1.0, *rail[0, 1:4]
+            person["sign"], person["x"], person["y"], person["heading"] = 1.0, *rail[0, 1:4]
         self._phases = rng.uniform(0.0, math.tau, len(rails))
         self._people["veer"] = rng.normal(*VEER, len(rails))
         self._seeds = rng.integers(2**31, size=len(rails))
@@ -81,13 +81,13 @@ class People:
             ValueError: the duration is negative.
         """
         if duration_ns < 0:
-            raise ValueError(f"people cannot live for {duration_ns} ns: give a duration that is not negative")
-        stage = Stage(self._rails, self._walls, outline_of(self._body, map_from_base, twist))
+            raise ValueError(f"cannot move people by {duration_ns} ns: give a duration of at least 0")
+        space = WalkingSpace(self._rails, self._walls, chair_rectangle(self._body, map_from_base, twist))
         end_ns = self._now_ns + duration_ns
         while self._now_ns < end_ns:
             to_heading_ns = HEADING_NS - self._now_ns % HEADING_NS
             step_ns = min(end_ns - self._now_ns, LONGEST_STEP_NS, to_heading_ns)
-            live(self._people, stage, step_ns * 1e-9)
+            move_people(self._people, space, step_ns * 1e-9)
             self._now_ns += step_ns
             if step_ns == to_heading_ns:
                 self._take_new_headings()
@@ -112,18 +112,20 @@ class People:
         self._people["heading"][drifting] = self._rng.uniform(-math.pi, math.pi, int(drifting.sum()))
 
 
-def _refuse_impossible(number: int, plan: PersonPlan, grid: OccupancyGrid, walls: Walls) -> None:
-    who = f"person {number + 1} ({plan.behaviour.value})"
+def _check_plan(number: int, plan: PersonPlan, grid: OccupancyGrid, walls: Walls) -> None:
+    person = f"person {number + 1} ({plan.behaviour.value})"
     if not 0.0 < plan.speed <= TOP_SPEED:
-        raise WorldError(f"{who} is to walk at {plan.speed:g} m/s: give a speed above 0 and up to {TOP_SPEED:g} m/s")
+        raise WorldError(
+            f"{person} has a speed of {plan.speed:g} m/s: give a speed above 0 and up to {TOP_SPEED:g} m/s"
+        )
     if plan.behaviour is Behaviour.SEATED:
         return
     x, y = (float(value) for value in plan.path[0])
     if not inside(grid, cells_from_points(grid, plan.path[:1])).all():
-        raise WorldError(f"{who} stands at ({x:g}, {y:g}), outside the world: move the begin of its path in")
+        raise WorldError(f"{person} stands at ({x:g}, {y:g}), outside the world: start its path inside")
     distance = nearest_wall(walls, x, y, plan.radius)[0]
     if distance < plan.radius:
         raise WorldError(
-            f"{who} stands at ({x:g}, {y:g}), {distance:.2f} m from something solid, but is {plan.radius:g} m in radius: "
-            "move the begin of its path to free ground"
+            f"{person} stands at ({x:g}, {y:g}), {distance:.2f} m from something solid, but has a radius of {plan.radius:g} m: "
+            "start its path on free floor"
         )

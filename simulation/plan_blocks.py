@@ -13,7 +13,7 @@ from waychair.maps.grid import cells_from_points, points_from_cells
 from waychair.simulation.contact import HIGHEST, LOWEST
 from waychair.simulation.floor_plan import FloorPlan, PlanBox, PlanStairs, PlanTable, PlanThreshold, PlanWall, Point
 from waychair.simulation.scene import DOOR_HEIGHT, Block, Pit, Slope
-from waychair.simulation.seeds import seed_of
+from waychair.simulation.seeds import seed_from_names
 from waychair.types import BoolArray, Cells, FloatArray, IntArray, OccupancyGrid, Pose2
 
 
@@ -32,14 +32,21 @@ def blocks_from_plan(plan: FloorPlan, building: str) -> tuple[Block, ...]:
     blocks = []
     for section, i, seed, pieces in parts:
         names = (building, plan.name, section, i) if seed is None else ("seed", seed)
-        blocks += [replace(piece, seed=seed_of(*names, k)) for k, piece in enumerate(pieces)]
+        blocks += [replace(piece, seed=seed_from_names(*names, k)) for k, piece in enumerate(pieces)]
     return tuple(blocks)
 
 
 def slopes_from_plan(plan: FloorPlan, building: str) -> tuple[Slope, ...]:
     """Return ramps and platforms."""
     return tuple(
-        Slope(*_strip(r.start, r.end), r.width, r.low, r.high, r.material, seed_of(building, plan.name, "ramps", i))
+        Slope(
+            *_strip(r.start, r.end),
+            r.width,
+            r.low,
+            r.high,
+            r.material,
+            seed_from_names(building, plan.name, "ramps", i),
+        )
         for i, r in enumerate(plan.ramps)
     )
 
@@ -58,7 +65,7 @@ def solid_pieces(wall: PlanWall) -> list[tuple[float, float]]:
     return [(begin, end) for begin, end in zip(begins, ends, strict=True) if end - begin > 1e-6]
 
 
-def on_wall(wall: PlanWall, at: float) -> Pose2:
+def pose_on_wall(wall: PlanWall, at: float) -> Pose2:
     """Return the pose on the wall's centre line, `at` [m] from its start, facing along it."""
     (ax, ay), (bx, by) = wall.start, wall.end
     theta = math.atan2(by - ay, bx - ax)
@@ -73,16 +80,16 @@ def door_block(middle: Pose2, width: float, thickness: float, ceiling: float, ma
 def _wall(wall: PlanWall, material: str, ceiling: float) -> list[Block]:
     """Return a wall's pieces between the doors, then a lintel above each door, then the leaves of closed doors."""
     blocks = [
-        Block(on_wall(wall, (begin + end) / 2), end - begin, wall.thickness, 0.0, ceiling, material)
+        Block(pose_on_wall(wall, (begin + end) / 2), end - begin, wall.thickness, 0.0, ceiling, material)
         for begin, end in solid_pieces(wall)
     ]
     if ceiling > DOOR_HEIGHT:
         blocks += [
-            Block(on_wall(wall, door.at), door.width, wall.thickness, DOOR_HEIGHT, ceiling, material)
+            Block(pose_on_wall(wall, door.at), door.width, wall.thickness, DOOR_HEIGHT, ceiling, material)
             for door in wall.doors
         ]
     return blocks + [
-        door_block(on_wall(wall, door.at), door.width, wall.thickness, ceiling, door.material)
+        door_block(pose_on_wall(wall, door.at), door.width, wall.thickness, ceiling, door.material)
         for door in wall.doors
         if door.closed
     ]
@@ -133,7 +140,7 @@ def _strip(start: Point, end: Point) -> tuple[Pose2, float]:
     return Pose2((ax + bx) / 2, (ay + by) / 2, math.atan2(by - ay, bx - ax)), math.dist(start, end)
 
 
-def grid_of(
+def grid_from_plan(
     plan: FloorPlan, margin: float, blocks: Iterable[Block], slopes: Sequence[Slope], pits: Iterable[Pit]
 ) -> OccupancyGrid:
     """Return the grid of cells that a chair cannot enter, without unknown cells; it reaches `margin` [m] past the plan.
@@ -146,21 +153,21 @@ def grid_of(
     grid = OccupancyGrid(np.zeros(shape, np.int8), plan.resolution, Pose2(-margin, -margin, 0.0))
     for block in blocks:
         if block.high > LOWEST and block.low < HIGHEST:
-            fill(grid.cells, grid, block.middle, block.length, block.width)
+            fill_rectangle(grid.cells, grid, block.middle, block.length, block.width)
     for pit in pits:
-        fill(grid.cells, grid, pit.middle, pit.length, pit.width)
+        fill_rectangle(grid.cells, grid, pit.middle, pit.length, pit.width)
     if slopes:
         grid.cells[_edges(grid, slopes)] = 100
     return grid
 
 
-def fill(cells: Cells, grid: OccupancyGrid, middle: Pose2, length: float, width: float) -> None:
+def fill_rectangle(cells: Cells, grid: OccupancyGrid, middle: Pose2, length: float, width: float) -> None:
     """Mark each of `cells` whose centre lies in the rectangle as occupied."""
-    covered, _ = cells_in(grid, middle, length, width)
+    covered, _ = cells_in_rectangle(grid, middle, length, width)
     cells[tuple(covered.T)] = 100
 
 
-def cells_in(grid: OccupancyGrid, middle: Pose2, length: float, width: float) -> tuple[IntArray, FloatArray]:
+def cells_in_rectangle(grid: OccupancyGrid, middle: Pose2, length: float, width: float) -> tuple[IntArray, FloatArray]:
     """Return row and column (N, 2) of the cells with centres in a rectangle, and the centres (N, 2) [m] in its frame."""
     corners = cells_from_points(grid, transform_points(middle, rectangle(length / 2, length / 2, width / 2)))
     low = np.maximum(corners.min(axis=0) - 1, 0)
@@ -175,7 +182,7 @@ def _edges(grid: OccupancyGrid, slopes: Sequence[Slope]) -> BoolArray:
     """Return the cells (H, W) from which the ground drops by more than `LOWEST` to one of the four neighbours."""
     ground = np.zeros(grid.cells.shape)
     for slope in slopes:
-        cells, local = cells_in(grid, slope.middle, slope.length, slope.width)
+        cells, local = cells_in_rectangle(grid, slope.middle, slope.length, slope.width)
         tops = slope.low + (local[:, 0] / slope.length + 0.5) * (slope.high - slope.low)
         ground[tuple(cells.T)] = np.maximum(ground[tuple(cells.T)], tops)
     padded = np.pad(ground, 1, mode="edge")

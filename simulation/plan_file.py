@@ -69,7 +69,7 @@ class PlanSource:
 
 
 @dataclass(frozen=True, slots=True)
-class Level:
+class LevelPlan:
     """The plan of one level and its source."""
 
     plan: FloorPlan
@@ -81,7 +81,7 @@ class Building:
     """The content of a file: at least one level; in a plan without `levels` it has the building's name."""
 
     name: str
-    levels: tuple[Level, ...]
+    levels: tuple[LevelPlan, ...]
 
 
 def load_building(path: Path) -> Building:
@@ -96,11 +96,11 @@ def load_building(path: Path) -> Building:
         raise source.error((), "a world is an object; give `key: value` lines: name, size, start and walls")
     if "levels" in values:
         plan = _converted(values, BuildingPlan, source)
-        levels = tuple(Level(p, PlanSource(path, source.root, ("levels", i))) for i, p in enumerate(plan.levels))
+        levels = tuple(LevelPlan(p, PlanSource(path, source.root, ("levels", i))) for i, p in enumerate(plan.levels))
         building = Building(plan.name, levels)
     else:
         single = _converted(values, FloorPlan, source)
-        building = Building(single.name, (Level(single, source),))
+        building = Building(single.name, (LevelPlan(single, source),))
     for level in building.levels:
         for keys, problem in plan_problems(level.plan):
             raise level.source.error(keys, problem)
@@ -119,15 +119,15 @@ def _parsed(path: Path) -> tuple[PlanSource, Any]:
 def _converted(values: dict[str, Any], kind: type[_Plan], source: PlanSource) -> _Plan:
     levels = values.get("levels")
     for i, level in enumerate(levels) if isinstance(levels, list) else ():
-        _refuse_named(level, ("levels", i), source, kind)
-    _refuse_named(values, (), source, kind)
+        _check_named_sections(level, ("levels", i), source, kind)
+    _check_named_sections(values, (), source, kind)
     try:
         return msgspec.convert(values, kind)
     except msgspec.ValidationError as error:
-        raise _refusal(source, (), str(error), kind) from error
+        raise _validation_error(source, (), str(error), kind) from error
 
 
-def _refuse_named(plan: object, prefix: Keys, source: PlanSource, kind: type[msgspec.Struct]) -> None:
+def _check_named_sections(plan: object, prefix: Keys, source: PlanSource, kind: type[msgspec.Struct]) -> None:
     """Check entries of named sections one by one: msgspec does not tell which entry it refuses."""
     for section, entry_kind in _NAMED.items():
         entries = plan.get(section) if isinstance(plan, dict) else None
@@ -135,17 +135,17 @@ def _refuse_named(plan: object, prefix: Keys, source: PlanSource, kind: type[msg
             try:
                 msgspec.convert(entry, entry_kind)
             except msgspec.ValidationError as error:
-                raise _refusal(source, (*prefix, section, str(name)), str(error), kind) from error
+                raise _validation_error(source, (*prefix, section, str(name)), str(error), kind) from error
 
 
-def _refusal(source: PlanSource, prefix: Keys, message: str, kind: type[msgspec.Struct]) -> WorldError:
+def _validation_error(source: PlanSource, prefix: Keys, message: str, kind: type[msgspec.Struct]) -> WorldError:
     """Return the error of a validation message, which ends in the path of the value."""
     problem, _, at = message.partition(" - at ")
     path = at.partition("$")[2].rstrip("`")
     keys = (*prefix, *(int(i) if i else name for name, i in re.findall(r"\.([^.\[]+)|\[(\d+)\]", path)))
     unknown = re.search("unknown field `(.*)`", problem)
     if unknown is None:
-        return source.error(keys, f"{problem[:1].lower()}{problem[1:]}; write it so")
+        return source.error(keys, f"{problem[:1].lower()}{problem[1:]}; correct the value")
     sections = [_SECTIONS[key] for key in keys if isinstance(key, str) and key in _SECTIONS]
     known = (sections[-1] if sections else kind).__struct_fields__
     near = difflib.get_close_matches(unknown[1], known, n=1, cutoff=0.0)

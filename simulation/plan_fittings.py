@@ -12,9 +12,9 @@ from waychair.geometry import transform_points
 from waychair.maps.distance_field import distance_field
 from waychair.maps.grid import cells_from_points, points_from_cells
 from waychair.simulation.floor_plan import FloorPlan, PlanWall
-from waychair.simulation.plan_blocks import on_wall, solid_pieces
+from waychair.simulation.plan_blocks import pose_on_wall, solid_pieces
 from waychair.simulation.scene import MATERIALS, Behaviour, Block, Finish, Lamp, PersonPlan, Poster, Reflection
-from waychair.simulation.seeds import seed_of
+from waychair.simulation.seeds import seed_from_names
 from waychair.types import BoolArray, FloatArray, OccupancyGrid, Pose2
 
 POSTER_WIDTHS = (0.4, 0.9)
@@ -27,12 +27,12 @@ _BELOW_CEILING = 0.05
 _OFF_WALL = 0.004
 
 
-def finish_of(plan: FloorPlan) -> Finish:
+def finish_from_plan(plan: FloorPlan) -> Finish:
     """Return the finish of the level."""
     return Finish(plan.finish.floor, plan.finish.ceiling, plan.finish.height, plan.light.ambient)
 
 
-def lamps_of(plan: FloorPlan, blocks: Sequence[Block]) -> tuple[Lamp, ...]:
+def lamps_from_plan(plan: FloorPlan, blocks: Sequence[Block]) -> tuple[Lamp, ...]:
     """Return the plan's lamps, or else a lattice of lamps under the ceiling, except points inside a block."""
     under = plan.finish.height - _BELOW_CEILING
     if plan.lamps:
@@ -59,14 +59,14 @@ def within_any(points: FloatArray, blocks: Sequence[Block]) -> BoolArray:
     return result
 
 
-def posters_of(plan: FloorPlan, building: str, blocks: Sequence[Block]) -> tuple[Poster, ...]:
+def posters_from_plan(plan: FloorPlan, building: str, blocks: Sequence[Block]) -> tuple[Poster, ...]:
     """Return the plan's posters and those placed by its density, which are the same at every reading."""
-    given = [poster for i, wall in enumerate(plan.walls) for poster in _given(plan, building, i, wall)]
+    given = [poster for i, wall in enumerate(plan.walls) for poster in _listed_posters(plan, building, i, wall)]
     drawn = [
         poster
         for i, wall in enumerate(plan.walls)
-        if _is_papered(wall, plan)
-        for poster in _drawn(plan, building, i, wall)
+        if _may_have_posters(wall, plan)
+        for poster in _random_posters(plan, building, i, wall)
     ]
     if not drawn:
         return tuple(given)
@@ -82,15 +82,19 @@ def posters_of(plan: FloorPlan, building: str, blocks: Sequence[Block]) -> tuple
     return (*given, *(poster for poster, h in zip(drawn, hidden.reshape(-1, 5).any(axis=1), strict=True) if not h))
 
 
-def _given(plan: FloorPlan, building: str, i: int, wall: PlanWall) -> Iterator[Poster]:
+def _listed_posters(plan: FloorPlan, building: str, i: int, wall: PlanWall) -> Iterator[Poster]:
     for k, poster in enumerate(wall.posters):
-        seed = seed_of(building, plan.name, "posters", i, k) if poster.seed is None else seed_of("seed", poster.seed)
-        yield Poster(_on_face(wall, poster.at, poster.side == "left"), poster.height, *poster.size, seed)
+        seed = (
+            seed_from_names(building, plan.name, "posters", i, k)
+            if poster.seed is None
+            else seed_from_names("seed", poster.seed)
+        )
+        yield Poster(_pose_on_face(wall, poster.at, poster.side == "left"), poster.height, *poster.size, seed)
 
 
-def _drawn(plan: FloorPlan, building: str, i: int, wall: PlanWall) -> Iterator[Poster]:
+def _random_posters(plan: FloorPlan, building: str, i: int, wall: PlanWall) -> Iterator[Poster]:
     """Yield posters at the plan's density on both faces of the wall, each at random within its own bay."""
-    rng = np.random.default_rng(seed_of(building, plan.name, "poster places", i))
+    rng = np.random.default_rng(seed_from_names(building, plan.name, "poster places", i))
     for n, (begin, end) in enumerate(solid_pieces(wall)):
         for left in (True, False):
             count = int((end - begin) * plan.poster_density + rng.random())
@@ -100,23 +104,23 @@ def _drawn(plan: FloorPlan, building: str, i: int, wall: PlanWall) -> Iterator[P
                 width = POSTER_WIDTHS[0] + share * (POSTER_WIDTHS[1] - POSTER_WIDTHS[0])
                 play = bay - width - 0.1
                 if play > 0.0:
-                    middle = _on_face(wall, begin + (k + 0.5) * bay + (shift - 0.5) * play, left)
-                    seed = seed_of(building, plan.name, "posters", i, n, left, k)
+                    middle = _pose_on_face(wall, begin + (k + 0.5) * bay + (shift - 0.5) * play, left)
+                    seed = seed_from_names(building, plan.name, "posters", i, n, left, k)
                     yield Poster(middle, 1.3 + 0.3 * lift, width, width * (0.8 + 0.6 * shape), seed)
 
 
-def _is_papered(wall: PlanWall, plan: FloorPlan) -> bool:
+def _may_have_posters(wall: PlanWall, plan: FloorPlan) -> bool:
     """Return whether a wall may have posters: glass and mirrors have none."""
     return MATERIALS[wall.material or plan.finish.walls].reflection in (Reflection.DIFFUSE, Reflection.DARK)
 
 
-def _on_face(wall: PlanWall, at: float, left: bool) -> Pose2:
+def _pose_on_face(wall: PlanWall, at: float, left: bool) -> Pose2:
     """Return the pose on the left or right face of the wall, facing away from it."""
     side = 1.0 if left else -1.0
-    return on_wall(wall, at) @ Pose2(0.0, side * (wall.thickness / 2 + _OFF_WALL), side * math.pi / 2)
+    return pose_on_wall(wall, at) @ Pose2(0.0, side * (wall.thickness / 2 + _OFF_WALL), side * math.pi / 2)
 
 
-def people_of(plan: FloorPlan, building: str, grid: OccupancyGrid) -> tuple[PersonPlan, ...]:
+def people_from_plan(plan: FloorPlan, building: str, grid: OccupancyGrid) -> tuple[PersonPlan, ...]:
     """Return the people of the plan; movers without a path are placed at random on free floor, away from the start.
 
     If the free floor is too small for all of them, there are fewer.
@@ -126,9 +130,9 @@ def people_of(plan: FloorPlan, building: str, grid: OccupancyGrid) -> tuple[Pers
         paths = [np.array(person.path, float)]
         if not person.path:
             taken = [(*plan.start[:2], CLEAR_OF_START), *((*other.path[0], other.radius) for other in people)]
-            rng = np.random.default_rng(seed_of(building, plan.name, "people", i))
+            rng = np.random.default_rng(seed_from_names(building, plan.name, "people", i))
             start = np.array(plan.start[:2])
-            paths = list(_strewn(grid, start, np.array(taken), person.radius, person.count, rng)[:, None])
+            paths = list(_random_points(grid, start, np.array(taken), person.radius, person.count, rng)[:, None])
         people += [
             PersonPlan(Behaviour(person.behaviour), path, person.speed, person.yields, person.radius, person.trigger)
             for path in paths
@@ -136,7 +140,7 @@ def people_of(plan: FloorPlan, building: str, grid: OccupancyGrid) -> tuple[Pers
     return tuple(people)
 
 
-def _strewn(
+def _random_points(
     grid: OccupancyGrid, start: FloatArray, taken: FloatArray, radius: float, count: int, rng: np.random.Generator
 ) -> FloatArray:
     """Return up to `count` points (N, 2) [m] that a disc can reach from the start, clear of each other and of `taken`.

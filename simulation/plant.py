@@ -16,7 +16,7 @@ from typing import Protocol, TypeVar
 import numpy as np
 
 from waychair.config import Settings, setting
-from waychair.simulation.plant_families import FAMILIES, FamilySettings
+from waychair.simulation.plant_families import FAMILIES, PlantFamily
 from waychair.types import FloatArray, Pose2, Pose3, Twist
 
 S = TypeVar("S", bound=Settings)
@@ -55,7 +55,7 @@ class PlantSettings(Settings):
     right_wheel_scale: float = setting(0.9994, "", "true over nominal radius, right", low=0.8, high=1.2)
     track_scale: float = setting(1.0, "", "effective over nominal track", low=0.8, high=1.2)
     step_ms: int = setting(5, "ms", "integration step", low=1, high=50)
-    family: FamilySettings = field(default_factory=FamilySettings)
+    family: PlantFamily = field(default_factory=PlantFamily)
 
 
 @dataclass(frozen=True, slots=True)

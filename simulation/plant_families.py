@@ -21,7 +21,7 @@ AT_REST = 0.01
 
 
 @dataclass(frozen=True, slots=True)
-class FamilySettings(Settings):
+class PlantFamily(Settings):
     """The figures of one family; the defaults change nothing."""
 
     stick_curve: float = setting(0.0, "", "S-curve of the stick: 0 straight, 1 smoothstep", low=0.0, high=1.0)
@@ -49,16 +49,16 @@ class FamilySettings(Settings):
         return self.dial * self.profile_speed
 
 
-FAMILIES: Mapping[str, FamilySettings] = MappingProxyType(
+FAMILIES: Mapping[str, PlantFamily] = MappingProxyType(
     {
-        "s_curve": FamilySettings(stick_curve=0.8),
-        "turn_cut": FamilySettings(turn_cut=0.4, turn_fade=0.5),
-        "dial_20": FamilySettings(dial=0.2),
-        "dial_60": FamilySettings(dial=0.6, profile_speed=0.9, profile_ramp=0.6),
-        "sag": FamilySettings(charge=0.3, sag_empty=0.12, sag_load=0.10),
-        "brake_release": FamilySettings(brake_release_s=0.35),
-        "caster_flip": FamilySettings(caster_flip=0.12),
-        "thermal_fade": FamilySettings(thermal_fade=0.4),
+        "s_curve": PlantFamily(stick_curve=0.8),
+        "turn_cut": PlantFamily(turn_cut=0.4, turn_fade=0.5),
+        "dial_20": PlantFamily(dial=0.2),
+        "dial_60": PlantFamily(dial=0.6, profile_speed=0.9, profile_ramp=0.6),
+        "sag": PlantFamily(charge=0.3, sag_empty=0.12, sag_load=0.10),
+        "brake_release": PlantFamily(brake_release_s=0.35),
+        "caster_flip": PlantFamily(caster_flip=0.12),
+        "thermal_fade": PlantFamily(thermal_fade=0.4),
     }
 )
 """Eight controllers by name, each with one effect that a rider would notice."""
@@ -73,7 +73,7 @@ def stick_response(deflection: float, curve: float) -> float:
     return math.copysign((1.0 - curve) * u + curve * u * u * (3.0 - 2.0 * u), deflection)
 
 
-def cut_by_each_other(forward: float, turn: float, settings: FamilySettings) -> tuple[float, float]:
+def cut_speed_and_turn(forward: float, turn: float, settings: PlantFamily) -> tuple[float, float]:
     """Return both axes in [-1, 1] after turn reduces the speed and speed reduces the turn.
 
     The chair slows down in a curve, and its curves are wider at speed. Each axis loses a part that grows linearly with
@@ -86,7 +86,7 @@ def cut_by_each_other(forward: float, turn: float, settings: FamilySettings) -> 
     )
 
 
-def voltage(load: float, settings: FamilySettings) -> float:
+def voltage(load: float, settings: PlantFamily) -> float:
     """Return the battery's voltage at a load in [0, 1], relative to a full battery; speeds are proportional to it.
 
     The chair is slower at the end of the day and uphill. The open-circuit voltage falls linearly with the charge, and
@@ -103,7 +103,7 @@ class ParkingBrake:
     and shut `brake_rest_s` after the chair has come to rest without a command.
     """
 
-    def __init__(self, settings: FamilySettings, step_s: float) -> None:
+    def __init__(self, settings: PlantFamily, step_s: float) -> None:
         self._settings = settings
         self._step_s = step_s
         self._changing_s = 0.0
@@ -131,7 +131,7 @@ class Casters:
     the side of its last turn. The yaw is plausible, not measured.
     """
 
-    def __init__(self, settings: FamilySettings) -> None:
+    def __init__(self, settings: PlantFamily) -> None:
         self._settings = settings
         self._swing = -SWING_END
         self._side = 1.0
@@ -153,7 +153,7 @@ class Heat:
     with one time constant; the controller reduces the current between two temperatures. Plausible, not measured.
     """
 
-    def __init__(self, settings: FamilySettings, step_s: float) -> None:
+    def __init__(self, settings: PlantFamily, step_s: float) -> None:
         self._settings = settings
         self._part = 1.0 - math.exp(-step_s / settings.thermal_s)
         self._mean_square = 0.0

@@ -23,7 +23,7 @@ CAPACITY = 1 << 16
 """Bytes that may wait for a slow reader, besides a few thousand in the kernel; more are refused."""
 
 _READ_AT_ONCE = 1 << 16
-_LOOK_AGAIN_S = 0.005  # poll(2) returns at once while the far end is closed
+_POLL_PAUSE_S = 0.005  # poll(2) returns at once while the far end is closed
 
 
 class PseudoTerminal:
@@ -76,7 +76,7 @@ class PseudoTerminal:
         While the far end is closed, all bytes are accepted and lost.
         """
         if not self.connected:
-            self._forget()
+            self._discard_queued()
             return len(data)
         taken = data[: CAPACITY - self._waiting_bytes]
         if taken:
@@ -114,7 +114,7 @@ class PseudoTerminal:
             if time.monotonic() >= deadline:
                 return False
             if seen & select.POLLHUP:
-                time.sleep(min(left, _LOOK_AGAIN_S))
+                time.sleep(min(left, _POLL_PAUSE_S))
 
     def close(self) -> None:
         """Hang up and remove the link; may be called again."""
@@ -150,7 +150,7 @@ class PseudoTerminal:
             else:
                 self._waiting[0] = self._waiting[0][sent:]
 
-    def _forget(self) -> None:
+    def _discard_queued(self) -> None:
         """Discard all queued bytes, so that the next program at the far end does not read them."""
         self._waiting.clear()
         self._waiting_bytes = 0

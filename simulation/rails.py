@@ -11,7 +11,7 @@ import math
 import numpy as np
 from numba import njit
 
-from waychair.geometry import arc_lengths, eased_below
+from waychair.geometry import arc_lengths, limit_slope
 from waychair.types import FloatArray
 
 SPACING = 0.05
@@ -45,13 +45,13 @@ def rail_from_path(path: FloatArray, speed: float) -> FloatArray:
     square = np.minimum(speed**2, ACCELERATION * radius)
     square[0] = square[-1] = 0.0
     gain = 2.0 * ACCELERATION * along
-    square = eased_below(square, gain)
+    square = limit_slope(square, gain)
     limit = np.maximum(np.sqrt(np.maximum(square, 0.0)), min(SLOWEST, speed))
     return np.column_stack([along, points, direction, limit])
 
 
 @njit(cache=True)
-def on_rail(rails: FloatArray, first: int, last: int, along: float) -> tuple[float, float, float, float]:
+def rail_at(rails: FloatArray, first: int, last: int, along: float) -> tuple[float, float, float, float]:
     """Return x, y, direction and speed limit at a distance [m] along the rail in rows `first:last` of `rails`."""
     low, high = first, last - 1
     while high - low > 1:

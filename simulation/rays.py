@@ -12,11 +12,11 @@ from typing import NamedTuple
 import numpy as np
 from numba import njit
 
-from waychair.simulation.boxes import Bins, bins_of, boxes_of_segments
+from waychair.simulation.boxes import Bins, bins_from_boxes, boxes_from_segments
 from waychair.simulation.scene import Slice
 from waychair.types import FloatArray, IntArray
 
-NOBODY: FloatArray = np.zeros((0, 3))
+NO_CIRCLES: FloatArray = np.zeros((0, 3))
 """No circles."""
 
 _PAST_THE_END = 1e-9
@@ -31,11 +31,11 @@ class Scenery(NamedTuple):
     bins: Bins
 
 
-def scenery_of(view: Slice) -> Scenery:
+def scenery_from_slice(view: Slice) -> Scenery:
     """Return the slice with its bins; made once per world."""
     segments = np.ascontiguousarray(view.segments, np.float64).reshape(-1, 4)
     reflections = np.ascontiguousarray(view.reflections, np.int64)
-    return Scenery(segments, reflections, bins_of(boxes_of_segments(segments)))
+    return Scenery(segments, reflections, bins_from_boxes(boxes_from_segments(segments)))
 
 
 @njit(cache=True, nogil=True)
@@ -63,7 +63,7 @@ def nearest_segment(
         to_y = ((row + ahead_y) * bins.side - low) * per_y if dy != 0.0 else math.inf
         number = row * bins.cols + col
         for k in range(bins.starts[number], bins.starts[number + 1]):
-            distance = _meeting(segments[bins.items[k]], x, y, dx, dy)
+            distance = _distance_to_segment(segments[bins.items[k]], x, y, dx, dy)
             if after <= distance < best:
                 best, hit = distance, bins.items[k]
         # A hit beyond this bin must wait: the next bin may hold a nearer segment.
@@ -107,7 +107,7 @@ def cosine_of_incidence(segment: FloatArray, dx: float, dy: float) -> float:
 
 
 @njit(cache=True, nogil=True)
-def _meeting(segment: FloatArray, x: float, y: float, dx: float, dy: float) -> float:
+def _distance_to_segment(segment: FloatArray, x: float, y: float, dx: float, dy: float) -> float:
     """Return the distance along the ray to the segment, negative behind its start; +inf if it misses or is parallel."""
     ax, ay = segment[0] - x, segment[1] - y
     ex, ey = segment[2] - segment[0], segment[3] - segment[1]

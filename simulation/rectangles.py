@@ -6,7 +6,7 @@ import numpy as np
 
 from waychair.maps.grid import occupied
 from waychair.simulation.scene import Block, Finish
-from waychair.simulation.seeds import seed_of
+from waychair.simulation.seeds import seed_from_names
 from waychair.types import BoolArray, IntArray, OccupancyGrid, Pose2
 
 
@@ -20,7 +20,7 @@ def blocks_from_grid(grid: OccupancyGrid, name: str, finish: Finish) -> tuple[Bl
             height * side,
             0.0,
             finish.height,
-            seed=seed_of(name, "cells", i),
+            seed=seed_from_names(name, "cells", i),
         )
         for i, (row, col, height, width) in enumerate(rectangles_from_cells(occupied(grid)).tolist())
     )

@@ -21,7 +21,7 @@ from numba import njit
 from numpy.typing import NDArray
 
 from waychair.errors import MissingExtra
-from waychair.simulation.figures import figures
+from waychair.simulation.figures import body_meshes
 from waychair.simulation.light_map import LightMap, default_lamps, light_map
 from waychair.simulation.looks import GLASS, GLASS_OPACITY, LOOKS, look_table
 from waychair.simulation.scene import PersonState
@@ -53,7 +53,7 @@ _Vertices: TypeAlias = NDArray[np.void]
 
 
 @dataclass(frozen=True, slots=True)
-class Picture:
+class RenderedImage:
     """A rendered image; the arrays belong to the renderer and are valid until it renders again.
 
     `colour` (H, W, 4) u8: square roots of the exposed light in red, green and blue, and the part of its light that
@@ -115,9 +115,9 @@ class Renderer:
         self._floor = _Floor.of(surfaces, light)
         self._is_glass = surfaces.looks == _NAMES.index(GLASS)
         with self._context:
-            self._hand_over(vertices, light.texels)
+            self._upload(vertices, light.texels)
 
-    def _hand_over(self, vertices: _Vertices, light: Float32Array) -> None:
+    def _upload(self, vertices: _Vertices, light: Float32Array) -> None:
         """Upload the constant data and make the buffers for the images."""
         height, width = self._depth.shape
         context = self._context
@@ -130,12 +130,14 @@ class Renderer:
         self._indices = context.buffer(reserve=4 * _QUAD.size * max(len(vertices), 1))
         self._faces = self._vertex_array(context.buffer(vertices), self._indices)
 
-    def render(self, map_from_camera: Pose3, people: Sequence[PersonState] = (), exposure: float = 0.3) -> Picture:
+    def render(
+        self, map_from_camera: Pose3, people: Sequence[PersonState] = (), exposure: float = 0.3
+    ) -> RenderedImage:
         """Return the image from a pose of the optical frame (REP-103: z forward, x right, y down) at an exposure."""
         clip_from_map = self._projection @ _matrix(map_from_camera.inverse())
         solid, glass = self._in_view(clip_from_map, map_from_camera.translation)
         middles = np.array([(p.pose.x, p.pose.y, 1.0) for p in people]).reshape(-1, 3)
-        seen_people = list(compress(people, _is_ahead(clip_from_map, middles, np.full(len(people), PERSON_REACH))))
+        seen_people = list(compress(people, _in_frustum(clip_from_map, middles, np.full(len(people), PERSON_REACH))))
         with self._context as context:
             self._target.use()
             self._light.use(0)
@@ -152,7 +154,7 @@ class Renderer:
             self._target.read_into(self._colour, components=4)
             self._target.read_into(self._depth, components=1, attachment=-1, dtype="f4")
         metres_from_depth(self._depth)
-        return Picture(self._colour, self._depth)
+        return RenderedImage(self._colour, self._depth)
 
     def release(self) -> None:
         """Free the graphics data; nothing can be rendered afterwards."""
@@ -161,7 +163,7 @@ class Renderer:
     def _in_view(self, clip_from_map: FloatArray, camera: FloatArray) -> tuple[IntArray, IntArray]:
         """Return the faces that may be in view: opaque from near to far, to draw few pixels twice, and glass."""
         facing = self._normals @ camera > self._offsets
-        seen = np.flatnonzero(facing & _is_ahead(clip_from_map, self._middles, self._radii))
+        seen = np.flatnonzero(facing & _in_frustum(clip_from_map, self._middles, self._radii))
         distances = np.linalg.norm(self._middles[seen] - camera, axis=1) - self._radii[seen]
         seen = seen[np.argsort(distances, kind="stable")]
         is_glass = self._is_glass[seen]
@@ -184,7 +186,7 @@ class Renderer:
 
     def _draw_people(self, people: Sequence[PersonState]) -> None:
         """Draw people in the light on the floor below them, darker on faces that look down."""
-        bodies = figures(people, _NAMES)
+        bodies = body_meshes(people, _NAMES)
         vertices = np.zeros(len(bodies.looks), _VERTEX)
         vertices["position"] = bodies.positions
         vertices["on_surface"] = bodies.on_surface
@@ -281,7 +283,7 @@ def _projection(camera_matrix: FloatArray, width: int, height: int) -> FloatArra
     )
 
 
-def _is_ahead(clip_from_map: FloatArray, middles: FloatArray, radii: FloatArray) -> BoolArray:
+def _in_frustum(clip_from_map: FloatArray, middles: FloatArray, radii: FloatArray) -> BoolArray:
     """Return whether spheres with middles (N, 3) [m, map] reach into the view frustum, between its four sides, (N,)."""
     planes = np.concatenate([clip_from_map[3] + clip_from_map[:2], clip_from_map[3] - clip_from_map[:2]])
     planes = planes / np.linalg.norm(planes[:, :3], axis=1)[:, None]

@@ -5,6 +5,6 @@ from __future__ import annotations
 import zlib
 
 
-def seed_of(*names: str | int) -> int:
+def seed_from_names(*names: str | int) -> int:
     """Return a seed in [0, 2^31) made of the names of its item."""
     return zlib.crc32("/".join(map(str, names)).encode()) & 0x7FFFFFFF

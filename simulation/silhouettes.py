@@ -12,7 +12,7 @@ import numpy as np
 
 from waychair.calibration.chair import ChairBody
 from waychair.geometry import transform_points
-from waychair.simulation.rays import NOBODY
+from waychair.simulation.rays import NO_CIRCLES
 from waychair.simulation.scene import Behaviour, PersonState
 from waychair.types import FloatArray, Pose2
 
@@ -56,7 +56,7 @@ def legs_of(person: PersonState) -> FloatArray:
 
 def legs(people: Iterable[PersonState]) -> FloatArray:
     """Return the circles (K, 3) in map of all people, in order."""
-    return np.concatenate([NOBODY, *(legs_of(person) for person in people)])
+    return np.concatenate([NO_CIRCLES, *(legs_of(person) for person in people)])
 
 
 def bodies(people: Iterable[PersonState]) -> FloatArray:

@@ -19,7 +19,7 @@ from waychair.calibration.chair import ChairBody
 from waychair.config import Settings, setting
 from waychair.errors import ConfigError, WorldError
 from waychair.firmware_bridge.board import BoardInputs, HostBoard, LineState, at_rest
-from waychair.simulation.camera import Camera, CameraSettings
+from waychair.simulation.camera import CameraSettings, RgbdCamera
 from waychair.simulation.contact import (
     Contact,
     ContactKind,
@@ -35,14 +35,14 @@ from waychair.simulation.kinematic_chair import KinematicChair
 from waychair.simulation.lidar import Lidar, LidarSettings
 from waychair.simulation.mujoco_chair import MujocoChair, substeps
 from waychair.simulation.mujoco_model import MujocoSettings
-from waychair.simulation.people import CONTACT_GAP, People
+from waychair.simulation.people import CONTACT_GAP, SimulatedPeople
 from waychair.simulation.plant import Plant, PlantSettings, volts_from_joystick, volts_from_twist
-from waychair.simulation.rays import scenery_of
+from waychair.simulation.rays import scenery_from_slice
 from waychair.simulation.renderer import Renderer, camera_matrix, renderer_problem
 from waychair.simulation.scene import PersonPlan, PersonState
 from waychair.simulation.slices import slice_at
 from waychair.simulation.sonar import Sonars, SonarSettings
-from waychair.simulation.tilted_rays import Leaning, terrain_of
+from waychair.simulation.tilted_rays import TiltedPose, terrain_from_world
 from waychair.simulation.world import World
 from waychair.topics import CAMERA, IMU, SONAR, WHEELS
 from waychair.types import ImuSample, JoystickInput, Pose2, RgbdFrame, Scan, SonarReadings, Twist, WheelTicks
@@ -112,7 +112,7 @@ class Simulator:
         self.rider = JoystickInput(0)
         self.now_ns = 0
         self.world = world
-        self.around_board: BoardInputs = at_rest()
+        self.board_inputs: BoardInputs = at_rest()
         self.contact_reports: list[Contact] = []
         self.lines: LineState | None = None
         """State of the joystick lines after the board's last step; None before a board was wired in."""
@@ -124,11 +124,11 @@ class Simulator:
         self._board: HostBoard | None = None
         self._board_volts = (0.0, 0.0)
         self._touching: set[ContactKind] = set()
-        self._lidar = Lidar(self.settings.lidar, body, _stream(seed, 1))
-        self._imu = Imu(self.settings.imu, _stream(seed, 2))
-        self._sonars = Sonars(self.settings.sonar, body, _stream(seed, 3))
+        self._lidar = Lidar(self.settings.lidar, body, _random_stream(seed, 1))
+        self._imu = Imu(self.settings.imu, _random_stream(seed, 2))
+        self._sonars = Sonars(self.settings.sonar, body, _random_stream(seed, 3))
         self._ticks_before = (0, 0)
-        self._plant_stream = _stream(seed, 0)
+        self._plant_stream = _random_stream(seed, 0)
         self._place(world, world.start)
 
     @property
@@ -157,18 +157,18 @@ class Simulator:
         Raises:
             WorldError: a person's start is not free, or its speed is impossible.
         """
-        self._people = People(people, self.world.grid, self.body, _stream(self._seed, 4))
+        self._people = SimulatedPeople(people, self.world.grid, self.body, _random_stream(self._seed, 4))
         self._people_now = self._people.states
         self.world = replace(self.world, people=tuple(people))
 
     def wire(self, board: HostBoard | None) -> None:
         """Connect a board between the rider's stick and the chair's lines, or remove it; it runs on simulated time.
 
-        `around_board` holds its other inputs (reference line, e-stop, a defect) and may be replaced.
+        `board_inputs` holds its other inputs (reference line, e-stop, a defect) and may be replaced.
         """
         self._board = board
         if board is not None:
-            self.around_board = at_rest(board.settings.family)
+            self.board_inputs = at_rest(board.settings.family)
             self._step_board(board)
 
     def drive(self, forward_volts: float, turn_volts: float) -> None:
@@ -256,19 +256,21 @@ class Simulator:
             self.world = world
             self.populate(world.people)
         self.world, self._solid = world, solid
-        self._scenery = scenery_of(slice_at(world.blocks, self.body.laser_z))
-        self._sonar_scenery = scenery_of(slice_at(world.blocks, self.settings.sonar.height))
-        self._terrain = terrain_of(world) if self.settings.plant_model == "mujoco" else None  # the other cannot tilt
+        self._scenery = scenery_from_slice(slice_at(world.blocks, self.body.laser_z))
+        self._sonar_scenery = scenery_from_slice(slice_at(world.blocks, self.settings.sonar.height))
+        self._terrain = (
+            terrain_from_world(world) if self.settings.plant_model == "mujoco" else None
+        )  # the other cannot tilt
         self._camera = self._camera_for(world)
         self._chair = _plant(world, pose, self.body, self.settings, self._plant_stream)
 
-    def _camera_for(self, world: World) -> Camera | None:
+    def _camera_for(self, world: World) -> RgbdCamera | None:
         camera = self.settings.camera
         if camera.rate_hz == 0.0 or renderer_problem() is not None:
             return None
         matrix = camera_matrix(camera.width, camera.height, camera.field_of_view)
         renderer = Renderer(world, matrix, camera.width, camera.height)
-        return Camera(camera, self.body.base_from_camera, _stream(self._seed, 5), renderer)
+        return RgbdCamera(camera, self.body.base_from_camera, _random_stream(self._seed, 5), renderer)
 
     def _step(self) -> None:
         volts = self._lines or self._stick_volts()
@@ -281,8 +283,8 @@ class Simulator:
         if self._people_now and self.now_ns % PEOPLE_STEP_NS == 0:
             self._people.step(PEOPLE_STEP_NS, self._chair.pose, self._chair.twist)
             self._people_now = self._people.states
-            self._note_people(speed)
-        self._note_contacts(free, speed)
+            self._report_person_contact(speed)
+        self._report_contacts(free, speed)
 
     def _volts_of(self, pushed: Twist) -> tuple[float, float]:
         """Return the volts that would drive the wheels at the speeds of a pushed chair."""
@@ -294,7 +296,7 @@ class Simulator:
     def _step_board(self, board: HostBoard) -> None:
         """Run the board up to now; its line volts drive the chair in the next step."""
         forward, turn = (round(1000.0 * volts) for volts in self._stick_volts())
-        inputs = replace(self.around_board, joystick_forward_mv=forward, joystick_turn_mv=turn)
+        inputs = replace(self.board_inputs, joystick_forward_mv=forward, joystick_turn_mv=turn)
         lines = self.lines = board.step(self.now_ns // 1_000_000, inputs)
         self._board_volts = lines.forward_mv / 1000.0, lines.turn_mv / 1000.0
 
@@ -307,7 +309,7 @@ class Simulator:
             messages.append(WheelTicks(now_ns, *self._ticks()))
         if self._is_due(settings.sonar.rate_hz):
             messages.append(self._sonars.read(self._sonar_scenery, chair.pose, self._people_now, now_ns))
-        leaning = Leaning(self._terrain, chair.pose3) if self._terrain is not None else None
+        leaning = TiltedPose(self._terrain, chair.pose3) if self._terrain is not None else None
         scan = self._lidar.step(self._scenery, chair.pose, self._people_now, now_ns, leaning)
         if scan is not None:
             messages.append(scan)
@@ -326,20 +328,20 @@ class Simulator:
         left, right = (sum(pair) for pair in zip(self._ticks_before, self._chair.ticks, strict=True))
         return (left + 2**31) % 2**32 - 2**31, (right + 2**31) % 2**32 - 2**31
 
-    def _note_contacts(self, free: bool, speed: float) -> None:
+    def _report_contacts(self, free: bool, speed: float) -> None:
         """Report a contact when it begins, with the `speed` before it; it ends at a distance of CONTACT_ENDS."""
         pose = self._chair.pose
-        if self._begins(ContactKind.SOLID, not free, self.clearance):
+        if self._contact_begins(ContactKind.SOLID, not free, self.clearance):
             self._report(ContactKind.SOLID, nearest_point(self._solid, self.body, pose), speed)
-        if self._begins(ContactKind.FALL, not self._chair.upright, lambda: math.inf):
+        if self._contact_begins(ContactKind.FALL, not self._chair.upright, lambda: math.inf):
             self._report(ContactKind.FALL, (pose.x, pose.y), speed)
 
-    def _note_people(self, speed: float) -> None:
+    def _report_person_contact(self, speed: float) -> None:
         distance, x, y = nearest_person(self.body, self._chair.pose, self._people_now)
-        if self._begins(ContactKind.PERSON, distance < 0.5 * CONTACT_GAP, lambda: distance):
+        if self._contact_begins(ContactKind.PERSON, distance < 0.5 * CONTACT_GAP, lambda: distance):
             self._report(ContactKind.PERSON, (x, y), speed)
 
-    def _begins(self, kind: ContactKind, touches: bool, distance: Callable[[], float]) -> bool:
+    def _contact_begins(self, kind: ContactKind, touches: bool, distance: Callable[[], float]) -> bool:
         if touches and kind not in self._touching:
             self._touching.add(kind)
             return True
@@ -360,6 +362,6 @@ def _plant(world: World, pose: Pose2, body: ChairBody, settings: SimulatorSettin
     return KinematicChair(body, settings.plant, rng, pose)
 
 
-def _stream(seed: int, sensor: int) -> np.random.Generator:
+def _random_stream(seed: int, sensor: int) -> np.random.Generator:
     """Return a part's own random stream, so that a change of one part does not change the others' bytes."""
     return np.random.default_rng(np.random.SeedSequence(seed, spawn_key=(sensor,)))

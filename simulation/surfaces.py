@@ -17,7 +17,7 @@ from numpy.typing import NDArray
 
 from waychair.geometry import rectangle, transform_points
 from waychair.simulation.scene import Block, Pit, Poster, Slope
-from waychair.simulation.seeds import seed_of
+from waychair.simulation.seeds import seed_from_names
 from waychair.simulation.world import World
 from waychair.types import FloatArray, IntArray, Pose2
 
@@ -121,7 +121,7 @@ def _slope_faces(slope: Slope) -> Iterator[Face]:
 
 def _pit_faces(pit: Pit, floor: str) -> Iterator[Face]:
     """Yield a pit's four walls, facing inwards, and its bottom."""
-    seed = seed_of("pit", f"{pit.middle.x:.3f}", f"{pit.middle.y:.3f}")
+    seed = seed_from_names("pit", f"{pit.middle.x:.3f}", f"{pit.middle.y:.3f}")
     for face in _side_faces(pit.middle, pit.length, pit.width, -pit.depth, 0.0, "concrete", seed):
         yield Face(face.anchor, face.axes * [[-1.0], [1.0]], face.outline, face.look, face.seed)
     yield _level_face(pit.middle, pit.length, pit.width, -pit.depth, floor, _mixed(seed, 4))
@@ -162,7 +162,7 @@ def _floor_and_ceiling(world: World) -> Iterator[Face]:
     size = np.array(grid.cells.shape[::-1]) * grid.resolution
     low, high = (f(transform_points(grid.map_from_grid, _box(*size)), axis=0) for f in (np.min, np.max))
     columns, rows = (np.linspace(low[i], high[i], math.ceil((high[i] - low[i]) / TILE) + 1) for i in (0, 1))
-    seed = seed_of(world.name, world.level)
+    seed = seed_from_names(world.name, world.level)
     floor_axes, ceiling_axes = np.eye(3)[:2], np.array([[1.0, 0.0, 0.0], [0.0, -1.0, 0.0]])
     for i, j in product(range(len(columns) - 1), range(len(rows) - 1)):
         tile = np.array([columns[i], rows[j]]) + _box(columns[i + 1] - columns[i], rows[j + 1] - rows[j])

@@ -27,7 +27,7 @@ class Walls(NamedTuple):
     sine: float
 
 
-class Outline(NamedTuple):
+class ChairRectangle(NamedTuple):
     """The chair's rectangle: pose in map, extent about its base [m], and the base's velocity in map [m/s, rad/s]."""
 
     x: float
@@ -42,7 +42,7 @@ class Outline(NamedTuple):
     omega: float
 
 
-def walls_of(grid: OccupancyGrid) -> Walls:
+def walls_from_grid(grid: OccupancyGrid) -> Walls:
     """Return the occupied cells of a grid with a solid border, which no person may cross."""
     solid = np.pad(occupied(grid), 1, constant_values=True)
     grid_from_padded = Pose2(-grid.resolution, -grid.resolution, 0.0)
@@ -51,11 +51,11 @@ def walls_of(grid: OccupancyGrid) -> Walls:
     return Walls(solid, grid.resolution, padded_from_map.x, padded_from_map.y, c, s)
 
 
-def outline_of(body: ChairBody, map_from_base: Pose2, twist: Twist) -> Outline:
+def chair_rectangle(body: ChairBody, map_from_base: Pose2, twist: Twist) -> ChairRectangle:
     """Return the chair's rectangle with its pose and velocity."""
     c, s = math.cos(map_from_base.theta), math.sin(map_from_base.theta)
     reach = (body.front, body.rear, body.width / 2)
-    return Outline(map_from_base.x, map_from_base.y, c, s, *reach, twist.v * c, twist.v * s, twist.omega)
+    return ChairRectangle(map_from_base.x, map_from_base.y, c, s, *reach, twist.v * c, twist.v * s, twist.omega)
 
 
 @njit(cache=True)
@@ -100,7 +100,7 @@ def nearest_wall(walls: Walls, x: float, y: float, reach: float) -> tuple[float,
 
 
 @njit(cache=True)
-def nearest_on_chair(chair: Outline, x: float, y: float) -> tuple[float, float, float]:
+def nearest_on_chair(chair: ChairRectangle, x: float, y: float) -> tuple[float, float, float]:
     """Return the distance [m] from (x, y) to the chair's rectangle, and the unit vector [map] away from it.
 
     Inside, the distance to the nearest side is negative, and the vector points out through this side.
@@ -123,6 +123,6 @@ def nearest_on_chair(chair: Outline, x: float, y: float) -> tuple[float, float, 
 
 
 @njit(cache=True)
-def velocity_at(chair: Outline, x: float, y: float) -> tuple[float, float]:
+def velocity_at(chair: ChairRectangle, x: float, y: float) -> tuple[float, float]:
     """Return the velocity [m/s, map] of the chair's point at (x, y)."""
     return chair.vx - chair.omega * (y - chair.y), chair.vy + chair.omega * (x - chair.x)

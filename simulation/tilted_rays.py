@@ -40,14 +40,14 @@ class Terrain(NamedTuple):
     ceiling: float
 
 
-class Leaning(NamedTuple):
+class TiltedPose(NamedTuple):
     """The terrain, and the 3D pose of a tilting chair (map_from_base)."""
 
     terrain: Terrain
     map_from_base: Pose3
 
 
-def terrain_of(world: World) -> Terrain | None:
+def terrain_from_world(world: World) -> Terrain | None:
     """Return the level in 3D; None without slopes, where a chair does not tilt for long and a slice is enough."""
     if not world.slopes:
         return None
@@ -58,7 +58,7 @@ def terrain_of(world: World) -> Terrain | None:
     return Terrain(solids, reflections, pits, world.finish.height)
 
 
-def row_of(pose: Pose3) -> FloatArray:
+def row_from_pose(pose: Pose3) -> FloatArray:
     """Return a pose as a row (12,): rotation row by row, then translation, for interpolation."""
     return np.concatenate([pose.rotation.ravel(), pose.translation])
 
@@ -91,8 +91,8 @@ def cast_tilted(
 ) -> FloatArray:
     """Return true ranges (N,) [m] of beams at `angles` [rad], each leaving `delays` [s] after the scan's stamp.
 
-    `poses` (M, 12) are rows of `row_of`: map_from_base at ascending `times` (M,) [s]; `mount` (12,) is base_from_laser.
-    Circles (K, 3) are upright cylinders; `optics` are `lidar.Optics`.
+    `poses` (M, 12) are rows of `row_from_pose`: map_from_base at ascending `times` (M,) [s]; `mount` (12,) is base_from_laser.
+    Circles (K, 3) are upright cylinders; `optics` are `lidar.LidarOptics`.
     """
     ranges = np.empty(angles.shape[0])
     last = times.shape[0] - 1

@@ -16,22 +16,28 @@ from waychair.errors import WorldError
 from waychair.maps.distance_field import distance_field
 from waychair.maps.grid import OCCUPIED_FROM, cells_from_points
 from waychair.simulation.floor_plan import FloorPlan, Keys
-from waychair.simulation.free_ground import Refuse, refuse_solid_point, refuse_solid_way, samples
+from waychair.simulation.free_ground import ErrorMaker, check_free_path, check_free_point, points_between
 from waychair.simulation.plan_blocks import (
     blocks_from_plan,
-    cells_in,
+    cells_in_rectangle,
     door_block,
-    fill,
-    grid_of,
-    on_wall,
+    fill_rectangle,
+    grid_from_plan,
     pits_from_plan,
+    pose_on_wall,
     slopes_from_plan,
 )
 from waychair.simulation.plan_file import load_building
-from waychair.simulation.plan_fittings import CLEAR_OF_START, finish_of, lamps_of, people_of, posters_of
+from waychair.simulation.plan_fittings import (
+    CLEAR_OF_START,
+    finish_from_plan,
+    lamps_from_plan,
+    people_from_plan,
+    posters_from_plan,
+)
 from waychair.simulation.rectangles import blocks_from_grid
 from waychair.simulation.scene import Block, Finish, Lamp, Lift, PersonPlan, Pit, Poster, Slope
-from waychair.simulation.seeds import seed_of
+from waychair.simulation.seeds import seed_from_names
 from waychair.types import FloatArray, OccupancyGrid, Place, Pose2
 
 MARGIN = 0.5
@@ -45,7 +51,7 @@ MAPPING_ROUTE = "mapping"
 
 
 @dataclass(frozen=True, slots=True)
-class Door:
+class ClosableDoor:
     """An open door that can be closed: `middle` is its pose in map, theta along its wall; width and thickness [m]."""
 
     name: str
@@ -67,7 +73,7 @@ class World:
     start: Pose2
     places: tuple[Place, ...] = ()
     routes: Mapping[str, FloatArray] = field(default_factory=dict)
-    doors: tuple[Door, ...] = ()
+    doors: tuple[ClosableDoor, ...] = ()
     level: str = ""
     blocks: tuple[Block, ...] = ()
     slopes: tuple[Slope, ...] = ()
@@ -105,11 +111,11 @@ class World:
             if name not in doors:
                 known = f"take one of {', '.join(doors)}" if doors else "it has no doors with names"
                 raise WorldError(f"'{self.name}' has no door '{name}': {known}")
-            door, seed = doors[name], seed_of(self.name, self.level, "doors", name)
-            fill(cells, self.grid, door.middle, door.width, door.thickness)
+            door, seed = doors[name], seed_from_names(self.name, self.level, "doors", name)
+            fill_rectangle(cells, self.grid, door.middle, door.width, door.thickness)
             leaves.append(door_block(door.middle, door.width, door.thickness, self.finish.height, "wood", seed))
         closed = replace(self, grid=replace(self.grid, cells=cells), blocks=(*self.blocks, *leaves))
-        _refuse_poses_in_walls(closed, _refusal(self.name))
+        _check_poses(closed, _error_without_lines(self.name))
         return closed
 
 
@@ -149,11 +155,11 @@ def load_world(name_or_path: str | Path, level: str | None = None) -> World:
         for lift in chosen.plan.lifts
     )
     world = world_from_plan(chosen.plan, building.name, lifts)
-    _refuse_poses_in_walls(world, chosen.source.error)
+    _check_poses(world, chosen.source.error)
     for name, route in world.routes.items():
-        refuse_solid_way(world.grid, world.pits, route, ("routes", name), chosen.source.error)
-    _refuse_blocked_lifts(world, chosen.source.error)
-    _refuse_blocked_people(world, chosen.plan, chosen.source.error)
+        check_free_path(world.grid, world.pits, route, ("routes", name), chosen.source.error)
+    _check_lifts(world, chosen.source.error)
+    _check_people(world, chosen.plan, chosen.source.error)
     return world
 
 
@@ -170,7 +176,7 @@ def _path(name_or_path: str | Path) -> Path:
 def world_from_plan(plan: FloorPlan, building: str, lifts: tuple[Lift, ...] = ()) -> World:
     """Return the world of one level of a building; `load_building` must have checked its plan and `lifts`."""
     blocks, slopes, pits = blocks_from_plan(plan, building), slopes_from_plan(plan, building), pits_from_plan(plan)
-    grid = grid_of(plan, MARGIN, blocks, slopes, pits)
+    grid = grid_from_plan(plan, MARGIN, blocks, slopes, pits)
     return World(
         name=building,
         level=plan.name,
@@ -179,7 +185,7 @@ def world_from_plan(plan: FloorPlan, building: str, lifts: tuple[Lift, ...] = ()
         places=tuple(Place(name, Pose2(*pose)) for name, pose in plan.places.items()),
         routes={name: np.array(route, float).reshape(-1, 2) for name, route in plan.routes.items()},
         doors=tuple(
-            Door(door.name, on_wall(wall, door.at), door.width, wall.thickness)
+            ClosableDoor(door.name, pose_on_wall(wall, door.at), door.width, wall.thickness)
             for wall in plan.walls
             for door in wall.doors
             if door.name and not door.closed
@@ -187,10 +193,10 @@ def world_from_plan(plan: FloorPlan, building: str, lifts: tuple[Lift, ...] = ()
         blocks=blocks,
         slopes=slopes,
         pits=pits,
-        posters=posters_of(plan, building, blocks),
-        lamps=lamps_of(plan, blocks),
-        finish=finish_of(plan),
-        people=people_of(plan, building, grid),
+        posters=posters_from_plan(plan, building, blocks),
+        lamps=lamps_from_plan(plan, blocks),
+        finish=finish_from_plan(plan),
+        people=people_from_plan(plan, building, grid),
         lifts=lifts,
     )
 
@@ -202,49 +208,52 @@ def world_from_grid(grid: OccupancyGrid, start: Pose2, places: tuple[Place, ...]
         WorldError: the start or a place lies outside the grid or in an occupied cell.
     """
     world = World(name, grid, start, places, blocks=blocks_from_grid(grid, name, Finish()))
-    _refuse_poses_in_walls(world, _refusal(name))
+    _check_poses(world, _error_without_lines(name))
     return world
 
 
-def _refusal(name: str) -> Refuse:
+def _error_without_lines(name: str) -> ErrorMaker:
     """Return the maker of errors for a world without a file, and so without lines."""
     return lambda keys, problem: WorldError(f"{name}: {' '.join(map(str, keys))}: {problem}")
 
 
-def _refuse_poses_in_walls(world: World, refuse: Refuse) -> None:
+def _check_poses(world: World, refuse: ErrorMaker) -> None:
     named: list[tuple[Keys, Pose2]] = [(("start",), world.start)]
     named += [(("places", place.name), place.pose) for place in world.places]
     for keys, pose in named:
-        refuse_solid_point(world.grid, world.pits, pose.array()[:2], keys, refuse)
+        check_free_point(world.grid, world.pits, pose.array()[:2], keys, refuse)
 
 
-def _refuse_blocked_lifts(world: World, refuse: Refuse) -> None:
+def _check_lifts(world: World, refuse: ErrorMaker) -> None:
     for i, lift in enumerate(world.lifts):
         # One cell less on either side: the cabin may touch the walls of its shaft.
         length, width = (max(side - 2 * world.grid.resolution, 0.0) for side in (lift.length, lift.width))
-        cells, _ = cells_in(world.grid, lift.middle, length, width)
+        cells, _ = cells_in_rectangle(world.grid, lift.middle, length, width)
         if (world.grid.cells[tuple(cells.T)] >= OCCUPIED_FROM).any():
             raise refuse(("lifts", i), f"the lift '{lift.name}' is blocked by something solid; clear its cabin")
 
 
-def _refuse_blocked_people(world: World, plan: FloorPlan, refuse: Refuse) -> None:
-    """Refuse people whose path is not free by their radius, or who stand at the start."""
+def _check_people(world: World, plan: FloorPlan, refuse: ErrorMaker) -> None:
+    """Refuse people without a free path of their radius, and people at the start."""
     room = distance_field(world.grid).metres
     for i, person in enumerate(plan.people):
         keys, path = ("people", i, "path"), np.array(person.path, float).reshape(-1, 2)
         if not len(path):
             continue
-        refuse_solid_way(world.grid, world.pits, path, keys, refuse)
+        check_free_path(world.grid, world.pits, path, keys, refuse)
         if math.dist(path[0], plan.start[:2]) < CLEAR_OF_START + person.radius:
-            raise refuse((*keys, 0), f"({path[0, 0]:g}, {path[0, 1]:g}) is where the chair starts; stand farther off")
+            raise refuse((*keys, 0), f"({path[0, 0]:g}, {path[0, 1]:g}) is too near to the chair's start; move it away")
         for k, point in enumerate(path):
-            way = samples(world.grid, path[max(k - 1, 0)], point)
+            way = points_between(world.grid, path[max(k - 1, 0)], point)
             tight = way[room[tuple(cells_from_points(world.grid, way).T)] < person.radius]
             if len(tight):
                 x, y = tight[0]
                 raise refuse(
-                    (*keys, k), f"({x:g}, {y:g}) is nearer to something solid than {person.radius:g} m; keep off"
+                    (*keys, k), f"({x:g}, {y:g}) is nearer to something solid than {person.radius:g} m; move it away"
                 )
     wanted = sum(person.count for person in plan.people)
     if len(world.people) < wanted:
-        raise refuse(("people",), f"only {len(world.people)} of {wanted} find room; make them fewer or smaller")
+        raise refuse(
+            ("people",),
+            f"only {len(world.people)} of {wanted} people fit on the free floor; make them fewer or smaller",
+        )

@@ -20,9 +20,9 @@ from waychair.runtime.chair import ChairSettings, ChairState
 from waychair.runtime.mapping import MappingSettings, map_recording
 from waychair.simulation.simulator import Simulator
 from waychair.simulation.world import load_world
-from waychair.trials.demo import SMALL_WORLD, Demo, chair_of, run_demo
+from waychair.trials.demo import SMALL_WORLD, Demo, randomised_settings, run_demo
 from waychair.trials.demo_report import write_report
-from waychair.trials.drive import advance_tick, begin, chair_in
+from waychair.trials.drive import advance_tick, simulated_chair, start_drive
 from waychair.types import DriveMode, Goal, JoystickInput, Pose2
 
 
@@ -81,18 +81,18 @@ class Ride:
     """A chair under way in the small world, on the map the demo made, with the shipped firmware on its lines."""
 
     def __init__(self, demo: Demo, stack: ExitStack, goal: str = "bath", chair: ChairSettings | None = None) -> None:
-        setting = demo.setting if chair is None else replace(demo.setting, chair=chair)
+        setup = demo.setup if chair is None else replace(demo.setup, chair=chair)
         world = load_world("small_clinic")
-        self.simulator = Simulator(world, setting.body, chair_of(1), 1)
+        self.simulator = Simulator(world, setup.body, randomised_settings(1), 1)
         self.chair = stack.enter_context(
-            chair_in(replace(setting, map_from_world=world.start.inverse()), self.simulator)
+            simulated_chair(replace(setup, map_from_world=world.start.inverse()), self.simulator)
         )
         self.deaf = False
         self.go(Goal(goal))
 
     def go(self, goal: Goal) -> None:
         """Asks for a goal and says yes to it, once the chair is ready."""
-        begin(self.simulator, self.chair, goal)
+        start_drive(self.simulator, self.chair, goal)
 
     def tick(self, count: int = 1) -> ChairState:
         for _ in range(count):
@@ -159,7 +159,7 @@ def test_silent_sensors_make_the_computer_let_go(demo: Demo, stack: ExitStack) -
 def test_f1_a_dead_board_ends_the_drive_with_a_remedy(demo: Demo, stack: ExitStack) -> None:
     ride = Ride(demo, stack)
     ride.under_way()
-    ride.simulator.around_board = replace(ride.simulator.around_board, defect=Defect.FROZEN)
+    ride.simulator.board_inputs = replace(ride.simulator.board_inputs, defect=Defect.FROZEN)
     state = ride.tick(4)
     assert (state.verdict.mode, state.sent.active, state.telemetry) == (DriveMode.MANUAL, False, None)
     assert "check its cable" in state.verdict.reason
@@ -184,9 +184,9 @@ def test_f17_a_control_loop_that_hangs_behind_its_heartbeat_ends_the_drive_for_g
 def test_f18_the_e_stop_is_named_and_takes_a_deliberate_reset(demo: Demo, stack: ExitStack) -> None:
     ride = Ride(demo, stack)
     ride.under_way()
-    ride.simulator.around_board = replace(ride.simulator.around_board, estop_released=False)
+    ride.simulator.board_inputs = replace(ride.simulator.board_inputs, estop_released=False)
     assert "emergency stop" in ride.tick(2).verdict.reason
-    ride.simulator.around_board = replace(ride.simulator.around_board, estop_released=True)
+    ride.simulator.board_inputs = replace(ride.simulator.board_inputs, estop_released=True)
     ride.go(Goal("bath"))
     assert "emergency stop" in ride.tick(60).verdict.reason
     ride.chair.reset()

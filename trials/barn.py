@@ -18,7 +18,7 @@ from collections.abc import Callable, Iterator, Mapping, Sequence
 from concurrent.futures import ProcessPoolExecutor
 from concurrent.futures.process import BrokenProcessPool
 from contextlib import contextmanager
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, replace
 from functools import partial
 from multiprocessing import get_context
 from pathlib import Path
@@ -28,7 +28,6 @@ import numpy as np
 from scipy.stats import beta
 
 from waychair.calibration.chair import CHAIR_A, CHAIR_B, ChairBody
-from waychair.config import Settings, setting
 from waychair.control.mapless import MaplessNavigator, MaplessSettings
 from waychair.control.navigator import Stage
 from waychair.control.recovery import RecoverySettings
@@ -36,13 +35,13 @@ from waychair.errors import ConfigError, WorkerLost, WorldError
 from waychair.files import is_folder
 from waychair.geometry import arc
 from waychair.maps.occupancy import OccupancySettings
-from waychair.planning.costmap import CostmapSettings
+from waychair.planning.clearance import ClearanceSettings
 from waychair.planning.motion import DwaSettings
 from waychair.simulation.imports import BarnEnvironment, read_barn
 from waychair.simulation.lidar import Lidar, LidarSettings
-from waychair.simulation.rays import scenery_of
+from waychair.simulation.rays import scenery_from_slice
 from waychair.simulation.scene import Slice
-from waychair.simulation.seeds import seed_of
+from waychair.simulation.seeds import seed_from_names
 from waychair.topics import COMMAND
 from waychair.types import FloatArray, Json, Pose2, Twist
 
@@ -69,22 +68,18 @@ ROBOTS: Mapping[str, ChairBody] = MappingProxyType({"jackal": JACKAL, "A": CHAIR
 """The robots that the benchmark can run."""
 
 
-@dataclass(frozen=True, slots=True)
-class BarnSettings(Settings):
-    """The benchmark's rules, and the errors of the simulated robot."""
+# The rules of the challenge.
+GOAL_TOLERANCE = 1.0  # m; a run succeeds within this distance of the goal
+TIME_LIMIT_S = 100.0  # from the first motion
+CLOCK_FROM = 0.1  # m; the clock starts after this displacement
+OPTIMAL_SPEED = 2.0  # m/s; the reference path's time is its length over this speed
 
-    tolerance: float = setting(1.0, "m", "as near to the goal as this is success", low=0.01, high=10.0)
-    time_limit: float = setting(100.0, "s", "from the first motion", low=1.0, high=3600.0)
-    clock_from: float = setting(0.1, "m", "the clock starts when the robot has moved so far", low=0.0, high=10.0)
-    optimal_speed: float = setting(2.0, "m/s", "at which the optimal time is counted", low=0.1, high=10.0)
-    start_offset: float = setting(0.10, "m", "greatest offset of a start, in x and y", low=0.0, high=1.0)
-    start_turn: float = setting(math.radians(10.0), "rad", "greatest turn of a start", low=0.0, high=3.14)
-    odometry_scale: float = setting(0.005, "", "error of way and of turn, one sigma over runs", low=0.0, high=0.2)
-    lidar: LidarSettings = field(
-        default_factory=lambda: LidarSettings(
-            rate_hz=COMMAND.rate_hz, sweep_s=0.0, sigma_per_metre=0.0, drop_out=0.0, mixed=0.0
-        )
-    )
+# Errors of the simulated robot.
+START_OFFSET = 0.10  # m; greatest offset of a start, in x and y
+START_TURN = math.radians(10.0)  # rad; greatest turn of a start
+ODOMETRY_SCALE = 0.005  # error of distance and turn, one sigma over runs
+LIDAR = LidarSettings(rate_hz=COMMAND.rate_hz, sweep_s=0.0, sigma_per_metre=0.0, drop_out=0.0, mixed=0.0)
+"""A lidar whose only error is the noise of its ranges."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -108,16 +103,18 @@ class BarnRun:
 
 
 @dataclass(frozen=True, slots=True)
-class BarnTask(Settings):
+class BarnTask:
     """The runs to make: which of `ROBOTS`, its top speed, the scale of the worlds, and the runs per world."""
 
-    body: str = setting("jackal", "", "jackal, A or B")
-    speed: float = setting(0.5, "m/s", "greatest speed", low=0.1, high=3.0)
-    scale: float = setting(1.0, "", "of all lengths, cylinders too", low=0.1, high=10.0)
-    starts: int = setting(1, "", "runs per world", low=1, high=1000)
+    body: str = "jackal"
+    speed: float = 0.5  # m/s, 0.1 to 3
+    scale: float = 1.0  # of all lengths, 0.1 to 10
+    starts: int = 1  # 1 to 1000
 
     def __post_init__(self) -> None:
-        Settings.__post_init__(self)
+        for name, low, high in (("speed", 0.1, 3.0), ("scale", 0.1, 10.0), ("starts", 1, 1000)):
+            if not low <= getattr(self, name) <= high:
+                raise ConfigError(f"{name} is {getattr(self, name)}: take {low:g} to {high:g}")
         if self.body not in ROBOTS:
             raise ConfigError(f"there is no body '{self.body}': take {', '.join(ROBOTS)}")
 
@@ -213,7 +210,7 @@ def navigator_settings(body: ChairBody, speed: float, scale: float) -> MaplessSe
     occupancy = OccupancySettings(resolution=cell, range_max=reach, open_range=reach)
     return MaplessSettings(
         memory=occupancy,
-        costmap=replace(CostmapSettings(), inflation_radius=0.6 * scale),
+        clearance=ClearanceSettings(comfortable=0.6 * scale),
         # no people here, so waiting for the path to clear is useless
         recovery=RecoverySettings(wait=0.5, progress_time=5.0, tries=20, patience=60.0),
         dwa=dwa,
@@ -225,15 +222,14 @@ def run_barn(
     start: int,
     body: ChairBody,
     navigator: MaplessSettings,
-    settings: BarnSettings | None = None,
+    time_limit_s: float = TIME_LIMIT_S,
 ) -> BarnRun:
     """Run one world from start number `start`, which seeds the start offset, the noise and the odometry errors."""
-    settings = settings or BarnSettings()
-    rng = np.random.default_rng(seed_of("barn", environment.name, start))
-    truth = environment.start @ _start_error(settings, rng)
-    way_scale, turn_scale = (1.0 + settings.odometry_scale * rng.standard_normal(2)).tolist()
-    lidar = Lidar(settings.lidar, body, rng)
-    scenery = scenery_of(Slice(np.empty((0, 4)), np.empty(0, np.int64)))
+    rng = np.random.default_rng(seed_from_names("barn", environment.name, start))
+    truth = environment.start @ _start_error(rng)
+    way_scale, turn_scale = (1.0 + ODOMETRY_SCALE * rng.standard_normal(2)).tolist()
+    lidar = Lidar(LIDAR, body, rng)
+    scenery = scenery_from_slice(Slice(np.empty((0, 4)), np.empty(0, np.int64)))
     odom = Pose2()
     chair = MaplessNavigator(body, odom, truth.inverse() @ environment.goal, navigator)
     pending = deque([Twist()] * round(navigator.dwa.reaction_time / PERIOD))
@@ -242,12 +238,12 @@ def run_barn(
         None,
         0,
         "timeout",
-        settings.lidar.range_max,
+        LIDAR.range_max,
         0,
         "",
     )
-    while outcome == "timeout" and (began is None or (now_ns - began) * 1e-9 < settings.time_limit):
-        if began is None and now_ns * 1e-9 > settings.time_limit:
+    while outcome == "timeout" and (began is None or (now_ns - began) * 1e-9 < time_limit_s):
+        if began is None and now_ns * 1e-9 > time_limit_s:
             break
         scan = lidar.scan_at_rest(scenery, truth, now_ns, environment.cylinders)
         navigation = chair.step(now_ns, odom, scan)
@@ -261,16 +257,16 @@ def run_barn(
         truth, odom = truth @ arc(way, turn), odom @ arc(way * way_scale, turn * turn_scale)
         now_ns += TICK_NS
         poses.append(truth)
-        if began is None and _apart(truth, poses[0]) >= settings.clock_from:
+        if began is None and _apart(truth, poses[0]) >= CLOCK_FROM:
             began = now_ns
         if clearance <= 0.0:
             outcome = "contact"
-        elif _apart(truth, environment.goal) <= settings.tolerance:
+        elif _apart(truth, environment.goal) <= GOAL_TOLERANCE:
             outcome = "success"
         elif navigation.stage is Stage.FAILED:
             break
     time_s = (now_ns - (began or 0)) * 1e-9
-    optimal = environment.path_length / settings.optimal_speed
+    optimal = environment.path_length / OPTIMAL_SPEED
     score = optimal / min(max(time_s, 2 * optimal), 8 * optimal) if outcome == "success" else 0.0
     way_driven = np.array([pose.array() for pose in poses])
     return BarnRun(
@@ -328,8 +324,6 @@ def _apart(first: Pose2, second: Pose2) -> float:
     return math.hypot(first.x - second.x, first.y - second.y)
 
 
-def _start_error(settings: BarnSettings, rng: np.random.Generator) -> Pose2:
-    x, y, theta = (
-        rng.uniform(-1.0, 1.0, 3) * (settings.start_offset, settings.start_offset, settings.start_turn)
-    ).tolist()
+def _start_error(rng: np.random.Generator) -> Pose2:
+    x, y, theta = (rng.uniform(-1.0, 1.0, 3) * (START_OFFSET, START_OFFSET, START_TURN)).tolist()
     return Pose2(x, y, theta)

@@ -18,7 +18,7 @@ import numpy as np
 from waychair.calibration.sweep import Sample, SweepSettings
 from waychair.config import Settings, setting
 from waychair.errors import BridgeError, CalibrationError, CalibrationMismatch, TransportError
-from waychair.firmware_bridge.advice import fault_names, refusal
+from waychair.firmware_bridge.advice import fault_names, handshake_problem
 from waychair.firmware_bridge.protocol import (
     BoardState,
     BoardTelemetry,
@@ -42,8 +42,13 @@ from waychair.types import Pose2
 PERIOD_NS = 20_000_000
 """Time between two commands (50 Hz)."""
 
-_GOODBYES = 3
-_BEYOND_MV = 5.0  # about one count of most converters
+ANSWER_S = 2.0  # the board answers the greeting within this time
+ARM_S = 8.0  # the board arms within this time, after two seconds of rest; the sensors deliver by then
+TELEMETRY_TIMEOUT_S = 0.2  # the drive ends after this time without telemetry, which comes at 50 Hz
+SPEEDS_TIMEOUT_S = 0.6  # the drive ends after this time without speeds; a lidar gives 10 a second
+
+_RELEASE_COMMANDS = 3
+_TOLERANCE_MV = 5.0  # about one count of most converters
 
 
 class Clock(Protocol):
@@ -69,16 +74,18 @@ class MonotonicClock:
 
 
 @dataclass(frozen=True, slots=True)
-class BoardDriveSettings(Settings):
-    """Limits of a drive, and timeouts of board and sensors."""
+class DriveLimits(Settings):
+    """Limits of a calibration drive of a real chair."""
 
-    room: float = setting(6.0, "m", "farthest from where the drive began, by the chair's own speeds", low=0.5, high=100)
-    fastest: float = setting(2.0, "m/s", "a chair that is faster than this is stopped", low=0.1, high=4.0)
-    fastest_turn: float = setting(4.0, "rad/s", "as above, of turning", low=0.1, high=10.0)
-    answer_s: float = setting(2.0, "s", "within which the board answers a greeting", low=0.1, high=30.0)
-    arm_s: float = setting(8.0, "s", "within which it is armed: stick at rest, sensors there", low=2.5, high=60.0)
-    silence_s: float = setting(0.2, "s", "without telemetry, after which the drive ends", low=0.05, high=2.0)
-    blind_s: float = setting(0.6, "s", "without speeds, after which the drive ends", low=0.1, high=5.0)
+    max_distance: float = setting(
+        6.0, "m", "the drive ends farther than this from its start; raise it in a larger hall", low=0.5, high=100
+    )
+    max_speed: float = setting(
+        2.0, "m/s", "the drive ends above this speed; raise it for a faster chair", low=0.1, high=4.0
+    )
+    max_turn_rate: float = setting(
+        4.0, "rad/s", "the drive ends above this turn rate; raise it for a faster chair", low=0.1, high=10.0
+    )
 
 
 class BoardDrive:
@@ -97,7 +104,7 @@ class BoardDrive:
         *,
         family: Family = Family.HALL_5V,
         clock: Clock | None = None,
-        settings: BoardDriveSettings | None = None,
+        limits: DriveLimits | None = None,
     ) -> None:
         """Greet the board; the board takes the lines only in `arm`.
 
@@ -110,12 +117,12 @@ class BoardDrive:
         self._sensors = sensors
         self._meter = meter
         self._clock = clock or MonotonicClock()
-        self._settings = settings or BoardDriveSettings()
+        self._limits = limits or DriveLimits()
         self._decoder = Decoder()
         self._lines = SensorLines()
         self._sequence = 0
         self._due_ns = self._clock.now_ns()
-        self._heard_ns = self._seen_ns = self._due_ns
+        self._telemetry_ns = self._speeds_ns = self._due_ns
         self._telemetry: BoardTelemetry | None = None
         self._armed = False
         self._pose = Pose2()
@@ -142,17 +149,17 @@ class BoardDrive:
         Raises:
             BridgeError, TransportError, CalibrationError: this did not happen in time, or see `hold`.
         """
-        patience_ns = self._clock.now_ns() + round(self._settings.arm_s * 1e9)
+        deadline_ns = self._clock.now_ns() + round(ARM_S * 1e9)
         stick: list[tuple[float, float]] = []
         while not (self._armed and self._meter.ready):
-            if self._clock.now_ns() > patience_ns:
-                raise BridgeError(self._why_not_armed())
+            if self._clock.now_ns() > deadline_ns:
+                raise BridgeError(self._not_armed_reason())
             self._tick(0, 0)
             telemetry = self._telemetry
             if telemetry is not None:
                 self._armed = telemetry.state == BoardState.ARMED
-                stick.append(self._stick_millivolts(telemetry))
-        self._seen_ns = self._clock.now_ns()
+                stick.append(self._scaled_stick(telemetry))
+        self._speeds_ns = self._clock.now_ns()
         forward, turn = np.median(stick, axis=0).tolist()
         self.neutral = forward / 1e3, turn / 1e3
 
@@ -172,14 +179,14 @@ class BoardDrive:
         end_ns = self._clock.now_ns() + round(seconds * 1e9)
         while self._clock.now_ns() < end_ns:
             found = self._tick(setpoints[0], setpoints[1])
-            self._refuse_unless_ours()
-            self._refuse_astray(found)
+            self._check_holder()
+            self._check_motion(found)
             samples += found
         return samples
 
     def _setpoint(self, volts: float) -> int:
         reply = self.reply
-        if abs(1e3 * volts - reply.reference_mv) > reply.swing_mv + _BEYOND_MV:
+        if abs(1e3 * volts - reply.reference_mv) > reply.swing_mv + _TOLERANCE_MV:
             raise CalibrationError(
                 f"{volts:.3f} V lies beyond the {reply.swing_mv} mV about {reply.reference_mv} mV that the board lets "
                 "through: take less swing"
@@ -189,7 +196,7 @@ class BoardDrive:
     def release(self) -> None:
         """Release the lines to the rider's joystick. May be called twice, and after the cable was lost."""
         self._armed = False
-        for _ in range(_GOODBYES):
+        for _ in range(_RELEASE_COMMANDS):
             self._send(Command(0, 0, 0, 0))
 
     def _tick(self, forward: int, turn: int) -> list[Sample]:
@@ -200,16 +207,16 @@ class BoardDrive:
         self._clock.wait_until(self._due_ns)
         self._listen()
         now_ns = self._clock.now_ns()
-        found = self._meter.take_in(self._lines.feed(self._sensors.read(), now_ns))
+        found = self._meter.add_messages(self._lines.feed(self._sensors.read(), now_ns))
         if found:
-            self._seen_ns = now_ns
+            self._speeds_ns = now_ns
         if self._board.closed:
             raise TransportError("the cable to the board was lost; the joystick is live: plug it in and begin again")
         if self._sensors.closed:
             raise TransportError("the cable to the sensors was lost: plug it in and begin again")
-        if now_ns - self._heard_ns > self._settings.silence_s * 1e9:
+        if now_ns - self._telemetry_ns > TELEMETRY_TIMEOUT_S * 1e9:
             raise BridgeError(
-                f"the board has said nothing for {(now_ns - self._heard_ns) * 1e-9:.2f} s: look at its cable and power"
+                f"the board has said nothing for {(now_ns - self._telemetry_ns) * 1e-9:.2f} s: look at its cable and power"
             )
         return found
 
@@ -218,15 +225,17 @@ class BoardDrive:
         for message in messages:
             if isinstance(message, BoardTelemetry):
                 self._telemetry = message
-                self._heard_ns = self._clock.now_ns()
+                self._telemetry_ns = self._clock.now_ns()
         return messages
 
-    def _refuse_unless_ours(self) -> None:
+    def _check_holder(self) -> None:
         """Raise BridgeError with the cause if the board no longer holds the lines for this computer."""
         telemetry = self._telemetry
         assert telemetry is not None
         if telemetry.faults:
-            raise BridgeError(f"the board stopped the chair: {_names(telemetry.faults)}; see firmware_bridge/README.md")
+            raise BridgeError(
+                f"the board stopped the chair: {_fault_text(telemetry.faults)}; see firmware_bridge/README.md"
+            )
         if telemetry.state in (BoardState.ARMED, BoardState.DRIVE):
             return
         forward, turn = (value - telemetry.reference_mv for value in _stick(telemetry))
@@ -240,69 +249,67 @@ class BoardDrive:
             "when the chair may drive by itself"
         )
 
-    def _refuse_astray(self, samples: list[Sample]) -> None:
-        settings, now_ns = self._settings, self._clock.now_ns()
-        if now_ns - self._seen_ns > settings.blind_s * 1e9:
-            raise CalibrationError(self._why_blind((now_ns - self._seen_ns) * 1e-9))
+    def _check_motion(self, samples: list[Sample]) -> None:
+        limits, now_ns = self._limits, self._clock.now_ns()
+        if now_ns - self._speeds_ns > SPEEDS_TIMEOUT_S * 1e9:
+            raise CalibrationError(self._no_speeds_reason((now_ns - self._speeds_ns) * 1e-9))
         for sample in samples:
             last, self._last = self._last or sample, sample
-            if abs(sample.v) > settings.fastest or abs(sample.omega) > settings.fastest_turn:
+            if abs(sample.v) > limits.max_speed or abs(sample.omega) > limits.max_turn_rate:
                 raise CalibrationError(
-                    f"the chair went at {sample.v:.2f} m/s and {sample.omega:.2f} rad/s, the limits are "
-                    f"{settings.fastest:g} and {settings.fastest_turn:g}: take less swing, or look at the sensors"
+                    f"the chair moved at {sample.v:.2f} m/s and {sample.omega:.2f} rad/s, above the limits of "
+                    f"{limits.max_speed:g} and {limits.max_turn_rate:g}: reduce --swing, or check the sensors"
                 )
             seconds = (sample.stamp_ns - last.stamp_ns) * 1e-9
             self._pose = self._pose @ arc(sample.v * seconds, sample.omega * seconds)
         away = math.hypot(self._pose.x, self._pose.y)
-        if away > settings.room:
+        if away > limits.max_distance:
             raise CalibrationError(
-                f"the chair is {away:.1f} m from where it began, its room is {settings.room:g} m: take less swing, or "
-                "give it more --room"
+                f"the chair is {away:.1f} m from its start, beyond the limit of {limits.max_distance:g} m: reduce "
+                "--swing, or raise --room"
             )
 
     def _greet(self, chair_id: str, family: Family) -> HelloReply:
         ours = hello(chair_id, family)
         self._send(ours)
-        patience_ns = self._clock.now_ns() + round(self._settings.answer_s * 1e9)
-        while self._clock.now_ns() < patience_ns and not self._board.closed:
+        deadline_ns = self._clock.now_ns() + round(ANSWER_S * 1e9)
+        while self._clock.now_ns() < deadline_ns and not self._board.closed:
             self._due_ns = self._clock.now_ns() + PERIOD_NS
             self._clock.wait_until(self._due_ns)
             replies = [message for message in self._listen() if isinstance(message, HelloReply)]
             if replies:
-                self._heard_ns = self._clock.now_ns()
-                _refuse_stranger(replies[-1], ours)
+                self._telemetry_ns = self._clock.now_ns()
+                _check_reply(replies[-1], ours)
                 return replies[-1]
         if self._board.closed:
             raise TransportError("the cable to the board was lost: plug it in and begin again")
-        raise BridgeError(
-            f"no board has answered within {self._settings.answer_s:g} s: is this its port, and is it switched on?"
-        )
+        raise BridgeError(f"no board answered within {ANSWER_S:g} s: check its port and its power")
 
-    def _why_not_armed(self) -> str:
-        seconds, telemetry = self._settings.arm_s, self._telemetry
+    def _not_armed_reason(self) -> str:
+        seconds, telemetry = ARM_S, self._telemetry
         if telemetry is None:
             return f"the board was not armed within {seconds:g} s, for it says nothing: look at its cable and power"
         if telemetry.faults:
             return (
-                f"the board was not armed within {seconds:g} s because of {_names(telemetry.faults)}: see "
+                f"the board was not armed within {seconds:g} s because of {_fault_text(telemetry.faults)}: see "
                 "firmware_bridge/README.md, then switch it off and on"
             )
         if self._armed:
-            return self._why_blind(seconds)
+            return self._no_speeds_reason(seconds)
         forward, turn = (value - telemetry.reference_mv for value in _stick(telemetry))
         return (
             f"the board was not armed within {seconds:g} s; the stick is {forward:+d} and {turn:+d} mV off the "
             "reference: take the hand off the joystick and begin again"
         )
 
-    def _why_blind(self, seconds: float) -> str:
+    def _no_speeds_reason(self, seconds: float) -> str:
         if self._lines.bad:
             return (
                 f"{self._lines.bad} lines of the sensors are not of their form, the last one '{self._lines.last_bad}'"
             )
         return f"no speeds came from the sensors for {seconds:.1f} s: look at their cable, or take --speeds-from"
 
-    def _stick_millivolts(self, telemetry: BoardTelemetry) -> tuple[float, float]:
+    def _scaled_stick(self, telemetry: BoardTelemetry) -> tuple[float, float]:
         """Return the rider's stick (forward, turn) [mV], scaled to the nominal reference."""
         scale = self.reply.reference_mv / max(telemetry.reference_mv, 1)
         forward, turn = _stick(telemetry)
@@ -313,14 +320,14 @@ class BoardDrive:
         self._sequence += 1
 
 
-def _refuse_stranger(reply: HelloReply, ours: Hello) -> None:
+def _check_reply(reply: HelloReply, ours: Hello) -> None:
     """Check the board's reply.
 
     Raises:
         CalibrationMismatch: the board belongs to another chair.
         BridgeError: the board is incompatible.
     """
-    why = refusal(reply, ours)
+    why = handshake_problem(reply, ours)
     if why:
         raise CalibrationMismatch(why) if reply.chair_id != ours.chair_id else BridgeError(why)
 
@@ -329,7 +336,7 @@ def _stick(telemetry: BoardTelemetry) -> tuple[int, int]:
     return telemetry.joystick_forward_mv, telemetry.joystick_turn_mv
 
 
-def _names(faults: int) -> str:
+def _fault_text(faults: int) -> str:
     return ", ".join(fault_names(faults))
 
 

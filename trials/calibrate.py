@@ -14,13 +14,20 @@ from waychair.calibration.dac import DEFAULT, DacModel
 from waychair.calibration.fit_dac import DacFit, FitSettings, fit_dac
 from waychair.calibration.fit_steps import StepResponse
 from waychair.calibration.fitted_dac import FittedDac
-from waychair.calibration.stopping import Stop, StopSettings, StopTable, stop_from_motion, stop_table, stops_to_measure
-from waychair.calibration.sweep import Drive, SweepSettings, sweep
+from waychair.calibration.stopping import (
+    MeasuredStop,
+    StopSettings,
+    StopTable,
+    stop_from_motion,
+    stop_table,
+    stops_to_measure,
+)
+from waychair.calibration.sweep import LineDrive, SweepSettings, sweep
 from waychair.control.kinematics import wheel_speeds_from_twist
 from waychair.errors import CalibrationError
 from waychair.simulation.kinematic_chair import KinematicChair
 from waychair.simulation.plant import PlantSettings, families, randomised, volts_from_joystick
-from waychair.simulation.plant_families import FamilySettings
+from waychair.simulation.plant_families import PlantFamily
 from waychair.simulation.simulator import Simulator, SimulatorSettings
 from waychair.trials.halls import open_hall
 from waychair.trials.measured_speeds import EncoderSpeeds, ScanSpeeds
@@ -34,7 +41,7 @@ _REST_S = 4.0
 _ROUNDING = 0.05  # [m/s]: a larger error of a wheel is saturation, not rounding
 
 
-def neutral_of(plant: PlantSettings, seed: int) -> tuple[float, float]:
+def measured_neutral(plant: PlantSettings, seed: int) -> tuple[float, float]:
     """Return neutral (forward, turn) [V] as a voltmeter reads it on the original stick at rest."""
     readings = np.random.default_rng(seed).normal(volts_from_joystick(plant, 0.0, 0.0), _READING_SIGMA, (_READINGS, 2))
     forward, turn = readings.mean(axis=0).tolist()
@@ -45,7 +52,7 @@ def neutral_of(plant: PlantSettings, seed: int) -> tuple[float, float]:
 class ChairUnderTest:
     """A chair to calibrate: its drive, its measured neutral (forward, turn) [V] and its body."""
 
-    drive: Drive
+    drive: LineDrive
     neutral: tuple[float, float]
     body: ChairBody
 
@@ -56,7 +63,7 @@ def chair_in_hall(settings: SimulatorSettings, body: ChairBody, seed: int, *, en
         drive = SimulatedDrive(Simulator(open_hall(), body, with_few_beams(settings), seed), EncoderSpeeds(body))
     else:
         drive = SimulatedDrive(Simulator(open_hall(24.0), body, with_gyro(settings), seed), ScanSpeeds(body))
-    return ChairUnderTest(drive, neutral_of(settings.plant, seed), body)
+    return ChairUnderTest(drive, measured_neutral(settings.plant, seed), body)
 
 
 def calibrate_dac(
@@ -79,7 +86,7 @@ def calibrate_stops(
     model: FittedDac,
     settings: StopSettings | None = None,
     progress: Callable[[float], None] = lambda share: None,
-) -> tuple[StopTable, tuple[Stop, ...]]:
+) -> tuple[StopTable, tuple[MeasuredStop, ...]]:
     """Drive a chair by its model, set neutral and measure until it rests; return the worst case and all stops.
 
     Raises:
@@ -94,7 +101,7 @@ def calibrate_stops(
     return stop_table(stops, chair.body.circumscribed_radius, settings), tuple(stops)
 
 
-def _stop(chair: ChairUnderTest, model: FittedDac, twist: Twist) -> Stop:
+def _stop(chair: ChairUnderTest, model: FittedDac, twist: Twist) -> MeasuredStop:
     """Measure one stop. A chair that is slower in reverse drives back for longer, so that it does not drift away."""
     counts = model.counts_from_wheel_speeds(wheel_speeds_from_twist(twist, chair.body.track))
     expected = model.twist_from_wheel_speeds(model.wheel_speeds_from_counts(*counts))
@@ -205,7 +212,7 @@ def acceptance_chairs(inside: int = 12) -> Mapping[str, PlantSettings]:
 
 def score_chair(name: str, plant: PlantSettings, seed: int, bits: int, body: ChairBody = CHAIR_A) -> ChairScore:
     """Calibrate one chair with a converter of `bits` bits, command it through the model's inverse, and score it."""
-    inside = plant.family == FamilySettings()
+    inside = plant.family == PlantFamily()
     try:
         fit = calibrate_dac(chair_in_hall(SimulatorSettings(plant=plant), body, seed), SweepSettings(bits=bits))
     except CalibrationError as error:

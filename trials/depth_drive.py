@@ -12,7 +12,7 @@ import numpy as np
 from waychair.calibration.chair import CHAIR_A, ChairBody
 from waychair.errors import MissingExtra
 from waychair.simulation.follower import Follower, follow
-from waychair.simulation.plan_blocks import cells_in, fill
+from waychair.simulation.plan_blocks import cells_in_rectangle, fill_rectangle
 from waychair.simulation.plant import PlantSettings
 from waychair.simulation.scene import Block, Pit
 from waychair.simulation.simulator import Simulator, SimulatorSettings, with_all_sensors
@@ -88,7 +88,7 @@ def with_hazards(world: World, seed: int, spacing: float = 4.0) -> World:
             side = float(rng.choice([-1.0, 1.0])) * float(rng.uniform(0.82, 0.86))
             at = Pose2(float(start[0]), float(start[1]), heading) @ Pose2(along, side)
             middle, size = np.array([at.x, at.y]), (float(rng.uniform(0.3, 0.6)), 0.24)
-            covered, _ = cells_in(grid, at, size[0] + 0.1, size[1] + 0.1)
+            covered, _ = cells_in_rectangle(grid, at, size[0] + 0.1, size[1] + 0.1)
             beside = (
                 min(math.dist(middle, corner) for corner in route) > 1.5
                 and min(_to_leg(middle, *leg) for leg in pairwise(route)) > 0.78
@@ -102,7 +102,7 @@ def with_hazards(world: World, seed: int, spacing: float = 4.0) -> World:
             else:
                 low, high = ((0.0, float(rng.uniform(0.1, 0.22))), (0.66, 0.72))[kind]
                 blocks.append(Block(at, *size, low, high, "wood", int(rng.integers(1 << 30))))
-            fill(cells, grid, at, *size)
+            fill_rectangle(cells, grid, at, *size)
             placed.append(middle)
     return replace(world, blocks=tuple(blocks), pits=tuple(pits), grid=grid)
 

@@ -10,7 +10,7 @@ import numpy as np
 from waychair.calibration.chair import TALLEST, ChairBody
 from waychair.geometry import compose, transform_points, wrap_angles
 from waychair.maps.grid import cells_from_points, inside, occupied, occupied_points, points_from_cells
-from waychair.simulation.plan_blocks import cells_in
+from waychair.simulation.plan_blocks import cells_in_rectangle
 from waychair.simulation.scene import Block, Pit
 from waychair.simulation.world import World
 from waychair.types import BoolArray, FloatArray, OccupancyGrid, Pose2
@@ -83,7 +83,7 @@ def _kind(block: Block, laser_z: float) -> str | None:
 
 def _seen_cells(world: World, thing: Block | Pit, lenses: FloatArray, tall: Sequence[Block]) -> FloatArray:
     """Return the centres (N, 2) [m] of an object's cells that a lens pose of (M, 3) viewed past all tall blocks."""
-    cells, _ = cells_in(world.grid, thing.middle, thing.length, thing.width)
+    cells, _ = cells_in_rectangle(world.grid, thing.middle, thing.length, thing.width)
     points = points_from_cells(world.grid, cells) if len(cells) else np.empty((0, 2))
     seen = np.zeros(len(points), np.bool_)
     for lens in lenses[:: max(1, len(lenses) // 1000)]:

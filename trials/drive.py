@@ -23,9 +23,9 @@ from waychair.firmware_bridge.board import BoardSettings, HostBoard, board_progr
 from waychair.firmware_bridge.transports import Reconnecting, Transport
 from waychair.geometry import wrap_angle
 from waychair.maps.zones import Zone
-from waychair.runtime.black_box import About, BlackBox
+from waychair.runtime.black_box import BlackBox, LoggedChair
 from waychair.runtime.chair import Chair, ChairSettings, ChairState, ChairWatcher
-from waychair.simulation.follower import Follower, Progress
+from waychair.simulation.follower import Follower, StallCheck
 from waychair.simulation.simulator import SensorMessage, Simulator
 from waychair.slam.localiser import LocalisationState
 from waychair.topics import COMMAND
@@ -39,7 +39,7 @@ BEAT_NS = 10_000_000
 _STANDING = 0.01
 """A chair stands when the sum of its speed and turn rate [m/s, rad/s] is below this."""
 
-Heard = Callable[[tuple[SensorMessage, ...], ChairState], None]
+TickCallback = Callable[[tuple[SensorMessage, ...], ChairState], None]
 """A callback after each tick, with the tick's messages and the chair's state."""
 
 READY_S = 5.0
@@ -47,7 +47,7 @@ READY_S = 5.0
 
 
 @dataclass(frozen=True, slots=True)
-class Leg:
+class DriveRecord:
     """The record of one drive to a place.
 
     `reached`: the chair reports its arrival and truly stands within the place's tolerances. `error_m` and `error_rad`
@@ -89,7 +89,7 @@ class Leg:
 
 
 @dataclass(frozen=True, slots=True)
-class Setting:
+class DriveSetup:
     """The setting of a drive: the chair's map with its places, the chair, and `map_from_world` of the true poses.
 
     `stops` None: measured on the simulated chair (a chair without measured stops crawls). `zones` are the map's.
@@ -108,13 +108,13 @@ class Setting:
 
 
 def drive_to_places(
-    setting: Setting,
+    setup: DriveSetup,
     simulator: Simulator,
     goals: Sequence[str],
     time_limit_s: float = 300.0,
     progress: Callable[[float], None] | None = None,
     box: Path | None = None,
-) -> tuple[Leg, ...]:
+) -> tuple[DriveRecord, ...]:
     """Drive to the named places in turn, for at most `time_limit_s` of simulated time each.
 
     `box`: folder of a black box that logs the drive, for `waychair why`.
@@ -125,64 +125,64 @@ def drive_to_places(
         BoardBuildError: the firmware cannot be built: no C compiler.
     """
     legs = []
-    with black_box(setting, box) as watcher, chair_in(setting, simulator, watcher) as chair:
+    with black_box(setup, box) as watcher, simulated_chair(setup, simulator, watcher) as chair:
         for index, goal in enumerate(goals):
-            legs.append(drive_leg(setting, simulator, chair, goal, time_limit_s))
+            legs.append(drive_to_place(setup, simulator, chair, goal, time_limit_s))
             if progress is not None:
                 progress((index + 1) / len(goals))
     return tuple(legs)
 
 
-def black_box(setting: Setting, folder: Path | None) -> AbstractContextManager[BlackBox | None]:
+def black_box(setup: DriveSetup, folder: Path | None) -> AbstractContextManager[BlackBox | None]:
     """Return the black box of the setting's chair, or a null context without a folder."""
     if folder is None:
         return nullcontext()
-    return BlackBox(folder, About(setting.chair, calibration_of(setting), setting.places))
+    return BlackBox(folder, LoggedChair(setup.chair, calibration_of(setup), setup.places))
 
 
 @contextmanager
-def chair_in(
-    setting: Setting,
+def simulated_chair(
+    setup: DriveSetup,
     simulator: Simulator,
     watcher: ChairWatcher | None = None,
-    tapped: Callable[[Transport], Transport] = lambda transport: transport,
-    told: bool = True,
+    wrap_transport: Callable[[Transport], Transport] = lambda transport: transport,
+    start_known: bool = True,
 ) -> Iterator[Chair]:
     """Yield a chair at the simulated chair's place, connected to a board that drives the simulator during the block.
 
-    `watcher`: see `Chair`. `tapped` may wrap the cable's transport. The chair is `told` its start pose or has to
+    `watcher`: see `Chair`. `wrap_transport` may wrap the cable's transport. The chair is `start_known` its start pose or has to
     relocalise.
 
     Raises:
         BoardBuildError: the firmware cannot be built: no C compiler.
     """
-    start = setting.map_from_world @ simulator.truth()
-    with HostBoard(board_program(), board_settings(setting)) as board:
+    start = setup.map_from_world @ simulator.truth()
+    with HostBoard(board_program(), board_settings(setup)) as board:
         simulator.wire(board)
-        cable = Reconnecting(lambda: tapped(board.transport))
+        cable = Reconnecting(lambda: wrap_transport(board.transport))
         try:
             yield Chair(
-                setting.grid,
-                setting.places,
-                calibration_of(setting),
+                setup.grid,
+                setup.places,
+                calibration_of(setup),
                 cable,
-                start if told else None,
-                setting.chair,
-                setting.calibration,
-                zones=setting.zones,
-                scanned=setting.scanned,
+                start if start_known else None,
+                setup.chair,
+                setup.calibration,
+                zones=setup.zones,
+                scanned=setup.scanned,
                 watcher=watcher,
             )
         finally:
             simulator.wire(None)
 
 
-def calibration_of(setting: Setting) -> ChairCalibration:
+def calibration_of(setup: DriveSetup) -> ChairCalibration:
     """Return the content of the chair's calibration file."""
-    return simulated_calibration(setting.body, setting.stops)
+    return simulated_calibration(setup.body, setup.stops)
 
 
-def begin(simulator: Simulator, chair: Chair, goal: Goal) -> None:
+def start_drive(simulator: Simulator, chair: Chair, goal: Goal) -> None:
     """Wait at most `READY_S` until the chair is ready, then request and confirm a goal; an unready chair drops it."""
     for _ in range(round(READY_S * COMMAND.rate_hz)):
         if chair.ready:
@@ -193,13 +193,13 @@ def begin(simulator: Simulator, chair: Chair, goal: Goal) -> None:
     chair.confirm()
 
 
-def board_settings(setting: Setting) -> BoardSettings:
+def board_settings(setup: DriveSetup) -> BoardSettings:
     """Return the board's settings for a chair: name, joystick family, converter, and the rider's override."""
-    supervisor = setting.chair.supervisor
+    supervisor = setup.chair.supervisor
     return BoardSettings(
-        chair_id=setting.body.chair_id,
-        family=setting.chair.bridge.family,
-        dac_bits=max(8, setting.calibration.counts_max.bit_length()),
+        chair_id=setup.body.chair_id,
+        family=setup.chair.bridge.family,
+        dac_bits=max(8, setup.calibration.counts_max.bit_length()),
         neutral_per_mille=round(1000 * supervisor.at_rest),
         override_per_mille=round(1000 * supervisor.override),
         override_ms=supervisor.override_ms,
@@ -216,7 +216,7 @@ def advance_tick(simulator: Simulator, chair: Chair) -> tuple[SensorMessage, ...
 
 
 @dataclass(frozen=True, slots=True)
-class Found:
+class SelfLocalisation:
     """Whether the chair localised itself, and how long [s] and far [m] the rider drove until then."""
 
     found: bool
@@ -224,20 +224,20 @@ class Found:
     metres: float
 
 
-def find_itself(
-    simulator: Simulator, chair: Chair, follower: Follower, heard: Heard = lambda messages, state: None
-) -> Found:
+def localise_by_joystick(
+    simulator: Simulator, chair: Chair, follower: Follower, on_tick: TickCallback = lambda messages, state: None
+) -> SelfLocalisation:
     """Let a rider drive along a route by joystick until the chair has localised itself, then stop.
 
     Raises:
         WorldError: the chair touched something, or made no progress for a minute.
     """
     began_ns, metres, last = simulator.now_ns, 0.0, simulator.truth()
-    progress = Progress(simulator)
+    progress = StallCheck(simulator)
     while True:
         messages = advance_tick(simulator, chair)
         state = chair.step(simulator.now_ns, messages)
-        heard(messages, state)
+        on_tick(messages, state)
         pose = simulator.truth()
         metres, last = metres + math.dist((pose.x, pose.y), (last.x, last.y)), pose
         found = state.localisation is not None and state.localisation.state is LocalisationState.OK
@@ -250,20 +250,20 @@ def find_itself(
     simulator.rider = JoystickInput(simulator.now_ns)
     while abs(simulator.twist().v) + abs(simulator.twist().omega) > _STANDING:
         messages = advance_tick(simulator, chair)
-        heard(messages, chair.step(simulator.now_ns, messages))
-    return Found(found, seconds, metres)
+        on_tick(messages, chair.step(simulator.now_ns, messages))
+    return SelfLocalisation(found, seconds, metres)
 
 
-def drive_leg(
-    setting: Setting,
+def drive_to_place(
+    setup: DriveSetup,
     simulator: Simulator,
     chair: Chair,
     goal: str,
     time_limit_s: float = 300.0,
-    heard: Heard = lambda messages, state: None,
-) -> Leg:
+    on_tick: TickCallback = lambda messages, state: None,
+) -> DriveRecord:
     """Drive to one named place; see `drive_to_places`."""
-    begin(simulator, chair, Goal(goal))
+    start_drive(simulator, chair, Goal(goal))
     began_ns, contacts = simulator.now_ns, simulator.contacts
     states: list[ChairState] = []
     truth, clearance, ticks, planned = [], [], [], np.empty((0, 3))
@@ -272,21 +272,21 @@ def drive_leg(
         started = time.perf_counter()
         state = chair.step(simulator.now_ns, messages)
         ticks.append(1e3 * (time.perf_counter() - started))
-        heard(messages, state)
+        on_tick(messages, state)
         states.append(state)
-        truth.append((setting.map_from_world @ simulator.truth()).array())
+        truth.append((setup.map_from_world @ simulator.truth()).array())
         clearance.append(simulator.clearance())
         if not len(planned) and state.navigation.path is not None:
             planned = state.navigation.path.poses
         if state.navigation.stage in (Stage.ARRIVED, Stage.FAILED):
             break
-    place, last = setting.places[goal], states[-1]
+    place, last = setup.places[goal], states[-1]
     error_m = math.hypot(truth[-1][0] - place.pose.x, truth[-1][1] - place.pose.y)
     error_rad = abs(wrap_angle(truth[-1][2] - place.pose.theta))
     arrived = last.navigation.stage is Stage.ARRIVED
     ended = last.navigation.stage in (Stage.ARRIVED, Stage.FAILED)
     reason = last.navigation.reason if ended else last.verdict.reason or "the time is up"
-    return Leg(
+    return DriveRecord(
         place=goal,
         reached=arrived and error_m <= place.tolerance_m and error_rad <= place.tolerance_rad,
         reason=reason,

@@ -27,26 +27,25 @@ from waychair.geometry import rectangle, transform_points
 from waychair.maps.distance_field import distance_field
 from waychair.maps.grid import occupied_points, points_from_cells
 from waychair.maps.zones import Rule, Zone
-from waychair.planning.critics import Weights
 from waychair.planning.motion import DwaSettings
 from waychair.planning.tracks import TrackSettings
 from waychair.runtime.chair import ChairSettings
 from waychair.simulation.contact import HIGHEST, LOWEST, Contact, ContactKind, clearance, solid_from_blocks
 from waychair.simulation.floor_plan import FloorPlan, PlanPit, PlanWall
 from waychair.simulation.lidar import LidarSettings
-from waychair.simulation.plan_blocks import fill
+from waychair.simulation.plan_blocks import fill_rectangle
 from waychair.simulation.scene import MATERIALS, Behaviour, Block, PersonPlan, Pit, Reflection
 from waychair.simulation.simulator import SimulatorSettings
 from waychair.simulation.world import World, load_world, world_from_plan
 from waychair.topics import COMMAND, SONAR
-from waychair.trials.demo import chair_of
-from waychair.trials.drive import Setting, advance_tick, begin, chair_in, drive_to_places
-from waychair.trials.ride import Motion, Ride, WatchedSimulator, ride_of
-from waychair.trials.scenes import Scene, map_of
+from waychair.trials.demo import randomised_settings
+from waychair.trials.drive import DriveSetup, advance_tick, drive_to_places, simulated_chair, start_drive
+from waychair.trials.ride import RecordingSimulator, Ride, TrueMotion, ride_of
+from waychair.trials.scenes import TightScene, map_of
 from waychair.types import FloatArray, Goal, OccupancyGrid, Place, Pose2
 
 
-class Guard(enum.Enum):
+class Protection(enum.Enum):
     """The chair's protection from drop-offs or glass that are missing in a lidar's map."""
 
     CAMERA = "camera"
@@ -56,7 +55,7 @@ class Guard(enum.Enum):
     NOTHING = "nothing"
 
 
-class Struck(enum.Enum):
+class ContactCause(enum.Enum):
     """The kind of a contact: the object that the chair touched, or a person who walked into the chair."""
 
     EDGE = "edge"
@@ -84,7 +83,7 @@ class Hazard:
 class HazardResult:
     """The result of a run.
 
-    `seconds`, `way_m` (distance driven) [m] and `plans` are sums over all legs. `edge_m`, `person_m`: least distances
+    `seconds`, `distance_m` (distance driven) [m] and `plans` are sums over all legs. `drop_off_m`, `person_m`: least distances
     [m] to a drop-off and, while the chair moves, to a person.
     """
 
@@ -93,19 +92,19 @@ class HazardResult:
     reached: bool
     reason: str
     seconds: float
-    struck: tuple[tuple[Struck, float], ...]
-    edge_m: float
+    contacts: tuple[tuple[ContactCause, float], ...]
+    drop_off_m: float
     person_m: float
     ride: Ride
     plans: int
-    way_m: float
+    distance_m: float
 
-    def count(self, *kinds: Struck) -> int:
+    def count(self, *kinds: ContactCause) -> int:
         """Return the number of contacts of these kinds."""
-        return sum(kind in kinds for kind, _ in self.struck)
+        return sum(kind in kinds for kind, _ in self.contacts)
 
 
-MOVES = 0.02
+MOVING_SPEED = 0.02
 """A chair, or the nearest point of its footprint, stands below this speed [m/s]."""
 
 
@@ -115,9 +114,9 @@ def run_hazard(hazard: Hazard, seed: int, time_limit_s: float = 150.0) -> Hazard
     Raises:
         BoardBuildError: the firmware cannot be built: no C compiler.
     """
-    plant = replace(hazard.sensors, plant=chair_of(seed).plant)
-    simulator = WatchedSimulator(hazard.world, hazard.body, plant, seed)
-    legs = drive_to_places(setting_of(hazard), simulator, [goal.name for goal in hazard.goals], time_limit_s)
+    plant = replace(hazard.sensors, plant=randomised_settings(seed).plant)
+    simulator = RecordingSimulator(hazard.world, hazard.body, plant, seed)
+    legs = drive_to_places(setup_of(hazard), simulator, [goal.name for goal in hazard.goals], time_limit_s)
     motion = simulator.motion()
     failed = next((leg for leg in legs if not leg.reached), None)
     return HazardResult(
@@ -127,9 +126,10 @@ def run_hazard(hazard: Hazard, seed: int, time_limit_s: float = 150.0) -> Hazard
         "" if failed is None else f"{failed.place}: {failed.reason}",
         sum(leg.duration_s for leg in legs),
         tuple(
-            (struck(contact, hazard.world, hazard.body, motion), contact.speed) for contact in simulator.contact_reports
+            (contact_cause(contact, hazard.world, hazard.body, motion), contact.speed)
+            for contact in simulator.contact_reports
         ),
-        least_to_edge(hazard.world, hazard.body, motion),
+        least_to_drop_off(hazard.world, hazard.body, motion),
         least_to_people(motion),
         ride_of(motion),
         sum(leg.plans for leg in legs),
@@ -137,23 +137,31 @@ def run_hazard(hazard: Hazard, seed: int, time_limit_s: float = 150.0) -> Hazard
     )
 
 
-def setting_of(hazard: Hazard) -> Setting:
+def setup_of(hazard: Hazard) -> DriveSetup:
     """Return the setting of the drive as the chair knows it."""
     places = {goal.name: goal for goal in hazard.goals}
-    return Setting(hazard.grid, places, hazard.body, DEFAULT, chair=hazard.chair, zones=hazard.zones)
+    return DriveSetup(hazard.grid, places, hazard.body, DEFAULT, chair=hazard.chair, zones=hazard.zones)
 
 
-def struck(contact: Contact, world: World, body: ChairBody, motion: Motion) -> Struck:
+def contact_cause(contact: Contact, world: World, body: ChairBody, motion: TrueMotion) -> ContactCause:
     """Classify a contact. The chair hit a person if the chair's footprint moved towards this person."""
     at = np.array([contact.x, contact.y])
-    if contact.kind is ContactKind.FALL or any(_holds(pit, at) for pit in world.pits):
-        return Struck.EDGE
+    if contact.kind is ContactKind.FALL or any(_contains(pit, at) for pit in world.pits):
+        return ContactCause.EDGE
     if contact.kind is ContactKind.PERSON:
-        return Struck.PERSON if closing_speed(at, body, motion, contact.stamp_ns) > MOVES else Struck.BUMPED
-    return Struck.GLASS if any(_holds(pane, at) for pane in world.blocks if _is_glass(pane)) else Struck.SOLID
+        return (
+            ContactCause.PERSON
+            if closing_speed(at, body, motion, contact.stamp_ns) > MOVING_SPEED
+            else ContactCause.BUMPED
+        )
+    return (
+        ContactCause.GLASS
+        if any(_contains(pane, at) for pane in world.blocks if _is_glass(pane))
+        else ContactCause.SOLID
+    )
 
 
-def closing_speed(at: FloatArray, body: ChairBody, motion: Motion, stamp_ns: int) -> float:
+def closing_speed(at: FloatArray, body: ChairBody, motion: TrueMotion, stamp_ns: int) -> float:
     """Return the speed [m/s] at which the footprint's point nearest to `at` (2,) [m, map] moves towards it."""
     pose, twist = motion.at(stamp_ns)
     x, y = transform_points(pose.inverse(), at[None])[0].tolist()
@@ -165,7 +173,7 @@ def closing_speed(at: FloatArray, body: ChairBody, motion: Motion, stamp_ns: int
     return float((twist.v - twist.omega * near[1]) * away[0] + twist.omega * near[0] * away[1]) / distance
 
 
-def least_to_edge(world: World, body: ChairBody, motion: Motion) -> float:
+def least_to_drop_off(world: World, body: ChairBody, motion: TrueMotion) -> float:
     """Return the least distance [m] from the footprint (wheels included) to a drop-off; +inf without any."""
     if not world.pits:
         return math.inf
@@ -173,13 +181,13 @@ def least_to_edge(world: World, body: ChairBody, motion: Motion) -> float:
     return min(clearance(edges, body, Pose2(*pose)) for pose in motion.poses[::5].tolist())
 
 
-def least_to_people(motion: Motion) -> float:
+def least_to_people(motion: TrueMotion) -> float:
     """Return the least distance [m] to a person while the chair moves; +inf without people or motion."""
-    moves = np.abs(motion.twists).max(axis=1) > MOVES
+    moves = np.abs(motion.twists).max(axis=1) > MOVING_SPEED
     return float(motion.people[moves].min(initial=math.inf))
 
 
-def hazard_of_scene(scene: Scene) -> Hazard:
+def hazard_of_scene(scene: TightScene) -> Hazard:
     """Return a tight scene as a hazard, so that it is driven and scored alike."""
     return Hazard(scene.name, scene.world, map_of(scene.world), (scene.goal,), scene.body, chair=scene.chair)
 
@@ -187,7 +195,7 @@ def hazard_of_scene(scene: Scene) -> Hazard:
 # --- drop-offs and glass ------------------------------------------------------------------------------------------
 
 
-def edge_ahead(guard: Guard, seed: int) -> Hazard:
+def drop_off_ahead(protection: Protection, seed: int) -> Hazard:
     """Return a hall with a pit across it and a bridge of 1.5 m on one side; the goal lies straight behind the pit."""
     rng = np.random.default_rng(seed)
     side = float(rng.choice([-1.0, 1.0]))
@@ -195,10 +203,10 @@ def edge_ahead(guard: Guard, seed: int) -> Hazard:
     plan = _hall((8.5, 3.4), [PlanPit((4.9, middle), (1.0, 1.9))])
     start = Pose2(rng.uniform(0.8, 1.4), middle + rng.uniform(-0.3, 0.3), rng.uniform(-0.2, 0.2))
     goal = Place("beyond", Pose2(7.2, middle, 0.0))
-    return _guarded(f"edge ahead, {guard.value}", plan, start, (goal,), guard)
+    return _protected(f"edge ahead, {protection.value}", plan, start, (goal,), protection)
 
 
-def edge_beside(guard: Guard, seed: int) -> Hazard:
+def drop_off_beside(protection: Protection, seed: int) -> Hazard:
     """Return a corridor that leads into a gallery of 1.9 m: the chair turns round the corner of a stairwell beside it.
 
     A chair that leaves the corridor sees the drop-off ahead before it is beside it.
@@ -207,10 +215,12 @@ def edge_beside(guard: Guard, seed: int) -> Hazard:
     corridor = [PlanWall(start=(1.9, 0.0), end=(1.9, 2.9)), PlanWall(start=(1.9, 2.9), end=(6.4, 2.9))]
     plan = _hall((6.4, 6.8), [PlanPit((4.15, 3.9), (4.5, 2.0))], corridor)
     start = Pose2(rng.uniform(0.75, 1.1), rng.uniform(0.6, 0.9), math.pi / 2 + rng.uniform(-0.1, 0.1))
-    return _guarded(f"edge beside, {guard.value}", plan, start, (Place("round", Pose2(5.2, 5.8, 0.0)),), guard)
+    return _protected(
+        f"edge beside, {protection.value}", plan, start, (Place("round", Pose2(5.2, 5.8, 0.0)),), protection
+    )
 
 
-def edge_behind(guard: Guard, seed: int) -> Hazard:
+def drop_off_behind(protection: Protection, seed: int) -> Hazard:
     """Return a booth opposite a stairwell: the chair drives in and has to back out, towards the drop-off."""
     rng = np.random.default_rng(seed)
     x = rng.uniform(4.0, 5.0)
@@ -224,18 +234,18 @@ def edge_behind(guard: Guard, seed: int) -> Hazard:
     start = Pose2(rng.uniform(0.8, 1.2), rng.uniform(1.8, 2.1), rng.uniform(-0.2, 0.2))
     booth = Place("booth", Pose2(x, 3.25, math.pi / 2), tolerance_m=0.15)
     out = Place("out", Pose2(1.0, 2.0, math.pi))
-    return _guarded(f"edge behind, {guard.value}", plan, start, (booth, out), guard)
+    return _protected(f"edge behind, {protection.value}", plan, start, (booth, out), protection)
 
 
-EDGES = {"ahead": edge_ahead, "beside": edge_beside, "behind": edge_behind}
+DROP_OFFS = {"ahead": drop_off_ahead, "beside": drop_off_beside, "behind": drop_off_behind}
 
 
-def glass(guard: Guard, seed: int) -> Hazard:
+def glass(protection: Protection, seed: int) -> Hazard:
     """Return a room whose straight exit is a closed glass door, seen at some angle; another door is open."""
     rng = np.random.default_rng(seed)
     world = load_world("glass_door")
     start = Pose2(rng.uniform(1.0, 3.0), rng.uniform(0.8, 2.4), rng.uniform(-0.4, 0.4))
-    return _told(f"glass, {guard.value}", replace(world, start=start), (world.places[0],), guard)
+    return _with_protection(f"glass, {protection.value}", replace(world, start=start), (world.places[0],), protection)
 
 
 def map_of_lidar(world: World) -> OccupancyGrid:
@@ -243,7 +253,7 @@ def map_of_lidar(world: World) -> OccupancyGrid:
     grid = replace(world.grid, cells=np.zeros_like(world.grid.cells))
     for block in world.blocks:
         if block.high > LOWEST and block.low < HIGHEST and not _is_glass(block):
-            fill(grid.cells, grid, block.middle, block.length, block.width)
+            fill_rectangle(grid.cells, grid, block.middle, block.length, block.width)
     return grid
 
 
@@ -268,25 +278,25 @@ def zones_round(things: Iterable[Block | Pit]) -> tuple[Zone, ...]:
     )
 
 
-def _guarded(name: str, plan: FloorPlan, start: Pose2, goals: tuple[Place, ...], guard: Guard) -> Hazard:
-    return _told(name, replace(world_from_plan(plan, "edge"), start=start), goals, guard)
+def _protected(name: str, plan: FloorPlan, start: Pose2, goals: tuple[Place, ...], protection: Protection) -> Hazard:
+    return _with_protection(name, replace(world_from_plan(plan, "edge"), start=start), goals, protection)
 
 
-def _told(name: str, world: World, goals: tuple[Place, ...], guard: Guard) -> Hazard:
+def _with_protection(name: str, world: World, goals: tuple[Place, ...], protection: Protection) -> Hazard:
     hazard = Hazard(name, world, map_of_lidar(world), goals)
-    if guard is Guard.MAP:
+    if protection is Protection.MAP:
         return replace(hazard, grid=world.grid)
-    if guard is Guard.ZONE:
+    if protection is Protection.ZONE:
         return replace(hazard, zones=zones_round([*world.pits, *filter(_is_glass, world.blocks)]))
-    return replace(hazard, sensors=fitted_with(guard))
+    return replace(hazard, sensors=sensors_for(protection))
 
 
-def fitted_with(guard: Guard) -> SimulatorSettings:
+def sensors_for(protection: Protection) -> SimulatorSettings:
     """Return wheels, lidar and the protecting sensor; the camera has the lowest rate that the chair accepts."""
     bare = SimulatorSettings()
-    if guard is Guard.CAMERA:
+    if protection is Protection.CAMERA:
         return replace(bare, camera=replace(bare.camera, rate_hz=5.0))
-    if guard is Guard.SONAR:
+    if protection is Protection.SONAR:
         return replace(bare, sonar=replace(bare.sonar, rate_hz=SONAR.rate_hz))
     return bare
 
@@ -303,7 +313,7 @@ def _is_glass(block: Block) -> bool:
     return MATERIALS[block.material].reflection is Reflection.GLASS
 
 
-def _holds(thing: Block | Pit, at: FloatArray) -> bool:
+def _contains(thing: Block | Pit, at: FloatArray) -> bool:
     """Return whether a point (2,) [m] lies in a rectangle or on its border."""
     x, y = transform_points(thing.middle.inverse(), at[None])[0]
     return bool(abs(x) <= thing.length / 2 + _ON_EDGE and abs(y) <= thing.width / 2 + _ON_EDGE)
@@ -368,8 +378,8 @@ def robot_settings() -> ChairSettings:
                 alpha=3.0,
                 jerk=10.0,
                 alpha_jerk=30.0,
-                margin=0.02,
-                weights=Weights(people=0.3),
+                clearance=0.02,
+                people_weight=0.3,
             ),
         ),
         limiter=LimiterSettings(
@@ -390,7 +400,7 @@ def to_the_lift(seed: int) -> Hazard:
     rng = np.random.default_rng(seed)
     world = load_world("second_floor")
     start = Pose2(rng.uniform(20.0, 30.0), rng.uniform(6.9, 7.3), rng.uniform(-0.3, 0.3))
-    people = tuple(_under_way(person, rng) for person in world.people)
+    people = tuple(_started_anywhere(person, rng) for person in world.people)
     lift = next(place for place in world.places if place.name == "lift")
     return Hazard("corridor to the lift", replace(world, start=start, people=people), world.grid, (lift,))
 
@@ -406,12 +416,12 @@ def to_the_restroom(seed: int) -> Hazard:
         speed=float(rng.uniform(0.8, 1.4)),
         trigger=float(rng.uniform(1.0, 3.0)),
     )
-    people = (*(_under_way(person, rng) for person in world.people), sudden)
+    people = (*(_started_anywhere(person, rng) for person in world.people), sudden)
     restroom = next(place for place in world.places if place.name == "restroom")
     return Hazard("basement to the restroom", replace(world, start=start, people=people), world.grid, (restroom,))
 
 
-def _under_way(person: PersonPlan, rng: np.random.Generator) -> PersonPlan:
+def _started_anywhere(person: PersonPlan, rng: np.random.Generator) -> PersonPlan:
     """Return the person with a start anywhere on the first part of the path."""
     if person.behaviour not in (Behaviour.PATH, Behaviour.SOCIAL):
         return person
@@ -422,7 +432,7 @@ def _under_way(person: PersonPlan, rng: np.random.Generator) -> PersonPlan:
 
 
 @dataclass(frozen=True, slots=True)
-class Appearance:
+class SuddenPerson:
     """The result of a run in which a person suddenly appears `ahead_m` [m] ahead of a chair at `speed` [m/s].
 
     `nearest_m`: least distance from the footprint to the person while the chair moved. `contact_speed` [m/s]: 0 without
@@ -442,7 +452,7 @@ class Appearance:
     ride: Ride
 
 
-def run_appearance(ahead_m: float, seed: int) -> Appearance:
+def run_sudden_person(ahead_m: float, seed: int) -> SuddenPerson:
     """Drive at the full 0.8 m/s in a wide corridor; a person suddenly stands in the chair's lane.
 
     `ahead_m` is the gap from the front of the footprint to the person's disc; the lidar sees the person's two legs.
@@ -453,12 +463,12 @@ def run_appearance(ahead_m: float, seed: int) -> Appearance:
     rng = np.random.default_rng(seed)
     goal = Place("end", Pose2(11.0, 1.5, 0.0))
     world = replace(world_from_plan(_hall((12.5, 3.0)), "corridor"), start=Pose2(1.2, 1.5, rng.uniform(-0.05, 0.05)))
-    simulator = WatchedSimulator(world, CHAIR_A, chair_of(seed), seed)
-    setting = Setting(world.grid, {goal.name: goal}, CHAIR_A, DEFAULT)
+    simulator = RecordingSimulator(world, CHAIR_A, randomised_settings(seed), seed)
+    setup = DriveSetup(world.grid, {goal.name: goal}, CHAIR_A, DEFAULT)
     appears_x, across, appeared_ns, speed = rng.uniform(4.0, 5.0), rng.uniform(-0.25, 0.25), None, 0.0
-    with chair_in(setting, simulator) as chair:
-        begin(simulator, chair, Goal(goal.name))
-        for _ in range(round(_APPEARANCE_S * COMMAND.rate_hz)):
+    with simulated_chair(setup, simulator) as chair:
+        start_drive(simulator, chair, Goal(goal.name))
+        for _ in range(round(_SUDDEN_PERSON_S * COMMAND.rate_hz)):
             messages = advance_tick(simulator, chair)
             chair.step(simulator.now_ns, messages)
             pose = simulator.truth()
@@ -466,29 +476,29 @@ def run_appearance(ahead_m: float, seed: int) -> Appearance:
                 at = transform_points(pose, np.array([[CHAIR_A.front + ahead_m + _PERSON_RADIUS, across]]))
                 simulator.populate([PersonPlan(Behaviour.PATH, at, radius=_PERSON_RADIUS)])
                 appeared_ns, speed = simulator.now_ns, simulator.twist().v
-            elif appeared_ns is not None and abs(simulator.twist().v) < MOVES:
+            elif appeared_ns is not None and abs(simulator.twist().v) < MOVING_SPEED:
                 break
     can_brake = min(LimiterSettings().emergency, simulator.settings.plant.deceleration)
-    return _appearance(seed, ahead_m, speed, appeared_ns, can_brake, simulator)
+    return _sudden_person(seed, ahead_m, speed, appeared_ns, can_brake, simulator)
 
 
 _PERSON_RADIUS = 0.25
-_APPEARANCE_S = 20.0
+_SUDDEN_PERSON_S = 20.0
 
 
-def _appearance(
-    seed: int, ahead_m: float, speed: float, appeared_ns: int | None, can_brake: float, simulator: WatchedSimulator
-) -> Appearance:
+def _sudden_person(
+    seed: int, ahead_m: float, speed: float, appeared_ns: int | None, can_brake: float, simulator: RecordingSimulator
+) -> SuddenPerson:
     """Return the result, computed from the simulator's true motion."""
     motion = simulator.motion()
     if appeared_ns is None:  # the chair never came so far
-        return Appearance(seed, ahead_m, 0.0, math.inf, 0.0, math.nan, can_brake, math.nan, ride_of(motion))
+        return SuddenPerson(seed, ahead_m, 0.0, math.inf, 0.0, math.nan, can_brake, math.nan, ride_of(motion))
     after = motion.stamps_ns >= appeared_ns
     seconds, v = (motion.stamps_ns[after] - appeared_ns) * 1e-9, motion.twists[after, 0]
-    moving = v > MOVES
+    moving = v > MOVING_SPEED
     reacts, first, last = (int(np.argmax(v < share * speed)) for share in (0.9, 0.8, 0.3))
     contact_speed = next((contact.speed for contact in simulator.contact_reports), 0.0)
-    return Appearance(
+    return SuddenPerson(
         seed,
         ahead_m,
         speed,

@@ -11,7 +11,7 @@ import numpy as np
 from tests.firmware_bridge.fuzzing import build_fuzzer, fuzz
 
 from waychair.firmware_bridge.board import board_program
-from waychair.firmware_bridge.fail_safe import BUDGET_MS, DeathReport, kill_board, kill_host
+from waychair.firmware_bridge.fail_safe import BUDGET_MS, KillReport, kill_board, kill_host
 from waychair.firmware_bridge.round_trip import round_trips_ms
 from waychair.types import Json
 
@@ -68,10 +68,10 @@ def run_fuzz(out: Path) -> Json:
     }
 
 
-def _deaths(report: DeathReport) -> Json:
+def _deaths(report: KillReport) -> Json:
     return {
-        "passed": len(report.deaths) == MOMENTS and not report.failures and report.longest_ms <= BUDGET_MS,
-        "moments": len(report.deaths),
+        "passed": len(report.trials) == MOMENTS and not report.failures and report.longest_ms <= BUDGET_MS,
+        "moments": len(report.trials),
         "failures": len(report.failures),
         "longest_ms": report.longest_ms,
         "failure_rate_bound_95": round(report.failure_bound, 5),

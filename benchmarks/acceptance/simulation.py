@@ -20,7 +20,7 @@ from rosbags.highlevel import AnyReader
 from benchmarks.simulation import speed, suites
 from waychair.calibration.chair import CHAIR_A
 from waychair.geometry import in_space
-from waychair.simulation.camera import Camera, CameraSettings
+from waychair.simulation.camera import CameraSettings, RgbdCamera
 from waychair.simulation.chair_file import load_chair, randomised_chair
 from waychair.simulation.renderer import Renderer, camera_matrix
 from waychair.simulation.simulator import SensorMessage, Simulator, SimulatorSettings, with_all_sensors
@@ -135,7 +135,7 @@ def _frames(world: World) -> Iterator[RgbdFrame]:
     settings = CameraSettings()
     matrix = camera_matrix(settings.width, settings.height, settings.field_of_view)
     renderer = Renderer(world, matrix, settings.width, settings.height)
-    camera = Camera(settings, CHAIR_A.base_from_camera, np.random.default_rng(0), renderer)
+    camera = RgbdCamera(settings, CHAIR_A.base_from_camera, np.random.default_rng(0), renderer)
     route, stamp_ns = world.route(), 0
     for begin, end in pairwise(route):
         ahead = np.arctan2(*(end - begin)[::-1])

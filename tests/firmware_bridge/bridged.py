@@ -13,7 +13,7 @@ from waychair.firmware_bridge.board import BoardInputs, BoardSettings, HostBoard
 from waychair.firmware_bridge.bridge import Bridge, BridgeSettings
 from waychair.firmware_bridge.protocol import BoardState, BoardTelemetry, Family, Holder
 from waychair.firmware_bridge.transports import Reconnecting, Transport
-from waychair.types import Sent, WheelSpeeds
+from waychair.types import SentCommand, WheelSpeeds
 
 MS = 1_000_000
 TICK_MS = 50
@@ -41,7 +41,7 @@ class Bridged:
         self.bridge = Bridge(self.cable, calibration, chair_id, settings)
         self.now_ms = 0
         self.lines: LineState = self.board.step(0, self.inputs)
-        self.sent: list[Sent] = []
+        self.sent: list[SentCommand] = []
 
     def __enter__(self) -> Self:
         return self
@@ -60,7 +60,7 @@ class Bridged:
             raise TransportError("cannot open the serial port: is the board plugged in?")
         return self.board.transport
 
-    def send(self, speeds: WheelSpeeds | None, age_ms: int = 0) -> Sent:
+    def send(self, speeds: WheelSpeeds | None, age_ms: int = 0) -> SentCommand:
         """One tick of the control loop."""
         self.sent.append(self.bridge.send(speeds, self.now_ns - age_ms * MS, self.now_ns))
         return self.sent[-1]
@@ -74,14 +74,14 @@ class Bridged:
                 self.bridge.beat(self.now_ns)
         return self.lines
 
-    def run(self, ms: int, speeds: WheelSpeeds | None) -> Sent:
+    def run(self, ms: int, speeds: WheelSpeeds | None) -> SentCommand:
         """Ticks of the control loop for so long; what the last one sent."""
         for _ in range(ms // TICK_MS):
             sent = self.send(speeds)
             self.live(TICK_MS)
         return sent
 
-    def drive(self, speeds: WheelSpeeds = GOOD) -> Sent:
+    def drive(self, speeds: WheelSpeeds = GOOD) -> SentCommand:
         """Through greeting and hold, up to the command."""
         self.run(2300, speeds)
         sent = self.run(400, speeds)

@@ -281,7 +281,7 @@ def test_wrong_counts_let_the_lines_go(link: Bridged, monkeypatch: pytest.Monkey
         return wrong
 
     monkeypatch.setattr(bridge_module, "counts_from_wheel_speeds", broken)
-    assert "no counts" in link.send(GOOD).reason
+    assert "not counts" in link.send(GOOD).reason
 
 
 def test_the_slew_is_a_matter_of_volts_and_time_not_of_counts_and_calls(board_program: Path) -> None:

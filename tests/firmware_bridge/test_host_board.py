@@ -24,7 +24,7 @@ from waychair.firmware_bridge.board import (
     at_rest,
     build_board,
 )
-from waychair.firmware_bridge.fail_safe import BUDGET_MS, Death, DeathReport, kill_board, kill_host
+from waychair.firmware_bridge.fail_safe import BUDGET_MS, KillReport, KillTrial, kill_board, kill_host
 from waychair.firmware_bridge.protocol import (
     BoardFault,
     BoardState,
@@ -32,10 +32,10 @@ from waychair.firmware_bridge.protocol import (
     Command,
     Decoder,
     Family,
+    HandshakeRefusal,
     HelloReply,
     Holder,
     Message,
-    Refusal,
     encode,
     hello,
     line_millivolts,
@@ -208,16 +208,16 @@ def test_f19_the_riders_stick_is_on_the_lines_within_one_tick(computer: Computer
 @pytest.mark.parametrize(
     ("wrong", "refusal"),
     [
-        ({"version": 2}, Refusal.VERSION),
-        ({"layout_hash": 1}, Refusal.LAYOUT),
-        ({"chair_id": b"B".ljust(16, b"\0")}, Refusal.CHAIR),
-        ({"chair_id": b"A".ljust(15, b"\0") + b"x"}, Refusal.CHAIR),
-        ({"family": 2}, Refusal.FAMILY),
-        ({"version": 9, "family": 0}, Refusal.VERSION | Refusal.FAMILY),
+        ({"version": 2}, HandshakeRefusal.VERSION),
+        ({"layout_hash": 1}, HandshakeRefusal.LAYOUT),
+        ({"chair_id": b"B".ljust(16, b"\0")}, HandshakeRefusal.CHAIR),
+        ({"chair_id": b"A".ljust(15, b"\0") + b"x"}, HandshakeRefusal.CHAIR),
+        ({"family": 2}, HandshakeRefusal.FAMILY),
+        ({"version": 9, "family": 0}, HandshakeRefusal.VERSION | HandshakeRefusal.FAMILY),
     ],
 )
 def test_f22_a_stranger_is_refused_by_name_and_never_armed(
-    computer: Computer, wrong: dict[str, int | bytes], refusal: Refusal
+    computer: Computer, wrong: dict[str, int | bytes], refusal: HandshakeRefusal
 ) -> None:
     computer.send(replace(hello("A", Family.HALL_5V), **wrong))  # type: ignore[arg-type]
     assert computer.run(2500).state is BoardState.SILENT
@@ -238,7 +238,7 @@ def test_f22_a_board_without_a_family_refuses_and_its_joystick_is_live(board_pro
         assert (state.holder, state.forward_mv, state.turn_mv) == (Holder.JOYSTICK, 3000, 2100)
         reply = computer.heard[0]
         assert isinstance(reply, HelloReply)
-        assert reply.refused == Refusal.CONFIG
+        assert reply.refused == HandshakeRefusal.CONFIG
 
 
 def test_f3_noise_on_the_line_is_counted_and_ends_the_drive(computer: Computer) -> None:
@@ -295,7 +295,7 @@ def test_f16_a_clock_that_goes_back_leaves_the_joystick_live(computer: Computer)
 
 def test_f1_the_computer_is_killed_at_random_moments_and_the_joystick_is_live_in_100_ms(board_program: Path) -> None:
     report = kill_host(board_program, 20, seed=7)
-    assert len(report.deaths) == 20
+    assert len(report.trials) == 20
     assert report.failures == ()
     assert 60 <= report.longest_ms <= BUDGET_MS
     assert report.failure_bound == pytest.approx(1 - 0.05 ** (1 / 20))
@@ -303,18 +303,22 @@ def test_f1_the_computer_is_killed_at_random_moments_and_the_joystick_is_live_in
 
 def test_f29_the_board_dies_at_random_moments_and_the_joystick_is_live_in_100_ms(board_program: Path) -> None:
     report = kill_board(board_program, 21, seed=7)
-    assert {death.what for death in report.deaths} == {"frozen", "brown-out", "killed"}
+    assert {trial.killed for trial in report.trials} == {"frozen", "brown-out", "killed"}
     assert report.failures == ()
     assert 1 <= report.longest_ms <= BUDGET_MS
 
 
 def test_a_death_without_a_live_joystick_in_time_is_a_failure() -> None:
-    deaths = (Death("host", 2200, (1, 1), 100), Death("host", 2200, (1, 1), 101), Death("host", 2200, (1, 1), None))
-    report = DeathReport(deaths)
-    assert report.failures == deaths[1:]
+    trials = (
+        KillTrial("host", 2200, (1, 1), 100),
+        KillTrial("host", 2200, (1, 1), 101),
+        KillTrial("host", 2200, (1, 1), None),
+    )
+    report = KillReport(trials)
+    assert report.failures == trials[1:]
     assert report.longest_ms == 101
     assert 0.66 < report.failure_bound < 1.0
-    assert DeathReport(deaths[1:]).failure_bound == 1.0
+    assert KillReport(trials[1:]).failure_bound == 1.0
 
 
 def test_a_dead_board_answers_with_the_joystick_or_the_e_stop(computer: Computer) -> None:
@@ -330,7 +334,7 @@ def test_a_dead_board_answers_with_the_joystick_or_the_e_stop(computer: Computer
 def test_a_board_that_does_not_answer_is_an_error_with_advice(
     computer: Computer, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    monkeypatch.setattr("waychair.firmware_bridge.board.PATIENCE_S", 0.05)
+    monkeypatch.setattr("waychair.firmware_bridge.board.TIMEOUT_S", 0.05)
     computer.run(1)
     os.kill(computer.board._process.pid, signal.SIGSTOP)
     with pytest.raises(BridgeError, match="did not answer"):

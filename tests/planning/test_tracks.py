@@ -27,8 +27,8 @@ from waychair.planning.tracks import (
     room_round,
 )
 from waychair.simulation.lidar import Lidar, LidarSettings
-from waychair.simulation.people import People
-from waychair.simulation.rays import scenery_of
+from waychair.simulation.people import SimulatedPeople
+from waychair.simulation.rays import scenery_from_slice
 from waychair.simulation.scene import Behaviour, PersonPlan, Slice
 from waychair.simulation.silhouettes import legs
 from waychair.types import FloatArray, OccupancyGrid, Pose2, Twist
@@ -139,9 +139,9 @@ def test_the_simulators_people_are_found_by_the_simulators_lidar() -> None:
     ways = [[[3.0, 4.0], [9.0, 4.0]], [[9.0, 6.0], [3.0, 6.5]], [[5.0, 9.0], [7.0, 9.0]]]
     plans = [PersonPlan(Behaviour.PATH, np.array(way), 1.0) for way in ways]
     pose = Pose2(2.0, 6.0)
-    people = People(plans, grid, CHAIR_A, np.random.default_rng(4))
+    people = SimulatedPeople(plans, grid, CHAIR_A, np.random.default_rng(4))
     lidar = Lidar(LidarSettings(rate_hz=10.0, sweep_s=0.0, drop_out=0.0, mixed=0.0), CHAIR_A, np.random.default_rng(5))
-    nothing = scenery_of(Slice(np.empty((0, 4)), np.empty(0, np.int64)))
+    nothing = scenery_from_slice(Slice(np.empty((0, 4)), np.empty(0, np.int64)))
     tracker, errors, seen = Tracker(), [], []
     for k in range(80):
         people.step(TICK_NS, pose, Twist())

@@ -8,7 +8,7 @@ import numpy as np
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from waychair.simulation.boxes import SMALLEST_BIN, Bins, bins_of, boxes_of_segments
+from waychair.simulation.boxes import SMALLEST_BIN, Bins, bins_from_boxes, boxes_from_segments
 from waychair.types import FloatArray
 
 
@@ -32,7 +32,7 @@ def _held(bins: Bins, x: float, y: float) -> set[int]:
 def test_every_point_of_a_box_lies_in_a_bin_that_holds_the_box(seed: int, count: int) -> None:
     rng = np.random.default_rng(seed)
     boxes = _boxes(rng, count)
-    bins = bins_of(boxes)
+    bins = bins_from_boxes(boxes)
     for i, (x, y, c, s, half_length, half_width) in enumerate(boxes.tolist()):
         for along, across in rng.uniform(-1.0, 1.0, (8, 2)) * (half_length, half_width):
             assert i in _held(bins, x + along * c - across * s, y + along * s + across * c)
@@ -42,7 +42,7 @@ def test_every_point_of_a_box_lies_in_a_bin_that_holds_the_box(seed: int, count:
 @given(st.integers(0, 2**32 - 1))
 def test_a_bin_holds_no_box_that_is_farther_than_a_bin_away(seed: int) -> None:
     boxes = _boxes(np.random.default_rng(seed), 30)
-    bins = bins_of(boxes)
+    bins = bins_from_boxes(boxes)
     for row in range(bins.rows):
         for col in range(bins.cols):
             x, y = bins.x + (col + 0.5) * bins.side, bins.y + (row + 0.5) * bins.side
@@ -53,14 +53,14 @@ def test_a_bin_holds_no_box_that_is_farther_than_a_bin_away(seed: int) -> None:
 
 
 def test_bins_are_a_few_for_every_box_and_never_tiny() -> None:
-    many = bins_of(_boxes(np.random.default_rng(1), 1000))
+    many = bins_from_boxes(_boxes(np.random.default_rng(1), 1000))
     assert 2000 < many.rows * many.cols < 6000
-    dense = bins_of(np.tile([0.0, 0.0, 1.0, 0.0, 1.0, 1.0], (10_000, 1)))
+    dense = bins_from_boxes(np.tile([0.0, 0.0, 1.0, 0.0, 1.0, 1.0], (10_000, 1)))
     assert dense.side == SMALLEST_BIN
-    far_apart = bins_of(boxes_of_segments(np.array([[0.0, 0.0, 1.0, 0.0], [1e6, 0.0, 1e6 + 1, 0.0]])))
+    far_apart = bins_from_boxes(boxes_from_segments(np.array([[0.0, 0.0, 1.0, 0.0], [1e6, 0.0, 1e6 + 1, 0.0]])))
     assert far_apart.rows * far_apart.cols < 2000
 
 
 def test_segments_become_boxes_of_no_width() -> None:
-    boxes = boxes_of_segments(np.array([[1.0, 1.0, 4.0, 5.0]]))
+    boxes = boxes_from_segments(np.array([[1.0, 1.0, 4.0, 5.0]]))
     np.testing.assert_allclose(boxes, [[2.5, 3.0, 0.6, 0.8, 2.5, 0.0]])

@@ -19,8 +19,8 @@ from waychair.errors import ConfigError
 from waychair.geometry import in_space
 from waychair.simulation.camera import (
     NOISE_STEP,
-    Camera,
     CameraSettings,
+    RgbdCamera,
     blurred,
     measured_depth,
     noise_by_level,
@@ -44,8 +44,8 @@ def _renderer(world: World, settings: CameraSettings) -> Renderer:
     return Renderer(world, matrix, settings.width, settings.height)
 
 
-def _camera(renderer: Renderer, settings: CameraSettings, seed: int = 1) -> Camera:
-    return Camera(settings, CHAIR_A.base_from_camera, np.random.default_rng(seed), renderer)
+def _camera(renderer: Renderer, settings: CameraSettings, seed: int = 1) -> RgbdCamera:
+    return RgbdCamera(settings, CHAIR_A.base_from_camera, np.random.default_rng(seed), renderer)
 
 
 def _stops(route: FloatArray, step: float) -> list[Pose2]:
@@ -280,7 +280,7 @@ def test_the_random_stream_does_not_depend_on_what_is_seen(small: tuple[World, R
     states = []
     for pose in (world.start, Pose2(10.5, 3.5, 0.4)):
         rng = np.random.default_rng(4)
-        Camera(SMALL, CHAIR_A.base_from_camera, rng, renderer).frame(0, in_space(pose), Twist(0.5, 0.2))
+        RgbdCamera(SMALL, CHAIR_A.base_from_camera, rng, renderer).frame(0, in_space(pose), Twist(0.5, 0.2))
         states.append(rng.bit_generator.state)
     assert states[0] == states[1]
 

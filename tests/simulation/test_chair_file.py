@@ -82,7 +82,7 @@ def test_a_file_that_is_not_there_is_told(tmp_path: Path) -> None:
 
 
 def test_a_chair_is_saved_only_where_it_can_be_read_back(tmp_path: Path) -> None:
-    with pytest.raises(ConfigError, match=r"let it end in \.yaml"):
+    with pytest.raises(ConfigError, match=r"name that ends in \.yaml"):
         save_chair(CHAIRS["A"], tmp_path / "chair")
     assert not list(tmp_path.iterdir())
 

@@ -14,7 +14,7 @@ from waychair.geometry import rectangle, transform_points
 from waychair.simulation.contact import (
     HIGHEST,
     LOWEST,
-    Solid,
+    SolidBoxes,
     clearance,
     in_contact,
     nearest_point,
@@ -182,7 +182,7 @@ def test_without_blocks_nothing_is_touched_anywhere() -> None:
 
 
 def test_the_nearest_point_is_on_what_is_about_to_be_touched() -> None:
-    wall: Solid = solid_from_blocks([_block(2.0, 0.3, length=0.2, width=4.0)])
+    wall: SolidBoxes = solid_from_blocks([_block(2.0, 0.3, length=0.2, width=4.0)])
     x, y = nearest_point(wall, CHAIR_A, Pose2(1.0, 0.0, 0.0))
     assert x == pytest.approx(1.9)
     assert abs(y) <= CHAIR_A.width / 2 + 1e-9

@@ -7,7 +7,7 @@ import math
 import numpy as np
 import pytest
 
-from waychair.simulation.figures import MOVER_HEIGHT, SHIN_HEIGHT, Figures, figures
+from waychair.simulation.figures import MOVER_HEIGHT, SHIN_HEIGHT, BodyMeshes, body_meshes
 from waychair.simulation.looks import LOOKS
 from waychair.simulation.renderer import PERSON_REACH
 from waychair.simulation.scene import Behaviour, PersonState
@@ -22,7 +22,7 @@ def _person(behaviour: Behaviour, stride: float = 0.0, seed: int = 1, radius: fl
     return PersonState(POSE, 1.0, stride, radius, behaviour, seed)
 
 
-def _cut(body: Figures, height: float) -> FloatArray:
+def _cut(body: BodyMeshes, height: float) -> FloatArray:
     """(N, 2) where the edges of the body's triangles pass a height."""
     edges = body.positions[np.concatenate([body.triangles[:, [0, 1]], body.triangles[:, [1, 2]]])]
     through = edges[(edges[:, 0, 2] - height) * (edges[:, 1, 2] - height) < 0.0]
@@ -35,14 +35,14 @@ def _cut(body: Figures, height: float) -> FloatArray:
 @pytest.mark.parametrize("stride", [0.0, 0.8, math.pi / 2, 4.0])
 def test_legs_are_where_the_lidar_sees_them(behaviour: Behaviour, stride: float) -> None:
     person = _person(behaviour, stride)
-    points, circles = _cut(figures([person], NAMES), SHIN_HEIGHT), legs_of(person)
+    points, circles = _cut(body_meshes([person], NAMES), SHIN_HEIGHT), legs_of(person)
     distances = np.linalg.norm(points[:, None] - circles[:, :2], axis=2) - circles[:, 2]
     assert np.all(np.abs(distances).min(axis=1) < 0.03)
     assert np.all(np.abs(distances).min(axis=0) < 0.03)
 
 
 def test_a_mover_is_a_drum_half_a_metre_high() -> None:
-    body = figures([_person(Behaviour.BOUNCE, radius=0.15)], NAMES)
+    body = body_meshes([_person(Behaviour.BOUNCE, radius=0.15)], NAMES)
     assert body.positions[:, 2].min() == 0.0
     assert body.positions[:, 2].max() == MOVER_HEIGHT == 0.5
     assert np.hypot(*(body.positions[:, :2] - (POSE.x, POSE.y)).T).max() == pytest.approx(0.15)
@@ -50,13 +50,13 @@ def test_a_mover_is_a_drum_half_a_metre_high() -> None:
 
 @pytest.mark.parametrize("behaviour", list(Behaviour))
 def test_no_part_is_beyond_a_persons_reach_or_below_the_floor(behaviour: Behaviour) -> None:
-    body = figures([_person(behaviour, math.pi / 2)], NAMES)
+    body = body_meshes([_person(behaviour, math.pi / 2)], NAMES)
     assert np.linalg.norm(body.positions - (POSE.x, POSE.y, 1.0), axis=1).max() < PERSON_REACH
     assert body.positions[:, 2].min() >= -1e-9
 
 
 def test_clothes_go_by_the_person_and_patterns_by_the_limb() -> None:
-    body = figures([_person(Behaviour.PATH, seed=1), _person(Behaviour.PATH, seed=2)], NAMES)
+    body = body_meshes([_person(Behaviour.PATH, seed=1), _person(Behaviour.PATH, seed=2)], NAMES)
     clothes = body.looks == NAMES.index("clothes")
     colours = [set(body.seeds[clothes & (body.owners == owner)] >> 8) for owner in (0, 1)]
     assert [len(seen) for seen in colours] == [2, 2]  # a jacket and trousers
@@ -65,7 +65,7 @@ def test_clothes_go_by_the_person_and_patterns_by_the_limb() -> None:
 
 
 def test_a_tubes_triangles_go_round_alike() -> None:
-    body = figures([_person(Behaviour.BOUNCE)], NAMES)
+    body = body_meshes([_person(Behaviour.BOUNCE)], NAMES)
     a, b, c = np.moveaxis(body.positions[body.triangles], 1, 0)
     middle = np.array([POSE.x, POSE.y, MOVER_HEIGHT / 2])
     outward = np.sum(np.cross(b - a, c - a) * ((a + b + c) / 3 - middle), axis=1)
@@ -73,4 +73,4 @@ def test_a_tubes_triangles_go_round_alike() -> None:
 
 
 def test_nobody_is_nothing() -> None:
-    assert len(figures([], NAMES).positions) == 0
+    assert len(body_meshes([], NAMES).positions) == 0

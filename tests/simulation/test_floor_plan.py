@@ -106,7 +106,7 @@ def test_an_unchecked_plan_and_its_world_are_the_same_figures(tmp_path: Path) ->
         ("size: [6.0, 4.0]", "size: [500.0, 500.0]", 2, "too large"),
         ("size: [6.0, 4.0]", "size: [6.0, 4.0]\nresolution: 0.001", 3, "resolution: expected `float` >= 0.005"),
         ("start: [1.0, 1.0, 0.0]", "start: [3.0, 0.5, 0.0]", 3, "start: .* something solid; move it"),
-        ("start: [1.0, 1.0, 0.0]", "start: [7.0, 0.5, 0.0]", 3, "start: .* outside the world; move it in"),
+        ("start: [1.0, 1.0, 0.0]", "start: [7.0, 0.5, 0.0]", 3, "start: .* outside the world; move it inside"),
         ("door: [1.5, 2.0, 1.5]", "door: [0.5, 2.0, 1.5]", 14, r"places\.door: \(0\.5, 2\) lies in something solid"),
         ("sink: [1.0, 3.0, 0.0]", "sink: [1.0, 3.0]", 15, r"places\.sink: expected `array` of length 3"),
         ("sink: [1.0, 3.0, 0.0]", "sink: [1.0, 3.0, .inf]", 15, r"places\.sink\[2\]: inf is not finite"),

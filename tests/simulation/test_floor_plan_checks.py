@@ -94,7 +94,7 @@ def test_the_plan_that_is_spoilt_below_is_sound(tmp_path: Path) -> None:
         ("material: concrete", "material: concret", r"walls\[0\]\.material: .* did you mean 'concrete'"),
         ("{name: gate, at: 1.0", "{material: oak, at: 1.0", r"doors\[0\]\.material: unknown material 'oak'"),
         ("width: 1.0}]", "width: 4.5}]", r"doors\[0\]\.width: a door of 4\.5 m is wider than its wall of 4 m"),
-        ("at: 3.0, side: right", "at: 3.9, side: right", r"posters\[0\]\.at: .* lies off its wall of 4 m; move it in"),
+        ("at: 3.0, side: right", "at: 3.9, side: right", r"posters\[0\]\.at: .* lies outside its wall of 4 m; move it inside"),
         ("at: 3.0, side: right", "at: 1.5, side: right", r"posters\[0\]\.at: .* hangs in the door at 1 m; move it"),
         ("height: 1.4, size", "height: 2.3, size", r"posters\[0\]\.height: .* reaches beyond its wall"),
         ("height: 1.4, size", "height: 0.3, size", r"posters\[0\]\.height: .* reaches beyond its wall"),
@@ -102,7 +102,7 @@ def test_the_plan_that_is_spoilt_below_is_sound(tmp_path: Path) -> None:
         ("high: 0.9", "high: 0.2", r"boxes\[0\]\.high: 0\.2 m is not above its lower face at 0\.2 m; raise it"),
         ("high: 0.9", "high: 2.7", r"boxes\[0\]\.high: 2\.7 m is above the ceiling at 2\.6 m; make it lower"),
         ("low: 0.2", "low: -0.2", r"boxes\[0\]\.low: expected `float` >= 0"),
-        ("top: 0.04", "top: 0.8", r"tables\[0\]\.top: .* leaves no legs to a table 0\.74 m high"),
+        ("top: 0.04", "top: 0.8", r"tables\[0\]\.top: .* leaves no space for the legs of a table 0\.74 m high"),
         ("legs: 0.05", "legs: 0.5", r"tables\[0\]\.legs: legs of 0\.5 m do not fit under 1\.2 x 0\.8 m"),
         ("height: 0.74", "height: 3.0", r"tables\[0\]\.height: 3 m is above the ceiling"),
         ("centre: [8.5, 5.0]", "centre: [8.5, 7.0]", r"tables\[0\]\.centre: \(8\.5, 7\) lies outside; move it into"),
@@ -121,9 +121,9 @@ def test_the_plan_that_is_spoilt_below_is_sound(tmp_path: Path) -> None:
         ("[5.0, 2.2]]", "[2.5, 4.0]]", r"people\[0\]\.path\[1\]: .* lies in something solid"),
         ("[5.0, 2.2]]", "[8.5, 1.2]]", r"people\[0\]\.path\[1\]: .* lies over a pit"),
         ("[5.0, 2.2]]", "[5.0, 2.2], [2.0, 2.8]]", r"people\[0\]\.path\[2\]: .* nearer to something solid than 0\.25"),
-        ("[[1.0, 2.2],", "[[1.3, 1.0],", r"people\[0\]\.path\[0\]: .* where the chair starts; stand farther off"),
+        ("[[1.0, 2.2],", "[[1.3, 1.0],", r"people\[0\]\.path\[0\]: .* too near to the chair's start; move it away"),
         ("speed: 0.8", "speed: 0.0", r"people\[0\]\.speed: expected `float` > 0"),
-        ("radius: 0.25}", "count: 3}", r"people\[0\]\.count: 3 persons in one place"),
+        ("radius: 0.25}", "count: 3}", r"people\[0\]\.count: 3 people at one place"),
         ("count: 2", "count: 0", r"people\[1\]\.count: expected `int` >= 1"),
         ("radius: 0.15}", "radius: 2.5}", r"people\[1\]\.radius: expected `float` <= 0\.6"),
         ("desk: [4.5, 1.0, 0.0]", "desk: [8.0, 1.0, 0.0]", r"places\.desk: \(8, 1\) lies over a pit; move it"),
@@ -131,7 +131,7 @@ def test_the_plan_that_is_spoilt_below_is_sound(tmp_path: Path) -> None:
         ("desk: [4.5, 1.0, 0.0]", "desk: [8.5, 5.0, 0.0]", r"places\.desk: .* lies in something solid"),
         ("[5.0, 1.0]]", "[8.5, 2.0], [8.5, 0.5]]", r"routes\.mapping\[2\]: .* lies over a pit"),
         ("start: [1.0, 1.0, 0.0]", "start: [8.0, 1.0, 0.0]", "start: .* lies over a pit"),
-        ("places:", "lifts: [{name: a, middle: [5.0, 5.0, 0.0], size: [1.0, 1.0]}]\nplaces:", "on this level only"),
+        ("places:", "lifts: [{name: a, middle: [5.0, 5.0, 0.0], size: [1.0, 1.0]}]\nplaces:", "on one level only"),
     ],
 )
 def test_a_mistake_is_refused_by_file_and_line(tmp_path: Path, old: str, new: str, named: str) -> None:
@@ -145,9 +145,9 @@ def test_a_mistake_is_refused_by_file_and_line(tmp_path: Path, old: str, new: st
     ("old", "new", "level", "line", "named"),
     [
         ("name: upper", "name: ground", None, 10, r"levels\[1\]\.name: there is a level 'ground' already; rename one"),
-        ("[5.0, 3.0, 3.1], size: [1.6", "[4.9, 3.0, 3.1], size: [1.6", None, 7, r"lifts\[0\]\.middle: .* elsewhere"),
+        ("[5.0, 3.0, 3.1], size: [1.6", "[4.9, 3.0, 3.1], size: [1.6", None, 7, r"lifts\[0\]\.middle: .* has another middle"),
         ("size: [1.6, 1.4]", "size: [1.5, 1.4]", None, 7, "of another size on another level"),
-        ("{name: lift", "{name: left", None, 7, r"levels\[0\]\.lifts\[0\]\.name: .* stops on this level only"),
+        ("{name: lift", "{name: left", None, 7, r"levels\[0\]\.lifts\[0\]\.name: .* stops on one level only"),
         ("centre: [3.0, 3.0]", "centre: [5.0, 3.2]", None, 7, r"levels\[0\]\.lifts\[0\]: .* is blocked by something"),
         ("bed: [2.0, 2.0, 0.0]", "bed: [9.0, 2.0, 0.0]", "upper", 16, r"levels\[1\]\.places\.bed: .* outside"),
         (
@@ -193,7 +193,9 @@ def test_a_plan_without_levels_is_one_of_its_own_name(tmp_path: Path) -> None:
 
 def test_more_movers_than_find_room_are_refused(tmp_path: Path) -> None:
     crowd = PLAN.replace("count: 2, speed: 0.2, radius: 0.15", "count: 200, speed: 0.2, radius: 0.6")
-    with pytest.raises(WorldError, match=r"line 28: people: only \d+ of 201 find room; make them fewer or smaller"):
+    with pytest.raises(
+        WorldError, match=r"line 28: people: only \d+ of 201 people fit on the free floor; make them fewer or smaller"
+    ):
         _world(tmp_path, crowd)
 
 

@@ -13,8 +13,8 @@ from hypothesis import strategies as st
 from waychair.calibration.chair import ChairBody
 from waychair.errors import ConfigError
 from waychair.geometry import interpolate
-from waychair.simulation.lidar import MOST_MIRRORS, Lidar, LidarSettings, Optics, cast_sweep
-from waychair.simulation.rays import NOBODY, Scenery, scenery_of
+from waychair.simulation.lidar import MOST_MIRRORS, Lidar, LidarOptics, LidarSettings, cast_sweep
+from waychair.simulation.rays import NO_CIRCLES, Scenery, scenery_from_slice
 from waychair.simulation.scene import Behaviour, PersonState, Reflection, Slice
 from waychair.types import Float32Array, FloatArray, Pose2, Scan
 
@@ -27,7 +27,7 @@ DIFFUSE, DARK, GLASS, MIRROR = Reflection
 
 
 def _scenery(*walls: tuple[float, float, float, float, Reflection]) -> Scenery:
-    return scenery_of(
+    return scenery_from_slice(
         Slice(
             np.array([wall[:4] for wall in walls], np.float64).reshape(-1, 4),
             np.array([wall[4] for wall in walls], np.int64),
@@ -52,7 +52,7 @@ def _ahead(scenery: Scenery, settings: LidarSettings = AHEAD, pose: Pose2 | None
 # Beams
 
 
-def _plain_beam(scenery: Scenery, circles: FloatArray, x: float, y: float, angle: float, optics: Optics) -> float:
+def _plain_beam(scenery: Scenery, circles: FloatArray, x: float, y: float, angle: float, optics: LidarOptics) -> float:
     """One beam, by looking at every segment and circle on each straight stretch of its way."""
     start, ray, way, mirrors, last = np.array([x, y]), np.array([math.cos(angle), math.sin(angle)]), 0.0, 0, -1
     while way <= optics.reach:
@@ -94,10 +94,12 @@ def _plain_beam(scenery: Scenery, circles: FloatArray, x: float, y: float, angle
 def test_beams_equal_a_plain_reference(seed: int, reach: float, dark_reach: float, glass_angle: float) -> None:
     rng = np.random.default_rng(seed)  # places by chance, not by search: at an end, hit or miss are both right
     begins = rng.uniform(-5.0, 5.0, (12, 2))
-    scenery = scenery_of(Slice(np.hstack([begins, begins + rng.uniform(-3, 3, (12, 2))]), rng.integers(0, 4, 12)))
+    scenery = scenery_from_slice(
+        Slice(np.hstack([begins, begins + rng.uniform(-3, 3, (12, 2))]), rng.integers(0, 4, 12))
+    )
     circles = rng.uniform((-5.0, -5.0, 0.05), (5.0, 5.0, 0.5), (3, 3))
     (x, y), angles = rng.uniform(-5.0, 5.0, 2).tolist(), rng.uniform(-math.pi, math.pi, 24)
-    optics = Optics(reach, dark_reach, math.cos(glass_angle))
+    optics = LidarOptics(reach, dark_reach, math.cos(glass_angle))
     ranges = cast_sweep(
         scenery, circles, circles, np.zeros(1), np.array([[x, y, 0.0]]), np.zeros(3), angles, np.zeros(24), optics
     )
@@ -332,6 +334,6 @@ def test_the_random_stream_does_not_depend_on_what_is_seen() -> None:
     first.scan_at_rest(_room(), Pose2(5.0, 5.0, 0.0), 0)
     second.scan_at_rest(_scenery(), Pose2(-900.0, 5.0, 0.0), 0, np.array([[-900.0, 6.0, 0.3]]))
     np.testing.assert_array_equal(
-        first.scan_at_rest(_room(), Pose2(5.0, 5.0, 0.0), 1, NOBODY).ranges,
-        second.scan_at_rest(_room(), Pose2(5.0, 5.0, 0.0), 1, NOBODY).ranges,
+        first.scan_at_rest(_room(), Pose2(5.0, 5.0, 0.0), 1, NO_CIRCLES).ranges,
+        second.scan_at_rest(_room(), Pose2(5.0, 5.0, 0.0), 1, NO_CIRCLES).ranges,
     )

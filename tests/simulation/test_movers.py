@@ -10,7 +10,7 @@ import pytest
 
 from waychair.calibration.chair import CHAIR_A, ChairBody
 from waychair.geometry import transform_points, wrap_angle
-from waychair.simulation.people import CONTACT_GAP, HEADING_NS, People
+from waychair.simulation.people import CONTACT_GAP, HEADING_NS, SimulatedPeople
 from waychair.simulation.scene import Behaviour, PersonPlan, PersonState
 from waychair.types import FloatArray, OccupancyGrid, Pose2, Twist
 
@@ -35,11 +35,11 @@ def _disc(x: float, y: float, speed: float = 0.15) -> PersonPlan:
     return PersonPlan(Behaviour.BOUNCE, np.array([[x, y]]), speed, radius=0.15)
 
 
-def _people(grid: OccupancyGrid, *plans: PersonPlan, seed: int = 0, body: ChairBody = CHAIR_A) -> People:
-    return People(plans, grid, body, np.random.default_rng(seed))
+def _people(grid: OccupancyGrid, *plans: PersonPlan, seed: int = 0, body: ChairBody = CHAIR_A) -> SimulatedPeople:
+    return SimulatedPeople(plans, grid, body, np.random.default_rng(seed))
 
 
-def _watch(people: People, seconds: float, pose: Pose2 = AWAY) -> Iterator[tuple[PersonState, ...]]:
+def _watch(people: SimulatedPeople, seconds: float, pose: Pose2 = AWAY) -> Iterator[tuple[PersonState, ...]]:
     for _ in range(round(seconds / TICK)):
         people.step(TICK_NS, pose, Twist())
         yield people.states
@@ -65,7 +65,7 @@ def _gap_to_chair(state: PersonState, chair: Pose2, body: ChairBody) -> float:
     return outside - state.radius
 
 
-def _movers(count: int, seed: int) -> People:
+def _movers(count: int, seed: int) -> SimulatedPeople:
     """A room of 3 x 3 m with discs of 0.30 m that drift at 0.15 m/s."""
     places = [(0.4 + 0.7 * (i % 4), 0.4 + 0.7 * (i // 4)) for i in range(count)]
     plans = [_disc(*place) for place in places]
@@ -109,7 +109,7 @@ def test_a_mover_is_thrown_back_by_a_wall_as_light_is_by_a_mirror() -> None:
 
 @pytest.mark.parametrize("seed", range(6))
 def test_a_mover_that_is_hit_is_thrown_back_as_the_one_that_hits_it(seed: int) -> None:
-    def pair(place: tuple[float, float]) -> People:
+    def pair(place: tuple[float, float]) -> SimulatedPeople:
         return _people(
             _room(6.0, 6.0),
             _disc(3.0, 3.0),

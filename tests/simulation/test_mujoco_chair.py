@@ -19,7 +19,7 @@ from waychair.simulation.kinematic_chair import KinematicChair
 from waychair.simulation.mujoco_chair import MujocoChair
 from waychair.simulation.mujoco_model import MujocoSettings
 from waychair.simulation.plant import GRAVITY, PlantSettings, volts_from_twist
-from waychair.simulation.plant_families import FamilySettings
+from waychair.simulation.plant_families import PlantFamily
 from waychair.simulation.simulator import Simulator, SimulatorSettings
 from waychair.simulation.world import World, world_from_grid
 from waychair.slam.odometry import OdometryFilter
@@ -312,7 +312,7 @@ def test_casters_that_swing_round_shove_the_chair_about_as_it_sets_off_backwards
 
 
 def test_locked_wheels_hold_the_chair_until_the_brake_opens() -> None:
-    plant = dataclasses.replace(EVEN, family=FamilySettings(brake_release_s=0.4))
+    plant = dataclasses.replace(EVEN, family=PlantFamily(brake_release_s=0.4))
     drive, prompt = Drive(plant=plant), Drive()
     for chair in (drive, prompt):
         chair.hold(Twist(0.6, 0.0), 0.4)
@@ -323,7 +323,7 @@ def test_locked_wheels_hold_the_chair_until_the_brake_opens() -> None:
 
 
 def test_motors_that_fade_slow_the_chair_by_as_much() -> None:
-    fading = FamilySettings(thermal_fade=0.5, thermal_from=0.0, thermal_full=0.01, thermal_s=1.0)
+    fading = PlantFamily(thermal_fade=0.5, thermal_from=0.0, thermal_full=0.01, thermal_s=1.0)
     tired = Drive(plant=dataclasses.replace(EVEN, family=fading))
     fresh = Drive()
     for drive in (tired, fresh):

@@ -15,7 +15,7 @@ from waychair.simulation.mujoco_model import MujocoSettings
 from waychair.simulation.plant import PlantSettings, randomised
 from waychair.simulation.simulator import SensorMessage, Simulator, SimulatorSettings
 from waychair.simulation.world import World, load_world, world_from_grid
-from waychair.trials.drive import Setting, drive_to_places
+from waychair.trials.drive import DriveSetup, drive_to_places
 from waychair.types import JoystickInput, OccupancyGrid, Pose2, Scan
 
 SECOND = 1_000_000_000
@@ -94,8 +94,8 @@ def test_the_clinics_route_is_finished_without_contact(body: ChairBody, seed: in
 def test_a_chair_drives_itself_to_a_place_without_contact() -> None:
     world = load_world("small_clinic")
     settings = SimulatorSettings(plant_model="mujoco", plant=randomised(NOMINAL, 1))
-    setting = Setting(world.grid, {place.name: place for place in world.places}, CHAIR_A, DEFAULT)
-    (leg,) = drive_to_places(setting, Simulator(world, CHAIR_A, settings, 1), ("reception",))
+    setup = DriveSetup(world.grid, {place.name: place for place in world.places}, CHAIR_A, DEFAULT)
+    (leg,) = drive_to_places(setup, Simulator(world, CHAIR_A, settings, 1), ("reception",))
     assert (leg.reached, leg.contacts) == (True, 0)
     assert leg.distance_m > 4.0
     assert leg.localisation_error_m < 0.10

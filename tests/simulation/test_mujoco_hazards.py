@@ -13,7 +13,7 @@ from waychair.simulation.chair_file import CHAIRS, SimulatedChair
 from waychair.simulation.mujoco_chair import MujocoChair
 from waychair.simulation.mujoco_model import MujocoSettings
 from waychair.simulation.plant import PlantSettings, volts_from_twist
-from waychair.simulation.plant_families import FamilySettings
+from waychair.simulation.plant_families import PlantFamily
 from waychair.simulation.scene import Block, Pit, Slope
 from waychair.simulation.world import World
 from waychair.types import OccupancyGrid, Pose2, Twist
@@ -74,7 +74,7 @@ def test_every_chair_drives_up_a_ramp_of_1_in_12_and_holds_nine_tenths_of_its_sp
 
 def test_on_a_ramp_the_parking_brake_holds_what_motors_alone_let_creep() -> None:
     ways = []
-    for family in (FamilySettings(), FamilySettings(brake_release_s=0.3)):
+    for family in (PlantFamily(), PlantFamily(brake_release_s=0.3)):
         chair = _chair(RAMP, plant=dataclasses.replace(EVEN, family=family))
         _drive(chair, Twist(0.5, 0.0), 8.0)
         _drive(chair, Twist(), 3.0)

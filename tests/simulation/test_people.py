@@ -1,4 +1,4 @@
-"""People: what each behaviour does, and that nobody walks through anything."""
+"""The people: each behaviour, and that nobody walks through anything."""
 
 from __future__ import annotations
 
@@ -14,9 +14,9 @@ from hypothesis import strategies as st
 from waychair.calibration.chair import CHAIR_A, ChairBody
 from waychair.errors import WorldError
 from waychair.geometry import transform_points, wrap_angle
-from waychair.simulation.people import CONTACT_GAP, STRIDE, People
+from waychair.simulation.people import CONTACT_GAP, STRIDE, SimulatedPeople
 from waychair.simulation.scene import Behaviour, PersonPlan, PersonState
-from waychair.simulation.walking import PATIENCE, STAND_OFF, TURN_RATE
+from waychair.simulation.walking import STOP_DISTANCE, TURN_RATE, WAIT_LIMIT
 from waychair.types import FloatArray, OccupancyGrid, Pose2, Twist
 
 TICK_NS = 50_000_000
@@ -47,12 +47,12 @@ def _plan(behaviour: Behaviour, *points: tuple[float, float], **more: float | bo
     return PersonPlan(behaviour, np.array(points, float), **more)  # type: ignore[arg-type]
 
 
-def _people(grid: OccupancyGrid, *plans: PersonPlan, seed: int = 0, body: ChairBody = CHAIR_A) -> People:
-    return People(plans, grid, body, np.random.default_rng(seed))
+def _people(grid: OccupancyGrid, *plans: PersonPlan, seed: int = 0, body: ChairBody = CHAIR_A) -> SimulatedPeople:
+    return SimulatedPeople(plans, grid, body, np.random.default_rng(seed))
 
 
 def _watch(
-    people: People, seconds: float, pose: Pose2 = AWAY, twist: Twist = STILL
+    people: SimulatedPeople, seconds: float, pose: Pose2 = AWAY, twist: Twist = STILL
 ) -> Iterator[tuple[PersonState, ...]]:
     for _ in range(round(seconds / TICK)):
         people.step(TICK_NS, pose, twist)
@@ -126,10 +126,10 @@ def test_a_yielding_walker_and_a_chair_that_stands_head_on_in_a_corridor_never_t
     states = [state for (state,) in _watch(people, 40.0, chair)]
     _assert_plausible([np.array([[state.pose.x, state.pose.y]]) for state in states])
     gaps = [_gap_to_chair(state, chair) for state in states]
-    assert STAND_OFF < min(gaps) < STAND_OFF + 0.2
+    assert STOP_DISTANCE < min(gaps) < STOP_DISTANCE + 0.2
     # It waits, and then goes back to where it began.
     nearest = int(np.argmin(gaps))
-    assert states[nearest].pose.x == pytest.approx(states[nearest + int((PATIENCE - 1.0) / TICK)].pose.x)
+    assert states[nearest].pose.x == pytest.approx(states[nearest + int((WAIT_LIMIT - 1.0) / TICK)].pose.x)
     assert min(state.pose.x for state in states[nearest:]) < 1.05
 
 
@@ -153,7 +153,7 @@ def test_a_walker_that_does_not_yield_walks_up_to_the_chair_and_touches_but_does
     people = _people(_room(12.0, 2.0), _plan(Behaviour.PATH, (1.0, 1.0), (11.0, 1.0), yields=False, speed=1.3))
     gaps = np.array([_gap_to_chair(state, chair) for (state,) in _watch(people, 20.0, chair)])
     assert -2e-9 <= gaps.min() < CONTACT_GAP
-    assert (gaps < CONTACT_GAP).sum() >= PATIENCE / TICK
+    assert (gaps < CONTACT_GAP).sum() >= WAIT_LIMIT / TICK
     # After that it goes home.
     assert gaps[np.argmin(gaps) :].max() > 3.0
 
@@ -292,7 +292,7 @@ def test_a_seated_person_stays_even_with_its_chair_at_a_table() -> None:
     assert all(state == before for (state,) in _watch(people, 5.0, Pose2(3.0, 1.5, 0.0), Twist(0.5, 0.0)))
 
 
-def _sudden(trigger: float = 2.0) -> People:
+def _sudden(trigger: float = 2.0) -> SimulatedPeople:
     return _people(_room(12.0, 4.0), _plan(Behaviour.SUDDEN, (8.0, 0.5), (8.0, 3.0), trigger=trigger, speed=1.2))
 
 
@@ -377,7 +377,7 @@ def test_nobody_ever_walks_through_a_wall_or_the_chair_or_another(
             assert min(_gap_to_walls(state, grid) for state in crowd) >= -2e-9
 
 
-def _drive_by(people: People, chair: Callable[[int], Pose2], ticks: int = 400) -> bytes:
+def _drive_by(people: SimulatedPeople, chair: Callable[[int], Pose2], ticks: int = 400) -> bytes:
     for i in range(ticks):
         people.step(TICK_NS, chair(i), Twist(0.5, 0.0))
     return repr(people.states).encode()
@@ -396,7 +396,7 @@ def test_what_the_chair_does_changes_no_random_number() -> None:
     streams = []
     for chair in (AWAY, Pose2(3.0, 1.7, 0.4)):
         rng = np.random.default_rng(3)
-        people = People(_crowd(), _room(6.0, 4.0), CHAIR_A, rng)
+        people = SimulatedPeople(_crowd(), _room(6.0, 4.0), CHAIR_A, rng)
         _drive_by(people, lambda _, chair=chair: chair)  # type: ignore[misc]
         streams.append(rng.bit_generator.state)
     assert streams[0] == streams[1]
@@ -453,7 +453,7 @@ def test_a_walker_without_a_way_to_go_stands(behaviour: Behaviour) -> None:
 def test_a_walker_that_begins_where_it_cannot_stand_is_refused_with_advice(
     behaviour: Behaviour, begin: tuple[float, float], problem: str
 ) -> None:
-    with pytest.raises(WorldError, match=rf"person 1 \({behaviour.value}\) .*{problem}.*move the begin"):
+    with pytest.raises(WorldError, match=rf"person 1 \({behaviour.value}\) .*{problem}.*start its path"):
         _people(_room(3.0, 3.0), _plan(behaviour, begin, (2.0, 1.0)))
 
 

@@ -10,7 +10,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from waychair.simulation.rails import ACCELERATION, CORNER_CUT, CORNER_RADIUS, SLOWEST, SPACING, on_rail, rail_from_path
+from waychair.simulation.rails import ACCELERATION, CORNER_CUT, CORNER_RADIUS, SLOWEST, SPACING, rail_at, rail_from_path
 from waychair.types import FloatArray
 
 PATHS = st.lists(st.tuples(st.floats(0.0, 6.0), st.floats(0.0, 6.0)), min_size=2, max_size=6).map(
@@ -52,7 +52,7 @@ def test_a_place_on_a_rail_is_interpolated_between_its_rows(path: FloatArray, al
     expected = [float(np.interp(along, rail[:, 0], rail[:, column])) for column in range(1, 5)]
     # Where rows coincide, either is the place.
     if np.diff(rail[:, 0]).min(initial=1.0) > 1e-9:
-        assert on_rail(rails, first, len(rails), along) == pytest.approx(expected)
+        assert rail_at(rails, first, len(rails), along) == pytest.approx(expected)
 
 
 def test_a_right_angle_becomes_a_quarter_circle() -> None:
@@ -76,4 +76,4 @@ def test_a_path_that_comes_back_on_itself_turns_about_near_its_far_end() -> None
 def test_a_path_of_one_place_is_a_rail_of_one_row(path: list[list[float]]) -> None:
     rail = rail_from_path(np.array(path), 1.0)
     assert rail[:, :4] == pytest.approx(np.array([[0.0, 1.0, 2.0, 0.0]]))
-    assert on_rail(rail, 0, 1, 0.7)[:3] == (1.0, 2.0, 0.0)
+    assert rail_at(rail, 0, 1, 0.7)[:3] == (1.0, 2.0, 0.0)

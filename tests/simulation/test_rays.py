@@ -9,13 +9,13 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from waychair.simulation.rays import Scenery, cosine_of_incidence, nearest_circle, nearest_segment, scenery_of
+from waychair.simulation.rays import Scenery, cosine_of_incidence, nearest_circle, nearest_segment, scenery_from_slice
 from waychair.simulation.scene import Slice
 from waychair.types import FloatArray
 
 
 def _scenery(segments: FloatArray) -> Scenery:
-    return scenery_of(Slice(segments, np.zeros(len(segments), np.int64)))
+    return scenery_from_slice(Slice(segments, np.zeros(len(segments), np.int64)))
 
 
 def _plain(segments: FloatArray, x: float, y: float, dx: float, dy: float, limit: float) -> tuple[float, int]:

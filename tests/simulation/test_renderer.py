@@ -14,7 +14,14 @@ from waychair.calibration.chair import CHAIR_A
 from waychair.errors import MissingExtra
 from waychair.geometry import in_space
 from waychair.simulation import renderer as renderer_module
-from waychair.simulation.renderer import NEAR, Picture, Renderer, camera_matrix, metres_from_depth, renderer_problem
+from waychair.simulation.renderer import (
+    NEAR,
+    RenderedImage,
+    Renderer,
+    camera_matrix,
+    metres_from_depth,
+    renderer_problem,
+)
 from waychair.simulation.scene import Behaviour, Block, Finish, Lamp, PersonState, Pit, Slope
 from waychair.simulation.world import World, load_world
 from waychair.types import Bytes, FloatArray, OccupancyGrid, Pose2, Pose3
@@ -44,7 +51,7 @@ def _seen_from(x: float, y: float, theta: float) -> Pose3:
     return in_space(Pose2(x, y, theta)) @ CHAIR_A.base_from_camera
 
 
-def _render(world: World, pose: Pose3, *people: PersonState, exposure: float = 0.4) -> Picture:
+def _render(world: World, pose: Pose3, *people: PersonState, exposure: float = 0.4) -> RenderedImage:
     renderer = Renderer(world, MATRIX, WIDTH, HEIGHT)
     picture = renderer.render(pose, people, exposure)
     renderer.release()

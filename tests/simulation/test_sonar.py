@@ -11,7 +11,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from waychair.calibration.chair import CHAIR_A, CHAIR_B, ChairBody, sonar_mounts
-from waychair.simulation.rays import Scenery, scenery_of
+from waychair.simulation.rays import Scenery, scenery_from_slice
 from waychair.simulation.scene import Behaviour, PersonState, Reflection, Slice
 from waychair.simulation.sonar import Sonars, SonarSettings, first_echoes
 from waychair.types import Float32Array, FloatArray, Pose2
@@ -20,7 +20,7 @@ CLEAN = SonarSettings(sigma=0.0, cross_talk=0.0)
 
 
 def _scenery(*walls: tuple[float, float, float, float], kind: Reflection = Reflection.DIFFUSE) -> Scenery:
-    return scenery_of(Slice(np.array(walls, np.float64).reshape(-1, 4), np.full(len(walls), kind, np.int64)))
+    return scenery_from_slice(Slice(np.array(walls, np.float64).reshape(-1, 4), np.full(len(walls), kind, np.int64)))
 
 
 def _read(

@@ -13,12 +13,12 @@ from waychair.calibration.chair import CHAIR_A
 from waychair.geometry import transform_points
 from waychair.simulation.surroundings import (
     FAR,
+    chair_rectangle,
     nearest_on_chair,
     nearest_wall,
     nearest_walls,
-    outline_of,
     velocity_at,
-    walls_of,
+    walls_from_grid,
 )
 from waychair.types import FloatArray, OccupancyGrid, Pose2, Twist
 
@@ -53,7 +53,7 @@ def test_nearest_walls_of_the_four_quarters_equal_a_search_through_all_cells(
     assume((np.abs(np.abs(vectors[:, 0]) - np.abs(vectors[:, 1])) > 1e-6).all())
     place = origin @ Pose2(x, y)
     found = transform_points(
-        Pose2(theta=-origin.theta), nearest_walls(walls_of(_grid(cells, origin)), place.x, place.y, reach)
+        Pose2(theta=-origin.theta), nearest_walls(walls_from_grid(_grid(cells, origin)), place.x, place.y, reach)
     )
     lengths = np.hypot(*vectors.T)
     across = np.abs(vectors[:, 0]) > np.abs(vectors[:, 1])
@@ -65,7 +65,7 @@ def test_nearest_walls_of_the_four_quarters_equal_a_search_through_all_cells(
             assert sign * found[quarter, axis] > 0
         elif best > reach + 1e-9:
             assert np.hypot(*found[quarter]) > FAR / 2
-    distance, away_x, away_y = nearest_wall(walls_of(_grid(cells, origin)), place.x, place.y, reach)
+    distance, away_x, away_y = nearest_wall(walls_from_grid(_grid(cells, origin)), place.x, place.y, reach)
     if lengths.min() < reach - 1e-9:
         assert distance == pytest.approx(lengths.min())
         assert math.hypot(away_x, away_y) == pytest.approx(1.0)
@@ -74,7 +74,7 @@ def test_nearest_walls_of_the_four_quarters_equal_a_search_through_all_cells(
 
 
 def test_within_a_solid_cell_the_wall_is_at_no_distance() -> None:
-    assert nearest_wall(walls_of(_grid([(5, 5)], Pose2())), 0.55, 0.55, 0.3) == (0.0, 0.0, 0.0)
+    assert nearest_wall(walls_from_grid(_grid([(5, 5)], Pose2())), 0.55, 0.55, 0.3) == (0.0, 0.0, 0.0)
 
 
 POSES = st.tuples(st.floats(-1, 1), st.floats(-1, 1), st.floats(-math.pi, math.pi)).map(lambda pose: Pose2(*pose))
@@ -89,7 +89,7 @@ def test_distance_to_the_chair_is_that_to_the_nearest_of_its_sides(pose: Pose2, 
     to_sides = np.hypot(*(point - nearest).T)
     local = transform_points(pose.inverse(), point[None])[0]
     within = -CHAIR_A.rear < local[0] < CHAIR_A.front and abs(local[1]) < CHAIR_A.width / 2
-    chair = outline_of(CHAIR_A, pose, Twist())
+    chair = chair_rectangle(CHAIR_A, pose, Twist())
     distance, away_x, away_y = nearest_on_chair(chair, x, y)
     assert distance == pytest.approx(-to_sides.min() if within else to_sides.min(), abs=1e-9)
     assert math.hypot(away_x, away_y) == pytest.approx(1.0)
@@ -104,5 +104,5 @@ def test_a_point_of_the_chair_moves_as_the_chair_does(pose: Pose2, x: float, y: 
     body = np.array([[x, y]])
     before, after = (transform_points(pose @ Pose2(sign * v * dt, 0.0, sign * omega * dt), body)[0] for sign in (-1, 1))
     at = transform_points(pose, body)[0]
-    velocity = velocity_at(outline_of(CHAIR_A, pose, Twist(v, omega)), at[0], at[1])
+    velocity = velocity_at(chair_rectangle(CHAIR_A, pose, Twist(v, omega)), at[0], at[1])
     assert velocity == pytest.approx(tuple((after - before) / (2 * dt)), abs=1e-5)

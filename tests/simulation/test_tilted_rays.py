@@ -11,10 +11,10 @@ import pytest
 from waychair.calibration.chair import CHAIR_A
 from waychair.geometry import in_space
 from waychair.simulation.lidar import Lidar, LidarSettings
-from waychair.simulation.rays import scenery_of
+from waychair.simulation.rays import scenery_from_slice
 from waychair.simulation.scene import Block, Pit, Slope
 from waychair.simulation.slices import slice_at
-from waychair.simulation.tilted_rays import FLOOR, NOTHING, Terrain, nearest_face, row_of, terrain_of
+from waychair.simulation.tilted_rays import FLOOR, NOTHING, Terrain, nearest_face, row_from_pose, terrain_from_world
 from waychair.simulation.world import World, load_world
 from waychair.types import FloatArray, Pose2, Pose3
 
@@ -26,7 +26,7 @@ def ramp_world() -> World:
 
 
 def terrain() -> Terrain:
-    made = terrain_of(ramp_world())
+    made = terrain_from_world(ramp_world())
     assert made is not None
     return made
 
@@ -41,19 +41,19 @@ def pitched(pose: Pose2, height: float, pitch: float) -> Pose3:
 def ranges(made: Terrain, base: Pose3) -> FloatArray:
     """What a lidar without faults reads from there."""
     lidar = Lidar(QUIET, CHAIR_A, np.random.default_rng(0))
-    scan = lidar.scan_in_space(made, np.array([0]), row_of(base)[None], 0)
+    scan = lidar.scan_in_space(made, np.array([0]), row_from_pose(base)[None], 0)
     return scan.ranges.astype(np.float64)
 
 
 def test_levels_without_ramps_are_seen_in_the_plane_as_before() -> None:
-    assert terrain_of(load_world("corridor_t")) is None
+    assert terrain_from_world(load_world("corridor_t")) is None
 
 
 @pytest.mark.parametrize("pose", [Pose2(1.0, 1.8, 0.0), Pose2(15.0, 4.0, 2.0), Pose2(8.0, 4.2, -1.0)])
 def test_a_level_chair_sees_what_it_sees_in_the_plane(pose: Pose2) -> None:
     world = ramp_world()
     lidar = Lidar(QUIET, CHAIR_A, np.random.default_rng(0))
-    plane = lidar.scan_at_rest(scenery_of(slice_at(world.blocks, CHAIR_A.laser_z)), pose, 0).ranges
+    plane = lidar.scan_at_rest(scenery_from_slice(slice_at(world.blocks, CHAIR_A.laser_z)), pose, 0).ranges
     assert ranges(terrain(), in_space(pose)) == pytest.approx(plane, abs=1e-5)
 
 
@@ -76,7 +76,7 @@ def test_going_up_the_beams_run_along_the_ramp_to_the_far_wall() -> None:
 def test_from_the_level_only_a_ramp_that_rises_to_the_lidar_is_seen() -> None:
     world = ramp_world()
     high = Slope(Pose2(8.0, 1.8, 0.0), 6.0, 1.8, 0.0, 0.5)
-    made = terrain_of(replace(world, slopes=(high,)))
+    made = terrain_from_world(replace(world, slopes=(high,)))
     assert made is not None
     start = in_space(Pose2(2.0, 1.8, 0.0))
     assert ranges(made, start)[90] == pytest.approx(5.0 + 3.6 - 2.6, abs=1e-4)  # 3.6 m beyond its foot
@@ -109,7 +109,7 @@ def test_rays_meet_what_small_steps_along_them_meet() -> None:
     )
     slopes = (Slope(Pose2(2.0, -2.0, 1.0), 3.0, 1.5, 0.0, 0.7), Slope(Pose2(-3.0, 2.0, -0.5), 2.0, 1.0, 0.5, 0.1))
     pit = Pit(Pose2(-2.0, -3.0, 0.0), 1.0, 1.0, 0.5)
-    made = terrain_of(replace(ramp_world(), blocks=blocks, slopes=slopes, pits=(pit,)))
+    made = terrain_from_world(replace(ramp_world(), blocks=blocks, slopes=slopes, pits=(pit,)))
     assert made is not None
     hits = set()
     for _ in range(60):

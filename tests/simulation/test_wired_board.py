@@ -18,7 +18,7 @@ from waychair.simulation.lidar import LidarSettings
 from waychair.simulation.plant import PlantSettings
 from waychair.simulation.simulator import Simulator, SimulatorSettings
 from waychair.simulation.world import load_world
-from waychair.types import JoystickInput, Sent, WheelSpeeds
+from waychair.types import JoystickInput, SentCommand, WheelSpeeds
 
 BEAT_NS = 10_000_000
 QUIET = SimulatorSettings(plant=PlantSettings(speed_noise=0.0, slip_noise=0.0), lidar=LidarSettings(beams=2))
@@ -35,7 +35,7 @@ def board(program: Path) -> Iterator[HostBoard]:
         yield board
 
 
-def _run(simulator: Simulator, bridge: Bridge, seconds: float, speeds: WheelSpeeds | None) -> Sent:
+def _run(simulator: Simulator, bridge: Bridge, seconds: float, speeds: WheelSpeeds | None) -> SentCommand:
     for beat in range(round(seconds * 1e9 / BEAT_NS)):
         if beat % 5 == 0:
             sent = bridge.send(speeds, simulator.now_ns, simulator.now_ns)
@@ -63,7 +63,7 @@ def test_the_rider_drives_through_a_board_without_a_computer(board: HostBoard) -
     simulator.rider = JoystickInput(0, 0.4, 0.0)
     simulator.advance(1_000_000_000)
     assert simulator.twist().v > 0.3
-    simulator.around_board = replace(simulator.around_board, estop_released=False)
+    simulator.board_inputs = replace(simulator.board_inputs, estop_released=False)
     simulator.advance(2_000_000_000)
     assert simulator.twist().v == pytest.approx(0.0, abs=1e-4)
 

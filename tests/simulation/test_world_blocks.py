@@ -13,7 +13,7 @@ from waychair.geometry import transform_points
 from waychair.maps.grid import occupied, points_from_cells
 from waychair.simulation.plan_fittings import within_any
 from waychair.simulation.scene import DOOR_HEIGHT, Behaviour, Block
-from waychair.simulation.seeds import seed_of
+from waychair.simulation.seeds import seed_from_names
 from waychair.simulation.world import World, load_world
 from waychair.types import BoolArray, FloatArray
 
@@ -127,9 +127,9 @@ def test_the_grid_is_the_blocks_and_pits_in_a_chairs_way(name: str) -> None:
 
 
 def test_seeds_are_the_same_in_every_run_and_change_with_every_name() -> None:
-    assert seed_of("flat", "walls", 0) == 1886369904
-    assert len({seed_of("flat", "walls", i, k) for i in range(50) for k in range(20)}) == 1000
-    assert all(0 <= seed_of("x", i) < 2**31 for i in range(100))
+    assert seed_from_names("flat", "walls", 0) == 1886369904
+    assert len({seed_from_names("flat", "walls", i, k) for i in range(50) for k in range(20)}) == 1000
+    assert all(0 <= seed_from_names("x", i) < 2**31 for i in range(100))
 
 
 def test_things_of_one_given_seed_look_alike_and_others_do_not(tmp_path: Path) -> None:

@@ -15,7 +15,7 @@ from waychair.geometry import in_space
 from waychair.simulation.follower import Follower, follow
 from waychair.simulation.plant import PlantSettings
 from waychair.simulation.simulator import Simulator, SimulatorSettings
-from waychair.simulation.tilted_rays import FLOOR, Terrain, nearest_face, terrain_of
+from waychair.simulation.tilted_rays import FLOOR, Terrain, nearest_face, terrain_from_world
 from waychair.simulation.world import load_world
 from waychair.slam.odometry import OdometryFilter
 from waychair.slam.tilt import Tilt, TiltFilter, ground_beams, levelled
@@ -157,7 +157,7 @@ def test_a_ramps_foot_is_no_wall_and_walls_stay(drive: list[Seen]) -> None:
     on_ramp = [seen for seen in drive if 9.0 < seen.map_from_base.translation[0] < 13.0]
     marked = [ground_beams(seen.scan, CHAIR_A, seen.tilt) for seen in on_ramp]
     world = load_world("ramp")
-    terrain = terrain_of(world)
+    terrain = terrain_from_world(world)
     assert terrain is not None
     floor = np.concatenate([floor_of(seen.scan, seen.map_from_base, terrain, len(world.blocks)) for seen in on_ramp])
     ground = np.concatenate(marked)

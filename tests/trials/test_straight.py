@@ -15,12 +15,12 @@ from waychair.control.following import FollowingSettings
 from waychair.control.gain_watch import GainWatchSettings
 from waychair.simulation.mujoco_model import MujocoSettings
 from waychair.simulation.plant import PlantSettings, randomised
-from waychair.simulation.plant_families import FamilySettings
+from waychair.simulation.plant_families import PlantFamily
 from waychair.simulation.scene import Slope
 from waychair.simulation.simulator import SimulatorSettings
 from waychair.simulation.world import World
-from waychair.trials.straight import LoopDrive, StraightSettings, drive_straight
-from waychair.types import OccupancyGrid, Pose2, Sent, Twist, WheelSpeeds
+from waychair.trials.straight import LoopDrive, drive_straight
+from waychair.types import OccupancyGrid, Pose2, SentCommand, Twist, WheelSpeeds
 
 PLANT = PlantSettings()
 TICK_S = 0.05
@@ -69,7 +69,7 @@ def test_without_the_loop_the_same_chair_leaves_its_line_by_metres() -> None:
 
 
 def test_backwards_the_line_is_held_as_well() -> None:
-    drive = drive_of(lopsided(dataclasses.replace(PLANT, family=FamilySettings(caster_flip=0.12)), 0.03), PLANT)
+    drive = drive_of(lopsided(dataclasses.replace(PLANT, family=PlantFamily(caster_flip=0.12)), 0.03), PLANT)
     start = drive.simulator.truth()
     for k in range(400):
         drive.tick(Twist(-min(0.4, 0.025 * k), 0.0))
@@ -80,8 +80,8 @@ def test_backwards_the_line_is_held_as_well() -> None:
 
 
 def test_a_brake_that_opens_late_is_waited_for() -> None:
-    plant = dataclasses.replace(PLANT, family=FamilySettings(brake_release_s=0.5))
-    result = drive_straight(drive_of(plant, PLANT), StraightSettings(length=4.0))
+    plant = dataclasses.replace(PLANT, family=PlantFamily(brake_release_s=0.5))
+    result = drive_straight(drive_of(plant, PLANT), 4.0)
     assert result.fault == ""
     assert abs(result.left_m) < 0.02
     assert result.jerk_max < 8.0
@@ -122,7 +122,7 @@ def test_f20_a_slope_that_is_too_steep_for_the_motors_is_stopped_at() -> None:
 
 
 def test_f20_a_brake_that_never_opens_is_found() -> None:
-    shut = dataclasses.replace(PLANT, family=FamilySettings(brake_release_s=2.0))
+    shut = dataclasses.replace(PLANT, family=PlantFamily(brake_release_s=2.0))
     settings = ClosedLoopSettings(following=FollowingSettings(stuck_s=1.5))
     seconds, fault = until_fault(drive_of(shut, PLANT, settings), Twist(0.25, 0.0), 3.0)
     assert "does not move (F20)" in fault
@@ -149,7 +149,7 @@ def test_f21_a_chair_that_slows_down_from_speed_at_neutral_is_no_fault() -> None
 
 @pytest.mark.parametrize(("dial", "known"), [(0.3, 1.0), (0.55, 1.0), (1.0, 0.6)])
 def test_a_dial_that_was_turned_stops_the_chair_within_three_metres(dial: float, known: float) -> None:
-    turned, calibrated = (dataclasses.replace(PLANT, family=FamilySettings(dial=value)) for value in (dial, known))
+    turned, calibrated = (dataclasses.replace(PLANT, family=PlantFamily(dial=value)) for value in (dial, known))
     drive = drive_of(turned, calibrated)
     start = drive.simulator.truth()
     _, fault = until_fault(drive, Twist(0.5, 0.0), 8.0)
@@ -158,7 +158,7 @@ def test_a_dial_that_was_turned_stops_the_chair_within_three_metres(dial: float,
 
 
 def test_a_dial_that_was_turned_a_little_makes_the_chair_go_slowly() -> None:
-    drive = drive_of(dataclasses.replace(PLANT, family=FamilySettings(dial=0.7)), PLANT)
+    drive = drive_of(dataclasses.replace(PLANT, family=PlantFamily(dial=0.7)), PLANT)
     assert until_fault(drive, Twist(0.8, 0.0), 8.0)[1] == ""
     assert drive.measured.v == pytest.approx(0.3, abs=0.03)
 
@@ -181,7 +181,7 @@ def test_an_unchanged_chair_gives_no_false_alarm(seed: int) -> None:
 
 def test_a_rider_who_drives_is_neither_judged_nor_trimmed() -> None:
     drive = drive_of(PLANT)
-    released = Sent(0, WheelSpeeds(), 0, 0, 0.0, 0.0, active=False, reason="the rider drives")
+    released = SentCommand(0, WheelSpeeds(), 0, 0, 0.0, 0.0, active=False, reason="the rider drives")
     for k in range(200):
         assert drive.loop.step(None, Twist(1.0, 0.5), k * 50_000_000, released) == Twist()
     assert drive.loop.fault == ""

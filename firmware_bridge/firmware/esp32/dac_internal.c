@@ -1,6 +1,6 @@
-/* The ESP32's own 8-bit converters by the Arduino core's dacWrite. They have no memory: until dac_begin they give 0 V,
- * which never reaches the lines, because the switch is at the joystick. Compiled in the tests against a shim; NOT RUN
- * ON HARDWARE. */
+/* The ESP32's own 8-bit converters by the Arduino core's dacWrite. They have no memory: until dac_begin they give
+ * 0 V, which never reaches the lines, because the switch is at the joystick. Compiled in the tests against a shim; NOT
+ * RUN ON HARDWARE. */
 #include "dac.h"
 
 #include "esp32-hal-dac.h"
