@@ -13,11 +13,11 @@ from waychair.cli.chair_options import ChairOptions, PlantName, PortOptions, Swe
 
 if TYPE_CHECKING:
     from waychair.calibration.chair import ChairBody
-    from waychair.calibration.drive_log import DriveLog
+    from waychair.calibration.drive_log import SweepLog
     from waychair.calibration.fit_dac import DacFit
     from waychair.calibration.fitted_dac import FittedDac
     from waychair.calibration.levels import OnBlocks
-    from waychair.calibration.stopping import Stop, StopSettings, StopTable
+    from waychair.calibration.stopping import MeasuredStop, StopSettings, StopTable
     from waychair.calibration.sweep import SweepSettings
     from waychair.trials.calibrate import ChairUnderTest
 
@@ -38,7 +38,7 @@ class _Sweep:
     name: str
     body: ChairBody
     neutral: tuple[float, float]
-    log: DriveLog
+    log: SweepLog
 
 
 @calibrate_app.command(name="dac")
@@ -108,10 +108,10 @@ def dac_command(
 def _sweep_from_csv(
     options: ChairOptions, plan: SweepOptions, csv: Path, neutral: tuple[float, float], name: str
 ) -> _Sweep:
-    from waychair.calibration.drive_log import read_drive_log
+    from waychair.calibration.drive_log import read_sweep_log
 
     options.refuse_other_chair(name)
-    return _Sweep(name, options.body(), neutral, read_drive_log(csv, plan.bits, plan.volts_max, plan.volts_min))
+    return _Sweep(name, options.body(), neutral, read_sweep_log(csv, plan.bits, plan.volts_max, plan.volts_min))
 
 
 def _sweep_of_simulated(
@@ -145,7 +145,7 @@ def _sweep_of_real(
     return _Sweep(name, body, chair.neutral, swept)
 
 
-def _swept(options: ChairOptions, chair: ChairUnderTest, plan: SweepSettings, log: Path | None) -> DriveLog:
+def _swept(options: ChairOptions, chair: ChairUnderTest, plan: SweepSettings, log: Path | None) -> SweepLog:
     from waychair.calibration.sweep import Recorder, sweep
     from waychair.cli.real_chair import keeping
 
@@ -232,7 +232,7 @@ def stop_command(
 
 def _stopped(
     options: ChairOptions, chair: ChairUnderTest, model: FittedDac, plan: StopSettings, log: Path | None
-) -> tuple[StopTable, tuple[Stop, ...]]:
+) -> tuple[StopTable, tuple[MeasuredStop, ...]]:
     from waychair.calibration.sweep import Recorder
     from waychair.cli.real_chair import keeping
     from waychair.trials.calibrate import calibrate_stops
@@ -242,7 +242,7 @@ def _stopped(
         return calibrate_stops(replace(chair, drive=recorder), model, plan, show)
 
 
-def _print_stops(options: ChairOptions, table: StopTable, stops: tuple[Stop, ...]) -> None:
+def _print_stops(options: ChairOptions, table: StopTable, stops: tuple[MeasuredStop, ...]) -> None:
     from waychair.calibration.stopping import permitted_speed
 
     for speed, distance in zip(table.speeds, table.distances, strict=True):

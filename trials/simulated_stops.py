@@ -9,7 +9,14 @@ import numpy as np
 from waychair.calibration.calibration_file import ChairCalibration
 from waychair.calibration.chair import ChairBody
 from waychair.calibration.dac import DEFAULT, counts_from_wheel_speeds, neutral_counts, volts_from_counts
-from waychair.calibration.stopping import Stop, StopSettings, StopTable, stop_from_motion, stop_table, stops_to_measure
+from waychair.calibration.stopping import (
+    MeasuredStop,
+    StopSettings,
+    StopTable,
+    stop_from_motion,
+    stop_table,
+    stops_to_measure,
+)
 from waychair.control.kinematics import wheel_speeds_from_twist
 from waychair.simulation.kinematic_chair import KinematicChair
 from waychair.simulation.plant import PlantSettings
@@ -33,7 +40,7 @@ def simulated_calibration(body: ChairBody, stops: StopTable | None = None) -> Ch
     return ChairCalibration(body.chair_id, "", body, stops=stops or simulated_stops(body))
 
 
-def _stop(body: ChairBody, plant: PlantSettings, twist: Twist) -> Stop:
+def _stop(body: ChairBody, plant: PlantSettings, twist: Twist) -> MeasuredStop:
     """Measure one stop from a settled speed, with the lines set to neutral."""
     chair = KinematicChair(body, plant, np.random.default_rng(0))
     counts = counts_from_wheel_speeds(DEFAULT, wheel_speeds_from_twist(twist, body.track))

@@ -20,7 +20,7 @@ from tests.calibration.synthetic import NEUTRAL, TRUE, SyntheticChair
 from tests.trials.board_rig import PLANT, BoardRig
 from waychair.calibration.calibration_file import ChairCalibration, load_calibration, save_calibration
 from waychair.calibration.chair import CHAIR_A
-from waychair.calibration.drive_log import COLUMNS, read_drive_log
+from waychair.calibration.drive_log import COLUMNS, read_sweep_log
 from waychair.calibration.stopping import UNMEASURED_SPEED, permitted_speed
 from waychair.calibration.sweep import SweepSettings, sweep
 from waychair.cli.arguments import BadArgument
@@ -217,7 +217,7 @@ def test_a_real_chair_on_blocks_tells_its_dead_bands_through_its_board(
     assert "turn: neutral" in said.out
     assert "Chair 'ward 3' is about to drive by itself" in said.err
     assert not out.exists()
-    log = read_drive_log(tmp_path / "chair.sweep.csv", 12, 3.3)
+    log = read_sweep_log(tmp_path / "chair.sweep.csv", 12, 3.3)
     assert np.abs(log.volts - PLANT.neutral_volts).max() == pytest.approx(0.4, abs=0.01)
 
 
@@ -246,7 +246,7 @@ def test_a_sweep_that_is_broken_off_says_why_and_where_its_log_is(
     rig.events.append((9000, lambda: event(rig)))
     with pytest.raises(error, match=f"{says}.*; what was measured until then is in {part}"):
         _run(*SWEEP, "--out", str(out))
-    assert len(read_drive_log(part, 12, 3.3).stamps_ns) > 300
+    assert len(read_sweep_log(part, 12, 3.3).stamps_ns) > 300
     assert not out.exists()
     assert {path.name for path in tmp_path.iterdir()} == {part.name}
 

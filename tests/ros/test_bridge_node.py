@@ -16,7 +16,7 @@ from waychair.ros import topics
 from waychair.ros.inputs import Input
 from waychair.ros.messages.chair import DriveReport, DriveRequest, drive_request, read_drive_state
 from waychair.ros.messages.motion import read_twist, twist
-from waychair.ros.messages.reports import Level
+from waychair.ros.messages.reports import DiagnosticLevel
 from waychair.ros.messages.sensors import battery
 from waychair.ros_messages import joint_states, laser_scan, make
 from waychair.types import ChairStatus, JoystickInput, Scan, Twist, WheelTicks
@@ -74,7 +74,7 @@ def test_scans_of_another_clock_are_named_and_not_taken(bridge: BridgeAlone) -> 
         send(laser_scan(old))
 
     report = bridge.ros.report("input scan", lambda report: "this node's clock" in report.message, scan)
-    assert report.level is Level.ERROR
+    assert report.level is DiagnosticLevel.ERROR
     assert "3600" in report.message
     assert "lidar_stale" in dict(bridge.next_state().halts)
 
@@ -92,7 +92,7 @@ def test_drivers_that_send_with_best_effort_are_heard(bridge: BridgeAlone, name:
 
 def test_f26_whoever_else_publishes_speeds_is_named(bridge: BridgeAlone) -> None:
     bridge.ros.publisher(topics.COMMAND)
-    said = "somebody else commands the chair, too (tests)"  # a new node's name comes to be known a moment later
+    said = "another program commands the chair, too (tests)"  # a new node's name comes to be known a moment later
     bridge.ros.spin_until(lambda: said in dict(bridge.state.halts).get("two_commanders", ""), "the stop and who it is")
 
 
@@ -145,34 +145,34 @@ def test_a_pages_stick_that_was_pushed_before_the_bridge_began_counts_once_it_wa
         node: Any = SimpleNamespace(
             settings=bridge_node.BridgeNodeSettings(),
             _base=base,
-            _held_ns=now_ns[0],
-            _is_of_now=lambda stamp_ns: True,
-            _motion={"page_joystick": "page"},
-            _sender_counts=[0],
-            _named_ns=0,
-            _stranger="",
+            _joystick_held_ns=now_ns[0],
+            _is_fresh=lambda stamp_ns: True,
+            _authorised={"page_joystick": "page"},
+            _publisher_counts=[0],
+            _checked_ns=0,
+            _intruder="",
             count_publishers=lambda name: 1,
             get_publishers_info_by_topic=lambda topic: [],
-            _look_for_strangers=lambda at: bridge_node.BridgeNode._look_for_strangers(node, at),
+            _check_publishers=lambda at: bridge_node.BridgeNode._check_publishers(node, at),
         )
         return node
 
     def push(node: Any, after_s: float = 0.1) -> int:
         now_ns[0] += round(after_s * 1e9)
-        bridge_node.BridgeNode._steered(node, JoystickInput(0, 0.5, 0.0))
+        bridge_node.BridgeNode._take_page_joystick(node, JoystickInput(0, 0.5, 0.0))
         return len(obeyed)
 
     held = begun()
     assert [push(held) for _ in range(50)] == [0] * 50
-    bridge_node.BridgeNode._steered(held, None)
+    bridge_node.BridgeNode._take_page_joystick(held, None)
     assert [push(held), push(held, 5.0)] == [1, 2]
     obeyed.clear()
     fresh = begun()
     for _ in range(30):  # ticks
         now_ns[0] += 100_000_000
-        fresh._look_for_strangers(now_ns[0])
+        fresh._check_publishers(now_ns[0])
     assert [push(fresh), push(fresh)] == [1, 2], "nobody has pushed while page and bridge were there"
-    fresh._sender_counts = [2]
+    fresh._publisher_counts = [2]
     assert push(fresh) == 3, "a page that is started again is known"
 
 
@@ -212,9 +212,11 @@ def _contacts_of(states: Heard) -> set[str]:
 def test_f5_a_speed_that_is_no_number_takes_the_place_of_the_one_before(ros: Harness) -> None:
     from waychair.ros import bridge_node
 
-    heard = bridge_node._Heard(Twist(0.5, 0.0))
+    heard = bridge_node._LastMessage(Twist(0.5, 0.0))
     node: Any = SimpleNamespace(_command=heard)
-    listening = Input(ros.node, topics.COMMAND, read_twist, heard.take, lambda: bridge_node.BridgeNode._no_speed(node))
+    listening = Input(
+        ros.node, topics.COMMAND, read_twist, heard.take, lambda: bridge_node.BridgeNode._take_invalid_speed(node)
+    )
     send = ros.publisher(topics.COMMAND, listening.name)
     for told, kept in ((Twist(0.3, 0.1), True), (Twist(math.nan, 0.0), False), (Twist(0.2, 0.0), True)):
         send(twist(told))

@@ -94,7 +94,7 @@ def test_a_chair_that_stands_still_is_told_to_turn() -> None:
     simulator, calibrator = simulated(7), TimeCalibrator(CHAIR_A)
     for message in simulator.advance(6_000_000_000):
         calibrator.add(message)
-    with pytest.raises(CalibrationError, match="turn left and right by turns"):
+    with pytest.raises(CalibrationError, match="turn left and right repeatedly"):
         calibrator.result()
 
 

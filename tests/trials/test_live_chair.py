@@ -137,7 +137,7 @@ def test_a_drive_goes_on_through_a_reload_and_ends_when_no_page_is_left(tmp_path
         chair.watched(["another"])
         assert chair.view().mode is DriveMode.AUTONOMOUS
         ended = until(chair, lambda view: view.mode is not DriveMode.AUTONOMOUS, pages=())
-        assert ended.last_stop.startswith("No page answers any more")
+        assert ended.last_stop.startswith("No page with a Stop button answers any more")
         until(chair, stands)
 
 
@@ -148,7 +148,7 @@ def test_calls_that_cease_end_a_drive_as_well(tmp_path: Path) -> None:
         while chair.view().mode is DriveMode.AUTONOMOUS:
             assert time.monotonic() < ends
             time.sleep(0.05)
-        assert chair.view().last_stop.startswith("No page answers any more")
+        assert chair.view().last_stop.startswith("No page with a Stop button answers any more")
 
 
 def test_what_is_drawn_is_in_the_files_and_in_force_and_can_be_undone(tmp_path: Path) -> None:
