@@ -1,10 +1,10 @@
 """The black box of a chair: a log of the last minutes in a ring of files, and permanent parts around each stop.
 
-`note_tick` costs the control tick a few microseconds: it puts references into a queue, and a thread does the rest. The disk
-never delays the tick: ticks that do not fit into the queue are dropped and counted, and a full or broken disk ends the
-log with one diagnostic while the chair drives on (F27).
+`note_tick` costs the control tick a few microseconds: it puts references into a queue, and a thread does the rest. The
+disk never delays the tick: ticks that do not fit into the queue are dropped and counted, and a full or broken disk ends
+the log with one diagnostic while the chair drives on (F27).
 
-After the program is killed, the log lacks at most `write_ms` and a tick; after a power cut at most `sync_ms` more, if
+After the program is killed, the log lacks at most `WRITE_S` and a tick; after a power cut at most `SYNC_S` more, if
 disk and file system honour `fdatasync`. The next run finds the unfinished log and keeps its end as a part.
 """
 
@@ -62,23 +62,34 @@ _CLOSE_S = 5.0
 _MOVES, _ON_TICKS = 0.05, 20
 """The chair has driven on after an event once more than _MOVES [m/s] was commanded for _ON_TICKS ticks."""
 
+SEGMENT_S = 20.0  # s; length of a file of the ring, short enough that dropping one loses little
+QUEUE_TICKS = 200  # ticks (10 s) that wait for a slow disk; further ones are lost
+WRITE_S = 0.2  # s; a tick survives the program's death after this time
+SYNC_S = 1.0  # s; a tick survives a power cut after this further time
+
 
 @dataclass(frozen=True, slots=True)
 class BlackBoxSettings(Settings):
-    """Size of the log, and how soon it is safe on the disk."""
+    """Size of the log."""
 
-    minutes: float = setting(10.0, "min", "length of the ring", low=1.0, high=1440.0)
-    segment_s: float = setting(20.0, "s", "length of one of its files", low=1.0, high=600.0)
-    most_mb: int = setting(256, "MB", "most that the ring takes, whatever its length", low=1, high=100_000)
-    before_s: float = setting(30.0, "s", "kept before an event", low=0.0, high=600.0)
-    after_s: float = setting(30.0, "s", "kept after it", low=0.0, high=600.0)
-    parts: int = setting(20, "", "so many events are kept", low=1, high=10_000)
-    queue_ticks: int = setting(200, "", "ticks that wait for a slow disk; later ones are lost", low=10, high=10_000)
-    write_ms: int = setting(200, "ms", "what was noted is safe from the program's death after this", low=10, high=1000)
-    sync_ms: int = setting(1000, "ms", "and from a power cut after this", low=100, high=60_000)
-    pictures_hz: float = setting(0.0, "Hz", "pictures of the depth camera; 0: none", low=0.0, high=30.0)
-    jolt: float = setting(8.0, "m/s^2", "a horizontal acceleration that no drive makes", low=2.0, high=100.0)
-    jump: float = setting(0.5, "m", "a pose that moves by more at once has jumped", low=0.05, high=5.0)
+    ring_minutes: float = setting(
+        10.0, "min", "length of the log that is always on the disk; older ticks are dropped", low=1.0, high=1440.0
+    )
+    ring_mb: int = setting(
+        256, "MB", "disk space of that log; a full one drops ticks younger than ring_minutes", low=1, high=100_000
+    )
+    before_s: float = setting(
+        30.0, "s", "log kept from before each event; longer parts need more disk", low=0.0, high=600.0
+    )
+    after_s: float = setting(
+        30.0, "s", "log kept from after each event; longer parts need more disk", low=0.0, high=600.0
+    )
+    parts: int = setting(
+        20, "", "number of kept parts, one per event; beyond it the least important goes", low=1, high=10_000
+    )
+    pictures_hz: float = setting(
+        0.0, "Hz", "rate of logged depth camera images, 0 for none; higher fills ring_mb sooner", low=0.0, high=30.0
+    )
 
 
 @dataclass(frozen=True, slots=True)
@@ -122,7 +133,7 @@ class BlackBox:
             content_hash(about.calibration),
             places,
         )
-        self._queue: queue.Queue[_QueuedTick | RiderRequest | None] = queue.Queue(self.settings.queue_ticks)
+        self._queue: queue.Queue[_QueuedTick | RiderRequest | None] = queue.Queue(QUEUE_TICKS)
         self._pictured_ns: int | None = None
 
     def __enter__(self) -> Self:
@@ -182,11 +193,11 @@ class BlackBox:
 
     def _work(self) -> None:
         """Run the thread; any error in it ends the log and nothing else."""
-        pause_s, closing = self.settings.write_ms / 1000.0, False
+        closing = False
         try:
             while not closing:
                 with contextlib.suppress(queue.Empty):
-                    noted = self._queue.get(timeout=pause_s)
+                    noted = self._queue.get(timeout=WRITE_S)
                     closing = noted is None
                     if noted is not None:
                         self._writer.take(noted, self.lost)
@@ -199,7 +210,10 @@ class BlackBox:
 
     def _give_up(self, error: Exception) -> None:
         """End the log with one warning; the ticks logged so far stay."""
-        self.problem = f"the black box {self.folder} has stopped logging: {_why(error)}; free disk space or repair the disk, then restart"
+        self.problem = (
+            f"the black box {self.folder} has stopped logging: {_why(error)}; free disk space or repair the disk, then "
+            "restart"
+        )
         self._writer.give_up(self.problem)
         _LOGGER.warning("%s", self.problem)
 
@@ -209,13 +223,13 @@ class _Writer:
 
     def __init__(self, folder: Path, head: LogHeader, settings: BlackBoxSettings) -> None:
         s = self._settings = settings
-        needed = segments_needed(max(60.0 * s.minutes, s.before_s + s.after_s), s.segment_s)
-        bounds = BoxLimits(needed, s.most_mb * 1_000_000, s.parts)
+        needed = segments_needed(max(60.0 * s.ring_minutes, s.before_s + s.after_s), SEGMENT_S)
+        bounds = BoxLimits(needed, s.ring_mb * 1_000_000, s.parts)
         self._parts = PartStore(folder, bounds)
         self._keep_loose_end(folder)
         self._ring = Ring(folder, bounds)
         self._head = head
-        self._detector = EventDetector(s.jolt, s.jump)
+        self._detector = EventDetector()
         self._open: list[Part] = []
         self._drove, self._driven_ticks = False, _ON_TICKS  # since the last event
         self._lost = 0
@@ -259,10 +273,10 @@ class _Writer:
     def flush(self) -> None:
         """Write and sync if it is due."""
         now_s = time.monotonic()
-        if now_s - self._written_s >= self._settings.write_ms / 1000.0:
+        if now_s - self._written_s >= WRITE_S:
             self._ring.write()
             self._written_s = now_s
-        if now_s - self._synced_s >= self._settings.sync_ms / 1000.0:
+        if now_s - self._synced_s >= SYNC_S:
             self._ring.sync()
             self._synced_s = now_s
 
@@ -290,7 +304,7 @@ class _Writer:
         """Whether a tick belongs to the present segment; a clock that was set back begins a new one."""
         if segment.begin_ns is None or segment.end_ns is None:
             return True
-        return segment.end_ns <= stamp_ns < segment.begin_ns + self._settings.segment_s * 1e9
+        return segment.end_ns <= stamp_ns < segment.begin_ns + SEGMENT_S * 1e9
 
     def _next_segment(self) -> None:
         self._keep_up(self._open)  # before the ring may drop their segments

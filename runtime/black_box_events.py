@@ -50,6 +50,9 @@ OTHER_EVENTS: Mapping[str, tuple[str, str]] = MappingProxyType(
 )
 """Events outside the table of stops: sentence and remedy."""
 
+_JOLT = 8.0  # m/s^2; horizontal acceleration above that of any drive: a knock
+_JUMP = 0.5  # m; greatest correction of the pose at once that is no event
+
 _SAME_PAUSE_NS = 2_000_000_000
 """A reason to pause that returns within this time counts as the same event."""
 
@@ -63,9 +66,7 @@ _FAILED, _ENDED = Stage.FAILED.value, (Stage.FAILED.value, Stage.ARRIVED.value, 
 class EventDetector:
     """Finds events by comparing each tick with the one before."""
 
-    def __init__(self, jolt: float, jump: float) -> None:
-        """jolt: horizontal acceleration [m/s^2] above that of any drive; jump: step of the pose [m]."""
-        self._jolt, self._jump = jolt, jump
+    def __init__(self) -> None:
         self._drove = False
         self._stage = Stage.IDLE.value
         self._latched: frozenset[str] | None = None  # None until the first tick without a latched fault
@@ -134,7 +135,7 @@ class EventDetector:
         odom_from_base = now.map_from_odom.inverse() @ tick.map_from_base
         was = before.map_from_odom @ odom_from_base
         moved = math.hypot(was.x - tick.map_from_base.x, was.y - tick.map_from_base.y)
-        if moved <= self._jump:
+        if moved <= _JUMP:
             return []
         text = f"{OTHER_EVENTS['pose_corrected'][0]} ({moved:.1f} m away): {OTHER_EVENTS['pose_corrected'][1]}"
         return [BlackBoxEvent("pose_corrected", text, Gravity.FAULT, tick.stamp_ns, tick.wall_ns)]
@@ -144,7 +145,7 @@ class EventDetector:
         tick = moment.tick
         felt = [math.hypot(*message.accel[:2]) for message in moment.heard if isinstance(message, ImuSample)]
         hardest = max((value for value in felt if math.isfinite(value)), default=0.0)
-        if hardest < self._jolt:
+        if hardest < _JOLT:
             return []
         before_ns, self._jolted_ns = self._jolted_ns, tick.stamp_ns
         if before_ns is not None and 0 <= tick.stamp_ns - before_ns < _SAME_JOLT_NS:

@@ -30,17 +30,22 @@ from waychair.slam.dead_reckoning import DeadReckoning
 from waychair.slam.registration import angle_between
 from waychair.types import Bytes, FloatArray, Pose3, RgbdFrame, Trajectory, Trajectory3
 
+_STEP = 2  # pixels; a point is taken from every second column and row, since voxels merge neighbours anyway
+_KEY_DISTANCE = 0.3  # m; distance after which an image becomes a key frame
+_KEY_ANGLE = math.radians(15)  # rad; turn after which an image becomes a key frame
+_MAX_GAP_S = 0.5  # s; greatest time between the two poses around an image
+
 
 @dataclass(frozen=True, slots=True)
 class CloudSettings(Settings):
     """Selection of the images and pixels of a cloud."""
 
-    voxel: float = setting(0.02, "m", "of the points in a cube of this side one is kept", low=0.001, high=1.0)
-    range_max: float = setting(4.0, "m", "depth farther away is too rough", low=0.2, high=50.0)
-    step: int = setting(2, "pixels", "every so many columns and rows a point is taken", low=1, high=32)
-    key_distance: float = setting(0.3, "m", "way after which a picture is a key frame", low=0.0, high=10.0)
-    key_angle: float = setting(math.radians(15), "rad", "turn after which one is", low=0.0, high=math.pi)
-    gap: float = setting(0.5, "s", "between the poses before and after a picture, at most", low=0.01, high=10.0)
+    voxel: float = setting(
+        0.02, "m", "side of the cubes with one point each; larger gives a coarser and smaller file", low=0.001, high=1.0
+    )
+    range_max: float = setting(
+        4.0, "m", "points farther from the camera are left out; larger adds noisier points", low=0.2, high=50.0
+    )
     view: DepthSettings = field(default_factory=DepthSettings)
 
 
@@ -73,9 +78,9 @@ def export_cloud(source: Path, ply: Path, settings: CloudSettings | None = None)
     """
     s, clouds = settings or CloudSettings(), _open3d()
     sum_, pictures, keys, last = clouds.geometry.PointCloud(), 0, 0, None
-    for posed in _posed(source, s):
+    for posed in _posed(source):
         pictures += 1
-        if frame_problem(posed.picture, s.view) is not None or not _is_key(last, posed.map_from_camera, s):
+        if frame_problem(posed.picture, s.view) is not None or not _is_key(last, posed.map_from_camera):
             continue
         last, keys = posed.map_from_camera, keys + 1
         points, colours = coloured_points(posed, s)
@@ -93,14 +98,14 @@ def export_cloud(source: Path, ply: Path, settings: CloudSettings | None = None)
 def coloured_points(posed: PosedImage, settings: CloudSettings) -> tuple[FloatArray, FloatArray]:
     """Return points (N, 3) [m] in map of an image's depths, and their colours (N, 3) in [0, 1]."""
     s, picture = settings, posed.picture
-    depth = picture.depth[:: s.step, :: s.step].astype(np.float64)
+    depth = picture.depth[::_STEP, ::_STEP].astype(np.float64)
     rows, columns = np.nonzero(np.isfinite(depth) & (depth > 0.0) & (depth < s.range_max))
-    pixels = np.stack([columns * s.step, rows * s.step, np.ones(len(rows))], axis=-1).astype(np.float64)
+    pixels = np.stack([columns * _STEP, rows * _STEP, np.ones(len(rows))], axis=-1).astype(np.float64)
     rays: FloatArray = pixels @ np.linalg.inv(picture.camera_matrix).T
     pose = posed.map_from_camera
     seen: FloatArray = rays * depth[rows, columns][:, None]
     points: FloatArray = seen @ pose.rotation.T + pose.translation
-    image: Bytes = picture.image[:: s.step, :: s.step][rows, columns]
+    image: Bytes = picture.image[::_STEP, ::_STEP][rows, columns]
     colours: FloatArray = (image if image.ndim == 2 else np.repeat(image[:, None], 3, axis=1)) / 255.0
     return points, colours
 
@@ -115,14 +120,14 @@ def _open3d() -> Any:
     return open3d
 
 
-def _is_key(last: Pose3 | None, here: Pose3, settings: CloudSettings) -> bool:
+def _is_key(last: Pose3 | None, here: Pose3) -> bool:
     if last is None:
         return True
     away = float(np.linalg.norm(here.translation - last.translation))
-    return away >= settings.key_distance or angle_between(last, here) >= settings.key_angle
+    return away >= _KEY_DISTANCE or angle_between(last, here) >= _KEY_ANGLE
 
 
-def _posed(source: Path, settings: CloudSettings) -> Iterator[PosedImage]:
+def _posed(source: Path) -> Iterator[PosedImage]:
     """Yield the images of a recording, or of a map's recording, that have a pose, in order."""
     report = yaml_path(source).with_name("report.json")
     folder = report.parent if (report.parent / "trajectory.tum").is_file() and report.is_file() else None
@@ -141,7 +146,7 @@ def _posed(source: Path, settings: CloudSettings) -> Iterator[PosedImage]:
         flat = map_recording(recording, MappingSettings(vision="off")).result.trajectory
     else:
         flat = read_tum(folder / "trajectory.tum")
-    yield from _on_floor(recording, mount, flat, settings)
+    yield from _on_floor(recording, mount, flat)
 
 
 def _poses_in_space(path: Path) -> Trajectory3:
@@ -177,7 +182,7 @@ def _in_space(recording: Recording, way: Trajectory3) -> Iterator[PosedImage]:
             yield PosedImage(picture, Pose3(way.rotations[k], way.positions[k]))
 
 
-def _on_floor(recording: Recording, mount: Pose3, way: Trajectory, settings: CloudSettings) -> Iterator[PosedImage]:
+def _on_floor(recording: Recording, mount: Pose3, way: Trajectory) -> Iterator[PosedImage]:
     """Yield images of a bag, with poses between those of its scans and the tilt from its IMU."""
     leaning, reckoning = DepthMapping(MappingSettings().depth, mount, CHAIR_A.front), DeadReckoning(CHAIR_A)
     for frame in recording.frames:
@@ -187,7 +192,7 @@ def _on_floor(recording: Recording, mount: Pose3, way: Trajectory, settings: Clo
     stamps, poses = way.stamps_ns[order], way.poses[order]
     for picture in recording.pictures():
         after = int(np.searchsorted(stamps, picture.stamp_ns))
-        if after in (0, len(stamps)) or stamps[after] - stamps[after - 1] > settings.gap * 1e9:
+        if after in (0, len(stamps)) or stamps[after] - stamps[after - 1] > _MAX_GAP_S * 1e9:
             continue
         part = (picture.stamp_ns - int(stamps[after - 1])) / max(1, int(stamps[after] - stamps[after - 1]))
         pose = interpolate(pose_from_array(poses[after - 1]), pose_from_array(poses[after]), part)

@@ -23,6 +23,11 @@ USES = ("on", "off", "only")
 PLAIN = ("pictures", "kept", "near")
 """Counts of good depth images; the name of every other count is a reason for leaving images out."""
 
+_KEY_DISTANCE = 0.15  # m; distance after which an image is kept
+_KEY_ANGLE = math.radians(8)  # rad; turn after which an image is kept
+_KEY_TIME_S = 2.0  # s; time after which an image is kept
+_IMAGES_PER_KEY = 4  # latest images that are kept on each key scan
+_MAX_GAP_S = 0.5  # s; greatest time between the scans before and after an image
 _WAITING = 32  # greatest number of depth images that wait for the scan after them
 
 
@@ -30,15 +35,12 @@ _WAITING = 32  # greatest number of depth images that wait for the scan after th
 class DepthMappingSettings(Settings):
     """The use of depth images, and the camera's mount."""
 
-    use: str = setting("on", "", "on: beside the lidar, off: not at all, only: instead of the lidar")
-    mount: tuple[float, ...] = setting(
-        (), "m, rad", "X,Y,Z,YAW,PITCH of the camera on the base, pitch down; empty: as recorded"
+    use: str = setting(
+        "on", "", "depth images: on, together with the lidar; off, not at all; only, instead of the lidar"
     )
-    key_distance: float = setting(0.15, "m", "way after which a picture is kept", low=0.0, high=5.0)
-    key_angle: float = setting(math.radians(8), "rad", "turn after which one is", low=0.0, high=math.pi)
-    key_time: float = setting(2.0, "s", "time after which one is", low=0.0, high=1e6)
-    kept: int = setting(4, "", "latest pictures that are kept on each key scan", low=1, high=100)
-    gap: float = setting(0.5, "s", "between the scans before and after a picture, at most", low=0.01, high=10.0)
+    mount: tuple[float, ...] = setting(
+        (), "m, rad", "X,Y,Z,YAW,PITCH of the depth camera on the base, pitch down positive; empty: as recorded"
+    )
     view: DepthSettings = field(default_factory=DepthSettings)
 
     def __post_init__(self) -> None:
@@ -102,7 +104,7 @@ class DepthMapping:
             if picture.stamp_ns > mapper.frames[-1].stamp_ns and not ended:
                 return
             self._waiting.popleft()
-            found = mapper.pose_at(picture.stamp_ns, self.settings.gap)
+            found = mapper.pose_at(picture.stamp_ns, _MAX_GAP_S)
             if found is None:
                 self.counts[_NO_SCAN] += 1
             elif self._is_near(picture.stamp_ns, found[1]):
@@ -131,9 +133,9 @@ class DepthMapping:
     def _is_near(self, stamp_ns: int, pose: Pose2) -> bool:
         if self._kept is None:
             return False
-        s, (before_ns, before) = self.settings, self._kept
+        before_ns, before = self._kept
         away, turned = math.hypot(pose.x - before.x, pose.y - before.y), abs(wrap_angle(pose.theta - before.theta))
-        return away < s.key_distance and turned < s.key_angle and stamp_ns - before_ns < s.key_time * 1e9
+        return away < _KEY_DISTANCE and turned < _KEY_ANGLE and stamp_ns - before_ns < _KEY_TIME_S * 1e9
 
     def _keep(self, mapper: Mapper, picture: RgbdFrame, node: int, pose: Pose2) -> None:
         """Anchor an image to a node, in place of the oldest if the node has enough."""
@@ -152,7 +154,7 @@ class DepthMapping:
         on_node = self._on_node.setdefault(node, [])
         on_node.append(self._number)
         self._number += 1
-        if len(on_node) > self.settings.kept:
+        if len(on_node) > _IMAGES_PER_KEY:
             self.assembly.drop(on_node.pop(0))
 
 

@@ -7,29 +7,20 @@ Transactions on Robotics and Automation 11(1), 1995), without its changes of the
 from __future__ import annotations
 
 from collections import deque
-from dataclasses import dataclass, replace
+from dataclasses import replace
 
 import numpy as np
 
-from waychair.config import Settings, setting
 from waychair.types import SonarReadings
 
-
-@dataclass(frozen=True, slots=True)
-class EchoSettings(Settings):
-    """When two echoes of a sonar count as echoes of the same thing."""
-
-    agree: float = setting(
-        0.15, "m", "echoes of one thing differ by no more: noise, and the chair's way", low=0.01, high=1
-    )
-    within_s: float = setting(0.25, "s", "and come within this time", low=0.02, high=2.0)
+_SAME_RANGE = 0.15  # m; greatest difference between two echoes of one thing: noise and the chair's motion
+_SAME_TIME_S = 0.25  # s; greatest time between two echoes of one thing
 
 
 class EchoFilter:
     """Keeps the latest readings of each sonar."""
 
-    def __init__(self, settings: EchoSettings) -> None:
-        self._settings = settings
+    def __init__(self) -> None:
         self._before: deque[SonarReadings] = deque()
 
     def confirmed(self, readings: SonarReadings) -> SonarReadings:
@@ -37,13 +28,13 @@ class EchoFilter:
 
         No echo (+inf) and an echo below the least range (-inf) need no confirmation.
         """
-        s, before = self._settings, self._before
-        while before and not 0 < readings.stamp_ns - before[0].stamp_ns <= s.within_s * 1e9:
+        before = self._before
+        while before and not 0 < readings.stamp_ns - before[0].stamp_ns <= _SAME_TIME_S * 1e9:
             before.popleft()
         ranges = readings.ranges
         again = np.zeros(len(ranges), np.bool_)
         for earlier in before:
             with np.errstate(invalid="ignore"):  # inf - inf
-                again |= np.abs(ranges - earlier.ranges) <= s.agree
+                again |= np.abs(ranges - earlier.ranges) <= _SAME_RANGE
         before.append(readings)
         return replace(readings, ranges=np.where(np.isfinite(ranges) & ~again, np.float32(np.nan), ranges))

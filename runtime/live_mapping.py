@@ -30,7 +30,11 @@ class LiveMappingSettings(Settings):
     """The settings of mapping, live or from a recording."""
 
     laser_height: float = setting(
-        0.30, "m", "lidar above the floor; tells which beams meet it on a ramp", low=0.02, high=3.0
+        0.30,
+        "m",
+        "height of the lidar above the floor; from a higher one, fewer beams meet the floor on a ramp",
+        low=0.02,
+        high=3.0,
     )
     odometry: OdometrySettings = field(default_factory=OdometrySettings)
     mapper: MapperSettings = field(default_factory=MapperSettings)

@@ -63,9 +63,11 @@ class MappingSettings(LiveMappingSettings):
 
     input: InputSettings = field(default_factory=InputSettings)
     checkpoint_interval: float = setting(
-        20.0, "s", "between the states kept aside, from which a stopped run goes on", low=0.0, high=1e6
+        20.0, "s", "time between checkpoints; longer repeats more after an interruption", low=0.0, high=1e6
     )
-    vision: Literal["on", "off"] = setting("on", "", "on: places are known again by pictures, where there are any; off")
+    vision: Literal["on", "off"] = setting(
+        "on", "", "loop closures by pictures: on, where there are any; off, by scans alone"
+    )
     appearance: AppearanceSettings = field(default_factory=AppearanceSettings)
 
 

@@ -22,7 +22,7 @@ from waychair.maps.zones import Zone
 from waychair.planning.drawn_map import DrawnMap
 from waychair.planning.motion import measured
 from waychair.runtime.drive_base import BaseSettings
-from waychair.runtime.echoes import EchoFilter, EchoSettings
+from waychair.runtime.echoes import EchoFilter
 from waychair.slam.localisation import Localisation, LocalisationState
 from waychair.slam.scan_points import beam_ends
 from waychair.slam.tilt import Tilt
@@ -34,8 +34,13 @@ class PilotSettings(BaseSettings):
     """The settings of the navigator, and of the drive base whose limits it plans within."""
 
     navigator: NavigatorSettings = field(default_factory=NavigatorSettings)
-    echoes: EchoSettings = field(default_factory=EchoSettings)
-    paused_s: float = setting(300.0, "s", "a drive that was paused is given up after so long", low=1.0, high=86400.0)
+    max_pause_s: float = setting(
+        300.0,
+        "s",
+        "a paused drive is dropped after this time; a longer one keeps its goal longer",
+        low=1.0,
+        high=86400.0,
+    )
 
 
 _NOTHING: FloatArray = np.empty((0, 2))
@@ -70,7 +75,7 @@ class Pilot:
         self._goals_since_ns: int | None = None
         self._paused_since_ns: int | None = None
         self._sight = _ScanView()  # since the last tick
-        self._echo_filter = EchoFilter(self.settings.echoes)
+        self._echo_filter = EchoFilter()
         self.mapped_legs = _NOTHING
         """Points of the latest scan that look like legs but are on the map, (N, 2) [m] in base; none if unlocalised."""
 
@@ -155,7 +160,7 @@ class Pilot:
             self._paused_since_ns = None
         elif self._paused_since_ns is None:
             self._paused_since_ns = now_ns
-        elif now_ns - self._paused_since_ns > self.settings.paused_s * 1e9:
+        elif now_ns - self._paused_since_ns > self.settings.max_pause_s * 1e9:
             self.drop("the drive was paused for too long: ask for the goal again")
         if not self._goals:
             return

@@ -21,8 +21,6 @@ from pathlib import Path
 from types import TracebackType
 from typing import Self
 
-from waychair.config import Settings, setting
-
 BEAT_HZ = 5.0
 """Rate of a process's heartbeats."""
 
@@ -31,6 +29,14 @@ _BEAT_TO = "WAYCHAIR_BEAT_TO"
 
 _HELD_UP_S = 1.0
 """A supervisor that was held up for longer cannot tell how long the processes were silent."""
+
+MAX_DEATHS = 5  # deaths within DEATHS_WITHIN_S after which a process is not restarted again
+DEATHS_WITHIN_S = 60.0  # s
+RESTART_PAUSE_S = 0.2  # s; from a death to the restart
+END_PATIENCE_S = 5.0  # s; time for a process to end by itself before it is killed
+IDLE_HANG_S = 5.0  # s; an idle process without a heartbeat counts as hung after this time
+BUSY_HANG_S = 120.0  # s; the same for a computing process, which may compile kernels or read a large map
+IDLE_SHARE = 0.1  # share of one processor below which a process is idle
 
 
 @dataclass(frozen=True, slots=True)
@@ -46,19 +52,6 @@ class Process:
     arguments: tuple[str, ...] = ()
     priority: int = 0
     vital: bool = True
-
-
-@dataclass(frozen=True, slots=True)
-class SupervisionSettings(Settings):
-    """Limits on restarts, and waiting times."""
-
-    most_deaths: int = setting(5, "", "a process that died so often ...", low=1, high=1000)
-    within_s: float = setting(60.0, "s", "... within this time stays dead, and all end", low=1.0, high=3600.0)
-    pause_s: float = setting(0.2, "s", "from a death to the next start", low=0.0, high=60.0)
-    patience_s: float = setting(5.0, "s", "for a process to end when it is asked to", low=0.1, high=60.0)
-    idle_s: float = setting(5.0, "s", "one that ceases to beat and does nothing hangs after this", low=0.5, high=600.0)
-    busy_s: float = setting(120.0, "s", "and one that computes (kernels, a large map)", low=1.0, high=3600.0)
-    idle_share: float = setting(0.1, "", "part of a processor below which it does nothing", low=0.0, high=1.0)
 
 
 @dataclass(slots=True)
@@ -84,13 +77,11 @@ class Supervision:
         table: Sequence[Process],
         environment: Mapping[str, str],
         report: Callable[[str], None] = lambda sentence: None,
-        settings: SupervisionSettings | None = None,
     ) -> None:
         """`report` receives a sentence whenever a process dies or begins."""
         self._table = table
         self._environment = dict(environment)
         self._report = report
-        self._settings = settings or SupervisionSettings()
         self._running: list[_Running] = []
         self._watched_s = time.monotonic()
 
@@ -111,7 +102,7 @@ class Supervision:
         for each in reversed(self._running):
             if each.process.poll() is None:
                 each.process.send_signal(signal.SIGTERM)
-        ends = time.monotonic() + self._settings.patience_s
+        ends = time.monotonic() + END_PATIENCE_S
         for each in self._running:
             try:
                 each.process.wait(max(0.0, ends - time.monotonic()))
@@ -127,7 +118,7 @@ class Supervision:
 
     def watch(self) -> str:
         """Restart dead and hung processes; return why all must end, or an empty sentence. Call it at about 5 Hz."""
-        now, s = time.monotonic(), self._settings
+        now = time.monotonic()
         self._kill_hung(now)
         for each in list(self._running):
             status = each.process.poll()
@@ -135,10 +126,10 @@ class Supervision:
                 continue
             how = f"by signal {signal.Signals(-status).name}" if status < 0 else f"with status {status}"
             each.deaths.append(now)
-            while now - each.deaths[0] > s.within_s:
+            while now - each.deaths[0] > DEATHS_WITHIN_S:
                 each.deaths.popleft()
-            if len(each.deaths) >= s.most_deaths:
-                over = f"the process '{each.row.name}' ended {how}, {len(each.deaths)} times in {s.within_s:g} s"
+            if len(each.deaths) >= MAX_DEATHS:
+                over = f"the process '{each.row.name}' ended {how}, {len(each.deaths)} times in {DEATHS_WITHIN_S:g} s"
                 if each.row.vital:
                     return over
                 self._report(f"{over}: the others go on without it")
@@ -146,7 +137,7 @@ class Supervision:
                 self._running.remove(each)
                 continue
             self._report(f"'{each.row.name}' ended {how}: it is started again, and no drive goes on by itself")
-            time.sleep(s.pause_s)
+            time.sleep(RESTART_PAUSE_S)
             beats_of_dead = each.beats
             each.process, each.beats = self._start(each.row)
             each.beaten_s = None
@@ -156,7 +147,7 @@ class Supervision:
 
     def _kill_hung(self, now: float) -> None:
         """Kill processes whose heartbeat has ceased, after a short time if idle, after a longer one if computing."""
-        s, unwatched = self._settings, now - self._watched_s > _HELD_UP_S
+        unwatched = now - self._watched_s > _HELD_UP_S
         self._watched_s = now
         for each in self._running:
             if _has_beaten(each.beats) or (unwatched and each.beaten_s is not None):
@@ -164,10 +155,10 @@ class Supervision:
             if each.beaten_s is None or each.process.poll() is not None:
                 continue
             silent_s = now - each.beaten_s
-            if silent_s <= s.idle_s:
+            if silent_s <= IDLE_HANG_S:
                 continue
-            idle = _cpu_s(each.process.pid) - each.used_s < s.idle_share * silent_s
-            if idle or silent_s > s.busy_s:
+            idle = _cpu_s(each.process.pid) - each.used_s < IDLE_SHARE * silent_s
+            if idle or silent_s > BUSY_HANG_S:
                 self._report(f"'{each.row.name}' has hung for {silent_s:.1f} s: it is killed")
                 each.process.kill()
                 each.process.wait()

@@ -24,7 +24,7 @@ from waychair.config import load
 from waychair.control.supervisor import DRIVEN
 from waychair.errors import BoxError
 from waychair.firmware_bridge.protocol import FIRMWARE_VERSION, LAYOUT_HASH
-from waychair.runtime import black_box_store
+from waychair.runtime import black_box, black_box_store
 from waychair.runtime.black_box import BlackBox, BlackBoxSettings
 from waychair.runtime.black_box_events import EventDetector
 from waychair.runtime.black_box_file import Moment, read_log, tick_from_state
@@ -32,7 +32,13 @@ from waychair.runtime.black_box_store import is_written, parts_of, segment_files
 from waychair.runtime.chair import ChairSettings
 from waychair.types import ImuSample, RgbdFrame, WheelTicks
 
-SHORT = BlackBoxSettings(minutes=1.0, segment_s=5.0, before_s=10.0, after_s=10.0)
+SHORT = BlackBoxSettings(ring_minutes=1.0, before_s=10.0, after_s=10.0)
+
+
+@pytest.fixture
+def short_segments(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Files of 5 s, so that a ring of a minute has a dozen."""
+    monkeypatch.setattr(black_box, "SEGMENT_S", 5.0)
 
 
 def stopped_by_the_lidar(ride: Ride) -> None:
@@ -79,6 +85,7 @@ def test_a_log_says_whose_it_is(stopped: Drive, tmp_path: Path) -> None:
     assert part.software
 
 
+@pytest.mark.usefixtures("short_segments")
 def test_the_ring_is_bounded_and_drops_the_oldest(quiet: Drive, tmp_path: Path) -> None:
     logged(tmp_path, [quiet] * 60, SHORT)
     files = segment_files(tmp_path)
@@ -89,12 +96,14 @@ def test_the_ring_is_bounded_and_drops_the_oldest(quiet: Drive, tmp_path: Path) 
     assert (log.lost, log.damaged) == (0, 0)
 
 
+@pytest.mark.usefixtures("short_segments")
 def test_the_ring_is_bounded_in_bytes_too(quiet: Drive, tmp_path: Path) -> None:
-    logged(tmp_path, [quiet] * 40, replace(SHORT, most_mb=1))
+    logged(tmp_path, [quiet] * 40, replace(SHORT, ring_mb=1))
     assert sum(path.stat().st_size for path in segment_files(tmp_path)) <= 1_100_000
     assert read_log(segment_files(tmp_path)).damaged == 0
 
 
+@pytest.mark.usefixtures("short_segments")
 def test_a_stop_keeps_what_was_before_and_after_it(stopped: Drive, quiet: Drive, tmp_path: Path) -> None:
     logged(tmp_path, [quiet] * 10 + [stopped] + [quiet] * 10, SHORT)
     part = next(part for part in parts_of(tmp_path) if any(event.id == "lidar_stale" for event in part.events))
@@ -107,6 +116,7 @@ def test_a_stop_keeps_what_was_before_and_after_it(stopped: Drive, quiet: Drive,
     assert len(stamps) == len(set(stamps))
 
 
+@pytest.mark.usefixtures("short_segments")
 def test_a_part_outlives_the_ring(stopped: Drive, quiet: Drive, tmp_path: Path) -> None:
     logged(tmp_path, [stopped] + [quiet] * 50, SHORT)
     part = next(part for part in parts_of(tmp_path) if any(event.id == "lidar_stale" for event in part.events))
@@ -115,6 +125,7 @@ def test_a_part_outlives_the_ring(stopped: Drive, quiet: Drive, tmp_path: Path) 
     assert any(halted.id == "lidar_stale" for tick in part.log().ticks for halted in tick.halts)
 
 
+@pytest.mark.usefixtures("short_segments")
 def test_parts_are_kept_without_hard_links(
     stopped: Drive, quiet: Drive, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
@@ -129,6 +140,7 @@ def test_parts_are_kept_without_hard_links(
     assert log.ticks[-1].stamp_ns >= part.events[-1].stamp_ns + 9.5e9
 
 
+@pytest.mark.usefixtures("short_segments")
 def test_parts_are_bounded_the_newest_and_the_read_stay(stopped: Drive, quiet: Drive, tmp_path: Path) -> None:
     few = replace(SHORT, parts=3)
     logged(tmp_path, [stopped, quiet], few)
@@ -168,7 +180,7 @@ def test_whoever_hears_of_a_drives_end_later_makes_no_second_end(stopped: Drive)
     lagging = replace(at, navigation=before.navigation)
     late = replace(at, stamp_ns=at.stamp_ns + 30_000_000, verdict=replace(at.verdict, drops_goal=False))
     much_later = replace(late, stamp_ns=at.stamp_ns + 900_000_000)
-    watch = EventDetector(8.0, 0.5)
+    watch = EventDetector()
     told = [
         [event.id for event in watch.update(Moment(tick_from_state(state, 0)))] for state in (before, lagging, late)
     ]
@@ -213,7 +225,8 @@ def test_a_disk_that_hangs_never_holds_the_chair_up(
 
     monkeypatch.setattr(black_box_store.os, "write", hanging)
     heard, state, board = quiet.notes[0]
-    with BlackBox(tmp_path, LOGGED_CHAIR, BlackBoxSettings(queue_ticks=10)) as box:
+    monkeypatch.setattr(black_box, "QUEUE_TICKS", 10)
+    with BlackBox(tmp_path, LOGGED_CHAIR) as box:
         hangs.set()
         for k in range(100):
             box.note_tick(heard, replace(state, stamp_ns=k * 50_000_000), board)
@@ -252,6 +265,7 @@ def test_a_full_or_broken_disk_ends_the_log_with_one_diagnostic(
     assert len(log.ticks) > 5
 
 
+@pytest.mark.usefixtures("short_segments")
 def test_what_was_logged_before_the_disk_was_full_says_why_it_ends(
     quiet: Drive, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:

@@ -11,7 +11,7 @@ from hypothesis import strategies as st
 
 from tests.runtime.riding import FAR, Ride
 from waychair.control.navigator import Stage
-from waychair.runtime.echoes import EchoFilter, EchoSettings
+from waychair.runtime.echoes import EchoFilter
 from waychair.simulation.simulator import SimulatorSettings
 from waychair.simulation.sonar import SonarSettings
 from waychair.trials.drive import start_drive
@@ -22,7 +22,7 @@ PERIOD_MS = 50
 
 def told(*ranges: float, period_ms: int = PERIOD_MS) -> list[float]:
     """What of one sonar's readings, one a period, counts; nan for what says nothing."""
-    echoes = EchoFilter(EchoSettings())
+    echoes = EchoFilter()
     readings = (
         SonarReadings(k * period_ms * 1_000_000, np.array([r], np.float32)) for k, r in enumerate(ranges, start=1)
     )
@@ -56,14 +56,14 @@ def test_echoes_bear_each_other_out_for_a_moment_only(period_ms: int, counts: bo
 
 
 def test_readings_of_another_clock_bear_nothing_out() -> None:
-    echoes = EchoFilter(EchoSettings())
+    echoes = EchoFilter()
     for stamp_ns in (10**12, 50_000_000):  # set back
         assert np.isnan(echoes.confirmed(SonarReadings(stamp_ns, np.ones(1, np.float32))).ranges).all()
 
 
 @given(st.lists(st.floats(0.0625, 4.0, width=32), min_size=8, max_size=8))
 def test_each_sonar_is_borne_out_by_itself_alone(ranges: list[float]) -> None:
-    echoes, moved = EchoFilter(EchoSettings()), np.array(ranges, np.float32)
+    echoes, moved = EchoFilter(), np.array(ranges, np.float32)
     moved[3] += 0.2
     echoes.confirmed(SonarReadings(0, np.array(ranges, np.float32)))
     found = echoes.confirmed(SonarReadings(PERIOD_MS * 1_000_000, moved)).ranges

@@ -83,7 +83,7 @@ def test_what_ends_a_drive_ends_a_paused_one_and_it_does_not_go_on(ends: str) ->
 
 
 def test_a_drive_that_is_paused_for_too_long_is_given_up_with_a_reason() -> None:
-    with Ride(ChairSettings(paused_s=5.0)) as ride:
+    with Ride(ChairSettings(max_pause_s=5.0)) as ride:
         ride.drive()
         ride.chair.pause()
         ride.tick(90)
@@ -94,7 +94,7 @@ def test_a_drive_that_is_paused_for_too_long_is_given_up_with_a_reason() -> None
 
 
 def test_a_second_pause_has_all_its_time_again() -> None:
-    with Ride(ChairSettings(paused_s=5.0)) as ride:
+    with Ride(ChairSettings(max_pause_s=5.0)) as ride:
         ride.drive()
         for _ in range(2):
             assert ride.chair.pause()

@@ -9,16 +9,29 @@ import sys
 import textwrap
 import time
 from collections.abc import Callable
-from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
 import pytest
 
-from waychair.runtime.processes import Process, Supervision, SupervisionSettings, signalled
+from waychair.runtime import processes
+from waychair.runtime.processes import Process, Supervision, signalled
 
 PATIENCE_S = 30.0
-QUICK = SupervisionSettings(pause_s=0.0, patience_s=0.5)
+
+
+@pytest.fixture(autouse=True)
+def quick(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Restarts at once, and little patience."""
+    monkeypatch.setattr(processes, "RESTART_PAUSE_S", 0.0)
+    monkeypatch.setattr(processes, "END_PATIENCE_S", 0.5)
+
+
+@pytest.fixture
+def soon_hung(monkeypatch: pytest.MonkeyPatch) -> None:
+    """An idle process hangs after half a second."""
+    monkeypatch.setattr(processes, "IDLE_HANG_S", 0.5)
+
 
 SLEEPS = "import time\nwhile True: time.sleep(0.1)\n"
 DEAF = "import signal, time\nsignal.signal(signal.SIGTERM, signal.SIG_IGN)\n" + SLEEPS
@@ -70,7 +83,7 @@ def is_alive(pid: int) -> bool:
 def test_all_begin_and_end_together_also_who_does_not_want_to(modules: Path) -> None:
     told: list[str] = []
     table = [Process("one", "sleeps"), Process("two", "deaf")]
-    with Supervision(table, environment(modules), told.append, QUICK) as running:
+    with Supervision(table, environment(modules), told.append) as running:
         pids = running.pids
         until(lambda: all((modules / f"{name}.began").exists() for name in ("sleeps", "deaf")))
         assert running.watch() == ""
@@ -92,7 +105,7 @@ def test_if_one_cannot_be_started_those_before_it_are_ended(modules: Path, monke
     monkeypatch.setattr(subprocess, "Popen", second_fails)
     files = open_files()
     table = [Process("one", "sleeps"), Process("two", "sleeps")]
-    with pytest.raises(OSError, match="unavailable"), Supervision(table, environment(modules), settings=QUICK):
+    with pytest.raises(OSError, match="unavailable"), Supervision(table, environment(modules)):
         pass
     assert begun[0].poll() is not None
     assert open_files() == files
@@ -108,7 +121,7 @@ def test_who_cannot_be_started_again_ends_all_and_closes_nothing_twice(
     table = [Process("one", "sleeps"), Process("two", "sleeps")]
 
     def one_dies() -> None:
-        with Supervision(table, environment(modules), settings=QUICK) as running:
+        with Supervision(table, environment(modules)) as running:
             pids.extend(running.pids.values())
             os.kill(pids[0], signal.SIGKILL)
             monkeypatch.setattr(subprocess, "Popen", fails)
@@ -123,7 +136,7 @@ def test_who_cannot_be_started_again_ends_all_and_closes_nothing_twice(
 def test_who_is_killed_is_started_again_and_the_others_stay(modules: Path) -> None:
     told: list[str] = []
     table = [Process("one", "sleeps"), Process("two", "sleeps")]
-    with Supervision(table, environment(modules), told.append, QUICK) as running:
+    with Supervision(table, environment(modules), told.append) as running:
         before = dict(running.pids)
         os.kill(before["one"], signal.SIGKILL)
         until(lambda: running.watch() == "" and running.pids["one"] != before["one"])
@@ -132,10 +145,10 @@ def test_who_is_killed_is_started_again_and_the_others_stay(modules: Path) -> No
     assert "'one' ended by signal SIGKILL: it is started again, and no drive goes on by itself" in told
 
 
+@pytest.mark.usefixtures("soon_hung")
 def test_who_hangs_is_killed_and_started_again(modules: Path) -> None:
     told: list[str] = []
-    quick = replace(QUICK, idle_s=0.5)
-    with Supervision([Process("one", "beats")], environment(modules), told.append, quick) as running:
+    with Supervision([Process("one", "beats")], environment(modules), told.append) as running:
         pid = running.pids["one"]
         until(lambda: running.watch() == "" and running._running[0].beaten_s is not None)
         os.kill(pid, signal.SIGSTOP)
@@ -145,10 +158,11 @@ def test_who_hangs_is_killed_and_started_again(modules: Path) -> None:
     assert any(sentence.startswith("'one' has hung for ") for sentence in told)
 
 
-def test_who_computes_or_never_beat_is_given_time(modules: Path) -> None:
+@pytest.mark.usefixtures("soon_hung")
+def test_who_computes_or_never_beat_is_given_time(modules: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     table = [Process("one", "computes"), Process("two", "sleeps")]
-    quick = replace(QUICK, idle_s=0.5, idle_share=0.0)
-    with Supervision(table, environment(modules), settings=quick) as running:
+    monkeypatch.setattr(processes, "IDLE_SHARE", 0.0)
+    with Supervision(table, environment(modules)) as running:
         pids = dict(running.pids)
         until(lambda: running.watch() == "" and running._running[0].beaten_s is not None)
         ends = time.monotonic() + 1.0
@@ -158,16 +172,17 @@ def test_who_computes_or_never_beat_is_given_time(modules: Path) -> None:
         assert running.pids == pids
 
 
-def test_who_computes_for_much_too_long_hangs(modules: Path) -> None:
-    with Supervision(
-        [Process("one", "computes")], environment(modules), settings=replace(QUICK, idle_s=0.5, busy_s=1.0)
-    ) as running:
+@pytest.mark.usefixtures("soon_hung")
+def test_who_computes_for_much_too_long_hangs(modules: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(processes, "BUSY_HANG_S", 1.0)
+    with Supervision([Process("one", "computes")], environment(modules)) as running:
         pid = running.pids["one"]
         until(lambda: running.watch() == "" and running.pids["one"] != pid)
 
 
+@pytest.mark.usefixtures("soon_hung")
 def test_a_supervisor_that_was_held_up_itself_kills_nobody(modules: Path) -> None:
-    with Supervision([Process("one", "beats")], environment(modules), settings=replace(QUICK, idle_s=0.5)) as running:
+    with Supervision([Process("one", "beats")], environment(modules)) as running:
         pid = running.pids["one"]
         until(lambda: running.watch() == "" and running._running[0].beaten_s is not None)
         os.kill(pid, signal.SIGSTOP)
@@ -181,7 +196,7 @@ def test_a_supervisor_that_was_held_up_itself_kills_nobody(modules: Path) -> Non
 def test_who_dies_again_and_again_ends_all(modules: Path) -> None:
     over: list[str] = []
     table = [Process("one", "sleeps"), Process("two", "dies")]
-    with Supervision(table, environment(modules), settings=QUICK) as running:
+    with Supervision(table, environment(modules)) as running:
         until(lambda: over.append(running.watch()) or over[-1])
         pids = running.pids
     assert over[-1] == "the process 'two' ended with status 3, 5 times in 60 s"
@@ -193,7 +208,8 @@ def test_none_outlives_a_supervisor_that_was_killed(modules: Path) -> None:
     script = textwrap.dedent(
         """
         import os, time
-        from waychair.runtime.processes import Process, Supervision
+        from waychair.runtime import processes
+from waychair.runtime.processes import Process, Supervision
         with Supervision([Process("one", "sleeps"), Process("two", "sleeps")], os.environ) as running:
             print(*running.pids.values(), flush=True)
             time.sleep(600)
@@ -211,7 +227,7 @@ def test_none_outlives_a_supervisor_that_was_killed(modules: Path) -> None:
 
 @pytest.mark.skipif(sys.platform != "linux", reason="real-time priorities as Linux has them")
 def test_a_row_has_its_priority_where_the_system_grants_it(modules: Path) -> None:
-    with Supervision([Process("one", "sleeps", priority=2)], environment(modules), settings=QUICK) as running:
+    with Supervision([Process("one", "sleeps", priority=2)], environment(modules)) as running:
         policy = os.sched_getscheduler(running.pids["one"])
         priority = os.sched_getparam(running.pids["one"]).sched_priority
     granted = (os.SCHED_RR, 2)
