@@ -18,7 +18,7 @@ from waychair.maps.distance_field import DistanceField, distances
 from waychair.planning.arc_fan import free_times
 from waychair.planning.dwa import choose
 from waychair.planning.footprint import fits, footprint, in_cells
-from waychair.planning.motion import DwaSettings
+from waychair.planning.motion import PERIOD, DwaSettings
 from waychair.types import BoolArray, FloatArray, Json, Path, Pose2, Twist
 
 SCENES, ROUNDS, SEED = 40, 5, 3
@@ -54,12 +54,12 @@ def fan_speed() -> Json:
     """Time [ms] for all arcs of 2.5 s with the exact rectangle of chair B, certain as long as the chair brakes."""
     candidates, limits = fan(), DwaSettings()
     brake = np.maximum(np.abs(candidates[:, 0]) / limits.braking, np.abs(candidates[:, 1]) / limits.alpha)
-    certain = limits.period + brake / 2
+    certain = PERIOD + brake / 2
     spent, feasible = [], []
     places = scenes()
     for _ in range(ROUNDS):
         for field, pose in places:
-            shape, start = footprint(CHAIR_B, limits.margin, field), in_cells(field, pose)
+            shape, start = footprint(CHAIR_B, limits.clearance, field), in_cells(field, pose)
             begun = time.thread_time_ns()
             times = free_times(shape, start, candidates, certain, HORIZON)
             spent.append((time.thread_time_ns() - begun) * 1e-6)

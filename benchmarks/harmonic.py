@@ -19,7 +19,7 @@ import numpy as np
 
 from waychair.calibration.chair import CHAIR_A
 from waychair.maps.moving_ai import load_free_cells
-from waychair.planning.costmap import Costmap, CostmapSettings, costmap_from_grid
+from waychair.planning.costmap import Costmap, costmap_from_grid
 from waychair.planning.footprint import footprint, room
 from waychair.planning.global_planner import PlannerSettings, plan
 from waychair.planning.grid_graph import Cell
@@ -71,7 +71,7 @@ def costmap_of(scene: BandScene) -> Costmap:
     cells[[0, -1]], cells[:, [0, -1]] = 100, 100
     for x0, y0, x1, y1 in scene.boxes:
         cells[round(y0 / CELL) : round(y1 / CELL), round(x0 / CELL) : round(x1 / CELL)] = 100
-    return costmap_from_grid(OccupancyGrid(cells, CELL), CHAIR_A, CostmapSettings())
+    return costmap_from_grid(OccupancyGrid(cells, CELL), CHAIR_A)
 
 
 def cell_at(point: tuple[float, float]) -> Cell:

@@ -16,7 +16,7 @@ if TYPE_CHECKING:
     from waychair.maps.zones import Zone
     from waychair.planning.costmap import Costmap
     from waychair.planning.global_planner import PlannerSettings
-    from waychair.runtime.report import Picture
+    from waychair.runtime.report import PngFigure
     from waychair.types import BoolArray, IntArray, Place
     from waychair.types import Path as Poses
 
@@ -94,7 +94,7 @@ def _plan_for_the_chair(
     from waychair.cli.arguments import BadArgument
     from waychair.maps.map_files import load_map
     from waychair.maps.zones import check_zones, load_zones
-    from waychair.planning.costmap import CostmapSettings, check_free_space, costmap_from_grid
+    from waychair.planning.costmap import check_free_space, costmap_from_grid
     from waychair.planning.global_planner import GlobalPlanner, PlannerSettings, check_goal
     from waychair.planning.grid_planner import HARMONIC
     from waychair.planning.path_ends import check_start
@@ -107,7 +107,7 @@ def _plan_for_the_chair(
     grid = load_map(map)
     begin, end, zones = _place(map, start, "--start"), _place(map, goal, "--goal"), load_zones(map)
     check_zones(zones, grid)
-    costmap = costmap_from_grid(grid, chair, CostmapSettings(), zones=zones)
+    costmap = costmap_from_grid(grid, chair, zones=zones)
     check_free_space(costmap)
     check_start(costmap, chair, begin.pose)
     check_goal(costmap, chair, end.pose)
@@ -129,7 +129,7 @@ def _plan_for_the_chair(
     print(_json({**values, "poses": path.poses.tolist()}) if json else said)
 
 
-def _with_potential(costmap: Costmap, begin: Place, end: Place, settings: PlannerSettings, path: Poses) -> Picture:
+def _with_potential(costmap: Costmap, begin: Place, end: Place, settings: PlannerSettings, path: Poses) -> PngFigure:
     """Return a picture of the potential, with the path and the default planner's path."""
     import numpy as np
 
@@ -171,7 +171,7 @@ def _plan_on_cells(map: Path, start: str, goal: str, planner: str, png: Path | N
     print(_json(values) if json else f"{cost:.4f} cells from {start} to {goal}" + (f": {png}" if png else ""))
 
 
-def _cells_picture(free: BoolArray, cells: IntArray, names: tuple[str, str], planner: str) -> Picture:
+def _cells_picture(free: BoolArray, cells: IntArray, names: tuple[str, str], planner: str) -> PngFigure:
     """Return a picture of a path over cells, with y upwards and 1 m per cell; for harmonic also the potential."""
     import numpy as np
 

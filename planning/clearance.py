@@ -11,6 +11,10 @@ Where the chair is fast, more is kept; those values name the speed. `personal_sp
 
 from __future__ import annotations
 
+from dataclasses import dataclass
+
+from waychair.config import Settings, setting
+
 # hard ---------------------------------------------------------------------------------------------------------------
 
 HARD = 0.0
@@ -53,7 +57,21 @@ LEFT = 0.06
 # comfortable --------------------------------------------------------------------------------------------------------
 
 COMFORTABLE = 1.0
-"""[m] From the drive axle's middle: the costmap's prices rise below this."""
+"""[m] From the drive axle's middle: the costmap's prices rise below this; the default of `ClearanceSettings`."""
+
+
+@dataclass(frozen=True, slots=True)
+class ClearanceSettings(Settings):
+    """The clearance that a site may want to change."""
+
+    comfortable: float = setting(
+        COMFORTABLE,
+        "m",
+        "distance from obstacles to the path from which more costs no less; larger: longer detours around furniture",
+        low=0.0,
+        high=5.0,
+    )
+
 
 COMFORTABLE_BAND = 0.6
 """[m] From the drive axle's middle: obstacles nearer than this push a rubber band away."""

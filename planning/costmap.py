@@ -14,25 +14,22 @@ from dataclasses import dataclass
 import numpy as np
 
 from waychair.calibration.chair import BodyLayer, ChairBody
-from waychair.config import Settings, setting
 from waychair.errors import NoFreeSpace
 from waychair.maps.distance_field import DistanceField, near_distances, update_near
 from waychair.maps.grid import OCCUPIED_FROM, cells_under, cells_where, occupied
 from waychair.maps.zones import Rule, Zone, keep_out_cells, zone_cells
+from waychair.planning.clearance import COMFORTABLE, PLANNED, TOLD_APART
 from waychair.planning.grid_graph import FREE_PRICE, MAX_PRICE, NO_BARS, Prices, directions_against
 from waychair.types import UNKNOWN, BoolArray, Bytes, Float32Array, FloatArray, IntArray, OccupancyGrid
 
+WALL_PRICE = 5000
+"""[per mille] Price added where the chair just fits: a detour in the open of up to six times the length is cheaper."""
 
-@dataclass(frozen=True, slots=True)
-class CostmapSettings(Settings):
-    """How prices rise near obstacles and in unknown cells."""
+UNKNOWN_PRICE = 9000
+"""[per mille] Price added to an unknown cell: ten times as dear as a free one."""
 
-    margin: float = setting(0.03, "m", "kept free beside the chair's half width", low=0.0, high=0.5)
-    inflation_radius: float = setting(1.0, "m", "clearance from which on a cell is no dearer", low=0.0, high=5.0)
-    wall_price: int = setting(5000, "per mille", "price added where the chair just fits", low=0, high=100_000)
-    unknown_price: int = setting(9000, "per mille", "price added to an unknown cell", low=0, high=100_000)
-    clearance_kept: float = setting(2.0, "m", "larger clearances are not told apart", low=0.5, high=10.0)
-    cruise: float = setting(0.8, "m/s", "speed in the open, against which slow zones are priced", low=0.1, high=3.0)
+CRUISE = 0.8
+"""[m/s] Speed in the open; the price of a slow zone is the ratio of this to the zone's speed."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -40,10 +37,9 @@ class Costmap:
     """Prices (H, W) int32 and clearance (H, W) float32 [m] of a grid's cells.
 
     Prices are per mille of a free cell's price; 0 is impassable. Clearance is measured between cell centres (see
-    `maps.distance_field`) to obstacles for the whole outline: map, keep-out zone or live, up to
-    `CostmapSettings.clearance_kept`. `grid` holds the live obstacles and keep-out zones too, and the geometry; `body`
-    is the chair that the prices are for. `barred` (H, W) has one bit per direction as in `grid_graph` for the one-way
-    zones, if there are any.
+    `maps.distance_field`) to obstacles for the whole outline: map, keep-out zone or live, up to `TOLD_APART` at least.
+    `grid` holds the live obstacles and keep-out zones too, and the geometry; `body` is the chair that the prices are
+    for. `barred` (H, W) has one bit per direction as in `grid_graph` for the one-way zones, if there are any.
     """
 
     prices: Prices
@@ -72,12 +68,12 @@ class Costmap:
 def costmap_from_grid(
     grid: OccupancyGrid,
     body: ChairBody,
-    settings: CostmapSettings = CostmapSettings(),
     live_points: FloatArray | None = None,
     zones: Sequence[Zone] = (),
+    comfortable: float = COMFORTABLE,
 ) -> Costmap:
     """Return the costmap of a grid with its zones and present obstacles; see `LiveCostmap.costmap`."""
-    return LiveCostmap(grid, body, settings, zones).costmap(live_points)
+    return LiveCostmap(grid, body, zones, comfortable).costmap(live_points)
 
 
 def check_free_space(costmap: Costmap) -> None:
@@ -99,15 +95,16 @@ class LiveCostmap:
     """The costmap of a fixed map under live obstacles; only the surroundings of changed cells are computed anew."""
 
     def __init__(
-        self, grid: OccupancyGrid, body: ChairBody, settings: CostmapSettings, zones: Sequence[Zone] = ()
+        self, grid: OccupancyGrid, body: ChairBody, zones: Sequence[Zone] = (), comfortable: float = COMFORTABLE
     ) -> None:
-        self._body, self._settings = body, settings
+        """`comfortable` [m]: the clearance from which a cell costs no more than open floor."""
+        self._body, self._comfortable = body, comfortable
         self._grid = closed_off(grid, zones)
-        self._reach = max(settings.clearance_kept, settings.inflation_radius, body.circumscribed_radius)
+        self._reach = max(TOLD_APART, comfortable, body.circumscribed_radius)
         self._fixed = occupied(self._grid)
         self._solid = self._fixed.copy()
         self._clearance = near_distances(self._fixed, grid.resolution, self._reach)
-        self._added = _added_prices(grid, zones, settings)
+        self._added = _added_prices(grid, zones)
         self._barred = _barred_directions(grid, zones)
         everywhere = (slice(None), slice(None))
         self._prices = np.empty(grid.cells.shape, np.int32)
@@ -120,8 +117,8 @@ class LiveCostmap:
 
         `layered` obstacles exist only at the heights of one layer of the body; only that layer's outline has to pass
         them. A cell is impassable when a wall's face, half a cell nearer than its centre, leaves less than the half
-        width and the margin. From there the price falls with the square of the clearance still missing to the
-        inflation radius, so that the middle of a door or corridor is cheapest.
+        width and the planned clearance. From there the price falls with the square of the clearance still missing to
+        the comfortable one, so that the middle of a door or corridor is cheapest.
         """
         cell = self._grid.resolution
         solid = self._fixed | _marked(self._grid, live_points)
@@ -166,10 +163,9 @@ class LiveCostmap:
 
     def _priced(self, clearance: Float32Array, window: tuple[slice, slice]) -> Prices:
         """Return the prices of a window's cells."""
-        s = self._settings
-        needed = self._body.width / 2 + s.margin + self._grid.resolution / 2
-        missing = (s.inflation_radius - clearance) / max(s.inflation_radius - needed, 1e-6)
-        prices = self._added[window] + s.wall_price * np.clip(missing, 0.0, 1.0) ** 2
+        needed = self._body.width / 2 + PLANNED + self._grid.resolution / 2
+        missing = (self._comfortable - clearance) / max(self._comfortable - needed, 1e-6)
+        prices = self._added[window] + WALL_PRICE * np.clip(missing, 0.0, 1.0) ** 2
         # Clearances are float32: this tolerance lets a cell at exactly the needed distance pass.
         prices[clearance < needed - 1e-5] = 0
         rounded: Prices = np.minimum(np.rint(prices), MAX_PRICE).astype(np.int32)
@@ -184,15 +180,15 @@ def closed_off(grid: OccupancyGrid, zones: Sequence[Zone]) -> OccupancyGrid:
     return OccupancyGrid(np.where(closed, np.int8(100), grid.cells), grid.resolution, grid.map_from_grid)
 
 
-def _added_prices(grid: OccupancyGrid, zones: Sequence[Zone], settings: CostmapSettings) -> Float32Array:
+def _added_prices(grid: OccupancyGrid, zones: Sequence[Zone]) -> Float32Array:
     """Return (H, W) each cell's price without obstacles: unknown cells cost more, slow zones in proportion to time."""
     prices = np.full(grid.cells.shape, FREE_PRICE, np.float32)
     for zone in zones:
         if zone.rule is Rule.SLOW:
             part, within = zone_cells(zone, grid)
-            price = np.float32(FREE_PRICE * max(settings.cruise / zone.value, 1.0))
+            price = np.float32(FREE_PRICE * max(CRUISE / zone.value, 1.0))
             prices[part] = np.where(within, np.maximum(prices[part], price), prices[part])
-    prices[grid.cells == UNKNOWN] += settings.unknown_price
+    prices[grid.cells == UNKNOWN] += UNKNOWN_PRICE
     return prices
 
 

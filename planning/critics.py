@@ -7,15 +7,33 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from waychair.config import Settings, setting
+from waychair.planning.clearance import COMFORTABLE_ARC, COMFORTABLE_ARC_LEAST
+from waychair.planning.personal_space import COMFORTABLE as COMFORTABLE_FOR_PEOPLE
 from waychair.types import BoolArray, FloatArray
 
-ENOUGH, LEAST = 0.3, 0.05
-"""Clearance [m] beyond which more is worth nothing, and up to which more always counts."""
+PATH_WEIGHT = 4.0
+"""Weight of nearness to the path, per 0.5 m."""
 
+HEADING_WEIGHT = 0.4
+"""Weight of the path's direction at the arc's end, per half turn."""
 
-PERSONAL = 0.6
-"""Distance [m] to people beyond which more is worth nothing: Hall's intimate distance, 0.45 m, and some to spare."""
+PROGRESS_WEIGHT = 2.0
+"""Weight of progress along the path, per longest arc."""
+
+TARGET_WEIGHT = 1.0
+"""Weight of nearness to the target, per longest arc."""
+
+CLEARANCE_WEIGHT = 1.0
+"""Weight of the clearance beside the body, per `COMFORTABLE_ARC`."""
+
+SPEED_WEIGHT = 0.3
+"""Weight of the forward speed, per highest speed."""
+
+SMOOTHNESS_WEIGHT = 0.1
+"""Weight of a small change of the command."""
+
+OSCILLATION_WEIGHT = 0.1
+"""Weight of keeping the direction of travel."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -45,38 +63,24 @@ class Features:
     end_clearance: float = math.inf
 
 
-@dataclass(frozen=True, slots=True)
-class Weights(Settings):
-    """Weights of the critics; each critic is 1 for the best possible arc and falls by 1 over its scale."""
-
-    path: float = setting(4.0, "", "nearness to the path, per 0.5 m", low=0.0, high=100.0)
-    heading: float = setting(0.4, "", "direction of the path at the end, per half turn", low=0.0, high=100.0)
-    progress: float = setting(2.0, "", "way made along the path, per longest way", low=0.0, high=100.0)
-    target: float = setting(1.0, "", "nearness to the target, per longest way", low=0.0, high=100.0)
-    clearance: float = setting(1.0, "", "distance beside the body, per 0.3 m", low=0.0, high=100.0)
-    speed: float = setting(0.3, "", "forward speed, per highest speed", low=0.0, high=100.0)
-    smoothness: float = setting(0.1, "", "small change of the command", low=0.0, high=100.0)
-    people: float = setting(2.0, "", "distance to people, as far as 0.6 m", low=0.0, high=100.0)
-    oscillation: float = setting(0.1, "", "going on in the direction of before", low=0.0, high=100.0)
-
-
-def comfortable_score(features: Features, weights: Weights, longest: float, highest: float) -> FloatArray:
+def comfortable_score(features: Features, people_weight: float, longest: float, highest: float) -> FloatArray:
     """Return (N,) the weighted sum of the critics; `longest` [m] is the longest arc, `highest` [m/s] the highest speed.
 
-    The critics are divided by fixed scales, not by the extremes of the present candidates: a difference of millimetres
+    Each critic is 1 for the best possible arc and falls by 1 over its scale. `people_weight` is that of the distance to
+    people. The critics are divided by fixed scales, not by the extremes of the present candidates: a difference of millimetres
     between arcs in an empty hall stays small, and there is no 0/0. Near a path's end, clearance beyond that at the end
     is worth nothing; otherwise the chair would stop short of a goal beside a wall.
     """
-    worth = min(ENOUGH, max(features.end_clearance, LEAST))
+    worth = min(COMFORTABLE_ARC, max(features.end_clearance, COMFORTABLE_ARC_LEAST))
     score: FloatArray = (
-        -weights.path * features.path_error / 0.5
-        - weights.heading * features.heading_error / np.pi
-        + weights.progress * features.progress / longest
-        - weights.target * features.target_distance / longest
-        + weights.clearance * np.minimum(features.clearance, worth) / ENOUGH
-        + weights.speed * features.candidates[:, 0] / highest
-        - weights.smoothness * features.change
-        - weights.people * np.clip(1.0 - features.people_gap / PERSONAL, 0.0, 1.0)
-        - weights.oscillation * features.reversal
+        -PATH_WEIGHT * features.path_error / 0.5
+        - HEADING_WEIGHT * features.heading_error / np.pi
+        + PROGRESS_WEIGHT * features.progress / longest
+        - TARGET_WEIGHT * features.target_distance / longest
+        + CLEARANCE_WEIGHT * np.minimum(features.clearance, worth) / COMFORTABLE_ARC
+        + SPEED_WEIGHT * features.candidates[:, 0] / highest
+        - SMOOTHNESS_WEIGHT * features.change
+        - people_weight * np.clip(1.0 - features.people_gap / COMFORTABLE_FOR_PEOPLE, 0.0, 1.0)
+        - OSCILLATION_WEIGHT * features.reversal
     )
     return score

@@ -8,7 +8,8 @@ from waychair.calibration.chair import BodyLayer, ChairBody
 from waychair.maps.distance_field import are_within, distances
 from waychair.maps.grid import occupied
 from waychair.maps.zones import Zone
-from waychair.planning.costmap import Costmap, CostmapSettings, LiveCostmap, closed_off
+from waychair.planning.clearance import COMFORTABLE
+from waychair.planning.costmap import Costmap, LiveCostmap, closed_off
 from waychair.types import BoolArray, FloatArray, OccupancyGrid
 
 
@@ -19,14 +20,14 @@ class DrawnMap:
     """
 
     def __init__(
-        self, grid: OccupancyGrid, body: ChairBody, settings: CostmapSettings, zones: Sequence[Zone] = ()
+        self, grid: OccupancyGrid, body: ChairBody, zones: Sequence[Zone] = (), comfortable: float = COMFORTABLE
     ) -> None:
         self.grid = closed_off(grid, zones)
         self._from_things = self._from_known = distances(occupied(grid), grid.resolution)
         if self.grid is not grid:
             thin = _thin(occupied(self.grid) & ~occupied(grid), grid.resolution)
             self._from_known = distances(occupied(grid) | thin, grid.resolution)
-        self._costmaps = LiveCostmap(grid, body, settings, zones)
+        self._costmaps = LiveCostmap(grid, body, zones, comfortable)
 
     def costmap(
         self, live_points: FloatArray | None = None, layered: Sequence[tuple[BodyLayer, FloatArray]] = ()

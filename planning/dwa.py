@@ -32,10 +32,10 @@ import numpy as np
 from waychair.calibration.chair import ChairBody
 from waychair.geometry import rotation, wrap_angle
 from waychair.maps.distance_field import DistanceField
+from waychair.planning.clearance import EASE_STEP
 from waychair.planning.critics import Features, comfortable_score
 from waychair.planning.dwa_kernels import SPACING, first_free, fits_after, local_section, measure, people_ahead
 from waychair.planning.footprint import (
-    EASE_STEP,
     Footprint,
     along_arc,
     beside,
@@ -46,6 +46,9 @@ from waychair.planning.footprint import (
     poses_in_cells,
 )
 from waychair.planning.motion import (
+    MIN_OMEGA,
+    MIN_SPEED,
+    PERIOD,
     STANDING_OMEGA,
     STANDING_V,
     DwaSettings,
@@ -60,6 +63,7 @@ from waychair.planning.motion import (
     stopping,
     towards_each,
 )
+from waychair.planning.personal_space import NO_TURNING_SPEED, NO_TURNING_WITHIN, STANDING_BEFORE_S
 from waychair.types import BoolArray, FloatArray, Path, Pose2, Twist
 
 if TYPE_CHECKING:
@@ -80,11 +84,17 @@ _FAR = 2.0
 _LET_GO = 1e-6
 """A command within this [m/s] of standstill counts as standstill."""
 
-_COURTESY = 0.5
-"""The chair stands this long [s] before a predicted person reaches it."""
+V_SAMPLES, OMEGA_SAMPLES = 21, 31
+"""Numbers of speeds and turning speeds tried; more find better arcs and take more time."""
 
-_WALKS, _SHARES = 0.2, 2.0
-"""Somebody faster than this [m/s] and nearer than this [m] is looking for a way past: no turns on the spot then."""
+WINDOW_TIME = 1.0
+"""[s] The window holds all speeds that the chair can reach within this time."""
+
+HORIZON = 2.5
+"""[s] Duration of the arcs: long enough to stop from full speed."""
+
+TURN_FIRST = 1.1
+"""[rad] Where the path's direction differs by more from the heading, the chair turns on the spot first."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -125,36 +135,36 @@ def choose(
     motion: `motion_after` the last command; without it, jerk is not limited. tracks: as of the latest scan.
     fastest [m/s]: upper bound of the speed, for slowing down before the next leg.
     """
-    shape, ease = eased_footprint(body, settings.margin, distances, pose)
+    shape, ease = eased_footprint(body, settings.clearance, distances, pose)
     settings = crawling(settings) if ease else settings
     # This command moves the chair only after the reaction time; until then the last command does.
     ahead = Pose2(*along_arc(pose.x, pose.y, pose.theta, command.v, command.omega, settings.reaction_time))
-    section, remaining = local_section(path.poses, ahead.array(), settings.max_speed * settings.horizon + 0.5)
+    section, remaining = local_section(path.poses, ahead.array(), settings.max_speed * HORIZON + 0.5)
 
     def turned_to(heading: float) -> DwaResult:
         turn = _rotate(pose, ahead, command, heading, shape, distances, settings, motion)
         return _sparing(turn, ahead, command, tracks, shape, distances, settings)
 
-    tolerance = settings.goal_release if in_position else settings.goal_tolerance
+    tolerance = settings.tolerances.release if in_position else settings.tolerances.position
     if math.hypot(path.poses[-1, 0] - ahead.x, path.poses[-1, 1] - ahead.y) <= tolerance:
         return replace(turned_to(float(path.poses[-1, 2])), in_position=True)
     off_path = wrap_angle(float(section[min(10, len(section) - 1), 2]) - ahead.theta)
-    if abs(off_path) > settings.turn_in_place_from and remaining > settings.goal_tolerance:
+    if abs(off_path) > TURN_FIRST and remaining > settings.tolerances.position:
         turn = turned_to(ahead.theta + off_path)
         if not turn.blocked:
             return turn
 
     fastest = min(fastest, slowing_speed(remaining, 0.0, settings))
-    candidates = _window(command, max(fastest, settings.min_speed), body, settings, motion)
+    candidates = _window(command, max(fastest, MIN_SPEED), body, settings, motion)
     features = _features(candidates, ahead, command, section, shape, distances, settings)
     features = _with_people(features, ahead, tracks, shape, distances, settings)
     if motion is not None:
         features = replace(features, reversal=(candidates[:, 0] * motion.direction < 0).astype(np.float64))
-    if ease > settings.margin:  # the outline itself may be too near: admit arcs to more clearance only
-        roomier = footprint(body, settings.margin - ease + EASE_STEP, distances)
+    if ease > settings.clearance:  # the outline itself may be too near: admit arcs to more clearance only
+        roomier = footprint(body, settings.clearance - ease + EASE_STEP, distances)
         features = replace(features, admissible=features.admissible & _leaves(features, ahead, roomier, distances))
-    longest = min(settings.max_speed * settings.horizon, _FAR)
-    scores = comfortable_score(features, settings.weights, longest, settings.max_speed)
+    longest = min(settings.max_speed * HORIZON, _FAR)
+    scores = comfortable_score(features, settings.people_weight, longest, settings.max_speed)
     scores = np.where(features.admissible, scores, -np.inf)
     best = _best(candidates, scores, ahead, command, shape, distances, settings, motion)
     if best.blocked and _meets_somebody(command, ahead, tracks, shape, distances, settings):
@@ -177,7 +187,7 @@ def rotate_to_heading(
     reached and the chair stands; `blocked` when neither direction is free. With a `motion`, a chair that still drives
     first stops with limited jerk.
     """
-    shape = footprint(body, settings.margin, distances)
+    shape = footprint(body, settings.clearance, distances)
     ahead = Pose2(*along_arc(pose.x, pose.y, pose.theta, command.v, command.omega, settings.reaction_time))
     return _rotate(pose, ahead, command, heading, shape, distances, settings, motion)
 
@@ -197,7 +207,7 @@ def _time_needed(candidates: FloatArray, settings: DwaSettings) -> FloatArray:
         if table.turn_rate:
             turned = max(table.turn_angle - table.delay_s * table.turn_rate, 0.0)
             needed = np.maximum(needed, turned * omega / table.turn_rate**2)
-    return settings.period + needed
+    return PERIOD + needed
 
 
 def _can_stop(twist: Twist, start: FloatArray, shape: Footprint, settings: DwaSettings) -> bool:
@@ -213,7 +223,7 @@ def _window(
 
     With a motion, Eq. (9) is of third order: the acceleration changes by the jerk.
     """
-    time = settings.window_time
+    time = WINDOW_TIME
     a, alpha = (None, None) if motion is None else (motion.acceleration.v, motion.acceleration.omega)
     faster = settings.acceleration if command.v >= 0 else settings.braking
     slower = settings.braking if command.v >= 0 else settings.acceleration
@@ -222,13 +232,13 @@ def _window(
     more, less = (change_within(alpha, sign, settings.alpha, settings.alpha_jerk, time) for sign in (1.0, -1.0))
     omega_high = min(settings.max_omega, command.omega + more)
     omega_low = max(-settings.max_omega, command.omega - less)
-    v = _samples(min(v_low, v_high), max(v_low, v_high), settings.v_samples)
-    v = np.where(v == 0.0, 0.0, np.copysign(np.maximum(np.abs(v), settings.min_speed), v))
-    omega = _samples(min(omega_low, omega_high), max(omega_low, omega_high), settings.omega_samples)
+    v = _samples(min(v_low, v_high), max(v_low, v_high), V_SAMPLES)
+    v = np.where(v == 0.0, 0.0, np.copysign(np.maximum(np.abs(v), MIN_SPEED), v))
+    omega = _samples(min(omega_low, omega_high), max(omega_low, omega_high), OMEGA_SAMPLES)
     # candidates of one turning speed in a row: `arc_fan` is fastest so
     pairs = np.stack(np.meshgrid(v, omega), axis=-1).reshape(-1, 2)
     # no turns on the spot within the drive's dead band
-    pairs = pairs[(pairs[:, 0] != 0.0) | (pairs[:, 1] == 0.0) | (np.abs(pairs[:, 1]) >= settings.min_omega)]
+    pairs = pairs[(pairs[:, 0] != 0.0) | (pairs[:, 1] == 0.0) | (np.abs(pairs[:, 1]) >= MIN_OMEGA)]
     wheels = np.abs(pairs[:, 0]) + np.abs(pairs[:, 1]) * body.track / 2
     possible = (wheels <= settings.max_wheel_speed) & (np.abs(pairs[:, 0] * pairs[:, 1]) <= settings.max_lateral)
     # A command beyond the limits (lowered since) leaves no candidate: brake.
@@ -253,9 +263,9 @@ def _features(
     settings: DwaSettings,
 ) -> Features:
     """Roll out every candidate and measure it against the path and the obstacles."""
-    needed = np.minimum(_time_needed(candidates, settings), settings.horizon)
+    needed = np.minimum(_time_needed(candidates, settings), HORIZON)
     start, local = in_cells(distances, ahead), poses_in_cells(distances, section)
-    rows = measure(shape, start, candidates, local, needed, settings.horizon)
+    rows = measure(shape, start, candidates, local, needed, HORIZON)
     admissible: BoolArray = rows[:, 0] >= needed
     end_is_near = (len(section) - 1) * SPACING <= _NEAR_END
     x, y, theta = local[-1].tolist()
@@ -293,7 +303,8 @@ def _with_people(
     if not tracks:
         return features
     spares, gaps = _spare(features.candidates, ahead, tracks, shape, distances, settings)
-    if any(track.speed > _WALKS and math.dist(track.position, (ahead.x, ahead.y)) < _SHARES for track in tracks):
+    here = (ahead.x, ahead.y)
+    if any(t.speed > NO_TURNING_SPEED and math.dist(t.position, here) < NO_TURNING_WITHIN for t in tracks):
         spares &= (features.candidates[:, 0] != 0.0) | (features.candidates[:, 1] == 0.0)
     return replace(features, admissible=features.admissible & spares, people_gap=gaps)
 
@@ -325,11 +336,11 @@ def _spare(
     settings: DwaSettings,
 ) -> tuple[BoolArray, FloatArray]:
     """Return (N,) whether candidates meet nobody too soon, and (N,) their least gaps [m]; see `_with_people`."""
-    needed = np.minimum(_time_needed(candidates, settings), settings.horizon)
+    needed = np.minimum(_time_needed(candidates, settings), HORIZON)
     met = _met(np.concatenate([candidates, np.zeros((1, 2))]), ahead, tracks, shape, distances, settings)
     met, stood = met[:-1], met[-1]
     stands = (candidates == 0.0).all(axis=1)
-    in_time = met[:, 0] > needed + _COURTESY
+    in_time = met[:, 0] > needed + STANDING_BEFORE_S
     better = (met[:, 0] > np.maximum(needed, stood[0])) & (met[:, 1] >= stood[1])
     spares: BoolArray = in_time | stands | better
     return spares, met[:, 1]
@@ -362,7 +373,7 @@ def _met(
     people = np.array([track.row(settings.reaction_time) for track in tracks])
     people[:, :2] = poses_in_cells(distances, np.column_stack([people[:, :2], np.zeros(len(people))]))[:, :2]
     people[:, 2:4] = people[:, 2:4] @ rotation(distances.map_from_grid.theta) / shape.cell
-    met: FloatArray = people_ahead(shape, in_cells(distances, ahead), candidates, people, settings.horizon)
+    met: FloatArray = people_ahead(shape, in_cells(distances, ahead), candidates, people, HORIZON)
     return met
 
 
@@ -391,7 +402,7 @@ def _best(
         return DwaResult(braking(command, settings), candidates, scores, ahead.array()[None], blocked=True)
     twist, candidate = Twist(*twists[first].tolist()), candidates[order[first]]
     stuck = standing(twist) and standing(Twist(*candidate.tolist()))
-    return DwaResult(twist, candidates, scores, _arc(ahead, candidate, settings.horizon), blocked=stuck)
+    return DwaResult(twist, candidates, scores, _arc(ahead, candidate, HORIZON), blocked=stuck)
 
 
 def _arc(start: Pose2, candidate: FloatArray, horizon: float) -> FloatArray:
@@ -422,9 +433,9 @@ def _rotate(
         stopped = eased if _can_stop(eased, start, shape, settings) else braking(command, settings)
         return DwaResult(stopped, none, np.zeros(0), here)
     error, seen = wrap_angle(heading - ahead.theta), wrap_angle(heading - pose.theta)
-    if abs(error) <= settings.heading_tolerance:
-        if abs(seen) > settings.heading_tolerance and command.omega * seen > 0.0:
-            error = math.copysign(max(abs(error), settings.min_omega**2 / (1.4 * settings.alpha)), seen)
+    if abs(error) <= settings.tolerances.heading:
+        if abs(seen) > settings.tolerances.heading and command.omega * seen > 0.0:
+            error = math.copysign(max(abs(error), MIN_OMEGA**2 / (1.4 * settings.alpha)), seen)
         else:
             there = standing(command)
             return DwaResult(Twist() if there else braking(command, settings), none, np.zeros(0), here, arrived=there)
@@ -433,7 +444,7 @@ def _rotate(
         if free_time(shape, start, 0.0, math.copysign(settings.max_omega, angle), needed, needed) < needed:
             continue
         omega = math.copysign(min(settings.max_omega, math.sqrt(1.4 * settings.alpha * abs(angle))), angle)
-        step = settings.alpha * settings.period
+        step = settings.alpha * PERIOD
         twist = Twist(0.0, min(max(omega, command.omega - step), command.omega + step))
         if _can_stop(twist, start, shape, settings):
             target = np.array([[0.0, omega]])

@@ -10,6 +10,7 @@ from numba import njit
 from waychair.angles import wrapped
 from waychair.planning.arc_fan import FINE, fill_table, free_times
 from waychair.planning.footprint import Footprint, along_arc, beside, free_time, room
+from waychair.planning.personal_space import PREDICTED_GROWTH
 from waychair.types import BoolArray, FloatArray
 
 SPACING = 0.05
@@ -51,9 +52,6 @@ def local_section(poses: FloatArray, at: FloatArray, length: float) -> tuple[Flo
 
 _EVERY = 8
 """Fine steps between two checks against people."""
-
-_WIDEST = 0.3
-"""Largest growth [m] of a predicted person's radius: nobody can tell where somebody goes in two seconds."""
 
 
 @njit(cache=True, nogil=True)
@@ -156,8 +154,8 @@ def people_ahead(
 ) -> FloatArray:
     """Return (N, 2): when [s] an arc first meets a person, +inf if never, and the least gap [m] before that.
 
-    people (P, 6): x, y [cells], velocity [cells/s], radius [m] and its growth [m/s], in total at most `_WIDEST`. The
-    body is its rectangle with the margin; every `_EVERY`-th fine step is checked.
+    people (P, 6): x, y [cells], velocity [cells/s], radius [m] and its growth [m/s], in total at most
+    `PREDICTED_GROWTH`. The body is its rectangle with the margin; every `_EVERY`-th fine step is checked.
     """
     length, half = _half_sides(shape)
     table = np.empty((FINE + 1, 4))
@@ -176,7 +174,7 @@ def people_ahead(
                 dx, dy = people[p, 0] + t * people[p, 2] - x, people[p, 1] + t * people[p, 3] - y
                 beyond = max(abs(c * dx + s * dy) - length, 0.0)
                 beside = max(abs(c * dy - s * dx) - half, 0.0)
-                radius = people[p, 4] + min(t * people[p, 5], _WIDEST)
+                radius = people[p, 4] + min(t * people[p, 5], PREDICTED_GROWTH)
                 gap = math.hypot(beyond, beside) * shape.cell - radius
                 rows[i, 1] = min(rows[i, 1], max(gap, 0.0))
                 if gap <= 0.0:

@@ -11,7 +11,7 @@ from waychair.geometry import wrap_angle
 from waychair.maps.distance_field import DistanceField
 from waychair.planning.dwa import DwaResult
 from waychair.planning.footprint import Footprint, along_arc, eased_footprint, fits, footprint, free_time, in_cells
-from waychair.planning.motion import CRAWL_OMEGA, CRAWL_V, DwaSettings, braking, stop_time, towards
+from waychair.planning.motion import CRAWL_OMEGA, CRAWL_V, PERIOD, DwaSettings, braking, stop_time, towards
 from waychair.types import FloatArray, Pose2, Twist
 
 _TURNS = 17
@@ -52,7 +52,7 @@ def back_up(
     candidates = np.column_stack([np.full(_TURNS, v), np.linspace(-CRAWL_OMEGA, CRAWL_OMEGA, _TURNS)])
     scores = np.full(_TURNS, -np.inf)
     for i, (_, omega) in enumerate(candidates):
-        needed = settings.period + stop_time(Twist(v, float(omega)), settings) / 2
+        needed = PERIOD + stop_time(Twist(v, float(omega)), settings) / 2
         free = free_time(shape, start, v / shape.cell, omega, needed, longest)
         if free >= needed:
             x, y, theta = along_arc(ahead.x, ahead.y, ahead.theta, v, omega, free)

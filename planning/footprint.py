@@ -23,6 +23,7 @@ from numpy.typing import NDArray
 from waychair.calibration.chair import ChairBody
 from waychair.geometry import compose
 from waychair.maps.distance_field import DistanceField, interpolated
+from waychair.planning.clearance import EASE_STEP, EASE_STEPS
 from waychair.types import BoolArray, Float32Array, FloatArray, Pose2
 
 SLACK = 1.0
@@ -38,8 +39,7 @@ _GLANCE = 3.0
 """The same beyond the time that must be certain: there an arc is rated, but not yet relied on."""
 
 
-EASE_STEP = 0.002
-_EASES = tuple(EASE_STEP * step for step in range(26))
+_EASES = tuple(EASE_STEP * step for step in range(EASE_STEPS))
 """Reductions [m] of the margin that are tried in turn in a tight spot; the first that is enough is taken."""
 
 

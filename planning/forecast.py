@@ -23,18 +23,29 @@ from waychair.types import Float32Array, FloatArray, OccupancyGrid
 
 @dataclass(frozen=True, slots=True)
 class ForecastSettings(Settings):
-    """How far ahead people are predicted, and the price of their predicted places."""
+    """How far ahead people are predicted."""
 
-    window: float = setting(4.0, "s", "of time looked ahead; 0: nobody is foreseen", low=0.0, high=60.0)
-    step: float = setting(0.2, "s", "between two looks", low=0.02, high=5.0)
-    stays: float = setting(
-        10.0, "s", "who is in the way all the time is expected to be for so long", low=0.0, high=600.0
+    window: float = setting(
+        4.0,
+        "s",
+        "time over which the global planner predicts people; longer: it drives around people farther away; 0: never",
+        low=0.0,
+        high=60.0,
     )
-    dearer: float = setting(20.0, "", "times the price where somebody is expected all the time", low=0.0, high=900.0)
 
-    def looks(self) -> FloatArray:
+    def times(self) -> FloatArray:
         """Return (T,) the sampled times [s] in the window, from now on."""
-        return np.arange(0.0, self.window + 1e-9, self.step) if self.window else np.empty(0)
+        return np.arange(0.0, self.window + 1e-9, STEP_S) if self.window else np.empty(0)
+
+
+STEP_S = 0.2
+"""[s] Time between two predicted places: somebody walks less than the radius kept from them."""
+
+STAYS_S = 10.0
+"""[s] Expected wait for somebody who blocks the path over the whole window."""
+
+PRICE_FACTOR = 20.0
+"""A cell's price rises by this times the share of the window for which somebody is expected there."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -55,31 +66,29 @@ def predicted_occupancy(
     """
     share = np.zeros(grid.cells.shape, np.float32)
     grid_from_map = grid.map_from_grid.inverse()
-    looks = settings.looks()
+    times = settings.times()
     for track in people.tracks:
-        middles = transform_points(grid_from_map, track.after(looks)) / grid.resolution
-        radii = (people.radius + looks * track.speed_sigma) / grid.resolution
+        middles = transform_points(grid_from_map, track.after(times)) / grid.resolution
+        radii = (people.radius + times * track.speed_sigma) / grid.resolution
         low = np.clip(np.floor((middles - radii[:, None]).min(axis=0)).astype(int), 0, share.shape[::-1])
         high = np.clip(np.ceil((middles + radii[:, None]).max(axis=0)).astype(int) + 1, low, share.shape[::-1])
         x, y = np.arange(low[0], high[0]) + 0.5, np.arange(low[1], high[1])[:, None] + 0.5
         taken = np.zeros((high[1] - low[1], high[0] - low[0]))
         for (middle_x, middle_y), radius in zip(middles.tolist(), radii.tolist(), strict=True):
             within = (x - middle_x) ** 2 + (y - middle_y) ** 2 <= radius**2
-            taken += within * ((people.radius / (radius * grid.resolution)) ** 2 / len(looks))
+            taken += within * ((people.radius / (radius * grid.resolution)) ** 2 / len(times))
         part = share[low[1] : high[1], low[0] : high[0]]
         part[:] = 1 - (1 - part) * (1 - np.minimum(taken, 1))
     return share
 
 
-def with_forecast(
-    costmap: Costmap, occupancy: Float32Array, settings: ForecastSettings = ForecastSettings()
-) -> Costmap:
+def with_forecast(costmap: Costmap, occupancy: Float32Array) -> Costmap:
     """Return the costmap with prices raised by the expected occupancy (H, W); no cell becomes impassable.
 
     The harmonic field takes prices as absorption, so the prediction bends its paths as it bends D* Lite's.
     """
     prices, expected = costmap.prices.copy(), tuple(cells_where(occupancy > 0.0).T)
-    dearer = prices[expected] * (1.0 + settings.dearer * occupancy[expected].astype(np.float64))
+    dearer = prices[expected] * (1.0 + PRICE_FACTOR * occupancy[expected].astype(np.float64))
     prices[expected] = np.minimum(np.rint(dearer), MAX_PRICE).astype(np.int32)
     return replace(costmap, prices=prices)
 
@@ -90,16 +99,16 @@ def arrival(
     """Return the time [s] to drive a path (N, 2) [m] in map at a speed [m/s], and the wait [s] at its start in that.
 
     The chair waits until it can drive the whole path without meeting any predicted person. If no wait within the window
-    is enough, it is expected to wait for `stays`.
+    is enough, it is expected to wait for `STAYS_S`.
     """
     along = arc_lengths(points) / cruise
     longest = float(along[-1])
     if not people.tracks or not settings.window:
         return longest, 0.0
-    for wait in settings.looks().tolist():
+    for wait in settings.times().tolist():
         if not _meets(people, points, wait + along):
             return longest + wait, wait
-    return longest + settings.stays, settings.stays
+    return longest + STAYS_S, STAYS_S
 
 
 def _meets(people: People, points: FloatArray, seconds: FloatArray) -> bool:

@@ -200,7 +200,7 @@ class GlobalPlanner:
         legs = self.legs
         self.holds_anywhere = True  # until the next search is done
         yield
-        expected = with_forecast(costmap, predicted_occupancy(people, costmap.grid, forecast), forecast)
+        expected = with_forecast(costmap, predicted_occupancy(people, costmap.grid, forecast))
         with suppress(PlanningError):  # then no path leads around them
             around = yield from self.replan_in_slices(expected, start, near, go_on)
             if arrival(people, around.poses[:, :2], cruise, forecast)[0] < direct_s:

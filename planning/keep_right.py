@@ -12,22 +12,28 @@ from dataclasses import dataclass
 import numpy as np
 
 from waychair.config import Settings, setting
-from waychair.geometry import arc_lengths, eased_below
+from waychair.geometry import arc_lengths, limit_slope
 from waychair.maps.grid import cells_from_points, inside
 from waychair.planning.costmap import Costmap
+from waychair.planning.personal_space import PASSING, PASSING_OPEN
 from waychair.types import UNKNOWN, BoolArray, FloatArray, Path
 
 
 @dataclass(frozen=True, slots=True)
 class KeepRightSettings(Settings):
-    """How far to the side the path moves, how near to obstacles, and how gently."""
+    """The side of a corridor on which people pass each other."""
 
     aside: float = setting(
-        0.4, "m", "to the right of where there are no people; negative: to the left", low=-2.0, high=2.0
+        0.4,
+        "m",
+        "distance to the right by which a path in a corridor moves when people are about; negative: to the left",
+        low=-2.0,
+        high=2.0,
     )
-    room: float = setting(0.25, "m", "kept free beside the chair on that side", low=0.0, high=2.0)
-    open: float = setting(1.5, "m", "with more room than this on all sides there is no need to", low=0.0, high=2.0)
-    slope: float = setting(0.3, "m/m", "of the way aside and back", low=0.05, high=1.0)
+
+
+SLOPE = 0.3
+"""[m/m] Slope of the path to the side and back: a gentle swerve at walking speed."""
 
 
 _STEP = 0.05
@@ -41,12 +47,12 @@ def kept_right(path: Path, costmap: Costmap, settings: KeepRightSettings = KeepR
         return path
     side = math.copysign(1.0, settings.aside) * np.column_stack([np.sin(poses[:, 2]), -np.cos(poses[:, 2])])
     steps = np.arange(1, round(abs(settings.aside) / _STEP) + 1) * _STEP
-    roomy = _has_room(poses[:, None, :2] + steps[:, None] * side[:, None], costmap, settings.room)
+    roomy = _has_room(poses[:, None, :2] + steps[:, None] * side[:, None], costmap, PASSING)
     aside = _STEP * np.logical_and.accumulate(roomy, axis=1).sum(axis=1)
-    aside[_has_room(poses[:, None, :2], costmap, settings.open - costmap.body.width / 2)[:, 0]] = 0.0
+    aside[_has_room(poses[:, None, :2], costmap, PASSING_OPEN - costmap.body.width / 2)[:, 0]] = 0.0
     aside[[0, -1]] = 0.0
     moved = poses.copy()
-    eased = eased_below(aside, settings.slope * arc_lengths(poses[:, :2]))
+    eased = limit_slope(aside, SLOPE * arc_lengths(poses[:, :2]))
     moved[:, :2] += eased[:, None] * side
     ahead = np.diff(moved[:, :2], axis=0)
     moved[:-1, 2] = np.where(ahead.any(axis=1), np.arctan2(ahead[:, 1], ahead[:, 0]), moved[:-1, 2])

@@ -11,8 +11,19 @@ from numba import njit
 
 from waychair.calibration.stopping import StopTable, permitted_speed
 from waychair.config import Settings, setting
-from waychair.planning.critics import Weights
+from waychair.planning.clearance import PLANNED
+from waychair.planning.personal_space import COMFORT_WEIGHT
 from waychair.types import FloatArray, Twist
+
+PERIOD = 0.05
+"""[s] Time between two commands: the chair's control loop runs at 20 Hz."""
+
+MIN_SPEED, MIN_OMEGA = 0.06, 0.1
+"""[m/s], [rad/s] Smallest commands besides 0: a drive's dead band may ignore slower ones. A turn on the spot goes on at
+`MIN_OMEGA` until it is measured."""
+
+EMERGENCY_BRAKING, EMERGENCY_ALPHA = 1.5, 3.0
+"""[m/s^2], [rad/s^2] Decelerations where the chair would otherwise meet a person before it stands."""
 
 CRAWL_V, CRAWL_OMEGA = 0.15, 0.4
 """Speeds [m/s], [rad/s] at which the chair leaves a tight spot."""
@@ -22,40 +33,61 @@ STANDING_V, STANDING_OMEGA = 0.01, 0.02
 
 
 @dataclass(frozen=True, slots=True)
+class GoalTolerances(Settings):
+    """When the chair is at its goal."""
+
+    position: float = setting(
+        0.08, "m", "distance to the goal at which the chair has arrived; larger: it stops sooner", low=0.01, high=1.0
+    )
+    release: float = setting(
+        0.13,
+        "m",
+        "drift while turning at the goal after which the chair drives to it again; larger: fewer corrections",
+        low=0.01,
+        high=1.5,
+    )
+    heading: float = setting(
+        0.05, "rad", "error of the final heading that counts as arrived; larger: shorter turns", low=0.005, high=math.pi
+    )
+
+
+@dataclass(frozen=True, slots=True)
 class DwaSettings(Settings):
-    """Limits of the motion (engineering choices for comfort, no standard), sampling and weights.
+    """Limits of the chair's motion; engineering choices for comfort, no standard.
 
     `stops`: the measured stopping distances of the chair, if there are any (`measured`).
     """
 
     max_speed: float = setting(0.8, "m/s", "highest forward speed", low=0.05, high=3.0)
-    max_reverse: float = setting(0.2, "m/s", "highest reverse speed", low=0.0, high=1.0)
-    min_speed: float = setting(0.06, "m/s", "slower than this a chair's dead band may swallow", low=0.0, high=0.3)
+    max_reverse: float = setting(0.2, "m/s", "highest reverse speed; 0: the chair never reverses", low=0.0, high=1.0)
     max_omega: float = setting(0.8, "rad/s", "highest turning speed", low=0.05, high=3.0)
-    min_omega: float = setting(0.1, "rad/s", "as min_speed: a turn goes on by this until it is seen", low=0.0, high=0.5)
-    acceleration: float = setting(0.5, "m/s^2", "speeding up", low=0.05, high=3.0)
-    braking: float = setting(0.6, "m/s^2", "slowing down", low=0.05, high=3.0)
-    alpha: float = setting(0.8, "rad/s^2", "change of the turning speed, both ways", low=0.05, high=5.0)
-    emergency: float = setting(1.5, "m/s^2", "slowing down for who would be met before that", low=0.2, high=4.0)
-    emergency_alpha: float = setting(3.0, "rad/s^2", "as above, of turning", low=0.2, high=10.0)
-    jerk: float = setting(0.7, "m/s^3", "change of the acceleration", low=0.05, high=1000.0)
-    alpha_jerk: float = setting(4.0, "rad/s^3", "change of alpha", low=0.05, high=1000.0)
-    max_lateral: float = setting(0.5, "m/s^2", "sideways acceleration v * omega", low=0.05, high=5.0)
-    max_wheel_speed: float = setting(1.0, "m/s", "highest speed of a drive wheel", low=0.05, high=5.0)
-    period: float = setting(0.05, "s", "time between two commands", low=0.005, high=1.0)
-    reaction_time: float = setting(0.15, "s", "from a command to the motion", low=0.0, high=2.0)
-    window_time: float = setting(1.0, "s", "how far ahead in time the window reaches", low=0.005, high=5.0)
-    horizon: float = setting(2.5, "s", "length of the arcs", low=2.0, high=10.0)
-    v_samples: int = setting(21, "", "speeds tried", low=3, high=101)
-    omega_samples: int = setting(31, "", "turning speeds tried", low=3, high=201)
-    margin: float = setting(0.03, "m", "kept free round the chair's outline", low=0.0, high=0.5)
-    turn_in_place_from: float = setting(1.1, "rad", "path this far off the heading: turn first", low=0.2, high=math.pi)
-    goal_tolerance: float = setting(0.08, "m", "how near to the goal is there", low=0.01, high=1.0)
-    goal_release: float = setting(
-        0.13, "m", "turning at the goal may drift this far before it is given up", low=0.01, high=1.5
+    acceleration: float = setting(0.5, "m/s^2", "highest acceleration when speeding up", low=0.05, high=3.0)
+    braking: float = setting(
+        0.6, "m/s^2", "deceleration of a comfortable stop; higher: shorter, harder stops", low=0.05, high=3.0
     )
-    heading_tolerance: float = setting(0.05, "rad", "how near to its heading is there", low=0.005, high=math.pi)
-    weights: Weights = field(default_factory=Weights)
+    alpha: float = setting(0.8, "rad/s^2", "highest change of the turning speed, up and down", low=0.05, high=5.0)
+    jerk: float = setting(
+        0.7, "m/s^3", "highest change of the acceleration; higher: quicker, rougher drive", low=0.05, high=1000.0
+    )
+    alpha_jerk: float = setting(4.0, "rad/s^3", "highest change of the angular acceleration", low=0.05, high=1000.0)
+    max_lateral: float = setting(
+        0.5, "m/s^2", "highest sideways acceleration v * omega; higher: faster bends", low=0.05, high=5.0
+    )
+    max_wheel_speed: float = setting(1.0, "m/s", "highest speed of a drive wheel", low=0.05, high=5.0)
+    reaction_time: float = setting(
+        0.15, "s", "delay from a command to the chair's motion; longer: more distance to obstacles", low=0.0, high=2.0
+    )
+    clearance: float = setting(
+        PLANNED,
+        "m",
+        "kept free around the footprint by the local planner; larger: fewer doors are passable",
+        low=0.0,
+        high=0.5,
+    )
+    people_weight: float = setting(
+        COMFORT_WEIGHT, "", "weight of the distance to people against speed and path", low=0.0, high=100.0
+    )
+    tolerances: GoalTolerances = field(default_factory=GoalTolerances)
     stops: StopTable | None = None
 
 
@@ -91,8 +123,8 @@ def motion_after(motion: Motion, command: Twist, following: Twist, settings: Dwa
     The acceleration is clipped to the comfortable limits. The limiter or the monitor may have cut the command harder;
     with that acceleration, limited jerk would brake the chair to standstill after a moment's emergency.
     """
-    faster = 0.0 if following.v == 0.0 else (following.v - command.v) / settings.period
-    turning = (following.omega - command.omega) / settings.period
+    faster = 0.0 if following.v == 0.0 else (following.v - command.v) / PERIOD
+    turning = (following.omega - command.omega) / PERIOD
     change = Twist(_within(faster, settings.braking), _within(turning, settings.alpha))
     driving = abs(following.v) >= STANDING_V
     return Motion(change, int(math.copysign(1, following.v)) if driving else motion.direction)
@@ -103,7 +135,7 @@ def _within(value: float, most: float) -> float:
 
 
 def crawling(settings: DwaSettings) -> DwaSettings:
-    """Return the same limits at crawling speed, for leaving a place that is too narrow for the margin."""
+    """Return the same limits at crawling speed, for leaving a place too narrow for the planned clearance."""
     return replace(
         settings,
         max_speed=min(settings.max_speed, CRAWL_V),
@@ -114,13 +146,13 @@ def crawling(settings: DwaSettings) -> DwaSettings:
 
 def braking(command: Twist, settings: DwaSettings) -> Twist:
     """Return the command after one period of braking on the same arc: v and omega fall in proportion."""
-    left = 1.0 - settings.period / max(stop_time(command, settings), settings.period)
+    left = 1.0 - PERIOD / max(stop_time(command, settings), PERIOD)
     return Twist(command.v * left, command.omega * left)
 
 
 def braking_hard(command: Twist, settings: DwaSettings) -> Twist:
     """Return the command after one period of emergency braking on the same arc."""
-    hard, hard_alpha = max(settings.emergency, settings.braking), max(settings.emergency_alpha, settings.alpha)
+    hard, hard_alpha = max(EMERGENCY_BRAKING, settings.braking), max(EMERGENCY_ALPHA, settings.alpha)
     return braking(command, replace(settings, braking=hard, alpha=hard_alpha))
 
 
@@ -185,7 +217,7 @@ class _Limits(NamedTuple):
 def _limits(settings: DwaSettings, motion: Motion | None) -> _Limits:
     now = Twist() if motion is None else motion.acceleration
     s, eased = settings, motion is not None
-    return _Limits(s.period, s.acceleration, s.braking, s.alpha, s.jerk, s.alpha_jerk, eased, now.v, now.omega)
+    return _Limits(PERIOD, s.acceleration, s.braking, s.alpha, s.jerk, s.alpha_jerk, eased, now.v, now.omega)
 
 
 @njit(cache=True, nogil=True)

@@ -15,6 +15,7 @@ import numpy as np
 
 from waychair.geometry import wrap_angle
 from waychair.maps.grid import occupied
+from waychair.planning.clearance import PLANNED_TURN
 from waychair.planning.costmap import Costmap
 from waychair.planning.footprint import footprint, free_time
 from waychair.planning.legs import Door
@@ -27,8 +28,6 @@ _LONGEST = 1.6
 _SLIDES = (0.0, 0.05, -0.05, 0.1, -0.1, 0.15, -0.15, 0.2, -0.2)
 """Offsets [m] along the run from its end at which a turn on the spot is tried."""
 
-_TURN_MARGIN = 0.06
-"""Clearance [m] around a planned turn on the spot: the local planner's margin, and some for an inexact stop."""
 
 _AWAY = 1.0
 """Directions before and after a corner are taken to points this far away [m]: the bend itself is short."""
@@ -134,7 +133,7 @@ def _turning_spot(
 
 def _can_turn(costmap: Costmap, point: FloatArray, into: float, out_of: float) -> bool:
     """Return whether the body can turn on the spot from one direction to the other through the smaller angle."""
-    shape, turn = footprint(costmap.body, _TURN_MARGIN, costmap.field), wrap_angle(out_of - into)
+    shape, turn = footprint(costmap.body, PLANNED_TURN, costmap.field), wrap_angle(out_of - into)
     return bool(
         free_time(shape, np.array([*point, into]), 0.0, math.copysign(1.0, turn), abs(turn), abs(turn)) >= abs(turn)
     )

@@ -22,10 +22,10 @@ from waychair.calibration.chair import ChairBody
 from waychair.geometry import arcs, compose, wrap_angles
 from waychair.maps.distance_field import DistanceField
 from waychair.planning.arc_fan import free_times
-from waychair.planning.dwa import DwaResult
+from waychair.planning.dwa import HORIZON, OMEGA_SAMPLES, V_SAMPLES, DwaResult
 from waychair.planning.dwa_kernels import local_section
 from waychair.planning.footprint import footprint, in_cells
-from waychair.planning.motion import DwaSettings, braking
+from waychair.planning.motion import PERIOD, DwaSettings, braking
 from waychair.types import BoolArray, FloatArray, Path, Pose2, Twist
 
 
@@ -40,42 +40,42 @@ def choose_as_paper(
     """Return the next command towards the path by the paper's equations.
 
     pose: map_from_base. measured: the present speed. path: in map; the target is its point as far ahead as the fastest
-    arc reaches. distances: around the chair, in map. Speeds, accelerations, samples and horizon are the settings',
-    Delta t is their period. `blocked` when nothing is admissible.
+    arc reaches. distances: around the chair, in map. Speeds and accelerations are the settings', samples and horizon
+    those of `dwa`, Delta t is `PERIOD`. `blocked` when nothing is admissible.
     """
     candidates = window(measured, settings)
-    section, _ = local_section(path.poses, pose.array(), settings.max_speed * settings.horizon)
+    section, _ = local_section(path.poses, pose.array(), settings.max_speed * HORIZON)
     shape = footprint(body, 0.0, distances)
-    certain = np.full(len(candidates), settings.horizon)
-    seconds = free_times(shape, in_cells(distances, pose), candidates, certain, settings.horizon)
+    certain = np.full(len(candidates), HORIZON)
+    seconds = free_times(shape, in_cells(distances, pose), candidates, certain, HORIZON)
     v, omega = candidates.T
     dist = v * seconds
     admissible: BoolArray = v <= np.sqrt(2 * dist * settings.braking)
     admissible &= np.abs(omega) <= np.sqrt(2 * dist * settings.alpha)
-    ends = compose(pose.array(), arcs(v * settings.horizon, omega * settings.horizon))
+    ends = compose(pose.array(), arcs(v * HORIZON, omega * HORIZON))
     bearing = np.arctan2(section[-1, 1] - ends[:, 1], section[-1, 0] - ends[:, 0])
     heading = np.pi - np.abs(wrap_angles(bearing - ends[:, 2]))
     scores = np.where(admissible, score((heading, dist, v), admissible), -np.inf)
     if not admissible.any():
         return DwaResult(braking(measured, settings), candidates, scores, pose.array()[None], blocked=True)
     best = int(np.argmax(scores))
-    times = np.linspace(0.0, settings.horizon, 26)
+    times = np.linspace(0.0, HORIZON, 26)
     arc = compose(pose.array(), arcs(v[best] * times, omega[best] * times))
     return DwaResult(Twist(float(v[best]), float(omega[best])), candidates, scores, arc)
 
 
 def window(measured: Twist, settings: DwaSettings) -> FloatArray:
     """Return (N, 2) candidates: the intersection of Eqs. (8) and (9)."""
-    s, dt = settings, settings.period
+    s, dt = settings, PERIOD
     v = np.linspace(
         max(0.0, measured.v - s.braking * dt),
         min(s.max_speed, measured.v + s.acceleration * dt),
-        s.v_samples,
+        V_SAMPLES,
     )
     omega = np.linspace(
         max(-s.max_omega, measured.omega - s.alpha * dt),
         min(s.max_omega, measured.omega + s.alpha * dt),
-        s.omega_samples,
+        OMEGA_SAMPLES,
     )
     return np.stack(np.meshgrid(v, omega), axis=-1).reshape(-1, 2)
 

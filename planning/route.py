@@ -18,13 +18,14 @@ from waychair.config import Settings, setting
 from waychair.errors import NoPath
 from waychair.geometry import arc_lengths, wrap_angle
 from waychair.maps.distance_field import DistanceField
+from waychair.planning.clearance import CRAMPED
 from waychair.planning.costmap import Costmap
 from waychair.planning.fine_field import fine_field
 from waychair.planning.footprint import fits, fits_each, footprint, free_time, in_cells
 from waychair.planning.legs import Door, Leg, Manner
 from waychair.planning.manoeuvre import ManoeuvreSettings, manoeuvre_in_slices
 from waychair.planning.slices import Slices
-from waychair.planning.way_out import BY_HAND, CRAMPED, way_out, why_cramped
+from waychair.planning.way_out import BY_HAND, way_out, why_cramped
 from waychair.types import BoolArray, Bytes, FloatArray, Path, Pose2
 
 _FITS = 0.045

@@ -8,7 +8,8 @@ import numpy as np
 
 from waychair.calibration.chair import CHAIR_A
 from waychair.maps.ground import ground_view
-from waychair.planning.costmap import CostmapSettings, LiveCostmap
+from waychair.planning.clearance import CRAMPED
+from waychair.planning.costmap import LiveCostmap
 from waychair.planning.dwa import choose
 from waychair.planning.dwa_kernels import fits_after
 from waychair.planning.fine_field import fine_field
@@ -29,7 +30,7 @@ from waychair.planning.openings import openings
 from waychair.planning.slices import finished
 from waychair.planning.smoothing import line_cost
 from waychair.planning.tracks import Track, Tracker
-from waychair.planning.way_out import CRAMPED, way_out
+from waychair.planning.way_out import way_out
 from waychair.types import OccupancyGrid, Pose2, RgbdFrame, Twist
 
 _SIDE, _CELL = 6.0, 0.05
@@ -46,7 +47,7 @@ def warm_up() -> None:
     cells[[0, -1]], cells[:, [0, -1]] = 100, 100
     grid = OccupancyGrid(cells, _CELL)
     middle, aside = Pose2(_SIDE / 2, _SIDE / 2, 0.0), Pose2(_SIDE / 2, _SIDE / 3, 1.0)
-    costmaps = LiveCostmap(grid, CHAIR_A, CostmapSettings())
+    costmaps = LiveCostmap(grid, CHAIR_A)
     planner = GlobalPlanner(aside)
     planner.replan(costmaps.costmap(), middle)
     planner.replan(costmaps.costmap(np.array([[1.0, 1.0]])), Pose2(middle.x + 3 * _CELL, middle.y, 0.0))

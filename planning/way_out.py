@@ -17,24 +17,14 @@ from numba import njit
 from waychair.calibration.chair import ChairBody
 from waychair.geometry import compose, transform_points
 from waychair.maps.distance_field import DistanceField
+from waychair.planning.clearance import CRAMPED, LEAVING, LEAVING_DIP, LEFT
 from waychair.planning.footprint import Footprint, fits, footprint, in_cells, room
 from waychair.planning.slices import Slices
 from waychair.types import FloatArray, Pose2
 
-CRAMPED = 0.03
-"""A chair with less clearance [m] than this is led out."""
-
 BY_HAND = "drive it a little away from there by hand"
 """Advice for a chair that cannot be led out."""
 
-_ENOUGH = 0.06
-"""Clearance [m] at the end of the way out: enough to turn from there like anywhere else."""
-
-_MARGINS = (0.025, 0.02, 0.015, 0.0125, 0.01, 0.0075, 0.005, 0.0025, 0.0)
-"""Clearances [m] tried in turn; the first that fits where the chair stands is kept."""
-
-_DIP = 1 / 3
-"""Part of that clearance which may be lost on the way out; every turn begins by coming a little nearer."""
 
 _SPACING = 0.05
 """Distance [m] between poses."""
@@ -57,11 +47,11 @@ def way_out(field: DistanceField, body: ChairBody, start: Pose2) -> Slices[Float
     """
     if fits(body, CRAMPED, field, start):
         return None
-    kept = next((margin for margin in _MARGINS if fits(body, margin, field, start)), None)
+    kept = next((margin for margin in LEAVING if fits(body, margin, field, start)), None)
     if kept is None:
         return None
     yield
-    tight, roomy = footprint(body, kept * (1.0 - _DIP), field), footprint(body, _ENOUGH, field)
+    tight, roomy = footprint(body, kept * (1.0 - LEAVING_DIP), field), footprint(body, LEFT, field)
     turns = {1: _turns(body.rear, 1), -1: _turns(body.front, -1)}
     best: FloatArray | None = None
     least = math.inf
@@ -71,7 +61,7 @@ def way_out(field: DistanceField, body: ChairBody, start: Pose2) -> Slices[Float
             yield
             before = _price(k, gear) + (_GEAR_PRICE if k and gear != onwards else 0.0)
             longest = _TURN if best is None else min(_TURN, math.floor((least - before) / _price(1, onwards)) - 1)
-            if longest < 0 or not fits(body, kept * (1.0 - _DIP), field, Pose2(*straight[k])):
+            if longest < 0 or not fits(body, kept * (1.0 - LEAVING_DIP), field, Pose2(*straight[k])):
                 break
             which, end = _shortest(tight, roomy, in_cells(field, Pose2(*straight[k])), turns[onwards], longest)
             if which >= 0:

@@ -17,14 +17,22 @@ from waychair.planning.costmap import Costmap, costmap_from_grid
 from waychair.planning.dwa import choose
 from waychair.planning.footprint import fits
 from waychair.planning.global_planner import PlannerSettings, plan
-from waychair.planning.motion import DwaSettings
+from waychair.planning.motion import PERIOD, DwaSettings
 from waychair.planning.paper_dwa import choose_as_paper
 from waychair.simulation.simulator import Simulator, with_all_sensors
 from waychair.simulation.world import load_world
 from waychair.topics import COMMAND
-from waychair.trials.demo import chair_of
-from waychair.trials.drive import advance_tick, begin, chair_in
-from waychair.trials.hazards import EDGES, Guard, Hazard, hazard_of_scene, setting_of, to_the_lift, to_the_restroom
+from waychair.trials.demo import randomised_settings
+from waychair.trials.drive import advance_tick, simulated_chair, start_drive
+from waychair.trials.hazards import (
+    DROP_OFFS,
+    Hazard,
+    Protection,
+    hazard_of_scene,
+    setup_of,
+    to_the_lift,
+    to_the_restroom,
+)
 from waychair.trials.scenes import DOORS, corner_scene, dead_end_scene, door_scene
 from waychair.types import FloatArray, Goal, Json, OccupancyGrid, Path, Pose2, Twist
 
@@ -76,7 +84,7 @@ def _drives() -> dict[str, Hazard]:
     full = {
         "small clinic": clinic,
         "basement to the restroom": to_the_restroom(_SEED),
-        "edge behind": EDGES["behind"](Guard.CAMERA, _SEED),
+        "edge behind": DROP_OFFS["behind"](Protection.CAMERA, _SEED),
     }
     return {
         "small clinic": clinic,
@@ -94,11 +102,13 @@ def _drives() -> dict[str, Hazard]:
 
 def timed(hazard: Hazard, seed: int, limit_s: float = 150.0) -> tuple[FloatArray, bool]:
     """Processor time [ms] of each step on the way to a hazard's places, and whether all were reached."""
-    simulator = Simulator(hazard.world, hazard.body, replace(hazard.sensors, plant=chair_of(seed).plant), seed)
+    simulator = Simulator(
+        hazard.world, hazard.body, replace(hazard.sensors, plant=randomised_settings(seed).plant), seed
+    )
     spent, reached = [], True
-    with chair_in(setting_of(hazard), simulator) as chair:
+    with simulated_chair(setup_of(hazard), simulator) as chair:
         for goal in hazard.goals:
-            begin(simulator, chair, Goal(goal.name))
+            start_drive(simulator, chair, Goal(goal.name))
             stage = Stage.IDLE
             for _ in range(round(limit_s * COMMAND.rate_hz)):
                 messages = advance_tick(simulator, chair)
@@ -178,15 +188,15 @@ def drive(trap: Trap, name: str) -> Run:
         points = (1 - at) * (trap.start.x, trap.start.y) + at * (trap.goal.x, trap.goal.y)
         heading = math.atan2(trap.goal.y - trap.start.y, trap.goal.x - trap.start.x)
         path = Path(np.column_stack([points, np.full(len(points), heading)]))
-    for _ in range(round(LIMIT_S / LIMITS.period)):
+    for _ in range(round(LIMIT_S / PERIOD)):
         if name == "as_paper":
             command = choose_as_paper(pose, command, path, trap.costmap.field, CHAIR_A, LIMITS).twist
         else:
             command = choose(pose, command, path, trap.costmap.field, CHAIR_A, LIMITS).twist
         stood = stood + 1 if max(abs(command.v), abs(command.omega)) < 0.03 else 0
-        if stood * LIMITS.period > CAUGHT_S:
+        if stood * PERIOD > CAUGHT_S:
             break
-        pose = pose @ arc(command.v * LIMITS.period, command.omega * LIMITS.period)
+        pose = pose @ arc(command.v * PERIOD, command.omega * PERIOD)
         if not fits(CHAIR_A, -CELL / 2, trap.costmap.field, pose):
             return Run(reached=False, touched=True)
         if math.hypot(pose.x - trap.goal.x, pose.y - trap.goal.y) < 0.3:

@@ -10,6 +10,7 @@ from hypothesis import example, given, settings
 from hypothesis import strategies as st
 
 from waychair.planning.motion import (
+    PERIOD,
     DwaSettings,
     Motion,
     braking_hard,
@@ -53,11 +54,11 @@ def test_a_stop_in_comfort_keeps_its_arc_and_ends_in_a_stand_with_limited_jerk(
         motion, before, command = motion_after(motion, command, following, PROMPT), command, following
         assert 0.0 <= command.v <= before.v
         assert command.v * omega == pytest.approx(command.omega * v, abs=1e-6)
-        accelerations.append((command.v - before.v) / PROMPT.period)
+        accelerations.append((command.v - before.v) / PERIOD)
     assert abs(command.v) < 1e-3
     if abs(v) / PROMPT.braking >= abs(omega) / PROMPT.alpha and a == 0.0:
         # a fifth for the last step of a tick
-        assert np.abs(np.diff(accelerations)).max() <= 1.2 * PROMPT.jerk * PROMPT.period
+        assert np.abs(np.diff(accelerations)).max() <= 1.2 * PROMPT.jerk * PERIOD
 
 
 @given(st.floats(0.05, 0.8), st.floats(-0.2, 0.0))
@@ -109,7 +110,7 @@ def plainly_towards(command: Twist, target: Twist, acceleration: Twist | None) -
     s, after = PROMPT, []
     faster = s.acceleration if command.v == 0 or (target.v - command.v) * command.v > 0 else s.braking
     times = abs(target.v - command.v) / faster, abs(target.omega - command.omega) / s.alpha
-    share = s.period / max(*times, s.period)
+    share = PERIOD / max(*times, PERIOD)
     now = (None, None) if acceleration is None else (acceleration.v, acceleration.omega)
     for begin, end, a, jerk in zip(
         (command.v, command.omega), (target.v, target.omega), now, (s.jerk, s.alpha_jerk), strict=True
@@ -117,9 +118,9 @@ def plainly_towards(command: Twist, target: Twist, acceleration: Twist | None) -
         if a is None:
             after.append(begin + share * (end - begin))
             continue
-        most = most_eased(abs(end - begin), jerk * s.period**2) / s.period
-        wanted = float(np.clip(share * (end - begin) / s.period, -most, most))
-        after.append(begin + s.period * float(np.clip(wanted, a - jerk * s.period, a + jerk * s.period)))
+        most = most_eased(abs(end - begin), jerk * PERIOD**2) / PERIOD
+        wanted = float(np.clip(share * (end - begin) / PERIOD, -most, most))
+        after.append(begin + PERIOD * float(np.clip(wanted, a - jerk * PERIOD, a + jerk * PERIOD)))
     way = command.v if command.v != 0 else target.v
     if acceleration is not None and after[0] * way <= 0:
         after[0] = 0.0

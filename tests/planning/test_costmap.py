@@ -15,7 +15,8 @@ from waychair.errors import NoFreeSpace
 from waychair.maps.distance_field import distances
 from waychair.maps.grid import cells_from_points, inside
 from waychair.maps.zones import Rule, Zone
-from waychair.planning.costmap import CostmapSettings, LiveCostmap, check_free_space, costmap_from_grid
+from waychair.planning.clearance import COMFORTABLE, PLANNED
+from waychair.planning.costmap import WALL_PRICE, LiveCostmap, check_free_space, costmap_from_grid
 from waychair.planning.global_planner import plan
 from waychair.types import FloatArray, OccupancyGrid, Pose2
 
@@ -53,8 +54,8 @@ def test_open_floor_has_the_price_of_a_free_cell() -> None:
 
 def test_unknown_cells_are_free_at_a_price_and_no_obstacles() -> None:
     grid = OccupancyGrid(np.full((9, 9), -1, np.int8), 0.1)
-    costmap = costmap_from_grid(grid, CHAIR_A, CostmapSettings(unknown_price=2500))
-    assert (costmap.prices == 3500).all()
+    costmap = costmap_from_grid(grid, CHAIR_A)
+    assert (costmap.prices == 10_000).all()
 
 
 def test_live_points_close_cells_and_points_off_the_map_are_ignored() -> None:
@@ -100,12 +101,12 @@ def test_a_costmap_kept_up_to_date_equals_one_made_anew(seed: int) -> None:
         CHAIR_A, layers=(BodyLayer(0.0, 0.3, 0.75, 0.2, 0.2), BodyLayer(0.3, 1.4, 0.6, 0.25, 0.3))
     )
     zones = (Zone("slow", Rule.SLOW, box(1, -1, 4, 2), 0.2), Zone("out", Rule.KEEP_OUT, box(4, 2, 5, 3)))
-    kept = LiveCostmap(grid, body, CostmapSettings(), zones)
+    kept = LiveCostmap(grid, body, zones)
     for _ in range(4):
         points = rng.uniform(-2, 8, (int(rng.integers(0, 6)), 2))
         layered = [(layer, rng.uniform(-2, 8, (int(rng.integers(0, 4)), 2))) for layer in body.layers]
         now = kept.costmap(points, layered)
-        anew = LiveCostmap(grid, body, CostmapSettings(), zones).costmap(points, layered)
+        anew = LiveCostmap(grid, body, zones).costmap(points, layered)
         np.testing.assert_array_equal(now.prices, anew.prices)
         np.testing.assert_array_equal(now.clearance, anew.clearance)
         np.testing.assert_array_equal(now.grid.cells, anew.grid.cells)
@@ -120,7 +121,7 @@ def test_what_stands_at_some_heights_changes_a_costmap_as_if_all_of_it_were_made
     layer = BodyLayer(0.0, 0.3, 0.6, 0.2, 0.22)
     body = dataclasses.replace(CHAIR_A, layers=(layer, BodyLayer(0.3, 1.4, 0.75, 0.25, 0.3)))
     points = rng.uniform(-1, 1, (4, 2)) + rng.uniform(0, 12, 2)
-    kept = LiveCostmap(grid, body, CostmapSettings())
+    kept = LiveCostmap(grid, body)
     before, after = kept.costmap(), kept.costmap(None, [(layer, points)])
     cells = cells_from_points(grid, points)
     solid = np.zeros(grid.cells.shape, np.bool_)
@@ -128,16 +129,16 @@ def test_what_stands_at_some_heights_changes_a_costmap_as_if_all_of_it_were_made
     away = distances(solid, grid.resolution) if solid.any() else np.full(solid.shape, 99.0)
     inset = min(body.front - layer.front, body.rear - layer.rear, body.width / 2 - layer.half_width)
     np.testing.assert_allclose(after.clearance, np.minimum(before.clearance, away + inset), atol=1e-5)
-    s, side = CostmapSettings(), away + body.width / 2 - layer.half_width
-    needed = body.width / 2 + s.margin + grid.resolution / 2
-    missing = np.clip((s.inflation_radius - side) / (s.inflation_radius - needed), 0.0, 1.0)
-    prices = np.where(side < needed - 1e-5, 0.0, 1000.0 + s.wall_price * missing**2)
+    side = away + body.width / 2 - layer.half_width
+    needed = body.width / 2 + PLANNED + grid.resolution / 2
+    missing = np.clip((COMFORTABLE - side) / (COMFORTABLE - needed), 0.0, 1.0)
+    prices = np.where(side < needed - 1e-5, 0.0, 1000.0 + WALL_PRICE * missing**2)
     expected = np.where((before.prices == 0) | (prices == 0), 0, np.maximum(before.prices, prices))
     np.testing.assert_allclose(after.prices, expected, atol=1.0)
 
 
 def test_a_costmap_stays_as_it_was_when_the_next_one_is_made() -> None:
-    kept = LiveCostmap(floor(), CHAIR_A, CostmapSettings())
+    kept = LiveCostmap(floor(), CHAIR_A)
     first = kept.costmap()
     prices, clearance = first.prices.copy(), first.clearance.copy()
     kept.costmap(np.array([[4.0, 2.5]]))
@@ -187,7 +188,7 @@ def test_an_obstacle_at_the_feet_lets_a_chair_pass_that_is_narrower_there() -> N
     layers = (BodyLayer(0.0, 0.3, 0.5, 0.2, 0.2), BodyLayer(0.3, 1.4, 0.75, 0.25, 0.3))
     body = dataclasses.replace(CHAIR_A, layers=layers)
     gap = np.array([[2.0, y] for y in np.concatenate([np.arange(0, 2.2, 0.02), np.arange(2.75, 5.0, 0.02)])])
-    kept = LiveCostmap(floor(), body, CostmapSettings())
+    kept = LiveCostmap(floor(), body)
     through = [bool(kept.costmap(None, [(layer, gap)]).prices[:, 40].any()) for layer in layers]
     assert through == [True, False]
     assert not kept.costmap(gap).prices[:, 40].any()
@@ -212,7 +213,6 @@ def test_a_map_of_which_no_cell_is_known_to_be_free_is_refused(one: int) -> None
 def test_a_clearance_above_what_is_kept_is_cut_but_never_below_what_the_prices_need() -> None:
     wide = corridor(12.0)
     assert costmap_from_grid(wide, CHAIR_A).clearance.max() == 2.0
-    roomy = CostmapSettings(clearance_kept=0.5, inflation_radius=4.0)
-    costmap = costmap_from_grid(wide, CHAIR_A, roomy)
+    costmap = costmap_from_grid(wide, CHAIR_A, comfortable=4.0)
     assert costmap.clearance.max() == 4.0
     assert costmap.prices[60, 40] > 1000

@@ -13,12 +13,22 @@ from hypothesis import strategies as st
 from waychair.calibration.chair import CHAIR_A
 from waychair.geometry import wrap_angle
 from waychair.maps.distance_field import DistanceField, distance_field, distances
+from waychair.planning import dwa
 from waychair.planning.costmap import costmap_from_grid
 from waychair.planning.dwa import DwaResult, choose, rotate_to_heading
 from waychair.planning.dwa_kernels import first_free, fits_after, local_section, measure, people_ahead
 from waychair.planning.footprint import along_arc, fits, footprint, free_time, in_cells, poses_in_cells
 from waychair.planning.global_planner import PlannerSettings, plan
-from waychair.planning.motion import DwaSettings, Motion, braking, motion_after, slowing_speed, towards
+from waychair.planning.motion import (
+    MIN_OMEGA,
+    PERIOD,
+    DwaSettings,
+    Motion,
+    braking,
+    motion_after,
+    slowing_speed,
+    towards,
+)
 from waychair.types import BoolArray, OccupancyGrid, Path, Pose2, Twist
 
 CELL = 0.05
@@ -186,11 +196,12 @@ def test_a_turn_on_the_spot_that_the_drive_swallows_is_no_candidate() -> None:
     turns = choose(pose, Twist(), straight(pose, 6.0), field, CHAIR_A, PROMPT).candidates
     on_the_spot = np.abs(turns[turns[:, 0] == 0.0, 1])
     assert on_the_spot.min() == 0.0
-    assert np.sort(on_the_spot)[1] >= PROMPT.min_omega
+    assert np.sort(on_the_spot)[1] >= MIN_OMEGA
 
 
-def test_the_window_speeds_up_and_brakes_at_different_rates() -> None:
-    settings_ = DwaSettings(window_time=0.1, acceleration=0.5, braking=1.0)
+def test_the_window_speeds_up_and_brakes_at_different_rates(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(dwa, "WINDOW_TIME", 0.1)
+    settings_ = DwaSettings(acceleration=0.5, braking=1.0)
     field = distance_field(hall())
     v = choose(Pose2(3, 4), Twist(0.4, 0.0), straight(Pose2(3, 4), 6), field, CHAIR_A, settings_).candidates[:, 0]
     assert (v.min(), v.max()) == (pytest.approx(0.3), pytest.approx(0.45))
@@ -201,7 +212,7 @@ def test_admissible_candidates_are_those_that_can_stop() -> None:
     field = distance_field(hall(((4.3, 0, 4.5, 8),)))
     pose, command = Pose2(3.0, 4.0), Twist(0.4, 0.0)
     result = choose(pose, command, straight(pose, 6.0), field, CHAIR_A, PROMPT)
-    shape = footprint(CHAIR_A, PROMPT.margin, field)
+    shape = footprint(CHAIR_A, PROMPT.clearance, field)
     start = in_cells(field, pose)
     admissible = np.isfinite(result.scores)
     assert 0 < admissible.sum() < len(admissible)
@@ -276,8 +287,8 @@ def test_from_a_stand_the_acceleration_grows_by_the_jerk_alone() -> None:
         motion, command = motion_after(motion, command, following, PROMPT), following
         pose = moved(pose, command)
         speeds.append(command.v)
-    acceleration = np.diff(speeds) / PROMPT.period
-    assert np.abs(np.diff(acceleration)).max() <= PROMPT.jerk * PROMPT.period + 1e-9
+    acceleration = np.diff(speeds) / PERIOD
+    assert np.abs(np.diff(acceleration)).max() <= PROMPT.jerk * PERIOD + 1e-9
     assert acceleration.max() <= PROMPT.acceleration + 1e-9
     assert speeds[-1] > 0.7
 
@@ -295,7 +306,7 @@ def test_jerk_limited_speeds_reach_their_target_without_passing_it_by_more_than_
         speeds.append(command.v)
     assert speeds[-1] == pytest.approx(target, abs=1e-3)
     # The acceleration it came with takes a^2 / 2 jerk, and half a period's step, to go.
-    spare = a**2 / (2 * PROMPT.jerk) + abs(a) * PROMPT.period + 1e-3
+    spare = a**2 / (2 * PROMPT.jerk) + abs(a) * PERIOD + 1e-3
     assert min(v, target) - spare <= min(speeds)
     assert max(speeds) <= max(v, target) + spare
 
@@ -439,11 +450,11 @@ def test_a_section_begins_at_the_nearest_point_and_ends_after_its_length() -> No
 def test_a_chair_that_stops_to_turn_does_so_in_comfort_but_brakes_at_once_before_a_wall() -> None:
     pose, command, motion = Pose2(4.0, 4.0), Twist(0.5), Motion()
     free = rotate_to_heading(pose, command, 2.0, distance_field(hall()), CHAIR_A, PROMPT, motion)
-    assert free.twist.v == pytest.approx(0.5 - PROMPT.jerk * PROMPT.period**2)
+    assert free.twist.v == pytest.approx(0.5 - PROMPT.jerk * PERIOD**2)
     front = 4.0 + CHAIR_A.front
     wall = distance_field(hall(((front + 0.22, 2.0, front + 0.32, 6.0),)))
     near = rotate_to_heading(pose, command, 2.0, wall, CHAIR_A, PROMPT, motion)
-    assert near.twist.v == pytest.approx(0.5 - PROMPT.braking * PROMPT.period)
+    assert near.twist.v == pytest.approx(0.5 - PROMPT.braking * PERIOD)
 
 
 def test_a_place_to_be_entered_slowly_is_come_down_to_with_limited_jerk() -> None:
@@ -460,4 +471,4 @@ def test_a_place_to_be_entered_slowly_is_come_down_to_with_limited_jerk() -> Non
             break
     assert max(speeds) > 0.6
     assert speeds[-1] == pytest.approx(0.25, abs=0.04)
-    assert np.abs(np.diff(speeds, 2)).max() <= PROMPT.jerk * PROMPT.period**2 + 1e-9
+    assert np.abs(np.diff(speeds, 2)).max() <= PROMPT.jerk * PERIOD**2 + 1e-9

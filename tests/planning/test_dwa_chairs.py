@@ -14,9 +14,10 @@ from tests.planning.test_dwa import CELL, PROMPT, hall, moved, straight
 from waychair.calibration.chair import CHAIR_A, CHAIR_A_FRONT, CHAIR_A_MID, CHAIR_B, BodyLayer
 from waychair.calibration.stopping import StopTable
 from waychair.maps.distance_field import DistanceField, distance_field, distances
+from waychair.planning import dwa
 from waychair.planning.dwa import choose
 from waychair.planning.footprint import fits
-from waychair.planning.motion import DwaSettings, Motion, measured, motion_after
+from waychair.planning.motion import PERIOD, DwaSettings, Motion, measured, motion_after
 from waychair.types import BoolArray, Path, Pose2, Twist
 
 STOPS = StopTable(speeds=(0.2, 0.4, 0.6), distances=(0.12, 0.3, 0.6), turn_rate=0.9, turn_angle=0.8, delay_s=0.25)
@@ -44,7 +45,7 @@ def test_a_chair_that_answers_late_by_its_reaction_time_touches_nothing(seed: in
 @pytest.mark.parametrize("acceleration", [0.0, 0.3, -0.4])
 def test_the_window_reaches_as_far_as_limited_jerk_takes_the_command(acceleration: float) -> None:
     """In small steps: the acceleration grows by the jerk up to its limit, and with it the speed, for the window's time."""
-    limits, pose, command = replace(PROMPT, jerk=0.7, window_time=1.0), Pose2(2.0, 4.0), Twist(0.2)
+    limits, pose, command = replace(PROMPT, jerk=0.7), Pose2(2.0, 4.0), Twist(0.2)
     motion = Motion(Twist(acceleration))
     result = choose(pose, command, straight(pose, 8.0), distance_field(hall()), CHAIR_A, limits, motion=motion)
     fastest, a = command.v, acceleration
@@ -77,11 +78,12 @@ def test_an_unmeasured_chair_crawls_and_a_measured_one_goes_as_fast_as_it_was_st
 
 
 @pytest.mark.parametrize("v", [0.2, 0.3, 0.45, 0.6])
-def test_the_measured_way_to_rest_must_be_free_ahead(v: float) -> None:
+def test_the_measured_way_to_rest_must_be_free_ahead(v: float, monkeypatch: pytest.MonkeyPatch) -> None:
     """A wall at the very distance that the table asks for, give or take: what was modelled alone would allow both."""
-    limits = replace(measured(DwaSettings(reaction_time=0.0, window_time=0.05), STOPS), margin=0.0, reaction_time=0.0)
+    monkeypatch.setattr(dwa, "WINDOW_TIME", PERIOD)
+    limits = replace(measured(PROMPT, STOPS), clearance=0.0, reaction_time=0.0)
     for spare, admitted in ((0.25, True), (-0.1, False)):
-        x = round(4.0 + CHAIR_A.front + v * limits.period + STOPS.distance(v) + spare, 2)
+        x = round(4.0 + CHAIR_A.front + v * PERIOD + STOPS.distance(v) + spare, 2)
         field = distance_field(hall(((x, 0, x + 0.2, 8),)))
         result = choose(Pose2(4.0, 4.0), Twist(v), straight(Pose2(4.0, 4.0), 6.0), field, CHAIR_A, limits)
         near = np.argmin(np.abs(result.candidates - (v, 0.0)).sum(axis=1))
@@ -89,10 +91,11 @@ def test_the_measured_way_to_rest_must_be_free_ahead(v: float) -> None:
 
 
 @pytest.mark.parametrize("turn_angle", [0.4, 1.5])
-def test_the_measured_turn_to_rest_must_be_free(turn_angle: float) -> None:
+def test_the_measured_turn_to_rest_must_be_free(turn_angle: float, monkeypatch: pytest.MonkeyPatch) -> None:
     """A wall that the corner would touch after a turn of some angle, for a chair that turns on by less, and by more."""
     table = replace(STOPS, turn_rate=0.8, turn_angle=turn_angle, delay_s=0.05)
-    limits = replace(measured(DwaSettings(window_time=0.05), table), margin=0.0, reaction_time=0.0)
+    monkeypatch.setattr(dwa, "WINDOW_TIME", PERIOD)
+    limits = replace(measured(DwaSettings(), table), clearance=0.0, reaction_time=0.0)
     turned = 0.75
     corner = CHAIR_A.front * math.sin(turned) + CHAIR_A.width / 2 * math.cos(turned)
     field = distance_field(hall(((0, 4.0 + corner, 8, 4.2 + corner),)))

@@ -11,6 +11,7 @@ from tests.planning.test_dwa import PROMPT, hall, straight
 from waychair.calibration.chair import CHAIR_A
 from waychair.maps.distance_field import distance_field
 from waychair.planning.dwa import choose
+from waychair.planning.motion import PERIOD
 from waychair.planning.tracks import Track
 from waychair.types import Pose2, Twist
 
@@ -44,7 +45,7 @@ def test_who_walks_at_the_chair_is_braked_for_as_hard_as_the_time_left_asks_for(
     field, pose, limits = distance_field(hall()), Pose2(3.0, 4.0), replace(PROMPT, reaction_time=0.15)
     at = pose.x + CHAIR_A.front + 0.3 + ahead
     result = choose(pose, Twist(0.8), straight(pose, 6.0), field, CHAIR_A, limits, tracks=(walker(at, 4.0, -0.8, 0.0),))
-    assert result.twist.v == pytest.approx(0.8 - braking * limits.period)
+    assert result.twist.v == pytest.approx(0.8 - braking * PERIOD)
     assert result.twist.omega == 0.0
 
 

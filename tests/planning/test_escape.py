@@ -10,9 +10,10 @@ import numpy as np
 from waychair.calibration.chair import CHAIR_A
 from waychair.geometry import transform_points
 from waychair.maps.distance_field import DistanceField, distances
+from waychair.planning.clearance import EASE_STEP
 from waychair.planning.dwa import choose
 from waychair.planning.escape import back_up
-from waychair.planning.footprint import EASE_STEP, along_arc, eased_footprint, fits
+from waychair.planning.footprint import along_arc, eased_footprint, fits
 from waychair.planning.motion import DwaSettings
 from waychair.types import FloatArray, Path, Pose2, Twist
 
@@ -33,7 +34,7 @@ def backed(pose: Pose2, trail: FloatArray, field: DistanceField, ticks: int) -> 
     """Poses of an ideal chair that backs up, and whether it was blocked in the end."""
     poses, command, blocked = [pose], Twist(), False
     for _ in range(ticks):
-        shape, _ = eased_footprint(CHAIR_A, SETTINGS.margin, field, poses[-1])
+        shape, _ = eased_footprint(CHAIR_A, SETTINGS.clearance, field, poses[-1])
         result = back_up(poses[-1], command, trail, field, shape, SETTINGS)
         command, blocked = result.twist, result.blocked
         p = poses[-1]
@@ -81,7 +82,7 @@ def test_beside_a_wall_the_chair_goes_on_but_comes_no_nearer_however_often_it_is
     path = Path(np.column_stack([np.linspace(3.0, 6.0, 31), np.linspace(3.0, 3.12, 31), np.zeros(31)]))
     pose, command, gaps = Pose2(3.0, 3.0, 0.0), Twist(), []
     for _ in range(200):
-        command = choose(pose, command, path, field, CHAIR_A, replace(SETTINGS, margin=0.06)).twist
+        command = choose(pose, command, path, field, CHAIR_A, replace(SETTINGS, clearance=0.06)).twist
         pose = Pose2(*along_arc(pose.x, pose.y, pose.theta, command.v, command.omega, 0.05))
         corners = transform_points(pose, CHAIR_A.outline())
         gaps.append(3.38 - corners[:, 1].max())
@@ -107,7 +108,7 @@ def test_a_chair_beside_a_wall_crawls_away_from_it() -> None:
 
 
 def test_who_may_not_drive_backwards_does_not_back_out() -> None:
-    shape, _ = eased_footprint(CHAIR_A, SETTINGS.margin, hall(), Pose2(4.0, 3.0, 0.0))
+    shape, _ = eased_footprint(CHAIR_A, SETTINGS.clearance, hall(), Pose2(4.0, 3.0, 0.0))
     for most in (0.0, 0.1):
         limits = replace(SETTINGS, max_reverse=most)
         command = Twist()

@@ -89,10 +89,9 @@ def test_who_crosses_as_the_chair_comes_is_waited_for_no_longer_than_it_takes() 
     assert done == pytest.approx(6.25 + wait)
 
 
-def test_who_stays_on_the_way_is_expected_to_go_some_time_and_whoever_nobody_foresees_is_not_met() -> None:
+def test_somebody_who_stands_in_the_way_is_waited_for_and_without_a_window_nobody_is_met() -> None:
     stays = among(walker(2.5, 1.0, 0.0, 0.0))
     assert arrival(stays, LINE, 0.8) == (pytest.approx(16.25), 10.0)
-    assert arrival(stays, LINE, 0.8, ForecastSettings(stays=20.0)) == (pytest.approx(26.25), 20.0)
     assert arrival(stays, LINE, 0.8, ForecastSettings(window=0.0)) == (pytest.approx(6.25), 0.0)
 
 

@@ -10,7 +10,7 @@ from waychair.geometry import wrap_angle
 from waychair.maps.distance_field import DistanceField
 from waychair.planning.dwa import rotate_to_heading
 from waychair.planning.footprint import along_arc
-from waychair.planning.motion import DwaSettings
+from waychair.planning.motion import DwaSettings, GoalTolerances
 from waychair.types import Pose2, Twist
 
 OPEN = DistanceField(np.full((300, 300), 5.0, np.float32), 0.02, Pose2(-3.0, -3.0, 0.0))
@@ -18,7 +18,7 @@ OPEN = DistanceField(np.full((300, 300), 5.0, np.float32), 0.02, Pose2(-3.0, -3.
 
 @pytest.mark.parametrize("off", [0.025, -0.03, 0.05, 0.2])
 def test_a_small_turn_is_made_by_a_chair_that_is_late_and_whose_dead_band_swallows_the_beginning(off: float) -> None:
-    limits = DwaSettings(heading_tolerance=0.02, reaction_time=0.3)
+    limits = DwaSettings(tolerances=GoalTolerances(heading=0.02), reaction_time=0.3)
     pose, command, told = Pose2(), Twist(), [Twist()] * 5
     for _ in range(200):
         choice = rotate_to_heading(pose, command, off, OPEN, CHAIR_A, limits)

@@ -2,7 +2,11 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterator
+
 import pytest
+
+from tests.runtime.riding import coarse_arcs
 
 
 def pytest_addoption(parser: pytest.Parser) -> None:
@@ -18,3 +22,10 @@ def pytest_configure(config: pytest.Config) -> None:
         raise pytest.UsageError(
             'the references are not rewritten without a reason: say --reason "why the outputs are others"'
         )
+
+
+@pytest.fixture(scope="session", autouse=True)
+def _coarse_arcs() -> Iterator[None]:
+    """The references were recorded with few arcs per tick."""
+    with coarse_arcs():
+        yield

@@ -6,15 +6,15 @@ from dataclasses import replace
 
 import numpy as np
 
-from tests.runtime.riding import COARSE, LIDAR, hall
+from tests.runtime.riding import LIDAR, hall
 from waychair.calibration.chair import CHAIR_A
 from waychair.calibration.dac import DEFAULT
 from waychair.runtime.chair import Chair, ChairSettings
 from waychair.simulation.imu import ImuSettings
 from waychair.simulation.scene import Behaviour, Block, PersonPlan
 from waychair.simulation.simulator import Simulator, SimulatorSettings
-from waychair.trials.drive import Setting
-from waychair.trials.replay import Tape, record
+from waychair.trials.drive import DriveSetup
+from waychair.trials.replay import Tape, record_tape
 from waychair.types import Goal, JoystickInput, Pose2
 
 TICKS = 560
@@ -24,9 +24,9 @@ _STEPS_OUT = PersonPlan(
 _CRATE = Block(Pose2(5.2, 1.9, 0.3), 0.5, 0.6, 0.0, 1.0)
 
 
-def setting() -> Setting:
+def setup() -> DriveSetup:
     """The hall as the chair knows it."""
-    return Setting(hall().grid, {}, CHAIR_A, DEFAULT, chair=replace(ChairSettings(), navigator=COARSE))
+    return DriveSetup(hall().grid, {}, CHAIR_A, DEFAULT, chair=ChairSettings())
 
 
 def taped() -> Tape:
@@ -42,7 +42,7 @@ def taped() -> Tape:
         520: lambda simulator, _: _push(simulator, 0.0),
         540: lambda _, chair: chair.stop(),
     }
-    return record(setting(), simulator, acts, TICKS)
+    return record_tape(setup(), simulator, acts, TICKS)
 
 
 def _go(chair: Chair, pose: Pose2) -> None:
