@@ -28,23 +28,25 @@ from benchmarks.acceptance.kidnap import NEAR_M, NEAR_RAD, Split, simulated_spli
 from benchmarks.acceptance.logs import DATA
 from waychair.geometry import pose_from_array, wrap_angle
 from waychair.slam.beam_model import (
+    HEALTH,
     IN_FREE,
     IN_UNKNOWN,
     NEAR_WALL,
     ON_FAR_WALL,
     ON_OBJECT,
     ON_WALL,
+    PLACE,
     THROUGH_WALL,
-    HealthSettings,
-    PlaceSettings,
+    HealthWeights,
+    PlaceWeights,
     beam_classes,
     beam_map,
-    probability,
+    pose_probability,
 )
-from waychair.slam.localiser import LocaliserSettings, walls
+from waychair.slam.localiser import LocaliserSettings, wall_points
 from waychair.slam.reference import reference_from_points
-from waychair.slam.relocaliser import RelocaliserSettings, global_search, pyramid_from_grid
-from waychair.slam.scan_matching import MatchSettings, Window, match
+from waychair.slam.relocaliser import global_search, pyramid_from_grid
+from waychair.slam.scan_matching import BEAM_SIGMA, MatchSettings, Window, match
 from waychair.slam.scan_points import MIN_POINTS, scan_points
 from waychair.types import BoolArray, FloatArray, IntArray, Scan
 
@@ -75,9 +77,9 @@ class Samples:
 
 def samples(data: Split, scans: int = SCANS) -> Samples:
     """Matched poses for this many scans of a split."""
-    rng, matching, search = np.random.default_rng(SEED), MatchSettings(), RelocaliserSettings()
-    reference = reference_from_points(*walls(data.grid), matching.resolution, matching.sigma)
-    beams, pyramid = beam_map(data.grid), pyramid_from_grid(data.grid, search)
+    rng, matching = np.random.default_rng(SEED), MatchSettings()
+    reference = reference_from_points(*wall_points(data.grid), matching.resolution, BEAM_SIGMA)
+    beams, pyramid = beam_map(data.grid), pyramid_from_grid(data.grid)
     shares, right, people = [], [], []
     for j, k in enumerate(rng.choice(np.flatnonzero(data.mapped), scans)):
         frame, true, count = data.frames[k].scan, data.truth[k], CROWDS[j % len(CROWDS)]
@@ -85,7 +87,7 @@ def samples(data: Split, scans: int = SCANS) -> Samples:
         scan = scan_points(crowded(frame, count, rng), data.base_from_laser, matching.range_max)
         if len(scan) < MIN_POINTS:
             continue
-        starts = [place.pose.array() for place in global_search(scan.points, pyramid, search)]
+        starts = [place.pose.array() for place in global_search(scan.points, pyramid)]
         starts += [true + rng.normal(size=3) * (0.05, 0.05, 0.03) for _ in range(3)]
         starts += [true + rng.uniform(-1, 1, 3) * (3.0, 3.0, 0.5) for _ in range(4)]
         sensor = np.array([data.base_from_laser.x, data.base_from_laser.y])
@@ -123,18 +125,18 @@ def _groups(people: int, rng: np.random.Generator) -> FloatArray:
     return np.array(places[:people]).reshape(-1, 2)
 
 
-def fitted_health(parts: Sequence[Samples]) -> HealthSettings:
+def fitted_health(parts: Sequence[Samples]) -> HealthWeights:
     """The weights that explain the samples best, each part weighing the same."""
     classes = [ON_WALL, NEAR_WALL, IN_FREE, THROUGH_WALL, IN_UNKNOWN]
-    return HealthSettings(*_weights([part.shares[:, classes] for part in parts], parts))
+    return HealthWeights(*_weights([part.shares[:, classes] for part in parts], parts))
 
 
-def fitted_place(calm: Samples) -> PlaceSettings:
+def fitted_place(calm: Samples) -> PlaceWeights:
     """The same for places found from nowhere: with a bias, objects as surfaces, and no wall seen through."""
     shares = calm.shares
     free, through = shares[:, IN_FREE] + shares[:, ON_OBJECT], shares[:, THROUGH_WALL] + shares[:, ON_FAR_WALL]
     features = np.column_stack([np.ones(len(shares)), shares[:, ON_WALL], shares[:, NEAR_WALL], free, through])
-    return PlaceSettings(*_weights([features], [calm], first=1))
+    return PlaceWeights(*_weights([features], [calm], first=1))
 
 
 def _weights(features: Sequence[FloatArray], parts: Sequence[Samples], first: int = 0) -> list[float]:
@@ -150,9 +152,9 @@ def _weights(features: Sequence[FloatArray], parts: Sequence[Samples], first: in
     return [round(float(w), 1) for w in minimize(loss, np.zeros(features[0].shape[1])).x]
 
 
-def reliability(some: Samples, health: HealthSettings) -> list[tuple[float, float, int]]:
+def reliability(some: Samples, health: HealthWeights) -> list[tuple[float, float, int]]:
     """Per band of health: its mean, the share of right poses (right and wrong weighing the same), the number of poses."""
-    stated, table = probability(some.shares, health), []
+    stated, table = pose_probability(some.shares, health), []
     for low, high in ((0.0, 0.1), (0.1, 0.5), (0.5, 0.8), (0.8, 0.9), (0.9, 1.01)):
         band = (stated >= low) & (stated < high)
         if band.any():
@@ -172,7 +174,7 @@ def main() -> None:
     intel, freiburg = (part.among(0) for part in list(parts.values())[:2])
     calm = Samples(*(np.concatenate([getattr(p, name) for p in (intel, freiburg)]) for name in Samples.__slots__))
     print("fitted:", fitted_health(list(parts.values())), fitted_place(calm))
-    print("in force:", HealthSettings(), PlaceSettings())
+    print("in force:", HEALTH, PLACE)
     parts["freiburg, verified"] = samples(split(DATA / FREIBURG))
     parts["apartment, verified"] = samples(simulated_split("apartment"))
     for name, part in parts.items():
@@ -181,14 +183,14 @@ def main() -> None:
 
 
 def _show(name: str, some: Samples) -> None:
-    limits, stated = LocaliserSettings(), probability(some.shares, HealthSettings())
+    limits, stated = LocaliserSettings(), pose_probability(some.shares, HEALTH)
     right, wrong = stated[some.right], stated[~some.right]
     print(
         f"{name}: of {len(right)} right poses {(right >= limits.ok_health).mean():.3f} ok, "
         f"{(right < limits.lost_health).mean():.3f} contradicted; "
         f"of {len(wrong)} wrong ones {(wrong >= limits.ok_health).mean():.3f}, {(wrong < limits.lost_health).mean():.3f}"
     )
-    for health, true, count in reliability(some, HealthSettings()):
+    for health, true, count in reliability(some, HEALTH):
         print(f"  health {health:.3f}: right {true:.3f} ({count} poses)")
 
 

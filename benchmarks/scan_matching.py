@@ -15,8 +15,8 @@ from collections.abc import Callable
 import numpy as np
 from numba import njit
 
-from waychair.slam.reference import Reference, reference_from_scans
-from waychair.slam.scan_matching import MatchSettings, Window, correlative_search, refine
+from waychair.slam.reference import ScanReference, reference_from_scans
+from waychair.slam.scan_matching import BEAM_SIGMA, MatchSettings, Window, correlative_search, refine
 from waychair.slam.scan_points import ScanPoints, ScanStore, scan_points
 from waychair.types import Bytes, FloatArray, Pose2, Scan
 
@@ -87,15 +87,15 @@ def main() -> None:
     for pose in poses:
         store.append(room_scan(Pose2(*pose), rng))
 
-    def build() -> Reference:
-        return reference_from_scans(store, poses, range(40), poses[-1], 12.0, settings.resolution, settings.sigma)
+    def build() -> ScanReference:
+        return reference_from_scans(store, poses, range(40), poses[-1], 12.0, settings.resolution, BEAM_SIGMA)
 
     reference, scan = build(), room_scan(Pose2(7.0, 3.5, 0.2), rng)
     guess = Pose2(7.15, 3.4, 0.3)
     print(f"reference of 40 scans         {median_ms(build):8.2f} ms")
     for distance, angle in ((0.3, 0.35), (1.2, 0.6), (4.0, 0.7)):
         window = Window(distance, angle)
-        bounded = median_ms(lambda w=window: correlative_search(scan.points, reference, guess, w, settings))  # type: ignore[misc]
+        bounded = median_ms(lambda w=window: correlative_search(scan.points, reference, guess, w))  # type: ignore[misc]
         far = float(np.quantile(np.hypot(*scan.points.T), 0.8))
         step = math.acos(1 - settings.resolution**2 / (2 * far**2))
         turns = np.arange(-math.ceil(angle / step), math.ceil(angle / step) + 1) * step

@@ -7,7 +7,7 @@ that ends or prevents a drive is a `Halt`; a fault that only slows a drive is a 
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, replace
 from typing import TypeAlias
 
 import numpy as np
@@ -17,7 +17,7 @@ from waychair.config import Settings, setting
 from waychair.control.stops import Halt, halt
 from waychair.errors import ConfigError
 from waychair.slam.localiser import Localisation, LocalisationState
-from waychair.slam.tilt import TiltFilter, TiltSettings
+from waychair.slam.tilt import TiltFilter
 from waychair.topics import CAMERA, IMU, SCAN, STATUS, WHEELS
 from waychair.types import ChairStatus, ImuSample, Pose2, RgbdFrame, Scan, Twist, WheelTicks
 
@@ -44,7 +44,6 @@ class FitnessSettings(Settings):
     most_tilt: float = setting(0.14, "rad", "8 degrees, where chairs begin to slide or tip: stop", low=0.03, high=0.6)
     tilted_s: float = setting(0.2, "s", "for so long, so that no sill counts", low=0.0, high=2.0)
     most_jump: float = setting(0.5, "m", "a pose that moves by more at once was wrong", low=0.05, high=5.0)
-    tilt: TiltSettings = field(default_factory=TiltSettings)
 
     def __post_init__(self) -> None:
         Settings.__post_init__(self)
@@ -65,7 +64,7 @@ class Fitness:
 
     def __init__(self, body: ChairBody, settings: FitnessSettings | None = None) -> None:
         self._settings = settings or FitnessSettings()
-        self._tilt = TiltFilter(body, self._settings.tilt)
+        self._tilt = TiltFilter(body)
         self._heard_ns: dict[type, int] = {}
         self._status = ChairStatus(0)  # each contact's last value
         self._contact_ns: dict[str, int] = {}

@@ -31,7 +31,7 @@ from waychair.runtime.live_mapping import LiveMapping, LiveMappingSettings
 from waychair.slam.checkpoint import object_from_state, state_of
 from waychair.slam.edges import EdgeKind
 from waychair.slam.localiser import LocalisationState, Localiser, LocaliserSettings
-from waychair.slam.mapper import Mapper, twist_of
+from waychair.slam.mapper import CERTAIN_PATH, Mapper, twist_of
 from waychair.slam.scan_points import ScanPoints, scan_points
 from waychair.types import BoolArray, FloatArray, OccupancyGrid, Pose2, Pose3, Scan, SensorFrame
 
@@ -252,7 +252,7 @@ def beginning(
     first = mapper.frames[mapper.earlier_frames]
     pose = mapper.keys.pose(first.key) @ first.key_from_base
     nearest, away = nearest_key(mapper, pose, known)
-    if away > mapper.settings.certain_way:
+    if away > CERTAIN_PATH:
         return None
     return nearest, mapper.keys.pose(nearest).inverse() @ pose
 

@@ -23,20 +23,20 @@ from waychair.geometry import pose_from_array, rotation, transform_points
 from waychair.slam.edges import Edge, EdgeKind
 from waychair.slam.features import Features, extract
 from waychair.slam.information import odometry_information
-from waychair.slam.loop_closure import LoopRejection
+from waychair.slam.loop_closure import MIN_LOOP_PATH, LoopRejection
 from waychair.slam.mapper import Mapper, twist_of
 from waychair.slam.memory import Memory
 from waychair.slam.memory_settings import MemorySettings
 from waychair.slam.nodes import LOOPS, Evidence, Kept, Link, LinkKind, Node, WordIds, carried
 from waychair.slam.place_memory import PictureCost, PlaceMemory
-from waychair.slam.place_recognition import RecognitionSettings
+from waychair.slam.place_recognition import MIN_FEATURES, RecognitionSettings
 from waychair.slam.place_verification import (
     features_of,
     fit_to_keys,
     motion_of_base,
     nearest_place,
 )
-from waychair.slam.registration import RegistrationSettings, register
+from waychair.slam.registration import register
 from waychair.slam.rehearsal import RehearsalResult, is_moving
 from waychair.slam.reprojection import pinhole
 from waychair.slam.scan_points import ScanPoints, scan_points, sweep_motion
@@ -45,34 +45,32 @@ from waychair.types import FloatArray, Pose2, Pose3, RgbdFrame, SensorFrame, Twi
 
 _WAITING = 8  # most pictures that wait for the scan after them
 _NO_SCAN = "pictures without a scan before and after them"
+AGREE_DISTANCE, AGREE_ANGLE = 0.5, 0.15
+"""Largest difference [m], [rad] between map and measurement for two nodes that the map already has side by side."""
+
+MIN_INLIERS = 0.7
+"""Least share of a scan's points on the surfaces of the other place."""
+
+NEAR_DISTANCE, NEAR_ANGLE = 1.0, 0.52
+"""A node in a known place is linked to an earlier one this near [m], [rad] (RTAB-Map's RGBD/ProximityPathFilteringRadius
+and, there 45 degrees, RGBD/ProximityAngle)."""
+
 _MOVED = 0.01  # [m] least shift of a node's frame by the mapper after which the node is re-attached
 
 
 @dataclass(frozen=True, slots=True)
 class AppearanceSettings(Settings):
-    """Rate of pictures, limits of a match between two places, and the parts' settings; RTAB-Map's names in brackets."""
+    """The timing of pictures, and the parts' settings; RTAB-Map's names in brackets."""
 
-    detection_rate: float = setting(1.0, "Hz", "pictures that are looked at [Rtabmap/DetectionRate]", low=0.01, high=30)
-    gap: float = setting(0.5, "s", "between the scans before and after a picture, at most", low=0.01, high=10.0)
-    agree_distance: float = setting(
-        0.5, "m", "where the map has the two already, it and the pictures differ by less", low=0.01, high=5.0
-    )
-    agree_angle: float = setting(0.15, "rad", "the same for the heading", low=0.01, high=1.0)
-    min_inliers: float = setting(
-        0.7, "", "least share of the scan on the surfaces seen there before", low=0.0, high=1.0
-    )
-    near_distance: float = setting(
-        1.0,
-        "m",
-        "a node on known ground is linked to one so near [RGBD/ProximityPathFilteringRadius]",
-        low=0.0,
-        high=10,
-    )
-    near_angle: float = setting(
-        0.52, "rad", "and so alike in heading [RGBD/ProximityAngle, there 45 degrees]", low=0.0, high=3.2
-    )
+    detection_rate: float = setting(
+        1.0, "Hz", "pictures used for place recognition; more recognise more places and take more time "
+        "[Rtabmap/DetectionRate]", low=0.01, high=30,
+    )  # fmt: skip
+    gap: float = setting(
+        0.5, "s", "longest time between the scans before and after a picture; a larger one allows a slower lidar",
+        low=0.01, high=10.0,
+    )  # fmt: skip
     places: RecognitionSettings = field(default_factory=RecognitionSettings)
-    registration: RegistrationSettings = field(default_factory=RegistrationSettings)
     memory: MemorySettings = field(default_factory=MemorySettings)
 
 
@@ -160,7 +158,7 @@ class Appearance:
         """
         self._latest_ns = stamp_ns
         self.counts["pictures"] += 1
-        self.counts["pictures that show too little"] += len(features) < self.settings.places.min_features
+        self.counts["pictures that show too little"] += len(features) < MIN_FEATURES
         if len(self._waiting) == _WAITING:
             self._waiting.popleft()
             self.counts[_NO_SCAN] += 1
@@ -197,7 +195,7 @@ class Appearance:
         here = self._here(mapper, frame, view, new_id, key, pose)
         added = memory.add(
             self._node(mapper, frame, view, words, pose),
-            odometry_information(motion or Pose2(), mapper.settings.noise),
+            odometry_information(motion or Pose2()),
             key,
             here.key_from_node,
             motion=motion,
@@ -221,7 +219,7 @@ class Appearance:
         return None if self._last is None else pose_from_array(self.memory.poses([self._last])[0]).inverse() @ pose
 
     def _stands(self, motion: Pose2 | None, verdict: RehearsalResult) -> bool:
-        return motion is not None and verdict is RehearsalResult.DIFFERENT and not is_moving(motion, self.settings.memory)
+        return motion is not None and verdict is RehearsalResult.DIFFERENT and not is_moving(motion)
 
     def _here(self, mapper: Mapper, frame: SensorFrame, view: _View, node: int, key: int, pose: Pose2) -> _Here:
         """Return the new node with its pose beside its key scan and the scan of the next frame, in the node's frame."""
@@ -255,14 +253,14 @@ class Appearance:
     def _close(self, mapper: Mapper, here: _Here, place: int) -> bool:
         """Return whether features, scans and the graph confirm a likely place, and close the loop if so."""
         old = self.memory.node(place)
-        found = register(features_of(old), here.view.features, here.view.camera, self.settings.registration)
+        found = register(features_of(old), here.view.features, here.view.camera)
         if found.old_from_new is None:
             assert found.refusal is not None
             return self.places.refuse(here.id, place, found.refusal.value)
         old_from_here = motion_of_base(found.old_from_new, self._mount)
         key = int(self.memory.skeleton.rows["anchor"][place])
         map_from_here = mapper.keys.pose(key) @ self.memory.skeleton.anchor_from_node(place) @ old_from_here
-        if key in mapper.keys.path_lengths(here.key, mapper.settings.loops.min_way):
+        if key in mapper.keys.path_lengths(here.key, MIN_LOOP_PATH):
             return self._confirm(mapper, here, place, key, map_from_here)
         edge = mapper.close_loop(key, map_from_here @ here.pose(mapper).inverse() @ mapper.pose())
         if isinstance(edge, LoopRejection):
@@ -280,7 +278,7 @@ class Appearance:
         if not self._agrees(gap):
             return self.places.refuse(here.id, place, "the map has the two elsewhere")
         fit = fit_to_keys(mapper, key, here.scan, here.pose(mapper))
-        if fit.inliers < self.settings.min_inliers:
+        if fit.inliers < MIN_INLIERS:
             return self.places.refuse(here.id, place, LoopRejection.FEW_INLIERS.value)
         self._link(place, here.id, LinkKind.GLOBAL, fit.information)
         return True
@@ -299,21 +297,20 @@ class Appearance:
 
     def _tie_node(self, mapper: Mapper, node: int, key: int, scan: ScanPoints) -> bool:
         """Link a node to the nearest one of an earlier visit if its scan fits the surfaces there; return whether so."""
-        settings, memory = self.settings, self.memory
-        around = mapper.keys.path_lengths(key, mapper.settings.loops.min_way)
-        place = nearest_place(memory, around, node, settings.near_distance, settings.near_angle)
+        memory = self.memory
+        around = mapper.keys.path_lengths(key, MIN_LOOP_PATH)
+        place = nearest_place(memory, around, node, NEAR_DISTANCE, NEAR_ANGLE)
         if place is None or memory.skeleton.linked(place, node) is not None:
             return False
         pose = pose_from_array(memory.poses([node])[0])
         fit = fit_to_keys(mapper, int(memory.skeleton.rows["anchor"][place]), scan, pose)
-        if fit.inliers < settings.min_inliers or not self._agrees(pose.inverse() @ fit.pose):
+        if fit.inliers < MIN_INLIERS or not self._agrees(pose.inverse() @ fit.pose):
             return False
         self._link(place, node, LinkKind.SPACE, fit.information)
         return True
 
     def _agrees(self, gap: Pose2) -> bool:
-        near = math.hypot(gap.x, gap.y) <= self.settings.agree_distance
-        return near and abs(gap.theta) <= self.settings.agree_angle
+        return math.hypot(gap.x, gap.y) <= AGREE_DISTANCE and abs(gap.theta) <= AGREE_ANGLE
 
     def _link(self, place: int, node: int, kind: LinkKind, information: FloatArray) -> Link:
         """Link two nodes by their present poses in map."""

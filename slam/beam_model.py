@@ -19,7 +19,6 @@ from dataclasses import dataclass, field
 import numpy as np
 from numba import njit
 
-from waychair.config import Settings, setting
 from waychair.geometry import compose
 from waychair.maps.distance_field import distances
 from waychair.maps.grid import occupied
@@ -36,7 +35,7 @@ _MAX_OBJECT_WIDTH = 1.0
 
 
 @dataclass(frozen=True, slots=True)
-class HealthSettings(Settings):
+class HealthWeights:
     """Weights of the log-odds that a tracked pose is right (within 0.3 m and 5 degrees), linear in the beam shares.
 
     `ON_OBJECT` and `ON_FAR_WALL` have no weight: they are no evidence. There is no bias, so a scan that people hide
@@ -45,15 +44,15 @@ class HealthSettings(Settings):
     on another floor and on scans outside the fit (`python -m benchmarks.health`).
     """
 
-    on_wall: float = setting(3.4, "", "weight of the share that ends on a wall", low=-100.0, high=100.0)
-    near_wall: float = setting(-11.4, "", "weight of the share that ends near a wall", low=-100.0, high=100.0)
-    in_free: float = setting(-3.6, "", "weight of the share that ends on wide surfaces", low=-100.0, high=100.0)
-    through_wall: float = setting(-36.9, "", "weight of the share that ends behind a wall", low=-100.0, high=100.0)
-    in_unknown: float = setting(-2.6, "", "weight of the share that ends on unknown ground", low=-100.0, high=100.0)
+    on_wall: float = 3.4  # weight of the share that ends on a wall
+    near_wall: float = -11.4  # weight of the share that ends near a wall
+    in_free: float = -3.6  # weight of the share that ends on wide surfaces
+    through_wall: float = -36.9  # weight of the share that ends behind a wall
+    in_unknown: float = -2.6  # weight of the share that ends on unknown ground
 
 
 @dataclass(frozen=True, slots=True)
-class PlaceSettings(Settings):
+class PlaceWeights:
     """Weights of the log-odds that a place found by global search is right, linear in the beam shares.
 
     The test is stricter than that of a tracked pose, because a search of the whole map returns every lookalike: objects
@@ -62,11 +61,15 @@ class PlaceSettings(Settings):
     `through_wall` does no harm: such beams reduce the share of beams on walls.
     """
 
-    bias: float = setting(-15.6, "", "log-odds without any beam", low=-100.0, high=100.0)
-    on_wall: float = setting(23.3, "", "weight of the share that ends on a wall", low=-100.0, high=100.0)
-    near_wall: float = setting(-17.9, "", "weight of the share that ends near a wall", low=-100.0, high=100.0)
-    in_free: float = setting(-28.4, "", "weight of the share that ends on free ground", low=-100.0, high=100.0)
-    through_wall: float = setting(5.7, "", "weight of the share that went through a wall", low=-100.0, high=100.0)
+    bias: float = -15.6  # log-odds without any beam
+    on_wall: float = 23.3  # weight of the share that ends on a wall
+    near_wall: float = -17.9  # weight of the share that ends near a wall
+    in_free: float = -28.4  # weight of the share that ends on free ground
+    through_wall: float = 5.7  # weight of the share that went through a wall
+
+
+HEALTH = HealthWeights()
+PLACE = PlaceWeights()
 
 
 @dataclass(frozen=True, slots=True)
@@ -96,22 +99,22 @@ def beam_classes(points: FloatArray, sensors: FloatArray, map_from_base: FloatAr
     return _classes(points, sensors, local, beams.kinds, beams.wall_distance, beams.resolution)
 
 
-def pose_probability(shares: FloatArray, settings: HealthSettings) -> FloatArray:
+def pose_probability(shares: FloatArray, weights: HealthWeights = HEALTH) -> FloatArray:
     """Return the probability (P,) in (0, 1) that tracked poses with shares (P, 7) are right, at prior odds of 1 : 1."""
-    weights = (settings.on_wall, settings.near_wall, settings.in_free, settings.through_wall, settings.in_unknown)
-    odds = shares[:, [ON_WALL, NEAR_WALL, IN_FREE, THROUGH_WALL, IN_UNKNOWN]] @ np.array(weights)
+    w = (weights.on_wall, weights.near_wall, weights.in_free, weights.through_wall, weights.in_unknown)
+    odds = shares[:, [ON_WALL, NEAR_WALL, IN_FREE, THROUGH_WALL, IN_UNKNOWN]] @ np.array(w)
     result: FloatArray = 1.0 / (1.0 + np.exp(-np.clip(odds, -50.0, 50.0)))
     return result
 
 
-def place_log_odds(shares: FloatArray, settings: PlaceSettings) -> FloatArray:
+def place_log_odds(shares: FloatArray, weights: PlaceWeights = PLACE) -> FloatArray:
     """Return the log-odds (P,) that places found by global search, with shares (P, 7), are right."""
     result: FloatArray = (
-        settings.bias
-        + settings.on_wall * shares[:, ON_WALL]
-        + settings.near_wall * shares[:, NEAR_WALL]
-        + settings.in_free * (shares[:, IN_FREE] + shares[:, ON_OBJECT])
-        + settings.through_wall * (shares[:, THROUGH_WALL] + shares[:, ON_FAR_WALL])
+        weights.bias
+        + weights.on_wall * shares[:, ON_WALL]
+        + weights.near_wall * shares[:, NEAR_WALL]
+        + weights.in_free * (shares[:, IN_FREE] + shares[:, ON_OBJECT])
+        + weights.through_wall * (shares[:, THROUGH_WALL] + shares[:, ON_FAR_WALL])
     )
     return result
 

@@ -11,23 +11,13 @@ from pathlib import Path
 import numpy as np
 
 from waychair.carmen import GZIP_MAGIC, stamp_from_text
-from waychair.config import Settings, setting
 from waychair.errors import RecordingDamaged, RecordingError, RecordingNotFound
 from waychair.geometry import compose, invert, wrap_angles
 from waychair.types import BoolArray, FloatArray, IntArray, Pose2, Trajectory
 
-
-@dataclass(frozen=True, slots=True)
-class EvaluationSettings(Settings):
-    """Which poses are compared with each other."""
-
-    max_gap: float = setting(
-        0.02, "s", "a relation's stamp is this near to a pose, or it is left out", low=0.0, high=60
-    )
-    max_truth_gap: float = setting(
-        0.05, "s", "a true pose is this near to the pose it is compared with", low=0.0, high=60
-    )
-    loop_time: float = setting(60.0, "s", "relations across a longer time cross a loop", low=0.0, high=1e9)
+MAX_GAP = 0.02  # s; a relation whose stamp is further from every pose is left out
+MAX_TRUTH_GAP = 0.05  # s; a pose without a true pose this near is left out
+LOOP_TIME = 60.0  # s; relations over a longer time cross a loop
 
 
 @dataclass(frozen=True, slots=True)
@@ -112,7 +102,6 @@ def relation_errors(
     trajectory: Trajectory,
     relations: Relations,
     base_from_laser: Pose2 | None = None,
-    settings: EvaluationSettings | None = None,
 ) -> RelationErrors:
     """Return the errors relation^-1 (p1^-1 p2) of Kuemmerle et al. 2009 (Autonomous Robots 27, eq. 6, weights 1).
 
@@ -122,26 +111,25 @@ def relation_errors(
     Raises:
         RecordingError: no relation has poses at both its stamps.
     """
-    settings = settings or EvaluationSettings()
     order = np.argsort(trajectory.stamps_ns, kind="stable")
     stamps, poses = trajectory.stamps_ns[order], trajectory.poses[order]
     if base_from_laser is not None:
         poses = compose(poses, base_from_laser.array())
-    usable: BoolArray = _gaps(stamps, relations.stamps_ns).max(axis=1) <= settings.max_gap * 1e9
+    usable: BoolArray = _gaps(stamps, relations.stamps_ns).max(axis=1) <= MAX_GAP * 1e9
     if not usable.any():
         raise RecordingError(
-            f"none of the {len(usable)} relations has poses within {settings.max_gap:g} s at both stamps: "
+            f"none of the {len(usable)} relations has poses within {MAX_GAP:g} s at both stamps: "
             "check that they belong to this recording"
         )
     first, second = relations.stamps_ns[usable].T
     moved = compose(invert(poses_at(stamps, poses, first)), poses_at(stamps, poses, second))
     away = compose(invert(relations.poses[usable]), moved)
-    loop: BoolArray = np.abs(second - first) > settings.loop_time * 1e9
+    loop: BoolArray = np.abs(second - first) > LOOP_TIME * 1e9
     everything = np.ones(len(loop), bool)
     return RelationErrors(len(usable), *(_errors(away, mask) for mask in (everything, ~loop, loop)))
 
 
-def truth_errors(trajectory: Trajectory, truth: Trajectory, settings: EvaluationSettings | None = None) -> TruthErrors:
+def truth_errors(trajectory: Trajectory, truth: Trajectory) -> TruthErrors:
     """Return the absolute trajectory error: each pose against the true pose nearest in time, after rigid alignment.
 
     The planar alignment minimises the squared distances (Umeyama 1991, without scale and reflection).
@@ -149,16 +137,15 @@ def truth_errors(trajectory: Trajectory, truth: Trajectory, settings: Evaluation
     Raises:
         RecordingError: fewer than three poses have a true pose near in time.
     """
-    settings = settings or EvaluationSettings()
     order = np.argsort(truth.stamps_ns, kind="stable")
     stamps, true_poses = truth.stamps_ns[order], truth.poses[order]
     if len(stamps) == 0 or len(trajectory.stamps_ns) == 0:
         raise RecordingError("one of the two trajectories is empty; there is nothing to compare")
     near = _nearest(stamps, trajectory.stamps_ns)
-    usable: BoolArray = np.abs(stamps[near] - trajectory.stamps_ns) <= settings.max_truth_gap * 1e9
+    usable: BoolArray = np.abs(stamps[near] - trajectory.stamps_ns) <= MAX_TRUTH_GAP * 1e9
     if usable.sum() < 3:
         raise RecordingError(
-            f"only {int(usable.sum())} of {len(usable)} poses have a true pose within {settings.max_truth_gap:g} s: "
+            f"only {int(usable.sum())} of {len(usable)} poses have a true pose within {MAX_TRUTH_GAP:g} s: "
             "check that both belong to one recording with one clock"
         )
     poses, true = trajectory.poses[usable], true_poses[near[usable]]

@@ -6,12 +6,11 @@ The parts are `edges` (the data), `least_squares` (gtsam), `synchronisation` (in
 
 from waychair.slam.edges import Edge, EdgeKind, chi_square, residuals
 from waychair.slam.graph_files import read_g2o, write_g2o
-from waychair.slam.robust import GraphSettings, RejectedLoop, RejectionReason, Solution, optimise, solve
+from waychair.slam.robust import RejectedLoop, RejectionReason, Solution, optimise, solve
 
 __all__ = [
     "Edge",
     "EdgeKind",
-    "GraphSettings",
     "RejectedLoop",
     "RejectionReason",
     "Solution",

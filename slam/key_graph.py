@@ -10,10 +10,10 @@ from collections.abc import Mapping, Sequence
 import numpy as np
 
 from waychair.geometry import rotation, transform_points, wrap_angles
-from waychair.slam.graph import Edge, EdgeKind, GraphSettings, RejectedLoop
+from waychair.slam.graph import Edge, EdgeKind, RejectedLoop
 from waychair.slam.pose_graph import PoseGraph
 from waychair.slam.reference import ScanReference, reference_from_scans
-from waychair.slam.scan_matching import MatchSettings
+from waychair.slam.scan_matching import BEAM_SIGMA
 from waychair.slam.scan_points import ScanPoints, ScanStore
 from waychair.types import FloatArray, IntArray, Pose2
 
@@ -21,9 +21,9 @@ from waychair.types import FloatArray, IntArray, Pose2
 class KeyGraph:
     """A pose graph whose node k is key scan k."""
 
-    def __init__(self, settings: GraphSettings) -> None:
+    def __init__(self) -> None:
         self.store = ScanStore()
-        self._graph = PoseGraph(settings)
+        self._graph = PoseGraph()
         self._neighbours: list[set[int]] = []
         self._rejected_count = 0
         self.kinds: Counter[EdgeKind] = Counter()
@@ -96,7 +96,7 @@ class KeyGraph:
     def for_next_drive(self, renewed: Mapping[int, ScanPoints]) -> KeyGraph:
         """Return a copy for another drive: with the present poses, without rejected loops and optimisation history, and
         with the newer surfaces `renewed` of some key scans."""
-        graph = KeyGraph(self._graph.settings)
+        graph = KeyGraph()
         for node in range(len(self)):
             graph.store.append(renewed.get(node, self.store[node]))
             graph._neighbours.append(set())
@@ -118,10 +118,11 @@ class KeyGraph:
         return False
 
     def reference(
-        self, members: Sequence[int] | IntArray, centre: FloatArray, reach: float, settings: MatchSettings
+        self, members: Sequence[int] | IntArray, centre: FloatArray, reach: float, resolution: float
     ) -> ScanReference:
-        """Return the surfaces of some key scans within `reach` [m] of the centre (2,) [m] in the map frame."""
-        return reference_from_scans(self.store, self.poses, members, centre, reach, settings.resolution, settings.sigma)
+        """Return the surfaces of some key scans within `reach` [m] of the centre (2,) [m] in the map frame, in cells of side
+        `resolution` [m]."""
+        return reference_from_scans(self.store, self.poses, members, centre, reach, resolution, BEAM_SIGMA)
 
     def joined_points(self, members: Sequence[int], base: Pose2, cell: float) -> ScanPoints:
         """Return the joined points of some key scans in the frame of `base`, one point per cell of side `cell` [m]."""

@@ -17,52 +17,57 @@ from scipy.spatial import cKDTree
 from waychair.config import Settings, setting
 from waychair.geometry import wrap_angle
 from waychair.maps.grid import occupied, points_from_cells
-from waychair.slam.beam_model import ON_OBJECT, HealthSettings, PlaceSettings, beam_classes, beam_map, pose_probability
+from waychair.slam.beam_model import ON_OBJECT, beam_classes, beam_map, pose_probability
 from waychair.slam.localisation import Localisation, LocalisationState
-from waychair.slam.recovery import KidnapRecovery, KidnapRecoverySettings, RecoveryParts, SavedMap
+from waychair.slam.recovery import KidnapRecovery, SavedMap
 from waychair.slam.reference import reference_from_points
-from waychair.slam.relocaliser import RelocaliserSettings, pyramid_from_grid
-from waychair.slam.scan_matching import Match, MatchSettings, Window, match
+from waychair.slam.relocaliser import pyramid_from_grid
+from waychair.slam.scan_matching import BEAM_SIGMA, Match, MatchSettings, Window, match
 from waychair.slam.scan_points import MIN_POINTS, ScanPoints, scan_points
 from waychair.types import FloatArray, OccupancyGrid, Pose2, Scan, Twist
 
 __all__ = ["Localisation", "LocalisationState", "Localiser", "LocaliserSettings", "wall_points"]
 
 
+_SEARCH_WINDOW = Window(0.25, 0.15)  # round the odometry
+_START_WINDOW = Window(0.75, 0.4)  # round a given start
+_POSITION_NOISE, _ANGLE_NOISE = 0.03, 0.02  # m, rad; standard deviations of the odometry since the last scan
+_MAX_POINTS = 360  # points of a scan that are matched
+_HIDDEN_SHARE = 0.8  # with a larger share of beams on people and objects, the odometry is taken
+_STILL_DISTANCE, _STILL_ANGLE = 0.05, 0.05  # m, rad; a chair that moved less since a scan fitted stands still
+_LARGE_DISTANCE, _LARGE_ANGLE = 0.15, 0.1  # m, rad; a larger correction contradicts the odometry
+_MAX_CONTRADICTIONS = 3  # of the last 10 scans; with so many, the chair was moved by hand and is lost
+_STEP_DISTANCE, _STEP_ANGLE = 0.05, 0.05  # m, rad; largest step of the published pose per scan
+
+
 @dataclass(frozen=True, slots=True)
 class LocaliserSettings(Settings):
-    """How far a scan may correct the odometry, and when the pose is degraded or lost."""
+    """When the pose counts as degraded or lost, and when a lost chair accepts a place."""
 
-    search_distance: float = setting(0.25, "m", "half window of the search round the odometry", low=0.05, high=5.0)
-    search_angle: float = setting(0.15, "rad", "half window of the search round the odometry", low=0.02, high=3.1)
-    start_distance: float = setting(0.75, "m", "half window of the search round a given start", low=0.05, high=5.0)
-    start_angle: float = setting(0.4, "rad", "half window of the search round a given start", low=0.02, high=3.1)
-    position_noise: float = setting(0.03, "m", "trust in the odometry since the last scan", low=0.001, high=1.0)
-    angle_noise: float = setting(0.02, "rad", "trust in the odometry since the last scan", low=0.001, high=1.0)
-    ok_health: float = setting(0.8, "", "least health when all is well", low=0.0, high=1.0)
-    lost_health: float = setting(0.31, "", "a scan with a health below this does not fit the map", low=0.0, high=1.0)
-    lost_scans: int = setting(5, "", "so many scans in a row that do not fit: lost", low=1, high=1000)
-    standing_way: float = setting(
-        0.05, "m", "who has come no farther since a scan fitted stands, and is not lost by it", low=0.0, high=1.0
+    ok_health: float = setting(
+        0.8, "", "probability of the pose, by one scan, below which localisation is degraded and the chair drives slowly",
+        low=0.0, high=1.0,
+    )  # fmt: skip
+    lost_health: float = setting(
+        0.31, "", "probability of the pose below which a scan does not fit the map; a larger value gives up sooner",
+        low=0.0, high=1.0,
+    )  # fmt: skip
+    lost_scans: int = setting(
+        5, "", "scans in a row that do not fit the map after which the chair is lost; a larger value gives up later",
+        low=1, high=1000,
+    )  # fmt: skip
+    max_degraded_distance: float = setting(
+        4.0, "m", "distance driven with degraded localisation after which the chair is lost", low=0.1, high=100.0
     )
-    standing_turn: float = setting(0.05, "rad", "... nor has turned farther", low=0.0, high=1.0)
-    hidden_share: float = setting(
-        0.8, "", "with a larger share of the beams on people and the like, the odometry is believed", low=0.0, high=1.0
-    )
-    surprise_distance: float = setting(0.15, "m", "a larger correction contradicts the odometry", low=0.01, high=5.0)
-    surprise_angle: float = setting(0.1, "rad", "a larger correction contradicts the odometry", low=0.01, high=3.1)
-    surprises: int = setting(
-        3, "", "contradictions among the last 10 scans: the chair was moved by hand", low=1, high=10
-    )
-    degraded_way: float = setting(4.0, "m", "way driven in doubt after which the chair is lost", low=0.1, high=100.0)
-    step_distance: float = setting(0.05, "m", "most that map_from_odom moves the chair per scan", low=0.001, high=10.0)
-    step_angle: float = setting(0.05, "rad", "most that map_from_odom turns the chair per scan", low=0.001, high=3.2)
-    max_points: int = setting(360, "", "points of a scan that are matched", low=20, high=10_000)
+    min_probability: float = setting(
+        0.95, "", "probability at which a lost chair accepts a place on the map; a larger value takes longer and errs less",
+        low=0.5, high=1.0,
+    )  # fmt: skip
+    search_resolution: float = setting(
+        0.1, "m", "cell side of the search of the whole map by a lost chair; a larger value saves memory on large maps",
+        low=0.02, high=1.0,
+    )  # fmt: skip
     matching: MatchSettings = field(default_factory=MatchSettings)
-    health: HealthSettings = field(default_factory=HealthSettings)
-    places: PlaceSettings = field(default_factory=PlaceSettings)
-    search: RelocaliserSettings = field(default_factory=RelocaliserSettings)
-    recovery: KidnapRecoverySettings = field(default_factory=KidnapRecoverySettings)
 
 
 class Localiser:
@@ -74,7 +79,6 @@ class Localiser:
         """`start` is a pose in the map, correct to within the start window, or None: then the whole map is searched."""
         self._saved = prepared_map(grid, settings)
         self._base_from_laser, self._settings = base_from_laser, settings
-        self._parts = RecoveryParts(settings.recovery, settings.search, settings.places, settings.matching)
         self._sensor = np.array([base_from_laser.x, base_from_laser.y])
         self._estimate = self._published = Pose2()  # map_from_odom by the scans, and as published
         self.restart(start)
@@ -83,7 +87,7 @@ class Localiser:
         """Restart at a pose that the rider gives, or at an unknown pose (None)."""
         self._start = start
         self._state = LocalisationState.LOST if start is None else LocalisationState.DEGRADED
-        self._recovery = KidnapRecovery(self._saved, self._sensor, self._parts)
+        self._recovery = self._new_recovery()
         self._unfit_scans, self._degraded_distance, self._motion_since_fit = 0, 0.0, Pose2()
         self._large_corrections: deque[bool] = deque(maxlen=10)
         self._last_odometry: Pose2 | None = None
@@ -92,7 +96,10 @@ class Localiser:
         """Use a redrawn map of the same building from the next scan on; the pose stays known."""
         self._saved = saved
         if self._state is LocalisationState.LOST:
-            self._recovery = KidnapRecovery(saved, self._sensor, self._parts)
+            self._recovery = self._new_recovery()
+
+    def _new_recovery(self) -> KidnapRecovery:
+        return KidnapRecovery(self._saved, self._sensor, self._settings.matching, self._settings.min_probability)
 
     def process(self, scan: Scan, odom_from_base: Pose2, twist: Twist | None = None) -> Localisation:
         """Return the pose at a scan; `odom_from_base` and `twist` are the odometry at its first beam."""
@@ -136,20 +143,19 @@ class Localiser:
 
     def _match(self, scan: ScanPoints, guess: Pose2, starts: bool) -> tuple[Match, float]:
         """Return the best fit near the guess, and the probability that it is right."""
-        settings = self._settings
-        trust = np.diag([settings.position_noise**-2, settings.position_noise**-2, settings.angle_noise**-2])
-        window = Window(settings.search_distance, settings.search_angle)
+        trust = np.diag([_POSITION_NOISE**-2, _POSITION_NOISE**-2, _ANGLE_NOISE**-2])
+        window = _SEARCH_WINDOW
         if starts:
-            trust, window = np.eye(3), Window(settings.start_distance, settings.start_angle)
-        found = match(scan.thinned(settings.max_points), self._saved.reference, guess, trust, window, settings.matching)
+            trust, window = np.eye(3), _START_WINDOW
+        found = match(scan.thinned(_MAX_POINTS), self._saved.reference, guess, trust, window, self._settings.matching)
         if len(scan) < MIN_POINTS:
             return found, 0.0
         if not starts:
             shares = self._beam_shares(scan, guess)
-            if shares[0, ON_OBJECT] > settings.hidden_share:  # the scan was matched to people
+            if shares[0, ON_OBJECT] > _HIDDEN_SHARE:  # the scan was matched to people
                 found = replace(found, pose=guess, covariance=np.linalg.inv(trust))
-                return found, float(pose_probability(shares, settings.health)[0])
-        return found, float(pose_probability(self._beam_shares(scan, found.pose), settings.health)[0])
+                return found, float(pose_probability(shares)[0])
+        return found, float(pose_probability(self._beam_shares(scan, found.pose))[0])
 
     def _beam_shares(self, scan: ScanPoints, pose: Pose2) -> FloatArray:
         """Return the shares (1, 7) of the scan's beam classes at a pose."""
@@ -157,9 +163,7 @@ class Localiser:
         return beam_classes(scan.points, sensors, pose.array(), self._saved.beams)
 
     def _is_large(self, correction: Pose2) -> bool:
-        settings = self._settings
-        moved = math.hypot(correction.x, correction.y)
-        return moved > settings.surprise_distance or abs(correction.theta) > settings.surprise_angle
+        return math.hypot(correction.x, correction.y) > _LARGE_DISTANCE or abs(correction.theta) > _LARGE_ANGLE
 
     def _update_state(self, odom_from_base: Pose2, fits: bool, health: float, blind: bool) -> None:
         """Update the localisation state with this scan."""
@@ -168,8 +172,8 @@ class Localiser:
         self._last_odometry = odom_from_base
         self._motion_since_fit = Pose2() if fits else self._motion_since_fit @ step
         stands = (
-            math.hypot(self._motion_since_fit.x, self._motion_since_fit.y) < settings.standing_way
-            and abs(self._motion_since_fit.theta) < settings.standing_turn
+            math.hypot(self._motion_since_fit.x, self._motion_since_fit.y) < _STILL_DISTANCE
+            and abs(self._motion_since_fit.theta) < _STILL_ANGLE
         )
         if fits:
             self._unfit_scans = 0
@@ -178,17 +182,20 @@ class Localiser:
         well = health >= settings.ok_health and not any(self._large_corrections)
         self._degraded_distance = 0.0 if well else self._degraded_distance + math.hypot(step.x, step.y)
         self._state = LocalisationState.OK if well else LocalisationState.DEGRADED
-        contradicted = sum(self._large_corrections) >= settings.surprises
-        if self._unfit_scans >= settings.lost_scans or contradicted or self._degraded_distance > settings.degraded_way:
+        contradicted = sum(self._large_corrections) >= _MAX_CONTRADICTIONS
+        if (
+            self._unfit_scans >= settings.lost_scans
+            or contradicted
+            or self._degraded_distance > settings.max_degraded_distance
+        ):
             self.restart(None)
 
     def _step_published(self, odom_from_base: Pose2) -> Pose2:
         """Move the published pose one step towards the pose by the scans; return the published `map_from_base`."""
-        settings = self._settings
         here = self._published @ odom_from_base
         gap = here.inverse() @ (self._estimate @ odom_from_base)
         away = math.hypot(gap.x, gap.y)
-        share = min(1.0, settings.step_distance / max(away, 1e-9), settings.step_angle / max(abs(gap.theta), 1e-9))
+        share = min(1.0, _STEP_DISTANCE / max(away, 1e-9), _STEP_ANGLE / max(abs(gap.theta), 1e-9))
         here = here @ Pose2(share * gap.x, share * gap.y, share * wrap_angle(gap.theta))
         self._published = here @ odom_from_base.inverse()
         return here
@@ -196,9 +203,8 @@ class Localiser:
 
 def prepared_map(grid: OccupancyGrid, settings: LocaliserSettings) -> SavedMap:
     """Return a map prepared for a localiser with these settings; takes as long as several scans, in any thread."""
-    matching = settings.matching
-    reference = reference_from_points(*wall_points(grid), matching.resolution, matching.sigma)
-    return SavedMap(reference, beam_map(grid), pyramid_from_grid(grid, settings.search))
+    reference = reference_from_points(*wall_points(grid), settings.matching.resolution, BEAM_SIGMA)
+    return SavedMap(reference, beam_map(grid), pyramid_from_grid(grid, settings.search_resolution))
 
 
 def wall_points(grid: OccupancyGrid) -> tuple[FloatArray, FloatArray]:

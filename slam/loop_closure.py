@@ -14,7 +14,7 @@ import enum
 import math
 from collections import Counter
 from collections.abc import Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass
 
 import numpy as np
 from scipy.sparse import csr_matrix
@@ -22,14 +22,14 @@ from scipy.sparse.csgraph import dijkstra
 
 from waychair.config import Settings, setting
 from waychair.geometry import wrap_angle
+from waychair.slam import partial_overlap as overlap
 from waychair.slam.edges import Edge, EdgeKind
-from waychair.slam.information import NoiseSettings, match_information, rotated_information
+from waychair.slam.information import match_information, rotated_information
 from waychair.slam.key_graph import KeyGraph
-from waychair.slam.partial_overlap import GlimpseSettings, find_partial_overlap, known_ground
+from waychair.slam.partial_overlap import find_partial_overlap, known_ground
 from waychair.slam.reference import ScanReference
-from waychair.slam.relocaliser import RelocaliserSettings
 from waychair.slam.scan_matching import MatchSettings, Window, correlative_search, refine
-from waychair.slam.submap_search import SubmapHypothesis, SubmapPyramids, SubmapSettings, global_candidates
+from waychair.slam.submap_search import SubmapHypothesis, SubmapPyramids, global_candidates
 from waychair.types import FloatArray, IntArray, Pose2
 
 _UNKNOWN_LENGTH = 1e4
@@ -38,34 +38,38 @@ _UNKNOWN_LENGTH = 1e4
 _QUERY_CELL = 0.1
 
 
+MIN_LOOP_PATH = 5.0  # m; shortest path through the graph that counts as a loop
+CHAIN_REACH = 4.0  # m; key scans of a chain this near to its nearest one are matched against
+_RADIUS = 4.0  # m; a candidate lies within this distance, beyond the uncertainty
+_TURN_DRIFT = 0.01  # rad/m; growth of the heading's uncertainty per metre of the path
+_MIN_WINDOW, _MAX_WINDOW = 0.3, 4.0  # m; smallest and largest half window of the search
+_MAX_ANGLE = 0.7  # rad; largest half window of the heading
+_CHAINS = 2  # candidates tried at each search
+_QUERY_SCANS = 6  # latest key scans that are matched together
+_MIN_RESPONSE = 0.5  # least mean likelihood
+_MIN_INLIERS = 0.7  # least share of points on the reference's surfaces
+_SUBMAP_SCANS = 40  # key scans of a submap that is searched as a whole
+_SUBMAP_QUERY = 15  # latest key scans that are searched for in submaps
+_AGREE_DISTANCE, _AGREE_ANGLE = 0.5, 0.15  # m, rad; two finds this near agree
+_MAX_AMBIGUITY = 0.9  # largest ratio of the runner-up's response over the winner's
+
+
 @dataclass(frozen=True, slots=True)
 class LoopSettings(Settings):
-    """Where loops are searched, and when one is accepted."""
+    """Where and how often loops are searched."""
 
-    radius: float = setting(4.0, "m", "a candidate lies within this distance, beyond the uncertainty", low=0.5, high=50)
-    min_way: float = setting(5.0, "m", "shortest way round the graph that counts as a loop", low=1.0, high=1000.0)
-    drift: float = setting(0.03, "m/m", "growth of the position's uncertainty per metre of the way", low=0.0, high=1.0)
-    turn_drift: float = setting(0.01, "rad/m", "growth of the heading's uncertainty", low=0.0, high=1.0)
-    min_window: float = setting(0.3, "m", "smallest half window of the search", low=0.05, high=10.0)
-    max_window: float = setting(4.0, "m", "largest half window of the search", low=0.05, high=50.0)
-    max_angle: float = setting(0.7, "rad", "largest half window of the heading", low=0.05, high=math.pi)
-    spacing: float = setting(0.5, "m", "distance driven between two searches", low=0.0, high=100.0)
-    chains: int = setting(2, "", "candidates tried at each search", low=1, high=20)
-    chain_reach: float = setting(
-        4.0, "m", "key scans of a chain this near to its nearest one are matched against", low=0.5, high=20.0
-    )
-    query_scans: int = setting(6, "", "latest key scans that are matched together", low=1, high=50)
-    min_response: float = setting(0.5, "", "least mean likelihood", low=0.0, high=1.0)
-    min_inliers: float = setting(0.7, "", "least share of points on the reference's surfaces", low=0.0, high=1.0)
-    submap_scans: int = setting(40, "", "key scans of a submap that is searched as a whole", low=5, high=1000)
-    submap_query: int = setting(15, "", "latest key scans that are searched for in submaps", low=1, high=100)
-    submap_spacing: float = setting(2.0, "m", "distance driven between two searches of submaps", low=0.0, high=100.0)
-    agree_distance: float = setting(0.5, "m", "two finds in submaps agree when so near", low=0.05, high=5.0)
-    agree_angle: float = setting(0.15, "rad", "two finds in submaps agree when so near", low=0.01, high=1.0)
-    max_ambiguity: float = setting(0.9, "", "largest runner-up response over the winner's", low=0.0, high=1.0)
-    search: RelocaliserSettings = field(default_factory=RelocaliserSettings)
-    submaps: SubmapSettings = field(default_factory=SubmapSettings)
-    glimpses: GlimpseSettings = field(default_factory=GlimpseSettings)
+    drift: float = setting(
+        0.03, "m/m", "assumed odometry drift per metre; a larger value searches wider and closes loops after longer drives",
+        low=0.0, high=1.0,
+    )  # fmt: skip
+    spacing: float = setting(
+        0.5, "m", "distance driven between two loop searches; a larger value saves time and may miss loops",
+        low=0.0, high=100.0,
+    )  # fmt: skip
+    submap_spacing: float = setting(
+        2.0, "m", "distance driven between two searches of whole submaps; a larger value saves time, but a kidnapped chair "
+        "finds its map later", low=0.0, high=100.0,
+    )  # fmt: skip
 
 
 @dataclass(frozen=True, slots=True)
@@ -98,9 +102,9 @@ def candidates(poses: FloatArray, path_lengths: FloatArray, settings: LoopSettin
     if recent < 1:
         return ()
     away = np.hypot(*(poses[:recent, :2] - poses[-1, :2]).T)
-    windows = np.clip(settings.drift * path_lengths, settings.min_window, settings.max_window)
-    reached = settings.drift * path_lengths <= settings.max_window
-    near = np.flatnonzero((away < settings.radius + windows) & (path_lengths > settings.min_way) & reached)
+    windows = np.clip(settings.drift * path_lengths, _MIN_WINDOW, _MAX_WINDOW)
+    reached = settings.drift * path_lengths <= _MAX_WINDOW
+    near = np.flatnonzero((away < _RADIUS + windows) & (path_lengths > MIN_LOOP_PATH) & reached)
     if len(near) == 0:
         return ()
     found = []
@@ -109,17 +113,15 @@ def candidates(poses: FloatArray, path_lengths: FloatArray, settings: LoopSettin
         low = max(0, chain[0] - 5)
         members = np.arange(low, min(recent, chain[-1] + 6))
         reach = np.hypot(*(poses[members, :2] - poses[nearest, :2]).T)
-        angle = min(settings.max_angle, 0.15 + settings.turn_drift * path_lengths[nearest])
-        found.append(
-            LoopCandidate(nearest, members[reach < settings.chain_reach], float(windows[nearest]), float(angle))
-        )
+        angle = min(_MAX_ANGLE, 0.15 + _TURN_DRIFT * path_lengths[nearest])
+        found.append(LoopCandidate(nearest, members[reach < CHAIN_REACH], float(windows[nearest]), float(angle)))
     found.sort(key=lambda candidate: float(away[candidate.nearest]))
-    return tuple(found[: settings.chains])
+    return tuple(found[:_CHAINS])
 
 
 def uncertain_submaps(path_lengths: FloatArray, settings: LoopSettings) -> dict[int, IntArray]:
     """Return the finished submaps that are too uncertain for a window: their members by submap number."""
-    size, uncertain = settings.submap_scans, settings.drift * path_lengths > settings.max_window
+    size, uncertain = _SUBMAP_SCANS, settings.drift * path_lengths > _MAX_WINDOW
     members = {k: np.arange(k * size, (k + 1) * size) for k in range(len(path_lengths) // size)}
     return {k: nodes for k, nodes in members.items() if uncertain[nodes].all()}
 
@@ -151,14 +153,13 @@ class LoopCloser:
         self,
         settings: LoopSettings,
         matching: MatchSettings,
-        noise: NoiseSettings,
         reach: float,
         base_from_laser: Pose2,
     ) -> None:
         """`reach` [m]: half side of a reference beyond the window and the chain's size."""
         self.counts: Counter[str] = Counter()
-        self._settings, self._matching, self._noise, self._reach = settings, matching, noise, reach
-        self._pyramids = SubmapPyramids(settings.search, settings.submaps)
+        self._settings, self._matching, self._reach = settings, matching, reach
+        self._pyramids = SubmapPyramids()
         self._base_from_laser = base_from_laser
         self._since_search = self._since_submaps = self._since_overlap = self._since_loop = math.inf
         self._submap_find: _Find | None = None
@@ -176,7 +177,7 @@ class LoopCloser:
         """Return edges that close loops at the last key scan; `recent` are the latest key scans in driving order."""
         settings = self._settings
         known = len(keys) - len(recent)
-        if self._since_search < settings.spacing or known < 1 or len(recent) < settings.query_scans:
+        if self._since_search < settings.spacing or known < 1 or len(recent) < _QUERY_SCANS:
             return []
         self._since_search = 0.0
         path_lengths = graph_distances(keys.poses, keys.edges, len(keys) - 1)[:known]
@@ -185,7 +186,7 @@ class LoopCloser:
         edges = [edge for edge in found if isinstance(edge, Edge)]
         if not edges and near and self._is_overlap_search_due():
             edges = self._partial_overlap_edges(keys, recent, near)
-        enough = len(recent) >= settings.submap_query and self._since_submaps >= settings.submap_spacing
+        enough = len(recent) >= _SUBMAP_QUERY and self._since_submaps >= settings.submap_spacing
         if not edges and enough:
             edge = self._submap_edge(keys, recent, path_lengths)
             edges = [edge] if isinstance(edge, Edge) else []
@@ -205,23 +206,23 @@ class LoopCloser:
         else within the drift. Where they fit equally well all along a corridor, the other sensor decides.
         """
         settings, here = self._settings, recent[-1]
-        if len(recent) < settings.query_scans:
+        if len(recent) < _QUERY_SCANS:
             return LoopRejection.FEW_KEY_SCANS
         path_length = float(graph_distances(keys.poses, keys.edges, here)[old])
         gap = keys.pose(here).inverse() @ map_from_base
         drift, before, find = settings.drift * path_length, self._recognised, _Find(here, map_from_base)
-        angle = min(settings.max_angle, 0.15 + settings.turn_drift * path_length)
-        if drift > settings.max_window:
+        angle = min(_MAX_ANGLE, 0.15 + _TURN_DRIFT * path_length)
+        if drift > _MAX_WINDOW:
             self._recognised = find
             apart = before is not None and math.dist(*(keys.poses[k, :2] for k in (before.node, here)))
             if before is None or apart < settings.spacing or not self._agree(keys, before, find):
                 return LoopRejection.UNCONFIRMED
-        elif math.hypot(gap.x, gap.y) > settings.min_window + drift or abs(gap.theta) > angle:
+        elif math.hypot(gap.x, gap.y) > _MIN_WINDOW + drift or abs(gap.theta) > angle:
             return LoopRejection.CONTRADICTED
-        latest = set(recent[-settings.submap_query :])
-        near = [node for node in sorted(keys.path_lengths(old, settings.chain_reach)) if node not in latest]
-        candidate = LoopCandidate(old, np.array(near, np.int64), settings.min_window, settings.agree_angle)
-        rivals = None if drift > settings.max_window else Window(settings.min_window + drift, angle)
+        latest = set(recent[-_SUBMAP_QUERY:])
+        near = [node for node in sorted(keys.path_lengths(old, CHAIN_REACH)) if node not in latest]
+        candidate = LoopCandidate(old, np.array(near, np.int64), _MIN_WINDOW, _AGREE_ANGLE)
+        rivals = None if drift > _MAX_WINDOW else Window(_MIN_WINDOW + drift, angle)
         return self._verified(keys, recent, candidate, map_from_base, rivals)
 
     def _verified(
@@ -238,68 +239,64 @@ class LoopCloser:
         no pose in that window may fit better.
         """
         self.counts["loops_tried"] += 1
-        settings, matching = self._settings, self._matching
-        base = keys.pose(recent[-1])
-        query = keys.joined_points(recent[-settings.query_scans :], base, _QUERY_CELL)
+        matching, base = self._matching, keys.pose(recent[-1])
+        query = keys.joined_points(recent[-_QUERY_SCANS:], base, _QUERY_CELL)
         reference = self._reference_of(keys, candidate, candidate.window if rivals is None else rivals.distance)
         window, guess = Window(candidate.window, candidate.angle), guess or base
-        coarse, response = correlative_search(
-            query.points, reference, guess, window, matching, floor=settings.min_response
-        )
-        if response < settings.min_response:
+        coarse, response = correlative_search(query.points, reference, guess, window, floor=_MIN_RESPONSE)
+        if response < _MIN_RESPONSE:
             return LoopRejection.POOR_FIT
-        floor = settings.max_ambiguity * response
-        if correlative_search(query.points, reference, guess, window, matching, floor=floor, excluded=coarse)[1] > 0:
+        floor = _MAX_AMBIGUITY * response
+        if correlative_search(query.points, reference, guess, window, floor=floor, excluded=coarse)[1] > 0:
             self.counts["loops_ambiguous"] += 1
             return LoopRejection.AMBIGUOUS
         if rivals is not None:
-            floor = response / settings.max_ambiguity
-            if correlative_search(query.points, reference, base, rivals, matching, floor=floor, excluded=coarse)[1] > 0:
+            floor = response / _MAX_AMBIGUITY
+            if correlative_search(query.points, reference, base, rivals, floor=floor, excluded=coarse)[1] > 0:
                 return LoopRejection.BETTER_ELSEWHERE
         pose, information, inliers, _ = refine(query, reference, coarse, coarse, np.zeros((3, 3)), matching)
-        if inliers < settings.min_inliers:
+        if inliers < _MIN_INLIERS:
             self.counts["loops_rejected"] += 1
             return LoopRejection.FEW_INLIERS
         return self._edge(keys, recent[-1], candidate, pose, information)
 
     def _reference_of(self, keys: KeyGraph, candidate: LoopCandidate, window: float) -> ScanReference:
         """Return a candidate's surfaces, as far as they are visible from anywhere in a window [m]."""
-        reach = window + self._settings.chain_reach + self._reach
-        return keys.reference(candidate.members, keys.poses[candidate.nearest], reach, self._matching)
+        reach = window + CHAIN_REACH + self._reach
+        return keys.reference(candidate.members, keys.poses[candidate.nearest], reach, self._matching.resolution)
 
     def _edge(self, keys: KeyGraph, node: int, candidate: LoopCandidate, pose: Pose2, information: FloatArray) -> Edge:
         """Return the edge from the candidate to a key scan at `pose`, by a match with this information (3, 3)."""
         nearest_from_node = keys.pose(candidate.nearest).inverse() @ pose
-        known = rotated_information(match_information(information, self._noise), -pose.theta)
+        known = rotated_information(match_information(information), -pose.theta)
         return Edge(candidate.nearest, node, nearest_from_node, known, EdgeKind.LOOP)
 
     def _is_overlap_search_due(self) -> bool:
         """Return whether the costly search for partial overlap is due: whole views have closed no loop for a while."""
-        settings = self._settings.glimpses
-        return self._since_loop >= settings.patience and self._since_overlap >= settings.spacing
+        return self._since_loop >= overlap.PATIENCE and self._since_overlap >= overlap.SPACING
 
     def _partial_overlap_edges(
         self, keys: KeyGraph, recent: Sequence[int], near: tuple[LoopCandidate, ...]
     ) -> list[Edge]:
         """Return the edges to candidates found by partial overlap, where two finds agree."""
-        settings, matching, node = self._settings.glimpses, self._matching, len(keys) - 1
+        node = len(keys) - 1
         self._since_overlap, before, self._overlap_finds = 0.0, self._overlap_finds, []
         base = keys.pose(node)
-        query = keys.joined_points(recent[-settings.query_scans :], base, _QUERY_CELL)
+        query = keys.joined_points(recent[-overlap.QUERY_SCANS :], base, _QUERY_CELL)
         edges = []
         for candidate in near:
             self.counts["glimpses_tried"] += 1
-            window = Window(min(settings.widening * candidate.window, settings.max_window), candidate.angle)
+            window = Window(min(overlap.WIDENING * candidate.window, overlap.MAX_WINDOW), candidate.angle)
             reference = self._reference_of(keys, candidate, window.distance)
-            every = -(-len(candidate.members) // settings.drawn_scans)
+            every = -(-len(candidate.members) // overlap.DRAWN_SCANS)
             known = known_ground(keys.store, keys.poses, candidate.members[::every], self._base_from_laser, reference)
-            found = find_partial_overlap(query, reference, known, base, window, matching, settings)
+            found = find_partial_overlap(query, reference, known, base, window, self._matching)
             if found is None:
                 continue
             self.counts["glimpses"] += 1
             find = _Find(node, found.pose)
             self._overlap_finds.append(find)
-            if found.inliers >= settings.min_inliers and any(self._agree(keys, earlier, find) for earlier in before):
+            if found.inliers >= overlap.MIN_INLIERS and any(self._agree(keys, earlier, find) for earlier in before):
                 edges.append(self._edge(keys, node, candidate, found.pose, found.information))
         return edges
 
@@ -307,14 +304,14 @@ class LoopCloser:
         self, keys: KeyGraph, recent: Sequence[int], path_lengths: FloatArray
     ) -> Edge | LoopRejection | None:
         """Return the edge to a submap that is too uncertain for a window, when two finds agree."""
-        settings, node = self._settings, len(keys) - 1
-        submaps = uncertain_submaps(path_lengths, settings)
+        node = len(keys) - 1
+        submaps = uncertain_submaps(path_lengths, self._settings)
         if not submaps:
             return None
         self._since_submaps = 0.0
         self.counts["submap_searches"] += 1
         base = keys.pose(node)
-        query = keys.joined_points(recent[-settings.submap_query :], base, _QUERY_CELL)
+        query = keys.joined_points(recent[-_SUBMAP_QUERY:], base, _QUERY_CELL)
         found = global_candidates(keys.store, keys.poses, submaps, query.points, self._pyramids)
         before, self._submap_find = self._submap_find, None
         if not found or self._ambiguous(found):
@@ -325,16 +322,16 @@ class LoopCloser:
             return None
         members = submaps[found[0].submap]
         nearest = int(members[np.argmin(np.hypot(*(keys.poses[members, :2] - (pose.x, pose.y)).T))])
-        near = LoopCandidate(nearest, members, settings.min_window, settings.agree_angle)
+        near = LoopCandidate(nearest, members, _MIN_WINDOW, _AGREE_ANGLE)
         return self._verified(keys, recent, near, pose)
 
     def _ambiguous(self, found: tuple[SubmapHypothesis, ...]) -> bool:
         """Return whether a second place, in any submap, fits nearly as well as the best."""
-        best, settings = found[0], self._settings
+        best = found[0]
         for other in found[1:]:
             gap = best.map_from_base.inverse() @ other.map_from_base
-            apart = math.hypot(gap.x, gap.y) > settings.agree_distance or abs(gap.theta) > settings.agree_angle
-            if apart and other.response > settings.max_ambiguity * best.response:
+            apart = math.hypot(gap.x, gap.y) > _AGREE_DISTANCE or abs(gap.theta) > _AGREE_ANGLE
+            if apart and other.response > _MAX_AMBIGUITY * best.response:
                 return True
         return False
 
@@ -342,5 +339,5 @@ class LoopCloser:
         """Return whether the motion between two finds equals the motion that was driven."""
         driven = keys.pose(before.node).inverse() @ keys.pose(now.node)
         gap = (before.pose @ driven).inverse() @ now.pose
-        near = math.hypot(gap.x, gap.y) < self._settings.agree_distance
-        return near and abs(wrap_angle(gap.theta)) < self._settings.agree_angle
+        near = math.hypot(gap.x, gap.y) < _AGREE_DISTANCE
+        return near and abs(wrap_angle(gap.theta)) < _AGREE_ANGLE

@@ -14,10 +14,9 @@ import numpy as np
 
 from waychair.config import Settings, setting
 from waychair.geometry import compose, interpolate
-from waychair.slam.graph import Edge, EdgeKind, GraphSettings, RejectedLoop
+from waychair.slam.graph import Edge, EdgeKind, RejectedLoop
 from waychair.slam.hung_frames import AttachedFrame, AttachedFrames
 from waychair.slam.information import (
-    NoiseSettings,
     match_information,
     odometry_information,
     rotated_information,
@@ -30,54 +29,42 @@ from waychair.slam.scan_matching import Match, MatchSettings, Window, crossed_sh
 from waychair.slam.scan_points import MIN_POINTS, ScanPoints, scan_points
 from waychair.types import FloatArray, Odometry, Pose2, SensorFrame, Trajectory, Twist
 
+LOCAL_REACH = 12.0
+"""Half side [m] of the reference round the chair."""
+
+_COVER_DISTANCE, _COVER_ANGLE = 0.3, math.radians(15)  # m, rad; a key scan this near covers a view
+_COVER_PATH = 1.5  # m; longest path along the edges to a covering key scan
+_COVERED_SCANS = 3  # latest scans that are kept for the grid beside each key scan that covers them
+_RECENT_KEYS = 40  # latest key scans that a new scan is matched against
+CERTAIN_PATH = 3.0  # m; key scans this near along the edges are matched against, too
+_SEARCH_DISTANCE, _SEARCH_ANGLE = 0.3, 0.35  # m, rad; half window round the odometry
+_MATCHED_SHARE = 0.4  # share of that window if the scan was already aligned
+_GOOD_RESPONSE = 0.7  # a match with a lower response is searched again in the slip window
+_SLIP_WINDOW = Window(1.2, 0.6)  # where the odometry may have slipped
+_MIN_INLIERS = 0.3  # a match with a smaller share of points on surfaces is not used
+_DOUBTED_INLIERS = 0.5  # with a smaller share the chair may have been kidnapped
+_SURE_INLIERS = 0.7  # with a larger share and no wheel slip it was not kidnapped
+_CROSSED_SHARE = 0.25  # kidnapped if a doubted match crosses a larger share of surfaces
+_SURELY_CROSSED_SHARE = 0.32  # the same for a match that is merely below a good one
+_TRACK_INLIERS = 0.5  # between full matches, a scan with a smaller share of points on surfaces leaves the odometry
+_TRACK_POINTS = 360  # points of a scan that are aligned between full matches
+_TRACK_REACH = 0.12  # m; largest error of the odometry since the last scan
+
 
 @dataclass(frozen=True, slots=True)
 class MapperSettings(Settings):
-    """Which scans become key scans, and the settings of the parts."""
+    """How densely key scans are placed, how scans are matched, and where loops are searched."""
 
-    key_distance: float = setting(0.2, "m", "way after which a scan is matched with care", low=0.0, high=5.0)
-    key_angle: float = setting(math.radians(10), "rad", "turn after which it is", low=0.0, high=math.pi)
-    cover_distance: float = setting(0.3, "m", "an earlier key scan this near stands for a new one", low=0.0, high=5.0)
-    cover_angle: float = setting(math.radians(15), "rad", "the same for the heading", low=0.0, high=math.pi)
-    cover_way: float = setting(1.5, "m", "if the way there along the edges is shorter", low=0.0, high=50.0)
-    covered_scans: int = setting(
-        3, "", "latest scans that are kept for the grid beside each key scan that stands for them", low=1, high=100
-    )
-    running_scans: int = setting(40, "", "latest key scans a new one is matched against", low=1, high=1000)
-    certain_way: float = setting(3.0, "m", "and those that are so near along the edges", low=0.0, high=20.0)
-    running_reach: float = setting(12.0, "m", "size of the reference round the chair", low=2.0, high=60.0)
-    search_distance: float = setting(0.3, "m", "half window of the search round the odometry", low=0.05, high=5.0)
-    search_angle: float = setting(0.35, "rad", "half window of the search round the odometry", low=0.02, high=3.1)
-    placed_window: float = setting(
-        0.4, "", "share of it that is searched when the scan was placed already", low=0.01, high=1.0
-    )
-    good_response: float = setting(
-        0.7, "", "a match below this is searched for in the window of a slip", low=0.0, high=1.0
-    )
-    slip_distance: float = setting(1.2, "m", "half window where the odometry may have slipped", low=0.05, high=10.0)
-    slip_angle: float = setting(0.6, "rad", "half window where the odometry may have slipped", low=0.02, high=3.1)
-    min_inliers: float = setting(0.3, "", "a match with fewer points on surfaces is not used", low=0.0, high=1.0)
-    doubted_inliers: float = setting(0.5, "", "with fewer the chair may have been carried", low=0.0, high=1.0)
-    sure_inliers: float = setting(
-        0.7, "", "with more, and no slip of the wheels, it was not, whatever it looks through", low=0.0, high=1.0
-    )
-    seen_through: float = setting(
-        0.25, "", "then, if it looks through more of the surfaces on its beams, it was", low=0.0, high=1.0
-    )
-    surely_seen_through: float = setting(
-        0.32, "", "the same where the match is merely below a good one", low=0.0, high=1.0
-    )
-    track_inliers: float = setting(
-        0.5, "", "between key scans a scan with fewer points on surfaces leaves it to the odometry", low=0.0, high=1.0
-    )
-    track_points: int = setting(
-        360, "", "points of a scan that are drawn onto surfaces between them", low=20, high=10_000
-    )
-    track_reach: float = setting(0.12, "m", "how far off the odometry may be since the last scan", low=0.1, high=1.0)
-    noise: NoiseSettings = field(default_factory=NoiseSettings)
+    key_distance: float = setting(
+        0.2, "m", "distance driven between key scans; a larger value saves memory and time and maps less accurately",
+        low=0.0, high=5.0,
+    )  # fmt: skip
+    key_angle: float = setting(
+        math.radians(10), "rad", "turn between key scans; a larger value saves memory and time and maps less accurately",
+        low=0.0, high=math.pi,
+    )  # fmt: skip
     matching: MatchSettings = field(default_factory=MatchSettings)
     loops: LoopSettings = field(default_factory=LoopSettings)
-    graph: GraphSettings = field(default_factory=GraphSettings)
 
 
 @dataclass(frozen=True, slots=True)
@@ -119,7 +106,7 @@ class Mapper:
     def __init__(self, settings: MapperSettings, base_from_laser: Pose2) -> None:
         self.settings = settings
         self.base_from_laser = base_from_laser
-        self.keys = KeyGraph(settings.graph)
+        self.keys = KeyGraph()
         self.frames = AttachedFrames()
         self.key_frames: list[int] = []
         self.covered_frames: list[list[int]] = []  # of each key scan: the latest frames that it covers
@@ -134,9 +121,7 @@ class Mapper:
         self._by_odometry = Pose2()  # the same pose continued by odometry alone
         self._unmatched = 0  # frames since the last one whose scan matched
         self._inliers = 1.0
-        self._closer = LoopCloser(
-            settings.loops, settings.matching, settings.noise, settings.running_reach, base_from_laser
-        )
+        self._closer = LoopCloser(settings.loops, settings.matching, LOCAL_REACH, base_from_laser)
 
     def process(self, frame: SensorFrame) -> Pose2:
         """Return `map_from_base` at the stamp of the frame's scan."""
@@ -269,16 +254,16 @@ class Mapper:
             self._by_odometry = self._by_odometry @ last_from_base
             guess = key @ last @ last_from_base
             if self._odometry is not None:
-                prior = rotated_information(odometry_information(last_from_base, settings.noise), guess.theta)
-                few = scan.thinned(settings.track_points)
+                prior = rotated_information(odometry_information(last_from_base), guess.theta)
+                few = scan.thinned(_TRACK_POINTS)
                 pose, _, inliers, _ = refine(
-                    few, self._local_reference(), guess, guess, prior, settings.matching, reach=settings.track_reach
+                    few, self._local_reference(), guess, guess, prior, settings.matching, reach=_TRACK_REACH
                 )
             else:
-                window = Window(settings.search_distance, settings.search_angle)
+                window = Window(_SEARCH_DISTANCE, _SEARCH_ANGLE)
                 found = match(scan, self._local_reference(), guess, np.eye(3), window, settings.matching)
                 pose, inliers = found.pose, found.inliers
-            matched = len(scan) >= MIN_POINTS and inliers >= settings.track_inliers
+            matched = len(scan) >= MIN_POINTS and inliers >= _TRACK_INLIERS
             self._inliers = float(inliers) if len(scan) >= MIN_POINTS else 0.0
             self._unmatched = 0 if matched else self._unmatched + 1
             here_from_base = key.inverse() @ pose if matched else last @ last_from_base
@@ -302,15 +287,14 @@ class Mapper:
         with self._timed("matching"):
             settings, here, node = self.settings, self._current_key, len(self.keys)
             guess = self.keys.pose(here) @ here_from_base
-            by_odometry = odometry_information(self._last_match.inverse() @ self._by_odometry, settings.noise)
+            by_odometry = odometry_information(self._last_match.inverse() @ self._by_odometry)
             prior = rotated_information(by_odometry, guess.theta)
-            share = 1.0 if self._unmatched else settings.placed_window
-            window = Window(share * settings.search_distance, share * settings.search_angle)
+            share = 1.0 if self._unmatched else _MATCHED_SHARE
+            window = Window(share * _SEARCH_DISTANCE, share * _SEARCH_ANGLE)
             reference = self._local_reference()
             found, slipped = match(scan, reference, guess, prior, window, settings.matching), False
-            if found.response < settings.good_response:  # the odometry slipped, or the place is new
-                window = Window(settings.slip_distance, settings.slip_angle)
-                wide = match(scan, reference, guess, prior / 100, window, settings.matching)
+            if found.response < _GOOD_RESPONSE:  # the odometry slipped, or the place is new
+                wide = match(scan, reference, guess, prior / 100, _SLIP_WINDOW, settings.matching)
                 if wide.response > 1.1 * found.response:
                     found, prior, slipped = wide, prior / 100, True
                     self.counts["slips"] += 1
@@ -318,12 +302,10 @@ class Mapper:
                 return Edge(here, node, here_from_base, by_odometry, EdgeKind.ODOMETRY)
             if self._is_kidnapped(scan, found, guess, slipped):
                 return Edge(here, node, here_from_base, unknown_information(), EdgeKind.UNKNOWN)
-            if found.inliers < settings.min_inliers:
+            if found.inliers < _MIN_INLIERS:
                 return Edge(here, node, here_from_base, by_odometry, EdgeKind.ODOMETRY)
             self.counts["matches"] += 1
-            information = rotated_information(
-                match_information(found.information, settings.noise) + prior, -found.pose.theta
-            )
+            information = rotated_information(match_information(found.information) + prior, -found.pose.theta)
             return Edge(here, node, self._relative_to(here, found.pose), information, EdgeKind.MATCH)
 
     def _is_kidnapped(self, scan: ScanPoints, found: Match, guess: Pose2, slipped: bool) -> bool:
@@ -331,27 +313,26 @@ class Mapper:
 
         The worse the match, the fewer crossed surfaces are needed.
         """
-        settings = self.settings
-        doubted = slipped or found.inliers < settings.doubted_inliers
-        if not doubted and (found.response >= settings.good_response or found.inliers >= settings.sure_inliers):
+        doubted = slipped or found.inliers < _DOUBTED_INLIERS
+        if not doubted and (found.response >= _GOOD_RESPONSE or found.inliers >= _SURE_INLIERS):
             return False
         through = [
             crossed_share(scan, self.base_from_laser, self._local_reference(), pose) for pose in (guess, found.pose)
         ]
-        return min(through) > (settings.seen_through if doubted else settings.surely_seen_through)
+        return min(through) > (_CROSSED_SHARE if doubted else _SURELY_CROSSED_SHARE)
 
     def _is_covered(self, frame: SensorFrame, edge: Edge | None) -> bool:
         """Attach the frame to an earlier key scan that covers the view from here; return whether there is one."""
         if edge is None or edge.kind is not EdgeKind.MATCH:
             return False
-        settings, here = self.settings, self._current_key
+        here = self._current_key
         pose = self.keys.pose(here) @ edge.i_from_j
-        key = self.keys.covering_key(here, pose, settings.cover_way, settings.cover_distance, settings.cover_angle)
+        key = self.keys.covering_key(here, pose, _COVER_PATH, _COVER_DISTANCE, _COVER_ANGLE)
         if key is None:
             return False
         self.counts["covered"] += 1
         self._distribute_correction(edge.i_from_j)
-        self.covered_frames[key] = [*self.covered_frames[key], len(self.frames)][-settings.covered_scans :]
+        self.covered_frames[key] = [*self.covered_frames[key], len(self.frames)][-_COVERED_SCANS:]
         self._set_current_key(key, self._relative_to(key, pose))
         self._attach_frame(frame, self._last_match)
         return True
@@ -382,7 +363,7 @@ class Mapper:
         """Attach the frames from now on to this key scan."""
         if not self._recent_keys or key != self._current_key:
             before = [node for node in self._recent_keys if node != key]
-            self._recent_keys = [*before, key][-self.settings.running_scans :]
+            self._recent_keys = [*before, key][-_RECENT_KEYS:]
             self._reference = None
         self._last_match = self._by_odometry = key_from_base
 
@@ -417,12 +398,10 @@ class Mapper:
         """
         if self._reference is None:
             here = self.keys.poses[self._current_key]
-            certain = self.keys.path_lengths(self._current_key, self.settings.certain_way)
+            certain = self.keys.path_lengths(self._current_key, CERTAIN_PATH)
             members = np.array(sorted({*self._recent_keys, *certain}))
-            near = np.hypot(*(self.keys.poses[members, :2] - here[:2]).T) < self.settings.running_reach
-            self._reference = self.keys.reference(
-                members[near], here, self.settings.running_reach, self.settings.matching
-            )
+            near = np.hypot(*(self.keys.poses[members, :2] - here[:2]).T) < LOCAL_REACH
+            self._reference = self.keys.reference(members[near], here, LOCAL_REACH, self.settings.matching.resolution)
         return self._reference
 
     def _close_loops(self) -> None:

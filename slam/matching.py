@@ -12,7 +12,6 @@ import cv2
 import numpy as np
 from numba import njit
 
-from waychair.config import Settings, setting
 from waychair.slam.features import Descriptors, Features
 from waychair.slam.hamming_index import hamming_table, packed
 from waychair.types import Float32Array, IntArray
@@ -21,17 +20,11 @@ LEAST_MATCHES = 8
 """Any seven matches agree with some fundamental matrix, so fewer than eight are no evidence."""
 
 
-@dataclass(frozen=True, slots=True)
-class EpipolarSettings(Settings):
-    """When geometry confirms that two images show the same place."""
-
-    ratio: float = setting(
-        0.8, "", "a match is nearer than this often the second nearest, both ways", low=0.1, high=1.0
-    )
-    tolerance: float = setting(3.0, "px", "distance of an inlier to its epipolar line", low=0.1, high=50.0)
-    confidence: float = setting(0.999, "", "of finding the best motion", low=0.5, high=0.999999)
-    min_inliers: int = setting(12, "", "matches that one motion explains", low=LEAST_MATCHES, high=1000)
-    min_share: float = setting(0.6, "", "of the matches must be inliers", low=0.0, high=1.0)
+_RATIO = 0.8  # largest ratio of the nearest over the second nearest distance, both ways
+_TOLERANCE = 3.0  # px; distance of an inlier to its epipolar line
+_CONFIDENCE = 0.999  # of RANSAC, of finding the best motion
+_MIN_INLIERS = 12  # matches that one motion must explain
+_MIN_SHARE = 0.6  # of the matches that must be inliers
 
 
 @dataclass(frozen=True, slots=True)
@@ -43,16 +36,16 @@ class Support:
     enough: bool
 
 
-def epipolar_support(a: Features, b: Features, settings: EpipolarSettings) -> Support:
+def epipolar_support(a: Features, b: Features) -> Support:
     """Check whether one camera motion explains the matches of two images; no depth is needed."""
-    pairs = mutual_matches(distances_between(a.descriptors, b.descriptors), settings.ratio)
+    pairs = mutual_matches(distances_between(a.descriptors, b.descriptors), _RATIO)
     if len(pairs) < LEAST_MATCHES:
         return Support(len(pairs), 0, False)
     _, mask = cv2.findFundamentalMat(
-        a.pixels[pairs[:, 0]], b.pixels[pairs[:, 1]], cv2.FM_RANSAC, settings.tolerance, settings.confidence
+        a.pixels[pairs[:, 0]], b.pixels[pairs[:, 1]], cv2.FM_RANSAC, _TOLERANCE, _CONFIDENCE
     )
     inliers = 0 if mask is None else int(np.count_nonzero(mask))
-    enough = inliers >= settings.min_inliers and inliers >= settings.min_share * len(pairs)
+    enough = inliers >= _MIN_INLIERS and inliers >= _MIN_SHARE * len(pairs)
     return Support(len(pairs), inliers, enough)
 
 

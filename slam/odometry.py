@@ -53,6 +53,12 @@ _COAST_NS = 500_000_000  # the filter goes on without wheels that are silent for
 _SHOWN_NS = 300_000_000  # `slipping` stays true for this long
 _SLIP_CORRELATION_S = 0.5  # correlation time of a slipping wheel's error
 _MOTION_GATE = 25.0  # squared sigmas; gate beyond which a measured motion is weighted down
+_FASTEST = 5.0  # [m/s]; wheels that are faster have lost count
+_STILL_S = 0.3  # at rest for so long, the chair stands still
+_STILL_SPEED = 0.003  # [m/s]; slower wheels are at rest
+_STILL_TURN = 0.0005  # [rad/s]; turn rate that a chair at rest may have
+_SLIP_GATE = 5.0  # [sigma]; gate of the wheels' turn against the gyro
+_SLIP_SHARE = 0.5  # share of a slipping wheel's distance that may be wrong
 _FASTEST_TURN = 10.0  # [rad/s]; faster readings are faults
 
 
@@ -106,8 +112,7 @@ class OdometryFilter:
 
         It has a floor: a chair at rest may still creep, and the wheels may roll sideways by as much.
         """
-        s = self.settings
-        known: FloatArray = np.diag([s.still_speed, s.still_speed, s.still_turn]) ** 2
+        known: FloatArray = np.diag([_STILL_SPEED, _STILL_SPEED, _STILL_TURN]) ** 2
         known[np.ix_([0, 2], [0, 2])] += self._filter.P[np.ix_([V, OMEGA], [V, OMEGA])]
         return known
 
@@ -133,7 +138,7 @@ class OdometryFilter:
         if before is None or type(before) is not type(reading) or reading.stamp_ns <= self._state_ns:
             return self._output(reading.stamp_ns)
         motion, seconds = self._motion_between(before, reading), (reading.stamp_ns - before.stamp_ns) * 1e-9
-        too_far = math.hypot(motion.x, motion.y) > self.settings.fastest * seconds
+        too_far = math.hypot(motion.x, motion.y) > _FASTEST * seconds
         if too_far or abs(motion.theta) > _FASTEST_TURN * seconds:
             self._advance(reading.stamp_ns, None)
         else:
@@ -270,7 +275,7 @@ class OdometryFilter:
         return turned if complete else None
 
     def _update_standstill(self, wheels: Pose2, seconds: float) -> None:
-        limit = self.settings.still_speed * seconds
+        limit = _STILL_SPEED * seconds
         still = math.hypot(wheels.x, wheels.y) <= limit and abs(wheels.theta) <= 4.0 * limit
         self._still_s = self._still_s + seconds if still else 0.0
 
@@ -279,11 +284,11 @@ class OdometryFilter:
         s = self.settings
         expected, row, variance = turn_by_wheels(self._filter.x, seconds, wheels, s)
         variance += (s.stamp_error * (self._rate - self._rate_before)) ** 2
-        if self._still_s >= s.still_s:
-            variance = (s.still_turn * seconds) ** 2
+        if self._still_s >= _STILL_S:
+            variance = (_STILL_TURN * seconds) ** 2
         off = wheels.theta - expected
         self.innovation = off / math.sqrt(row @ self._filter.P @ row + variance)
-        if abs(self.innovation) > s.slip_gate:
+        if abs(self.innovation) > _SLIP_GATE:
             return False
         self._filter.update(np.array([wheels.theta]), lambda _: row[None], lambda _: np.array([expected]), variance)
         return True
@@ -292,7 +297,7 @@ class OdometryFilter:
         """Increase the position's variance for slipping wheels: the errors of a slip are correlated and add up linearly."""
         wrong = abs(forward(wheels)) if slip is None else max(abs(forward(wheels)), abs(slip * seconds))
         grip_steps = max(2.0 * _SLIP_CORRELATION_S / seconds, 1.0)
-        self._filter.P[[0, 1], [0, 1]] += (self.settings.slip_way * wrong) ** 2 * grip_steps
+        self._filter.P[[0, 1], [0, 1]] += (_SLIP_SHARE * wrong) ** 2 * grip_steps
 
     def _move(self, step: Step) -> None:
         self._filter.F, self._filter.Q = step.jacobian, step.noise

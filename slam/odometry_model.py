@@ -27,6 +27,10 @@ POSE, MARK = slice(0, 3), slice(10, 13)
 
 SIZE = 13
 
+_TURN_STEP = 0.0005  # rad; rounding of a reading's turn by encoder counts
+_SURGE = 0.7  # m/s^2/sqrt(Hz); random acceleration while nothing measures the speed
+_SWING = 1.5  # rad/s^2/sqrt(Hz); random angular acceleration while nothing measures the turn
+
 
 @dataclass(frozen=True, slots=True)
 class OdometrySettings(Settings):
@@ -36,27 +40,60 @@ class OdometrySettings(Settings):
     Bosch's BMI088, whose bias also follows its temperature.
     """
 
-    wheel_scale: float = setting(0.002, "", "of both wheels' radii (one sigma)", low=0.0, high=0.5)
-    wheel_drift: float = setting(0.0023, "rad/m", "turn on a straight way, by unlike wheels", low=0.0, high=0.5)
-    track_scale: float = setting(0.003, "", "of the track (one sigma)", low=0.0, high=1.0)
-    way_noise: float = setting(0.002, "m/sqrt(m)", "of the way, by slip", low=0.0, high=1.0)
-    drift_noise: float = setting(0.005, "rad/sqrt(m)", "of the heading on the way, by slip", low=0.0, high=1.0)
-    turn_noise: float = setting(0.005, "rad/sqrt(rad)", "of the heading in turns, by slip", low=0.0, high=1.0)
-    turn_step: float = setting(0.0005, "rad", "by which a reading's turn is rounded", low=1e-6, high=0.1)
-    stamp_error: float = setting(0.02, "s", "between wheels and gyro", low=0.0, high=0.5)
-    gyro_bias: float = setting(0.02, "rad/s", "when switched on (one sigma)", low=0.0, high=1.0)
-    gyro_wander: float = setting(2e-5, "rad/s/sqrt(s)", "random walk of the bias", low=0.0, high=0.01)
-    gyro_noise: float = setting(3e-4, "rad/s/sqrt(Hz)", "density of the white noise", low=1e-7, high=0.1)
-    gyro_scale: float = setting(0.003, "", "of the gyro (one sigma)", low=0.0, high=0.2)
-    still_s: float = setting(0.3, "s", "at rest for so long, the chair stands", low=0.05, high=10.0)
-    still_speed: float = setting(0.003, "m/s", "wheels this slow are at rest", low=0.0, high=0.05)
-    still_turn: float = setting(0.0005, "rad/s", "by which a chair at rest may turn", low=1e-6, high=0.01)
-    slip_gate: float = setting(5.0, "sigma", "wheels farther off the gyro slip", low=2.0, high=100.0)
-    slip_speed: float = setting(0.35, "m/s", "wheels farther off the accelerometer slip", low=0.05, high=2.0)
-    slip_way: float = setting(0.5, "", "part of a slipping way that may be wrong", low=0.0, high=2.0)
-    fastest: float = setting(5.0, "m/s", "wheels that are faster have lost count", low=0.5, high=50.0)
-    surge: float = setting(0.7, "m/s^2/sqrt(Hz)", "acceleration where nothing tells the speed", low=0.01, high=10.0)
-    swing: float = setting(1.5, "rad/s^2/sqrt(Hz)", "same for the turn rate", low=0.01, high=50.0)
+    wheel_scale: float = setting(
+        0.002, "", "relative uncertainty (one sigma) of the wheel radii after calibration; a larger value lets scan matches "
+        "correct them faster", low=0.0, high=0.5,
+    )  # fmt: skip
+    wheel_drift: float = setting(
+        0.0023, "rad/m", "uncertainty (one sigma) of the turn per metre by unequal wheels; a larger value trusts the gyro more",
+        low=0.0, high=0.5,
+    )  # fmt: skip
+    track_scale: float = setting(
+        0.003, "", "relative uncertainty (one sigma) of the track after calibration; large for wheels that skid in turns",
+        low=0.0, high=1.0,
+    )  # fmt: skip
+    distance_noise: float = setting(
+        0.002, "m/sqrt(m)", "random error of the wheels' distance by slip; a larger value widens the odometry's uncertainty",
+        low=0.0, high=1.0,
+    )  # fmt: skip
+    drift_noise: float = setting(
+        0.005, "rad/sqrt(m)", "random error of the wheels' heading per distance; a larger value trusts the gyro more",
+        low=0.0, high=1.0,
+    )  # fmt: skip
+    turn_noise: float = setting(
+        0.005, "rad/sqrt(rad)", "random error of the wheels' heading per turn; a larger value trusts the gyro more",
+        low=0.0, high=1.0,
+    )  # fmt: skip
+    stamp_error: float = setting(
+        0.02, "s", "time offset between wheel and gyro stamps; a larger value trusts the wheels' turn less in fast turns",
+        low=0.0, high=0.5,
+    )  # fmt: skip
+    gyro_bias: float = setting(
+        0.02,
+        "rad/s",
+        "bias of the gyro at switch-on (one sigma); a larger value lets it be learnt faster",
+        low=0.0,
+        high=1.0,
+    )
+    gyro_wander: float = setting(
+        2e-5,
+        "rad/s/sqrt(s)",
+        "random walk of the gyro's bias; a larger value follows temperature faster",
+        low=0.0,
+        high=0.01,
+    )
+    gyro_noise: float = setting(
+        3e-4, "rad/s/sqrt(Hz)", "white noise density of the gyro; a larger value trusts the wheels' turn more",
+        low=1e-7, high=0.1,
+    )  # fmt: skip
+    gyro_scale: float = setting(
+        0.003, "", "relative uncertainty (one sigma) of the gyro's scale; a larger value trusts it less in turns",
+        low=0.0, high=0.2,
+    )  # fmt: skip
+    slip_speed: float = setting(
+        0.35, "m/s", "difference of wheel speed and accelerometer that counts as slip; a larger value tolerates rough ground",
+        low=0.05, high=2.0,
+    )  # fmt: skip
 
 
 @dataclass(frozen=True, slots=True)
@@ -101,7 +138,7 @@ def predict_step(
         after[V] = (1.0 + state[SCALE]) * forward(wheels) / seconds
         jacobian[V] = 0.0
         jacobian[V, SCALE] = forward(wheels) / seconds
-        noises[V, 0] = settings.way_noise * math.sqrt(abs(forward(wheels))) / seconds
+        noises[V, 0] = settings.distance_noise * math.sqrt(abs(forward(wheels))) / seconds
     if wheels is not None or gyro is not None:
         after[OMEGA] = turn / seconds
         jacobian[OMEGA], noises[OMEGA] = by_turn / seconds, noises[THETA] / seconds
@@ -119,7 +156,7 @@ def turn_by_wheels(
     turn = (state[OMEGA] * seconds - state[DRIFT] * distance) / (1.0 + state[TRACK])
     row[[OMEGA, DRIFT, TRACK]] = seconds, -distance, -turn
     row /= 1.0 + state[TRACK]
-    return float(turn), row, _slip_variance(wheels, settings) + settings.turn_step**2
+    return float(turn), row, _slip_variance(wheels, settings) + _TURN_STEP**2
 
 
 def motion_since_mark(state: FloatArray, mark_to: Pose2, base_to: Pose2) -> tuple[FloatArray, FloatArray]:
@@ -161,7 +198,7 @@ def _turn(
         noises[THETA, 2] = math.sqrt(_slip_variance(wheels, s))
     else:
         turn, row[OMEGA] = state[OMEGA] * seconds, seconds
-        noises[OMEGA, 2] = s.swing * math.sqrt(seconds)
+        noises[OMEGA, 2] = _SWING * math.sqrt(seconds)
         noises[THETA, 2] = 0.5 * noises[OMEGA, 2] * seconds
     return float(turn), row
 
@@ -178,12 +215,12 @@ def _chord(
         gradient[:, SCALE] = x, y
         # two readings far apart leave open where between them the chair turned
         bend = 0.125 * forward(wheels) * wheels.theta
-        noises[0, 0] = noises[1, 1] = s.way_noise * math.sqrt(math.hypot(wheels.x, wheels.y))
+        noises[0, 0] = noises[1, 1] = s.distance_noise * math.sqrt(math.hypot(wheels.x, wheels.y))
         noises[1, 1] = math.hypot(noises[1, 1], bend)
         return scale * x, scale * y, gradient
     c, d = math.cos(0.5 * turn), math.sin(0.5 * turn)
     gradient[:, V] = seconds * c, seconds * d
-    noises[V, 3] = s.surge * math.sqrt(seconds)
+    noises[V, 3] = _SURGE * math.sqrt(seconds)
     noises[:2, 3] = 0.5 * noises[V, 3] * gradient[:, V]
     return state[V] * seconds * c, state[V] * seconds * d, gradient
 

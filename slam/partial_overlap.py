@@ -15,7 +15,6 @@ from dataclasses import dataclass, replace
 import cv2
 import numpy as np
 
-from waychair.config import Settings, setting
 from waychair.geometry import pose_from_array, transform_points
 from waychair.slam.reference import LEVELS, ScanReference, block_maxima
 from waychair.slam.scan_matching import MatchSettings, Window, correlative_search, refine
@@ -25,23 +24,17 @@ from waychair.types import BoolArray, FloatArray, IntArray, Pose2
 _GAP = 0.05  # [rad]; a larger angle between two beams is a gap
 
 
-@dataclass(frozen=True, slots=True)
-class GlimpseSettings(Settings):
-    """When a partial overlap is enough evidence for a place."""
-
-    query_scans: int = setting(15, "", "latest key scans that are searched for together", low=1, high=100)
-    spacing: float = setting(1.0, "m", "distance driven between two searches", low=0.0, high=100.0)
-    patience: float = setting(10.0, "m", "distance driven since the last loop before any is done", low=0.0, high=1e3)
-    widening: float = setting(2.0, "", "the window is this often that of a match of whole views", low=1.0, high=10.0)
-    doubt: float = setting(
-        0.35, "", "a point on known ground with a likelihood below this speaks against a pose", low=0.05, high=0.95
-    )
-    max_window: float = setting(2.0, "m", "where it would be larger, only so much is searched", low=0.05, high=50.0)
-    min_evidence: float = setting(12.0, "", "least sum of what the points say", low=1.0, high=1000.0)
-    min_response: float = setting(0.55, "", "least mean likelihood of the points on known ground", low=0.0, high=1.0)
-    min_inliers: float = setting(0.5, "", "least share of them on the reference's surfaces", low=0.0, high=1.0)
-    max_ambiguity: float = setting(0.75, "", "largest runner-up evidence over the winner's", low=0.0, high=1.0)
-    drawn_scans: int = setting(15, "", "earlier key scans that the known ground is drawn from", low=1, high=1000)
+QUERY_SCANS = 15  # latest key scans that are searched for together
+SPACING = 1.0  # m; distance driven between two searches
+PATIENCE = 10.0  # m; distance driven since the last loop before any search
+WIDENING = 2.0  # the search window over that of a match of whole views
+MAX_WINDOW = 2.0  # m; largest half window
+DRAWN_SCANS = 15  # earlier key scans from which the known ground is drawn
+NEUTRAL_LIKELIHOOD = 0.35  # a point on known ground with a lower likelihood is evidence against a pose
+MIN_EVIDENCE = 12.0  # least evidence of an accepted pose
+MIN_RESPONSE = 0.55  # least mean likelihood of the points on known ground
+MIN_INLIERS = 0.5  # least share of these points on the reference's surfaces
+MAX_AMBIGUITY = 0.75  # largest ratio of the runner-up's evidence over the winner's
 
 
 @dataclass(frozen=True, slots=True)
@@ -95,7 +88,6 @@ def find_partial_overlap(
     guess: Pose2,
     window: Window,
     matching: MatchSettings,
-    settings: GlimpseSettings,
 ) -> PartialOverlap | None:
     """Return where the query fits on known ground (H, W), if one place of the window is unambiguous and good enough.
 
@@ -107,16 +99,16 @@ def find_partial_overlap(
     query = _subset(query, np.hypot(*query.points.T) < reach)  # further points may leave the grid
     if len(query) == 0:
         return None
-    level = round(255 * settings.doubt)
-    doubt, evidence = level / 255, _evidence(reference, known, level)
-    free = replace(matching, distance_penalty=0.0, angle_penalty=0.0)
-    floor = doubt + settings.min_evidence / len(query)
-    coarse, value = correlative_search(query.points, evidence, guess, window, free, floor=floor)
+    level = round(255 * NEUTRAL_LIKELIHOOD)
+    neutral, evidence = level / 255, _evidence(reference, known, level)
+    floor = neutral + MIN_EVIDENCE / len(query)
+    coarse, value = correlative_search(query.points, evidence, guess, window, floor=floor, penalised=False)
     if value <= floor:
         return None
-    gained = value - doubt
-    floor = doubt + settings.max_ambiguity * gained
-    if correlative_search(query.points, evidence, guess, window, free, floor=floor, excluded=coarse)[1] > floor:
+    gained = value - neutral
+    floor = neutral + MAX_AMBIGUITY * gained
+    _, second = correlative_search(query.points, evidence, guess, window, floor=floor, excluded=coarse, penalised=False)
+    if second > floor:
         return None
     at = transform_points(coarse, query.points) - reference.origin
     cols, rows = np.floor(at / reference.resolution).T.astype(int)
@@ -125,7 +117,7 @@ def find_partial_overlap(
     pose, information, inliers, _ = refine(
         _subset(query, shared), reference, coarse, coarse, np.zeros((3, 3)), matching
     )
-    if response < settings.min_response:
+    if response < MIN_RESPONSE:
         return None
     return PartialOverlap(pose, information, gained * len(query), int(shared.sum()), response, inliers)
 

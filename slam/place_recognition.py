@@ -14,31 +14,30 @@ from dataclasses import dataclass, field
 import numpy as np
 
 from waychair.config import Settings, setting
-from waychair.slam.bayes_filter import BayesFilter, BayesSettings, Links, best_place
+from waychair.slam.bayes_filter import BayesFilter, Links, best_place
 from waychair.slam.features import Features, FeatureSettings, features_of_image, gray_image
 from waychair.slam.hamming_index import Int32Array
 from waychair.slam.likelihood import normalised, tf_idf
-from waychair.slam.matching import EpipolarSettings, Support, epipolar_support
-from waychair.slam.vocabulary import NO_WORD, IncrementalVocabulary, SleepingWords, Vocabulary, VocabularySettings
+from waychair.slam.matching import Support, epipolar_support
+from waychair.slam.vocabulary import NO_WORD, IncrementalVocabulary, SleepingWords, Vocabulary
 from waychair.types import Bytes, FloatArray, IntArray
+
+MIN_FEATURES = 50
+"""A view with fewer features gets no words and no update (in place of RTAB-Map's Kp/BadSignRatio)."""
+
+SHORT_TERM = 10
+"""The newest nodes of a sequence of pictures, which are not compared (RTAB-Map's Mem/STMSize)."""
 
 
 @dataclass(frozen=True, slots=True)
 class RecognitionSettings(Settings):
-    """Settings of place recognition; RTAB-Map's names in brackets."""
+    """Settings of place recognition."""
 
-    short_term: int = setting(10, "nodes", "newest nodes that are not compared [Mem/STMSize]", low=1, high=10_000)
-    min_features: int = setting(
-        50, "", "a view with fewer says nothing: no words, no update [instead of Kp/BadSignRatio]", low=1, high=10_000
-    )
-    accept: float = setting(0.11, "", "least probability that this is no new place [Rtabmap/LoopThr]", low=0, high=1)
-    accept_ratio: float = setting(
-        0.0, "", "least value as a share of the value before; 0: any [Rtabmap/LoopRatio]", low=0.0, high=1.0
-    )
-    vocabulary: VocabularySettings = field(default_factory=VocabularySettings)
-    bayes: BayesSettings = field(default_factory=BayesSettings)
+    accept: float = setting(
+        0.11, "", "least probability of a known place for a loop closure; higher finds fewer and safer loops "
+        "[RTAB-Map's Rtabmap/LoopThr]", low=0, high=1,
+    )  # fmt: skip
     features: FeatureSettings = field(default_factory=lambda: FeatureSettings(detector="orb"))
-    epipolar: EpipolarSettings = field(default_factory=EpipolarSettings)
 
 
 @dataclass(frozen=True, slots=True)
@@ -66,14 +65,13 @@ class PlaceRecognition:
     def __init__(self, settings: RecognitionSettings | None = None, vocabulary: Vocabulary | None = None) -> None:
         self.settings = settings or RecognitionSettings()
         binary = self.settings.features.binary
-        self.vocabulary = vocabulary or IncrementalVocabulary(self.settings.vocabulary, binary=binary)
-        self.belief = BayesFilter(self.settings.bayes)
+        self.vocabulary = vocabulary or IncrementalVocabulary(binary=binary)
+        self.belief = BayesFilter()
         self._places: dict[int, None] = {}  # in the order in which they entered
-        self._value = 0.0
 
     def see(self, node: int, features: Features) -> Int32Array:
         """Return the words (N,) of a new node's features; all `NO_WORD` if there are too few features."""
-        if len(features) < self.settings.min_features:
+        if len(features) < MIN_FEATURES:
             return self._without_words(node, len(features))
         return self.vocabulary.words_of(node, features.descriptors)
 
@@ -116,8 +114,7 @@ class PlaceRecognition:
         best = best_place(places, posterior)
         assert best is not None
         hypothesis, value = best
-        before, self._value = self._value, value
-        reason = self._doubt(len(places), value, before)
+        reason = self._doubt(len(places), value)
         if not reason and verify is not None:
             support = verify(hypothesis)
             if not support.enough:
@@ -132,19 +129,18 @@ class PlaceRecognition:
         """
         index = self.vocabulary.index
         nodes = np.array([node for node in index.nodes if node not in set(excluded)], np.int64)
-        if len(features) < self.settings.min_features or len(nodes) == 0:
+        if len(features) < MIN_FEATURES or len(nodes) == 0:
             return []
         scores = index.scores(self.vocabulary.known(features.descriptors), nodes)
         best = np.argsort(-scores, kind="stable")[:most]
         return [int(nodes[k]) for k in best if scores[k] > 0.0]
 
-    def _doubt(self, places: int, value: float, before: float) -> str:
+    def _doubt(self, places: int, value: float) -> str:
+        """Return why a hypothesis is not accepted; '' if it is."""
         if places < 2:
             return "only one place"
         if value < self.settings.accept:
             return f"{value:.2f} that the place is known: less than {self.settings.accept:g}"
-        if value < self.settings.accept_ratio * before:
-            return f"{value:.2f} that the place is known, after {before:.2f}"
         return ""
 
     def _without_words(self, node: int, count: int) -> Int32Array:
@@ -153,7 +149,10 @@ class PlaceRecognition:
 
 
 def photographs(
-    images: Iterable[Bytes], settings: RecognitionSettings | None = None, vocabulary: Vocabulary | None = None
+    images: Iterable[Bytes],
+    settings: RecognitionSettings | None = None,
+    vocabulary: Vocabulary | None = None,
+    short_term: int = SHORT_TERM,
 ) -> Iterator[Recognition]:
     """Yield the recognition of each picture (H, W) or (H, W, 3), in the order of their taking, numbered from 1.
 
@@ -173,11 +172,11 @@ def photographs(
         if node > 1:
             neighbours[node - 1].append(node)
         recent.append(node)
-        if len(recent) > settings.short_term:
+        if len(recent) > short_term:
             recognition.enter(recent.popleft())
 
         def verify(place: int, features: Features = features) -> Support:
-            return epipolar_support(features, seen[place], settings.epipolar)
+            return epipolar_support(features, seen[place])
 
         result = recognition.recognise(node, neighbours, twins, verify)
         if result.closure is not None:

@@ -10,7 +10,8 @@ import numpy as np
 from waychair.geometry import wrap_angles
 from waychair.slam.features import Features
 from waychair.slam.information import match_information, rotated_information
-from waychair.slam.mapper import Mapper, MapperSettings
+from waychair.slam.loop_closure import CHAIN_REACH
+from waychair.slam.mapper import LOCAL_REACH, Mapper, MapperSettings
 from waychair.slam.memory import Memory
 from waychair.slam.nodes import Kept, Node
 from waychair.slam.reference import ScanReference
@@ -45,8 +46,8 @@ def motion_of_base(old_from_new: Pose3, base_from_camera: Pose3) -> Pose2:
 def fit_to_keys(mapper: Mapper, key: int, scan: ScanPoints, guess: Pose2) -> Fit:
     """Fit a scan to the surfaces of a key scan and its reliably connected neighbours, from a guessed pose in map."""
     keys, settings = mapper.keys, mapper.settings
-    members = sorted(keys.path_lengths(key, settings.loops.chain_reach))
-    reference = keys.reference(members, keys.poses[key], settings.running_reach, settings.matching)
+    members = sorted(keys.path_lengths(key, CHAIN_REACH))
+    reference = keys.reference(members, keys.poses[key], LOCAL_REACH, settings.matching.resolution)
     return _fit(reference, scan, guess, settings)
 
 
@@ -72,4 +73,4 @@ def _fit(reference: ScanReference, scan: ScanPoints, guess: Pose2, settings: Map
     if len(scan) < MIN_POINTS:
         return Fit(guess, np.zeros((3, 3)), 0.0)
     pose, information, inliers, _ = refine(scan, reference, guess, guess, np.zeros((3, 3)), settings.matching)
-    return Fit(pose, rotated_information(match_information(information, settings.noise), -pose.theta), inliers)
+    return Fit(pose, rotated_information(match_information(information), -pose.theta), inliers)

@@ -16,8 +16,19 @@ import numpy as np
 from waychair.errors import GraphError
 from waychair.slam.edges import Edge, EdgeKind, chi_square, edge_arrays
 from waychair.slam.least_squares import PoseGraphProblem, gtsam_values
-from waychair.slam.robust import GraphSettings, RejectedLoop, RejectionReason, Solution, solve
+from waychair.slam.robust import (
+    LOOP_LIMIT,
+    MATCH_KERNEL,
+    REJECTION_COST,
+    RejectedLoop,
+    RejectionReason,
+    Solution,
+    solve,
+)
 from waychair.types import FloatArray
+
+_RELINEARISE = 0.1
+"""iSAM2 relinearises a node that moved by more [m], [rad]."""
 
 _STEPS = 5
 """Further iSAM2 steps after a loop in doubt; each relinearises the nodes that the last step moved."""
@@ -35,8 +46,7 @@ class PoseGraph:
     `rejected` holds the rejected loops with reasons. They are checked again whenever the whole graph is solved.
     """
 
-    def __init__(self, settings: GraphSettings) -> None:
-        self.settings = settings
+    def __init__(self) -> None:
         self._history: list[tuple[Any, ...]] = []  # every change; replaying it gives the same graph
         self.poses: FloatArray = np.empty((0, 3))
         self._buffer = self.poses  # buffer of poses, with spare rows
@@ -121,16 +131,16 @@ class PoseGraph:
         return self._solve_all()
 
     def __getstate__(self) -> dict[str, Any]:
-        """Return the settings and every change so far; iSAM2's state cannot be stored, but replaying rebuilds it."""
-        return {"settings": self.settings, "history": self._history}
+        """Return every change so far; iSAM2's state cannot be stored, but replaying rebuilds it."""
+        return {"history": self._history}
 
     def __setstate__(self, state: dict[str, Any]) -> None:
-        self.__init__(state["settings"])  # type: ignore[misc]
+        self.__init__()  # type: ignore[misc]
         for name, *arguments in state["history"]:
             getattr(self, name)(*arguments)
 
     def _solve_all(self) -> Solution:
-        solution = solve(self.poses, self._edges, self.settings)
+        solution = solve(self.poses, self._edges)
         self.poses = solution.poses
         left_out = np.flatnonzero(~solution.accepted).tolist()
         self._rejected = dict(zip(left_out, solution.rejected, strict=True))
@@ -140,7 +150,7 @@ class PoseGraph:
     def _solve_accepted(self) -> None:
         """Solve the whole graph without the loops rejected before."""
         inside = [k for k in range(len(self._edges)) if k not in self._rejected]
-        solution = solve(self.poses, [self._edges[k] for k in inside], self.settings)
+        solution = solve(self.poses, [self._edges[k] for k in inside])
         self.poses = solution.poses
         left_out = [inside[k] for k in np.flatnonzero(~solution.accepted).tolist()]
         self._rejected |= dict(zip(left_out, solution.rejected, strict=True))
@@ -164,9 +174,8 @@ class PoseGraph:
         """Remove the edges at these indices."""
         loops = [self._edges[k] for k in gone if self._edges[k].kind is EdgeKind.LOOP]
         against = chi_square(self.poses, loops) if loops else ()
-        limit = self.settings.loop_limit
         self._removed += [
-            RejectedLoop(edge, RejectionReason.REMOVED, float(value), limit)
+            RejectedLoop(edge, RejectionReason.REMOVED, float(value), LOOP_LIMIT)
             for edge, value in zip(loops, against, strict=True)
         ]
         kept = [k for k in range(len(self._edges)) if k not in set(gone)]
@@ -180,7 +189,7 @@ class PoseGraph:
             return False
         import gtsam
 
-        problem = PoseGraphProblem(edge_arrays(self._edges[self._known_edges :]), self.settings.match_kernel)
+        problem = PoseGraphProblem(edge_arrays(self._edges[self._known_edges :]), MATCH_KERNEL)
         fresh = np.arange(self._known_nodes, len(self.poses))
         try:
             cost, known = self._cost, self._known_edges
@@ -200,9 +209,9 @@ class PoseGraph:
         parameters = gtsam.ISAM2Params()
         parameters.setFactorization("QR")
         parameters.relinearizeSkip = 1
-        parameters.setRelinearizeThreshold(self.settings.relinearise)
+        parameters.setRelinearizeThreshold(_RELINEARISE)
         self._isam = gtsam.ISAM2(parameters)
-        problem = PoseGraphProblem(edge_arrays(self.edges), self.settings.match_kernel)
+        problem = PoseGraphProblem(edge_arrays(self.edges), MATCH_KERNEL)
         self._feed(problem.factor_graph(self.poses), gtsam_values(self.poses))
 
     def _feed(self, factors: Any, values: Any) -> None:
@@ -217,7 +226,7 @@ class PoseGraph:
 
     def _in_doubt(self, cost: float, known: int) -> bool:
         """Return whether the edges from `known` on cost more than a rejection, or a loop among them does not fit."""
-        if self._cost - cost > self.settings.rejection_cost:
+        if self._cost - cost > REJECTION_COST:
             return True
         loops = [edge for edge in self._edges[known:] if edge.kind is EdgeKind.LOOP]
-        return bool(loops) and float(chi_square(self.poses, loops).max()) >= self.settings.loop_limit
+        return bool(loops) and float(chi_square(self.poses, loops).max()) >= LOOP_LIMIT

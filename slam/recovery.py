@@ -11,43 +11,28 @@ from __future__ import annotations
 
 import math
 from collections import deque
-from dataclasses import dataclass, field
+from dataclasses import dataclass
 
 import numpy as np
 
-from waychair.config import Settings, setting
 from waychair.geometry import rotation, transform_points, wrap_angle
-from waychair.slam.beam_model import BeamMap, PlaceSettings, beam_classes, place_log_odds
+from waychair.slam.beam_model import BeamMap, beam_classes, place_log_odds
 from waychair.slam.reference import ScanReference, reference_from_scans
-from waychair.slam.relocaliser import Hypothesis, Pyramid, RelocaliserSettings, global_search
-from waychair.slam.scan_matching import MatchSettings, Window, match
+from waychair.slam.relocaliser import APART_ANGLE, APART_DISTANCE, HYPOTHESES, Hypothesis, Pyramid, global_search
+from waychair.slam.scan_matching import BEAM_SIGMA, MatchSettings, Window, match
 from waychair.slam.scan_points import MIN_POINTS, ScanPoints, ScanStore
 from waychair.types import FloatArray, Pose2
 
-
-@dataclass(frozen=True, slots=True)
-class KidnapRecoverySettings(Settings):
-    """How much evidence a lost chair needs before it accepts a place."""
-
-    key_distance: float = setting(0.15, "m", "way between two scans that are kept", low=0.01, high=5.0)
-    key_angle: float = setting(0.2, "rad", "turn between two scans that are kept", low=0.01, high=math.pi)
-    kept_scans: int = setting(20, "", "latest scans that are searched for together", low=1, high=200)
-    match_distance: float = setting(0.3, "m", "half window between one kept scan and the next", low=0.05, high=5.0)
-    match_angle: float = setting(0.35, "rad", "half window between one kept scan and the next", low=0.02, high=3.1)
-    search_spacing: float = setting(0.3, "m", "way between two searches of the map", low=0.05, high=10.0)
-    search_turn: float = setting(0.5, "rad", "turn between two searches of the map", low=0.05, high=math.pi)
-    judged_distance: float = setting(0.2, "m", "half window of a place's own match", low=0.05, high=2.0)
-    judged_angle: float = setting(0.08, "rad", "half window of a place's own match", low=0.01, high=1.0)
-    judged_points: int = setting(360, "", "points of a place's own match", low=20, high=10_000)
-    carried_odds: float = setting(
-        8.0, "", "places with log-odds this far behind the best are dropped", low=0.0, high=100
-    )
-    min_probability: float = setting(0.95, "", "least probability of a place that is believed", low=0.5, high=1.0)
-    max_deviation: float = setting(
-        0.1, "m", "largest standard deviation of a place that is believed", low=0.001, high=1
-    )
-    confirmations: int = setting(3, "", "searches in a row that one place must win", low=1, high=100)
-    confirmed_way: float = setting(0.5, "m", "way driven while one place wins", low=0.0, high=50.0)
+_KEY_DISTANCE, _KEY_ANGLE = 0.15, 0.2  # m, rad; a scan is kept after this distance or turn
+_KEPT_SCANS = 20  # latest scans that are searched for together
+_MATCH_WINDOW = Window(0.3, 0.35)  # between one kept scan and the next
+_SEARCH_SPACING, _SEARCH_TURN = 0.3, 0.5  # m, rad; distance or turn between two searches of the map
+_PLACE_WINDOW = Window(0.2, 0.08)  # of the match at a place
+_PLACE_POINTS = 360  # points of the match at a place
+_MAX_ODDS_GAP = 8.0  # places whose log-odds are lower than the best by more are dropped
+_MAX_DEVIATION = 0.1  # m; largest standard deviation of an accepted place
+_CONFIRMATIONS = 3  # searches in a row that one place must win
+_CONFIRMED_DISTANCE = 0.5  # m; distance driven while one place wins
 
 
 @dataclass(frozen=True, slots=True)
@@ -68,43 +53,30 @@ class PlaceCandidate:
     is_constrained: bool
 
 
-@dataclass(frozen=True, slots=True)
-class RecoveryParts(Settings):
-    """The settings of a recovery and its parts."""
-
-    recovery: KidnapRecoverySettings = field(default_factory=KidnapRecoverySettings)
-    search: RelocaliserSettings = field(default_factory=RelocaliserSettings)
-    places: PlaceSettings = field(default_factory=PlaceSettings)
-    matching: MatchSettings = field(default_factory=MatchSettings)
-
-
 class KidnapRecovery:
     """The scans since the chair was lost, and the places where it may be (`candidates`, best first)."""
 
-    def __init__(self, saved: SavedMap, sensor: FloatArray, settings: RecoveryParts) -> None:
-        """`sensor` (2,) [m] is the lidar's position in the base frame."""
-        self._saved, self._sensor, self._settings = saved, sensor, settings
-        self._kept: deque[tuple[ScanPoints, Pose2]] = deque(maxlen=settings.recovery.kept_scans)
+    def __init__(self, saved: SavedMap, sensor: FloatArray, matching: MatchSettings, min_probability: float) -> None:
+        """`sensor` (2,) [m] is the lidar's position in the base frame; `min_probability` that of an accepted place."""
+        self._saved, self._sensor, self._matching, self._min_probability = saved, sensor, matching, min_probability
+        self._kept: deque[tuple[ScanPoints, Pose2]] = deque(maxlen=_KEPT_SCANS)
         self._odometry = Pose2()  # odom_from_base at the last kept scan
         self._way = self._turn = math.inf  # since the last search
         self._winner: Pose2 | None = None  # map_from_local of the last winner
-        self._wins, self._won_way = 0, 0.0
+        self._wins, self._won_distance = 0, 0.0
         self.candidates: tuple[PlaceCandidate, ...] = ()
         self.searches = 0
 
     def process(self, scan: ScanPoints, odom_from_base: Pose2) -> Pose2 | None:
         """Return `map_from_base` once one place is accepted, else None."""
         moved = self._odometry.inverse() @ odom_from_base
-        settings = self._settings.recovery
         away = math.hypot(moved.x, moved.y)
-        if len(scan) < MIN_POINTS or (
-            self._kept and away < settings.key_distance and abs(moved.theta) < settings.key_angle
-        ):
+        if len(scan) < MIN_POINTS or (self._kept and away < _KEY_DISTANCE and abs(moved.theta) < _KEY_ANGLE):
             return None
         step = self._keep(scan, moved, odom_from_base)
         self._way += math.hypot(step.x, step.y)
         self._turn += abs(step.theta)
-        if self._way < settings.search_spacing and self._turn < settings.search_turn:
+        if self._way < _SEARCH_SPACING and self._turn < _SEARCH_TURN:
             return None
         driven, self._way, self._turn = self._way, 0.0, 0.0
         cloud, sensors = self._cloud()
@@ -120,7 +92,7 @@ class KidnapRecovery:
 
     def _keep(self, scan: ScanPoints, moved: Pose2, odom_from_base: Pose2) -> Pose2:
         """Add a scan to the local map where it matches; return the motion since the last kept scan."""
-        settings = self._settings
+        matching = self._matching
         self._odometry = odom_from_base
         if not self._kept:
             self._kept.append((scan, Pose2()))
@@ -132,10 +104,9 @@ class KidnapRecovery:
             store.append(earlier)
         poses = np.array([pose.array() for _, pose in self._kept])
         reference = reference_from_scans(
-            store, poses, range(len(poses)), guess.array(), 12.0, settings.matching.resolution, settings.matching.sigma
+            store, poses, range(len(poses)), guess.array(), 12.0, matching.resolution, BEAM_SIGMA
         )
-        window = Window(settings.recovery.match_distance, settings.recovery.match_angle)
-        found = match(scan, reference, guess, np.diag([100.0, 100.0, 400.0]), window, settings.matching)
+        found = match(scan, reference, guess, np.diag([100.0, 100.0, 400.0]), _MATCH_WINDOW, matching)
         pose = found.pose if found.inliers > 0.3 else guess
         self._kept.append((scan, pose))
         self.candidates = tuple(
@@ -161,7 +132,7 @@ class KidnapRecovery:
     def _places(self, cloud: ScanPoints) -> tuple[Hypothesis, ...]:
         """Return the places found on the whole map, and the earlier candidates."""
         self.searches += 1
-        fresh = global_search(cloud.points, self._saved.pyramid, self._settings.search)
+        fresh = global_search(cloud.points, self._saved.pyramid)
         earlier = tuple(Hypothesis(candidate.pose, 0.0) for candidate in self.candidates)
         return fresh + earlier
 
@@ -169,45 +140,35 @@ class KidnapRecovery:
         self, cloud: ScanPoints, sensors: FloatArray, places: tuple[Hypothesis, ...]
     ) -> tuple[PlaceCandidate, ...]:
         """Return the places at their best fit, best log-odds first, without duplicates and hopeless ones."""
-        settings, window = (
-            self._settings,
-            Window(self._settings.recovery.judged_distance, self._settings.recovery.judged_angle),
-        )
-        thin = cloud.thinned(settings.recovery.judged_points)
+        thin = cloud.thinned(_PLACE_POINTS)
         rated: list[PlaceCandidate] = []
         for place in places:
-            found = match(thin, self._saved.reference, place.pose, np.eye(3), window, settings.matching)
+            found = match(thin, self._saved.reference, place.pose, np.eye(3), _PLACE_WINDOW, self._matching)
             shares = beam_classes(cloud.points, sensors, found.pose.array(), self._saved.beams)
             deviation = math.sqrt(float(np.linalg.eigvalsh(found.covariance[:2, :2])[-1]))
-            is_constrained = not found.degenerate and deviation <= settings.recovery.max_deviation
-            rated.append(PlaceCandidate(found.pose, float(place_log_odds(shares, settings.places)[0]), is_constrained))
+            is_constrained = not found.degenerate and deviation <= _MAX_DEVIATION
+            rated.append(PlaceCandidate(found.pose, float(place_log_odds(shares)[0]), is_constrained))
         rated.sort(key=lambda candidate: -candidate.log_odds)
         kept: list[PlaceCandidate] = []
         for candidate in rated:
             behind = rated[0].log_odds - candidate.log_odds
-            if behind <= settings.recovery.carried_odds and all(self._distinct(candidate.pose, k.pose) for k in kept):
+            if behind <= _MAX_ODDS_GAP and all(self._distinct(candidate.pose, k.pose) for k in kept):
                 kept.append(candidate)
-        return tuple(kept[: 2 * settings.search.hypotheses])
+        return tuple(kept[: 2 * HYPOTHESES])
 
     def _distinct(self, a: Pose2, b: Pose2) -> bool:
-        search = self._settings.search
         turned = abs(wrap_angle(a.theta - b.theta))
-        return math.hypot(a.x - b.x, a.y - b.y) >= search.apart_distance or turned >= search.apart_angle
+        return math.hypot(a.x - b.x, a.y - b.y) >= APART_DISTANCE or turned >= APART_ANGLE
 
     def _accepted(self, driven: float) -> Pose2 | None:
         """Return the pose of the winner once it has won enough searches in a row over enough distance, else None."""
-        settings = self._settings.recovery
-        if (
-            not self.candidates
-            or not self.candidates[0].is_constrained
-            or self.probability() < settings.min_probability
-        ):
+        if not self.candidates or not self.candidates[0].is_constrained or self.probability() < self._min_probability:
             self._winner, self._wins = None, 0
             return None
         best = self.candidates[0].pose
         map_from_local = best @ self._kept[-1][1].inverse()
         same = self._winner is not None and not self._distinct(self._winner @ self._kept[-1][1], best)
-        self._wins, self._won_way = (self._wins + 1, self._won_way + driven) if same else (1, 0.0)
+        self._wins, self._won_distance = (self._wins + 1, self._won_distance + driven) if same else (1, 0.0)
         self._winner = map_from_local
-        done = self._wins >= settings.confirmations and self._won_way >= settings.confirmed_way
+        done = self._wins >= _CONFIRMATIONS and self._won_distance >= _CONFIRMED_DISTANCE
         return best if done else None

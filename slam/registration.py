@@ -15,10 +15,9 @@ import cv2
 import numpy as np
 from scipy.spatial.transform import Rotation
 
-from waychair.config import Settings, setting
 from waychair.slam.features import Features
 from waychair.slam.matching import distances_between, mutual_matches
-from waychair.slam.reprojection import NoiseModel, fit_pose, project
+from waychair.slam.reprojection import OUTLIER_CHI_SQUARE, NoiseModel, fit_pose, project
 from waychair.types import BoolArray, FloatArray, IntArray, Pose3
 
 _MEDIAN = 2.1981  # variance of a normal error over the 25 % quantile of its square, as in RTAB-Map
@@ -27,22 +26,15 @@ _LEAST_LINEAR, _LEAST_ANGULAR = 0.01**2, 0.008**2
 0.027 m and 0.034 rad) are several times larger than the spread of their matches suggests."""
 
 
-@dataclass(frozen=True, slots=True)
-class RegistrationSettings(Settings):
-    """When a registration is accepted; the names in brackets are RTAB-Map's."""
-
-    ratio: float = setting(0.8, "", "a match is this much nearer than the next best (Vis/CorNNDR)", low=0.1, high=1.0)
-    window: float = setting(40.0, "px", "round where the guess puts a point (Vis/CorGuessWinSize)", low=2.0, high=500.0)
-    reprojection: float = setting(3.0, "px", "RANSAC's limit (Vis/PnPReprojError)", low=0.1, high=50.0)
-    iterations: int = setting(300, "", "of RANSAC (Vis/Iterations)", low=10, high=10_000)
-    min_inliers: int = setting(20, "", "fewer matches that agree are refused (Vis/MinInliers)", low=6, high=1000)
-    min_share: float = setting(0.25, "", "and a smaller share of the matches in the window", low=0.0, high=1.0)
-    min_spread: float = setting(
-        0.0025, "", "least variance across the picture, in squares of its width (Vis/MinInliersDistribution)",
-        low=0.0, high=0.1,
-    )  # fmt: skip
-    max_distance: float = setting(5.0, "m", "between the two cameras", low=0.01, high=1000.0)
-    noise: NoiseModel = field(default_factory=lambda: NoiseModel(pixel=1.5, inverse_depth=0.01))
+_RATIO = 0.8  # largest ratio of the nearest over the second nearest distance (Vis/CorNNDR)
+_WINDOW = 40.0  # px; half window round the pixel predicted by a guess (Vis/CorGuessWinSize)
+_REPROJECTION = 3.0  # px; RANSAC's limit (Vis/PnPReprojError)
+_ITERATIONS = 300  # of RANSAC (Vis/Iterations)
+_MIN_INLIERS = 20  # least number of matches that agree with the pose (Vis/MinInliers)
+_MIN_SHARE = 0.25  # least share of the matches near a guess that agree with the pose
+_MIN_SPREAD = 0.0025  # least variance across the image, in squares of its width (Vis/MinInliersDistribution)
+_MAX_DISTANCE = 5.0  # m; between the two cameras
+_NOISE = NoiseModel(pixel=1.5, inverse_depth=0.01)
 
 
 class RegistrationRefusal(enum.Enum):
@@ -87,7 +79,6 @@ def register(
     old: Features,
     new: Features,
     camera: FloatArray,
-    settings: RegistrationSettings,
     old_from_new: Pose3 | None = None,
 ) -> Registration:
     """Return the pose of the camera (fx, fy, cx, cy) of `new` in that of `old`, whose features must have depth.
@@ -95,16 +86,16 @@ def register(
     With a guess, only features near their predicted pixels are matched; if that fails, all are.
     """
     old = old.take(np.isfinite(old.points[:, 2]))
-    if min(len(old), len(new)) < settings.min_inliers:
+    if min(len(old), len(new)) < _MIN_INLIERS:
         return _refused(RegistrationRefusal.FEW_FEATURES)
     result = _refused(RegistrationRefusal.NO_POSE)
     if old_from_new is not None:
-        result = _registered(old, new, camera, settings, old_from_new)
+        result = _registered(old, new, camera, old_from_new)
     if result.old_from_new is None:
-        result = _registered(old, new, camera, settings, None)
+        result = _registered(old, new, camera, None)
     if result.old_from_new is None:
         return result
-    again = _registered(old, new, camera, settings, result.old_from_new)
+    again = _registered(old, new, camera, result.old_from_new)
     return again if again.inliers >= result.inliers or again.refusal is RegistrationRefusal.CONTRADICTED else result
 
 
@@ -121,56 +112,54 @@ def match_features(old: Features, new: Features, ratio: float, near: BoolArray |
     return pairs[near[pairs[:, 0], pairs[:, 1]]]
 
 
-def _registered(
-    old: Features, new: Features, camera: FloatArray, settings: RegistrationSettings, guess: Pose3 | None
-) -> Registration:
+def _registered(old: Features, new: Features, camera: FloatArray, guess: Pose3 | None) -> Registration:
     """Run one pass; a guess (old_from_new) limits the matches and replaces RANSAC as the start of the fit."""
-    mask = None if guess is None else _near(old, new, camera, guess, settings.window)
-    i, j = match_features(old, new, settings.ratio, mask).T
-    if len(i) < settings.min_inliers:
+    mask = None if guess is None else _near(old, new, camera, guess)
+    i, j = match_features(old, new, _RATIO, mask).T
+    if len(i) < _MIN_INLIERS:
         return _refused(RegistrationRefusal.FEW_MATCHES, len(i))
     points, pixels = old.points[i].astype(np.float64), new.pixels[j].astype(np.float64)
-    start = guess.inverse() if guess is not None else _ransac(points, pixels, camera, settings)
+    start = guess.inverse() if guess is not None else _ransac(points, pixels, camera)
     if start is None:
         return _refused(RegistrationRefusal.NO_POSE, len(i))
     with np.errstate(divide="ignore", invalid="ignore"):
         inverse = 1.0 / new.points[j, 2].astype(np.float64)
     # a corner found on a coarse pyramid level is only as accurate as that level's pixels
     scale = np.maximum(1.0, 1.2 ** new.octave[j].astype(np.float64)) if new.octave.any() else np.ones(len(j))
-    fit = fit_pose(points, np.column_stack([pixels, inverse, scale]), camera, start, settings.noise)
+    fit = fit_pose(points, np.column_stack([pixels, inverse, scale]), camera, start, _NOISE)
     inliers = int(fit.inliers.sum())
-    if inliers < settings.min_inliers:
+    if inliers < _MIN_INLIERS:
         return _refused(RegistrationRefusal.FEW_INLIERS, len(i), inliers)
-    if guess is not None and inliers < settings.min_share * len(i):
+    if guess is not None and inliers < _MIN_SHARE * len(i):
         return _refused(RegistrationRefusal.CONTRADICTED, len(i), inliers)
-    if _spread(pixels[fit.inliers], camera) < settings.min_spread:
+    if _spread(pixels[fit.inliers], camera) < _MIN_SPREAD:
         return _refused(RegistrationRefusal.CLUSTERED, len(i), inliers)
     old_from_new = fit.camera_from_map.inverse()
-    if float(np.linalg.norm(old_from_new.translation)) > settings.max_distance:
+    if float(np.linalg.norm(old_from_new.translation)) > _MAX_DISTANCE:
         return _refused(RegistrationRefusal.TOO_FAR, len(i), inliers)
     covariance = _covariance(points[fit.inliers], new.points[j][fit.inliers].astype(np.float64), old_from_new)
-    limits = settings.noise.pixel * scale * math.sqrt(settings.noise.limit)
+    limits = _NOISE.pixel * scale * math.sqrt(OUTLIER_CHI_SQUARE)
     return Registration(
         old_from_new, covariance, len(i), inliers, None, points[fit.inliers], pixels[fit.inliers], limits[fit.inliers]
     )
 
 
-def _near(old: Features, new: Features, camera: FloatArray, guess: Pose3, window: float) -> BoolArray:
+def _near(old: Features, new: Features, camera: FloatArray, guess: Pose3) -> BoolArray:
     """Return (N, M): which features of `new` lie near the predicted pixels of those of `old`."""
     expected = project(old.points.astype(np.float64), guess.inverse(), camera)[:, :2]
     with np.errstate(invalid="ignore"):
-        near = np.all(np.abs(expected[:, None] - new.pixels[None]) < window, axis=2)
+        near = np.all(np.abs(expected[:, None] - new.pixels[None]) < _WINDOW, axis=2)
     return np.asarray(near, bool)
 
 
-def _ransac(points: FloatArray, pixels: FloatArray, camera: FloatArray, settings: RegistrationSettings) -> Pose3 | None:
+def _ransac(points: FloatArray, pixels: FloatArray, camera: FloatArray) -> Pose3 | None:
     """Return the camera_from_points on which most matches agree, or None."""
     matrix = np.array([[camera[0], 0.0, camera[2]], [0.0, camera[1], camera[3]], [0.0, 0.0, 1.0]])
     cv2.setRNGSeed(0)  # deterministic result
     try:
         found, turn, shift, _ = cv2.solvePnPRansac(
-            points, pixels, matrix, None, iterationsCount=settings.iterations,
-            reprojectionError=settings.reprojection, flags=cv2.SOLVEPNP_AP3P,
+            points, pixels, matrix, None, iterationsCount=_ITERATIONS,
+            reprojectionError=_REPROJECTION, flags=cv2.SOLVEPNP_AP3P,
         )  # fmt: skip
     except cv2.error:  # no four points determine a pose
         return None

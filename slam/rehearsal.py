@@ -10,9 +10,14 @@ import enum
 
 import numpy as np
 
-from waychair.slam.memory_settings import MemorySettings
 from waychair.slam.nodes import Node, WordIds
 from waychair.types import Pose2
+
+SIMILARITY = 0.6
+"""Least share of common words of two views of one place (RTAB-Map's Mem/RehearsalSimilarity)."""
+
+LINEAR_UPDATE, ANGULAR_UPDATE = 0.1, 0.1
+"""The chair stands below this motion [m], [rad] on each axis (RTAB-Map's RGBD/LinearUpdate, RGBD/AngularUpdate)."""
 
 
 class RehearsalResult(enum.Enum):
@@ -35,23 +40,20 @@ def similarity(a: WordIds, b: WordIds) -> float:
     return float(np.minimum(counts_a[in_a], counts_b[in_b]).sum() / max(len(a), len(b)))
 
 
-def is_moving(motion: Pose2, settings: MemorySettings) -> bool:
+def is_moving(motion: Pose2) -> bool:
     """Return whether any axis of the motion exceeds its limit (per axis, not by length)."""
-    linear, angular = settings.linear_update, settings.angular_update
-    return abs(motion.x) > linear or abs(motion.y) > linear or abs(motion.theta) > angular
+    return abs(motion.x) > LINEAR_UPDATE or abs(motion.y) > LINEAR_UPDATE or abs(motion.theta) > ANGULAR_UPDATE
 
 
-def rehearse(new: Node, old: Node, motion: Pose2 | None, linked: bool, settings: MemorySettings) -> RehearsalResult:
+def rehearse(new: Node, old: Node, motion: Pose2 | None, linked: bool) -> RehearsalResult:
     """Compare a new node with `old`, the latest earlier node of the STM that is not intermediate.
 
     Args:
         motion: the new node's pose relative to its neighbour in time; None without a neighbour: the motion is unknown.
         linked: whether that neighbour is `old`.
     """
-    if new.is_bad or similarity(new.words, old.words) < settings.rehearsal_similarity:
+    if new.is_bad or similarity(new.words, old.words) < SIMILARITY:
         return RehearsalResult.DIFFERENT
-    if motion is None or is_moving(motion, settings):
-        return (
-            RehearsalResult.DIFFERENT if settings.rehearsal_weight_ignored_while_moving else RehearsalResult.ADD_WEIGHT
-        )
+    if motion is None or is_moving(motion):
+        return RehearsalResult.ADD_WEIGHT
     return RehearsalResult.MERGE if linked else RehearsalResult.INTERMEDIATE

@@ -18,28 +18,20 @@ import cv2
 import numpy as np
 from numba import njit
 
-from waychair.config import Settings, setting
 from waychair.geometry import pose_from_array
 from waychair.maps.grid import occupied
 from waychair.slam.reference import block_maxima
 from waychair.types import BoolArray, Bytes, FloatArray, IntArray, OccupancyGrid, Pose2
 
-
-@dataclass(frozen=True, slots=True)
-class RelocaliserSettings(Settings):
-    """Resolution of the search, and which places are kept."""
-
-    resolution: float = setting(
-        0.1, "m", "step of the search; angles step by as much at the far beams", low=0.02, high=1
-    )
-    sigma: float = setting(0.1, "m", "spread of a beam's end about the wall", low=0.01, high=1.0)
-    levels: int = setting(7, "", "levels of the pyramid: the top one stands for 2^(levels-1) cells", low=1, high=12)
-    max_points: int = setting(100, "", "points of the scan that are searched for", low=20, high=10_000)
-    min_response: float = setting(0.5, "", "places that fit worse do not count", low=0.05, high=1.0)
-    spread: float = setting(0.15, "", "places that fit this much worse than the best do not count", low=0.0, high=1.0)
-    hypotheses: int = setting(8, "", "distinct places that are kept", low=1, high=100)
-    apart_distance: float = setting(0.5, "m", "poses this far apart are distinct", low=0.05, high=10.0)
-    apart_angle: float = setting(0.35, "rad", "poses turned this far apart are distinct", low=0.05, high=math.pi)
+RESOLUTION = 0.1  # m; default cell of the search; headings step by as much at the far beams
+SIGMA = 0.1  # m; spread of a beam's end about the wall
+LEVELS = 7  # of the pyramid; a block of the top level has 2^(LEVELS - 1) cells on a side
+MAX_POINTS = 100  # points of the scan that are searched for
+MIN_RESPONSE = 0.5  # places that fit worse do not count
+SPREAD = 0.15  # places whose response is lower than the best by more do not count
+HYPOTHESES = 8  # distinct places that are kept
+APART_DISTANCE = 0.5  # m; poses at this distance are distinct
+APART_ANGLE = 0.35  # rad; poses at this angle are distinct
 
 
 @dataclass(frozen=True, slots=True)
@@ -62,24 +54,22 @@ class Pyramid:
     map_from_pyramid: Pose2 = field(default_factory=Pose2)
 
 
-def pyramid_from_grid(grid: OccupancyGrid, settings: RelocaliserSettings) -> Pyramid:
+def pyramid_from_grid(grid: OccupancyGrid, resolution: float = RESOLUTION) -> Pyramid:
     """Return the pyramid of a whole map: occupied cells are walls, the chair can stand on free cells.
 
     A map without walls has zero likelihood everywhere, and no place is found on it.
     """
-    ratio = max(1, round(settings.resolution / grid.resolution))
+    ratio = max(1, round(resolution / grid.resolution))
     solid = occupied(grid)
-    return _pyramid(solid, (grid.cells >= 0) & ~solid, grid.resolution, ratio, grid.map_from_grid, settings)
+    return _pyramid(solid, (grid.cells >= 0) & ~solid, grid.resolution, ratio, grid.map_from_grid)
 
 
-def pyramid_from_points(
-    points: FloatArray, standing: FloatArray, reach: float, settings: RelocaliserSettings
-) -> Pyramid:
+def pyramid_from_points(points: FloatArray, standing: FloatArray, reach: float) -> Pyramid:
     """Return the pyramid of the points (N, 2) [m] of a few key scans; the chair can stand within `reach` [m] of `standing`.
 
     `standing` (M, 2) [m] and the points share one frame, whose axes are those of the pyramid.
     """
-    step = settings.resolution / 2
+    step = RESOLUTION / 2
     every = np.concatenate([points, standing])
     low = every.min(axis=0) - reach - 1.0
     width, height = np.ceil((every.max(axis=0) + reach + 1.0 - low) / step).astype(int)
@@ -88,26 +78,23 @@ def pyramid_from_points(
         cols, rows = np.floor((members - low) / step).astype(int).T
         mask[rows, cols] = True
     near = cv2.distanceTransform((~here).astype(np.uint8), cv2.DIST_L2, cv2.DIST_MASK_PRECISE) <= reach / step
-    return _pyramid(solid, near, step, 2, Pose2(float(low[0]), float(low[1]), 0.0), settings)
+    return _pyramid(solid, near, step, 2, Pose2(float(low[0]), float(low[1]), 0.0))
 
 
-def global_search(
-    points: FloatArray, pyramid: Pyramid, settings: RelocaliserSettings, *, floor: float | None = None
-) -> tuple[Hypothesis, ...]:
+def global_search(points: FloatArray, pyramid: Pyramid, *, floor: float = MIN_RESPONSE) -> tuple[Hypothesis, ...]:
     """Return the distinct places where points (N, 2) [m, base] fit best, best first; none if no fit is good enough.
 
-    A place counts if its response exceeds `floor` (default: the least response) and lies within the spread of the best.
+    A place counts if its response exceeds `floor` and lies within the spread of the best.
     The first is the best of all grid poses, the others the best of their surroundings, up to the number of hypotheses.
     Positions are exact to one cell; the caller refines them.
     """
-    points = thinned(points, pyramid.resolution, settings.max_points)
+    points = thinned(points, pyramid.resolution, MAX_POINTS)
     if len(points) == 0:
         return ()
-    least = settings.min_response if floor is None else floor
     count = heading_count(points, pyramid.resolution)
     found = _search_everywhere(
-        points, pyramid.likelihood, pyramid.standing, pyramid.resolution, count, least, settings.spread,
-        settings.hypotheses, settings.apart_distance, settings.apart_angle,
+        points, pyramid.likelihood, pyramid.standing, pyramid.resolution, count, floor, SPREAD,
+        HYPOTHESES, APART_DISTANCE, APART_ANGLE,
     )  # fmt: skip
     order = np.argsort(-found[:, 3], kind="stable")
     return tuple(Hypothesis(pyramid.map_from_pyramid @ pose_from_array(row[:3]), float(row[3])) for row in found[order])
@@ -127,9 +114,7 @@ def thinned(points: FloatArray, resolution: float, most: int) -> FloatArray:
     return np.ascontiguousarray(kept[::step])
 
 
-def _pyramid(
-    solid: BoolArray, standing: BoolArray, cell: float, ratio: int, map_from_grid: Pose2, settings: RelocaliserSettings
-) -> Pyramid:
+def _pyramid(solid: BoolArray, standing: BoolArray, cell: float, ratio: int, map_from_grid: Pose2) -> Pyramid:
     """Build the pyramid over blocks of `ratio` x `ratio` grid cells: likelihood at their centres, and standing room."""
     height, width = (-(-side // ratio) * ratio for side in solid.shape)
     padded = np.zeros((2, height, width), bool)
@@ -140,11 +125,9 @@ def _pyramid(
         away = cv2.distanceTransform((~padded[0]).astype(np.uint8), cv2.DIST_L2, cv2.DIST_MASK_PRECISE) * cell
     # the centre of a block of 2 x 2 cells is a cell corner: take the mean distance of the cells round it
     centre = away.reshape(blocks.shape[1:]).mean(axis=(1, 3))
-    likelihood = np.round(255.0 * np.exp(-0.5 * (centre / settings.sigma) ** 2)).astype(np.uint8)
+    likelihood = np.round(255.0 * np.exp(-0.5 * (centre / SIGMA) ** 2)).astype(np.uint8)
     free = blocks[1].any(axis=(1, 3)).astype(np.uint8)
-    return Pyramid(
-        block_maxima(likelihood, settings.levels), block_maxima(free, settings.levels), cell * ratio, map_from_grid
-    )
+    return Pyramid(block_maxima(likelihood, LEVELS), block_maxima(free, LEVELS), cell * ratio, map_from_grid)
 
 
 @njit(cache=True, nogil=True)

@@ -10,51 +10,43 @@ from dataclasses import dataclass, field, replace
 
 import numpy as np
 
-from waychair.config import Settings, setting
-from waychair.slam.depth_icp import IcpSettings, refine_by_depth
+from waychair.config import Settings
+from waychair.slam.depth_icp import refine_by_depth
 from waychair.slam.key_places import KeyPlaces, on_floor, shadows
 from waychair.slam.memory import Memory
 from waychair.slam.memory_settings import MemorySettings
 from waychair.slam.nodes import LinkKind
 from waychair.slam.place_recognition import RecognitionSettings
 from waychair.slam.registration import Registration, angle_between, register
-from waychair.slam.spatial_graph import SpatialEdge, SpatialSettings, solve_spatial
+from waychair.slam.spatial_graph import MAX_ERROR, SpatialEdge, solve_spatial
 from waychair.slam.visual_map import DEPTH_STEP, VisualMap
-from waychair.slam.visual_odometry import OdometrySettings, Track, Tracked, VisualOdometry
+from waychair.slam.visual_odometry import Track, Tracked, VisualOdometry, VisualOdometrySettings
 from waychair.types import FloatArray, Pose3, RgbdFrame, Trajectory3
 
 _TORN = np.diag([1.0] * 3 + [25.0] * 3)  # covariance [rad^2], [m^2] of an unobserved motion
+
+_LOOP_SHARED = 10  # key frames that share this many landmarks need no loop
+_MAX_BLAME = 2  # contradicted loops after which an older edge is left out
+LOOP_INLIERS = 60
+"""Least number of matches that agree for a loop."""
+
+_LOOP_DISTANCE, _LOOP_ANGLE = 0.03, 0.02  # [m], [rad] a loop that moves less changes nothing
+_LOOP_SHARE = 0.9  # least share of the matches that agree after ICP
+_STEP_ANGLE, _STEP_DISTANCE = 0.02, 0.02  # [rad], [m] standard deviations between neighbouring key frames
+_NEIGHBOURS = 3  # key frames that each one is linked to: those with most shared landmarks
+NEAR_DISTANCE = 1.0
+"""A link to an earlier place of at most this length [m] is a return of the camera."""
 
 _MANY = 100  # shared landmarks of two key frames beyond which their relative pose gets no better
 
 
 @dataclass(frozen=True, slots=True)
 class RgbdMapperSettings(Settings):
-    """The limits of loop closures, and the parts' settings."""
+    """The settings of the parts."""
 
-    loop_shared: int = setting(
-        10, "", "key frames that share so many landmarks with the new one make no loop", low=1, high=10_000
-    )
-    max_blame: int = setting(
-        2, "", "loops that an older edge may contradict before it is itself left out", low=1, high=1000
-    )
-    loop_inliers: int = setting(60, "", "matches that agree make a loop", low=8, high=1000)
-    loop_distance: float = setting(0.03, "m", "a loop that moves less changes nothing", low=0.0, high=10.0)
-    loop_angle: float = setting(0.02, "rad", "the same for its turn", low=0.0, high=3.2)
-    near_distance: float = setting(
-        1.0, "m", "from an earlier place, linked to it, the camera has come back", low=0.0, high=10.0
-    )
-    step_angle: float = setting(0.02, "rad", "standard deviation between neighbouring key frames", low=1e-5, high=1.0)
-    step_distance: float = setting(0.02, "m", "the same for the way", low=1e-5, high=1.0)
-    neighbours: int = setting(3, "", "key frames each is tied to: those that share most with it", low=1, high=20)
-    loop_share: float = setting(
-        0.9, "", "of the matches must still agree when depth has moved the two", low=0.0, high=1.0
-    )
-    odometry: OdometrySettings = field(default_factory=OdometrySettings)
+    odometry: VisualOdometrySettings = field(default_factory=VisualOdometrySettings)
     places: RecognitionSettings = field(default_factory=RecognitionSettings)
     memory: MemorySettings = field(default_factory=MemorySettings)
-    icp: IcpSettings = field(default_factory=IcpSettings)
-    graph: SpatialSettings = field(default_factory=SpatialSettings)
 
 
 @dataclass(frozen=True, slots=True)
@@ -184,8 +176,8 @@ class RgbdMapper:
     def _tied(self, tracked: Tracked) -> list[tuple[int, int]]:
         """Return the earlier key frames that share most landmarks with a new one, and how many."""
         shared = self.map.sharing(tracked.landmarks)[: tracked.key]
-        best = np.argsort(-shared, kind="stable")[: self.settings.neighbours].tolist()
-        return [(key, int(shared[key])) for key in best if shared[key] >= self.settings.loop_shared]
+        best = np.argsort(-shared, kind="stable")[:_NEIGHBOURS].tolist()
+        return [(key, int(shared[key])) for key in best if shared[key] >= _LOOP_SHARED]
 
     def _include(self, newest: int, torn: bool) -> None:
         """Make the newest key frame a place, and close a loop if an earlier one shows the same place."""
@@ -201,12 +193,12 @@ class RgbdMapper:
 
     def _look(self, old: int, new: int) -> bool:
         """Link two key frames, by the map if they share landmarks, else by a new loop; return whether it is done."""
-        settings, keys = self.settings, self.map.key_frames
-        if self.map.sharing(keys[new].landmarks)[old] >= settings.loop_shared:
+        keys = self.map.key_frames
+        if self.map.sharing(keys[new].landmarks)[old] >= _LOOP_SHARED:
             return self._confirm(old, new)
         camera, there, here = self.map.camera, keys[old], keys[new]
-        found = register(there.features, here.features, camera, settings.odometry.registration)
-        if found.old_from_new is None or found.inliers < settings.loop_inliers:
+        found = register(there.features, here.features, camera)
+        if found.old_from_new is None or found.inliers < LOOP_INLIERS:
             why = "too few features agree" if found.refusal is None else found.refusal.value
             self.places.refuse(old, new, why)
             return False
@@ -229,9 +221,9 @@ class RgbdMapper:
         A rolling shutter bends the depth of a turning camera; the features are corrected for it.
         """
         assert found.old_from_new is not None
-        settings, keys, camera = self.settings, self.map.key_frames, self.map.camera
-        fit = refine_by_depth(keys[old].depth, keys[new].depth, camera / DEPTH_STEP, found.old_from_new, settings.icp)
-        if fit.refusal is None and found.inlier_share(fit.old_from_new, camera) >= settings.loop_share:
+        keys, camera = self.map.key_frames, self.map.camera
+        fit = refine_by_depth(keys[old].depth, keys[new].depth, camera / DEPTH_STEP, found.old_from_new)
+        if fit.refusal is None and found.inlier_share(fit.old_from_new, camera) >= _LOOP_SHARE:
             return fit.old_from_new
         self.refused_icp += 1
         return found.old_from_new
@@ -240,8 +232,8 @@ class RgbdMapper:
         """Return whether the map already has the relative pose of a loop."""
         a, b = self.map.key_frames[loop.i], self.map.key_frames[loop.j]
         now = a.camera_from_map @ b.camera_from_map.inverse()
-        near = float(np.linalg.norm(now.translation - loop.i_from_j.translation)) <= self.settings.loop_distance
-        return a.piece == b.piece and near and angle_between(now, loop.i_from_j) <= self.settings.loop_angle
+        near = float(np.linalg.norm(now.translation - loop.i_from_j.translation)) <= _LOOP_DISTANCE
+        return a.piece == b.piece and near and angle_between(now, loop.i_from_j) <= _LOOP_ANGLE
 
     def _close(self, loop: Loop) -> bool:
         """Add a loop if the map can be bent to it, and join landmarks of both ends; return whether it was added."""
@@ -254,9 +246,9 @@ class RgbdMapper:
             poses = [
                 moved @ pose if key.piece == keys[j].piece else pose for key, pose in zip(keys, poses, strict=True)
             ]
-        solution = solve_spatial(poses, edges, self.settings.graph)
+        solution = solve_spatial(poses, edges)
         worst = edges[int(np.argmax(solution.errors))]
-        if solution.errors.max() > self.settings.graph.max_error:
+        if solution.errors.max() > MAX_ERROR:
             self.rejected.append(f"loop {i}-{j}: edge {worst.i}-{worst.j} contradicts it")
             self.places.refuse(i, j, "the rest of the graph contradicts it")
             self._blamed[worst.i, worst.j] += 1
@@ -274,9 +266,9 @@ class RgbdMapper:
 
         Edges that contradicted too many loops are left out (as in RTAB-Map's repair).
         """
-        settings, keys = self.settings, self.map.key_frames
+        keys = self.map.key_frames
         edges = []
-        blamed = {pair for pair, times in self._blamed.items() if times >= settings.max_blame}
+        blamed = {pair for pair, times in self._blamed.items() if times >= _MAX_BLAME}
         for j, every in enumerate(self._ties):
             ties = [(i, shared) for i, shared in every if (i, j) not in blamed]
             for i, shared in ties or ([(j - 1, 0)] if j else []):
@@ -289,8 +281,8 @@ class RgbdMapper:
         """Return the covariance (6, 6) between two key frames by their number of shared landmarks: more with fewer."""
         if not shared:
             return _TORN
-        doubt, settings = max(1.0, _MANY / shared), self.settings
-        return doubt**2 * np.diag([settings.step_angle**2] * 3 + [settings.step_distance**2] * 3)
+        doubt = max(1.0, _MANY / shared)
+        return doubt**2 * np.diag([_STEP_ANGLE**2] * 3 + [_STEP_DISTANCE**2] * 3)
 
     @contextmanager
     def _timed(self, stage: str) -> Iterator[None]:

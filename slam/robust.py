@@ -17,37 +17,22 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from waychair.config import Settings, setting
 from waychair.geometry import pose_from_array
 from waychair.slam.edges import Edge, EdgeKind, chi_square, edge_arrays
 from waychair.slam.least_squares import PoseGraphProblem, check_graph, with_first_pose
 from waychair.slam.synchronisation import spectral_poses
 from waychair.types import BoolArray, FloatArray
 
-
-@dataclass(frozen=True, slots=True)
-class GraphSettings(Settings):
-    """How the pose graph is optimised."""
-
-    loop_scale: float = setting(1.0, "", "chi-square up to which a loop counts in full", low=0.01, high=1e4)
-    match_kernel: float = setting(2.0, "sigma", "width of the Huber kernel on the other edges", low=0.1, high=100.0)
-    loop_limit: float = setting(
-        16.27, "", "a loop of greater chi-square is left out (99.9 % of 3 dof)", low=1.0, high=1e6
-    )
-    rejection_cost: float = setting(
-        50.0, "", "gain in -2 log likelihood for which a loop is left out", low=1.0, high=1e6
-    )
-    relinearise: float = setting(
-        0.1, "m, rad", "move of a node after which iSAM2 linearises it anew", low=1e-4, high=1.0
-    )
-    few: int = setting(3, "", "loops in doubt that are tried all together, not one by one", low=0, high=1000)
-    annealing: float = setting(2.0, "", "factor by which each round trusts large residuals less", low=1.05, high=10.0)
-    max_rounds: int = setting(100, "", "rounds of graduated non-convexity", low=1, high=1000)
-    max_iterations: int = setting(50, "", "Levenberg-Marquardt steps", low=1, high=1000)
-    hopeless: float = setting(
-        0.1, "", "share of loops left out beyond which the start itself is doubted", low=0.0, high=1.0
-    )
-    max_second_looks: int = setting(100, "", "loops left out that are looked at again", low=0, high=10_000)
+LOOP_SCALE = 1.0  # chi-square up to which a loop has full weight (dynamic covariance scaling)
+MATCH_KERNEL = 2.0  # sigma; width of the Huber kernel on all edges except loops
+LOOP_LIMIT = 16.27  # a loop of greater chi-square is rejected (99.9 % of 3 degrees of freedom)
+REJECTION_COST = 50.0  # gain in -2 log likelihood for which a loop is rejected
+FEW_LOOPS = 3  # loops in doubt up to this number are tried all together
+ANNEALING = 2.0  # factor by which the limit shrinks per round of graduated non-convexity
+MAX_ROUNDS = 100  # rounds of graduated non-convexity
+MAX_ITERATIONS = 50  # Levenberg-Marquardt steps
+HOPELESS_SHARE = 0.1  # share of rejected loops beyond which the start itself is doubted
+MAX_SECOND_LOOKS = 100  # rejected loops that are checked again
 
 
 class RejectionReason(enum.Enum):
@@ -91,12 +76,12 @@ class _Trial:
     variance: float
 
 
-def optimise(poses: FloatArray, edges: Sequence[Edge], settings: GraphSettings) -> FloatArray:
+def optimise(poses: FloatArray, edges: Sequence[Edge]) -> FloatArray:
     """Return the poses (N, 3) of `solve`."""
-    return solve(poses, edges, settings).poses
+    return solve(poses, edges).poses
 
 
-def solve(poses: FloatArray, edges: Sequence[Edge], settings: GraphSettings) -> Solution:
+def solve(poses: FloatArray, edges: Sequence[Edge]) -> Solution:
     """Return the poses that fit the edges best, with node 0 fixed, and the rejected loops.
 
     All other edges are kept, under a Huber kernel (the largest single gain measured on the Freiburg and Intel logs).
@@ -107,29 +92,29 @@ def solve(poses: FloatArray, edges: Sequence[Edge], settings: GraphSettings) -> 
     """
     arrays = edge_arrays(edges)
     check_graph(poses, arrays)
-    problem = PoseGraphProblem(arrays, settings.match_kernel)
+    problem = PoseGraphProblem(arrays, MATCH_KERNEL)
     if not arrays.loop.any():
-        return Solution(problem.solve(poses, iterations=settings.max_iterations), ~arrays.loop, ())
-    quick = problem.solve_switchable(poses, settings.loop_scale, settings.max_iterations)
-    if _within(problem, quick, settings.loop_limit).all():
+        return Solution(problem.solve(poses, iterations=MAX_ITERATIONS), ~arrays.loop, ())
+    quick = problem.solve_switchable(poses, LOOP_SCALE, MAX_ITERATIONS)
+    if _within(problem, quick).all():
         return Solution(quick, np.ones(len(edges), bool), ())
-    best = _settled(problem, quick, settings)
+    best = _settled(problem, quick)
     if not best.weights.all():
-        best = min(best, _settled(problem, _trusting(problem, best, poses, settings), settings), key=_score)
-        best = _reconsidered(problem, best, settings)
+        best = min(best, _settled(problem, _trusting(problem, best, poses)), key=_score)
+        best = _reconsidered(problem, best)
     left_out = int((best.weights == 0).sum())
-    if left_out > settings.few:  # loops accepted earlier may have bent the poses
-        best = min(best, _quick(problem, chained_poses(poses, edges), settings), key=_score)
-    if left_out > settings.hopeless * arrays.loop.sum():
+    if left_out > FEW_LOOPS:  # loops accepted earlier may have bent the poses
+        best = min(best, _quick(problem, chained_poses(poses, edges)), key=_score)
+    if left_out > HOPELESS_SHARE * arrays.loop.sum():
         start = with_first_pose(spectral_poses(arrays, len(poses)), poses[0])
-        best = min(best, _quick(problem, start, settings), key=_score)
+        best = min(best, _quick(problem, start), key=_score)
     accepted = best.weights > 0
     against = chi_square(best.poses, arrays)
     return Solution(
         best.poses,
         accepted,
         tuple(
-            RejectedLoop(edges[k], RejectionReason.CONTRADICTED, float(against[k]), settings.loop_limit)
+            RejectedLoop(edges[k], RejectionReason.CONTRADICTED, float(against[k]), LOOP_LIMIT)
             for k in np.flatnonzero(~accepted).tolist()
         ),
     )
@@ -146,34 +131,34 @@ def chained_poses(poses: FloatArray, edges: Sequence[Edge]) -> FloatArray:
     return np.array([pose.array() for pose in chain])
 
 
-def _quick(problem: PoseGraphProblem, poses: FloatArray, settings: GraphSettings) -> _Trial:
+def _quick(problem: PoseGraphProblem, poses: FloatArray) -> _Trial:
     """Return the settled solution next to that of dynamic covariance scaling."""
-    return _settled(problem, problem.solve_switchable(poses, settings.loop_scale, settings.max_iterations), settings)
+    return _settled(problem, problem.solve_switchable(poses, LOOP_SCALE, MAX_ITERATIONS))
 
 
 def _score(candidate: _Trial) -> float:
     return candidate.score
 
 
-def _trusting(problem: PoseGraphProblem, quick: _Trial, poses: FloatArray, settings: GraphSettings) -> FloatArray:
+def _trusting(problem: PoseGraphProblem, quick: _Trial, poses: FloatArray) -> FloatArray:
     """Return poses that trust the loops rejected by the quick solution: all at once if they are few, else by annealing."""
-    if (quick.weights == 0).sum() > settings.few:
-        return _graduated(problem, poses, settings)
-    return problem.solve(quick.poses, iterations=settings.max_iterations)
+    if (quick.weights == 0).sum() > FEW_LOOPS:
+        return _graduated(problem, poses)
+    return problem.solve(quick.poses, iterations=MAX_ITERATIONS)
 
 
-def _graduated(problem: PoseGraphProblem, poses: FloatArray, settings: GraphSettings) -> FloatArray:
+def _graduated(problem: PoseGraphProblem, poses: FloatArray) -> FloatArray:
     """Return poses by graduated non-convexity with truncated least squares on the loops.
 
     Yang, Antonante, Tzoumas, Carlone: Graduated non-convexity for robust spatial perception, RA-L 2020, weights by
     eq. 14. At first all loops are trusted, then only those within a shrinking limit. One Gauss-Newton step per limit is
     enough, because the solution moves little between limits.
     """
-    loop, limit = problem.edges.loop, settings.loop_limit
+    loop, limit = problem.edges.loop, LOOP_LIMIT
     weights = np.ones(len(loop))
     against = chi_square(poses, problem.edges)
     convexity = limit / max(2 * float(against[loop].max()) - limit, limit)
-    for _ in range(settings.max_rounds):
+    for _ in range(MAX_ROUNDS):
         upper, lower = (1 + 1 / convexity) * limit, convexity / (1 + convexity) * limit
         soft = np.sqrt(limit * convexity * (1 + convexity) / np.maximum(against[loop], 1e-12)) - convexity
         weights[loop] = np.where(against[loop] >= upper, 0.0, np.where(against[loop] <= lower, 1.0, soft))
@@ -181,26 +166,26 @@ def _graduated(problem: PoseGraphProblem, poses: FloatArray, settings: GraphSett
         against = chi_square(poses, problem.edges)
         if convexity > 1 and np.isin(weights, (0.0, 1.0)).all():
             break
-        convexity *= settings.annealing
+        convexity *= ANNEALING
     return poses
 
 
-def _settled(problem: PoseGraphProblem, poses: FloatArray, settings: GraphSettings) -> _Trial:
+def _settled(problem: PoseGraphProblem, poses: FloatArray) -> _Trial:
     """Return the solution next to the poses whose accepted loops are exactly those within the limit."""
-    weights = _within(problem, poses, settings.loop_limit)
+    weights = _within(problem, poses)
     for _ in range(10):
-        poses = problem.solve(poses, weights, iterations=settings.max_iterations)
-        now = _within(problem, poses, settings.loop_limit)
+        poses = problem.solve(poses, weights, iterations=MAX_ITERATIONS)
+        now = _within(problem, poses)
         if (now == weights).all():
             break
         weights = now
-    return _Trial(poses, weights, *_unlikelihood(problem, poses, weights, settings.rejection_cost))
+    return _Trial(poses, weights, *_unlikelihood(problem, poses, weights))
 
 
-def _within(problem: PoseGraphProblem, poses: FloatArray, limit: float) -> FloatArray:
+def _within(problem: PoseGraphProblem, poses: FloatArray) -> FloatArray:
     """Return weights (E,): 0 for loops beyond the limit, 1 for all other edges."""
     against = chi_square(poses, problem.edges)
-    return np.where(problem.edges.loop & (against >= limit), 0.0, 1.0)
+    return np.where(problem.edges.loop & (against >= LOOP_LIMIT), 0.0, 1.0)
 
 
 def _variance(against: float, loops: float) -> float:
@@ -209,23 +194,21 @@ def _variance(against: float, loops: float) -> float:
     return (against + prior) / (3 * loops + prior)
 
 
-def _unlikelihood(
-    problem: PoseGraphProblem, poses: FloatArray, weights: FloatArray, cost: float
-) -> tuple[float, float, float]:
+def _unlikelihood(problem: PoseGraphProblem, poses: FloatArray, weights: FloatArray) -> tuple[float, float, float]:
     """Return -2 log likelihood of the loops up to a constant, the sum of chi-squares, and the noise level.
 
-    Each accepted loop has 3 degrees of freedom with the solution's variance; each rejected loop costs `cost`. A group of
+    Each accepted loop has 3 degrees of freedom with the solution's variance; each rejected loop costs `REJECTION_COST`. A group of
     false loops that bends the odometry raises the variance, and with it the cost of every true loop.
     """
     loop = problem.edges.loop
     accepted = float((weights[loop] > 0).sum())
     against = float(chi_square(poses, problem.edges)[weights > 0].sum())
     variance = _variance(against, accepted)
-    score = 3 * accepted * math.log(variance) + against / variance + cost * (float(loop.sum()) - accepted)
+    score = 3 * accepted * math.log(variance) + against / variance + REJECTION_COST * (float(loop.sum()) - accepted)
     return score, against, variance
 
 
-def _reconsidered(problem: PoseGraphProblem, best: _Trial, settings: GraphSettings) -> _Trial:
+def _reconsidered(problem: PoseGraphProblem, best: _Trial) -> _Trial:
     """Return the candidate after accepting again the loops that were rejected only because their poses are uncertain.
 
     A true loop that was rejected early may lie hundreds of sigmas from a solution that is uncertain there; its
@@ -236,15 +219,15 @@ def _reconsidered(problem: PoseGraphProblem, best: _Trial, settings: GraphSettin
     for _ in range(5):
         left_out = np.flatnonzero(best.weights == 0)
         against = chi_square(best.poses, problem.edges)[left_out]
-        asked = left_out[np.argsort(against)][: settings.max_second_looks]
+        asked = left_out[np.argsort(against)][:MAX_SECOND_LOOKS]
         if not len(asked):
             break
-        welcome = asked[problem.innovations(best.poses, best.weights, asked) < settings.rejection_cost * noise]
+        welcome = asked[problem.innovations(best.poses, best.weights, asked) < REJECTION_COST * noise]
         weights = best.weights.copy()
         weights[welcome] = 1.0
-        again = _settled(problem, problem.solve(best.poses, weights, iterations=settings.max_iterations), settings)
+        again = _settled(problem, problem.solve(best.poses, weights, iterations=MAX_ITERATIONS))
         back = (again.weights > 0).sum() - (best.weights > 0).sum()
-        if back <= 0 or again.against - best.against > back * settings.rejection_cost * noise:
+        if back <= 0 or again.against - best.against > back * REJECTION_COST * noise:
             break
         best = again
     return best

@@ -32,28 +32,33 @@ UNKNOWN_VARIANCE = 100.0
 """Variance [m^2], [rad^2] of a direction in which a scan gives no information."""
 
 
+BEAM_SIGMA = 0.06
+"""Spread [m] of a beam's end about the surface."""
+
+DISTANCE_PENALTY, ANGLE_PENALTY = 0.15, 0.10
+"""Score lost per metre [1/m] and per radian [1/rad] away from the guess."""
+
+_INLIER_DISTANCE = 0.15  # m; a point nearer to a surface supports the match
+_MAX_ITERATIONS = 20  # least-squares steps
+_MIN_COMPLEXITY = 0.003  # below this share of surfaces that face the weak direction, the guess decides there
+_COVARIANCE_SCALE = 2.0  # covariance of a match over the inverse of its information; see `calibrated_covariance`
+
+
 @dataclass(frozen=True, slots=True)
 class MatchSettings(Settings):
     """How a scan is matched with a reference."""
 
-    resolution: float = setting(0.05, "m", "side of a reference cell", low=0.01, high=0.5)
-    sigma: float = setting(0.06, "m", "spread of a beam's end about the surface", low=0.005, high=1.0)
-    range_max: float = setting(20.0, "m", "beams beyond this range are not matched", low=1.0, high=200.0)
-    distance_penalty: float = setting(0.15, "1/m", "score lost per metre away from the guess", low=0.0, high=10.0)
-    angle_penalty: float = setting(0.10, "1/rad", "score lost per radian away from the guess", low=0.0, high=10.0)
-    noise: float = setting(0.03, "m", "standard deviation of a point's distance to its surface", low=0.001, high=1.0)
-    inlier_distance: float = setting(0.15, "m", "a point nearer to a surface supports the match", low=0.01, high=1.0)
-    max_iterations: int = setting(20, "", "least-squares steps", low=1, high=200)
-    min_complexity: float = setting(
-        0.003,
-        "",
-        "below this share of surfaces that face the weak direction the guess decides there",
-        low=0.0,
-        high=0.5,
+    resolution: float = setting(
+        0.05, "m", "cell side of scan matching; a larger cell is faster and less accurate", low=0.01, high=0.5
     )
-    optimism: float = setting(
-        2.0, "", "the covariance of a match is this often the inverse of its information", low=0.1, high=1000.0
-    )
+    range_max: float = setting(
+        20.0, "m", "lidar beams beyond this range are not matched; reduce it for a lidar that errs at long range",
+        low=1.0, high=200.0,
+    )  # fmt: skip
+    point_noise: float = setting(
+        0.03, "m", "standard deviation of a lidar point about its surface; a larger value gives odometry more weight",
+        low=0.001, high=1.0,
+    )  # fmt: skip
 
 
 @dataclass(frozen=True, slots=True)
@@ -106,24 +111,22 @@ def match(
     """
     if len(scan) == 0:
         return Match(guess, 0.0, 0.0, math.inf, np.zeros((3, 3)))
-    coarse, response = correlative_search(scan.points, reference, guess, window, settings)
+    coarse, response = correlative_search(scan.points, reference, guess, window)
     pose, information, inliers, rms = refine(scan, reference, coarse, guess, guess_information, settings)
     complexity, strong = weakest_direction(information)
-    degenerate = complexity < settings.min_complexity
+    degenerate = complexity < _MIN_COMPLEXITY
     if degenerate:
         pose, information = _without_weak_direction(pose, information, guess, strong)
     second = 0.0
     if with_runner_up and response > 0.0:
-        second = ambiguity(scan.points, reference, guess, window, settings, coarse) / response
-    covariance = calibrated_covariance(information, settings)
+        second = ambiguity(scan.points, reference, guess, window, coarse) / response
+    covariance = calibrated_covariance(information)
     return Match(pose, response, inliers, rms, information, covariance, complexity, degenerate, second)
 
 
-def ambiguity(
-    points: FloatArray, reference: ScanReference, guess: Pose2, window: Window, settings: MatchSettings, winner: Pose2
-) -> float:
+def ambiguity(points: FloatArray, reference: ScanReference, guess: Pose2, window: Window, winner: Pose2) -> float:
     """Return the response of the best place of the window that is distinct from the winner; 0 if there is none."""
-    return correlative_search(points, reference, guess, window, settings, excluded=winner)[1]
+    return correlative_search(points, reference, guess, window, excluded=winner)[1]
 
 
 def weakest_direction(information: FloatArray) -> tuple[float, FloatArray]:
@@ -137,15 +140,15 @@ def weakest_direction(information: FloatArray) -> tuple[float, FloatArray]:
     return (float(max(values[0], 0.0)) / total if total > 0.0 else 0.0), vectors[:, 1]
 
 
-def calibrated_covariance(information: FloatArray, settings: MatchSettings) -> FloatArray:
+def calibrated_covariance(information: FloatArray) -> FloatArray:
     """Return the realistic covariance (3, 3) of a match.
 
     Least squares assume independent errors, but the points of one wall share their errors, so the inverse of the
-    information is too small by a factor (`settings.optimism`). It was measured by matching disjoint halves of the beams
+    information is too small by a factor (`_COVARIANCE_SCALE`). It was measured by matching disjoint halves of the beams
     against disjoint halves of the key scans: 0.2 on the Intel lab and 1.9 on Freiburg 079.
     """
     least = np.eye(3) / UNKNOWN_VARIANCE
-    return np.asarray(settings.optimism * np.linalg.inv(information + least), np.float64)
+    return np.asarray(_COVARIANCE_SCALE * np.linalg.inv(information + least), np.float64)
 
 
 def _without_weak_direction(
@@ -166,15 +169,15 @@ def correlative_search(
     reference: ScanReference,
     guess: Pose2,
     window: Window,
-    settings: MatchSettings,
     *,
     floor: float = 0.0,
     excluded: Pose2 | None = None,
+    penalised: bool = True,
 ) -> tuple[Pose2, float]:
     """Return the best pose of the window and its response; the guess and 0 when no pose scores above `floor`.
 
     With `excluded`, poses within 0.5 m and 15 degrees of it do not count: the result is the runner-up, whose response tells
-    how ambiguous the winner is.
+    how ambiguous the winner is. Unless `penalised` is False, poses lose score with their distance from the guess.
     """
     radii = np.hypot(points[:, 0], points[:, 1])
     fifth = len(radii) - 1 - len(radii) // 5
@@ -182,10 +185,11 @@ def correlative_search(
     angle_step = math.acos(1 - reference.resolution**2 / (2 * far**2))
     angle_count = max(1, math.ceil(window.angle / angle_step))
     cells = max(1, math.ceil(window.distance / reference.resolution))
+    penalties = (DISTANCE_PENALTY, ANGLE_PENALTY) if penalised else (0.0, 0.0)
     excluded_pose = np.full(3, np.nan) if excluded is None else excluded.array()
     pose, response = _search(
         points, reference.bounds, reference.origin, reference.resolution, guess.array(), cells, angle_count,
-        angle_step, settings.distance_penalty, settings.angle_penalty, floor, excluded_pose,
+        angle_step, *penalties, floor, excluded_pose,
     )  # fmt: skip
     return pose_from_array(pose), response
 
@@ -207,8 +211,8 @@ def refine(
     """
     pose, information, inliers, rms = _refine(
         scan.points, scan.normals, reference.surfaces, reference.slots, reference.origin, reference.resolution,
-        start.array(), guess.array(), guess_information, settings.noise, settings.inlier_distance,
-        settings.max_iterations, reach,
+        start.array(), guess.array(), guess_information, settings.point_noise, _INLIER_DISTANCE,
+        _MAX_ITERATIONS, reach,
     )  # fmt: skip
     pose[2] = wrap_angles(pose[2:])[0]
     return pose_from_array(pose), information, inliers, rms

@@ -7,11 +7,15 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from waychair.config import Settings, setting
 from waychair.errors import GraphError
 from waychair.slam.registration import angle_between
 from waychair.types import FloatArray, Pose3
 
+MAX_ERROR = 3.0
+"""An edge with a larger residual [sigma] makes the newest loop doubtful (RTAB-Map's RGBD/OptimizeMaxError)."""
+
+_KERNEL = 2.0  # sigma; width of the kernels: Huber on odometry, Cauchy on loops
+_ITERATIONS = 30  # Levenberg-Marquardt steps
 _HELD = 1e-6  # standard deviation [rad], [m] of the prior that fixes node 0
 
 
@@ -28,20 +32,6 @@ class SpatialEdge:
 
 
 @dataclass(frozen=True, slots=True)
-class SpatialSettings(Settings):
-    """How the 3D pose graph is optimised."""
-
-    max_error: float = setting(
-        3.0, "sigma", "an edge further from its measure makes the newest loop doubtful (RGBD/OptimizeMaxError)",
-        low=0.1, high=100.0,
-    )  # fmt: skip
-    kernel: float = setting(
-        2.0, "sigma", "width of the kernel: Huber's on ways, Cauchy's on loops", low=0.1, high=100.0
-    )
-    iterations: int = setting(30, "", "Levenberg-Marquardt steps", low=1, high=1000)
-
-
-@dataclass(frozen=True, slots=True)
 class SpatialSolution:
     """Poses map_from_node, and the residual (E,) of each edge [sigma]."""
 
@@ -49,7 +39,7 @@ class SpatialSolution:
     errors: FloatArray
 
 
-def solve_spatial(poses: Sequence[Pose3], edges: Sequence[SpatialEdge], settings: SpatialSettings) -> SpatialSolution:
+def solve_spatial(poses: Sequence[Pose3], edges: Sequence[SpatialEdge]) -> SpatialSolution:
     """Return poses that fit the edges, with node 0 fixed; the graph must be connected.
 
     Raises:
@@ -63,7 +53,7 @@ def solve_spatial(poses: Sequence[Pose3], edges: Sequence[SpatialEdge], settings
     held = gtsam.noiseModel.Isotropic.Sigma(6, _HELD)
     graph.add(gtsam.PriorFactorPose3(0, values.atPose3(0), held))
     kernels = gtsam.noiseModel.mEstimator
-    huber, cauchy = kernels.Huber.Create(settings.kernel), kernels.Cauchy.Create(settings.kernel)
+    huber, cauchy = kernels.Huber.Create(_KERNEL), kernels.Cauchy.Create(_KERNEL)
     for edge in edges:
         noise = gtsam.noiseModel.Robust.Create(
             cauchy if edge.loop else huber, gtsam.noiseModel.Gaussian.Covariance(edge.covariance)
@@ -71,7 +61,7 @@ def solve_spatial(poses: Sequence[Pose3], edges: Sequence[SpatialEdge], settings
         measured = gtsam.Pose3(gtsam.Rot3(edge.i_from_j.rotation), edge.i_from_j.translation)
         graph.add(gtsam.BetweenFactorPose3(edge.i, edge.j, measured, noise))
     parameters = gtsam.LevenbergMarquardtParams()
-    parameters.setMaxIterations(settings.iterations)
+    parameters.setMaxIterations(_ITERATIONS)
     try:
         solved = gtsam.LevenbergMarquardtOptimizer(graph, values, parameters).optimize()
     except RuntimeError as error:

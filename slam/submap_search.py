@@ -12,21 +12,13 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from waychair.config import Settings, setting
 from waychair.geometry import compose, invert, pose_from_array, transform_points
-from waychair.slam.relocaliser import Pyramid, RelocaliserSettings, global_search, pyramid_from_points
+from waychair.slam.relocaliser import HYPOTHESES, MIN_RESPONSE, SPREAD, Pyramid, global_search, pyramid_from_points
 from waychair.slam.scan_points import ScanStore
 from waychair.types import FloatArray, IntArray, Pose2
 
-
-@dataclass(frozen=True, slots=True)
-class SubmapSettings(Settings):
-    """Where in a submap the chair may stand, and when a cached pyramid is stale."""
-
-    reach: float = setting(2.0, "m", "the chair stands this near to a pose of the submap", low=0.1, high=20.0)
-    bent: float = setting(
-        0.1, "m", "a submap whose poses moved so far in its own frame is built anew", low=0.0, high=5.0
-    )
+REACH = 2.0  # m; the chair stands within this distance of a pose of the submap
+MAX_BEND = 0.1  # m; the pyramid of a submap whose poses moved further in its own frame is stale
 
 
 @dataclass(frozen=True, slots=True)
@@ -41,9 +33,7 @@ class SubmapHypothesis:
 class SubmapPyramids:
     """Cache of the pyramids of finished submaps."""
 
-    def __init__(self, search: RelocaliserSettings, settings: SubmapSettings) -> None:
-        self.search = search
-        self._settings = settings
+    def __init__(self) -> None:
         self._kept: dict[int, tuple[IntArray, FloatArray, Pyramid]] = {}
 
     def pyramid(self, submap: int, store: ScanStore, poses: FloatArray, members: IntArray) -> Pyramid:
@@ -51,7 +41,7 @@ class SubmapPyramids:
         shape = compose(invert(poses[members[0]]), poses[members])
         if submap in self._kept:
             known, then, pyramid = self._kept[submap]
-            if np.array_equal(known, members) and np.hypot(*(shape - then)[:, :2].T).max() <= self._settings.bent:
+            if np.array_equal(known, members) and np.hypot(*(shape - then)[:, :2].T).max() <= MAX_BEND:
                 return pyramid
         every = np.concatenate(
             [
@@ -59,7 +49,7 @@ class SubmapPyramids:
                 for pose, member in zip(shape, members, strict=True)
             ]
         )
-        pyramid = pyramid_from_points(every, shape[:, :2], self._settings.reach, self.search)
+        pyramid = pyramid_from_points(every, shape[:, :2], REACH)
         self._kept[submap] = (members.copy(), shape, pyramid)
         return pyramid
 
@@ -76,15 +66,14 @@ def global_candidates(
     `poses` (K, 3) [m, m, rad] are those of all key scans in the map, `members_by_submap` the key scans of each submap.
     Positions are exact to one cell of the search; a match against the submap's key scans has to follow.
     """
-    search, found = pyramids.search, list[SubmapHypothesis]()
-    floor = search.min_response
+    found, floor = list[SubmapHypothesis](), MIN_RESPONSE
     for submap, members in members_by_submap.items():
         if len(members) == 0:
             continue
         pyramid = pyramids.pyramid(submap, store, poses, np.asarray(members, np.int64))
         map_from_submap = pose_from_array(poses[members[0]])
-        for place in global_search(points, pyramid, search, floor=floor):
+        for place in global_search(points, pyramid, floor=floor):
             found.append(SubmapHypothesis(submap, map_from_submap @ place.pose, place.response))
-            floor = max(floor, place.response - search.spread)
+            floor = max(floor, place.response - SPREAD)
     found.sort(key=lambda hypothesis: -hypothesis.response)
-    return tuple(hypothesis for hypothesis in found if hypothesis.response >= floor)[: search.hypotheses]
+    return tuple(hypothesis for hypothesis in found if hypothesis.response >= floor)[:HYPOTHESES]

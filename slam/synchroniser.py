@@ -31,7 +31,12 @@ _STREAMS: dict[type, str] = {WheelTicks: "wheels", Odometry: "wheels", ImuSample
 _RATE_MESSAGES = 21
 """Number of messages from which a rate is computed."""
 
-_COUNTS = 2**32  # encoder counters wrap here
+_COUNTS = 2**32  # encoder counters wrap at this count
+QUEUE = 10  # scans or pictures that wait for partners
+STREAM_QUEUE = 2000  # wheel or IMU readings that wait for a frame
+_AGE_PENALTY = 0.1  # by which a later set must be better, see `ApproximateSets`
+_LEAST_GAP = 0.5  # share of its period by which two messages of a topic are apart at least
+_RESET_S = 2.0  # a stamp further back means that the clock was set back
 
 _SLOW = 0.7
 """A topic whose rate is below this share of the nominal rate gets a complaint."""
@@ -41,15 +46,15 @@ _SLOW = 0.7
 class SynchroniserSettings(Settings):
     """How far apart the messages of a frame may be, and how long a frame waits for them."""
 
-    exact: bool = setting(False, "", "stamps of a frame's scan and pictures must be the same")
-    max_spread_s: float = setting(0.05, "s", "from the first to the last of a frame's", low=0.0, high=10.0)
-    age_penalty: float = setting(0.1, "", "by which a later set must be better", low=0.0, high=10.0)
-    least_gap: float = setting(0.5, "", "part of its period two messages are apart at least", low=0.0, high=1.0)
-    queue: int = setting(10, "", "scans or pictures that wait for partners", low=1, high=1000)
-    stream_queue: int = setting(2000, "", "readings of wheels or IMU that wait for a frame", low=1, high=1_000_000)
-    wait_s: float = setting(0.1, "s", "a frame waits for wheels and IMU up to this", low=0.0, high=10.0)
-    interpolate: bool = setting(True, "", "whether a frame's last wheel reading is one at its stamp, put in between")
-    reset_s: float = setting(2.0, "s", "a stamp so far back means that the clock was set back", low=0.1, high=3600.0)
+    exact: bool = setting(False, "", "whether a frame's scan and pictures must have the same stamp")
+    max_spread_s: float = setting(
+        0.05, "s", "largest time between a frame's scan and pictures; a larger value loses fewer frames and blurs motion",
+        low=0.0, high=10.0,
+    )  # fmt: skip
+    wait_s: float = setting(
+        0.1, "s", "longest wait of a frame for wheel and IMU readings; a larger value delays frames when these are late",
+        low=0.0, high=10.0,
+    )  # fmt: skip
 
 
 @dataclass(frozen=True, slots=True)
@@ -86,7 +91,7 @@ class Synchroniser:
         self._fields = {topic.name: (_SNAPSHOTS | _STREAMS)[topic.type] for topic in topics}
         self._sets = _sets_for([topic for topic in topics if topic.type in _SNAPSHOTS], self.settings)
         self._streams: dict[str, MessageQueue[Reading]] = {
-            topic.name: MessageQueue(self.settings.stream_queue) for topic in topics if topic.type in _STREAMS
+            topic.name: MessageQueue(STREAM_QUEUE) for topic in topics if topic.type in _STREAMS
         }
         self._queues: dict[str, MessageQueue[Any]] = {**self._sets.queues, **self._streams}
         self._stamps: dict[str, deque[int]] = {topic.name: deque(maxlen=_RATE_MESSAGES) for topic in topics}
@@ -104,7 +109,7 @@ class Synchroniser:
             raise ConfigError(f"unknown topic '{name}'; the synchroniser was made for {', '.join(self._topics)}")
         newest = self._queues[name].newest_ns
         before: tuple[SensorFrame, ...] = ()
-        if newest is not None and message.stamp_ns < newest - round(self.settings.reset_s * 1e9):
+        if newest is not None and message.stamp_ns < newest - round(_RESET_S * 1e9):
             before = self.flush()
             self._restart()
         self._stamps[name].append(message.stamp_ns)
@@ -149,7 +154,7 @@ class Synchroniser:
             complete = complete and queue.newest_ns is not None and queue.newest_ns >= stamp
             if before is not None:
                 self._before[name] = before
-                if self.settings.interpolate and queue.waiting and before.stamp_ns < stamp:
+                if queue.waiting and before.stamp_ns < stamp:
                     readings += _interpolated(before, queue.waiting[0], stamp)
             parts[self._fields[name]] = tuple(readings)
         self.incomplete += not complete
@@ -239,13 +244,13 @@ def _check_topics(topics: Sequence[Topic]) -> None:
 def _sets_for(topics: Sequence[Topic], settings: SynchroniserSettings) -> MessageSets[Snapshot]:
     names = [topic.name for topic in topics]
     if settings.exact:
-        return ExactSets(names, settings.queue)
-    gaps = [round(settings.least_gap * 1e9 / topic.rate_hz) if topic.rate_hz else 0 for topic in topics]
+        return ExactSets(names, QUEUE)
+    gaps = [round(_LEAST_GAP * 1e9 / topic.rate_hz) if topic.rate_hz else 0 for topic in topics]
     return ApproximateSets(
         names,
-        settings.queue,
+        QUEUE,
         max_spread_ns=round(settings.max_spread_s * 1e9),
-        age_penalty=settings.age_penalty,
+        age_penalty=_AGE_PENALTY,
         least_gaps_ns=gaps,
     )
 

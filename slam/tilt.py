@@ -15,20 +15,15 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from waychair.calibration.chair import ChairBody
-from waychair.config import Settings, setting
 from waychair.types import BoolArray, FloatArray, ImuSample, Scan, Twist
 
 _LONGEST_NS = 100_000_000  # the filter restarts after a longer gap of the IMU
 
 
-@dataclass(frozen=True, slots=True)
-class TiltSettings(Settings):
-    """Time constants of the tilt filter, and the limits for beams that end on the floor."""
-
-    settle_s: float = setting(1.5, "s", "the accelerometer wins over the gyro within this", low=0.05, high=60.0)
-    learn_s: float = setting(10.0, "s", "the gyro's bias is learnt within this", low=0.5, high=600.0)
-    least_tilt: float = setting(0.026, "rad", "beams that point down by less tell of no floor", low=0.005, high=0.3)
-    floor_margin: float = setting(0.10, "m", "beams that end this low end on the floor", low=0.0, high=0.5)
+_SETTLE_S = 1.5  # time within which the accelerometer corrects the gyro
+_LEARN_S = 10.0  # time within which the gyro's bias is learnt
+_LEAST_TILT = 0.026  # rad; beams that point down by less do not reach the floor
+_FLOOR_MARGIN = 0.10  # m; beams that end this low end on the floor
 
 
 @dataclass(frozen=True, slots=True)
@@ -52,9 +47,8 @@ class TiltFilter:
     TAC 2008). The accelerometer's bias must be calibrated: 0.05 m/s^2 make 0.3 degrees.
     """
 
-    def __init__(self, body: ChairBody, settings: TiltSettings | None = None) -> None:
+    def __init__(self, body: ChairBody) -> None:
         self._body = body
-        self._settings = settings or TiltSettings()
         self._tilt: Tilt | None = None
         self._bias = (0.0, 0.0)  # of the gyro about x and y [rad/s]
         self._speed = 0.0
@@ -93,7 +87,7 @@ class TiltFilter:
         twist: Twist,
         seconds: float,
     ) -> Tilt:
-        s, body, (ax, ay, az) = self._settings, self._body, accel
+        body, (ax, ay, az) = self._body, accel
         p, q, r = gyro[0] - self._bias[0], gyro[1] - self._bias[1], gyro[2]
         sr, cr = math.sin(last.roll), math.cos(last.roll)
         roll = last.roll + seconds * (p + math.tan(last.pitch) * (q * sr + r * cr))
@@ -103,37 +97,33 @@ class TiltFilter:
         ax += twist.omega * twist.omega * body.imu_x - (twist.v - self._speed) / seconds
         ay += twist.omega * twist.omega * body.imu_y - twist.v * twist.omega
         seen_roll, seen_pitch = _gravity_angles(ax, ay, az)
-        part, learn = seconds / s.settle_s, seconds / (s.settle_s * s.learn_s)
+        part, learn = seconds / _SETTLE_S, seconds / (_SETTLE_S * _LEARN_S)
         off_roll, off_pitch = seen_roll - roll, seen_pitch - pitch
         self._bias = (self._bias[0] - learn * off_roll, self._bias[1] - learn * off_pitch)
         return Tilt(stamp_ns, roll + part * off_roll, pitch + part * off_pitch)
 
 
-def ground_beams(scan: Scan, body: ChairBody, tilt: Tilt, settings: TiltSettings | None = None) -> BoolArray:
+def ground_beams(scan: Scan, body: ChairBody, tilt: Tilt) -> BoolArray:
     """Return the mask (N,) of beams that may end on the floor, and so give no evidence of obstacles.
 
     They point down and end near or below the level plane of the drive wheels: beyond the foot of a ramp the floor lies
     there or lower. A real obstacle behind that point is not lost, because it is seen from level ground. This is for
     mapping only: code that protects the rider must not ignore these beams.
     """
-    s = settings or TiltSettings()
     start, ahead = _beams(scan, body, tilt)
     with np.errstate(invalid="ignore"):
         height = start[2] + scan.ranges.astype(np.float64) * ahead[:, 2]
-        ground: BoolArray = (
-            np.isfinite(scan.ranges) & (ahead[:, 2] < -math.sin(s.least_tilt)) & (height < s.floor_margin)
-        )
+        ground: BoolArray = np.isfinite(scan.ranges) & (ahead[:, 2] < -math.sin(_LEAST_TILT)) & (height < _FLOOR_MARGIN)
     return ground
 
 
-def levelled(scan: Scan, body: ChairBody, tilt: Tilt, settings: TiltSettings | None = None) -> Scan:
+def levelled(scan: Scan, body: ChairBody, tilt: Tilt) -> Scan:
     """Return the scan projected onto the floor plane, with nan for beams that may end on the floor."""
-    s = settings or TiltSettings()
-    if max(abs(tilt.roll), abs(tilt.pitch)) < s.least_tilt:
+    if max(abs(tilt.roll), abs(tilt.pitch)) < _LEAST_TILT:
         return scan
     _, ahead = _beams(scan, body, tilt)
     ranges = (scan.ranges * np.hypot(ahead[:, 0], ahead[:, 1])).astype(np.float32)
-    ranges[ground_beams(scan, body, tilt, s)] = np.nan
+    ranges[ground_beams(scan, body, tilt)] = np.nan
     return replace(scan, ranges=ranges)
 
 

@@ -12,6 +12,9 @@ from waychair.slam.skeleton import Skeleton
 
 _SECOND = 1_000_000_000
 
+RECENT_SHARE = 0.2
+"""Nodes newer than the latest loop closure stay while they are fewer than this share of the WM (Mem/RecentWmRatio)."""
+
 
 @dataclass(frozen=True, slots=True)
 class NodesInRam:
@@ -25,23 +28,21 @@ class NodesInRam:
 
 def is_due(spent_ms: float, wm_nodes: int, settings: MemorySettings) -> bool:
     """Return whether a limit is exceeded: the time of a frame, or the WM's nodes without intermediate ones."""
-    late = settings.time_thr > 0 and spent_ms > settings.time_thr
-    return late or (settings.memory_thr > 0 and wm_nodes > settings.memory_thr)
+    late = settings.frame_time_limit > 0 and spent_ms > settings.frame_time_limit
+    return late or (settings.working_memory_limit > 0 and wm_nodes > settings.working_memory_limit)
 
 
-def removable(skeleton: Skeleton, awake: NodesInRam, most: int, settings: MemorySettings) -> list[int]:
+def removable(skeleton: Skeleton, awake: NodesInRam, most: int) -> list[int]:
     """Return at most `most` nodes for transfer: lowest weight first, then oldest in whole seconds, then lowest id.
 
     Exempt are intermediate nodes (weight -1), immunised nodes, neighbours of the STM and the latest closure. Nodes newer
-    than that closure are exempt while they are fewer than the share `recent_wm_ratio` of the WM.
+    than that closure are exempt while they are fewer than the share `RECENT_SHARE` of the WM.
     """
     candidates = _candidates(skeleton, awake)
     ids = np.array(candidates, np.int64)
     weights, ages = skeleton.rows["weight"][ids], skeleton.rows["entered_ns"][ids] // _SECOND
-    if settings.transfer_sorting_by_weight_id:
-        ages = np.zeros_like(ages)
     order = ids[np.lexsort((ids, ages, weights))].tolist()
-    last, few = awake.last_closure, settings.recent_wm_ratio * len(awake.wm)
+    last, few = awake.last_closure, RECENT_SHARE * len(awake.wm)
     recent = sum(node > last for node in awake.wm) if last else 0
     picked: list[int] = []
     for node in order:

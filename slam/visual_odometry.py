@@ -22,7 +22,7 @@ from waychair.config import Settings, setting
 from waychair.slam.dense_alignment import align_pictures
 from waychair.slam.features import Features, FeatureSettings, extract, gray_image
 from waychair.slam.patch_alignment import affine_kernel, align
-from waychair.slam.registration import RegistrationSettings, register
+from waychair.slam.registration import register
 from waychair.slam.reprojection import NoiseModel, PoseFit, back_project, fit_pose, pinhole, project, unrolled
 from waychair.slam.visual_map import DEPTH_STEP, KeyFrame, VisualMap, inverse_depths, pyramid_of
 from waychair.types import Bytes, Float32Array, FloatArray, IntArray, Pose3, RgbdFrame
@@ -31,35 +31,35 @@ Recall: TypeAlias = Callable[[Features, Sequence[int]], Sequence[int]]
 """Returns the key frames most similar to a picture, best first, without the excluded ones."""
 
 
+_LANDMARKS = 350  # landmarks searched in a picture
+_CELL = 32  # [px] side of the squares over which they are spread
+_CORNER_QUALITY = 0.005  # weakest corner as a share of the strongest
+_CORNER_DISTANCE = 10.0  # [px] between corners
+_MIN_CORRELATION = 0.8  # of a patch with its first one
+_MIN_INLIERS, _MIN_SHARE = 20, 0.4  # least landmarks of a pose, and their least share of the found ones
+_KEY_SHARE = 0.75  # a key frame is made when a smaller share of the nearest one's landmarks is seen,
+KEY_ANGLE, KEY_DISTANCE = 0.25, 0.15  # or beyond this [rad], [m] from the nearest one
+_WINDOW, _NEIGHBOURS = 8, 6  # latest key frames adjusted together, with others that share most landmarks
+_ADJUSTMENTS = 5  # steps of each bundle adjustment
+_FOUND_SHARE = 0.25  # landmarks found less often where they should be seen are removed
+_LEAST_CONTRAST = 4.0  # [grey levels] standard deviation below which a picture is blank
+_NOISE = NoiseModel()
+
+
 @dataclass(frozen=True, slots=True)
-class OdometrySettings(Settings):
+class VisualOdometrySettings(Settings):
     """Settings of the visual odometry."""
 
-    landmarks: int = setting(350, "", "landmarks that are looked for in a picture", low=30, high=5000)
-    cell: int = setting(32, "px", "side of the squares over which they are spread", low=4, high=400)
-    corner_quality: float = setting(0.005, "", "weakest corner as a share of the strongest", low=1e-4, high=0.5)
-    corner_distance: float = setting(10.0, "px", "between corners", low=2.0, high=100.0)
-    flow_points: int = setting(150, "", "landmarks followed from picture to picture for the guess", low=20, high=1000)
-    correlation: float = setting(0.8, "", "a patch less like the first one is not it", low=0.0, high=1.0)
-    min_inliers: int = setting(20, "", "fewer landmarks do not make a pose", low=6, high=1000)
-    min_share: float = setting(0.4, "", "a smaller share of what is found is a false pose", low=0.0, high=1.0)
-    max_speed: float = setting(2.0, "m/s", "a pose that would mean a faster camera is false", low=0.1, high=100.0)
-    key_share: float = setting(
-        0.75, "", "a key frame is made when fewer of those of the nearest are seen", low=0.05, high=1.0
+    max_speed: float = setting(
+        2.0, "m/s", "fastest motion of the camera; poses that need a faster one are rejected", low=0.1, high=100.0
     )
-    key_angle: float = setting(0.25, "rad", "or after this turn", low=0.01, high=3.0)
-    key_distance: float = setting(0.15, "m", "or after this way", low=0.01, high=10.0)
-    window: int = setting(8, "", "latest key frames that are adjusted together", low=2, high=100)
-    neighbours: int = setting(6, "", "and others that share the most landmarks with them", low=0, high=100)
-    adjustments: int = setting(5, "", "steps of each adjustment", low=0, high=100)
-    found_share: float = setting(
-        0.25, "", "landmarks found less often where they should be are given up", low=0, high=1
+    max_depth: float = setting(
+        6.0, "m", "farthest depth of new landmarks; more uses distant points, whose depth is rough", low=0.5, high=100.0
     )
-    max_depth: float = setting(6.0, "m", "things further away make no landmarks", low=0.5, high=100.0)
-    dark: float = setting(4.0, "", "grey levels of deviation below which a picture shows nothing", low=0.0, high=100.0)
-    restart_after: float = setting(2.0, "s", "lost for so long, a new piece of the map is begun", low=0.0, high=1e6)
-    noise: NoiseModel = field(default_factory=NoiseModel)
-    registration: RegistrationSettings = field(default_factory=RegistrationSettings)
+    restart_after: float = setting(
+        2.0, "s", "after so long a loss of tracking a new piece of the map is begun; more waits longer for known places",
+        low=0.0, high=1e6,
+    )  # fmt: skip
     features: FeatureSettings = field(default_factory=lambda: FeatureSettings(upright=False))
 
 
@@ -108,9 +108,9 @@ class _Picture:
 class VisualOdometry:
     """Pass frames to `process` in order; `map` holds the key frames and landmarks so far."""
 
-    def __init__(self, settings: OdometrySettings | None = None, recall: Recall | None = None) -> None:
+    def __init__(self, settings: VisualOdometrySettings | None = None, recall: Recall | None = None) -> None:
         """Begin without a map. `recall` proposes key frames for a lost camera, besides the latest ones."""
-        self.settings = settings or OdometrySettings()
+        self.settings = settings or VisualOdometrySettings()
         self.map: VisualMap | None = None
         self.extraction_s = 0.0
         """CPU time [s] of the features of the newest key frame."""
@@ -134,7 +134,7 @@ class VisualOdometry:
     def process(self, frame: RgbdFrame) -> Tracked:
         """Process a frame; return its pose and outcome."""
         gray = gray_image(frame.image)
-        if float(gray[::4, ::4].std()) < self.settings.dark:
+        if float(gray[::4, ::4].std()) < _LEAST_CONTRAST:
             return self._note(Tracked(Track.BLIND))
         picture = _Picture(frame, pyramid_of(gray), frame.depth)
         if self.map is None:
@@ -164,7 +164,7 @@ class VisualOdometry:
             fresh = ~np.isin(again.landmarks, own.landmarks)
             own.landmarks = np.concatenate([own.landmarks, again.landmarks[fresh]])
             own.observed = np.concatenate([own.observed, again.observed[fresh]])
-            self._known.adjust(self._window(key), self.settings.noise, self.settings.adjustments)
+            self._known.adjust(self._window(key), _NOISE, _ADJUSTMENTS)
         self._tracked = replace(
             self._tracked, camera_from_map=own.camera_from_map, landmarks=own.landmarks, observed=own.observed
         )
@@ -179,7 +179,7 @@ class VisualOdometry:
         self.map, self._unsure_start = VisualMap(camera), velocity is None
         started = Tracked(Track.STARTED, Pose3(np.eye(3), np.zeros(3)))
         tracked = self._add_key(picture, started if velocity is None else replace(started, velocity=velocity))
-        if len(tracked.landmarks) < self.settings.min_inliers:
+        if len(tracked.landmarks) < _MIN_INLIERS:
             self.map = None
             return Tracked(Track.NO_DEPTH)
         self._remember(picture, tracked)
@@ -250,27 +250,27 @@ class VisualOdometry:
         """Fit the pose to the landmarks of the map near `guess`; return None if too few are found."""
         settings, camera = self.settings, self._known.camera
         wanted, expected = self._in_view(guess, picture)
-        if len(wanted) < settings.min_inliers:
+        if len(wanted) < _MIN_INLIERS:
             return None
         velocity = self._velocity_to(guess, picture) if known_velocity is None else known_velocity
         rolled = unrolled(expected, velocity, -picture.row_time(expected[:, 1]), camera)
         pixels, level = self._aligned(picture, wanted, guess, rolled[:, :2])
         good = level >= 0
-        if good.sum() < settings.min_inliers:
+        if good.sum() < _MIN_INLIERS:
             return None
         raw = np.column_stack([pixels[good], inverse_depths(picture.depth, pixels[good]), 2.0 ** level[good]])
         points, pose = self._known.points[wanted[good]], guess
         for _ in range(2):  # the second time with the velocity from the first
             velocity = self._velocity_to(pose, picture) if known_velocity is None else known_velocity
             seen = unrolled(raw, velocity, picture.row_time(raw[:, 1]), camera)
-            fit: PoseFit = fit_pose(points, seen, camera, guess, settings.noise)
+            fit: PoseFit = fit_pose(points, seen, camera, guess, _NOISE)
             pose = fit.camera_from_map
-        if fit.inliers.sum() < max(settings.min_inliers, settings.min_share * good.sum()):
+        if fit.inliers.sum() < max(_MIN_INLIERS, _MIN_SHARE * good.sum()):
             return None
         if state is Track.FOLLOWED and float(np.linalg.norm(velocity[3:])) > settings.max_speed:
             return None
         found = wanted[good][fit.inliers]
-        self._known.count(wanted, found, settings.found_share, 8)
+        self._known.count(wanted, found, _FOUND_SHARE, 8)
         return Tracked(state, fit.camera_from_map, found, seen[fit.inliers], velocity=velocity)
 
     def _velocity_to(self, pose: Pose3, picture: _Picture) -> FloatArray:
@@ -298,7 +298,7 @@ class VisualOdometry:
             self._known.found[candidates], 50
         )
         order = np.argsort(-reliable, kind="stable")
-        chosen = order[_spread(at[order, :2], self.settings.cell, self.settings.landmarks)]
+        chosen = order[_spread(at[order, :2], _CELL, _LANDMARKS)]
         return candidates[chosen], np.column_stack([at[chosen], np.ones(len(chosen))])
 
     def _local(self, pose: Pose3) -> list[int]:
@@ -330,7 +330,7 @@ class VisualOdometry:
             )  # fmt: skip
             at = self._known.anchor_pixel[wanted[own]]
             pixels[own], level[own] = align(
-                there.pyramid, picture.pyramid, at, affine, expected[own], (2, 1, 0), 4.0, self.settings.correlation
+                there.pyramid, picture.pyramid, at, affine, expected[own], (2, 1, 0), 4.0, _MIN_CORRELATION
             )
         return pixels, level
 
@@ -340,27 +340,24 @@ class VisualOdometry:
         The nearest counts and not the latest: a camera that returns to a known place makes no key frame.
         """
         assert tracked.camera_from_map is not None
-        settings = self.settings
         own = [key for key in self._known.key_frames if key.piece == self.piece]
         away = [self._away(tracked.camera_from_map, key.camera_from_map) for key in own]
         nearest = int(np.argmin(away))
         known = own[nearest].landmarks
-        most = min(int(self._known.alive[known].sum()), settings.landmarks)
-        share = settings.key_share * min(1.0, 0.75 + away[nearest])  # near by, blur hides landmarks, not displacement
+        most = min(int(self._known.alive[known].sum()), _LANDMARKS)
+        share = _KEY_SHARE * min(1.0, 0.75 + away[nearest])  # near by, blur hides landmarks, not displacement
         return away[nearest] > 1.0 or len(tracked.landmarks) < share * most
 
     def _away(self, pose: Pose3, other: Pose3) -> float:
         """Return the distance of two poses (camera_from_map): 1 where another key frame is due."""
         moved = pose @ other.inverse()
         turned = float(np.arccos(np.clip(0.5 * (np.trace(moved.rotation) - 1.0), -1.0, 1.0)))
-        return max(
-            turned / self.settings.key_angle, float(np.linalg.norm(moved.translation)) / self.settings.key_distance
-        )
+        return max(turned / KEY_ANGLE, float(np.linalg.norm(moved.translation)) / KEY_DISTANCE)
 
     def _add_key(self, picture: _Picture, tracked: Tracked) -> Tracked:
         """Make a key frame of the picture with new landmarks where it has few, and adjust the latest key frames."""
         assert tracked.camera_from_map is not None
-        settings, key = self.settings, len(self._known.key_frames)
+        key = len(self._known.key_frames)
         taken = unrolled(
             tracked.observed, tracked.velocity, -picture.row_time(tracked.observed[:, 1]), self._known.camera
         )
@@ -388,7 +385,7 @@ class VisualOdometry:
         )
         self.counts["key_frames"] += 1
         if tracked.state is not Track.STARTED:
-            self.counts["given_up"] += self._known.adjust(self._window(key), settings.noise, settings.adjustments)
+            self.counts["given_up"] += self._known.adjust(self._window(key), _NOISE, _ADJUSTMENTS)
         own = self._known.key_frames[key]
         return Tracked(tracked.state, own.camera_from_map, own.landmarks, own.observed, key, tracked.velocity)
 
@@ -413,11 +410,11 @@ class VisualOdometry:
     def _window(self, key: int) -> list[int]:
         """Return the latest key frames, and others that share the most landmarks with the newest."""
         piece = [k for k, own in enumerate(self._known.key_frames) if own.piece == self.piece]
-        latest = piece[-self.settings.window :]
+        latest = piece[-_WINDOW:]
         shared = self._known.sharing(self._known.key_frames[key].landmarks)
         shared[latest] = 0
         others = [k for k in np.argsort(-shared, kind="stable").tolist() if shared[k] >= 15]
-        return sorted([*latest, *others[: self.settings.neighbours]])
+        return sorted([*latest, *others[:_NEIGHBOURS]])
 
     def _corners(self, picture: _Picture, taken: FloatArray) -> tuple[FloatArray, FloatArray]:
         """Return pixels (K, 2) of corners with depth away from those taken, and their inverse depths (K,)."""
@@ -427,11 +424,9 @@ class VisualOdometry:
         mask[:12] = mask[-12:] = 0
         mask[:, :12] = mask[:, -12:] = 0
         for x, y in taken.round().astype(int).tolist():
-            cv2.circle(mask, (x, y), round(settings.corner_distance), 0, -1)
-        wanted = max(settings.landmarks - len(taken), settings.landmarks // 4)
-        corners = cv2.goodFeaturesToTrack(
-            picture.pyramid[0], wanted, settings.corner_quality, settings.corner_distance, mask=mask
-        )
+            cv2.circle(mask, (x, y), round(_CORNER_DISTANCE), 0, -1)
+        wanted = max(_LANDMARKS - len(taken), _LANDMARKS // 4)
+        corners = cv2.goodFeaturesToTrack(picture.pyramid[0], wanted, _CORNER_QUALITY, _CORNER_DISTANCE, mask=mask)
         if corners is None:
             return np.empty((0, 2)), np.empty(0)
         pixels = corners.reshape(-1, 2).astype(np.float64)
@@ -444,7 +439,7 @@ class VisualOdometry:
         features, keys = self._features(picture), self._known.key_frames
         latest, piece = list(range(len(keys) - 1, max(-1, len(keys) - 4), -1)), self.piece
         for key in [*latest, *(self._recall(features, latest) if self._recall else ())]:
-            found = register(keys[key].features, features, self._known.camera, self.settings.registration)
+            found = register(keys[key].features, features, self._known.camera)
             if found.old_from_new is None:
                 continue
             pose = found.old_from_new.inverse() @ keys[key].camera_from_map
@@ -461,7 +456,7 @@ class VisualOdometry:
         if (picture.frame.stamp_ns - self._stamp) * 1e-9 < self.settings.restart_after:
             return Tracked(Track.LOST)
         corners, _ = self._corners(picture, np.empty((0, 2)))
-        if len(corners) < self.settings.landmarks // 2:
+        if len(corners) < _LANDMARKS // 2:
             return Tracked(Track.LOST)
         self.piece = 1 + max(key.piece for key in self._known.key_frames)
         tracked = self._add_key(picture, Tracked(Track.STARTED, self._tracked.camera_from_map))

@@ -13,7 +13,7 @@ from waychair.coreslam import CoreslamSettings
 from waychair.errors import NoScans, RecordingDamaged
 from waychair.recording import InputSettings, read_recording
 from waychair.slam.reference import reference_from_points
-from waychair.slam.scan_matching import MatchSettings, Window, match
+from waychair.slam.scan_matching import BEAM_SIGMA, MatchSettings, Window, match
 from waychair.slam.scan_points import scan_points
 from waychair.types import FloatArray, Odometry, Pose2, SensorFrame
 
@@ -60,7 +60,7 @@ def test_the_turns_of_the_real_scans_follow_those_of_the_wheels_at_the_scans_own
         poses = [own.odom_from_base for frame in frames for own in frame.wheels if isinstance(own, Odometry)]
         turns = []
         for k in range(len(frames) - 1):
-            reference = reference_from_points(points[k].points, points[k].normals, settings.resolution, settings.sigma)
+            reference = reference_from_points(points[k].points, points[k].normals, settings.resolution, BEAM_SIGMA)
             moved = poses[k].inverse() @ poses[k + 1]
             found = match(points[k + 1], reference, moved, np.eye(3), Window(0.15, 0.15), settings)
             if found.inliers > 0.7:

@@ -10,8 +10,8 @@ import numpy as np
 
 from waychair.calibration.chair import ChairBody
 from waychair.calibration.time_offset import Heading
-from waychair.slam.reference import Reference, reference_from_points
-from waychair.slam.scan_matching import MatchSettings, Window, match
+from waychair.slam.reference import ScanReference, reference_from_points
+from waychair.slam.scan_matching import BEAM_SIGMA, MatchSettings, Window, match
 from waychair.slam.scan_points import MIN_POINTS, ScanPoints, scan_points
 from waychair.types import Bytes, FloatArray, Odometry, Pose2, RgbdFrame, Scan, Twist, WheelTicks
 
@@ -70,7 +70,7 @@ class _LidarHeading:
     def __init__(self, base_from_laser: Pose2) -> None:
         self._base_from_laser = base_from_laser
         self._settings = MatchSettings()
-        self._key: Reference | None = None
+        self._key: ScanReference | None = None
         self._key_heading = 0.0
         self._key_from_base = Pose2()
         self._speed = 0.0
@@ -102,7 +102,7 @@ class _LidarHeading:
 
     def _become_key(self, points: ScanPoints, heading: float) -> None:
         settings = self._settings
-        self._key = reference_from_points(points.points, points.normals, settings.resolution, settings.sigma)
+        self._key = reference_from_points(points.points, points.normals, settings.resolution, BEAM_SIGMA)
         self._key_heading, self._key_from_base = heading, Pose2()
 
 

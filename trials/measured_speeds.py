@@ -14,8 +14,8 @@ from waychair.calibration.sweep import Sample
 from waychair.errors import CalibrationError
 from waychair.geometry import arc
 from waychair.simulation.simulator import SensorMessage
-from waychair.slam.reference import Reference, reference_from_points
-from waychair.slam.scan_matching import MatchSettings, Window, match
+from waychair.slam.reference import ScanReference, reference_from_points
+from waychair.slam.scan_matching import BEAM_SIGMA, MatchSettings, Window, match
 from waychair.slam.scan_points import MIN_POINTS, ScanPoints, scan_points
 from waychair.types import ImuSample, Pose2, Scan, Twist, WheelTicks
 
@@ -36,7 +36,7 @@ class SpeedMeter(Protocol):
     def ready(self) -> bool:
         """Whether the initial rest is over."""
 
-    def take_in(self, messages: Iterable[SensorMessage]) -> list[Sample]:
+    def add_messages(self, messages: Iterable[SensorMessage]) -> list[Sample]:
         """Add messages and return the new speeds in time order; none before `ready`.
 
         Raises:
@@ -57,7 +57,7 @@ class EncoderSpeeds:
         """Whether the first counts have arrived."""
         return self._last is not None
 
-    def take_in(self, messages: Iterable[SensorMessage]) -> list[Sample]:
+    def add_messages(self, messages: Iterable[SensorMessage]) -> list[Sample]:
         """Return one sample per encoder reading after the first; readings out of order are dropped."""
         samples = []
         for message in messages:
@@ -90,7 +90,7 @@ class ScanSpeeds:
         self._still: list[ImuSample] = []
         self._bias: float | None = None
         self._gyro: list[ImuSample] = []
-        self._key: Reference | None = None
+        self._key: ScanReference | None = None
         self._key_from_base = Pose2()
         self._twist = Twist()
         self._last_ns = 0
@@ -100,7 +100,7 @@ class ScanSpeeds:
         """Whether the gyro was read at rest for `STILL_S`."""
         return self._bias is not None
 
-    def take_in(self, messages: Iterable[SensorMessage]) -> list[Sample]:
+    def add_messages(self, messages: Iterable[SensorMessage]) -> list[Sample]:
         """Return one sample per scan, stamped in the middle between it and the previous scan.
 
         Raises:
@@ -157,7 +157,7 @@ class ScanSpeeds:
 
     def _become_key(self, points: ScanPoints) -> None:
         settings = self._settings
-        self._key = reference_from_points(points.points, points.normals, settings.resolution, settings.sigma)
+        self._key = reference_from_points(points.points, points.normals, settings.resolution, BEAM_SIGMA)
         self._key_from_base = Pose2()
 
     def _turn(self, begin_ns: int, end_ns: int) -> float:

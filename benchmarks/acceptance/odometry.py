@@ -24,8 +24,8 @@ from waychair.simulation.simulator import SensorMessage, Simulator, SimulatorSet
 from waychair.simulation.world import load_world
 from waychair.slam.odometry import OdometryFilter
 from waychair.slam.odometry_model import OdometrySettings
-from waychair.slam.reference import Reference, reference_from_points
-from waychair.slam.scan_matching import MatchSettings, Window, match
+from waychair.slam.reference import ScanReference, reference_from_points
+from waychair.slam.scan_matching import BEAM_SIGMA, MatchSettings, Window, match
 from waychair.slam.scan_points import ScanPoints, scan_points
 from waychair.topics import IMU
 from waychair.types import FloatArray, ImuSample, Json, Odometry, Pose2, Scan, Twist, WheelTicks
@@ -151,7 +151,7 @@ def _reckoned(body: ChairBody, messages: list[SensorMessage], microseconds: dict
 def _matched(body: ChairBody, messages: list[SensorMessage]) -> Odometry:
     """Dead reckoning by scans alone, each matched to a key scan that is not far back."""
     settings, odometry = MatchSettings(), OdometryFilter()
-    key: Reference | None = None
+    key: ScanReference | None = None
     key_from_base, before_ns, last = Pose2(), 0, Odometry(0, Pose2())
     for scan in messages:
         if not isinstance(scan, Scan):
@@ -171,7 +171,7 @@ def _matched(body: ChairBody, messages: list[SensorMessage]) -> Odometry:
             or math.hypot(key_from_base.x, key_from_base.y) > _KEY_DISTANCE
             or abs(key_from_base.theta) > _KEY_ANGLE
         ):
-            key = reference_from_points(points.points, points.normals, settings.resolution, settings.sigma)
+            key = reference_from_points(points.points, points.normals, settings.resolution, BEAM_SIGMA)
             key_from_base = Pose2()
         before_ns = at_ns
     return last

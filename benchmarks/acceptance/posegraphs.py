@@ -12,7 +12,7 @@ from waychair.geometry import compose, invert, pose_from_array
 from waychair.slam.edges import Edge, EdgeKind, edge_arrays
 from waychair.slam.graph_files import read_g2o
 from waychair.slam.least_squares import least_squares
-from waychair.slam.robust import GraphSettings, reckoned, solve
+from waychair.slam.robust import chained_poses, solve
 from waychair.slam.synchronisation import isotropic, lower_bound, polished, sesync_objective
 from waychair.types import BoolArray, FloatArray, Json, Pose2
 
@@ -51,13 +51,13 @@ def false_loops(out: Path) -> Json:
     rows = []
     for name, seeds in (("intel", 5), ("manhattan", 2)):
         poses, edges = read_g2o(DATA / "posegraphs" / f"{name}.g2o.gz")
-        start = reckoned(poses, edges)
+        start = chained_poses(poses, edges)
         clean = least_squares(start, edge_arrays(edges))
         for group in (1, 10, 50):
             for seed in range(seeds):
                 false = drawn_false_loops(clean, edges, seed, group)
                 started = time.process_time()
-                solution = solve(start, (*edges, *false), GraphSettings())
+                solution = solve(start, (*edges, *false))
                 rows.append(_row(name, group, seed, solution.poses - clean, solution.accepted, len(false)))
                 rows[-1]["cpu_s"] = round(time.process_time() - started, 2)
     worst = max(row["rmse_m"] for row in rows if row["group"] == 1)

@@ -16,7 +16,6 @@ from waychair.slam.long_term import LongTerm
 from waychair.slam.memory import Memory
 from waychair.slam.memory_journal import Journal
 from waychair.slam.pose_graph import PoseGraph
-from waychair.slam.robust import GraphSettings
 from waychair.slam.skeleton import Skeleton
 from waychair.types import FloatArray, IntArray, Pose2
 
@@ -62,7 +61,7 @@ def test_only_new_rows_are_told_while_the_array_goes_on_where_it_ended() -> None
 
 
 def test_a_graph_that_only_grows_keeps_its_poses_where_they_are() -> None:
-    graph, apart = PoseGraph(GraphSettings()), 0
+    graph, apart = PoseGraph(), 0
     graph.add(np.zeros((1, 3)), [])
     for k in range(1000):
         before = graph.poses

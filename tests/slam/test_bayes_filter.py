@@ -11,8 +11,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from waychair.errors import ConfigError
-from waychair.slam.bayes_filter import VIRTUAL, BayesFilter, BayesSettings, best_place
+from waychair.slam.bayes_filter import PREDICTION, VIRTUAL, VIRTUAL_STAYS, BayesFilter, best_place
 from waychair.types import FloatArray, IntArray
 
 Graph = Mapping[int, Sequence[int]]
@@ -43,12 +42,12 @@ def distances_reference(start: int, neighbours: Graph, twins: Graph, most: int) 
     return found
 
 
-def transition_reference(places: IntArray, neighbours: Graph, twins: Graph, settings: BayesSettings) -> FloatArray:
+def transition_reference(places: IntArray, neighbours: Graph, twins: Graph, shares: Sequence[float]) -> FloatArray:
     """The whole matrix, column by column as the model is described."""
-    shares, count = settings.prediction, len(places)
+    count = len(places)
     matrix = np.zeros((count + 1, count + 1))
-    matrix[0, 0] = settings.virtual_stays
-    matrix[1:, 0] = (1 - settings.virtual_stays) / count
+    matrix[0, 0] = VIRTUAL_STAYS
+    matrix[1:, 0] = (1 - VIRTUAL_STAYS) / count
     for j, place in enumerate(places.tolist()):
         near = distances_reference(place, neighbours, twins, len(shares) - 2)
         column = np.array([shares[1 + near[other]] if other in near else 0.0 for other in places.tolist()])
@@ -68,7 +67,7 @@ def test_along_a_path_the_belief_moves_to_the_neighbours_as_the_model_says() -> 
     belief.update(places, np.ones(60), chain(range(1, 60)))
     matrix = belief.transition(places)
     np.testing.assert_allclose(
-        matrix, transition_reference(places, chain(range(1, 60)), {}, BayesSettings()), atol=1e-15
+        matrix, transition_reference(places, chain(range(1, 60)), {}, PREDICTION), atol=1e-15
     )
     middle = matrix[1:, 30]  # from place 30: both neighbours get the share of one link
     assert middle[28] == middle[30]
@@ -76,14 +75,13 @@ def test_along_a_path_the_belief_moves_to_the_neighbours_as_the_model_says() -> 
     np.testing.assert_allclose(matrix.sum(axis=0), 1.0, atol=1e-9)
 
 
-@pytest.mark.parametrize("prediction", [(0.1, 0.36, 0.3, 0.1), (0.2, 0.5), BayesSettings().prediction])
+@pytest.mark.parametrize("prediction", [(0.1, 0.36, 0.3, 0.1), (0.2, 0.5), PREDICTION])
 @given(seed=st.integers(0, 2**32 - 1))
 def test_the_filter_that_follows_changes_equals_one_with_the_whole_matrix(
     prediction: tuple[float, ...], seed: int
 ) -> None:
     rng = np.random.default_rng(seed)
-    settings = BayesSettings(prediction=prediction)
-    belief = BayesFilter(settings)
+    belief = BayesFilter(prediction)
     awake, neighbours, twins = [0], {0: []}, {}
     expected: dict[int, float] | None = None
     for node in range(1, 14):
@@ -105,7 +103,7 @@ def test_the_filter_that_follows_changes_equals_one_with_the_whole_matrix(
             prior = np.ones(len(places) + 1)
         else:
             before = np.array([expected.get(int(place), 0.0) for place in (VIRTUAL, *places)])
-            prior = transition_reference(places, known, alike, settings) @ before
+            prior = transition_reference(places, known, alike, prediction) @ before
         reference = likelihood * prior / (likelihood * prior).sum()
         np.testing.assert_allclose(posterior, reference, atol=1e-12)
         assert posterior.sum() == pytest.approx(1.0)
@@ -153,9 +151,3 @@ def test_without_places_only_the_virtual_one_is_left() -> None:
 def test_of_equally_probable_places_the_newest_is_the_hypothesis() -> None:
     assert best_place(np.array([9, 4, 12, 7]), np.array([0.2, 0.3, 0.1, 0.3, 0.3])) == (12, 0.8)
     assert best_place(np.array([12, 4]), np.array([0.2, 0.1, 0.7])) == (4, 0.8)
-
-
-@pytest.mark.parametrize("shares", [(0.1,), (0.5, 0.6), (0.1, 0.0), (0.1, -0.2)])
-def test_impossible_shares_are_refused(shares: tuple[float, ...]) -> None:
-    with pytest.raises(ConfigError, match="prediction"):
-        BayesSettings(prediction=shares)

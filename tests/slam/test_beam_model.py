@@ -19,8 +19,6 @@ from waychair.slam.beam_model import (
     ON_WALL,
     THROUGH_WALL,
     BeamMap,
-    HealthSettings,
-    PlaceSettings,
     beam_classes,
     beam_map,
     place_log_odds,
@@ -113,7 +111,7 @@ def shares(**of: float) -> FloatArray:
 
 
 def health(**of: float) -> float:
-    return float(pose_probability(shares(**of), HealthSettings())[0])
+    return float(pose_probability(shares(**of))[0])
 
 
 def test_a_scan_of_nothing_but_people_leaves_even_odds() -> None:
@@ -131,7 +129,7 @@ def test_health_falls_by_what_contradicts_the_map_and_little_by_what_hides_it() 
 
 def test_a_place_found_from_nowhere_must_explain_people_and_walls_behind_walls_too() -> None:
     def odds(**of: float) -> float:
-        return float(place_log_odds(shares(**of), PlaceSettings())[0])
+        return float(place_log_odds(shares(**of))[0])
 
     assert odds(on=0.7, object=0.3) == odds(on=0.7, free=0.3) < 0.0
     assert odds(on=0.7, far=0.3) == odds(on=0.7, through=0.3) < odds(on=1.0)

@@ -9,7 +9,7 @@ from tests.slam.conftest import scan_at
 from waychair.geometry import transform_points
 from waychair.slam.edges import Edge, EdgeKind
 from waychair.slam.information import (
-    NoiseSettings,
+    MATCH_POSITION_SIGMA,
     match_information,
     odometry_information,
     rotated_information,
@@ -47,8 +47,11 @@ def test_people_round_the_chair_hide_walls_but_contradict_none() -> None:
     assert crossed_share(scan_points(crowded, Pose2(), 20.0), Pose2(), seen_from(HERE), HERE) < 0.05
 
 
-def test_a_torn_edge_is_too_long_for_a_window_and_sends_the_search_to_whole_submaps() -> None:
-    settings = LoopSettings(submap_scans=10)
+def test_a_torn_edge_is_too_long_for_a_window_and_sends_the_search_to_whole_submaps(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    monkeypatch.setattr("waychair.slam.loop_closure._SUBMAP_SCANS", 10)
+    settings = LoopSettings()
     poses = np.array([[0.2 * k, 0.0, 0.0] for k in range(41)])
     kinds = [EdgeKind.UNKNOWN if k == 29 else EdgeKind.MATCH for k in range(40)]
     edges = [Edge(k, k + 1, Pose2(0.2, 0, 0), unknown_information(), kind) for k, kind in enumerate(kinds)]
@@ -58,12 +61,9 @@ def test_a_torn_edge_is_too_long_for_a_window_and_sends_the_search_to_whole_subm
 
 
 def test_what_is_known_falls_with_the_way_and_turns_with_the_frame() -> None:
-    noise = NoiseSettings()
-    near, far = odometry_information(Pose2(0.1, 0, 0), noise), odometry_information(Pose2(2.0, 0, 0.5), noise)
+    near, far = odometry_information(Pose2(0.1, 0, 0)), odometry_information(Pose2(2.0, 0, 0.5))
     assert (np.diag(far) < np.diag(near)).all()
     assert (np.diag(unknown_information()) < np.diag(far)).all()
-    assert np.sqrt(np.linalg.inv(match_information(1e12 * np.eye(3), noise))[0, 0]) == pytest.approx(
-        noise.match_position
-    )
+    assert np.sqrt(np.linalg.inv(match_information(1e12 * np.eye(3)))[0, 0]) == pytest.approx(MATCH_POSITION_SIGMA)
     quarter = rotated_information(np.diag([1.0, 2.0, 3.0]), np.pi / 2)
     assert quarter == pytest.approx(np.diag([2.0, 1.0, 3.0]), abs=1e-12)

@@ -10,14 +10,12 @@ import pytest
 from waychair.errors import GraphError
 from waychair.geometry import compose
 from waychair.slam.edges import EdgeArrays, chi_square, edge_arrays
-from waychair.slam.graph import Edge, EdgeKind, GraphSettings, RejectionReason, read_g2o, solve
+from waychair.slam.graph import Edge, EdgeKind, RejectionReason, read_g2o, solve
 from waychair.slam.least_squares import least_squares
 from waychair.slam.pose_graph import PoseGraph
 from waychair.slam.robust import chained_poses
 from waychair.slam.synchronisation import isotropic, lower_bound, polished, sesync_objective, spectral_poses
 from waychair.types import FloatArray, Pose2
-
-SETTINGS = GraphSettings()
 
 
 def rmse(poses: FloatArray, truth: FloatArray) -> float:
@@ -59,7 +57,7 @@ def test_false_loops_do_not_move_the_optimum_and_are_named(
 ) -> None:
     start, edges, clean = intel
     false = drawn_false_loops(clean, edges[-1].information, group, 20)
-    solution = solve(start, (*edges, *false), SETTINGS)
+    solution = solve(start, (*edges, *false))
     assert rmse(solution.poses, clean) < 0.1
     assert {id(item.edge) for item in solution.rejected} == {id(edge) for edge in false}
     assert all(
@@ -71,7 +69,7 @@ def test_false_loops_do_not_move_the_optimum_and_are_named(
 
 def test_no_true_loop_is_lost_where_none_is_false(intel: tuple[FloatArray, tuple[Edge, ...], FloatArray]) -> None:
     start, edges, clean = intel
-    solution = solve(start, edges, SETTINGS)
+    solution = solve(start, edges)
     assert solution.accepted.all()
     assert solution.rejected == ()
     assert rmse(solution.poses, clean) < 0.01
@@ -114,7 +112,7 @@ def measured(truth: FloatArray, i: int, j: int, kind: EdgeKind, off: Pose2 | Non
 
 def grown(edges: tuple[Edge, ...] | list[Edge], start: FloatArray) -> PoseGraph:
     """A graph fed node by node, each node placed by its first edge."""
-    graph = PoseGraph(SETTINGS)
+    graph = PoseGraph()
     graph.add(start[:1], [])
     for node in range(1, len(start)):
         new = [edge for edge in edges if max(edge.i, edge.j) == node]
@@ -169,13 +167,13 @@ def test_nothing_is_solved_while_no_loop_closes() -> None:
 def test_graphs_that_make_no_sense_are_refused() -> None:
     truth, edges = laps()
     with pytest.raises(GraphError, match="no edges connect node 50"):
-        solve(truth, [edge for edge in edges if edge.j != 50 and edge.i not in (49, 50)], SETTINGS)
+        solve(truth, [edge for edge in edges if edge.j != 50 and edge.i not in (49, 50)])
     with pytest.raises(GraphError, match="names node 79 of a graph of 40"):
-        solve(truth[:40], edges, SETTINGS)
+        solve(truth[:40], edges)
     broken = Edge(0, 5, Pose2(float("nan"), 0, 0), np.eye(3), EdgeKind.LOOP)
     with pytest.raises(GraphError, match="not finite"):
-        solve(truth, [*edges, broken], SETTINGS)
-    graph = PoseGraph(SETTINGS)
+        solve(truth, [*edges, broken])
+    graph = PoseGraph()
     graph.add(truth[:2], edges[:1])
     for bad in (broken, Edge(1, 1, Pose2(), np.eye(3), EdgeKind.LOOP), Edge(0, 9, Pose2(), np.eye(3), EdgeKind.MATCH)):
         with pytest.raises(GraphError):

@@ -161,9 +161,12 @@ def test_a_map_without_walls_leaves_the_chair_lost_and_says_so() -> None:
         assert all(found.state is not LocalisationState.OK for found, _ in said)
 
 
-def test_what_is_published_moves_by_a_small_step_at_most_and_reports_what_remains(flat: OccupancyGrid) -> None:
-    settings = LocaliserSettings(step_distance=0.01, step_angle=0.005)
-    localiser = Localiser(flat, Pose2(), Pose2(1.5, 1.5, 0.0), settings)
+def test_what_is_published_moves_by_a_small_step_at_most_and_reports_what_remains(
+    flat: OccupancyGrid, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr("waychair.slam.localiser._STEP_DISTANCE", 0.01)
+    monkeypatch.setattr("waychair.slam.localiser._STEP_ANGLE", 0.005)
+    localiser = Localiser(flat, Pose2(), Pose2(1.5, 1.5, 0.0), LocaliserSettings())
     slip, before, remaining = Pose2(0.12, -0.05, 0.05), None, []
     for k, pose in enumerate(straight(Pose2(1.5, 1.5, 0.0), 2.0)):
         odometry = pose if k < 10 else pose @ slip
@@ -250,7 +253,7 @@ def test_a_chair_in_a_crowd_follows_the_walls_that_are_seen(flat: OccupancyGrid,
 
 
 def test_who_is_hidden_from_all_walls_is_in_doubt_and_lost_after_the_stated_way(flat: OccupancyGrid) -> None:
-    settings = LocaliserSettings(degraded_way=2.0)
+    settings = LocaliserSettings(max_degraded_distance=2.0)
     localiser = Localiser(flat, Pose2(), Pose2(1.5, 1.5, 0.0), settings)
     localiser.process(scan_at(Pose2(1.5, 1.5, 0.0)), Pose2(1.5, 1.5, 0.0))
     for pose in straight(Pose2(1.5, 1.5, 0.0), 3.0):
@@ -281,7 +284,7 @@ def test_while_a_chair_stands_it_is_the_world_that_changes_and_driving_on_shows_
         for way in np.arange(0.02, 0.3, 0.02)
     ]
     lost = [found.lost for found in on]
-    assert lost.index(True) == round(settings.standing_way / 0.02) + settings.lost_scans - 1
+    assert lost.index(True) == round(0.05 / 0.02) + settings.lost_scans - 1
 
 
 def test_a_chair_that_is_lifted_in_a_crowd_is_noticed(flat: OccupancyGrid) -> None:

@@ -52,7 +52,7 @@ def driven(
             yield ImuSample(k * WHEELS_NS + j * IMU_NS, accel, np.array([0.0, 0.0, rate])), part
         pose = pose @ arc(way, turn)
         slip = math.sqrt(s.drift_noise**2 * abs(way) + s.turn_noise**2 * abs(turn)) * white[0]
-        seen_way = (way + s.way_noise * math.sqrt(abs(way)) * white[1]) / (1 + faults.scale)
+        seen_way = (way + s.distance_noise * math.sqrt(abs(way)) * white[1]) / (1 + faults.scale)
         seen_turn = (turn + slip - faults.drift * seen_way) / (1 + faults.track)
         left += seen_way - seen_turn * CHAIR_A.track / 2
         right += seen_way + seen_turn * CHAIR_A.track / 2
@@ -254,7 +254,7 @@ def test_what_is_wrong_for_good_grows_with_the_way_and_not_with_its_root() -> No
     sigmas = []
     for metres in (10.0, 40.0):
         covariance = straight(
-            OdometryFilter(CHAIR_A, OdometrySettings(drift_noise=0.0, way_noise=0.0)), metres
+            OdometryFilter(CHAIR_A, OdometrySettings(drift_noise=0.0, distance_noise=0.0)), metres
         ).covariance
         assert covariance is not None
         sigmas.append(np.sqrt(np.diag(covariance)))

@@ -11,13 +11,11 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from tests.slam.rgbd_scene import CAMERA, pose, render
-from waychair.slam.depth_icp import IcpRefusal, IcpSettings, cloud_kernel, refine_by_depth
+from waychair.slam.depth_icp import IcpRefusal, cloud_kernel, refine_by_depth
 from waychair.slam.features import Features, FeatureSettings, extract
-from waychair.slam.registration import RegistrationRefusal, RegistrationSettings, angle_between, register
+from waychair.slam.registration import RegistrationRefusal, angle_between, register
 from waychair.slam.reprojection import NoiseModel, fit_pose, project, residual_kernel, unrolled
 from waychair.types import FloatArray, Pose3
-
-SETTINGS = RegistrationSettings()
 
 
 def features_at(place: Pose3) -> Features:
@@ -32,7 +30,7 @@ def away(a: Pose3, b: Pose3) -> tuple[float, float]:
     "moved", [pose(), pose((0, 0.1, 0), (0.1, 0, 0)), pose((0.05, -0.1, 0.3), (0, 0.05, 0.2)), pose((0, 0, 1.2))]
 )
 def test_the_motion_between_two_pictures_is_recovered(moved: Pose3) -> None:
-    found = register(features_at(pose()), features_at(moved), CAMERA, SETTINGS)
+    found = register(features_at(pose()), features_at(moved), CAMERA)
     assert found.old_from_new is not None
     metres, radians = away(found.old_from_new, moved)
     assert metres < 0.02
@@ -44,7 +42,7 @@ def test_the_motion_between_two_pictures_is_recovered(moved: Pose3) -> None:
 
 
 def test_matches_agree_with_the_pose_they_gave_and_not_with_one_beside_it() -> None:
-    found = register(features_at(pose()), features_at(pose((0, 0.05, 0))), CAMERA, SETTINGS)
+    found = register(features_at(pose()), features_at(pose((0, 0.05, 0))), CAMERA)
     assert found.old_from_new is not None
     assert found.inlier_share(found.old_from_new, CAMERA) > 0.95
     assert found.inlier_share(found.old_from_new @ pose((0, 0.03, 0)), CAMERA) < 0.5
@@ -55,13 +53,13 @@ def test_a_guess_gives_the_same_pose_and_a_wrong_guess_is_done_without() -> None
     moved = pose((0, 0.08, 0), (0.1, 0.02, 0.05))
     old, new = features_at(pose()), features_at(moved)
     for guess in (moved, pose((0, 1.0, 0), (1.0, 0, 0))):
-        found = register(old, new, CAMERA, SETTINGS, guess)
+        found = register(old, new, CAMERA, guess)
         assert found.old_from_new is not None
         assert away(found.old_from_new, moved)[0] < 0.02
 
 
 def test_pictures_of_different_walls_are_refused_with_a_reason() -> None:
-    found = register(features_at(pose()), features_at(pose((0, math.pi, 0))), CAMERA, SETTINGS)
+    found = register(features_at(pose()), features_at(pose((0, math.pi, 0))), CAMERA)
     assert found.old_from_new is None
     assert found.refusal in (
         RegistrationRefusal.FEW_MATCHES,
@@ -75,22 +73,22 @@ def test_an_empty_picture_and_one_without_depth_are_refused() -> None:
     old = features_at(pose())
     nothing = old.take(np.zeros(len(old), bool))
     blind = dataclasses.replace(old, points=np.full_like(old.points, np.nan))
-    assert register(old, nothing, CAMERA, SETTINGS).refusal is RegistrationRefusal.FEW_FEATURES
-    assert register(blind, old, CAMERA, SETTINGS).refusal is RegistrationRefusal.FEW_FEATURES
-    assert register(old, blind, CAMERA, SETTINGS).old_from_new is not None  # only the first one needs depth
+    assert register(old, nothing, CAMERA).refusal is RegistrationRefusal.FEW_FEATURES
+    assert register(blind, old, CAMERA).refusal is RegistrationRefusal.FEW_FEATURES
+    assert register(old, blind, CAMERA).old_from_new is not None  # only the first one needs depth
 
 
-def test_pictures_too_far_apart_are_refused() -> None:
-    near = dataclasses.replace(SETTINGS, max_distance=0.05)
+def test_pictures_too_far_apart_are_refused(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr("waychair.slam.registration._MAX_DISTANCE", 0.05)
     assert (
-        register(features_at(pose()), features_at(pose((0, 0, 0), (0.2, 0, 0))), CAMERA, near).refusal
-        is RegistrationRefusal.FAR
+        register(features_at(pose()), features_at(pose((0, 0, 0), (0.2, 0, 0))), CAMERA).refusal
+        is RegistrationRefusal.TOO_FAR
     )
 
 
-def test_matches_in_one_spot_are_refused() -> None:
-    strict = dataclasses.replace(SETTINGS, min_spread=0.1)
-    assert register(features_at(pose()), features_at(pose()), CAMERA, strict).refusal is RegistrationRefusal.CLUSTERED
+def test_matches_in_one_spot_are_refused(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr("waychair.slam.registration._MIN_SPREAD", 0.1)
+    assert register(features_at(pose()), features_at(pose()), CAMERA).refusal is RegistrationRefusal.CLUSTERED
 
 
 @settings(max_examples=25)
@@ -150,7 +148,7 @@ def test_rows_exposed_one_after_the_other_are_put_where_they_would_be_at_once() 
 def test_depth_pictures_are_laid_onto_each_other(wrong: Pose3) -> None:
     corner, moved = pose((0.5, 0.6, 0.0)), pose((0.02, 0.05, 0.0), (0.05, 0.0, 0.05))
     old, new = render(corner).depth, render(corner @ moved).depth
-    fit = refine_by_depth(old, new, CAMERA, moved @ wrong, IcpSettings())
+    fit = refine_by_depth(old, new, CAMERA, moved @ wrong)
     assert fit.refusal is None
     assert away(fit.old_from_new, moved)[0] < 0.005
     assert away(fit.old_from_new, moved)[1] < 0.004
@@ -164,7 +162,7 @@ def test_a_flat_wall_an_empty_and_a_distant_depth_leave_the_guess_alone() -> Non
         (room, np.full_like(room, np.nan), IcpRefusal.NO_DEPTH),
         (room, room + 1.0, IcpRefusal.FEW_MEET),
     ):
-        fit = refine_by_depth(old, new, CAMERA, guess, IcpSettings())
+        fit = refine_by_depth(old, new, CAMERA, guess)
         assert fit.refusal is why
         assert fit.old_from_new is guess
 

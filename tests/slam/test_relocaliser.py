@@ -15,8 +15,8 @@ from waychair.maps.grid import cells_from_points
 from waychair.recording import read_recording
 from waychair.slam.reference import block_maxima
 from waychair.slam.relocaliser import (
+    APART_DISTANCE,
     Pyramid,
-    RelocaliserSettings,
     global_search,
     heading_count,
     pyramid_from_grid,
@@ -24,10 +24,8 @@ from waychair.slam.relocaliser import (
     thinned,
 )
 from waychair.slam.scan_points import ScanStore, scan_points
-from waychair.slam.submap_search import SubmapPyramids, SubmapSettings, global_candidates
+from waychair.slam.submap_search import SubmapPyramids, global_candidates
 from waychair.types import FloatArray, OccupancyGrid, Pose2
-
-SEARCH = RelocaliserSettings()
 
 
 def flat(theta: float = 0.0) -> OccupancyGrid:
@@ -70,7 +68,7 @@ def test_the_best_place_is_that_of_exhaustive_search_even_at_the_edges(
     standing = (rng.random((height, width)) < 0.7).astype(np.uint8)
     pyramid = Pyramid(block_maxima(likelihood, levels), block_maxima(standing, levels), 0.1)
     points = thinned(rng.uniform(-1.5, 1.5, (12, 2)), 0.1, 12)
-    found = global_search(points, pyramid, RelocaliserSettings(min_response=0.05, resolution=0.1))
+    found = global_search(points, pyramid, floor=0.05)
     best = exhaustive(points, pyramid)
     assert (found[0].response if found else 0.0) == pytest.approx(best if best > 0.05 else 0.0, abs=1e-12)
 
@@ -85,27 +83,27 @@ def test_a_level_is_nowhere_below_the_sum_of_any_pose_it_stands_for() -> None:
 @pytest.mark.parametrize("theta", [0.0, 0.7])
 @pytest.mark.parametrize("pose", [Pose2(1.5, 1.5, 0.3), Pose2(10.5, 7.0, -2.0), Pose2(6.0, 7.5, 3.0)])
 def test_a_scan_is_found_on_the_whole_map_at_any_heading(pose: Pose2, theta: float) -> None:
-    best = global_search(points_at(pose), pyramid_from_grid(flat(theta), SEARCH), SEARCH)[0].pose
+    best = global_search(points_at(pose), pyramid_from_grid(flat(theta)))[0].pose
     true = Pose2(0, 0, theta) @ pose
     assert math.hypot(best.x - true.x, best.y - true.y) < 0.15
     assert abs(math.remainder(best.theta - true.theta, math.tau)) < 0.05
 
 
 def test_places_are_distinct_and_come_best_first() -> None:
-    found = global_search(points_at(Pose2(1.5, 1.5, 0.3)), pyramid_from_grid(flat(), SEARCH), SEARCH)
+    found = global_search(points_at(Pose2(1.5, 1.5, 0.3)), pyramid_from_grid(flat()))
     responses = [place.response for place in found]
     assert responses == sorted(responses, reverse=True)
     for k, place in enumerate(found):
         for other in found[:k]:
-            near = math.hypot(place.pose.x - other.pose.x, place.pose.y - other.pose.y) < SEARCH.apart_distance / 2
+            near = math.hypot(place.pose.x - other.pose.x, place.pose.y - other.pose.y) < APART_DISTANCE / 2
             assert not (near and abs(math.remainder(place.pose.theta - other.pose.theta, math.tau)) < 0.1)
 
 
 @pytest.mark.parametrize("value", [-1, 0])
 def test_a_map_without_walls_and_a_scan_without_points_offer_no_place(value: int) -> None:
     empty = OccupancyGrid(np.full((50, 50), value, np.int8), 0.05)
-    assert global_search(points_at(Pose2(1.5, 1.5, 0.3)), pyramid_from_grid(empty, SEARCH), SEARCH) == ()
-    assert global_search(np.empty((0, 2)), pyramid_from_grid(flat(), SEARCH), SEARCH) == ()
+    assert global_search(points_at(Pose2(1.5, 1.5, 0.3)), pyramid_from_grid(empty)) == ()
+    assert global_search(np.empty((0, 2)), pyramid_from_grid(flat())) == ()
 
 
 def test_a_query_is_found_in_the_submap_it_belongs_to_wherever_drift_has_put_it() -> None:
@@ -116,7 +114,7 @@ def test_a_query_is_found_in_the_submap_it_belongs_to_wherever_drift_has_put_it(
     drift = Pose2(25.0, -40.0, 1.0)
     poses = np.array([(drift @ pose if k >= 10 else pose).array() for k, pose in enumerate(true)])
     members = {3: np.arange(10), 8: np.arange(10, 20)}
-    pyramids = SubmapPyramids(SEARCH, SubmapSettings())
+    pyramids = SubmapPyramids()
     query = Pose2(10.4, 3.9, 1.7)
     found = global_candidates(store, poses, members, points_at(query), pyramids)
     expected = drift @ query
@@ -134,10 +132,10 @@ def test_scans_of_360_and_361_beams_of_a_real_log_are_both_found(data_dir: Path)
     assert scan is not None
     assert len(scan.ranges) == 360
     points = scan_points(scan, Pose2(), 20.0).points
-    pyramid = pyramid_from_points(points, np.zeros((1, 2)), 3.0, SEARCH)
+    pyramid = pyramid_from_points(points, np.zeros((1, 2)), 3.0)
     longer = np.append(scan.ranges, scan.ranges[-1])
     more = type(scan)(scan.stamp_ns, longer, scan.angle_min, scan.angle_step, range_max=scan.range_max)
     for query in (points, scan_points(more, Pose2(), 20.0).points):
-        best = global_search(query, pyramid, SEARCH)[0]
+        best = global_search(query, pyramid)[0]
         assert math.hypot(best.pose.x, best.pose.y) < 0.15
         assert best.response > 0.8

@@ -13,29 +13,29 @@ from waychair.errors import NoPictures
 from waychair.recording import InputSettings, Recording, read_recording
 from waychair.rgbd_folders import RgbdSettings, read_truth
 from waychair.runtime.rgbd_mapping import RgbdMappingSettings, map_pictures, save_pictures_map
+from waychair.slam import memory, rgbd_mapper, visual_odometry
 from waychair.slam.features import FeatureSettings, extract
 from waychair.slam.key_places import KeyPlaces, on_floor, shadow, shadows
 from waychair.slam.memory import Memory
-from waychair.slam.memory_settings import MemorySettings
 from waychair.slam.place_recognition import RecognitionSettings
 from waychair.slam.registration import angle_between
-from waychair.slam.rgbd_mapper import RgbdMapper, RgbdMapperSettings
-from waychair.slam.spatial_graph import SpatialEdge, SpatialSettings, solve_spatial
+from waychair.slam.rgbd_mapper import RgbdMapper
+from waychair.slam.spatial_graph import SpatialEdge, solve_spatial
 from waychair.slam.visual_map import KeyFrame
-from waychair.slam.visual_odometry import OdometrySettings, Track
+from waychair.slam.visual_odometry import Track
 from waychair.types import Pose2, Pose3, RgbdFrame, Trajectory3
 
 STEP = 66_000_000
 
 
-def test_a_piece_begun_elsewhere_is_joined_when_the_camera_comes_back() -> None:
+def test_a_piece_begun_elsewhere_is_joined_when_the_camera_comes_back(monkeypatch: pytest.MonkeyPatch) -> None:
     """Two walls seen apart, the motion between them unseen; then the camera turns from the second to the first."""
-    often = RgbdMapperSettings(
-        loop_inliers=25, odometry=OdometrySettings(key_angle=0.12), memory=MemorySettings(stm_size=2)
-    )
+    monkeypatch.setattr(rgbd_mapper, "LOOP_INLIERS", 25)
+    monkeypatch.setattr(visual_odometry, "KEY_ANGLE", 0.12)
+    monkeypatch.setattr(memory, "STM_SIZE", 2)
     first = [render(pose((0, 0.05 * k, 0)), k * STEP) for k in range(6)]
     second = [render(pose((0, 1.9 - 0.05 * k, 0)), (60 + k) * STEP) for k in range(36)]
-    mapper = RgbdMapper(often)
+    mapper = RgbdMapper()
     states = [mapper.process(frame).state for frame in [*first, *second]]
     assert states[6] is Track.STARTED
     result = mapper.result()
@@ -114,7 +114,7 @@ def test_a_loop_that_does_not_fit_pulls_less_the_less_it_fits() -> None:
 
     def bent_by(loop: bool) -> float:
         edge = dataclasses.replace(wrong, loop=loop)
-        solved = solve_spatial(poses, [*chain, *right, edge], SpatialSettings())
+        solved = solve_spatial(poses, [*chain, *right, edge])
         return float(np.linalg.norm(solved.poses[20].translation - poses[20].translation))
 
     assert bent_by(loop=True) < 0.01
@@ -133,12 +133,12 @@ def test_a_loop_bends_a_drifted_way_back_and_a_false_one_shows() -> None:
     loose, tight = np.diag([0.01**2] * 6), np.diag([0.005**2] * 6)
     chain = [SpatialEdge(k, k + 1, poses[k].inverse() @ poses[k + 1], loose) for k in range(20)]
     loop = SpatialEdge(0, 20, truth[0].inverse() @ truth[20], tight)
-    solved = solve_spatial(poses, [*chain, loop], SpatialSettings())
+    solved = solve_spatial(poses, [*chain, loop])
     assert np.linalg.norm(solved.poses[20].translation - truth[20].translation) < 0.01
     assert np.linalg.norm(poses[20].translation - truth[20].translation) > 0.05
     assert solved.errors.max() < 3.0
     false = dataclasses.replace(loop, i_from_j=pose((0, 1.0, 0), (2.0, 1.0, 0)))
-    assert solve_spatial(poses, [*chain, false], SpatialSettings()).errors.max() > 3.0
+    assert solve_spatial(poses, [*chain, false]).errors.max() > 3.0
 
 
 def rmse(trajectory: Trajectory3, truth: Trajectory3) -> float:
@@ -158,11 +158,11 @@ def test_the_real_numbered_frames_are_within_the_bar_and_written(data_dir: Path,
     assert rmse(mapping.result.trajectory, read_truth(folder)) < 0.03
     save_pictures_map(tmp_path, mapping, RgbdMappingSettings())
     assert {file.name for file in tmp_path.iterdir()} == {"trajectory.tum", "config.yaml", "report.json", "memory.db"}
-    memory = Memory.opened(tmp_path / "memory.db")
+    kept = Memory.opened(tmp_path / "memory.db")
     counts = mapping.report["memory"]["memory"]
-    assert len(memory.skeleton.ids()) == counts["stm"] + counts["wm"] > 5
-    assert len(memory.node(1).words) > 100
-    memory.close()
+    assert len(kept.skeleton.ids()) == counts["stm"] + counts["wm"] > 5
+    assert len(kept.node(1).words) > 100
+    kept.close()
     lines = (tmp_path / "trajectory.tum").read_text().splitlines()
     assert len(lines) == 50
     assert all(len(line.split()) == 8 for line in lines)

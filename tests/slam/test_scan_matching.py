@@ -16,7 +16,17 @@ from waychair.geometry import pose_from_array, wrap_angle
 from waychair.recording import read_recording
 from waychair.slam.mapper import Mapper, MapperSettings
 from waychair.slam.reference import LEVELS, ScanReference, reference_from_points, reference_from_scans
-from waychair.slam.scan_matching import MatchSettings, Window, correlative_search, match, nearest_surface, refine
+from waychair.slam.scan_matching import (
+    ANGLE_PENALTY,
+    BEAM_SIGMA,
+    DISTANCE_PENALTY,
+    MatchSettings,
+    Window,
+    correlative_search,
+    match,
+    nearest_surface,
+    refine,
+)
 from waychair.slam.scan_points import ScanPoints, ScanStore, scan_points
 from waychair.types import FloatArray, Pose2, Scan
 
@@ -33,7 +43,7 @@ def reference(noise: float = 0.0) -> ScanReference:
     poses = np.array([[1.5, 1.5, 0.3], [1.7, 1.5, 0.2], [1.9, 1.6, 0.1]])
     for pose in poses:
         store.append(points_at(Pose2(*pose), noise))
-    return reference_from_scans(store, poses, [0, 1, 2], poses[0], 12.0, SETTINGS.resolution, SETTINGS.sigma)
+    return reference_from_scans(store, poses, [0, 1, 2], poses[0], 12.0, SETTINGS.resolution, BEAM_SIGMA)
 
 
 def exhaustive(points: FloatArray, ref: ScanReference, guess: Pose2, cells: int, angles: FloatArray) -> float:
@@ -50,7 +60,7 @@ def exhaustive(points: FloatArray, ref: ScanReference, guess: Pose2, cells: int,
                 inside = (r >= 0) & (k >= 0) & (r < ref.bounds.shape[1]) & (k < ref.bounds.shape[2])
                 score = ref.bounds[0][r[inside], k[inside]].sum() / (255 * len(points))
                 away = math.hypot(dr, dc) * ref.resolution
-                best = max(best, score - SETTINGS.distance_penalty * away - SETTINGS.angle_penalty * abs(angle))
+                best = max(best, score - DISTANCE_PENALTY * away - ANGLE_PENALTY * abs(angle))
     return best
 
 
@@ -62,14 +72,14 @@ def test_branch_and_bound_finds_what_exhaustive_search_finds(dx: float, dy: floa
     ref = reference()
     points = points_at(HERE).points[::6]
     guess = Pose2(HERE.x + dx, HERE.y + dy, HERE.theta + turn)
-    found, response = correlative_search(points, ref, guess, Window(reach, 0.05), SETTINGS)
+    found, response = correlative_search(points, ref, guess, Window(reach, 0.05))
     far = float(np.sort(np.hypot(*points.T))[len(points) - 1 - len(points) // 5])
     step = math.acos(1 - ref.resolution**2 / (2 * far**2))
     count = math.ceil(0.05 / step)
     cells = math.ceil(reach / ref.resolution)
     best = exhaustive(points, ref, guess, cells, np.arange(-count, count + 1) * step)
     away = math.hypot(found.x - guess.x, found.y - guess.y)
-    penalised = response - SETTINGS.distance_penalty * away - SETTINGS.angle_penalty * abs(found.theta - guess.theta)
+    penalised = response - DISTANCE_PENALTY * away - ANGLE_PENALTY * abs(found.theta - guess.theta)
     assert penalised == pytest.approx(best, abs=1e-9)
 
 
@@ -79,12 +89,12 @@ def test_the_search_is_exact_where_walls_touch_the_reference_s_edges() -> None:
         store = ScanStore()
         walls = rng.uniform(-1.2, 1.2, (60, 2))
         store.append(ScanPoints(walls, np.zeros_like(walls)))
-        ref = reference_from_scans(store, np.zeros((1, 3)), [0], np.zeros(2), 1.0, SETTINGS.resolution, SETTINGS.sigma)
+        ref = reference_from_scans(store, np.zeros((1, 3)), [0], np.zeros(2), 1.0, SETTINGS.resolution, BEAM_SIGMA)
         points, guess = rng.uniform(-1.5, 1.5, (8, 2)), Pose2(*rng.uniform(-0.5, 0.5, 3))
-        found, response = correlative_search(points, ref, guess, Window(0.8, 0.01), SETTINGS)
+        found, response = correlative_search(points, ref, guess, Window(0.8, 0.01))
         away = math.hypot(found.x - guess.x, found.y - guess.y)
         turned = abs(math.remainder(found.theta - guess.theta, math.tau))
-        value = response - SETTINGS.distance_penalty * away - SETTINGS.angle_penalty * turned
+        value = response - DISTANCE_PENALTY * away - ANGLE_PENALTY * turned
         far = max(1.0, float(np.sort(np.hypot(*points.T))[7 - 8 // 5]))
         step = math.acos(1 - ref.resolution**2 / (2 * far**2))
         count = math.ceil(0.01 / step)
@@ -179,7 +189,7 @@ def test_crooked_normals_in_a_bare_corridor_are_no_knowledge_of_the_way_along_it
     store, poses = ScanStore(), np.array([[0.2 * k, 0.0, 0.02 * math.cos(k)] for k in range(20)])
     for x, y, theta in poses:
         store.append(seen(x, y, theta))
-    ref = reference_from_scans(store, poses, range(20), poses[-1], 12.0, SETTINGS.resolution, SETTINGS.sigma)
+    ref = reference_from_scans(store, poses, range(20), poses[-1], 12.0, SETTINGS.resolution, BEAM_SIGMA)
     found = match(seen(4.0, 0.0, 0.0), ref, Pose2(4.1, 0.05, 0.02), np.eye(3), Window(0.3, 0.2), SETTINGS)
     assert found.degenerate
     assert found.pose.x == pytest.approx(4.1, abs=0.01)
@@ -204,15 +214,15 @@ def test_a_repeating_place_has_a_runner_up_as_good_as_the_winner() -> None:
     ])  # fmt: skip
     ref = reference_from_points(comb, np.tile([0.0, 1.0], (len(comb), 1)), 0.05, 0.06)
     part = comb[(comb[:, 0] > 2.5) & (comb[:, 0] < 3.5)] - (3.0, 0.0)
-    best, response = correlative_search(part, ref, Pose2(3.0, 0.0, 0.0), Window(1.5, 0.1), SETTINGS)
-    _, runner_up = correlative_search(part, ref, Pose2(3.0, 0.0, 0.0), Window(1.5, 0.1), SETTINGS, excluded=best)
+    best, response = correlative_search(part, ref, Pose2(3.0, 0.0, 0.0), Window(1.5, 0.1))
+    _, runner_up = correlative_search(part, ref, Pose2(3.0, 0.0, 0.0), Window(1.5, 0.1), excluded=best)
     assert response > 0.9
     assert runner_up > 0.85 * response
 
 
 def test_nothing_above_the_floor_returns_the_guess_and_zero() -> None:
     guess = Pose2(30.0, 30.0, 0.0)
-    assert correlative_search(points_at(HERE).points, reference(), guess, Window(0.3, 0.1), SETTINGS, floor=0.5) == (
+    assert correlative_search(points_at(HERE).points, reference(), guess, Window(0.3, 0.1), floor=0.5) == (
         guess,
         0.0,
     )
@@ -245,7 +255,7 @@ def disagreement(store: ScanStore, poses: FloatArray, nodes: Iterable[int], sett
             scan = store[node]
             mine = ScanPoints(scan.points[half::2].copy(), scan.normals[half::2].copy())
             reference = reference_from_scans(
-                store, poses, earlier[half::2], poses[node], 12.0, settings.resolution, settings.sigma
+                store, poses, earlier[half::2], poses[node], 12.0, settings.resolution, BEAM_SIGMA
             )
             guess = pose_from_array(poses[node] + rng.normal(size=3) * (0.1, 0.1, 0.05))
             found.append(match(mine, reference, guess, np.eye(3), Window(0.3, 0.35), settings))

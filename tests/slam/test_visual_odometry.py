@@ -20,14 +20,14 @@ from waychair.slam.patch_alignment import affine_kernel, align
 from waychair.slam.registration import angle_between
 from waychair.slam.reprojection import NoiseModel, project
 from waychair.slam.visual_map import inverse_depths, pyramid_of
-from waychair.slam.visual_odometry import OdometrySettings, Track, VisualOdometry
+from waychair.slam.visual_odometry import VisualOdometrySettings, Track, VisualOdometry
 from waychair.types import FloatArray, Pose3, RgbdFrame
 
 STILL = Pose3(np.eye(3), np.zeros(3))
 
 
 def followed(frames: list[RgbdFrame]) -> tuple[VisualOdometry, list[Pose3 | None], list[Track]]:
-    odometry = VisualOdometry(OdometrySettings())
+    odometry = VisualOdometry(VisualOdometrySettings())
     tracked = [odometry.process(frame) for frame in frames]
     poses = [each.camera_from_map.inverse() if each.camera_from_map is not None else None for each in tracked]
     return odometry, poses, [each.state for each in tracked]

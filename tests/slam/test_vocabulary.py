@@ -314,20 +314,20 @@ def test_k_majority_finds_the_middles_of_well_separated_clusters() -> None:
     rng = np.random.default_rng(8)
     middles = random_bits(rng, 12)
     descriptors = np.concatenate([flipped(rng, middles, 12) for _ in range(31)])
-    words = train(descriptors, TrainingSettings(words=12, rounds=30))
+    words = train(descriptors, TrainingSettings(words=12), rounds=30)
     # From drawn beginnings two clusters may end in one, and one in two.
     assert (hamming_reference(words, middles).min(axis=0) <= 5).sum() >= 10
     expected = hamming_reference(descriptors, words).argmin(axis=1) + 1
     np.testing.assert_array_equal(FixedVocabulary(words).words_of(1, descriptors), expected)
-    np.testing.assert_array_equal(words, train(descriptors, TrainingSettings(words=12, rounds=30)))
+    np.testing.assert_array_equal(words, train(descriptors, TrainingSettings(words=12), rounds=30))
 
 
 def test_k_means_lowers_the_error_and_a_fixed_dictionary_gives_the_nearest_word() -> None:
     rng = np.random.default_rng(9)
     middles = floats(rng, 10)
     descriptors = np.concatenate([middles + rng.normal(0, 2, middles.shape).astype(np.float32) for _ in range(30)])
-    one = train(descriptors, TrainingSettings(words=10, rounds=1))
-    many = train(descriptors, TrainingSettings(words=10, rounds=30))
+    one = train(descriptors, TrainingSettings(words=10), rounds=1)
+    many = train(descriptors, TrainingSettings(words=10), rounds=30)
 
     def error(words: Float32Array) -> float:
         return float(((descriptors[:, None] - words[None]) ** 2).sum(axis=2).min(axis=1).mean())
@@ -357,6 +357,18 @@ def test_a_dictionary_on_disk_is_the_one_that_was_saved(tmp_path: Path) -> None:
     assert read == features
 
 
+def test_a_vocabulary_of_an_earlier_version_is_read_if_its_settings_are_the_constants_of_now(tmp_path: Path) -> None:
+    words = random_bits(np.random.default_rng(11), 40)
+    for threshold, known in ((10, True), (20, False)):
+        text = f"{{detector: orb, max_features: 321, fast_threshold: {threshold}, levels: 8}}"
+        np.savez_compressed(tmp_path / "words.npz", format=np.int64(1), words=words, features=np.array(text))
+        if known:
+            assert load(tmp_path / "words.npz")[1] == FeatureSettings(detector="orb", max_features=321)
+        else:
+            with pytest.raises(VocabularyError, match="fast_threshold is fixed at 10"):
+                load(tmp_path / "words.npz")
+
+
 @pytest.mark.parametrize("damage", ["missing", "empty", "cut", "text"])
 def test_a_damaged_dictionary_is_refused_in_one_sentence(tmp_path: Path, damage: str) -> None:
     path = tmp_path / "words.npz"
@@ -371,5 +383,5 @@ def test_a_damaged_dictionary_is_refused_in_one_sentence(tmp_path: Path, damage:
 
 
 def test_too_few_descriptors_make_no_dictionary() -> None:
-    with pytest.raises(VocabularyError, match="more to see"):
+    with pytest.raises(VocabularyError, match="more features"):
         train(np.zeros((50, 32), np.uint8))
