@@ -11,7 +11,6 @@ from collections import deque
 from dataclasses import dataclass
 
 from waychair.calibration.axis_model import AxisModel
-from waychair.config import Settings, setting
 
 _SUBSTEP_S = 0.005
 LONGEST_STEP_S = 0.2
@@ -19,13 +18,17 @@ LONGEST_STEP_S = 0.2
 
 
 @dataclass(frozen=True, slots=True)
-class AxisResponse(Settings):
-    """Delay, lag and ramp of one axis; the defaults suit a common chair that was not measured."""
+class AxisResponse:
+    """Response of one axis: delay [s], time constant of the lag [s] and steepest change of speed [m/s^2] or [rad/s^2].
 
-    delay_s: float = setting(0.06, "s", "from the command to the first effect", low=0.0, high=1.0)
-    lag_s: float = setting(0.18, "s", "time constant of the motors after the ramp", low=0.005, high=2.0)
-    ramp: float = setting(100.0, "speed/s", "steepest change of speed [m/s^2] or [rad/s^2]", low=0.01, high=1000.0)
-    doubt_s: float = setting(0.2, "s", "that the delay may be longer; 0 once it was measured", low=0.0, high=1.0)
+    `doubt_s` [s] is by how much the true delay may be longer, 0 for a measured one. The defaults suit a common chair that
+    was not measured.
+    """
+
+    delay_s: float = 0.06
+    lag_s: float = 0.18
+    ramp: float = 100.0
+    doubt_s: float = 0.2
 
 
 def response_from_axis(axis: AxisModel, longest_s: float = math.inf) -> AxisResponse | None:

@@ -12,10 +12,11 @@ from waychair.control.recovery import RecoverySettings
 from waychair.control.surroundings import Surroundings
 from waychair.geometry import transform_points
 from waychair.planning.forecast import People
+from waychair.planning.personal_space import GIVE_WAY_S, LINGERS_AFTER_S, SETTLED_AFTER_S, PersonalSpaceSettings
 from waychair.planning.tracks import (
+    MoverModel,
     Track,
     Tracker,
-    TrackSettings,
     gap,
     may_be_behind,
     moved_on,
@@ -45,12 +46,19 @@ class _Stay:
 class Bystanders:
     """The tracks of people near the chair, kept in odom because odom never jumps."""
 
-    def __init__(self, body: ChairBody, settings: TrackSettings, recovery: RecoverySettings, margin: float) -> None:
+    def __init__(
+        self,
+        body: ChairBody,
+        model: MoverModel,
+        space: PersonalSpaceSettings,
+        recovery: RecoverySettings,
+        margin: float,
+    ) -> None:
         """`margin` [m] is the clearance that the local planner keeps round the body."""
-        self._body, self._settings, self._recovery, self._margin = body, settings, recovery, margin
-        self._tracker = Tracker(settings)
+        self._body, self._space, self._recovery, self._margin = body, space, recovery, margin
+        self._tracker = Tracker(model)
         self.tracks: tuple[Track, ...] = ()
-        self._room = settings.room
+        self._room = space.radius
         self._stands_at = Pose2()
         self._stays_near: dict[int, _Stay] = {}
 
@@ -78,8 +86,7 @@ class Bystanders:
         tracks = self._tracker.update(seen_ns, strangers)
         self.tracks = moved_on((track for track in tracks if track.walked), now_ns)
         self._note_stays(now_ns, odom_from_map @ pose)
-        s = self._settings
-        self._room = s.room_after if stood_s > s.room_after_s else s.room
+        self._room = self._space.squeezed if stood_s > GIVE_WAY_S else self._space.radius
         room = room_round(self.tracks, self._room, odom_from_map @ pose, self._body, self._margin + _ROOM_TO_LEAVE)
         may_go = (*(track for track in self.tracks if not self._has_settled(track)), *self._tracker.lost)
         places = np.array([track.position for track in may_go]).reshape(-1, 2)
@@ -102,19 +109,19 @@ class Bystanders:
         A person too near for a forecast is left out: the scan's points are then the obstacle.
         """
         return tuple(
-            track if track.walks(self._settings) else _standing_at(track.position, track)
+            track if track.walks else _standing_at(track.position, track)
             for track in moved_on(self.tracks, now_ns)
             if self._gap(track, odom_from_base) > track.radius
         )
 
     def someone_walks_near(self, odom_from_base: Pose2) -> bool:
         """Return whether somebody near the chair walks."""
-        return any(track.walks(self._settings) for track in self._near(odom_from_base))
+        return any(track.walks for track in self._near(odom_from_base))
 
     def someone_passes_near(self, odom_from_base: Pose2) -> bool:
         """Return whether somebody near walks and does not linger; a lingering person waits for the chair."""
         near = self._near(odom_from_base)
-        return any(track.walks(self._settings) and not self._lingers(track) for track in near)
+        return any(track.walks and not self._lingers(track) for track in near)
 
     def someone_behind(self, now_ns: int, odom_from_base: Pose2) -> bool:
         """Return whether people may be in the area that backing out would use."""
@@ -126,16 +133,16 @@ class Bystanders:
 
     def _has_settled(self, track: Track) -> bool:
         """Return whether a person has stood for so long that they count as furniture."""
-        return not track.moved_within(self._settings.settles)
+        return not track.moved_within(SETTLED_AFTER_S)
 
     def _lingers(self, track: Track) -> bool:
         """Return whether a person stands, or moves to and fro before a chair that makes no progress."""
         if self._has_settled(track):
             return False
-        if not track.walks(self._settings):
+        if not track.walks:
             return True
         stay = self._stays_near.get(track.number)
-        return stay is not None and track.stamp_ns - stay.since_ns > self._settings.linger * 1e9
+        return stay is not None and track.stamp_ns - stay.since_ns > LINGERS_AFTER_S * 1e9
 
     def _expected(self, track: Track) -> Track:
         """Return the track, or for a lingering person one that stands in the middle of their stay.

@@ -6,26 +6,13 @@ commands exactly 0 until it is acknowledged.
 
 from __future__ import annotations
 
-import dataclasses
-from dataclasses import dataclass, field
-
 from waychair.calibration.dac import DacModel
 from waychair.calibration.stopping import StopTable
-from waychair.config import Settings
-from waychair.control.following import FollowingSettings, FollowingWatch
-from waychair.control.gain_watch import GainWatch, GainWatchSettings
+from waychair.control.following import FollowingWatch
+from waychair.control.gain_watch import GainWatch
 from waychair.control.kinematics import twist_from_wheel_speeds
-from waychair.control.speed_loop import SpeedLoop, SpeedLoopSettings, tuned
+from waychair.control.speed_loop import SpeedLoop, SpeedLoopSettings, chair_response
 from waychair.types import SentCommand, Twist
-
-
-@dataclass(frozen=True, slots=True)
-class ClosedLoopSettings(Settings):
-    """Settings of the speed loop and of both watches."""
-
-    speed_loop: SpeedLoopSettings = field(default_factory=SpeedLoopSettings)
-    gain_watch: GainWatchSettings = field(default_factory=GainWatchSettings)
-    following: FollowingSettings = field(default_factory=FollowingSettings)
 
 
 class ClosedLoop:
@@ -35,17 +22,16 @@ class ClosedLoop:
         self,
         model: DacModel,
         track: float,
-        settings: ClosedLoopSettings | None = None,
+        settings: SpeedLoopSettings | None = None,
         stops: StopTable | None = None,
     ) -> None:
-        """Take delays and lags from the calibration (`model` and `stops`) as far as there is one; see `tuned`.
+        """Take delays and lags from the calibration (`model` and `stops`) as far as there is one; see `chair_response`.
 
         `track` [m] is the distance between the chair's drive wheels.
         """
-        settings = settings or ClosedLoopSettings()
-        self._settings = dataclasses.replace(settings, speed_loop=tuned(settings.speed_loop, model, stops))
+        self._response = chair_response(model, stops)
         self._track = track
-        self._loop = SpeedLoop(self._settings.speed_loop, track)
+        self._loop = SpeedLoop(settings, track, self._response)
         self.acknowledge()
 
     @property
@@ -65,9 +51,9 @@ class ClosedLoop:
 
     def acknowledge(self) -> None:
         """Clear the fault, which somebody has dealt with, and start both watches again."""
-        s = self._settings
-        self._gain_watch = GainWatch(s.speed_loop.forward, s.speed_loop.turn, s.gain_watch)
-        self._following = FollowingWatch(s.speed_loop.forward, s.speed_loop.turn, self._track, s.following)
+        forward, turn = self._response.forward, self._response.turn
+        self._gain_watch = GainWatch(forward, turn)
+        self._following = FollowingWatch(forward, turn, self._track)
 
     def step(self, command: Twist | None, measured: Twist, now_ns: int, sent: SentCommand | None = None) -> Twist:
         """Return the twist to send in this tick, exactly 0 while there is a `fault`.

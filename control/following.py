@@ -6,27 +6,22 @@ The limits are those of the fault table: 0.3 m/s for 0.5 s, and 0.05 m/s for 0.3
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass
 
-from waychair.config import Settings, setting
 from waychair.control.axis_response import AxisResponse
 from waychair.types import Twist
 
+RESIDUAL, RESIDUAL_S = 0.3, 0.5
+"""m/s, s; F20: a wheel speed farther than this from the expected one for so long is a fault."""
 
-@dataclass(frozen=True, slots=True)
-class FollowingSettings(Settings):
-    """Greatest deviation of the chair from its command, and for how long."""
+STUCK_COMMAND, STUCK_V, STUCK_S = 0.08, 0.02, 2.0
+"""m/s, m/s, s; F20: at a wheel speed commanded above the first, a measured one below the second for so long is a fault.
+The time includes the parking brake's opening."""
 
-    residual: float = setting(0.3, "m/s", "F20: wheel speed off what is expected", low=0.05, high=2.0)
-    residual_s: float = setting(0.5, "s", "F20: for so long", low=0.05, high=5.0)
-    stuck_told: float = setting(
-        0.08, "m/s", "F20: told at least so much, the chair must move at all", low=0.0, high=1.0
-    )
-    stuck_v: float = setting(0.02, "m/s", "F20: slower than this is no motion", low=0.0, high=0.2)
-    stuck_s: float = setting(2.0, "s", "F20: for so long, the brake's opening included", low=0.1, high=10.0)
-    creep: float = setting(0.05, "m/s", "F21: wheel speed at neutral", low=0.005, high=0.5)
-    creep_s: float = setting(0.3, "s", "F21: for so long", low=0.05, high=5.0)
-    braking: float = setting(0.6, "m/s^2", "F21: any chair slows down as fast as this at least", low=0.05, high=5.0)
+CREEP, CREEP_S = 0.05, 0.3
+"""m/s, s; F21: a faster wheel at neutral for so long is a fault."""
+
+COASTING = 0.6
+"""m/s^2; F21: every chair slows down at least as fast as this."""
 
 
 class _Lasting:
@@ -48,11 +43,8 @@ class _Lasting:
 class FollowingWatch:
     """The clocks of F20 and F21; a fault stays until a new watch is made."""
 
-    def __init__(
-        self, forward: AxisResponse, turn: AxisResponse, track: float, settings: FollowingSettings | None = None
-    ) -> None:
+    def __init__(self, forward: AxisResponse, turn: AxisResponse, track: float) -> None:
         """`track` [m] is the distance between the drive wheels."""
-        self._settings = settings or FollowingSettings()
         self._half_track = 0.5 * track
         self._settling_s = max(axis.delay_s + 4.0 * axis.lag_s for axis in (forward, turn))
         self._off, self._stuck, self._neutral, self._creeping = (_Lasting() for _ in range(4))
@@ -66,17 +58,16 @@ class FollowingWatch:
         still be opening.
         """
         self._rest()
-        s = self._settings
         missed = 0.0
         if expected is not None:
             missed = self._at_wheel(Twist(expected.v - measured.v, expected.omega - measured.omega))
-        if self._off.seconds(missed > s.residual, now_ns) >= s.residual_s:
+        if self._off.seconds(missed > RESIDUAL, now_ns) >= RESIDUAL_S:
             self._found(
                 f"the chair does not follow (F20): {measured.v:.2f} m/s, {measured.omega:.2f} rad/s instead of "
                 f"{_text(expected)}; check free-wheel levers, slope and speed dial"
             )
-        stuck = self._at_wheel(sent) > s.stuck_told and self._at_wheel(measured) < s.stuck_v
-        if self._stuck.seconds(stuck, now_ns) >= s.stuck_s:
+        stuck = self._at_wheel(sent) > STUCK_COMMAND and self._at_wheel(measured) < STUCK_V
+        if self._stuck.seconds(stuck, now_ns) >= STUCK_S:
             self._found(
                 f"the chair does not move (F20) at a command of {sent.v:.2f} m/s, {sent.omega:.2f} rad/s; "
                 "check free-wheel levers, brakes and obstacles"
@@ -86,17 +77,16 @@ class FollowingWatch:
     def at_neutral(self, measured: Twist, now_ns: int) -> str:
         """Check F21 in one tick with the lines held at neutral; return the fault with its remedy, or "".
 
-        A moving chair may coast for its delay, four lags and the time to rest at `braking`.
+        A moving chair may coast for its delay, four lags and the time to rest at `COASTING`.
         """
-        s = self._settings
         self._off.seconds(False, now_ns)
         self._stuck.seconds(False, now_ns)
         speed = self._at_wheel(measured)
         held_s = self._neutral.seconds(True, now_ns)
         if held_s == 0.0:
-            self._coasting_s = self._settling_s + speed / s.braking if speed > s.creep else 0.0
-        creeps = speed > s.creep and held_s >= self._coasting_s
-        if self._creeping.seconds(creeps, now_ns) >= s.creep_s:
+            self._coasting_s = self._settling_s + speed / COASTING if speed > CREEP else 0.0
+        creeps = speed > CREEP and held_s >= self._coasting_s
+        if self._creeping.seconds(creeps, now_ns) >= CREEP_S:
             self._found(
                 f"the chair moves at neutral (F21): {measured.v:.2f} m/s, {measured.omega:.2f} rad/s; "
                 "check the lines' neutral and calibrate again"

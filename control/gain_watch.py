@@ -8,35 +8,36 @@ measured speed. Only steady motion is informative, so an axis that is hardly use
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass
 
 import numpy as np
 
-from waychair.config import Settings, setting
 from waychair.control.axis_response import LONGEST_STEP_S, AxisResponse, ExpectedSpeed
 from waychair.types import FloatArray, Twist
+
+SLOW_OUTSIDE, BACK_WITHIN, STOP_OUTSIDE = 0.2, 0.15, 0.4
+"""A gain farther than the first value from 1 slows the chair, one within the second frees it, the third stops it."""
+
+SLOW_SPEED = 0.3
+"""m/s; highest speed of a chair with a doubtful gain."""
+
+LEAST_V, LEAST_OMEGA = 0.15, 0.25
+"""m/s, rad/s; an axis is judged from this expected speed on."""
+
+NOISE_V, NOISE_OMEGA = 0.08, 0.15
+"""m/s, rad/s; one sigma of a calibration's error."""
+
+FIRST_GAIN, FIRST_CROSS = 0.3, 0.15
+"""One sigma of the gain and of the other axis' effect at first."""
+
+DRIFT = 0.02
+"""1/sqrt(s); drift of both coefficients, as a random walk."""
+
+CERTAIN = 0.08
+"""A gain is judged once its sigma is below this."""
 
 _SETTLED = 0.15  # a settled axis is within this share of the speed asked of it
 _CORRELATED_S = 0.3  # correlation time of ripple and rounding
 _CLEAR = 0.25  # a gain's deviation is judged once its sigma is below this share of it
-
-
-@dataclass(frozen=True, slots=True)
-class GainWatchSettings(Settings):
-    """Conditions for judging an axis, the expected drift of its gain, and the limits on the gain."""
-
-    slow_outside: float = setting(0.2, "", "part by which a gain may be off before it slows", low=0.05, high=10.0)
-    stop_outside: float = setting(0.4, "", "part by which it may be off before it stops", low=0.1, high=10.0)
-    back_within: float = setting(0.15, "", "part within which it goes at full speed again", low=0.0, high=10.0)
-    slow_v: float = setting(0.3, "m/s", "greatest speed of a chair whose gain is doubtful", low=0.05, high=1.0)
-    least_v: float = setting(0.15, "m/s", "expected speed from which the forward axis is judged", low=0.02, high=1.0)
-    least_omega: float = setting(0.25, "rad/s", "as above, of the turn axis", low=0.02, high=2.0)
-    noise_v: float = setting(0.08, "m/s", "of what a calibration misses (one sigma)", low=1e-3, high=1.0)
-    noise_omega: float = setting(0.15, "rad/s", "as above, of turning", low=1e-3, high=1.0)
-    first_gain: float = setting(0.3, "", "doubt about the gain at first (one sigma)", low=0.01, high=1.0)
-    first_cross: float = setting(0.15, "", "doubt about the other axis' effect at first (one sigma)", low=0.0, high=1.0)
-    wander: float = setting(0.02, "1/sqrt(s)", "by which both are believed to change", low=1e-4, high=1.0)
-    certain: float = setting(0.08, "", "a gain is judged once it is known so well (one sigma)", low=0.01, high=0.5)
 
 
 class AxisGain:
@@ -47,11 +48,14 @@ class AxisGain:
     the second term, a chair with unequal motors would look like a chair that turns too much.
     """
 
-    def __init__(self, settings: GainWatchSettings, noise: float) -> None:
-        self._settings = settings
+    def __init__(
+        self, noise: float, first_gain: float = FIRST_GAIN, first_cross: float = FIRST_CROSS, drift: float = DRIFT
+    ) -> None:
+        """Start from a gain of 1; `noise` is one sigma of the measured speed's error."""
+        self._drift = drift
         self._variance = noise * noise * _CORRELATED_S
         self._values: FloatArray = np.array([1.0, 0.0])
-        self._covariance: FloatArray = np.diag([settings.first_gain**2, settings.first_cross**2])
+        self._covariance: FloatArray = np.diag([first_gain**2, first_cross**2])
 
     @property
     def gain(self) -> float:
@@ -66,7 +70,7 @@ class AxisGain:
     def update(self, own: float, other: float, measured: float, seconds: float) -> None:
         """Update with mean speeds over `seconds` [s]; faster and longer samples weigh more."""
         row = np.array([own, other])
-        covariance = self._covariance + np.eye(2) * self._settings.wander**2 * seconds
+        covariance = self._covariance + np.eye(2) * self._drift**2 * seconds
         column = covariance @ row
         gain = column / (row @ column + self._variance / seconds)
         self._values = self._values + gain * (measured - row @ self._values)
@@ -76,10 +80,9 @@ class AxisGain:
 class GainWatch:
     """Both axes' gains, with the speed limit and the fault that follow from them."""
 
-    def __init__(self, forward: AxisResponse, turn: AxisResponse, settings: GainWatchSettings | None = None) -> None:
-        s = self._settings = settings or GainWatchSettings()
+    def __init__(self, forward: AxisResponse, turn: AxisResponse) -> None:
         self._expected = ExpectedSpeed(forward), ExpectedSpeed(turn)
-        self._gains = AxisGain(s, s.noise_v), AxisGain(s, s.noise_omega)
+        self._gains = AxisGain(NOISE_V), AxisGain(NOISE_OMEGA)
         self._last_ns: int | None = None
         self._slow = False
         self.fault = ""
@@ -92,7 +95,7 @@ class GainWatch:
     @property
     def speed_limit(self) -> float:
         """Highest speed [m/s] that the gains allow; +inf as calibrated."""
-        return self._settings.slow_v if self._slow else math.inf
+        return SLOW_SPEED if self._slow else math.inf
 
     def step(self, sent: Twist, measured: Twist, now_ns: int, *, judged: bool = True) -> str:
         """Take in one tick; return the fault with its remedy, or "". A fault stays until a new watch is made.
@@ -109,9 +112,9 @@ class GainWatch:
         if judged and math.isfinite(measured.v) and math.isfinite(measured.omega):
             seconds = min((now_ns - last_ns) * 1e-9, LONGEST_STEP_S)
             forward, turn = self._gains
-            if abs(v) > self._settings.least_v and self._settled(0, v):
+            if abs(v) > LEAST_V and self._settled(0, v):
                 forward.update(v, math.copysign(abs(omega), v), measured.v, seconds)
-            if abs(omega) > self._settings.least_omega and self._settled(1, omega):
+            if abs(omega) > LEAST_OMEGA and self._settled(1, omega):
                 turn.update(omega, v, measured.omega, seconds)
             self._judge()
         return self.fault
@@ -120,12 +123,11 @@ class GainWatch:
         return abs(self._expected[index].asked - speed) < _SETTLED * abs(speed)
 
     def _judge(self) -> None:
-        s = self._settings
-        known = [axis.gain for axis in self._gains if axis.sigma < max(s.certain, _CLEAR * abs(axis.gain - 1.0))]
+        known = [axis.gain for axis in self._gains if axis.sigma < max(CERTAIN, _CLEAR * abs(axis.gain - 1.0))]
         farthest = max(known, key=lambda gain: abs(gain - 1.0), default=1.0)
         off = abs(farthest - 1.0)
-        self._slow = off > (s.back_within if self._slow else s.slow_outside)
-        if off > s.stop_outside and not self.fault:
+        self._slow = off > (BACK_WITHIN if self._slow else SLOW_OUTSIDE)
+        if off > STOP_OUTSIDE and not self.fault:
             self.fault = (
                 f"speed dial or drive profile changed: the chair moves at {100.0 * farthest:.0f} % of its calibrated "
                 "speed; set dial and profile back, or calibrate again"

@@ -79,7 +79,13 @@ class Navigator:
         self._body = body
         self._surroundings = Surroundings(self._drawn, body, self.settings.surroundings)
         self.recovery = Recovery(self.settings.recovery)
-        self._people = Bystanders(body, self.settings.tracks, self.settings.recovery, self.settings.dwa.clearance)
+        self._people = Bystanders(
+            body,
+            self.settings.tracks.model,
+            self.settings.personal_space,
+            self.settings.recovery,
+            self.settings.dwa.clearance,
+        )
         self._among_people = self._planned_among_people = False
         self._motion, self._before = Motion(), Twist()
         self._local: DistanceField | None = None
@@ -383,7 +389,7 @@ class Navigator:
             return True
         ahead = rest[: math.ceil(self.settings.look_ahead / self.settings.planner.spacing)]
         in_odom, half = transform_points(self._map_from_odom.inverse(), ahead), self._body.width / 2
-        radius = self.settings.tracks.radius
+        radius = self.settings.tracks.model.radius
         return self._surroundings.stands_near(ahead, half) or self._people.someone_lingers_near(in_odom, half + radius)
 
     def _plan(self, now_ns: int) -> bool:

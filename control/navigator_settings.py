@@ -12,6 +12,7 @@ from waychair.control.surroundings import SurroundingsSettings
 from waychair.planning.clearance import ClearanceSettings
 from waychair.planning.global_planner import PlannerSettings
 from waychair.planning.motion import DwaSettings
+from waychair.planning.personal_space import PersonalSpaceSettings
 from waychair.planning.tracks import TrackSettings
 
 
@@ -49,6 +50,7 @@ class NavigatorSettings(Settings):
     waits_from: float = setting(2.0, "m", "from so near the chair waits until its goal is free", low=0.1, high=50.0)
     corrections: CorrectionSettings = field(default_factory=CorrectionSettings)
     tracks: TrackSettings = field(default_factory=TrackSettings)
+    personal_space: PersonalSpaceSettings = field(default_factory=PersonalSpaceSettings)
     surroundings: SurroundingsSettings = field(default_factory=SurroundingsSettings)
     recovery: RecoverySettings = field(default_factory=RecoverySettings)
     clearance: ClearanceSettings = field(default_factory=ClearanceSettings)

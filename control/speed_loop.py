@@ -8,7 +8,6 @@ the line.
 
 from __future__ import annotations
 
-import dataclasses
 import math
 from dataclasses import dataclass, field
 
@@ -26,8 +25,28 @@ HOLD_SHARE = 0.25
 LINE_SHARE = 0.25
 """Line hold's gain as a share of the heading hold's: once more four times slower."""
 
+PHASE_MARGIN = math.radians(67.5)
+"""rad; phase margin of either axis at the identified gain. It leaves 45 degrees at twice that gain."""
+
+FASTEST_CROSSOVER = 4.0
+"""rad/s; crossover of a chair without delay."""
+
+PERIOD_S = 0.05
+"""s; the tick. Half of it is the delay of the held command, half that of the mean speed."""
+
+RESERVE = 0.1
+"""Share of the top speed that is left to the trims."""
+
+HOLD_OMEGA = 0.15
+"""rad/s; largest turn rate of heading and line hold together."""
+
+LINE_ANGLE = 0.1
+"""rad; steepest heading back to the line."""
+
+_QUANTUM = (0.03, 0.06)  # m/s, rad/s; rounding makes sent and asked speeds differ by less
+_MOVING = (0.03, 0.06)  # m/s, rad/s; a larger measured speed is certainly motion
 _STRAIGHT = 1e-3  # rad/s
-_LEAST_V = 0.3  # m/s: at lower speeds the return to the line is no sharper
+_LEAST_V = 0.3  # m/s; at lower speeds the return to the line is no sharper
 
 
 @dataclass(frozen=True, slots=True)
@@ -64,30 +83,38 @@ def gains(delay_s: float, lag_s: float, margin: float, fastest: float = math.inf
 
 @dataclass(frozen=True, slots=True)
 class SpeedLoopSettings(Settings):
-    """The axes' responses, the loop's phase margin and limits, and the conditions for freezing its integrators."""
+    """Limits of the trims, and the chair's parking brake and casters."""
+
+    max_trim_v: float = setting(
+        0.2, "m/s", "largest trim of the forward speed; larger: more disturbance is corrected", low=0.0, high=0.5
+    )
+    max_trim_omega: float = setting(
+        0.4, "rad/s", "largest trim of the turn rate; larger: more asymmetry is corrected", low=0.0, high=1.0
+    )
+    brake_s: float = setting(
+        0.6, "s", "longest time in which the parking brake opens; the loop waits so long for motion", low=0.0, high=3.0
+    )
+    caster_distance: float = setting(
+        0.4,
+        "m",
+        "distance after a reversal in which casters swing round; meanwhile no turn is learnt",
+        low=0.0,
+        high=2.0,
+    )
+
+
+@dataclass(frozen=True, slots=True)
+class ChairResponse:
+    """The responses of both axes, and the chair's top speeds [m/s], [rad/s]; the defaults are without a calibration."""
 
     forward: AxisResponse = field(default_factory=AxisResponse)
     turn: AxisResponse = field(default_factory=AxisResponse)
-    margin: float = setting(math.radians(67.5), "rad", "phase margin of either axis", low=math.radians(45.0), high=1.5)
-    fastest: float = setting(4.0, "rad/s", "crossover of a chair without delay", low=0.1, high=10.0)
-    period_s: float = setting(0.05, "s", "tick: half of it is the hold's delay, half the mean's", low=0.0, high=0.2)
-    max_v: float = setting(0.2, "m/s", "largest trim", low=0.0, high=0.5)
-    max_omega: float = setting(0.4, "rad/s", "largest trim", low=0.0, high=1.0)
-    reach_v: float = setting(10.0, "m/s", "greatest speed of the chair", low=0.05, high=10.0)
-    reach_omega: float = setting(20.0, "rad/s", "as above, of turning", low=0.05, high=20.0)
-    reserve: float = setting(0.1, "", "part of the reach that is left to the trims", low=0.0, high=0.5)
-    hold_omega: float = setting(0.15, "rad/s", "most that heading and line hold ask for", low=0.0, high=1.0)
-    line_angle: float = setting(0.1, "rad", "steepest way back to the line", low=0.0, high=0.5)
-    quantum_v: float = setting(0.03, "m/s", "sent and asked for differ by less through rounding", low=0.0, high=0.5)
-    quantum_omega: float = setting(0.06, "rad/s", "as above, of turning", low=0.0, high=1.0)
-    moving_v: float = setting(0.03, "m/s", "a measured speed that is motion for certain", low=0.0, high=0.5)
-    moving_omega: float = setting(0.06, "rad/s", "as above, of turning", low=0.0, high=1.0)
-    brake_s: float = setting(0.6, "s", "longest that a parking brake takes to open", low=0.0, high=3.0)
-    caster_way: float = setting(0.4, "m", "way after a reversal in which casters swing round", low=0.0, high=2.0)
+    top_v: float = 10.0
+    top_omega: float = 20.0
 
 
-def tuned(settings: SpeedLoopSettings, model: DacModel, stops: StopTable | None = None) -> SpeedLoopSettings:
-    """Return the settings with the calibration's delays, lags, ramps and top speeds, as far as it has them.
+def chair_response(model: DacModel, stops: StopTable | None = None) -> ChairResponse:
+    """Return the calibration's delays, lags, ramps and top speeds, with the defaults as far as it has none.
 
     A calibration's steps begin at rest, so that a parking brake's opening looks like delay. Stops involve no brake:
     their delay is an upper bound for a moving chair (it ends when 5 % of the speed is lost, later than the true delay).
@@ -95,28 +122,27 @@ def tuned(settings: SpeedLoopSettings, model: DacModel, stops: StopTable | None 
     if isinstance(model, DeadBand):
         model = model.model
     if not isinstance(model, FittedDac):
-        return settings
+        return ChairResponse()
     longest = stops.delay_s if stops is not None else math.inf
-    return dataclasses.replace(
-        settings,
-        forward=response_from_axis(model.forward, longest) or settings.forward,
-        turn=response_from_axis(model.turn, longest) or settings.turn,
-        reach_v=min(model.forward.reach(1.0), model.forward.reach(-1.0)),
-        reach_omega=min(model.turn.reach(1.0), model.turn.reach(-1.0)),
+    return ChairResponse(
+        forward=response_from_axis(model.forward, longest) or AxisResponse(),
+        turn=response_from_axis(model.turn, longest) or AxisResponse(),
+        top_v=min(model.forward.reach(1.0), model.forward.reach(-1.0)),
+        top_omega=min(model.turn.reach(1.0), model.turn.reach(-1.0)),
     )
 
 
-def gains_of(response: AxisResponse, settings: SpeedLoopSettings) -> Gains:
+def gains_of(response: AxisResponse) -> Gains:
     """Return the gains of an axis; the whole delay is its own, its possible excess and the tick's."""
-    delay_s = response.delay_s + response.doubt_s + settings.period_s
-    return gains(delay_s, response.lag_s, settings.margin, settings.fastest)
+    delay_s = response.delay_s + response.doubt_s + PERIOD_S
+    return gains(delay_s, response.lag_s, PHASE_MARGIN, FASTEST_CROSSOVER)
 
 
 class _Axis:
     """One axis: its expected speed and its trim."""
 
-    def __init__(self, response: AxisResponse, settings: SpeedLoopSettings, limit: float, quantum: float) -> None:
-        self.gains = gains_of(response, settings)
+    def __init__(self, response: AxisResponse, limit: float, quantum: float) -> None:
+        self.gains = gains_of(response)
         self.integral = 0.0
         self.mean = 0.0
         self._expected = ExpectedSpeed(response)
@@ -158,18 +184,23 @@ class _Axis:
 class SpeedLoop:
     """The speed loop: both axes' trims and expected speeds, and the line hold."""
 
-    def __init__(self, settings: SpeedLoopSettings | None = None, track: float = 0.54) -> None:
+    def __init__(
+        self,
+        settings: SpeedLoopSettings | None = None,
+        track: float = 0.54,
+        response: ChairResponse = ChairResponse(),
+    ) -> None:
         """`track` [m] is the distance between the wheels that the sent wheel speeds refer to."""
         s = self._settings = settings or SpeedLoopSettings()
-        self._track = track
-        self._forward = _Axis(s.forward, s, s.max_v, s.quantum_v)
-        self._turn = _Axis(s.turn, s, s.max_omega, s.quantum_omega)
+        self._track, self._response = track, response
+        self._forward = _Axis(response.forward, s.max_trim_v, _QUANTUM[0])
+        self._turn = _Axis(response.turn, s.max_trim_omega, _QUANTUM[1])
         self._last_ns: int | None = None
         self._at_rest = True
         self._waiting_since_ns: int | None = None
-        self._line = _Line(self._turn.gains, s)
+        self._line = _Line(self._turn.gains)
         self._direction = 0.0
-        self._caster_way = 0.0
+        self._casters_swing_m = 0.0
 
     @property
     def expected(self) -> Twist:
@@ -184,7 +215,7 @@ class SpeedLoop:
     @property
     def casters_swing(self) -> bool:
         """Whether the casters may still be swinging round after a reversal."""
-        return self._caster_way > 0.0
+        return self._casters_swing_m > 0.0
 
     def step(self, command: Twist | None, measured: Twist, now_ns: int, sent: SentCommand | None = None) -> Twist:
         """Return the command plus its trims; a command of None means that nobody drives, and resets the loop.
@@ -217,9 +248,8 @@ class SpeedLoop:
 
     def _within_reach(self, command: Twist) -> Twist:
         """Return the twist of the same arc, slow enough to leave room for trims: a saturated axis cannot be steered."""
-        s = self._settings
-        room = 1.0 - s.reserve
-        parts = abs(command.v) / (room * s.reach_v), abs(command.omega) / (room * s.reach_omega), 1.0
+        room, top = 1.0 - RESERVE, self._response
+        parts = abs(command.v) / (room * top.top_v), abs(command.omega) / (room * top.top_omega), 1.0
         return Twist(command.v / max(parts), command.omega / max(parts))
 
     def _trim(self, command: Twist, measured: Twist, seconds: float, frozen: bool) -> Twist:
@@ -266,14 +296,14 @@ class SpeedLoop:
         elif self._at_rest:
             self._at_rest, self._waiting_since_ns = False, now_ns
         elif self._waiting_since_ns is not None:
-            patience = s.brake_s + max(s.forward.delay_s, s.turn.delay_s)
+            patience = s.brake_s + max(self._response.forward.delay_s, self._response.turn.delay_s)
             if now_ns - self._waiting_since_ns > patience * 1e9:
                 self._set_off(measured, command, now_ns)
                 self._waiting_since_ns = None
-        direction = math.copysign(1.0, measured.v) if abs(measured.v) > s.moving_v else self._direction
+        direction = math.copysign(1.0, measured.v) if abs(measured.v) > _MOVING[0] else self._direction
         if direction * self._direction < 0.0:
-            self._caster_way = s.caster_way
-        self._caster_way = max(0.0, self._caster_way - abs(measured.v) * seconds)
+            self._casters_swing_m = s.caster_distance
+        self._casters_swing_m = max(0.0, self._casters_swing_m - abs(measured.v) * seconds)
         self._direction = direction
 
     def _set_off(self, measured: Twist, command: Twist, now_ns: int) -> None:
@@ -283,15 +313,14 @@ class SpeedLoop:
 
     def moves(self, twist: Twist) -> bool:
         """Return whether a measured twist is certainly motion."""
-        return abs(twist.v) > self._settings.moving_v or abs(twist.omega) > self._settings.moving_omega
+        return abs(twist.v) > _MOVING[0] or abs(twist.omega) > _MOVING[1]
 
 
 class _Line:
     """The line on which a straight drive began, kept by integrating the missed turn rates."""
 
-    def __init__(self, turn_gains: Gains, settings: SpeedLoopSettings) -> None:
+    def __init__(self, turn_gains: Gains) -> None:
         self._gains = turn_gains
-        self._settings = settings
         self.forget()
 
     def forget(self) -> float:
@@ -302,12 +331,11 @@ class _Line:
 
     def step(self, missed: float, v: float, seconds: float) -> float:
         """Return the turn rate [rad/s] back to the line, after a missed rate [rad/s] at a speed of v [m/s]."""
-        s = self._settings
         self._heading += missed * seconds
         self._right += v * math.sin(self._heading) * seconds
         # The extra heading leads back to the line; backwards it has the other sign.
         back = math.copysign(self._gains.line / max(abs(v), _LEAST_V), v) * self._right
-        return _limited(self._gains.heading * (self._heading + _limited(back, s.line_angle)), s.hold_omega)
+        return _limited(self._gains.heading * (self._heading + _limited(back, LINE_ANGLE)), HOLD_OMEGA)
 
 
 def _is_straight(command: Twist) -> bool:

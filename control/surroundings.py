@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, replace
 
 import numpy as np
 from scipy.spatial import cKDTree
@@ -16,9 +16,10 @@ from waychair.maps.grid import cells_from_points, cells_under, occupied
 from waychair.maps.ground import ground_view
 from waychair.planning.drawn_map import DrawnMap
 from waychair.planning.obstacle_layer import (
+    DROP_CELL,
+    DROP_FORGOTTEN_AFTER_S,
     EMPTY,
     ObstacleLayer,
-    ObstacleSettings,
     Sight,
     any_nearer,
     sight_from_depth,
@@ -64,10 +65,7 @@ class SurroundingsSettings(Settings):
     sonar_range: float = setting(4.0, "m", "farthest echo of the sonars", low=0.1, high=20.0)
     sonar_half_cone: float = setting(math.radians(15.0), "rad", "from a sonar's axis to its edge", low=0.01, high=1.5)
     walker: float = setting(0.5, "m", "a point this near to the middle of who walks is of them", low=0.0, high=2.0)
-    obstacles: ObstacleSettings = field(default_factory=ObstacleSettings)
     drop_margin: float = setting(0.15, "m", "kept free round where the floor ends", low=0.0, high=0.5)
-    remembered_drops: ObstacleSettings = field(default_factory=lambda: ObstacleSettings(cell=0.05, fade=600.0))
-    missing_ground: ObstacleSettings = field(default_factory=lambda: ObstacleSettings(cell=0.05))
 
 
 class Surroundings:
@@ -98,7 +96,7 @@ class Surroundings:
         hits = np.arange(len(ends)) < len(points)
         sight = sight_from_points(now_ns, np.array([laser.x, laser.y]), ends, hits, self._settings.beam)
         self._lidar = self._without_walls(
-            updated(self._lidar, sight, self._settings.obstacles), self._settings.known_within
+            updated(self._lidar, sight), self._settings.known_within
         )
 
     def hear(self, readings: SonarReadings, pose: Pose2) -> None:
@@ -111,7 +109,7 @@ class Surroundings:
         for sight in sights_from_sonar(readings, pose, sonar_mounts(self._body), s.sonar_range, s.sonar_half_cone):
             if sight.hits.any() and self._is_explained(sight):
                 sight = replace(sight, hits=np.zeros(len(sight.hits), np.bool_))
-            self._sonar = self._without_near_walls(updated(self._sonar, sight, s.obstacles), sight.origin)
+            self._sonar = self._without_near_walls(updated(self._sonar, sight), sight.origin)
 
     def look(self, frame: RgbdFrame, pose: Pose2, level_from_base: FloatArray | None = None) -> None:
         """Take in a depth image from map_from_base: obstacles off the lidar's height, such as table tops, and
@@ -127,10 +125,10 @@ class Surroundings:
         view = ground_view(frame, mount, body.front)
         for layer, seen in self._depth.items():
             sight = sight_from_depth(view, pose, layer, s.floor)
-            self._depth[layer] = self._without_near_walls(updated(seen, sight, s.obstacles), sight.origin)
-        self._drop_offs = updated(self._drop_offs, sight_of_drops(view, pose), s.remembered_drops)
+            self._depth[layer] = self._without_near_walls(updated(seen, sight), sight.origin)
+        self._drop_offs = updated(self._drop_offs, sight_of_drops(view, pose), DROP_CELL, DROP_FORGOTTEN_AFTER_S)
         self._drop_off_zone = widened(self._drop_offs.points, s.drop_margin)
-        missing = updated(self._missing, sight_of_missing_ground(view, pose), s.missing_ground)
+        missing = updated(self._missing, sight_of_missing_ground(view, pose), DROP_CELL)
         self._missing = self._without_walls(
             missing, s.known_within
         )  # depth of the floor at the foot of a wall is often wrong

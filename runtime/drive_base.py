@@ -19,12 +19,13 @@ from waychair.calibration.dac import DEFAULT, DacModel
 from waychair.calibration.fitted_dac import DeadBand, FittedDac
 from waychair.calibration.stopping import permitted_speed
 from waychair.config import Settings
-from waychair.control.closed_loop import ClosedLoop, ClosedLoopSettings
+from waychair.control.closed_loop import ClosedLoop
 from waychair.control.collision_monitor import MonitorSettings, is_silent, permitted_share, stale_stop
 from waychair.control.fitness import Fitness, FitnessSettings
 from waychair.control.kinematics import saturate, twist_from_wheel_speeds, wheel_speeds_from_twist
 from waychair.control.limiter import Limiter, LimiterSettings, is_possible
 from waychair.control.pushing import Pushing, PushingSettings
+from waychair.control.speed_loop import SpeedLoopSettings
 from waychair.control.steering import Steering, SteeringSettings
 from waychair.control.stops import STOPS, Braking, Halt, Severity, board_halt, halt, halt_as_told
 from waychair.control.supervisor import DRIVEN, Override, Situation, SupervisorSettings, SupervisorVerdict, supervise
@@ -64,7 +65,7 @@ The rider's joystick is no message: the board reads it and reports it in its tel
 class BaseSettings(Settings):
     """The settings of the drive base's parts."""
 
-    closed_loop: ClosedLoopSettings = field(default_factory=ClosedLoopSettings)
+    speed_loop: SpeedLoopSettings = field(default_factory=SpeedLoopSettings)
     supervisor: SupervisorSettings = field(default_factory=SupervisorSettings)
     fitness: FitnessSettings = field(default_factory=FitnessSettings)
     limiter: LimiterSettings = field(default_factory=LimiterSettings)
@@ -119,7 +120,7 @@ class DriveBase:
         watched = Watched(body, s.monitor, calibration.stops, calibration.self_mask)
         self._monitor = monitor or MonitorInStep(watched)
         self.bridge = Bridge(cable, model, calibration.chair_id, s.bridge, self._gate)
-        self._loop = ClosedLoop(model, body.track, s.closed_loop, calibration.stops)
+        self._loop = ClosedLoop(model, body.track, s.speed_loop, calibration.stops)
         self._limiter = Limiter(s.limiter)
         self._fitness = Fitness(body, s.fitness)
         self._override = Override(s.supervisor)

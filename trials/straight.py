@@ -11,18 +11,21 @@ import numpy as np
 from waychair.calibration.chair import ChairBody
 from waychair.calibration.fitted_dac import DeadBand, FittedDac
 from waychair.calibration.stopping import StopTable
-from waychair.config import Settings, setting
-from waychair.control.closed_loop import ClosedLoop, ClosedLoopSettings
+from waychair.control.closed_loop import ClosedLoop
 from waychair.control.kinematics import wheel_speeds_from_twist
+from waychair.control.speed_loop import SpeedLoopSettings
 from waychair.simulation.simulator import SensorMessage, Simulator, SimulatorSettings
 from waychair.simulation.world import World
 from waychair.slam.odometry import OdometryFilter
 from waychair.trials.halls import open_hall
 from waychair.trials.simulated_drive import TICK_NS, with_few_beams, with_gyro
-from waychair.types import FloatArray, ImuSample, Pose2, Sent, Twist, WheelTicks
+from waychair.types import FloatArray, ImuSample, Pose2, SentCommand, Twist, WheelTicks
 
 BIAS_S = 3.0
 """Rest before a drive [s], for the gyro's bias."""
+
+SPEED = 0.8  # m/s; cruising speed of a straight drive, within every chair's reach
+ACCELERATION = 0.5  # m/s^2; speeding up and slowing down in comfort
 
 _SMOOTH_S = 0.25  # a rider's trunk does not follow shorter jerks
 
@@ -56,7 +59,7 @@ class LoopDrive:
         body: ChairBody,
         simulator: SimulatorSettings,
         seed: int,
-        settings: ClosedLoopSettings | None = None,
+        settings: SpeedLoopSettings | None = None,
         world: World | None = None,
         stops: StopTable | None = None,
     ) -> None:
@@ -64,7 +67,7 @@ class LoopDrive:
         self.simulator = Simulator(world or open_hall(), body, with_gyro(with_few_beams(simulator)), seed)
         self.loop = ClosedLoop(model, body.track, settings, stops)
         self.measured = Twist()
-        self.sent: Sent | None = None
+        self.sent: SentCommand | None = None
         self._model = model
         self._lines = DeadBand(model)
         self._track = body.track
@@ -84,16 +87,7 @@ class LoopDrive:
         volts = self._model.volts_from_counts(*counts)
         self.simulator.drive(*volts)
         speeds = self._model.wheel_speeds_from_counts(*counts)
-        self.sent = Sent(self.simulator.now_ns, speeds, *counts, *volts, active=True)
-
-
-@dataclass(frozen=True, slots=True)
-class StraightSettings(Settings):
-    """Length and speed of a straight drive."""
-
-    length: float = setting(10.0, "m", "from rest to rest", low=0.1, high=15.0)
-    speed: float = setting(0.8, "m/s", "greatest speed", low=0.05, high=3.0)
-    acceleration: float = setting(0.5, "m/s^2", "speeding up and slowing down", low=0.05, high=3.0)
+        self.sent = SentCommand(self.simulator.now_ns, speeds, *counts, *volts, active=True)
 
 
 @dataclass(frozen=True, slots=True)
@@ -117,37 +111,34 @@ class StraightDrive:
 
 
 def drive_straight(
-    drive: LoopDrive, settings: StraightSettings | None = None, *, closed: bool = True, limit_s: float = 120.0
+    drive: LoopDrive, length: float = 10.0, *, closed: bool = True, limit_s: float = 120.0
 ) -> StraightDrive:
-    """Drive straight for the set length by the encoders, then rest; a fault of the loop aborts the drive."""
-    s = settings or StraightSettings()
+    """Drive straight for `length` [m] by the encoders, then rest; a fault of the loop aborts the drive."""
     simulator, start = drive.simulator, drive.simulator.truth()
-    way, speed, poses, speeds, wanted = 0.0, 0.0, [Pose2()], [0.0], [0.0]
+    distance, speed, poses, speeds, wanted = 0.0, 0.0, [Pose2()], [0.0], [0.0]
     began_ns = simulator.now_ns
     dt = TICK_NS * 1e-9
     resting_s = 0.0
     while resting_s < 1.0 and (simulator.now_ns - began_ns) * 1e-9 < limit_s and not drive.loop.fault:
-        left = s.length - way - speed * dt
-        speed = max(0.0, min(speed + s.acceleration * dt, s.speed, math.sqrt(2.0 * s.acceleration * max(left, 0.0))))
+        left = length - distance - speed * dt
+        speed = max(0.0, min(speed + ACCELERATION * dt, SPEED, math.sqrt(2.0 * ACCELERATION * max(left, 0.0))))
         if left < 0.01 or resting_s > 0.0:
             speed, resting_s = 0.0, resting_s + dt
-        way += drive.tick(Twist(speed, 0.0), closed=closed).v * dt
+        distance += drive.tick(Twist(speed, 0.0), closed=closed).v * dt
         poses.append(start.inverse() @ simulator.truth())
         speeds.append(simulator.twist().v)
         wanted.append(speed)
-    return _score(s, poses, np.array(speeds), np.array(wanted), drive.loop.fault)
+    return _score(poses, np.array(speeds), np.array(wanted), drive.loop.fault)
 
 
-def _score(
-    settings: StraightSettings, poses: list[Pose2], speeds: FloatArray, wanted: FloatArray, fault: str
-) -> StraightDrive:
+def _score(poses: list[Pose2], speeds: FloatArray, wanted: FloatArray, fault: str) -> StraightDrive:
     dt = TICK_NS * 1e-9
     smooth = round(_SMOOTH_S / dt)
     kernel = np.ones(smooth) / smooth
     jerk = np.diff(np.convolve(speeds, kernel, "valid"), 2) / dt**2
-    cruising = np.flatnonzero(wanted >= settings.speed - 1e-9)
+    cruising = np.flatnonzero(wanted >= SPEED - 1e-9)
     settled = cruising[cruising > cruising[0] + 1.0 / dt] if len(cruising) else cruising
-    off = speeds[settled] - settings.speed
+    off = speeds[settled] - SPEED
     end = poses[-1]
     return StraightDrive(
         ahead_m=end.x,

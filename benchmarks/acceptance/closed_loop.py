@@ -13,8 +13,9 @@ from waychair.calibration.chair import CHAIR_A
 from waychair.calibration.fitted_dac import FittedDac
 from waychair.calibration.stopping import StopSettings, StopTable
 from waychair.calibration.sweep import SweepSettings
+from waychair.control.axis_response import AxisResponse
 from waychair.control.loop_margins import TrueAxis, phase_margin, slowest_decay
-from waychair.control.speed_loop import SpeedLoopSettings, gains, gains_of
+from waychair.control.speed_loop import FASTEST_CROSSOVER, PERIOD_S, PHASE_MARGIN, gains, gains_of
 from waychair.simulation.plant import PlantSettings
 from waychair.simulation.simulator import SimulatorSettings
 from waychair.trials.calibrate import acceptance_chairs, calibrate_dac, calibrate_stops, chair_in_hall
@@ -57,20 +58,19 @@ def straight(out: Path) -> Json:
 
 def closed_loop_margins(out: Path) -> Json:
     """Phase margin [deg] and stability over delay, lag and gain; and what a Smith predictor would do instead."""
-    settings = SpeedLoopSettings()
-    period = settings.period_s
+    period = PERIOD_S
     table: Json = {}
     stable = True
     for held, gain in itertools.product((False, True), GAINS):
         margins = []
         for delay, lag in itertools.product(DELAYS, LAGS):
-            tuned = gains(delay + period, lag, settings.margin, settings.fastest)
+            tuned = gains(delay + period, lag, PHASE_MARGIN, FASTEST_CROSSOVER)
             axis = TrueAxis(gain, delay, lag)
             margins.append(math.degrees(phase_margin(tuned, axis, period, held=held)))
             stable = stable and slowest_decay(tuned, axis, period, held=held) < 1.0
         name = f"gain {gain:g}, {'with' if held else 'without'} heading hold"
         table[name] = {"least_deg": round(min(margins), 1), "most_deg": round(max(margins), 1)}
-    cautious = gains_of(settings.forward, settings)
+    cautious = gains_of(AxisResponse())
     unidentified = max(
         slowest_decay(cautious, TrueAxis(gain, delay, lag), period, held=held)
         for held, gain, delay, lag in itertools.product((False, True), GAINS, DELAYS, LAGS)
@@ -83,7 +83,7 @@ def closed_loop_margins(out: Path) -> Json:
         "least_at_gain_2_deg": min(row["least_deg"] for name, row in table.items() if name.startswith("gain 2,")),
         "largest_pole_without_identification": round(unidentified, 4),
         "margins": table,
-        "pi_or_smith": _pi_or_smith(settings),
+        "pi_or_smith": _pi_or_smith(),
     }
 
 
@@ -158,20 +158,20 @@ def _weave(drive: LoopDrive, seconds: float) -> tuple[float | None, float | None
     return slow_m, None
 
 
-def _pi_or_smith(settings: SpeedLoopSettings) -> Json:
+def _pi_or_smith() -> Json:
     """Least margins [deg] of both at the same integral gain, so that either works off an asymmetry as fast.
 
     The Smith predictor is C / (1 + C (P0 - P)) of the same PI, P0 being the model P without its delay: its integral
     gain is w / (1 + w delay) for a crossover w of the loop without delay.
     """
-    s = 1j * np.geomspace(0.01, math.pi / settings.period_s, 4000)
+    s = 1j * np.geomspace(0.01, math.pi / PERIOD_S, 4000)
     cases = {"as identified": (1.0, 1.0, 1.0), "gain 2": (2.0, 1.0, 1.0), "gain 2, delay +50 %": (2.0, 1.5, 1.0),
              "gain 2, lag -50 %": (2.0, 1.0, 0.5)}  # fmt: skip
     found: dict[str, dict[str, list[float]]] = {name: {"pi": [], "smith": []} for name in cases}
     for (name, (gain, more_delay, more_lag)), delay, lag in itertools.product(cases.items(), DELAYS, LAGS):
-        whole = delay + settings.period_s
-        crossover = gains(whole, lag, settings.margin, settings.fastest).integral
-        chair = gain * np.exp(-(delay * more_delay + settings.period_s) * s) / (lag * more_lag * s + 1.0)
+        whole = delay + PERIOD_S
+        crossover = gains(whole, lag, PHASE_MARGIN, FASTEST_CROSSOVER).integral
+        chair = gain * np.exp(-(delay * more_delay + PERIOD_S) * s) / (lag * more_lag * s + 1.0)
         pi = crossover * (lag * s + 1.0) / s
         faster = pi / (1.0 - crossover * whole)
         smith = faster / (1.0 + faster * (1.0 - np.exp(-whole * s)) / (lag * s + 1.0))

@@ -14,12 +14,13 @@ from waychair.control.bystanders import Bystanders
 from waychair.control.recovery import RecoverySettings
 from waychair.control.surroundings import Surroundings, SurroundingsSettings
 from waychair.planning.drawn_map import DrawnMap
-from waychair.planning.tracks import TrackSettings
+from waychair.planning.personal_space import GIVE_WAY_S, LINGERS_AFTER_S, SETTLED_AFTER_S, PersonalSpaceSettings
+from waychair.planning.tracks import PAUSE_S, PEOPLE
 from waychair.types import FloatArray, OccupancyGrid, Pose2
 
 SCAN_NS = 100_000_000
 HERE = Pose2(3.0, 4.0)
-SETTINGS = TrackSettings()
+SPACE = PersonalSpaceSettings()
 HALL = DrawnMap(OccupancyGrid(np.zeros((160, 240), np.int8), 0.05), CHAIR_A)
 
 Way = Callable[[float], tuple[float, float]]
@@ -32,7 +33,7 @@ class Watch:
     def __init__(self, late_ns: int = 0) -> None:
         """The scans come so late."""
         self.late_ns = late_ns
-        self.people = Bystanders(CHAIR_A, SETTINGS, RecoverySettings(), 0.03)
+        self.people = Bystanders(CHAIR_A, PEOPLE, SPACE, RecoverySettings(), 0.03)
         self.surroundings = Surroundings(HALL, CHAIR_A, SurroundingsSettings())
         self.scans = 0
 
@@ -89,12 +90,12 @@ def test_who_walks_by_is_foreseen_on_their_way_and_is_no_obstacle() -> None:
 
 def test_who_stands_is_expected_there_for_a_while_and_is_then_as_good_as_furniture() -> None:
     watch = Watch()
-    watch.see(comes_and_stands, 3.75 + SETTINGS.pause + 2.0)
+    watch.see(comes_and_stands, 3.75 + PAUSE_S + 2.0)
     position, velocity = watch.expected
     np.testing.assert_allclose(position, [5.0, 4.0], atol=0.1)
     assert not velocity.any()
     assert not watch.is_an_obstacle
-    watch.see(comes_and_stands, SETTINGS.settles)
+    watch.see(comes_and_stands, SETTLED_AFTER_S)
     assert watch.is_an_obstacle
     assert not watch.people.expected_people(Pose2()).tracks
     assert not watch.people.someone_lingers_near(np.array([[5.0, 4.0]]), 0.5)
@@ -106,7 +107,7 @@ def test_who_has_come_to_a_stand_is_foreseen_to_stand_and_who_walks_to_walk_on()
     (walking,) = watch.people.predicted(watch.now_ns, HERE)
     assert walking.velocity[1] == pytest.approx(0.8, abs=0.15)
     assert walking.speed_sigma > 0.0
-    watch.see(comes_and_stands, 0.75 + SETTINGS.pause + 1.0)
+    watch.see(comes_and_stands, 0.75 + PAUSE_S + 1.0)
     (standing,) = watch.people.predicted(watch.now_ns, HERE)
     np.testing.assert_allclose(standing.position, [5.0, 4.0], atol=0.1)
     assert not standing.velocity.any()
@@ -126,7 +127,7 @@ def test_who_walks_is_foreseen_from_where_they_are_now_however_old_the_scan_is(l
 
 def test_who_goes_to_and_fro_before_a_chair_that_stands_is_expected_in_the_middle_of_it() -> None:
     watch = Watch()
-    watch.see(shuffles, 3.0 + SETTINGS.linger + 1.5)
+    watch.see(shuffles, 3.0 + LINGERS_AFTER_S + 1.5)
     for _ in range(30):
         watch.see(shuffles, 0.1)
         position, velocity = watch.expected
@@ -170,8 +171,8 @@ def test_who_is_far_away_neither_passes_nor_lingers_by_the_chair() -> None:
 def test_once_the_chair_has_stood_for_people_it_needs_less_room_beside_them() -> None:
     watch = Watch()
     watch.see(walks_by, 2.0)
-    assert watch.people.expected_people(Pose2()).radius == pytest.approx(CHAIR_A.width / 2 + SETTINGS.room)
+    assert watch.people.expected_people(Pose2()).radius == pytest.approx(CHAIR_A.width / 2 + SPACE.radius)
     points = body(*walks_by(2.0))
-    now_ns, stood_s = watch.scans * SCAN_NS, SETTINGS.room_after_s + 0.1
+    now_ns, stood_s = watch.scans * SCAN_NS, GIVE_WAY_S + 0.1
     watch.people.see(now_ns, HERE, points, Pose2(), watch.surroundings, stood_s, now_ns)
-    assert watch.people.expected_people(Pose2()).radius == pytest.approx(CHAIR_A.width / 2 + SETTINGS.room_after)
+    assert watch.people.expected_people(Pose2()).radius == pytest.approx(CHAIR_A.width / 2 + SPACE.squeezed)

@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 from waychair.control.axis_response import AxisResponse, ExpectedSpeed
-from waychair.control.gain_watch import AxisGain, GainWatch, GainWatchSettings
+from waychair.control.gain_watch import AxisGain, GainWatch
 from waychair.types import Twist
 
 TICK_S = 0.05
@@ -132,8 +132,7 @@ def test_a_fault_stays_until_a_new_watch_is_begun() -> None:
 
 
 def test_the_recursion_is_least_squares_where_nothing_wanders() -> None:
-    settings = GainWatchSettings(wander=1e-4, first_gain=1.0, first_cross=1.0)
-    axis = AxisGain(settings, 0.05)
+    axis = AxisGain(0.05, first_gain=1.0, first_cross=1.0, drift=1e-4)
     rng = np.random.default_rng(3)
     rows = rng.uniform(0.2, 1.0, (300, 2))
     measured = rows @ [0.8, 0.1] + rng.normal(0.0, 0.02, 300)

@@ -11,13 +11,20 @@ import pytest
 
 from waychair.control.axis_response import AxisResponse
 from waychair.control.loop_margins import TrueAxis, loop_polynomials, phase_margin, slowest_decay
-from waychair.control.speed_loop import SpeedLoop, SpeedLoopSettings, gains, gains_of
+from waychair.control.speed_loop import (
+    FASTEST_CROSSOVER,
+    PHASE_MARGIN,
+    ChairResponse,
+    SpeedLoop,
+    SpeedLoopSettings,
+    gains,
+    gains_of,
+)
 from waychair.types import Twist
 
 PERIOD = 0.05
 DELAYS = [0.05, 0.1, 0.15, 0.2, 0.25, 0.3]
 LAGS = [0.1, 0.2, 0.3, 0.4, 0.5]
-SETTINGS = SpeedLoopSettings()
 
 
 def test_the_gains_are_those_of_the_derivation() -> None:
@@ -33,7 +40,7 @@ def test_every_identified_axis_keeps_its_margin_at_half_once_and_twice_its_gain(
     gain: float, least: float, held: bool
 ) -> None:
     for delay, lag in itertools.product(DELAYS, LAGS):
-        tuned = gains(delay + PERIOD, lag, SETTINGS.margin, SETTINGS.fastest)
+        tuned = gains(delay + PERIOD, lag, PHASE_MARGIN, FASTEST_CROSSOVER)
         axis = TrueAxis(gain, delay, lag)
         assert math.degrees(phase_margin(tuned, axis, PERIOD, held=held)) >= least, axis
         assert slowest_decay(tuned, axis, PERIOD, held=held) < 1.0, axis
@@ -41,7 +48,7 @@ def test_every_identified_axis_keeps_its_margin_at_half_once_and_twice_its_gain(
 
 @pytest.mark.parametrize("held", [False, True])
 def test_a_chair_that_nobody_identified_is_stable_all_the_same(held: bool) -> None:
-    cautious = gains_of(SETTINGS.forward, SETTINGS)
+    cautious = gains_of(AxisResponse())
     for gain, delay, lag in itertools.product([0.5, 1.0, 2.0], DELAYS, LAGS):
         assert slowest_decay(cautious, TrueAxis(gain, delay, lag), PERIOD, held=held) < 1.0, (gain, delay, lag)
 
@@ -62,7 +69,7 @@ def test_a_loop_that_is_too_fast_has_no_margin_and_swings() -> None:
 
 @pytest.mark.parametrize(("delay", "lag"), [(0.0, 0.1), (0.05, 0.2), (0.12, 0.3), (0.3, 0.5)])
 def test_the_transfer_function_answers_as_the_chair_does_in_small_steps(delay: float, lag: float) -> None:
-    tuned = gains(delay + PERIOD, lag, SETTINGS.margin, SETTINGS.fastest)
+    tuned = gains(delay + PERIOD, lag, PHASE_MARGIN, FASTEST_CROSSOVER)
     above, below = loop_polynomials(tuned, TrueAxis(1.3, delay, lag), PERIOD, held=False)
     ticks = 60
     response = np.zeros(ticks)  # to a step of the error: the loop's numerator over its denominator, by long division
@@ -89,8 +96,12 @@ def test_the_transfer_function_answers_as_the_chair_does_in_small_steps(delay: f
 @pytest.mark.parametrize("lag", [0.1, 0.5])
 def test_in_time_a_chair_comes_to_its_speeds_and_stays_there(gain: float, delay: float, lag: float) -> None:
     response = AxisResponse(delay, lag, doubt_s=0.0)
-    settings = SpeedLoopSettings(forward=response, turn=response, max_v=0.5, max_omega=1.0, brake_s=0.0)
-    loop, v, omega = SpeedLoop(settings), _Axis(gain, delay, lag), _Axis(gain, delay, lag)
+    settings = SpeedLoopSettings(max_trim_v=0.5, max_trim_omega=1.0, brake_s=0.0)
+    loop, v, omega = (
+        SpeedLoop(settings, response=ChairResponse(response, response)),
+        _Axis(gain, delay, lag),
+        _Axis(gain, delay, lag),
+    )
     command = Twist(0.4, 0.3)
     late = []
     for k in range(600):

@@ -16,6 +16,7 @@ from waychair.control.navigator import Navigation, Navigator, NavigatorSettings,
 from waychair.control.recovery import RecoverySettings
 from waychair.errors import GoalTooExact, UnknownPlace
 from waychair.geometry import arc, transform_points
+from waychair.planning import tracks
 from waychair.planning.footprint import along_arc
 from waychair.planning.global_planner import PlannerSettings
 from waychair.planning.harmonic import HarmonicSettings
@@ -23,7 +24,6 @@ from waychair.planning.laplace_solvers import SolverSettings
 from waychair.planning.legs import Manner
 from waychair.planning.manoeuvre import ManoeuvreSettings
 from waychair.planning.route import RouteSettings
-from waychair.planning.tracks import TrackSettings
 from waychair.types import FloatArray, Goal, OccupancyGrid, Place, Pose2, Twist
 
 TICK_NS = 50_000_000
@@ -450,10 +450,11 @@ def crossing(pilot: Navigator, seconds: float = 9.0) -> tuple[float, float]:
     return nearest, speed
 
 
-def test_who_crosses_the_way_is_foreseen_and_let_pass() -> None:
+def test_people_who_cross_are_predicted_and_let_pass(monkeypatch: pytest.MonkeyPatch) -> None:
     foreseen, _ = crossing(navigator(hall()))
-    blind = NavigatorSettings(tracks=TrackSettings(walking=2.0, way=5.0))
-    surprised, _ = crossing(navigator(hall(), blind))
+    blind = replace(tracks.PEOPLE, walking=2.0, displacement=5.0)
+    monkeypatch.setattr(tracks, "MODELS", {"people": blind})
+    surprised, _ = crossing(navigator(hall()))
     assert foreseen > 0.25
     assert foreseen > surprised
 

@@ -15,13 +15,14 @@ from waychair.calibration.fitted_dac import DeadBand, FittedDac
 from waychair.calibration.stopping import StopTable
 from waychair.control.axis_response import AxisResponse
 from waychair.control.kinematics import wheel_speeds_from_twist
-from waychair.control.speed_loop import SpeedLoop, SpeedLoopSettings, tuned
+from waychair.control.speed_loop import ChairResponse, SpeedLoop, SpeedLoopSettings, chair_response
 from waychair.types import SentCommand, Twist
 
 TICK = 50_000_000
 TRACK = 0.54
 RESPONSE = AxisResponse(0.0, 0.2, doubt_s=0.0)
-SETTINGS = SpeedLoopSettings(forward=RESPONSE, turn=RESPONSE, brake_s=0.0)
+RESPONSES = ChairResponse(RESPONSE, RESPONSE)
+SETTINGS = SpeedLoopSettings(brake_s=0.0)
 
 
 def sent(twist: Twist, active: bool = True) -> SentCommand:
@@ -62,7 +63,7 @@ class Plant:
 def test_measured_speed_comes_to_the_command_whatever_the_calibration_got_wrong(
     gain: float, lost: float, command: Twist
 ) -> None:
-    loop, plant = SpeedLoop(SETTINGS), Plant(gain, lost)
+    loop, plant = SpeedLoop(SETTINGS, response=RESPONSES), Plant(gain, lost)
     for k in range(200):
         plant.step(loop.step(command, plant.mean, k * TICK))
     assert plant.mean.v == pytest.approx(command.v, abs=0.01)
@@ -70,7 +71,7 @@ def test_measured_speed_comes_to_the_command_whatever_the_calibration_got_wrong(
 
 
 def test_a_step_that_the_chair_follows_as_calibrated_is_sent_as_it_is() -> None:
-    loop, plant = SpeedLoop(SETTINGS), Plant()
+    loop, plant = SpeedLoop(SETTINGS, response=RESPONSES), Plant()
     command = Twist(0.5, 0.4)
     asked = []
     for k in range(100):
@@ -81,7 +82,7 @@ def test_a_step_that_the_chair_follows_as_calibrated_is_sent_as_it_is() -> None:
 
 
 def test_a_chair_that_is_to_stand_gets_exactly_nothing() -> None:
-    loop = SpeedLoop(SETTINGS)
+    loop = SpeedLoop(SETTINGS, response=RESPONSES)
     for k in range(50):
         loop.step(Twist(0.3, 0.2), Twist(0.1, 0.0), k * TICK)
     for k in range(50, 90):
@@ -90,7 +91,7 @@ def test_a_chair_that_is_to_stand_gets_exactly_nothing() -> None:
 
 @pytest.mark.parametrize("v", [0.5, -0.5])
 def test_a_chair_with_unlike_motors_comes_back_to_its_line(v: float) -> None:
-    loop, plant, trimless = SpeedLoop(SETTINGS), Plant(skew=0.11), Plant(skew=0.11)
+    loop, plant, trimless = SpeedLoop(SETTINGS, response=RESPONSES), Plant(skew=0.11), Plant(skew=0.11)
     for k in range(500):
         plant.step(loop.step(Twist(v, 0.0), plant.mean, k * TICK))
         trimless.step(Twist(v, 0.0))
@@ -100,7 +101,7 @@ def test_a_chair_with_unlike_motors_comes_back_to_its_line(v: float) -> None:
 
 
 def test_a_curve_that_was_asked_for_is_no_line_to_come_back_from() -> None:
-    loop, plant = SpeedLoop(SETTINGS), Plant()
+    loop, plant = SpeedLoop(SETTINGS, response=RESPONSES), Plant()
     for k in range(100):
         plant.step(loop.step(Twist(0.5, 0.3), plant.mean, k * TICK))
     heading = plant.theta
@@ -110,7 +111,7 @@ def test_a_curve_that_was_asked_for_is_no_line_to_come_back_from() -> None:
 
 
 def test_the_trim_stays_within_its_limits_and_is_forgotten_when_nobody_drives() -> None:
-    loop = SpeedLoop(dataclasses.replace(SETTINGS, max_v=0.1, max_omega=0.25))
+    loop = SpeedLoop(dataclasses.replace(SETTINGS, max_trim_v=0.1, max_trim_omega=0.25), response=RESPONSES)
     for k in range(400):
         asked = loop.step(Twist(0.5, 0.5), Twist(), k * TICK)
     assert (asked.v, asked.omega) == pytest.approx((0.6, 0.75))
@@ -120,7 +121,7 @@ def test_the_trim_stays_within_its_limits_and_is_forgotten_when_nobody_drives() 
 
 @pytest.mark.parametrize("sign", [1.0, -1.0])
 def test_a_trim_learnt_at_speed_never_drives_the_chair_against_its_command(sign: float) -> None:
-    loop, plant = SpeedLoop(SETTINGS), Plant(gain=0.8)
+    loop, plant = SpeedLoop(SETTINGS, response=RESPONSES), Plant(gain=0.8)
     for k in range(100):
         plant.step(loop.step(Twist(sign * 0.8, 0.0), plant.mean, k * TICK))
     for k in range(100, 140):
@@ -130,7 +131,7 @@ def test_a_trim_learnt_at_speed_never_drives_the_chair_against_its_command(sign:
 
 
 def test_nothing_winds_up_against_an_axis_at_its_end() -> None:
-    loop, plant = SpeedLoop(SETTINGS), Plant(limit=0.6)
+    loop, plant = SpeedLoop(SETTINGS, response=RESPONSES), Plant(limit=0.6)
     told = None
     for k in range(200):
         asked = loop.step(Twist(0.9, 0.0), plant.mean, k * TICK, told)
@@ -145,21 +146,21 @@ def test_nothing_winds_up_against_an_axis_at_its_end() -> None:
 
 
 def test_commands_leave_room_for_trims_on_the_same_arc() -> None:
-    loop = SpeedLoop(dataclasses.replace(SETTINGS, reach_v=0.5, reach_omega=1.0, reserve=0.1))
+    loop = SpeedLoop(SETTINGS, response=dataclasses.replace(RESPONSES, top_v=0.5, top_omega=1.0))
     asked = loop.step(Twist(0.9, 0.6), Twist(), 0)
     assert asked.v == pytest.approx(0.45)
     assert asked.omega / asked.v == pytest.approx(0.6 / 0.9)
 
 
 def test_in_the_dead_band_nothing_is_learnt_from_a_chair_that_coasts() -> None:
-    loop = SpeedLoop(SETTINGS)
+    loop = SpeedLoop(SETTINGS, response=RESPONSES)
     asked = [loop.step(Twist(0.01, 0.0), Twist(0.1, 0.0), k * TICK, sent(Twist())).v for k in range(90)]
     assert asked[89] == pytest.approx(asked[60], abs=1e-3)
-    assert asked[89] > 0.01 - SETTINGS.max_v + 0.05
+    assert asked[89] > 0.01 - SETTINGS.max_trim_v + 0.05
 
 
 def test_in_the_dead_band_a_chair_that_stands_is_pushed_but_not_before_its_brake_had_time_to_open() -> None:
-    loop = SpeedLoop(dataclasses.replace(SETTINGS, brake_s=0.6))
+    loop = SpeedLoop(SpeedLoopSettings(), response=RESPONSES)
     asked = [loop.step(Twist(0.02, 0.0), Twist(), k * TICK, sent(Twist()) if k else None).v for k in range(60)]
     assert max(asked[:13]) == 0.02
     assert asked[-1] > 0.025
@@ -167,7 +168,7 @@ def test_in_the_dead_band_a_chair_that_stands_is_pushed_but_not_before_its_brake
 
 @pytest.mark.parametrize("brake", [0.2, 0.5])
 def test_a_brake_that_opens_late_winds_nothing_up_and_the_chair_sets_off_gently(brake: float) -> None:
-    loop, plant = SpeedLoop(dataclasses.replace(SETTINGS, brake_s=0.6)), Plant()
+    loop, plant = SpeedLoop(SpeedLoopSettings(), response=RESPONSES), Plant()
     asked = []
     for k in range(100):
         asked.append(loop.step(Twist(0.4, 0.0), plant.mean, k * TICK))
@@ -178,7 +179,7 @@ def test_a_brake_that_opens_late_winds_nothing_up_and_the_chair_sets_off_gently(
 
 
 def test_a_chair_that_never_sets_off_is_pushed_after_all() -> None:
-    loop = SpeedLoop(dataclasses.replace(SETTINGS, brake_s=0.6))
+    loop = SpeedLoop(SpeedLoopSettings(), response=RESPONSES)
     for k in range(40):
         asked = loop.step(Twist(0.1, 0.0), Twist(), k * TICK)
     assert not loop.waiting
@@ -186,7 +187,7 @@ def test_a_chair_that_never_sets_off_is_pushed_after_all() -> None:
 
 
 def test_after_a_reversal_the_turn_learns_nothing_until_the_casters_have_swung_round() -> None:
-    loop, plant = SpeedLoop(SETTINGS), Plant()
+    loop, plant = SpeedLoop(SETTINGS, response=RESPONSES), Plant()
     now = 0
     for _ in range(60):
         now += TICK
@@ -207,7 +208,7 @@ def test_after_a_reversal_the_turn_learns_nothing_until_the_casters_have_swung_r
 def test_a_chair_that_stands_after_a_reversal_is_pushed_out_of_its_dead_band_though_its_casters_have_not_swung() -> (
     None
 ):
-    loop, now = SpeedLoop(SETTINGS), 0
+    loop, now = SpeedLoop(SETTINGS, response=RESPONSES), 0
     for v in (0.3, -0.3):
         for _ in range(10):
             now += TICK
@@ -222,20 +223,20 @@ def test_a_chair_that_stands_after_a_reversal_is_pushed_out_of_its_dead_band_tho
 
 @given(st.sampled_from([math.nan, math.inf, -math.inf]), st.sampled_from([math.nan, 0.0, math.inf]))
 def test_measurements_that_are_not_finite_change_nothing(v: float, omega: float) -> None:
-    loop = SpeedLoop(SETTINGS)
+    loop = SpeedLoop(SETTINGS, response=RESPONSES)
     loop.step(Twist(0.5, 0.1), Twist(0.5, 0.1), 0)
     asked = loop.step(Twist(0.5, 0.1), Twist(v, omega), TICK)
     assert (asked.v, asked.omega) == (0.5, 0.1)
 
 
 def test_a_command_that_is_not_finite_is_handed_on_for_the_bridge_to_refuse_and_is_forgotten() -> None:
-    loop = SpeedLoop(SETTINGS)
+    loop = SpeedLoop(SETTINGS, response=RESPONSES)
     assert math.isnan(loop.step(Twist(math.nan, 0.0), Twist(0.3, 0.0), 0).v)
     assert loop.step(Twist(0.3, 0.0), Twist(0.3, 0.0), TICK).v == pytest.approx(0.3, abs=0.05)
 
 
 def test_a_long_pause_does_not_let_the_trim_jump() -> None:
-    loop = SpeedLoop(SETTINGS)
+    loop = SpeedLoop(SETTINGS, response=RESPONSES)
     loop.step(Twist(0.1, 0.0), Twist(0.1, 0.0), 0)
     assert loop.step(Twist(0.1, 0.0), Twist(0.05, 0.0), 10**12).v < 0.2
     assert loop.step(Twist(0.1, 0.0), Twist(0.05, 0.0), 0).v < 0.2  # a clock that went back
@@ -255,7 +256,7 @@ def test_a_long_pause_does_not_let_the_trim_jump() -> None:
 def test_whatever_is_measured_the_trim_is_bounded_and_rest_is_rest(
     ticks: list[tuple[Twist | None, float, float, int]],
 ) -> None:
-    loop, now, told = SpeedLoop(SETTINGS), 0, None
+    loop, now, told = SpeedLoop(SETTINGS, response=RESPONSES), 0, None
     for command, v, omega, later in ticks:
         now += later
         asked = loop.step(command, Twist(v, omega), now, told)
@@ -263,8 +264,8 @@ def test_whatever_is_measured_the_trim_is_bounded_and_rest_is_rest(
         if command is None or command == Twist():
             assert asked == Twist()
         else:
-            assert abs(asked.v) <= abs(command.v) + SETTINGS.max_v + 1e-9
-            assert abs(asked.omega) <= abs(command.omega) + SETTINGS.max_omega + 1e-9
+            assert abs(asked.v) <= abs(command.v) + SETTINGS.max_trim_v + 1e-9
+            assert abs(asked.omega) <= abs(command.omega) + SETTINGS.max_trim_omega + 1e-9
 
 
 def test_a_calibration_gives_the_loop_its_delays_lags_ramps_and_reach() -> None:
@@ -272,11 +273,11 @@ def test_a_calibration_gives_the_loop_its_delays_lags_ramps_and_reach() -> None:
     side = AxisSide(gain=2.5, limit=2.0)
     turn = AxisModel(sign=-1, above=side, below=side, delay_s=0.07, lag_s=0.2, ramp=3.0)
     stops = StopTable(speeds=(0.2, 0.8), distances=(0.1, 0.5), delay_s=0.12)
-    found = tuned(SpeedLoopSettings(), FittedDac(forward=forward, turn=turn), stops)
-    assert tuned(SpeedLoopSettings(), DeadBand(FittedDac(forward=forward, turn=turn)), stops) == found
+    found = chair_response(FittedDac(forward=forward, turn=turn), stops)
+    assert chair_response(DeadBand(FittedDac(forward=forward, turn=turn)), stops) == found
     assert found.forward == AxisResponse(0.12, 0.15, 0.9, doubt_s=0.0)
     assert found.turn == AxisResponse(0.07, 0.2, 3.0, doubt_s=0.0)
-    assert found.reach_v == pytest.approx(0.98 * 1.4)
-    assert found.reach_omega == pytest.approx(0.98 * 2.0)
-    assert tuned(SpeedLoopSettings(), FittedDac()).forward == AxisResponse()
-    assert tuned(SETTINGS, DEFAULT) == SETTINGS
+    assert found.top_v == pytest.approx(0.98 * 1.4)
+    assert found.top_omega == pytest.approx(0.98 * 2.0)
+    assert chair_response(FittedDac()).forward == AxisResponse()
+    assert chair_response(DEFAULT) == ChairResponse()

@@ -10,9 +10,7 @@ import pytest
 
 from tests.trials.known_chairs import known_model
 from waychair.calibration.chair import CHAIR_A
-from waychair.control.closed_loop import ClosedLoopSettings
-from waychair.control.following import FollowingSettings
-from waychair.control.gain_watch import GainWatchSettings
+from waychair.control import following, gain_watch
 from waychair.simulation.mujoco_model import MujocoSettings
 from waychair.simulation.plant import PlantSettings, randomised
 from waychair.simulation.plant_families import PlantFamily
@@ -24,8 +22,13 @@ from waychair.types import OccupancyGrid, Pose2, SentCommand, Twist, WheelSpeeds
 
 PLANT = PlantSettings()
 TICK_S = 0.05
-DEAF = GainWatchSettings(slow_outside=10.0, stop_outside=10.0)
-"""A watch that never minds, so that F20 is alone."""
+
+
+@pytest.fixture
+def deaf(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Make the gain watch ignore every gain, so that only F20 can stop the chair."""
+    monkeypatch.setattr(gain_watch, "SLOW_OUTSIDE", 10.0)
+    monkeypatch.setattr(gain_watch, "STOP_OUTSIDE", 10.0)
 
 
 def lopsided(plant: PlantSettings, skew: float) -> PlantSettings:
@@ -33,11 +36,9 @@ def lopsided(plant: PlantSettings, skew: float) -> PlantSettings:
     return dataclasses.replace(plant, forward_skew=plant.forward_skew + skew)
 
 
-def drive_of(
-    plant: PlantSettings, known: PlantSettings | None = None, settings: ClosedLoopSettings | None = None
-) -> LoopDrive:
+def drive_of(plant: PlantSettings, known: PlantSettings | None = None) -> LoopDrive:
     """A chair that was calibrated when it was as `known`."""
-    return LoopDrive(known_model(known or plant), CHAIR_A, SimulatorSettings(plant=plant), 1, settings)
+    return LoopDrive(known_model(known or plant), CHAIR_A, SimulatorSettings(plant=plant), 1)
 
 
 def until_fault(drive: LoopDrive, command: Twist, seconds: float) -> tuple[float, str]:
@@ -87,12 +88,13 @@ def test_a_brake_that_opens_late_is_waited_for() -> None:
     assert result.jerk_max < 8.0
 
 
+@pytest.mark.usefixtures("deaf")
 @pytest.mark.parametrize("gain", [0.5, 2.0])
 def test_f20_a_chair_of_half_or_twice_the_gain_is_stopped(gain: float) -> None:
     changed = dataclasses.replace(
         PLANT, forward_gain=gain * PLANT.forward_gain, turn_gain=gain * PLANT.turn_gain, swing_volts=1.2
     )
-    drive = drive_of(changed, PLANT, ClosedLoopSettings(gain_watch=DEAF))
+    drive = drive_of(changed, PLANT)
     seconds, fault = until_fault(drive, Twist(0.9, 0.0), 6.0)
     assert "does not follow (F20)" in fault
     assert seconds < 4.0
@@ -101,6 +103,7 @@ def test_f20_a_chair_of_half_or_twice_the_gain_is_stopped(gain: float) -> None:
     assert abs(drive.simulator.twist().v) < 0.01
 
 
+@pytest.mark.usefixtures("deaf")
 def test_f20_a_slope_that_is_too_steep_for_the_motors_is_stopped_at() -> None:
     start = Pose2(5.0, 10.0, 0.3)
     hill = World(
@@ -111,8 +114,7 @@ def test_f20_a_slope_that_is_too_steep_for_the_motors_is_stopped_at() -> None:
     )
     weak = MujocoSettings(motor_torque=14.0)
     settings = SimulatorSettings(plant_model="mujoco", plant=PLANT, mujoco=weak)
-    closed = ClosedLoopSettings(gain_watch=DEAF)
-    drive = LoopDrive(known_model(PLANT), CHAIR_A, settings, 1, closed, hill)
+    drive = LoopDrive(known_model(PLANT), CHAIR_A, settings, 1, world=hill)
     for k in range(300):
         drive.tick(Twist(min(0.6, 0.025 * k), 0.0))
         if drive.loop.fault:
@@ -121,10 +123,10 @@ def test_f20_a_slope_that_is_too_steep_for_the_motors_is_stopped_at() -> None:
     assert (start.inverse() @ drive.simulator.truth()).x > 0.5  # on the level it did follow
 
 
-def test_f20_a_brake_that_never_opens_is_found() -> None:
+def test_f20_a_brake_that_never_opens_is_found(monkeypatch: pytest.MonkeyPatch) -> None:
     shut = dataclasses.replace(PLANT, family=PlantFamily(brake_release_s=2.0))
-    settings = ClosedLoopSettings(following=FollowingSettings(stuck_s=1.5))
-    seconds, fault = until_fault(drive_of(shut, PLANT, settings), Twist(0.25, 0.0), 3.0)
+    monkeypatch.setattr(following, "STUCK_S", 1.5)
+    seconds, fault = until_fault(drive_of(shut, PLANT), Twist(0.25, 0.0), 3.0)
     assert "does not move (F20)" in fault
     assert seconds < 2.0
 
