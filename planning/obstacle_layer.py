@@ -17,7 +17,6 @@ from numba import njit
 
 from waychair.angles import wrapped
 from waychair.calibration.chair import BodyLayer
-from waychair.config import Settings, setting
 from waychair.geometry import transform_points, wrap_angles
 from waychair.maps.ground import BELOW, GROUND, MISSING, GroundView
 from waychair.types import BoolArray, Bytes, FloatArray, IntArray, Pose2, SonarReadings
@@ -26,15 +25,15 @@ _Beams: TypeAlias = tuple[FloatArray, FloatArray, FloatArray, BoolArray]
 """`bearings`, `near`, `far` and `hits` of a `Sight`."""
 
 
-@dataclass(frozen=True, slots=True)
-class ObstacleSettings(Settings):
-    """How an obstacle layer is thinned and forgotten."""
+CELL, DROP_CELL = 0.025, 0.05
+"""[m] Of the points of a layer in a square of this side one is kept; the second is for drop-offs and missing ground, which
+cameras see as areas."""
 
-    cell: float = setting(0.025, "m", "of points this near to each other one is kept", low=0.005, high=0.2)
-    fade: float = setting(5.0, "s", "what is out of sight is forgotten after this long", low=0.1, high=600.0)
-    behind: float = setting(
-        0.10, "m", "a beam must go on this far past a point to have seen through it", low=0.01, high=1.0
-    )
+FORGOTTEN_AFTER_S, DROP_FORGOTTEN_AFTER_S = 5.0, 600.0
+"""[s] Points out of sight are forgotten after this time. Drop-offs stay where they are, so they are kept much longer."""
+
+PASSED_BY = 0.1
+"""[m] A beam must go on this far past a point to clear it."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -71,19 +70,21 @@ class Sight:
         return ends
 
 
-def updated(layer: ObstacleLayer, sight: Sight, settings: ObstacleSettings = ObstacleSettings()) -> ObstacleLayer:
-    """Return the layer after one more observation of its sensor."""
+def updated(
+    layer: ObstacleLayer, sight: Sight, cell: float = CELL, forgotten_after_s: float = FORGOTTEN_AFTER_S
+) -> ObstacleLayer:
+    """Return the layer after one more observation of its sensor, thinned to one point per cell [m]."""
     if not len(layer.points) and not sight.hits.any():
         return layer
     seen = sight.points()
-    cells = np.floor(np.concatenate([seen, layer.points]) / settings.cell).astype(np.int64)
+    cells = np.floor(np.concatenate([seen, layer.points]) / cell).astype(np.int64)
     # the latest point of each cell is kept, which comes first here
     _, first = np.unique((cells[:, 0] << 32) + cells[:, 1], return_index=True)
     old = first[first >= len(seen)] - len(seen)
     new = first[first < len(seen)]
-    through = _seen_through(layer.points[old], sight, settings)
-    faded = sight.stamp_ns - layer.seen_ns[old] > settings.fade * 1e9
-    old = old[~(through | faded)]
+    through = _seen_through(layer.points[old], sight, cell)
+    expired = sight.stamp_ns - layer.seen_ns[old] > forgotten_after_s * 1e9
+    old = old[~(through | expired)]
     return ObstacleLayer(
         np.concatenate([seen[new], layer.points[old]]),
         np.concatenate([np.full(len(new), sight.stamp_ns, np.int64), layer.seen_ns[old]]),
@@ -236,7 +237,7 @@ def widened(points: FloatArray, margin: float) -> FloatArray:
     return np.concatenate([points, (points[:, None] + circle).reshape(-1, 2)])
 
 
-def _seen_through(points: FloatArray, sight: Sight, settings: ObstacleSettings) -> BoolArray:
+def _seen_through(points: FloatArray, sight: Sight, cell: float) -> BoolArray:
     """Return (N,) which points some beam has passed, while no beam through them was stopped before or at them."""
     if len(points) == 0 or len(sight.bearings) == 0:
         return np.zeros(len(points), np.bool_)
@@ -247,8 +248,8 @@ def _seen_through(points: FloatArray, sight: Sight, settings: ObstacleSettings) 
         sight.far,
         sight.hits,
         sight.half_angle,
-        settings.cell / 2,
-        settings.behind,
+        cell / 2,
+        PASSED_BY,
     )
 
 

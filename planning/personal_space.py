@@ -58,3 +58,9 @@ PASSING_OPEN = 1.5
 
 GIVE_WAY_S = 1.5
 """[s] The chair stands this long for people in its way before it passes them nearer (`squeezed`)."""
+
+LINGERS_AFTER_S = 2.0
+"""[s] Somebody who moves to and fro for longer near a chair that makes no progress is waiting for it."""
+
+SETTLED_AFTER_S = 15.0
+"""[s] Somebody who stands for longer counts as an obstacle that stays."""

@@ -10,8 +10,9 @@ slow for the uncertainty of their speed are recognised by the distance they have
 from __future__ import annotations
 
 import math
-from collections.abc import Iterable
+from collections.abc import Iterable, Mapping
 from dataclasses import dataclass, field, replace
+from types import MappingProxyType
 
 import numpy as np
 from numba import njit
@@ -19,50 +20,98 @@ from scipy.optimize import linear_sum_assignment
 
 from waychair.calibration.chair import ChairBody
 from waychair.config import Settings, setting
+from waychair.errors import ConfigError
 from waychair.geometry import rotation, transform_points
+from waychair.planning.personal_space import PERSON_RADIUS
 from waychair.types import FloatArray, IntArray, Pose2
 
 
 @dataclass(frozen=True, slots=True)
-class TrackSettings(Settings):
-    """Sizes of people, how they move, and when a track is confirmed."""
+class MoverModel:
+    """Sizes and motion of the moving things that are tracked; the defaults are people's."""
 
-    touch: float = setting(0.15, "m", "points nearer than this are of one thing", low=0.02, high=2.0)
-    leg: float = setting(0.22, "m", "a thing no wider than this may be one leg of two", low=0.02, high=1.0)
-    link: float = setting(0.55, "m", "legs nearer than this are of one person", low=0.05, high=2.0)
-    apart: float = setting(0.6, "m", "nothing new is born nearer to a track than this", low=0.05, high=2.0)
-    least_points: int = setting(3, "", "of a cluster", low=1, high=1000)
-    largest: float = setting(1.2, "m", "wider things are no person", low=0.2, high=10.0)
-    radius: float = setting(0.3, "m", "of a person", low=0.05, high=1.0)
-    room: float = setting(
-        0.4, "m", "kept free round a person's middle, shoulders reach beyond legs", low=0.05, high=1.0
-    )
-    walking: float = setting(0.2, "m/s", "what has moved faster, beyond doubt, is a person", low=0.01, high=2.0)
-    way: float = setting(0.3, "m", "what has made so much way, too, and still goes on", low=0.05, high=5.0)
-    way_from: float = setting(1.5, "s", "... in no less than this", low=0.1, high=60.0)
-    way_within: float = setting(10.0, "s", "... and no more", low=0.5, high=600.0)
-    onwards: float = setting(0.15, "m", "way by which who is known to walk is still under way", low=0.02, high=5.0)
-    onwards_from: float = setting(0.5, "s", "... in no less than this", low=0.1, high=60.0)
-    acceleration: float = setting(1.0, "m/s^2", "of people, one sigma", low=0.01, high=10.0)
-    sigma: float = setting(0.08, "m", "of a cluster's middle about the person's, legs swing", low=0.001, high=1.0)
-    start_speed: float = setting(1.0, "m/s", "of one never seen before, one sigma", low=0.01, high=10.0)
-    sudden: float = setting(6.0, "m/s^2", "of who turns round or stops, one sigma", low=0.01, high=10.0)
-    surprise: float = setting(
-        3.2, "", "squared Mahalanobis distance from which who walks has done so: 80 %", low=0.5, high=100.0
-    )
-    gate: float = setting(9.21, "", "squared Mahalanobis distance: 99 % of two degrees of freedom", low=1.0, high=100.0)
-    believed_after: int = setting(4, "", "sightings", low=1, high=100)
-    forgotten_after: float = setting(0.8, "s", "without being seen", low=0.05, high=60.0)
-    pause: float = setting(2.0, "s", "who stands for less is still on the way", low=0.0, high=60.0)
-    linger: float = setting(
-        2.0, "s", "who goes to and fro for longer near a chair that gets nowhere waits for it", low=0.0, high=600.0
-    )
-    settles: float = setting(15.0, "s", "who stands for longer stays", low=0.0, high=600.0)
-    lately: float = setting(5.0, "s", "who walked out of sight no longer ago may still be about", low=0.0, high=60.0)
-    room_after: float = setting(
-        0.3, "m", "as room, once the chair has stood for people to pass, and they have not", low=0.05, high=1.0
-    )
-    room_after_s: float = setting(1.5, "s", "... for so long; a chair's is its collision monitor's", low=0.0, high=20.0)
+    radius: float = PERSON_RADIUS
+    """[m] Radius in predictions."""
+    largest: float = 1.2
+    """[m] A cluster wider than this is no person."""
+    link: float = 0.55
+    """[m] Legs nearer than this to each other belong to one person."""
+    apart: float = 0.6
+    """[m] No new track begins nearer than this to an existing one."""
+    acceleration: float = 1.0
+    """[m/s^2] Standard deviation of the acceleration."""
+    sigma: float = 0.08
+    """[m] Standard deviation of a cluster's middle about the person's: legs swing."""
+    walking: float = 0.2
+    """[m/s] A certain speed above this shows that a track moves by itself."""
+    displacement: float = 0.3
+    """[m] So does a displacement above this, if it goes on."""
+    still_walking: float = 0.15
+    """[m] Displacement above which a track that has walked before is still walking."""
+
+
+PEOPLE = MoverModel()
+
+SMALL_ROBOTS = MoverModel(
+    radius=0.15,
+    largest=0.6,
+    link=0.05,
+    apart=0.25,  # two of them may touch
+    acceleration=0.3,
+    sigma=0.05,
+    walking=0.1,  # they drift at 0.15 m/s, no faster than furniture seems to
+    displacement=0.15,
+    still_walking=0.08,
+)
+"""Discs of 0.3 m that drift slowly, among which a robot of their size drives."""
+
+MODELS: Mapping[str, MoverModel] = MappingProxyType({"people": PEOPLE, "robots": SMALL_ROBOTS})
+
+
+@dataclass(frozen=True, slots=True)
+class TrackSettings(Settings):
+    """What moves about where the chair drives."""
+
+    movers: str = setting("people", "", f"what is tracked: {' or '.join(MODELS)} (small discs)")
+
+    def __post_init__(self) -> None:
+        Settings.__post_init__(self)
+        if self.movers not in MODELS:
+            raise ConfigError(f"movers = '{self.movers}' is unknown; choose {' or '.join(MODELS)}")
+
+    @property
+    def model(self) -> MoverModel:
+        """Sizes and motion of the movers."""
+        return MODELS[self.movers]
+
+
+TOUCH, LEG = 0.15, 0.22
+"""[m] Points nearer than the first belong to one cluster; a cluster no wider than the second may be one leg of two."""
+
+LEAST_POINTS = 3
+"""Least number of points of a person's cluster; fewer are noise."""
+
+DISPLACED_FROM_S, DISPLACED_WITHIN_S, STILL_WALKING_FROM_S = 1.5, 10.0, 0.5
+"""[s] Shortest and longest time of a displacement that shows walking, and the shortest for a track that has walked."""
+
+START_SPEED = 1.0
+"""[m/s] Standard deviation of a new track's speed."""
+
+SUDDEN, SUDDEN_GATE = 6.0, 3.2
+"""[m/s^2] Standard deviation of the acceleration when somebody turns round or stops, and the squared Mahalanobis distance
+of the innovation that shows it (80 % of two degrees of freedom)."""
+
+GATE = 9.21
+"""Squared Mahalanobis distance within which a cluster may be a track's: 99 % of two degrees of freedom."""
+
+CONFIRMED_AFTER = 4
+"""Number of sightings after which a track is confirmed."""
+
+DROPPED_AFTER_S, RECENTLY_S = 0.8, 5.0
+"""[s] A track unseen for the first is dropped; if it was walking, it counts as possibly near for the second."""
+
+PAUSE_S = 2.0
+"""[s] A person who stands for less is still walking."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -91,9 +140,10 @@ class Track:
         """Whether it has ever certainly moved by itself."""
         return self.moved_ns is not None
 
-    def walks(self, settings: TrackSettings) -> bool:
-        """Return whether it is walking, short pauses included."""
-        return self.moved_within(settings.pause)
+    @property
+    def walks(self) -> bool:
+        """Whether it is walking, short pauses included."""
+        return self.moved_within(PAUSE_S)
 
     def moved_within(self, seconds: float) -> bool:
         """Return whether it has moved by itself in the last so many seconds."""
@@ -145,8 +195,8 @@ def seen_from(frame_from_map: Pose2, tracks: Iterable[Track]) -> tuple[Track, ..
 class Tracker:
     """The tracks, updated from scan to scan in a frame without jumps."""
 
-    def __init__(self, settings: TrackSettings | None = None) -> None:
-        self._settings = settings or TrackSettings()
+    def __init__(self, model: MoverModel = PEOPLE) -> None:
+        self._model = model
         self._tracks: tuple[Track, ...] = ()
         self._lost: tuple[Track, ...] = ()
         self._next = 1
@@ -158,27 +208,27 @@ class Tracker:
 
     def update(self, stamp_ns: int, points: FloatArray) -> tuple[Track, ...]:
         """Return the confirmed tracks after a scan with unexplained points (N, 2) [m]."""
-        s = self._settings
-        expected = tuple(predicted(track, stamp_ns, s) for track in self._tracks)
-        middles = clusters(points, s)
-        taken = associate(expected, middles, s)
+        model = self._model
+        expected = tuple(predicted(track, stamp_ns, model.acceleration) for track in self._tracks)
+        middles = clusters(points, model)
+        taken = associate(expected, middles, model.sigma)
         kept = [
-            _corrected(_turned(self._tracks[i], track, middles[taken[i]], s), middles[taken[i]], s)
+            _corrected(_after_turn(self._tracks[i], track, middles[taken[i]], model.sigma), middles[taken[i]], model)
             if i in taken
             else track
             for i, track in enumerate(expected)
-            if i in taken or stamp_ns - track.seen_ns <= s.forgotten_after * 1e9
+            if i in taken or stamp_ns - track.seen_ns <= DROPPED_AFTER_S * 1e9
         ]
         for k in sorted(set(range(len(middles))) - set(taken.values())):
             # A cluster as near to a person as one leg to the other is no second person.
-            if all(math.dist(track.position, middles[k]) > s.apart for track in kept):
-                kept.append(_born(self._next, stamp_ns, middles[k], s))
+            if all(math.dist(track.position, middles[k]) > model.apart for track in kept):
+                kept.append(_new_track(self._next, stamp_ns, middles[k], model))
                 self._next += 1
         gone = {track.number for track in self._tracks} - {track.number for track in kept}
-        lost = (*self._lost, *(track for track in self._tracks if track.number in gone and track.walks(s)))
-        self._lost = tuple(track for track in lost if stamp_ns - track.seen_ns <= s.lately * 1e9)
+        lost = (*self._lost, *(track for track in self._tracks if track.number in gone and track.walks))
+        self._lost = tuple(track for track in lost if stamp_ns - track.seen_ns <= RECENTLY_S * 1e9)
         self._tracks = tuple(kept)
-        return tuple(track for track in kept if track.seen >= s.believed_after)
+        return tuple(track for track in kept if track.seen >= CONFIRMED_AFTER)
 
 
 def room_round(tracks: Iterable[Track], room: float, pose: Pose2, body: ChairBody, spare: float) -> FloatArray:
@@ -223,20 +273,20 @@ _ROUND = 48
 """Points of a circle of personal space, 5 cm apart."""
 
 
-def clusters(points: FloatArray, settings: TrackSettings) -> FloatArray:
+def clusters(points: FloatArray, model: MoverModel) -> FloatArray:
     """Return (K, 2) middles [m] of the clusters or pairs of legs among points (N, 2) [m] that may be a person."""
     if len(points) == 0:
         return np.empty((0, 2))
-    things = _linked(points, settings.touch)
-    slim = np.array([np.hypot(*np.ptp(thing, axis=0)) <= settings.leg for thing in things])
+    things = _linked(points, TOUCH)
+    slim = np.array([np.hypot(*np.ptp(thing, axis=0)) <= LEG for thing in things])
     legs = [thing for thing, leg in zip(things, slim, strict=True) if leg]
     bodies = [thing for thing, leg in zip(things, slim, strict=True) if not leg]
     if legs:
-        bodies += _linked(np.concatenate(legs), settings.link)
+        bodies += _linked(np.concatenate(legs), model.link)
     middles = []
     for group in bodies:
         low, high = group.min(axis=0), group.max(axis=0)
-        if len(group) >= settings.least_points and np.hypot(*(high - low)) <= settings.largest:
+        if len(group) >= LEAST_POINTS and np.hypot(*(high - low)) <= model.largest:
             middles.append((low + high) / 2)
     return np.array(middles).reshape(-1, 2)
 
@@ -273,76 +323,78 @@ def linked_groups(points: FloatArray, link: float) -> IntArray:
     return labels
 
 
-def predicted(track: Track, stamp_ns: int, settings: TrackSettings) -> Track:
-    """Return the track predicted to a later time."""
+def predicted(track: Track, stamp_ns: int, acceleration: float) -> Track:
+    """Return the track predicted to a later time, with an acceleration [m/s^2] as white noise, one sigma."""
     from filterpy.kalman import predict
 
     dt = (stamp_ns - track.stamp_ns) * 1e-9
     move = np.eye(4)
     move[0, 2] = move[1, 3] = dt
     push = np.array([[dt**2 / 2, 0.0], [0.0, dt**2 / 2], [dt, 0.0], [0.0, dt]])
-    state, covariance = predict(_state(track), track.covariance, move, settings.acceleration**2 * push @ push.T)
+    state, covariance = predict(_state(track), track.covariance, move, acceleration**2 * push @ push.T)
     return _with_state(track, stamp_ns, track.seen_ns, track.seen, state, covariance)
 
 
-def associate(tracks: tuple[Track, ...], middles: FloatArray, settings: TrackSettings) -> dict[int, int]:
+def associate(tracks: tuple[Track, ...], middles: FloatArray, sigma: float) -> dict[int, int]:
     """Return the index of the cluster (K, 2) of each track: the least sum of Mahalanobis distances, within the gate."""
     if not tracks or not len(middles):
         return {}
     distances = np.empty((len(tracks), len(middles)))
     for i, track in enumerate(tracks):
-        spread = np.linalg.inv(track.covariance[:2, :2] + settings.sigma**2 * np.eye(2))
+        spread = np.linalg.inv(track.covariance[:2, :2] + sigma**2 * np.eye(2))
         off = middles - track.position
         distances[i] = np.einsum("ki,ij,kj->k", off, spread, off)
     # An assignment outside the gate costs more than any sum within.
-    outside = distances > settings.gate
-    rows, cols = linear_sum_assignment(np.where(outside, settings.gate * (min(distances.shape) + 1), distances))
+    outside = distances > GATE
+    rows, cols = linear_sum_assignment(np.where(outside, GATE * (min(distances.shape) + 1), distances))
     return {int(i): int(k) for i, k in zip(rows, cols, strict=True) if not outside[i, k]}
 
 
-def _turned(before: Track, expected: Track, middle: FloatArray, settings: TrackSettings) -> Track:
+def _after_turn(before: Track, expected: Track, middle: FloatArray, sigma: float) -> Track:
     """Return the prediction; if the innovation shows that the person turned or stopped, with more acceleration noise.
 
     The filter of constant velocity alone would take half a second to follow.
     """
     off = middle - expected.position
-    spread = expected.covariance[:2, :2] + settings.sigma**2 * np.eye(2)
-    if not before.walked or off @ np.linalg.solve(spread, off) < settings.surprise:
+    spread = expected.covariance[:2, :2] + sigma**2 * np.eye(2)
+    if not before.walked or off @ np.linalg.solve(spread, off) < SUDDEN_GATE:
         return expected
-    return predicted(before, expected.stamp_ns, replace(settings, acceleration=settings.sudden))
+    return predicted(before, expected.stamp_ns, SUDDEN)
 
 
-def _corrected(track: Track, middle: FloatArray, settings: TrackSettings) -> Track:
+def _corrected(track: Track, middle: FloatArray, model: MoverModel) -> Track:
     from filterpy.kalman import update
 
-    noise, sees = settings.sigma**2 * np.eye(2), np.eye(2, 4)
+    noise, sees = model.sigma**2 * np.eye(2), np.eye(2, 4)
     state, covariance = update(_state(track), track.covariance, middle, noise, sees)
     seen = _with_state(track, track.stamp_ns, track.stamp_ns, track.seen + 1, state, covariance)
-    if seen.seen < settings.believed_after:
+    if seen.seen < CONFIRMED_AFTER:
         return replace(seen, mark=seen.position, mark_ns=seen.stamp_ns)
     # a person known to walk needs no further proof
     doubt = 0.0 if track.walked else 2.0 * seen.speed_sigma
-    made_way = _made_way(seen, settings)
-    if made_way or seen.stamp_ns - seen.mark_ns > settings.way_within * 1e9:
+    displaced = _is_displaced(seen, model)
+    if displaced or seen.stamp_ns - seen.mark_ns > DISPLACED_WITHIN_S * 1e9:
         seen = replace(seen, mark=seen.position, mark_ns=seen.stamp_ns)
-    moves = made_way or seen.speed > max(settings.walking, doubt)
+    moves = displaced or seen.speed > max(model.walking, doubt)
     return replace(seen, moved_ns=seen.stamp_ns if moves else track.moved_ns)
 
 
-def _made_way(track: Track, settings: TrackSettings) -> bool:
+def _is_displaced(track: Track, model: MoverModel) -> bool:
     """Return whether it has truly left its mark, and not only shows another side or part of itself."""
     gone = track.position - track.mark
-    way = float(np.hypot(*gone))
+    distance = float(np.hypot(*gone))
     seconds = (track.stamp_ns - track.mark_ns) * 1e-9
-    least, since = (settings.onwards, settings.onwards_from) if track.walked else (settings.way, settings.way_from)
-    if way <= least or seconds < since:
+    least, since = (
+        (model.still_walking, STILL_WALKING_FROM_S) if track.walked else (model.displacement, DISPLACED_FROM_S)
+    )
+    if distance <= least or seconds < since:
         return False
-    return float(track.velocity @ gone) / way > 0.3 * way / seconds
+    return float(track.velocity @ gone) / distance > 0.3 * distance / seconds
 
 
-def _born(number: int, stamp_ns: int, middle: FloatArray, settings: TrackSettings) -> Track:
-    covariance = np.diag([settings.sigma**2] * 2 + [settings.start_speed**2] * 2)
-    return Track(number, stamp_ns, stamp_ns, 1, middle, np.zeros(2), covariance, settings.radius)
+def _new_track(number: int, stamp_ns: int, middle: FloatArray, model: MoverModel) -> Track:
+    covariance = np.diag([model.sigma**2] * 2 + [START_SPEED**2] * 2)
+    return Track(number, stamp_ns, stamp_ns, 1, middle, np.zeros(2), covariance, model.radius)
 
 
 def _state(track: Track) -> FloatArray:

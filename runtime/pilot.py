@@ -200,7 +200,6 @@ def _within(settings: PilotSettings, stops: StopTable | None) -> NavigatorSettin
     dwa = measured(navigator.dwa, stops)
     return replace(
         navigator,
-        tracks=replace(navigator.tracks, room_after_s=settings.monitor.give_way_s),
         dwa=replace(
             dwa,
             max_speed=min(dwa.max_speed, limits.max_speed),

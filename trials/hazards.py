@@ -28,6 +28,7 @@ from waychair.maps.distance_field import distance_field
 from waychair.maps.grid import occupied_points, points_from_cells
 from waychair.maps.zones import Rule, Zone
 from waychair.planning.motion import DwaSettings
+from waychair.planning.personal_space import PersonalSpaceSettings
 from waychair.planning.tracks import TrackSettings
 from waychair.runtime.chair import ChairSettings
 from waychair.simulation.contact import HIGHEST, LOWEST, Contact, ContactKind, clearance, solid_from_blocks
@@ -357,19 +358,8 @@ def robot_settings() -> ChairSettings:
         navigator=NavigatorSettings(
             waits_from=0.6,
             recovery=RecoverySettings(patience=150.0, patience_with_people=150.0),  # discs never stand for long
-            tracks=TrackSettings(
-                radius=_MOVER.radius,
-                room=0.2,
-                room_after=0.2,
-                largest=0.6,
-                link=0.05,
-                apart=0.25,  # two discs may touch
-                acceleration=0.3,
-                sigma=0.05,
-                walking=0.1,  # discs drift at 0.15 m/s, as slowly as furniture seems to move
-                way=0.15,
-                onwards=0.08,
-            ),
+            tracks=TrackSettings(movers="robots"),
+            personal_space=PersonalSpaceSettings(radius=0.2, squeezed=0.2),
             dwa=DwaSettings(
                 max_speed=0.5,
                 max_omega=0.8,  # any faster, its corners would hit discs that drift past

@@ -14,7 +14,6 @@ from waychair.maps.ground import GROUND, GroundView, ground_view
 from waychair.planning.obstacle_layer import (
     EMPTY,
     ObstacleLayer,
-    ObstacleSettings,
     Sight,
     any_nearer,
     between_heights,
@@ -74,15 +73,15 @@ def test_a_beam_that_meets_nothing_clears_as_far_as_it_was_followed() -> None:
 def test_what_is_hidden_by_something_nearer_is_remembered_until_it_fades() -> None:
     layer = updated(EMPTY, look(0, room(0.0)))
     nearer = np.minimum(room(None), np.where(np.abs(ALL_ROUND) < 0.3, 1.0, np.inf))
-    at_the_end = updated(layer, look(5 * SECOND, nearer), ObstacleSettings(fade=5.0))
+    at_the_end = updated(layer, look(5 * SECOND, nearer))
     assert near(at_the_end, 2.0) > 10
-    assert near(updated(at_the_end, look(5 * SECOND + 1, nearer), ObstacleSettings(fade=5.0)), 2.0) == 0
+    assert near(updated(at_the_end, look(5 * SECOND + 1, nearer)), 2.0) == 0
 
 
 def test_what_is_seen_again_does_not_fade_or_pile_up() -> None:
     layer = EMPTY
     for k in range(40):
-        layer = updated(layer, look(k * SECOND, room(0.0)), ObstacleSettings(fade=2.0))
+        layer = updated(layer, look(k * SECOND, room(0.0)), forgotten_after_s=2.0)
     once = updated(EMPTY, look(0, room(0.0)))
     assert len(layer.points) == len(once.points)
     assert (layer.seen_ns == 39 * SECOND).all()

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import math
-from dataclasses import replace
 
 import numpy as np
 import pytest
@@ -15,10 +14,14 @@ from scipy.sparse.csgraph import connected_components
 from waychair.calibration.chair import CHAIR_A
 from waychair.geometry import transform_points
 from waychair.maps.grid import cells_from_points
+from waychair.planning import tracks as tracks_module
+from waychair.planning.personal_space import PersonalSpaceSettings
 from waychair.planning.tracks import (
+    CONFIRMED_AFTER,
+    PAUSE_S,
+    PEOPLE,
     Track,
     Tracker,
-    TrackSettings,
     associate,
     clusters,
     linked_groups,
@@ -33,7 +36,6 @@ from waychair.simulation.scene import Behaviour, PersonPlan, Slice
 from waychair.simulation.silhouettes import legs
 from waychair.types import FloatArray, OccupancyGrid, Pose2, Twist
 
-SETTINGS = TrackSettings()
 TICK_NS = 100_000_000
 
 
@@ -45,9 +47,9 @@ def blob(x: float, y: float, count: int = 8) -> FloatArray:
 def test_two_legs_are_one_person_and_a_wall_is_none() -> None:
     wall = np.column_stack([np.linspace(0, 3, 60), np.full(60, 5.0)])
     points = np.concatenate([blob(1.0, 1.0), blob(1.0, 1.35), blob(4.0, 2.0), wall, [[8.0, 8.0]]])
-    middles = clusters(points, SETTINGS)
+    middles = clusters(points, PEOPLE)
     np.testing.assert_allclose(sorted(middles.tolist()), [[1.0, 1.175], [4.0, 2.0]], atol=0.01)
-    assert clusters(np.empty((0, 2)), SETTINGS).shape == (0, 2)
+    assert clusters(np.empty((0, 2)), PEOPLE).shape == (0, 2)
 
 
 @given(
@@ -66,15 +68,17 @@ def test_a_walker_is_believed_after_some_sightings_and_its_velocity_found() -> N
     for k in range(30):
         tracks = tracker.update(k * TICK_NS, blob(0.1 * k, 2.0 - 0.05 * k))
         counts.append(len(tracks))
-    assert counts[: SETTINGS.believed_after] == [0] * (SETTINGS.believed_after - 1) + [1]
-    assert set(counts[SETTINGS.believed_after :]) == {1}
+    assert counts[:CONFIRMED_AFTER] == [0] * (CONFIRMED_AFTER - 1) + [1]
+    assert set(counts[CONFIRMED_AFTER:]) == {1}
     np.testing.assert_allclose(tracks[0].velocity, [1.0, -0.5], atol=0.05)
     np.testing.assert_allclose(tracks[0].position, [2.9, 0.55], atol=0.05)
 
 
-def test_who_turns_round_is_noticed_twice_as_soon_as_by_constant_velocity() -> None:
-    def scans_until_noticed(settings: TrackSettings) -> int:
-        tracker, x = Tracker(settings), 0.0
+def test_somebody_who_turns_round_is_noticed_twice_as_soon_as_by_constant_velocity(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    def scans_until_noticed() -> int:
+        tracker, x = Tracker(), 0.0
         for k in range(40):
             x += 0.08 if k < 20 else -0.08
             tracks = tracker.update(k * TICK_NS, blob(x, 0.0))
@@ -82,16 +86,18 @@ def test_who_turns_round_is_noticed_twice_as_soon_as_by_constant_velocity() -> N
                 return k - 19
         return 20
 
-    assert scans_until_noticed(SETTINGS) <= 3
-    assert scans_until_noticed(replace(SETTINGS, surprise=100.0)) >= 6
+    assert scans_until_noticed() <= 3
+    monkeypatch.setattr(tracks_module, "SUDDEN_GATE", 100.0)
+    assert scans_until_noticed() >= 6
 
 
-def test_who_walks_on_evenly_is_followed_no_less_smoothly_for_it() -> None:
+def test_somebody_who_walks_on_evenly_is_followed_no_less_smoothly_for_it(monkeypatch: pytest.MonkeyPatch) -> None:
     rng = np.random.default_rng(2)
     noise = [0.04 * rng.standard_normal(2) for _ in range(40)]
     speeds = []
-    for settings in (SETTINGS, replace(SETTINGS, surprise=100.0)):
-        tracker = Tracker(settings)
+    for gate in (tracks_module.SUDDEN_GATE, 100.0):
+        monkeypatch.setattr(tracks_module, "SUDDEN_GATE", gate)
+        tracker = Tracker()
         tracks = [tracker.update(k * TICK_NS, blob(0.08 * k, 0.0) + noise[k]) for k in range(40)]
         speeds.append(np.std([track.velocity[0] for (track,) in tracks[15:]]))
     assert speeds[0] < 1.5 * speeds[1]
@@ -118,18 +124,18 @@ def test_two_who_pass_each_other_keep_their_numbers() -> None:
 
 def test_what_lies_outside_of_every_gate_is_given_to_no_track() -> None:
     track = Track(1, 0, 0, 5, np.zeros(2), np.zeros(2), 0.01 * np.eye(4), 0.3)
-    assert associate((track,), np.array([[5.0, 0.0]]), SETTINGS) == {}
-    assert associate((track,), np.array([[5.0, 0.0], [0.1, 0.0]]), SETTINGS) == {0: 1}
-    assert associate((), np.array([[5.0, 0.0]]), SETTINGS) == {}
+    assert associate((track,), np.array([[5.0, 0.0]]), PEOPLE.sigma) == {}
+    assert associate((track,), np.array([[5.0, 0.0], [0.1, 0.0]]), PEOPLE.sigma) == {0: 1}
+    assert associate((), np.array([[5.0, 0.0]]), PEOPLE.sigma) == {}
 
 
 def test_prediction_equals_constant_velocity_with_white_acceleration() -> None:
     covariance = np.diag([0.04, 0.04, 0.25, 0.25])
     track = Track(1, 0, 0, 5, np.array([1.0, 2.0]), np.array([0.5, -1.0]), covariance, 0.3)
-    later = predicted(track, 500_000_000, SETTINGS)
+    later = predicted(track, 500_000_000, PEOPLE.acceleration)
     np.testing.assert_allclose(later.position, [1.25, 1.5])
     np.testing.assert_allclose(later.velocity, track.velocity)
-    expected = 0.04 + 0.25 * 0.25 + 0.5**4 / 4 * SETTINGS.acceleration**2
+    expected = 0.04 + 0.25 * 0.25 + 0.5**4 / 4 * PEOPLE.acceleration**2
     assert later.covariance[0, 0] == pytest.approx(expected)
 
 
@@ -140,7 +146,7 @@ def test_the_simulators_people_are_found_by_the_simulators_lidar() -> None:
     plans = [PersonPlan(Behaviour.PATH, np.array(way), 1.0) for way in ways]
     pose = Pose2(2.0, 6.0)
     people = SimulatedPeople(plans, grid, CHAIR_A, np.random.default_rng(4))
-    lidar = Lidar(LidarSettings(rate_hz=10.0, sweep_s=0.0, drop_out=0.0, mixed=0.0), CHAIR_A, np.random.default_rng(5))
+    lidar = Lidar(LidarSettings(rate_hz=10.0, sweep_s=0.0, faults=False), CHAIR_A, np.random.default_rng(5))
     nothing = scenery_from_slice(Slice(np.empty((0, 4)), np.empty(0, np.int64)))
     tracker, errors, seen = Tracker(), [], []
     for k in range(80):
@@ -165,9 +171,9 @@ def test_who_pauses_is_on_the_way_and_who_stays_stands_but_is_a_person_still() -
     for k in range(20):
         (walker, *_) = tracker.update(k * TICK_NS, blob(0.1 * k, 0.0)) or (None,)
     assert walker is not None
-    assert walker.walks(SETTINGS)
-    walks = [tracker.update(k * TICK_NS, blob(1.9, 0.0))[0].walks(SETTINGS) for k in range(20, 60)]
-    assert walks[: round(SETTINGS.pause * 10) - 2] == [True] * (round(SETTINGS.pause * 10) - 2)
+    assert walker.walks
+    walks = [tracker.update(k * TICK_NS, blob(1.9, 0.0))[0].walks for k in range(20, 60)]
+    assert walks[: round(PAUSE_S * 10) - 2] == [True] * (round(PAUSE_S * 10) - 2)
     assert not any(walks[30:])
     assert tracker.update(60 * TICK_NS, blob(1.9, 0.0))[0].walked
 
@@ -177,12 +183,12 @@ def test_the_room_of_a_person_never_holds_the_chair(ahead: float) -> None:
     pose = Pose2(1.0, 2.0, 0.7)
     middle = transform_points(pose, np.array([[CHAIR_A.front + ahead, 0.1]]))[0]
     track = Track(1, 0, 0, 9, middle, np.zeros(2), np.eye(4), 0.3, moved_ns=0)
-    room = transform_points(pose.inverse(), room_round([track], SETTINGS.room, pose, CHAIR_A, 0.06))
+    room = transform_points(pose.inverse(), room_round([track], PersonalSpaceSettings().radius, pose, CHAIR_A, 0.06))
     outside = np.maximum(room[:, 0] - CHAIR_A.front, np.abs(room[:, 1]) - CHAIR_A.width / 2)
     assert (outside >= 0.06 - 1e-9).all()
     assert (len(room) > 0) == (ahead > 0.06)
     if ahead > 0.5:
-        np.testing.assert_allclose(np.hypot(*(room - (CHAIR_A.front + ahead, 0.1)).T), SETTINGS.room)
+        np.testing.assert_allclose(np.hypot(*(room - (CHAIR_A.front + ahead, 0.1)).T), PersonalSpaceSettings().radius)
 
 
 def test_who_drifts_slowly_is_known_by_the_way_made_and_what_stands_is_not() -> None:
