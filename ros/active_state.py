@@ -16,7 +16,7 @@ INACTIVE, ACTIVE = (2, "inactive"), (3, "active")
 """Ids and labels of lifecycle_msgs/msg/State."""
 
 
-def answer_for(nav2_node: str, node: ChairNode[Any], is_active: Callable[[], bool]) -> None:
+def offer_get_state(nav2_node: str, node: ChairNode[Any], is_active: Callable[[], bool]) -> None:
     """Offer the service `get_state` (lifecycle_msgs/GetState) under the name of one of Nav2's nodes."""
 
     def answer(request: Any, response: Any) -> Any:

@@ -45,7 +45,7 @@ from waychair.maps.places import load_places
 from waychair.maps.zones import load_zones
 from waychair.ros import topics
 from waychair.ros.description import robot_description, wheel_transforms
-from waychair.ros.drive_log import Decided, DriveLog
+from waychair.ros.drive_log import BridgeLog, TickRecord
 from waychair.ros.interface_types import interface_type
 from waychair.ros.known_chair import known_chair
 from waychair.ros.messages.chair import (
@@ -57,14 +57,14 @@ from waychair.ros.messages.chair import (
     read_localisation,
 )
 from waychair.ros.messages.motion import pose_with_covariance, read_twist, read_twist_stamped, transform
-from waychair.ros.messages.reports import Level, Report
+from waychair.ros.messages.reports import DiagnosticLevel, Report
 from waychair.ros.messages.sensors import read_battery, read_imu, read_page_joystick, read_scan, read_wheels
 from waychair.ros.mounts import static_transforms
 from waychair.ros.node import ChairNode, run_node
 from waychair.ros.topics import RosTopic
 from waychair.ros_messages import BASE_FRAME, IMU_FRAME, LASER_FRAME, ODOM_FRAME
-from waychair.runtime.black_box import LoggedChair, BlackBoxSettings
-from waychair.runtime.drive_base import BaseSettings, DriveBase, SensorMessage
+from waychair.runtime.black_box import BlackBoxSettings, LoggedChair
+from waychair.runtime.drive_base import BaseSettings, ChairMessage, DriveBase
 from waychair.runtime.monitor_process import MonitorProcess, Watched
 from waychair.runtime.page_watch import PageWatch
 from waychair.runtime.wheel_counts import WheelCounts
@@ -75,16 +75,16 @@ from waychair.types import ChairStatus, DriveMode, Goal, JoystickInput, Odometry
 SILENT_NS = 100_000_000
 """A navigator or localiser that has been silent for so long is treated as dead."""
 
-OTHER_CLOCK_NS = 500_000_000
+MAX_CLOCK_DIFFERENCE_NS = 500_000_000
 """A message whose stamp is farther from now was delayed, or is of another clock (F16)."""
 
 _OPENING_S = 0.02  # longest time that a tick waits for opening the cable
 _AHEAD_NS = 50_000_000  # a request may be stamped so far ahead, since /clock is coarse
 _TICK_NS = 45_000_000  # without requests the node ticks this long after the last tick
-_LET_GO_NS = 2_000_000_000  # a page's joystick that is silent for so long has been released
+_RELEASE_NS = 2_000_000_000  # a page's joystick that is silent for so long has been released
 _WHEELS_HZ = 10.0
 _WATCH_HZ = 50.0
-_NAMES_NS = 200_000_000  # time between two checks of the publishers' names while their number is constant
+_PUBLISHER_CHECK_NS = 200_000_000  # time between two checks of the publishers' names while their number is constant
 
 
 @dataclass(frozen=True, slots=True)
@@ -107,14 +107,14 @@ class BridgeNodeSettings(BaseSettings):
 
 
 @dataclass(slots=True)
-class _Heard:
+class _LastMessage:
     """The last message from another node, and its arrival by the steady clock [ns]."""
 
-    what: Any = None
+    value: Any = None
     at_ns: int = field(default=-SILENT_NS * 1000)
 
-    def take(self, what: Any) -> None:
-        self.what, self.at_ns = what, time.monotonic_ns()
+    def take(self, value: Any) -> None:
+        self.value, self.at_ns = value, time.monotonic_ns()
 
     def is_silent(self, now_ns: int) -> bool:
         return now_ns - self.at_ns > SILENT_NS
@@ -139,25 +139,34 @@ class BridgeNode(ChairNode[BridgeNodeSettings]):
         heartbeat = Heartbeat(self._base.bridge, cable)
         heartbeat.__enter__()
         self.at_end(lambda: heartbeat.__exit__(None, None, None))
-        self._log = self._begun_log()
+        self._log = self._start_log()
 
-        self._request, self._command, self._located = _Heard(DriveRequest(0)), _Heard(Twist()), _Heard()
-        self._goal_id, self._over = NO_GOAL, NO_GOAL
-        self._asked_before = False
+        self._request, self._command, self._localiser = (
+            _LastMessage(DriveRequest(0)),
+            _LastMessage(Twist()),
+            _LastMessage(),
+        )
+        self._goal_id, self._ended_goal_id = NO_GOAL, NO_GOAL
+        self._has_request = False
         self._mode = DriveMode.MANUAL
         self._ticked_ns = 0
-        self._report_of_tick: DriveReport | None = None
+        self._last_report: DriveReport | None = None
         self._last_stop = ""
-        self._watch_of_pages = PageWatch()
-        self._held_ns: int | None = time.monotonic_ns()  # a page's joystick may be held since then; None: released
-        self._placed: Localisation | None = None  # by the last localised scan
-        self._localised_ns, self._place_ns = 0, -OTHER_CLOCK_NS * 1000  # by the scan's stamp, and by the steady clock
-        self._motion = {
+        self._page_watch = PageWatch()
+        self._joystick_held_ns: int | None = (
+            time.monotonic_ns()
+        )  # a page's joystick may be held since then; None: released
+        self._last_localisation: Localisation | None = None  # by the last localised scan
+        self._scan_stamp_ns, self._scan_steady_ns = (
+            0,
+            -MAX_CLOCK_DIFFERENCE_NS * 1000,
+        )  # by the scan's stamp, and by the steady clock
+        self._authorised = {
             self.resolve_topic_name(topics.COMMAND.name): s.navigator,
             self.resolve_topic_name(topics.DRIVE_REQUEST.name): s.navigator,
             self.resolve_topic_name(topics.PAGE_JOYSTICK.name): s.page,
         }  # the topics that move the chair, and the only node that may publish each
-        self._sender_counts, self._named_ns, self._stranger = [0] * len(self._motion), 0, ""
+        self._publisher_counts, self._checked_ns, self._intruder = [0] * len(self._authorised), 0, ""
 
         self._send_odometry, self._send_transform = self.publisher(topics.ODOMETRY), self.publisher(topics.TF)
         self._send_state, self._send_pose = self.publisher(topics.DRIVE_STATE), self.publisher(topics.INITIAL_POSE)
@@ -165,36 +174,44 @@ class BridgeNode(ChairNode[BridgeNodeSettings]):
         self._send_mounts(ros_messages.transforms(self.now_ns(), static_transforms(calibration.body)))
         self.publisher(topics.ROBOT_DESCRIPTION)(robot_description(calibration.body))
         self._wheels, self._counts = WheelTicks(0, 0, 0), WheelCounts(self._ticks_per_turn)
-        self.every(_WHEELS_HZ, self._show_wheels)
+        self.every(_WHEELS_HZ, self._publish_wheels)
         self.listen(
-            _of_whoever(topics.JOINTS), lambda message: read_wheels(message, self._ticks_per_turn), self._hear_wheels
+            _best_effort(topics.JOINTS), lambda message: read_wheels(message, self._ticks_per_turn), self._take_wheels
         )
-        self.listen(topics.IMU, lambda message: read_imu(message, s.imu_frame), self._hear)
-        self.listen(topics.SCAN, lambda message: read_scan(message, s.scan_frame), self._hear)
-        self.listen(_of_whoever(topics.BATTERY), read_battery, self._hear, needed=s.fitness.power_monitor)
-        self.listen(_of_whoever(topics.SEAT), self._read_seat, self._hear, needed=s.fitness.seat_switch)
-        self.listen(topics.LOCALISATION, read_localisation, self._locate)
+        self.listen(topics.IMU, lambda message: read_imu(message, s.imu_frame), self._take_sensor)
+        self.listen(topics.SCAN, lambda message: read_scan(message, s.scan_frame), self._take_sensor)
+        self.listen(_best_effort(topics.BATTERY), read_battery, self._take_sensor, needed=s.fitness.power_monitor)
+        self.listen(_best_effort(topics.SEAT), self._read_seat, self._take_sensor, needed=s.fitness.seat_switch)
+        self.listen(topics.LOCALISATION, read_localisation, self._take_localisation)
         if s.enable_stamped_cmd_vel:
-            self.listen(topics.STAMPED_COMMAND, read_twist_stamped, self._take_stamped, self._no_speed, needed=False)
+            self.listen(
+                topics.STAMPED_COMMAND, read_twist_stamped, self._take_stamped, self._take_invalid_speed, needed=False
+            )
         else:
-            self.listen(topics.COMMAND, read_twist, self._command.take, self._no_speed, needed=False)
-        self.listen(topics.DRIVE_REQUEST, read_drive_request, self._asked, needed=False)
-        self.listen(topics.PAGE_JOYSTICK, read_page_joystick, self._steered, lambda: self._steered(None), needed=False)
-        self.listen(topics.PAGE_WATCH, lambda message: message, self._watched, needed=False)
-        self.listen(topics.LAYOUT, lambda message: message, self._redraw, needed=False)
+            self.listen(topics.COMMAND, read_twist, self._command.take, self._take_invalid_speed, needed=False)
+        self.listen(topics.DRIVE_REQUEST, read_drive_request, self._take_request, needed=False)
+        self.listen(
+            topics.PAGE_JOYSTICK,
+            read_page_joystick,
+            self._take_page_joystick,
+            lambda: self._take_page_joystick(None),
+            needed=False,
+        )
+        self.listen(topics.PAGE_WATCH, lambda message: message, self._take_page_heartbeat, needed=False)
+        self.listen(topics.LAYOUT, lambda message: message, self._reload_zones, needed=False)
         self.listen(topics.STOP, lambda message: message, lambda message: self._stop(), needed=False)
         self._serve("stop", self._stop)
-        self.create_service(interface_type("waychair_msgs/srv/Confirm"), "confirm", self._answer_yes)
+        self.create_service(interface_type("waychair_msgs/srv/Confirm"), "confirm", self._answer_confirm)
         self._serve("reset_faults", self._reset)
         self.every(_WATCH_HZ, self._watch)
 
-    def _begun_log(self) -> DriveLog | None:
+    def _start_log(self) -> BridgeLog | None:
         """Return the black box's log if a folder is configured."""
         s = self.settings
         if not s.box:
             return None
         places = load_places(Path(s.map_folder)) if s.map_folder else {}
-        log = DriveLog(Path(s.box), LoggedChair(s, self._calibration, places), s.black_box)
+        log = BridgeLog(Path(s.box), LoggedChair(s, self._calibration, places), s.black_box)
         self.at_end(log.close)
         return log
 
@@ -202,11 +219,11 @@ class BridgeNode(ChairNode[BridgeNodeSettings]):
         """Report the black box, the drive mode with the conditions against driving, and the board."""
         if self._log is not None:
             yield self._log.report()
-        last = self._report_of_tick
+        last = self._last_report
         if last is None:
             return
         first = last.halts[0][1] if last.halts else ""
-        level = Level.OK if last.ready else Level.WARN
+        level = DiagnosticLevel.OK if last.ready else DiagnosticLevel.WARN
         values = (
             ("mode", last.mode.value),
             ("reason", last.reason),
@@ -217,29 +234,31 @@ class BridgeNode(ChairNode[BridgeNodeSettings]):
         telemetry = self._base.bridge.telemetry
         if telemetry is None:
             yield Report(
-                "board", Level.ERROR, self._base.bridge.trouble[0] if self._base.bridge.trouble else "no board"
+                "board",
+                DiagnosticLevel.ERROR,
+                self._base.bridge.trouble[0] if self._base.bridge.trouble else "no board",
             )
         else:
-            yield Report("board", Level.OK, "", (("state", str(telemetry.state)),))
+            yield Report("board", DiagnosticLevel.OK, "", (("state", str(telemetry.state)),))
 
-    def _hear(self, message: SensorMessage) -> bool:
+    def _take_sensor(self, message: ChairMessage) -> bool:
         """Process a sensor's message with its stamp converted to the steady clock; return False if it is of another clock."""
         age_ns = self.now_ns() - message.stamp_ns
-        if abs(age_ns) > OTHER_CLOCK_NS:
+        if abs(age_ns) > MAX_CLOCK_DIFFERENCE_NS:
             return False
         heard = replace(message, stamp_ns=time.monotonic_ns() - age_ns)
-        self._base.hear(self._base.on_time(heard))
+        self._base.hear(self._base.with_true_stamp(heard))
         if self._log is not None:
-            self._log.hear(heard)
+            self._log.add_message(heard)
         return True
 
-    def _hear_wheels(self, message: WheelTicks) -> None:
+    def _take_wheels(self, message: WheelTicks) -> None:
         self._wheels = message = self._counts.update(message)
-        odometry = self._base.odometry if self._hear(message) else None
+        odometry = self._base.odometry if self._take_sensor(message) else None
         if odometry is not None:
             self._publish_odometry(replace(odometry, stamp_ns=message.stamp_ns))
 
-    def _show_wheels(self) -> None:
+    def _publish_wheels(self) -> None:
         """Publish the wheels' rotation, for displays."""
         frames = wheel_transforms(self._calibration.body, self._wheels)
         self._send_transform(ros_messages.transforms(self.now_ns(), frames))
@@ -253,81 +272,81 @@ class BridgeNode(ChairNode[BridgeNodeSettings]):
         )
         self._send_transform(transform(odometry.stamp_ns, ODOM_FRAME, BASE_FRAME, in_space(pose)))
 
-    def _locate(self, located: tuple[int, Localisation]) -> None:
+    def _take_localisation(self, located: tuple[int, Localisation]) -> None:
         """Take the localiser's message; a repeated one is only a heartbeat."""
         stamp_ns, localisation = located
-        self._located.take(localisation)
-        self._place_ns = time.monotonic_ns() - (self.now_ns() - stamp_ns)
-        if stamp_ns != self._localised_ns and not SCAN_RATE.is_stale(self._place_ns, time.monotonic_ns()):
-            self._localised_ns, self._placed = stamp_ns, localisation
-            self._base.locate(localisation, self._place_ns)
+        self._localiser.take(localisation)
+        self._scan_steady_ns = time.monotonic_ns() - (self.now_ns() - stamp_ns)
+        if stamp_ns != self._scan_stamp_ns and not SCAN_RATE.is_stale(self._scan_steady_ns, time.monotonic_ns()):
+            self._scan_stamp_ns, self._last_localisation = stamp_ns, localisation
+            self._base.locate(localisation, self._scan_steady_ns)
 
     def _read_seat(self, message: Any) -> ChairStatus:
         return ChairStatus(self.now_ns(), seated=bool(message.data))
 
-    def _no_speed(self) -> None:
+    def _take_invalid_speed(self) -> None:
         """Replace the last speed by nan after an invalid one, so that the chair stops at once (F5)."""
         self._command.take(Twist(math.nan, math.nan))
 
     def _take_stamped(self, command: tuple[int, Twist]) -> None:
-        if self._is_of_now(command[0]):
+        if self._is_fresh(command[0]):
             self._command.take(command[1])
 
-    def _asked(self, request: DriveRequest) -> None:
+    def _take_request(self, request: DriveRequest) -> None:
         """Process a request of the navigator, unless it was delayed on its way."""
-        if not self._is_of_now(request.stamp_ns):
+        if not self._is_fresh(request.stamp_ns):
             return
-        if request.active and not self._asked_before:
-            self._goal_id = self._over = request.goal_id
-        self._asked_before = True
+        if request.active and not self._has_request:
+            self._goal_id = self._ended_goal_id = request.goal_id
+        self._has_request = True
         self._request.take(request)
         if request.scan_ns:
             self._base.note_mapped_legs(request.furniture, time.monotonic_ns() - (self.now_ns() - request.scan_ns))
         self._tick()
 
-    def _is_of_now(self, stamp_ns: int) -> bool:
+    def _is_fresh(self, stamp_ns: int) -> bool:
         """Return whether a stamp is no older than the board's limit for commands (F2)."""
         return -_AHEAD_NS <= self.now_ns() - stamp_ns <= self.settings.bridge.max_age_ms * 1_000_000
 
     def _watch(self) -> None:
         """Tick without a request, if none has come for a while or another node falls silent during a drive."""
         now_ns = time.monotonic_ns()
-        silent = self._request.is_silent(now_ns) or self._located.is_silent(now_ns)
+        silent = self._request.is_silent(now_ns) or self._localiser.is_silent(now_ns)
         if now_ns - self._ticked_ns > _TICK_NS or (silent and self._mode in DRIVEN):
             self._tick()
 
     def _tick(self) -> None:
         """Make one tick: decide the drive mode, send the command to the board, and publish the state."""
         now_ns = self._ticked_ns = time.monotonic_ns()
-        request: DriveRequest = self._request.what
+        request: DriveRequest = self._request.value
         if request.active and request.goal_id != self._goal_id:
             self._goal_id = request.goal_id
-            self._tell("go", Goal(request.goal))
+            self._log_request("go", Goal(request.goal))
             self._base.request()
             if self.settings.unattended:
                 self._base.confirm()
-        active = request.active and self._goal_id not in (NO_GOAL, self._over)
+        active = request.active and self._goal_id not in (NO_GOAL, self._ended_goal_id)
         verdict, telemetry = self._base.supervise(now_ns, active, self._halts(now_ns, active))
         fresh = active and request.driving and not self._command.is_silent(now_ns)
-        asked = self._command.what if fresh else None
+        asked = self._command.value if fresh else None
         driven = self._base.drive(now_ns, verdict, asked)
         self._mode = verdict.mode
         if self._mode not in DRIVEN:
-            self._watch_of_pages.over()
+            self._page_watch.over()
         if self._base.stopped_after_push:
-            self._look_again()
+            self._relocalise()
         if active and (verdict.drops_goal or driven.ended):
-            self._over, self._last_stop = self._goal_id, driven.ended or verdict.reason
+            self._ended_goal_id, self._last_stop = self._goal_id, driven.ended or verdict.reason
         if self._log is not None:
-            decided = Decided(now_ns, request, asked or Twist(), self._placed, verdict, driven, telemetry)
-            self._log.note(self._base, decided)
+            decided = TickRecord(now_ns, request, asked or Twist(), self._last_localisation, verdict, driven, telemetry)
+            self._log.add_tick(self._base, decided)
         lean = self._base.tilt
-        self._report_of_tick = DriveReport(
+        self._last_report = DriveReport(
             self.now_ns(),
             self._goal_id,
             verdict.mode,
             driven.ended or verdict.reason,
-            self._goal_id == self._over,
+            self._goal_id == self._ended_goal_id,
             self._base.ready,
             driven.command if driven.sent.active else None,
             driven.ended,
@@ -340,40 +359,40 @@ class BridgeNode(ChairNode[BridgeNodeSettings]):
             self._base.countdown_s(now_ns) or 0.0,
             verdict.steered,
         )
-        self._send_state(drive_state(self._report_of_tick))
+        self._send_state(drive_state(self._last_report))
 
     def _halts(self, now_ns: int, active: bool) -> list[Halt]:
         """Return the halts that only a chair of several processes has: silent nodes and additional commanders."""
         halts = [halt("open_network")] if self.settings.deaf else []
         if (active or self._mode in DRIVEN) and self._request.is_silent(now_ns):
             halts.append(halt("navigator_silent"))
-        if self._located.is_silent(now_ns) or SCAN_RATE.is_stale(self._place_ns, now_ns):
+        if self._localiser.is_silent(now_ns) or SCAN_RATE.is_stale(self._scan_steady_ns, now_ns):
             halts.append(halt("localiser_silent"))
-        self._look_for_strangers(now_ns)
-        if self._stranger:
-            halts.append(halt("two_commanders", self._stranger))
-        halts += self._watch_of_pages.halts(now_ns)
+        self._check_publishers(now_ns)
+        if self._intruder:
+            halts.append(halt("two_commanders", self._intruder))
+        halts += self._page_watch.halts(now_ns)
         return halts
 
-    def _look_for_strangers(self, now_ns: int) -> None:
+    def _check_publishers(self, now_ns: int) -> None:
         """Find an unauthorised or duplicate publisher of speeds, requests or a page's joystick.
 
         A publisher is discovered before its first message, so that none of its messages is obeyed.
         """
-        counts = [self.count_publishers(name) for name in self._motion]
-        if self._held_ns is not None:  # until a page has been present, and silent for long enough
-            if not self._sender_counts[-1]:
-                self._held_ns = now_ns
-            elif now_ns - self._held_ns >= _LET_GO_NS:
-                self._held_ns = None
-        if counts == self._sender_counts and now_ns - self._named_ns < _NAMES_NS:
+        counts = [self.count_publishers(name) for name in self._authorised]
+        if self._joystick_held_ns is not None:  # until a page has been present, and silent for long enough
+            if not self._publisher_counts[-1]:
+                self._joystick_held_ns = now_ns
+            elif now_ns - self._joystick_held_ns >= _RELEASE_NS:
+                self._joystick_held_ns = None
+        if counts == self._publisher_counts and now_ns - self._checked_ns < _PUBLISHER_CHECK_NS:
             return
-        self._sender_counts, self._named_ns, self._stranger = counts, now_ns, ""
-        for topic, sender in self._motion.items():
+        self._publisher_counts, self._checked_ns, self._intruder = counts, now_ns, ""
+        for topic, sender in self._authorised.items():
             names = [each.node_name for each in self.get_publishers_info_by_topic(topic)]
             others = [name for name in names if name != sender]
             if others or (len(names) > 1 and sender == self.settings.navigator):
-                self._stranger = others[0] if others else f"{len(names)} nodes of the name '{sender}'"
+                self._intruder = others[0] if others else f"{len(names)} nodes of the name '{sender}'"
 
     def _serve(self, name: str, call: Callable[[], tuple[bool, str]]) -> None:
         """Offer a std_srvs/Trigger service that answers with success and a sentence."""
@@ -384,30 +403,30 @@ class BridgeNode(ChairNode[BridgeNodeSettings]):
 
         self.create_service(interface_type("std_srvs/srv/Trigger"), name, answer)
 
-    def _tell(self, what: str, *goals: Goal) -> None:
+    def _log_request(self, value: str, *goals: Goal) -> None:
         """Record a request in the black box."""
         if self._log is not None:
-            self._log.note_request(what, goals)
+            self._log.note_request(value, goals)
 
-    def _steered(self, stick: JoystickInput | None) -> None:
+    def _take_page_joystick(self, stick: JoystickInput | None) -> None:
         """Take a page's joystick, unless the network is open or the message was delayed.
 
-        A joystick that may have been held before this node started counts only after a release or `_LET_GO_NS` of silence.
+        A joystick that may have been held before this node started counts only after a release or `_RELEASE_NS` of silence.
         """
         now_ns = time.monotonic_ns()
-        self._look_for_strangers(now_ns)
+        self._check_publishers(now_ns)
         if stick is None or self.settings.deaf:
-            self._held_ns = None
+            self._joystick_held_ns = None
             self._base.let_go(now_ns)
-        elif self._held_ns is not None:
-            self._held_ns = now_ns
-        elif self._is_of_now(stick.stamp_ns):
+        elif self._joystick_held_ns is not None:
+            self._joystick_held_ns = now_ns
+        elif self._is_fresh(stick.stamp_ns):
             self._base.steer(stick.forward, stick.turn, now_ns)
 
-    def _watched(self, message: Any) -> None:
-        self._watch_of_pages.seen(["page"], time.monotonic_ns())
+    def _take_page_heartbeat(self, message: Any) -> None:
+        self._page_watch.seen(["page"], time.monotonic_ns())
 
-    def _redraw(self, message: Any) -> None:
+    def _reload_zones(self, message: Any) -> None:
         """Load the changed zones."""
         if not self.settings.map_folder:
             return
@@ -416,49 +435,49 @@ class BridgeNode(ChairNode[BridgeNodeSettings]):
         except WaychairError as error:
             self.get_logger().error(f"{error}; the zones stay as they were")
 
-    def _look_again(self) -> None:
+    def _relocalise(self) -> None:
         """After a push by hand, restart the localiser at its pose if the scans confirm that pose only partly."""
-        located: Localisation | None = self._located.what
+        located: Localisation | None = self._localiser.value
         if located is not None and located.state is LocalisationState.DEGRADED:
             self._send_pose(pose_with_covariance(self.now_ns(), located.map_from_base))
 
     def _stop(self) -> tuple[bool, str]:
-        self._tell("stop")
+        self._log_request("stop")
         self._base.stop()
         self._tick()
         return True, "stopped"
 
-    def _answer_yes(self, request: Any, response: Any) -> Any:
+    def _answer_confirm(self, request: Any, response: Any) -> Any:
         response.success, response.message = self._confirm(int(request.goal_id), request.on_page)
         return response
 
     def _confirm(self, goal_id: int, on_page: bool = False) -> tuple[bool, str]:
         """Confirm one goal for the rider; refuse if another goal has arrived meanwhile."""
-        request: DriveRequest = self._request.what
-        if not request.active or self._goal_id in (NO_GOAL, self._over):
+        request: DriveRequest = self._request.value
+        if not request.active or self._goal_id in (NO_GOAL, self._ended_goal_id):
             return False, "there is no goal to say yes to: ask for one first"
         if goal_id != self._goal_id:
             return False, "another goal waits than the one that was shown: look at it, then say yes to that one"
         if self._mode in DRIVEN:
             return True, "the drive is under way"
         if on_page:
-            self._watch_of_pages.began(time.monotonic_ns())
-        self._tell("confirm")
+            self._page_watch.began(time.monotonic_ns())
+        self._log_request("confirm")
         self._base.confirm()
         self._tick()
-        last = self._report_of_tick
+        last = self._last_report
         if last is not None and last.mode in DRIVEN:
             return True, "the drive begins"
         return False, "" if last is None else last.reason
 
     def _reset(self) -> tuple[bool, str]:
-        self._over = self._goal_id
-        self._tell("reset")
+        self._ended_goal_id = self._goal_id
+        self._log_request("reset")
         self._base.reset()
         return True, "the faults were reset; ask for the goal again"
 
 
-def _of_whoever(topic: RosTopic) -> RosTopic:
+def _best_effort(topic: RosTopic) -> RosTopic:
     """Return the topic with best effort, which is compatible with reliable and best-effort publishers."""
     return replace(topic, qos=replace(topic.qos, reliable=False))
 

@@ -46,7 +46,7 @@ T = TypeVar("T")
 
 _SUCCEEDED, _CANCELED, _ABORTED = 4, 5, 6  # action_msgs/msg/GoalStatus
 
-_LISTEN_S = 0.3
+_SPIN_S = 0.3
 _SILENT_S = 3.0
 """A navigator that sends no feedback for so long has died; it normally sends feedback five times a second."""
 
@@ -61,7 +61,7 @@ class TaskResult(enum.Enum):
 
 
 @dataclass(frozen=True, slots=True)
-class Ended:
+class DriveOutcome:
     """How a drive ended: the result, the reason, and Nav2's error code."""
 
     result: TaskResult
@@ -85,8 +85,8 @@ class ChairClient:
         self.node = Node(name, context=self._context, start_parameter_services=False)
         self._executor = NodeExecutor(context=self._context)
         self._executor.add_node(self.node)
-        self._heard: dict[str, Any] = {}
-        self._unread: dict[str, str] = {}  # the defect of the last unreadable message, by topic
+        self._messages: dict[str, Any] = {}
+        self._decode_errors: dict[str, str] = {}  # the defect of the last unreadable message, by topic
         self._services: dict[str, Any] = {}
         self._action = ActionClient(
             self.node, interface_type("nav2_msgs/action/NavigateToPose"), topics.NAVIGATE_TO_POSE
@@ -94,7 +94,7 @@ class ChairClient:
         self._handle: Any = None
         self._ended: Any = None
         self._feedback: Any = None
-        self._fed_s = 0.0
+        self._feedback_s = 0.0
         self._initial: Any = None
 
     def __enter__(self) -> Self:
@@ -119,7 +119,7 @@ class ChairClient:
             RosError: timeout.
         """
         self.localisation(timeout_s)
-        if not self._until(self._action.server_is_ready, timeout_s):
+        if not self._spin_until(self._action.server_is_ready, timeout_s):
             raise RosError(f"no navigator answers within {timeout_s:g} s: start the chair with `waychair up`")
 
     def places(self, timeout_s: float = 5.0) -> Mapping[str, Place]:
@@ -128,7 +128,7 @@ class ChairClient:
         Raises:
             RosError: timeout.
         """
-        return self._first(topics.PLACES, read_places, timeout_s, "navigator")
+        return self._latest(topics.PLACES, read_places, timeout_s, "navigator")
 
     def localisation(self, timeout_s: float = 5.0) -> Localisation:
         """Return the chair's pose, and how reliable it is.
@@ -136,7 +136,7 @@ class ChairClient:
         Raises:
             RosError: timeout.
         """
-        return self._first(topics.LOCALISATION, read_localisation, timeout_s, "mapper")[1]
+        return self._latest(topics.LOCALISATION, read_localisation, timeout_s, "mapper")[1]
 
     def drive_state(self, timeout_s: float = 5.0) -> DriveReport:
         """Return the drive mode, its reason, and the conditions that prevent a drive.
@@ -144,7 +144,7 @@ class ChairClient:
         Raises:
             RosError: timeout.
         """
-        return self._first(topics.DRIVE_STATE, read_drive_state, timeout_s, "bridge")
+        return self._latest(topics.DRIVE_STATE, read_drive_state, timeout_s, "bridge")
 
     def go_to_pose(self, pose: Pose2, timeout_s: float = 5.0) -> bool:
         """Request a drive to a pose in map, which waits for the rider's `confirm`; return whether it was accepted.
@@ -171,7 +171,9 @@ class ChairClient:
         if goal_id is None:  # the bridge learns of the goal a moment after the client
             goal_id = self.goal_id
             self.drive_state(timeout_s)
-            self._until(lambda: self._heard[topics.DRIVE_STATE.name].goal_id == goal_id, min(timeout_s, _LISTEN_S))
+            self._spin_until(
+                lambda: self._messages[topics.DRIVE_STATE.name].goal_id == goal_id, min(timeout_s, _SPIN_S)
+            )
         return self._ask("confirm", kind, kind.Request(goal_id=goal_id), timeout_s)
 
     def stop(self, timeout_s: float = 5.0) -> tuple[bool, str]:
@@ -218,31 +220,31 @@ class ChairClient:
         """Cancel the drive that this client requested."""
         if self._handle is not None:
             done = self._handle.cancel_goal_async()
-            self._until(done.done, timeout_s)
+            self._spin_until(done.done, timeout_s)
 
     def is_task_complete(self, wait_s: float = 0.1) -> bool:
         """Return whether the drive has ended, after waiting `wait_s` at most. A dead navigator counts as an end."""
-        if self._ended is None or self._until(self._ended.done, wait_s):
+        if self._ended is None or self._spin_until(self._ended.done, wait_s):
             return True
-        if time.monotonic() - self._fed_s > _SILENT_S:
-            self.spin(_LISTEN_S)  # feedback is received only while this client spins
-        return self._ended.done() or self._is_deserted
+        if time.monotonic() - self._feedback_s > _SILENT_S:
+            self.spin(_SPIN_S)  # feedback is received only while this client spins
+        return self._ended.done() or self._navigator_is_dead
 
     def feedback(self) -> Any:
         """Return the latest nav2_msgs/action/NavigateToPose feedback; None before the first."""
         return self._feedback
 
-    def result(self) -> Ended:
+    def result(self) -> DriveOutcome:
         """Return how the drive ended; UNKNOWN while it is in progress."""
         self.is_task_complete(0.0)  # receive an end that arrived since the last spin
-        if self._ended is not None and not self._ended.done() and self._is_deserted:
-            return Ended(TaskResult.FAILED, "the navigator does not answer any more: see `waychair status`")
+        if self._ended is not None and not self._ended.done() and self._navigator_is_dead:
+            return DriveOutcome(TaskResult.FAILED, "the navigator does not answer any more: see `waychair status`")
         if self._ended is None or not self._ended.done():
-            return Ended(TaskResult.UNKNOWN)
+            return DriveOutcome(TaskResult.UNKNOWN)
         answer = self._ended.result()
         kinds = {_SUCCEEDED: TaskResult.SUCCEEDED, _CANCELED: TaskResult.CANCELED, _ABORTED: TaskResult.FAILED}
         kind = kinds.get(answer.status, TaskResult.UNKNOWN)
-        return Ended(kind, str(answer.result.error_msg), int(answer.result.error_code))
+        return DriveOutcome(kind, str(answer.result.error_msg), int(answer.result.error_code))
 
     def set_initial_pose(self, pose: Pose2, timeout_s: float = 5.0) -> None:
         """Tell the localiser the chair's pose in map.
@@ -255,7 +257,7 @@ class ChairClient:
             self._initial = self.node.create_publisher(
                 interface_type(topic.type), topic.name, topics.profile(topic.qos)
             )
-        if not self._until(lambda: self._initial.get_subscription_count() > 0, timeout_s):
+        if not self._spin_until(lambda: self._initial.get_subscription_count() > 0, timeout_s):
             raise RosError(f"no mapper listens to {topic.name} within {timeout_s:g} s: start the chair")
         self._initial.publish(serialised(pose_with_covariance(self._now_ns(), pose)))
 
@@ -283,30 +285,30 @@ class ChairClient:
 
     def spin(self, seconds: float) -> None:
         """Receive messages for a number of seconds."""
-        self._until(lambda: False, seconds)
+        self._spin_until(lambda: False, seconds)
 
     def _send_goal(self, pose: Any, timeout_s: float) -> bool:
-        if not self._until(self._action.server_is_ready, timeout_s):
+        if not self._spin_until(self._action.server_is_ready, timeout_s):
             raise RosError(f"no navigator answers within {timeout_s:g} s: start the chair with `waychair up`")
         goal = interface_type("nav2_msgs/action/NavigateToPose").Goal()
         goal.pose = pose
         self._feedback = self._ended = self._handle = None
         sent = self._action.send_goal_async(goal, feedback_callback=self._take_feedback)
-        if not self._until(sent.done, timeout_s):
+        if not self._spin_until(sent.done, timeout_s):
             raise RosError(f"the navigator does not answer within {timeout_s:g} s: see `waychair status`")
         handle = sent.result()
         if handle is None or not handle.accepted:
             return False
         self._handle, self._ended = handle, handle.get_result_async()
-        self._fed_s = time.monotonic()
+        self._feedback_s = time.monotonic()
         return True
 
     def _take_feedback(self, message: Any) -> None:
-        self._feedback, self._fed_s = message.feedback, time.monotonic()
+        self._feedback, self._feedback_s = message.feedback, time.monotonic()
 
     @property
-    def _is_deserted(self) -> bool:
-        return self._ended is not None and time.monotonic() - self._fed_s > _SILENT_S
+    def _navigator_is_dead(self) -> bool:
+        return self._ended is not None and time.monotonic() - self._feedback_s > _SILENT_S
 
     def _trigger(self, name: str, timeout_s: float) -> tuple[bool, str]:
         """Call a std_srvs/Trigger service."""
@@ -318,38 +320,38 @@ class ChairClient:
         if name not in self._services:
             self._services[name] = self.node.create_client(kind, name)
         client = self._services[name]
-        if not self._until(client.service_is_ready, timeout_s):
+        if not self._spin_until(client.service_is_ready, timeout_s):
             raise RosError(f"nobody offers '{name}' within {timeout_s:g} s: start the chair with `waychair up`")
         asked = client.call_async(request)
-        if not self._until(asked.done, timeout_s):
+        if not self._spin_until(asked.done, timeout_s):
             client.remove_pending_request(asked)
             raise RosError(f"'{name}' was not answered within {timeout_s:g} s: see `waychair status`")
         answer = asked.result()
         return bool(answer.success), str(answer.message)
 
-    def _first(self, topic: topics.RosTopic, read: Callable[[Any], T], timeout_s: float, sender: str) -> T:
+    def _latest(self, topic: topics.RosTopic, read: Callable[[Any], T], timeout_s: float, sender: str) -> T:
         """Return the latest message of a topic; the first call subscribes and waits. Unreadable messages are skipped."""
-        if topic.name not in self._heard:
-            self._heard[topic.name] = None
+        if topic.name not in self._messages:
+            self._messages[topic.name] = None
 
             def take(data: bytes) -> None:
                 try:
-                    self._heard[topic.name] = read(deserialised(data, topic.type))
+                    self._messages[topic.name] = read(deserialised(data, topic.type))
                 except MessageError as error:
-                    self._unread[topic.name] = f"; what came cannot be read: {error}"
+                    self._decode_errors[topic.name] = f"; what came cannot be read: {error}"
 
             self.node.create_subscription(
                 interface_type(topic.type), topic.name, take, topics.profile(topic.qos), raw=True
             )
         else:
-            self._until(lambda: False, 0.0)
-        if not self._until(lambda: self._heard[topic.name] is not None, timeout_s):
-            why = self._unread.get(topic.name, "")
+            self._spin_until(lambda: False, 0.0)
+        if not self._spin_until(lambda: self._messages[topic.name] is not None, timeout_s):
+            why = self._decode_errors.get(topic.name, "")
             raise RosError(f"no {sender} says anything within {timeout_s:g} s{why}: start the chair with `waychair up`")
-        found: T = self._heard[topic.name]
+        found: T = self._messages[topic.name]
         return found
 
-    def _until(self, true: Callable[[], bool], timeout_s: float) -> bool:
+    def _spin_until(self, true: Callable[[], bool], timeout_s: float) -> bool:
         """Receive messages until a condition holds; return whether it does within the timeout."""
         ends = time.monotonic() + timeout_s
         while not true():

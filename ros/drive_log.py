@@ -14,10 +14,10 @@ from waychair.control.navigator import Navigation, Stage
 from waychair.control.supervisor import SupervisorVerdict
 from waychair.errors import BoxError
 from waychair.ros.messages.chair import DriveRequest
-from waychair.ros.messages.reports import Level, Report
-from waychair.runtime.black_box import LoggedChair, BlackBox, BlackBoxSettings
+from waychair.ros.messages.reports import DiagnosticLevel, Report
+from waychair.runtime.black_box import BlackBox, BlackBoxSettings, LoggedChair
 from waychair.runtime.chair import ChairState
-from waychair.runtime.drive_base import DriveBase, DriveResult, SensorMessage
+from waychair.runtime.drive_base import ChairMessage, DriveBase, DriveResult
 from waychair.slam.localisation import Localisation
 from waychair.types import Goal, Path, Telemetry, Twist
 
@@ -25,7 +25,7 @@ _STAGES = {stage.value: stage for stage in Stage}
 
 
 @dataclass(frozen=True, slots=True)
-class Decided:
+class TickRecord:
     """The result of a tick of the bridge: the navigator's request and speeds, the verdict, and the command."""
 
     now_ns: int
@@ -37,13 +37,13 @@ class Decided:
     telemetry: Telemetry | None
 
 
-class DriveLog:
+class BridgeLog:
     """A black box of a `DriveBase`. It neither waits nor raises: the chair keeps driving if logging fails (F27)."""
 
     def __init__(self, folder: FilePath, about: LoggedChair, settings: BlackBoxSettings) -> None:
         """Start the log; if that fails, the problem is reported and nothing is logged."""
         self._folder, self._problem = folder, ""
-        self._heard: list[SensorMessage] = []
+        self._messages: list[ChairMessage] = []
         self._box: BlackBox | None = None
         try:
             self._box = BlackBox(folder, about, settings).__enter__()
@@ -55,22 +55,22 @@ class DriveLog:
         if self._box is not None:
             self._box.__exit__(None, None, None)
 
-    def hear(self, message: SensorMessage) -> None:
+    def add_message(self, message: ChairMessage) -> None:
         """Record a sensor's message, stamped by the steady clock."""
         if self._box is not None:
-            self._heard.append(message)
+            self._messages.append(message)
 
     def note_request(self, what: str, goals: tuple[Goal, ...] = ()) -> None:
         """Record a request: go, confirm, stop or reset. A cancel shows as the end of the navigator's request."""
         if self._box is not None:
             self._box.note_request(what, goals)
 
-    def note(self, base: DriveBase, decided: Decided) -> None:
+    def add_tick(self, base: DriveBase, decided: TickRecord) -> None:
         """Record a finished tick."""
         if self._box is None:
             return
-        heard, self._heard = tuple(self._heard), []
-        self._box.note_tick(heard, _state(base, decided), base.bridge.greeting)
+        messages, self._messages = tuple(self._messages), []
+        self._box.note_tick(messages, _state(base, decided), base.bridge.greeting)
 
     def report(self) -> Report:
         """Report whether logging works."""
@@ -78,10 +78,10 @@ class DriveLog:
         problem = self._problem or ("" if box is None else box.problem)
         lost = 0 if box is None else box.lost
         values = (("folder", str(self._folder)), ("ticks lost", str(lost)))
-        return Report("black box", Level.WARN if problem else Level.OK, problem, values)
+        return Report("black box", DiagnosticLevel.WARN if problem else DiagnosticLevel.OK, problem, values)
 
 
-def _state(base: DriveBase, decided: Decided) -> ChairState:
+def _state(base: DriveBase, decided: TickRecord) -> ChairState:
     request, driven = decided.request, decided.driven
     way = Path(np.array([request.goal.array()])) if request.active else None
     stage = _STAGES.get(request.stage, Stage.IDLE)

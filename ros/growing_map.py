@@ -16,7 +16,7 @@ from typing import Any
 from waychair import topics
 from waychair.errors import WaychairError
 from waychair.geometry import wrap_angle
-from waychair.ros.messages.reports import Level, Report
+from waychair.ros.messages.reports import DiagnosticLevel, Report
 from waychair.ros.worker import Worker
 from waychair.runtime.first_motion import rests
 from waychair.runtime.live_mapping import LiveMapping
@@ -28,29 +28,29 @@ from waychair.slam.mapper import odometry_of
 from waychair.slam.synchroniser import Synchroniser, SynchroniserSettings
 from waychair.types import ImuSample, OccupancyGrid, Odometry, Pose2, Scan, SensorFrame
 
-MOST_BEHIND = 100
+MAX_QUEUED = 100
 """Largest number of queued frames with scans; older frames lose their scan and keep their odometry."""
 
 _WAIT_S = 1.0  # a scan waits so long for its odometry and IMU: a busy computer delivers late
-_PARTIAL = 5
+_SKIPPED_FRAMES = 5
 """Frames that are dropped at the start: subscriptions connect one after the other, so early frames lack readings."""
 
-_STEP = 0.05  # m and rad; a larger correction is reported as a jump, since a localiser never corrects more at once
-_FASTER = 0.5  # m/s and rad/s; largest increase of speed between two readings
+_JUMP = 0.05  # m and rad; a larger correction is reported as a jump, since a localiser never corrects more at once
+_MAX_SPEED_CHANGE = 0.5  # m/s and rad/s; largest increase of speed between two readings
 
 
-class GrowingMap:
+class MapBuilder:
     """A `LiveMapping` that runs in a node's worker, one job at a time."""
 
     def __init__(
-        self, worker: Worker, begin: Callable[[], LiveMapping], placed: Callable[[int, Localisation], None]
+        self, worker: Worker, begin: Callable[[], LiveMapping], on_pose: Callable[[int, Localisation], None]
     ) -> None:
         """Take a factory of empty maps, called for each scan until the chair first moves (`first_motion`).
 
-        `placed` is called in the executor's thread with the stamp [ns] of each scan and the chair's pose.
+        `on_pose` is called in the executor's thread with the stamp [ns] of each scan and the chair's pose.
         """
-        self.blind = 0  # frames whose scans were dropped because the computer was too slow
-        self._worker, self._begin, self._placed = worker, begin, placed
+        self.dropped_scans = 0  # frames whose scans were dropped because the computer was too slow
+        self._worker, self._begin, self._on_pose = worker, begin, on_pose
         self._live, self._rests = begin(), True
         self._synchroniser = Synchroniser(
             (topics.SCAN, topics.ODOMETRY, topics.IMU), SynchroniserSettings(wait_s=_WAIT_S)
@@ -62,7 +62,7 @@ class GrowingMap:
         self._map_from_odom: Pose2 | None = None
         self._odometry: Odometry | None = None
         self._shift = Pose2()  # offset that joins restarted odometry to the odometry before
-        self._drawn: tuple[int, int, int] | None = None
+        self._sent_revision: tuple[int, int, int] | None = None
         self._folders: set[Path] = set()  # this map was saved there: places and zones drawn there belong to it
 
     def report(self) -> Report:
@@ -70,39 +70,39 @@ class GrowingMap:
         behind = len(self._frames)
         late = behind > topics.SCAN.rate_hz
         message = f"{behind} scans wait to be mapped: drive slower, or on a faster computer" if late else ""
-        values = (("scans that wait", str(behind)), ("left out", str(self.blind)))
-        return Report("mapping", Level.WARN if late else Level.OK, message, values)
+        values = (("scans that wait", str(behind)), ("left out", str(self.dropped_scans)))
+        return Report("mapping", DiagnosticLevel.WARN if late else DiagnosticLevel.OK, message, values)
 
-    def see(self, scan: Scan) -> None:
+    def add_scan(self, scan: Scan) -> None:
         """Take a scan."""
-        self._take(self._synchroniser.add(topics.SCAN, scan))
+        self._queue_frames(self._synchroniser.add(topics.SCAN, scan))
 
-    def move(self, odometry: Odometry, anew: bool = False) -> None:
+    def add_odometry(self, odometry: Odometry, restarted: bool = False) -> None:
         """Take an odometry reading.
 
-        If the odometry seems to have restarted (`anew`) and its pose is out of the chair's reach, it is shifted to
+        If the odometry seems to have restarted (`restarted`) and its pose is out of the chair's reach, it is shifted to
         continue where the last reading ended.
         """
         moved = replace(odometry, odom_from_base=self._shift @ odometry.odom_from_base)
-        if anew and self._odometry is not None and not _within_reach(self._odometry, moved):
+        if restarted and self._odometry is not None and not _is_reachable(self._odometry, moved):
             self._shift = self._odometry.odom_from_base @ odometry.odom_from_base.inverse()
             moved = replace(odometry, odom_from_base=self._odometry.odom_from_base)
         self._odometry = moved
-        self._take(self._synchroniser.add(topics.ODOMETRY, moved))
+        self._queue_frames(self._synchroniser.add(topics.ODOMETRY, moved))
 
-    def feel(self, sample: ImuSample) -> None:
+    def add_imu(self, sample: ImuSample) -> None:
         """Take a sample of the IMU, in the axes of the base."""
-        self._take(self._synchroniser.add(topics.IMU, sample))
+        self._queue_frames(self._synchroniser.add(topics.IMU, sample))
 
-    def draw(self, drawn: Callable[[OccupancyGrid], None]) -> None:
-        """Call `drawn` with the grid if it has changed since the last call."""
-        self._ask(self._changed_grid, lambda grid: None if grid is None else drawn(grid))
+    def send_grid(self, send: Callable[[OccupancyGrid], None]) -> None:
+        """Call `send` with the grid if it has changed since the last call."""
+        self._queue_job(self._grid_if_changed, lambda grid: None if grid is None else send(grid))
 
     def save(self, folder: Path, saved: Callable[[str], None]) -> None:
         """Save the map so far to a folder, as `waychair map` does; call `saved` with an error sentence, or ''."""
-        self._ask(lambda: self._write(folder), saved)
+        self._queue_job(lambda: self._write(folder), saved)
 
-    def keep(self, folder: Path) -> str:
+    def finish(self, folder: Path) -> str:
         """Map the queued frames and save the map, at the node's end when its worker has ended.
 
         Another map in the folder that carries drawn places or zones is moved to another name. Returns an error sentence,
@@ -119,23 +119,23 @@ class GrowingMap:
             return str(error)
         return self._write(folder)
 
-    def _take(self, frames: tuple[SensorFrame, ...]) -> None:
+    def _queue_frames(self, frames: tuple[SensorFrame, ...]) -> None:
         for frame in frames:
-            if self._left_out < _PARTIAL:
+            if self._left_out < _SKIPPED_FRAMES:
                 self._left_out += odometry_of(frame) is not None
             else:
                 self._frames.append(frame)
         seeing = [k for k, frame in enumerate(self._frames) if frame.scan is not None]
-        for k in seeing[: max(0, len(seeing) - MOST_BEHIND)]:
+        for k in seeing[: max(0, len(seeing) - MAX_QUEUED)]:
             self._frames[k] = replace(self._frames[k], scan=None)
-            self.blind += 1
-        self._go_on()
+            self.dropped_scans += 1
+        self._start_next()
 
-    def _ask(self, job: Callable[[], Any], done: Callable[[Any], None]) -> None:
+    def _queue_job(self, job: Callable[[], Any], done: Callable[[Any], None]) -> None:
         self._jobs.append((job, done))
-        self._go_on()
+        self._start_next()
 
-    def _go_on(self) -> None:
+    def _start_next(self) -> None:
         """Submit the next job unless one runs; so the worker's own queue, which drops jobs, stays empty."""
         if self._busy or not (self._jobs or self._frames):
             return
@@ -143,19 +143,19 @@ class GrowingMap:
             job, done = self._jobs.popleft()
         else:
             frame = self._frames.popleft()
-            job, done = lambda: self._map(frame), self._tell
+            job, done = lambda: self._map(frame), self._report_pose
         self._busy = True
 
         def ended(result: Any) -> None:
             self._busy = False
             done(result)
-            self._go_on()
+            self._start_next()
 
         self._worker.submit(job, ended)
 
-    def _tell(self, found: tuple[int, Localisation] | None) -> None:
+    def _report_pose(self, found: tuple[int, Localisation] | None) -> None:
         if found is not None:
-            self._placed(*found)
+            self._on_pose(*found)
 
     def _map(self, frame: SensorFrame) -> tuple[int, Localisation] | None:
         """Map a frame, in the worker, and return the stamp and the pose of its scan; None without a scan.
@@ -175,16 +175,16 @@ class GrowingMap:
         state = state if mapper.is_connected else LocalisationState.LOST
         before, self._map_from_odom = self._map_from_odom, pose @ own.odom_from_base.inverse()
         moved = Pose2() if before is None else (before @ own.odom_from_base).inverse() @ pose
-        jumped = max(abs(moved.x), abs(moved.y), abs(wrap_angle(moved.theta))) > _STEP
+        jumped = max(abs(moved.x), abs(moved.y), abs(wrap_angle(moved.theta))) > _JUMP
         now = self._map_from_odom @ self._shift
         return frame.stamp_ns, Localisation(pose, now, mapper.inliers, state, mapper.inliers, jumped=jumped)
 
-    def _changed_grid(self) -> OccupancyGrid | None:
+    def _grid_if_changed(self) -> OccupancyGrid | None:
         mapper = self._live.mapper
-        drawn = len(mapper.key_frames), mapper.counts["covered"], self._live.pending
-        if not mapper.frames or drawn == self._drawn:
+        revision = len(mapper.key_frames), mapper.counts["covered"], self._live.pending
+        if not mapper.frames or revision == self._sent_revision:
             return None
-        self._drawn = drawn
+        self._sent_revision = revision
         return self._live.grid()
 
     def _write(self, folder: Path) -> str:
@@ -200,9 +200,12 @@ class GrowingMap:
         return ""
 
 
-def _within_reach(before: Odometry, after: Odometry) -> bool:
+def _is_reachable(before: Odometry, after: Odometry) -> bool:
     """Return whether a chair with limited acceleration can have moved from one reading to the other."""
     seconds = abs(after.stamp_ns - before.stamp_ns) * 1e-9
     step = before.odom_from_base.inverse() @ after.odom_from_base
-    way, turn = (abs(before.twist.v) + _FASTER) * seconds, (abs(before.twist.omega) + _FASTER) * seconds
-    return math.hypot(step.x, step.y) <= way + _STEP and abs(wrap_angle(step.theta)) <= turn + _STEP
+    distance, turn = (
+        (abs(before.twist.v) + _MAX_SPEED_CHANGE) * seconds,
+        (abs(before.twist.omega) + _MAX_SPEED_CHANGE) * seconds,
+    )
+    return math.hypot(step.x, step.y) <= distance + _JUMP and abs(wrap_angle(step.theta)) <= turn + _JUMP

@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING, Any, Generic, TypeVar
 
 from waychair.errors import MessageError
 from waychair.ros.interface_types import interface_type
-from waychair.ros.messages.reports import Level, Report
+from waychair.ros.messages.reports import DiagnosticLevel, Report
 from waychair.ros.messages.wire import deserialised
 from waychair.ros.topics import RosTopic, profile
 from waychair.ros_transforms import stamp_ns as nanoseconds
@@ -22,12 +22,12 @@ T = TypeVar("T")
 CLOCK_ERROR_NS = 5_000_000_000
 """A message whose stamp differs from its arrival by more than this is from another clock."""
 
-IMPOSSIBLE = (ArithmeticError, AssertionError, IndexError, TypeError, ValueError)
+DECODING_ERRORS = (ArithmeticError, AssertionError, IndexError, TypeError, ValueError)
 """Errors that decoding absurd numbers can raise. An invalid message must never end a node."""
 
-_KEPT_S = 0.1  # s; messages of this time are queued while the node is busy
+_QUEUE_S = 0.1  # s; messages of this time are queued while the node is busy
 
-SLOW = 0.8
+SLOW_FRACTION = 0.8
 """A topic below this fraction of its nominal rate is reported as slow."""
 
 
@@ -65,12 +65,12 @@ class Input(Generic[T]):
         self._needed = needed
         self._count = 0
         self._refused = ""
-        self._senders, self._trouble = 0, ""
+        self._publisher_count, self._publisher_problem = 0, ""
         self._arrived_ns: int | None = None
         self._reported = (time.monotonic_ns(), 0)
-        qos = replace(topic.qos, depth=max(topic.qos.depth, round(_KEPT_S * topic.rate_hz)))
+        qos = replace(topic.qos, depth=max(topic.qos.depth, round(_QUEUE_S * topic.rate_hz)))
         self.subscription = node.create_subscription(
-            interface_type(topic.type), topic.name, self._hear, profile(qos), event_callbacks=silent, raw=True
+            interface_type(topic.type), topic.name, self._receive, profile(qos), event_callbacks=silent, raw=True
         )
 
     @property
@@ -84,8 +84,8 @@ class Input(Generic[T]):
 
     def is_stale(self) -> bool:
         """Return whether the last message is missing, too old for its nominal rate, or from another clock."""
-        carries = self.topic.carries
-        return carries is not None and carries.is_stale(self.stamp_ns, self._now_ns())
+        stream = self.topic.stream
+        return stream is not None and stream.is_stale(self.stamp_ns, self._now_ns())
 
     def report(self) -> Report:
         """Return this input's state for /diagnostics; the rate is that since the last report."""
@@ -101,7 +101,7 @@ class Input(Generic[T]):
             values.append(("age [s]", f"{age_ns * 1e-9:.3f}"))
         return Report(f"input {self.topic.name}", level, message, tuple(values))
 
-    def trouble(self) -> str:
+    def publisher_problem(self) -> str:
         """Return a sentence about a publisher of another type or with an incompatible QoS; '' if there is none."""
         from rclpy.qos import QoSCompatibility, qos_check_compatible
 
@@ -116,64 +116,74 @@ class Input(Generic[T]):
                 return f"{sender} offers {self.name} with a QoS that does not fit ({why}): change its QoS"
         return ""
 
-    def _judge(self, rate_hz: float) -> tuple[Level, str]:
-        carries, age_ns = self.topic.carries, self.age_ns()
-        if misfit := self._misfit():
-            return Level.ERROR, misfit
+    def _judge(self, rate_hz: float) -> tuple[DiagnosticLevel, str]:
+        stream, age_ns = self.topic.stream, self.age_ns()
+        if misfit := self._current_publisher_problem():
+            return DiagnosticLevel.ERROR, misfit
         if self._refused:
-            return Level.ERROR, self._refused
+            return DiagnosticLevel.ERROR, self._refused
         if not self._needed and rate_hz == 0.0:
-            return Level.OK, "silent"
+            return DiagnosticLevel.OK, "silent"
         if age_ns is None or self._arrived_ns is None:
-            return Level.STALE, f"nothing has come yet on {self.name}: start what sends it"
+            return DiagnosticLevel.STALE, f"nothing has come yet on {self.name}: start what sends it"
         if rate_hz > 0.0 and abs(age_ns) > CLOCK_ERROR_NS:
-            return Level.ERROR, (
+            return DiagnosticLevel.ERROR, (
                 f"stamps on {self.name} are {age_ns * 1e-9:.1f} s from this node's clock: set use_sim_time alike for all "
                 "nodes, and the computers' clocks"
             )
         if self.is_stale():
             if age_ns < 0:
                 ahead_s = -age_ns * 1e-9
-                return Level.ERROR, f"the last message is stamped {ahead_s:.2f} s ahead: set the computers' clocks"
-            limit_s = (carries.max_age_ns() or 0) * 1e-9 if carries else 0.0
-            return Level.ERROR, f"the last message is {age_ns * 1e-9:.2f} s old, {limit_s:.2f} s at most are allowed"
-        if rate_hz < SLOW * self.topic.rate_hz:
-            return Level.WARN, f"{rate_hz:.1f} Hz, where {self.topic.rate_hz:g} Hz are expected"
-        return Level.OK, ""
+                return (
+                    DiagnosticLevel.ERROR,
+                    f"the last message is stamped {ahead_s:.2f} s ahead: set the computers' clocks",
+                )
+            limit_s = (stream.max_age_ns() or 0) * 1e-9 if stream else 0.0
+            return (
+                DiagnosticLevel.ERROR,
+                f"the last message is {age_ns * 1e-9:.2f} s old, {limit_s:.2f} s at most are allowed",
+            )
+        if rate_hz < SLOW_FRACTION * self.topic.rate_hz:
+            return DiagnosticLevel.WARN, f"{rate_hz:.1f} Hz, where {self.topic.rate_hz:g} Hz are expected"
+        return DiagnosticLevel.OK, ""
 
-    def _hear(self, data: bytes) -> None:
+    def _receive(self, data: bytes) -> None:
         self._arrived_ns = time.monotonic_ns()
         self._count += 1
         try:
             message = deserialised(data, self.topic.type)
-            noun = self._read(message)
+            value = self._read(message)
         except MessageError as error:
             self._refused = str(error)
-        except IMPOSSIBLE as error:
+        except DECODING_ERRORS as error:
             self._refused = (
                 f"{self.name} holds what cannot be ({str(error) or type(error).__name__}): check what sends it"
             )
         else:
-            self._hear_noun(message, noun)
+            self._accept(message, value)
             return
         if self._refuse is not None:
             self._refuse()
 
-    def _hear_noun(self, message: Any, noun: T) -> None:
+    def _accept(self, message: Any, value: T) -> None:
         header = getattr(message, "header", None)
         self.stamp_ns = self._now_ns() if header is None else nanoseconds(header.stamp)
-        self.latest = noun
+        self.latest = value
         if self._take is not None:
-            self._take(noun)
+            self._take(value)
 
-    def _misfit(self) -> str:
-        """Return `trouble`, updated when the number of publishers changes, and log it once."""
+    def _current_publisher_problem(self) -> str:
+        """Return `publisher_problem`, updated when the number of publishers changes, and log it once."""
         senders = self._node.count_publishers(self.name)
-        if senders != self._senders:
-            before, self._senders, self._trouble = self._trouble, senders, self.trouble()
-            if self._trouble not in ("", before):
-                self._node.get_logger().error(self._trouble)
-        return self._trouble
+        if senders != self._publisher_count:
+            before, self._publisher_count, self._publisher_problem = (
+                self._publisher_problem,
+                senders,
+                self.publisher_problem(),
+            )
+            if self._publisher_problem not in ("", before):
+                self._node.get_logger().error(self._publisher_problem)
+        return self._publisher_problem
 
     def _now_ns(self) -> int:
         return int(self._node.get_clock().now().nanoseconds)

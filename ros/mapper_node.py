@@ -40,7 +40,7 @@ from waychair.geometry import in_space
 from waychair.maps.depth_layer import load_depth_layer, scanned_part
 from waychair.maps.map_files import load_map
 from waychair.ros import topics
-from waychair.ros.active_state import answer_for
+from waychair.ros.active_state import offer_get_state
 from waychair.ros.inputs import CLOCK_ERROR_NS
 from waychair.ros.interface_types import interface_type
 from waychair.ros.known_chair import known_chair
@@ -52,7 +52,7 @@ from waychair.ros.messages.motion import (
     read_pose_with_covariance,
     transform,
 )
-from waychair.ros.messages.reports import Level, Report
+from waychair.ros.messages.reports import DiagnosticLevel, Report
 from waychair.ros.messages.sensors import read_imu, read_scan
 from waychair.ros.messages.wire import native
 from waychair.ros.node import ChairNode, run_node
@@ -66,12 +66,12 @@ from waychair.slam.localiser import Localisation, LocalisationState, Localiser, 
 from waychair.types import Odometry, Pose2, Scan
 
 if TYPE_CHECKING:
-    from waychair.ros.growing_map import GrowingMap
+    from waychair.ros.growing_map import MapBuilder
 
-_ALIVE_HZ = 25.0
+_HEARTBEAT_HZ = 25.0
 _MAP_HZ = 0.5
 _PATIENCE_S = 2.0
-_REMEMBER_HZ = 4.0
+_SAVE_POSE_HZ = 4.0
 _MOVED = 0.05  # m and rad; smaller changes of the pose are not saved
 _ANYWHERE = np.diag([1e4, 1e4, math.pi**2])  # m2, m2, rad2: covariance of an unknown pose
 
@@ -96,7 +96,7 @@ class MapperNodeSettings(Settings):
 
 
 class MapperNode(ChairNode[MapperNodeSettings]):
-    """A node with a `Localiser` or a `GrowingMap`."""
+    """A node with a `Localiser` or a `MapBuilder`."""
 
     def __init__(self, arguments: Sequence[str] | None = None) -> None:
         super().__init__("mapper", MapperNodeSettings, arguments=arguments)
@@ -105,59 +105,63 @@ class MapperNode(ChairNode[MapperNodeSettings]):
         self._calibration, self._body = calibration, calibration.body
         self._track = OdometryTrack()
         self._waiting: deque[Scan] = deque(maxlen=5)
-        self._found: tuple[int, Localisation] | None = None
-        self._remembered: Pose2 | None = None
+        self._localisation: tuple[int, Localisation] | None = None
+        self._saved_pose: Pose2 | None = None
         self._send_map, self._send_pose = self.publisher(topics.MAP), self.publisher(topics.POSE)
-        self._send_transform, self._send_found = self.publisher(topics.TF), self.publisher(topics.LOCALISATION)
+        self._send_transform, self._send_localisation = self.publisher(topics.TF), self.publisher(topics.LOCALISATION)
         self._localiser: Localiser | None = None
-        self._growing: GrowingMap | None = None
+        self._builder: MapBuilder | None = None
         if s.map_folder and not s.mapping:
-            self._use(Path(s.map_folder), self._first_pose())
+            self._localise_on(Path(s.map_folder), self._first_pose())
         else:
-            self._growing = self._begin_map()
+            self._builder = self._begin_map()
         odometry, scan = topics.ODOMETRY, topics.SCAN
-        if self._growing is not None:
-            odometry, scan = _all_of(odometry), _all_of(scan)
-        on_time = calibration.on_time
-        self.listen(odometry, lambda message: on_time(read_odometry(message)), self._move)
-        self.listen(scan, lambda message: on_time(read_scan(message, s.scan_frame)), self._see)
+        if self._builder is not None:
+            odometry, scan = _lossless(odometry), _lossless(scan)
+        with_true_stamp = calibration.with_true_stamp
+        self.listen(odometry, lambda message: with_true_stamp(read_odometry(message)), self._take_odometry)
+        self.listen(scan, lambda message: with_true_stamp(read_scan(message, s.scan_frame)), self._take_scan)
         self.listen(
             topics.INITIAL_POSE, read_pose_with_covariance, lambda given: self._set_pose(given[0]), needed=False
         )
         self.create_service(interface_type("nav2_msgs/srv/LoadMap"), "map_server/load_map", self._load)
-        self.listen(topics.LAYOUT, lambda message: message, lambda message: self._redraw(), needed=False)
-        self.create_service(interface_type("std_srvs/srv/Empty"), "reinitialize_global_localization", self._forget)
-        answer_for("amcl", self, lambda: self._found is not None)
+        self.listen(topics.LAYOUT, lambda message: message, lambda message: self._reload_map(), needed=False)
+        self.create_service(
+            interface_type("std_srvs/srv/Empty"), "reinitialize_global_localization", self._global_localisation
+        )
+        offer_get_state("amcl", self, lambda: self._localisation is not None)
         own = MutuallyExclusiveCallbackGroup()  # so that other callbacks run while a map is saved
         self.create_service(
             interface_type("nav2_msgs/srv/SaveMap"), "map_saver/save_map", self._save, callback_group=own
         )
-        self.every(_ALIVE_HZ, self._repeat)
-        self.every(_REMEMBER_HZ, self._remember)
+        self.every(_HEARTBEAT_HZ, self._repeat)
+        self.every(_SAVE_POSE_HZ, self._save_pose)
 
-    def _begin_map(self) -> GrowingMap:
+    def _begin_map(self) -> MapBuilder:
         """Begin a map, like `waychair map` from a bag of the same drive."""
-        from waychair.ros.growing_map import GrowingMap  # late, since localisation does not need it
+        from waychair.ros.growing_map import MapBuilder  # late, since localisation does not need it
 
         s = self.settings
         if s.keep:
-            self.at_end(self._keep)  # runs after the end of the worker, which is started later
-        growing = GrowingMap(
+            self.at_end(self._finish_map)  # runs after the end of the worker, which is started later
+        builder = MapBuilder(
             self.worker, lambda: LiveMapping(s.live, self._body.base_from_laser, self._body), self._publish
         )
-        self.listen(_all_of(topics.IMU), lambda message: read_imu(message, s.imu_frame), growing.feel, needed=False)
-        self.every(_MAP_HZ, self._publish_growing_map)
-        return growing
+        self.listen(
+            _lossless(topics.IMU), lambda message: read_imu(message, s.imu_frame), builder.add_imu, needed=False
+        )
+        self.every(_MAP_HZ, self._publish_map)
+        return builder
 
     def reports(self) -> Iterable[Report]:
         """Report the localisation's state, and whether mapping keeps up."""
-        if self._growing is not None:
-            yield self._growing.report()
-        if self._found is None:
-            yield Report("localisation", Level.STALE, "no scan has come yet with odometry to it")
+        if self._builder is not None:
+            yield self._builder.report()
+        if self._localisation is None:
+            yield Report("localisation", DiagnosticLevel.STALE, "no scan has come yet with odometry to it")
             return
-        found = self._found[1]
-        levels = {LocalisationState.OK: Level.OK, LocalisationState.DEGRADED: Level.WARN}
+        found = self._localisation[1]
+        levels = {LocalisationState.OK: DiagnosticLevel.OK, LocalisationState.DEGRADED: DiagnosticLevel.WARN}
         pose = found.map_from_base
         values = (
             ("state", found.state.value),
@@ -165,9 +169,9 @@ class MapperNode(ChairNode[MapperNodeSettings]):
             ("pose", f"{pose.x:.3f}, {pose.y:.3f}, {pose.theta:.4f}"),
         )
         message = "" if found.state is LocalisationState.OK else f"the chair's place on the map is {found.state.value}"
-        yield Report("localisation", levels.get(found.state, Level.ERROR), message, values)
+        yield Report("localisation", levels.get(found.state, DiagnosticLevel.ERROR), message, values)
 
-    def _use(self, folder: Path, start: Pose2 | None) -> None:
+    def _localise_on(self, folder: Path, start: Pose2 | None) -> None:
         """Localise on a saved map.
 
         Raises:
@@ -177,7 +181,7 @@ class MapperNode(ChairNode[MapperNodeSettings]):
         scanned = scanned_part(grid, load_depth_layer(folder, grid))
         self._folder, self._grid = folder, grid
         self._localiser = Localiser(scanned, self._body.base_from_laser, start, self.settings.localiser)
-        self._found = self._remembered = None  # these belong to another map
+        self._localisation = self._saved_pose = None  # these belong to another map
         self._send_map(occupancy_grid(self.now_ns(), grid))
 
     def _first_pose(self) -> Pose2 | None:
@@ -195,18 +199,18 @@ class MapperNode(ChairNode[MapperNodeSettings]):
             self.get_logger().warning(f"{error}; until then the chair looks for itself")
             return None
 
-    def _remember(self) -> None:
+    def _save_pose(self) -> None:
         """Save the chair's pose unless it is lost."""
         s = self.settings
-        if not s.remember or self._localiser is None or self._found is None:
+        if not s.remember or self._localiser is None or self._localisation is None:
             return
-        found = self._found[1]
+        found = self._localisation[1]
         if found.state is LocalisationState.LOST:
             return
-        pose, before = found.map_from_base, self._remembered
+        pose, before = found.map_from_base, self._saved_pose
         if before is not None and max(map(abs, (before.inverse() @ pose).array())) < _MOVED:
             return
-        self._remembered = pose
+        self._saved_pose = pose
         try:
             remember_pose(Path(s.remember), self._folder, pose)
         except OutputError as error:
@@ -219,13 +223,13 @@ class MapperNode(ChairNode[MapperNodeSettings]):
             return
         self._localiser.restart(pose)
 
-    def _forget(self, request: Any, response: Any) -> Any:
+    def _global_localisation(self, request: Any, response: Any) -> Any:
         """Start global localisation, as the service of Nav2's localiser does."""
         if self._localiser is not None:
             self._localiser.restart(None)
         return response
 
-    def _redraw(self) -> None:
+    def _reload_map(self) -> None:
         """Reload the map, of which parts may have been erased."""
         localiser = self._localiser
         if localiser is None:
@@ -240,21 +244,21 @@ class MapperNode(ChairNode[MapperNodeSettings]):
             return
         self._grid = grid
         self._send_map(occupancy_grid(self.now_ns(), grid))
-        self.worker.submit(lambda: prepared_map(scanned, self.settings.localiser), localiser.redraw)
+        self.worker.submit(lambda: prepared_map(scanned, self.settings.localiser), localiser.replace_map)
 
-    def _move(self, odometry: Odometry) -> None:
-        anew = self._track.take(odometry)
-        if self._growing is not None:
-            self._growing.move(odometry, anew)
+    def _take_odometry(self, odometry: Odometry) -> None:
+        restarted = self._track.take(odometry)
+        if self._builder is not None:
+            self._builder.add_odometry(odometry, restarted)
             return
-        if anew:
-            self._begin_anew()
-        self._place_waiting(odometry.stamp_ns)
+        if restarted:
+            self._restart_localiser()
+        self._localise_waiting(odometry.stamp_ns)
 
-    def _see(self, scan: Scan) -> None:
+    def _take_scan(self, scan: Scan) -> None:
         """Localise a scan once the odometry has reached its stamp and earlier scans are done."""
-        if self._growing is not None:
-            self._growing.see(self._calibration.masked(scan))
+        if self._builder is not None:
+            self._builder.add_scan(self._calibration.masked(scan))
             return
         if abs(self.now_ns() - scan.stamp_ns) > CLOCK_ERROR_NS:
             return  # another clock: its transforms would be useless; the input reports it, and the chair does not drive
@@ -262,20 +266,20 @@ class MapperNode(ChairNode[MapperNodeSettings]):
             self._waiting.clear()  # the clock was set back
         self._waiting.append(scan)
         if self._track.odom_from_base(scan.stamp_ns) is not None:
-            self._place_waiting(scan.stamp_ns)
+            self._localise_waiting(scan.stamp_ns)
 
-    def _place_waiting(self, until_ns: int) -> None:
+    def _localise_waiting(self, until_ns: int) -> None:
         while self._waiting and self._waiting[0].stamp_ns <= until_ns:
-            self._place(self._waiting.popleft())
+            self._localise(self._waiting.popleft())
 
-    def _begin_anew(self) -> None:
+    def _restart_localiser(self) -> None:
         """Restart the localiser at the last pose, because the odometry restarted."""
-        if self._localiser is None or self._found is None or self._found[1].lost:
+        if self._localiser is None or self._localisation is None or self._localisation[1].lost:
             return
         self.get_logger().warning("the odometry began anew: the chair is looked for round its last place")
-        self._localiser.restart(self._found[1].map_from_base)
+        self._localiser.restart(self._localisation[1].map_from_base)
 
-    def _place(self, raw: Scan) -> None:
+    def _localise(self, raw: Scan) -> None:
         odom_from_base = self._track.odom_from_base(raw.stamp_ns)
         if odom_from_base is None or self._localiser is None:
             return
@@ -283,32 +287,32 @@ class MapperNode(ChairNode[MapperNodeSettings]):
         self._publish(scan.stamp_ns, self._localiser.process(scan, odom_from_base, self._track.twist))
 
     def _publish(self, stamp_ns: int, found: Localisation) -> None:
-        self._found = stamp_ns, found
-        self._send_found(localisation(stamp_ns, found))
+        self._localisation = stamp_ns, found
+        self._send_localisation(localisation(stamp_ns, found))
         known = found.covariance is not None and found.state is not LocalisationState.LOST
         covariance = found.covariance if known else _ANYWHERE
         self._send_pose(pose_with_covariance(stamp_ns, found.map_from_base, covariance))
 
     def _repeat(self) -> None:
         """Repeat the localisation as a heartbeat, and keep the transform fresh."""
-        if self._found is None:
+        if self._localisation is None:
             return
-        stamp_ns, found = self._found
-        self._send_found(localisation(stamp_ns, found))
+        stamp_ns, found = self._localisation
+        self._send_localisation(localisation(stamp_ns, found))
         self._send_transform(transform(self.now_ns(), MAP_FRAME, ODOM_FRAME, in_space(found.map_from_odom)))
 
-    def _publish_growing_map(self) -> None:
-        if self._growing is not None:
-            self._growing.draw(lambda grid: self._send_map(occupancy_grid(self.now_ns(), grid)))
+    def _publish_map(self) -> None:
+        if self._builder is not None:
+            self._builder.send_grid(lambda grid: self._send_map(occupancy_grid(self.now_ns(), grid)))
 
     def _load(self, request: Any, response: Any) -> Any:
         """Serve nav2_msgs/srv/LoadMap; the URL is that of a map folder or its map.yaml."""
-        if self._growing is not None:
+        if self._builder is not None:
             self.get_logger().error("a map is being made: save it, then start the chair anew with the other map")
             response.result = response.RESULT_UNDEFINED_FAILURE
             return response
         try:
-            self._use(Path(request.map_url.removeprefix("file://")), None)
+            self._localise_on(Path(request.map_url.removeprefix("file://")), None)
         except WaychairError as error:
             self.get_logger().error(str(error))
             missing = isinstance(error, MapNotFound)
@@ -328,8 +332,8 @@ class MapperNode(ChairNode[MapperNodeSettings]):
         """
         folder = Path(request.map_url.removeprefix("file://"))
         saved: Any = Future()
-        if self._growing is not None:
-            self._growing.save(folder, saved.set_result)
+        if self._builder is not None:
+            self._builder.save(folder, saved.set_result)
         else:
             self.worker.submit(lambda: self._copy_map(folder), saved.set_result)
         trouble = await saved
@@ -346,15 +350,15 @@ class MapperNode(ChairNode[MapperNodeSettings]):
             return str(error)
         return ""
 
-    def _keep(self) -> None:
+    def _finish_map(self) -> None:
         """Save the map that was being made, at the node's end."""
-        if self._growing is not None:
-            trouble = self._growing.keep(Path(self.settings.keep))
+        if self._builder is not None:
+            trouble = self._builder.finish(Path(self.settings.keep))
             if trouble:
                 self.get_logger().error(trouble)
 
 
-def _all_of(topic: RosTopic) -> RosTopic:
+def _lossless(topic: RosTopic) -> RosTopic:
     """Return the topic with a queue that loses nothing while this process is busy for `_PATIENCE_S`."""
     return replace(topic, qos=replace(topic.qos, depth=round(_PATIENCE_S * topic.rate_hz)))
 

@@ -57,7 +57,7 @@ def error_code(error: WaychairError) -> int:
 
 
 @dataclass(frozen=True, slots=True)
-class Progress:
+class DriveFeedback:
     """The feedback to a client: the chair's pose in map, times [s], recoveries so far, and remaining distance [m]."""
 
     map_from_base: Pose2
@@ -67,7 +67,7 @@ class Progress:
     distance_m: float
 
 
-class Drive(Protocol):
+class GoalDriver(Protocol):
     """The interface of the action's owner. Both methods are called in the executor's thread and return at once."""
 
     def begin(self, goal: Pose2, goal_id: int) -> None:
@@ -80,7 +80,7 @@ class Drive(Protocol):
 class NavigateAction:
     """The action server. In the executor's thread, its owner calls `tell` during a drive and `end` after it."""
 
-    def __init__(self, node: ChairNode[Any], drive: Drive) -> None:
+    def __init__(self, node: ChairNode[Any], drive: GoalDriver) -> None:
         self._node = node
         self._drive = drive
         self._type = interface_type("nav2_msgs/action/NavigateToPose")
@@ -100,7 +100,7 @@ class NavigateAction:
         """Return whether a client waits for the end of a drive."""
         return self._goal is not None
 
-    def tell(self, progress: Progress) -> None:
+    def tell(self, progress: DriveFeedback) -> None:
         """Send feedback to the client, if there is one."""
         if self._goal is None:
             return

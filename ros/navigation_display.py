@@ -23,7 +23,7 @@ from waychair.types import UNKNOWN, OccupancyGrid, Path, Pose2
 
 _PEOPLE_EVERY, _NEAR_EVERY = 2, 10  # ticks
 _LOOK_HZ, _PLAN_NS = 1.0, 1_000_000_000
-_NO_WAY = Path(np.empty((0, 3)))
+_EMPTY_PATH = Path(np.empty((0, 3)))
 _OCCUPIED, _CLOSED, _DEAREST = 100, 99, 98
 _SCALING, _INFLATION = 3.0, 0.7
 """Decay of the cost with distance [1/m], and inflation radius [m]: the values of nav2_bringup."""
@@ -38,17 +38,17 @@ class NavigationDisplay:
     def __init__(self, node: ChairNode[Any], body: ChairBody) -> None:
         self._node, self._body = node, body
         self._ticks = 0
-        self._plan, self._plan_ns, self._has_local = _NO_WAY, 0, False  # as published last
-        self._priced: Callable[[], Costmap] | None = None  # makes the costmap that was not published yet
+        self._plan, self._plan_ns, self._has_local = _EMPTY_PATH, 0, False  # as published last
+        self._make_costmap: Callable[[], Costmap] | None = None  # makes the costmap that was not published yet
         self._send_plan, self._send_local = node.publisher(topics.PLAN), node.publisher(topics.LOCAL_PLAN)
         self._send_people, self._send_costmap = node.publisher(topics.PEOPLE), node.publisher(topics.GLOBAL_COSTMAP)
         self._send_footprint = node.publisher(topics.FOOTPRINT)
         self._send_near = node.publisher(topics.LOCAL_COSTMAP)
-        node.every(_LOOK_HZ, self._look)
+        node.every(_LOOK_HZ, self._update_costmap)
 
-    def draw(self, priced: Callable[[], Costmap]) -> None:
+    def draw(self, make_costmap: Callable[[], Costmap]) -> None:
         """Take the function that makes the costmap of a changed map; it runs in the worker once there is a subscriber."""
-        self._priced = priced
+        self._make_costmap = make_costmap
 
     def show(
         self, navigation: Navigation, navigator: Navigator, map_from_odom: Pose2, odom_from_base: Pose2 | None
@@ -56,7 +56,7 @@ class NavigationDisplay:
         """Publish the result of a tick of the navigator."""
         self._ticks += 1
         now_ns, odom = self._node.now_ns(), topics.ODOMETRY.frame
-        self._show_plan(now_ns, navigation.path if navigator.active else None)
+        self._publish_plan(now_ns, navigation.path if navigator.active else None)
         if self._ticks % _PEOPLE_EVERY == 0:
             self._send_people(points(now_ns, transform_points(map_from_odom, navigator.people)))
         if self._ticks % _NEAR_EVERY == 0 and self._is_watched(topics.LOCAL_COSTMAP):
@@ -75,31 +75,31 @@ class NavigationDisplay:
     def clear(self) -> None:
         """Publish empty plans, since no drive is in progress."""
         now_ns = self._node.now_ns()
-        self._show_plan(now_ns, None)
+        self._publish_plan(now_ns, None)
         if self._has_local:
-            self._send_local(path(now_ns, _NO_WAY, topics.ODOMETRY.frame))
+            self._send_local(path(now_ns, _EMPTY_PATH, topics.ODOMETRY.frame))
             self._has_local = False
 
-    def _show_plan(self, now_ns: int, way: Path | None) -> None:
+    def _publish_plan(self, now_ns: int, way: Path | None) -> None:
         """Publish the plan on change and periodically for late subscribers; an empty one after the drive."""
-        way = way or _NO_WAY
+        way = way or _EMPTY_PATH
         again = len(way.poses) > 0 and abs(now_ns - self._plan_ns) > _PLAN_NS
         if way is not self._plan or again:
             self._send_plan(path(now_ns, way))
             self._plan, self._plan_ns = way, now_ns
 
-    def _look(self) -> None:
+    def _update_costmap(self) -> None:
         """Make and publish the costmap if it has a subscriber; it is latched for later ones."""
-        priced = self._priced
-        if priced is None or not self._is_watched(topics.GLOBAL_COSTMAP):
+        make_costmap = self._make_costmap
+        if make_costmap is None or not self._is_watched(topics.GLOBAL_COSTMAP):
             return
-        self._priced = None
-        self._node.worker.submit(lambda: grid_from_costmap(priced()), self._show_costmap)
+        self._make_costmap = None
+        self._node.worker.submit(lambda: grid_from_costmap(make_costmap()), self._publish_costmap)
 
     def _is_watched(self, topic: topics.RosTopic) -> bool:
         return bool(self._node.count_subscribers(self._node.resolve_topic_name(topic.name)) > 0)
 
-    def _show_costmap(self, grid: OccupancyGrid) -> None:
+    def _publish_costmap(self, grid: OccupancyGrid) -> None:
         self._send_costmap(occupancy_grid(self._node.now_ns(), grid))
 
 

@@ -39,7 +39,7 @@ from waychair.errors import ConfigError, WaychairError
 from waychair.maps.places import load_places
 from waychair.maps.zones import load_zones
 from waychair.ros import topics
-from waychair.ros.active_state import answer_for
+from waychair.ros.active_state import offer_get_state
 from waychair.ros.interface_types import interface_type
 from waychair.ros.known_chair import known_chair
 from waychair.ros.messages.camera import CameraPairing
@@ -60,9 +60,9 @@ from waychair.ros.messages.motion import (
     twist,
     twist_stamped,
 )
-from waychair.ros.messages.reports import Level, Report
+from waychair.ros.messages.reports import DiagnosticLevel, Report
 from waychair.ros.messages.sensors import SonarRing, read_scan
-from waychair.ros.navigate_action import NavigateAction, Progress
+from waychair.ros.navigate_action import DriveFeedback, NavigateAction
 from waychair.ros.navigation_display import NavigationDisplay
 from waychair.ros.node import ChairNode, run_node
 from waychair.ros.tick_phase import TickPhase
@@ -113,11 +113,11 @@ class NavigatorNode(ChairNode[NavigatorNodeSettings]):
         self._scan: Scan | None = None
         self._located: tuple[int, Localisation] | None = None
         self._state: DriveReport | None = None
-        self._told_ns: int | None = None  # time of the bridge's last message, by the steady clock
-        self._seen_ns = 0  # stamp of the last scan that was used
-        self._placed_ns: int | None = None  # time when the chair's pose was last known, by the steady clock
+        self._bridge_ns: int | None = None  # time of the bridge's last message, by the steady clock
+        self._scan_ns = 0  # stamp of the last scan that was used
+        self._pose_ns: int | None = None  # time when the chair's pose was last known, by the steady clock
         self._frame: RgbdFrame | None = None
-        self._looked_ns: int | None = None  # time of the camera's last usable frame, by the steady clock
+        self._camera_ns: int | None = None  # time of the camera's last usable frame, by the steady clock
         self._goal, self._goal_id, self._began_ns, self._ticks = Pose2(), NO_GOAL, 0, 0
         self._recoveries = 0  # number of recoveries before this goal
         self._navigation: Navigation | None = None
@@ -129,17 +129,17 @@ class NavigatorNode(ChairNode[NavigatorNodeSettings]):
         self._display = NavigationDisplay(self, self._calibration.body)
         self._send_places = self.publisher(topics.PLACES)
         self._send_places(places(self.now_ns(), self._places))
-        self.listen(topics.LAYOUT, lambda message: message, lambda message: self._redraw(), needed=False)
+        self.listen(topics.LAYOUT, lambda message: message, lambda message: self._reload_layout(), needed=False)
         self.listen(topics.MAP, read_occupancy_grid, self._take_map)
-        on_time = self._calibration.on_time
-        self.listen(topics.ODOMETRY, lambda message: on_time(read_odometry(message)), self._move)
-        self.listen(topics.LOCALISATION, read_localisation, self._locate)
-        self.listen(topics.SCAN, lambda message: on_time(read_scan(message, s.scan_frame)), self._see)
-        self.listen(topics.DRIVE_STATE, read_drive_state, self._obey)
+        with_true_stamp = self._calibration.with_true_stamp
+        self.listen(topics.ODOMETRY, lambda message: with_true_stamp(read_odometry(message)), self._take_odometry)
+        self.listen(topics.LOCALISATION, read_localisation, self._take_localisation)
+        self.listen(topics.SCAN, lambda message: with_true_stamp(read_scan(message, s.scan_frame)), self._take_scan)
+        self.listen(topics.DRIVE_STATE, read_drive_state, self._take_drive_state)
         self._listen_to_sonars()
         if s.camera:
             self._listen_to_camera()
-        self.listen(topics.GOAL, read_pose_stamped, self._go, needed=False)
+        self.listen(topics.GOAL, read_pose_stamped, self._take_goal, needed=False)
         full_speed = s.limiter.max_speed
         self.listen(
             topics.SPEED_LIMIT, lambda message: read_speed_limit(message, full_speed), self._limit_speed, needed=False
@@ -149,7 +149,7 @@ class NavigatorNode(ChairNode[NavigatorNodeSettings]):
         self.create_service(trigger, "cancel", self._answer_cancel)
         self.create_service(trigger, "pause", self._answer_pause)
         self.create_service(trigger, "go_on", self._answer_go_on)
-        answer_for("bt_navigator", self, lambda: self._navigation is not None)
+        offer_get_state("bt_navigator", self, lambda: self._navigation is not None)
         self._phase = TickPhase(_PERIOD_NS)
         self._timer = self.every(COMMAND_RATE.rate_hz, self._tick)
 
@@ -157,10 +157,10 @@ class NavigatorNode(ChairNode[NavigatorNodeSettings]):
         """Report the stage of the drive."""
         navigation = self._navigation
         if navigation is None:
-            yield Report("navigation", Level.STALE, "no map and no place on it are known yet")
+            yield Report("navigation", DiagnosticLevel.STALE, "no map and no place on it are known yet")
             return
         reason = navigation.reason if self._pilot is None else self._pilot.navigator.reason
-        yield Report("navigation", Level.OK, reason, (("stage", navigation.stage.value),))
+        yield Report("navigation", DiagnosticLevel.OK, reason, (("stage", navigation.stage.value),))
 
     def begin(self, goal: Pose2, goal_id: int) -> None:
         """Start a drive to a pose, for the action; see `navigate_action.Drive`.
@@ -170,9 +170,9 @@ class NavigatorNode(ChairNode[NavigatorNodeSettings]):
         """
         if self._pilot is None:
             raise ConfigError("there is no map yet: start the mapper, or wait for it")
-        if missing := self._missing(time.monotonic_ns()):
+        if missing := self._missing_input(time.monotonic_ns()):
             raise ConfigError(missing)
-        self._pilot.go(self._tolerant(goal))
+        self._pilot.go(self._with_tolerances(goal))
         self._goal, self._goal_id, self._began_ns = goal, goal_id, time.monotonic_ns()
         self._recoveries = self._pilot.navigator.recovery.begun
 
@@ -181,14 +181,14 @@ class NavigatorNode(ChairNode[NavigatorNodeSettings]):
         if self._pilot is not None:
             self._pilot.drop("the drive was cancelled")
 
-    def _tolerant(self, goal: Pose2) -> Goal:
+    def _with_tolerances(self, goal: Pose2) -> Goal:
         """Return the goal, with the tolerances of the place at this pose if there is one."""
         for place in self._places.values():
             if math.hypot(place.pose.x - goal.x, place.pose.y - goal.y) < 0.01:
                 return Goal(goal, place.tolerance_m, place.tolerance_rad)
         return Goal(goal)
 
-    def _go(self, goal: Pose2) -> None:
+    def _take_goal(self, goal: Pose2) -> None:
         """Start a drive requested by topic; a waiting client of the action learns that its goal was replaced."""
         self._action.end(reached=False, reason="another goal was given")
         try:
@@ -218,9 +218,9 @@ class NavigatorNode(ChairNode[NavigatorNodeSettings]):
     def _take_map(self, grid: OccupancyGrid) -> None:
         """Use a new map at once, or after the current drive."""
         self._next_map = grid
-        self._renew()
+        self._use_next_map()
 
-    def _renew(self) -> None:
+    def _use_next_map(self) -> None:
         if self._next_map is None or (self._pilot is not None and self._pilot.navigator.active):
             return
         grid, self._next_map = self._next_map, None
@@ -228,13 +228,13 @@ class NavigatorNode(ChairNode[NavigatorNodeSettings]):
         stops = self._calibration.stops
         self._pilot = pilot = Pilot(grid, self._places, self._calibration.body, self.settings, stops, self._zones)
         self._show_map(pilot, grid)
-        self.settle()
+        self.freeze_garbage_collection()
 
     def _show_map(self, pilot: Pilot, grid: OccupancyGrid) -> None:
         zones = self._zones
         self._display.draw(lambda: pilot.drawn(grid, zones).costmap())
 
-    def _redraw(self) -> None:
+    def _reload_layout(self) -> None:
         """Load changed places and zones; a current drive is replanned with them."""
         if not self.settings.map_folder:
             return
@@ -250,26 +250,26 @@ class NavigatorNode(ChairNode[NavigatorNodeSettings]):
             self.worker.submit(lambda: pilot.drawn(grid, zones), lambda drawn: pilot.redraw(drawn, named))
             self._show_map(pilot, grid)
 
-    def _move(self, odometry: Odometry) -> None:
+    def _take_odometry(self, odometry: Odometry) -> None:
         if self._track.take(odometry):
             self._located = None  # the odometry restarted, so the old localisation is void
 
-    def _see(self, scan: Scan) -> None:
+    def _take_scan(self, scan: Scan) -> None:
         self._scan = scan
-        self._join()
+        self._pass_scan()
 
-    def _locate(self, located: tuple[int, Localisation]) -> None:
+    def _take_localisation(self, located: tuple[int, Localisation]) -> None:
         if self._located is None or located[0] != self._located[0]:
             self._located = located
-            self._join()
+            self._pass_scan()
 
-    def _join(self) -> None:
+    def _pass_scan(self) -> None:
         """Pass a scan to the pilot once its localisation has arrived."""
         scan, located = self._scan, self._located
         if self._pilot is None or scan is None or located is None or scan.stamp_ns != located[0]:
             return
-        self._scan, self._seen_ns = None, scan.stamp_ns
-        self._timer.timer_period_ns = self._phase.came(time.monotonic_ns())
+        self._scan, self._scan_ns = None, scan.stamp_ns
+        self._timer.timer_period_ns = self._phase.message_arrived(time.monotonic_ns())
         self._pilot.see(self._calibration.masked(scan), located[1], self._track.twist)
 
     def _listen_to_sonars(self) -> None:
@@ -279,9 +279,9 @@ class NavigatorNode(ChairNode[NavigatorNodeSettings]):
             def read(message: Any, k: int = k) -> SonarReadings | None:
                 return ring.hear(k, message)
 
-            self.listen(topics.sonar(k), read, self._hear, needed=False)
+            self.listen(topics.sonar(k), read, self._take_sonars, needed=False)
 
-    def _hear(self, readings: SonarReadings | None) -> None:
+    def _take_sonars(self, readings: SonarReadings | None) -> None:
         pose = None if readings is None else self._map_from_base(readings.stamp_ns)
         if readings is not None and self._pilot is not None and pose is not None:
             self._pilot.hear(readings, pose)
@@ -294,9 +294,9 @@ class NavigatorNode(ChairNode[NavigatorNodeSettings]):
 
     def _take_frame(self, frame: RgbdFrame | None) -> None:
         if frame is not None and has_valid_reading(frame):  # a frame without any depth is ignored
-            self._frame, self._looked_ns = self._calibration.with_true_stamp(frame), time.monotonic_ns()
+            self._frame, self._camera_ns = self._calibration.with_true_stamp(frame), time.monotonic_ns()
 
-    def _look(self) -> None:
+    def _process_camera(self) -> None:
         """Process the latest camera frame, just after a tick, since it takes much of the time to the next tick."""
         frame, self._frame = self._frame, None
         pose = None if frame is None else self._map_from_base(frame.stamp_ns)
@@ -312,9 +312,9 @@ class NavigatorNode(ChairNode[NavigatorNodeSettings]):
             return None
         return self._located[1].map_from_odom @ odom_from_base
 
-    def _obey(self, report: DriveReport) -> None:
+    def _take_drive_state(self, report: DriveReport) -> None:
         """Take the bridge's report: its verdict about the drive, and the command that it sent."""
-        self._state, self._told_ns = report, time.monotonic_ns()
+        self._state, self._bridge_ns = report, time.monotonic_ns()
         pilot = self._pilot
         if pilot is None or self._goal_id == NO_GOAL:
             return
@@ -327,7 +327,7 @@ class NavigatorNode(ChairNode[NavigatorNodeSettings]):
         self._phase.ticked(time.monotonic_ns())
         self._timer.timer_period_ns = _PERIOD_NS
         self._step()
-        self._look()
+        self._process_camera()
 
     def _step(self) -> None:
         """Make one step of the navigator, and send its request to the bridge, even without a drive.
@@ -338,24 +338,24 @@ class NavigatorNode(ChairNode[NavigatorNodeSettings]):
         now_ns, steady_ns = self.now_ns(), time.monotonic_ns()
         pose = self._map_from_base(now_ns)
         pilot = self._pilot
-        missing = self._missing(steady_ns)
+        missing = self._missing_input(steady_ns)
         if missing and pilot is not None and pilot.navigator.active:
             pilot.drop(missing)
-        if pilot is None or pose is None or self._located is None or self._is_late(now_ns):
+        if pilot is None or pose is None or self._located is None or self._scan_is_stale(now_ns):
             self._send(Twist(), self._request(now_ns))
             if pilot is None or not pilot.navigator.active:
                 self._display.clear()
-            self._tell_action()
+            self._update_action()
             return
-        self._placed_ns = steady_ns
+        self._pose_ns = steady_ns
         pilot.expire(steady_ns)
         navigation = self._navigation = pilot.step(steady_ns, pose, self._located[1].map_from_odom)
         command = self._slowed(navigation.twist) if navigation.driving else Twist()
         self._send(command, self._request(now_ns, navigation))
         map_from_odom = self._located[1].map_from_odom
         self._display.show(navigation, pilot.navigator, map_from_odom, self._track.odom_from_base(now_ns))
-        self._tell_action(pose)
-        self._renew()
+        self._update_action(pose)
+        self._use_next_map()
 
     def _request(self, now_ns: int, navigation: Navigation | None = None) -> DriveRequest:
         """Return the request to the bridge from this tick's navigation; without one, only the goal."""
@@ -368,7 +368,7 @@ class NavigatorNode(ChairNode[NavigatorNodeSettings]):
             self._goal_id,
             navigator.active,
             driving,
-            0 if navigation is None else self._seen_ns,
+            0 if navigation is None else self._scan_ns,
             self._goal,
             navigator.stage.value,
             navigator.reason,
@@ -376,28 +376,28 @@ class NavigatorNode(ChairNode[NavigatorNodeSettings]):
             self._pilot.mapped_legs,
         )
 
-    def _missing(self, now_ns: int) -> str:
+    def _missing_input(self, now_ns: int) -> str:
         """Return why a goal must be dropped: the bridge, the localisation or (if so configured) the camera is silent; or ''."""
-        if self._told_ns is None or now_ns - self._told_ns > _SILENT_NS:
+        if self._bridge_ns is None or now_ns - self._bridge_ns > _SILENT_NS:
             return "the bridge does not answer: wait until it is back, then ask for the goal again"
-        if self._placed_ns is None or now_ns - self._placed_ns > _SILENT_NS:
+        if self._pose_ns is None or now_ns - self._pose_ns > _SILENT_NS:
             return "the chair's place on the map is not known: wait until it is, then ask for the goal again"
-        return halt("depth_stale").text if self._is_blind(now_ns) and self._blind_stops else ""
+        return halt("depth_stale").text if self._camera_is_silent(now_ns) and self._stops_without_camera else ""
 
     @property
-    def _blind_stops(self) -> bool:
+    def _stops_without_camera(self) -> bool:
         return self.settings.fitness.depth_silent == "stop"
 
-    def _is_blind(self, now_ns: int) -> bool:
+    def _camera_is_silent(self, now_ns: int) -> bool:
         """Return whether a working camera has fallen silent, so that drop-offs go unseen (F13)."""
-        return self._looked_ns is not None and CAMERA_RATE.is_stale(self._looked_ns, now_ns)
+        return self._camera_ns is not None and CAMERA_RATE.is_stale(self._camera_ns, now_ns)
 
-    def _is_late(self, now_ns: int) -> bool:
+    def _scan_is_stale(self, now_ns: int) -> bool:
         """Return whether the last localised scan is too old for driving."""
         return self._located is None or SCAN_RATE.is_stale(self._located[0], now_ns)
 
     def _slowed(self, command: Twist) -> Twist:
-        blind = self._is_blind(time.monotonic_ns())
+        blind = self._camera_is_silent(time.monotonic_ns())
         limit = min(self._limit, self.settings.fitness.slow_speed) if blind else self._limit
         share = min(1.0, limit / max(abs(command.v), 1e-9))
         return Twist(share * command.v, share * command.omega)
@@ -407,33 +407,33 @@ class NavigatorNode(ChairNode[NavigatorNodeSettings]):
         self._send_command(twist_stamped(request.stamp_ns, command) if stamped else twist(command))
         self._send_request(drive_request(request))
 
-    def _tell_action(self, pose: Pose2 | None = None) -> None:
+    def _update_action(self, pose: Pose2 | None = None) -> None:
         """Send the action's feedback periodically and at the end, and its result at once."""
         self._ticks += 1
         if not self._action.active or self._pilot is None:
             return
         navigator = self._pilot.navigator
         if not navigator.active or self._ticks % _FEEDBACK_EVERY == 0:
-            self._tell_progress(pose)
+            self._send_feedback(pose)
         if not navigator.active:
             self._action.end(reached=navigator.stage is Stage.ARRIVED, reason=navigator.reason)
 
-    def _tell_progress(self, pose: Pose2 | None) -> None:
+    def _send_feedback(self, pose: Pose2 | None) -> None:
         navigation = self._navigation
         if pose is None or navigation is None or self._pilot is None:
             return
         recoveries = self._pilot.navigator.recovery.begun - self._recoveries
-        left = _way_left(navigation.path, pose)
+        left = _remaining_distance(navigation.path, pose)
         elapsed_s = (time.monotonic_ns() - self._began_ns) * 1e-9
         seconds = left / max(self.settings.limiter.max_speed / 2, 0.05)
-        self._action.tell(Progress(pose, elapsed_s, seconds, recoveries, left))
+        self._action.tell(DriveFeedback(pose, elapsed_s, seconds, recoveries, left))
 
 
-def _way_left(way: Path | None, pose: Pose2) -> float:
+def _remaining_distance(path: Path | None, pose: Pose2) -> float:
     """Return the length [m] of a path from its point nearest to a pose."""
-    if way is None or len(way.poses) < 2:
+    if path is None or len(path.poses) < 2:
         return 0.0
-    points = way.poses[:, :2]
+    points = path.poses[:, :2]
     nearest = int(np.argmin(np.hypot(*(points - (pose.x, pose.y)).T)))
     return float(np.hypot(*np.diff(points[nearest:], axis=0).T).sum())
 

@@ -29,7 +29,7 @@ from waychair.ros.environment import enter_ros_environment
 from waychair.ros.executor import NodeExecutor
 from waychair.ros.inputs import Input
 from waychair.ros.interface_types import interface_type
-from waychair.ros.messages.reports import Level, Report, diagnostics
+from waychair.ros.messages.reports import DiagnosticLevel, Report, diagnostics
 from waychair.ros.messages.wire import serialised
 from waychair.ros.parameters import descriptor, leaves, settings_from_parameters
 from waychair.ros.topics import CLOCK, DIAGNOSTICS, RosTopic, profile
@@ -41,7 +41,7 @@ T = TypeVar("T")
 
 DIAGNOSTICS_HZ = 1.0
 
-_OF_ROS = ("use_sim_time", "start_type_description_service", "qos_overrides.")
+_ROS_PARAMETERS = ("use_sim_time", "start_type_description_service", "qos_overrides.")
 """Prefixes of the parameters that every ROS node has."""
 
 
@@ -120,7 +120,7 @@ class ChairNode(Node, Generic[S]):
     def on_settings(self, settings: S) -> None:
         """React to a parameter that changed while the node runs; for nodes to override."""
 
-    def settle(self) -> None:
+    def freeze_garbage_collection(self) -> None:
         """Exclude all present objects from garbage collection, after building long-lived ones.
 
         A collection over a node's modules and kernels was measured at 60 ms, more than a control period.
@@ -160,7 +160,7 @@ class ChairNode(Node, Generic[S]):
     def _declared(self) -> S:
         """Return the settings from files and command line, and declare them as parameters with meaning and bounds."""
         given = {name: parameter.value for name, parameter in self.get_parameters_by_prefix("").items()}
-        own = {name: value for name, value in given.items() if not name.startswith(_OF_ROS)}
+        own = {name: value for name, value in given.items() if not name.startswith(_ROS_PARAMETERS)}
         settings = settings_from_parameters(self._kind, own, self.get_name())
         for name in own:
             self.undeclare_parameter(name)
@@ -179,9 +179,9 @@ class ChairNode(Node, Generic[S]):
         return f"{senders} nodes send /clock, so that time jumps: stop all but one" if senders > 1 else ""
 
     def _report(self) -> None:
-        reports = [Report("node", Level.OK, "", (("pid", str(os.getpid())),))]
+        reports = [Report("node", DiagnosticLevel.OK, "", (("pid", str(os.getpid())),))]
         if trouble := self._clock_trouble():
-            reports.append(Report("clock", Level.ERROR, trouble))
+            reports.append(Report("clock", DiagnosticLevel.ERROR, trouble))
         if self.now_ns():  # without a clock the inputs' ages are meaningless
             reports += [each.report() for each in self._inputs]
         prefix = self.get_fully_qualified_name()
@@ -196,17 +196,17 @@ def run_node(make: Callable[[], ChairNode[Any]], arguments: Sequence[str] | None
     """Run a node's process, and return its exit code.
 
     0 after SIGINT or SIGTERM; 2 when the node cannot start or continue, with the reason logged in one sentence. See
-    `live` for the arguments.
+    `run_until_signal` for the arguments.
     """
     try:
-        live(make, arguments)
+        run_until_signal(make, arguments)
     except WaychairError as error:
         rclpy.logging.get_logger("waychair").fatal(str(error))
         return 2
     return 0
 
 
-def live(make: Callable[[], ChairNode[Any]], arguments: Sequence[str] | None = None) -> None:
+def run_until_signal(make: Callable[[], ChairNode[Any]], arguments: Sequence[str] | None = None) -> None:
     """Set the environment, make the node, run its callbacks until SIGINT or SIGTERM, and close it.
 
     `arguments` are ROS arguments (`--ros-args ...`), by default those of this process.
@@ -219,7 +219,7 @@ def live(make: Callable[[], ChairNode[Any]], arguments: Sequence[str] | None = N
         enter_ros_environment()
         _initialise(arguments)
         node = make()
-        node.settle()
+        node.freeze_garbage_collection()
         executor = NodeExecutor()
         executor.add_node(node)
         executor.spin()

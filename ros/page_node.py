@@ -28,7 +28,7 @@ from waychair.ros.page_port import PagePort
 from waychair.ros_messages import LASER_FRAME
 from waychair.runtime.chair_port import ChairPort
 
-_LOOK_HZ = 5.0
+_CAMERA_CHECK_HZ = 5.0
 
 
 @dataclass(frozen=True, slots=True)
@@ -52,7 +52,7 @@ class PageNode(ChairNode[PageNodeSettings]):
         s = self.settings
         folder = Path(s.map_folder) if s.map_folder else None
         self._port = port = PagePort(self, known_chair(s.calibration, s.chair), folder, s.scan_frame)
-        self.every(_LOOK_HZ, port.look)
+        self.every(_CAMERA_CHECK_HZ, port.update_camera)
         server = serve(port, s)
         address = server.__enter__()
         self.at_end(lambda: server.__exit__(None, None, None))

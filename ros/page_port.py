@@ -24,7 +24,7 @@ from waychair.errors import RecordingError, WaychairError
 from waychair.maps.layout import DrawingEditor
 from waychair.maps.places import find
 from waychair.ros import topics
-from waychair.ros.inputs import IMPOSSIBLE
+from waychair.ros.inputs import DECODING_ERRORS
 from waychair.ros.interface_types import interface_type
 from waychair.ros.messages.chair import (
     DriveReport,
@@ -37,7 +37,7 @@ from waychair.ros.messages.chair import (
 )
 from waychair.ros.messages.maps import read_occupancy_grid
 from waychair.ros.messages.motion import pose_stamped, pose_with_covariance, read_odometry, read_path, read_points
-from waychair.ros.messages.reports import Level, Report
+from waychair.ros.messages.reports import DiagnosticLevel, Report
 from waychair.ros.messages.sensors import joy, read_scan
 from waychair.ros.messages.wire import native
 from waychair.ros.node import ChairNode
@@ -54,13 +54,13 @@ _SILENT_NS = 500_000_000
 """A node that is silent for so long counts as gone."""
 
 _PICTURE_NS = 200_000_000  # shortest time between two encoded pictures
-_LOOKS_NS = 3_000_000_000
+_PICTURE_REQUEST_NS = 3_000_000_000
 """The camera subscription ends so long after the last request for a picture."""
 
 _AT_PLACE = 0.01
 """A goal within this distance [m] of a place is called by the place's name."""
 
-_NOWHERE = np.empty((0, 2))
+_NO_POINTS = np.empty((0, 2))
 
 _TRIGGERS = ("stop", "pause", "go_on", "cancel", "reset_faults")
 """Services without arguments (std_srvs/Trigger)."""
@@ -80,12 +80,12 @@ class PagePort(DrawingPort):
         self._scan_frame = scan_frame
         self._node, self._calibration, self._map_folder = node, calibration, map_folder
         self._state: DriveReport | None = None
-        self._told_ns = self._free_since_ns = 0
+        self._state_ns = self._free_since_ns = 0
         self._request = DriveRequest(0)
         self._odometry = Odometry(0, Pose2())
         self._scan: Scan | None = None
         self._located: tuple[int, Localisation] | None = None
-        self._points, self._way, self._people = _NOWHERE, _NOWHERE, _NOWHERE
+        self._points, self._path, self._people = _NO_POINTS, _NO_POINTS, _NO_POINTS
         self._grid: OccupancyGrid | None = None
         self._places: dict[str, Place] = {}
         self._map_revision, self._layout_revision = 0, 1
@@ -94,7 +94,7 @@ class PagePort(DrawingPort):
         self._camera: Any = None
         self._picture: tuple[int, bytes] | None = None
         self._asked_picture_ns = 0
-        self._unseen = ""  # the reason of a missing picture
+        self._picture_problem = ""  # the reason of a missing picture
         self._listen()
         self._send_stick = node.publisher(topics.PAGE_JOYSTICK)
         self._send_watch, self._send_layout = node.publisher(topics.PAGE_WATCH), node.publisher(topics.LAYOUT)
@@ -102,19 +102,21 @@ class PagePort(DrawingPort):
         trigger = interface_type("std_srvs/srv/Trigger")
         self._services = {name: node.create_client(trigger, name) for name in _TRIGGERS}
         self._confirm = node.create_client(interface_type("waychair_msgs/srv/Confirm"), "confirm")
-        self._forget = node.create_client(interface_type("std_srvs/srv/Empty"), "reinitialize_global_localization")
+        self._global_localisation = node.create_client(
+            interface_type("std_srvs/srv/Empty"), "reinitialize_global_localization"
+        )
         self._action = ActionClient(node, interface_type("nav2_msgs/action/NavigateToPose"), topics.NAVIGATE_TO_POSE)
         node.at_end(self._action.destroy)
         self._drawings = None if map_folder is None else DrawingEditor(map_folder)
 
     def _listen(self) -> None:
-        listen, on_time = self._node.listen, self._calibration.on_time
+        listen, with_true_stamp = self._node.listen, self._calibration.with_true_stamp
         listen(topics.DRIVE_STATE, read_drive_state, self._take_state)
         listen(topics.DRIVE_REQUEST, read_drive_request, self._take_request)
-        listen(topics.LOCALISATION, read_localisation, self._take_place)
-        listen(topics.ODOMETRY, lambda message: on_time(read_odometry(message)), self._take_odometry)
-        listen(topics.SCAN, lambda message: on_time(read_scan(message, self._scan_frame)), self._take_scan)
-        listen(topics.PLAN, read_path, self._take_way, needed=False)
+        listen(topics.LOCALISATION, read_localisation, self._take_localisation)
+        listen(topics.ODOMETRY, lambda message: with_true_stamp(read_odometry(message)), self._take_odometry)
+        listen(topics.SCAN, lambda message: with_true_stamp(read_scan(message, self._scan_frame)), self._take_scan)
+        listen(topics.PLAN, read_path, self._take_path, needed=False)
         listen(topics.PEOPLE, read_points, self._take_people, needed=False)
         listen(topics.MAP, read_occupancy_grid, self._take_grid, needed=False)
         listen(topics.PLACES, read_places, self._take_places, needed=False)
@@ -130,7 +132,7 @@ class PagePort(DrawingPort):
         found = None if located is None else located[1]
         lost = found is None or found.state is LocalisationState.LOST
         pose = None if found is None else found.map_from_odom @ self._odometry.odom_from_base
-        silent = state is None or now_ns - self._told_ns > _SILENT_NS
+        silent = state is None or now_ns - self._state_ns > _SILENT_NS
         shown = ChairView(
             stamp_ns=now_ns,
             map_from_base=pose,
@@ -144,18 +146,18 @@ class PagePort(DrawingPort):
             people=self._people,
             map_revision=self._map_revision,
             layout_revision=self._layout_revision,
-            panel=self._panel(),
+            panel=self._figures(),
             free_since_ns=self._free_since_ns or None,
         )
         if silent or state is None:
-            return replace(shown, free_since_ns=shown.free_since_ns or self._told_ns or now_ns)
+            return replace(shown, free_since_ns=shown.free_since_ns or self._state_ns or now_ns)
         has_goal, request = self._had_goal, self._request  # as of that state, so that goal and end change together
-        goal, way = (self._label, self._way) if has_goal else ("", _NOWHERE)
+        goal, path = (self._label, self._path) if has_goal else ("", _NO_POINTS)
         obstacles = tuple(obstacle_of(stop_id, text) for stop_id, text in state.halts)
         countdown_s, waits = state.countdown_s or None, has_goal and state.waits
         scene = DriveFacts(
             state.mode, state.steered, goal, waits, countdown_s,
-            _stage(request.stage), request.reason, None if lost else pose, way, obstacles,
+            _stage(request.stage), request.reason, None if lost else pose, path, obstacles,
             state.command is not None,
         )  # fmt: skip
         return replace(
@@ -166,7 +168,7 @@ class PagePort(DrawingPort):
             countdown_s=countdown_s,
             next_action=next_action(scene),
             obstacles=obstacles,
-            path=way,
+            path=path,
             steered=state.steered,
             paused=has_goal and scene.stage is Stage.PAUSED,
         )
@@ -191,18 +193,20 @@ class PagePort(DrawingPort):
     def reports(self) -> Iterable[Report]:
         """Report defects of the camera's pictures while they are requested."""
         if self._camera is not None:
-            yield Report("camera", Level.WARN if self._unseen else Level.OK, self._unseen)
+            yield Report(
+                "camera", DiagnosticLevel.WARN if self._picture_problem else DiagnosticLevel.OK, self._picture_problem
+            )
 
-    def look(self) -> None:
+    def update_camera(self) -> None:
         """Begin or end the camera subscription; to be called periodically in the executor's thread."""
-        looks = time.monotonic_ns() - self._asked_picture_ns < _LOOKS_NS
+        looks = time.monotonic_ns() - self._asked_picture_ns < _PICTURE_REQUEST_NS
         if looks and self._camera is None:
             kind = interface_type(topics.COLOUR.type)
             qos = topics.profile(topics.COLOUR.qos)
             self._camera = self._node.create_subscription(kind, topics.COLOUR.name, self._take_picture, qos)
         elif not looks and self._camera is not None:
             self._node.destroy_subscription(self._camera)
-            self._camera, self._picture, self._unseen = None, None, ""
+            self._camera, self._picture, self._picture_problem = None, None, ""
 
     def go(self, goal: str | Pose2) -> Answer:
         """See `ChairPort`."""
@@ -214,7 +218,7 @@ class PagePort(DrawingPort):
             return Answer(False, "the navigator does not answer: wait until it is back")
         asked = interface_type("nav2_msgs/action/NavigateToPose").Goal()
         asked.pose = native(pose_stamped(self._node.now_ns(), pose))
-        handle = _waited(self._action.send_goal_async(asked))
+        handle = _wait_for(self._action.send_goal_async(asked))
         if handle is None or not handle.accepted:
             return Answer(False, "the navigator does not take this goal: see whether it runs")
         ended, goal_id = handle.get_result_async(), goal_id_of(handle.goal_id)
@@ -236,28 +240,28 @@ class PagePort(DrawingPort):
         if goal and goal != self._label:
             return Answer(False, f"meanwhile somebody chose {self._label}: look where it leads, then press Drive")
         kind = interface_type("waychair_msgs/srv/Confirm")
-        return self._asked(self._confirm, kind.Request(goal_id=state.goal_id, on_page=True))
+        return self._call(self._confirm, kind.Request(goal_id=state.goal_id, on_page=True))
 
     def pause(self) -> Answer:
         """See `ChairPort`."""
-        return self._triggered("pause")
+        return self._trigger("pause")
 
     def go_on(self) -> Answer:
         """See `ChairPort`."""
-        return self._triggered("go_on")
+        return self._trigger("go_on")
 
     def cancel(self) -> Answer:
         """See `ChairPort`."""
-        return self._triggered("cancel")
+        return self._trigger("cancel")
 
     def stop(self) -> Answer:
         """See `ChairPort`; sent by topic and by service, so that the faster one counts."""
         self._send_stop(make("std_msgs/msg/Empty", 0))
-        return self._triggered("stop")
+        return self._trigger("stop")
 
     def reset(self) -> Answer:
         """See `ChairPort`."""
-        return self._triggered("reset_faults")
+        return self._trigger("reset_faults")
 
     def steer(self, forward: float, turn: float) -> Answer:
         """See `ChairPort`."""
@@ -277,10 +281,10 @@ class PagePort(DrawingPort):
         """See `ChairPort`."""
         if map_from_base is not None:
             self._send_pose(pose_with_covariance(self._node.now_ns(), map_from_base))
-        elif not self._forget.service_is_ready():
+        elif not self._global_localisation.service_is_ready():
             return Answer(False, "the localiser does not answer: wait until it is back")
         else:
-            self._forget.call_async(interface_type("std_srvs/srv/Empty").Request())
+            self._global_localisation.call_async(interface_type("std_srvs/srv/Empty").Request())
         return Answer(True, "the chair looks where it is")
 
     def watched(self, pages: Sequence[str]) -> None:
@@ -301,14 +305,14 @@ class PagePort(DrawingPort):
         self._send_layout(make("std_msgs/msg/Empty", 0))
         return Answer(True, done)
 
-    def _triggered(self, name: str) -> Answer:
-        return self._asked(self._services[name], interface_type("std_srvs/srv/Trigger").Request())
+    def _trigger(self, name: str) -> Answer:
+        return self._call(self._services[name], interface_type("std_srvs/srv/Trigger").Request())
 
-    def _asked(self, client: Any, request: Any) -> Answer:
+    def _call(self, client: Any, request: Any) -> Answer:
         if not client.service_is_ready():
             return Answer(False, f"nobody answers to '{client.srv_name}': wait until the chair's nodes are back")
         asked = client.call_async(request)
-        answer = _waited(asked)
+        answer = _wait_for(asked)
         if answer is None:
             client.remove_pending_request(asked)
             return Answer(False, f"'{client.srv_name}' was not answered: see whether the chair stands")
@@ -330,7 +334,7 @@ class PagePort(DrawingPort):
             self._free_since_ns = 0
         elif not self._free_since_ns:
             self._free_since_ns = now_ns
-        self._told_ns = now_ns
+        self._state_ns = now_ns
         self._note_end(state)
         self._state = state
 
@@ -360,13 +364,13 @@ class PagePort(DrawingPort):
 
     def _take_scan(self, scan: Scan) -> None:
         self._scan = scan
-        self._join()
+        self._show_scan()
 
-    def _take_place(self, located: tuple[int, Localisation]) -> None:
+    def _take_localisation(self, located: tuple[int, Localisation]) -> None:
         self._located = located
-        self._join()
+        self._show_scan()
 
-    def _join(self) -> None:
+    def _show_scan(self) -> None:
         """Show a scan once its localisation has arrived."""
         scan, located = self._scan, self._located
         if scan is None or located is None or scan.stamp_ns != located[0]:
@@ -377,8 +381,8 @@ class PagePort(DrawingPort):
             self._calibration.masked(scan), mount, located[1].map_from_base, self._odometry.twist
         )
 
-    def _take_way(self, way: Any) -> None:
-        self._way = way.poses[:, :2]
+    def _take_path(self, path: Any) -> None:
+        self._path = path.poses[:, :2]
 
     def _take_people(self, people: FloatArray) -> None:
         self._people = people
@@ -399,12 +403,12 @@ class PagePort(DrawingPort):
             pixels = picture_from_message(message)
             colours = pixels[..., ::-1] if pixels.ndim == 3 else pixels
             data = cv2.imencode(".jpg", np.ascontiguousarray(colours))[1]
-        except (RecordingError, cv2.error, *IMPOSSIBLE) as error:
-            self._picture, self._unseen = None, f"a picture cannot be read: {error}"
+        except (RecordingError, cv2.error, *DECODING_ERRORS) as error:
+            self._picture, self._picture_problem = None, f"a picture cannot be read: {error}"
             return
-        self._picture, self._unseen = (now_ns, bytes(data)), ""
+        self._picture, self._picture_problem = (now_ns, bytes(data)), ""
 
-    def _panel(self) -> dict[str, float]:
+    def _figures(self) -> dict[str, float]:
         """Return figures for engineers."""
         now_ns, state = self._node.now_ns(), self._state
         figures = {
@@ -426,7 +430,7 @@ def _stage(text: str) -> Stage:
     return Stage(text) if text in {stage.value for stage in Stage} else Stage.IDLE
 
 
-def _waited(future: Any) -> Any:
+def _wait_for(future: Any) -> Any:
     """Wait for an answer that arrives in the executor's thread, and return it; None after the timeout."""
     done = threading.Event()
     future.add_done_callback(lambda _: done.set())

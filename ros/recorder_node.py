@@ -1,7 +1,7 @@
 """The recorder node: records the messages of the chair's nodes to a ROS 2 bag, without ros2cli.
 
 Messages are stored as the received bytes, with their time of arrival. The bag is flushed every second, so that a killed
-recorder loses at most its last second (see `BagOutput.aside`). A recorder that ends normally leaves the whole bag at its
+recorder loses at most its last second (see `BagOutput.temporary_path`). A recorder that ends normally leaves the whole bag at its
 path.
 """
 
@@ -20,8 +20,8 @@ from waychair.errors import RecordingError
 from waychair.ros import topics
 from waychair.ros.environment import namespace_arguments
 from waychair.ros.interface_types import interface_type
-from waychair.ros.messages.reports import Level, Report
-from waychair.ros.node import ChairNode, live, run_node
+from waychair.ros.messages.reports import DiagnosticLevel, Report
+from waychair.ros.node import ChairNode, run_node, run_until_signal
 from waychair.ros.topics import RosTopic, profile
 from waychair.rosbag_output import BagOutput
 
@@ -90,48 +90,48 @@ class RecorderNode(ChairNode[RecorderNodeSettings]):
         self.recorded: Recorded | None = None
         self._counts: Counter[str] = Counter()
         self._span_ns: tuple[int, int] | None = None
-        self._misfits: set[RosTopic] = set()
-        self._heard: dict[RosTopic, Any] = {}
+        self._incompatible: set[RosTopic] = set()
+        self._topic_subscriptions: dict[RosTopic, Any] = {}
         self._bag = BagOutput(Path(self.settings.out))
         for topic in DRIVE + (PICTURES if self.settings.camera else ()):
-            self._listen(topic, replace(topic, qos=replace(topic.qos, depth=_DEPTH)))
+            self._subscribe(topic, replace(topic, qos=replace(topic.qos, depth=_DEPTH)))
         self._bag.open()
         self.at_end(self._end)
-        self.get_logger().info(f"recording; until it is whole the bag is in {self._bag.aside}")
+        self.get_logger().info(f"recording; until it is whole the bag is in {self._bag.temporary_path}")
         self.every(_FLUSH_HZ, self._bag.flush)
-        self.every(_FLUSH_HZ, self._fit)
+        self.every(_FLUSH_HZ, self._resubscribe)
 
     def reports(self) -> Iterable[Report]:
         """Report the size of the bag and the message counts."""
         counts = ((name, str(count)) for name, count in sorted(self._counts.items()))
         values = (("MB", f"{self._bag.size / 1e6:.1f}"), *counts)
-        level = Level.OK if self._counts else Level.WARN
+        level = DiagnosticLevel.OK if self._counts else DiagnosticLevel.WARN
         yield Report("recording", level, "" if self._counts else "nothing has come yet", values)
 
-    def _listen(self, topic: RosTopic, wanted: RosTopic) -> None:
+    def _subscribe(self, topic: RosTopic, wanted: RosTopic) -> None:
         from rclpy.event_handler import SubscriptionEventCallbacks
 
-        events = SubscriptionEventCallbacks(incompatible_qos=lambda event: self._misfits.add(topic))
+        events = SubscriptionEventCallbacks(incompatible_qos=lambda event: self._incompatible.add(topic))
         subscription = self.create_subscription(
-            interface_type(topic.type), topic.name, self._taker(topic), profile(wanted.qos),
+            interface_type(topic.type), topic.name, self._callback(topic), profile(wanted.qos),
             event_callbacks=events, raw=True,
         )  # fmt: skip
-        self._heard[topic] = subscription
+        self._topic_subscriptions[topic] = subscription
 
-    def _fit(self) -> None:
+    def _resubscribe(self) -> None:
         """Subscribe again, with best effort, to topics whose publishers offer less than the usual QoS."""
-        for topic in self._misfits:
-            self.destroy_subscription(self._heard[topic])
-            self._listen(topic, replace(topic, qos=topics.Qos(_DEPTH, reliable=False)))
-        self._misfits.clear()
+        for topic in self._incompatible:
+            self.destroy_subscription(self._topic_subscriptions[topic])
+            self._subscribe(topic, replace(topic, qos=topics.Qos(_DEPTH, reliable=False)))
+        self._incompatible.clear()
 
-    def _taker(self, topic: RosTopic) -> Callable[[bytes], None]:
+    def _callback(self, topic: RosTopic) -> Callable[[bytes], None]:
         name = self.resolve_topic_name(topic.name)
 
         def take(data: bytes) -> None:
             now_ns = self.now_ns()
             self._bag.write(name, topic.type, topic.qos, now_ns, data)
-            self._bag.refuse_full()
+            self._bag.end_if_full()
             self._counts[name] += 1
             self._span_ns = (now_ns if self._span_ns is None else self._span_ns[0], now_ns)
 
@@ -169,9 +169,9 @@ def record(path: Path, camera: bool = False, namespace: str = "") -> Recorded:
         return nodes[0]
 
     named = namespace_arguments(namespace)
-    live(make, ("--ros-args", *named) if named else ())
+    run_until_signal(make, ("--ros-args", *named) if named else ())
     recorded = nodes[0].recorded
-    assert recorded is not None  # or `live` has raised
+    assert recorded is not None  # or `run_until_signal` has raised
     return recorded
 
 

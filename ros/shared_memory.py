@@ -20,7 +20,7 @@ _LOCK_OF_SEGMENT = re.compile(r"(fastrtps_[0-9a-f]{16})_el")
 _OF_PORT = re.compile(r"(sem\.)?fastrtps_port\d+(_el|_sl|_mutex)?")
 
 
-def clear_dead(folder: Path = FOLDER) -> int:
+def remove_dead_segments(folder: Path = FOLDER) -> int:
     """Remove segments and ports of dead processes, and return the number of segments; files of other users stay.
 
     Fast DDS reuses ports of dead processes itself, except a port whose owner was killed while creating it: every later

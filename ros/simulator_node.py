@@ -36,22 +36,22 @@ from waychair.ros import topics
 from waychair.ros.description import robot_description
 from waychair.ros.messages.chair import Lines, lines
 from waychair.ros.messages.motion import transform
-from waychair.ros.messages.reports import Level, Report
+from waychair.ros.messages.reports import DiagnosticLevel, Report
 from waychair.ros.messages.sensors import read_joy
 from waychair.ros.mounts import static_transforms
 from waychair.ros.node import ChairNode, run_node
 from waychair.ros_messages import BASE_FRAME, MAP_FRAME, ODOM_FRAME
 from waychair.runtime.last_pose import remember_pose, remembered_pose
 from waychair.simulation.chair_file import load_chair
-from waychair.simulation.pacing import PaceMode, Pacer, PacingSettings
+from waychair.simulation.pacing import PaceMode, Pacer
 from waychair.simulation.pseudo_terminal import make_link
 from waychair.simulation.simulator import Simulator, SimulatorSettings, with_all_sensors
 from waychair.simulation.world import load_world
 from waychair.slam.odometry import OdometryFilter
-from waychair.trials.drive import Setting, board_settings
+from waychair.trials.drive import DriveSetup, board_settings
 from waychair.types import ImuSample, JoystickInput, Odometry, Pose2, RgbdFrame, Scan, SonarReadings, WheelTicks
 
-_REMEMBER_HZ = 10.0
+_SAVE_POSE_HZ = 10.0
 _SLACK_S = 0.04
 """A longer delay is never caught up. While catching up, the board's time would pass without messages from the computer,
 whose silence it tolerates for 0.1 s, and stamps would be as old as the delay."""
@@ -80,13 +80,13 @@ class SimulatorNodeSettings(Settings):
 
 
 class _Board(HostBoard):
-    """The simulated board; `left` is the last state of its lines."""
+    """The simulated board; `lines_now` is the last state of its lines."""
 
-    left: LineState | None = None
+    lines_now: LineState | None = None
 
     def step(self, now_ms: int, inputs: BoardInputs) -> LineState:
-        self.left = super().step(now_ms, inputs)
-        return self.left
+        self.lines_now = super().step(now_ms, inputs)
+        return self.lines_now
 
 
 class SimulatorNode(ChairNode[SimulatorNodeSettings]):
@@ -94,32 +94,35 @@ class SimulatorNode(ChairNode[SimulatorNodeSettings]):
 
     def __init__(self) -> None:
         super().__init__("simulator", SimulatorNodeSettings)
-        self._pacer = Pacer(PaceMode.REALTIME, settings=PacingSettings(slack=_SLACK_S))
+        self._pacer = Pacer(PaceMode.REALTIME, slack_s=_SLACK_S)
         self._lost_s = 0.0
         self._simulator: Simulator | None = None
         self._board: _Board | None = None
-        self._left: LineState | None = None
+        self._lines: LineState | None = None
         self._cable = ""
         self._ended = threading.Event()
         self._sends: dict[str, Callable[[Any], None]] = {}
-        self._is_clock = bool(self.get_parameter("use_sim_time").value)
+        self._uses_sim_time = bool(self.get_parameter("use_sim_time").value)
         self._joystick = self.listen(topics.JOY, read_joy, needed=False)
-        self._remembered: Pose2 | None = None
+        self._saved_pose: Pose2 | None = None
         if self.settings.remember:
-            self.every(_REMEMBER_HZ, self._remember)
+            self.every(_SAVE_POSE_HZ, self._save_pose)
         self.worker.submit(self._simulate, lambda result: None)
         self.at_end(self._ended.set)
 
     def reports(self) -> Iterable[Report]:
         """Report the real-time factor, the number of contacts, and the path of the cable."""
         if self._simulator is None:
-            return (Report("simulation", Level.STALE, "the world is being built"),)
+            return (Report("simulation", DiagnosticLevel.STALE, "the world is being built"),)
         lost_s, self._lost_s = self._pacer.lost_s - self._lost_s, self._pacer.lost_s
-        level, message = Level.OK, ""
+        level, message = DiagnosticLevel.OK, ""
         if self._simulator.camera_problem is not None:
-            level, message = Level.WARN, self._simulator.camera_problem
+            level, message = DiagnosticLevel.WARN, self._simulator.camera_problem
         if lost_s > 0.0:
-            level, message = Level.WARN, f"{lost_s:.2f} s behind the clock on the wall: the computer is too busy"
+            level, message = (
+                DiagnosticLevel.WARN,
+                f"{lost_s:.2f} s behind the clock on the wall: the computer is too busy",
+            )
         values = (
             ("real time factor", f"{self._pacer.real_time_factor:.4f}"),
             ("lost [s]", f"{self._lost_s:.3f}"),
@@ -133,7 +136,7 @@ class SimulatorNode(ChairNode[SimulatorNodeSettings]):
         if self.settings.urgent:
             urgent()
         with ExitStack() as ends:
-            simulator = self._built(ends)
+            simulator = self._build(ends)
             body = simulator.body
             self._odometry = OdometryFilter(body)
             self._ticks_per_turn = body.ticks_per_turn
@@ -144,21 +147,21 @@ class SimulatorNode(ChairNode[SimulatorNodeSettings]):
             step_ns = simulator.settings.plant.step_ms * 1_000_000
             clock_ns = round(1e9 / self.settings.clock_hz)
             self._simulator = simulator
-            self.settle()
+            self.freeze_garbage_collection()
             self._pacer.pace(simulator.now_ns)
             while not self._ended.is_set():
                 simulator.rider = self._rider(simulator.now_ns)
                 messages = simulator.advance(step_ns)
-                self._tell_lines()
-                if self._is_clock and simulator.now_ns % clock_ns < step_ns:
-                    self._tick(simulator.now_ns)
+                self._publish_lines()
+                if self._uses_sim_time and simulator.now_ns % clock_ns < step_ns:
+                    self._send_clock(simulator.now_ns)
                 for message in messages:
                     stamped = replace(message, stamp_ns=self._stamp_ns(message.stamp_ns))
                     _SENDS[type(stamped)](self, stamped)
                 self._pacer.pace(simulator.now_ns)
             self._simulator = None
 
-    def _built(self, ends: ExitStack) -> Simulator:
+    def _build(self, ends: ExitStack) -> Simulator:
         s, chair = self.settings, load_chair(self.settings.chair)
         world = load_world(s.world, s.level or None)
         if s.remember and (stood := remembered_pose(Path(s.remember), Path(s.world))) is not None:
@@ -171,7 +174,7 @@ class SimulatorNode(ChairNode[SimulatorNodeSettings]):
         )
         simulator = Simulator(world if s.people else replace(world, people=()), chair.body, settings, s.seed)
         if s.board:
-            wiring = board_settings(Setting(world.grid, {}, chair.body, DEFAULT))
+            wiring = board_settings(DriveSetup(world.grid, {}, chair.body, DEFAULT))
             board = self._board = ends.enter_context(_Board(board_program(), wiring))
             simulator.wire(board)
             self._cable = board.path
@@ -184,13 +187,13 @@ class SimulatorNode(ChairNode[SimulatorNodeSettings]):
                 self._cable = str(link)
         return simulator
 
-    def _remember(self) -> None:
+    def _save_pose(self) -> None:
         """Save the chair's pose, so that a restarted simulator continues there, as a real chair would."""
         simulator, s = self._simulator, self.settings
         pose = None if simulator is None else simulator.truth()
-        if pose is None or pose == self._remembered:
+        if pose is None or pose == self._saved_pose:
             return
-        self._remembered = pose
+        self._saved_pose = pose
         try:
             remember_pose(Path(s.remember), Path(s.world), pose)
         except OutputError as error:
@@ -205,20 +208,20 @@ class SimulatorNode(ChairNode[SimulatorNodeSettings]):
 
     def _stamp_ns(self, simulated_ns: int) -> int:
         """Return simulated time in the clock of the other nodes: wall time, unless they follow /clock."""
-        if self._is_clock:
+        if self._uses_sim_time:
             return simulated_ns
         return self._began_ns + round(self._pacer.lost_s * 1e9) + simulated_ns
 
-    def _tick(self, now_ns: int) -> None:
+    def _send_clock(self, now_ns: int) -> None:
         self._send(topics.CLOCK, ros_messages.make("rosgraph_msgs/msg/Clock", ros_messages.header(now_ns, "").stamp))
 
-    def _tell_lines(self) -> None:
+    def _publish_lines(self) -> None:
         """Publish changed line voltages, stamped by the node's clock, which may be slightly ahead of simulated time."""
-        left, before = None if self._board is None else self._board.left, self._left
-        if left is None or (before is not None and _on_lines(left) == _on_lines(before)):
+        lines_now, before = None if self._board is None else self._board.lines_now, self._lines
+        if lines_now is None or (before is not None and _line_values(lines_now) == _line_values(before)):
             return
-        self._left = left
-        on_lines = Lines(self.now_ns(), left.holder, left.forward_mv / 1000.0, left.turn_mv / 1000.0)
+        self._lines = lines_now
+        on_lines = Lines(self.now_ns(), lines_now.holder, lines_now.forward_mv / 1000.0, lines_now.turn_mv / 1000.0)
         self._send(topics.LINES, lines(on_lines))
 
     def _send_scan(self, scan: Scan) -> None:
@@ -271,7 +274,7 @@ _SENDS: Mapping[type, Callable[[SimulatorNode, Any], None]] = {
 }
 
 
-def _on_lines(state: LineState) -> tuple[int, int, int]:
+def _line_values(state: LineState) -> tuple[int, int, int]:
     return state.holder, state.forward_mv, state.turn_mv
 
 

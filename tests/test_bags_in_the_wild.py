@@ -17,7 +17,7 @@ from waychair.errors import ConfigError, NoScans, RecordingError
 from waychair.geometry import transform_points
 from waychair.recording import InputSettings, Recording, read_recording
 from waychair.rosbag_reader import BagSettings
-from waychair.scans import ends_of_beams
+from waychair.scans import beam_ends
 from waychair.types import Odometry, Pose2, RgbdFrame
 
 LEVEL = (0.0, 0.0, 0.0, 1.0)
@@ -112,7 +112,7 @@ def test_two_lidars_are_merged_into_one_round_view_from_the_base(tmp_path: Path)
     for frame, reading in zip(recording.frames, own(recording), strict=True):
         assert frame.scan is not None
         seen = np.isfinite(frame.scan.ranges)
-        points = transform_points(reading.odom_from_base, ends_of_beams(frame.scan)[0][seen])
+        points = transform_points(reading.odom_from_base, beam_ends(frame.scan)[0][seen])
         assert off_the_walls(points).max() < 0.03, "the rear scan was not moved to the front scan's time"
         behind = np.abs(frame.scan.angles()[seen]) > 2.5
         assert 40 < behind.sum() < 240
@@ -136,7 +136,7 @@ def test_lidars_without_tf_are_merged_by_the_mounts_that_are_given(tmp_path: Pat
     assert recording.warnings == ()
     for frame, reading in zip(recording.frames, own(recording), strict=True):
         assert frame.scan is not None
-        points = transform_points(reading.odom_from_base, ends_of_beams(frame.scan)[0])
+        points = transform_points(reading.odom_from_base, beam_ends(frame.scan)[0])
         assert off_the_walls(points[np.isfinite(points[:, 0])]).max() < 0.03
     with pytest.raises(RecordingError, match="3 mounts are given for the 2 scan topics"):
         read_recording(tmp_path / "drive", both(*mounts, "0,0,0"))
@@ -180,7 +180,7 @@ def test_the_band_of_a_cloud_becomes_a_level_scan(tmp_path: Path, big_endian: bo
         assert frame.scan is not None
         assert np.isfinite(frame.scan.ranges).sum() >= 700
         at = drive(0.5 * k) @ Pose2(sensor.x, sensor.y, 0.0)
-        points = transform_points(at, ends_of_beams(frame.scan)[0])
+        points = transform_points(at, beam_ends(frame.scan)[0])
         assert off_the_walls(points[np.isfinite(points[:, 0])]).max() < 0.05
 
 

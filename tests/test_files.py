@@ -115,9 +115,9 @@ def test_a_folder_that_may_not_be_entered_is_named(tmp_path: Path) -> None:
     (tmp_path / "private").chmod(0o700 if os.getuid() == 0 else 0o000)
     program = (
         "import os, sys\nfrom pathlib import Path\n"
-        "from waychair.errors import ConfigError\nfrom waychair.files import is_there, read_text\n"
+        "from waychair.errors import ConfigError\nfrom waychair.files import path_exists, read_text\n"
         "if os.getuid() == 0:\n    os.setgroups([]), os.setgid(65534), os.setuid(65534)\n"
-        "for look in (is_there, read_text):\n"
+        "for look in (path_exists, read_text):\n"
         "    try:\n        look(Path('private/a.txt'), ConfigError)\n"
         "    except ConfigError as error:\n        print(error)\n"
     )

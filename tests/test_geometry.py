@@ -14,10 +14,10 @@ from waychair.geometry import (
     arc_lengths,
     arcs,
     compose,
-    eased_below,
     in_space,
     interpolate,
     invert,
+    limit_slope,
     pose_from_array,
     rectangle,
     rotation,
@@ -138,4 +138,4 @@ def test_what_is_eased_is_the_least_that_any_place_allows(places: list[tuple[flo
     most, steps = np.array(places).T
     rise = np.cumsum(steps)
     allowed = most[None] + np.abs(rise[:, None] - rise[None])
-    assert eased_below(most, rise) == pytest.approx(allowed.min(axis=1), abs=1e-9)
+    assert limit_slope(most, rise) == pytest.approx(allowed.min(axis=1), abs=1e-9)

@@ -90,12 +90,12 @@ def test_a_disk_that_really_fills_up_keeps_all_that_was_taken(
 def test_recording_stops_in_time_before_the_disk_is_full(
     tmp_path: Path, name: str, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    room = iter([1 << 30, 1 << 30, 1 << 30, rosbag_storage.LEAST_FREE - 1])
+    room = iter([1 << 30, 1 << 30, 1 << 30, rosbag_storage.MIN_FREE - 1])
     monkeypatch.setattr(rosbag_storage.shutil, "disk_usage", lambda path: _Usage(1 << 40, 0, next(room)))
     taken, message = record_until_full(tmp_path / name)
     part = tmp_path / name.replace("drive", "drive.part")
     assert f"the disk of {tmp_path / name} is full" in message
-    assert taken * picture(0).image.nbytes * 5 / 3 > 3 * rosbag_storage.LOOK_EVERY
+    assert taken * picture(0).image.nbytes * 5 / 3 > 3 * rosbag_storage.CHECK_EVERY
     assert count(part) == taken
     assert [path.name for path in tmp_path.iterdir()] == [part.name]
 

@@ -39,8 +39,8 @@ def test_what_was_flushed_is_there_without_an_end(tmp_path: Path, name: str) -> 
     bag.flush()
     bag.flush()  # nothing new
     drive(bag, 5, 3)
-    left = tmp_path / f"left{bag.aside.suffix}"
-    left.write_bytes(bag.aside.read_bytes())  # as it lies there when the process is killed now
+    left = tmp_path / f"left{bag.temporary_path.suffix}"
+    left.write_bytes(bag.temporary_path.read_bytes())  # as it lies there when the process is killed now
     assert not bag.path.exists()
     recording = read_recording(left)
     assert [frame.stamp_ns // SECOND for frame in recording.frames] == [1, 2, 3, 4, 5]

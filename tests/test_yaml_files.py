@@ -7,7 +7,7 @@ from pathlib import Path
 import pytest
 
 from waychair.errors import ConfigError, WaychairError
-from waychair.yaml_files import DEEPEST, compose_yaml, load_yaml, shown, yaml_from_text
+from waychair.yaml_files import MAX_DEPTH, compose_yaml, load_yaml, quoted, yaml_from_text
 
 
 def written(folder: Path, text: str) -> Path:
@@ -25,9 +25,9 @@ def test_values_are_those_of_yaml_and_an_empty_file_has_none(tmp_path: Path) -> 
 
 
 def test_what_is_nested_just_so_deep_is_read(tmp_path: Path) -> None:
-    assert load_yaml(written(tmp_path, "[" * DEEPEST + "]" * DEEPEST), ConfigError)
+    assert load_yaml(written(tmp_path, "[" * MAX_DEPTH + "]" * MAX_DEPTH), ConfigError)
     with pytest.raises(ConfigError, match="more than 50 lists"):
-        load_yaml(written(tmp_path, "[" * (DEEPEST + 1) + "]" * (DEEPEST + 1)), ConfigError)
+        load_yaml(written(tmp_path, "[" * (MAX_DEPTH + 1) + "]" * (MAX_DEPTH + 1)), ConfigError)
 
 
 @pytest.mark.parametrize(
@@ -73,5 +73,5 @@ def test_a_text_is_read_as_a_file_is() -> None:
 
 
 def test_a_long_value_is_quoted_short() -> None:
-    assert shown([1.5, "x"]) == "[1.5, 'x']"
-    assert len(shown("9" * 5000)) < 80
+    assert quoted([1.5, "x"]) == "[1.5, 'x']"
+    assert len(quoted("9" * 5000)) < 80

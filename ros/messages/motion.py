@@ -3,13 +3,12 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Mapping
 from typing import Any
 
 import numpy as np
 
 from waychair.errors import MessageError
-from waychair.geometry import FARTHEST, is_on_map
+from waychair.geometry import MAX_COORDINATE, is_possible_pose
 from waychair.ros.messages.wire import require_finite, require_frame, stamp_of
 from waychair.ros_decoding import odometry_from_message
 from waychair.ros_messages import (
@@ -88,8 +87,8 @@ def read_pose_with_covariance(message: Any) -> tuple[Pose2, FloatArray | None]:
 
 
 def _on_a_map(pose: Pose2) -> Pose2:
-    if not is_on_map(pose.x, pose.y):
-        raise MessageError(f"a pose at ({pose.x:g}, {pose.y:g}) m is on no map: {FARTHEST:g} m is the farthest")
+    if not is_possible_pose(pose.x, pose.y):
+        raise MessageError(f"a pose at ({pose.x:g}, {pose.y:g}) m is on no map: {MAX_COORDINATE:g} m is the farthest")
     return pose
 
 
@@ -108,7 +107,7 @@ def read_odometry(message: Any, frame: str = ODOM_FRAME) -> Odometry:
     twist = message.twist.twist
     require_finite("odometry's twist", twist.linear.x, twist.angular.z)
     odometry = odometry_from_message(message)
-    if odometry is None or not is_on_map(*odometry.odom_from_base.array()):
+    if odometry is None or not is_possible_pose(*odometry.odom_from_base.array()):
         raise MessageError("odometry is beyond all that a chair can drive: restart what sends it")
     return odometry
 
@@ -189,27 +188,6 @@ def read_path(message: Any) -> Path:
 def transform(stamp_ns: int, parent: str, child: str, parent_from_child: Pose3) -> Any:
     """Return a tf2_msgs/TFMessage of one transform."""
     return transforms(stamp_ns, {(parent, child): parent_from_child})
-
-
-def read_transforms(message: Any) -> Mapping[tuple[str, str], tuple[int, Pose3]]:
-    """Return stamps [ns] and `parent_from_child` of a tf2_msgs/TFMessage, by (parent, child).
-
-    Raises:
-        MessageError: a transform that is not finite, an invalid quaternion, or equal frames.
-    """
-    found = {}
-    for stamped in message.transforms:
-        parent, child = frame_name(stamped.header.frame_id), frame_name(stamped.child_frame_id)
-        move, turn = stamped.transform.translation, stamped.transform.rotation
-        require_finite(f"the transform of '{child}'", move.x, move.y, move.z, turn.x, turn.y, turn.z, turn.w)
-        length = math.hypot(turn.x, turn.y, turn.z, turn.w)
-        if not parent or not child or parent == child or abs(length - 1.0) > _UNIT:
-            raise MessageError(
-                f"the transform of '{child}' in '{parent}' is none (quaternion of length {length:.3g}): repair its sender"
-            )
-        matrix = pose_matrix(move, turn)
-        found[parent, child] = stamp_of(stamped), Pose3(matrix[:3, :3], matrix[:3, 3])
-    return found
 
 
 def speed_limit(stamp_ns: int, metres_per_second: float) -> Any:

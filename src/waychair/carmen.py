@@ -62,7 +62,7 @@ def read_carmen(
         RecordingDamaged: no line is of a CARMEN log, or no scan is complete.
         NoScans: the CARMEN log has neither FLASER nor ROBOTLASER1 lines.
     """
-    text, warnings = unzipped(data, where)
+    text, warnings = decompressed_text(data, where)
     frames: dict[bytes, list[SensorFrame]] = {word: [] for word in _READERS}
     others: Counter[bytes] = Counter()
     damaged: list[int] = []
@@ -84,7 +84,7 @@ def read_carmen(
     # Some loggers write every scan in both forms: keep the more frequent one.
     kind = max(frames, key=lambda word: len(frames[word]))
     if not frames[kind]:
-        raise _nothing(where, others, damaged)
+        raise _no_scans_error(where, others, damaged)
     return CarmenLog(tuple(frames[kind]), kind.decode(), (*warnings, *_warnings(frames[kind], damaged)))
 
 
@@ -155,7 +155,7 @@ def _finite(field: bytes) -> float:
     return value
 
 
-def unzipped(data: bytes, where: str) -> tuple[bytes, list[str]]:
+def decompressed_text(data: bytes, where: str) -> tuple[bytes, list[str]]:
     """Return the text of a file that may be gzipped, and a warning where only its beginning can be decompressed.
 
     Raises:
@@ -195,7 +195,7 @@ def _warnings(frames: Sequence[SensorFrame], damaged: Sequence[int]) -> list[str
     return warnings
 
 
-def _nothing(where: str, others: Counter[bytes], damaged: Sequence[int]) -> RecordingDamaged | NoScans:
+def _no_scans_error(where: str, others: Counter[bytes], damaged: Sequence[int]) -> RecordingDamaged | NoScans:
     """Return the error for a log without a single readable scan."""
     if damaged:
         message = f"none of the {len(damaged)} scan lines of {where} is whole (the first is line {damaged[0]})"

@@ -21,7 +21,7 @@ def cache_folder() -> Path:
     return (Path(cache) if cache else Path.home() / ".cache") / "waychair"
 
 
-def is_there(path: Path, failure: type[WaychairError]) -> bool:
+def path_exists(path: Path, failure: type[WaychairError]) -> bool:
     """Return whether a path exists.
 
     Raises:
@@ -31,12 +31,12 @@ def is_there(path: Path, failure: type[WaychairError]) -> bool:
 
 
 def is_file(path: Path, failure: type[WaychairError]) -> bool:
-    """Return whether the path is a file; raises as `is_there`."""
+    """Return whether the path is a file; raises as `path_exists`."""
     return stat.S_ISREG(_mode(path, failure) or 0)
 
 
 def is_folder(path: Path, failure: type[WaychairError]) -> bool:
-    """Return whether the path is a folder; raises as `is_there`."""
+    """Return whether the path is a folder; raises as `path_exists`."""
     return stat.S_ISDIR(_mode(path, failure) or 0)
 
 
@@ -49,11 +49,11 @@ def read_bytes(path: Path, failure: type[WaychairError]) -> bytes:
     try:
         return path.read_bytes()
     except OSError as error:
-        raise failure(f"cannot read {path}: {refusal(error)}") from error
+        raise failure(f"cannot read {path}: {os_error_text(error)}") from error
 
 
-def read_text(path: Path, failure: type[WaychairError], instead: str = "") -> str:
-    """Return a file's text; `instead` is the advice given when the file is not text.
+def read_text(path: Path, failure: type[WaychairError], advice: str = "") -> str:
+    """Return a file's text; `advice` is the advice given when the file is not text.
 
     Raises:
         WaychairError: of the type `failure`; the file cannot be read, or is not UTF-8 text.
@@ -61,15 +61,15 @@ def read_text(path: Path, failure: type[WaychairError], instead: str = "") -> st
     try:
         return read_bytes(path, failure).decode("utf-8")
     except UnicodeDecodeError as error:
-        raise failure(f"cannot read {path}: it is no text in UTF-8; {instead or 'write it anew'}") from error
+        raise failure(f"cannot read {path}: it is no text in UTF-8; {advice or 'write it anew'}") from error
 
 
-def refusal(error: OSError) -> str:
+def os_error_text(error: OSError) -> str:
     """Return the operating system's error text, and advice."""
     return f"{error.strerror or error}; {_ADVICE.get(error.errno or 0, 'check the path and the disk')}"
 
 
-def refuse_emptied(path: Path, failure: type[WaychairError], none: str) -> None:
+def refuse_empty_file(path: Path, failure: type[WaychairError], none: str) -> None:
     """Refuse an empty file, which waychair never writes; `none` is the content of a file without entries.
 
     Raises:
@@ -112,7 +112,7 @@ def replacing(path: Path, *, lasting: bool = True) -> Iterator[Path]:
             with suppress(OSError):  # not every file system supports it
                 sync_folder(path.parent)
     except OSError as error:
-        raise OutputError(f"cannot write {path}: {refusal(error)}") from error
+        raise OutputError(f"cannot write {path}: {os_error_text(error)}") from error
     finally:
         aside.unlink(missing_ok=True)
 
@@ -149,7 +149,7 @@ def remove(path: Path) -> None:
     except (FileNotFoundError, NotADirectoryError):  # the latter where a parent folder is a file
         return
     except OSError as error:
-        raise OutputError(f"cannot remove {path}: {refusal(error)}") from error
+        raise OutputError(f"cannot remove {path}: {os_error_text(error)}") from error
 
 
 def write_json(path: Path, values: Json, *, lasting: bool = True) -> None:
@@ -166,7 +166,7 @@ def _mode(path: Path, failure: type[WaychairError]) -> int | None:
     except OSError as error:
         if error.errno in (errno.ENOENT, errno.ENOTDIR, errno.ENAMETOOLONG, errno.ELOOP):
             return None
-        raise failure(f"cannot read {path}: {refusal(error)}") from error
+        raise failure(f"cannot read {path}: {os_error_text(error)}") from error
 
 
 def _written(path: Path) -> Path:

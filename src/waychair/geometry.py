@@ -8,16 +8,16 @@ import numpy as np
 
 from waychair.types import FloatArray, Pose2, Pose3
 
-FARTHEST = 1e6
+MAX_COORDINATE = 1e6
 """Largest coordinate on a map [m]. Beyond it float32 cannot tell cells of a few centimetres apart."""
 
-MOST_TURNED = 1000.0
+MAX_ANGLE = 1000.0
 """Largest angle that is accepted from a file or a message [rad]."""
 
 
-def is_on_map(x: float, y: float, theta: float = 0.0) -> bool:
-    """Return whether this can be a pose on a map: finite, within `FARTHEST` and within `MOST_TURNED`."""
-    return abs(x) <= FARTHEST and abs(y) <= FARTHEST and abs(theta) <= MOST_TURNED
+def is_possible_pose(x: float, y: float, theta: float = 0.0) -> bool:
+    """Return whether this can be a pose on a map: finite, within `MAX_COORDINATE` and within `MAX_ANGLE`."""
+    return abs(x) <= MAX_COORDINATE and abs(y) <= MAX_COORDINATE and abs(theta) <= MAX_ANGLE
 
 
 def wrap_angle(angle: float) -> float:
@@ -61,7 +61,7 @@ def arc_lengths(points: FloatArray) -> FloatArray:
     return np.concatenate([[0.0], np.hypot(*np.diff(points, axis=0).T).cumsum()])
 
 
-def eased_below(most: FloatArray, rise: FloatArray) -> FloatArray:
+def limit_slope(most: FloatArray, rise: FloatArray) -> FloatArray:
     """Return the largest profile (N,) that stays below `most` (N,) and changes between two points by no more than `rise`
     (N,) grows between them.
     """

@@ -16,7 +16,7 @@ from pathlib import Path
 
 import numpy as np
 
-from waychair.carmen import GZIP_MAGIC, read_carmen, stamp_from_text, unzipped
+from waychair.carmen import GZIP_MAGIC, decompressed_text, read_carmen, stamp_from_text
 from waychair.config import Settings, setting
 from waychair.coreslam import CoreslamSettings, is_coreslam, read_coreslam
 from waychair.errors import NoScans, RecordingDamaged, RecordingError, RecordingNotFound
@@ -27,7 +27,7 @@ from waychair.rosbag_file import bag_suffix
 from waychair.rosbag_pictures import read_camera_mount, read_pictures
 from waychair.rosbag_reader import BagSettings, read_bag
 from waychair.rosbag_writer import RecordingWriter
-from waychair.scans import LaserMount, mirrored, mount_from_text, silent
+from waychair.scans import LaserMount, count_silent_scans, mirrored, mount_from_text
 from waychair.types import Pose2, Pose3, RgbdFrame, SensorFrame, Trajectory, Trajectory3
 
 __all__ = ["InputSettings", "Recording", "RecordingWriter", "read_recording", "read_tum", "write_tum"]
@@ -129,11 +129,11 @@ def _read_text(
     first = _first_line(data)
     base_from_laser = mount.base_from_laser if mount is not None else Pose2()
     if is_laser_text(first):
-        text, warnings = unzipped(data, str(path))
+        text, warnings = decompressed_text(data, str(path))
         rows = read_laser_text(text, str(path), progress)
         return Recording(path, rows.frames, base_from_laser, "rows of scans, no odometry", (*warnings, *rows.warnings))
     if is_coreslam(first):
-        text, warnings = unzipped(data, str(path))
+        text, warnings = decompressed_text(data, str(path))
         log = read_coreslam(text, str(path), settings.coreslam, progress)
         at = base_from_laser if mount is not None else log.base_from_laser
         return Recording(path, log.frames, at, "CoreSLAM log, odometry of its encoders", (*warnings, *log.warnings))
@@ -150,7 +150,7 @@ def _checked(recording: Recording) -> Recording:
         NoScans: no scan holds a distance.
     """
     count = len(recording.frames)
-    blind = silent([frame.scan for frame in recording.frames if frame.scan is not None])
+    blind = count_silent_scans([frame.scan for frame in recording.frames if frame.scan is not None])
     if blind == count:
         raise NoScans(
             f"none of the {count} scans of {recording.path} holds a distance (all are nan, infinite or zero): "

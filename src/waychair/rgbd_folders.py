@@ -75,7 +75,7 @@ class RgbdSettings(Settings):
 
 
 @dataclass(frozen=True, slots=True)
-class Camera:
+class CameraIntrinsics:
     """A camera's matrix (3, 3) [px], lens distortion (5,) k1, k2, p1, p2, k3 of Brown's model, and readout time [s]."""
 
     matrix: FloatArray
@@ -83,7 +83,7 @@ class Camera:
     readout: float = 0.0
 
     @property
-    def straight(self) -> bool:
+    def undistorted(self) -> bool:
         """Return whether the lens is free of distortion."""
         return not self.distortion.any()
 
@@ -103,7 +103,7 @@ class RgbdFolder:
 
     path: Path
     pairs: tuple[Pair, ...]
-    camera: Camera
+    camera: CameraIntrinsics
     depth_scale: float
     source: str
     warnings: tuple[str, ...]
@@ -161,18 +161,18 @@ def frames_of(folder: RgbdFolder, unread: Counter[str] | None = None) -> Iterato
             unread["colour and depth differ in size"] += 1
             continue
         depth = _metres(units, folder.depth_scale)
-        if not folder.camera.straight:
+        if not folder.camera.undistorted:
             if lens is None or lens[0].shape[:2] != depth.shape:
-                lens = _straightening(folder.camera, depth.shape)
-            bent = cv2.remap(image, lens[0], lens[1], cv2.INTER_LINEAR, borderMode=cv2.BORDER_REPLICATE)
-            image = np.asarray(bent, np.uint8)
+                lens = _undistortion_maps(folder.camera, depth.shape)
+            undistorted = cv2.remap(image, lens[0], lens[1], cv2.INTER_LINEAR, borderMode=cv2.BORDER_REPLICATE)
+            image = np.asarray(undistorted, np.uint8)
             # nearest neighbour, since interpolated depth makes mixed pixels at edges
-            straight = cv2.remap(depth, lens[0], None, cv2.INTER_NEAREST, borderValue=math.nan)  # type: ignore[call-overload]
-            depth = np.asarray(straight, np.float32)
+            undistorted = cv2.remap(depth, lens[0], None, cv2.INTER_NEAREST, borderValue=math.nan)  # type: ignore[call-overload]
+            depth = np.asarray(undistorted, np.float32)
         yield RgbdFrame(pair.stamp_ns, image, depth, folder.camera.matrix, folder.camera.readout / len(depth))
 
 
-def _straightening(camera: Camera, shape: tuple[int, ...]) -> Any:
+def _undistortion_maps(camera: CameraIntrinsics, shape: tuple[int, ...]) -> Any:
     """Return OpenCV's two undistortion maps for pictures of a shape (H, W)."""
     import cv2
 
@@ -204,7 +204,7 @@ def read_truth(path: Path, settings: RgbdSettings | None = None) -> Trajectory3:
     return Trajectory3(np.array(stamps, np.int64), np.array(rotations), np.array(positions))
 
 
-def camera_from_text(text: str) -> Camera:
+def camera_from_text(text: str) -> CameraIntrinsics:
     """Return the camera of a text: `fr1`, `fr2`, `fr3`, or four, eight or nine numbers separated by commas.
 
     Raises:
@@ -223,13 +223,13 @@ def camera_from_text(text: str) -> Camera:
     return _camera(values)
 
 
-def _camera(values: tuple[float, ...], readout: float = 0.0) -> Camera:
-    fx, fy, cx, cy, *bent = values
+def _camera(values: tuple[float, ...], readout: float = 0.0) -> CameraIntrinsics:
+    fx, fy, cx, cy, *distortion = values
     matrix = np.array([[fx, 0.0, cx], [0.0, fy, cy], [0.0, 0.0, 1.0]])
-    return Camera(matrix, np.array([*bent, *[0.0] * (5 - len(bent))]), readout)
+    return CameraIntrinsics(matrix, np.array([*distortion, *[0.0] * (5 - len(distortion))]), readout)
 
 
-def _camera_of(path: Path, settings: RgbdSettings, numbered: bool) -> tuple[Camera, str, str]:
+def _camera_of(path: Path, settings: RgbdSettings, numbered: bool) -> tuple[CameraIntrinsics, str, str]:
     """Return the camera, the source of its parameters, and a warning where they are a guess."""
     if settings.camera:
         return camera_from_text(settings.camera), "the settings", ""
@@ -237,7 +237,7 @@ def _camera_of(path: Path, settings: RgbdSettings, numbered: bool) -> tuple[Came
         matrix = _matrix(path / _INTRINSICS, (3, 3))
         if not (matrix[0, 0] > 0 and matrix[1, 1] > 0):
             raise ConfigError(f"{path / _INTRINSICS} holds no camera matrix; name the camera in the settings")
-        return Camera(matrix, np.zeros(5)), _INTRINSICS, ""
+        return CameraIntrinsics(matrix, np.zeros(5)), _INTRINSICS, ""
     named = _CAMERA_NAME.search(path.resolve().name.lower())
     if named is not None and not numbered:
         return _camera(CAMERAS[f"fr{named[1]}"], READOUT), f"the folder's name (fr{named[1]})", ""

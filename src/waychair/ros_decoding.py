@@ -16,7 +16,7 @@ import numpy as np
 
 from waychair.errors import RecordingError
 from waychair.ros_transforms import planar, pose_matrix, stamp_ns
-from waychair.scans import ascending, without_codes
+from waychair.scans import ascending, without_overflow_codes
 from waychair.types import Bytes, Float32Array, FloatArray, ImuSample, Odometry, Scan, Twist
 
 _PLANAR = [0, 1, 5]  # x, y and yaw among x, y, z, roll, pitch, yaw
@@ -35,7 +35,7 @@ _FIELD_TYPES = {1: "i1", 2: "u1", 3: "i2", 4: "u2", 5: "i4", 6: "u4", 7: "f4", 8
 def scan_from_message(message: Any) -> Scan | None:
     """Return the scan of a sensor_msgs/LaserScan, by ascending angle; None when it has no beams or no angles.
 
-    Ranges beyond `range_max` become +inf (`without_codes`).
+    Ranges beyond `range_max` become +inf (`without_overflow_codes`).
     """
     step = float(message.angle_increment)
     ranges = np.array(message.ranges, dtype=np.float32)
@@ -51,7 +51,7 @@ def scan_from_message(message: Any) -> Scan | None:
         max(0.0, nearest),
         farthest if farthest > 0.0 else math.inf,
     )
-    return ascending(without_codes(scan))
+    return ascending(without_overflow_codes(scan))
 
 
 def odometry_from_message(message: Any) -> Odometry | None:

@@ -35,12 +35,12 @@ class RosTopic:
     type: str
     qos: Qos = RELIABLE
     frame: str = ""
-    carries: Topic | None = None
+    stream: Topic | None = None
 
     @property
     def rate_hz(self) -> float:
         """Return the nominal rate; 0 for messages that are sent on change."""
-        return 0.0 if self.carries is None else self.carries.rate_hz
+        return 0.0 if self.stream is None else self.stream.rate_hz
 
     @property
     def absolute(self) -> str:

@@ -39,7 +39,7 @@ def bag_suffix(head: bytes) -> str | None:
 
 
 @contextmanager
-def opened(path: Path, suffix: str) -> Iterator[BagFile]:
+def open_bag(path: Path, suffix: str) -> Iterator[BagFile]:
     """Yield the opened bag of the given kind ('' for the folder of a ROS 2 bag).
 
     rosbags goes by the file's suffix, so a file with another suffix is opened through a link with the right one.
@@ -58,11 +58,11 @@ def opened(path: Path, suffix: str) -> Iterator[BagFile]:
             stack.enter_context(reader)
         # Damaged bytes raise many kinds of errors in the parser: struct, key, index, decode, sqlite and its own.
         except Exception as error:
-            raise damaged(path, error) from error
+            raise damage_error(path, error) from error
         yield reader
 
 
-def messages(
+def iterate_messages(
     path: Path, bag: BagFile, connections: Collection[Connection], lost: Counter[str] | None = None
 ) -> Iterator[tuple[Connection, int, Any]]:
     """Yield connection, time of logging [ns] and message, in bag order.
@@ -80,13 +80,13 @@ def messages(
             connection, log_ns, data = next(raw)
         except StopIteration:
             return
-        except Exception as error:  # as in `opened`
-            raise damaged(path, error) from error
+        except Exception as error:  # as in `open_bag`
+            raise damage_error(path, error) from error
         try:
             message = bag.deserialize(data, connection.msgtype)
         except Exception as error:
             if lost is None:
-                raise damaged(path, error) from error
+                raise damage_error(path, error) from error
             lost["messages"] += 1
             continue
         yield connection, log_ns, message
@@ -101,20 +101,20 @@ def counts_by_topic(bag: BagFile, *msgtypes: str) -> dict[str, int]:
     return counts
 
 
-def listing(bag: BagFile) -> str:
+def topic_list(bag: BagFile) -> str:
     """Return all topics with their types, as text for an error message."""
     topics = sorted({f"{connection.topic} ({connection.msgtype})" for connection in bag.connections})
     return ", ".join(topics) or "no topics at all"
 
 
-def damaged(path: Path, error: Exception) -> RecordingDamaged:
+def damage_error(path: Path, error: Exception) -> RecordingDamaged:
     """Return the error for a damaged bag, as one sentence."""
     reason = " ".join(f"{type(error).__name__}: {error}".split())[:_LONGEST_REASON].rstrip(":. ")
     repair = "repair it (rosbag reindex, ros2 bag reindex, mcap recover) or copy it again from its source"
     return RecordingDamaged(f"{path} is a damaged bag ({reason}); {repair}")
 
 
-def salvaged(path: Path, suffix: str, damage: RecordingDamaged) -> SalvagedBag:
+def salvage_bag(path: Path, suffix: str, damage: RecordingDamaged) -> SalvagedBag:
     """Return the readable part of a damaged bag.
 
     Raises:

@@ -29,7 +29,7 @@ class BagOutput:
     """A bag that is written to a folder beside its path until `finish`. A topic is declared by its first message.
 
     A path that ends in .mcap or .db3 becomes a single file, any other path the folder of a bag. mcap chunks are
-    compressed (zstd). Until `finish`, the bag is at `aside`. Flushed messages survive a crash of this process, and
+    compressed (zstd). Until `finish`, the bag is at `temporary_path`. Flushed messages survive a crash of this process, and
     `read_recording` reads them although the index is missing.
     """
 
@@ -67,7 +67,7 @@ class BagOutput:
             raise OutputError(f"cannot write {path}: {error.strerror}; choose another disk") from error
 
     @property
-    def aside(self) -> Path:
+    def temporary_path(self) -> Path:
         """Return the path of the messages until the bag is finished."""
         bag = self._writer.path
         return bag / f"{bag.name}{_SUFFIXES[self._storage]}"
@@ -88,7 +88,7 @@ class BagOutput:
         Raises:
             OutputError: the disk cannot be written to.
         """
-        with self._told():
+        with self._naming_disk_errors():
             if topic not in self._connections:
                 self._connections[topic] = self._writer.add_connection(
                     topic, msgtype, typestore=TYPES, offered_qos_profiles=(_offered(qos),)
@@ -101,10 +101,10 @@ class BagOutput:
         Raises:
             OutputError: the disk cannot be written to.
         """
-        with self._told():
+        with self._naming_disk_errors():
             self._writer.flush()
 
-    def refuse_full(self) -> None:
+    def end_if_full(self) -> None:
         """End the bag if the disk is full. To be called after each group of messages that belong together.
 
         Raises:
@@ -145,15 +145,15 @@ class BagOutput:
     def discard(self) -> None:
         """Abort, and remove everything that was written."""
         try:
-            with self._told():
+            with self._naming_disk_errors():
                 self._writer.abort()
         finally:
             self._remove()
 
     def _close(self, path: Path) -> Path:
-        with self._told():
+        with self._naming_disk_errors():
             self._writer.close()
-            return (self.aside if self._single_file else self._writer.path).rename(path)
+            return (self.temporary_path if self._single_file else self._writer.path).rename(path)
 
     def _remove(self) -> None:
         shutil.rmtree(self._folder, ignore_errors=True)
@@ -163,7 +163,7 @@ class BagOutput:
             raise OutputError(f"{self.path} exists already; remove it or choose another name")
 
     @contextmanager
-    def _told(self) -> Iterator[None]:
+    def _naming_disk_errors(self) -> Iterator[None]:
         try:
             yield
         except (OSError, sqlite3.Error) as error:

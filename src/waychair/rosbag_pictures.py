@@ -10,7 +10,7 @@ from typing import Any
 from waychair.errors import RecordingDamaged, RecordingError
 from waychair.ros_decoding import camera_matrix_from_message, depth_from_message, picture_from_message
 from waychair.ros_transforms import BASE_FRAMES, TransformTree, frame_name, stamp_ns
-from waychair.rosbag_file import BagFile, counts_by_topic, listing, messages, opened, salvaged
+from waychair.rosbag_file import BagFile, counts_by_topic, iterate_messages, open_bag, salvage_bag, topic_list
 from waychair.rosbag_reader import TRANSFORM_TYPES, BagSettings
 from waychair.types import FloatArray, Pose3, RgbdFrame
 
@@ -31,10 +31,10 @@ def read_pictures(path: Path, suffix: str, settings: BagSettings) -> Iterator[Rg
             and colour differ.
     """
     try:
-        with opened(path, suffix) as bag:
+        with open_bag(path, suffix) as bag:
             yield from _pictures(path, bag, settings)
     except RecordingDamaged as damage:
-        yield from _pictures(path, salvaged(path, suffix, damage), settings)
+        yield from _pictures(path, salvage_bag(path, suffix, damage), settings)
 
 
 def read_camera_mount(path: Path, suffix: str, settings: BagSettings) -> Pose3 | None:
@@ -44,10 +44,10 @@ def read_camera_mount(path: Path, suffix: str, settings: BagSettings) -> Pose3 |
         RecordingError: a topic that the settings name is missing.
     """
     try:
-        with opened(path, suffix) as bag:
+        with open_bag(path, suffix) as bag:
             return _camera_mount(path, bag, settings)
     except RecordingDamaged as damage:
-        return _camera_mount(path, salvaged(path, suffix, damage), settings)
+        return _camera_mount(path, salvage_bag(path, suffix, damage), settings)
 
 
 def _camera_mount(path: Path, bag: BagFile, settings: BagSettings) -> Pose3 | None:
@@ -55,9 +55,9 @@ def _camera_mount(path: Path, bag: BagFile, settings: BagSettings) -> Pose3 | No
     if colour is None:
         return None
     tree, camera = TransformTree(), ""
-    for _, _, message in messages(path, bag, [c for c in bag.connections if c.msgtype in TRANSFORM_TYPES]):
+    for _, _, message in iterate_messages(path, bag, [c for c in bag.connections if c.msgtype in TRANSFORM_TYPES]):
         tree.add(message)
-    for _, _, message in messages(path, bag, [c for c in bag.connections if c.topic == colour]):
+    for _, _, message in iterate_messages(path, bag, [c for c in bag.connections if c.topic == colour]):
         camera = frame_name(message.header.frame_id)
         break
     base = frame_name(settings.base_frame) or next((name for name in BASE_FRAMES if name in tree), BASE_FRAMES[0])
@@ -75,7 +75,7 @@ def _pictures(path: Path, bag: BagFile, settings: BagSettings) -> Iterator[RgbdF
     matrix: FloatArray | None = None
     waiting: dict[str, deque[tuple[int, Any]]] = {name: deque(maxlen=_WAITING) for name in (colour, depth)}
     connections = [c for c in bag.connections if c.topic in (colour, depth, info)]
-    for connection, _, message in messages(path, bag, connections):
+    for connection, _, message in iterate_messages(path, bag, connections):
         if connection.msgtype == INFO_TYPE:
             matrix = camera_matrix_from_message(message) if matrix is None else matrix
             continue
@@ -118,7 +118,7 @@ def _topic(path: Path, bag: BagFile, counts: Mapping[str, int], asked: str, *, d
     if asked:
         found = next((topic for topic in counts if topic.strip("/") == asked.strip("/")), None)
         if found is None:
-            raise RecordingError(f"{path} holds no picture on {asked}, only {listing(bag)}")
+            raise RecordingError(f"{path} holds no picture on {asked}, only {topic_list(bag)}")
         return found
     fitting = [
         topic
@@ -134,7 +134,7 @@ def _info_topic(path: Path, bag: BagFile, settings: BagSettings, colour: str, de
     if settings.camera_info_topic:
         asked = next((name for name in counts if name.strip("/") == settings.camera_info_topic.strip("/")), None)
         if asked is None:
-            raise RecordingError(f"{path} holds no {INFO_TYPE} on {settings.camera_info_topic}, only {listing(bag)}")
+            raise RecordingError(f"{path} holds no {INFO_TYPE} on {settings.camera_info_topic}, only {topic_list(bag)}")
         return asked
     if not counts:
         raise RecordingError(f"{path} holds no {INFO_TYPE}, so the camera of {colour} is not known; record it too")

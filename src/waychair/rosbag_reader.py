@@ -22,8 +22,8 @@ from waychair.errors import NoScans, RecordingDamaged, RecordingError
 from waychair.geometry import in_space, interpolate
 from waychair.ros_decoding import cloud_from_message, imu_from_message, odometry_from_message, scan_from_message
 from waychair.ros_transforms import BASE_FRAMES, TransformTree, frame_name, planar, stamp_ns
-from waychair.rosbag_file import BagFile, counts_by_topic, listing, messages, opened, salvaged
-from waychair.scan_merging import Track, merged_scans
+from waychair.rosbag_file import BagFile, counts_by_topic, iterate_messages, open_bag, salvage_bag, topic_list
+from waychair.scan_merging import OdometryInterpolation, merged_scans
 from waychair.scans import LaserMount, mirrored, scan_from_points
 from waychair.topics import IMU, ODOMETRY, SCAN
 from waychair.types import FloatArray, ImuSample, Odometry, Pose2, Scan, SensorFrame, Twist
@@ -84,7 +84,7 @@ class _Topics:
 
 
 @dataclass(slots=True)
-class _Found:
+class _BagMessages:
     """Messages collected from a bag, in bag order."""
 
     tree: TransformTree = field(default_factory=TransformTree)
@@ -118,10 +118,10 @@ def read_bag(
         RecordingError: a topic that the settings name is missing.
     """
     try:
-        with opened(path, suffix) as bag:
+        with open_bag(path, suffix) as bag:
             return _read(path, bag, settings, mounts, progress)
     except RecordingDamaged as damage:
-        rest = salvaged(path, suffix, damage)
+        rest = salvage_bag(path, suffix, damage)
         lost: Counter[str] = Counter()
         try:
             contents = _read(path, rest, settings, mounts, progress, lost)
@@ -171,7 +171,7 @@ def _choose(path: Path, bag: BagFile, settings: BagSettings, warnings: list[str]
     imu = _chosen(path, bag, IMU_TYPE, settings.imu_topic, IMU.name, warnings)
     for asked, chosen, kind in ((settings.odom_topic, odom, ODOMETRY_TYPE), (settings.imu_topic, imu, IMU_TYPE)):
         if asked and chosen is None:
-            raise RecordingError(f"{path} holds no {kind} on {asked}, only {listing(bag)}")
+            raise RecordingError(f"{path} holds no {kind} on {asked}, only {topic_list(bag)}")
     clouds = counts_by_topic(bag, CLOUD_TYPE)
     return _Topics(scans, tuple(topic for topic in scans if topic in clouds), odom, imu)
 
@@ -182,7 +182,7 @@ def _chosen_scans(path: Path, bag: BagFile, asked: Sequence[str], warnings: list
             path, bag, CLOUD_TYPE, "", "", warnings
         )
         if usual is None:
-            raise NoScans(f"{path} holds no {SCAN_TYPE}, only {listing(bag)}; give a bag with laser scans")
+            raise NoScans(f"{path} holds no {SCAN_TYPE}, only {topic_list(bag)}; give a bag with laser scans")
         return (usual,)
     known = counts_by_topic(bag, SCAN_TYPE, CLOUD_TYPE)
     chosen = []
@@ -190,7 +190,7 @@ def _chosen_scans(path: Path, bag: BagFile, asked: Sequence[str], warnings: list
         topic = next((topic for topic in known if topic.strip("/") == name.strip("/")), None)
         if topic is None:
             advice = "choose another scan topic" if known else "give a bag with laser scans"
-            raise NoScans(f"{path} holds no {SCAN_TYPE} on {name}, only {listing(bag)}; {advice}")
+            raise NoScans(f"{path} holds no {SCAN_TYPE} on {name}, only {topic_list(bag)}; {advice}")
         chosen.append(topic)
     return tuple(dict.fromkeys(chosen))
 
@@ -219,15 +219,15 @@ def _collect(
     mounts: Sequence[LaserMount],
     progress: Callable[[float], None] | None,
     lost: Counter[str] | None,
-) -> _Found:
+) -> _BagMessages:
     """Collect the messages in one pass, or in two where point clouds need all mounts before they can be sliced."""
     small = [c for c in bag.connections if c.msgtype in TRANSFORM_TYPES or c.topic in (topics.odom, topics.imu)]
     scans = [c for c in bag.connections if c.topic in topics.scans and c.msgtype in (SCAN_TYPE, CLOUD_TYPE)]
     passes: list[Collection[Connection]] = [small, scans] if topics.clouds else [[*small, *scans]]
-    total, done, found = max(1, sum(c.msgcount for c in [*small, *scans])), 0, _Found()
+    total, done, found = max(1, sum(c.msgcount for c in [*small, *scans])), 0, _BagMessages()
     found.scans = {topic: [] for topic in topics.scans}
     for connections in passes:
-        for connection, log_ns, message in messages(path, bag, connections, lost):
+        for connection, log_ns, message in iterate_messages(path, bag, connections, lost):
             if connection.msgtype not in TRANSFORM_TYPES and stamp_ns(message.header.stamp) == 0 and log_ns > 0:
                 message.header.stamp.sec, message.header.stamp.nanosec = divmod(log_ns, 1_000_000_000)
                 found.unstamped += 1
@@ -240,13 +240,13 @@ def _collect(
                 progress(min(1.0, done / total))
     if not any(found.scans.values()):
         names = " and ".join(topics.scans)
-        raise NoScans(f"the topic {names} of {path} holds no usable scan; choose another one: {listing(bag)}")
+        raise NoScans(f"the topic {names} of {path} holds no usable scan; choose another one: {topic_list(bag)}")
     if progress is not None:
         progress(1.0)
     return found
 
 
-def _take(found: _Found, connection: Connection, message: Any) -> None:
+def _take(found: _BagMessages, connection: Connection, message: Any) -> None:
     if connection.msgtype in TRANSFORM_TYPES:
         found.tree.add(message)
     elif connection.msgtype == SCAN_TYPE:
@@ -267,7 +267,7 @@ def _take(found: _Found, connection: Connection, message: Any) -> None:
 
 
 def _take_cloud(
-    found: _Found, topic: str, message: Any, topics: _Topics, settings: BagSettings, mounts: Sequence[LaserMount]
+    found: _BagMessages, topic: str, message: Any, topics: _Topics, settings: BagSettings, mounts: Sequence[LaserMount]
 ) -> None:
     """Add a height band of a point cloud as a level scan at the sensor's position."""
     frame = found.scan_frames.setdefault(topic, frame_name(message.header.frame_id))
@@ -296,13 +296,13 @@ def _given_matrix(mount: LaserMount) -> FloatArray:
     return matrix
 
 
-def _base_frame(found: _Found, settings: BagSettings) -> str:
+def _base_frame(found: _BagMessages, settings: BagSettings) -> str:
     if settings.base_frame or found.odometry_base:
         return frame_name(settings.base_frame) or found.odometry_base
     return next((name for name in BASE_FRAMES if name in found.tree), BASE_FRAMES[0])
 
 
-def _odometry(found: _Found, topics: _Topics, base: str, settings: BagSettings) -> tuple[list[Odometry], str]:
+def _odometry(found: _BagMessages, topics: _Topics, base: str, settings: BagSettings) -> tuple[list[Odometry], str]:
     """Return the readings by stamp and the name of their source: a topic, else /tf from odom to the base."""
     if topics.odom is not None and not settings.odom_frame:
         return sorted(found.odometry, key=lambda reading: reading.stamp_ns), topics.odom
@@ -312,7 +312,7 @@ def _odometry(found: _Found, topics: _Topics, base: str, settings: BagSettings) 
 
 
 def _scans(
-    found: _Found,
+    found: _BagMessages,
     topics: _Topics,
     base: str,
     odometry: Sequence[Odometry],
@@ -337,11 +337,11 @@ def _scans(
         sources.append((scans, mount.base_from_laser))
     if len(sources) == 1:
         return list(sources[0][0]), sources[0][1]
-    track = Track(odometry) if odometry else None
+    track = OdometryInterpolation(odometry) if odometry else None
     return merged_scans(sources, track, settings.beam_step, settings.scan_spread), Pose2()
 
 
-def _mount(found: _Found, base: str, topic: str, warnings: list[str]) -> LaserMount:
+def _mount(found: _BagMessages, base: str, topic: str, warnings: list[str]) -> LaserMount:
     """Return a laser's mount from the transform tree."""
     laser, first = found.scan_frames[topic], found.scans[topic][0].stamp_ns
     matrix = found.tree.chain(base, laser, first)
@@ -364,7 +364,7 @@ def _unknown_mount(base: str, laser: str) -> str:
     )
 
 
-def _in_base_axes(found: _Found, base: str, warnings: list[str]) -> list[ImuSample]:
+def _in_base_axes(found: _BagMessages, base: str, warnings: list[str]) -> list[ImuSample]:
     """Return the IMU samples by stamp, in the axes of the base."""
     samples = sorted(found.imu, key=lambda sample: sample.stamp_ns)
     if not samples or found.imu_frame == base:

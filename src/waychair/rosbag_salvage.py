@@ -29,7 +29,7 @@ _LARGEST_CHUNK = 1 << 31
 _LONGEST_JUMP = 1 << 22  # rows that are skipped at most in search of a readable one
 _FORMATS = {"ros2msg": MessageDefinitionFormat.MSG, "ros2idl": MessageDefinitionFormat.IDL}
 # Damaged bytes raise many kinds of errors in parsers and decompressors.
-_STUMBLES = Exception
+_PARSE_ERRORS = Exception
 
 
 class _Topic(NamedTuple):
@@ -110,7 +110,7 @@ def _typestore(connections: list[Connection], is2: bool) -> Typestore:
                 store.register(get_types_from_msg(definition.data, connection.msgtype))
             else:
                 store.register(get_types_from_idl(definition.data))
-        except _STUMBLES:
+        except _PARSE_ERRORS:
             continue
     return store
 
@@ -124,7 +124,7 @@ def _ros1_walk(path: Path, lost: Counter[str]) -> Iterator[_Record]:
                 continue
             try:
                 chunk = ROS1_DECOMPRESSORS[header[b"compression"].decode()](data)
-            except _STUMBLES:
+            except _PARSE_ERRORS:
                 lost["chunks"] += 1
                 continue
             for inner, content in _ros1_records(BytesIO(chunk), len(chunk), lost):
@@ -136,8 +136,8 @@ def _ros1_records(file: BinaryIO, size: int, lost: Counter[str]) -> Iterator[tup
     while file.tell() < size:
         header = _sized(file, size, "<I")
         fields = dict(_ros1_fields(header)) if header is not None else {}
-        cut_too = fields.get(b"compression") == b"none"  # the messages of such a chunk can be read one by one
-        data = _sized(file, size, "<I", cut_too=cut_too) if header is not None else None
+        keep_truncated = fields.get(b"compression") == b"none"  # the messages of such a chunk can be read one by one
+        data = _sized(file, size, "<I", keep_truncated=keep_truncated) if header is not None else None
         if data is None:
             lost["end"] += 1
             return
@@ -163,7 +163,7 @@ def _ros1_record(header: dict[bytes, bytes], data: bytes) -> Iterator[_Record]:
         elif header.get(b"op") == b"\x02":
             (key,), (seconds, nanoseconds) = struct.unpack("<I", header[b"conn"]), struct.unpack("<II", header[b"time"])
             yield _Message(key, seconds * 1_000_000_000 + nanoseconds, data)
-    except _STUMBLES:
+    except _PARSE_ERRORS:
         return
 
 
@@ -179,7 +179,7 @@ def _mcap_walk(path: Path, lost: Counter[str]) -> Iterator[_Record]:
                 continue
             try:
                 chunk = _mcap_chunk(content)
-            except _STUMBLES:
+            except _PARSE_ERRORS:
                 lost["chunks"] += 1
                 continue
             for inner, record in _mcap_records(BytesIO(chunk), len(chunk), lost):
@@ -189,7 +189,7 @@ def _mcap_walk(path: Path, lost: Counter[str]) -> Iterator[_Record]:
 def _mcap_records(file: BinaryIO, size: int, lost: Counter[str]) -> Iterator[tuple[int, bytes]]:
     while file.tell() < size:
         op = file.read(1)[0]
-        content = _sized(file, size, "<Q", cut_too=op == 0x06)
+        content = _sized(file, size, "<Q", keep_truncated=op == 0x06)
         if content is None:
             lost["end"] += 1
             return
@@ -217,7 +217,7 @@ def _mcap_record(op: int, content: bytes, schemas: dict[int, tuple[str, MessageD
             key, schema = struct.unpack_from("<HH", content)
             (topic, _), _ = _strings(content, 4, 2)
             yield _Topic(key, topic, *schemas[schema])
-    except _STUMBLES:
+    except _PARSE_ERRORS:
         return
 
 
@@ -230,14 +230,14 @@ def _strings(content: bytes, at: int, count: int) -> tuple[list[str], int]:
     return texts, at
 
 
-def _sized(file: BinaryIO, size: int, kind: str, *, cut_too: bool = False) -> bytes | None:
-    """Read a length-prefixed block; at a truncated end return the bytes so far if `cut_too`, else None."""
+def _sized(file: BinaryIO, size: int, kind: str, *, keep_truncated: bool = False) -> bytes | None:
+    """Read a length-prefixed block; at a truncated end return the bytes so far if `keep_truncated`, else None."""
     prefix = file.read(struct.calcsize(kind))
     if len(prefix) < struct.calcsize(kind):
         return None
     (length,) = struct.unpack(kind, prefix)
     left = size - file.tell()
-    return file.read(min(length, left)) if length <= left or cut_too else None
+    return file.read(min(length, left)) if length <= left or keep_truncated else None
 
 
 def _sqlite_walk(path: Path, lost: Counter[str]) -> Iterator[_Record]:

@@ -24,10 +24,10 @@ from rosbags.rosbag2.storage_sqlite3 import Sqlite3Writer
 RESERVE = 16 << 20
 """Bytes of the reserve: more than the messages held in memory at any time plus the index of hours of driving."""
 
-LEAST_FREE = 64 << 20
+MIN_FREE = 64 << 20
 """Recording stops when fewer bytes than these are free, so that other programs keep working."""
 
-LOOK_EVERY = 4 << 20
+CHECK_EVERY = 4 << 20
 """Bytes between two checks of the disk; in sqlite3 also between two commits."""
 
 _FULL = (errno.ENOSPC, errno.EDQUOT)
@@ -69,7 +69,7 @@ class BagWriter(Writer):
             self.set_compression(CompressionMode.STORAGE, CompressionFormat.ZSTD)  # chunk by chunk
         self.full = False
         self.size = 0
-        self._unseen = 0
+        self._unchecked_bytes = 0
 
     def open(self) -> None:
         """Make the folder and begin the bag.
@@ -77,26 +77,26 @@ class BagWriter(Writer):
         Raises:
             OSError: the folder cannot be made, or its disk is full.
         """
-        if shutil.disk_usage(self.path.parent).free < LEAST_FREE + RESERVE:
+        if shutil.disk_usage(self.path.parent).free < MIN_FREE + RESERVE:
             raise OSError(errno.ENOSPC, os.strerror(errno.ENOSPC))
         self.path.mkdir(mode=0o755)
         self._reserve = Reserve(self.path.with_name("reserve"))
         kind = _Mcap if self.storage_plugin == StoragePlugin.MCAP else _Sqlite3
-        self.storage = self._held = kind(self.path, self.compression_mode, self._reserve)
+        self.storage = self._store_file = kind(self.path, self.compression_mode, self._reserve)
 
     def write(self, connection: Connection, timestamp: int, data: bytes | memoryview) -> None:
         """Append a message of `timestamp` [ns] to a connection of this bag."""
         super().write(connection, timestamp, data)
         self.size += len(data)
-        self._unseen += len(data)
-        if self._unseen > LOOK_EVERY:
-            self._unseen = 0
-            self.full = shutil.disk_usage(self.path).free < LEAST_FREE
+        self._unchecked_bytes += len(data)
+        if self._unchecked_bytes > CHECK_EVERY:
+            self._unchecked_bytes = 0
+            self.full = shutil.disk_usage(self.path).free < MIN_FREE
         self.full = self.full or self._reserve.used
 
     def flush(self) -> None:
         """Write all messages so far to the file, where they survive a crash of this process."""
-        self._held.flush()
+        self._store_file.flush()
 
 
 class _ReservedFile(io.FileIO):
@@ -148,7 +148,7 @@ class _Sqlite3(Sqlite3Writer):
     def write(self, connection: Connection, timestamp: int, data: bytes | memoryview) -> None:
         self._waiting.append((connection.id, timestamp, bytes(data)))
         self._waiting_bytes += len(data)
-        if self._waiting_bytes > LOOK_EVERY:
+        if self._waiting_bytes > CHECK_EVERY:
             self._store()
 
     def flush(self) -> None:

@@ -121,7 +121,7 @@ class RecordingWriter:
             if first:
                 self._put(ros_topics.TF_STATIC, ros_messages.transforms(stamp_ns, self._mounts))
             yield
-            self._output.refuse_full()
+            self._output.end_if_full()
 
     def _put_scan(self, scan: Scan) -> None:
         self._put(ros_topics.SCAN, ros_messages.laser_scan(scan))

@@ -8,13 +8,13 @@ from collections.abc import Sequence
 import numpy as np
 
 from waychair.geometry import compose, invert
-from waychair.scans import beam_times, ends_of_beams, scan_from_points
+from waychair.scans import beam_ends, beam_times, scan_from_points
 from waychair.types import FloatArray, IntArray, Odometry, Pose2, Scan
 
 _FAR = 1e4  # m; stands for the end of a beam that saw nothing, so that only its direction counts
 
 
-class Track:
+class OdometryInterpolation:
     """Poses of the base by odometry, interpolated to any time."""
 
     def __init__(self, readings: Sequence[Odometry]) -> None:
@@ -32,7 +32,7 @@ class Track:
 
 
 def merged_scans(
-    sources: Sequence[tuple[Sequence[Scan], Pose2]], track: Track | None, step: float, spread: float
+    sources: Sequence[tuple[Sequence[Scan], Pose2]], track: OdometryInterpolation | None, step: float, spread: float
 ) -> list[Scan]:
     """Return each scan of the first laser merged with the nearest in time of every other laser, seen from the base.
 
@@ -53,9 +53,9 @@ def merged_scans(
             if abs(times[near] - scan.stamp_ns) <= spread * 1e9:
                 group.append((scans[near], pose))
         ends = [_in_base(member, pose, scan.stamp_ns, track) for member, pose in group]
-        hits, looked = np.concatenate([hit for hit, _ in ends]), np.concatenate([empty for _, empty in ends])
+        hits, misses = np.concatenate([hit for hit, _ in ends]), np.concatenate([empty for _, empty in ends])
         reach = max(member.range_max + np.hypot(pose.x, pose.y) for member, pose in group)
-        merged.append(scan_from_points(scan.stamp_ns, hits, looked, step, 0.0, float(reach)))
+        merged.append(scan_from_points(scan.stamp_ns, hits, misses, step, 0.0, float(reach)))
     return merged
 
 
@@ -64,9 +64,11 @@ def _nearest(stamps: Sequence[int], at_ns: int) -> int:
     return after - 1 if after > 0 and at_ns - stamps[after - 1] < abs(stamps[after] - at_ns) else after
 
 
-def _in_base(scan: Scan, base_from_laser: Pose2, at_ns: int, track: Track | None) -> tuple[FloatArray, FloatArray]:
+def _in_base(
+    scan: Scan, base_from_laser: Pose2, at_ns: int, track: OdometryInterpolation | None
+) -> tuple[FloatArray, FloatArray]:
     """Return measured points, and far points for beams without a hit, both (N, 2) in the base at a stamp."""
-    ends, directions = ends_of_beams(scan)
+    ends, directions = beam_ends(scan)
     empty = np.isinf(ends[:, 0]) | np.isinf(ends[:, 1])
     known = empty | np.isfinite(ends[:, 0])
     points = np.where(empty[:, None], _FAR * directions, ends)[known]

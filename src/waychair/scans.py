@@ -63,7 +63,7 @@ def ascending(scan: Scan) -> Scan:
     )
 
 
-def without_codes(scan: Scan) -> Scan:
+def without_overflow_codes(scan: Scan) -> Scan:
     """Return the scan with every range beyond `range_max` as +inf (nothing seen).
 
     sensor_msgs/LaserScan says to discard such values. Some drivers send 65.533 m or the like for a missing echo.
@@ -82,7 +82,7 @@ def beam_times(scan: Scan) -> FloatArray:
     return scan.time_step * np.arange(len(scan.ranges), dtype=np.float64)
 
 
-def ends_of_beams(scan: Scan) -> tuple[FloatArray, FloatArray]:
+def beam_ends(scan: Scan) -> tuple[FloatArray, FloatArray]:
     """Return the ends (N, 2) [m] of the beams in the laser's frame, and their directions (N, 2).
 
     The end is nan for an invalid beam and infinite for a beam that saw nothing.
@@ -97,7 +97,7 @@ def ends_of_beams(scan: Scan) -> tuple[FloatArray, FloatArray]:
 
 
 def scan_from_points(
-    stamp_ns: int, hits: FloatArray, looked: FloatArray, step: float, range_min: float, range_max: float
+    stamp_ns: int, hits: FloatArray, misses: FloatArray, step: float, range_min: float, range_max: float
 ) -> Scan:
     """Return the scan of a virtual laser at the origin that sees the nearest of these points in each direction.
 
@@ -112,7 +112,7 @@ def scan_from_points(
     """
     count = round(math.tau / step)
     ranges = np.full(count, np.nan)
-    ranges[_beams(looked, count)] = np.inf
+    ranges[_beams(misses, count)] = np.inf
     distances = np.hypot(hits[:, 0], hits[:, 1])
     usable = (distances >= max(range_min, 1e-3)) & (distances <= range_max)  # false for nan
     beams = _beams(hits[usable], count)
@@ -129,6 +129,6 @@ def _beams(points: FloatArray, count: int) -> np.ndarray:
     return np.rint(turns * count).astype(np.int64) % count
 
 
-def silent(scans: Sequence[Scan]) -> int:
+def count_silent_scans(scans: Sequence[Scan]) -> int:
     """Return the number of scans without a single distance."""
     return sum(not (np.isfinite(scan.ranges) & (scan.ranges > 0.0)).any() for scan in scans)

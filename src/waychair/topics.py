@@ -11,7 +11,6 @@ from dataclasses import dataclass
 from waychair.types import (
     ChairStatus,
     Goal,
-    Health,
     ImuSample,
     JoystickInput,
     OccupancyGrid,
@@ -19,7 +18,6 @@ from waychair.types import (
     Path,
     RgbdFrame,
     Scan,
-    Sent,
     SonarReadings,
     Telemetry,
     Twist,
@@ -59,25 +57,5 @@ MAP = Topic("map", OccupancyGrid, 0.0)
 GOAL = Topic("goal_pose", Goal, 0.0)
 PLAN = Topic("plan", Path, 0.0)
 COMMAND = Topic("cmd_vel", Twist, 20.0)
-SENT = Topic("sent", Sent, 20.0)
 TELEMETRY = Topic("telemetry", Telemetry, 50.0, patience=5.0)
 STATUS = Topic("chair_status", ChairStatus, 2.0)
-HEALTH = Topic("health", Health, 1.0)
-
-TOPICS: tuple[Topic, ...] = (
-    SCAN,
-    WHEELS,
-    IMU,
-    CAMERA,
-    SONAR,
-    JOYSTICK,
-    ODOMETRY,
-    MAP,
-    GOAL,
-    PLAN,
-    COMMAND,
-    SENT,
-    TELEMETRY,
-    STATUS,
-    HEALTH,
-)

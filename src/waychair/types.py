@@ -211,7 +211,7 @@ class JoystickInput:
 
 
 @dataclass(frozen=True, slots=True)
-class Sent:
+class SentCommand:
     """The values written to the joystick lines: DAC counts and volts of the forward and turn axes.
 
     `active` is false when the computer has released the lines (the rider's joystick is live); `reason` says why.
@@ -294,17 +294,6 @@ class Goal:
     target: Pose2 | str
     tolerance_m: float = 0.15
     tolerance_rad: float = math.radians(5.0)
-
-
-@dataclass(frozen=True, slots=True)
-class Health:
-    """State of the chair for displays and logs; voltages by name [V]."""
-
-    stamp_ns: int
-    mode: DriveMode
-    faults: tuple[str, ...] = ()
-    heartbeat_age_ns: int = 0
-    voltages: tuple[tuple[str, float], ...] = ()
 
 
 Json: TypeAlias = dict[str, Any]

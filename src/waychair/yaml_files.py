@@ -11,13 +11,13 @@ import yaml
 from waychair.errors import WaychairError
 from waychair.files import read_text
 
-DEEPEST = 50
+MAX_DEPTH = 50
 """Largest nesting depth of lists and mappings; unlimited nesting would overflow the stack."""
 
-_TOO_DEEP = f"more than {DEEPEST} lists or mappings in each other"
+_TOO_DEEP = f"more than {MAX_DEPTH} lists or mappings in each other"
 """Also used where libyaml, which reads ahead, hits its own limit of a thousand first (PyYAML >= 6.0.4)."""
 
-_LARGEST = 2**63
+_INTEGER_LIMIT = 2**63
 """Whole numbers stay below this, so that each can be converted to a float."""
 
 _BASE: Any = getattr(yaml, "CSafeLoader", yaml.SafeLoader)
@@ -31,18 +31,18 @@ class _Loader(_BASE):  # type: ignore[misc]
             value = super().construct_object(node, deep)
         except (ValueError, OverflowError) as error:  # e.g. the date 2024-13-45
             raise _no_value(node) from error
-        if isinstance(value, int) and abs(value) >= _LARGEST:
+        if isinstance(value, int) and abs(value) >= _INTEGER_LIMIT:
             raise _no_value(node)
         return value
 
 
-def load_yaml(path: Path, failure: type[WaychairError], instead: str = "") -> Any:
-    """Return the content of a YAML file, None when it is empty; `instead` is the advice for a file that is not text.
+def load_yaml(path: Path, failure: type[WaychairError], advice: str = "") -> Any:
+    """Return the content of a YAML file, None when it is empty; `advice` is the advice for a file that is not text.
 
     Raises:
         WaychairError: of the type `failure`; the file cannot be read, is not YAML, or gives a key twice.
     """
-    return yaml_from_text(read_text(path, failure, instead), str(path), failure)
+    return yaml_from_text(read_text(path, failure, advice), str(path), failure)
 
 
 def yaml_from_text(text: str, where: str, failure: type[WaychairError]) -> Any:
@@ -75,7 +75,7 @@ def node_value(node: yaml.Node, where: str, failure: type[WaychairError]) -> Any
         loader.dispose()
 
 
-def shown(value: object) -> str:
+def quoted(value: object) -> str:
     """Return a value as an error message quotes it, shortened if it is long."""
     return _QUOTES.repr(value)
 
@@ -104,7 +104,7 @@ def _refuse_endless(text: str) -> None:
             above.pop()
         elif isinstance(event, yaml.AliasEvent) and event.anchor in above:
             raise _problem(f"'*{event.anchor}' is a part of itself", event.start_mark)
-        if len(above) > DEEPEST:
+        if len(above) > MAX_DEPTH:
             raise _problem(_TOO_DEEP, event.start_mark)
 
 
@@ -128,7 +128,7 @@ def _refuse_twice(root: yaml.Node | None) -> None:
 
 
 def _no_value(node: yaml.Node) -> yaml.MarkedYAMLError:
-    return _problem(f"{shown(node.value)} is no value that can be", node.start_mark)
+    return _problem(f"{quoted(node.value)} is no value that can be", node.start_mark)
 
 
 def _problem(problem: str, mark: Any) -> yaml.MarkedYAMLError:

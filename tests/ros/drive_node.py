@@ -11,7 +11,7 @@ from dataclasses import dataclass
 
 from waychair.config import Settings
 from waychair.errors import GoalOccupied
-from waychair.ros.navigate_action import NavigateAction, Progress
+from waychair.ros.navigate_action import DriveFeedback, NavigateAction
 from waychair.ros.node import ChairNode, run_node
 from waychair.types import Pose2
 
@@ -35,13 +35,13 @@ class DriveNode(ChairNode[DriveSettings]):
         self.every(RATE_HZ, self._tick)
 
     def begin(self, goal: Pose2, goal_id: int) -> None:
-        """See `Drive`."""
+        """See `GoalDriver`."""
         if abs(goal.x) > 50.0:
             raise GoalOccupied(f"the goal ({goal.x:g}, {goal.y:g}) lies in a wall")
         self._goal, self._left_m, self._cancelled = goal, math.hypot(goal.x, goal.y), False
 
     def cancel(self) -> None:
-        """See `Drive`."""
+        """See `GoalDriver`."""
         self._cancelled = True
 
     def _tick(self) -> None:
@@ -51,7 +51,7 @@ class DriveNode(ChairNode[DriveSettings]):
             self._action.end(reached=False, reason="a client has canceled the goal")
             return
         self._left_m = max(self._left_m - STEP_M, 0.0)
-        self._action.tell(Progress(self._goal, 1.5, self._left_m, 2, self._left_m))
+        self._action.tell(DriveFeedback(self._goal, 1.5, self._left_m, 2, self._left_m))
         if self._left_m == 0.0:
             self._action.end(reached=True)
 

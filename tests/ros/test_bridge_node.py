@@ -220,6 +220,6 @@ def test_f5_a_speed_that_is_no_number_takes_the_place_of_the_one_before(ros: Har
     send = ros.publisher(topics.COMMAND, listening.name)
     for told, kept in ((Twist(0.3, 0.1), True), (Twist(math.nan, 0.0), False), (Twist(0.2, 0.0), True)):
         send(twist(told))
-        wanted = (lambda told=told: heard.what == told) if kept else (lambda: math.isnan(heard.what.v))
+        wanted = (lambda told=told: heard.value == told) if kept else (lambda: math.isnan(heard.value.v))
         ros.spin_until(wanted, f"{told} to be heard")
     ros.node.destroy_subscription(listening.subscription)

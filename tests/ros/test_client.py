@@ -41,13 +41,13 @@ def test_who_has_not_listened_for_long_does_before_it_calls_the_navigator_dead(
     from waychair.ros.client import TaskResult
 
     monkeypatch.setattr(client, "_ended", Ending())
-    client._fed_s = time.monotonic() - LONG_S
+    client._feedback_s = time.monotonic() - LONG_S
     assert client.result().result is TaskResult.FAILED
 
     def tells(*, timeout_sec: float) -> None:
-        client._fed_s = time.monotonic()
+        client._feedback_s = time.monotonic()
 
-    client._fed_s = time.monotonic() - LONG_S
+    client._feedback_s = time.monotonic() - LONG_S
     monkeypatch.setattr(client._executor, "spin_once", tells)
     assert client.result().result is TaskResult.UNKNOWN
 
@@ -66,7 +66,7 @@ def test_a_message_that_cannot_be_read_is_named_once_nothing_else_comes(ros: Har
     with pytest.raises(
         RosError, match="within 2 s; what came cannot be read: a pose's quaternion has length 0"
     ) as caught:
-        client._first(topic, read, 2.0, "navigator")
+        client._latest(topic, read, 2.0, "navigator")
     assert not isinstance(caught.value, MessageError)
     client.node.destroy_timer(timer)
     ros.node.destroy_publisher(publisher)

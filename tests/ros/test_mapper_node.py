@@ -126,7 +126,7 @@ def test_while_a_map_is_made_no_other_one_takes_its_place(ros: Harness, tmp_path
     with mapper_node(ros, "-p", f"keep:={tmp_path / 'made'}") as node:
         answer = load(ros, room(tmp_path / "b", 70))
         assert answer.result == answer.RESULT_UNDEFINED_FAILURE
-        assert node._growing is not None
+        assert node._builder is not None
 
 
 def test_the_pose_of_a_lost_chair_may_be_anywhere_by_its_covariance(ros: Harness, tmp_path: Path) -> None:

@@ -14,14 +14,15 @@ import numpy as np
 import pytest
 
 from tests.ros.realtime import ALONE
+from tests.ros.transforms import read_transforms
 from waychair.geometry import in_space
 from waychair.maps.layout import DrawingEditor
 from waychair.maps.map_files import load_map, save_map
 from waychair.maps.places import add_place, load_places
 from waychair.recording import read_recording, read_tum
 from waychair.ros import topics
-from waychair.ros.growing_map import MOST_BEHIND, GrowingMap
-from waychair.ros.messages import motion, sensors
+from waychair.ros.growing_map import MAX_QUEUED, MapBuilder
+from waychair.ros.messages import sensors
 from waychair.ros.messages.chair import read_localisation
 from waychair.runtime.live_mapping import LiveMapping, LiveMappingSettings
 from waychair.runtime.mapping import MappingSettings, map_recording
@@ -102,9 +103,7 @@ def test_the_map_of_the_recorded_bag_is_the_live_one(ros: Harness, tmp_path: Pat
     last = read_localisation(found[-1])[1]
     assert last.state is LocalisationState.OK
     assert last.health == last.inliers > 0.5
-    transforms = [
-        pose for each in moved for edge, (_, pose) in motion.read_transforms(each).items() if edge[0] == "map"
-    ]
+    transforms = [pose for each in moved for edge, (_, pose) in read_transforms(each).items() if edge[0] == "map"]
     np.testing.assert_allclose(transforms[-1].translation, in_space(last.map_from_odom).translation, atol=1e-6)
     assert 0 < len(maps) < 30
     assert len(load_map(kept).cells) >= len(load_map(live).cells), "the map is kept at the end, too"
@@ -115,7 +114,7 @@ def test_a_map_that_stays_as_it_is_is_sent_once(room: Room) -> None:
         room.drive(k, Pose2())
     drawn: list[OccupancyGrid] = []
     for _ in range(3):
-        room.growing.draw(drawn.append)
+        room.builder.send_grid(drawn.append)
     assert len(drawn) == 1
 
 
@@ -143,7 +142,7 @@ class Room:
     def __init__(self) -> None:
         self.worker, self.found = Inline(), list[tuple[int, Localisation]]()
         live = LiveMapping(LiveMappingSettings(), Pose2())
-        self.growing = GrowingMap(self.worker, lambda: live, lambda *found: self.found.append(found))  # type: ignore[arg-type]
+        self.builder = MapBuilder(self.worker, lambda: live, lambda *found: self.found.append(found))  # type: ignore[arg-type]
         for k in range(-5, 0):  # while all topics are found
             self.drive(k, Pose2())
         assert self.found == []
@@ -162,11 +161,11 @@ class Room:
         """A tenth of a second: IMU, odometry, a scan, and odometry to it."""
         now = stamp(k)
         own = pose if odom is None else odom
-        self.growing.feel(ImuSample(now - 2_000_000, np.array([0.0, 0.0, 9.81]), np.zeros(3)))
-        self.growing.move(Odometry(now - 1_000_000, own, Twist(0.4, 0.0)), anew)
-        self.growing.see(self.see(now, pose))
-        self.growing.feel(ImuSample(now + 1_000_000, np.array([0.0, 0.0, 9.81]), np.zeros(3)))
-        self.growing.move(Odometry(now + 1_000_000, own, Twist(0.4, 0.0)))
+        self.builder.add_imu(ImuSample(now - 2_000_000, np.array([0.0, 0.0, 9.81]), np.zeros(3)))
+        self.builder.add_odometry(Odometry(now - 1_000_000, own, Twist(0.4, 0.0)), anew)
+        self.builder.add_scan(self.see(now, pose))
+        self.builder.add_imu(ImuSample(now + 1_000_000, np.array([0.0, 0.0, 9.81]), np.zeros(3)))
+        self.builder.add_odometry(Odometry(now + 1_000_000, own, Twist(0.4, 0.0)))
 
 
 @pytest.fixture
@@ -178,9 +177,9 @@ def test_the_first_frames_hold_too_little_and_are_left_out_as_are_scans_without_
     found: list[tuple[int, Localisation]] = []
     live = LiveMapping(LiveMappingSettings(), Pose2())
     room = Room()
-    room.growing = GrowingMap(room.worker, lambda: live, lambda *each: found.append(each))  # type: ignore[arg-type]
+    room.builder = MapBuilder(room.worker, lambda: live, lambda *each: found.append(each))  # type: ignore[arg-type]
     for k in range(5):
-        room.growing.see(room.see(stamp(k) - 1_000_000_000, Pose2()))
+        room.builder.add_scan(room.see(stamp(k) - 1_000_000_000, Pose2()))
     for k in range(5, 15):
         room.drive(k, Pose2())
     assert [stamp_ns for stamp_ns, _ in found] == [stamp(k) for k in range(10, 15)]
@@ -214,10 +213,10 @@ def test_a_chair_in_another_room_is_lost_until_the_parts_join(room: Room) -> Non
         now = stamp(k)
         odom = Pose2(0.04 * k, 0.0, 0.0)
         ragged = 1.0 + 0.8 * np.abs(np.sin(np.arange(360) * 0.11 + 0.04 * k)).astype(np.float32)
-        room.growing.move(Odometry(now - 1_000_000, odom, Twist(0.4, 0.0)))
-        room.growing.see(replace(elsewhere, stamp_ns=now, ranges=ragged))
-        room.growing.feel(ImuSample(now + 1_000_000, np.array([0.0, 0.0, 9.81]), np.zeros(3)))
-        room.growing.move(Odometry(now + 1_000_000, odom, Twist(0.4, 0.0)))
+        room.builder.add_odometry(Odometry(now - 1_000_000, odom, Twist(0.4, 0.0)))
+        room.builder.add_scan(replace(elsewhere, stamp_ns=now, ranges=ragged))
+        room.builder.add_imu(ImuSample(now + 1_000_000, np.array([0.0, 0.0, 9.81]), np.zeros(3)))
+        room.builder.add_odometry(Odometry(now + 1_000_000, odom, Twist(0.4, 0.0)))
     states = {found.state for _, found in room.found[20:]}
     assert states & {LocalisationState.DEGRADED, LocalisationState.LOST}
 
@@ -225,28 +224,28 @@ def test_a_chair_in_another_room_is_lost_until_the_parts_join(room: Room) -> Non
 def test_a_slow_computer_loses_scans_but_no_odometry_and_says_so(room: Room) -> None:
     room.drive(0, Pose2())
     room.worker.held = []
-    for k in range(1, MOST_BEHIND + 21):
+    for k in range(1, MAX_QUEUED + 21):
         room.drive(k, Pose2(0.02 * k, 0.0, 0.0))
-    assert "wait to be mapped" in room.growing.report().message
+    assert "wait to be mapped" in room.builder.report().message
     while room.worker.held:
         job, done = room.worker.held.pop(0)
         done(job())
-    assert room.growing.blind == 19  # one is at hand
-    assert room.found[-1][1].map_from_base.x == pytest.approx(0.02 * (MOST_BEHIND + 20), abs=0.05)
-    assert room.growing.report().message == ""
+    assert room.builder.dropped_scans == 19  # one is at hand
+    assert room.found[-1][1].map_from_base.x == pytest.approx(0.02 * (MAX_QUEUED + 20), abs=0.05)
+    assert room.builder.report().message == ""
 
 
 def test_a_map_is_saved_whole_and_a_folder_that_cannot_be_is_named(room: Room, tmp_path: Path) -> None:
     for k in range(10):
         room.drive(k, Pose2(0.04 * k, 0.0, 0.0))
     told: list[str] = []
-    room.growing.save(tmp_path / "map", told.append)
+    room.builder.save(tmp_path / "map", told.append)
     assert told == [""]
     report = json.loads((tmp_path / "map" / "report.json").read_text())
     assert report["frames"] == 10
     assert (tmp_path / "map" / "session.npz").is_file()
     (tmp_path / "file").touch()
-    room.growing.save(tmp_path / "file" / "map", told.append)
+    room.builder.save(tmp_path / "file" / "map", told.append)
     assert "file" in told[1]
 
 
@@ -255,11 +254,11 @@ def test_a_map_that_is_saved_again_keeps_what_was_drawn_on_it(room: Room, tmp_pa
     for k in range(20):
         room.drive(k, Pose2(0.04 * k, 0.0, 0.0))
         if k % 10 == 9:
-            room.growing.save(tmp_path, told.append)
+            room.builder.save(tmp_path, told.append)
             add_place(tmp_path, f"place {k}", Pose2(0.1, 0.0, 0.0))
     assert told == ["", ""]
     assert set(load_places(tmp_path)) == {"place 9", "place 19"}
-    assert room.growing.keep(tmp_path) == ""
+    assert room.builder.finish(tmp_path) == ""
     assert set(load_places(tmp_path)) == {"place 9", "place 19"}
 
 
@@ -270,9 +269,9 @@ def test_what_is_drawn_on_another_map_is_neither_on_the_new_one_nor_lost(room: R
     layout.erase(np.array([[0.5, 0.5], [1.0, 0.5], [1.0, 1.0]]))
     for k in range(10):
         room.drive(k, Pose2(0.04 * k, 0.0, 0.0))
-    room.growing.save(folder, told.append)
+    room.builder.save(folder, told.append)
     assert "those of another map: choose another folder" in told[0]
-    assert room.growing.keep(folder) == ""
+    assert room.builder.finish(folder) == ""
     assert not (folder / "erased.yaml").exists()
     assert len(load_map(folder).cells) > 40
     assert load_map(tmp_path / "made_map-1").cells.shape == (40, 40)
@@ -281,9 +280,9 @@ def test_what_is_drawn_on_another_map_is_neither_on_the_new_one_nor_lost(room: R
 
 def test_before_the_first_scan_there_is_no_map_to_save(room: Room, tmp_path: Path) -> None:
     told: list[str] = []
-    room.growing.save(tmp_path / "map", told.append)
+    room.builder.save(tmp_path / "map", told.append)
     assert told[0].startswith("there is no map yet")
-    assert room.growing.keep(tmp_path / "map") == ""
+    assert room.builder.finish(tmp_path / "map") == ""
     assert not (tmp_path / "map").exists()
 
 

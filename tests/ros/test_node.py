@@ -17,7 +17,7 @@ from waychair import ros_messages
 from waychair.errors import ConfigError
 from waychair.ros import topics
 from waychair.ros.messages.motion import pose_with_covariance
-from waychair.ros.messages.reports import Level, Report
+from waychair.ros.messages.reports import DiagnosticLevel, Report
 from waychair.ros.topics import CLOCK, RELIABLE, SCAN, profile
 from waychair.types import Pose2, Scan
 
@@ -109,14 +109,14 @@ def test_only_settings_that_may_change_do_while_the_node_runs(ros: Harness) -> N
 def test_a_namespace_and_remapping_reach_the_topics(ros: Harness) -> None:
     with plain_node(ros, "-r", "__ns:=/ward", "-r", "scan:=front/scan") as node:
         assert node.scans.name == "/ward/front/scan"
-        assert ros.report("/ward/plain: input scan").level is Level.STALE
+        assert ros.report("/ward/plain: input scan").level is DiagnosticLevel.STALE
 
 
 def test_a_sensor_with_a_qos_that_does_not_fit_is_named(ros: Harness) -> None:
     with plain_node(ros) as node, sender(ros, SCAN):
         node.listen(replace(SCAN, qos=RELIABLE), lambda message: message)
         report = ros.report("plain: input scan", lambda report: "QoS" in report.message)
-    assert report.level is Level.ERROR
+    assert report.level is DiagnosticLevel.ERROR
     assert "/tests offers /scan with a QoS that does not fit" in report.message
 
 
@@ -145,7 +145,7 @@ def test_a_message_that_says_nothing_possible_is_reported_and_dropped(
 ) -> None:
     with plain_node(ros) as node, sender(ros, SCAN) as send:
         report = ros.report("plain: input scan", lambda report: sentence in report.message, lambda: send(message))
-        assert report.level is Level.ERROR
+        assert report.level is DiagnosticLevel.ERROR
         assert node.scans.latest is None
 
 
@@ -160,7 +160,7 @@ def test_whatever_reading_comes_to_a_message_ends_no_node(ros: Harness, error: E
         node.listen(topics.POSE, read)
         message = pose_with_covariance(5, Pose2())
         report = ros.report("input amcl_pose", lambda report: "cannot be" in report.message, lambda: send(message))
-    assert report.level is Level.ERROR
+    assert report.level is DiagnosticLevel.ERROR
     assert (str(error) or type(error).__name__) in report.message
 
 
@@ -168,9 +168,9 @@ def test_stamps_of_another_clock_are_told_from_old_ones(ros: Harness) -> None:
     old = ros_messages.laser_scan(replace(scan_now(ros), stamp_ns=5_000_000_000))
     with plain_node(ros) as node, sender(ros, SCAN) as send:
         report = ros.report("plain: input scan", lambda report: "use_sim_time" in report.message, lambda: send(old))
-        assert report.level is Level.ERROR
+        assert report.level is DiagnosticLevel.ERROR
         assert node.scans.is_stale()
-        assert ros.report("plain: input scan", lambda report: "s old" in report.message).level is Level.ERROR
+        assert ros.report("plain: input scan", lambda report: "s old" in report.message).level is DiagnosticLevel.ERROR
 
 
 def test_simulated_time_without_a_clock_is_reported(ros: Harness) -> None:
@@ -184,7 +184,9 @@ def test_two_clocks_are_reported(ros: Harness) -> None:
     with plain_node(ros, "-p", "use_sim_time:=true") as node, sender(ros, CLOCK) as send, sender(ros, CLOCK):
         ros.spin_until(node.now_ns, "the time", lambda: send(clock))
         report = ros.report("plain: clock", lambda report: "start the simulator" not in report.message)
-        assert report == Report(report.name, Level.ERROR, "2 nodes send /clock, so that time jumps: stop all but one")
+        assert report == Report(
+            report.name, DiagnosticLevel.ERROR, "2 nodes send /clock, so that time jumps: stop all but one"
+        )
 
 
 def test_a_stamp_of_the_future_is_called_so(ros: Harness) -> None:
@@ -195,7 +197,7 @@ def test_a_stamp_of_the_future_is_called_so(ros: Harness) -> None:
             send(ros_messages.laser_scan(replace(now, stamp_ns=now.stamp_ns + 3_000_000_000)))
 
         report = ros.report("plain: input scan", lambda report: "ahead" in report.message, scan)
-        assert report.level is Level.ERROR
+        assert report.level is DiagnosticLevel.ERROR
 
 
 def test_heavy_work_leaves_the_executor_free_and_comes_back_to_it(ros: Harness) -> None:
@@ -205,7 +207,7 @@ def test_heavy_work_leaves_the_executor_free_and_comes_back_to_it(ros: Harness) 
     go_on = threading.Event()
     with plain_node(ros) as node:
         node.worker.submit(lambda: go_on.wait(30.0) and threading.get_ident(), done.append)
-        assert ros.report("plain: node").level is Level.OK
+        assert ros.report("plain: node").level is DiagnosticLevel.OK
         assert not done
         go_on.set()
         ros.spin_until(lambda: done, "the result")

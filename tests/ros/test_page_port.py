@@ -10,7 +10,7 @@ import pytest
 
 pytest.importorskip("rclpy", reason="ROS is not installed")
 
-from waychair.ros.messages.reports import Level, Report
+from waychair.ros.messages.reports import DiagnosticLevel, Report
 from waychair.ros.page_port import PagePort
 from waychair.ros_messages import header, make
 
@@ -21,20 +21,20 @@ def image(encoding: str, width: int, channels: int) -> Any:
 
 
 def test_a_picture_that_cannot_be_shown_ends_nothing_and_is_said() -> None:
-    port: Any = SimpleNamespace(_picture=None, _unseen="", _camera=object())
+    port: Any = SimpleNamespace(_picture=None, _picture_problem="", _camera=object())
 
     def report() -> Report:
         return next(iter(PagePort.reports(port)))
 
     PagePort._take_picture(port, image("rgb8", 64, 3))
     assert port._picture[1].startswith(b"\xff\xd8")
-    assert (report().level, report().message) == (Level.OK, "")
+    assert (report().level, report().message) == (DiagnosticLevel.OK, "")
     for bad in (image("nv21", 64, 2), image("yuv422_yuy2", 65, 2)):
         port._picture = None
         PagePort._take_picture(port, bad)
         assert port._picture is None
-        assert report().level is Level.WARN
+        assert report().level is DiagnosticLevel.WARN
         assert report().message.startswith("a picture cannot be read")
     PagePort._take_picture(port, image("mono8", 64, 1))
-    assert report().level is Level.OK
+    assert report().level is DiagnosticLevel.OK
     assert port._picture is not None

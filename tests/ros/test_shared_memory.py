@@ -7,7 +7,7 @@ from contextlib import suppress
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from waychair.ros.shared_memory import FOLDER, clear_dead
+from waychair.ros.shared_memory import FOLDER, remove_dead_segments
 
 if TYPE_CHECKING:
     from tests.ros.harness import Harness
@@ -32,7 +32,7 @@ def test_segments_of_the_killed_are_cleared_and_those_of_the_living_stay(ros: Ha
         killed.kill()
         killed.wait()
         assert all(lock.exists() for lock in left), "nobody else clears them"
-        assert clear_dead() >= len(left)
+        assert remove_dead_segments() >= len(left)
         gone = [*left, *(lock.with_name(lock.name.removesuffix("_el")) for lock in left)]
         assert not any(path.exists() for path in gone)
         assert all(lock.exists() for lock in kept)
@@ -45,11 +45,11 @@ def test_ports_are_cleared_only_when_nobody_lives(tmp_path: Path) -> None:
     before = set(tmp_path.iterdir())
     with (tmp_path / f"{SEGMENT}_el").open() as lock:
         fcntl.flock(lock, fcntl.LOCK_EX)
-        assert clear_dead(tmp_path) == 0
+        assert remove_dead_segments(tmp_path) == 0
         assert set(tmp_path.iterdir()) == before
-    assert clear_dead(tmp_path) == 1
+    assert remove_dead_segments(tmp_path) == 1
     assert set(tmp_path.iterdir()) == {tmp_path / others}
 
 
 def test_where_there_is_no_shared_memory_there_is_nothing_to_clear(tmp_path: Path) -> None:
-    assert clear_dead(tmp_path / "none") == 0
+    assert remove_dead_segments(tmp_path / "none") == 0

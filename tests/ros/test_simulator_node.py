@@ -13,13 +13,14 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 import pytest
 
+from tests.ros.transforms import read_transforms
 from waychair.calibration.chair import CHAIR_A
 from waychair.calibration.dac import DEFAULT
 from waychair.firmware_bridge.bridge import Bridge
 from waychair.firmware_bridge.transports import Reconnecting, SerialTransport
 from waychair.ros import topics
 from waychair.ros.messages import camera, motion, sensors
-from waychair.ros.messages.reports import Level
+from waychair.ros.messages.reports import DiagnosticLevel
 from waychair.ros.messages.wire import stamp_of
 from waychair.simulation.renderer import renderer_problem
 from waychair.types import JoystickInput
@@ -90,9 +91,7 @@ def test_reliable_topics_lose_nothing_and_keep_their_period(
 def test_odometry_and_its_transform_agree_and_stand_still(simulation: Simulation) -> None:
     odometry = motion.read_odometry(simulation.heard["odom"][-1])
     assert odometry.covariance is not None
-    transforms = {
-        stamp: pose for each in simulation.heard["/tf"] for stamp, pose in motion.read_transforms(each).values()
-    }
+    transforms = {stamp: pose for each in simulation.heard["/tf"] for stamp, pose in read_transforms(each).values()}
     common = [message for message in simulation.heard["odom"] if stamp_of(message) in transforms]
     assert common
     for message in common:
@@ -117,9 +116,9 @@ def test_pictures_come_with_depth_and_the_cameras_matrix(simulation: Simulation)
 def test_who_comes_late_still_gets_the_mounts(simulation: Simulation, ros: Harness) -> None:
     mounts = ros.heard(topics.TF_STATIC)
     ros.spin_until(lambda: mounts, "the mounts")
-    base_from_laser = motion.read_transforms(mounts[0])["base_link", "laser"][1]
+    base_from_laser = read_transforms(mounts[0])["base_link", "laser"][1]
     assert base_from_laser.planar() == CHAIR_A.base_from_laser
-    assert ("camera_link", "camera_color_optical_frame") in motion.read_transforms(mounts[0])
+    assert ("camera_link", "camera_color_optical_frame") in read_transforms(mounts[0])
 
 
 def test_the_riders_stick_moves_the_chair_and_springs_back(simulation: Simulation, ros: Harness) -> None:
@@ -157,7 +156,11 @@ def test_the_simulator_reports_its_pace_and_its_cable(simulation: Simulation, ro
     report = ros.report("/ward/simulator: simulation")
     assert dict(report.values)["cable"] == str(simulation.cable)
     assert dict(report.values)["contacts"] == "0"
-    assert ros.report("/ward/simulator: input joy").level in (Level.OK, Level.WARN, Level.ERROR)
+    assert ros.report("/ward/simulator: input joy").level in (
+        DiagnosticLevel.OK,
+        DiagnosticLevel.WARN,
+        DiagnosticLevel.ERROR,
+    )
 
 
 def test_the_end_takes_the_cable_away(simulation: Simulation) -> None:

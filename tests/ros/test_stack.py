@@ -37,7 +37,7 @@ from waychair.ros.client import TaskResult
 from waychair.ros.interface_types import interface_type
 from waychair.ros.messages.maps import read_occupancy_grid
 from waychair.ros.messages.motion import pose_stamped, pose_with_covariance, twist
-from waychair.ros.messages.reports import Level, read_diagnostics
+from waychair.ros.messages.reports import DiagnosticLevel, read_diagnostics
 from waychair.ros.messages.wire import deserialised, native, serialised
 from waychair.ros.topics import RELIABLE, RosTopic
 from waychair.ros_messages import header, make
@@ -275,7 +275,7 @@ def test_a_paused_drive_stands_and_goes_on_at_a_word(stack: LiveStack) -> None:
     assert stack.really is not None
     assert abs(stack.really.twist.v) < 0.01
     told = waychair(stack.domain, "go-on")
-    assert (told.returncode, told.stdout) == (0, "goes on\n")
+    assert (told.returncode, told.stdout) == (0, "the drive goes on\n")
     stack.until(lambda: stack.really is not None and stack.really.twist.v > 0.1, "the chair to go on")
     again = waychair(stack.domain, "go-on")
     assert again.returncode == 1
@@ -363,11 +363,13 @@ def test_a_dead_simulator_is_one_clear_diagnostic(stack: LiveStack) -> None:
     dead_ns = time.time_ns()
     kill(stack, "simulator")
     said = [report for _, each in reports.since(dead_ns) for report in each if report.name == "/bridge: board"]
-    assert any(report.level is Level.ERROR and "is the board plugged in?" in report.message for report in said)
+    assert any(
+        report.level is DiagnosticLevel.ERROR and "is the board plugged in?" in report.message for report in said
+    )
     stack.spin(1.2)
     assert reports.last
     last = [report for _, each in list(reports.all)[-8:] for report in each if report.name == "/bridge: board"]
-    assert last[-1].level is Level.OK
+    assert last[-1].level is DiagnosticLevel.OK
 
 
 def test_a_node_that_hangs_is_started_again(stack: LiveStack) -> None:

@@ -23,7 +23,7 @@ def ticks_and_waits(first_news_ns: int, jitter_ns: int, count: int = 400) -> tup
     while news:
         if news[0] <= due_ns:
             waiting.append(news.pop(0))
-            period_ns = phase.came(waiting[-1])
+            period_ns = phase.message_arrived(waiting[-1])
             continue
         phase.ticked(due_ns)
         ticks.append(due_ns)
@@ -51,4 +51,4 @@ def test_news_that_are_late_by_some_milliseconds_are_hardly_ever_missed() -> Non
 
 
 def test_before_the_first_tick_the_period_stays() -> None:
-    assert TickPhase(PERIOD, BEHIND).came(123 * MS) == PERIOD
+    assert TickPhase(PERIOD, BEHIND).message_arrived(123 * MS) == PERIOD

@@ -29,8 +29,8 @@ def test_every_topic_has_a_legal_name_and_a_type_that_is_known(topic: RosTopic) 
 def test_names_are_those_of_the_nouns_wherever_these_have_a_topic_of_their_own() -> None:
     named_otherwise = {nouns.WHEELS, nouns.CAMERA, nouns.SONAR, nouns.JOYSTICK, nouns.STATUS}
     for topic in TABLE:
-        if topic.carries is not None and topic.carries not in named_otherwise and topic is not topics.TRUTH:
-            assert topic.name == topic.carries.name
+        if topic.stream is not None and topic.stream not in named_otherwise and topic is not topics.TRUTH:
+            assert topic.name == topic.stream.name
     assert topics.IMU.rate_hz == 200.0
     assert topics.MAP.rate_hz == 0.0
 
